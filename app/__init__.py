@@ -1,0 +1,1 @@
+"""Puts everything together: perception, control, console, evaluation, processes, links, the `rleex` command."""

@@ -1,0 +1,7 @@
+"""rleex evaluate: response."""
+
+from __future__ import annotations
+
+import typer
+
+cli = typer.Typer()

@@ -1,0 +1,7 @@
+"""rleex run."""
+
+from __future__ import annotations
+
+import typer
+
+cli = typer.Typer()

@@ -1,0 +1,1 @@
+"""The Textual console: screens post and receive messages, nothing else."""

@@ -1,0 +1,1 @@
+"""The camera, the hand pipeline, the picture for the screen: a process of its own."""

@@ -1,0 +1,43 @@
+"""The processes of a session as data: what each does, how often it speaks, when its silence counts."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Stream:
+    """One link: who sends what, how often, and after how long without it the receiver calls it stale."""
+
+    name: str  # of the socket
+    sender: str
+    rate_hz: float
+    stale_ms: float
+
+
+# Three missed messages and a margin; the console's limit is the issue's 250 ms for a hold after its death.
+TRIGGER = Stream(name="trigger", sender="perception", rate_hz=30, stale_ms=200)
+PREVIEW = Stream(name="preview", sender="perception", rate_hz=12, stale_ms=1000)
+SNAPSHOT = Stream(name="snapshot", sender="control", rate_hz=20, stale_ms=300)
+OPERATOR = Stream(name="operator", sender="console", rate_hz=20, stale_ms=200)
+TO_PERCEPTION = Stream(name="to-perception", sender="console", rate_hz=0, stale_ms=0)
+HEARTBEAT = Stream(name="heartbeat", sender="control", rate_hz=100, stale_ms=35)
+GUARDIAN = Stream(name="guardian", sender="guardian", rate_hz=20, stale_ms=250)
+AUDIT = Stream(name="audit", sender="everyone", rate_hz=0, stale_ms=0)
+AUDIT_HEALTH = Stream(name="audit-health", sender="audit", rate_hz=20, stale_ms=400)
+PLAN_REQUEST = Stream(name="plan-request", sender="control", rate_hz=0, stale_ms=0)
+PLAN_REPLY = Stream(name="plan-reply", sender="planner", rate_hz=0, stale_ms=500)
+
+STREAMS = (
+    TRIGGER,
+    PREVIEW,
+    SNAPSHOT,
+    OPERATOR,
+    TO_PERCEPTION,
+    HEARTBEAT,
+    GUARDIAN,
+    AUDIT,
+    AUDIT_HEALTH,
+    PLAN_REQUEST,
+    PLAN_REPLY,
+)

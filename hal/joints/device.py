@@ -1,0 +1,78 @@
+"""The exoskeleton as a device: its drives, their transmission and the limits nobody may loosen (`exoskeleton.toml`)."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import msgspec
+from msgspec import Meta, Struct
+
+from hal.errors import HardwareError
+
+DEFAULT_DEVICE = Path(__file__).with_name("exoskeleton.toml")
+
+Positive = Annotated[float, Meta(gt=0)]
+
+
+class JointDevice(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """One joint's drive, wiring, transmission and hard limits; angles at the joint, degrees in the file's `_deg`."""
+
+    motor: str  # name of an entry of the motor table
+    can_bus: int = 0
+    can_id: Annotated[int, Meta(ge=0, le=0x7F)]
+    reply_id: Annotated[int, Meta(ge=0, le=0x7FF)] = 0
+    direction: int = 1  # +1 or -1: motor's positive against the joint's
+    zero_offset_deg: float = 0.0
+    transmission: Positive = 1.0  # motor output turns per joint turn, after the drive's own gearbox
+    min_deg: float
+    max_deg: float
+    max_speed_deg_s: Positive
+    max_torque_nm: Positive
+    max_stiffness_nm_rad: Positive
+    max_damping_nm_s_rad: Positive
+    damp_nm_s_rad: Positive  # damping used by the damp effect and by the guardian
+    rotor_inertia_kgm2: Positive  # reflected to the joint
+    friction_nm: Annotated[float, Meta(ge=0)]
+    no_load_speed_deg_s: Positive
+    thermal_resistance_k_w: Positive
+    thermal_capacity_j_k: Positive
+    torque_constant_loss_w_nm2: Positive  # copper loss per joint torque squared
+    warn_c: float = 65.0
+    limit_c: float = 80.0
+
+
+class BusDevice(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """One CAN bus as python-can opens it."""
+
+    interface: str = "socketcan"
+    channel: str = "can0"
+    bitrate: int = 1_000_000
+
+
+class Exoskeleton(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """The whole device."""
+
+    schema: int = 1
+    name: str
+    mass_kg: Positive
+    buses: tuple[BusDevice, ...]
+    left_hip: JointDevice
+    left_knee: JointDevice
+    right_hip: JointDevice
+    right_knee: JointDevice
+
+    @property
+    def joints(self) -> tuple[JointDevice, JointDevice, JointDevice, JointDevice]:
+        """In the order of `Joint`."""
+        return (self.left_hip, self.left_knee, self.right_hip, self.right_knee)
+
+
+def load_exoskeleton(path: Path = DEFAULT_DEVICE) -> Exoskeleton:
+    """The device described in a TOML file. Raises HardwareError naming the file and the field."""
+    try:
+        return msgspec.toml.decode(path.read_bytes(), type=Exoskeleton)
+    except (OSError, msgspec.DecodeError, msgspec.ValidationError) as error:
+        raise HardwareError(
+            f"The device description {path} can't be used: {error}; mend or restore it."
+        ) from error

@@ -1,0 +1,119 @@
+"""The Joints Protocol: four drives, commanded by the MIT impedance law, read back with their age.
+
+Sign and zero, here and nowhere else: hip flexion positive, knee flexion positive, standing = 0, radians at the
+joint (after gear, sign and offset).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum, Flag, IntEnum, auto
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+JointArray = NDArray[np.float64]  # (4,), in the order of Joint
+
+
+class Joint(IntEnum):
+    """The four driven joints, and their index in every (4,) array."""
+
+    LEFT_HIP = 0
+    LEFT_KNEE = 1
+    RIGHT_HIP = 2
+    RIGHT_KNEE = 3
+
+
+class DriveState(Enum):
+    """Life cycle of the drives as the driver last confirmed it."""
+
+    UNCONFIGURED = "unconfigured"
+    PROBED = "probed"
+    ENABLED = "enabled"
+    DISABLED = "disabled"
+    FAULTED = "faulted"
+
+
+class DriveFault(Flag):
+    """What a drive or its bus reports, after translation from the motor's own error table."""
+
+    NONE = 0
+    OVER_TEMPERATURE = auto()
+    OVER_CURRENT = auto()
+    OVER_VOLTAGE = auto()
+    UNDER_VOLTAGE = auto()
+    ENCODER = auto()
+    PHASE = auto()
+    OVERLOAD = auto()
+    LOST_COMMUNICATION = auto()
+    UNEXPECTEDLY_DISABLED = auto()
+    WRONG_RANGE = auto()
+    OTHER = auto()
+
+
+class BusFault(Flag):
+    """What happened on the bus since the last read."""
+
+    NONE = 0
+    SEND_FAILED = auto()
+    BUS_OFF = auto()
+    ERROR_FRAME = auto()
+    ARBITRATION_LOST = auto()
+    UNKNOWN_ID = auto()
+    DUPLICATE_ID = auto()
+    MALFORMED = auto()
+    INTERFACE_GONE = auto()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class JointCommand:
+    """One tick's command, each field (4,): τ = kp(q* − q) + kd(q̇* − q̇) + τ_ff, at the joint."""
+
+    position_rad: JointArray
+    velocity_rad_s: JointArray
+    stiffness_nm_rad: JointArray
+    damping_nm_s_rad: JointArray
+    torque_nm: JointArray
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class JointFeedback:
+    """What the joints last reported, each array (4,); measured_ns is each joint's own time of measurement.
+
+    temperature_c is NaN where the drive does not tell. A joint that has never answered has measured_ns 0.
+    """
+
+    measured_ns: NDArray[np.int64]
+    position_rad: JointArray
+    velocity_rad_s: JointArray
+    torque_nm: JointArray
+    temperature_c: JointArray
+    faults: tuple[DriveFault, DriveFault, DriveFault, DriveFault]
+    state: DriveState
+    bus: BusFault = BusFault.NONE
+    detail: str = ""  # a sentence for people on the newest fault
+
+
+class Joints(Protocol):
+    """Four drives behind one door. Only control opens it; every command passes the guard first."""
+
+    def open(self, now_ns: int) -> None:
+        """Probe: who answers, with which ranges. Raises HardwareError with a sentence when they don't."""
+        ...
+
+    def enable(self, now_ns: int) -> None:
+        """Neutral command, enable, confirm by feedback. Raises HardwareError when a drive does not confirm."""
+        ...
+
+    def write(self, command: JointCommand, now_ns: int) -> None:
+        """Send one command to all four; never blocks, never raises for the bus: faults come with `read`."""
+        ...
+
+    def read(self, now_ns: int) -> JointFeedback:
+        """Drain what has arrived; never blocks, never raises for the bus."""
+        ...
+
+    def close(self, now_ns: int) -> None:
+        """Disable, confirm, release; harmless when it isn't open."""
+        ...

@@ -1,0 +1,1 @@
+"""What happened, provably: audit records, hash chain, writer, verifier, review."""

@@ -1,0 +1,97 @@
+"""The patient profile: what the program must know of a wearer. SI inside; cm and degrees in files."""
+
+from __future__ import annotations
+
+from enum import Enum
+
+from msgspec import Struct
+
+
+class Sex(Enum):
+    """As the anthropometric tables divide their samples."""
+
+    FEMALE = "female"
+    MALE = "male"
+
+
+class HandUsed(Enum):
+    """Which hand commands; EITHER takes whichever is nearest."""
+
+    LEFT = "left"
+    RIGHT = "right"
+    EITHER = "either"
+
+
+class Population(Enum):
+    """Named models that estimate palm width from sex and stature."""
+
+    GB10000_88 = "gb10000-88"
+    ANSUR2 = "ansur2"
+
+
+class GaitParameters(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """What the patient's steps look like; ranges in `limits.py`."""
+
+    step_length_m: float = 0.30  # from one foot's place to the other foot's, along the floor
+    swing_clearance_m: float = 0.05
+    step_time_s: float = 2.0
+    stair_rise_m: float = 0.12
+    stair_tread_m: float = 0.28
+    obstacle_height_m: float = 0.10
+    obstacle_depth_m: float = 0.08
+    chair_height_m: float = 0.48
+    transfer_time_s: float = 4.0  # sit down, stand up
+    body_weight_support: float = 0.5  # share of the weight a harness or crutches carry, 0-1
+    assist_left: float = 1.0  # gain scale of the weak side, 0-1
+    assist_right: float = 1.0
+
+
+class Palm(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """How the palm anchor is known: measured width wins over the estimate; a calibration wins over both."""
+
+    measured_width_m: float | None = None
+    population: Population = Population.GB10000_88
+
+
+class Calibration(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """f·H solved at a known distance for one patient and one camera (Eq. 4 turned round)."""
+
+    camera: str
+    focal_anchor_px_m: float
+    focal_px: float
+    distance_m: float
+    residual: float  # relative spread of the samples
+    calibrated_at: str  # ISO 8601, UTC
+
+
+class DoseTargets(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """What a session aims at."""
+
+    steps: int = 100
+    distance_m: float = 30.0
+    duration_s: float = 1200.0
+
+
+class Profile(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """One patient, pseudonymous. Lengths measured on the patient win over those estimated from stature."""
+
+    schema: int = 1
+    identifier: str  # pseudonym: letters, digits, hyphen
+    sex: Sex
+    stature_m: float
+    mass_kg: float
+    hand: HandUsed = HandUsed.RIGHT
+    palm: Palm = Palm()
+    calibrations: tuple[Calibration, ...] = ()
+    thigh_length_m: float | None = None
+    shank_length_m: float | None = None
+    press_threshold_m: float = 0.20
+    gait: GaitParameters = GaitParameters()
+    dose: DoseTargets = DoseTargets()
+    hip_max_rad: float | None = None  # the patient's own range where it is narrower than the device's
+    knee_max_rad: float | None = None
+    archived: bool = False
+    note: str = ""
+
+
+DEMO_PATIENT = Profile(identifier="demo", sex=Sex.FEMALE, stature_m=1.70, mass_kg=65.0)
