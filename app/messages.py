@@ -63,9 +63,7 @@ class Preview(Struct, frozen=True, kw_only=True, tag="preview"):
 class HandCommand(Struct, frozen=True, kw_only=True, tag="hand"):
     """Console or demo to perception: moves the digital hand; None leaves a thing as it is."""
 
-    gesture: Gesture | Literal["rest", "none"] | None = (
-        None  # "rest": a relaxed open hand; "none": no hand in view
-    )
+    gesture: Gesture | Literal["rest", "none"] | None = None  # "rest": a relaxed open hand; "none": no hand in view
     press: bool | None = None  # push towards the camera (True), draw back (False)
     click_s: float | None = None  # press and withdraw within this time
     move_x_m: float = 0.0

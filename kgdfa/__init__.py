@@ -1,1 +1,1 @@
-"""From one image (and, if there, its depth map) to what the hand says: pure stages and the pipeline that composes them."""
+"""From one image (and, if there, its depth map) to what the hand says: pure stages and their pipeline."""

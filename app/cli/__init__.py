@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import sys
+from importlib.metadata import version
+from typing import Annotated
 
 import typer
 
@@ -30,7 +32,6 @@ cli = typer.Typer(
     name="rleex",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
-    help="Therapist's console for a gesture-commanded lower-limb exoskeleton.",
 )
 for part in (run, demo, simulate, doctor, model, places):
     cli.add_typer(part.cli)
@@ -40,6 +41,20 @@ cli.add_typer(can.cli, name="can", help="Look at the drives on the bus.")
 cli.add_typer(evaluate.cli, name="evaluate", help="Measure what the documents claim.")
 cli.add_typer(operator.cli, name="operator", help="Who may use the console.")
 cli.add_typer(profile.cli, name="profile", help="Patient profiles.")
+
+
+def _version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"rleex {version('rleex')}")
+        raise typer.Exit
+
+
+@cli.callback()
+def options(
+    _: Annotated[bool, typer.Option("--version", callback=_version, is_eager=True, help="Tell the version.")] = False,
+) -> None:
+    """Therapist's console for a gesture-commanded lower-limb exoskeleton."""
+
 
 USER_ERRORS = (AppError, HardwareError, KgdfaError, AuditError, ProfileError)
 

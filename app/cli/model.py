@@ -1,7 +1,26 @@
-"""rleex model."""
+"""rleex model: set up the hand model."""
 
 from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
 
 import typer
 
 cli = typer.Typer()
+
+
+@cli.command()
+def model(
+    home: Annotated[Path | None, typer.Option(help="Data directory.")] = None,
+    quiet: Annotated[bool, typer.Option("--quiet", help="Say nothing when all is well.")] = False,
+) -> None:
+    """Find the hand model, or fetch and build it (36 MB, once)."""
+    from app.config import load_config
+    from app.model import set_up_model
+    from app.paths import find_home
+
+    place = find_home(home)
+    path = set_up_model(place, load_config(place.config))
+    if not quiet:
+        typer.echo(f"Hand model: {path}")

@@ -73,6 +73,4 @@ def load_exoskeleton(path: Path = DEFAULT_DEVICE) -> Exoskeleton:
     try:
         return msgspec.toml.decode(path.read_bytes(), type=Exoskeleton)
     except (OSError, msgspec.DecodeError, msgspec.ValidationError) as error:
-        raise HardwareError(
-            f"The device description {path} can't be used: {error}; mend or restore it."
-        ) from error
+        raise HardwareError(f"The device description {path} can't be used: {error}; mend or restore it.") from error

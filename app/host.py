@@ -1,0 +1,223 @@
+"""A session: its five processes, their links, and what the console or the demo sees of them.
+
+The host decides nothing about legs. It starts the processes in the order in which they are needed, passes the
+operator's words on, gives the newest of each stream, restarts a perception that died or froze, and brings all to an
+end in the order in which they may go: control first (hold, damp, disable), the audit trail last.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import secrets
+import shutil
+import tempfile
+import threading
+import time
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TypeVar
+
+import msgspec
+
+from app import processes
+from app.child import begin
+from app.config import Config
+from app.control.states import Action
+from app.links import LatestReceiver, OrderedSender, address
+from app.messages import (
+    AuditHealth,
+    ControlSnapshot,
+    HandCommand,
+    OperatorCommand,
+    OperatorKind,
+    PerceptionCommand,
+    Preview,
+    TriggerReport,
+)
+from app.paths import Home
+from app.setup import SessionSetup
+from app.supervision import Supervisor
+from profiles.schema import Profile
+
+M = TypeVar("M", bound=msgspec.Struct)
+
+START_ORDER = ("audit", "guardian", "planner", "control", "perception")
+# Control holds (0.15 s), damps and disables; then the others have nothing left to say.
+END_PATIENCE_S = {"control": 6.0, "perception": 2.0, "planner": 2.0, "guardian": 2.0, "audit": 5.0}
+# The event loop may be busy for a moment without the legs stopping; STOP itself does not pass through it.
+BEAT_VALID_S = 1.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ProcessStatus:
+    """One process of the session as the host sees it."""
+
+    name: str
+    pid: int
+    alive: bool
+    restarts: int
+    exit_code: int | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Latest:
+    """The newest of each stream; None where nothing new came since the last look."""
+
+    snapshot: ControlSnapshot | None
+    report: TriggerReport | None
+    preview: Preview | None
+    audit: AuditHealth | None
+    processes: tuple[ProcessStatus, ...]
+
+
+def make_setup(home: Home, config: Config, profile: Profile, operator: str, role: str = "therapist") -> SessionSetup:
+    """Name a session and give it its private directory of sockets."""
+    stamp = datetime.now(UTC).strftime("%Y%m%dT%H%M%SZ")
+    return SessionSetup(
+        session=f"{stamp}-{secrets.token_hex(2)}",
+        home=home.root,
+        links=Path(tempfile.mkdtemp(prefix="rleex-")),  # 0700; short enough for a socket's name
+        config=config,
+        profile=profile,
+        operator=operator,
+        role=role,
+        console_pid=os.getpid(),
+    )
+
+
+class SessionHost:
+    """Starts, feeds, watches and ends one session. `send` may be called from any thread."""
+
+    def __init__(self, setup: SessionSetup) -> None:
+        self.setup = setup
+        self._children: dict[str, multiprocessing.process.BaseProcess] = {}
+        self._supervisor = Supervisor()
+        self._operator = OrderedSender(address(setup.links, processes.OPERATOR.name))
+        self._perception = OrderedSender(address(setup.links, processes.TO_PERCEPTION.name))
+        self._lock = threading.Lock()
+        self._sequence = 0
+        self._beaten_at = time.monotonic()
+        self._ending = threading.Event()
+        self._pulse = threading.Thread(target=self._send_life, name="operator-pulse", daemon=True)
+        self._snapshots = self._listen(processes.SNAPSHOT.name, ControlSnapshot)
+        self._reports = self._listen(processes.TRIGGER.name, TriggerReport)
+        self._previews = self._listen(processes.PREVIEW.name, Preview)
+        self._audit = self._listen(processes.AUDIT_HEALTH.name, AuditHealth)
+
+    def start(self) -> None:
+        """Start every process; returns at once, the streams tell when each is there."""
+        for name in START_ORDER:
+            self._spawn(name)
+        self._pulse.start()
+
+    def close(self) -> None:
+        """Bring the legs to rest and every process to its end; harmless when done twice."""
+        if self._ending.is_set():
+            return
+        self.send(OperatorKind.SHUT_DOWN)
+        self._end("control")
+        self._ending.set()
+        for name in ("perception", "planner", "guardian", "audit"):
+            self._end(name)
+        for link in (
+            self._operator,
+            self._perception,
+            self._snapshots,
+            self._reports,
+            self._previews,
+            self._audit,
+        ):
+            link.close()
+        shutil.rmtree(self.setup.links, ignore_errors=True)
+
+    def send(self, kind: OperatorKind, action: Action | None = None, note: str = "") -> int:
+        """Send the operator's word to control; returns its sequence, which control acknowledges."""
+        with self._lock:
+            self._sequence += 1
+            self._operator.send(
+                OperatorCommand(
+                    sequence=self._sequence,
+                    kind=kind,
+                    sent_ns=time.monotonic_ns(),
+                    operator=self.setup.operator,
+                    action=action,
+                    note=note,
+                )
+            )
+            return self._sequence
+
+    def beat(self) -> None:
+        """The console's event loop is alive; without it the sign of life to control ends."""
+        self._beaten_at = time.monotonic()
+
+    def move_hand(self, command: HandCommand) -> None:
+        """Move the digital hand, where the camera is one."""
+        with self._lock:
+            self._perception.send(command)
+
+    def tell_perception(self, command: PerceptionCommand) -> None:
+        """Change the picture's size or rate, or recording."""
+        with self._lock:
+            self._perception.send(command)
+
+    def poll(self) -> Latest:
+        """The newest of each stream, without waiting."""
+        report = self._reports.receive()
+        self._watch_perception(reported=report is not None)
+        return Latest(
+            snapshot=self._snapshots.receive(),
+            report=report,
+            preview=self._previews.receive(),
+            audit=self._audit.receive(),
+            processes=self.processes(),
+        )
+
+    def processes(self) -> tuple[ProcessStatus, ...]:
+        """Each process and whether it lives."""
+        return tuple(
+            ProcessStatus(
+                name=name,
+                pid=child.pid or 0,
+                alive=child.is_alive(),
+                restarts=self._supervisor.restarts if name == "perception" else 0,
+                exit_code=child.exitcode,
+            )
+            for name, child in self._children.items()
+        )
+
+    def _spawn(self, name: str) -> None:
+        child = multiprocessing.get_context("spawn").Process(
+            target=begin, args=(name, self.setup), name=f"rleex-{name}"
+        )
+        child.start()
+        self._children[name] = child
+
+    def _watch_perception(self, *, reported: bool) -> None:
+        child = self._children.get("perception")
+        if child is None or self._ending.is_set():
+            return
+        if self._supervisor.must_restart(time.monotonic(), alive=child.is_alive(), reported=reported):
+            child.kill()  # a driver frozen in the kernel's hands hears no softer word
+            child.join(1.0)
+            self._spawn("perception")
+
+    def _end(self, name: str) -> None:
+        child = self._children.get(name)
+        if child is None:
+            return
+        if name != "control":  # control was asked by SHUT_DOWN, and needs its time
+            child.terminate()
+        child.join(END_PATIENCE_S[name])
+        if child.is_alive():
+            child.kill()
+            child.join(1.0)
+
+    def _send_life(self) -> None:
+        while not self._ending.wait(1.0 / processes.OPERATOR.rate_hz):
+            if time.monotonic() - self._beaten_at < BEAT_VALID_S:
+                self.send(OperatorKind.ALIVE)
+
+    def _listen(self, name: str, kind: type[M]) -> LatestReceiver[M]:
+        return LatestReceiver(address(self.setup.links, name), kind)
