@@ -1,7 +1,47 @@
-"""rleex demo."""
+"""rleex demo: all twelve actions without a terminal, by the digital hand."""
 
 from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
 
 import typer
 
 cli = typer.Typer()
+
+
+@cli.command()
+def demo(
+    seed: Annotated[int, typer.Option(help="Which hand: side, tone, palm width, light, background.")] = 1,
+    joints: Annotated[str, typer.Option(help="simulated, or can (emulated drives on a bus).")] = "simulated",
+    json_file: Annotated[Path | None, typer.Option("--json", help="Write the result here as well.")] = None,
+    click: Annotated[float, typer.Option(help="Seconds to press and withdraw.", min=0.2, max=3.0)] = 0.6,
+    home: Annotated[Path | None, typer.Option(help="Data directory.")] = None,
+) -> None:
+    """Sign and press through all twelve actions with the real processes; ends 0 only if all is well."""
+    import json
+
+    from rich.console import Console
+
+    from app.cli.progress import spinner
+    from app.config import load_config
+    from app.demo.course import ALL_TWELVE
+    from app.demo.drives import joints_for
+    from app.demo.session import demo_config, run_session
+    from app.demo.table import print_result
+    from app.lock import hold_home
+    from app.model import set_up_model
+    from app.paths import find_home
+
+    console = Console()
+    place = find_home(home)
+    base = load_config(place.config)
+    with hold_home(place), joints_for(joints, base) as joints_config:
+        set_up_model(place, base)
+        config = demo_config(base, seed=seed, joints=joints_config)
+        with spinner(console, total=len(ALL_TWELVE)) as watch:
+            result = run_session(place, config, ALL_TWELVE, click_s=click, watch=watch)
+    print_result(console, result, ALL_TWELVE)
+    if json_file is not None:
+        json_file.write_text(json.dumps(result.as_json(ALL_TWELVE), indent=1) + "\n", encoding="utf-8")
+    raise typer.Exit(0 if result.passed(ALL_TWELVE) else 1)

@@ -1,0 +1,25 @@
+"""Progress for work that takes longer than a breath."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+
+@contextmanager
+def spinner(console: Console, total: int) -> Iterator[Callable[[str], None]]:
+    """A bar that advances with every message given to the yielded function (the first opens it)."""
+    columns = (BarColumn(), TextColumn("{task.completed:.0f}/{task.total:.0f} {task.description}"), TimeElapsedColumn())
+    with Progress(*columns, console=console, transient=True) as progress:
+        task = progress.add_task("starting", total=total)
+        said = -1
+
+        def watch(what: str) -> None:
+            nonlocal said
+            said += 1
+            progress.update(task, description=what, completed=max(said - 1, 0))
+
+        yield watch

@@ -1,0 +1,183 @@
+"""Drives a session through a course: signs with the digital hand, presses, watches what the legs do.
+
+It knows no more than a wearer and a therapist would: it sees the reports and snapshots that the console sees, and
+acts through the hand and the therapist's keys.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+
+from app.control.states import ACTION_OF, Action, GaitState
+from app.demo.course import Leg
+from app.demo.trial import Trial
+from app.errors import AppError
+from app.host import SessionHost
+from app.messages import ActionReport, ControlSnapshot, HandCommand, OperatorKind, TriggerReport
+
+START_S = 30.0  # the hand model's first load on a slow disk
+RECOGNITION_S = 6.0
+ACCEPTANCE_S = 3.0
+ACTION_S = 60.0
+LOOK_S = 0.004
+DONE = ("completed", "stopped", "refused")
+
+
+class CourseRunner:
+    """Runs legs of a course one after the other and keeps account."""
+
+    def __init__(
+        self, host: SessionHost, *, click_s: float = 0.6, watch: Callable[[str], None] = lambda _: None
+    ) -> None:
+        self._host = host
+        self._click_s = click_s
+        self._watch = watch
+        self.snapshot: ControlSnapshot | None = None
+        self.report: TriggerReport | None = None
+        self.actions: dict[int, ActionReport] = {}
+        self._asked: set[int] = set()
+        self._steps_before: dict[int, int] = {}
+        self._frames: list[int] = []
+
+    def prepare(self) -> None:
+        """Wait for control and perception, confirm the patient, arm. Raises AppError when one doesn't come."""
+        self._watch("waiting for camera, hand model and drives")
+        if not self._until(lambda: self.snapshot is not None and self._perceives(), START_S):
+            raise AppError(f"The session did not start within {START_S:.0f} s ({self._who_is_missing()}).")
+        self._host.send(OperatorKind.CONFIRM_PATIENT)
+        self._host.send(OperatorKind.ARM)
+        if not self._until(lambda: self._now.armed, ACCEPTANCE_S):
+            raise AppError(f"Control did not arm: {self._now.why_not or 'no answer'}; see the session's audit trail.")
+
+    def run(self, leg: Leg) -> Trial:
+        """Sign, press, and wait until the legs have done it (or walked far enough)."""
+        action = ACTION_OF[leg.gesture]
+        self._watch(f"gesture {leg.gesture.value}: {action.value}")
+        start = self._now.state
+        if not self._until(lambda: action in self._now.allowed, ACTION_S):
+            return self._trial(leg, start, recognised=False, reason=f"not allowed: {self._now.why_not}")
+        self._host.move_hand(HandCommand(gesture=leg.gesture))
+        if not self._until(lambda: self._seen(leg), RECOGNITION_S):
+            return self._trial(leg, start, recognised=False, reason=self._why_unseen())
+        return self._press(leg, action, start)
+
+    def relax(self) -> None:
+        """Let the hand rest, as a wearer does between gestures."""
+        self._host.move_hand(HandCommand(gesture="rest"))
+        self._until(lambda: self.report is not None and self.report.gesture is None, RECOGNITION_S)
+
+    def unintended(self) -> int:
+        """Actions that began without having been asked for."""
+        return sum(report.number not in self._asked for report in self.actions.values() if report.accepted_ns)
+
+    def perception_fps(self) -> float:
+        """Frames a second over the whole run, by their capture times."""
+        if len(self._frames) < 2:
+            return 0.0
+        return (len(self._frames) - 1) / ((self._frames[-1] - self._frames[0]) / 1e9)
+
+    def _press(self, leg: Leg, action: Action, start: GaitState) -> Trial:
+        known = set(self.actions)
+        presses = self.report.release_count if self.report else 0
+        self._host.move_hand(HandCommand(click_s=self._click_s))
+        found = self._until(lambda: self._new_action(action, known) is not None, self._click_s + ACCEPTANCE_S)
+        pressed = self.report is not None and self.report.release_count > presses
+        number = self._new_action(action, known)
+        if not found or number is None:
+            return self._trial(leg, start, pressed=pressed, reason=self._now.refusal or "no action began")
+        self._asked.add(number)
+        self._until(lambda: self._finished(leg, number), ACTION_S)
+        report = self.actions[number]
+        reached = self._now.state is leg.end or (leg.steps > 0 and report.outcome == "running")
+        ok = reached and report.outcome != "stopped" and report.first_command_ns > 0
+        reason = "" if ok else f"{report.outcome}: {report.reason}"
+        return self._trial(leg, start, pressed=pressed, report=report, reason=reason, ok=ok)
+
+    def _finished(self, leg: Leg, number: int) -> bool:
+        report = self.actions[number]
+        if leg.steps:
+            return report.outcome in DONE or (self._now.state is leg.end and self._walked(number) >= leg.steps)
+        return report.outcome in DONE and self._now.action is None
+
+    def _walked(self, number: int) -> int:
+        return self._now.steps - self._steps_before.setdefault(number, self._now.steps)
+
+    def _new_action(self, action: Action, known: set[int]) -> int | None:
+        fresh = [r.number for r in self.actions.values() if r.action is action and r.number not in known]
+        return max(fresh) if fresh else None
+
+    def _trial(
+        self,
+        leg: Leg,
+        start: GaitState,
+        *,
+        reason: str,
+        recognised: bool = True,
+        pressed: bool = False,
+        report: ActionReport | None = None,
+        ok: bool = False,
+    ) -> Trial:
+        return Trial(
+            gesture=leg.gesture,
+            recognised=recognised,
+            pressed=pressed,
+            start=start,
+            end=self._now.state,
+            ok=ok,
+            reason=reason,
+            report=report,
+        )
+
+    @property
+    def _now(self) -> ControlSnapshot:
+        if self.snapshot is None:
+            raise AppError("Control has not spoken yet; prepare the session first.")
+        return self.snapshot
+
+    def _perceives(self) -> bool:
+        return self.report is not None and not self.report.camera_fault and not self.report.hint
+
+    def _seen(self, leg: Leg) -> bool:
+        return self.report is not None and self.report.gesture is leg.gesture
+
+    def _why_unseen(self) -> str:
+        if self.report is None:
+            return "no report"
+        return self.report.camera_fault or self.report.explanation or ("no hand found" if not self.report.hand else "")
+
+    def _who_is_missing(self) -> str:
+        dead = [status.name for status in self._host.processes() if not status.alive]
+        if dead:
+            return f"{', '.join(dead)} ended; its last words are in {self._host.setup.home / 'diagnostics'}"
+        return "no word from control" if self.snapshot is None else "no picture with a hand detector"
+
+    def _until(self, condition: Callable[[], bool], limit_s: float) -> bool:
+        end = time.monotonic() + limit_s
+        while time.monotonic() < end:
+            self._look()
+            if condition():
+                return True
+            time.sleep(LOOK_S)
+        return False
+
+    def _look(self) -> None:
+        self._host.beat()
+        latest = self._host.poll()
+        if latest.report is not None:
+            self.report = latest.report
+            self._frames.append(latest.report.captured_ns)
+        if latest.snapshot is not None:
+            self.snapshot = latest.snapshot
+            self.actions.update({report.number: report for report in latest.snapshot.reports})
+
+
+def run_course(runner: CourseRunner, course: Sequence[Leg]) -> list[Trial]:
+    """Every leg in order, the hand at rest in between; ends early when a leg leaves the legs elsewhere."""
+    trials = []
+    for leg in course:
+        trials.append(runner.run(leg))
+        if not trials[-1].ok:
+            break
+        runner.relax()
+    return trials

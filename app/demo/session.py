@@ -1,0 +1,87 @@
+"""A whole session without a terminal: set up in a home of its own or a given one, run, closed, verified."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from app.config import CameraConfig, Config, JointsConfig
+from app.demo.course import Leg
+from app.demo.runner import CourseRunner, run_course
+from app.demo.trial import Trial
+from app.host import SessionHost, make_setup
+from app.messages import Lateness
+from app.paths import Home
+from profiles.schema import DEMO_PATIENT
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SessionResult:
+    """What a session gave."""
+
+    trials: tuple[Trial, ...]
+    unintended: int
+    audit_verified: bool
+    audit_detail: str
+    perception_fps: float
+    lateness: Lateness
+    session: str
+
+    def as_json(self, course: Sequence[Leg]) -> dict[str, Any]:
+        """As `rleex demo --json` writes it."""
+        late = self.lateness
+        return {
+            "actions": [trial.row() for trial in self.trials],
+            "asked": len(course),
+            "unintended": self.unintended,
+            "audit_verified": self.audit_verified,
+            "perception_fps": round(self.perception_fps, 1),
+            "tick_lateness_ms": {"p50": late.p50_ms, "p99": late.p99_ms, "p99.9": late.p999_ms, "max": late.max_ms},
+            "ticks": late.ticks,
+            "missed_ticks": late.missed,
+            "session": self.session,
+        }
+
+    def passed(self, course: Sequence[Leg]) -> bool:
+        """Everything asked happened, nothing else did, and the audit trail proves it."""
+        all_done = len(self.trials) == len(course) and all(trial.ok for trial in self.trials)
+        return all_done and self.unintended == 0 and self.audit_verified
+
+
+def demo_config(base: Config, *, seed: int, joints: JointsConfig) -> Config:
+    """The lab's configuration with the digital hand of that seed and those joints."""
+    camera = CameraConfig(kind="digital-hand", seed=seed)
+    return Config(camera=camera, joints=joints, button=base.button, rules=base.rules, model=base.model)
+
+
+def run_session(
+    home: Home, config: Config, course: Sequence[Leg], *, click_s: float, watch: Callable[[str], None]
+) -> SessionResult:
+    """Start the real processes, run the course, close, verify the audit trail."""
+    setup = make_setup(home, config, DEMO_PATIENT, operator="demo", role="engineer")
+    host = SessionHost(setup)
+    runner = CourseRunner(host, click_s=click_s, watch=watch)
+    try:
+        host.start()
+        runner.prepare()
+        trials = run_course(runner, course)
+    finally:
+        host.close()
+    verified, detail = _verify(home, setup.session)
+    return SessionResult(
+        trials=tuple(trials),
+        unintended=runner.unintended(),
+        audit_verified=verified,
+        audit_detail=detail,
+        perception_fps=runner.perception_fps(),
+        lateness=runner.snapshot.lateness if runner.snapshot else Lateness(),
+        session=setup.session,
+    )
+
+
+def _verify(home: Home, session: str) -> tuple[bool, str]:
+    from logs.verify import verify_file
+
+    outcome = verify_file(home.logs / f"{session}.jsonl")
+    return outcome.intact, outcome.explanation

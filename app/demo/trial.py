@@ -1,0 +1,103 @@
+"""What one leg of the course gave, and the figures of many."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from app.control.states import GaitState
+from app.messages import ActionReport
+from kgdfa.hand import Gesture
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Trial:
+    """One gesture signed, pressed, and what the legs did. `report` is control's own account, None: no action."""
+
+    gesture: Gesture
+    recognised: bool
+    pressed: bool
+    start: GaitState
+    end: GaitState
+    ok: bool
+    reason: str
+    report: ActionReport | None
+
+    @property
+    def response_from_recognition_ms(self) -> float | None:
+        """Capture of the frame that made the gesture known, to the first changed joint command."""
+        return self._since("recognised_ns", "first_command_ns")
+
+    @property
+    def response_from_release_ms(self) -> float | None:
+        """Capture of the frame that released, to the first changed joint command."""
+        return self._since("released_ns", "first_command_ns")
+
+    @property
+    def visible_motion_ms(self) -> float | None:
+        """Capture of the frame that released, to the first joint moved by 0.5°."""
+        return self._since("released_ns", "first_motion_ns")
+
+    @property
+    def visible_from_recognition_ms(self) -> float | None:
+        """Capture of the frame that made the gesture known, to the first joint moved by 0.5°."""
+        return self._since("recognised_ns", "first_motion_ns")
+
+    @property
+    def tracking_rms_deg(self) -> float | None:
+        """How far the joints were from their targets, RMS over the action."""
+        return None if self.report is None else math.degrees(self.report.tracking_rms_rad)
+
+    def row(self) -> dict[str, Any]:
+        """As the demo's JSON has it."""
+        return {
+            "gesture": self.gesture.value,
+            "from": self.start.value,
+            "to": self.end.value,
+            "ok": self.ok,
+            "recognised": self.recognised,
+            "pressed": self.pressed,
+            "response_from_recognition_ms": _rounded(self.response_from_recognition_ms),
+            "response_from_release_ms": _rounded(self.response_from_release_ms),
+            "visible_motion_ms": _rounded(self.visible_motion_ms),
+            "tracking_rms_deg": _rounded(self.tracking_rms_deg, 3),
+            "reason": self.reason,
+        }
+
+    def _since(self, first: str, last: str) -> float | None:
+        if self.report is None:
+            return None
+        start, end = getattr(self.report, first), getattr(self.report, last)
+        return (end - start) / 1e6 if start and end else None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Spread:
+    """Mean, median and 99th percentile of a figure, and of how many values."""
+
+    mean: float
+    p50: float
+    p99: float
+    n: int
+
+
+def spread(values: Iterable[float | None]) -> Spread | None:
+    """The spread of those values that exist; None when none does."""
+    known = [value for value in values if value is not None]
+    if not known:
+        return None
+    p50, p99 = np.percentile(known, (50, 99))
+    return Spread(mean=float(np.mean(known)), p50=float(p50), p99=float(p99), n=len(known))
+
+
+def success(trials: Sequence[Trial]) -> float:
+    """The share of trials in which exactly what was signed happened."""
+    return sum(trial.ok for trial in trials) / len(trials) if trials else 0.0
+
+
+def _rounded(value: float | None, digits: int = 1) -> float | None:
+    return None if value is None else round(value, digits)
