@@ -1,0 +1,198 @@
+"""The last door before the drives: limits that know nothing of plans, checked on every command of every tick.
+
+The guard refuses and says why; it never clamps, because a silent clamp hides a planner's error. Its limits come from
+the device, and from the patient only where the patient's are narrower.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+from math import inf, radians
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hal.errors import HardwareError
+from hal.joints.device import Exoskeleton
+from hal.joints.joints import Joint, JointArray, JointCommand
+
+TICK_S = 0.002
+STIFFNESS_RAMP_S = 0.05  # no faster from nothing to the device's full stiffness, nor back
+TORQUE_RAMP_S = 0.05  # likewise for the feed-forward torque
+ENGAGE_RAD = radians(3.0)  # a joint that was slack is gripped no farther from where it is than this
+
+
+class Quantity(Enum):
+    """What a command was refused for."""
+
+    NOT_FINITE = "not a finite number"
+    SHAPE = "not four numbers"
+    POSITION = "position"
+    SPEED = "speed"
+    TORQUE = "torque"
+    STIFFNESS = "stiffness"
+    DAMPING = "damping"
+    POSITION_STEP = "change of position in a tick"
+    TORQUE_STEP = "change of torque in a tick"
+    STIFFNESS_STEP = "change of stiffness in a tick"
+    ENGAGEMENT = "distance from the joint when gripping it"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Refusal:
+    """Why a command did not reach the drives; value and limit in SI at the joint."""
+
+    joint: Joint
+    quantity: Quantity
+    value: float
+    limit: float
+
+    def __str__(self) -> str:
+        name = self.joint.name.lower().replace("_", " ")
+        return f"{name}: {self.quantity.value} {self.value:.4g}, limit {self.limit:.4g}"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Limits:
+    """What the guard lets pass, each (4,) in the order of Joint, SI at the joint."""
+
+    low_rad: JointArray
+    high_rad: JointArray
+    speed_rad_s: JointArray
+    torque_nm: JointArray
+    stiffness_nm_rad: JointArray
+    damping_nm_s_rad: JointArray
+
+    @property
+    def position_step_rad(self) -> JointArray:
+        """The way a joint at its top speed makes in a tick."""
+        return self.speed_rad_s * TICK_S
+
+    @property
+    def stiffness_step_nm_rad(self) -> JointArray:
+        """Per tick."""
+        return self.stiffness_nm_rad * (TICK_S / STIFFNESS_RAMP_S)
+
+    @property
+    def torque_step_nm(self) -> JointArray:
+        """Per tick."""
+        return self.torque_nm * (TICK_S / TORQUE_RAMP_S)
+
+
+def limits_of(device: Exoskeleton, hip_max_rad: float | None = None, knee_max_rad: float | None = None) -> Limits:
+    """The device's limits, with the patient's own flexion limits where they are narrower.
+
+    Raises HardwareError when a patient's limit would loosen the device's.
+    """
+    own = np.array([hip_max_rad, knee_max_rad, hip_max_rad, knee_max_rad], dtype=float)  # None becomes NaN
+    high = np.radians([joint.max_deg for joint in device.joints])
+    if np.any(own > high):
+        loosest = Joint(int(np.argmax(np.nan_to_num(own - high, nan=-inf))))
+        raise HardwareError(
+            f"The patient's limit of the {loosest.name.lower().replace('_', ' ')} lies beyond the device's "
+            f"{device.joints[loosest].max_deg:g}°; lower it in the profile."
+        )
+    return Limits(
+        low_rad=np.radians([joint.min_deg for joint in device.joints]),
+        high_rad=np.fmin(own, high),
+        speed_rad_s=np.radians([joint.max_speed_deg_s for joint in device.joints]),
+        torque_nm=np.array([joint.max_torque_nm for joint in device.joints]),
+        stiffness_nm_rad=np.array([joint.max_stiffness_nm_rad for joint in device.joints]),
+        damping_nm_s_rad=np.array([joint.max_damping_nm_s_rad for joint in device.joints]),
+    )
+
+
+class Guard:
+    """Checks a command against the limits, and against the command before it."""
+
+    def __init__(self, limits: Limits) -> None:
+        self.limits = limits
+        self._position_step = limits.position_step_rad
+        self._stiffness_step = limits.stiffness_step_nm_rad
+        self._torque_step = limits.torque_step_nm
+
+    def check(self, command: JointCommand, previous: JointCommand | None, measured_rad: JointArray) -> Refusal | None:
+        """None when the command may pass, else the first reason why not.
+
+        previous: the command that passed last, None before the first. measured_rad: (4,), NaN where unknown.
+        """
+        return (
+            self._malformed(command)
+            or self._beyond(command)
+            or (self._leaps(command, previous, measured_rad) if previous is not None else _grips(command))
+        )
+
+    def _malformed(self, command: JointCommand) -> Refusal | None:
+        for values in _fields(command):
+            if values.shape != (4,):
+                return Refusal(joint=Joint.LEFT_HIP, quantity=Quantity.SHAPE, value=float(values.size), limit=4.0)
+            if not np.isfinite(values).all():
+                joint = int(np.argmin(np.isfinite(values)))
+                return Refusal(joint=Joint(joint), quantity=Quantity.NOT_FINITE, value=float(values[joint]), limit=inf)
+        return None
+
+    def _beyond(self, command: JointCommand) -> Refusal | None:
+        limits = self.limits
+        return (
+            _below(Quantity.POSITION, command.position_rad, limits.low_rad)
+            or _above(Quantity.POSITION, command.position_rad, limits.high_rad)
+            or _above(Quantity.SPEED, np.abs(command.velocity_rad_s), limits.speed_rad_s)
+            or _above(Quantity.TORQUE, np.abs(command.torque_nm), limits.torque_nm)
+            or _below(Quantity.STIFFNESS, command.stiffness_nm_rad, _ZERO)
+            or _above(Quantity.STIFFNESS, command.stiffness_nm_rad, limits.stiffness_nm_rad)
+            or _below(Quantity.DAMPING, command.damping_nm_s_rad, _ZERO)
+            or _above(Quantity.DAMPING, command.damping_nm_s_rad, limits.damping_nm_s_rad)
+        )
+
+    def _leaps(self, command: JointCommand, previous: JointCommand, measured_rad: JointArray) -> Refusal | None:
+        was_stiff = previous.stiffness_nm_rad > 0
+        gripping = (command.stiffness_nm_rad > 0) & ~was_stiff
+        moved = np.abs(command.position_rad - previous.position_rad)
+        reach = np.abs(command.position_rad - measured_rad)
+        return (
+            _above(Quantity.POSITION_STEP, np.where(was_stiff, moved, 0.0), self._position_step)
+            or _above(Quantity.ENGAGEMENT, np.where(gripping, np.nan_to_num(reach, nan=inf), 0.0), _ENGAGE)
+            or _above(
+                Quantity.STIFFNESS_STEP,
+                np.abs(command.stiffness_nm_rad - previous.stiffness_nm_rad),
+                self._stiffness_step,
+            )
+            or _above(Quantity.TORQUE_STEP, np.abs(command.torque_nm - previous.torque_nm), self._torque_step)
+        )
+
+
+_ZERO = np.zeros(4)
+_ENGAGE = np.full(4, ENGAGE_RAD)
+_SLACK = 1e-9  # rounding of binary fractions is no reason to refuse
+
+
+def _fields(command: JointCommand) -> tuple[NDArray[np.float64], ...]:
+    return (
+        command.position_rad,
+        command.velocity_rad_s,
+        command.stiffness_nm_rad,
+        command.damping_nm_s_rad,
+        command.torque_nm,
+    )
+
+
+def _above(quantity: Quantity, values: JointArray, limit: JointArray) -> Refusal | None:
+    over = values > limit + _SLACK
+    return _refuse(quantity, int(over.argmax()), values, limit) if over.any() else None
+
+
+def _below(quantity: Quantity, values: JointArray, limit: JointArray) -> Refusal | None:
+    under = values < limit - _SLACK
+    return _refuse(quantity, int(under.argmax()), values, limit) if under.any() else None
+
+
+def _refuse(quantity: Quantity, joint: int, values: JointArray, limit: JointArray) -> Refusal:
+    return Refusal(joint=Joint(joint), quantity=quantity, value=float(values[joint]), limit=float(limit[joint]))
+
+
+def _grips(command: JointCommand) -> Refusal | None:
+    """The first command of all must carry nothing: nobody knows where the joints are."""
+    return _above(Quantity.STIFFNESS_STEP, command.stiffness_nm_rad, _ZERO) or _above(
+        Quantity.TORQUE_STEP, np.abs(command.torque_nm), _ZERO
+    )
