@@ -71,3 +71,17 @@ def load_config(path: Path) -> Config:
         raise AppError(
             f"The configuration {path} can't be used: {error}; mend the field or remove the file."
         ) from error
+
+
+def with_choices(config: Config, *, camera: str | None, joints: str | None, patient: str | None) -> Config:
+    """The configuration with what the command line chose instead. Raises AppError naming the choices there are."""
+    built = msgspec.to_builtins(config)
+    for name, chosen in (("camera", camera), ("joints", joints)):
+        if chosen is not None:
+            built[name]["kind"] = chosen
+    if patient is not None:
+        built["patient"] = patient
+    try:
+        return msgspec.convert(built, type=Config)
+    except msgspec.ValidationError as error:
+        raise AppError(f"That choice does not exist: {error}; `rleex run --help` lists what there is.") from error

@@ -42,7 +42,7 @@ class Publisher(_Link):
 
     def __init__(self, where: str) -> None:
         super().__init__(zmq.PUB)
-        self._socket.setsockopt(zmq.SNDHWM, 4)
+        self._socket.setsockopt(zmq.CONFLATE, 1)  # else a full queue would drop the newest and keep the old
         self._socket.bind(where)
         self._encode = msgspec.msgpack.Encoder().encode
 

@@ -1,7 +1,42 @@
-"""rleex run."""
+"""rleex run: the therapist's console."""
 
 from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
 
 import typer
 
 cli = typer.Typer()
+
+
+@cli.command()
+def run(
+    home: Annotated[Path | None, typer.Option(help="Data directory.")] = None,
+    patient: Annotated[str | None, typer.Option(help="Go straight to this patient.")] = None,
+    camera: Annotated[str | None, typer.Option(help="digital-hand, webcam, realsense or recording.")] = None,
+    joints: Annotated[str | None, typer.Option(help="simulated or can.")] = None,
+    read_only: Annotated[bool, typer.Option("--read-only", help="Look, change nothing.")] = False,
+    serve: Annotated[bool, typer.Option("--serve", help="Watch in a browser on this machine, read-only.")] = False,
+) -> None:
+    """Open the therapist's console."""
+    from app.config import load_config, with_choices
+    from app.lock import hold_home
+    from app.paths import find_home
+
+    place = find_home(home)
+    config = with_choices(load_config(place.config), camera=camera, joints=joints, patient=patient)
+    if serve:
+        from app.console.serve import serve_console
+
+        serve_console(place)
+        return
+    from app.console.app import run_console
+    from app.model import set_up_model
+
+    if read_only:
+        run_console(place, config, read_only=True)
+        return
+    with hold_home(place):
+        set_up_model(place, config)
+        run_console(place, config, straight=patient is not None)

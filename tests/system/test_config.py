@@ -1,0 +1,41 @@
+"""Configuration: defaults without a file, and a sentence that names the field when one is wrong."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from app.config import Config, load_config, with_choices
+from app.errors import AppError
+
+
+def test_no_file_means_defaults(tmp_path: Path) -> None:
+    assert load_config(tmp_path / "config.toml") == Config()
+
+
+@pytest.mark.parametrize(
+    ("text", "named"),
+    [
+        ("[camera]\nkind = 'periscope'\n", "camera.kind"),
+        ("[camera]\nwidth_px = 3\n", "camera.width_px"),
+        ("[camera]\nfocal_px = -1.0\n", "camera.focal_px"),
+        ("[button]\nx = 2.0\n", "button.x"),
+        ("rules = 'loose'\n", "rules"),
+        ("unknown = 1\n", "unknown"),
+        ("not toml at all", "config.toml"),
+        ("idle_lock_s = 'soon'\n", "idle_lock_s"),
+    ],
+)
+def test_a_wrong_field_is_named(tmp_path: Path, text: str, named: str) -> None:
+    path = tmp_path / "config.toml"
+    path.write_text(text)
+    with pytest.raises(AppError, match=named):
+        load_config(path)
+
+
+def test_command_line_choices_replace_only_what_they_name() -> None:
+    chosen = with_choices(Config(), camera="webcam", joints=None, patient="p-1")
+    assert (chosen.camera.kind, chosen.joints.kind, chosen.patient) == ("webcam", "simulated", "p-1")
+    with pytest.raises(AppError, match="camera"):
+        with_choices(Config(), camera="periscope", joints=None, patient=None)

@@ -1,0 +1,99 @@
+"""Links: the newest wins on one kind, nothing is lost or reordered on the other, and a full queue says so."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import msgspec
+import pytest
+import zmq
+
+from app.links import LatestReceiver, OrderedReceiver, OrderedSender, Publisher, address
+from app.messages import HandCommand, Heartbeat
+
+
+def beat(at_ns: int) -> Heartbeat:
+    return Heartbeat(at_ns=at_ns, enabled=False)
+
+
+def until(condition: Callable[[], bool], limit_s: float = 5.0) -> bool:
+    end = time.monotonic() + limit_s
+    while time.monotonic() < end:
+        if condition():
+            return True
+        time.sleep(0.002)
+    return False
+
+
+def test_latest_keeps_only_the_newest(tmp_path: Path) -> None:
+    where = address(tmp_path, "x")
+    sender, receiver = Publisher(where), LatestReceiver(where, Heartbeat)
+    try:
+        seen: list[int] = []
+
+        def connected() -> bool:
+            sender.send(beat(1))
+            return receiver.receive(0.01) is not None
+
+        assert until(connected)
+        for at_ns in range(2, 200):
+            sender.send(beat(at_ns))
+
+        def drained() -> bool:
+            message = receiver.receive(0.01)
+            seen.extend([message.at_ns] if message else [])
+            return bool(seen) and seen[-1] == 199
+
+        assert until(drained)
+        assert seen == sorted(seen)
+        assert receiver.receive() is None
+    finally:
+        sender.close()
+        receiver.close()
+
+
+def test_ordered_loses_and_reorders_nothing(tmp_path: Path) -> None:
+    where = address(tmp_path, "x")
+    receiver, sender = OrderedReceiver(where, Heartbeat), OrderedSender(where)
+    try:
+        assert all(sender.send(beat(number)) for number in range(1000))
+        got: list[int] = []
+        while len(got) < 1000 and (message := receiver.receive(2.0)) is not None:
+            got.append(message.at_ns)
+        assert got == list(range(1000))
+    finally:
+        sender.close()
+        receiver.close()
+
+
+def test_full_queue_is_told_to_the_sender(tmp_path: Path) -> None:
+    sender = OrderedSender(address(tmp_path, "nobody-listens"))
+    try:
+        accepted = 0
+        while sender.send(beat(accepted)) and accepted < 1_000_000:
+            accepted += 1
+        assert 0 < accepted < 1_000_000
+    finally:
+        sender.close()
+
+
+@pytest.mark.parametrize(
+    "garbage", [b"", b"\xff\xfe", b"x" * 5000, msgspec.msgpack.encode(HandCommand()), msgspec.msgpack.encode({"a": 1})]
+)
+def test_malformed_messages_are_counted_and_skipped(tmp_path: Path, garbage: bytes) -> None:
+    where = address(tmp_path, "x")
+    receiver = OrderedReceiver(where, Heartbeat)
+    raw: zmq.Socket[bytes] = zmq.Context.instance().socket(zmq.PUSH)
+    try:
+        raw.connect(where)
+        raw.send(garbage)
+        raw.send(msgspec.msgpack.encode(beat(7)))
+        message = receiver.receive(2.0)
+        assert message is None or message.at_ns == 7
+        assert until(lambda: message is not None or receiver.receive(0.05) is not None)
+        assert receiver.rejected == 1
+    finally:
+        raw.close(linger=0)
+        receiver.close()

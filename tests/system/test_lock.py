@@ -1,0 +1,36 @@
+"""One console a home, also when the first was killed."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from app.errors import AppError
+from app.lock import hold_home
+from app.paths import Home
+
+HOLD = "import sys; from pathlib import Path; from app.lock import hold_home; from app.paths import Home\n"
+HOLD += "with hold_home(Home(Path(sys.argv[1]))): print('held', flush=True); sys.stdin.read()"
+
+
+def test_second_console_is_refused_by_name(tmp_path: Path) -> None:
+    with subprocess.Popen(
+        [sys.executable, "-c", HOLD, str(tmp_path)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    ) as first:
+        assert first.stdout is not None
+        assert first.stdout.readline() == "held\n"
+        with pytest.raises(AppError, match=f"process {first.pid}"), hold_home(Home(tmp_path)):
+            pass
+        first.kill()
+    with hold_home(Home(tmp_path)):
+        pass
+
+
+def test_home_that_cannot_be_made_ends_in_a_sentence(tmp_path: Path) -> None:
+    blocked = tmp_path / "file"
+    blocked.write_text("")
+    with pytest.raises(AppError, match="choose another with --home"), hold_home(Home(blocked)):
+        pass
