@@ -50,7 +50,7 @@ def find_model(home: Home, config: Config) -> Path:
     if not path.is_file():
         raise AppError(f"The hand model {path} is missing; run `rleex model` to set it up, or {_REMEDY}.")
     if _sha256(path.read_bytes()) != BUNDLE_SHA256:
-        raise AppError(f"The hand model {path} is damaged; remove it and run `rleex model`.")
+        raise AppError(f"The hand model {path} is damaged; run `rleex model --again`.")
     return path
 
 
