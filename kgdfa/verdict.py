@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Protocol
 
-from kgdfa.hand import Gesture, Hand
+from kgdfa.hand import FloatArray, Gesture, Hand
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -30,4 +30,8 @@ class RuleSet(Protocol):
 
     def judge(self, hand: Hand) -> Verdict:
         """The verdict on one hand, from its keypoints alone."""
+        ...
+
+    def score(self, hand: Hand) -> FloatArray:
+        """Confidence in each gesture, (12,) in the order of `Gesture`, each in [0, 1]."""
         ...

@@ -1,0 +1,86 @@
+"""What the pipeline saw, drawn onto the picture: skeleton, both hulls, bounding box and the virtual button."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from kgdfa.button import ButtonPlace, ButtonState
+from kgdfa.hand import FloatArray, Hand
+from kgdfa.hulls import INNER_HULL, OUTER_HULL, hull
+from kgdfa.images import Image
+from kgdfa.pipeline import Report
+
+Colour = tuple[int, int, int]  # BGR
+
+# The paper's links: MediaPipe's bones, and 2-5 which closes the palm.
+LINKS = (
+    *((0, 1), (1, 2), (2, 3), (3, 4), (2, 5)),
+    *((5, 6), (6, 7), (7, 8), (5, 9)),
+    *((9, 10), (10, 11), (11, 12), (9, 13)),
+    *((13, 14), (14, 15), (15, 16), (13, 17)),
+    *((17, 18), (18, 19), (19, 20), (17, 0)),
+)
+BONE: Colour = (240, 240, 240)
+JOINT: Colour = (200, 120, 30)
+INNER: Colour = (60, 200, 250)
+OUTER: Colour = (230, 160, 90)
+BOX: Colour = (170, 170, 170)
+PRESSED: Colour = (70, 190, 70)
+RELEASED: Colour = (60, 60, 220)
+_SHIFT = 3  # sub-pixel drawing, in powers of two
+
+
+def draw(image_bgr: NDArray[np.uint8], report: Report, place: ButtonPlace) -> None:
+    """Draw one report onto its picture, (h, w, 3) uint8 BGR, in place."""
+    if report.hand is not None:
+        draw_hand(image_bgr, report.hand)
+    draw_button(image_bgr, report.button, place)
+
+
+def draw_hand(image_bgr: Image, hand: Hand) -> None:
+    """Skeleton, inner and outer hull, bounding box, in place."""
+    width = max(1, round(hand.anchor_px / 40))
+    points = hand.image_px
+    for members, colour in ((INNER_HULL, INNER), (OUTER_HULL, OUTER)):
+        cv2.polylines(image_bgr, [_fixed(hull(points, members))], True, colour, width, cv2.LINE_AA, _SHIFT)
+    fixed = _fixed(points)
+    for first, second in LINKS:
+        cv2.line(image_bgr, _pair(fixed[first]), _pair(fixed[second]), BONE, width, cv2.LINE_AA, _SHIFT)
+    for point in (*fixed, _fixed(hand.palm_centre_px)):
+        cv2.circle(image_bgr, _pair(point), (width + 1) << _SHIFT, JOINT, -1, cv2.LINE_AA, _SHIFT)
+    box = hand.bounding_box
+    corners = _fixed(np.array([[box.left_px, box.top_px], [box.right_px, box.bottom_px]]))
+    cv2.rectangle(image_bgr, _pair(corners[0]), _pair(corners[1]), BOX, 1, cv2.LINE_AA, _SHIFT)
+
+
+def draw_button(image_bgr: Image, button: ButtonState, place: ButtonPlace) -> None:
+    """The virtual button: green and filled while pressed, a red ring else (never colour alone), in place."""
+    centre = _pair(_fixed(np.array([place.x_px, place.y_px])))
+    radius = round(place.radius_px) << _SHIFT
+    colour = PRESSED if button.pressed else RELEASED
+    width = -1 if button.pressed else max(2, round(place.radius_px / 8))
+    cv2.circle(image_bgr, centre, radius, colour, width, cv2.LINE_AA, _SHIFT)
+
+
+def caption(image_bgr: Image, lines: list[str]) -> Image:
+    """The picture with lines of text under it, (h + n, w, 3); wide enough to be read."""
+    width = max(image_bgr.shape[1], 360)
+    left = width - image_bgr.shape[1]
+    padded = cv2.copyMakeBorder(image_bgr, 0, 18 * len(lines) + 6, 0, left, cv2.BORDER_CONSTANT)
+    for row, line in enumerate(lines):
+        where = (4, image_bgr.shape[0] + 15 + 18 * row)
+        plain = line.replace("°", " deg").encode("ascii", "replace").decode()
+        cv2.putText(padded, plain, where, cv2.FONT_HERSHEY_SIMPLEX, 0.42, BONE, 1, cv2.LINE_AA)
+    return np.asarray(padded, dtype=np.uint8)
+
+
+def _fixed(points_px: FloatArray) -> NDArray[np.int32]:
+    """Pixels to the fixed-point numbers that OpenCV's drawing takes; far outliers are held near the picture."""
+    held = np.clip(np.nan_to_num(points_px), -20_000, 20_000)
+    return np.asarray(np.round(held * (1 << _SHIFT)), dtype=np.int32)
+
+
+def _pair(point: NDArray[np.int32]) -> tuple[int, int]:
+    return int(point[0]), int(point[1])

@@ -1,0 +1,169 @@
+"""MediaPipe's hand landmarker behind our own types: the one file that imports mediapipe.
+
+The model is tracked from frame to frame (VIDEO mode); photos are looked at one by one (`still=True`).
+Asking the tracker for two hands runs its palm detector in every frame, twice the cost (measured: 27 against
+14 ms of CPU at 1280×720). So it follows one hand, and only when that hand is new does a second, still look
+ask whether another one claims the command as well.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+import cv2
+import mediapipe as mp
+import numpy as np
+from mediapipe.tasks.python import BaseOptions
+from mediapipe.tasks.python.vision import HandLandmarker, HandLandmarkerOptions, RunningMode
+
+from kgdfa.errors import KgdfaError
+from kgdfa.hand import FloatArray, Hand, Side
+from kgdfa.images import Image, as_bgr8
+
+# The model names hands as a mirror shows them; our pictures are unmirrored.
+_SIDES = {"Left": Side.RIGHT, "Right": Side.LEFT}
+_SAME_HAND_ANCHORS = 2.0  # a hand this many palm anchors from where one was is the same, tracked
+RIVAL_LOOK_FRAMES = 10  # how often a contested picture is asked again for a second hand
+
+
+class HandDetector:
+    """Finds hands in pictures. Close it: mediapipe cannot be left to the interpreter's exit."""
+
+    def __init__(
+        self,
+        model: Path,
+        *,
+        still: bool = False,
+        max_hands: int = 1,
+        min_detection: float = 0.5,
+        min_presence: float = 0.5,
+        watch_rivals: bool = False,
+    ) -> None:
+        """Load the model. Raises KgdfaError when the file is missing or is no hand model."""
+        self._still = still
+        self._last_ms = -1
+        self._previous: tuple[Hand, ...] = ()
+        self._contested_frames = 0
+        self._landmarker = _load(model, RunningMode.IMAGE if still else RunningMode.VIDEO, max_hands,
+                                 min_detection, min_presence)  # fmt: skip
+        self._rival_look = _load(model, RunningMode.IMAGE, 2, 0.5, 0.5) if watch_rivals else None
+
+    def detect(self, image_bgr: Image, captured_ns: int = 0) -> tuple[Hand, ...]:
+        """The hands in one picture, the tracked one first; () when there is none.
+
+        Raises KgdfaError for a picture that can't be read (see `images.as_bgr8`).
+        """
+        image = as_bgr8(image_bgr)
+        hands = self._look(image, captured_ns)
+        if self._rival_look is not None and hands:
+            hands = self._with_rival(image, hands)
+        self._previous = hands
+        return hands
+
+    def close(self) -> None:
+        """Free the model; harmless when done twice."""
+        for landmarker in (self._landmarker, self._rival_look):
+            if landmarker is not None:
+                landmarker.close()
+        self._landmarker = self._rival_look = None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def _look(self, image: Image, captured_ns: int) -> tuple[Hand, ...]:
+        if self._landmarker is None:
+            raise KgdfaError("The hand detector is closed: open a new one.")
+        picture = _as_mediapipe(image)
+        if self._still:
+            return _hands(self._landmarker.detect(picture), image, ())
+        self._last_ms = max(self._last_ms + 1, captured_ns // 1_000_000)  # MediaPipe wants growing time
+        return _hands(self._landmarker.detect_for_video(picture, self._last_ms), image, self._previous)
+
+    def _with_rival(self, image: Image, hands: tuple[Hand, ...]) -> tuple[Hand, ...]:
+        """Ask for a second hand when this one is new, and again now and then while two were there."""
+        self._contested_frames = self._contested_frames + 1 if len(self._previous) > 1 else 0
+        if hands[0].tracked and self._contested_frames % RIVAL_LOOK_FRAMES:
+            return hands + self._previous[1:]
+        if hands[0].tracked and not self._contested_frames:
+            return hands
+        assert self._rival_look is not None
+        seen = _hands(self._rival_look.detect(_as_mediapipe(image)), image, ())
+        others = tuple(hand for hand in seen if not _same_place(hand, hands[0]))
+        return hands + others[:1]
+
+
+def _as_mediapipe(image: Image) -> Any:
+    return mp.Image(image_format=mp.ImageFormat.SRGB, data=cv2.cvtColor(image, cv2.COLOR_BGR2RGB))
+
+
+def _hands(result: Any, image: Image, previous: tuple[Hand, ...]) -> tuple[Hand, ...]:
+    height, width = image.shape[:2]
+    found = zip(result.hand_landmarks, result.hand_world_landmarks, result.handedness, strict=True)
+    return tuple(
+        _hand(_array(landmarks)[:, :2] * (width, height), _array(world), sides[0], previous)
+        for landmarks, world, sides in found
+    )
+
+
+def _hand(image_px: FloatArray, world_m: FloatArray, side: Any, previous: tuple[Hand, ...]) -> Hand:
+    hand = Hand(image_px=image_px, world_m=world_m, presence=side.score, side=_SIDES[side.category_name])
+    if not any(_same_place(hand, other) for other in previous[:1]):
+        return hand
+    return Hand(image_px=image_px, world_m=world_m, presence=hand.presence, side=hand.side, tracked=True)
+
+
+def _same_place(hand: Hand, other: Hand) -> bool:
+    reach_px = _SAME_HAND_ANCHORS * max(hand.anchor_px, other.anchor_px)
+    return float(np.linalg.norm(hand.palm_centre_px - other.palm_centre_px)) < reach_px
+
+
+def _array(landmarks: Any) -> FloatArray:
+    return np.array([(point.x, point.y, point.z) for point in landmarks], dtype=np.float64)
+
+
+def _load(model: Path, mode: Any, hands: int, min_detection: float, min_presence: float) -> Any:
+    if not model.is_file():
+        raise KgdfaError(f"The hand model {model} is missing: run `rleex model` or give its path.")
+    options = HandLandmarkerOptions(
+        base_options=BaseOptions(model_asset_buffer=model.read_bytes()),
+        running_mode=mode,
+        num_hands=hands,
+        min_hand_detection_confidence=min_detection,
+        min_hand_presence_confidence=min_presence,
+        min_tracking_confidence=min_presence,
+    )
+    blank = _as_mediapipe(np.zeros((64, 64, 3), np.uint8))
+    try:
+        with _quiet_stderr():
+            landmarker = HandLandmarker.create_from_options(options)
+            # The first look prints more and is slow: take it here.
+            landmarker.detect(blank) if mode is RunningMode.IMAGE else landmarker.detect_for_video(blank, -1)
+    except (RuntimeError, ValueError) as error:
+        raise KgdfaError(f"{model} is no hand model ({error}): run `rleex model --again`.") from error
+    return landmarker
+
+
+@contextmanager
+def _quiet_stderr() -> Iterator[None]:
+    """MediaPipe's C++ logs to file descriptor 2 whatever one asks of it, across the console's screen."""
+    sys.stderr.flush()
+    kept = os.dup(2)
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    try:
+        os.dup2(nowhere, 2)
+        yield
+    finally:
+        os.dup2(kept, 2)
+        os.close(kept)
+        os.close(nowhere)

@@ -1,0 +1,192 @@
+"""The paper's rule set, literally: Table 2 with hulls and angles on the picture, pixels as printed.
+
+Where the text is open (which vectors an angle takes, which hull) the reading stands in `fingers` and `hulls`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kgdfa.fingers import Finger, apart, finger_angles_deg
+from kgdfa.hand import FloatArray, Gesture, Hand, Keypoint
+from kgdfa.hulls import INNER_HULL, OUTER_HULL, TIPS, tip_depths
+from kgdfa.verdict import Verdict
+
+SPREAD_PX = 100.0  # Table 2, gestures 6 and 8
+PINCH_RATIO = 2.0  # Eq. 3, gesture 7
+BENT_DEG = (53.0, 65.0, 65.0, 65.0, 49.0)  # thumb to pinky; gestures 1, 5 and 9 have forefingers of their own
+MARGIN_DEG = 30.0  # an angle this far on the right side of its threshold leaves no doubt
+MARGIN_SHARE = 0.25  # the same for a length, as a share of its threshold
+
+
+class Extra(IntEnum):
+    """The column of Table 2 that looks at distances between tips; its value is the place in `Measures.lengths`."""
+
+    NONE = 0
+    SPREAD_PINKY = 1  # P(4, 20) > 100 px
+    SPREAD_FORE = 2  # P(4, 8) > 100 px
+    PINCH = 3  # Eq. 3: P(4, 12) / P(8, 12) < 2
+
+
+EXTRA_TEXT = {
+    Extra.SPREAD_PINKY: ("tips 4 and 20 apart", SPREAD_PX, "px"),
+    Extra.SPREAD_FORE: ("tips 4 and 8 apart", SPREAD_PX, "px"),
+    Extra.PINCH: ("tips 4, 8, 12 pinched, P(4,12)/P(8,12)", PINCH_RATIO, ""),
+}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Row:
+    """A line of Table 2. outside: the fingertips outside the outer hull, all others inside; None: all five
+    inside the inner hull. opened: fingers above their angle's threshold, all others at or below it.
+    """
+
+    gesture: Gesture
+    outside: tuple[Finger, ...] | None
+    opened: tuple[Finger, ...]
+    fore_deg: float = BENT_DEG[Finger.FORE]
+    extra: Extra = Extra.NONE
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Measures:
+    """What Table 2 looks at: depths of the tips in both hulls (2, 5) px, angles (5,) deg, the palm anchor px,
+    and by `Extra` P(4,20) px, P(4,8) px and the ratio of Eq. 3, (4,).
+    """
+
+    depths_px: FloatArray
+    angles_deg: FloatArray
+    anchor_px: float
+    lengths: FloatArray
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Checks:
+    """Every constraint on one hand, (12, 11): five tips, five angles, the extra. A margin is in units beyond
+    which there is no doubt; negative ones don't hold.
+    """
+
+    holds: NDArray[np.bool_]
+    margins: FloatArray
+
+    @property
+    def scores(self) -> FloatArray:
+        """(12,): a line that holds gets 0.5 to 1 by its smallest margin, another less, by how many hold."""
+        held = 0.5 + 0.5 * np.clip(self.margins.min(axis=1), 0.0, 1.0)
+        scores: FloatArray = np.where(self.holds.all(axis=1), held, 0.5 * self.holds.mean(axis=1))
+        return scores
+
+
+_T, _F, _M, _R, _P = Finger
+TABLE_2: tuple[Row, ...] = (
+    Row(gesture=Gesture.ZERO, outside=None, opened=()),
+    Row(gesture=Gesture.ONE, outside=(_F,), opened=(_F,), fore_deg=160.0),
+    Row(gesture=Gesture.TWO, outside=(_F, _M), opened=(_F, _M), fore_deg=160.0),
+    Row(gesture=Gesture.THREE, outside=(_F, _M, _R), opened=(_F, _M, _R), fore_deg=160.0),
+    Row(gesture=Gesture.FOUR, outside=(_F, _M, _R, _P), opened=(_F, _M, _R, _P), fore_deg=160.0),
+    Row(gesture=Gesture.FIVE, outside=(_T, _F, _M, _R, _P), opened=(_T, _F, _M, _R, _P), fore_deg=170.0),
+    Row(gesture=Gesture.SIX, outside=(_T, _P), opened=(_T, _P), extra=Extra.SPREAD_PINKY),
+    Row(gesture=Gesture.SEVEN, outside=(_T, _F, _M), opened=(_T, _F, _M), fore_deg=160.0, extra=Extra.PINCH),
+    Row(gesture=Gesture.EIGHT, outside=(_T, _F), opened=(_T, _F), fore_deg=160.0, extra=Extra.SPREAD_FORE),
+    Row(gesture=Gesture.NINE, outside=(_F,), opened=(), fore_deg=120.0),
+    Row(gesture=Gesture.LOVE, outside=(_T, _F, _P), opened=(_T, _F, _P), fore_deg=160.0),
+    Row(gesture=Gesture.ROCK, outside=(_F, _P), opened=(_F, _P), fore_deg=160.0),
+)
+
+
+_OUTSIDE = np.array([[finger in (row.outside or ()) for finger in Finger] for row in TABLE_2])
+_OPEN = np.array([[finger in row.opened for finger in Finger] for row in TABLE_2])
+_HULL = np.array([0 if row.outside is None else 1 for row in TABLE_2])
+_LIMITS_DEG = np.array([[BENT_DEG[0], row.fore_deg, *BENT_DEG[2:]] for row in TABLE_2])
+_EXTRA = np.array([row.extra for row in TABLE_2])
+
+
+def measure(hand: Hand) -> Measures:
+    """Everything that Table 2 looks at, from the keypoints on the picture."""
+    points = hand.image_px
+    short = apart(points, Keypoint.INDEX_TIP, Keypoint.MIDDLE_TIP)
+    long = apart(points, Keypoint.THUMB_TIP, Keypoint.MIDDLE_TIP)
+    spread_pinky = apart(points, Keypoint.THUMB_TIP, Keypoint.PINKY_TIP)
+    spread_fore = apart(points, Keypoint.THUMB_TIP, Keypoint.INDEX_TIP)
+    ratio = long / short if short > 0 else np.inf
+    return Measures(
+        depths_px=np.stack([tip_depths(points, INNER_HULL), tip_depths(points, OUTER_HULL)]),
+        angles_deg=finger_angles_deg(points),
+        anchor_px=hand.anchor_px,
+        lengths=np.array([0.0, spread_pinky, spread_fore, ratio]),
+    )
+
+
+def check(measures: Measures) -> Checks:
+    """Every line of Table 2 against one hand."""
+    depths = measures.depths_px[_HULL]
+    beyond_deg = measures.angles_deg - _LIMITS_DEG
+    extra_holds, extra_margins = _check_extras(measures.lengths)
+    tip_scale = MARGIN_SHARE * max(measures.anchor_px, 1e-9)
+    tips_hold, angles_hold = (depths < 0) == _OUTSIDE, (beyond_deg > 0) == _OPEN
+    margins = [
+        np.where(tips_hold, 1, -1) * np.abs(depths) / tip_scale,
+        np.where(angles_hold, 1, -1) * np.abs(beyond_deg) / MARGIN_DEG,
+        extra_margins[_EXTRA, None],
+    ]
+    return Checks(
+        holds=np.hstack([tips_hold, angles_hold, extra_holds[_EXTRA, None]]),
+        margins=np.hstack(margins),
+    )
+
+
+def _check_extras(lengths: FloatArray) -> tuple[NDArray[np.bool_], FloatArray]:
+    """Whether each `Extra` holds and by how much, (4,) each."""
+    spread_px, ratio = lengths[1:3], lengths[3]
+    holds = np.array([True, *(spread_px > SPREAD_PX), ratio < PINCH_RATIO])
+    spread = (spread_px - SPREAD_PX) / (MARGIN_SHARE * SPREAD_PX)
+    pinch = (PINCH_RATIO - min(ratio, 10.0)) / (MARGIN_SHARE * PINCH_RATIO)
+    return holds, np.array([1.0, *spread, pinch])
+
+
+def _say(line: int, column: int, measures: Measures) -> str:
+    """One constraint of one line as measured, in words."""
+    row = TABLE_2[line]
+    if column < 5:
+        outside = measures.depths_px[_HULL[line], column] < 0
+        hull = "inner" if row.outside is None else "outer"
+        return f"tip {TIPS[column]:d} {'outside' if outside else 'inside'} the {hull} hull"
+    if column < 10:
+        finger, limit = Finger(column - 5), float(_LIMITS_DEG[line, column - 5])
+        angle = float(measures.angles_deg[finger])
+        state = "open" if angle > limit else "bent"
+        return f"{finger.name.lower()} {state}, {angle:.0f}° {'>' if angle > limit else '≤'} {limit:.0f}°"
+    text, limit, unit = EXTRA_TEXT[row.extra]
+    length = float(measures.lengths[row.extra])
+    return f"{text} {length:.1f} {'>' if length > limit else '≤'} {limit:.0f} {unit}".rstrip()
+
+
+class PublishedRules:
+    """Table 2 as a RuleSet."""
+
+    name = "published"
+
+    def score(self, hand: Hand) -> FloatArray:
+        """Confidence in each gesture, (12,) in the order of `Gesture`; 0.5 and above: the line holds."""
+        return check(measure(hand)).scores
+
+    def judge(self, hand: Hand) -> Verdict:
+        """The one line that holds, or none with the constraint that the nearest line fails by most."""
+        measures = measure(hand)
+        checks = check(measures)
+        scores = checks.scores
+        best = int(np.lexsort((checks.margins.min(axis=1), scores))[-1])
+        row, held = TABLE_2[best], bool(checks.holds[best].all())
+        failing = np.where(checks.holds[best], np.inf, checks.margins[best])
+        column = int(np.argmin(checks.margins[best] if held else failing))
+        says = _say(best, column, measures)
+        return Verdict(
+            gesture=row.gesture if held else None,
+            confidence=float(scores[best]),
+            nearest=row.gesture,
+            explanation=f"{row.gesture.value}: closest call {says}" if held else f"not {row.gesture.value}: {says}",
+        )
