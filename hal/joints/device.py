@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import msgspec
 from msgspec import Meta, Struct
@@ -22,7 +22,7 @@ class JointDevice(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
     can_bus: int = 0
     can_id: Annotated[int, Meta(ge=0, le=0x7F)]
     reply_id: Annotated[int, Meta(ge=0, le=0x7FF)] = 0
-    direction: int = 1  # +1 or -1: motor's positive against the joint's
+    direction: Literal[1, -1] = 1  # +1 or -1: motor's positive against the joint's
     zero_offset_deg: float = 0.0
     transmission: Positive = 1.0  # motor output turns per joint turn, after the drive's own gearbox
     min_deg: float
@@ -47,7 +47,8 @@ class BusDevice(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
 
     interface: str = "socketcan"
     channel: str = "can0"
-    bitrate: int = 1_000_000
+    bitrate: Annotated[int, Meta(gt=0)] = 1_000_000
+    options: dict[str, str | int | float | bool] = {}  # further arguments of python-can's interface
 
 
 class Exoskeleton(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -56,7 +57,8 @@ class Exoskeleton(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
     schema: int = 1
     name: str
     mass_kg: Positive
-    buses: tuple[BusDevice, ...]
+    buses: Annotated[tuple[BusDevice, ...], Meta(min_length=1, max_length=4)]
+    soft_start_s: Annotated[float, Meta(ge=0, le=5)] = 0.3  # stiffness and torque ramp after enabling
     left_hip: JointDevice
     left_knee: JointDevice
     right_hip: JointDevice

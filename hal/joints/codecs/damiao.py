@@ -1,0 +1,122 @@
+"""Damiao DM drives: MIT packing out, status nibble and two temperatures back, registers through 0x7FF.
+
+Sources: Damiao DM-J4310 manual; huggingface/lerobot motors/damiao (tables and register numbers).
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+from enum import IntEnum
+from typing import NamedTuple
+
+from hal.joints.codecs.mit import pack_set_point, pack_state, special_frame, special_order, unpack_set_point
+from hal.joints.codecs.mit import unpack_state as unpack_mit_state
+from hal.joints.codecs.wire import MIT_BITS, Frame, Order, Reply, Scales, SetPoint
+from hal.joints.joints import DriveFault
+from hal.joints.motors import MotorModel
+
+REGISTER_ID = 0x7FF
+READ, WRITE, STORE, REFRESH = 0x33, 0x55, 0xAA, 0xCC
+_ENABLED = 1
+_HEALTHY = (0, _ENABLED)
+
+
+class Register(IntEnum):
+    """Register numbers that this program reads."""
+
+    MASTER_ID = 7
+    DRIVE_ID = 8
+    TIMEOUT = 9  # in 50 µs
+    CONTROL_MODE = 10  # 1 = MIT
+    POSITION_MAX = 21
+    VELOCITY_MAX = 22
+    TORQUE_MAX = 23
+
+
+FLOAT_REGISTERS = frozenset({Register.POSITION_MAX, Register.VELOCITY_MAX, Register.TORQUE_MAX})
+MIT_MODE = 1
+
+
+class RegisterValue(NamedTuple):
+    """A register as a drive told it."""
+
+    drive_id: int
+    register: int
+    value: float
+
+
+def read_register(drive_id: int, register: int) -> Frame:
+    """Asks for a register."""
+    return Frame(REGISTER_ID, bytes((drive_id & 0xFF, drive_id >> 8, READ, register, 0, 0, 0, 0)))
+
+
+def refresh(drive_id: int) -> Frame:
+    """Asks for a status reply without commanding anything."""
+    return Frame(REGISTER_ID, bytes((drive_id & 0xFF, drive_id >> 8, REFRESH, 0, 0, 0, 0, 0)))
+
+
+def register_reply(frame: Frame) -> RegisterValue | None:
+    """A register's value from a reply, or None when it is none.
+
+    A status reply can look alike; ask only while a register is awaited.
+    """
+    data = frame.data
+    if frame.extended or len(data) != 8 or data[2] not in (READ, WRITE) or frame.arbitration_id == REGISTER_ID:
+        return None
+    form = "<f" if data[3] in FLOAT_REGISTERS else "<I"
+    return RegisterValue(data[0] | (data[1] << 8), data[3], float(struct.unpack(form, data[4:])[0]))
+
+
+def pack_register(reply_id: int, value: RegisterValue) -> Frame:
+    """The drive's end: the reply that tells a register."""
+    number = value.value if value.register in FLOAT_REGISTERS else int(value.value)
+    form = "<f" if value.register in FLOAT_REGISTERS else "<I"
+    head = bytes((value.drive_id & 0xFF, value.drive_id >> 8, READ, value.register))
+    return Frame(reply_id, head + struct.pack(form, number))
+
+
+class DamiaoCodec:
+    """DM drives in MIT mode."""
+
+    def __init__(self, motor: MotorModel) -> None:
+        self._motor = motor
+        self._scales = Scales.of(motor, MIT_BITS)
+
+    def command(self, drive_id: int, target: SetPoint) -> Frame:
+        """The frame of a set-point."""
+        return Frame(drive_id, pack_set_point(self._scales, target))
+
+    def order(self, drive_id: int, order: Order) -> tuple[Frame, ...]:
+        """The special frame of an order, clearing faults included."""
+        return (special_frame(drive_id, order),)
+
+    def replier(self, frame: Frame) -> int | None:
+        """The low nibble of data[0]; identifiers above 15 are told by their MST_ID (the driver's routes)."""
+        return None if frame.extended or not frame.data else frame.data[0] & 0x0F
+
+    def read_reply(self, frame: Frame) -> Reply | None:
+        """A status reply of 8 bytes; the hotter of the two temperatures counts."""
+        data = frame.data
+        if frame.extended or len(data) != 8:
+            return None
+        status = data[0] >> 4
+        position, velocity, torque = unpack_mit_state(self._scales, data)
+        faults = DriveFault.NONE if status in _HEALTHY else self._motor.fault_of(status)
+        temperature = max(data[6], data[7]) - self._motor.temperature_offset_c
+        return Reply(data[0] & 0x0F, position, velocity, torque, temperature, faults, status == _ENABLED)
+
+    def read_command(self, drive_id: int, frame: Frame) -> SetPoint | Order | None:
+        """What 8 bytes on the drive's own identifier ask."""
+        if frame.extended or frame.arbitration_id != drive_id or len(frame.data) != 8:
+            return None
+        order = special_order(frame.data)
+        return order if order is not None else unpack_set_point(self._scales, frame.data)
+
+    def reply(self, state: Reply, reply_id: int, error_code: int) -> Frame:
+        """A status reply; an error code takes the place of enabled and disabled."""
+        status = error_code if error_code else int(bool(state.enabled))
+        warmth = 0.0 if math.isnan(state.temperature_c) else state.temperature_c
+        raw = min(max(round(warmth + self._motor.temperature_offset_c), 0), 255)
+        head = bytes((((status & 0x0F) << 4) | (state.drive_id & 0x0F),))
+        return Frame(reply_id, head + pack_state(self._scales, state) + bytes((raw, raw)))

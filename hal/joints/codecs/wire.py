@@ -1,0 +1,164 @@
+"""What every codec shares: frames, set-points, replies, and the exact fixed-point scaling of the drives' firmware."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+from typing import NamedTuple, Protocol
+
+from hal.joints.joints import DriveFault
+from hal.joints.motors import MotorModel
+
+
+class Frame(NamedTuple):
+    """A classic CAN data frame."""
+
+    arbitration_id: int
+    data: bytes
+    extended: bool = False
+
+
+class SetPoint(NamedTuple):
+    """The MIT law's five numbers, at the motor's output: rad, rad/s, Nm/rad, Nm·s/rad, Nm."""
+
+    position_rad: float
+    velocity_rad_s: float
+    stiffness_nm_rad: float
+    damping_nm_s_rad: float
+    torque_nm: float
+
+
+NEUTRAL = SetPoint(0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+class Order(Enum):
+    """What a drive can be told besides a set-point."""
+
+    ENABLE = "enable"
+    DISABLE = "disable"
+    ZERO = "set zero here"
+    CLEAR = "clear faults"
+
+
+class Reply(NamedTuple):
+    """What a drive reported, at the motor's output; `enabled` is None where the protocol does not tell."""
+
+    drive_id: int
+    position_rad: float
+    velocity_rad_s: float
+    torque_nm: float
+    temperature_c: float = float("nan")
+    faults: DriveFault = DriveFault.NONE
+    enabled: bool | None = None
+
+
+class Codec(Protocol):
+    """One protocol with one motor's ranges. Reading functions answer None for what is not theirs."""
+
+    def __init__(self, motor: MotorModel) -> None: ...
+
+    def command(self, drive_id: int, target: SetPoint, /) -> Frame:
+        """The frame that commands `target`; values beyond the wire's range are clamped as the firmware does."""
+        ...
+
+    def order(self, drive_id: int, order: Order, /) -> tuple[Frame, ...]:
+        """The frames that carry out an order; empty where the protocol has none."""
+        ...
+
+    def replier(self, frame: Frame, /) -> int | None:
+        """Whose reply this frame claims to be, or None when it is no reply of this protocol."""
+        ...
+
+    def read_reply(self, frame: Frame, /) -> Reply | None:
+        """A reply decoded, or None when its length or layout is wrong."""
+        ...
+
+    def read_command(self, drive_id: int, frame: Frame, /) -> SetPoint | Order | None:
+        """The drive's end: what this frame asks of drive `drive_id`."""
+        ...
+
+    def reply(self, state: Reply, reply_id: int, error_code: int, /) -> Frame:
+        """The drive's end: the frame that reports `state` (its `faults` are ignored: the code speaks)."""
+        ...
+
+
+# A decoded value lies this share of a quantum above its grid point, so that encoding it again by truncation gives
+# the same bits in spite of binary fractions. It is 1e-6 of what the wire can resolve.
+_NUDGE = 1e-6
+
+
+@dataclass(frozen=True, slots=True)
+class Scale:
+    """Fixed point as in bgkatz/motorcontrol `float_to_uint` and the CubeMars AK manual V1.0.8, section 5.3.
+
+    u = int((x − low)·(2ⁿ − 1)/(high − low)) after clamping: it truncates, so a value is up to one quantum low.
+    """
+
+    low: float
+    high: float
+    bits: int
+
+    @property
+    def quantum(self) -> float:
+        """The step of one bit."""
+        return (self.high - self.low) / ((1 << self.bits) - 1)
+
+    def to_wire(self, value: float) -> int:
+        """The unsigned integer for a value; raises ValueError for NaN."""
+        clamped = min(max(value, self.low), self.high)
+        return int((clamped - self.low) * ((1 << self.bits) - 1) / (self.high - self.low))
+
+    def to_value(self, wire: int) -> float:
+        """The value of an unsigned integer."""
+        value = (wire + _NUDGE) * (self.high - self.low) / ((1 << self.bits) - 1) + self.low
+        return min(value, self.high)
+
+
+def symmetric(limit: float, bits: int) -> Scale:
+    """The scale of ±limit."""
+    return Scale(-limit, limit, bits)
+
+
+@dataclass(frozen=True, slots=True)
+class Scales:
+    """The five scales of a motor's MIT law."""
+
+    position: Scale
+    velocity: Scale
+    stiffness: Scale
+    damping: Scale
+    torque: Scale
+
+    @classmethod
+    def of(cls, motor: MotorModel, bits: tuple[int, int, int, int, int]) -> Scales:
+        """A motor's scales with these widths: position, velocity, stiffness, damping, torque."""
+        return cls(
+            symmetric(motor.position_rad, bits[0]),
+            symmetric(motor.velocity_rad_s, bits[1]),
+            Scale(0.0, motor.stiffness_nm_rad, bits[2]),
+            Scale(0.0, motor.damping_nm_s_rad, bits[3]),
+            symmetric(motor.torque_nm, bits[4]),
+        )
+
+    def to_wire(self, target: SetPoint) -> tuple[int, int, int, int, int]:
+        """The five unsigned integers of a set-point."""
+        return (
+            self.position.to_wire(target[0]),
+            self.velocity.to_wire(target[1]),
+            self.stiffness.to_wire(target[2]),
+            self.damping.to_wire(target[3]),
+            self.torque.to_wire(target[4]),
+        )
+
+    def to_value(self, p: int, v: int, kp: int, kd: int, t: int) -> SetPoint:
+        """The set-point of five unsigned integers."""
+        return SetPoint(
+            self.position.to_value(p),
+            self.velocity.to_value(v),
+            self.stiffness.to_value(kp),
+            self.damping.to_value(kd),
+            self.torque.to_value(t),
+        )
+
+
+MIT_BITS = (16, 12, 12, 12, 12)

@@ -1,0 +1,42 @@
+"""One place that turns a kind by name into a driver behind the Joints Protocol."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from hal.errors import HardwareError
+from hal.joints.device import Exoskeleton
+from hal.joints.joints import Joints
+
+if TYPE_CHECKING:
+    from hal.joints.body import Body
+
+KINDS = ("simulated", "can")
+
+
+def make_joints(
+    kind: str,
+    device: Exoskeleton,
+    body: Body | None = None,
+    *,
+    motors: Path | None = None,
+    interface: str = "",
+    channel: str = "",
+) -> Joints:
+    """A driver that isn't open yet. `simulated` needs a body; `interface` and `channel` override the device's bus.
+
+    Raises HardwareError for an unknown kind, a missing body or a device that the motor table can't serve.
+    """
+    if kind == "can":
+        from hal.joints.bus import with_bus
+        from hal.joints.socketcan import SocketCanJoints
+
+        return SocketCanJoints(with_bus(device, interface, channel), motors=motors)
+    if kind == "simulated":
+        if body is None:
+            raise HardwareError("Simulated joints need a body to move: choose a patient profile.")
+        from hal.joints.simulated import SimulatedJoints
+
+        return SimulatedJoints(device, body)
+    raise HardwareError(f"There are no joints of kind {kind}: use one of {', '.join(KINDS)}.")
