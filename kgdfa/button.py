@@ -1,10 +1,30 @@
-"""The virtual button: pressed by a hand that comes near, released by one that withdraws, cancelled by all else."""
+"""The virtual button: pressed by a hand that comes near, released by one that withdraws, cancelled by all else.
+
+`published` is the paper's rule, literally: pressed while the hand is nearer than the threshold and its bounding
+box covers the button, else released, and every release commands. `robust` presses only a hand that was seen
+outside the threshold and crossed it with a voted gesture over the button, and commands only when that hand
+withdraws; any other end of a press is a cancel with its reason.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from enum import Enum
 
 from kgdfa.hand import Box, Gesture
+
+HYSTERESIS = 0.10  # a press ends, and a new one may begin, beyond this share over the threshold
+GAP_FRAMES = 2  # frames in a row without a hand or a distance that a press survives
+STALE_NS = 250_000_000  # pictures further apart than this say nothing about the time between
+
+
+class ButtonMode(Enum):
+    """Which rule the button follows."""
+
+    PUBLISHED = "published"
+    ROBUST = "robust"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -43,3 +63,131 @@ class ButtonState:
     cancel_reason: str = ""
     ready: bool = False  # the hand has been seen outside the threshold since the last release or cancel
     last_captured_ns: int = 0
+    pressed_recognised_ns: int = 0
+    gap_frames: int = 0  # frames in a row without a measurement
+    hint: str = ""  # why a hand that is near does not press, for people
+
+
+def advance(state: ButtonState, seen: ButtonInput, place: ButtonPlace, mode: ButtonMode) -> ButtonState:
+    """The button after one more frame. A frame given twice changes nothing."""
+    if seen.captured_ns == state.last_captured_ns:
+        return state
+    after = _RULES[mode](state, seen, place)
+    return replace(after, last_captured_ns=seen.captured_ns)
+
+
+def _published(state: ButtonState, seen: ButtonInput, place: ButtonPlace) -> ButtonState:
+    near = seen.distance_m is not None and seen.distance_m < place.threshold_m
+    pressed = near and _covers(seen.box, place, 0.0)
+    if pressed == state.pressed:
+        return replace(state, ready=True)
+    return _press(state, seen) if pressed else _release(state, seen, seen.gesture or state.pressed_gesture)
+
+
+def _robust(state: ButtonState, seen: ButtonInput, place: ButtonPlace) -> ButtonState:
+    if state.last_captured_ns and not 0 < seen.captured_ns - state.last_captured_ns <= STALE_NS:
+        state = _end(state, "the camera paused, so the press does not count")
+    distance_m = _measured(seen)
+    if distance_m is None:
+        return _gap(state, seen)
+    state = replace(state, gap_frames=0)
+    return (
+        _while_pressed(state, seen, place, distance_m) if state.pressed else _while_up(state, seen, place, distance_m)
+    )
+
+
+def _while_pressed(state: ButtonState, seen: ButtonInput, place: ButtonPlace, distance_m: float) -> ButtonState:
+    if seen.gesture is not state.pressed_gesture:
+        return _end(state, "the gesture changed during the press")
+    if not _covers(seen.box, place, place.radius_px):
+        return _end(state, "the hand left the button sideways")
+    if distance_m > _outside_m(place):
+        return _release(state, seen, state.pressed_gesture)
+    return state
+
+
+def _while_up(state: ButtonState, seen: ButtonInput, place: ButtonPlace, distance_m: float) -> ButtonState:
+    if distance_m > _outside_m(place):
+        return replace(state, ready=True, hint="")
+    if distance_m >= place.threshold_m:
+        return state
+    if not state.ready:
+        return replace(state, hint=state.hint or "draw the hand back, then push again")
+    if seen.gesture is None:
+        return replace(state, ready=False, hint="show a gesture first, then push")
+    if not _covers(seen.box, place, 0.0):
+        return replace(state, ready=False, hint="bring the hand over the button, then push")
+    return _press(state, seen)
+
+
+def _gap(state: ButtonState, seen: ButtonInput) -> ButtonState:
+    """A frame without a measurement: short gaps are blur, longer ones end the press and the readiness."""
+    if state.gap_frames < GAP_FRAMES:
+        return replace(state, gap_frames=state.gap_frames + 1)
+    what = "hand was lost" if seen.box is None else "distance was lost"
+    return _end(state, f"the {what} during the press")
+
+
+def _press(state: ButtonState, seen: ButtonInput) -> ButtonState:
+    return replace(
+        state,
+        pressed=True,
+        pressed_gesture=seen.gesture,
+        pressed_captured_ns=seen.captured_ns,
+        pressed_recognised_ns=seen.recognised_ns,
+        ready=False,
+        hint="",
+    )
+
+
+def _release(state: ButtonState, seen: ButtonInput, gesture: Gesture | None) -> ButtonState:
+    """Up again, by withdrawal: the command goes out, once. Without a gesture there is no command to give."""
+    up = replace(state, pressed=False, pressed_gesture=None, ready=True, hint="")
+    if gesture is None:
+        return up
+    return replace(
+        up,
+        release_count=state.release_count + 1,
+        released_gesture=gesture,
+        released_recognised_ns=state.pressed_recognised_ns or seen.recognised_ns,
+        released_captured_ns=seen.captured_ns,
+    )
+
+
+def _end(state: ButtonState, reason: str) -> ButtonState:
+    """No longer ready; a press under way is cancelled: no command, and the reason kept."""
+    if not state.pressed:
+        return replace(state, ready=False)
+    return replace(
+        state,
+        pressed=False,
+        pressed_gesture=None,
+        ready=False,
+        cancel_count=state.cancel_count + 1,
+        cancel_reason=reason,
+    )
+
+
+def _measured(seen: ButtonInput) -> float | None:
+    """The distance where there is a hand and a real one; 0, negative and non-finite are no measurement."""
+    if seen.box is None or seen.distance_m is None:
+        return None
+    return seen.distance_m if math.isfinite(seen.distance_m) and seen.distance_m > 0 else None
+
+
+def _outside_m(place: ButtonPlace) -> float:
+    return place.threshold_m * (1 + HYSTERESIS)
+
+
+def _covers(box: Box | None, place: ButtonPlace, slack_px: float) -> bool:
+    """Whether the box, grown by the slack, contains the button's centre."""
+    if box is None:
+        return False
+    inside_x = box.left_px - slack_px <= place.x_px <= box.right_px + slack_px
+    return inside_x and box.top_px - slack_px <= place.y_px <= box.bottom_px + slack_px
+
+
+_RULES: dict[ButtonMode, Callable[[ButtonState, ButtonInput, ButtonPlace], ButtonState]] = {
+    ButtonMode.PUBLISHED: _published,
+    ButtonMode.ROBUST: _robust,
+}
