@@ -1,0 +1,81 @@
+"""Checkpoints in a second place, out of reach of who can rewrite the first: a directory or the system's log.
+
+A slow or absent second place never holds up the trail: a thread of its own does the copying, and a failure is a
+sentence for the operator.
+"""
+
+from __future__ import annotations
+
+import logging
+import os
+import queue
+import threading
+from logging.handlers import SysLogHandler
+from pathlib import Path
+
+SYSLOG = "syslog"
+SUFFIX = ".checkpoints"
+_WAITING = 1000  # checkpoints; hours of a session
+
+
+class CheckpointCopy:
+    """Copies checkpoint lines to `target`: "" for nowhere, "syslog", or a directory."""
+
+    def __init__(self, target: str) -> None:
+        self.fault = ""  # one sentence while the second place can't be reached
+        self._target = target
+        self._queue: queue.Queue[tuple[str, bytes] | None] = queue.Queue(_WAITING)
+        self._thread: threading.Thread | None = None
+        if target:
+            self._thread = threading.Thread(target=self._run, name="checkpoint-copy", daemon=True)
+            self._thread.start()
+
+    def put(self, file: str, line: bytes) -> None:
+        """Copy one line of `file` when there is time; never blocks."""
+        if self._thread is None:
+            return
+        try:
+            self._queue.put_nowait((file, line))
+        except queue.Full:
+            self.fault = f"Checkpoints can't keep up with the second place {self._target}."
+
+    def close(self, patience_s: float = 2.0) -> None:
+        """Finish copying, for up to `patience_s`."""
+        if self._thread is not None:
+            self._queue.put(None)
+            self._thread.join(patience_s)
+            self._thread = None
+
+    def _run(self) -> None:
+        while (item := self._queue.get()) is not None:
+            try:
+                self._copy(*item)
+                self.fault = ""
+            except OSError as error:
+                self.fault = f"Checkpoints can't be copied to {self._target}: {error.strerror or error}."
+
+    def _copy(self, file: str, line: bytes) -> None:
+        if self._target == SYSLOG:
+            _to_syslog(file, line)
+        else:
+            _append(Path(self._target).expanduser() / (file + SUFFIX), line)
+
+
+def _append(path: Path, line: bytes) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    handle = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND | os.O_CLOEXEC, 0o600)
+    try:
+        os.write(handle, line)
+        os.fsync(handle)
+    finally:
+        os.close(handle)
+
+
+def _to_syslog(file: str, line: bytes) -> None:
+    handler = SysLogHandler("/dev/log")
+    try:
+        handler.ident = "rleex: "
+        text = f"{file} {line.decode().strip()}"
+        handler.emit(logging.LogRecord("rleex", logging.INFO, "", 0, text, None, None))
+    finally:
+        handler.close()

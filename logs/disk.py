@@ -1,0 +1,97 @@
+"""The few operations by which a trail reaches the disk, as a Protocol, so that tests can make each of them fail."""
+
+from __future__ import annotations
+
+import fcntl
+import os
+from pathlib import Path
+from typing import Protocol
+
+
+class Disk(Protocol):
+    """Files by descriptor; every method raises OSError when the disk does."""
+
+    def create(self, path: Path) -> int:
+        """A new file, readable by its owner alone, held under a lock while open; fails when it exists."""
+        ...
+
+    def open_existing(self, path: Path) -> int:
+        """An existing file for writing, held under the same lock."""
+        ...
+
+    def write(self, handle: int, data: bytes, offset: int) -> int:
+        """Write at an offset; returns how many bytes were taken."""
+        ...
+
+    def sync(self, handle: int) -> None:
+        """Return when the file's data is on the medium."""
+        ...
+
+    def sync_folder(self, folder: Path) -> None:
+        """Return when the folder's entries are on the medium."""
+        ...
+
+    def rename(self, source: Path, target: Path) -> None:
+        """Put a file in another's place at once."""
+        ...
+
+    def close(self, handle: int) -> None:
+        """Release the file and its lock."""
+        ...
+
+
+class PosixDisk:
+    """The operating system's."""
+
+    def create(self, path: Path) -> int:
+        """See Disk."""
+        return _locked(os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o600))
+
+    def open_existing(self, path: Path) -> int:
+        """See Disk."""
+        return _locked(os.open(path, os.O_RDWR | os.O_CLOEXEC))
+
+    def write(self, handle: int, data: bytes, offset: int) -> int:
+        """See Disk."""
+        return os.pwrite(handle, data, offset)
+
+    def sync(self, handle: int) -> None:
+        """See Disk."""
+        os.fsync(handle)
+
+    def sync_folder(self, folder: Path) -> None:
+        """See Disk."""
+        handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+        try:
+            os.fsync(handle)
+        finally:
+            os.close(handle)
+
+    def rename(self, source: Path, target: Path) -> None:
+        """See Disk."""
+        source.replace(target)
+
+    def close(self, handle: int) -> None:
+        """See Disk."""
+        os.close(handle)
+
+
+def _locked(handle: int) -> int:
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        os.close(handle)
+        raise
+    return handle
+
+
+def is_being_written(path: Path) -> bool:
+    """Whether a writer holds the file's lock: the session is still running."""
+    handle = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
+    try:
+        fcntl.flock(handle, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return True
+    finally:
+        os.close(handle)
+    return False

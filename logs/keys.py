@@ -1,0 +1,146 @@
+"""The console's Ed25519 key: made once, kept 0600, its public half free to go anywhere."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from hashlib import sha256
+from pathlib import Path
+
+from cryptography.exceptions import InvalidSignature, UnsupportedAlgorithm
+from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey, Ed25519PublicKey
+from cryptography.hazmat.primitives.serialization import (
+    Encoding,
+    NoEncryption,
+    PrivateFormat,
+    PublicFormat,
+    load_pem_private_key,
+    load_pem_public_key,
+)
+
+from logs.disk import Disk, PosixDisk
+from logs.errors import AuditError
+
+KEY_FILE = "console.key"
+PUBLIC_FILE = "console.pub"
+
+
+@dataclass(frozen=True, slots=True)
+class PublicKey:
+    """A console's public key and its fingerprint, the SHA-256 of its DER form in hex."""
+
+    key: Ed25519PublicKey
+    fingerprint: str
+
+    @property
+    def pem(self) -> bytes:
+        """As a file that openssl reads."""
+        return self.key.public_bytes(Encoding.PEM, PublicFormat.SubjectPublicKeyInfo)
+
+    def verifies(self, signature_hex: str, message: bytes) -> bool:
+        """Whether the signature, lower-case hex, is this key's over the message."""
+        try:
+            signature = bytes.fromhex(signature_hex)
+            if signature.hex() != signature_hex:
+                return False
+            self.key.verify(signature, message)
+        except (ValueError, InvalidSignature):
+            return False
+        return True
+
+
+@dataclass(frozen=True, slots=True)
+class ConsoleKey:
+    """The private key, for signing only."""
+
+    key: Ed25519PrivateKey
+    public: PublicKey
+    was_exposed: bool = False  # others could read the file; its mode has been mended
+
+    def sign(self, message: bytes) -> str:
+        """The signature in lower-case hex."""
+        return self.key.sign(message).hex()
+
+
+def public_key(key: Ed25519PublicKey) -> PublicKey:
+    """With its fingerprint."""
+    der = key.public_bytes(Encoding.DER, PublicFormat.SubjectPublicKeyInfo)
+    return PublicKey(key, sha256(der).hexdigest())
+
+
+def load_or_make_key(folder: Path, disk: Disk | None = None) -> ConsoleKey:
+    """The console's key in `folder`, made at the first call. Raises AuditError when it can't be used."""
+    path = folder / KEY_FILE
+    try:
+        folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+        if not path.exists():
+            _make(folder, disk or PosixDisk())
+        return _load(path)
+    except OSError as error:
+        raise AuditError(f"The signing key {path} can't be used: {error.strerror}; mend the folder.") from error
+
+
+def load_public_key(path: Path) -> PublicKey:
+    """A public key from a PEM file. Raises AuditError when it isn't an Ed25519 one."""
+    try:
+        key = load_pem_public_key(path.read_bytes())
+    except OSError as error:
+        raise AuditError(f"The public key {path} can't be read: {error.strerror}.") from error
+    except (ValueError, UnsupportedAlgorithm) as error:
+        raise AuditError(f"{path} is no public key in PEM form; export one with `rleex audit key`.") from error
+    if not isinstance(key, Ed25519PublicKey):
+        raise AuditError(f"{path} is no Ed25519 key; export the console's with `rleex audit key`.")
+    return public_key(key)
+
+
+def known_keys(folder: Path) -> tuple[PublicKey, ...]:
+    """Every public key kept in a console's key folder; none when there is no such folder."""
+    return tuple(load_public_key(path) for path in sorted(folder.glob("*.pub")))
+
+
+def by_fingerprint(keys: Iterable[PublicKey]) -> dict[str, PublicKey]:
+    """For looking up the key that a record names."""
+    return {key.fingerprint: key for key in keys}
+
+
+def _make(folder: Path, disk: Disk) -> None:
+    key = Ed25519PrivateKey.generate()
+    public = public_key(key.public_key())
+    private_pem = key.private_bytes(Encoding.PEM, PrivateFormat.PKCS8, NoEncryption())
+    _keep_former_public(folder, disk)
+    _put(folder / PUBLIC_FILE, public.pem, disk)
+    _put(folder / KEY_FILE, private_pem, disk)
+
+
+def _keep_former_public(folder: Path, disk: Disk) -> None:
+    former = folder / PUBLIC_FILE
+    if former.exists():  # sessions signed by a key that is gone must stay verifiable
+        disk.rename(former, folder / f"console-{load_public_key(former).fingerprint[:8]}.pub")
+
+
+def _put(path: Path, data: bytes, disk: Disk) -> None:
+    partial = path.with_name(path.name + ".partial")
+    partial.unlink(missing_ok=True)  # of an attempt that failed; it was never in use
+    handle = disk.create(partial)
+    try:
+        offset = 0
+        while offset < len(data):
+            offset += disk.write(handle, data[offset:], offset)
+        disk.sync(handle)
+    finally:
+        disk.close(handle)
+    disk.rename(partial, path)
+    disk.sync_folder(path.parent)
+
+
+def _load(path: Path) -> ConsoleKey:
+    exposed = bool(path.stat().st_mode & 0o077)
+    if exposed:
+        path.chmod(0o600)
+    try:
+        key = load_pem_private_key(path.read_bytes(), password=None)
+    except (ValueError, TypeError, UnsupportedAlgorithm) as error:
+        raise AuditError(f"The signing key {path} is damaged; restore it, or move it away for a new one.") from error
+    if not isinstance(key, Ed25519PrivateKey):
+        raise AuditError(f"The signing key {path} is no Ed25519 key; move it away for a new one.")
+    return ConsoleKey(key, public_key(key.public_key()), exposed)

@@ -1,0 +1,188 @@
+"""The manifest: a signed chain of its own that names every session file a console ever began, and how each ended.
+
+A file that was cut, replaced, removed or slipped in disagrees with it. A damaged manifest is left as it is and a
+new one begun, whose first entry says so.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import msgspec
+
+from logs.disk import Disk, is_being_written
+from logs.keys import ConsoleKey, PublicKey, by_fingerprint
+from logs.line import GENESIS, MAX_LINE
+from logs.records import Body, Entry, LogClosed, LogOpened, LogRecovered, Record
+from logs.scan import Scan, scan_file
+from logs.trail import Chain, Trail, open_logger
+
+MANIFEST_SESSION = "manifest"
+_LogEntry = LogOpened | LogClosed | LogRecovered
+_decode = msgspec.json.Decoder(Record).decode
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Moment:
+    """Both clocks and who is asking: what an entry needs beside its body."""
+
+    wall_ns: int
+    monotonic_ns: int
+    operator: str = ""
+
+    def entry(self, body: Body) -> Entry:
+        """The audit process's own word at this moment."""
+        return Entry(
+            process="audit",
+            operator=self.operator,
+            wall_ns=self.wall_ns,
+            monotonic_ns=self.monotonic_ns,
+            body=body,
+        )
+
+
+@dataclass(slots=True, kw_only=True)
+class Listing:
+    """What a manifest says of the session files beside it."""
+
+    opened: set[str] = field(default_factory=set)
+    ended: dict[str, LogClosed | LogRecovered] = field(default_factory=dict)
+    hashes: list[str] = field(default_factory=list)  # of its entries, in order
+
+    @property
+    def unfinished(self) -> list[str]:
+        """Files that were begun and of whose end nothing is known."""
+        return sorted(self.opened - self.ended.keys())
+
+
+def manifest_paths(folder: Path) -> list[Path]:
+    """The manifests of a folder, oldest first."""
+    numbered = {int(path.stem.partition("-")[2] or 1): path for path in folder.glob("manifest*.jsonl")}
+    return [numbered[number] for number in sorted(numbered)]
+
+
+def read_listings(folder: Path, keys: Mapping[str, PublicKey]) -> Listing:
+    """What the sound parts of all manifests of a folder say together."""
+    listing = Listing()
+    for path in manifest_paths(folder):
+        _read_into(listing, path, scan_file(path, keys).records)
+    return listing
+
+
+def _read_into(listing: Listing, path: Path, records: int) -> None:
+    taken = 0
+    with path.open("rb") as file:
+        while taken < records:
+            try:
+                record = _decode(file.readline(MAX_LINE))
+            except msgspec.MsgspecError:
+                continue  # a torn tail that a later entry explains
+            taken += 1
+            _note(listing, record)
+
+
+def _note(listing: Listing, record: Record) -> None:
+    listing.hashes.append(record.hash)
+    match record.body:
+        case LogOpened(file=file):
+            listing.opened.add(file)
+        case LogClosed(file=file) | LogRecovered(file=file):
+            listing.ended[file] = record.body
+
+
+def resume(path: Path, session: str, key: ConsoleKey, disk: Disk) -> tuple[Trail, Chain, Scan | None]:
+    """Open a chain for appending, or a new one. A torn tail gets a line end behind it; telling it is the caller's."""
+    if not path.exists():
+        return Trail(path, disk), Chain(session, key), None
+    scan = scan_file(path, by_fingerprint([key.public]))
+    trail = Trail(path, disk, exists=True, offset=scan.size)
+    if scan.torn_bytes:
+        trail.prepend_line_end()
+    return trail, Chain(session, key, scan.records, scan.last_hash), scan
+
+
+class Manifest:
+    """The manifest of one folder, open for the entries of this console."""
+
+    def __init__(self, folder: Path, key: ConsoleKey, disk: Disk, now: Moment) -> None:
+        self._folder = folder
+        self._key = key
+        path, damaged = _current(folder, key)
+        self.trail, self._chain, scan = resume(path, MANIFEST_SESSION, key, disk)
+        self._logger = open_logger(self.trail, self._chain)
+        self._listing = read_listings(folder, by_fingerprint([key.public]))
+        for former, former_scan in damaged:
+            self._add(_found(former.name, former_scan, key), now)
+        if scan is not None and scan.torn_bytes:
+            self._add(_found(path.name, scan, key), now)
+
+    @property
+    def entries(self) -> int:
+        """How many entries it has."""
+        return self._chain.sequence
+
+    @property
+    def head(self) -> str:
+        """Hash of the newest entry."""
+        return self._chain.previous
+
+    def recover(self, now: Moment) -> list[LogRecovered]:
+        """Record how every file was found that a crash left without an end. Returns what was recorded."""
+        found = [self._look(name) for name in self._listing.unfinished]
+        recovered = [entry for entry in found if entry is not None]
+        for entry in recovered:
+            self._add(entry, now)
+        return recovered
+
+    def opened(self, file: str, now: Moment) -> None:
+        """A session's file has been created."""
+        self._add(LogOpened(file=file, key=self._key.public.fingerprint), now)
+
+    def closed(self, file: str, records: int, last_hash: str, now: Moment) -> None:
+        """A session's file has been closed in good order."""
+        self._add(LogClosed(file=file, records=records, last_hash=last_hash, key=self._key.public.fingerprint), now)
+
+    def _add(self, body: _LogEntry, now: Moment) -> None:
+        self._logger.record(now.entry(body))
+
+    def _look(self, name: str) -> LogRecovered | None:
+        path = self._folder / name
+        if not path.exists():
+            missing = Scan(last_hash=GENESIS)
+            return _found(name, missing, self._key, "the file is missing")
+        if is_being_written(path):
+            return None
+        return _found(name, scan_file(path, by_fingerprint([self._key.public])), self._key)
+
+
+def _current(folder: Path, key: ConsoleKey) -> tuple[Path, list[tuple[Path, Scan]]]:
+    """The manifest to go on with, and the newest one before it if that is damaged and not yet replaced."""
+    paths = manifest_paths(folder)
+    if not paths:
+        return folder / "manifest.jsonl", []
+    scan = scan_file(paths[-1], by_fingerprint([key.public]))
+    if scan.fault is None or scan.is_torn:
+        return paths[-1], []
+    return folder / f"manifest-{len(paths) + 1}.jsonl", [(paths[-1], scan)]
+
+
+def _found(name: str, scan: Scan, key: ConsoleKey, text: str = "") -> LogRecovered:
+    return LogRecovered(
+        file=name,
+        records=scan.records,
+        last_hash=scan.last_hash,
+        torn_bytes=scan.torn_bytes,
+        torn_sha256=scan.torn_sha256,
+        text=text or _how(scan),
+        key=key.public.fingerprint,
+    )
+
+
+def _how(scan: Scan) -> str:
+    if scan.fault is None:
+        return f"ended without closing after {scan.records} records"
+    if scan.is_torn:
+        return f"ended without closing after {scan.records} records, with a torn tail of {scan.torn_bytes} bytes"
+    return f"damaged at line {scan.fault.line}: {scan.fault.reason}"

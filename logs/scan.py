@@ -1,0 +1,207 @@
+"""One file of chained records, read from its first byte to its last: how far the chain holds, and where it breaks."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from functools import partial
+from hashlib import sha256
+from pathlib import Path
+from typing import BinaryIO
+
+import msgspec
+from msgspec import Struct
+
+from logs.keys import PublicKey
+from logs.line import GENESIS, MAX_LINE, SEAL_LENGTH, SIGNED_KINDS, signed_message, unseal
+from logs.records import SCHEMA
+
+
+class BodyHead(Struct, frozen=True, kw_only=True):
+    """What the chain needs to know of a body."""
+
+    kind: str
+    closing: bool = False
+    key: str = ""
+    signature: str = ""
+    torn_bytes: int = 0
+    torn_sha256: str = ""
+
+
+class Head(Struct, frozen=True, kw_only=True):
+    """What the chain needs to know of a record; the rest is skipped, whichever version wrote it."""
+
+    body: BodyHead
+    previous: str
+    schema: int
+    sequence: int
+    session: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Fault:
+    """The first record that does not hold; `line` counts from 1."""
+
+    line: int
+    sequence: int | None
+    reason: str
+
+
+@dataclass(slots=True, kw_only=True)
+class Scan:
+    """What one reading of a file found."""
+
+    records: int = 0  # that hold, from the first
+    last_hash: str = GENESIS
+    session: str = ""
+    size: int = 0  # bytes read
+    fault: Fault | None = None
+    is_torn: bool = False  # the fault is a tail that a crash leaves: nothing whole stands behind it
+    torn_bytes: int = 0
+    torn_sha256: str = ""
+    explained_tears: int = 0  # torn tails that a later signed record explains
+    closed: bool = False  # ends with a closing checkpoint
+    proven: int = 0  # records covered by the newest good signature
+    signatures: int = 0
+    unknown_keys: set[str] = field(default_factory=set)
+    newer_schema: int = 0  # a schema that this program does not know
+    good_end: int = 0  # offset behind the last record that holds
+
+
+_decode = msgspec.json.Decoder(Head).decode
+
+
+def scan_file(path: Path, keys: Mapping[str, PublicKey], progress: Iterator[None] | None = None) -> Scan:
+    """Read a whole file. Raises OSError when it can't be read; judges nothing beyond the file itself."""
+    with path.open("rb") as file:
+        return scan_stream(file, keys, progress)
+
+
+def scan_stream(file: BinaryIO, keys: Mapping[str, PublicKey], progress: Iterator[None] | None = None) -> Scan:
+    """As scan_file, for anything that reads bytes. `progress` is advanced once in a while."""
+    scan = Scan()
+    tear: _Tear | None = None
+    for number, line in enumerate(iter(partial(file.readline, MAX_LINE), b""), start=1):
+        start, scan.size = scan.size, scan.size + len(line)
+        if progress is not None and number % 20_000 == 0:
+            next(progress, None)
+        if tear is None:
+            fault = _take(scan, line, number, keys)
+            if fault is None:
+                continue
+            tear = _Tear(fault, start)
+        if tear.is_explained_by(scan, line, number, keys):
+            tear = None
+        else:
+            tear.add(line)
+    if tear is not None:
+        tear.report(scan)
+    return scan
+
+
+class _Tear:
+    """The stretch behind the last good record, until a signed record explains it or the file ends."""
+
+    def __init__(self, fault: Fault, start: int) -> None:
+        self._fault = fault
+        self._start = start
+        self._hash = sha256()
+        self._size = 0
+        self._last = b""  # a tear's own last byte is the line end that was put behind it
+        self._whole_line_behind = False
+
+    def add(self, line: bytes) -> None:
+        self._hash.update(self._last)
+        self._hash.update(line[:-1])
+        self._last = line[-1:]
+        self._size += len(line)
+        parts = unseal(line)
+        if parts is not None and sha256(parts[0]).hexdigest() == parts[1]:
+            self._whole_line_behind = True
+
+    def is_explained_by(self, scan: Scan, line: bytes, number: int, keys: Mapping[str, PublicKey]) -> bool:
+        """Whether this line is the next record and its signed text tells this very stretch of bytes."""
+        if self._last != b"\n" or (head := _head(line)) is None:
+            return False
+        told = (head.body.torn_bytes, head.body.torn_sha256)
+        if head.body.kind != "log-recovered" or told != (self._size - 1, self._hash.hexdigest()):
+            return False
+        if _take(scan, line, number, keys) is not None:
+            return False
+        scan.explained_tears += 1
+        return True
+
+    def report(self, scan: Scan) -> None:
+        self._hash.update(self._last)
+        scan.fault = self._fault
+        scan.is_torn = not self._whole_line_behind
+        scan.torn_bytes = self._size
+        scan.torn_sha256 = self._hash.hexdigest()
+        scan.closed = False
+
+
+def _head(line: bytes) -> Head | None:
+    try:
+        return _decode(line)
+    except (msgspec.MsgspecError, UnicodeDecodeError):
+        return None
+
+
+def _take(scan: Scan, line: bytes, number: int, keys: Mapping[str, PublicKey]) -> Fault | None:
+    """Count one good record, or tell what is wrong with it."""
+    parts = unseal(line)
+    if parts is None:
+        return Fault(line=number, sequence=None, reason=_shapeless(line))
+    payload, claimed = parts
+    if sha256(payload).hexdigest() != claimed:
+        return Fault(line=number, sequence=None, reason="its content does not match its hash: it was changed")
+    head = _head(line)
+    if head is None:
+        return Fault(line=number, sequence=None, reason="it is sealed but no audit record")
+    reason = _out_of_chain(scan, head) or _badly_signed(scan, head, payload, keys)
+    if reason:
+        return Fault(line=number, sequence=head.sequence, reason=reason)
+    _count(scan, head, claimed)
+    return None
+
+
+def _count(scan: Scan, head: Head, digest: str) -> None:
+    scan.records += 1
+    scan.last_hash = digest
+    scan.session = head.session
+    scan.closed = head.body.closing and head.body.kind == "checkpoint"
+    scan.good_end = scan.size
+    if head.schema > SCHEMA:
+        scan.newer_schema = max(scan.newer_schema, head.schema)
+
+
+def _shapeless(line: bytes) -> str:
+    if not line.endswith(b"\n"):
+        return f"longer than {MAX_LINE} bytes" if len(line) >= MAX_LINE else f"cut off after {len(line)} bytes"
+    if len(line) <= SEAL_LENGTH:
+        return "too short for a sealed record"
+    return "not a sealed record"
+
+
+def _out_of_chain(scan: Scan, head: Head) -> str:
+    if head.sequence != scan.records:
+        return f"record {head.sequence} stands where {scan.records} is due: one was removed, added or moved"
+    if head.previous != scan.last_hash:
+        return "it does not follow the record before it: one of them was replaced"
+    if scan.records and head.session != scan.session:
+        return "it belongs to another session"
+    return ""
+
+
+def _badly_signed(scan: Scan, head: Head, payload: bytes, keys: Mapping[str, PublicKey]) -> str:
+    if head.body.kind not in SIGNED_KINDS:
+        return ""
+    key = keys.get(head.body.key)
+    if key is None:
+        scan.unknown_keys.add(head.body.key)
+        return ""
+    if not key.verifies(head.body.signature, signed_message(payload)):
+        return f"its signature is not by key {head.body.key[:8]}: it was forged or changed"
+    scan.signatures += 1
+    scan.proven = scan.records + 1
+    return ""

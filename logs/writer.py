@@ -1,0 +1,216 @@
+"""A session's trail as it is written: when it must be on the disk, when it is signed, what the manifest learns."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from logs.copies import CheckpointCopy
+from logs.disk import Disk
+from logs.keys import ConsoleKey
+from logs.manifest import Manifest, Moment
+from logs.records import (
+    Acknowledgement,
+    ActionEnd,
+    Arming,
+    Checkpoint,
+    ClockStep,
+    Command,
+    EffectChanged,
+    Entry,
+    EventCleared,
+    EventRaised,
+    Press,
+    RecordsLost,
+    Refusal,
+    Release,
+    SessionEnd,
+    SessionStart,
+    SignIn,
+    SignInFailed,
+    Stop,
+    Transition,
+)
+from logs.trail import Chain, Trail, open_logger
+
+# On the medium before anything else is taken from the queue; all others within BATCH_NS.
+AT_ONCE = (
+    SessionStart,
+    SessionEnd,
+    Command,
+    Transition,
+    EventRaised,
+    EventCleared,
+    EffectChanged,
+    Acknowledgement,
+    Stop,
+    Refusal,
+    Press,
+    Release,
+    ActionEnd,
+    Arming,
+    SignIn,
+    SignInFailed,
+    RecordsLost,
+    Checkpoint,
+)
+BATCH_NS = 50_000_000
+RETRY_NS = 100_000_000  # after the disk refused
+CHECKPOINT_RECORDS = 500  # at most so many records unsigned
+CHECKPOINT_NS = 30_000_000_000  # or so long
+CLOCK_STEP_NS = 100_000_000  # reading two clocks one after the other differs by far less
+
+
+class SessionWriter:
+    """Takes entries, chains them, and settles them on the disk by the policy above. Knows no clock."""
+
+    def __init__(self, folder: Path, session: str, key: ConsoleKey, disk: Disk, copy: CheckpointCopy) -> None:
+        self.path = _free_name(folder, session)
+        self._folder = folder
+        self._key = key
+        self._disk = disk
+        self._copy = copy
+        self._manifest: Manifest | None = None
+        self._trail = Trail(self.path, disk)
+        self._chain = Chain(session, key)
+        self._logger = open_logger(self._trail, self._chain)
+        self._urgent = False
+        self._oldest_ns = 0  # monotonic, of what waits
+        self._tried_ns = 0
+        self._checkpoint_at = 0  # sequence of the newest checkpoint
+        self._checkpoint_ns = 0
+        self._clock_offset_ns: int | None = None
+        self._told_closed = False
+        self._unsent: list[bytes] = []  # checkpoints for the second place, once they have settled
+
+    @property
+    def fault(self) -> str:
+        """One sentence while the disk refuses."""
+        return self._trail.fault or (self._manifest.trail.fault if self._manifest else "")
+
+    @property
+    def copy_fault(self) -> str:
+        """One sentence while the second place can't be reached."""
+        return self._copy.fault
+
+    @property
+    def written(self) -> int:
+        """Records on the medium."""
+        return self._trail.settled_records
+
+    @property
+    def waiting(self) -> int:
+        """Records queued and not on the medium."""
+        return self._trail.waiting_records
+
+    @property
+    def is_full(self) -> bool:
+        """Whether nothing more should be handed over until the disk answers."""
+        return self._trail.is_full
+
+    def begin(self, start: SessionStart, now: Moment) -> list[str]:
+        """Create the file, tell the manifest, write the first record. Returns what was found of earlier crashes.
+
+        Raises OSError when an earlier file can't even be read; a disk that can't be written becomes `fault`.
+        """
+        self._manifest = Manifest(self._folder, self._key, self._disk, now)
+        found = [f"{entry.file}: {entry.text}" for entry in self._manifest.recover(now)]
+        self._manifest.opened(self.path.name, now)
+        self._append(now.entry(_with_history(start, self._manifest)))
+        self.settle(now.monotonic_ns)
+        return found
+
+    def take(self, entry: Entry) -> None:
+        """Chain one entry and queue it; a stepped clock and a due checkpoint are recorded beside it."""
+        self._watch_clock(entry)
+        self._append(entry)
+        due = self._chain.sequence - self._checkpoint_at >= CHECKPOINT_RECORDS
+        late = entry.monotonic_ns - self._checkpoint_ns >= CHECKPOINT_NS
+        if due or late or isinstance(entry.body, Stop):
+            self._checkpoint(_moment(entry))
+
+    def settle_when_due(self, monotonic_ns: int) -> bool:
+        """Settle if the policy says now; False while the disk refuses."""
+        if self.fault:
+            return monotonic_ns - self._tried_ns < RETRY_NS or self.settle(monotonic_ns)
+        if self.waiting and (self._urgent or monotonic_ns - self._oldest_ns >= BATCH_NS):
+            return self.settle(monotonic_ns)
+        return True
+
+    def settle(self, monotonic_ns: int) -> bool:
+        """Bring everything to the medium now; False when the disk refuses."""
+        self._tried_ns = monotonic_ns
+        # The file exists before the manifest names it, and is named before it holds anything: a crash between
+        # any two leaves a state that can be told from a file removed or slipped in.
+        named = self._manifest is None or (self._trail.create() and self._manifest.trail.settle())
+        good = named and self._trail.settle()
+        if good:
+            self._urgent = False
+            for line in self._unsent:
+                self._copy.put(self.path.name, line)
+            self._unsent.clear()
+        return good
+
+    def end(self, reason: str, now: Moment) -> bool:
+        """Write the last record, sign it all, tell the manifest; False when the disk refuses: `finish` again then."""
+        self._append(now.entry(SessionEnd(reason=reason)))
+        self._checkpoint(now, closing=True)
+        return self.settle(now.monotonic_ns)
+
+    def finish(self, now: Moment) -> bool:
+        """Once everything has settled, the manifest's word that the file is whole. False while the disk refuses."""
+        if self._manifest is None or not self.settle(now.monotonic_ns):
+            return False
+        if not self._told_closed:
+            self._manifest.closed(self.path.name, self._chain.sequence, self._chain.previous, now)
+            self._told_closed = True
+        return self._manifest.trail.settle()
+
+    def close(self) -> None:
+        """Release the files."""
+        self._trail.close()
+        if self._manifest is not None:
+            self._manifest.trail.close()
+        self._copy.close()
+
+    def _append(self, entry: Entry) -> None:
+        if not self.waiting:
+            self._oldest_ns = entry.monotonic_ns
+        self._urgent = self._urgent or isinstance(entry.body, AT_ONCE)
+        self._logger.record(entry)
+
+    def _checkpoint(self, now: Moment, *, closing: bool = False) -> None:
+        key = self._key.public.fingerprint
+        self._append(now.entry(Checkpoint(records=self._chain.sequence, closing=closing, key=key)))
+        self._unsent.append(self._trail.newest_line)
+        self._checkpoint_at = self._chain.sequence
+        self._checkpoint_ns = now.monotonic_ns
+
+    def _watch_clock(self, entry: Entry) -> None:
+        offset = entry.wall_ns - entry.monotonic_ns
+        before, self._clock_offset_ns = self._clock_offset_ns, offset
+        if before is not None and abs(offset - before) > CLOCK_STEP_NS:
+            self._append(_moment(entry).entry(ClockStep(step_s=(offset - before) / 1e9)))
+
+
+def _moment(entry: Entry) -> Moment:
+    return Moment(wall_ns=entry.wall_ns, monotonic_ns=entry.monotonic_ns, operator=entry.operator)
+
+
+def _with_history(start: SessionStart, manifest: Manifest) -> SessionStart:
+    return SessionStart(
+        versions=start.versions,
+        configuration=start.configuration,
+        simulated=start.simulated,
+        role=start.role,
+        history_entries=manifest.entries,
+        history_hash=manifest.head,
+    )
+
+
+def _free_name(folder: Path, session: str) -> Path:
+    """A session whose audit process had to be started again goes on in a file of its own."""
+    path, part = folder / f"{session}.jsonl", 1
+    while path.exists():
+        part += 1
+        path = folder / f"{session}-{part}.jsonl"
+    return path
