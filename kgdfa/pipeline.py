@@ -1,16 +1,21 @@
-"""The chain of the paper, one pure stage after the other: picture in, report out."""
+"""The chain of the paper, one stage after the other: picture in, report out."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from kgdfa.button import ButtonState
-from kgdfa.distance import Distance
+from kgdfa.button import ButtonInput, ButtonMode, ButtonPlace, ButtonState, advance
+from kgdfa.distance import Distance, RangeFinder
 from kgdfa.hand import Gesture, Hand
-from kgdfa.verdict import Verdict
+from kgdfa.images import Image, as_bgr8
+from kgdfa.track import Track, follow
+from kgdfa.verdict import RuleSet, Verdict
+from kgdfa.vote import Vote, cast
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -36,3 +41,110 @@ class Report:
     depth_distance: Distance | None
     button: ButtonState
     depth_button: ButtonState | None = None
+    contested: bool = False  # two hands claim the command: neither has it
+
+
+class Detector(Protocol):
+    """Finds hands in a picture, the tracked one first: `keypoints.HandDetector`, or a fake of ours."""
+
+    def detect(self, image_bgr: Image, captured_ns: int) -> tuple[Hand, ...]:
+        """The hands in one picture; () when there is none."""
+        ...
+
+
+class DepthFinder(Protocol):
+    """Measures distance on a depth map, falling back on the monocular one where the map has nothing."""
+
+    def measure(
+        self, depth_m: NDArray[np.float32], hand: Hand, monocular: Distance | None, captured_ns: int
+    ) -> Distance | None:
+        """The distance now, or None."""
+        ...
+
+    def reset(self) -> None:
+        """Forget the past: another hand, or a gap."""
+        ...
+
+
+Prepare = Callable[[NDArray[np.uint8]], Image]
+
+
+class Pipeline:
+    """The stages in order, and what each must remember from one frame to the next."""
+
+    def __init__(
+        self,
+        *,
+        detector: Detector,
+        rules: RuleSet,
+        range_finder: RangeFinder,
+        place: ButtonPlace,
+        mode: ButtonMode = ButtonMode.ROBUST,
+        prepare: Prepare | None = None,
+        depth_finder: DepthFinder | None = None,
+    ) -> None:
+        self._detector = detector
+        self._rules = rules
+        self._range_finder = range_finder
+        self._depth_finder = depth_finder
+        self._place = place
+        self._mode = mode
+        self._prepare = prepare or as_bgr8
+        self._track = Track()
+        self._vote = Vote()
+        self._button = ButtonState()
+        self._depth_button: ButtonState | None = None
+
+    def process(self, picture: Picture) -> Report:
+        """One frame through the chain. Raises KgdfaError for a picture that can't be read."""
+        now_ns = picture.captured_ns
+        image = self._prepare(picture.image_bgr)
+        hand = self._follow(self._detector.detect(image, now_ns))
+        verdict = self._rules.judge(hand) if hand else None
+        self._vote = cast(self._vote, verdict, now_ns)
+        distance = self._range_finder.measure(hand, now_ns) if hand else None
+        self._button = self._press(self._button, hand, distance, now_ns)
+        depth_distance = self._measure_depth(picture, hand, distance)
+        return Report(
+            captured_ns=now_ns,
+            hand=hand,
+            verdict=verdict,
+            gesture=self._vote.gesture,
+            recognised_ns=self._vote.recognised_ns,
+            votes=self._vote.count,
+            distance=distance,
+            depth_distance=depth_distance,
+            button=self._button,
+            depth_button=self._depth_button,
+            contested=self._track.contested,
+        )
+
+    def _follow(self, hands: tuple[Hand, ...]) -> Hand | None:
+        """The commanding hand; another one inherits neither votes nor a steadied distance."""
+        before = self._track.number
+        self._track = follow(self._track, hands)
+        if self._track.number != before:
+            self._vote = Vote()
+            self._range_finder.reset()
+            if self._depth_finder is not None:
+                self._depth_finder.reset()
+        return self._track.hand
+
+    def _press(self, button: ButtonState, hand: Hand | None, distance: Distance | None, now_ns: int) -> ButtonState:
+        seen = ButtonInput(
+            captured_ns=now_ns,
+            gesture=self._vote.gesture,
+            recognised_ns=self._vote.recognised_ns,
+            distance_m=distance.safe_m if distance else None,
+            box=hand.bounding_box if hand else None,
+        )
+        return advance(button, seen, self._place, self._mode)
+
+    def _measure_depth(self, picture: Picture, hand: Hand | None, monocular: Distance | None) -> Distance | None:
+        """The depth camera's own distance and button, beside the monocular ones; nothing without a depth map."""
+        if picture.depth_m is None or self._depth_finder is None:
+            return None
+        now_ns = picture.captured_ns
+        seen = self._depth_finder.measure(picture.depth_m, hand, monocular, now_ns) if hand else None
+        self._depth_button = self._press(self._depth_button or ButtonState(), hand, seen, now_ns)
+        return seen

@@ -26,10 +26,11 @@ class Track:
 
 def follow(track: Track, hands: tuple[Hand, ...]) -> Track:
     """The track after one frame. A new hand is taken only when none is followed and none claims as well."""
-    if track.last is not None:
-        near = [hand for hand in hands if _reach(hand, track.last) <= REACH_ANCHORS * (1 + track.lost)]
+    last = track.last
+    if last is not None:
+        near = [hand for hand in hands if _reach(hand, last) <= REACH_ANCHORS * (1 + track.lost)]
         if near:
-            hand = min(near, key=lambda candidate: _reach(candidate, track.last or candidate))
+            hand = min(near, key=lambda candidate: _reach(candidate, last))
             return replace(track, hand=hand, last=hand, lost=0, contested=False)
         if track.lost < LOST_FRAMES:
             return replace(track, hand=None, lost=track.lost + 1)
