@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import partial
 from hashlib import sha256
@@ -15,6 +15,9 @@ from msgspec import Struct
 from logs.keys import PublicKey
 from logs.line import GENESIS, MAX_LINE, SEAL_LENGTH, SIGNED_KINDS, signed_message, unseal
 from logs.records import SCHEMA
+
+Progress = Callable[[int], None]
+_PROGRESS_LINES = 20_000
 
 
 class BodyHead(Struct, frozen=True, kw_only=True):
@@ -57,6 +60,7 @@ class Scan:
     size: int = 0  # bytes read
     fault: Fault | None = None
     is_torn: bool = False  # the fault is a tail that a crash leaves: nothing whole stands behind it
+    fault_is_sealed: bool = False  # the first bad line has at least a sealed record's shape
     torn_bytes: int = 0
     torn_sha256: str = ""
     explained_tears: int = 0  # torn tails that a later signed record explains
@@ -71,25 +75,26 @@ class Scan:
 _decode = msgspec.json.Decoder(Head).decode
 
 
-def scan_file(path: Path, keys: Mapping[str, PublicKey], progress: Iterator[None] | None = None) -> Scan:
+def scan_file(path: Path, keys: Mapping[str, PublicKey], progress: Progress | None = None) -> Scan:
     """Read a whole file. Raises OSError when it can't be read; judges nothing beyond the file itself."""
     with path.open("rb") as file:
         return scan_stream(file, keys, progress)
 
 
-def scan_stream(file: BinaryIO, keys: Mapping[str, PublicKey], progress: Iterator[None] | None = None) -> Scan:
-    """As scan_file, for anything that reads bytes. `progress` is advanced once in a while."""
+def scan_stream(file: BinaryIO, keys: Mapping[str, PublicKey], progress: Progress | None = None) -> Scan:
+    """As scan_file, for anything that reads bytes. `progress` is told the bytes read so far, now and then."""
     scan = Scan()
     tear: _Tear | None = None
     for number, line in enumerate(iter(partial(file.readline, MAX_LINE), b""), start=1):
-        start, scan.size = scan.size, scan.size + len(line)
-        if progress is not None and number % 20_000 == 0:
-            next(progress, None)
+        scan.size += len(line)
+        if progress is not None and number % _PROGRESS_LINES == 0:
+            progress(scan.size)
         if tear is None:
             fault = _take(scan, line, number, keys)
             if fault is None:
                 continue
-            tear = _Tear(fault, start)
+            tear = _Tear(fault)
+            scan.fault_is_sealed = unseal(line) is not None
         if tear.is_explained_by(scan, line, number, keys):
             tear = None
         else:
@@ -102,9 +107,8 @@ def scan_stream(file: BinaryIO, keys: Mapping[str, PublicKey], progress: Iterato
 class _Tear:
     """The stretch behind the last good record, until a signed record explains it or the file ends."""
 
-    def __init__(self, fault: Fault, start: int) -> None:
+    def __init__(self, fault: Fault) -> None:
         self._fault = fault
-        self._start = start
         self._hash = sha256()
         self._size = 0
         self._last = b""  # a tear's own last byte is the line end that was put behind it
