@@ -1,0 +1,66 @@
+"""What every screen of the console has: translated footer, STOP bar, the same breakpoints."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, ClassVar, Generic, TypeVar, cast
+
+from textual.app import ComposeResult
+from textual.binding import ActiveBinding, BindingType
+from textual.screen import ModalScreen, Screen
+from textual.widgets import Footer
+
+from app.console.language import tr
+from app.console.session.state import SessionState
+from app.console.stop_bar import StopBar
+
+if TYPE_CHECKING:
+    from app.console.app import ConsoleApp
+
+T = TypeVar("T")
+
+
+class _Console(Screen[T], Generic[T]):
+    """Common ground of screens and dialogs."""
+
+    HELP_PAGE = ""  # name of the contextual help in the language files
+
+    @property
+    def console_app(self) -> ConsoleApp:
+        """The application, by its own type."""
+        return cast("ConsoleApp", self.app)
+
+    @property
+    def active_bindings(self) -> dict[str, ActiveBinding]:
+        """The keys in force, described in the therapist's language."""
+        return {
+            key: active._replace(
+                binding=replace(active.binding, description=tr(active.binding.description)),
+                tooltip=tr(active.tooltip) if active.tooltip else "",
+            )
+            for key, active in super().active_bindings.items()
+        }
+
+    def show_session(self, state: SessionState | None) -> None:
+        """Take the session's newest state, twenty times a second; None: no session."""
+        for stop_bar in self.query(StopBar):
+            stop_bar.show(None if state is None else state.effect)
+
+    def compose_bottom(self) -> ComposeResult:
+        """The STOP bar and the keys."""
+        yield StopBar(self.console_app.switch)
+        yield Footer(show_command_palette=False)
+
+
+class ConsoleScreen(_Console[None]):
+    """A screen of the console."""
+
+
+class Dialog(_Console[T], ModalScreen[T]):
+    """A question over a screen; STOP works through it."""
+
+    BINDINGS: ClassVar[list[BindingType]] = [("escape", "cancel", "bind.cancel")]
+
+    def action_cancel(self) -> None:
+        """Close without an answer."""
+        self.dismiss(None)

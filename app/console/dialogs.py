@@ -1,0 +1,140 @@
+"""Small dialogs: a question with two answers, a page of help, the therapist's twelve actions."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+from textual import events
+from textual.app import ComposeResult
+from textual.binding import BindingType
+from textual.containers import Horizontal, Vertical, VerticalScroll
+from textual.content import Content
+from textual.widgets import Button, Markdown, OptionList, Static
+from textual.widgets.option_list import Option
+
+from app.console.base import Dialog
+from app.console.keys import GESTURE_KEYS
+from app.console.language import tr
+from app.console.session.panel import Lines
+from app.console.session.state import SessionState
+from app.console.session.words import FINGERS, action_name
+from app.control.states import ACTION_OF, GESTURE_OF, Action
+
+
+class Question(Dialog[bool]):
+    """Asks; only `y` or its button says yes."""
+
+    BINDINGS: ClassVar[list[BindingType]] = [
+        ("y", "answer(True)", "bind.yes"),
+        ("n", "answer(False)", "bind.no"),
+    ]
+
+    def __init__(self, title: str, words: str, *, yes: str = "", no: str = "") -> None:
+        super().__init__()
+        self._title = title
+        self._words = words
+        self._yes = yes or tr("dialog.yes")
+        self._no = no or tr("dialog.no")
+
+    def compose(self) -> ComposeResult:
+        with Vertical(classes="dialog") as box:
+            box.border_title = self._title
+            with VerticalScroll(classes="dialog-text", can_focus=False):
+                yield Static(self._words, markup=False)
+            with Horizontal(classes="dialog-buttons"):
+                yield Button(f"{self._no} (n)", id="no")
+                yield Button(f"{self._yes} (y)", id="yes", variant="primary")
+        yield from self.compose_bottom()
+
+    def on_button_pressed(self, event: Button.Pressed) -> None:
+        self.dismiss(event.button.id == "yes")
+
+    def action_answer(self, yes: bool) -> None:
+        """Answer by key."""
+        self.dismiss(yes)
+
+
+class HelpPage(Dialog[None]):
+    """One page of contextual help, and the keys of the screen below."""
+
+    BINDINGS: ClassVar[list[BindingType]] = [("f1", "cancel", "bind.cancel")]
+
+    def __init__(self, markdown: str) -> None:
+        super().__init__()
+        self._markdown = markdown
+
+    def compose(self) -> ComposeResult:
+        with VerticalScroll(classes="dialog page") as box:
+            box.border_title = tr("help.title")
+            yield Markdown(self._markdown)
+        yield from self.compose_bottom()
+
+
+class TherapistAct(Dialog[Action]):
+    """The twelve actions by key; those that the machine allows now stand out."""
+
+    def __init__(self, allowed: tuple[Action, ...]) -> None:
+        super().__init__()
+        self._allowed = allowed
+
+    def compose(self) -> ComposeResult:
+        with Vertical(classes="dialog") as box:
+            box.border_title = tr("act.title")
+            yield Static(tr("act.words"), markup=False)
+            yield OptionList(*self._options())
+        yield from self.compose_bottom()
+
+    def show_session(self, state: SessionState | None) -> None:
+        super().show_session(state)
+        allowed = state.snapshot.allowed if state is not None and state.snapshot is not None else ()
+        if allowed != self._allowed:
+            self._allowed = allowed
+            options = self.query_one(OptionList)
+            at = options.highlighted
+            options.clear_options()
+            options.add_options(self._options())
+            options.highlighted = at
+
+    def on_key(self, event: events.Key) -> None:
+        if event.key in GESTURE_KEYS:
+            event.stop()
+            self.dismiss(ACTION_OF[GESTURE_KEYS[event.key]])
+
+    def on_option_list_option_selected(self, event: OptionList.OptionSelected) -> None:
+        self.dismiss(Action[str(event.option_id)])
+
+    def _options(self) -> list[Option]:
+        return [Option(self._describe(action), id=action.name) for action in Action]
+
+    def _describe(self, action: Action) -> Content:
+        gesture = GESTURE_OF[action]
+        allowed = action in self._allowed
+        return Content.assemble(
+            (f" {gesture.value[0]}  ", "bold"),
+            (f"{FINGERS[gesture]}  ", ""),
+            (action_name(action), "bold $success" if allowed else "$text-muted"),
+            ("" if allowed else f"  {tr('act.not_now')}", "$text-muted"),
+        )
+
+
+class Lists(Dialog[None]):
+    """Lines that keep themselves up to date: the checks, the events."""
+
+    def __init__(self, title: str, words: str = "") -> None:
+        super().__init__()
+        self._title = title
+        self._words = words
+        self._lines: Lines = ()
+
+    def compose(self) -> ComposeResult:
+        with VerticalScroll(classes="dialog") as box:
+            box.border_title = self._title
+            yield Static(self._words, markup=False, id="words")
+            yield Static(id="lines")
+        yield from self.compose_bottom()
+
+    def show_list(self, lines: Lines) -> None:
+        """Show these lines."""
+        if lines != self._lines:
+            self._lines = lines
+            self.query_one("#lines", Static).update(Content("\n").join(Content.assemble(*line) for line in lines))

@@ -1,0 +1,52 @@
+"""The next step in a sentence: what the therapist does now, so that nobody needs the manual."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from app.console.checks import ready
+from app.console.language import tr
+from app.console.session.panel import Lines, plain
+from app.console.session.state import SessionState
+from app.control.states import Effect, GaitState
+from app.messages import ControlSnapshot
+
+_LEGS_ASTRAY = (GaitState.UNPOWERED, GaitState.BETWEEN)
+
+
+def describe(state: SessionState, keys: dict[str, str]) -> Lines:
+    """One line; `keys` maps a key's name in the key table to how it is shown."""
+    name, style = next_step(state)
+    return (plain(f"▶ {tr(f'guide.{name}', **keys)}", style),)
+
+
+def next_step(state: SessionState) -> tuple[str, str]:
+    """Name of the words, and their style: the first row that applies."""
+    for applies, name, style in _STEPS:
+        if applies(state, state.snapshot):
+            return name, style
+    return _hand_step(state)
+
+
+def _hand_step(state: SessionState) -> tuple[str, str]:
+    report = state.report
+    if report is not None and report.pressed:
+        return "withdraw", "bold $success"
+    if report is not None and report.gesture is not None:
+        return "push", "bold $primary"
+    return "sign", "$primary"
+
+
+_Applies = Callable[[SessionState, ControlSnapshot | None], bool]
+_STEPS: tuple[tuple[_Applies, str, str], ...] = (
+    (lambda state, _: bool(state.fault), "failed", "bold $error"),
+    (lambda _, now: now is None, "starting", "$text-muted"),
+    (lambda state, _: not state.snapshot_fresh, "control_silent", "bold $error"),
+    (lambda _, now: now is not None and now.effect is Effect.DAMP, "damped", "bold $error"),
+    (lambda _, now: now is not None and now.effect is Effect.HOLD, "held", "bold $error"),
+    (lambda _, now: now is not None and not now.patient_confirmed, "confirm", "bold $accent"),
+    (lambda state, _: not ready(state), "checks", "bold $warning"),
+    (lambda _, now: now is not None and not now.armed, "arm", "bold $accent"),
+    (lambda _, now: now is not None and now.action is not None, "moving", "bold $accent"),
+    (lambda _, now: now is not None and now.state in _LEGS_ASTRAY, "initialise", "bold $accent"),
+)

@@ -1,0 +1,48 @@
+"""What the console needs of a session's host; `app.host.SessionHost` is the real one, tests own a small other."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Protocol
+
+from app.control.states import Action
+from app.host import Latest
+from app.messages import HandCommand, OperatorKind, PerceptionCommand
+from app.setup import SessionSetup
+
+
+class Host(Protocol):
+    """Processes and links of one session. `send` may be called from any thread."""
+
+    setup: SessionSetup
+
+    def start(self) -> None:
+        """Start the processes; may take a second."""
+        ...
+
+    def close(self) -> None:
+        """Bring the legs to rest and the processes to their end; harmless when done twice."""
+        ...
+
+    def send(self, kind: OperatorKind, action: Action | None = None, note: str = "") -> int:
+        """The operator's word to control; its sequence comes back in the snapshot."""
+        ...
+
+    def beat(self) -> None:
+        """The event loop is alive."""
+        ...
+
+    def move_hand(self, command: HandCommand) -> None:
+        """Move the digital hand."""
+        ...
+
+    def tell_perception(self, command: PerceptionCommand) -> None:
+        """Change what the picture looks like."""
+        ...
+
+    def poll(self) -> Latest:
+        """The newest of each stream, without waiting."""
+        ...
+
+
+HostFactory = Callable[[SessionSetup], Host]

@@ -1,0 +1,109 @@
+"""Every key in one table a place. `id` is what `keys` in the configuration remaps; its words are in the locales."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+
+from textual.binding import Binding
+
+from app.errors import AppError
+from app.messages import HandCommand
+from kgdfa.hand import Gesture
+
+
+def _key(id: str, key: str, action: str, *, show: bool = True, priority: bool = False) -> Binding:  # noqa: A002
+    return Binding(key, action, f"bind.{id}", show=show, priority=priority, id=id)
+
+
+EVERYWHERE = (
+    _key("stop", "space", "stop", priority=True, show=False),
+    _key("help", "f1", "help"),
+    _key("leave", "ctrl+c", "leave", priority=True, show=False),
+    _key("quit", "ctrl+q", "leave", priority=True, show=False),
+    _key("lock", "ctrl+l", "lock_console", show=False),
+    _key("theme", "f2", "next_theme", show=False),
+    _key("language", "f3", "next_language", show=False),
+)
+SESSION = (
+    _key("confirm", "c", "confirm_patient"),
+    _key("arm", "a", "toggle_armed"),
+    _key("acknowledge", "k", "acknowledge"),
+    _key("act", "t", "act"),
+    _key("torque_off", "o", "torque_off", show=False),
+    _key("checks", "s", "checks", show=False),
+    _key("compare", "v", "compare", show=False),
+    _key("pause", "z", "pause_picture", show=False),
+    _key("end", "e", "end_session"),
+)
+HAND = (
+    _key("hand.click", "enter", "hand_click"),
+    _key("hand.press", "p", "hand_press", show=False),
+    _key("hand.left", "left", "hand_move(-1,0,0)", show=False),
+    _key("hand.right", "right", "hand_move(1,0,0)", show=False),
+    _key("hand.up", "up", "hand_move(0,-1,0)", show=False),
+    _key("hand.down", "down", "hand_move(0,1,0)", show=False),
+    _key("hand.nearer", "plus,equals_sign", "hand_move(0,0,-1)", show=False),
+    _key("hand.farther", "minus", "hand_move(0,0,1)", show=False),
+    _key("hand.rest", "h", "hand_sign('rest')", show=False),
+    _key("hand.none", "n", "hand_sign('none')", show=False),
+    *(
+        _key(f"hand.{gesture.name.lower()}", gesture.value[0], f"hand_sign('{gesture.value}')", show=False)
+        for gesture in Gesture
+    ),
+)
+PATIENTS = (
+    _key("patients.begin", "enter", "begin"),
+    _key("patients.new", "n", "new"),
+    _key("patients.edit", "e", "edit"),
+    _key("patients.duplicate", "d", "duplicate", show=False),
+    _key("patients.archive", "a", "archive", show=False),
+    _key("patients.history", "h", "history"),
+    _key("patients.export", "x", "export", show=False),
+    _key("patients.import", "i", "import_profile", show=False),
+    _key("patients.training", "t", "training"),
+    _key("patients.review", "r", "review"),
+    _key("patients.search", "slash", "search"),
+)
+ALL = (*EVERYWHERE, *SESSION, *HAND, *PATIENTS)
+
+# One key asks for the gesture of an action, on the digital hand as in the therapist's dialog.
+GESTURE_KEYS: dict[str, Gesture] = {gesture.value[0]: gesture for gesture in Gesture}
+HAND_STEP_M = 0.02
+CLICK_S = 0.6  # push and draw back: quick for a person, eighteen pictures for the camera
+
+
+def check_keymap(keymap: Mapping[str, str]) -> None:
+    """Raises AppError when the configuration names a key that isn't there, or gives one key two meanings."""
+    known = {binding.id for binding in ALL}
+    for name in keymap:
+        if name not in known:
+            raise AppError(
+                f"The configuration's [keys] names {name!r}, which the console has not; "
+                f"choose from {', '.join(sorted(str(item) for item in known))}."
+            )
+    for place in ((*EVERYWHERE, *SESSION, *HAND), (*EVERYWHERE, *PATIENTS)):
+        _check_once(place, keymap)
+
+
+def keys_of(id: str, keymap: Mapping[str, str]) -> tuple[str, ...]:  # noqa: A002 - Textual's own name
+    """The keys that do what `id` names."""
+    default = next(binding.key for binding in ALL if binding.id == id)
+    return tuple(key.strip() for key in keymap.get(id, default).split(","))
+
+
+def _check_once(place: Iterable[Binding], keymap: Mapping[str, str]) -> None:
+    taken: dict[str, str] = {}
+    for binding in place:
+        assert binding.id is not None
+        for key in keys_of(binding.id, keymap):
+            if key in taken:
+                raise AppError(
+                    f"The configuration's [keys] gives {key!r} to both {taken[key]!r} and {binding.id!r}; "
+                    "change one of them."
+                )
+            taken[key] = binding.id
+
+
+def hand_move(x: int, y: int, z: int) -> HandCommand:
+    """A step of the digital hand: right, down, away from the camera."""
+    return HandCommand(move_x_m=x * HAND_STEP_M, move_y_m=y * HAND_STEP_M, move_z_m=z * HAND_STEP_M)

@@ -1,0 +1,40 @@
+"""The running session as the application holds it: host, folded state, STOP."""
+
+from __future__ import annotations
+
+import time
+
+from app.console.host_protocol import Host
+from app.console.session.state import SessionState, fold
+from app.console.stop import StopSwitch
+from app.messages import OperatorKind
+
+
+class Live:
+    """One session from start to end. `start` and `close` may take seconds: call them in a thread."""
+
+    def __init__(self, host: Host, switch: StopSwitch) -> None:
+        self.host = host
+        self._switch = switch
+        now_ns = time.monotonic_ns()
+        self.state = SessionState(setup=host.setup, started_ns=now_ns, now_ns=now_ns)
+        self.closed = False
+        switch.connect(lambda: host.send(OperatorKind.STOP))
+
+    def start(self) -> None:
+        """Start the processes."""
+        self.host.start()
+
+    def tick(self) -> SessionState:
+        """Say that the event loop lives, and take what has arrived."""
+        self.host.beat()
+        self.state = fold(self.state, self.host.poll(), time.monotonic_ns())
+        return self.state
+
+    def close(self) -> None:
+        """Bring the legs to rest and end the processes: nothing is left for STOP to do once this has begun."""
+        if self.closed:
+            return
+        self.closed = True
+        self._switch.connect(None)
+        self.host.close()

@@ -1,0 +1,1 @@
+"""The live session screen, one file a widget."""

@@ -1,0 +1,44 @@
+"""Events in force: unacknowledged ones on top, each with what it does and what to do."""
+
+from __future__ import annotations
+
+from textual.message import Message
+
+from app.console.language import tr
+from app.console.session.panel import Line, Lines, plain
+from app.console.session.state import SessionState
+from app.console.session.state_panel import StatePanel
+from app.console.session.words import EFFECT_MARKS, EFFECT_STYLES, effect_name, event_text
+from app.messages import ActiveEvent
+
+
+def describe(state: SessionState) -> Lines:
+    """One line an event, then the newest refusal."""
+    if state.snapshot is None:
+        return (plain(tr("events.waiting"), "$text-muted"),)
+    lines = tuple(_line(event, state.now_ns) for event in state.events)
+    if state.snapshot.refusal:
+        lines = (*lines, plain(tr("events.refused", reason=state.snapshot.refusal), "$warning"))
+    return lines or (plain(tr("events.none"), "$text-muted"),)
+
+
+def _line(event: ActiveEvent, now_ns: int) -> Line:
+    style = "$text-muted" if event.acknowledged else EFFECT_STYLES[event.effect]
+    seen = "✓" if event.acknowledged else EFFECT_MARKS[event.effect]
+    gone = "" if event.present else tr("events.gone")
+    age = f"{max(0, now_ns - event.since_ns) // 1_000_000_000} s"
+    return ((f"{seen} {effect_name(event.effect)} ", style), (event_text(event), ""), (f" {gone}{age}", "$text-muted"))
+
+
+class EventsPanel(StatePanel):
+    """A click asks for the acknowledgement."""
+
+    class Clicked(Message):
+        """The list was clicked."""
+
+    def show(self, state: SessionState) -> None:
+        """Draw the newest snapshot."""
+        self.show_lines(describe(state))
+
+    def on_click(self) -> None:
+        self.post_message(self.Clicked())

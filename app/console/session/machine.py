@@ -1,0 +1,84 @@
+"""The gait machine, drawn: where the legs are, what may come next, and by which gesture."""
+
+from __future__ import annotations
+
+from app.console.language import tr
+from app.console.session.panel import Line, Lines, bar, plain
+from app.console.session.state import SessionState
+from app.console.session.state_panel import StatePanel
+from app.console.session.words import FINGERS, action_name, gesture_of, state_name
+from app.control.states import GESTURE_OF, Action, GaitState
+from app.messages import ControlSnapshot
+
+G = GaitState
+A = Action
+
+# The paper's machine as rows of a drawing: states in turn, and the actions that lead from each to the next.
+_ROWS: tuple[tuple[GaitState | Action, ...], ...] = (
+    (G.UNPOWERED, A.INITIALISE, G.STANDING, A.SIT_DOWN, G.SITTING, A.STAND_UP, G.STANDING),
+    (G.STANDING, A.STEP_RIGHT_FIRST, G.RIGHT_FORWARD, A.STEP_LEFT, G.LEFT_FORWARD, A.STEP_RIGHT, G.RIGHT_FORWARD),
+    (G.RIGHT_FORWARD, A.STEP_END, G.STANDING),
+    (G.STANDING, A.WALK, G.LEFT_FORWARD, A.WALK_END, G.STANDING),
+    (G.STANDING, A.STAIR_UP, G.RIGHT_HIGH_STEP),
+    (G.STANDING, A.STAIR_DOWN, G.RIGHT_LOW_STEP),
+    (G.STANDING, A.OBSTACLE, G.RIGHT_OBSTACLE),
+)
+
+
+def describe(state: SessionState, width: int, height: int) -> Lines:
+    """The drawing where there is room for it, else what is allowed as a list."""
+    snapshot = state.snapshot
+    if snapshot is None:
+        return (plain(state.fault or tr("machine.waiting"), "bold $error" if state.fault else "$text-muted"),)
+    drawn = height >= len(_ROWS) + 2 and width >= 72
+    body = tuple(_row(row, snapshot) for row in _ROWS) if drawn else _allowed(snapshot, width, height - 1)
+    return (_now(snapshot, width), *((plain(""),) if drawn else ()), *body)
+
+
+def _now(snapshot: ControlSnapshot, width: int) -> Line:
+    head = (f" ● {state_name(snapshot.state)} ", "bold reverse $primary")
+    if snapshot.action is None:
+        return (head, ("  " + (snapshot.why_not if not snapshot.allowed else ""), "$warning"))
+    share = bar(snapshot.progress, max(6, min(20, width - 50)))
+    latched = f"  {tr('machine.pending', action=action_name(snapshot.pending))}" if snapshot.pending else ""
+    return (head, (f" ▸ {action_name(snapshot.action)} ", "bold $accent"), (share, "$accent"), (latched, "$warning"))
+
+
+def _allowed(snapshot: ControlSnapshot, width: int, height: int) -> Lines:
+    cells = [
+        f"{gesture_of(action):>4} {FINGERS[GESTURE_OF[action]]} {action_name(action)}" for action in snapshot.allowed
+    ]
+    if not cells:
+        return ()
+    columns = max(1, width // (max(map(len, cells)) + 2))
+    pitch = width // columns
+    rows = [cells[at : at + columns] for at in range(0, len(cells), columns)]
+    return tuple(plain("".join(cell.ljust(pitch) for cell in row), "$success") for row in rows[: max(1, height)])
+
+
+def _row(row: tuple[GaitState | Action, ...], snapshot: ControlSnapshot) -> Line:
+    parts: list[tuple[str, str]] = []
+    for item in row:
+        parts.append(_state(item, snapshot) if isinstance(item, GaitState) else _arrow(item, snapshot))
+    return tuple(parts)
+
+
+def _state(state: GaitState, snapshot: ControlSnapshot) -> tuple[str, str]:
+    here = state is snapshot.state
+    return (f"{'●' if here else '○'} {state_name(state)}", "bold $primary" if here else "$text-muted")
+
+
+def _arrow(action: Action, snapshot: ControlSnapshot) -> tuple[str, str]:
+    if action is snapshot.action:
+        return (f" ━━{gesture_of(action)}━▶ ", "bold $accent")
+    if action in snapshot.allowed:
+        return (f" ━━{gesture_of(action)}━▶ ", "bold $success")
+    return (f" ──{gesture_of(action)}─▷ ", "$text-muted")
+
+
+class MachinePanel(StatePanel):
+    """State, running action, allowed actions."""
+
+    def show(self, state: SessionState) -> None:
+        """Draw the newest snapshot."""
+        self.show_lines(describe(state, self.content_size.width, self.content_size.height))

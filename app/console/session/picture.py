@@ -1,0 +1,96 @@
+"""The live picture as half blocks, or as letters where the terminal has no colours."""
+
+from __future__ import annotations
+
+import numpy as np
+from rich.style import Style
+from textual.message import Message
+from textual.strip import Strip
+from textual.widget import Widget
+
+from app.console.halfblock import fit, resample, to_letters, to_strips
+from app.console.language import tr
+from app.console.session.state import SessionState
+from app.messages import Preview
+
+
+class Picture(Widget):
+    """Draws previews, never more than arrive; asks for the size it can show."""
+
+    can_focus = False
+
+    class Resized(Message):
+        """The picture can show this many pixels across."""
+
+        def __init__(self, width_px: int) -> None:
+            super().__init__()
+            self.width_px = width_px
+
+    def __init__(self, id: str | None = None) -> None:  # noqa: A002 - Textual's own name
+        super().__init__(id=id)
+        self._strips: list[Strip] = []
+        self._indent = 0
+        self._sequence = -1
+        self._said = tr("picture.waiting")
+        self.paused = False
+
+    def show(self, state: SessionState) -> None:
+        """Draw the newest preview, or say why there is none."""
+        said = self._words(state)
+        if said != self._said:
+            self._said = said
+            self.refresh()
+        preview = state.preview
+        if preview is None or self.paused or preview.sequence == self._sequence or self.size.area == 0:
+            return
+        self._sequence = preview.sequence
+        self._strips = self._draw(preview)
+        self.refresh()
+
+    def toggle_pause(self) -> bool:
+        """Freeze or go on; the chain itself never pauses."""
+        self.paused = not self.paused
+        self.set_class(self.paused, "-paused")
+        self._sequence = -1
+        return self.paused
+
+    def render_line(self, y: int) -> Strip:
+        width = self.size.width
+        background = self.rich_style
+        if self._said and (not self._strips or y == self.size.height - 1):
+            return self._message(y, width, background)
+        top = (self.size.height - len(self._strips)) // 2
+        if not 0 <= y - top < len(self._strips):
+            return Strip.blank(width, background)
+        blank = Strip.blank(self._indent, background)
+        return Strip.join([blank, self._strips[y - top]]).adjust_cell_length(width, background)
+
+    def on_resize(self) -> None:
+        self._sequence = -1
+        self._strips = []
+        self.post_message(self.Resized(max(32, min(self.size.width, self.size.height * 4))))
+
+    def _message(self, y: int, width: int, style: Style) -> Strip:
+        if y != self.size.height - 1 and y != self.size.height // 2:
+            return Strip.blank(width, style)
+        from rich.segment import Segment
+
+        return Strip([Segment(self._said[:width].center(width), style)]).adjust_cell_length(width, style)
+
+    def _words(self, state: SessionState) -> str:
+        if self.paused:
+            return tr("picture.paused")
+        if state.preview is None:
+            return tr("picture.waiting")
+        if not state.report_fresh:
+            return tr("picture.stale")
+        return ""
+
+    def _draw(self, preview: Preview) -> list[Strip]:
+        pixels = np.frombuffer(preview.rgb, np.uint8).reshape(preview.height_px, preview.width_px, 3)
+        width, height = fit(preview.width_px, preview.height_px, self.size.width, self.size.height)
+        self._indent = (self.size.width - width) // 2
+        small = resample(pixels, width, height)
+        if self.app.console.color_system is None or self.app.no_color:
+            return to_letters(small)
+        return to_strips(small)

@@ -1,0 +1,179 @@
+"""The live session: everything that matters at a glance, every order one key away."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+from textual.app import ComposeResult
+from textual.binding import BindingType
+from textual.containers import Container, Horizontal, Vertical
+
+from app.console import keys
+from app.console.base import ConsoleScreen
+from app.console.dialogs import Question, TherapistAct
+from app.console.guide import describe as describe_guide
+from app.console.language import tr
+from app.console.session.checklist import Checklist
+from app.console.session.distance import DistancePanel
+from app.console.session.events import EventsPanel
+from app.console.session.gesture import GesturePanel
+from app.console.session.health import HealthPanel
+from app.console.session.joints import JointsPanel
+from app.console.session.machine import MachinePanel
+from app.console.session.panel import Panel
+from app.console.session.picture import Picture
+from app.console.session.state import SessionState
+from app.console.session.state_panel import StatePanel
+from app.console.session.status import describe as describe_status
+from app.console.session.words import event_text
+from app.control.states import Action, Effect
+from app.messages import HandCommand, OperatorKind, PerceptionCommand
+from kgdfa.hand import Gesture
+
+PICTURE_HZ = 12.0  # half blocks at this rate cost a tenth of a core; sixels would cost a quarter
+
+
+class SessionScreen(ConsoleScreen):
+    """Draws the session's state and turns keys into orders; decides nothing itself."""
+
+    HELP_PAGE = "session"
+    BINDINGS: ClassVar[list[BindingType]] = [*keys.SESSION, *keys.HAND]
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._pressing = False
+
+    def compose(self) -> ComposeResult:
+        yield Panel(id="status")
+        with Horizontal(id="top"):
+            yield Picture(id="picture")
+            with Vertical(id="side"):
+                yield GesturePanel(id="gesture", title=tr("panel.gesture"))
+                yield DistancePanel(id="distance", title=tr("panel.distance"))
+                yield HealthPanel(id="health", title=tr("panel.health"))
+        yield Panel(id="guide")
+        with Container(id="middle"):
+            yield MachinePanel(id="machine", title=tr("panel.machine"))
+            yield EventsPanel(id="events", title=tr("panel.events"))
+        yield JointsPanel(id="joints", title=tr("panel.joints"))
+        yield from self.compose_bottom()
+
+    def show_session(self, state: SessionState | None) -> None:
+        super().show_session(state)
+        if state is None or not self.is_mounted:
+            return
+        self.query_one("#status", Panel).show_lines(describe_status(state))
+        self.query_one("#guide", Panel).show_lines(describe_guide(state, self.console_app.key_names))
+        self.query_one(Picture).show(state)
+        for panel in self.query(StatePanel):
+            panel.show(state)
+
+    def on_picture_resized(self, event: Picture.Resized) -> None:
+        """Ask perception for a picture of just the size that can be shown."""
+        self.console_app.live_host().tell_perception(
+            PerceptionCommand(preview_width_px=event.width_px, preview_hz=PICTURE_HZ)
+        )
+
+    def on_events_panel_clicked(self) -> None:
+        self.action_acknowledge()
+
+    def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:  # noqa: ARG002
+        """Keys of the digital hand exist only with a digital hand; an observer may look, not act."""
+        if action.startswith("hand_") and not self.console_app.has_digital_hand:
+            return False
+        acts = {"confirm_patient", "toggle_armed", "acknowledge", "act", "torque_off"}
+        return not (self.console_app.read_only and (action in acts or action.startswith("hand_")))
+
+    def action_confirm_patient(self) -> None:
+        """The patient before the camera is the one of the profile."""
+        profile = self.console_app.live_setup().profile
+        words = tr(
+            "confirm.words",
+            identifier=profile.identifier,
+            sex=tr(f"sex.{profile.sex.value}"),
+            stature=f"{profile.stature_m * 100:.0f}",
+            mass=f"{profile.mass_kg:.0f}",
+            note=profile.note,
+        )
+        self.app.push_screen(Question(tr("confirm.title"), words), self._confirmed)
+
+    def action_toggle_armed(self) -> None:
+        """Arm or disarm gestures."""
+        state = self.console_app.live_state()
+        armed = state is not None and state.snapshot is not None and state.snapshot.armed
+        self._send(OperatorKind.DISARM if armed else OperatorKind.ARM)
+
+    def action_acknowledge(self) -> None:
+        """Ask before an event is acknowledged: leaving a stop takes two deliberate keys."""
+        state = self.console_app.live_state()
+        waiting = [event for event in state.events if not event.acknowledged] if state else []
+        if not waiting:
+            self.notify(tr("acknowledge.nothing"))
+            return
+        words = "\n".join(f"• {event_text(event)}" for event in waiting)
+        self.app.push_screen(
+            Question(tr("acknowledge.title"), f"{words}\n\n{tr('acknowledge.words')}"), self._acknowledged
+        )
+
+    def action_act(self) -> None:
+        """One of the twelve actions, by the therapist's key."""
+        state = self.console_app.live_state()
+        allowed = state.snapshot.allowed if state is not None and state.snapshot is not None else ()
+        self.app.push_screen(TherapistAct(allowed), self._chosen)
+
+    def action_torque_off(self) -> None:
+        """After a damping: the joints off, on the operator's word."""
+        state = self.console_app.live_state()
+        if state is None or state.effect is not Effect.DAMP:
+            self.notify(tr("torque_off.only_damped"), severity="warning")
+            return
+        self.app.push_screen(Question(tr("torque_off.title"), tr("torque_off.words")), self._torque_off)
+
+    def action_checks(self) -> None:
+        """Show the checks."""
+        self.app.push_screen(Checklist())
+
+    def action_pause_picture(self) -> None:
+        """Freeze the picture on the screen only."""
+        self.query_one(Picture).toggle_pause()
+
+    async def action_end_session(self) -> None:
+        """End the session, after asking while drives are powered."""
+        await self.console_app.end_session_asking()
+
+    def action_hand_sign(self, sign: str) -> None:
+        """The digital hand shows a gesture, rests, or leaves."""
+        gesture = HandCommand(gesture="rest" if sign == "rest" else "none") if sign in ("rest", "none") else None
+        self.console_app.live_host().move_hand(gesture or HandCommand(gesture=Gesture(sign)))
+
+    def action_hand_click(self) -> None:
+        """Push to the camera and draw back."""
+        self.console_app.live_host().move_hand(HandCommand(click_s=keys.CLICK_S))
+
+    def action_hand_press(self) -> None:
+        """Push and stay, or draw back."""
+        self._pressing = not self._pressing
+        self.console_app.live_host().move_hand(HandCommand(press=self._pressing))
+
+    def action_hand_move(self, x: int, y: int, z: int) -> None:
+        """Move the digital hand a step."""
+        self.console_app.live_host().move_hand(keys.hand_move(x, y, z))
+
+    def _send(self, kind: OperatorKind, action: Action | None = None) -> None:
+        self.console_app.live_host().send(kind, action)
+
+    def _confirmed(self, yes: bool | None) -> None:
+        if yes:
+            self._send(OperatorKind.CONFIRM_PATIENT)
+
+    def _acknowledged(self, yes: bool | None) -> None:
+        if yes:
+            self._send(OperatorKind.ACKNOWLEDGE)
+
+    def _torque_off(self, yes: bool | None) -> None:
+        if yes:
+            self._send(OperatorKind.TORQUE_OFF)
+
+    def _chosen(self, action: Action | None) -> None:
+        if action is not None:
+            self._send(OperatorKind.ACT, action)

@@ -1,0 +1,70 @@
+"""What the console knows of the running session: the newest of each stream, folded from what arrives."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from app.control.states import Effect
+from app.host import Latest, ProcessStatus
+from app.messages import ActiveEvent, AuditHealth, ControlSnapshot, Preview, TriggerReport
+from app.processes import SNAPSHOT, TRIGGER
+from app.setup import SessionSetup
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SessionState:
+    """Everything the session's widgets draw from; time is the console's monotonic clock at the last fold."""
+
+    setup: SessionSetup
+    started_ns: int
+    now_ns: int
+    snapshot: ControlSnapshot | None = None
+    report: TriggerReport | None = None
+    preview: Preview | None = None
+    audit: AuditHealth | None = None
+    processes: tuple[ProcessStatus, ...] = ()
+    fault: str = ""  # why the session could not start
+
+    @property
+    def snapshot_fresh(self) -> bool:
+        """Whether control has spoken lately."""
+        return self.snapshot is not None and self.now_ns - self.snapshot.at_ns < SNAPSHOT.stale_ms * 1e6
+
+    @property
+    def report_fresh(self) -> bool:
+        """Whether perception has spoken lately of a recent picture."""
+        return self.report is not None and self.now_ns - self.report.sent_ns < TRIGGER.stale_ms * 1e6
+
+    @property
+    def effect(self) -> Effect | None:
+        """The strongest effect in force; None before control has spoken."""
+        return None if self.snapshot is None else self.snapshot.effect
+
+    @property
+    def events(self) -> tuple[ActiveEvent, ...]:
+        """Unacknowledged ones first, the strongest of them on top, then the newest."""
+        found = () if self.snapshot is None else self.snapshot.events
+        return tuple(sorted(found, key=lambda event: (event.acknowledged, -event.effect, -event.since_ns)))
+
+    @property
+    def moving(self) -> bool:
+        """Whether legs move, or control's silence leaves it open."""
+        return self.snapshot is None or self.snapshot.action is not None or not self.snapshot_fresh
+
+    @property
+    def elapsed_s(self) -> float:
+        """Since the session began."""
+        return (self.now_ns - self.started_ns) / 1e9
+
+
+def fold(state: SessionState, latest: Latest, now_ns: int) -> SessionState:
+    """The state after a look at the streams; what did not arrive stays."""
+    return replace(
+        state,
+        now_ns=now_ns,
+        snapshot=latest.snapshot or state.snapshot,
+        report=latest.report or state.report,
+        preview=latest.preview or state.preview,
+        audit=latest.audit or state.audit,
+        processes=latest.processes,
+    )

@@ -1,0 +1,32 @@
+"""The line on top: patient, operator, hardware or simulation, armed or not, state."""
+
+from __future__ import annotations
+
+from app.console.language import tr
+from app.console.session.panel import Lines
+from app.console.session.state import SessionState
+from app.console.session.words import EFFECT_STYLES, effect_name, state_name
+from app.control.states import Effect
+
+
+def describe(state: SessionState) -> Lines:
+    """One line."""
+    snapshot, config = state.snapshot, state.setup.config
+    parts = [
+        (f" {state.setup.profile.identifier} ", "bold reverse $primary"),
+        (f" {tr(f'camera.{config.camera.kind}')} · {tr(f'joints.{config.joints.kind}')} ", "$text-muted"),
+    ]
+    if snapshot is None:
+        return ((*parts, (tr("status.starting"), "$text-muted")),)
+    armed = (f" {tr('status.armed')} ", "bold reverse $success")
+    unarmed = (f" {tr('status.not_armed')} ", "reverse $warning")
+    parts.append(armed if snapshot.armed else unarmed)
+    parts.append((f" {state_name(snapshot.state)} ", "bold"))
+    if snapshot.effect >= Effect.HOLD:
+        parts.append((f" {effect_name(snapshot.effect).upper()} ", EFFECT_STYLES[Effect.DAMP]))
+    if not state.snapshot_fresh:
+        parts.append((f" {tr('status.silent')} ", EFFECT_STYLES[Effect.DAMP]))
+    if snapshot.stop_seen_ns and snapshot.stop_command_ns:
+        took_ms = (snapshot.stop_command_ns - snapshot.stop_seen_ns) / 1e6
+        parts.append((f" {tr('status.stop_took', ms=f'{took_ms:.0f}')}", "$text-muted"))
+    return (tuple(parts),)

@@ -1,0 +1,170 @@
+"""A host we own: no processes, a control that knows just enough manners to test screens with."""
+
+from __future__ import annotations
+
+import os
+import time
+from dataclasses import dataclass, field
+
+from app.control.states import ACTION_OF, Action, Effect, GaitState
+from app.host import Latest, ProcessStatus
+from app.messages import (
+    ActiveEvent,
+    AuditHealth,
+    ControlSnapshot,
+    HandCommand,
+    JointSnapshot,
+    OperatorKind,
+    PerceptionCommand,
+    Preview,
+    RealTime,
+    TriggerReport,
+)
+from app.setup import SessionSetup
+from kgdfa.hand import Gesture
+
+ALLOWED_STANDING = (
+    Action.STEP_RIGHT_FIRST,
+    Action.WALK,
+    Action.STAIR_UP,
+    Action.STAIR_DOWN,
+    Action.OBSTACLE,
+    Action.SIT_DOWN,
+)
+JOINT = JointSnapshot(angle_rad=0.1, target_rad=0.12, speed_rad_s=0.0, torque_nm=3.2, temperature_c=31.0, age_ms=2.0)
+
+
+def gradient(width_px: int = 96, height_px: int = 54) -> Preview:
+    """A picture whose colours tell where each pixel came from."""
+    rows = [bytes((x * 255 // width_px, y * 255 // height_px, 96)) for y in range(height_px) for x in range(width_px)]
+    return Preview(sequence=1, captured_ns=0, width_px=width_px, height_px=height_px, rgb=b"".join(rows))
+
+
+@dataclass
+class FakeHost:
+    """Answers orders the way control does, at once."""
+
+    setup: SessionSetup
+    sent: list[tuple[OperatorKind, Action | None]] = field(default_factory=list)
+    hands: list[HandCommand] = field(default_factory=list)
+    told: list[PerceptionCommand] = field(default_factory=list)
+    started: bool = False
+    closed: bool = False
+    beats: int = 0
+    state: GaitState = GaitState.UNPOWERED
+    effect: Effect = Effect.NOTE
+    armed: bool = False
+    confirmed: bool = False
+    gesture: Gesture | None = None
+    pressed: bool = False
+    events: tuple[ActiveEvent, ...] = ()
+    camera_fault: str = ""
+    silent: bool = False
+
+    def start(self) -> None:
+        self.started = True
+
+    def close(self) -> None:
+        self.closed = True
+
+    def send(self, kind: OperatorKind, action: Action | None = None, note: str = "") -> int:
+        self.sent.append((kind, action))
+        match kind:
+            case OperatorKind.STOP:
+                self._stop()
+            case OperatorKind.ACKNOWLEDGE:
+                self._acknowledge()
+            case OperatorKind.ARM | OperatorKind.DISARM:
+                self.armed = kind is OperatorKind.ARM
+            case OperatorKind.CONFIRM_PATIENT:
+                self.confirmed = True
+        if kind is OperatorKind.ACT and action is Action.INITIALISE:
+            self.state = GaitState.STANDING
+        return len(self.sent)
+
+    def beat(self) -> None:
+        self.beats += 1
+
+    def move_hand(self, command: HandCommand) -> None:
+        self.hands.append(command)
+        if isinstance(command.gesture, Gesture):
+            self.gesture = command.gesture
+
+    def tell_perception(self, command: PerceptionCommand) -> None:
+        self.told.append(command)
+
+    def poll(self) -> Latest:
+        now_ns = time.monotonic_ns()
+        if self.silent or not self.started:
+            return Latest(snapshot=None, report=None, preview=None, audit=None, processes=self._processes())
+        return Latest(
+            snapshot=self._snapshot(now_ns),
+            report=self._report(now_ns),
+            preview=gradient(),
+            audit=AuditHealth(at_ns=now_ns, written=1, waiting=0),
+            processes=self._processes(),
+        )
+
+    def kinds(self) -> list[OperatorKind]:
+        """The orders that came, without their actions."""
+        return [kind for kind, _ in self.sent]
+
+    def _stop(self) -> None:
+        self.effect = Effect.HOLD if self.effect < Effect.HOLD else Effect.DAMP
+        self.state = GaitState.BETWEEN
+        self.armed = False
+        self.events = (event("stop", self.effect, "STOP: the legs are held. Acknowledge, then gesture 0."),)
+
+    def _acknowledge(self) -> None:
+        self.effect, self.events = Effect.NOTE, ()
+
+    def _processes(self) -> tuple[ProcessStatus, ...]:
+        names = ("audit", "guardian", "planner", "control", "perception")
+        return tuple(
+            ProcessStatus(name=name, pid=os.getpid(), alive=self.started, restarts=0, exit_code=None) for name in names
+        )
+
+    def _snapshot(self, now_ns: int) -> ControlSnapshot:
+        standing = self.state is GaitState.STANDING
+        return ControlSnapshot(
+            incarnation=1,
+            sequence=1,
+            at_ns=now_ns,
+            state=self.state,
+            effect=self.effect,
+            armed=self.armed,
+            patient_confirmed=self.confirmed,
+            enabled=standing,
+            allowed=ALLOWED_STANDING if standing else (ACTION_OF[Gesture.ZERO],),
+            joints=(JOINT, JOINT, JOINT, JOINT),
+            events=self.events,
+            real_time=RealTime(fifo=True, memory_locked=True, core=1),
+            report_age_ms=21.0,
+        )
+
+    def _report(self, now_ns: int) -> TriggerReport:
+        return TriggerReport(
+            incarnation=1,
+            sequence=1,
+            captured_ns=now_ns,
+            sent_ns=now_ns,
+            hand=self.gesture is not None,
+            gesture=self.gesture,
+            raw_gesture=self.gesture,
+            confidence=0.93 if self.gesture else 0.0,
+            explanation="no hand in the picture" if self.gesture is None else "",
+            votes=3 if self.gesture else 0,
+            distance_m=0.31,
+            distance_sd_m=0.004,
+            pressed=self.pressed,
+            fps=30.0,
+            camera="digital hand",
+            camera_fault=self.camera_fault,
+        )
+
+
+def event(name: str, effect: Effect, text: str) -> ActiveEvent:
+    """An unacknowledged event, present now."""
+    return ActiveEvent(
+        name=name, effect=effect, text=text, since_ns=time.monotonic_ns(), present=True, acknowledged=False
+    )
