@@ -30,7 +30,7 @@ class Population(Enum):
 
 
 class GaitParameters(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """What the patient's steps look like; ranges in `limits.py`."""
+    """What the patient's steps look like; ranges in `ranges.py`."""
 
     step_length_m: float = 0.30  # from one foot's place to the other foot's, along the floor
     swing_clearance_m: float = 0.05
@@ -62,6 +62,7 @@ class Calibration(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
     distance_m: float
     residual: float  # relative spread of the samples
     calibrated_at: str  # ISO 8601, UTC
+    width_px: int = 0  # of the pictures it was made with; 0: unknown
 
 
 class DoseTargets(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):

@@ -1,0 +1,127 @@
+"""A profile as TOML text, and files that are either the old or the new one, never half of either."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Mapping, MutableMapping
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import tomlkit
+from tomlkit.exceptions import TOMLKitError
+
+from profiles.errors import ProfileError
+from profiles.ranges import check
+from profiles.schema import Profile
+from profiles.units import file_key, from_file, to_file
+
+HEADING = "Patient profile: centimetres, degrees, kilograms, seconds. Comments are kept."
+_SIZE_LIMIT = 1_000_000  # bytes; a profile has about a thousand
+
+
+def decode(text: str, where: str) -> Profile:
+    """The profile in a TOML text. Raises ProfileError naming the place and the field or line."""
+    try:
+        table = tomlkit.parse(text).unwrap()
+        built = from_file(table, Profile)
+        return check(msgspec.convert(built, type=Profile))
+    except TOMLKitError as error:
+        raise ProfileError(f"{where} is no valid TOML: {error}; mend that line or take a copy.") from error
+    except msgspec.ValidationError as error:
+        raise ProfileError(f"{where}: {_in_file_terms(str(error))}; mend that field.") from error
+    except ProfileError as error:
+        raise ProfileError(f"{where}: {error}") from error
+
+
+def encode(profile: Profile, existing: str = "") -> str:
+    """TOML text of a profile; comments and order of an existing text survive."""
+    document = tomlkit.parse(existing) if existing else tomlkit.document()
+    if not existing:
+        document.add(tomlkit.comment(HEADING))
+    _merge(document, to_file(profile))
+    return tomlkit.dumps(document)
+
+
+def read_text(path: Path) -> str:
+    """A file's text. Raises ProfileError when it can't be read or can't be a profile."""
+    try:
+        if path.stat().st_size > _SIZE_LIMIT:
+            raise ProfileError(f"{path} is no profile: it is larger than {_SIZE_LIMIT:,} bytes.")
+        return path.read_text(encoding="utf-8")
+    except UnicodeDecodeError as error:
+        raise ProfileError(f"{path} is no profile: it is not UTF-8 text (byte {error.start}).") from error
+    except OSError as error:
+        raise ProfileError(f"{path} can't be read: {error.strerror}.") from error
+
+
+def replace_files(contents: Mapping[Path, str]) -> None:
+    """Write every file whole and to the disk, then put all in place; on failure the old ones stand untouched.
+
+    Raises ProfileError when the disk is full or the folder can't be written.
+    """
+    waiting: list[tuple[Path, Path]] = []
+    try:
+        for path, text in contents.items():
+            path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
+            new = path.with_name(f".{path.name}.new")
+            waiting.append((new, path))
+            _write_through(new, text)
+        for new, path in waiting:
+            new.replace(path)
+        for folder in {path.parent for path in contents}:
+            _sync_folder(folder)
+    except OSError as error:
+        for new, _ in waiting:
+            new.unlink(missing_ok=True)
+        names = ", ".join(str(path) for path in contents)
+        raise ProfileError(f"Nothing was saved to {names}: {error.strerror}; make room or mend the folder.") from error
+
+
+def _write_through(path: Path, text: str) -> None:
+    with path.open("w", encoding="utf-8") as file:
+        path.chmod(0o600)
+        file.write(text)
+        file.flush()
+        os.fsync(file.fileno())
+
+
+def _sync_folder(folder: Path) -> None:
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)
+
+
+def _merge(target: MutableMapping[str, Any], wanted: Mapping[str, Any]) -> None:
+    """Bring the document to the wanted values, touching only what differs."""
+    for key in [key for key in target if key not in wanted]:
+        del target[key]
+    for key, value in wanted.items():
+        held = target.get(key)
+        if isinstance(value, Mapping) and isinstance(held, MutableMapping):
+            _merge(held, value)
+        elif held != value:
+            target[key] = _table_array(value) if _is_tables(value) else value
+
+
+def _is_tables(value: Any) -> bool:
+    return isinstance(value, list) and any(isinstance(item, Mapping) for item in value)
+
+
+def _table_array(tables: list[Mapping[str, Any]]) -> Any:
+    array = tomlkit.aot()
+    for table in tables:
+        array.append(tomlkit.item(dict(table)))
+    return array
+
+
+def _in_file_terms(message: str) -> str:
+    """msgspec names the SI field as `$.gait.step_length_m`; people know it as gait.step_length_cm."""
+
+    def as_key(match: re.Match[str]) -> str:
+        return file_key(re.sub(r"\[[^]]*\]", "", match.group(1)))[0]
+
+    return re.sub(r"field `(\w+)`", lambda match: f"field {as_key(match)}", re.sub(r"`\$\.?([^`]*)`", as_key, message))

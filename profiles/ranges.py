@@ -1,0 +1,132 @@
+"""What a profile may say: one table of safe ranges, and what is said to people when a value lies outside.
+
+The ranges keep typing errors out (a stature of 17 cm, a step of 3 m); what this patient's legs can do with them
+is checked by the planner, and what the device can do by its guard.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+from msgspec import Struct
+
+from profiles.errors import ProfileError
+from profiles.schema import Calibration, Profile
+from profiles.units import file_key, unit_of
+
+IDENTIFIER = re.compile(r"[A-Za-z0-9](?:[A-Za-z0-9-]{0,38}[A-Za-z0-9])?")
+NOTE_LIMIT = 2000  # characters
+
+# Dotted field → lowest and highest value in people's units (file_key tells them), both allowed.
+RANGES: dict[str, tuple[float, float]] = {
+    "stature_m": (120, 220),  # adults, as in both anthropometric tables, with room
+    "mass_kg": (30, 200),
+    "palm.measured_width_m": (4, 16),  # three quarters of it is the anchor, 3 to 12 cm
+    "thigh_length_m": (25, 65),
+    "shank_length_m": (25, 65),
+    "press_threshold_m": (7, 40),  # the paper's hand is lost under 7 cm; a resting hand is at 25 to 60
+    "hip_max_rad": (10, 130),
+    "knee_max_rad": (10, 140),
+    "gait.step_length_m": (5, 80),
+    "gait.swing_clearance_m": (1, 20),
+    "gait.step_time_s": (0.8, 10),
+    "gait.stair_rise_m": (2, 25),
+    "gait.stair_tread_m": (15, 45),
+    "gait.obstacle_height_m": (1, 30),
+    "gait.obstacle_depth_m": (1, 40),
+    "gait.chair_height_m": (30, 70),
+    "gait.transfer_time_s": (1.5, 20),
+    "gait.body_weight_support": (0, 1),
+    "gait.assist_left": (0, 1),
+    "gait.assist_right": (0, 1),
+    "dose.steps": (0, 20_000),
+    "dose.distance_m": (0, 10_000),
+    "dose.duration_s": (0, 4 * 3600),
+}
+CALIBRATION_RANGES: dict[str, tuple[float, float]] = {
+    "focal_px": (50, 10_000),
+    "distance_m": (10, 100),
+    "residual": (0, 0.2),
+    "width_px": (0, 10_000),
+}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Violation:
+    """One field out of its range; `field` as in files, `text` a sentence for people."""
+
+    field: str
+    text: str
+
+
+def violations(profile: Profile) -> tuple[Violation, ...]:
+    """Everything that is wrong with a profile, in the order of its fields; () when it is fine."""
+    return tuple(_violations(profile))
+
+
+def check(profile: Profile) -> Profile:
+    """The profile itself. Raises ProfileError with the first violation."""
+    for wrong in _violations(profile):
+        raise ProfileError(wrong.text)
+    return profile
+
+
+def check_value(field: str, value: float) -> Violation | None:
+    """One dotted SI field's value against its range (for forms that check while one types)."""
+    low, high = RANGES[field]
+    return _outside(field, value, low, high)
+
+
+def _violations(profile: Profile) -> Iterator[Violation]:
+    yield from _texts(profile)
+    for field, (low, high) in RANGES.items():
+        if wrong := _outside(field, _get(profile, field), low, high):
+            yield wrong
+    for calibration in profile.calibrations:
+        yield from _calibration(calibration)
+
+
+def _texts(profile: Profile) -> Iterator[Violation]:
+    if profile.schema != 1:
+        text = f"schema {profile.schema}: this program reads schema 1; use the program that wrote the profile."
+        yield Violation(field="schema", text=text)
+    if not IDENTIFIER.fullmatch(profile.identifier):
+        text = "identifier: 1 to 40 letters, digits and hyphens, such as P-0042; no names."
+        yield Violation(field="identifier", text=text)
+    if len(profile.note) > NOTE_LIMIT:
+        yield Violation(field="note", text=f"note: {len(profile.note)} characters, at most {NOTE_LIMIT}; shorten it.")
+    if any(not (char.isprintable() or char in "\n\t") for char in profile.note):
+        yield Violation(field="note", text="note: contains control characters; type it anew without them.")
+
+
+def _calibration(calibration: Calibration) -> Iterator[Violation]:
+    for field, (low, high) in CALIBRATION_RANGES.items():
+        if wrong := _outside(field, _get(calibration, field), low, high):
+            yield Violation(field=f"calibrations.{wrong.field}", text=f"calibrations.{wrong.text}")
+    if calibration.focal_px > 0:
+        anchor_m = calibration.focal_anchor_px_m / calibration.focal_px
+        if wrong := _outside("anchor_m", anchor_m, 3, 12):
+            text = f"calibrations.{wrong.text.removesuffix('.')}; calibrate again."
+            yield Violation(field="calibrations.focal_anchor_px_cm", text=text)
+
+
+def _outside(field: str, value: float | None, low: float, high: float) -> Violation | None:
+    if value is None:
+        return None
+    key, factor = file_key(field)
+    shown = round(value * factor, 6)
+    if low <= shown <= high:  # false for NaN
+        return None
+    unit = unit_of(field)
+    of_unit = f" {unit}" if unit and unit != "°" else unit
+    return Violation(field=key, text=f"{key} is {shown:g}{of_unit}: it must lie in {low:g} to {high:g}{of_unit}.")
+
+
+def _get(value: Struct, field: str) -> Any:
+    held: Any = value
+    for name in field.split("."):
+        held = getattr(held, name)
+    return held

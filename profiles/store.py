@@ -1,0 +1,179 @@
+"""The profiles of one home: a TOML file a patient, every change kept beside it, nothing ever deleted."""
+
+from __future__ import annotations
+
+import fcntl
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import msgspec
+from msgspec import Struct
+
+from profiles.errors import ProfileError
+from profiles.files import decode, encode, read_text, replace_files
+from profiles.ranges import IDENTIFIER, check
+from profiles.schema import DEMO_PATIENT, Profile
+from profiles.units import to_file
+
+SUFFIX = ".toml"
+Check = Callable[[Profile], None]
+
+
+class Change(Struct, frozen=True, kw_only=True):
+    """One save: when, by whom, and each field (as in files) with what it was and what it is; None: absent."""
+
+    at: str  # ISO 8601, UTC
+    by: str
+    changes: dict[str, tuple[Any, Any]]
+    why: str = ""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Listing:
+    """What a home holds. broken: file name and the sentence that says what is wrong with it."""
+
+    profiles: tuple[Profile, ...]
+    broken: tuple[tuple[str, str], ...] = ()
+
+
+class ProfileStore:
+    """Profiles in a folder. Every method raises ProfileError with a sentence for people."""
+
+    def __init__(self, folder: Path, checks: tuple[Check, ...] = ()) -> None:
+        """folder: made when first written to. checks: more that a profile must pass to be saved."""
+        self._folder = folder
+        self._checks = checks
+
+    def load(self, identifier: str) -> Profile:
+        """One patient; the demo patient ships with the program and needs no file."""
+        path = self._path(identifier)
+        if not path.exists():
+            if identifier == DEMO_PATIENT.identifier:
+                return DEMO_PATIENT
+            raise ProfileError(f"There is no patient {identifier} in {self._folder}: {self._known()}")
+        profile = decode(read_text(path), str(path))
+        if profile.identifier != identifier:
+            raise ProfileError(
+                f"{path} is the profile of {profile.identifier}: rename the file or mend its identifier."
+            )
+        return profile
+
+    def list(self, *, archived: bool = False) -> Listing:
+        """All patients by identifier, the archived ones only when asked for; broken files are told, not skipped."""
+        profiles: dict[str, Profile] = {DEMO_PATIENT.identifier: DEMO_PATIENT}
+        broken: list[tuple[str, str]] = []
+        for path in sorted(self._folder.glob(f"[!.]*{SUFFIX}")):
+            try:
+                profiles[path.stem] = self.load(path.stem)
+            except ProfileError as error:
+                profiles.pop(path.stem, None)
+                broken.append((path.name, str(error)))
+        wanted = (profiles[name] for name in sorted(profiles) if archived or not profiles[name].archived)
+        return Listing(profiles=tuple(wanted), broken=tuple(broken))
+
+    def create(self, profile: Profile, *, by: str, at: datetime) -> None:
+        """A new patient; an identifier that exists is refused."""
+        with self._locked():
+            if self._taken(profile.identifier):
+                raise ProfileError(f"There is a patient {profile.identifier} already: choose another identifier.")
+            self._write(profile, None, by=by, at=at, why="new")
+
+    def save(self, profile: Profile, *, by: str, at: datetime, why: str = "") -> Change | None:
+        """Keep a profile as it is now, and what changed. None: nothing did."""
+        with self._locked():
+            known = self._path(profile.identifier).exists() or profile.identifier == DEMO_PATIENT.identifier
+            before = self.load(profile.identifier) if known else None
+            return self._write(profile, before, by=by, at=at, why=why)
+
+    def archive(self, identifier: str, *, by: str, at: datetime, archived: bool = True) -> None:
+        """Take a patient out of the list, or back into it; nothing is deleted."""
+        profile = msgspec.structs.replace(self.load(identifier), archived=archived)
+        self.save(profile, by=by, at=at, why="archived" if archived else "taken back")
+
+    def history(self, identifier: str) -> tuple[Change, ...]:
+        """Every change, oldest first."""
+        path = self._history_path(identifier)
+        if not path.exists():
+            return ()
+        try:
+            lines = path.read_bytes().splitlines()
+            return tuple(msgspec.json.decode(line, type=Change) for line in lines if line.strip())
+        except (OSError, msgspec.DecodeError) as error:
+            raise ProfileError(f"The history {path} can't be read: {error}; restore it from a copy.") from error
+
+    def export(self, identifier: str, path: Path) -> None:
+        """A copy as a file of its own, with the comments that the file here has."""
+        profile = self.load(identifier)
+        own = self._path(identifier)
+        replace_files({path: read_text(own) if own.exists() else encode(profile)})
+
+    def import_file(self, path: Path, *, by: str, at: datetime) -> Profile:
+        """Take in an exported profile as a new patient, or as a change of the one with its identifier."""
+        profile = decode(read_text(path), str(path))
+        self.save(profile, by=by, at=at, why=f"imported from {path.name}")
+        return profile
+
+    def _write(self, profile: Profile, before: Profile | None, *, by: str, at: datetime, why: str) -> Change | None:
+        check(profile)
+        for one in self._checks:
+            one(profile)
+        changes = differences(before, profile)
+        if not changes:
+            return None
+        change = Change(at=at.astimezone(UTC).isoformat(timespec="seconds"), by=by, changes=changes, why=why)
+        path, history = self._path(profile.identifier), self._history_path(profile.identifier)
+        kept = read_text(history) if history.exists() else ""
+        replace_files(
+            {
+                history: kept + msgspec.json.encode(change).decode() + "\n",
+                path: encode(profile, read_text(path) if path.exists() else ""),
+            }
+        )
+        return change
+
+    def _path(self, identifier: str) -> Path:
+        if not IDENTIFIER.fullmatch(identifier):
+            raise ProfileError(f"{identifier!r} is no identifier: 1 to 40 letters, digits and hyphens, such as P-0042.")
+        return self._folder / f"{identifier}{SUFFIX}"
+
+    def _history_path(self, identifier: str) -> Path:
+        return self._folder / "history" / f"{self._path(identifier).stem}.jsonl"
+
+    def _taken(self, identifier: str) -> bool:
+        """Whether the name is in use, upper and lower case being the same to people and to some disks."""
+        path = self._path(identifier)
+        names = {one.stem.lower() for one in self._folder.glob(f"[!.]*{SUFFIX}")} | {DEMO_PATIENT.identifier}
+        return path.stem.lower() in names
+
+    def _known(self) -> str:
+        names = ", ".join(profile.identifier for profile in self.list().profiles)
+        return f"there are {names}; `rleex profile new` makes one."
+
+    @contextmanager
+    def _locked(self) -> Iterator[None]:
+        """One writer at a time: the console and the command line may be open together."""
+        try:
+            self._folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+            with (self._folder / ".lock").open("w") as lock:
+                fcntl.flock(lock, fcntl.LOCK_EX)
+                yield
+        except OSError as error:
+            raise ProfileError(f"{self._folder} can't be written: {error.strerror}; mend the folder.") from error
+
+
+def differences(before: Profile | None, after: Profile) -> dict[str, tuple[Any, Any]]:
+    """Each field (dotted, as in files) that differs, with both values; None: absent."""
+    old, new = _flat(to_file(before)) if before else {}, _flat(to_file(after))
+    keys = [*new, *(key for key in old if key not in new)]
+    return {key: (old.get(key), new.get(key)) for key in keys if old.get(key) != new.get(key)}
+
+
+def _flat(table: dict[str, Any], prefix: str = "") -> dict[str, Any]:
+    flat: dict[str, Any] = {}
+    for key, value in table.items():
+        flat.update(_flat(value, f"{prefix}{key}.") if isinstance(value, dict) else {prefix + key: value})
+    return flat

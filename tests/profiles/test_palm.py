@@ -1,0 +1,133 @@
+from __future__ import annotations
+
+from datetime import UTC, datetime
+
+import msgspec
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from profiles.anthropometry import (
+    GB_HAND_BREADTH_MM,
+    GB_STATURE_MM,
+    PERCENTILES,
+    estimate_palm,
+    limb_lengths,
+    stature_percentile,
+)
+from profiles.calibration import Calibrated, calibrate, with_calibration
+from profiles.errors import ProfileError
+from profiles.palm import AnchorSource, anchor, palm_estimate
+from profiles.schema import Palm, Population, Profile, Sex
+
+AT = datetime(2026, 3, 1, tzinfo=UTC)
+
+
+def calibrated(
+    patient: Profile, *, measured_m: list[float], true_m: float = 0.30, focal_px: float = 950.0
+) -> Calibrated:
+    return calibrate(
+        patient,
+        camera="cam",
+        focal_px=focal_px,
+        width_px=1280,
+        distance_m=true_m,
+        measured_m=measured_m,
+        provisional_anchor_m=anchor(patient).length_m,
+        at=AT,
+    )
+
+
+@pytest.mark.parametrize("sex", Sex)
+@pytest.mark.parametrize("index", range(7))
+def test_the_table_stands_at_its_percentiles(sex: Sex, index: int) -> None:
+    stature_m = GB_STATURE_MM[sex][index] / 1000
+    estimate = estimate_palm(sex, stature_m, Population.GB10000_88)
+    assert estimate.width_m * 1000 == pytest.approx(GB_HAND_BREADTH_MM[sex][index])
+    assert stature_percentile(sex, stature_m) == pytest.approx(PERCENTILES[index])
+
+
+@given(
+    sex=st.sampled_from(Sex), population=st.sampled_from(Population), low=st.floats(1.2, 2.2), high=st.floats(1.2, 2.2)
+)
+def test_a_taller_person_never_has_the_narrower_estimate(
+    sex: Sex, population: Population, low: float, high: float
+) -> None:
+    low, high = sorted((low, high))
+    small, large = (estimate_palm(sex, stature, population) for stature in (low, high))
+    assert small.width_m <= large.width_m
+    assert 0.06 < small.width_m < 0.11
+    assert 0.03 < small.distance_error < 0.06
+
+
+def test_ansur2_is_the_published_regression() -> None:
+    assert estimate_palm(Sex.MALE, 1.756, Population.ANSUR2).width_m == pytest.approx(0.08826, abs=5e-5)
+    assert estimate_palm(Sex.FEMALE, 1.628, Population.ANSUR2).width_m == pytest.approx(0.07814, abs=5e-5)
+
+
+def test_measured_wins_over_estimate_and_calibration_over_both(patient: Profile) -> None:
+    assert anchor(patient).source is AnchorSource.ESTIMATED
+    measured = msgspec.structs.replace(patient, palm=Palm(measured_width_m=0.084))
+    assert anchor(measured).length_m == pytest.approx(0.75 * 0.084)
+    assert anchor(measured).source is AnchorSource.MEASURED
+    made = calibrated(measured, measured_m=[0.31] * 30).calibration
+    both = with_calibration(measured, made)
+    assert anchor(both, camera="cam").source is AnchorSource.CALIBRATED
+    assert anchor(both, camera="another").source is AnchorSource.MEASURED
+    assert anchor(both, camera="cam").sd_m < anchor(measured).sd_m < anchor(patient).sd_m
+
+
+def test_calibration_makes_the_distance_right(patient: Profile) -> None:
+    made = calibrated(patient, measured_m=[0.33, 0.34, 0.32] * 10, true_m=0.30)
+    assert made.anchor_m == pytest.approx(anchor(patient).length_m * 0.30 / 0.33)
+    assert made.calibration.focal_anchor_px_m == pytest.approx(950 * made.anchor_m)
+    assert made.calibration.residual > 0.01
+
+
+def test_a_new_calibration_takes_the_place_of_the_old_one(patient: Profile) -> None:
+    first = with_calibration(patient, calibrated(patient, measured_m=[0.31] * 30).calibration)
+    second = with_calibration(first, calibrated(patient, measured_m=[0.29] * 30).calibration)
+    assert len(second.calibrations) == 1
+
+
+def test_a_calibration_holds_for_another_resolution_and_another_word_on_the_focal_length(patient: Profile) -> None:
+    known = with_calibration(patient, calibrated(patient, measured_m=[0.30] * 30).calibration)
+    length_m = anchor(known, camera="cam").length_m
+    half = anchor(known, camera="cam", focal_px=475.0, width_px=640)
+    assert half.length_m == pytest.approx(length_m)
+    corrected = anchor(known, camera="cam", focal_px=1000.0, width_px=1280)
+    assert corrected.length_m * 1000 == pytest.approx(length_m * 950)
+
+
+@pytest.mark.parametrize(
+    ("measured_m", "true_m", "says"),
+    [
+        ([0.3] * 19, 0.3, "19 of at least 20"),
+        ([], 0.3, "0 of at least 20"),
+        ([0.25, 0.30, 0.35] * 10, 0.3, "scatter"),
+        ([0.3] * 30, 0.05, "15 to 80 cm"),
+        ([0.3] * 30, float("nan"), "15 to 80 cm"),
+    ],
+)
+def test_a_calibration_that_would_mislead_is_refused(
+    patient: Profile, measured_m: list[float], true_m: float, says: str
+) -> None:
+    with pytest.raises(ProfileError, match=says):
+        calibrated(patient, measured_m=measured_m, true_m=true_m)
+
+
+def test_an_implausible_palm_is_doubted_and_a_plausible_one_is_not(patient: Profile) -> None:
+    assert not calibrated(patient, measured_m=[0.31] * 30).doubt
+    doubt = calibrated(patient, measured_m=[0.20] * 30).doubt
+    assert "palm 1" in doubt
+    assert "sex and stature say" in doubt
+    assert "check the distance" in doubt
+
+
+def test_estimates_tell_their_error(patient: Profile) -> None:
+    assert "palm width 8.7 cm ± 4 mm by gb10000-88, distance ± 5 %" in palm_estimate(patient).sentence
+
+
+def test_limb_lengths_are_ratios_of_stature() -> None:
+    limbs = limb_lengths(1.80)
+    assert (limbs.thigh_m, limbs.shank_m, limbs.ankle_height_m) == pytest.approx((0.441, 0.4428, 0.0702))
