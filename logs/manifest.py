@@ -114,9 +114,9 @@ class Manifest:
         self._logger = open_logger(self.trail, self._chain)
         self._listing = read_listings(folder, by_fingerprint([key.public]))
         for former, former_scan in damaged:
-            self._add(_found(former.name, former_scan, key), now)
+            self._add(found_torn(former.name, former_scan, key), now)
         if scan is not None and scan.torn_bytes:
-            self._add(_found(path.name, scan, key), now)
+            self._add(found_torn(path.name, scan, key), now)
 
     @property
     def entries(self) -> int:
@@ -151,10 +151,10 @@ class Manifest:
         path = self._folder / name
         if not path.exists():
             missing = Scan(last_hash=GENESIS)
-            return _found(name, missing, self._key, "the file is missing")
+            return found_torn(name, missing, self._key, "the file is missing")
         if is_being_written(path):
             return None
-        return _found(name, scan_file(path, by_fingerprint([self._key.public])), self._key)
+        return found_torn(name, scan_file(path, by_fingerprint([self._key.public])), self._key)
 
 
 def _current(folder: Path, key: ConsoleKey) -> tuple[Path, list[tuple[Path, Scan]]]:
@@ -168,7 +168,8 @@ def _current(folder: Path, key: ConsoleKey) -> tuple[Path, list[tuple[Path, Scan
     return folder / f"manifest-{len(paths) + 1}.jsonl", [(paths[-1], scan)]
 
 
-def _found(name: str, scan: Scan, key: ConsoleKey, text: str = "") -> LogRecovered:
+def found_torn(name: str, scan: Scan, key: ConsoleKey, text: str = "") -> LogRecovered:
+    """The entry that says how a file was found at a later start, torn tail and all."""
     return LogRecovered(
         file=name,
         records=scan.records,

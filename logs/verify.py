@@ -11,13 +11,12 @@ import msgspec
 
 from logs.copies import SUFFIX
 from logs.disk import is_being_written
+from logs.journal import COMMENTS, OPERATORS
 from logs.keys import PublicKey
 from logs.line import GENESIS, MAX_LINE, unseal
 from logs.manifest import Listing, manifest_paths, read_listings
 from logs.records import SCHEMA, LogClosed, LogRecovered, Record, SessionStart
 from logs.scan import Head, Progress, Scan, scan_file
-
-COMMENTS = ".comments.jsonl"
 
 
 class Status(Enum):
@@ -139,7 +138,7 @@ def _is_foreign(scan: Scan) -> bool:
 
 def _is_appended(path: Path) -> bool:
     """A file that grows over many starts and therefore has no closing checkpoint: each entry is signed."""
-    return path.name.startswith("manifest") or path.name.endswith(COMMENTS)
+    return path.name == OPERATORS or path.name.startswith("manifest") or path.name.endswith(COMMENTS)
 
 
 def _judge_appended(finding: Finding, scan: Scan) -> Finding:
