@@ -93,6 +93,7 @@ class JointFeedback:
     state: DriveState
     bus: BusFault = BusFault.NONE
     detail: str = ""  # a sentence for people on the newest fault
+    missed_replies: int = 0  # commands no drive answered in time, since opening
 
 
 class Joints(Protocol):

@@ -1,0 +1,205 @@
+"""Four emulated drives on their buses, in real time: frames are answered as they come, the body moves by the tick."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+from pathlib import Path
+from types import TracebackType
+from typing import NamedTuple
+
+import can
+import numpy as np
+
+from hal.joints.bus import CAN_ERR_ACK, CAN_ERR_BUSOFF, TICK_HZ, frame_of, message_of, open_bus
+from hal.joints.codecs.wire import Frame
+from hal.joints.device import Exoskeleton
+from hal.joints.emulator.faults import DEFAULT_VALUE, Fault, ScheduledFault
+from hal.joints.emulator.firmware import EmulatedDrive, MotorState
+from hal.joints.emulator.plant import FreeLegs, Plant
+from hal.joints.joints import Joint, JointCommand
+from hal.joints.motors import load_motors
+from hal.joints.transmission import Transmission
+
+TICK_NS = int(1e9 / TICK_HZ)
+_CATCH_UP_NS = 100_000_000  # behind by more, the body loses time rather than race after it
+_UPLOAD_TICKS = 5
+
+
+class _Due(NamedTuple):
+    at_ns: int
+    bus: int
+    frame: Frame
+
+
+class DriveEmulator:
+    """The device's four drives; `poll` does what is due and waits for the next frame at most until the next tick."""
+
+    def __init__(self, device: Exoskeleton, plant: Plant | None = None, motors: Path | None = None) -> None:
+        table = load_motors(motors)
+        self.device = device
+        self.drives = tuple(EmulatedDrive(joint, table.find(joint.motor)) for joint in device.joints)
+        self._plant = plant if plant is not None else FreeLegs(device)
+        self._transmissions = tuple(Transmission.of(joint) for joint in device.joints)
+        self._buses: list[can.BusABC] = []
+        self._late: deque[_Due] = deque()
+        self._tick_ns = 0
+        self._ticks = 0
+        self._off = False
+        self.received = self.lost_ticks = self.send_failures = 0
+
+    def open(self) -> None:
+        """Join the buses. Raises HardwareError with the command that mends it."""
+        self._buses = [open_bus(bus) for bus in self.device.buses]
+        self._sense(time.monotonic_ns())
+
+    def close(self) -> None:
+        """Leave the buses."""
+        for bus in self._buses:
+            bus.shutdown()
+        self._buses = []
+
+    def befall(self, fault: Fault, joint: Joint | None = None, value: float | None = None) -> None:
+        """Let a fault set in, at one joint or at all."""
+        strength = DEFAULT_VALUE.get(fault, 0.0) if value is None else value
+        if fault is Fault.BUS_OFF:
+            self._off = True
+            self._send_errors(CAN_ERR_BUSOFF)
+        elif fault is Fault.ERROR_FRAMES:
+            self._send_errors(CAN_ERR_ACK)
+        else:
+            self._off = self._off and fault is not Fault.HEALED
+            for drive in self.drives if joint is None else (self.drives[joint],):
+                drive.befall(fault, strength)
+
+    def poll(self, now_ns: int) -> None:
+        """Advance the body to now, send what is due, answer what arrives until the next tick."""
+        if self._tick_ns == 0 or now_ns - self._tick_ns > _CATCH_UP_NS:
+            self.lost_ticks += 0 if self._tick_ns == 0 else (now_ns - self._tick_ns) // TICK_NS
+            self._tick_ns = now_ns
+        while self._tick_ns <= now_ns:
+            self._advance(self._tick_ns)
+            self._tick_ns += TICK_NS
+        while self._late and self._late[0].at_ns <= now_ns:
+            due = self._late.popleft()
+            self._send(due.bus, due.frame)
+        wait_s = max(self._tick_ns - time.monotonic_ns(), 0) / 1e9 / len(self._buses)
+        for number, bus in enumerate(self._buses):
+            self._serve(number, bus, wait_s)
+
+    def run(self, stopped: Callable[[], bool], schedule: tuple[ScheduledFault, ...] = ()) -> None:
+        """Poll until stopped, letting scheduled faults set in."""
+        begin_ns = time.monotonic_ns()
+        waiting = sorted(schedule, key=lambda fault: fault.after_s, reverse=True)
+        while not stopped():
+            now_ns = time.monotonic_ns()
+            while waiting and now_ns - begin_ns >= waiting[-1].after_s * 1e9:
+                due = waiting.pop()
+                self.befall(due.fault, due.joint, due.value)
+            self.poll(now_ns)
+
+    def _serve(self, number: int, bus: can.BusABC, wait_s: float) -> None:
+        message = _receive(bus, wait_s)
+        for _ in range(64):
+            if message is None:
+                return
+            if not message.is_error_frame and not self._off:
+                self._answer(number, frame_of(message))
+            message = _receive(bus, 0)
+
+    def _answer(self, number: int, frame: Frame) -> None:
+        self.received += 1
+        now_ns = time.monotonic_ns()
+        for drive in self.drives:
+            if drive.device.can_bus != number:
+                continue
+            for reply in drive.receive(frame, now_ns):
+                if drive.late_ns:
+                    self._late.append(_Due(now_ns + drive.late_ns, number, reply))
+                else:
+                    self._send(number, reply)
+
+    def _advance(self, now_ns: int) -> None:
+        rows = [
+            transmission.to_joint(drive.effective(now_ns))
+            for transmission, drive in zip(self._transmissions, self.drives, strict=True)
+        ]
+        position, velocity, stiffness, damping, torque = np.array(rows).T
+        self._plant.write(
+            JointCommand(
+                position_rad=position,
+                velocity_rad_s=velocity,
+                stiffness_nm_rad=stiffness,
+                damping_nm_s_rad=damping,
+                torque_nm=torque,
+            ),
+            now_ns,
+        )
+        self._sense(now_ns)
+        self._ticks += 1
+        if self._ticks % _UPLOAD_TICKS == 0 and not self._off:
+            for drive in self.drives:
+                for frame in drive.upload():
+                    self._send(drive.device.can_bus, frame)
+
+    def _sense(self, now_ns: int) -> None:
+        feedback = self._plant.read(now_ns)
+        columns = zip(
+            self._transmissions,
+            self.drives,
+            feedback.position_rad.tolist(),
+            feedback.velocity_rad_s.tolist(),
+            feedback.torque_nm.tolist(),
+            feedback.temperature_c.tolist(),
+            strict=True,
+        )
+        for transmission, drive, position, velocity, torque, temperature in columns:
+            drive.state = MotorState(
+                transmission.angle_to_motor(position),
+                velocity * transmission.ratio,
+                torque / transmission.ratio,
+                temperature,
+            )
+
+    def _send(self, number: int, frame: Frame) -> None:
+        try:
+            self._buses[number].send(message_of(frame), 0)
+        except (can.CanError, OSError):
+            self.send_failures += 1
+
+    def _send_errors(self, bits: int) -> None:
+        for bus in self._buses:
+            try:
+                bus.send(can.Message(is_error_frame=True, is_extended_id=False, arbitration_id=bits, data=bytes(8)), 0)
+            except (can.CanError, OSError):
+                self.send_failures += 1
+
+
+def _receive(bus: can.BusABC, wait_s: float) -> can.Message | None:
+    try:
+        return bus.recv(wait_s)
+    except (can.CanError, OSError, ValueError, TypeError):
+        return None  # what is no frame, a drive doesn't hear
+
+
+class EmulatorThread:
+    """An emulator beside the test or the program that uses it: `with EmulatorThread(emulator): …`."""
+
+    def __init__(self, emulator: DriveEmulator) -> None:
+        self.emulator = emulator
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=emulator.run, args=(self._stop.is_set,), daemon=True)
+
+    def __enter__(self) -> DriveEmulator:
+        self.emulator.open()
+        self._thread.start()
+        return self.emulator
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._stop.set()
+        self._thread.join(5.0)
+        self.emulator.close()

@@ -1,0 +1,213 @@
+"""One emulated drive: what its firmware does with a frame, with silence, and with its own faults.
+
+Quirks follow the motor entry: it holds its last command for ever or limps after its watchdog's time, it ignores
+"set zero" in motor mode unless the entry says otherwise, and it replays its last command on enabling.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable
+from typing import NamedTuple
+
+import msgspec
+
+from hal.joints.codecs import codec_of, cybergear, damiao
+from hal.joints.codecs.wire import NEUTRAL, Codec, Frame, Order, Reply, SetPoint
+from hal.joints.device import JointDevice
+from hal.joints.emulator.faults import Fault
+from hal.joints.motors import MotorModel, Silence, WireProtocol
+
+CYBERGEAR_ID_REPLY = 0xFE
+_DAMIAO_LOST = 0xD
+
+
+class MotorState(NamedTuple):
+    """The motor's output as the plant has it."""
+
+    position_rad: float
+    velocity_rad_s: float
+    torque_nm: float
+    temperature_c: float
+
+
+AT_REST = MotorState(0.0, 0.0, 0.0, 25.0)
+
+
+class EmulatedDrive:
+    """Frames in, frames out; between them `effective` tells the plant what the motor does."""
+
+    def __init__(self, device: JointDevice, model: MotorModel) -> None:
+        self.device = device
+        self.model = model
+        self.state = AT_REST
+        self.motor_mode = False
+        self.error_code = 0
+        self.zero_rad = 0.0
+        self.silent = self.garbage = self.duplicate = False
+        self.answers_as: int | None = None
+        self.late_ns = 0
+        self.temperature_c: float | None = None
+        self._codec: Codec = codec_of(model)
+        self._target = NEUTRAL
+        self._heard_ns = 0
+        self._host = 0
+        self._registers = _registers(device, model)
+
+    def befall(self, fault: Fault, value: float) -> None:
+        """Let a fault set in (those of the whole bus are the emulator's)."""
+        _BEFALL[fault](self, value)
+
+    def receive(self, frame: Frame, now_ns: int) -> list[Frame]:
+        """What the drive answers to a frame; nothing when it isn't meant."""
+        if self.silent:
+            return []
+        answer = self._answer_question(frame)
+        if answer is not None:
+            return answer
+        asked = self._codec.read_command(self.device.can_id, frame)
+        if asked is None:
+            return []
+        self._heard_ns = now_ns
+        self._note_host(frame)
+        self._obey(asked)
+        return self._reports()
+
+    def upload(self) -> list[Frame]:
+        """What a drive in servo mode sends by itself."""
+        return [] if self.silent or self.model.protocol is not WireProtocol.SERVO else self._reports()
+
+    def effective(self, now_ns: int) -> SetPoint:
+        """The set-point the motor follows now, with its own zero; NEUTRAL when it is off or limp."""
+        watchdog = self.model.watchdog
+        if watchdog.on_silence is Silence.LIMPS and watchdog.after_ms > 0 and self.motor_mode:
+            self._watch(now_ns, int(watchdog.after_ms * 1e6))
+        if not self.motor_mode:
+            return NEUTRAL
+        return self._target._replace(position_rad=self._target.position_rad + self.zero_rad)
+
+    def _watch(self, now_ns: int, limit_ns: int) -> None:
+        if now_ns - self._heard_ns <= limit_ns:
+            return
+        self._target = NEUTRAL
+        if self.model.protocol is WireProtocol.DAMIAO:
+            self.fail(_DAMIAO_LOST)
+
+    def _obey(self, asked: SetPoint | Order) -> None:
+        if isinstance(asked, SetPoint):
+            self._target = asked
+            if self.model.protocol is WireProtocol.AK_V3 and not self.error_code:
+                self.motor_mode = True
+        elif asked is Order.ENABLE:
+            self.motor_mode = not self.error_code
+        elif asked is Order.DISABLE:
+            self.motor_mode = False
+        elif asked is Order.CLEAR:
+            self.error_code, self.motor_mode = 0, False
+        elif self.model.zero_in_motor_mode or not self.motor_mode:
+            self.zero_rad = self.state.position_rad
+
+    def _reports(self) -> list[Frame]:
+        drive_id = self.device.can_id if self.answers_as is None else self.answers_as
+        temperature = self.state.temperature_c if self.temperature_c is None else self.temperature_c
+        report = Reply(
+            drive_id,
+            self.state.position_rad - self.zero_rad,
+            self.state.velocity_rad_s,
+            self.state.torque_nm,
+            temperature,
+            enabled=self.motor_mode,
+        )
+        frame = self._codec.reply(report, self.device.reply_id or self._host, self.error_code)
+        if self.garbage:
+            frame = frame._replace(data=frame.data[:3])
+        return [frame, frame] if self.duplicate else [frame]
+
+    def _note_host(self, frame: Frame) -> None:
+        identifier = cybergear.unpack_identifier(frame.arbitration_id)
+        if self.model.protocol is WireProtocol.CYBERGEAR and identifier.kind != cybergear.Kind.CONTROL:
+            self._host = identifier.field & 0xFF
+
+    def _answer_question(self, frame: Frame) -> list[Frame] | None:
+        if self.model.protocol is WireProtocol.DAMIAO and frame.arbitration_id == damiao.REGISTER_ID:
+            return self._answer_register(frame)
+        if self.model.protocol is WireProtocol.CYBERGEAR and frame.extended:
+            return self._answer_parameter(frame)
+        return None
+
+    def _answer_register(self, frame: Frame) -> list[Frame]:
+        data = frame.data
+        if len(data) != 8 or data[0] | (data[1] << 8) != self.device.can_id:
+            return []
+        action, register = data[2], data[3]
+        if action == damiao.REFRESH:
+            return self._reports()
+        if action == damiao.WRITE:
+            form = "<f" if register in damiao.FLOAT_REGISTERS else "<I"
+            self._registers[register] = float(struct.unpack(form, data[4:])[0])
+        if action in (damiao.READ, damiao.WRITE) and register in self._registers:
+            value = damiao.RegisterValue(self.device.can_id, register, self._registers[register])
+            return [damiao.pack_register(self.device.reply_id, value)]
+        return []
+
+    def _answer_parameter(self, frame: Frame) -> list[Frame] | None:
+        kind, field, target = cybergear.unpack_identifier(frame.arbitration_id)
+        if target != self.device.can_id:
+            return None
+        if kind == cybergear.Kind.WHO:
+            identifier = cybergear.pack_identifier(cybergear.Kind.WHO, target, CYBERGEAR_ID_REPLY)
+            return [Frame(identifier, target.to_bytes(8, "big"), extended=True)]
+        if kind == cybergear.Kind.WRITE_PARAMETER:
+            return self._reports()
+        if kind == cybergear.Kind.READ_PARAMETER:
+            identifier = cybergear.pack_identifier(kind, target, field & 0xFF)
+            return [Frame(identifier, frame.data[:2] + bytes(6), extended=True)]
+        return None
+
+    def fail(self, code: float) -> None:
+        """Report this error code and let go of the joint."""
+        self.error_code, self.motor_mode = int(code), False
+
+    def rescale(self, share: float) -> None:
+        """Scale velocity on the wire by this share of the table's range."""
+        other = msgspec.structs.replace(self.model, velocity_rad_s=self.model.velocity_rad_s * share)
+        self._codec = codec_of(other)
+        self._registers = _registers(self.device, other)
+
+    def heal(self) -> None:
+        """Everything well again; motor mode stays off where a fault ended it."""
+        self.silent = self.garbage = self.duplicate = False
+        self.error_code = self.late_ns = 0
+        self.answers_as = self.temperature_c = None
+        self._codec = codec_of(self.model)
+        self._registers = _registers(self.device, self.model)
+
+
+def _registers(device: JointDevice, model: MotorModel) -> dict[int, float]:
+    return {
+        damiao.Register.MASTER_ID: float(device.reply_id),
+        damiao.Register.DRIVE_ID: float(device.can_id),
+        damiao.Register.TIMEOUT: model.watchdog.after_ms * 20,
+        damiao.Register.CONTROL_MODE: float(damiao.MIT_MODE),
+        damiao.Register.POSITION_MAX: model.position_rad,
+        damiao.Register.VELOCITY_MAX: model.velocity_rad_s,
+        damiao.Register.TORQUE_MAX: model.torque_nm,
+    }
+
+
+def _set(name: str, *, convert: Callable[[float], object]) -> Callable[[EmulatedDrive, float], None]:
+    return lambda drive, value: setattr(drive, name, convert(value))
+
+
+_BEFALL: dict[Fault, Callable[[EmulatedDrive, float], None]] = {
+    Fault.SILENT: _set("silent", convert=lambda _: True),
+    Fault.ERROR: EmulatedDrive.fail,
+    Fault.LATE: _set("late_ns", convert=lambda ms: int(ms * 1e6)),
+    Fault.WRONG_ID: _set("answers_as", convert=int),
+    Fault.WRONG_RANGE: EmulatedDrive.rescale,
+    Fault.DUPLICATE: _set("duplicate", convert=lambda _: True),
+    Fault.GARBAGE: _set("garbage", convert=lambda _: True),
+    Fault.DISABLED: _set("motor_mode", convert=lambda _: False),
+    Fault.HOT: _set("temperature_c", convert=float),
+    Fault.HEALED: lambda drive, _: drive.heal(),
+}

@@ -1,0 +1,78 @@
+"""The emulator as a process of its own: what `rleex emulate-drives` and the demo start."""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+from collections.abc import Callable
+from multiprocessing.synchronize import Event
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from hal.joints.bus import with_bus
+from hal.joints.device import Exoskeleton
+from hal.joints.emulator.emulator import DriveEmulator
+from hal.joints.emulator.faults import ScheduledFault
+from hal.joints.emulator.plant import make_plant
+
+if TYPE_CHECKING:
+    from hal.joints.body import Body
+
+
+def run_emulator(
+    device: Exoskeleton,
+    interface: str = "",
+    channel: str = "",
+    *,
+    body: Body | None = None,
+    motors: Path | None = None,
+    schedule: tuple[ScheduledFault, ...] = (),
+    ready: Event | None = None,
+    stop: Event | None = None,
+    each_second: Callable[[DriveEmulator], None] | None = None,
+) -> None:
+    """Emulate the device's drives until `stop` is set, the process is told to end, or its parent is gone.
+
+    With a `body` the simulated exoskeleton hangs behind the drives, else free legs. `ready` is set once the bus is
+    joined. Raises HardwareError when a bus can't be opened.
+    """
+    emulator = DriveEmulator(with_bus(device, interface, channel), make_plant(device, body), motors)
+    emulator.open()
+    told = _Ending(stop, each_second, emulator)
+    if ready is not None:
+        ready.set()
+    try:
+        emulator.run(told, schedule)
+    finally:
+        emulator.close()
+
+
+class _Ending:
+    """Asked before every poll: whether to end; looks at the slow things once in a while only."""
+
+    def __init__(
+        self, stop: Event | None, each_second: Callable[[DriveEmulator], None] | None, emulator: DriveEmulator
+    ) -> None:
+        self._parent = os.getppid
+        self._parent_at_start = os.getppid()
+        self._stop = stop
+        self._each_second = each_second
+        self._emulator = emulator
+        self._asked = 0
+        self._second_s = time.monotonic()
+        self._ended = False
+        signal.signal(signal.SIGTERM, self._end)
+
+    def _end(self, _number: int, _frame: object) -> None:
+        self._ended = True
+
+    def __call__(self) -> bool:
+        self._asked += 1
+        if self._asked % 50 == 0:
+            self._ended = self._ended or self._parent() != self._parent_at_start
+            self._ended = self._ended or (self._stop is not None and self._stop.is_set())
+            if self._each_second is not None and time.monotonic() - self._second_s >= 1.0:
+                self._second_s = time.monotonic()
+                self._each_second(self._emulator)
+        return self._ended

@@ -1,0 +1,275 @@
+"""The four drives on CAN, through python-can: any of its interfaces, `socketcan` on a robot.
+
+In a tick nothing waits and nothing raises; what goes wrong is told by `read`. Opening, enabling and closing wait for
+the drives' answers. After a fault the drives are never enabled again by themselves: close, open, enable.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import can
+import numpy as np
+
+from hal.errors import HardwareError
+from hal.joints import lifecycle
+from hal.joints.bus import LOAD_LIMIT, bus_load, frame_bits, frame_of, open_bus
+from hal.joints.bus_port import BusPort
+from hal.joints.codecs import damiao
+from hal.joints.codecs.wire import NEUTRAL, SetPoint
+from hal.joints.device import Exoskeleton
+from hal.joints.joints import BusFault, DriveFault, DriveState, Joint, JointCommand, JointFeedback
+from hal.joints.motors import load_motors
+from hal.joints.routes import Routes
+from hal.joints.station import Station
+
+_ENDING = BusFault.BUS_OFF | BusFault.INTERFACE_GONE  # of the bus; with these the drives are out of reach
+_POWERED = (DriveState.ENABLED, DriveState.FAULTED)
+
+
+class SocketCanJoints:
+    """The Joints Protocol on one or more CAN buses."""
+
+    def __init__(
+        self,
+        device: Exoskeleton,
+        *,
+        motors: Path | None = None,
+        clock: Callable[[], int] = time.monotonic_ns,
+    ) -> None:
+        """Raises HardwareError when the motor table or the bus can't carry this device."""
+        table = load_motors(motors)
+        self._device = device
+        self._clock = clock
+        self.stations = tuple(
+            Station(joint, device.joints[joint], table.find(device.joints[joint].motor)) for joint in Joint
+        )
+        for station in self.stations:
+            _check_bus(station, device)
+            lifecycle.check_wire_range(station)
+        self.loads = _loads(device, self.stations)
+        self._state = DriveState.UNCONFIGURED
+        self._ports: list[BusPort] = []
+        self._routes: list[Routes] = []
+        self._enabled_ns = 0
+        self.notes: tuple[str, ...] = ()
+
+    @property
+    def state(self) -> DriveState:
+        """Where in its life cycle the driver is."""
+        return self._state
+
+    def open(self, now_ns: int) -> None:
+        """Probe: who answers, and with which ranges where the drive can tell.
+
+        Raises HardwareError naming the bus or the joint.
+        """
+        if self._ports:
+            raise HardwareError("The joints are open already: close them first.")
+        try:
+            self._ports = [
+                BusPort(open_bus(bus), f"{bus.channel} ({bus.interface})", now_ns) for bus in self._device.buses
+            ]
+            self._routes = [Routes(self._on_bus(number)) for number in range(len(self._ports))]
+            self.notes = lifecycle.probe(self)
+        except HardwareError:
+            self._release()
+            raise
+        self._state = DriveState.PROBED
+
+    def enable(self, now_ns: int) -> None:
+        """Neutral command, enable, neutral again, confirmed by feedback; the gains then ramp by themselves.
+
+        Raises HardwareError, with every drive told to disable, when one does not confirm.
+        """
+        if self._state is not DriveState.PROBED:
+            raise HardwareError(
+                f"The drives can't be enabled while {self._state.value}: close the joints, find the cause, "
+                f"open them again."
+            )
+        lifecycle.enable(self)
+        self._state = DriveState.ENABLED
+        self._enabled_ns = max(now_ns, self._clock())
+
+    def write(self, command: JointCommand, now_ns: int) -> None:
+        """Send one set-point a drive, at once; nothing leaves while the drives are not enabled."""
+        if self._state not in _POWERED:
+            return
+        rows = _rows(command)
+        if rows is None:
+            rows = [SetPoint(0.0, 0.0, 0.0, station.device.damp_nm_s_rad, 0.0) for station in self.stations]
+            self._ports[0].report(BusFault.SEND_FAILED, "a command that is no number became damping")
+        rising = self._soft_start(now_ns)
+        for station, row in zip(self.stations, rows, strict=True):
+            soft = row._replace(stiffness_nm_rad=row.stiffness_nm_rad * rising, torque_nm=row.torque_nm * rising)
+            self._ports[station.device.can_bus].send(station.command(soft, now_ns))
+
+    def read(self, now_ns: int) -> JointFeedback:
+        """Take in what has arrived. Faults of bus and drives come with the feedback, never as an exception."""
+        for number, port in enumerate(self._ports):
+            for message, measured_ns in port.drain(now_ns):
+                self._take(number, message, measured_ns)
+        for station in self.stations:
+            station.count_missed(now_ns)
+        return self._feedback()
+
+    def close(self, now_ns: int) -> None:  # noqa: ARG002 (the Protocol's; confirming takes real time)
+        """Damp, disable, confirm, release.
+
+        Raises HardwareError, after releasing, when a drive that was enabled did not confirm that it is off.
+        """
+        if not self._ports:
+            return
+        try:
+            unconfirmed = lifecycle.disable(self) if self._state in _POWERED else []
+        finally:
+            self._release()
+        if unconfirmed:
+            names = ", ".join(station.name for station in unconfirmed)
+            raise HardwareError(f"No confirmation that {names} is off: cut the motor power by hand.")
+
+    def send(self, station: Station, messages: list[can.Message]) -> None:
+        """Messages to a station's bus (for the life cycle)."""
+        for message in messages:
+            self._ports[station.device.can_bus].send(message)
+
+    def listen(self, done: Callable[[], bool], timeout_s: float) -> bool:
+        """Take in frames until `done`, at most for `timeout_s` (for the life cycle, never in a tick)."""
+        deadline_ns = self._clock() + int(timeout_s * 1e9)
+        share_s = 0.002 if len(self._ports) > 1 else 0.01
+        while not done():
+            if self._clock() >= deadline_ns:
+                return False
+            for number, port in enumerate(self._ports):
+                message = port.wait(share_s)
+                if message is not None:
+                    self._take(number, message, self._clock())
+        return True
+
+    def registers(self, station: Station, wanted: tuple[int, ...]) -> dict[int, float]:
+        """What a Damiao drive tells of its registers; those it does not tell are missing (for the life cycle)."""
+        told: dict[int, float] = {}
+        routes = self._routes[station.device.can_bus]
+        routes.await_registers(station, told)
+        for register in wanted:
+            question = damiao.read_register(station.device.can_id, register)
+            self.send(station, [station.ask(question, self._clock())])
+            self.listen(lambda register=register: register in told, 0.05)  # type: ignore[misc]
+            if not told:
+                break
+        routes.await_registers(station, None)
+        return told
+
+    def bus_sentence(self) -> str:
+        """What the buses have to say for a refusal, or nothing."""
+        return "; ".join(text for port in self._ports for text in (port.take_faults()[1],) if text)
+
+    def now_ns(self) -> int:
+        """The driver's clock (for the life cycle)."""
+        return self._clock()
+
+    def _on_bus(self, number: int) -> list[Station]:
+        return [station for station in self.stations if station.device.can_bus == number]
+
+    def _release(self) -> None:
+        for port in self._ports:
+            port.close()
+        self._ports = []
+        self._state = DriveState.UNCONFIGURED if self._state is DriveState.UNCONFIGURED else DriveState.DISABLED
+
+    def _soft_start(self, now_ns: int) -> float:
+        ramp_ns = self._device.soft_start_s * 1e9
+        return 1.0 if ramp_ns == 0 else min(max((now_ns - self._enabled_ns) / ramp_ns, 0.0), 1.0)
+
+    def _take(self, number: int, message: can.Message, measured_ns: int) -> None:
+        port = self._ports[number]
+        if message.is_error_frame:
+            port.report_error_frame(message)
+            return
+        if message.is_remote_frame or message.is_fd:
+            port.report(BusFault.MALFORMED, f"not a classic data frame: ID {message.arbitration_id:X}")
+            return
+        fault, text = self._routes[number].deliver(frame_of(message), measured_ns)
+        if fault:
+            port.report(fault, text)
+
+    def _feedback(self) -> JointFeedback:
+        bus, detail = self._bus_faults()
+        faults = tuple(self._drive_fault(station) for station in self.stations)
+        if self._state is DriveState.ENABLED and (any(faults) or bus & _ENDING):
+            self._state = DriveState.FAULTED
+        stations = self.stations
+        return JointFeedback(
+            measured_ns=np.array([station.measured_ns for station in stations], dtype=np.int64),
+            position_rad=np.array([station.position_rad for station in stations]),
+            velocity_rad_s=np.array([station.velocity_rad_s for station in stations]),
+            torque_nm=np.array([station.torque_nm for station in stations]),
+            temperature_c=np.array([station.temperature_c for station in stations]),
+            faults=(faults[0], faults[1], faults[2], faults[3]),
+            state=self._state,
+            bus=bus,
+            detail=detail or _sentence(stations, faults),
+            missed_replies=sum(station.missed for station in stations),
+        )
+
+    def _bus_faults(self) -> tuple[BusFault, str]:
+        faults, detail = BusFault.NONE, ""
+        for port in self._ports:
+            fault, text = port.take_faults()
+            faults, detail = faults | fault, text or detail
+        return faults, detail
+
+    def _drive_fault(self, station: Station) -> DriveFault:
+        if self._state in _POWERED and station.enabled is False and not station.faults:
+            return DriveFault.UNEXPECTEDLY_DISABLED
+        return station.faults
+
+
+def _rows(command: JointCommand) -> list[SetPoint] | None:
+    """The command drive by drive, or None when it is not four finite rows."""
+    columns = (
+        command.position_rad.tolist(),
+        command.velocity_rad_s.tolist(),
+        command.stiffness_nm_rad.tolist(),
+        command.damping_nm_s_rad.tolist(),
+        command.torque_nm.tolist(),
+    )
+    rows = [SetPoint(*row) for row in zip(*columns, strict=False)]
+    return rows if len(rows) == 4 and math.isfinite(sum(map(sum, rows))) else None
+
+
+def _sentence(stations: tuple[Station, ...], faults: tuple[DriveFault, ...]) -> str:
+    for station, fault in zip(stations, faults, strict=True):
+        if fault:
+            return f"{station.name} reports {(fault.name or str(fault)).lower().replace('_', ' ')}"
+    return ""
+
+
+def _check_bus(station: Station, device: Exoskeleton) -> None:
+    if not 0 <= station.device.can_bus < len(device.buses):
+        raise HardwareError(
+            f"The {station.name} sits on bus {station.device.can_bus}, but {device.name} has "
+            f"{len(device.buses)} bus(es): correct can_bus or add a [[buses]] entry."
+        )
+
+
+def _loads(device: Exoskeleton, stations: tuple[Station, ...]) -> tuple[float, ...]:
+    """Each bus's load. Raises HardwareError above the limit."""
+    loads = []
+    for number, bus in enumerate(device.buses):
+        on_bus = [station for station in stations if station.device.can_bus == number]
+        bits = [
+            frame_bits(8, extended=station.codec.command(station.device.can_id, NEUTRAL).extended) * 2
+            for station in on_bus
+        ]
+        load = bus_load(bits, bitrate=bus.bitrate)
+        if load > LOAD_LIMIT:
+            raise HardwareError(
+                f"The bus {bus.channel} would be {load:.0%} full with {len(on_bus)} drives at 500 Hz and "
+                f"{bus.bitrate} bit/s (limit {LOAD_LIMIT:.0%}): raise the bit rate or use a second bus."
+            )
+        loads.append(load)
+    return tuple(loads)

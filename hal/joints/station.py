@@ -1,0 +1,97 @@
+"""One drive seen from the host: its wire format, its last word, and what it still owes."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+
+import can
+
+from hal.joints.bus import message_of
+from hal.joints.codecs import codec_of
+from hal.joints.codecs.wire import Frame, Order, Reply, SetPoint
+from hal.joints.device import JointDevice
+from hal.joints.joints import DriveFault, Joint
+from hal.joints.motors import MotorModel, WireProtocol
+from hal.joints.plausibility import RangeWatch
+from hal.joints.transmission import Transmission
+
+MISSED_AFTER_NS = 20_000_000
+_OWED_LIMIT = 50  # a tenth of a second of commands
+
+
+class Station:
+    """A drive's commands out and replies in. Angles here are at the joint."""
+
+    def __init__(self, joint: Joint, device: JointDevice, model: MotorModel) -> None:
+        self.joint = joint
+        self.device = device
+        self.model = model
+        self.codec = codec_of(model)
+        self.transmission = Transmission.of(device)
+        self.position_rad = self.velocity_rad_s = self.torque_nm = 0.0
+        self.temperature_c = math.nan
+        self.measured_ns = 0
+        self.faults = DriveFault.NONE
+        self.enabled: bool | None = None
+        self.latched = DriveFault.NONE  # every fault since opening
+        self.answered = self.missed = 0
+        self.round_trips_ns: deque[int] = deque(maxlen=65_536)
+        self.watch = RangeWatch()
+        self._owed = 0
+        self._sent_ns: deque[int] = deque()
+        self._recent: deque[bytes] = deque(maxlen=8)
+
+    @property
+    def name(self) -> str:
+        """For people: "left knee (drive 2, AK80-64/V2)"."""
+        return f"{self.joint.name.lower().replace('_', ' ')} (drive {self.device.can_id}, {self.model.label})"
+
+    def command(self, target: SetPoint, now_ns: int) -> can.Message:
+        """The message for a set-point at the joint."""
+        if self.latched and self.model.protocol is WireProtocol.AK_V3:
+            # this firmware has no enable: any stiff command would restart a drive that has faulted
+            target = target._replace(stiffness_nm_rad=0.0, torque_nm=0.0)
+        return self._outgoing(self.codec.command(self.device.can_id, self.transmission.to_motor(target)), now_ns)
+
+    def order(self, order: Order, now_ns: int) -> list[can.Message]:
+        """The messages of an order."""
+        return [self._outgoing(frame, now_ns) for frame in self.codec.order(self.device.can_id, order)]
+
+    def ask(self, frame: Frame, now_ns: int) -> can.Message:
+        """A question of the drive's own protocol."""
+        return self._outgoing(frame, now_ns)
+
+    def is_echo(self, data: bytes) -> bool:
+        """Whether these bytes are what was just sent (some interfaces give them back)."""
+        return data in self._recent
+
+    def take(self, reply: Reply, measured_ns: int) -> bool:
+        """Take in a reply; False when it is one more than was asked for: two drives share the identifier."""
+        self.position_rad = self.transmission.angle_to_joint(reply.position_rad)
+        self.velocity_rad_s = reply.velocity_rad_s / self.transmission.ratio
+        self.torque_nm = reply.torque_nm * self.transmission.ratio
+        self.temperature_c = reply.temperature_c
+        self.measured_ns = measured_ns
+        self.enabled = reply.enabled
+        self.answered += 1
+        self.faults = reply.faults | self.watch.judge(reply.position_rad, reply.velocity_rad_s, measured_ns)
+        self.latched |= self.faults
+        if self._sent_ns:
+            self.round_trips_ns.append(measured_ns - self._sent_ns.popleft())
+        self._owed -= 1
+        asked_for = self._owed >= 0 or not self.model.answers_each_command
+        self._owed = max(self._owed, 0)
+        return asked_for
+
+    def count_missed(self, now_ns: int) -> None:
+        """Commands that stayed unanswered for too long."""
+        while self._sent_ns and now_ns - self._sent_ns[0] > MISSED_AFTER_NS:
+            self._sent_ns.popleft()
+            self.missed += 1
+
+    def _outgoing(self, frame: Frame, now_ns: int) -> can.Message:
+        self._recent.append(frame.data)
+        self._sent_ns.append(now_ns)
+        self._owed = min(self._owed + 1, _OWED_LIMIT)
+        return message_of(frame)
