@@ -81,7 +81,9 @@ def run_session(
 
 
 def _verify(home: Home, session: str) -> tuple[bool, str]:
-    from logs.verify import verify_file
+    from logs.findings import summary
+    from logs.keys import by_fingerprint, known_keys
+    from logs.verify import Evidence, exit_status, verify
 
-    outcome = verify_file(home.logs / f"{session}.jsonl")
-    return outcome.intact, outcome.explanation
+    findings = verify([home.logs / f"{session}.jsonl"], Evidence(keys=by_fingerprint(known_keys(home.keys))))
+    return exit_status(findings) == 0, "; ".join(summary(finding) for finding in findings)

@@ -1,0 +1,23 @@
+"""The course asks for every action once, each where the gait machine grants it."""
+
+from __future__ import annotations
+
+from app.control.gait_machine import Gait, Latched, Started, ask, complete
+from app.control.states import ACTION_OF, Action, GaitState
+from app.demo.course import ALL_TWELVE
+
+
+def test_course_asks_for_every_action_once() -> None:
+    assert sorted(ACTION_OF[leg.gesture].name for leg in ALL_TWELVE) == sorted(action.name for action in Action)
+
+
+def test_the_gait_machine_grants_the_whole_course() -> None:
+    gait = Gait()
+    for leg in ALL_TWELVE:
+        assert leg.start in (gait.state, GaitState.LEFT_FORWARD)
+        answer = ask(gait, ACTION_OF[leg.gesture])
+        assert isinstance(answer, Started | Latched), leg
+        gait = complete(answer.gait)
+        while gait.running is not None and not leg.steps:
+            gait = complete(gait)
+        assert gait.state is leg.end, leg
