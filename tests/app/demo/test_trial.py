@@ -27,14 +27,16 @@ def trial(report: ActionReport | None, *, ok: bool = True) -> Trial:
     )
 
 
-def report(**moments: int) -> ActionReport:
+def report(*, recognised_ns: int, released_ns: int, first_command_ns: int) -> ActionReport:
     return ActionReport(
         number=1,
         action=Action.STEP_RIGHT_FIRST,
         source=Source.GESTURE,
         from_state=GaitState.STANDING,
         tracking_rms_rad=0.01,
-        **moments,
+        recognised_ns=recognised_ns,
+        released_ns=released_ns,
+        first_command_ns=first_command_ns,
     )
 
 
