@@ -156,6 +156,11 @@ def following_phases(gait: Gait) -> tuple[Phase, ...]:
     return tuple(row.phase for row in TABLE if row.chained and row.source is lands)
 
 
+def action_of(phase: Phase) -> Action:
+    """The action that a step of a walk belongs to."""
+    return next(row.action for row in TABLE if row.phase is phase)
+
+
 def mermaid() -> str:
     """The table as a Mermaid state diagram, for the documents."""
     lines = ["stateDiagram-v2", "    [*] --> UNPOWERED"]

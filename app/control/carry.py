@@ -1,0 +1,197 @@
+"""Carrying out a granted action: its plans, the drives it needs, its movement, its end."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from msgspec.structs import replace as with_fields
+
+from app.control import follow, gait_machine
+from app.control.follow import HOLD_S, Mode
+from app.control.gait_machine import Gait
+from app.control.inputs import DriveOrder
+from app.control.memory import Tick
+from app.control.plan import TICK_HZ, Phase, Plan
+from app.control.states import Action
+from app.control.task import Stage, Task, Wish, end_record, ended, plan_record, plan_sentence, request
+from app.control.wishes import refuse
+from app.processes import PLAN_REPLY
+from logs import records
+
+ENABLE_LIMIT_MS = 3_000  # four drives, one after the other, with their confirmations
+# A hold covers half of its time on the path at full pace; with fewer rows left the step could not be stopped on it.
+LAST_CALL_ROWS = HOLD_S * TICK_HZ / 2 + 5
+
+
+def planner_silent(tick: Tick) -> bool:
+    """Whether the first plan of an action is overdue."""
+    task = tick.memory.task
+    return task is not None and task.waits_too_long(tick.now_ns, PLAN_REPLY.stale_ms)
+
+
+def walk_broken(tick: Tick) -> bool:
+    """Whether a walk runs out of path with no step after it."""
+    memory = tick.memory
+    if memory.task is None or not memory.gait.walking or memory.motion.mode is not Mode.MOVE:
+        return False
+    return memory.motion.rows_left <= LAST_CALL_ROWS and _following(memory.gait) not in memory.task.ahead
+
+
+def take_plans(tick: Tick) -> None:
+    """Give the planner's answers to the action that waits for them; answers to older questions are dropped."""
+    for plan in tick.inputs.plans:
+        task = tick.memory.task
+        if task is None or plan.number not in task.awaited:
+            continue
+        tick.audit.append(plan_record(plan))
+        task = replace(task, awaited=task.awaited - {plan.number})
+        tick.memory = replace(tick.memory, task=task)
+        if task.stage is Stage.PLANNING:
+            _first_plan(tick, task, plan)
+        else:
+            _step_ahead(tick, task, plan)
+
+
+def carry_on(tick: Tick) -> None:
+    """Bring the running action to its next stage when the one it is in has been reached."""
+    task = tick.memory.task
+    if task is None:
+        return
+    if planner_silent(tick):
+        _give_up(tick, task, "refused", "The planner did not answer.")
+    elif task.stage is Stage.ENABLING:
+        _enabling(tick, task)
+    elif task.stage is Stage.GRIPPING and tick.memory.motion.mode is Mode.STIFF:
+        _move(tick, task)
+    elif task.stage is Stage.MOVING and tick.memory.motion.arrived:
+        _arrived(tick, task)
+
+
+def stop_task(tick: Tick, reason: str) -> None:
+    """End the running action where it is, if one runs; the gait is set by whoever stops it."""
+    task = tick.memory.task
+    if task is not None:
+        _end(tick, task, "stopped", reason)
+
+
+def set_gait(tick: Tick, gait: Gait) -> None:
+    """Change the gait, and tell the trail when the state is another one."""
+    before = tick.memory.gait
+    if gait.state is not before.state:
+        tick.audit.append(
+            records.Transition(
+                from_state=before.state.value,
+                to_state=gait.state.value,
+                action=before.running.value if before.running else None,
+                number=tick.memory.number,
+            )
+        )
+    tick.memory = replace(tick.memory, gait=gait)
+
+
+def _following(gait: Gait) -> Phase:
+    """The step that comes after the running one, as things stand."""
+    onward, close = gait_machine.following_phases(gait)
+    return close if gait.closing else onward
+
+
+def _first_plan(tick: Tick, task: Task, plan: Plan) -> None:
+    if not plan.check.ok:
+        wish = Wish(action=task.report.action, source=task.report.source)
+        refuse(tick, wish, plan.check.reason, task.report.number)
+        _give_up(tick, task, "refused", plan.check.reason)
+        return
+    task = replace(task, plan=plan, report=with_fields(task.report, plan=plan_sentence(plan)))
+    if not tick.memory.heard.powered:
+        tick.drives = DriveOrder.ENABLE
+        tick.memory = replace(tick.memory, task=replace(task, stage=Stage.ENABLING, asked_ns=tick.now_ns))
+    elif tick.memory.motion.mode in {Mode.SLACK, Mode.LIMP}:
+        _grip(tick, task)
+    else:
+        _move(tick, task)
+
+
+def _step_ahead(tick: Tick, task: Task, plan: Plan) -> None:
+    """A step of a walk that may follow: one that can't be done ends the walk before it."""
+    if plan.check.ok:
+        tick.memory = replace(tick.memory, task=replace(task, ahead={**task.ahead, plan.phase: plan}))
+    elif plan.action is Action.WALK:
+        tick.memory = replace(tick.memory, gait=gait_machine.close_walk(tick.memory.gait))
+
+
+def _enabling(tick: Tick, task: Task) -> None:
+    overdue = tick.now_ns - task.asked_ns > ENABLE_LIMIT_MS * 1e6
+    if tick.memory.heard.powered:
+        _grip(tick, task)
+    elif tick.inputs.drive_error or overdue:
+        reason = tick.inputs.drive_error or "The drives did not confirm that they carry power."
+        _give_up(tick, task, "stopped", reason)
+
+
+def _give_up(tick: Tick, task: Task, outcome: str, reason: str) -> None:
+    """Nothing has moved yet: the legs rest where they were."""
+    set_gait(tick, gait_machine.abandon(tick.memory.gait))
+    _end(tick, task, outcome, reason)
+
+
+def _grip(tick: Tick, task: Task) -> None:
+    motion = follow.grip(tick.inputs.feedback.position_rad, tick.settings.gains)
+    tick.memory = replace(tick.memory, motion=motion, task=replace(task, stage=Stage.GRIPPING))
+
+
+def _move(tick: Tick, task: Task) -> None:
+    assert task.plan is not None
+    tick.memory = replace(
+        tick.memory,
+        motion=follow.start(tick.memory.motion, task.plan),
+        task=replace(task, stage=Stage.MOVING),
+    )
+    _ask_ahead(tick)
+
+
+def _arrived(tick: Tick, task: Task) -> None:
+    assert task.plan is not None
+    memory = tick.memory
+    tick.memory = replace(
+        memory,
+        steps=memory.steps + task.plan.steps,
+        distance_walked_m=memory.distance_walked_m + task.plan.advance_m,
+    )
+    set_gait(tick, gait_machine.complete(memory.gait))
+    if tick.memory.gait.running is None:
+        tick.memory = replace(tick.memory, motion=follow.stay(tick.memory.motion))
+        _end(tick, task, "completed", "")
+        return
+    onward = task.ahead[tick.memory.gait.phase]  # `walk_broken` has held the legs before it could be missing
+    tick.memory = replace(
+        tick.memory, task=replace(task, plan=onward, ahead={}), motion=follow.start(tick.memory.motion, onward)
+    )
+    _ask_ahead(tick)
+
+
+def _ask_ahead(tick: Tick) -> None:
+    """In a walk ask for both steps that may follow, from where the running one will end."""
+    memory = tick.memory
+    phases = gait_machine.following_phases(memory.gait)
+    task = memory.task
+    assert task is not None
+    assert task.plan is not None
+    last_rad, lands = task.plan.position_rad[-1], task.plan.to_state
+    numbers = range(memory.plan_number + 1, memory.plan_number + 1 + len(phases))
+    for number, phase in zip(numbers, phases, strict=True):
+        action = gait_machine.action_of(phase)
+        tick.requests.append(request(number, action, phase, lands, np.asarray(last_rad)))
+    tick.memory = replace(
+        memory,
+        plan_number=memory.plan_number + len(phases),
+        task=replace(task, awaited=task.awaited | frozenset(numbers)),
+    )
+
+
+def _end(tick: Tick, task: Task, outcome: str, reason: str) -> None:
+    memory = tick.memory
+    reports = ended(task, outcome, memory.gait.state, tick.now_ns, reason)
+    tick.audit.extend(end_record(report, memory.steps, memory.distance_walked_m) for report in reports)
+    tick.memory = replace(memory, task=None)
+    tick.keep(*reports)

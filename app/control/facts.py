@@ -1,0 +1,185 @@
+"""What is true in this tick, in the plain quantities that the table of events compares with its limits."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import reduce
+from math import nan, radians
+from operator import or_
+
+import numpy as np
+
+from app.control.follow import Mode, Motion
+from app.control.freshness import NS_PER_MS, Heard
+from app.control.gait_machine import Gait
+from app.control.inputs import Inputs
+from app.control.settings import Settings
+from hal.joints.joints import BusFault, DriveFault, Joint, JointArray, JointFeedback
+
+RANGE_MARGIN_RAD = radians(2.0)  # of the measured angle over the device's range: encoder noise and a soft stop
+SPEED_MARGIN = 1.1
+TORQUE_MARGIN = 1.05
+SETTLED_NS = 500 * NS_PER_MS  # after a movement the joints settle; later motion while held is unexpected
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Facts:
+    """One tick's facts. Ages count from the last word; errors are 0 where nothing is held that could err."""
+
+    now_ns: int
+    powered: bool
+    drives_lost: bool = False
+    answering: bool = True  # every joint has answered at least once
+    armed: bool = True
+    patient_confirmed: bool = True
+    uncleared: bool = False  # a wish of this tick lacks its pre-flight
+    stop_presses: int = 0
+    ending: bool = False
+    ending_slack: bool = False
+    picture_age_ms: float = 0.0
+    camera_fault: str = ""
+    perception_age_ms: float = 0.0
+    console_age_ms: float = 0.0
+    audit_age_ms: float = 0.0
+    audit_waiting: int = 0
+    audit_fault: str = ""
+    audit_full: bool = False
+    guardian_age_ms: float = 0.0
+    guardian_acted: bool = False
+    late_ms: float = 0.0
+    missed_ticks: int = 0
+    slept_s: float = 0.0
+    clock_step_s: float = 0.0
+    joint_age_ms: float = 0.0
+    drive_faults: DriveFault = DriveFault.NONE
+    drive_detail: str = ""
+    drive_error: str = ""
+    bus: BusFault = BusFault.NONE
+    hottest_c: float = nan
+    warm: bool = False
+    hot: bool = False
+    following_rad: float = 0.0
+    pose_error_rad: float = 0.0
+    drift_rad_s: float = 0.0
+    beyond_range: bool = False
+    beyond_speed: bool = False
+    beyond_torque: bool = False
+    guard_refusal: str = ""
+    planner_silent: bool = False
+    walk_broken: bool = False
+    rejected_messages: int = 0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Standing:
+    """What control itself knows and the streams don't tell."""
+
+    gait: Gait
+    motion: Motion
+    still_since_ns: int  # since when the command has not moved; 0 while it moves
+    armed: bool
+    patient_confirmed: bool
+    stop_presses: int
+    uncleared: bool
+    ending: bool
+    ending_slack: bool
+    planner_silent: bool
+    walk_broken: bool
+
+
+def gather(inputs: Inputs, heard: Heard, standing: Standing, settings: Settings) -> Facts:
+    """The facts of a tick."""
+    now_ns, feedback, motion = inputs.now_ns, inputs.feedback, standing.motion
+    report, audit, guardian = heard.report, heard.audit, heard.guardian
+    answering = bool(np.all(feedback.measured_ns > 0))
+    joint_age_ns = now_ns - int(feedback.measured_ns.min())
+    limits = settings.limits
+    return Facts(
+        now_ns=now_ns,
+        powered=heard.powered,
+        drives_lost=motion.mode is not Mode.LIMP and not heard.powered,
+        answering=answering,
+        armed=standing.armed,
+        patient_confirmed=standing.patient_confirmed,
+        uncleared=standing.uncleared,
+        stop_presses=standing.stop_presses,
+        ending=standing.ending,
+        ending_slack=standing.ending_slack,
+        picture_age_ms=_age_ms(now_ns, report.captured_ns if report else heard.report_ns),
+        camera_fault=report.camera_fault if report else "",
+        perception_age_ms=_age_ms(now_ns, heard.report_ns),
+        console_age_ms=_age_ms(now_ns, heard.alive_ns),
+        audit_age_ms=_age_ms(now_ns, heard.audit_ns),
+        audit_waiting=audit.waiting if audit else 0,
+        audit_fault=audit.fault if audit else "",
+        audit_full=inputs.audit_full,
+        guardian_age_ms=_age_ms(now_ns, heard.guardian_ns),
+        guardian_acted=guardian is not None and guardian.acted,
+        late_ms=inputs.late_ns / NS_PER_MS,
+        missed_ticks=inputs.missed_ticks,
+        slept_s=heard.slept_ns / 1e9,
+        clock_step_s=heard.clock_step_ns / 1e9,
+        joint_age_ms=joint_age_ns / NS_PER_MS,
+        drive_faults=reduce(or_, feedback.faults),
+        drive_detail=feedback.detail or _silent(feedback),
+        drive_error=inputs.drive_error,
+        bus=feedback.bus,
+        hottest_c=_hottest_c(feedback.temperature_c),
+        warm=bool((feedback.temperature_c >= settings.warn_c).any()),
+        hot=bool((feedback.temperature_c >= settings.limit_c).any()),
+        following_rad=_following_rad(motion, feedback),
+        pose_error_rad=_pose_error_rad(standing, feedback, settings),
+        drift_rad_s=_drift_rad_s(standing, feedback, now_ns),
+        beyond_range=bool(
+            (
+                (feedback.position_rad < limits.low_rad - RANGE_MARGIN_RAD)
+                | (feedback.position_rad > limits.high_rad + RANGE_MARGIN_RAD)
+            ).any()
+        ),
+        beyond_speed=bool((np.abs(feedback.velocity_rad_s) > SPEED_MARGIN * limits.speed_rad_s).any()),
+        beyond_torque=bool((np.abs(feedback.torque_nm) > TORQUE_MARGIN * limits.torque_nm).any()),
+        guard_refusal=str(inputs.guard_refusal) if inputs.guard_refusal else "",
+        planner_silent=standing.planner_silent,
+        walk_broken=standing.walk_broken,
+        rejected_messages=inputs.rejected_messages,
+    )
+
+
+def _age_ms(now_ns: int, then_ns: int) -> float:
+    return (now_ns - then_ns) / NS_PER_MS
+
+
+def _silent(feedback: JointFeedback) -> str:
+    """Which joint has been silent the longest; nothing when none is."""
+    oldest = int(feedback.measured_ns.argmin())
+    newest_ns = int(feedback.measured_ns.max())
+    if newest_ns - int(feedback.measured_ns[oldest]) < 10 * NS_PER_MS:
+        return ""
+    return Joint(oldest).name.lower().replace("_", " ")
+
+
+def _hottest_c(temperature_c: JointArray) -> float:
+    return float(np.fmax.reduce(temperature_c))
+
+
+def _following_rad(motion: Motion, feedback: JointFeedback) -> float:
+    """The largest distance of a stiff joint from its target."""
+    if motion.mode not in {Mode.STIFF, Mode.MOVE}:
+        return 0.0
+    return float(np.abs(motion.command.position_rad - feedback.position_rad).max())
+
+
+def _pose_error_rad(standing: Standing, feedback: JointFeedback, settings: Settings) -> float:
+    """The largest distance of a resting, stiff joint from its state's pose."""
+    pose = settings.poses.get(standing.gait.state)
+    if pose is None or standing.gait.running is not None or standing.motion.mode is not Mode.STIFF:
+        return 0.0
+    return float(np.abs(pose - feedback.position_rad).max())
+
+
+def _drift_rad_s(standing: Standing, feedback: JointFeedback, now_ns: int) -> float:
+    """The largest speed of a joint that has been told to stay for a while."""
+    still_ns = now_ns - standing.still_since_ns
+    if standing.motion.mode is not Mode.STIFF or not standing.still_since_ns or still_ns < SETTLED_NS:
+        return 0.0
+    return float(np.abs(feedback.velocity_rad_s).max())

@@ -1,0 +1,107 @@
+"""What control has heard, and when: freshness is computed here, once, the same on hardware as in simulation."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from app.control.inputs import Inputs
+from app.control.states import ACTION_OF, Action
+from app.messages import AuditHealth, GuardianHealth, TriggerReport
+from app.processes import TRIGGER
+from hal.joints.joints import DriveState
+
+NS_PER_MS = 1_000_000
+_FUTURE_NS = 50 * NS_PER_MS  # a capture time that lies ahead of now by more than this is nonsense
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Heard:
+    """The newest of each stream, and the clocks of the tick before. Times are monotonic; before the first word of a
+    stream its age counts from the start."""
+
+    report: TriggerReport | None = None
+    report_ns: int
+    alive_ns: int
+    audit: AuditHealth | None = None
+    audit_ns: int
+    guardian: GuardianHealth | None = None
+    guardian_ns: int
+    clock_offset_ns: int  # wall minus monotonic
+    sleep_ns: int  # boot time minus monotonic: how long the host has slept
+    clock_step_ns: int = 0  # in this tick
+    slept_ns: int = 0  # in this tick
+    was_powered: bool = False
+    powered: bool = False
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Release:
+    """A press that ended by withdrawal in this tick: the wearer's wish."""
+
+    action: Action
+    recognised_ns: int
+    captured_ns: int
+
+
+def nothing_heard(inputs: Inputs) -> Heard:
+    """Before the first tick."""
+    now_ns = inputs.now_ns
+    return Heard(
+        report_ns=now_ns,
+        alive_ns=now_ns,
+        audit_ns=now_ns,
+        guardian_ns=now_ns,
+        clock_offset_ns=inputs.wall_ns - now_ns,
+        sleep_ns=inputs.boot_ns - now_ns,
+    )
+
+
+def listen(heard: Heard, inputs: Inputs) -> Heard:
+    """What has been heard after a tick."""
+    now_ns = inputs.now_ns
+    offset_ns, sleep_ns = inputs.wall_ns - now_ns, inputs.boot_ns - now_ns
+    return replace(
+        heard,
+        report=inputs.report or heard.report,
+        report_ns=now_ns if inputs.report else heard.report_ns,
+        alive_ns=max((command.sent_ns for command in inputs.commands), default=heard.alive_ns),
+        audit=inputs.audit or heard.audit,
+        audit_ns=now_ns if inputs.audit else heard.audit_ns,
+        guardian=inputs.guardian or heard.guardian,
+        guardian_ns=now_ns if inputs.guardian else heard.guardian_ns,
+        clock_offset_ns=offset_ns,
+        sleep_ns=sleep_ns,
+        clock_step_ns=offset_ns - heard.clock_offset_ns,
+        slept_ns=sleep_ns - heard.sleep_ns,
+        was_powered=heard.powered,
+        powered=_powered(heard.powered, inputs.feedback.state),
+    )
+
+
+def release_in(heard: Heard, report: TriggerReport | None, now_ns: int, armed_ns: int) -> Release | None:
+    """The release that this report tells for the first time, if it still counts.
+
+    heard: as it was before this report. A count that grew acts once, in a perception that restarted from nothing.
+    It never acts when its frame is stale, or older than the arming (armed_ns; 0: not armed).
+    """
+    if report is None or report.released_gesture is None or not _first_told(heard.report, report):
+        return None
+    fresh = -_FUTURE_NS <= now_ns - report.released_captured_ns <= TRIGGER.stale_ms * NS_PER_MS
+    if not fresh or not armed_ns or report.released_captured_ns < armed_ns:
+        return None
+    return Release(
+        action=ACTION_OF[report.released_gesture],
+        recognised_ns=report.released_recognised_ns,
+        captured_ns=report.released_captured_ns,
+    )
+
+
+def _first_told(before: TriggerReport | None, report: TriggerReport) -> bool:
+    if before is None or before.incarnation != report.incarnation:
+        return report.release_count > 0
+    return report.release_count > before.release_count
+
+
+def _powered(before: bool, state: DriveState) -> bool:
+    """A drive that faulted carries no power, but the three beside it do."""
+    return state is DriveState.ENABLED or (before and state is DriveState.FAULTED)

@@ -1,0 +1,89 @@
+"""What control carries from tick to tick, and the draft of a tick that the stages of `step` work on."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+from app.control.events import Actives, effect_of
+from app.control.follow import Motion
+from app.control.freshness import Heard
+from app.control.gait_machine import Gait
+from app.control.inputs import DriveOrder, Inputs, Outputs
+from app.control.plan import PlanRequest
+from app.control.settings import Settings
+from app.control.states import Effect
+from app.control.task import Task, Wish
+from app.messages import ActionReport
+from logs.records import Body
+
+REPORTS_KEPT = 24
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Memory:
+    """Everything that outlives a tick."""
+
+    heard: Heard
+    gait: Gait = field(default_factory=Gait)
+    motion: Motion = field(default_factory=Motion)
+    active: Actives = ()
+    task: Task | None = None
+    armed_ns: int = 0  # since when; 0: not armed
+    patient_confirmed: bool = False
+    stop_presses: int = 0  # since the last acknowledgement
+    stop_ns: int = 0  # when the newest STOP was sent
+    stop_seen_ns: int = 0
+    stop_command_ns: int = 0  # when the first command after a STOP was written
+    torque_off: bool = False  # the operator's word, until the joints have given way
+    ending_ns: int = 0  # since when the session is being ended; 0: it is not
+    still_since_ns: int = 0  # since when the command has not moved; 0: it moves
+    sequence: int = 0  # of the newest OperatorCommand
+    number: int = 0  # of the newest action
+    plan_number: int = 0  # of the newest plan request
+    reports: tuple[ActionReport, ...] = ()
+    refusal: str = ""
+    refusal_count: int = 0
+    ignored_count: int = 0
+    steps: int = 0
+    distance_walked_m: float = 0.0
+
+    @property
+    def effect(self) -> Effect:
+        """Of all events in force."""
+        return effect_of(self.active)
+
+
+@dataclass(slots=True, kw_only=True)
+class Tick:
+    """A tick being made: `step` begins one, its stages complete it, and nobody sees it but they."""
+
+    memory: Memory
+    inputs: Inputs
+    settings: Settings
+    wishes: list[Wish] = field(default_factory=list)
+    acknowledged_ns: int = 0
+    drives: DriveOrder = DriveOrder.NONE
+    requests: list[PlanRequest] = field(default_factory=list)
+    audit: list[Body] = field(default_factory=list)
+    finished: bool = False
+
+    @property
+    def now_ns(self) -> int:
+        """The tick's time."""
+        return self.inputs.now_ns
+
+    def keep(self, *reports: ActionReport) -> None:
+        """Show these reports in place of older ones of the same number."""
+        numbers = {report.number for report in reports}
+        older = (report for report in self.memory.reports if report.number not in numbers)
+        self.memory = replace(self.memory, reports=(*older, *reports)[-REPORTS_KEPT:])
+
+    def outputs(self) -> Outputs:
+        """What the shell has to do."""
+        return Outputs(
+            command=self.memory.motion.command,
+            drives=self.drives,
+            requests=tuple(self.requests),
+            audit=tuple(self.audit),
+            finished=self.finished,
+        )

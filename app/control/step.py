@@ -1,0 +1,199 @@
+"""One tick of control: inputs → freshness → events → safety mode → gait machine → trajectory → commands.
+
+Pure: values in, values out, time among the inputs. Read `step` from top to bottom; each stage does what it is called.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from app.control import follow, gait_machine
+from app.control.carry import carry_on, planner_silent, set_gait, stop_task, take_plans, walk_broken
+from app.control.events import CLOCK_STEP_S, ROW, Active, Actives, advance, blocker, displaced, sentence
+from app.control.facts import Standing, gather
+from app.control.follow import Mode
+from app.control.freshness import NS_PER_MS, listen, nothing_heard
+from app.control.inputs import DriveOrder, Inputs, Outputs
+from app.control.memory import Memory, Tick
+from app.control.settings import Settings
+from app.control.states import Effect
+from app.control.task import Stage, measure, note_command
+from app.control.wishes import grant, look, obey, uncleared
+from logs import records
+
+END_HOLD_NS = 400 * NS_PER_MS  # a session that ends holds first, longer than a hold takes; then it gives way
+
+
+def begin(inputs: Inputs) -> Memory:
+    """The memory before the first tick; what is not heard from then on is counted as silent."""
+    return Memory(heard=nothing_heard(inputs))
+
+
+def step(memory: Memory, inputs: Inputs, settings: Settings) -> tuple[Memory, Outputs]:
+    """The memory after one tick, and what the shell has to do."""
+    tick = Tick(memory=memory, inputs=inputs, settings=settings)
+    _observe(tick)
+    obey(tick)
+    look(tick)
+    tick.memory = replace(tick.memory, heard=listen(tick.memory.heard, inputs))
+    _watch(tick)
+    _restrain(tick)
+    grant(tick)
+    take_plans(tick)
+    carry_on(tick)
+    _move(tick)
+    _switch_off(tick)
+    return tick.memory, tick.outputs()
+
+
+def _observe(tick: Tick) -> None:
+    """What became of the command of the tick before."""
+    memory, inputs = tick.memory, tick.inputs
+    if inputs.guard_refusal is not None and inputs.written is not None:
+        memory = replace(memory, motion=follow.resume(memory.motion, inputs.written))
+        refusal = inputs.guard_refusal
+        tick.audit.append(
+            records.GuardRefusal(
+                reason=str(refusal),
+                joint=refusal.joint.name.lower(),
+                quantity=refusal.quantity.value,
+                value=refusal.value if abs(refusal.value) < float("inf") else None,
+                limit=refusal.limit if refusal.limit < float("inf") else None,
+            )
+        )
+    if memory.stop_seen_ns and not memory.stop_command_ns:
+        memory = replace(memory, stop_command_ns=inputs.written_ns)
+    if memory.task is not None:
+        task = measure(
+            memory.task,
+            memory.motion.command,
+            inputs.feedback.position_rad,
+            inputs.written_ns,
+            inputs.now_ns,
+        )
+        memory = replace(memory, task=task)
+    tick.memory = memory
+
+
+def _watch(tick: Tick) -> None:
+    """Which events are in force now."""
+    before = tick.memory.active
+    facts = gather(tick.inputs, tick.memory.heard, _standing(tick), tick.settings)
+    after = advance(before, facts, tick.acknowledged_ns)
+    if after is not before:
+        effect_before = tick.memory.effect
+        tick.memory = replace(tick.memory, active=after)
+        tick.audit.extend(_news(before, after, tick.now_ns))
+        if tick.memory.effect is not effect_before:
+            tick.audit.append(
+                records.EffectChanged(from_effect=effect_before.name.lower(), to_effect=tick.memory.effect.name.lower())
+            )
+    if abs(facts.clock_step_s) > CLOCK_STEP_S:
+        tick.audit.append(records.ClockStep(step_s=facts.clock_step_s))
+
+
+def _restrain(tick: Tick) -> None:
+    """What the events in force do to the legs, before anybody's wish is heard."""
+    effect = tick.memory.effect
+    if tick.memory.motion.mode is not Mode.LIMP and not tick.memory.heard.powered:
+        _let_go(tick, _strongest(tick))
+    elif effect is Effect.DAMP:
+        _interrupt(tick)
+        tick.memory = replace(tick.memory, motion=follow.give_way(tick.memory.motion))
+    elif effect is Effect.HOLD and tick.memory.gait.running is not None:
+        _interrupt(tick)
+    elif displaced(tick.memory.active) and tick.memory.gait.running is None:
+        set_gait(tick, gait_machine.interrupt(tick.memory.gait))
+    elif effect is Effect.REFUSE and tick.memory.gait.walking:
+        _end_walk(tick)
+
+
+def _interrupt(tick: Tick) -> None:
+    """Whatever runs is over; where the legs rest they keep their state unless they will give way."""
+    memory = tick.memory
+    planning = memory.task is not None and memory.task.stage is Stage.PLANNING
+    if memory.motion.mode is Mode.LIMP or (planning and memory.effect is Effect.HOLD):
+        set_gait(tick, gait_machine.abandon(memory.gait))  # nothing has moved yet
+    else:
+        set_gait(tick, gait_machine.interrupt(memory.gait))
+    stop_task(tick, _strongest(tick))
+
+
+def _let_go(tick: Tick, reason: str) -> None:
+    """The drives carry nothing any more."""
+    set_gait(tick, gait_machine.power_off(tick.memory.gait))
+    tick.memory = replace(tick.memory, motion=follow.limp(tick.memory.motion), torque_off=False)
+    stop_task(tick, reason)
+
+
+def _end_walk(tick: Tick) -> None:
+    """A wish for more steps could not be heard any more: the running step ends the walk."""
+    task = tick.memory.task
+    if task is not None and blocker(tick.memory.active, task.report.source) is not None:
+        tick.memory = replace(tick.memory, gait=gait_machine.close_walk(tick.memory.gait))
+
+
+def _move(tick: Tick) -> None:
+    """The next command; what is not running any more slows down along its path and stays."""
+    memory = tick.memory
+    motion = follow.advance(memory.motion, tick.settings.gains, hold=memory.gait.running is None)
+    if motion.halted:
+        motion = follow.stay(motion)
+    moves = motion.mode is Mode.MOVE or motion.mode is not memory.motion.mode
+    still_since_ns = 0 if moves else memory.still_since_ns or tick.now_ns
+    task = memory.task and note_command(memory.task, motion.command)
+    tick.memory = replace(memory, motion=motion, still_since_ns=still_since_ns, task=task)
+
+
+def _switch_off(tick: Tick) -> None:
+    """Torque off on the operator's word or at the session's end, once the joints have given way."""
+    memory = tick.memory
+    wanted = memory.torque_off or memory.ending_ns
+    if wanted and memory.motion.slack:
+        tick.drives = DriveOrder.DISABLE
+        _let_go(tick, "torque off")
+    if memory.ending_ns and tick.memory.motion.mode is Mode.LIMP:
+        tick.drives = DriveOrder.DISABLE
+        tick.finished = True
+
+
+def _standing(tick: Tick) -> Standing:
+    memory = tick.memory
+    ending_ns = memory.ending_ns
+    return Standing(
+        gait=memory.gait,
+        motion=memory.motion,
+        still_since_ns=memory.still_since_ns,
+        armed=memory.armed_ns > 0,
+        patient_confirmed=memory.patient_confirmed,
+        stop_presses=memory.stop_presses,
+        uncleared=uncleared(tick),
+        ending=ending_ns > 0,
+        ending_slack=ending_ns > 0 and tick.now_ns - ending_ns > END_HOLD_NS,
+        planner_silent=planner_silent(tick),
+        walk_broken=walk_broken(tick),
+    )
+
+
+def _strongest(tick: Tick) -> str:
+    return next((sentence(one) for one in tick.memory.active if one.in_force), "")
+
+
+def _news(before: Actives, after: Actives, now_ns: int) -> list[records.Body]:
+    """Which events came into force and which went, for the trail."""
+    was = {one.event: one for one in before}
+    still = {one.event for one in after}
+    raised: list[records.Body] = [
+        records.EventRaised(event=one.event.value, effect=ROW[one.event].effect.name.lower(), text=sentence(one))
+        for one in after
+        if one.event not in was
+    ]
+    return raised + [_cleared(one, now_ns) for one in before if one.event not in still]
+
+
+def _cleared(one: Active, now_ns: int) -> records.EventCleared:
+    return records.EventCleared(
+        event=one.event.value,
+        effect=ROW[one.event].effect.name.lower(),
+        lasted_s=(now_ns - one.since_ns) / 1e9,
+    )
