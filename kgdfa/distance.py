@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from enum import Enum
 from typing import Protocol
 
 import numpy as np
@@ -15,6 +16,14 @@ ANCHOR_RANGE_M = (0.03, 0.12)  # 5 to 17 of any hand, from a child's to the larg
 MIN_ANCHOR_PX = 2.0  # a shorter segment is no measurement
 
 
+class DistanceSource(Enum):
+    """What a distance was measured with."""
+
+    KEYPOINTS = "keypoints"
+    DEPTH = "depth"
+    KEYPOINTS_FOR_DEPTH = "keypoints, the depth camera having no measurement"
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Distance:
     """One measurement, metres. `safe_m` may read far, never near: the button uses it; `shown_m` is the best guess."""
@@ -23,6 +32,7 @@ class Distance:
     safe_m: float
     sd_m: float
     tilt_rad: float = 0.0
+    source: DistanceSource = DistanceSource.KEYPOINTS
 
 
 class RangeFinder(Protocol):

@@ -1,0 +1,153 @@
+"""Hand to camera by a depth map: the depth of keypoint 21, and what is done where the map says nothing.
+
+A stereo camera gives 0 where it could not match: nearer than its minimum range, at the picture's edge, at depth
+jumps and while the hand flips. `published` takes that 0 as a distance, as the paper did; `robust` takes it as no
+measurement and falls back to the keypoints' own distance, marked as such.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from enum import Enum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kgdfa.distance import Distance, DistanceSource
+from kgdfa.errors import KgdfaError
+from kgdfa.hand import Hand
+
+DepthMap = NDArray[np.float32]
+
+MAX_DEPTH_M = 10.0  # D435i data sheet: use range to about 10 m; 65.535 is its 16-bit saturation in millimetres
+WINDOW_ANCHORS = 0.25  # side of the neighbourhood, in palm anchors: on the palm at any tilt that counts
+MIN_VALID = 0.5  # share of the neighbourhood that must have measured
+MAX_SPREAD_M = 0.04  # between its quartiles: more is an edge, not a palm
+SENSOR_SD = 0.01  # D435i: about 1 % of distance in the near field, well inside its 2 % specification
+MAX_SPEED_M_S = 3.0  # of a hand along the view: fast reaching is 1 to 2 m/s
+JUMP_SLACK_M = 0.04
+CONFIRM_FRAMES = 3  # a jump that stays is the truth
+FORGET_NS = 300_000_000
+
+
+class DepthFault(Enum):
+    """Why a neighbourhood of the depth map gives no distance, for people."""
+
+    NONE = ""
+    OUTSIDE = "the palm is outside the depth picture"
+    ZERO = "the camera measured nothing at the palm (too near, an edge, or a turning hand)"
+    NOT_FINITE = "the depth picture contains no numbers at the palm"
+    NEGATIVE = "the depth picture is negative at the palm"
+    SATURATED = "the depth picture is saturated at the palm"
+    EDGE = "the palm lies on an edge of the depth picture"
+    JUMP = "the depth jumped further than a hand can move"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DepthSample:
+    """Depth of the palm in one frame, metres, or the fault that prevents it."""
+
+    depth_m: float | None
+    fault: DepthFault = DepthFault.NONE
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class JumpGuard:
+    """What was accepted last, and a candidate that differs too much to be believed at once."""
+
+    last_m: float | None = None
+    last_ns: int = 0
+    candidate_m: float = 0.0
+    count: int = 0
+
+
+# In the order in which a neighbourhood without enough measurements is named: what holds there most.
+_INVALID: tuple[tuple[DepthFault, Callable[[DepthMap], NDArray[np.bool_]]], ...] = (
+    (DepthFault.ZERO, lambda patch: patch == 0),
+    (DepthFault.NOT_FINITE, lambda patch: ~np.isfinite(patch)),
+    (DepthFault.NEGATIVE, lambda patch: patch < 0),
+    (DepthFault.SATURATED, lambda patch: np.isfinite(patch) & (patch > MAX_DEPTH_M)),
+)
+
+
+def sample_palm(hand: Hand, depth_m: DepthMap) -> DepthSample:
+    """The palm's depth: median of a small neighbourhood of keypoint 21, (h, w) float32 map, metres."""
+    patch = _neighbourhood(hand, depth_m)
+    if patch.size == 0:
+        return DepthSample(depth_m=None, fault=DepthFault.OUTSIDE)
+    valid = patch[np.isfinite(patch) & (patch > 0) & (patch <= MAX_DEPTH_M)]
+    if len(valid) < MIN_VALID * patch.size:
+        fault = max(_INVALID, key=lambda row: int(np.count_nonzero(row[1](patch))))[0]
+        return DepthSample(depth_m=None, fault=fault)
+    low, middle, high = np.percentile(valid, (25, 50, 75))
+    if high - low > MAX_SPREAD_M:
+        return DepthSample(depth_m=None, fault=DepthFault.EDGE)
+    return DepthSample(depth_m=float(middle))
+
+
+def refuse_jump(guard: JumpGuard, sample: DepthSample, captured_ns: int) -> tuple[JumpGuard, DepthSample]:
+    """Pass a sample that a moving hand can explain; hold back one that it can't until it has stayed."""
+    if sample.depth_m is None:
+        return guard, sample
+    accepted = JumpGuard(last_m=sample.depth_m, last_ns=captured_ns)
+    elapsed_ns = captured_ns - guard.last_ns
+    if guard.last_m is None or not 0 <= elapsed_ns <= FORGET_NS:
+        return accepted, sample
+    slack_m = JUMP_SLACK_M + MAX_SPEED_M_S * elapsed_ns * 1e-9
+    if abs(sample.depth_m - guard.last_m) <= slack_m:
+        return accepted, sample
+    stays = guard.count > 0 and abs(sample.depth_m - guard.candidate_m) <= JUMP_SLACK_M
+    count = guard.count + 1 if stays else 1
+    if count >= CONFIRM_FRAMES:
+        return accepted, sample
+    waiting = replace(guard, candidate_m=sample.depth_m, count=count)
+    return waiting, DepthSample(depth_m=None, fault=DepthFault.JUMP)
+
+
+def read_published(depth_m: DepthMap, hand: Hand) -> Distance:
+    """The paper's reading: the map at keypoint 21, whatever stands there; outside 0, as librealsense gives."""
+    column, row = (int(value) for value in np.round(np.nan_to_num(hand.palm_centre_px, nan=-1.0)))
+    inside = 0 <= row < depth_m.shape[0] and 0 <= column < depth_m.shape[1]
+    value = float(depth_m[row, column]) if inside else 0.0
+    return Distance(shown_m=value, safe_m=value, sd_m=0.0, source=DistanceSource.DEPTH)
+
+
+class DepthRange:
+    """A distance from each depth map: `published` or `robust`, by name. `fault` says why the newest has none."""
+
+    def __init__(self, *, mode: str) -> None:
+        """Nothing seen yet. Raises KgdfaError for a mode that does not exist."""
+        if mode not in {"published", "robust"}:
+            raise KgdfaError(f"There is no depth mode {mode!r}: choose published or robust.")
+        self.name = mode
+        self.fault = DepthFault.NONE
+        self._guard = JumpGuard()
+
+    def measure(self, depth_m: DepthMap, hand: Hand, monocular: Distance | None, captured_ns: int) -> Distance | None:
+        """The palm's depth; `robust` gives `monocular`, marked as a fallback, where the map has none."""
+        if self.name == "published":
+            return read_published(depth_m, hand)
+        self._guard, sample = refuse_jump(self._guard, sample_palm(hand, depth_m), captured_ns)
+        self.fault = sample.fault
+        if sample.depth_m is not None:
+            sd_m = SENSOR_SD * sample.depth_m
+            return Distance(
+                shown_m=sample.depth_m, safe_m=sample.depth_m + sd_m, sd_m=sd_m, source=DistanceSource.DEPTH
+            )
+        return None if monocular is None else replace(monocular, source=DistanceSource.KEYPOINTS_FOR_DEPTH)
+
+    def reset(self) -> None:
+        """Forget what was accepted last: another hand, or a gap."""
+        self._guard = JumpGuard()
+
+
+def _neighbourhood(hand: Hand, depth_m: DepthMap) -> DepthMap:
+    """The square about keypoint 21 that lies on the map, flat; empty when the keypoint is off the map."""
+    x, y = hand.palm_centre_px
+    height, width = depth_m.shape
+    if not (0 <= x < width and 0 <= y < height):
+        return np.empty(0, np.float32)
+    half = max(1, round(WINDOW_ANCHORS * hand.anchor_px / 2))
+    top, left = max(0, round(y) - half), max(0, round(x) - half)
+    return depth_m[top : round(y) + half + 1, left : round(x) + half + 1].ravel()
