@@ -25,10 +25,15 @@ def decode(text: str, where: str) -> Profile:
     """The profile in a TOML text. Raises ProfileError naming the place and the field or line."""
     try:
         table = tomlkit.parse(text).unwrap()
-        built = from_file(table, Profile)
-        return check(msgspec.convert(built, type=Profile))
     except TOMLKitError as error:
         raise ProfileError(f"{where} is no valid TOML: {error}; mend that line or take a copy.") from error
+    return from_table(table, where)
+
+
+def from_table(table: Mapping[str, Any], where: str) -> Profile:
+    """The profile in a table as files have it. Raises ProfileError naming the place and the field."""
+    try:
+        return check(msgspec.convert(from_file(table, Profile), type=Profile))
     except msgspec.ValidationError as error:
         raise ProfileError(f"{where}: {_in_file_terms(str(error))}; mend that field.") from error
     except ProfileError as error:
@@ -40,7 +45,8 @@ def encode(profile: Profile, existing: str = "") -> str:
     document = tomlkit.parse(existing) if existing else tomlkit.document()
     if not existing:
         document.add(tomlkit.comment(HEADING))
-    _merge(document, to_file(profile))
+    wanted = to_file(profile)
+    _merge(document, {**{k: v for k, v in wanted.items() if not _is_table(v)}, **wanted})
     return tomlkit.dumps(document)
 
 
@@ -103,12 +109,22 @@ def _merge(target: MutableMapping[str, Any], wanted: Mapping[str, Any]) -> None:
         held = target.get(key)
         if isinstance(value, Mapping) and isinstance(held, MutableMapping):
             _merge(held, value)
+        elif isinstance(value, list):
+            if held != value:
+                _put_tables(target, key, value)
         elif held != value:
-            target[key] = _table_array(value) if _is_tables(value) else value
+            target[key] = value
 
 
-def _is_tables(value: Any) -> bool:
-    return isinstance(value, list) and any(isinstance(item, Mapping) for item in value)
+def _put_tables(target: MutableMapping[str, Any], key: str, tables: list[Any]) -> None:
+    """An array of tables belongs behind every plain value, or it would swallow those after it."""
+    target.pop(key, None)
+    if tables:
+        target[key] = _table_array(tables)
+
+
+def _is_table(value: Any) -> bool:
+    return isinstance(value, (list, Mapping))
 
 
 def _table_array(tables: list[Mapping[str, Any]]) -> Any:
@@ -124,4 +140,5 @@ def _in_file_terms(message: str) -> str:
     def as_key(match: re.Match[str]) -> str:
         return file_key(re.sub(r"\[[^]]*\]", "", match.group(1)))[0]
 
+    message = re.sub(r"^Invalid enum value '(.*)'", r"'\1' is no choice", message)
     return re.sub(r"field `(\w+)`", lambda match: f"field {as_key(match)}", re.sub(r"`\$\.?([^`]*)`", as_key, message))

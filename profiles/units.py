@@ -44,7 +44,7 @@ def to_file(value: Struct, prefix: str = "") -> dict[str, Any]:
     table: dict[str, Any] = {}
     for name in value.__struct_fields__:
         held = getattr(value, name)
-        if held is None:
+        if held is None or held == ():
             continue
         path = prefix + name
         key, factor = file_key(path)
@@ -98,6 +98,6 @@ def _struct_in(kind: Any) -> type[Struct] | None:
 
 
 def _unknown(key: str, known: list[str]) -> str:
-    close = difflib.get_close_matches(key, known, n=1, cutoff=0.5)
+    close = difflib.get_close_matches(key, known, n=1, cutoff=0.7)
     advice = f"did you mean {close[0]}?" if close else f"the fields are {', '.join(known)}."
     return f"there is no field {key}: {advice}"

@@ -92,6 +92,19 @@ def test_comments_survive_a_save(store: ProfileStore, patient: Profile, at: date
     assert "stature_cm = 180.0" in path.read_text()
 
 
+def test_a_calibration_comes_and_goes_without_touching_the_rest(
+    store: ProfileStore, patient: Profile, at: datetime
+) -> None:
+    store.create(patient, by="anna", at=at)
+    one = Calibration(
+        camera="c", focal_anchor_px_m=58.0, focal_px=950, distance_m=0.3, residual=0.01, calibrated_at="2026"
+    )
+    for calibrations in ((one,), (one, msgspec.structs.replace(one, camera="d")), ()):
+        wanted = changed(patient, calibrations=calibrations)
+        store.save(wanted, by="anna", at=at)
+        assert differences(wanted, store.load("P-0042")) == {}
+
+
 def test_every_change_is_kept_with_who_and_what(store: ProfileStore, patient: Profile, at: datetime) -> None:
     store.create(patient, by="anna", at=at)
     longer = changed(patient, gait=GaitParameters(step_length_m=0.4))
