@@ -1,0 +1,78 @@
+"""The wearer's body as the simulated exoskeleton needs it: segment lengths, masses and how much of it is carried.
+
+Ratios of stature and mass: Drillis and Contini, and the segment table, of Winter, Biomechanics and Motor Control of
+Human Movement, tables 4.1 and 4.2 (figure 4.1 for the lengths).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+THIGH_OF_STATURE = 0.245
+SHANK_OF_STATURE = 0.246
+ANKLE_HEIGHT_OF_STATURE = 0.039
+HEEL_OF_STATURE = 0.038  # the ankle stands a quarter of the foot's length (0.152 of stature) before the heel
+BALL_OF_STATURE = 0.085  # sole that carries before the ankle: to the ball and half the toes, which bend
+
+THIGH_OF_MASS = 0.100
+SHANK_OF_MASS = 0.0465
+FOOT_OF_MASS = 0.0145
+COM_OF_THIGH = 0.433  # from the upper joint, share of the segment's length
+COM_OF_SHANK = 0.433
+GYRATION_OF_THIGH = 0.323  # about the centre of mass, share of the segment's length
+GYRATION_OF_SHANK = 0.302
+TRUNK_COM_OF_STATURE = 0.180  # above the hip: 0.626 of hip to shoulder, which is 0.288 of stature
+TRUNK_GYRATION_OF_STATURE = 0.143
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Body:
+    """One wearer; lengths in metres from joint to joint, mass without the device."""
+
+    stature_m: float
+    mass_kg: float
+    thigh_m: float
+    shank_m: float
+    ankle_height_m: float
+    heel_m: float  # behind the ankle, along the sole
+    toe_m: float  # before the ankle, along the sole: where it still carries
+    body_weight_support: float = 0.5  # share of the weight, wearer and device, that a harness carries
+
+    @property
+    def leg_m(self) -> float:
+        """Hip to ankle with the knee straight."""
+        return self.thigh_m + self.shank_m
+
+    @property
+    def thigh_kg(self) -> float:
+        """One thigh."""
+        return THIGH_OF_MASS * self.mass_kg
+
+    @property
+    def shank_kg(self) -> float:
+        """One shank."""
+        return SHANK_OF_MASS * self.mass_kg
+
+    @property
+    def foot_kg(self) -> float:
+        """One foot."""
+        return FOOT_OF_MASS * self.mass_kg
+
+    @property
+    def trunk_kg(self) -> float:
+        """Head, arms and trunk."""
+        return self.mass_kg - 2 * (self.thigh_kg + self.shank_kg + self.foot_kg)
+
+
+def average_body(stature_m: float, mass_kg: float, body_weight_support: float = 0.5) -> Body:
+    """The body that the ratios make of a stature and a mass."""
+    return Body(
+        stature_m=stature_m,
+        mass_kg=mass_kg,
+        thigh_m=THIGH_OF_STATURE * stature_m,
+        shank_m=SHANK_OF_STATURE * stature_m,
+        ankle_height_m=ANKLE_HEIGHT_OF_STATURE * stature_m,
+        heel_m=HEEL_OF_STATURE * stature_m,
+        toe_m=BALL_OF_STATURE * stature_m,
+        body_weight_support=body_weight_support,
+    )
