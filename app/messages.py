@@ -221,3 +221,4 @@ class GuardianHealth(Struct, frozen=True, kw_only=True, tag="guardian-health"):
 
     at_ns: int
     acted: bool = False
+    fault: str = ""  # why it can't reach the drives

@@ -382,7 +382,8 @@ TABLE = (
     Row(
         event=E.GUARDIAN_GONE,
         effect=F.REFUSE,
-        present=lambda f: f.guardian_age_ms > GUARDIAN.stale_ms,
+        present=lambda f: f.guardian_age_ms > GUARDIAN.stale_ms or f.guardian_fault != "",
+        detail=lambda f: f.guardian_fault,
         text="The guardian is gone, nobody would stop the joints if control died: end the session.",
     ),
     Row(

@@ -46,6 +46,7 @@ class Facts:
     audit_full: bool = False
     guardian_age_ms: float = 0.0
     guardian_acted: bool = False
+    guardian_fault: str = ""
     late_ms: float = 0.0
     missed_ticks: int = 0
     slept_s: float = 0.0
@@ -115,6 +116,7 @@ def gather(inputs: Inputs, heard: Heard, standing: Standing, settings: Settings)
         audit_full=inputs.audit_full,
         guardian_age_ms=_age_ms(now_ns, heard.guardian_ns),
         guardian_acted=guardian is not None and guardian.acted,
+        guardian_fault=guardian.fault if guardian else "",
         late_ms=inputs.late_ns / NS_PER_MS,
         missed_ticks=inputs.missed_ticks,
         slept_s=heard.slept_ns / 1e9,

@@ -1,0 +1,96 @@
+"""What makes a Linux process punctual: a real-time priority, memory that stays, a core; each where it is allowed."""
+
+from __future__ import annotations
+
+import ctypes
+import gc
+import os
+import resource
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+from app.messages import RealTime
+
+PRIORITY = 60  # above everything usual, below the kernel's own threads at 99
+_MCL_CURRENT, _MCL_FUTURE = 1, 2
+_PR_SET_TIMERSLACK = 29
+_ISOLATED = Path("/sys/devices/system/cpu/isolated")
+_OWN_CORE_FROM = 4  # with fewer cores, pinning control would rather take one from perception
+
+
+def become_real_time() -> RealTime:
+    """Take what the system allows, and tell what it was. Call before threads are started: they inherit it."""
+    core = _choose_core()
+    return RealTime(fifo=_fifo(), memory_locked=_lock_memory(), core=core)
+
+
+def quiet_garbage() -> None:
+    """No collection in the loop: what lives now is left alone, and the loop makes no cycles."""
+    gc.collect()
+    gc.freeze()
+    gc.disable()
+
+
+@dataclass(slots=True)
+class Pace:
+    """Absolute deadlines at a fixed period: a late tick shifts no later one, whole missed periods are left out."""
+
+    period_ns: int
+    next_ns: int
+
+    def wait(self) -> tuple[int, int, int]:
+        """Sleep until the next deadline: (now_ns, late_ns, periods left out)."""
+        ahead_ns = self.next_ns - time.monotonic_ns()
+        if ahead_ns > 0:
+            time.sleep(ahead_ns / 1e9)
+        now_ns = time.monotonic_ns()
+        late_ns = max(0, now_ns - self.next_ns)
+        missed = late_ns // self.period_ns
+        self.next_ns += (missed + 1) * self.period_ns
+        return now_ns, late_ns, missed
+
+
+def _fifo() -> bool:
+    try:
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY))
+    except OSError:
+        # Without it the kernel may delay a sleeper by its timer slack of 50 µs on top of everything else.
+        ctypes.CDLL(None).prctl(_PR_SET_TIMERSLACK, 1)
+        return False
+    return True
+
+
+def _lock_memory() -> bool:
+    """Only without a limit: with one, MCL_FUTURE would make a later allocation fail instead of being late."""
+    limit, _ = resource.getrlimit(resource.RLIMIT_MEMLOCK)
+    if limit != resource.RLIM_INFINITY and os.geteuid() != 0:
+        return False
+    return bool(ctypes.CDLL(None).mlockall(_MCL_CURRENT | _MCL_FUTURE) == 0)
+
+
+def _choose_core() -> int | None:
+    """A core set apart by the administrator, else the last of many; None when control has to share."""
+    allowed = sorted(os.sched_getaffinity(0))
+    isolated = [core for core in _isolated_cores() if core in allowed]
+    core = isolated[-1] if isolated else allowed[-1] if len(allowed) >= _OWN_CORE_FROM else None
+    if core is None:
+        return None
+    try:
+        os.sched_setaffinity(0, {core})
+    except OSError:
+        return None
+    return core
+
+
+def _isolated_cores() -> list[int]:
+    """From the kernel's list, e.g. `2-3,7`."""
+    try:
+        text = _ISOLATED.read_text(encoding="ascii").strip()
+    except OSError:
+        return []
+    cores: list[int] = []
+    for part in filter(None, text.split(",")):
+        first, _, last = part.partition("-")
+        cores.extend(range(int(first), int(last or first) + 1))
+    return cores
