@@ -138,7 +138,6 @@ class Guardian:
             self._stop.damp()
         elif self._watch.doing is Doing.OFF:
             self._stop.exit()
-'''
 
     def _open(self, now_ns: int) -> None:
         """The way to the drives, tried again while it fails: the guardian may be up before the bus is."""

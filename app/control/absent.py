@@ -17,11 +17,11 @@ class AbsentJoints:
     def __init__(self, reason: str) -> None:
         self._reason = reason
 
-    def open(self, now_ns: int) -> None:
+    def open(self, now_ns: int) -> None:  # noqa: ARG002 - the Protocol's
         """Raises HardwareError: that is why it stands here."""
         raise HardwareError(self._reason)
 
-    def enable(self, now_ns: int) -> None:
+    def enable(self, now_ns: int) -> None:  # noqa: ARG002 - the Protocol's
         """Raises HardwareError."""
         raise HardwareError(self._reason)
 
