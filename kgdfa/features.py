@@ -13,7 +13,7 @@ from itertools import combinations
 
 import numpy as np
 
-from kgdfa.fingers import ANGLE_POINTS, Finger, angles_deg
+from kgdfa.fingers import ANGLE_POINTS, angles_deg
 from kgdfa.hand import FloatArray
 from kgdfa.hulls import INNER_HULL, OUTER_HULL, TIPS, tip_depths
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import os
 import sys
+import weakref
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -33,7 +34,7 @@ RIVAL_LOOK_FRAMES = 10  # how often a contested picture is asked again for a sec
 
 
 class HandDetector:
-    """Finds hands in pictures. Close it: mediapipe cannot be left to the interpreter's exit."""
+    """Finds hands in pictures. Closed by `close`, `with`, or at the latest when the interpreter ends."""
 
     def __init__(
         self,
@@ -50,9 +51,11 @@ class HandDetector:
         self._last_ms = -1
         self._previous: tuple[Hand, ...] = ()
         self._contested_frames = 0
-        self._landmarker = _load(model, RunningMode.IMAGE if still else RunningMode.VIDEO, max_hands,
-                                 min_detection, min_presence)  # fmt: skip
+        mode = RunningMode.IMAGE if still else RunningMode.VIDEO
+        self._landmarker = _load(model, mode, max_hands, min_detection, min_presence)
         self._rival_look = _load(model, RunningMode.IMAGE, 2, 0.5, 0.5) if watch_rivals else None
+        loaded = [one for one in (self._landmarker, self._rival_look) if one is not None]
+        self._free = weakref.finalize(self, _close_all, loaded)
 
     def detect(self, image_bgr: Image, captured_ns: int = 0) -> tuple[Hand, ...]:
         """The hands in one picture, the tracked one first; () when there is none.
@@ -68,9 +71,7 @@ class HandDetector:
 
     def close(self) -> None:
         """Free the model; harmless when done twice."""
-        for landmarker in (self._landmarker, self._rival_look):
-            if landmarker is not None:
-                landmarker.close()
+        self._free()
         self._landmarker = self._rival_look = None
 
     def __enter__(self) -> Self:
@@ -101,6 +102,11 @@ class HandDetector:
         seen = _hands(self._rival_look.detect(_as_mediapipe(image)), image, ())
         others = tuple(hand for hand in seen if not _same_place(hand, hands[0]))
         return hands + others[:1]
+
+
+def _close_all(landmarkers: list[Any]) -> None:
+    for landmarker in landmarkers:
+        landmarker.close()
 
 
 def _as_mediapipe(image: Image) -> Any:
