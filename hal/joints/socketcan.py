@@ -193,13 +193,14 @@ class SocketCanJoints:
             port.report(BusFault.MALFORMED, f"not a classic data frame: ID {message.arbitration_id:X}")
             return
         fault, text = self._routes[number].deliver(frame_of(message), measured_ns)
-        if fault:
+        if fault is not BusFault.NONE:
             port.report(fault, text)
 
     def _feedback(self) -> JointFeedback:
         bus, detail = self._bus_faults()
         faults = tuple(self._drive_fault(station) for station in self.stations)
-        if self._state is DriveState.ENABLED and (any(faults) or bus & _ENDING):
+        healthy = bus is BusFault.NONE and all(fault is DriveFault.NONE for fault in faults)
+        if self._state is DriveState.ENABLED and not healthy and (any(faults) or bus & _ENDING):
             self._state = DriveState.FAULTED
         stations = self.stations
         return JointFeedback(
@@ -211,7 +212,7 @@ class SocketCanJoints:
             faults=(faults[0], faults[1], faults[2], faults[3]),
             state=self._state,
             bus=bus,
-            detail=detail or _sentence(stations, faults),
+            detail=detail if healthy else detail or _sentence(stations, faults),
             missed_replies=sum(station.missed for station in stations),
         )
 
@@ -219,11 +220,12 @@ class SocketCanJoints:
         faults, detail = BusFault.NONE, ""
         for port in self._ports:
             fault, text = port.take_faults()
-            faults, detail = faults | fault, text or detail
+            if fault is not BusFault.NONE:
+                faults, detail = faults | fault, text
         return faults, detail
 
     def _drive_fault(self, station: Station) -> DriveFault:
-        if self._state in _POWERED and station.enabled is False and not station.faults:
+        if station.enabled is False and station.faults is DriveFault.NONE and self._state in _POWERED:
             return DriveFault.UNEXPECTEDLY_DISABLED
         return station.faults
 

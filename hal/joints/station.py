@@ -49,7 +49,7 @@ class Station:
 
     def command(self, target: SetPoint, now_ns: int) -> can.Message:
         """The message for a set-point at the joint."""
-        if self.latched and self.model.protocol is WireProtocol.AK_V3:
+        if self.latched is not DriveFault.NONE and self.model.protocol is WireProtocol.AK_V3:
             # this firmware has no enable: any stiff command would restart a drive that has faulted
             target = target._replace(stiffness_nm_rad=0.0, torque_nm=0.0)
         return self._outgoing(self.codec.command(self.device.can_id, self.transmission.to_motor(target)), now_ns)
@@ -75,8 +75,7 @@ class Station:
         self.measured_ns = measured_ns
         self.enabled = reply.enabled
         self.answered += 1
-        self.faults = reply.faults | self.watch.judge(reply.position_rad, reply.velocity_rad_s, measured_ns)
-        self.latched |= self.faults
+        self._judge(reply, measured_ns)
         if self._sent_ns:
             self.round_trips_ns.append(measured_ns - self._sent_ns.popleft())
         self._owed -= 1
@@ -89,6 +88,13 @@ class Station:
         while self._sent_ns and now_ns - self._sent_ns[0] > MISSED_AFTER_NS:
             self._sent_ns.popleft()
             self.missed += 1
+
+    def _judge(self, reply: Reply, measured_ns: int) -> None:
+        # combining flags costs microseconds, and this runs two thousand times a second: only when there is one
+        verdict = self.watch.judge(reply.position_rad, reply.velocity_rad_s, measured_ns)
+        self.faults = reply.faults if verdict is DriveFault.NONE else reply.faults | verdict
+        if self.faults is not DriveFault.NONE:
+            self.latched |= self.faults
 
     def _outgoing(self, frame: Frame, now_ns: int) -> can.Message:
         self._recent.append(frame.data)

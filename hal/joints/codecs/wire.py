@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import Enum
 from typing import NamedTuple, Protocol
 
@@ -97,21 +97,29 @@ class Scale:
     low: float
     high: float
     bits: int
+    top: int = field(init=False)
+    span: float = field(init=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "top", (1 << self.bits) - 1)
+        object.__setattr__(self, "span", self.high - self.low)
 
     @property
     def quantum(self) -> float:
         """The step of one bit."""
-        return (self.high - self.low) / ((1 << self.bits) - 1)
+        return self.span / self.top
 
     def to_wire(self, value: float) -> int:
         """The unsigned integer for a value; raises ValueError for NaN."""
-        clamped = min(max(value, self.low), self.high)
-        return int((clamped - self.low) * ((1 << self.bits) - 1) / (self.high - self.low))
+        if value <= self.low:
+            return 0
+        if value >= self.high:
+            return self.top
+        return int((value - self.low) * self.top / self.span)
 
     def to_value(self, wire: int) -> float:
         """The value of an unsigned integer."""
-        value = (wire + _NUDGE) * (self.high - self.low) / ((1 << self.bits) - 1) + self.low
-        return min(value, self.high)
+        return (wire + _NUDGE) * self.span / self.top + self.low if wire < self.top else self.high
 
 
 def symmetric(limit: float, bits: int) -> Scale:

@@ -1,0 +1,33 @@
+"""Rigs for the joints' tests."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import ExitStack, suppress
+
+import pytest
+
+from hal.errors import HardwareError
+from hal.joints.device import Exoskeleton
+from hal.joints.emulator import DriveEmulator, EmulatorThread
+from hal.joints.socketcan import SocketCanJoints
+from tests.hal.joints.rig import CanRig, MakeRig
+
+
+@pytest.fixture
+def make_rig() -> Iterator[MakeRig]:
+    """Starts emulated drives for a device and a driver that isn't open yet; ends them after the test."""
+    with ExitStack() as stack:
+
+        def make(device: Exoskeleton, emulated: Exoskeleton | None = None) -> CanRig:
+            emulator = stack.enter_context(EmulatorThread(DriveEmulator(emulated or device)))
+            joints = SocketCanJoints(device)
+            stack.callback(_close, joints)
+            return CanRig(joints, emulator)
+
+        yield make
+
+
+def _close(joints: SocketCanJoints) -> None:
+    with suppress(HardwareError):  # a test may leave a drive that can't confirm
+        joints.close(0)

@@ -1,0 +1,324 @@
+"""Frames to the bit: golden ones, round trips of every motor, and what is no frame of theirs."""
+
+from __future__ import annotations
+
+import math
+from itertools import product
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from hal.errors import HardwareError
+from hal.joints.codecs import codec_of, cybergear, damiao, mit
+from hal.joints.codecs.wire import NEUTRAL, Frame, Order, Reply, Scale, SetPoint
+from hal.joints.joints import DriveFault
+from hal.joints.motors import MotorModel, ReplyLayout, WireProtocol, load_motors
+
+TABLE = load_motors()
+MOTORS = tuple(TABLE.entries.values())
+COMMANDED = tuple(motor for motor in MOTORS if motor.protocol is not WireProtocol.SERVO)
+UPLOADING = (WireProtocol.AK_V3, WireProtocol.SERVO)
+motors = st.sampled_from(COMMANDED)
+shares = st.floats(-1.0, 1.0)
+
+# Computed by hand from u = int((x - min)(2^n - 1)/(max - min)); kept in the protocol notes
+GOLDEN = [
+    ("AK80-9/V2", NEUTRAL, "7F FF 7F F0 00 00 07 FF"),
+    ("AK80-9/V2", SetPoint(1.0, -2.0, 20.0, 1.0, 3.0), "8A 3C 7A D0 A3 33 39 54"),
+    ("AK80-64/V2", SetPoint(-0.5, 0.0, 100.0, 2.0, -10.0), "7A E0 7F F3 33 66 67 71"),
+    ("AK80-9/V3", NEUTRAL, "00 00 00 7F FF 7F F7 FF"),
+    ("AK80-64/V3", SetPoint(-0.5, 0.0, 100.0, 2.0, -10.0), "33 36 66 7A E0 7F F7 71"),
+    ("DM4310/default", NEUTRAL, "7F FF 7F F0 00 00 07 FF"),
+    ("CyberGear/manual", NEUTRAL, "7F FF 7F FF 00 00 00 00"),
+]
+
+
+@pytest.mark.parametrize(("label", "target", "data"), GOLDEN)
+def test_golden_commands(label: str, target: SetPoint, data: str) -> None:
+    assert codec_of(TABLE.find(label)).command(1, target).data == bytes.fromhex(data)
+
+
+@pytest.mark.parametrize(
+    ("label", "identifier", "extended"),
+    [
+        ("AK80-9/V2", 0x005, False),
+        ("AK80-9/V3", 0x805, True),
+        ("DM4310/default", 0x005, False),
+        ("CyberGear/manual", 0x01_7FFF_05, True),
+    ],
+)
+def test_golden_identifiers(label: str, identifier: int, extended: bool) -> None:
+    frame = codec_of(TABLE.find(label)).command(5, NEUTRAL)
+    assert (frame.arbitration_id, frame.extended) == (identifier, extended)
+
+
+@pytest.mark.parametrize(
+    ("label", "order", "frames"),
+    [
+        ("AK80-9/V2", Order.ENABLE, ["005#FFFFFFFFFFFFFFFC"]),
+        ("AK80-9/V2", Order.DISABLE, ["005#FFFFFFFFFFFFFFFD"]),
+        ("AK80-9/V2", Order.ZERO, ["005#FFFFFFFFFFFFFFFE"]),
+        ("AK80-9/V2", Order.CLEAR, []),
+        ("DM4310/default", Order.CLEAR, ["005#FFFFFFFFFFFFFFFB"]),
+        ("AK80-9/V3", Order.DISABLE, ["00000105#00000000"]),
+        ("AK80-9/V3", Order.ZERO, ["00000505#00"]),
+        ("CyberGear/manual", Order.ENABLE, ["1200FD05#0570000000000000", "0300FD05#0000000000000000"]),
+        ("CyberGear/manual", Order.DISABLE, ["0400FD05#0000000000000000"]),
+        ("CyberGear/manual", Order.CLEAR, ["0400FD05#0100000000000000"]),
+        ("CyberGear/manual", Order.ZERO, ["0600FD05#0100000000000000"]),
+    ],
+)
+def test_golden_orders(label: str, order: Order, frames: list[str]) -> None:
+    sent = codec_of(TABLE.find(label)).order(5, order)
+    digits = [f"{frame.arbitration_id:0{8 if frame.extended else 3}X}#{frame.data.hex().upper()}" for frame in sent]
+    assert digits == frames
+
+
+def test_neutral_is_not_quite_zero_torque() -> None:
+    for label, torque_nm in (("AK80-9/V2", -0.0044), ("AK80-64/V2", -0.0352)):
+        codec = codec_of(TABLE.find(label))
+        heard = codec.read_command(1, codec.command(1, NEUTRAL))
+        assert isinstance(heard, SetPoint)
+        assert heard.torque_nm == pytest.approx(torque_nm, abs=1e-4)
+
+
+def within(motor: MotorModel, fractions: tuple[float, float, float, float, float]) -> SetPoint:
+    """A set-point at these shares of the motor's ranges."""
+    p, v, kp, kd, t = fractions
+    return SetPoint(
+        p * motor.position_rad,
+        v * motor.velocity_rad_s,
+        abs(kp) * motor.stiffness_nm_rad,
+        abs(kd) * motor.damping_nm_s_rad,
+        t * motor.torque_nm,
+    )
+
+
+def quanta(motor: MotorModel) -> tuple[float, ...]:
+    """One step of each field."""
+    fine = motor.protocol is WireProtocol.CYBERGEAR
+    spans = (
+        2 * motor.position_rad,
+        2 * motor.velocity_rad_s,
+        motor.stiffness_nm_rad,
+        motor.damping_nm_s_rad,
+        2 * motor.torque_nm,
+    )
+    bits = (16,) * 5 if fine else (16, 12, 12, 12, 12)
+    return tuple(span / (2**width - 1) for span, width in zip(spans, bits, strict=True))
+
+
+@given(motor=motors, fractions=st.tuples(shares, shares, shares, shares, shares))
+def test_a_set_point_comes_through_at_most_one_quantum_low(
+    motor: MotorModel, fractions: tuple[float, float, float, float, float]
+) -> None:
+    """The firmware's rule truncates, so what arrives is in (x - 1 quantum, x]: half a quantum about its middle."""
+    codec = codec_of(motor)
+    target = within(motor, fractions)
+    heard = codec.read_command(7, codec.command(7, target))
+    assert isinstance(heard, SetPoint)
+    for sent, received, quantum in zip(target, heard, quanta(motor), strict=True):
+        middle = received + quantum / 2
+        assert abs(sent - middle) <= quantum / 2 * (1 + 1e-4)
+
+
+@given(motor=motors, wire=st.tuples(st.integers(0, 65535), *[st.integers(0, 4095)] * 4))
+def test_what_was_decoded_encodes_to_the_same_bits(motor: MotorModel, wire: tuple[int, ...]) -> None:
+    codec = codec_of(motor)
+    word = (wire[0] << 48) | (wire[1] << 36) | (wire[2] << 24) | (wire[3] << 12) | wire[4]
+    template = codec.command(7, NEUTRAL)
+    frame = template._replace(data=word.to_bytes(8, "big"))
+    heard = codec.read_command(7, frame)
+    if isinstance(heard, SetPoint):
+        assert codec.command(7, heard) == frame
+
+
+@given(
+    motor=st.sampled_from([motor for motor in MOTORS if motor.protocol not in UPLOADING]),
+    state=st.tuples(shares, shares, shares),
+)
+def test_a_reply_comes_through_at_most_one_quantum_low(motor: MotorModel, state: tuple[float, float, float]) -> None:
+    codec = codec_of(motor)
+    p, v, _, _, t = quanta(motor)
+    told = Reply(3, state[0] * motor.position_rad, state[1] * motor.velocity_rad_s, state[2] * motor.torque_nm, 40.0)
+    frame = codec.reply(told, 0, 0)
+    heard = codec.read_reply(frame)
+    assert heard is not None
+    assert codec.replier(frame) == heard.drive_id == 3
+    pairs = ((told[1], heard[1], p), (told[2], heard[2], v), (told[3], heard[3], t))
+    assert all(-1e-4 <= (sent - received) / quantum <= 1 + 1e-4 for sent, received, quantum in pairs)
+
+
+@given(
+    motor=st.sampled_from([motor for motor in MOTORS if motor.protocol in UPLOADING]),
+    degrees=st.floats(-3000, 3000),
+    speed=shares,
+    torque=shares,
+)
+def test_an_upload_comes_through_within_half_a_quantum(
+    motor: MotorModel, degrees: float, speed: float, torque: float
+) -> None:
+    codec = codec_of(motor)
+    told = Reply(9, math.radians(degrees), speed * motor.velocity_rad_s, torque * motor.torque_nm, 31.0)
+    heard = codec.read_reply(codec.reply(told, 0, 2))
+    assert heard is not None
+    erpm = 60 / math.tau * motor.pole_pairs * motor.gear_ratio
+    ampere = motor.torque_constant_nm_a * motor.gear_ratio
+    assert heard.position_rad == pytest.approx(told.position_rad, abs=math.radians(0.0501))
+    assert heard.velocity_rad_s == pytest.approx(told.velocity_rad_s, abs=5.001 / erpm)
+    limit = 327.67 * ampere
+    assert heard.torque_nm == pytest.approx(min(max(told.torque_nm, -limit), limit), abs=0.006 * ampere)
+    assert (heard.drive_id, heard.temperature_c, heard.faults) == (9, 31.0, DriveFault.OVER_CURRENT)
+
+
+def test_golden_upload() -> None:
+    """0.1°, 10 electrical rpm, 0.01 A: 90°, 12600 erpm = 6.98 rad/s at 21 pole pairs and 1:9 … by hand."""
+    frame = Frame(0x2907, bytes.fromhex("0384 04EC FF9C 1E 05"), extended=True)
+    heard = codec_of(TABLE.find("AK80-9/servo")).read_reply(frame)
+    assert heard is not None
+    assert heard.drive_id == 7
+    assert heard.position_rad == pytest.approx(math.pi / 2)
+    assert heard.velocity_rad_s == pytest.approx(12600 / (21 * 9) * math.tau / 60)
+    assert heard.torque_nm == pytest.approx(-1.0 * 0.091 * 9)
+    assert heard.temperature_c == 30.0
+    assert heard.faults is DriveFault.ENCODER
+
+
+def test_servo_mode_is_read_only() -> None:
+    codec = codec_of(TABLE.find("AK80-9/servo"))
+    with pytest.raises(HardwareError, match="read-only"):
+        codec.command(1, NEUTRAL)
+    assert [codec.order(1, order) for order in Order] == [()] * len(Order)
+
+
+@pytest.mark.parametrize("motor", COMMANDED, ids=lambda motor: motor.label)
+def test_no_command_at_any_corner_collides_with_a_special_frame(motor: MotorModel) -> None:
+    codec = codec_of(motor)
+    top = max(quanta(motor)[2:4])
+    for signs in product((-2.0, -1.0, 1.0 - 1e-7, 1.0, 2.0), repeat=5):
+        frame = codec.command(1, within(motor, (signs[0], signs[1], signs[2], signs[3], signs[4])))
+        assert mit.special_order(frame.data) is None or frame.extended
+        assert frame.data[:7] != b"\xff" * 7 or frame.extended
+        heard = codec.read_command(1, frame)
+        assert isinstance(heard, SetPoint)
+        assert heard.damping_nm_s_rad <= motor.damping_nm_s_rad + top
+
+
+@given(motor=motors, values=st.tuples(*[st.floats(allow_nan=False)] * 5))
+def test_no_command_whatever_collides_with_a_special_frame(
+    motor: MotorModel, values: tuple[float, float, float, float, float]
+) -> None:
+    frame = codec_of(motor).command(1, SetPoint(*values))
+    assert frame.extended or frame.data[:7] != b"\xff" * 7
+    assert len(frame.data) == 8
+
+
+def test_beyond_the_range_is_the_end_of_the_range() -> None:
+    scale = Scale(-8.0, 8.0, 12)
+    assert (scale.to_wire(-9), scale.to_wire(9), scale.to_wire(math.inf)) == (0, 4095, 4095)
+    assert (scale.to_value(0), scale.to_value(4095)) == (pytest.approx(-8.0), 8.0)
+    with pytest.raises(ValueError, match="NaN"):
+        scale.to_wire(math.nan)
+
+
+@pytest.mark.parametrize(
+    ("label", "data", "temperature_c", "faults"),
+    [
+        ("AK80-6/V1", "02 7FFF 7FF 7FF", math.nan, DriveFault.NONE),
+        ("mini-cheetah/bgkatz", "02 7FFF 7FF 7FF 60", math.nan, DriveFault.NONE),
+        ("AK80-9/V2", "02 7FFF 7FF 7FF 2A 04", 42.0, DriveFault.UNDER_VOLTAGE),
+        ("AK80-9/V2", "02 7FFF 7FF 7FF", math.nan, DriveFault.NONE),  # shorter than announced: still a state
+        ("AK80-9/V2", "02 7FFF 7FF 7FF 2A 63", 42.0, DriveFault.OTHER),
+    ],
+)
+def test_replies_of_six_seven_and_eight_bytes(label: str, data: str, temperature_c: float, faults: DriveFault) -> None:
+    heard = codec_of(TABLE.find(label)).read_reply(Frame(0, bytes.fromhex(data.replace(" ", ""))))
+    assert heard is not None
+    assert heard.drive_id == 2
+    assert heard.position_rad == pytest.approx(0, abs=0.01)
+    assert heard.temperature_c == pytest.approx(temperature_c, nan_ok=True)
+    assert heard.faults is faults
+
+
+@pytest.mark.parametrize(
+    ("status", "enabled", "faults"),
+    [
+        (0x0, False, DriveFault.NONE),
+        (0x1, True, DriveFault.NONE),
+        (0x8, False, DriveFault.OVER_VOLTAGE),
+        (0x9, False, DriveFault.UNDER_VOLTAGE),
+        (0xA, False, DriveFault.OVER_CURRENT),
+        (0xB, False, DriveFault.OVER_TEMPERATURE),
+        (0xC, False, DriveFault.OVER_TEMPERATURE),
+        (0xD, False, DriveFault.LOST_COMMUNICATION),
+        (0xE, False, DriveFault.OVERLOAD),
+        (0x5, False, DriveFault.OTHER),
+    ],
+)
+def test_damiao_status(status: int, enabled: bool, faults: DriveFault) -> None:
+    frame = Frame(0x11, bytes((status << 4 | 1,)) + bytes.fromhex("7FFF7FF7FF1E28"))
+    heard = codec_of(TABLE.find("DM4310/default")).read_reply(frame)
+    assert heard is not None
+    assert (heard.drive_id, heard.enabled, heard.faults, heard.temperature_c) == (1, enabled, faults, 40.0)
+
+
+def test_damiao_registers_travel_as_little_endian() -> None:
+    assert damiao.read_register(0x105, 21).data.hex(" ") == "05 01 33 15 00 00 00 00"
+    told = damiao.RegisterValue(5, damiao.Register.VELOCITY_MAX, 30.0)
+    frame = damiao.pack_register(0x11, told)
+    assert frame.data.hex(" ") == "05 00 33 16 00 00 f0 41"
+    assert damiao.register_reply(frame) == told
+    mode = damiao.RegisterValue(5, damiao.Register.CONTROL_MODE, 1.0)
+    assert damiao.register_reply(damiao.pack_register(0x11, mode)) == mode
+
+
+@pytest.mark.parametrize(
+    ("bits", "faults"),
+    [
+        (0b000001, DriveFault.UNDER_VOLTAGE),
+        (0b000010, DriveFault.OVER_CURRENT),
+        (0b000100, DriveFault.OVER_TEMPERATURE),
+        (0b001000, DriveFault.ENCODER),
+        (0b000110, DriveFault.OVER_CURRENT | DriveFault.OVER_TEMPERATURE),
+    ],
+)
+def test_cybergear_faults_and_mode_ride_in_the_identifier(bits: int, faults: DriveFault) -> None:
+    identifier = (2 << 24) | (2 << 22) | (bits << 16) | (0x7F << 8) | 0xFD
+    heard = codec_of(TABLE.find("CyberGear/manual")).read_reply(
+        Frame(identifier, bytes.fromhex("7FFF7FFF7FFF0101"), extended=True)
+    )
+    assert heard is not None
+    assert (heard.drive_id, heard.faults, heard.enabled) == (0x7F, faults, True)
+    assert heard.temperature_c == pytest.approx(25.7)
+
+
+def test_cybergear_identifiers_round_trip() -> None:
+    packed = cybergear.pack_identifier(17, 0xABCD, 0x7F)
+    assert packed == 0x11_ABCD_7F
+    assert cybergear.unpack_identifier(packed) == (17, 0xABCD, 0x7F)
+
+
+@given(motor=st.sampled_from(MOTORS), identifier=st.integers(0, 0x1FFFFFFF), data=st.binary(max_size=8))
+def test_garbage_is_read_or_refused_but_never_raises(motor: MotorModel, identifier: int, data: bytes) -> None:
+    codec = codec_of(motor)
+    for frame in (Frame(identifier, data, extended=True), Frame(identifier & 0x7FF, data)):
+        codec.replier(frame)
+        heard = codec.read_reply(frame)
+        assert heard is None or math.isfinite(heard.position_rad)
+        codec.read_command(identifier & 0x7F, frame)
+        damiao.register_reply(frame)
+
+
+@pytest.mark.parametrize("motor", MOTORS, ids=lambda motor: motor.label)
+def test_replies_of_wrong_length_are_refused(motor: MotorModel) -> None:
+    codec = codec_of(motor)
+    good = codec.reply(Reply(3, 0.0, 0.0, 0.0, 20.0), 0, 0)
+    allowed = {6, 7, 8} if motor.protocol is WireProtocol.MIT else {8}
+    for length in set(range(9)) - allowed:
+        assert codec.read_reply(good._replace(data=(good.data + bytes(8))[:length])) is None
+
+
+@pytest.mark.parametrize("layout", list(ReplyLayout))
+def test_every_layout_is_somebodys(layout: ReplyLayout) -> None:
+    assert any(motor.reply is layout for motor in MOTORS)
