@@ -1,0 +1,212 @@
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from kgdfa.button import GAP_FRAMES, HYSTERESIS, STALE_NS, ButtonInput, ButtonMode, ButtonPlace, ButtonState, advance
+from kgdfa.hand import Box, Gesture
+
+FRAME_NS = 33_333_333
+PLACE = ButtonPlace(x_px=640, y_px=360, radius_px=40, threshold_m=0.20)
+OVER = Box(left_px=500, top_px=200, right_px=800, bottom_px=500)
+EDGE = Box(left_px=660, top_px=200, right_px=900, bottom_px=500)  # off the centre, within the button's radius
+BESIDE = Box(left_px=900, top_px=200, right_px=1200, bottom_px=500)
+FAR, BETWEEN, NEAR = 0.30, 0.21, 0.15
+OUTSIDE_M = PLACE.threshold_m * (1 + HYSTERESIS)
+
+
+@dataclass(frozen=True)
+class Seen:
+    distance_m: float | None
+    gesture: Gesture | None = Gesture.FIVE
+    box: Box | None = OVER
+
+
+LOST = Seen(None, box=None)
+
+
+def run(frames: Sequence[Seen], mode: ButtonMode = ButtonMode.ROBUST, state: ButtonState | None = None) -> ButtonState:
+    state = state or ButtonState()
+    for seen in frames:
+        state = step(state, seen, mode)
+    return state
+
+
+def step(state: ButtonState, seen: Seen, mode: ButtonMode = ButtonMode.ROBUST, after_ns: int = FRAME_NS) -> ButtonState:
+    given_input = ButtonInput(
+        captured_ns=state.last_captured_ns + after_ns,
+        gesture=seen.gesture,
+        recognised_ns=7 if seen.gesture else 0,
+        distance_m=seen.distance_m,
+        box=seen.box,
+    )
+    return advance(state, given_input, PLACE, mode)
+
+
+def test_a_push_and_a_withdrawal_command_once() -> None:
+    state = run([Seen(FAR), Seen(NEAR), Seen(NEAR)])
+    assert (state.pressed, state.pressed_gesture, state.release_count) == (True, Gesture.FIVE, 0)
+    state = run([Seen(BETWEEN), Seen(FAR), Seen(FAR)], state=state)
+    assert (state.pressed, state.release_count, state.released_gesture) == (False, 1, Gesture.FIVE)
+    assert state.released_captured_ns == 5 * FRAME_NS
+    assert state.released_recognised_ns == 7
+    again = run([Seen(NEAR, Gesture.SIX), Seen(FAR, Gesture.SIX)], state=state)
+    assert (again.release_count, again.released_gesture) == (2, Gesture.SIX)
+
+
+@pytest.mark.parametrize(
+    ("during", "reason"),
+    [
+        ([LOST] * (GAP_FRAMES + 1), "hand was lost"),
+        ([Seen(None)] * (GAP_FRAMES + 1), "distance was lost"),
+        ([Seen(NEAR, Gesture.SIX)], "gesture changed"),
+        ([Seen(FAR, Gesture.SIX)], "gesture changed"),
+        ([Seen(NEAR, None)], "gesture changed"),
+        ([Seen(NEAR, box=BESIDE)], "sideways"),
+        ([Seen(FAR, box=BESIDE)], "sideways"),
+    ],
+)
+def test_any_other_end_of_a_press_is_a_cancel_with_its_reason(during: list[Seen], reason: str) -> None:
+    state = run([Seen(FAR), Seen(NEAR), *during])
+    assert (state.pressed, state.release_count, state.cancel_count) == (False, 0, 1)
+    assert reason in state.cancel_reason
+    assert not run([Seen(NEAR)], state=state).pressed
+
+
+@pytest.mark.parametrize("gap", [LOST, Seen(None), Seen(float("nan")), Seen(0.0), Seen(-0.1), Seen(float("inf"))])
+def test_a_short_gap_ends_no_press_and_is_no_distance(gap: Seen) -> None:
+    state = run([Seen(FAR), Seen(NEAR), *[gap] * GAP_FRAMES])
+    assert state.pressed
+    assert run([Seen(FAR)], state=state).release_count == 1
+    assert not run([Seen(FAR), gap]).pressed
+
+
+@pytest.mark.parametrize("after_ns", [STALE_NS + 1, -FRAME_NS])
+def test_a_camera_that_pauses_or_jumps_in_time_cancels(after_ns: int) -> None:
+    pressed = run([Seen(FAR), Seen(NEAR)])
+    state = step(pressed, Seen(FAR), after_ns=after_ns)
+    assert (state.pressed, state.release_count, state.cancel_count) == (False, 0, 1)
+    assert "camera paused" in state.cancel_reason
+
+
+def test_a_frame_given_twice_changes_nothing() -> None:
+    state = run([Seen(FAR), Seen(NEAR)])
+    assert step(state, Seen(FAR), after_ns=0) is state
+
+
+@pytest.mark.parametrize(
+    ("frames", "hint"),
+    [
+        ([Seen(NEAR)] * 9, "draw the hand back"),
+        ([Seen(FAR), *[LOST] * 3, Seen(NEAR)], "draw the hand back"),
+        ([Seen(FAR, None), Seen(NEAR, None), Seen(NEAR)], "show a gesture first"),
+        ([Seen(FAR), Seen(NEAR, box=BESIDE), Seen(NEAR)], "over the button"),
+    ],
+    ids=["appeared near", "appeared near after a loss", "gesture made near", "slid in sideways"],
+)
+def test_what_was_no_push_from_outside_does_not_press_and_says_why(frames: list[Seen], hint: str) -> None:
+    state = run(frames)
+    assert not state.pressed
+    assert hint in state.hint
+    assert run([Seen(FAR), Seen(NEAR)], state=state).pressed
+
+
+def test_the_hysteresis_holds_at_its_boundaries() -> None:
+    assert not run([Seen(OUTSIDE_M), Seen(NEAR)]).pressed
+    assert not run([Seen(FAR), Seen(PLACE.threshold_m)]).pressed
+    pressed = run([Seen(OUTSIDE_M + 1e-9), Seen(PLACE.threshold_m - 1e-9)])
+    assert pressed.pressed
+    assert run([Seen(OUTSIDE_M)], state=pressed).pressed
+    assert run([Seen(OUTSIDE_M + 1e-9)], state=pressed).release_count == 1
+
+
+def test_a_press_needs_the_centre_and_keeps_within_the_radius() -> None:
+    assert not run([Seen(FAR), Seen(NEAR, box=EDGE)]).pressed
+    assert run([Seen(FAR), Seen(NEAR), Seen(NEAR, box=EDGE)]).pressed
+
+
+def test_published_takes_a_zero_for_a_press_and_a_loss_for_a_release() -> None:
+    assert run([Seen(0.0)], ButtonMode.PUBLISHED).pressed
+    state = run([Seen(NEAR, Gesture.SEVEN), LOST], ButtonMode.PUBLISHED)
+    assert (state.release_count, state.released_gesture) == (1, Gesture.FIVE)
+    silent = run([Seen(NEAR, None), Seen(FAR, None)], ButtonMode.PUBLISHED)
+    assert (silent.pressed, silent.release_count) == (False, 0)
+
+
+def is_command(path: Sequence[Seen]) -> bool:
+    """The rule in other words: whether the last frame of a path withdraws a push that began outside.
+
+    The path begins after the newest cancel: what led to it, and the frame itself, count for nothing.
+    """
+    last = path[-1]
+    if not (last.distance_m is not None and last.distance_m > OUTSIDE_M and last.box is OVER and last.gesture):
+        return False
+    gap = 0
+    for index in range(len(path) - 2, -1, -1):
+        seen = path[index]
+        gap = gap + 1 if seen.distance_m is None else 0
+        if gap > GAP_FRAMES:
+            return False
+        if seen.distance_m is None:
+            continue
+        if seen.distance_m > OUTSIDE_M or seen.gesture is not last.gesture or seen.box is not OVER:
+            return False
+        if seen.distance_m < PLACE.threshold_m and came_from_outside(path[:index]):
+            return True
+    return False
+
+
+def came_from_outside(path: Sequence[Seen]) -> bool:
+    """Whether the newest frames lead back to one outside the threshold, without coming near and without a loss."""
+    gap = 0
+    for seen in reversed(path):
+        gap = gap + 1 if seen.distance_m is None else 0
+        if gap > GAP_FRAMES or (seen.distance_m is not None and seen.distance_m < PLACE.threshold_m):
+            return False
+        if seen.distance_m is not None and seen.distance_m > OUTSIDE_M:
+            return True
+    return False
+
+
+ALPHABET = (
+    *(Seen(d, g, b) for d, g, b in itertools.product((FAR, NEAR), (Gesture.FIVE, None), (OVER, BESIDE))),
+    Seen(FAR, Gesture.SIX),
+    Seen(NEAR, Gesture.SIX),
+    Seen(BETWEEN),
+    LOST,
+)
+
+
+def test_every_short_sequence_commands_exactly_when_the_rule_says() -> None:
+    commands = 0
+    fronts: list[tuple[tuple[Seen, ...], ButtonState]] = [((), ButtonState())]
+    for _ in range(5):
+        grown = []
+        for path, state in fronts:
+            for seen in ALPHABET:
+                after = step(state, seen)
+                longer = (*path, seen)
+                assert (after.release_count > state.release_count) == is_command(longer), longer
+                commands += after.release_count - state.release_count
+                grown.append((() if after.cancel_count > state.cancel_count else longer, after))
+        fronts = grown
+    assert commands > 1000
+
+
+@given(st.lists(st.sampled_from(ALPHABET), max_size=60))
+def test_long_sequences_command_exactly_when_the_rule_says(frames: list[Seen]) -> None:
+    state, path = ButtonState(), list[Seen]()
+    for seen in frames:
+        after = step(state, seen)
+        path.append(seen)
+        assert (after.release_count > state.release_count) == is_command(path)
+        ended = state.pressed and not after.pressed
+        assert ended == (after.release_count + after.cancel_count > state.release_count + state.cancel_count)
+        if after.cancel_count > state.cancel_count:
+            path.clear()
+        state = after
