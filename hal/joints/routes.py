@@ -39,7 +39,10 @@ class Routes:
         if commanded is not None and commanded.is_echo(frame.data):
             return _FINE
         station = self._sender(frame)
-        if station is None or (commanded is not None and station is not commanded):
+        if station is None:
+            return self._stray(frame, commanded)
+        # on a drive's own command ID only that drive may answer, unless the ID is the host's too (drive 0, host 0)
+        if commanded not in (None, station) and frame.arbitration_id != station.device.reply_id:
             return self._stray(frame, commanded)
         reply = station.codec.read_reply(frame)
         if reply is None:

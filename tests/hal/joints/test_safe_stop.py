@@ -1,0 +1,105 @@
+"""The guardian's frames save a wearer whose drives hold their last command for ever."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+import pytest
+
+from hal.errors import HardwareError
+from hal.joints.device import load_exoskeleton
+from hal.joints.emulator import Fault
+from hal.joints.joints import Joint
+from hal.joints.safe_stop import SafeStop
+from tests.hal.joints.rig import LIMIT_S, CanRig, MakeRig, command, small_gear, with_motor
+
+DEVICES = {
+    "AK80-64 V2, holds for ever": lambda: with_motor("AK80-64/V2"),
+    "AK80-64 V3": lambda: with_motor("AK80-64/V3"),
+    "Damiao": lambda: with_motor("DM10010/default"),
+    "CyberGear": lambda: small_gear("CyberGear/manual"),
+}
+
+
+def pushing(rig: CanRig) -> None:
+    """Control drives the legs to a target out of reach, then falls silent."""
+    rig.joints.open(rig.now_ns())
+    rig.joints.enable(rig.now_ns())
+    strong = command(1.5, stiffness=150.0)
+    rig.until(lambda now: np.abs(now.torque_nm).min() > 5.0 and (now.position_rad > 0.1).all(), strong)
+
+
+def until(condition: object) -> None:
+    end_s = time.monotonic() + LIMIT_S
+    while not condition():  # type: ignore[operator]
+        assert time.monotonic() < end_s
+        time.sleep(0.002)
+
+
+@pytest.fixture(params=DEVICES)
+def rig(request: pytest.FixtureRequest, make_rig: MakeRig) -> CanRig:
+    """Drives that go on pushing."""
+    rig = make_rig(DEVICES[request.param]())
+    pushing(rig)
+    return rig
+
+
+def stiffness(rig: CanRig) -> list[float]:
+    now_ns = time.monotonic_ns()
+    return [drive.effective(now_ns).stiffness_nm_rad for drive in rig.emulator.drives]
+
+
+def test_without_the_guardian_the_drives_push_on(rig: CanRig) -> None:
+    before = [drive.state.position_rad for drive in rig.emulator.drives]
+    until(
+        lambda: all(
+            abs(drive.state.position_rad - begin) > 0.05
+            for drive, begin in zip(rig.emulator.drives, before, strict=True)
+        )
+    )
+    assert min(stiffness(rig)) > 10.0
+
+
+def test_damping_then_off(rig: CanRig) -> None:
+    guardian = SafeStop(rig.emulator.device)
+    guardian.open()
+    assert guardian.damp()
+    until(lambda: max(stiffness(rig)) < 0.2)
+    ratios = [joint.transmission**2 for joint in rig.emulator.device.joints]
+    dampings = [drive.effective(time.monotonic_ns()).damping_nm_s_rad for drive in rig.emulator.drives]
+    assert np.allclose(np.array(dampings) * ratios, 4.0, atol=0.02)
+    until(lambda: all(abs(drive.state.velocity_rad_s) < 0.05 for drive in rig.emulator.drives))
+    assert guardian.exit()
+    until(lambda: not any(drive.motor_mode for drive in rig.emulator.drives))
+    until(lambda: all(guardian.answered()) or guardian.exit() is None)
+    guardian.close()
+    guardian.close()
+
+
+def test_a_silent_drive_is_not_counted_as_answered(rig: CanRig) -> None:
+    rig.emulator.befall(Fault.SILENT, Joint.LEFT_KNEE)
+    guardian = SafeStop(rig.emulator.device)
+    guardian.open()
+    guardian.damp()
+    heard = np.zeros(4, dtype=bool)
+
+    def listen() -> bool:
+        nonlocal heard
+        heard |= guardian.answered()
+        return bool(heard[[0, 2, 3]].all())
+
+    until(listen)
+    assert not heard[Joint.LEFT_KNEE]
+    guardian.close()
+
+
+def test_unopened_it_says_that_nothing_left() -> None:
+    guardian = SafeStop(with_motor("AK80-64/V2"))
+    assert not guardian.damp()
+    assert not guardian.exit()
+
+
+def test_a_missing_bus_is_told_with_the_command_that_mends_it() -> None:
+    with pytest.raises(HardwareError, match="ip link set can0 up type can bitrate 1000000"):
+        SafeStop(load_exoskeleton()).open()

@@ -1,0 +1,323 @@
+"""The driver's honesty: faults of drives and bus as flags, never exceptions; a life cycle that never heals itself."""
+
+from __future__ import annotations
+
+import can
+import msgspec
+import numpy as np
+import pytest
+
+from hal.errors import HardwareError
+from hal.joints.bus import CAN_ERR_LOSTARB
+from hal.joints.device import Exoskeleton, load_exoskeleton
+from hal.joints.emulator import Fault
+from hal.joints.joints import BusFault, DriveFault, DriveState, Joint, JointFeedback
+from hal.joints.socketcan import SocketCanJoints
+from tests.hal.joints.rig import CanRig, MakeRig, command, each_joint, on_test_bus, with_motor
+
+HOLD = command(0.1, stiffness=150.0)
+KNEE = Joint.LEFT_KNEE
+
+
+@pytest.fixture
+def rig(make_rig: MakeRig) -> CanRig:
+    """AK80-64 drives, enabled and holding."""
+    rig = make_rig(with_motor("AK80-64/V2"))
+    start(rig)
+    return rig
+
+
+def start(rig: CanRig) -> None:
+    rig.joints.open(rig.now_ns())
+    rig.joints.enable(rig.now_ns())
+    rig.until(lambda now: (now.measured_ns > 0).all(), HOLD)
+
+
+def another_sender(device: Exoskeleton) -> can.BusABC:
+    bus = device.buses[0]
+    return can.Bus(interface=bus.interface, channel=bus.channel)
+
+
+def has_bus(flag: BusFault) -> object:
+    return lambda now: flag in now.bus
+
+
+def test_an_error_code_becomes_its_fault_and_the_joint_is_named(rig: CanRig) -> None:
+    rig.emulator.befall(Fault.ERROR, KNEE, 2)
+    feedback = rig.until(lambda now: now.faults[KNEE], HOLD)
+    assert feedback.faults[KNEE] is DriveFault.OVER_CURRENT
+    assert feedback.faults[Joint.LEFT_HIP] is DriveFault.NONE
+    assert feedback.state is DriveState.FAULTED
+    assert "left knee" in feedback.detail
+
+
+def test_a_silent_joint_grows_old_while_the_others_stay_fresh(rig: CanRig) -> None:
+    rig.emulator.befall(Fault.SILENT, KNEE)
+    feedback = rig.until(lambda now: rig.now_ns() - now.measured_ns[KNEE] > 50e6, HOLD)
+    others = [joint for joint in Joint if joint is not KNEE]
+    assert (feedback.measured_ns[others] > feedback.measured_ns[KNEE]).all()
+    rig.until(lambda now: now.missed_replies > 0, HOLD)
+
+
+@pytest.mark.parametrize(
+    ("fault", "flag"),
+    [
+        (Fault.WRONG_ID, BusFault.UNKNOWN_ID),
+        (Fault.DUPLICATE, BusFault.DUPLICATE_ID),
+        (Fault.GARBAGE, BusFault.MALFORMED),
+    ],
+)
+def test_replies_that_are_wrong_become_flags_of_the_bus(rig: CanRig, fault: Fault, flag: BusFault) -> None:
+    rig.emulator.befall(fault, KNEE)
+    assert rig.until(lambda now: flag in now.bus, HOLD).detail
+
+
+def test_bus_off_is_told_and_ends_in_the_faulted_state(rig: CanRig) -> None:
+    rig.emulator.befall(Fault.BUS_OFF)
+    feedback = rig.until(lambda now: BusFault.BUS_OFF in now.bus, HOLD)
+    assert feedback.state is DriveState.FAULTED
+    assert "termination" in feedback.detail
+
+
+def test_an_error_frame_is_told_and_leaves_the_drives_enabled(rig: CanRig) -> None:
+    rig.emulator.befall(Fault.ERROR_FRAMES)
+    feedback = rig.until(lambda now: BusFault.ERROR_FRAME in now.bus, HOLD)
+    assert feedback.state is DriveState.ENABLED
+    assert "acknowledges" in feedback.detail
+
+
+def test_lost_arbitration_is_told(make_rig: MakeRig) -> None:
+    device = with_motor("AK80-64/V2")
+    rig = make_rig(device)
+    start(rig)
+    with another_sender(device) as bus:
+        bus.send(can.Message(is_error_frame=True, is_extended_id=False, arbitration_id=CAN_ERR_LOSTARB, data=bytes(8)))
+        rig.until(lambda now: BusFault.ARBITRATION_LOST in now.bus, HOLD)
+
+
+@pytest.mark.parametrize(
+    ("message", "flag"),
+    [
+        (can.Message(arbitration_id=0x123, is_extended_id=False, data=b"\x99"), BusFault.UNKNOWN_ID),
+        (can.Message(arbitration_id=0x18FFAA01, data=bytes(8)), BusFault.UNKNOWN_ID),
+        (can.Message(arbitration_id=0, is_extended_id=False, data=b""), BusFault.UNKNOWN_ID),
+        (can.Message(arbitration_id=0, is_extended_id=False, data=b"\x02\x7f"), BusFault.MALFORMED),
+        (can.Message(arbitration_id=0, is_extended_id=False, is_remote_frame=True, dlc=8), BusFault.MALFORMED),
+        (
+            can.Message(arbitration_id=2, is_extended_id=False, data=bytes.fromhex("8FFF7FF0000007FF")),
+            BusFault.DUPLICATE_ID,
+        ),
+    ],
+    ids=["unknown", "unknown extended", "empty", "short", "remote", "second commander"],
+)
+def test_frames_of_others_become_flags(make_rig: MakeRig, message: can.Message, flag: BusFault) -> None:
+    device = with_motor("AK80-64/V2")
+    rig = make_rig(device)
+    start(rig)
+    with another_sender(device) as bus:
+        bus.send(message)
+        rig.until(lambda now: flag in now.bus, HOLD)
+
+
+def test_a_fault_never_heals_into_enabled(rig: CanRig) -> None:
+    rig.emulator.befall(Fault.ERROR, KNEE, 1)
+    rig.until(lambda now: now.state is DriveState.FAULTED, HOLD)
+    rig.emulator.befall(Fault.HEALED, KNEE)
+    feedback = rig.until(lambda now: not now.faults[KNEE], HOLD)
+    assert feedback.state is DriveState.FAULTED
+    assert not rig.emulator.drives[KNEE].motor_mode
+    with pytest.raises(HardwareError, match="close the joints"):
+        rig.joints.enable(rig.now_ns())
+    rig.joints.close(rig.now_ns())
+    start(rig)
+    assert rig.tick(HOLD).state is DriveState.ENABLED
+
+
+@pytest.mark.parametrize("motor", ["DM10010/default"])
+def test_a_drive_that_disables_itself_is_a_fault(make_rig: MakeRig, motor: str) -> None:
+    rig = make_rig(with_motor(motor))
+    start(rig)
+    rig.emulator.befall(Fault.DISABLED, KNEE)
+    feedback = rig.until(lambda now: now.faults[KNEE], HOLD)
+    assert feedback.faults[KNEE] is DriveFault.UNEXPECTEDLY_DISABLED
+    assert feedback.state is DriveState.FAULTED
+
+
+def test_a_faulted_v3_drive_gets_damping_only(make_rig: MakeRig) -> None:
+    """Its firmware knows no enabling: the next stiff command would start it again."""
+    rig = make_rig(with_motor("AK80-64/V3"))
+    start(rig)
+    rig.emulator.befall(Fault.ERROR, KNEE, 1)
+    rig.until(lambda now: now.faults[KNEE], HOLD)
+    rig.emulator.befall(Fault.HEALED, KNEE)
+    rig.until(lambda now: not now.faults[KNEE], HOLD)
+    rig.tick(HOLD)
+    held = rig.emulator.drives[KNEE].effective(rig.now_ns())
+    assert held.stiffness_nm_rad == pytest.approx(0.0, abs=0.2)
+    assert held.damping_nm_s_rad > 0
+
+
+def test_ranges_that_differ_from_the_firmwares_are_found_in_motion(make_rig: MakeRig) -> None:
+    rig = make_rig(with_motor("AK80-64/V2"))
+    rig.emulator.befall(Fault.WRONG_RANGE, KNEE)
+    start(rig)
+    angles = iter(np.tile(np.sin(np.linspace(0, 20, 1500)) * 0.5, 10))
+    end_ns = rig.now_ns() + 5_000_000_000
+    while rig.tick(command(next(angles), stiffness=300.0)).faults[KNEE] is not DriveFault.WRONG_RANGE:
+        assert rig.now_ns() < end_ns
+    assert rig.joints.read(rig.now_ns()).faults[Joint.LEFT_HIP] is DriveFault.NONE
+
+
+def test_ranges_that_a_drive_tells_are_compared_before_enabling(make_rig: MakeRig) -> None:
+    rig = make_rig(with_motor("DM4340/default", transmission=2.0, max_torque_nm=50.0, max_speed_deg_s=200.0))
+    rig.emulator.befall(Fault.WRONG_RANGE, KNEE, 1.25)
+    with pytest.raises(HardwareError, match=r"left knee.*velocity range.*10.*says 8"):
+        rig.joints.open(rig.now_ns())
+
+
+def test_a_missing_drive_is_named_at_opening(make_rig: MakeRig) -> None:
+    rig = make_rig(with_motor("AK80-64/V2"))
+    rig.emulator.befall(Fault.SILENT, Joint.RIGHT_HIP)
+    with pytest.raises(HardwareError, match=r"No answer from right hip \(drive 3.*rleex can doctor"):
+        rig.joints.open(rig.now_ns())
+    rig.emulator.befall(Fault.HEALED)
+    rig.joints.open(rig.now_ns())
+
+
+def test_a_drive_that_dies_before_enabling_leaves_none_enabled(make_rig: MakeRig) -> None:
+    rig = make_rig(with_motor("AK80-64/V2"))
+    rig.joints.open(rig.now_ns())
+    rig.emulator.befall(Fault.SILENT, KNEE)
+    with pytest.raises(HardwareError, match="left knee"):
+        rig.joints.enable(rig.now_ns())
+    assert not any(drive.motor_mode for drive in rig.emulator.drives)
+
+
+def test_a_fault_present_at_opening_forbids_enabling(make_rig: MakeRig) -> None:
+    rig = make_rig(with_motor("AK80-64/V2"))
+    rig.emulator.befall(Fault.ERROR, KNEE, 5)
+    rig.joints.open(rig.now_ns())
+    with pytest.raises(HardwareError, match=r"left knee.*reports encoder"):
+        rig.joints.enable(rig.now_ns())
+
+
+def test_a_drive_that_does_not_confirm_its_end_is_told_by_closing(rig: CanRig) -> None:
+    rig.emulator.befall(Fault.SILENT, KNEE)
+    with pytest.raises(HardwareError, match=r"left knee.*cut the motor power"):
+        rig.joints.close(rig.now_ns())
+    assert rig.joints.read(rig.now_ns()).state is DriveState.DISABLED
+
+
+def test_closing_takes_the_torque_off(rig: CanRig) -> None:
+    rig.joints.close(rig.now_ns())
+    assert not any(drive.motor_mode for drive in rig.emulator.drives)
+
+
+def test_enabling_replays_no_old_command(make_rig: MakeRig) -> None:
+    """A drive enabled again follows its last command until the next: so the neutral one has to come first."""
+    rig = make_rig(with_motor("AK80-64/V2"))
+    start(rig)
+    rig.until(lambda now: np.abs(now.position_rad - 0.1).max() < 0.05, HOLD)
+    rig.joints.close(rig.now_ns())
+    rig.joints.open(rig.now_ns())
+    rig.joints.enable(rig.now_ns())
+    assert all(drive.effective(rig.now_ns()).stiffness_nm_rad < 0.2 for drive in rig.emulator.drives)
+
+
+def test_gains_rise_after_enabling(make_rig: MakeRig) -> None:
+    rig = make_rig(msgspec.structs.replace(with_motor("AK80-64/V2"), soft_start_s=5.0))
+    rig.joints.open(rig.now_ns())
+    rig.joints.enable(rig.now_ns())
+    rig.until(lambda _: rig.emulator.drives[0].effective(rig.now_ns()).stiffness_nm_rad > 0, HOLD)
+    first = rig.emulator.drives[0].effective(rig.now_ns())
+    assert first.stiffness_nm_rad < 75.0
+    assert first.damping_nm_s_rad == pytest.approx(5.0, abs=0.01)
+    rig.until(lambda _: rig.emulator.drives[0].effective(rig.now_ns()).stiffness_nm_rad > 30.0, HOLD)
+
+
+def test_a_command_that_is_no_number_becomes_damping_and_is_told(rig: CanRig) -> None:
+    rig.until(
+        lambda now: (
+            BusFault.SEND_FAILED in now.bus and rig.emulator.drives[0].effective(rig.now_ns()).stiffness_nm_rad < 0.2
+        ),
+        command(float("nan")),
+    )
+    assert rig.emulator.drives[0].effective(rig.now_ns()).damping_nm_s_rad == pytest.approx(4.0, abs=0.01)
+
+
+def test_a_closed_bus_is_an_interface_gone_not_an_exception(make_rig: MakeRig) -> None:
+    device = with_motor("AK80-64/V2")
+    if device.buses[0].interface != "virtual":
+        pytest.skip("a kernel interface is taken down in test_vcan.py")
+    rig = make_rig(device)
+    start(rig)
+    assert isinstance(rig.joints, SocketCanJoints)
+    rig.joints._ports[0]._bus.shutdown()  # the interface vanishes under the driver
+    feedback = rig.until(lambda now: BusFault.INTERFACE_GONE in now.bus, HOLD)
+    assert feedback.state is DriveState.FAULTED
+
+
+def test_two_buses_carry_two_legs(make_rig: MakeRig) -> None:
+    first, second = on_test_bus(load_exoskeleton()), on_test_bus(load_exoskeleton())
+    buses = (first.buses[0], second.buses[0])
+    if buses[0] == buses[1]:
+        pytest.skip("one kernel bus only")
+    device = msgspec.structs.replace(
+        each_joint(load_exoskeleton(), lambda n, joint: msgspec.structs.replace(joint, can_bus=n // 2, can_id=n % 2)),
+        buses=buses,
+    )
+    rig = make_rig(device)
+    start(rig)
+    target = np.array([0.2, 0.3, 0.1, 0.4])
+    rig.until(lambda now: np.abs(now.position_rad - target).max() < 0.05, command(target, stiffness=400.0))
+    assert isinstance(rig.joints, SocketCanJoints)
+    assert rig.joints.loads == (0.27, 0.27)
+
+
+def refuse(device: Exoskeleton) -> str:
+    with pytest.raises(HardwareError) as caught:
+        SocketCanJoints(device)
+    return str(caught.value)
+
+
+def test_a_bus_that_would_be_too_full_is_refused_with_the_share() -> None:
+    device = with_motor("AK80-64/V2")
+    slow = msgspec.structs.replace(device.buses[0], bitrate=500_000)
+    assert "108% full with 4 drives" in refuse(msgspec.structs.replace(device, buses=(slow,)))
+
+
+def test_a_joint_on_a_bus_that_is_not_described_is_refused() -> None:
+    assert "sits on bus 3" in refuse(with_motor("AK80-64/V2", can_bus=3))
+
+
+def test_limits_beyond_the_wire_are_refused_with_the_numbers() -> None:
+    assert "largest torque is 110.0 Nm at the motor, but the wire carries 65.0" in refuse(with_motor("AK10-9/V2"))
+    assert "largest angle" in refuse(with_motor("AK80-64/V2", transmission=9.0, max_stiffness_nm_rad=400.0))
+
+
+def test_a_servo_drive_is_refused_with_what_to_do() -> None:
+    assert "MIT mode" in refuse(with_motor("AK80-64/servo"))
+
+
+def test_a_bus_that_does_not_exist_names_the_command_that_mends_it() -> None:
+    device = load_exoskeleton()
+    gone = msgspec.structs.replace(device.buses[0], channel="vcan99")
+    joints = SocketCanJoints(msgspec.structs.replace(device, buses=(gone,)))
+    with pytest.raises(HardwareError, match="ip link add vcan99 type vcan"):
+        joints.open(0)
+
+
+def feedback_age_ms(feedback: JointFeedback, now_ns: int) -> float:
+    return float((now_ns - feedback.measured_ns).max() / 1e6)
+
+
+def test_a_step_of_the_wall_clock_makes_no_feedback_fresh_or_old(rig: CanRig, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Receive stamps are wall-clock time: a jump of an hour either way must not show."""
+    assert isinstance(rig.joints, SocketCanJoints)
+    port = rig.joints._ports[0]
+    for step_ns in (3_600_000_000_000, -3_600_000_000_000):
+        wall_ns = port._wall_ns
+        monkeypatch.setattr(port, "_wall_ns", lambda now=wall_ns, step=step_ns: now() + step)
+        rig.tick(HOLD)
+        feedback = rig.until(lambda now: feedback_age_ms(now, rig.now_ns()) < 100, HOLD)
+        assert (feedback.measured_ns <= rig.now_ns()).all()
