@@ -1,14 +1,18 @@
-"""The console as a Textual application: screens, the session behind them, STOP before everything."""
+"""The console as a Textual application: what works everywhere, and what happens twenty times a second."""
 
 from __future__ import annotations
 
 import asyncio
 import signal
+import time
 from collections.abc import Iterable
+from contextlib import suppress
 from typing import ClassVar
 
-from textual.app import App, SystemCommand
+from textual import events
+from textual.app import SystemCommand
 from textual.binding import BindingType
+from textual.css.query import NoMatches
 from textual.driver import Driver
 from textual.screen import Screen
 
@@ -18,24 +22,24 @@ from app.console.base import ConsoleScreen, Dialog
 from app.console.commands import commands
 from app.console.dialogs import HelpPage, Question
 from app.console.help import page
-from app.console.host_protocol import Host, HostFactory
+from app.console.host_protocol import HostFactory
+from app.console.idle import Idle
 from app.console.language import languages, tr, use_language
-from app.console.live import Live
-from app.console.session.screen import SessionScreen
-from app.console.session.state import SessionState
-from app.console.stop import StopSwitch, with_stop
+from app.console.patients.screen import PatientsScreen
+from app.console.session_flow import SessionFlow
+from app.console.signin import LockScreen, SignInDialog
+from app.console.stop import with_stop
 from app.console.themes import THEME_NAMES, THEMES
-from app.errors import AppError
-from app.host import SessionHost, make_setup
+from app.host import SessionHost
 from app.paths import Home
-from app.setup import SessionSetup
+from logs.records import SignOut
 from profiles.schema import Profile
 
 TICK_S = 0.05  # the console's beat; control calls it silent after 0.2 s
 
 
-class ConsoleApp(App[None]):
-    """Holds the one session, if any, and passes its state to whatever screens are open."""
+class ConsoleApp(SessionFlow):
+    """Keys that work everywhere, themes, languages, the lock, and the tick that feeds every open screen."""
 
     CSS_PATH = "styles.tcss"
     TITLE = "rleex"
@@ -60,77 +64,36 @@ class ConsoleApp(App[None]):
         make_host: HostFactory = SessionHost,
         read_only: bool = False,
     ) -> None:
+        """profile: begin a session with this patient at once; None: begin with the list."""
         keys.check_keymap(config.keys)
         use_language(config.language)
-        self.switch = StopSwitch()
-        self.switch.keys = frozenset(keys.keys_of("stop", config.keys))
-        super().__init__()
+        super().__init__(home, config, make_host, read_only=read_only)
         for theme in THEMES:
             self.register_theme(theme)
         self.theme = config.theme if config.theme in THEME_NAMES else THEME_NAMES[0]
-        self.home = home
-        self.config = config
-        self.read_only = read_only
-        self.live: Live | None = None
+        self.switch.keys = frozenset(keys.keys_of("stop", config.keys))
         self._profile = profile
-        self._make_host = make_host
         self._language = config.language
         self._leaving = False
+        self._idle = Idle(touched_s=time.monotonic(), limit_s=config.idle_lock_s)
 
     def get_driver_class(self) -> type[Driver]:
         """The terminal's driver, with STOP taken out of the input first."""
-        return with_stop(super().get_driver_class(), self.switch)
+        return with_stop(super().get_driver_class(), lambda: self.switch)
 
     async def on_mount(self) -> None:
         self.set_keymap(self.config.keys)
         self._end_on_signals()
         self.set_interval(TICK_S, self._tick)
+        await self.push_screen(PatientsScreen())
         if self._profile is not None:
-            await self.begin_session(self._profile, self.config)
+            await self.begin_signed_in(self._profile, self.config)
 
-    async def begin_session(self, profile: Profile, config: Config) -> None:
-        """Start the processes for a patient, and show the live screen at once."""
-        setup = make_setup(self.home, config, profile, operator="")
-        self.live = Live(self._make_host(setup), self.switch)
-        await self.push_screen(SessionScreen())
-        self.run_worker(self._start(self.live), exclusive=False)
-
-    async def end_session_asking(self) -> None:
-        """End the session; while drives are powered, only after a yes."""
-        if not self._powered():
-            await self.end_session()
-            return
-        self.push_screen(Question(tr("end.title"), tr("end.words")), self._end_if)
-
-    async def end_session(self) -> None:
-        """Bring the legs to rest, end the processes, leave the live screen."""
-        live = self.live
-        if live is None:
-            return
-        self.live = None
-        await asyncio.to_thread(live.close)
-        while isinstance(self.screen, (SessionScreen, Dialog)):
-            await self.pop_screen()
-        self.exit()
-
-    def live_state(self) -> SessionState | None:
-        """The session's newest state; None without a session."""
-        return None if self.live is None else self.live.state
-
-    def live_host(self) -> Host:
-        """The session's host. Raises AppError without a session."""
-        if self.live is None:
-            raise AppError("There is no session; begin one from the patients' list.")
-        return self.live.host
-
-    def live_setup(self) -> SessionSetup:
-        """What the session was started with."""
-        return self.live_host().setup
-
-    @property
-    def has_digital_hand(self) -> bool:
-        """Whether keys move a hand."""
-        return self.live is not None and self.live.host.setup.config.camera.kind == "digital-hand"
+    async def on_event(self, event: events.Event) -> None:
+        """Every key and click says that somebody is there."""
+        if isinstance(event, (events.Key, events.MouseDown)):
+            self._idle = self._idle.touched(time.monotonic())
+        await super().on_event(event)
 
     @property
     def key_names(self) -> dict[str, str]:
@@ -157,9 +120,8 @@ class ConsoleApp(App[None]):
     async def action_leave(self) -> None:
         """Leave the program; with powered hardware joints only when asked twice."""
         hardware = self.live is not None and self.live.host.setup.config.joints.kind != "simulated"
-        if self._leaving or not (hardware and self._powered()):
-            await self.end_session()
-            self.exit()
+        if self._leaving or not (hardware and self.powered()):
+            await self._end_now()
             return
         self._leaving = True
         self.push_screen(Question(tr("leave.title"), tr("leave.words")), self._leave_if)
@@ -188,32 +150,37 @@ class ConsoleApp(App[None]):
             await screen.recompose()
 
     def action_lock_console(self) -> None:
-        """Lock now."""
+        """Lock now; STOP goes on working."""
+        if isinstance(self.screen, (LockScreen, SignInDialog)):
+            return
+        if self.signed_in is None:
+            self.push_screen(LockScreen())
+        else:
+            self.trail.emit(SignOut(name=self.signed_in.name, reason="locked"))
+            self.push_screen(SignInDialog(unlock=self.signed_in.name))
+
+    def open_review(self) -> None:
+        """Earlier sessions, by the reviewer's screen."""
+        from app.console.review import ReviewScreen
+
+        self.push_screen(ReviewScreen(self.home))
 
     def _tick(self) -> None:
         state = None
         if self.live is not None and not self.live.closed:
             state = self.live.tick()
+        if self._idle.must_lock(time.monotonic(), moving=state is not None and state.moving):
+            self._idle = self._idle.touched(time.monotonic())
+            self.action_lock_console()
         for screen in self.screen_stack:
-            if isinstance(screen, (ConsoleScreen, Dialog)):
-                screen.show_session(state)
-
-    async def _start(self, live: Live) -> None:
-        await asyncio.to_thread(live.start)
-
-    async def _end_if(self, yes: bool | None) -> None:
-        if yes:
-            await self.end_session()
+            if isinstance(screen, (ConsoleScreen, Dialog)) and screen.composed:
+                with suppress(NoMatches):  # a screen that is just being taken down has lost its widgets
+                    screen.show_session(state)
 
     async def _leave_if(self, yes: bool | None) -> None:
         self._leaving = False
         if yes:
-            await self.end_session()
-            self.exit()
-
-    def _powered(self) -> bool:
-        state = self.live_state()
-        return state is not None and state.snapshot is not None and state.snapshot.enabled
+            await self._end_now()
 
     def _end_on_signals(self) -> None:
         loop = asyncio.get_running_loop()
@@ -221,13 +188,28 @@ class ConsoleApp(App[None]):
             loop.add_signal_handler(number, lambda: loop.create_task(self._end_now()))
 
     async def _end_now(self) -> None:
-        await self.end_session()
+        live, self.live = self.live, None
+        if live is not None:
+            self.trail.close()
+            await asyncio.to_thread(live.close)
         self.exit()
 
 
-def run_console(home: Home, config: Config, *, profile: Profile | None = None, read_only: bool = False) -> None:
-    """Run the console until its operator leaves. Raises AppError for what the configuration gets wrong."""
-    app = ConsoleApp(home, config, profile=profile, read_only=read_only)
+def run_console(home: Home, config: Config, *, straight: bool = False, read_only: bool = False) -> None:
+    """Run the console until its operator leaves.
+
+    straight: begin with the configured patient's session; so does a console that only simulates, because then
+    nothing can happen to anybody. Raises AppError or ProfileError for what configuration or profile gets wrong.
+    """
+    from app.console.observer import observe
+    from profiles.store import ProfileStore
+
+    if read_only:
+        observe(home, config)
+        return
+    simulated = config.joints.kind == "simulated"
+    profile = ProfileStore(home.profiles).load(config.patient) if straight or simulated else None
+    app = ConsoleApp(home, config, profile=profile)
     try:
         app.run()
     finally:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from typing import TYPE_CHECKING, ClassVar, Generic, TypeVar, cast
 
@@ -13,6 +15,12 @@ from textual.widgets import Footer
 from app.console.language import tr
 from app.console.session.state import SessionState
 from app.console.stop_bar import StopBar
+from app.errors import AppError
+from hal.errors import HardwareError
+from logs.errors import AuditError
+from profiles.errors import ProfileError
+
+USER_ERRORS = (AppError, HardwareError, AuditError, ProfileError, OSError)
 
 if TYPE_CHECKING:
     from app.console.app import ConsoleApp
@@ -24,6 +32,11 @@ class _Console(Screen[T], Generic[T]):
     """Common ground of screens and dialogs."""
 
     HELP_PAGE = ""  # name of the contextual help in the language files
+    composed = False  # its widgets are there
+
+    def on_mount(self) -> None:
+        """Textual calls this beside a subclass's own."""
+        self.composed = True
 
     @property
     def console_app(self) -> ConsoleApp:
@@ -45,6 +58,14 @@ class _Console(Screen[T], Generic[T]):
         """Take the session's newest state, twenty times a second; None: no session."""
         for stop_bar in self.query(StopBar):
             stop_bar.show(None if state is None else state.effect)
+
+    @contextmanager
+    def told(self) -> Iterator[None]:
+        """Tell the operator in a sentence what went wrong in the body; nothing typed is lost."""
+        try:
+            yield
+        except USER_ERRORS as error:
+            self.notify(str(error), severity="error", timeout=15, markup=False)
 
     def compose_bottom(self) -> ComposeResult:
         """The STOP bar and the keys."""

@@ -9,7 +9,7 @@ from textual.app import ComposeResult
 from textual.binding import BindingType
 from textual.containers import Horizontal, Vertical, VerticalScroll
 from textual.content import Content
-from textual.widgets import Button, Markdown, OptionList, Static
+from textual.widgets import Button, Input, Markdown, OptionList, Static
 from textual.widgets.option_list import Option
 
 from app.console.base import Dialog
@@ -19,6 +19,8 @@ from app.console.session.panel import Lines
 from app.console.session.state import SessionState
 from app.console.session.words import FINGERS, action_name
 from app.control.states import ACTION_OF, GESTURE_OF, Action
+
+MAX_ANSWER = 4096  # a path
 
 
 class Question(Dialog[bool]):
@@ -138,3 +140,23 @@ class Lists(Dialog[None]):
         if lines != self._lines:
             self._lines = lines
             self.query_one("#lines", Static).update(Content("\n").join(Content.assemble(*line) for line in lines))
+
+
+class AskText(Dialog[str]):
+    """Asks for one line; Enter gives it, Escape gives nothing."""
+
+    def __init__(self, title: str, words: str, start: str = "") -> None:
+        super().__init__()
+        self._title = title
+        self._words = words
+        self._start = start
+
+    def compose(self) -> ComposeResult:
+        with Vertical(classes="dialog") as box:
+            box.border_title = self._title
+            yield Static(self._words, markup=False)
+            yield Input(self._start, id="answer", max_length=MAX_ANSWER)
+        yield from self.compose_bottom()
+
+    def on_input_submitted(self, event: Input.Submitted) -> None:
+        self.dismiss(event.value.strip())

@@ -18,8 +18,14 @@ class Live:
         self._switch = switch
         now_ns = time.monotonic_ns()
         self.state = SessionState(setup=host.setup, started_ns=now_ns, now_ns=now_ns)
+        self.ending = False
         self.closed = False
         switch.connect(lambda: host.send(OperatorKind.STOP))
+
+    @property
+    def control_alive(self) -> bool:
+        """Whether anything could still move."""
+        return any(process.name == "control" and process.alive for process in self.state.processes)
 
     def start(self) -> None:
         """Start the processes."""
@@ -30,6 +36,10 @@ class Live:
         self.host.beat()
         self.state = fold(self.state, self.host.poll(), time.monotonic_ns())
         return self.state
+
+    def at_rest(self) -> None:
+        """Control has ended: nothing can move, and the STOP key is a key again."""
+        self._switch.connect(None)
 
     def close(self) -> None:
         """Bring the legs to rest and end the processes: nothing is left for STOP to do once this has begun."""

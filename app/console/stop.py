@@ -112,12 +112,12 @@ class StopSwitch:
         return self.region.contains(click.screen_x, click.screen_y)
 
 
-def with_stop(base: type[Driver], switch: StopSwitch) -> type[Driver]:
+def with_stop(base: type[Driver], switch: Callable[[], StopSwitch]) -> type[Driver]:
     """The terminal driver, with STOP taken out of the input before the event loop gets it."""
 
     class StopDriver(base):  # type: ignore[misc, valid-type]  # the base is known at run time only
         def process_message(self, message: Message) -> None:
-            if not switch.takes(message):
+            if not switch().takes(message):
                 super().process_message(message)
 
     return StopDriver

@@ -9,7 +9,7 @@ from textual.binding import BindingType
 from textual.containers import Container, Horizontal, Vertical
 
 from app.console import keys
-from app.console.base import ConsoleScreen
+from app.console.compare import CompareScreen
 from app.console.dialogs import Question, TherapistAct
 from app.console.guide import describe as describe_guide
 from app.console.language import tr
@@ -17,6 +17,7 @@ from app.console.session.checklist import Checklist
 from app.console.session.distance import DistancePanel
 from app.console.session.events import EventsPanel
 from app.console.session.gesture import GesturePanel
+from app.console.session.hand_keys import HandKeys
 from app.console.session.health import HealthPanel
 from app.console.session.joints import JointsPanel
 from app.console.session.machine import MachinePanel
@@ -27,21 +28,19 @@ from app.console.session.state_panel import StatePanel
 from app.console.session.status import describe as describe_status
 from app.console.session.words import event_text
 from app.control.states import Action, Effect
-from app.messages import HandCommand, OperatorKind, PerceptionCommand
-from kgdfa.hand import Gesture
+from app.messages import OperatorKind, PerceptionCommand
 
 PICTURE_HZ = 12.0  # half blocks at this rate cost a tenth of a core; sixels would cost a quarter
 
 
-class SessionScreen(ConsoleScreen):
+_ACTS = {"confirm_patient", "toggle_armed", "acknowledge", "act", "torque_off"}
+
+
+class SessionScreen(HandKeys):
     """Draws the session's state and turns keys into orders; decides nothing itself."""
 
     HELP_PAGE = "session"
     BINDINGS: ClassVar[list[BindingType]] = [*keys.SESSION, *keys.HAND]
-
-    def __init__(self) -> None:
-        super().__init__()
-        self._pressing = False
 
     def compose(self) -> ComposeResult:
         yield Panel(id="status")
@@ -60,7 +59,7 @@ class SessionScreen(ConsoleScreen):
 
     def show_session(self, state: SessionState | None) -> None:
         super().show_session(state)
-        if state is None or not self.is_mounted:
+        if state is None:
             return
         self.query_one("#status", Panel).show_lines(describe_status(state))
         self.query_one("#guide", Panel).show_lines(describe_guide(state, self.console_app.key_names))
@@ -77,12 +76,9 @@ class SessionScreen(ConsoleScreen):
     def on_events_panel_clicked(self) -> None:
         self.action_acknowledge()
 
-    def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:  # noqa: ARG002
-        """Keys of the digital hand exist only with a digital hand; an observer may look, not act."""
-        if action.startswith("hand_") and not self.console_app.has_digital_hand:
-            return False
-        acts = {"confirm_patient", "toggle_armed", "acknowledge", "act", "torque_off"}
-        return not (self.console_app.read_only and (action in acts or action.startswith("hand_")))
+    def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
+        """An observer may look, not act."""
+        return super().check_action(action, parameters) and not (self.console_app.read_only and action in _ACTS)
 
     def action_confirm_patient(self) -> None:
         """The patient before the camera is the one of the profile."""
@@ -133,6 +129,10 @@ class SessionScreen(ConsoleScreen):
         """Show the checks."""
         self.app.push_screen(Checklist())
 
+    def action_compare(self) -> None:
+        """Both cameras side by side."""
+        self.app.push_screen(CompareScreen())
+
     def action_pause_picture(self) -> None:
         """Freeze the picture on the screen only."""
         self.query_one(Picture).toggle_pause()
@@ -140,24 +140,6 @@ class SessionScreen(ConsoleScreen):
     async def action_end_session(self) -> None:
         """End the session, after asking while drives are powered."""
         await self.console_app.end_session_asking()
-
-    def action_hand_sign(self, sign: str) -> None:
-        """The digital hand shows a gesture, rests, or leaves."""
-        gesture = HandCommand(gesture="rest" if sign == "rest" else "none") if sign in ("rest", "none") else None
-        self.console_app.live_host().move_hand(gesture or HandCommand(gesture=Gesture(sign)))
-
-    def action_hand_click(self) -> None:
-        """Push to the camera and draw back."""
-        self.console_app.live_host().move_hand(HandCommand(click_s=keys.CLICK_S))
-
-    def action_hand_press(self) -> None:
-        """Push and stay, or draw back."""
-        self._pressing = not self._pressing
-        self.console_app.live_host().move_hand(HandCommand(press=self._pressing))
-
-    def action_hand_move(self, x: int, y: int, z: int) -> None:
-        """Move the digital hand a step."""
-        self.console_app.live_host().move_hand(keys.hand_move(x, y, z))
 
     def _send(self, kind: OperatorKind, action: Action | None = None) -> None:
         self.console_app.live_host().send(kind, action)

@@ -60,6 +60,7 @@ class FakeHost:
     events: tuple[ActiveEvent, ...] = ()
     camera_fault: str = ""
     silent: bool = False
+    shut_down: bool = False
 
     def start(self) -> None:
         self.started = True
@@ -76,6 +77,8 @@ class FakeHost:
                 self._acknowledge()
             case OperatorKind.ARM | OperatorKind.DISARM:
                 self.armed = kind is OperatorKind.ARM
+            case OperatorKind.SHUT_DOWN:
+                self.shut_down = True
             case OperatorKind.CONFIRM_PATIENT:
                 self.confirmed = True
         if kind is OperatorKind.ACT and action is Action.INITIALISE:
@@ -121,7 +124,14 @@ class FakeHost:
     def _processes(self) -> tuple[ProcessStatus, ...]:
         names = ("audit", "guardian", "planner", "control", "perception")
         return tuple(
-            ProcessStatus(name=name, pid=os.getpid(), alive=self.started, restarts=0, exit_code=None) for name in names
+            ProcessStatus(
+                name=name,
+                pid=os.getpid(),
+                alive=self.started and not (name == "control" and self.shut_down),
+                restarts=0,
+                exit_code=None,
+            )
+            for name in names
         )
 
     def _snapshot(self, now_ns: int) -> ControlSnapshot:

@@ -1,0 +1,1 @@
+"""After the session: summary, note, discomfort, next targets."""

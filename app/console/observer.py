@@ -1,0 +1,127 @@
+"""A console that only looks: it listens to a running session's streams and sends nothing."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import msgspec
+
+from app import processes
+from app.config import Config
+from app.control.states import Action
+from app.errors import AppError
+from app.host import Latest, ProcessStatus
+from app.links import LatestReceiver, address
+from app.messages import (
+    AuditHealth,
+    ControlSnapshot,
+    HandCommand,
+    OperatorKind,
+    PerceptionCommand,
+    Preview,
+    TriggerReport,
+)
+from app.paths import Home
+from app.setup import SessionSetup
+
+_SHARED = "session.msgpack"
+
+
+def share(home: Home, setup: SessionSetup) -> None:
+    """Tell observers of this home where the session's streams are."""
+    path = home.root / _SHARED
+    path.write_bytes(msgspec.msgpack.encode(setup, enc_hook=_encode))
+    path.chmod(0o600)
+
+
+def unshare(home: Home) -> None:
+    """The session has ended."""
+    (home.root / _SHARED).unlink(missing_ok=True)
+
+
+def shared(home: Home) -> SessionSetup:
+    """The running session. Raises AppError when there is none."""
+    try:
+        setup = msgspec.msgpack.decode((home.root / _SHARED).read_bytes(), type=SessionSetup, dec_hook=_decode)
+    except (OSError, msgspec.MsgspecError) as error:
+        raise AppError(f"No session runs in {home.root} to look at; start one with `rleex run`.") from error
+    if not setup.links.exists():
+        raise AppError(f"The session {setup.session} has ended; start one with `rleex run`.")
+    return setup
+
+
+class ObserverHost:
+    """A host that owns no process and whose orders go nowhere."""
+
+    def __init__(self, setup: SessionSetup) -> None:
+        self.setup = setup
+        links = setup.links
+        self._snapshots = LatestReceiver(address(links, processes.SNAPSHOT.name), ControlSnapshot)
+        self._reports = LatestReceiver(address(links, processes.TRIGGER.name), TriggerReport)
+        self._previews = LatestReceiver(address(links, processes.PREVIEW.name), Preview)
+        self._audit = LatestReceiver(address(links, processes.AUDIT_HEALTH.name), AuditHealth)
+
+    def start(self) -> None:
+        """The session runs already."""
+
+    def close(self) -> None:
+        """Stop listening; the session goes on."""
+        for link in (self._snapshots, self._reports, self._previews, self._audit):
+            link.close()
+
+    def send(self, kind: OperatorKind, action: Action | None = None, note: str = "") -> int:  # noqa: ARG002
+        """An observer gives no orders."""
+        return 0
+
+    def beat(self) -> None:
+        """An observer's life means nothing to control."""
+
+    def move_hand(self, command: HandCommand) -> None:
+        """An observer moves nothing."""
+
+    def tell_perception(self, command: PerceptionCommand) -> None:
+        """An observer takes the picture as it is."""
+
+    def poll(self) -> Latest:
+        """The newest of each stream."""
+        alive = _alive(self.setup.console_pid)
+        return Latest(
+            snapshot=self._snapshots.receive(),
+            report=self._reports.receive(),
+            preview=self._previews.receive(),
+            audit=self._audit.receive(),
+            processes=tuple(
+                ProcessStatus(name=name, pid=0, alive=alive, restarts=0, exit_code=None)
+                for name in ("audit", "guardian", "planner", "control", "perception")
+            ),
+        )
+
+
+def observe(home: Home, config: Config) -> None:
+    """Show the running session of this home. Raises AppError when there is none."""
+    from app.console.app import ConsoleApp
+
+    setup = shared(home)
+    app = ConsoleApp(home, config, profile=setup.profile, make_host=lambda _: ObserverHost(setup), read_only=True)
+    app.run()
+
+
+def _alive(pid: int) -> bool:
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    except PermissionError:
+        return True
+    return True
+
+
+def _encode(value: object) -> object:
+    if isinstance(value, Path):
+        return str(value)
+    raise NotImplementedError(type(value))
+
+
+def _decode(kind: type, value: object) -> object:
+    return Path(str(value)) if issubclass(kind, Path) else value

@@ -1,0 +1,173 @@
+"""From a chosen patient to the end of the session: sign in, start, live, stop, note, close."""
+
+from __future__ import annotations
+
+import asyncio
+
+from textual.app import App
+from textual.screen import Screen
+
+from app.config import Config
+from app.console.after.records import SessionRecords
+from app.console.after.screen import AfterScreen
+from app.console.base import Dialog
+from app.console.dialogs import Question
+from app.console.host_protocol import Host, HostFactory
+from app.console.language import tr
+from app.console.live import Live
+from app.console.patients.screen import PatientsScreen
+from app.console.session.screen import SessionScreen
+from app.console.session.state import SessionState
+from app.console.signin import SignInDialog
+from app.console.stop import StopSwitch
+from app.console.trail import ConsoleTrail
+from app.console.training import TrainingScreen
+from app.errors import AppError
+from app.host import make_setup
+from app.messages import OperatorKind
+from app.operators import Operator, Permission, needs_sign_in
+from app.paths import Home
+from app.setup import SessionSetup
+from profiles.schema import DEMO_PATIENT, Profile
+from profiles.store import ProfileStore
+
+CONTROL_ENDS_S = 8.0  # hold, damp, disable; the host kills what takes longer
+
+
+class SessionFlow(App[None]):
+    """The one session, if any, and the way into and out of it."""
+
+    def __init__(self, home: Home, config: Config, make_host: HostFactory, *, read_only: bool) -> None:
+        super().__init__()
+        self.home = home
+        self.config = config
+        self.read_only = read_only
+        self.switch = StopSwitch()
+        self.live: Live | None = None
+        self.signed_in: Operator | None = None
+        self.trail = ConsoleTrail()
+        self.store = ProfileStore(home.profiles)
+        self.sessions = SessionRecords(home.root / "sessions")
+        self._make_host = make_host
+
+    @property
+    def operator(self) -> str:
+        """Who is signed in; empty in simulation."""
+        return self.signed_in.name if self.signed_in else ""
+
+    async def begin_signed_in(self, profile: Profile, config: Config) -> None:
+        """Begin a session, after a sign-in where drives can move."""
+        if not needs_sign_in(config) or self._may_operate():
+            await self.begin_session(profile, config)
+            return
+
+        async def then(operator: Operator | None) -> None:
+            if operator is None:
+                return
+            self.signed_in = operator
+            if self._may_operate():
+                await self.begin_session(profile, config)
+            else:
+                self.notify(tr("sign_in.may_not", role=operator.role.value), severity="error")
+
+        self.push_screen(SignInDialog(), then)
+
+    async def begin_session(self, profile: Profile, config: Config) -> None:
+        """Start the processes for a patient, and show the live screen at once."""
+        await self._begin(profile, config, SessionScreen())
+
+    async def begin_training(self) -> None:
+        """The guided tour: digital hand or the configured camera, simulated joints, never armed."""
+        import msgspec
+
+        joints = msgspec.structs.replace(self.config.joints, kind="simulated")
+        await self._begin(DEMO_PATIENT, msgspec.structs.replace(self.config, joints=joints), TrainingScreen())
+
+    async def end_session_asking(self) -> None:
+        """End the session; while drives are powered, only after a yes."""
+        if not self.powered():
+            await self.end_session()
+            return
+
+        async def then(yes: bool | None) -> None:
+            if yes:
+                await self.end_session()
+
+        self.push_screen(Question(tr("end.title"), tr("end.words")), then)
+
+    async def end_session(self) -> None:
+        """Bring the legs to rest, then ask for note and rating while the trail is still open."""
+        live = self.live
+        if live is None or live.ending:
+            return
+        live.ending = True
+        live.host.send(OperatorKind.SHUT_DOWN)
+        self.notify(tr("end.resting"))
+        self.run_worker(self._after_rest(live))
+
+    async def close_session(self) -> None:
+        """End every process; back to the patients' list."""
+        live, self.live = self.live, None
+        if live is None:
+            return
+        self.trail.close()
+        await asyncio.to_thread(live.close)
+        await self.show_patients()
+
+    async def show_patients(self) -> None:
+        """The list, with nothing above it."""
+        while len(self.screen_stack) > 1 and not isinstance(self.screen, PatientsScreen):
+            await self.pop_screen()
+        if not isinstance(self.screen, PatientsScreen):
+            await self.push_screen(PatientsScreen())
+
+    def live_state(self) -> SessionState | None:
+        """The session's newest state; None without a session."""
+        return None if self.live is None else self.live.state
+
+    def live_host(self) -> Host:
+        """The session's host. Raises AppError without a session."""
+        if self.live is None:
+            raise AppError("There is no session; begin one from the patients' list.")
+        return self.live.host
+
+    def live_setup(self) -> SessionSetup:
+        """What the session was started with."""
+        return self.live_host().setup
+
+    @property
+    def has_digital_hand(self) -> bool:
+        """Whether keys move a hand."""
+        return self.live is not None and self.live.host.setup.config.camera.kind == "digital-hand"
+
+    def powered(self) -> bool:
+        """Whether the drives carry the patient."""
+        state = self.live_state()
+        return state is not None and state.snapshot is not None and state.snapshot.enabled
+
+    async def _begin(self, profile: Profile, config: Config, screen: Screen[None]) -> None:
+        if self.live is not None:
+            return
+        role = self.signed_in.role.value if self.signed_in else "therapist"
+        setup = make_setup(self.home, config, profile, operator=self.operator, role=role)
+        live = self.live = Live(self._make_host(setup), self.switch)
+        await self.push_screen(screen)
+        self.run_worker(self._start(live))
+
+    async def _start(self, live: Live) -> None:
+        await asyncio.to_thread(live.start)
+        self.trail.open(live.host.setup)
+
+    async def _after_rest(self, live: Live) -> None:
+        loop = asyncio.get_running_loop()
+        limit = loop.time() + CONTROL_ENDS_S
+        while live.control_alive and loop.time() < limit:
+            await asyncio.sleep(0.05)
+        live.at_rest()
+        while isinstance(self.screen, Dialog):
+            await self.pop_screen()
+        if self.live is live:
+            self.switch_screen(AfterScreen(live.state))
+
+    def _may_operate(self) -> bool:
+        return self.signed_in is not None and self.signed_in.may(Permission.OPERATE)

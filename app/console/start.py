@@ -1,0 +1,91 @@
+"""Between the list and the live screen: is this the patient, which camera, which joints."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import msgspec
+from textual.app import ComposeResult
+from textual.binding import Binding, BindingType
+from textual.containers import Vertical, VerticalScroll
+from textual.widgets import Button, Input, Label, RadioButton, RadioSet, Static
+
+from app.config import Config
+from app.console.base import ConsoleScreen
+from app.console.language import tr
+from profiles.schema import Profile
+
+CAMERAS = ("digital-hand", "webcam", "realsense", "recording")
+JOINTS = ("simulated", "can")
+
+
+def choose(config: Config, camera: str, device: str, joints: str) -> Config:
+    """The configuration with these choices, validated like one from a file."""
+    built = msgspec.to_builtins(config)
+    built["camera"] |= {"kind": camera, "device": device}
+    built["joints"] |= {"kind": joints}
+    return msgspec.convert(built, type=Config)
+
+
+class StartSession(ConsoleScreen):
+    """Everything is set as last time: Enter goes on."""
+
+    HELP_PAGE = "start"
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("ctrl+s", "begin", "bind.start.begin"),
+        Binding("escape", "back", "bind.start.back"),
+    ]
+
+    def __init__(self, profile: Profile) -> None:
+        super().__init__()
+        self._profile = profile
+
+    def compose(self) -> ComposeResult:
+        config = self.console_app.config
+        yield Label(tr("start.title", name=self._profile.identifier), id="title")
+        with VerticalScroll(id="start"):
+            yield Static(_identity(self._profile), markup=False, classes="dialog-text")
+            with Vertical(classes="group"):
+                yield Label(tr("start.camera"), classes="section")
+                with RadioSet(id="camera", compact=True):
+                    for kind in CAMERAS:
+                        yield RadioButton(tr(f"camera.{kind}"), value=kind == config.camera.kind)
+                yield Input(config.camera.device, placeholder=tr("start.device"), id="device", compact=True)
+            with Vertical(classes="group"):
+                yield Label(tr("start.joints"), classes="section")
+                with RadioSet(id="joints-kind", compact=True):
+                    for kind in JOINTS:
+                        yield RadioButton(tr(f"joints.{kind}"), value=kind == config.joints.kind)
+            yield Button(tr("start.begin"), id="begin", variant="primary")
+        yield from self.compose_bottom()
+
+    def on_mount(self) -> None:
+        self.query_one("#begin").focus()
+
+    async def on_button_pressed(self) -> None:
+        await self.action_begin()
+
+    async def action_begin(self) -> None:
+        """Start the processes with what is chosen."""
+        config = choose(
+            self.console_app.config,
+            CAMERAS[max(0, self.query_one("#camera", RadioSet).pressed_index)],
+            self.query_one("#device", Input).value.strip(),
+            JOINTS[max(0, self.query_one("#joints-kind", RadioSet).pressed_index)],
+        )
+        await self.console_app.begin_signed_in(self._profile, config)
+
+    def action_back(self) -> None:
+        """To the list."""
+        self.dismiss()
+
+
+def _identity(profile: Profile) -> str:
+    return tr(
+        "confirm.words",
+        identifier=profile.identifier,
+        sex=tr(f"sex.{profile.sex.value}"),
+        stature=f"{profile.stature_m * 100:.0f}",
+        mass=f"{profile.mass_kg:.0f}",
+        note=profile.note,
+    )
