@@ -47,7 +47,7 @@ def take_plans(tick: Tick) -> None:
         tick.audit.append(plan_record(plan))
         task = replace(task, awaited=task.awaited - {plan.number})
         tick.memory = replace(tick.memory, task=task)
-        if task.stage is Stage.PLANNING:
+        if task.stage in {Stage.PLANNING, Stage.GRIPPING}:
             _first_plan(tick, task, plan)
         else:
             _step_ahead(tick, task, plan)
@@ -62,7 +62,7 @@ def carry_on(tick: Tick) -> None:
         _give_up(tick, task, "refused", "The planner did not answer.")
     elif task.stage is Stage.ENABLING:
         _enabling(tick, task)
-    elif task.stage is Stage.GRIPPING and tick.memory.motion.mode is Mode.STIFF:
+    elif task.stage is Stage.GRIPPING and tick.memory.motion.mode is Mode.STIFF and not task.awaited:
         _move(tick, task)
     elif task.stage is Stage.MOVING and tick.memory.motion.arrived:
         _arrived(tick, task)
@@ -103,6 +103,13 @@ def _first_plan(tick: Tick, task: Task, plan: Plan) -> None:
         _give_up(tick, task, "refused", plan.check.reason)
         return
     task = replace(task, plan=plan, report=with_fields(task.report, plan=plan_sentence(plan)))
+    tick.memory = replace(tick.memory, task=task)
+    if task.stage is Stage.PLANNING:
+        _set_out(tick, task)
+
+
+def _set_out(tick: Tick, task: Task) -> None:
+    """There is a plan: power, then stiffness, then movement, as far as they are not there yet."""
     if not tick.memory.heard.powered:
         tick.drives = DriveOrder.ENABLE
         tick.memory = replace(tick.memory, task=replace(task, stage=Stage.ENABLING, asked_ns=tick.now_ns))
@@ -130,14 +137,23 @@ def _enabling(tick: Tick, task: Task) -> None:
 
 
 def _give_up(tick: Tick, task: Task, outcome: str, reason: str) -> None:
-    """Nothing has moved yet: the legs rest where they were."""
-    set_gait(tick, gait_machine.abandon(tick.memory.gait))
+    """Before the first row of the plan: joints that had to be gripped stay held where they were found."""
+    gripped = task.stage is Stage.GRIPPING
+    set_gait(tick, (gait_machine.interrupt if gripped else gait_machine.abandon)(tick.memory.gait))
     _end(tick, task, outcome, reason)
 
 
 def _grip(tick: Tick, task: Task) -> None:
-    motion = follow.grip(tick.inputs.feedback.position_rad, tick.settings.gains)
-    tick.memory = replace(tick.memory, motion=motion, task=replace(task, stage=Stage.GRIPPING))
+    """Hold slack joints where they are now, and plan anew from there: they may have sunk since the first plan."""
+    measured_rad, gait = tick.inputs.feedback.position_rad, tick.memory.gait
+    number = tick.memory.plan_number + 1
+    tick.requests.append(request(number, task.report.action, gait.phase, gait.state, measured_rad))
+    tick.memory = replace(
+        tick.memory,
+        motion=follow.grip(measured_rad, tick.settings.gains),
+        plan_number=number,
+        task=replace(task, stage=Stage.GRIPPING, asked_ns=tick.now_ns, awaited=frozenset({number})),
+    )
 
 
 def _move(tick: Tick, task: Task) -> None:

@@ -34,7 +34,7 @@ class Inputs:
     audit_full: bool = False  # a record of the tick before found the queue full
     rejected_messages: int = 0  # since the tick before
     drive_error: str = ""  # why the order of the tick before to the drives failed
-    parent_gone: bool = False
+    must_end: bool = False  # the console is gone, or a signal asked for the end
     cleared: frozenset[Action] | None = None  # passed the pre-flight; None: none is needed (simulated joints)
 
 

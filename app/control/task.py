@@ -56,8 +56,9 @@ class Task:
     samples: int = 0
 
     def waits_too_long(self, now_ns: int, limit_ms: float) -> bool:
-        """Whether the first plan is overdue."""
-        return self.stage is Stage.PLANNING and now_ns - self.asked_ns > limit_ms * 1e6
+        """Whether the plan that it can't go on without is overdue."""
+        waiting = self.stage is Stage.PLANNING or (self.stage is Stage.GRIPPING and bool(self.awaited))
+        return waiting and now_ns - self.asked_ns > limit_ms * 1e6
 
 
 def new_report(wish: Wish, number: int, state: GaitState, now_ns: int) -> ActionReport:

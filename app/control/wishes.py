@@ -26,7 +26,7 @@ def obey(tick: Tick) -> None:
         if command.sequence > tick.memory.sequence:
             tick.memory = replace(tick.memory, sequence=command.sequence)
             _WORD[command.kind](tick, command)
-    if tick.inputs.parent_gone:
+    if tick.inputs.must_end:
         _end(tick)
 
 

@@ -1,0 +1,64 @@
+"""From a session's setup to control's settings and joints."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from app.control.drives import Drives
+from app.control.patient import body_of, patient_of
+from app.control.settings import Settings, gains_of
+from app.control.states import GaitState
+from app.control.trajectory import nominal_pose
+from app.setup import SessionSetup
+from hal.joints.device import DEFAULT_DEVICE, Exoskeleton, load_exoskeleton
+from hal.joints.factory import make_joints
+from hal.joints.guard import limits_of
+from hal.joints.joints import Joints
+
+POSED_STATES = (
+    GaitState.STANDING,
+    GaitState.SITTING,
+    GaitState.RIGHT_FORWARD,
+    GaitState.LEFT_FORWARD,
+)
+
+
+def device_of(setup: SessionSetup) -> Exoskeleton:
+    """The device that the configuration names. Raises HardwareError."""
+    path = setup.config.joints.device
+    return load_exoskeleton(Path(path) if path else DEFAULT_DEVICE)
+
+
+def settings_of(setup: SessionSetup) -> Settings:
+    """Limits, gains and poses of this patient in this device. Raises HardwareError."""
+    device, profile = device_of(setup), setup.profile
+    patient = patient_of(profile, device)
+    return Settings(
+        limits=limits_of(device, profile.hip_max_rad, profile.knee_max_rad),
+        gains=gains_of(device, profile.gait.assist_left, profile.gait.assist_right),
+        poses={state: nominal_pose(state, patient) for state in POSED_STATES},
+        warn_c=np.array([joint.warn_c for joint in device.joints]),
+        limit_c=np.array([joint.limit_c for joint in device.joints]),
+        patient=profile.identifier,
+        simulated=setup.config.joints.kind == "simulated",
+    )
+
+
+def joints_of(setup: SessionSetup) -> Joints:
+    """The joints that the configuration names, not open yet. Raises HardwareError."""
+    chosen = setup.config.joints
+    return make_joints(
+        chosen.kind,
+        device_of(setup),
+        body_of(setup.profile),
+        motors=Path(chosen.motors) if chosen.motors else None,
+        interface=chosen.interface,
+        channel=chosen.channel,
+    )
+
+
+def drives_of(setup: SessionSetup, settings: Settings) -> Drives:
+    """The door to the joints, not open yet."""
+    return Drives(joints_of(setup), settings.limits, settings.gains)

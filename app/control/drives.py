@@ -1,0 +1,111 @@
+"""The one door to the joints: commands pass the guard, orders are carried out, trouble ends in damping."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+
+import numpy as np
+
+from app.control import follow
+from app.control.absent import AbsentJoints
+from app.control.follow import Mode, Motion
+from app.control.inputs import DriveOrder
+from app.control.plan import TICK_HZ
+from app.control.settings import Gains
+from hal.errors import HardwareError
+from hal.joints.guard import Guard, Limits, Refusal
+from hal.joints.joints import DriveState, JointCommand, JointFeedback, Joints
+
+_TROUBLE_TICKS = int((follow.GIVE_WAY_S + 0.05) * TICK_HZ)
+
+
+class Drives:
+    """Joints behind their guard."""
+
+    def __init__(self, joints: Joints, limits: Limits, gains: Gains) -> None:
+        self._joints = joints
+        self._closed: Joints | None = None  # the driver itself while an AbsentJoints stands in for it
+        self._guard = Guard(limits)
+        self._gains = gains
+        self.powered = False
+        self.error = ""  # why the last order failed
+        self.written: JointCommand | None = None  # what left last
+        self.written_ns = 0
+        self.refusal: Refusal | None = None  # of the last command
+
+    def open(self, now_ns: int) -> None:
+        """Probe the drives; one that does not answer leaves `error`, and joints that say so."""
+        joints = self._closed or self._joints
+        try:
+            joints.open(now_ns)
+        except HardwareError as error:
+            self.error = str(error)
+            self._joints, self._closed = AbsentJoints(self.error), joints
+        else:
+            self._joints, self._closed = joints, None
+
+    def read(self, now_ns: int) -> JointFeedback:
+        """What the joints report."""
+        feedback = self._joints.read(now_ns)
+        faulted = self.powered and feedback.state is DriveState.FAULTED
+        self.powered = feedback.state is DriveState.ENABLED or faulted
+        return feedback
+
+    def write(self, command: JointCommand, feedback: JointFeedback, now_ns: int) -> None:
+        """Let a command pass, or leave the joints with the last one that did, at rest."""
+        previous = self.written if self.powered else None
+        self.refusal = self._guard.check(command, previous, feedback.position_rad)
+        if self.refusal is not None:
+            command = at_rest(previous or follow.NEUTRAL)
+        self._joints.write(command, now_ns)
+        self.written, self.written_ns = command, time.monotonic_ns()
+
+    def obey(self, order: DriveOrder, now_ns: int) -> bool:
+        """Carry out an order; whether there was one (it takes its time, the drives' answers are waited for)."""
+        self.error = ""
+        if order is DriveOrder.NONE:
+            return False
+        try:
+            if order is DriveOrder.ENABLE:
+                self._enable(now_ns)
+            else:
+                self._joints.close(now_ns)
+        except HardwareError as error:
+            self.error = str(error)
+        return True
+
+    def close(self) -> str:
+        """Leave nothing powered behind, whatever has happened; what could not be confirmed."""
+        now_ns = time.monotonic_ns()
+        try:
+            if self.powered and self.written is not None:
+                self._damp(self.written)
+            self._joints.close(time.monotonic_ns())
+        except HardwareError as error:
+            return str(error)
+        finally:
+            self.powered = False
+            self.written_ns = now_ns
+        return ""
+
+    def _enable(self, now_ns: int) -> None:
+        """Closed, never opened or faulted drives are probed anew before they are enabled."""
+        if self._joints.read(now_ns).state is not DriveState.PROBED:
+            self._joints.close(now_ns)
+            self.open(now_ns)
+        self._joints.enable(time.monotonic_ns())
+
+    def _damp(self, last: JointCommand) -> None:
+        """The process is in trouble: from the last command to damping, by the clock, without anybody's step."""
+        motion = follow.give_way(Motion(mode=Mode.STIFF, command=last))
+        for _ in range(_TROUBLE_TICKS):
+            motion = follow.advance(motion, self._gains, hold=True)
+            now_ns = time.monotonic_ns()
+            self.write(motion.command, self.read(now_ns), now_ns)
+            time.sleep(1 / TICK_HZ)
+
+
+def at_rest(command: JointCommand) -> JointCommand:
+    """The same command without its speed."""
+    return replace(command, velocity_rad_s=np.zeros(4))
