@@ -18,6 +18,7 @@ from cryptography.hazmat.primitives.serialization import (
     load_pem_public_key,
 )
 
+from logs.anchor import replace_file
 from logs.disk import Disk, PosixDisk
 from logs.errors import AuditError
 
@@ -55,6 +56,7 @@ class ConsoleKey:
 
     key: Ed25519PrivateKey
     public: PublicKey
+    folder: Path
     was_exposed: bool = False  # others could read the file; its mode has been mended
 
     def sign(self, message: bytes) -> str:
@@ -108,29 +110,14 @@ def _make(folder: Path, disk: Disk) -> None:
     public = public_key(key.public_key())
     private_pem = key.private_bytes(Encoding.PEM, PrivateFormat.PKCS8, NoEncryption())
     _keep_former_public(folder, disk)
-    _put(folder / PUBLIC_FILE, public.pem, disk)
-    _put(folder / KEY_FILE, private_pem, disk)
+    replace_file(folder / PUBLIC_FILE, public.pem, disk)
+    replace_file(folder / KEY_FILE, private_pem, disk)
 
 
 def _keep_former_public(folder: Path, disk: Disk) -> None:
     former = folder / PUBLIC_FILE
     if former.exists():  # sessions signed by a key that is gone must stay verifiable
         disk.rename(former, folder / f"console-{load_public_key(former).fingerprint[:8]}.pub")
-
-
-def _put(path: Path, data: bytes, disk: Disk) -> None:
-    partial = path.with_name(path.name + ".partial")
-    partial.unlink(missing_ok=True)  # of an attempt that failed; it was never in use
-    handle = disk.create(partial)
-    try:
-        offset = 0
-        while offset < len(data):
-            offset += disk.write(handle, data[offset:], offset)
-        disk.sync(handle)
-    finally:
-        disk.close(handle)
-    disk.rename(partial, path)
-    disk.sync_folder(path.parent)
 
 
 def _load(path: Path) -> ConsoleKey:
@@ -143,4 +130,4 @@ def _load(path: Path) -> ConsoleKey:
         raise AuditError(f"The signing key {path} is damaged; restore it, or move it away for a new one.") from error
     if not isinstance(key, Ed25519PrivateKey):
         raise AuditError(f"The signing key {path} is no Ed25519 key; move it away for a new one.")
-    return ConsoleKey(key, public_key(key.public_key()), exposed)
+    return ConsoleKey(key, public_key(key.public_key()), path.parent, exposed)

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import msgspec
 
+from logs.anchor import Anchor, write_anchor
 from logs.disk import Disk, is_being_written
 from logs.keys import ConsoleKey, PublicKey, by_fingerprint
 from logs.line import GENESIS, MAX_LINE
@@ -109,9 +110,12 @@ class Manifest:
     def __init__(self, folder: Path, key: ConsoleKey, disk: Disk, now: Moment) -> None:
         self._folder = folder
         self._key = key
+        self._disk = disk
+        self._anchored = ""  # hash of the newest entry that the key folder remembers
+        self.fault = ""
         path, damaged = _current(folder, key)
-        self.trail, self._chain, scan = resume(path, MANIFEST_SESSION, key, disk)
-        self._logger = open_logger(self.trail, self._chain)
+        self._trail, self._chain, scan = resume(path, MANIFEST_SESSION, key, disk)
+        self._logger = open_logger(self._trail, self._chain)
         self._listing = read_listings(folder, by_fingerprint([key.public]))
         for former, former_scan in damaged:
             self._add(found_torn(former.name, former_scan, key), now)
@@ -143,6 +147,28 @@ class Manifest:
     def closed(self, file: str, records: int, last_hash: str, now: Moment) -> None:
         """A session's file has been closed in good order."""
         self._add(LogClosed(file=file, records=records, last_hash=last_hash, key=self._key.public.fingerprint), now)
+
+    def settle(self) -> bool:
+        """Bring every entry to the disk and its memory beside the key; False, with `fault`, when the disk refuses."""
+        if not self._trail.settle():
+            self.fault = self._trail.fault
+            return False
+        self.fault = ""
+        if self._anchored != self.head:
+            self._remember()
+        return not self.fault
+
+    def close(self) -> None:
+        """Release the file."""
+        self._trail.close()
+
+    def _remember(self) -> None:
+        try:
+            anchor = Anchor(file=self._trail.path.name, entries=self.entries, hash=self.head)
+            write_anchor(self._key.folder, anchor, self._disk)
+            self._anchored = self.head
+        except OSError as error:
+            self.fault = f"The memory of the manifest in {self._key.folder} can't be written: {error.strerror}."
 
     def _add(self, body: _LogEntry, now: Moment) -> None:
         self._logger.record(now.entry(body))

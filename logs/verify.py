@@ -9,6 +9,7 @@ from pathlib import Path
 
 import msgspec
 
+from logs.anchor import Anchor
 from logs.copies import SUFFIX
 from logs.disk import is_being_written
 from logs.journal import COMMENTS, OPERATORS
@@ -59,6 +60,7 @@ class Evidence:
 
     keys: Mapping[str, PublicKey] = field(default_factory=dict)  # by fingerprint
     copies: Path | None = None  # the second place of the checkpoints
+    anchor: Anchor | None = None  # what the console remembers of its manifest
 
 
 def exit_status(findings: Sequence[Finding]) -> int:
@@ -82,24 +84,27 @@ def _verify_folder(folder: Path, evidence: Evidence, progress: Progress | None) 
     files = sorted(folder.glob("*.jsonl"))
     findings = [_verify_one(path, evidence, progress) for path in files]
     if not manifest_paths(folder):
-        return [*findings, _no_manifest(folder, bool(files))]
+        return findings + _no_manifest(folder, files, evidence)
     listing = read_listings(folder, evidence.keys)
-    missing = sorted(name for name in listing.opened if not (folder / name).exists())
+    named = listing.opened | ({evidence.anchor.file} if evidence.anchor else set())
+    missing = sorted(name for name in named if not (folder / name).exists())
     return findings + [
         Finding(
             file=folder / name,
             status=Status.TAMPERED,
             reason="the file is missing: the manifest names it",
-            last_hash="",
         )
         for name in missing
     ]
 
 
-def _no_manifest(folder: Path, has_files: bool) -> Finding:
-    if has_files:
-        return Finding(file=folder / "manifest.jsonl", status=Status.TAMPERED, reason="the manifest is missing")
-    return Finding(file=folder, status=Status.UNREADABLE, reason="there is no audit trail in this folder")
+def _no_manifest(folder: Path, files: list[Path], evidence: Evidence) -> list[Finding]:
+    if evidence.anchor is not None or not all(_is_appended(path) for path in files):
+        path = folder / "manifest.jsonl"
+        return [Finding(file=path, status=Status.TAMPERED, reason="the manifest is missing")]
+    if files:
+        return []
+    return [Finding(file=folder, status=Status.UNREADABLE, reason="there is no audit trail in this folder")]
 
 
 def _verify_one(path: Path, evidence: Evidence, progress: Progress | None) -> Finding:
@@ -121,19 +126,32 @@ def _judge(path: Path, scan: Scan, evidence: Evidence, *, running: bool) -> Find
         last_hash=scan.last_hash,
         remarks=_remarks(scan, evidence),
     )
-    if _is_foreign(scan):
+    if _is_foreign(path, scan, evidence):
         return replace(finding, status=Status.UNREADABLE, reason="it is no audit trail of this program")
     if scan.unknown_keys and evidence.keys:
         names = ", ".join(sorted(_short(key) for key in scan.unknown_keys))
         return replace(finding, status=Status.TAMPERED, reason=f"signed by key {names}, which is not a known one")
     if _is_appended(path):
-        return _judge_appended(finding, scan)
+        return _judge_appended(finding, scan, evidence)
     return _judge_session(finding, scan, evidence, running=running)
 
 
-def _is_foreign(scan: Scan) -> bool:
-    """Not one record holds and nothing in it is sealed: binary, another encoding, another program's file."""
-    return scan.records == 0 and scan.is_torn and not scan.fault_is_sealed
+def _is_foreign(path: Path, scan: Scan, evidence: Evidence) -> bool:
+    """Nothing in it looks like a record, and no manifest claims it: binary, another encoding, another program's."""
+    if scan.records or not scan.is_torn or scan.fault_is_sealed:
+        return False
+    with path.open("rb") as file:
+        if file.read(len(_RECORD_BEGINS)) == _RECORD_BEGINS:
+            return False
+    return path.name not in read_listings(path.parent, evidence.keys).opened
+
+
+_RECORD_BEGINS = b'{"body":{'
+
+
+def is_session(path: Path) -> bool:
+    """Whether a file of a folder of trails is a session, by its name."""
+    return path.suffix == ".jsonl" and not _is_appended(path)
 
 
 def _is_appended(path: Path) -> bool:
@@ -141,12 +159,26 @@ def _is_appended(path: Path) -> bool:
     return path.name == OPERATORS or path.name.startswith("manifest") or path.name.endswith(COMMENTS)
 
 
-def _judge_appended(finding: Finding, scan: Scan) -> Finding:
-    if scan.fault is None:
+def _judge_appended(finding: Finding, scan: Scan, evidence: Evidence) -> Finding:
+    if scan.fault is None and (forgotten := _forgotten(finding, scan, evidence)):
+        return _bad(finding, scan, Status.TAMPERED, forgotten)
+    if scan.fault is None and (scan.proven == scan.records or not evidence.keys):
         return finding
+    if scan.fault is None:
+        return _bad(finding, scan, Status.INCOMPLETE, "its newest records are not signed: the end was cut off")
     if scan.is_torn:
         return _bad(finding, scan, Status.INCOMPLETE, "torn tail of {bytes} bytes, not yet explained by a later start")
     return _bad(finding, scan, Status.TAMPERED, scan.fault.reason)
+
+
+def _forgotten(finding: Finding, scan: Scan, evidence: Evidence) -> str:
+    """Why the manifest lacks the entry that the console remembers, if it does."""
+    anchor = evidence.anchor
+    if anchor is None or anchor.file != finding.file.name:
+        return ""
+    if anchor.hash in read_listings(finding.file.parent, evidence.keys).hashes:
+        return ""
+    return f"the console remembers {anchor.entries} entries, here are {scan.records}: its end was cut or replaced"
 
 
 def _judge_session(finding: Finding, scan: Scan, evidence: Evidence, *, running: bool) -> Finding:
@@ -184,9 +216,9 @@ def _against_manifest(finding: Finding, scan: Scan, listing: Listing, *, running
             return _against_close(finding, scan, end)
         case LogRecovered() as end:
             return _against_recovery(finding, scan, end)
-        case None if scan.closed:
-            remark = "closed and signed; the manifest has not heard of it: the program died in that moment"
-            return replace(finding, remarks=(*finding.remarks, remark))
+        case None if scan.closed and not running:
+            text = "closed and signed, but the manifest lacks that: the program died just then, or it was cut"
+            return _bad(finding, scan, Status.INCOMPLETE, text)
         case _:
             return _unfinished(finding, scan, running=running)
 

@@ -85,7 +85,7 @@ class SessionWriter:
     @property
     def fault(self) -> str:
         """One sentence while the disk refuses."""
-        return self._trail.fault or (self._manifest.trail.fault if self._manifest else "")
+        return self._trail.fault or (self._manifest.fault if self._manifest else "")
 
     @property
     def copy_fault(self) -> str:
@@ -141,7 +141,7 @@ class SessionWriter:
         self._tried_ns = monotonic_ns
         # The file exists before the manifest names it, and is named before it holds anything: a crash between
         # any two leaves a state that can be told from a file removed or slipped in.
-        named = self._manifest is None or (self._trail.create() and self._manifest.trail.settle())
+        named = self._manifest is None or (self._trail.create() and self._manifest.settle())
         good = named and self._trail.settle()
         if good:
             self._urgent = False
@@ -163,13 +163,13 @@ class SessionWriter:
         if not self._told_closed:
             self._manifest.closed(self.path.name, self._chain.sequence, self._chain.previous, now)
             self._told_closed = True
-        return self._manifest.trail.settle()
+        return self._manifest.settle()
 
     def close(self) -> None:
         """Release the files."""
         self._trail.close()
         if self._manifest is not None:
-            self._manifest.trail.close()
+            self._manifest.close()
         self._copy.close()
 
     def _append(self, entry: Entry) -> None:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 if TYPE_CHECKING:
+    from logs.show import Sieve
     from logs.verify import Evidence, Finding
 
 cli = typer.Typer(no_args_is_help=True)
@@ -58,17 +59,98 @@ def key(
         _write(output, pem)
 
 
+@cli.command()
+def show(
+    session: Annotated[str, typer.Argument(help="Path, name, beginning of a name, or last.")] = "last",
+    since: Annotated[str, typer.Option(help="From this UTC time on, e.g. 2026-11-21T09:30.")] = "",
+    until: Annotated[str, typer.Option(help="Up to this UTC time.")] = "",
+    patient: Annotated[str, typer.Option(help="Only this patient.")] = "",
+    operator: Annotated[str, typer.Option(help="Only this operator.")] = "",
+    state: Annotated[str, typer.Option(help="Only records of this gait state.")] = "",
+    event: Annotated[str, typer.Option(help="Only this event.")] = "",
+    gesture: Annotated[str, typer.Option(help="Only this gesture.")] = "",
+    kind: Annotated[list[str] | None, typer.Option(help="Only this kind; may be repeated.")] = None,
+    everything: Annotated[bool, typer.Option("--all", help="Every session, not only one.")] = False,
+    follow: Annotated[bool, typer.Option("--follow", "-f", help="Go on while it is written.")] = False,
+    json: Annotated[bool, typer.Option("--json", help="One JSON object a line.")] = False,
+    home: HomeOption = None,
+) -> None:
+    """Print a session's records, one a line."""
+    from app.paths import find_home
+    from logs.read import find_session, session_paths
+    from logs.show import Filter, Sieve
+
+    wanted = Filter(
+        since=since,
+        until=until,
+        patient=patient,
+        operator=operator,
+        state=state,
+        event=event,
+        gesture=gesture,
+        kinds=tuple(kind or ()),
+    )
+    folder = find_home(home).logs
+    for path in session_paths(folder) if everything else [find_session(folder, session)]:
+        _print_records(path, Sieve(wanted), follow=follow and not everything, as_json=json)
+
+
+@cli.command("list")
+def list_sessions(home: HomeOption = None) -> None:
+    """The sessions of this home, oldest first."""
+    from rich.console import Console
+    from rich.table import Table
+
+    from app.paths import find_home
+    from logs.outline import outline
+    from logs.plain import harmless
+    from logs.read import session_paths
+
+    table = Table(box=None, collapse_padding=True)
+    for column in ("session", "patient", "operator", "began (UTC)", "minutes", "records", "actions", "STOPs"):
+        table.add_column(column, no_wrap=column == "session")
+    for path in session_paths(find_home(home).logs):
+        told = outline(path)
+        texts = (path.stem, told.patient, told.operator, told.began[:19])
+        numbers = (f"{told.duration_s / 60:.1f}", told.records, told.actions, told.stops)
+        table.add_row(*(harmless(text) for text in texts), *(str(number) for number in numbers))
+    Console(highlight=False, markup=False).print(table)
+
+
+def _print_records(path: Path, sieve: Sieve, *, follow: bool, as_json: bool) -> None:
+    from rich.console import Console
+
+    from logs.disk import is_being_written
+    from logs.read import follow as follow_file
+    from logs.read import read
+    from logs.show import json_of, line_of
+
+    console = Console(soft_wrap=True, highlight=False, markup=False, emoji=False)
+    found = follow_file(path, lambda: not is_being_written(path)) if follow else read(path)
+    try:
+        for record in found:
+            if not sieve.passes(record):
+                continue
+            if as_json:
+                typer.echo(json_of(record))
+            else:
+                console.print(line_of(record))
+    except KeyboardInterrupt:
+        return
+
+
 def _evidence(paths: list[Path], given: list[Path] | None, copies: Path | None, home: Path | None) -> Evidence:
     """The keys given; else those of the home; else those of the console beside whose keys the trail lies."""
     from app.paths import find_home
+    from logs.anchor import read_anchor
     from logs.keys import by_fingerprint, known_keys, load_public_key
     from logs.verify import Evidence
 
-    if given:
-        return Evidence(keys=by_fingerprint(load_public_key(path) for path in given), copies=copies)
-    folder = find_home(home).keys if home else _logs_folder(paths[0]).parent / "keys"
-    keys = known_keys(folder) or known_keys(find_home(home).keys)
-    return Evidence(keys=by_fingerprint(keys), copies=copies)
+    beside = _logs_folder(paths[0]).parent / "keys"
+    folder = find_home(home).keys if home or not beside.is_dir() else beside
+    keys = tuple(load_public_key(path) for path in given) if given else known_keys(folder)
+    anchor = read_anchor(folder) if folder == beside else None  # it remembers the trails of its own home only
+    return Evidence(keys=by_fingerprint(keys), copies=copies, anchor=anchor)
 
 
 def _logs_folder(path: Path) -> Path:

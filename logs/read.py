@@ -1,0 +1,104 @@
+"""Reading trails for people: whatever can be understood as a record, the rest as what it is."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+import msgspec
+
+from logs.errors import AuditError
+from logs.line import MAX_LINE
+from logs.records import Record
+from logs.verify import is_session
+
+_decode = msgspec.json.Decoder(Record).decode
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Odd:
+    """A line that is no record of this version: another version's, torn, or not a record at all."""
+
+    line: int
+    kind: str
+    wall: str
+    text: str
+
+
+def read(path: Path) -> Iterator[Record | Odd]:
+    """Every line of a trail, in order. Raises AuditError when the file can't be read."""
+    try:
+        with path.open("rb") as file:
+            for number, line in enumerate(iter(partial(file.readline, MAX_LINE), b""), start=1):
+                if line != b"\n":
+                    yield understand(line, number)
+    except OSError as error:
+        raise AuditError(f"The trail {path} can't be read: {error.strerror}.") from error
+
+
+def records(path: Path) -> list[Record]:
+    """The records of a trail that this version understands."""
+    return [record for record in read(path) if isinstance(record, Record)]
+
+
+def understand(line: bytes, number: int) -> Record | Odd:
+    """One line."""
+    try:
+        return _decode(line)
+    except (msgspec.MsgspecError, UnicodeDecodeError) as error:
+        return _odd(line, number, str(error))
+
+
+def follow(path: Path, is_over: Callable[[], bool], pause_s: float = 0.2) -> Iterator[Record | Odd]:
+    """What is in a trail and what is still being added, until it is over."""
+    number, rest = 0, b""
+    with path.open("rb") as file:
+        while True:
+            over = is_over()  # asked first, so that what was added meanwhile is still read
+            for line in iter(partial(file.readline, MAX_LINE), b""):
+                rest += line
+                if not line.endswith(b"\n"):
+                    break
+                number, whole, rest = number + 1, rest, b""
+                yield understand(whole, number)
+            if over:
+                return
+            time.sleep(pause_s)
+
+
+def session_paths(folder: Path) -> list[Path]:
+    """The sessions of a folder, oldest first."""
+    return [path for path in sorted(folder.glob("*.jsonl")) if is_session(path)]
+
+
+def find_session(folder: Path, name: str) -> Path:
+    """A session by path, by name or its beginning, or "last". Raises AuditError when it is none, or several."""
+    direct = Path(name)
+    if direct.is_file():
+        return direct
+    paths = session_paths(folder)
+    if name == "last" and paths:
+        return paths[-1]
+    exact = [path for path in paths if path.stem == name]
+    found = exact or [path for path in paths if name != "last" and path.stem.startswith(name)]
+    if len(found) == 1:
+        return found[0]
+    if not found:
+        raise AuditError(f"There is no session {name!r} in {folder}; `rleex audit list` names them.")
+    raise AuditError(f"{name!r} begins {len(found)} sessions in {folder}; write more of the name.")
+
+
+def _odd(line: bytes, number: int, why: str) -> Odd:
+    try:
+        told = msgspec.json.decode(line)
+    except (msgspec.MsgspecError, UnicodeDecodeError):
+        return Odd(line=number, kind="not a record", wall="", text=line[:200].decode("utf-8", "replace"))
+    if not isinstance(told, dict):
+        return Odd(line=number, kind="not a record", wall="", text=str(told)[:200])
+    body = told.get("body")
+    kind = body.get("kind") if isinstance(body, dict) else None
+    text = f"{why}: {msgspec.json.encode(body)[:300].decode('utf-8', 'replace')}"
+    return Odd(line=number, kind=str(kind or "not understood"), wall=str(told.get("wall", "")), text=text)

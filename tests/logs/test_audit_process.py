@@ -1,0 +1,178 @@
+"""The real audit process: records in, health out, a signed end, and death at any moment."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import time
+from collections.abc import Callable, Iterator
+from multiprocessing.process import BaseProcess
+from pathlib import Path
+
+import pytest
+
+from app.audit_process import run_audit
+from app.audit_sink import AuditSink
+from app.config import Config
+from app.links import LatestReceiver, address
+from app.messages import AuditHealth
+from app.paths import Home
+from app.processes import AUDIT_HEALTH
+from app.setup import SessionSetup
+from logs.anchor import read_anchor
+from logs.keys import by_fingerprint, known_keys
+from logs.records import Command, Note, Record, RecordsLost, SessionEnd, SessionStart
+from logs.scan import scan_file
+from logs.verify import Evidence, exit_status, verify
+from profiles.schema import DEMO_PATIENT
+
+COMMAND = Command(number=1, action="walk", source="gesture", state="standing")
+PATIENCE_S = 20.0
+
+
+class Session:
+    """One session's audit process with a sender and an ear."""
+
+    def __init__(self, home: Home, links: Path, name: str) -> None:
+        self.home = home
+        self.setup = SessionSetup(
+            session=name,
+            home=home.root,
+            links=links,
+            config=Config(checkpoint_copy=str(home.root / "copies")),
+            profile=DEMO_PATIENT,
+            operator="ann",
+            console_pid=os.getpid(),
+        )
+        self.process: BaseProcess = multiprocessing.get_context("spawn").Process(target=run_audit, args=(self.setup,))
+        self.process.start()
+        self.sink = AuditSink(links, "control", "ann")
+        self._health = LatestReceiver(address(links, AUDIT_HEALTH.name), AuditHealth)
+
+    def wait_until(self, condition: Callable[[AuditHealth], bool]) -> AuditHealth:
+        """The first health for which it holds."""
+        deadline = time.monotonic() + PATIENCE_S
+        while time.monotonic() < deadline:
+            health = self._health.receive(0.2)
+            if health is not None and condition(health):
+                return health
+        raise AssertionError("the audit process did not get there")
+
+    def end(self) -> int | None:
+        """Ask it to end in good order."""
+        self.process.terminate()
+        return self.wait_for_end()
+
+    def wait_for_end(self) -> int | None:
+        self.process.join(PATIENCE_S)
+        self.sink.close()
+        self._health.close()
+        return self.process.exitcode
+
+
+@pytest.fixture
+def start(tmp_path: Path) -> Iterator[Callable[[str], Session]]:
+    """Start sessions of one home; whatever is left is ended."""
+    begun: list[Session] = []
+    links = tmp_path / "links"
+    links.mkdir()
+
+    def begin(name: str) -> Session:
+        begun.append(Session(Home(tmp_path / "home"), links, name))
+        return begun[-1]
+
+    yield begin
+    for session in begun:
+        session.process.kill()
+        session.wait_for_end()
+
+
+def evidence(home: Home) -> Evidence:
+    return Evidence(
+        keys=by_fingerprint(known_keys(home.keys)),
+        copies=home.root / "copies",
+        anchor=read_anchor(home.keys),
+    )
+
+
+def bodies(path: Path) -> list[object]:
+    import msgspec
+
+    return [msgspec.json.decode(line, type=Record).body for line in path.read_bytes().splitlines()]
+
+
+def test_everything_sent_is_written_in_order_and_signed_at_the_end(start: Callable[[str], Session]) -> None:
+    session = start("s1")
+    for number in range(3000):
+        assert session.sink.emit(Note(text=str(number)))
+    session.wait_until(lambda health: health.written > 3000)
+    assert session.end() == 0
+    written = bodies(session.home.logs / "s1.jsonl")
+    assert isinstance(written[0], SessionStart)
+    assert [body.text for body in written if isinstance(body, Note)] == [str(n) for n in range(3000)]
+    assert any(isinstance(body, SessionEnd) for body in written)
+    assert exit_status(verify([session.home.logs], evidence(session.home))) == 0
+
+
+def test_records_still_queued_at_the_end_are_written(start: Callable[[str], Session]) -> None:
+    session = start("s1")
+    session.wait_until(lambda health: health.written > 0)
+    for _ in range(2000):
+        session.sink.emit(COMMAND)
+    assert session.end() == 0
+    written = bodies(session.home.logs / "s1.jsonl")
+    assert sum(isinstance(body, Command) for body in written) == 2000
+
+
+def test_killed_at_any_moment_nothing_acknowledged_is_missing_and_the_next_session_starts(
+    start: Callable[[str], Session],
+) -> None:
+    names = [f"k{number}" for number in range(3)]
+    for number, name in enumerate(names):
+        session = start(name)
+        acknowledged = session.wait_until(lambda health: health.written > 0).written
+        while acknowledged < 200 * number + 5:
+            for _ in range(50):
+                session.sink.emit(COMMAND)
+            acknowledged = session.wait_until(lambda _: True).written
+        session.process.kill()
+        session.wait_for_end()
+        keys = by_fingerprint(known_keys(session.home.keys))
+        assert scan_file(session.home.logs / f"{name}.jsonl", keys).records >= acknowledged
+    last = start("last")
+    last.wait_until(lambda health: health.written > 0)
+    assert last.end() == 0
+    findings = verify([last.home.logs], evidence(last.home))
+    assert exit_status(findings) == 0
+    explained = [finding for finding in findings if any("later start" in remark for remark in finding.remarks)]
+    assert {finding.file.stem for finding in explained} == set(names)
+
+
+def test_the_same_session_started_again_goes_on_in_a_part_of_its_own(start: Callable[[str], Session]) -> None:
+    first = start("s1")
+    first.wait_until(lambda health: health.written > 0)
+    first.process.kill()
+    first.wait_for_end()
+    second = start("s1")
+    second.wait_until(lambda health: health.written > 0)
+    assert second.end() == 0
+    assert (second.home.logs / "s1-2.jsonl").exists()
+    assert exit_status(verify([second.home.logs], evidence(second.home))) == 0
+
+
+def test_a_session_being_written_is_called_running(start: Callable[[str], Session]) -> None:
+    session = start("s1")
+    session.wait_until(lambda health: health.written > 0)
+    (finding,) = verify([session.home.logs / "s1.jsonl"], evidence(session.home))
+    assert finding.status.value == "running"
+    assert exit_status([finding]) == 0
+
+
+def test_what_can_not_be_written_is_said(start: Callable[[str], Session]) -> None:
+    session = start("s1")
+    session.sink.emit(Note(text="\ud800"))
+    session.sink.emit(Note(text="x" * 2_000_000))
+    session.wait_until(lambda health: health.written >= 5)
+    assert session.end() == 0
+    lost = [body for body in bodies(session.home.logs / "s1.jsonl") if isinstance(body, RecordsLost)]
+    assert ["Note can't" in lost[0].reason, "too long" in lost[1].reason] == [True, True]

@@ -1,0 +1,195 @@
+"""Disks that fill up, break and come back, and power that goes, at every single operation of the writer."""
+
+from __future__ import annotations
+
+import errno
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from logs.anchor import read_anchor
+from logs.copies import CheckpointCopy
+from logs.disk import PosixDisk
+from logs.journal import append_signed
+from logs.keys import ConsoleKey, by_fingerprint, load_or_make_key
+from logs.records import Note
+from logs.scan import scan_file
+from logs.verify import Evidence, Status, exit_status, verify
+from logs.writer import SessionWriter
+from tests.logs.trails import BODIES, START, Crash, FaultyDisk, moment, write_session
+
+EVERY_OPERATION = 40  # more than the scenario has; test_the_scenario_is_covered holds it to that
+
+
+@pytest.fixture
+def folder(tmp_path: Path, key: ConsoleKey) -> Path:
+    """A console's folder with a sound session in it."""
+    path = tmp_path / "logs"
+    path.mkdir()
+    write_session(path, "before", key, PosixDisk())
+    return path
+
+
+def steps(folder: Path, key: ConsoleKey, disk: PosixDisk) -> Iterator[SessionWriter]:
+    """A session, step by step, on a disk that may fail; goes on until everything is written."""
+    writer = SessionWriter(folder, "s", key, disk, CheckpointCopy(""))
+    writer.begin(START, moment(0))
+    yield writer
+    tick = 0
+    for tick, body in enumerate(BODIES, start=1):
+        writer.take(moment(20 * tick).entry(body))
+        writer.settle_when_due(moment(20 * tick).monotonic_ns)
+        yield writer
+    last = moment(20 * tick + 20)
+    writer.end("test", last)
+    yield writer
+    for _ in range(EVERY_OPERATION):
+        if writer.finish(last):
+            break
+    writer.close()
+    yield writer
+
+
+def evidence(key: ConsoleKey) -> Evidence:
+    return Evidence(keys=by_fingerprint([key.public]), anchor=read_anchor(key.folder))
+
+
+def sound(folder: Path, key: ConsoleKey) -> bool:
+    return exit_status(verify([folder], evidence(key))) == 0
+
+
+def records_in(folder: Path, key: ConsoleKey) -> int:
+    path = folder / "s.jsonl"
+    return scan_file(path, by_fingerprint([key.public])).records if path.exists() else 0
+
+
+def test_the_scenario_is_covered(folder: Path, key: ConsoleKey) -> None:
+    disk = FaultyDisk()
+    for _ in steps(folder, key, disk):
+        pass
+    assert 15 < disk.operations < EVERY_OPERATION
+    assert sound(folder, key)
+
+
+@pytest.mark.parametrize("error", [errno.ENOSPC, errno.EIO])
+@pytest.mark.parametrize("times", [1, 3])
+@pytest.mark.parametrize("fail_at", range(EVERY_OPERATION))
+def test_a_disk_that_refuses_and_recovers_loses_nothing(
+    folder: Path, key: ConsoleKey, fail_at: int, times: int, error: int
+) -> None:
+    disk = FaultyDisk(fail_at, times=times, error=error)
+    for writer in steps(folder, key, disk):
+        assert records_in(folder, key) >= writer.written
+    assert writer.waiting == 0
+    assert not writer.fault
+    assert sound(folder, key)
+
+
+def test_while_the_disk_refuses_a_sentence_says_so_and_nothing_counts_as_written(folder: Path, key: ConsoleKey) -> None:
+    disk = FaultyDisk(0, times=10_000)
+    writer = SessionWriter(folder, "s", key, disk, CheckpointCopy(""))
+    writer.begin(START, moment(0))
+    writer.take(moment(1).entry(Note(text="kept")))
+    assert not writer.settle(moment(2).monotonic_ns)
+    assert "No space left" in writer.fault
+    assert (writer.written, writer.waiting > 0) == (0, True)
+
+
+@pytest.mark.parametrize("kept_share", [0.0, 0.3, 1.0])
+@pytest.mark.parametrize("fail_at", range(EVERY_OPERATION))
+def test_a_crash_at_any_operation_keeps_what_was_acknowledged_and_the_next_session_explains_it(
+    folder: Path, key: ConsoleKey, fail_at: int, kept_share: float
+) -> None:
+    disk = FaultyDisk(fail_at, crash=True)
+    acknowledged = 0
+    try:
+        for writer in steps(folder, key, disk):
+            acknowledged = writer.written
+    except Crash:
+        disk.lose_power(kept_share)
+    assert records_in(folder, key) >= acknowledged
+    before = verify([folder], evidence(key))
+    assert not any(finding.status in (Status.TAMPERED, Status.UNREADABLE) for finding in before), before
+    write_session(folder, "after", key, PosixDisk())
+    after = verify([folder], evidence(key))
+    assert exit_status(after) == 0, after
+
+
+def test_a_torn_tail_is_kept_and_told_by_the_next_start(folder: Path, key: ConsoleKey) -> None:
+    torn = folder / "s.jsonl"
+    writer = next(steps(folder, key, PosixDisk()))
+    writer.close()
+    whole = torn.read_bytes()
+    torn.write_bytes(whole + b'{"body":{"kind":"no')
+    write_session(folder, "after", key, PosixDisk())
+    (finding,) = verify([torn], Evidence(keys=by_fingerprint([key.public])))
+    assert finding.status is Status.SOUND
+    assert any("torn tail of 19 bytes" in remark for remark in finding.remarks)
+    assert torn.read_bytes() == whole + b'{"body":{"kind":"no'
+
+
+def test_a_recovered_file_may_not_change_afterwards(folder: Path, key: ConsoleKey) -> None:
+    writer = next(steps(folder, key, PosixDisk()))
+    writer.close()
+    torn = folder / "s.jsonl"
+    torn.write_bytes(torn.read_bytes() + b"half")
+    write_session(folder, "after", key, PosixDisk())
+    torn.write_bytes(torn.read_bytes() + b"x")
+    assert not sound(folder, key)
+    torn.write_bytes(torn.read_bytes()[:-5])
+    assert not sound(folder, key)
+
+
+def test_recovery_never_launders_damage(folder: Path, key: ConsoleKey) -> None:
+    for writer in steps(folder, key, PosixDisk()):
+        if writer.written > 4:
+            break
+    writer.close()
+    path = folder / "s.jsonl"
+    data = bytearray(path.read_bytes())
+    data[len(data) // 2] ^= 1
+    path.write_bytes(data)
+    write_session(folder, "after", key, PosixDisk())
+    bad = [each for each in verify([folder], evidence(key)) if each.status is Status.TAMPERED]
+    assert [each.file.name for each in bad] == ["s.jsonl"]
+
+
+def test_a_damaged_manifest_stays_as_it_is_and_a_new_one_says_so(folder: Path, key: ConsoleKey) -> None:
+    path = folder / "manifest.jsonl"
+    data = bytearray(path.read_bytes())
+    data[50] ^= 1
+    path.write_bytes(data)
+    write_session(folder, "after", key, PosixDisk())
+    assert path.read_bytes() == data
+    assert b"damaged at line 1" in (folder / "manifest-2.jsonl").read_bytes()
+    assert not sound(folder, key)
+
+
+@pytest.mark.parametrize("fail_at", range(8))
+def test_a_journal_that_could_not_be_appended_goes_on_after_the_torn_tail(
+    tmp_path: Path, key: ConsoleKey, fail_at: int
+) -> None:
+    path = tmp_path / "operators.jsonl"
+    append_signed(path, "operators", [Note(text="first")], key, moment(0))
+    disk = FaultyDisk(fail_at, crash=True)
+    try:
+        append_signed(path, "operators", [Note(text="second")], key, moment(1), disk=disk)
+    except Crash:
+        disk.lose_power(0.5)
+    append_signed(path, "operators", [Note(text="third")], key, moment(2))
+    (finding,) = verify([path], Evidence(keys=by_fingerprint([key.public])))
+    assert finding.status is Status.SOUND
+    assert b"third" in path.read_bytes()
+
+
+@pytest.mark.parametrize("fail_at", range(16))
+def test_a_key_is_whole_or_not_there(tmp_path: Path, fail_at: int) -> None:
+    disk = FaultyDisk(fail_at, crash=True)
+    try:
+        load_or_make_key(tmp_path, disk)
+    except Crash:
+        disk.lose_power(0.5)
+    key = load_or_make_key(tmp_path)
+    assert key.public.verifies(key.sign(b"x"), b"x")
+    assert (tmp_path / "console.key").stat().st_mode & 0o777 == 0o600

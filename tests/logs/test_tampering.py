@@ -1,0 +1,228 @@
+"""Every way to change, cut or add that we can enumerate is caught."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import msgspec
+import pytest
+
+from logs.anchor import read_anchor
+from logs.disk import PosixDisk
+from logs.keys import ConsoleKey, load_or_make_key
+from logs.line import GENESIS, Payload, canonical, seal, signed_message, unseal
+from logs.records import Checkpoint, Note
+from logs.scan import Scan, scan_stream
+from logs.verify import Evidence, Finding, Status, exit_status, verify
+from tests.logs.trails import Trail, write_session
+
+
+def scan(data: bytes, trail: Trail) -> Scan:
+    return scan_stream(io.BytesIO(data), trail.keys)
+
+
+def judge(trail: Trail, path: Path | None = None) -> list[Finding]:
+    return verify([path or trail.folder], Evidence(keys=trail.keys, anchor=read_anchor(trail.key.folder)))
+
+
+def the_bad(trail: Trail) -> list[Finding]:
+    return [finding for finding in judge(trail) if finding.status is not Status.SOUND]
+
+
+def lines_of(path: Path) -> list[bytes]:
+    return path.read_bytes().splitlines(keepends=True)
+
+
+def test_an_untouched_trail_is_sound_and_proven_to_its_last_record(three: Trail) -> None:
+    findings = judge(three)
+    assert {finding.status for finding in findings} == {Status.SOUND}
+    assert all(finding.proven == finding.records > 0 for finding in findings)
+    assert exit_status(findings) == 0
+
+
+@pytest.mark.parametrize("which", ["session", "manifest"])
+def test_every_flipped_bit_is_caught(trail: Trail, which: str) -> None:
+    data = bytearray(getattr(trail, which).read_bytes())
+    records = scan(bytes(data), trail).records
+    for place in range(len(data)):
+        for bit in range(8):
+            data[place] ^= 1 << bit
+            found = scan(bytes(data), trail)
+            assert found.fault is not None, (place, bit)
+            assert found.records < records
+            data[place] ^= 1 << bit
+
+
+def test_a_flipped_bit_is_named_with_its_line_and_reason(trail: Trail) -> None:
+    data = bytearray(trail.session.read_bytes())
+    place = data.index(b"right leg forward")
+    data[place] ^= 1
+    trail.session.write_bytes(data)
+    (bad,) = the_bad(trail)
+    line = bytes(data[:place]).count(b"\n") + 1
+    assert (bad.status, bad.line) == (Status.TAMPERED, line)
+    assert "changed" in bad.reason
+    assert exit_status([bad]) == 1
+
+
+@pytest.mark.parametrize("which", ["session", "manifest"])
+def test_every_removed_duplicated_or_swapped_record_is_caught(three: Trail, which: str) -> None:
+    path: Path = getattr(three, which)
+    whole = lines_of(path)
+    for place in range(len(whole)):
+        removed = whole[:place] + whole[place + 1 :]
+        doubled = whole[: place + 1] + whole[place:]
+        swaps = (
+            [*whole[:place], whole[other], *whole[place + 1 : other], whole[place], *whole[other + 1 :]]
+            for other in range(place + 1, len(whole))
+        )
+        for changed in (removed, doubled, *swaps):
+            path.write_bytes(b"".join(changed))
+            assert the_bad(three), (which, place)
+
+
+def test_every_length_of_cut_tail_is_caught(trail: Trail) -> None:
+    data = trail.session.read_bytes()
+    for length in range(len(data)):
+        found = scan(data[:length], trail)
+        assert not found.closed, length
+        assert found.fault is None or found.is_torn, length
+
+
+def test_a_cut_tail_is_told_with_and_without_the_manifest(trail: Trail) -> None:
+    whole = lines_of(trail.session)
+    for keep in range(len(whole)):
+        trail.session.write_bytes(b"".join(whole[:keep]) + whole[keep][:10])
+        (bad,) = the_bad(trail)
+        assert (bad.status, bad.records) == (Status.TAMPERED, keep)
+        alone = trail.folder.parent / "alone.jsonl"
+        alone.write_bytes(trail.session.read_bytes())
+        (bad,) = judge(trail, alone)
+        assert bad.status is Status.INCOMPLETE
+        assert exit_status([bad]) > 0
+
+
+def test_every_length_of_cut_manifest_is_caught(three: Trail) -> None:
+    data = three.manifest.read_bytes()
+    for length in range(0, len(data), 7):
+        three.manifest.write_bytes(data[:length])
+        assert the_bad(three), length
+
+
+def forged(path: Path, change: Callable[[Payload], Payload], key: ConsoleKey | None = None) -> bytes:
+    """The whole chain made anew over changed records: by who has no key, or by who has one of their own."""
+    out, previous = [], GENESIS
+    for number, line in enumerate(lines_of(path)):
+        parts = unseal(line)
+        assert parts is not None
+        payload = change(msgspec.json.decode(parts[0], type=Payload))
+        payload = msgspec.structs.replace(payload, previous=previous, sequence=number)
+        if key is not None and isinstance(payload.body, Checkpoint):
+            blank = msgspec.structs.replace(payload.body, key=key.public.fingerprint, signature="")
+            payload = msgspec.structs.replace(payload, body=blank)
+            signature = key.sign(signed_message(canonical(payload)))
+            payload = msgspec.structs.replace(payload, body=msgspec.structs.replace(blank, signature=signature))
+        sealed, previous = seal(canonical(payload))
+        out.append(sealed)
+    return b"".join(out)
+
+
+def whitewash(payload: Payload) -> Payload:
+    if isinstance(payload.body, Note):
+        return msgspec.structs.replace(payload, body=Note(text="nothing happened"))
+    return payload
+
+
+def test_forging_is_done_right_so_that_its_tests_can_fail(trail: Trail) -> None:
+    assert forged(trail.session, lambda payload: payload, trail.key) == trail.session.read_bytes()
+    assert scan(forged(trail.session, whitewash, trail.key), trail).fault is None
+
+
+def test_a_chain_recomputed_without_the_key_breaks_at_its_first_signature(trail: Trail) -> None:
+    trail.session.write_bytes(forged(trail.session, whitewash))
+    (bad,) = the_bad(trail)
+    assert bad.status is Status.TAMPERED
+    assert "signature" in bad.reason
+
+
+def test_a_chain_signed_with_somebody_elses_key_is_refused(trail: Trail, tmp_path: Path) -> None:
+    other = load_or_make_key(tmp_path / "other")
+    trail.session.write_bytes(forged(trail.session, whitewash, other))
+    (bad,) = the_bad(trail)
+    assert bad.status is Status.TAMPERED
+    assert other.public.fingerprint[:12] in bad.reason
+
+
+def test_even_with_the_key_a_rewritten_session_disagrees_with_the_manifest(trail: Trail) -> None:
+    trail.session.write_bytes(forged(trail.session, whitewash, trail.key)[:-10])
+    assert the_bad(trail)
+
+
+def test_a_chain_without_its_checkpoints_is_refused(trail: Trail) -> None:
+    kept = [line for line in lines_of(trail.session) if b'"kind":"checkpoint"' not in line]
+    trail.session.write_bytes(b"".join(kept))
+    trail.session.write_bytes(forged(trail.session, whitewash))
+    (bad,) = the_bad(trail)
+    assert bad.status is Status.TAMPERED
+    (alone,) = verify([trail.session.rename(trail.folder.parent / "alone.jsonl")], Evidence(keys=trail.keys))
+    assert alone.status is Status.INCOMPLETE
+
+
+@pytest.mark.parametrize("name", ["s1", "s2", "s3"])
+def test_a_missing_file_is_named(three: Trail, name: str) -> None:
+    (three.folder / f"{name}.jsonl").unlink()
+    (bad,) = the_bad(three)
+    assert bad.file.name == f"{name}.jsonl"
+    assert "missing" in bad.reason
+
+
+@pytest.mark.parametrize("name", ["s1", "s2", "s3"])
+def test_a_file_dropped_from_the_manifest_is_caught(three: Trail, name: str) -> None:
+    kept = [line for line in lines_of(three.manifest) if f'"{name}.jsonl"'.encode() not in line]
+    three.manifest.write_bytes(b"".join(kept))
+    three.manifest.write_bytes(forged(three.manifest, lambda payload: payload))
+    (three.folder / f"{name}.jsonl").unlink()
+    assert the_bad(three)
+
+
+def test_a_missing_manifest_is_caught(trail: Trail) -> None:
+    trail.manifest.unlink()
+    assert [bad.file.name for bad in the_bad(trail)] == ["manifest.jsonl"]
+    trail.session.unlink()
+    assert [bad.file.name for bad in the_bad(trail)] == ["manifest.jsonl"]
+
+
+def test_a_file_slipped_in_is_caught(three: Trail, tmp_path: Path, key: ConsoleKey) -> None:
+    elsewhere = tmp_path / "elsewhere"
+    elsewhere.mkdir()
+    stranger = write_session(elsewhere, "s9", replace(key, folder=elsewhere), PosixDisk())
+    stranger.rename(three.folder / "s9.jsonl")
+    (bad,) = the_bad(three)
+    assert bad.file.name == "s9.jsonl"
+    assert "does not name it" in bad.reason
+
+
+def test_one_session_in_place_of_another_is_caught(three: Trail) -> None:
+    (three.folder / "s2.jsonl").write_bytes((three.folder / "s1.jsonl").read_bytes())
+    (bad,) = the_bad(three)
+    assert bad.file.name == "s2.jsonl"
+
+
+def test_the_copy_of_checkpoints_misses_what_was_cut(three: Trail) -> None:
+    copies = three.folder.parent / "copies"
+    copies.mkdir()
+    (copies / f"{three.session.name}.checkpoints").write_bytes(lines_of(three.session)[-1])
+    findings = verify([three.session], Evidence(keys=three.keys, copies=copies))
+    assert exit_status(findings) == 0
+    three.session.write_bytes(b"".join(lines_of(three.session)[:-1]))
+    (bad,) = verify([three.session], Evidence(keys=three.keys, copies=copies))
+    assert "second place" in bad.reason
+
+
+def test_without_any_known_key_the_verdict_says_that_nothing_was_proven(trail: Trail) -> None:
+    (finding, _) = verify([trail.folder], Evidence())
+    assert finding.proven == 0
+    assert any("--key" in remark for remark in finding.remarks)
