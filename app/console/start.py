@@ -7,8 +7,8 @@ from typing import ClassVar
 import msgspec
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
-from textual.containers import Vertical, VerticalScroll
-from textual.widgets import Button, Input, Label, RadioButton, RadioSet, Static
+from textual.containers import VerticalScroll
+from textual.widgets import Button, Input, Label, Select, Static
 
 from app.config import Config
 from app.console.base import ConsoleScreen
@@ -45,17 +45,13 @@ class StartSession(ConsoleScreen):
         yield Label(tr("start.title", name=self._profile.identifier), id="title")
         with VerticalScroll(id="start"):
             yield Static(_identity(self._profile), markup=False, classes="dialog-text")
-            with Vertical(classes="group"):
-                yield Label(tr("start.camera"), classes="section")
-                with RadioSet(id="camera", compact=True):
-                    for kind in CAMERAS:
-                        yield RadioButton(tr(f"camera.{kind}"), value=kind == config.camera.kind)
-                yield Input(config.camera.device, placeholder=tr("start.device"), id="device", compact=True)
-            with Vertical(classes="group"):
-                yield Label(tr("start.joints"), classes="section")
-                with RadioSet(id="joints-kind", compact=True):
-                    for kind in JOINTS:
-                        yield RadioButton(tr(f"joints.{kind}"), value=kind == config.joints.kind)
+            yield Label(tr("start.camera"), classes="section")
+            cameras = [(tr(f"camera.{kind}"), kind) for kind in CAMERAS]
+            yield Select(cameras, value=config.camera.kind, allow_blank=False, id="camera", compact=True)
+            yield Input(config.camera.device, placeholder=tr("start.device"), id="device", compact=True)
+            yield Label(tr("start.joints"), classes="section")
+            joints = [(tr(f"joints.{kind}"), kind) for kind in JOINTS]
+            yield Select(joints, value=config.joints.kind, allow_blank=False, id="joints-kind", compact=True)
             yield Button(tr("start.begin"), id="begin", variant="primary")
         yield from self.compose_bottom()
 
@@ -69,9 +65,9 @@ class StartSession(ConsoleScreen):
         """Start the processes with what is chosen."""
         config = choose(
             self.console_app.config,
-            CAMERAS[max(0, self.query_one("#camera", RadioSet).pressed_index)],
+            str(self.query_one("#camera", Select).value),
             self.query_one("#device", Input).value.strip(),
-            JOINTS[max(0, self.query_one("#joints-kind", RadioSet).pressed_index)],
+            str(self.query_one("#joints-kind", Select).value),
         )
         await self.console_app.begin_signed_in(self._profile, config)
 

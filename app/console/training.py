@@ -79,7 +79,7 @@ class TrainingScreen(HandKeys):
     def __init__(self) -> None:
         super().__init__()
         self._lesson = Lesson()
-        self._drawn: Gesture | None = None
+        self._drawn: Gesture | str | None = ""
 
     def compose(self) -> ComposeResult:
         yield Label("", id="title")
@@ -111,6 +111,9 @@ class TrainingScreen(HandKeys):
             PerceptionCommand(preview_width_px=event.width_px, preview_hz=PICTURE_HZ)
         )
 
+    def on_resize(self) -> None:
+        self._drawn = ""  # draw anew
+
     def action_skip(self) -> None:
         """On to the next gesture."""
         if self._lesson.target is not None:
@@ -122,7 +125,7 @@ class TrainingScreen(HandKeys):
 
     def _draw(self) -> None:
         target = self._lesson.target
-        if target is self._drawn and target is not None:
+        if target is self._drawn:
             return
         self._drawn = target
         title = tr("training.title", done=self._lesson.done, all=len(LESSONS))
@@ -130,5 +133,5 @@ class TrainingScreen(HandKeys):
             title += "  " + tr("training.lesson", gesture=gesture_name(target), action=action_of(target))
         self.query_one("#title", Label).update(title)
         hand = self.query_one("#hand", Static)
-        rows = max(6, min(18, hand.container_size.height - 5))
+        rows = max(6, min(18, self.size.height - 9))
         hand.update(draw_hand(target, rows * 5 // 3, rows) if target is not None else "")

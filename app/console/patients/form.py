@@ -123,8 +123,9 @@ class PatientForm(ConsoleScreen):
             label.update(f"✗ {sentence}" if sentence else "")
         verdict = tr("form.good") if parsed.profile else tr("form.wrong", count=len(parsed.errors))
         self.query_one("#verdict", Static).update(verdict)
-        if parsed.profile is not None:
-            self._show_profile(parsed.profile)
+        drawable = parse({**self._typed, "identifier": NEW_PATIENT.identifier, "note": ""}, self._base)
+        if drawable.profile is not None:
+            self._show_profile(drawable.profile)
 
     def _show_profile(self, profile: Profile) -> None:
         palm = estimate_palm(profile.sex, profile.stature_m, profile.palm.population)
