@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 from hal.cameras.camera import Camera
 from hal.errors import HardwareError
 

@@ -14,18 +14,19 @@ from hal.cameras.hand_skeleton import FloatArray, HandShape
 
 # (from, to, radius at from, radius at to), joints numbered as keypoints; 21 and up are the helpers below.
 _FINGERS = (
-    (5, 6, 11.2, 9.6), (6, 7, 9.4, 8.2), (7, 8, 8.2, 6.6),
-    (9, 10, 11.2, 9.8), (10, 11, 9.6, 8.4), (11, 12, 8.4, 6.8),
-    (13, 14, 10.8, 9.2), (14, 15, 9.0, 7.9), (15, 16, 7.9, 6.5),
-    (17, 18, 9.8, 8.2), (18, 19, 8.0, 7.0), (19, 20, 7.0, 5.8),
+    (5, 6, 11.4, 9.8), (6, 7, 9.7, 8.5), (7, 8, 8.5, 7.0),
+    (9, 10, 11.4, 10.0), (10, 11, 9.9, 8.7), (11, 12, 8.7, 7.2),
+    (13, 14, 11.0, 9.4), (14, 15, 9.3, 8.2), (15, 16, 8.2, 6.8),
+    (17, 18, 10.2, 8.5), (18, 19, 8.4, 7.3), (19, 20, 7.3, 6.1),
 )  # fmt: skip
-_THUMB = ((1, 2, 15.0, 12.2), (2, 3, 11.6, 10.0), (3, 4, 10.2, 7.6))
+_THUMB = ((1, 2, 15.0, 12.0), (2, 3, 11.4, 10.2), (3, 4, 10.2, 7.8))
 _PALM = (
-    (0, 5, 14.5, 12.0), (0, 9, 14.5, 12.4), (0, 13, 14.5, 12.0), (21, 17, 14.5, 11.2),
-    (5, 9, 11.6, 11.8), (9, 13, 11.8, 11.4), (13, 17, 11.4, 10.4),
-    (1, 22, 14.0, 10.0), (0, 1, 14.0, 13.0), (21, 23, 14.0, 12.5), (22, 2, 8.5, 9.5),
+    (0, 5, 15.0, 12.4), (0, 9, 15.0, 12.6), (21, 13, 15.0, 12.2), (21, 17, 15.5, 11.6),
+    (5, 9, 12.0, 12.2), (9, 13, 12.2, 11.8), (13, 17, 11.8, 10.8),
+    (21, 23, 16.0, 14.5), (23, 17, 14.5, 11.0),
+    (26, 22, 15.0, 10.0), (26, 2, 15.5, 12.0), (22, 2, 9.0, 9.5), (26, 0, 15.0, 15.0), (22, 5, 10.0, 11.0),
 )  # fmt: skip
-_FOREARM = ((0, 24, 23.0, 26.0), (21, 24, 16.0, 24.0), (24, 25, 26.0, 40.0))
+_FOREARM = ((26, 24, 15.5, 22.0), (21, 24, 16.0, 22.0), (0, 24, 18.0, 25.0), (24, 25, 26.0, 40.0))
 CONES = (*_FINGERS, *_THUMB, *_PALM, *_FOREARM)
 _FROM = np.array([cone[0] for cone in CONES])
 _TO = np.array([cone[1] for cone in CONES])
@@ -52,12 +53,12 @@ def flesh(joints: FloatArray, shape: HandShape) -> Flesh:
 
 
 def _helpers(joints: FloatArray, shape: HandShape) -> FloatArray:
-    """21: the heel of the hand below the pinky; 22: the web of the thumb; 23: the outer palm; 24, 25: forearm."""
+    """21: heel below the pinky; 22: web of the thumb; 23: outer palm; 24, 25: forearm; 26: heel below the thumb."""
     wrist, middle, pinky = joints[0], joints[9], joints[17]
-    across = joints[17] - joints[5]
-    heel = wrist + 0.20 * across
-    web = 0.42 * joints[2] + 0.30 * joints[5] + 0.28 * joints[1]
-    outer = 0.55 * heel + 0.45 * pinky + 0.06 * across
-    down = (wrist - middle) / np.linalg.norm(wrist - middle)
-    near, far = (wrist + down * length * shape.scale for length in _FOREARM_M)
-    return np.stack([heel, web, outer, near + 0.05 * across, far + 0.05 * across])
+    across, along = joints[17] - joints[5], middle - wrist
+    heel = wrist + 0.27 * across + 0.06 * along
+    web = 0.40 * joints[2] + 0.30 * joints[5] + 0.30 * joints[1]
+    outer = 0.50 * heel + 0.50 * pinky + 0.06 * across
+    thenar = 0.60 * joints[1] + 0.40 * wrist - 0.08 * across
+    near, far = (wrist - along / np.linalg.norm(along) * length * shape.scale for length in _FOREARM_M)
+    return np.stack([heel, web, outer, near, far, thenar])

@@ -39,17 +39,17 @@ class Pose:
         return np.array([self.thumb, *fingers])
 
 
-OPEN_THUMB: Thumb = (58, 18, 58, 10, 55, 5)
-ACROSS_THUMB: Thumb = (22, 38, -44, 22, -64, 8)  # folded over the palm
-OVER_THUMB: Thumb = (20, 46, -38, 24, -62, 2)  # folded over bent fingers
-SIDE_THUMB: Thumb = (30, 30, 0, 25, -8, 12)  # along the index finger's side
-PINCH_THUMB: Thumb = (34, 48, 8, 46, 2, 34)
+OPEN_THUMB: Thumb = (52, 18, 52, 10, 50, 5)
+ACROSS_THUMB: Thumb = (25, 22, -40, 18, -58, 2)  # folded over the palm
+TUCKED_THUMB: Thumb = (25, 26, -44, 28, -64, 16)  # on the bent pinky
+OVER_THUMB: Thumb = (28, 32, -28, 40, -67, 9)  # over the bent fingers
+PINCH_THUMB: Thumb = (8, 50, -4, 50, -7, 46)
 
-_IN = (78, 102, 62)  # a folded finger's MCP, PIP, DIP
-INDEX_IN: Finger = (-3, *_IN)
-MIDDLE_IN: Finger = (0, *_IN)
-RING_IN: Finger = (3, *_IN)
-PINKY_IN: Finger = (8, *_IN)
+_IN = (80, 102, 66)  # a folded finger's MCP, PIP, DIP
+INDEX_IN: Finger = (-5, *_IN)
+MIDDLE_IN: Finger = (-1, *_IN)
+RING_IN: Finger = (4, *_IN)
+PINKY_IN: Finger = (12, *_IN)
 INDEX_OUT: Finger = (1, 4, 4, 3)
 MIDDLE_OUT: Finger = (0, 3, 4, 3)
 RING_OUT: Finger = (0, 3, 4, 3)
@@ -59,11 +59,11 @@ GESTURES: tuple[Pose, ...] = (
     Pose("0", OVER_THUMB, INDEX_IN, MIDDLE_IN, RING_IN, PINKY_IN),
     Pose("1", OVER_THUMB, INDEX_OUT, MIDDLE_IN, RING_IN, PINKY_IN),
     Pose("2", OVER_THUMB, (7, 4, 4, 3), (-7, 4, 4, 3), RING_IN, PINKY_IN),
-    Pose("3", ACROSS_THUMB, (7, 4, 4, 3), MIDDLE_OUT, (-7, 4, 4, 3), PINKY_IN),
+    Pose("3", TUCKED_THUMB, (7, 4, 4, 3), MIDDLE_OUT, (-7, 4, 4, 3), PINKY_IN),
     Pose("4", ACROSS_THUMB, (5, 4, 4, 3), MIDDLE_OUT, (-3, 4, 4, 3), (-8, 5, 5, 4)),
     Pose("5", OPEN_THUMB, (7, 2, 2, 2), MIDDLE_OUT, (-5, 3, 3, 3), (-12, 4, 4, 3)),
     Pose("6", OPEN_THUMB, INDEX_IN, MIDDLE_IN, RING_IN, (-14, 4, 4, 3)),
-    Pose("7", PINCH_THUMB, (-4, 52, 8, 6), (5, 50, 8, 6), RING_IN, PINKY_IN, (0, -38, 0)),
+    Pose("7", PINCH_THUMB, (-3, 76, 16, 10), (4, 81, 20, 12), RING_IN, PINKY_IN, (0, -50, 0)),
     Pose("8", OPEN_THUMB, INDEX_OUT, MIDDLE_IN, RING_IN, PINKY_IN),
     Pose("9", OVER_THUMB, (1, 8, 88, 42), MIDDLE_IN, RING_IN, PINKY_IN, (0, -38, 0)),
     Pose("love", OPEN_THUMB, INDEX_OUT, MIDDLE_IN, RING_IN, (-8, 4, 4, 3)),
@@ -73,12 +73,12 @@ REST = Pose("rest", (45, 28, 36, 20, 28, 14), (2, 24, 34, 18), (0, 28, 38, 20), 
 LOOK_ALIKES: tuple[Pose, ...] = (
     Pose("tiger claw", (50, 30, 30, 30, -5, 25), (4, 18, 82, 52), (0, 18, 84, 54), (-4, 18, 82, 54), (-10, 18, 78, 50)),
     Pose("thumb up", (42, 8, 22, 4, 14, 0), INDEX_IN, MIDDLE_IN, RING_IN, PINKY_IN, (0, 0, -30)),
-    Pose("ok", (36, 46, 14, 42, -10, 30), (-2, 52, 58, 28), (2, 6, 6, 4), (-6, 4, 6, 4), (-14, 4, 6, 4)),
+    Pose("ok", (35, 45, 11, 47, -14, 35), (-3, 50, 54, 28), (2, 6, 6, 4), (-6, 4, 6, 4), (-14, 4, 6, 4)),
     REST,
     Pose("gun", OPEN_THUMB, (6, 4, 4, 3), (-4, 4, 4, 3), RING_IN, PINKY_IN),
     Pose("pinky", OVER_THUMB, INDEX_IN, MIDDLE_IN, RING_IN, (-8, 4, 4, 3)),
-    Pose("index-middle-pinky", ACROSS_THUMB, (6, 4, 4, 3), (0, 4, 4, 3), RING_IN, (-10, 4, 4, 3)),
-    Pose("O", (36, 50, 6, 46, -14, 28), (-4, 48, 52, 26), (-1, 50, 52, 28), (2, 52, 52, 28), (6, 54, 50, 28)),
+    Pose("index-middle-pinky", TUCKED_THUMB, (6, 4, 4, 3), (0, 4, 4, 3), RING_IN, (-10, 4, 4, 3)),
+    Pose("O", (22, 53, -3, 46, -18, 33), (-4, 53, 47, 24), (-1, 60, 53, 27), (2, 60, 52, 27), (6, 60, 50, 27)),
 )
 POSES: dict[str, Pose] = {pose.name: pose for pose in (*GESTURES, *LOOK_ALIKES)} | {
     "naturally open": Pose("naturally open", REST.thumb, REST.index, REST.middle, REST.ring, REST.pinky)

@@ -42,6 +42,14 @@ class Grid:
         return x[None, :], y[:, None]
 
 
+@dataclass(frozen=True, slots=True)
+class _Cone:
+    a: FloatArray
+    b: FloatArray
+    radius_a: float
+    radius_b: float
+
+
 def grid_over(flesh: Flesh, lens: Intrinsics, cells_per_m: float, distance_m: float) -> Grid | None:
     """The grid over all of the flesh that the picture shows; None when it shows none of it."""
     low, high = _extent_px(flesh, lens)
@@ -60,11 +68,11 @@ def cast(flesh: Flesh, grid: Grid, lens: Intrinsics) -> Float32Array:
     weight = np.zeros((grid.rows, grid.columns), np.float32)
     reference = np.float32(np.min(np.minimum(flesh.a[:, 2], flesh.b[:, 2])))
     softness = np.float32(SOFTNESS_M)
-    for a, b, radius_a, radius_b in zip(flesh.a, flesh.b, flesh.radius_a, flesh.radius_b, strict=True):
-        rows, columns = _window(a, b, radius_a, radius_b, x, y)
+    for cone in map(_Cone, flesh.a, flesh.b, flesh.radius_a.tolist(), flesh.radius_b.tolist()):
+        rows, columns = _window(cone, x, y)
         if rows.stop <= rows.start or columns.stop <= columns.start:
             continue
-        depth = _meet(a, b, float(radius_a), float(radius_b), x[:, columns], y[rows])
+        depth = _meet(cone, x[:, columns], y[rows])
         weight[rows, columns] += np.exp((reference - depth) / softness)
     with np.errstate(divide="ignore"):
         joined: Float32Array = reference - softness * np.log(weight)
@@ -82,14 +90,12 @@ def _extent_px(flesh: Flesh, lens: Intrinsics) -> tuple[FloatArray, FloatArray]:
     return (middle - reach).min(axis=0), (middle + reach).max(axis=0)
 
 
-def _window(
-    a: FloatArray, b: FloatArray, radius_a: float, radius_b: float, x: Float32Array, y: Float32Array
-) -> tuple[slice, slice]:
+def _window(cone: _Cone, x: Float32Array, y: Float32Array) -> tuple[slice, slice]:
     """The cells that the cone can cover: those between its ends, wider by its radius."""
     spans = []
     for axis, rays in ((0, x[0]), (1, y[:, 0])):
         low, high = np.inf, -np.inf
-        for end, radius in ((a, radius_a), (b, radius_b)):
+        for end, radius in ((cone.a, cone.radius_a), (cone.b, cone.radius_b)):
             z = max(end[2], NEAREST_M)
             centre, reach = end[axis] / z, 1.2 * radius / max(z - radius, NEAREST_M)
             low, high = min(low, centre - reach), max(high, centre + reach)
@@ -97,15 +103,14 @@ def _window(
     return spans[1], spans[0]
 
 
-def _meet(
-    a: FloatArray, b: FloatArray, radius_a: float, radius_b: float, x: Float32Array, y: Float32Array
-) -> Float32Array:
+def _meet(cone: _Cone, x: Float32Array, y: Float32Array) -> Float32Array:
     """Depth of one rounded cone along rays (x, y, 1); infinite where they miss.
 
     A point p at height s along the axis lies on the slant where |p - a|² m0 - s² - (slant terms) vanishes, with
     m0 = |ba|² and the radius shrinking from a to b; that is a quadratic in depth. Beyond the slant's ends the
     surface is one of the two spheres.
     """
+    a, b, radius_a, radius_b = cone.a, cone.b, cone.radius_a, cone.radius_b
     axis = b - a
     shrink = radius_a - radius_b
     slant = np.float32(axis @ axis - shrink * shrink)
@@ -120,12 +125,8 @@ def _meet(
     axis_a = float(-(axis @ a))
     k2 = slant * ray_ray - ray_axis * ray_axis
     k1 = slant * ray_a - along * ray_axis
-    k0 = np.float32(
-        float(slant) * float(a @ a)
-        - axis_a * axis_a
-        + 2 * axis_a * shrink * radius_a
-        - float(axis @ axis) * radius_a**2
-    )
+    across = axis_a * axis_a - 2 * axis_a * shrink * radius_a + float(axis @ axis) * radius_a**2
+    k0 = np.float32(float(slant) * float(a @ a) - across)
     inside = k1 * k1 - k0 * k2
     with np.errstate(invalid="ignore"):
         depth = (-np.sqrt(inside) - k1) / k2

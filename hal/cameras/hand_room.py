@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from hal.cameras.camera import ImageArray
 from hal.cameras.hand_shading import Light
+
+Room = NDArray[np.float32]
 
 
 def room_bgr(seed: int, light: Light, width_px: int, height_px: int) -> ImageArray:
@@ -23,16 +26,15 @@ def room_bgr(seed: int, light: Light, width_px: int, height_px: int) -> ImageArr
     return lit
 
 
-def _wall(
-    draw: np.random.Generator, width_px: int, height_px: int
-) -> np.ndarray[tuple[int, int, int], np.dtype[np.float32]]:
+def _wall(draw: np.random.Generator, width_px: int, height_px: int) -> Room:
     base = draw.uniform(60, 225) + draw.uniform(-25, 25, 3)
     across = np.linspace(-1, 1, width_px, dtype=np.float32)[None, :, None] * draw.uniform(-30, 30)
     down = np.linspace(-1, 1, height_px, dtype=np.float32)[:, None, None] * draw.uniform(-30, 30)
-    return (base + across + down).astype(np.float32)
+    wall: Room = (base + across + down).astype(np.float32)
+    return wall
 
 
-def _furniture(room: np.ndarray[tuple[int, int, int], np.dtype[np.float32]], draw: np.random.Generator) -> None:
+def _furniture(room: Room, draw: np.random.Generator) -> None:
     height_px, width_px = room.shape[:2]
     left, top = draw.uniform(-0.1, 0.9) * width_px, draw.uniform(-0.1, 0.9) * height_px
     wide, high = draw.uniform(0.05, 0.45) * width_px, draw.uniform(0.05, 0.6) * height_px
@@ -40,7 +42,7 @@ def _furniture(room: np.ndarray[tuple[int, int, int], np.dtype[np.float32]], dra
     cv2.rectangle(room, (int(left), int(top)), (int(left + wide), int(top + high)), colour.tolist(), -1)
 
 
-def _clothes(room: np.ndarray[tuple[int, int, int], np.dtype[np.float32]], draw: np.random.Generator) -> None:
+def _clothes(room: Room, draw: np.random.Generator) -> None:
     height_px, width_px = room.shape[:2]
     centre = (int(width_px * draw.uniform(0.3, 0.7)), int(height_px * 1.05))
     axes = (int(width_px * draw.uniform(0.2, 0.3)), int(height_px * draw.uniform(0.5, 0.75)))

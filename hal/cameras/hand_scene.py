@@ -47,9 +47,9 @@ def lens_for(width_px: int = 1280, height_px: int = 720, focal_px: float | None 
 class Person:
     """Everything about the picture that does not move: hand, skin, light, room, the sensor's noise."""
 
-    shape: HandShape = HandShape()
+    shape: HandShape = field(default_factory=HandShape)
     tone_bgr: tuple[float, float, float] = TONES_BGR[2]
-    light: Light = Light()
+    light: Light = field(default_factory=Light)
     room_seed: int = 1
     noise_sd: float = 3.0  # grey levels
 
@@ -78,7 +78,7 @@ def person_of(seed: int) -> Person:
 class Scene:
     """One moment. angles_deg: (5, 6) joint angles as `hand_skeleton.joints_m` takes them; place None: no hand."""
 
-    person: Person = Person()
+    person: Person = field(default_factory=Person)
     lens: Intrinsics = field(default_factory=lens_for)
     angles_deg: FloatArray
     place: HandPlace | None

@@ -67,9 +67,8 @@ def _lambert(depth_m: Float32Array, cell_m: float, light: Light) -> Float32Array
     # Normal of z(x, y) towards the camera is (slope_x, slope_y, -1) / length; wrapped, as skin scatters light.
     facing = (slope_x * to_x + slope_y * to_y - to_z) / length
     wrapped = np.maximum((facing + np.float32(0.35)) / np.float32(1.35), np.float32(0.0))
-    lit: Float32Array = wrapped * np.float32(light.lamp) + np.float32(light.ambient) * (
-        np.float32(0.6) + np.float32(0.4) / length
-    )
+    sky = np.float32(0.6) + np.float32(0.4) / length
+    lit: Float32Array = wrapped * np.float32(light.lamp) + np.float32(light.ambient) * sky
     return lit
 
 
