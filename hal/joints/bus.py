@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 from collections.abc import Iterable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import can
@@ -27,6 +28,7 @@ CAN_ERR_BUSOFF = 0x040
 CAN_ERR_BUSERROR = 0x080
 CAN_ERR_RESTARTED = 0x100
 
+IFF_UP = 1  # linux/if.h
 _GONE = frozenset({errno.ENETDOWN, errno.ENODEV, errno.ENXIO, errno.EBADF, errno.ENETUNREACH})
 
 
@@ -101,6 +103,8 @@ def open_bus(bus: BusDevice) -> can.BusABC:
 
     Raises HardwareError with the command that mends it.
     """
+    if bus.interface == "socketcan":
+        _check_link(bus)
     channel = bus.channel
     options: dict[str, Any] = dict(bus.options)
     if bus.interface == "udp_multicast" and channel.count(":") == 1:
@@ -112,6 +116,15 @@ def open_bus(bus: BusDevice) -> can.BusABC:
         raise HardwareError(
             f"The bus {bus.channel} ({bus.interface}) can't be opened: {error}; {remedy(bus)}."
         ) from error
+
+
+def _check_link(bus: BusDevice) -> None:
+    """Raises HardwareError when the kernel has no such interface, or has it down."""
+    flags = Path("/sys/class/net", bus.channel, "flags")
+    if bus.channel in ("", ".", "..") or "/" in bus.channel or not flags.exists():
+        raise HardwareError(f"There is no CAN interface {bus.channel}: {remedy(bus)}.")
+    if not int(flags.read_text(), 16) & IFF_UP:
+        raise HardwareError(f"The CAN interface {bus.channel} is down: {remedy(bus)}.")
 
 
 def remedy(bus: BusDevice) -> str:

@@ -39,21 +39,9 @@ class Routes:
         if commanded is not None and commanded.is_echo(frame.data):
             return _FINE
         station = self._sender(frame)
-        if station is None:
+        if station is None or self._only_seems_to_be(station, commanded, frame):
             return self._stray(frame, commanded)
-        # on a drive's own command ID only that drive may answer, unless the ID is the host's too (drive 0, host 0)
-        if commanded not in (None, station) and frame.arbitration_id != station.device.reply_id:
-            return self._stray(frame, commanded)
-        reply = station.codec.read_reply(frame)
-        if reply is None:
-            return BusFault.MALFORMED, f"a reply of {len(frame.data)} bytes from {station.name} makes no sense"
-        if not station.take(reply, measured_ns):
-            return (
-                BusFault.DUPLICATE_ID,
-                f"{station.name} answers more often than asked: two drives share its ID, or another "
-                f"program commands it",
-            )
-        return _FINE
+        return _take_in(station, frame, measured_ns)
 
     def await_registers(self, station: Station, told: dict[int, float] | None) -> None:
         """From now on, register replies of this station go into `told`; None ends that."""
@@ -75,6 +63,10 @@ class Routes:
                 return by_drive[drive_id]
         return None
 
+    def _only_seems_to_be(self, station: Station, commanded: Station | None, frame: Frame) -> bool:
+        """On a drive's command ID only that drive may answer, unless the host has the same ID (drive 0, host 0)."""
+        return commanded not in (None, station) and frame.arbitration_id != station.device.reply_id
+
     def _stray(self, frame: Frame, commanded: Station | None) -> tuple[BusFault, str]:
         if self._is_own_echo(frame):
             return _FINE
@@ -89,6 +81,16 @@ class Routes:
         return any(
             station.is_echo(frame.data) for _, by_drive in self._by_drive.values() for station in by_drive.values()
         )
+
+
+def _take_in(station: Station, frame: Frame, measured_ns: int) -> tuple[BusFault, str]:
+    reply = station.codec.read_reply(frame)
+    if reply is None:
+        return BusFault.MALFORMED, f"a reply of {len(frame.data)} bytes from {station.name} makes no sense"
+    if not station.take(reply, measured_ns):
+        text = "answers more often than asked: two drives share its ID, or another program commands it"
+        return BusFault.DUPLICATE_ID, f"{station.name} {text}"
+    return _FINE
 
 
 def _told_as(station: Station) -> int:

@@ -65,9 +65,9 @@ DEVICES = {
 def rig(request: pytest.FixtureRequest, make_rig: MakeRig) -> Iterator[object]:
     """A driver, not yet open, with what it moves."""
     if request.param == "simulated":
-        from hal.joints.body import Body
+        from hal.joints.body import average_body
 
-        joints = make_joints("simulated", load_exoskeleton(), Body())
+        joints = make_joints("simulated", load_exoskeleton(), average_body(1.75, 75.0))
         yield SimulatedRig(joints)
         joints.close(0)
     else:
@@ -126,7 +126,7 @@ def test_feedback_is_four_of_everything_and_well(rig: SimulatedRig) -> None:
 
 def test_feedback_never_comes_from_the_future_nor_grows_older(rig: SimulatedRig) -> None:
     start(rig)
-    last = np.zeros(4)
+    last = np.zeros(4, dtype=np.int64)
     for _ in range(20):
         feedback = rig.tick(command(stiffness=0.0))
         assert (feedback.measured_ns <= rig.now_ns()).all()

@@ -1,0 +1,111 @@
+"""On a real kernel's CAN socket only (tools/test-can): can-utils as witness, an interface that is taken down."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import subprocess
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import can
+import pytest
+
+from hal.joints.joints import BusFault, DriveState
+from tests.hal.joints.rig import LIMIT_S, CanRig, MakeRig, bus_of_test, command, with_motor
+
+pytestmark = pytest.mark.skipif(
+    not os.environ.get("RLEEX_TEST_CAN", "").startswith("socketcan:"),
+    reason="needs a kernel's CAN interface: make test-can",
+)
+LINE = re.compile(r"^\((\d+\.\d+)\) (\S+) ([0-9A-F]+)#([0-9A-F]*)$")
+
+
+def until(condition: Callable[[], object]) -> None:
+    end_s = time.monotonic() + LIMIT_S
+    while not condition():
+        assert time.monotonic() < end_s
+        time.sleep(0.01)
+
+
+@contextmanager
+def candump(path: Path) -> Iterator[None]:
+    """candump -L of the bus into a file, listening before the body begins."""
+    _, channel = bus_of_test()
+    program = shutil.which("candump")
+    assert program is not None
+    with path.open("w") as file, subprocess.Popen([program, "-L", channel], stdout=file) as process:
+        until(lambda: _is_heard(channel, path))
+        try:
+            yield
+        finally:
+            process.terminate()
+
+
+def _is_heard(channel: str, path: Path) -> bool:
+    subprocess.run(["cansend", channel, "7DF#00"], check=True)
+    return path.stat().st_size > 0
+
+
+def frames(path: Path) -> list[tuple[str, str]]:
+    """Identifier and data digits of a candump log, ours only."""
+    found = [LINE.match(line) for line in path.read_text().splitlines()]
+    return [(match[3], match[4]) for match in found if match is not None and match[3] != "7DF"]
+
+
+@pytest.fixture
+def rig(make_rig: MakeRig) -> CanRig:
+    return make_rig(with_motor("AK80-64/V2"))
+
+
+def test_candump_sees_the_golden_frames(rig: CanRig, tmp_path: Path) -> None:
+    log = tmp_path / "bus.log"
+    with candump(log):
+        rig.joints.open(rig.now_ns())
+        rig.joints.enable(rig.now_ns())
+        rig.until(lambda now: (now.measured_ns > 0).all(), command(stiffness=0.0, damping=0.0))
+        rig.joints.close(rig.now_ns())
+        until(lambda: ("004", "FFFFFFFFFFFFFFFD") in frames(log)[-12:])
+    seen = frames(log)
+    for drive in range(1, 5):
+        told = [data for identifier, data in seen if identifier == f"{drive:03X}"]
+        enabled = told.index("FFFFFFFFFFFFFFFC")
+        assert "7FFF7FF0000007FF" in told[:enabled], "a neutral command comes before enabling"
+        assert told[enabled + 1] == "7FFF7FF0000007FF"
+        assert told[-1] == "FFFFFFFFFFFFFFFD"
+        answers = [data for identifier, data in seen if identifier == "000" and data.startswith(f"{drive:02X}")]
+        assert answers
+        assert all(len(data) == 16 for data in answers)
+
+
+def test_the_emulator_answers_cansend(rig: CanRig, tmp_path: Path) -> None:
+    _, channel = bus_of_test()
+    log = tmp_path / "bus.log"
+    with candump(log):
+        for frame in ("001#7FFF7FF0000007FF", "001#FFFFFFFFFFFFFFFC", "001#FFFFFFFFFFFFFFFD"):
+            subprocess.run(["cansend", channel, frame], check=True)
+        until(lambda: len([data for identifier, data in frames(log) if identifier == "000"]) == 3)
+    assert {data[:6] for identifier, data in frames(log) if identifier == "000"} == {"017FFF"}
+
+
+def test_canplayer_and_python_can_read_the_same_log(rig: CanRig, tmp_path: Path) -> None:
+    log = tmp_path / "bus.log"
+    with candump(log):
+        rig.joints.open(rig.now_ns())
+        rig.joints.close(rig.now_ns())
+    assert len(list(can.LogReader(log))) == len(log.read_text().splitlines())
+
+
+def test_an_interface_taken_down_is_told(rig: CanRig) -> None:
+    _, channel = bus_of_test()
+    rig.joints.open(rig.now_ns())
+    rig.joints.enable(rig.now_ns())
+    subprocess.run(["ip", "link", "set", channel, "down"], check=True)
+    try:
+        feedback = rig.until(lambda now: BusFault.INTERFACE_GONE in now.bus, command())
+        assert feedback.state is DriveState.FAULTED
+    finally:
+        subprocess.run(["ip", "link", "set", channel, "up"], check=True)
