@@ -119,7 +119,9 @@ class Scale:
 
     def to_value(self, wire: int) -> float:
         """The value of an unsigned integer."""
-        return (wire + _NUDGE) * self.span / self.top + self.low if wire < self.top else self.high
+        if wire >= self.top:
+            return self.high
+        return (wire + _NUDGE) * self.span / self.top + self.low if wire else self.low
 
 
 def symmetric(limit: float, bits: int) -> Scale:

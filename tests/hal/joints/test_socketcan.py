@@ -228,7 +228,7 @@ def test_gains_rise_after_enabling(make_rig: MakeRig) -> None:
     rig = make_rig(msgspec.structs.replace(with_motor("AK80-64/V2"), soft_start_s=5.0))
     rig.joints.open(rig.now_ns())
     rig.joints.enable(rig.now_ns())
-    rig.until(lambda _: rig.emulator.drives[0].effective(rig.now_ns()).stiffness_nm_rad > 0, HOLD)
+    rig.until(lambda _: rig.emulator.drives[0].effective(rig.now_ns()).stiffness_nm_rad > 0.2, HOLD)
     first = rig.emulator.drives[0].effective(rig.now_ns())
     assert first.stiffness_nm_rad < 75.0
     assert first.damping_nm_s_rad == pytest.approx(5.0, abs=0.01)
