@@ -14,6 +14,7 @@ from app.cli import (
     can,
     demo,
     doctor,
+    emulate,
     evaluate,
     model,
     operator,
@@ -33,7 +34,7 @@ cli = typer.Typer(
     no_args_is_help=True,
     pretty_exceptions_enable=False,
 )
-for part in (run, demo, simulate, doctor, model, places):
+for part in (run, demo, simulate, doctor, emulate, model, places):
     cli.add_typer(part.cli)
 cli.add_typer(audit.cli, name="audit", help="Verify, read, query and report the audit trail.")
 cli.add_typer(camera.cli, name="camera", help="List and calibrate cameras.")

@@ -1,0 +1,68 @@
+"""rleex emulate-drives."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from hal.joints.body import Body
+
+cli = typer.Typer()
+
+
+@cli.command("emulate-drives")
+def emulate_drives(
+    interface: Annotated[str, typer.Option(help="python-can's interface, e.g. socketcan, udp_multicast.")] = "",
+    channel: Annotated[str, typer.Option(help="e.g. vcan0, or 239.74.163.2:43113 for udp_multicast.")] = "",
+    device: Annotated[Path | None, typer.Option(help="Device description; default: the built-in one.")] = None,
+    motors: Annotated[Path | None, typer.Option(help="A TOML that extends the motor table.")] = None,
+    patient: Annotated[str, typer.Option(help="Hang this patient's simulated body on the drives.")] = "",
+    fault: Annotated[
+        list[str] | None, typer.Option(help="[joint:]fault[=value][@seconds], e.g. left_knee:silent@10.")
+    ] = None,
+    seconds: Annotated[float, typer.Option(help="End after this long; 0: never.", min=0)] = 0.0,
+    home: Annotated[Path | None, typer.Option(help="Data directory (for --patient).")] = None,
+) -> None:
+    """Four emulated drives on a CAN bus, so that everything can be tried against a virtual exoskeleton."""
+    import time
+
+    from rich.console import Console
+    from rich.live import Live
+
+    from app.cli.drive_table import emulated_drives_table
+    from hal.joints.bus import with_bus
+    from hal.joints.device import DEFAULT_DEVICE, load_exoskeleton
+    from hal.joints.emulator import DriveEmulator, read_schedule, run_emulator
+
+    described = with_bus(load_exoskeleton(device or DEFAULT_DEVICE), interface, channel)
+    schedule = tuple(read_schedule(text) for text in fault or ())
+    body = _body(patient, home) if patient else None
+    console = Console()
+    where = ", ".join(f"{bus.channel} ({bus.interface})" for bus in described.buses)
+    console.print(f"Emulating {described.name} on {where}; Ctrl-C ends it.")
+    end_s = time.monotonic() + seconds if seconds else float("inf")
+    with Live(console=console, auto_refresh=False, transient=True) as live:
+
+        def look(emulator: DriveEmulator) -> None:
+            live.update(emulated_drives_table(emulator), refresh=True)
+            if time.monotonic() >= end_s:
+                raise KeyboardInterrupt
+
+        try:
+            run_emulator(described, body=body, motors=motors, schedule=schedule, each_second=look)
+        except KeyboardInterrupt:
+            console.print("The drives are off.")
+
+
+def _body(patient: str, home: Path | None) -> Body:
+    from app.control.patient import body_of
+    from app.paths import find_home
+    from profiles.schema import DEMO_PATIENT
+    from profiles.store import ProfileStore
+
+    if patient == DEMO_PATIENT.identifier:
+        return body_of(DEMO_PATIENT)
+    return body_of(ProfileStore(find_home(home).profiles).load(patient))

@@ -1,0 +1,69 @@
+"""Emulated drives on a private UDP bus, in a process of their own, for as long as the demo needs them."""
+
+from __future__ import annotations
+
+import multiprocessing
+import random
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import msgspec
+
+from app.config import JointsConfig
+from app.control.patient import body_of
+from app.errors import AppError
+from hal.joints.device import DEFAULT_DEVICE, load_exoskeleton
+from hal.joints.emulator import ScheduledFault, run_emulator
+from profiles.schema import DEMO_PATIENT, Profile
+
+INTERFACE = "udp_multicast"
+GROUP = "239.74.163.2"  # python-can's own default group: administrative scope, stays on this host (hop limit 1)
+START_S = 30.0  # importing MuJoCo on a busy machine
+
+
+def private_channel() -> str:
+    """A channel that nobody else on this host is likely to use."""
+    return f"{GROUP}:{random.SystemRandom().randrange(20_000, 60_000)}"
+
+
+@contextmanager
+def emulated_drives(
+    base: JointsConfig,
+    profile: Profile = DEMO_PATIENT,
+    *,
+    wearer: bool = True,
+    schedule: tuple[ScheduledFault, ...] = (),
+) -> Iterator[JointsConfig]:
+    """The configuration that reaches the emulated drives; with a `wearer` the simulated body hangs on them.
+
+    Raises AppError when the emulator does not start.
+    """
+    device = load_exoskeleton(Path(base.device) if base.device else DEFAULT_DEVICE)
+    channel = private_channel()
+    spawning = multiprocessing.get_context("spawn")
+    ready, stop = spawning.Event(), spawning.Event()
+    process = spawning.Process(
+        target=run_emulator,
+        args=(device, INTERFACE, channel),
+        kwargs={
+            "body": body_of(profile) if wearer else None,
+            "motors": Path(base.motors) if base.motors else None,
+            "schedule": schedule,
+            "ready": ready,
+            "stop": stop,
+        },
+        name="emulated drives",
+        daemon=True,
+    )
+    process.start()
+    try:
+        if not ready.wait(START_S):
+            raise AppError("The emulated drives did not start; run `rleex emulate-drives` to see why.")
+        yield msgspec.structs.replace(base, kind="can", interface=INTERFACE, channel=channel)
+    finally:
+        stop.set()
+        process.join(5.0)
+        if process.is_alive():
+            process.terminate()
+            process.join(5.0)
