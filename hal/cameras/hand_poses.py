@@ -63,26 +63,27 @@ GESTURES: tuple[Pose, ...] = (
     Pose("4", ACROSS_THUMB, (5, 4, 4, 3), MIDDLE_OUT, (-3, 4, 4, 3), (-8, 5, 5, 4)),
     Pose("5", OPEN_THUMB, (7, 2, 2, 2), MIDDLE_OUT, (-5, 3, 3, 3), (-12, 4, 4, 3)),
     Pose("6", OPEN_THUMB, INDEX_IN, MIDDLE_IN, RING_IN, (-14, 4, 4, 3)),
-    Pose("7", PINCH_THUMB, (-3, 76, 16, 10), (4, 81, 20, 12), RING_IN, PINKY_IN, (0, -50, 0)),
+    Pose("7", PINCH_THUMB, (-3, 76, 16, 10), (4, 81, 20, 12), RING_IN, PINKY_IN, (18, -35, 0)),
     Pose("8", OPEN_THUMB, INDEX_OUT, MIDDLE_IN, RING_IN, PINKY_IN),
-    Pose("9", OVER_THUMB, (1, 8, 88, 42), MIDDLE_IN, RING_IN, PINKY_IN, (0, -38, 0)),
+    Pose("9", OVER_THUMB, (1, 8, 88, 42), MIDDLE_IN, RING_IN, PINKY_IN, (4, -38, 0)),
     Pose("love", OPEN_THUMB, INDEX_OUT, MIDDLE_IN, RING_IN, (-8, 4, 4, 3)),
     Pose("rock", OVER_THUMB, INDEX_OUT, MIDDLE_IN, RING_IN, (-8, 4, 4, 3)),
 )
-REST = Pose("rest", (45, 28, 36, 20, 28, 14), (2, 24, 34, 18), (0, 28, 38, 20), (-2, 32, 40, 20), (-4, 34, 38, 20))
+REST = Pose("rest", (38, 34, 26, 28, 14, 22), (2, 36, 52, 28), (0, 40, 56, 30), (-2, 44, 58, 30), (-2, 46, 54, 28))
 LOOK_ALIKES: tuple[Pose, ...] = (
     Pose("tiger claw", (50, 30, 30, 30, -5, 25), (4, 18, 82, 52), (0, 18, 84, 54), (-4, 18, 82, 54), (-10, 18, 78, 50)),
     Pose("thumb up", (42, 8, 22, 4, 14, 0), INDEX_IN, MIDDLE_IN, RING_IN, PINKY_IN, (0, 0, -30)),
     Pose("ok", (35, 45, 11, 47, -14, 35), (-3, 50, 54, 28), (2, 6, 6, 4), (-6, 4, 6, 4), (-14, 4, 6, 4)),
     REST,
+    Pose(
+        "naturally open", (42, 30, 32, 22, 22, 16), (3, 20, 30, 16), (0, 24, 34, 18), (-2, 28, 36, 18), (-5, 30, 34, 18)
+    ),
     Pose("gun", OPEN_THUMB, (6, 4, 4, 3), (-4, 4, 4, 3), RING_IN, PINKY_IN),
     Pose("pinky", OVER_THUMB, INDEX_IN, MIDDLE_IN, RING_IN, (-8, 4, 4, 3)),
     Pose("index-middle-pinky", TUCKED_THUMB, (6, 4, 4, 3), (0, 4, 4, 3), RING_IN, (-10, 4, 4, 3)),
     Pose("O", (22, 53, -3, 46, -18, 33), (-4, 53, 47, 24), (-1, 60, 53, 27), (2, 60, 52, 27), (6, 60, 50, 27)),
 )
-POSES: dict[str, Pose] = {pose.name: pose for pose in (*GESTURES, *LOOK_ALIKES)} | {
-    "naturally open": Pose("naturally open", REST.thumb, REST.index, REST.middle, REST.ring, REST.pinky)
-}
+POSES: dict[str, Pose] = {pose.name: pose for pose in (*GESTURES, *LOOK_ALIKES)}
 
 
 def find_pose(name: str) -> Pose:

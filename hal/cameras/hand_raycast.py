@@ -128,7 +128,7 @@ def _meet(cone: _Cone, x: Float32Array, y: Float32Array) -> Float32Array:
     across = axis_a * axis_a - 2 * axis_a * shrink * radius_a + float(axis @ axis) * radius_a**2
     k0 = np.float32(float(slant) * float(a @ a) - across)
     inside = k1 * k1 - k0 * k2
-    with np.errstate(invalid="ignore"):
+    with np.errstate(invalid="ignore", divide="ignore"):
         depth = (-np.sqrt(inside) - k1) / k2
         height = along + depth * ray_axis
         on_slant = (height > 0) & (height < slant)
