@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from enum import Enum, auto
+from enum import Enum, Flag, auto
 from math import degrees
 
 from app.control.facts import Facts
@@ -43,6 +43,10 @@ HELD_FAULTS = (
 DAMPED_FAULTS = DriveFault.ENCODER | DriveFault.PHASE | DriveFault.WRONG_RANGE | DriveFault.OTHER
 HELD_BUS_FAULTS = BusFault.SEND_FAILED | BusFault.BUS_OFF | BusFault.INTERFACE_GONE | BusFault.DUPLICATE_ID
 NOTED_BUS_FAULTS = BusFault.ERROR_FRAME | BusFault.ARBITRATION_LOST | BusFault.UNKNOWN_ID | BusFault.MALFORMED
+
+
+def _any_of(flags: Flag, wanted: Flag) -> bool:
+    return flags.value & wanted.value != 0
 
 
 class Event(Enum):
@@ -270,7 +274,7 @@ TABLE = (
         event=E.DRIVE_FAULT,
         effect=F.HOLD,
         latch=Latch.POWERED,
-        present=lambda f: bool(f.drive_faults & HELD_FAULTS),
+        present=lambda f: _any_of(f.drive_faults, HELD_FAULTS),
         text="A drive reports a fault: the other joints hold. Support the wearer.",
         detail=lambda f: f.drive_detail,
     ),
@@ -278,7 +282,7 @@ TABLE = (
         event=E.DRIVE_ASTRAY,
         effect=F.DAMP,
         latch=Latch.POWERED,
-        present=lambda f: bool(f.drive_faults & DAMPED_FAULTS),
+        present=lambda f: _any_of(f.drive_faults, DAMPED_FAULTS),
         text="A drive can't be trusted: the joints give way slowly. Support the wearer.",
         detail=lambda f: f.drive_detail,
     ),
@@ -361,14 +365,14 @@ TABLE = (
         event=E.BUS_FAULT,
         effect=F.HOLD,
         latch=Latch.POWERED,
-        present=lambda f: bool(f.bus & HELD_BUS_FAULTS),
+        present=lambda f: _any_of(f.bus, HELD_BUS_FAULTS),
         text="The bus to the drives fails: the legs are held as far as commands arrive.",
         detail=lambda f: f.drive_detail,
     ),
     Row(
         event=E.BUS_DISTURBED,
         effect=F.NOTE,
-        present=lambda f: bool(f.bus & NOTED_BUS_FAULTS),
+        present=lambda f: _any_of(f.bus, NOTED_BUS_FAULTS),
         text="The bus to the drives is disturbed: check termination and plugs.",
         detail=lambda f: f.drive_detail,
     ),

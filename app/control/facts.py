@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
-from functools import reduce
-from math import nan, radians
-from operator import or_
+from math import inf, isnan, nan, radians
 
 import numpy as np
 
@@ -14,7 +13,7 @@ from app.control.freshness import NS_PER_MS, Heard
 from app.control.gait_machine import Gait
 from app.control.inputs import Inputs
 from app.control.settings import Settings
-from hal.joints.joints import BusFault, DriveFault, Joint, JointArray, JointFeedback
+from hal.joints.joints import BusFault, DriveFault, Joint, JointFeedback
 
 RANGE_MARGIN_RAD = radians(2.0)  # of the measured angle over the device's range: encoder noise and a soft stop
 SPEED_MARGIN = 1.1
@@ -92,14 +91,14 @@ def gather(inputs: Inputs, heard: Heard, standing: Standing, settings: Settings)
     """The facts of a tick."""
     now_ns, feedback, motion = inputs.now_ns, inputs.feedback, standing.motion
     report, audit, guardian = heard.report, heard.audit, heard.guardian
-    answering = bool(np.all(feedback.measured_ns > 0))
-    joint_age_ns = now_ns - int(feedback.measured_ns.min())
+    oldest_ns = min(feedback.measured_ns.tolist())
+    temperatures_c = feedback.temperature_c.tolist()
     limits = settings.limits
     return Facts(
         now_ns=now_ns,
         powered=heard.powered,
         drives_lost=motion.mode is not Mode.LIMP and not heard.powered,
-        answering=answering,
+        answering=oldest_ns > 0,
         armed=standing.armed,
         patient_confirmed=standing.patient_confirmed,
         uncleared=standing.uncleared,
@@ -121,25 +120,20 @@ def gather(inputs: Inputs, heard: Heard, standing: Standing, settings: Settings)
         missed_ticks=inputs.missed_ticks,
         slept_s=heard.slept_ns / 1e9,
         clock_step_s=heard.clock_step_ns / 1e9,
-        joint_age_ms=joint_age_ns / NS_PER_MS,
-        drive_faults=reduce(or_, feedback.faults),
+        joint_age_ms=_age_ms(now_ns, oldest_ns),
+        drive_faults=_union(feedback.faults),
         drive_detail=feedback.detail or _silent(feedback),
         drive_error=inputs.drive_error,
         bus=feedback.bus,
-        hottest_c=_hottest_c(feedback.temperature_c),
-        warm=bool((feedback.temperature_c >= settings.warn_c).any()),
-        hot=bool((feedback.temperature_c >= settings.limit_c).any()),
+        hottest_c=max(temperatures_c, key=lambda c: -inf if isnan(c) else c),
+        warm=_any_above(temperatures_c, settings.warn_c.tolist()),
+        hot=_any_above(temperatures_c, settings.limit_c.tolist()),
         following_rad=_following_rad(motion, feedback),
         pose_error_rad=_pose_error_rad(standing, feedback, settings),
         drift_rad_s=_drift_rad_s(standing, feedback, now_ns),
-        beyond_range=bool(
-            (
-                (feedback.position_rad < limits.low_rad - RANGE_MARGIN_RAD)
-                | (feedback.position_rad > limits.high_rad + RANGE_MARGIN_RAD)
-            ).any()
-        ),
-        beyond_speed=bool((np.abs(feedback.velocity_rad_s) > SPEED_MARGIN * limits.speed_rad_s).any()),
-        beyond_torque=bool((np.abs(feedback.torque_nm) > TORQUE_MARGIN * limits.torque_nm).any()),
+        beyond_range=_beyond_range(feedback.position_rad.tolist(), settings),
+        beyond_speed=_any_beyond(feedback.velocity_rad_s.tolist(), SPEED_MARGIN, limits.speed_rad_s.tolist()),
+        beyond_torque=_any_beyond(feedback.torque_nm.tolist(), TORQUE_MARGIN, limits.torque_nm.tolist()),
         guard_refusal=str(inputs.guard_refusal) if inputs.guard_refusal else "",
         planner_silent=standing.planner_silent,
         walk_broken=standing.walk_broken,
@@ -160,8 +154,29 @@ def _silent(feedback: JointFeedback) -> str:
     return Joint(oldest).name.lower().replace("_", " ")
 
 
-def _hottest_c(temperature_c: JointArray) -> float:
-    return float(np.fmax.reduce(temperature_c))
+def _union(faults: Iterable[DriveFault]) -> DriveFault:
+    union = DriveFault.NONE
+    for fault in faults:
+        if fault is not DriveFault.NONE:
+            union |= fault
+    return union
+
+
+def _any_above(values: list[float], limits: list[float]) -> bool:
+    """A quantity that is not measured (NaN) is above nothing."""
+    return any(value >= limit for value, limit in zip(values, limits, strict=True))
+
+
+def _any_beyond(values: list[float], margin: float, limits: list[float]) -> bool:
+    return any(abs(value) > margin * limit for value, limit in zip(values, limits, strict=True))
+
+
+def _beyond_range(values: list[float], settings: Settings) -> bool:
+    low, high = settings.limits.low_rad.tolist(), settings.limits.high_rad.tolist()
+    return any(
+        not least - RANGE_MARGIN_RAD <= value <= most + RANGE_MARGIN_RAD
+        for value, least, most in zip(values, low, high, strict=True)
+    )
 
 
 def _following_rad(motion: Motion, feedback: JointFeedback) -> float:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from app.control.inputs import Inputs
 from app.control.states import ACTION_OF, Action
@@ -60,8 +60,7 @@ def listen(heard: Heard, inputs: Inputs) -> Heard:
     """What has been heard after a tick."""
     now_ns = inputs.now_ns
     offset_ns, sleep_ns = inputs.wall_ns - now_ns, inputs.boot_ns - now_ns
-    return replace(
-        heard,
+    return Heard(
         report=inputs.report or heard.report,
         report_ns=now_ns if inputs.report else heard.report_ns,
         alive_ns=max((command.sent_ns for command in inputs.commands), default=heard.alive_ns),
@@ -78,16 +77,15 @@ def listen(heard: Heard, inputs: Inputs) -> Heard:
     )
 
 
-def release_in(heard: Heard, report: TriggerReport | None, now_ns: int, armed_ns: int) -> Release | None:
-    """The release that this report tells for the first time, if it still counts.
+def release_in(heard: Heard, report: TriggerReport | None, now_ns: int) -> Release | None:
+    """The release that this report tells for the first time, while its frame is fresh.
 
-    heard: as it was before this report. A count that grew acts once, in a perception that restarted from nothing.
-    It never acts when its frame is stale, or older than the arming (armed_ns; 0: not armed).
+    heard: as it was before this report. A count that grew acts once, in a perception that restarted from nothing; a
+    stale release never acts, not even later.
     """
     if report is None or report.released_gesture is None or not _first_told(heard.report, report):
         return None
-    fresh = -_FUTURE_NS <= now_ns - report.released_captured_ns <= TRIGGER.stale_ms * NS_PER_MS
-    if not fresh or not armed_ns or report.released_captured_ns < armed_ns:
+    if not -_FUTURE_NS <= now_ns - report.released_captured_ns <= TRIGGER.stale_ms * NS_PER_MS:
         return None
     return Release(
         action=ACTION_OF[report.released_gesture],

@@ -33,16 +33,19 @@ def obey(tick: Tick) -> None:
 def look(tick: Tick) -> None:
     """Take the wearer's release, if this tick's report tells one that still counts."""
     memory = tick.memory
-    release = release_in(memory.heard, tick.inputs.report, tick.now_ns, memory.armed_ns)
-    if release is not None:
-        tick.wishes.append(
-            Wish(
-                action=release.action,
-                source=Source.GESTURE,
-                recognised_ns=release.recognised_ns,
-                released_ns=release.captured_ns,
-            )
-        )
+    release = release_in(memory.heard, tick.inputs.report, tick.now_ns)
+    if release is None:
+        return
+    wish = Wish(
+        action=release.action,
+        source=Source.GESTURE,
+        recognised_ns=release.recognised_ns,
+        released_ns=release.captured_ns,
+    )
+    if release.captured_ns < memory.armed_ns:
+        refuse(tick, wish, "The gesture was made before gestures were armed: make it again.")
+    else:
+        tick.wishes.append(wish)  # one that nobody armed is refused by its event
 
 
 def uncleared(tick: Tick) -> bool:

@@ -1,0 +1,181 @@
+"""The gait table, exhaustively: every state × action × what runs, against the paper's list written down again."""
+
+from __future__ import annotations
+
+from itertools import product
+
+import pytest
+
+from app.control import gait_machine
+from app.control.gait_machine import TABLE, Gait, Ignored, Latched, Refused, Started
+from app.control.plan import Phase
+from app.control.states import ACTION_OF, Action, GaitState
+from kgdfa.hand import Gesture
+
+S, G = GaitState, Gesture
+# The paper's twelve transitions (digest, gait state machine), and the way out of a stop.
+PAPER = {
+    (S.UNPOWERED, G.ZERO): S.STANDING,
+    (S.SITTING, G.ROCK): S.STANDING,
+    (S.STANDING, G.LOVE): S.SITTING,
+    (S.STANDING, G.ONE): S.RIGHT_FORWARD,
+    (S.RIGHT_FORWARD, G.TWO): S.LEFT_FORWARD,
+    (S.LEFT_FORWARD, G.THREE): S.RIGHT_FORWARD,
+    (S.RIGHT_FORWARD, G.FOUR): S.STANDING,
+    (S.STANDING, G.FIVE): S.LEFT_FORWARD,
+    (S.STANDING, G.SEVEN): S.STANDING,
+    (S.STANDING, G.EIGHT): S.STANDING,
+    (S.STANDING, G.NINE): S.STANDING,
+    (S.BETWEEN, G.ZERO): S.STANDING,
+}
+THROUGH = {G.SEVEN: S.RIGHT_HIGH_STEP, G.EIGHT: S.RIGHT_LOW_STEP, G.NINE: S.RIGHT_OBSTACLE}
+WALKING = (
+    Gait(state=S.STANDING, running=Action.WALK, phase=Phase.WALK_START),
+    Gait(state=S.LEFT_FORWARD, running=Action.WALK, phase=Phase.WALK_RIGHT),
+    Gait(state=S.RIGHT_FORWARD, running=Action.WALK, phase=Phase.WALK_LEFT),
+)
+
+
+def running_gaits() -> list[Gait]:
+    """Every gait in which something runs."""
+    by_wish = [
+        answer.gait
+        for state, action in product(GaitState, Action)
+        if isinstance(answer := gait_machine.ask(Gait(state=state), action), Started)
+    ]
+    closing = [gait_machine.close_walk(gait) for gait in WALKING]
+    ends = [gait_machine.complete(gait) for gait in closing]
+    return [*by_wish, *WALKING[1:], *closing, *ends]
+
+
+@pytest.mark.parametrize(("state", "gesture"), list(product(GaitState, Gesture)))
+def test_at_rest_exactly_the_papers_transitions_are_granted(state: GaitState, gesture: Gesture) -> None:
+    answer = gait_machine.ask(Gait(state=state), ACTION_OF[gesture])
+    if (state, gesture) not in PAPER:
+        assert isinstance(answer, Refused)
+        assert len(answer.reason) > 15
+        return
+    assert isinstance(answer, Started)
+    assert answer.gait.running is ACTION_OF[gesture]
+    assert answer.gait.state is THROUGH.get(gesture, state)
+    assert gait_machine.complete(answer.gait).state is PAPER[state, gesture]
+
+
+@pytest.mark.parametrize("gait", running_gaits())
+@pytest.mark.parametrize("action", Action)
+def test_while_something_runs_only_the_end_of_a_walk_is_latched(gait: Gait, action: Action) -> None:
+    answer = gait_machine.ask(gait, action)
+    if action is Action.WALK_END and gait.walking and not gait.closing:
+        assert isinstance(answer, Latched)
+        assert answer.gait == gait_machine.close_walk(gait)
+        assert answer.gait.closing
+        assert (answer.gait.state, answer.gait.phase) == (gait.state, gait.phase)
+    else:
+        assert isinstance(answer, Ignored)
+        assert gait.running is not None
+        assert gait.running.value in answer.reason
+
+
+def test_a_walk_goes_on_left_and_right_until_it_is_told_to_stop() -> None:
+    gait, states = WALKING[0], []
+    for _ in range(5):
+        gait = gait_machine.complete(gait)
+        states.append(gait.state)
+        assert gait.walking
+    assert states == [S.LEFT_FORWARD, S.RIGHT_FORWARD, S.LEFT_FORWARD, S.RIGHT_FORWARD, S.LEFT_FORWARD]
+
+
+@pytest.mark.parametrize("gait", WALKING)
+def test_the_latched_end_is_carried_out_after_the_running_step(gait: Gait) -> None:
+    onward, close = gait_machine.following_phases(gait)
+    assert gait_machine.complete(gait).phase is onward
+    last = gait_machine.complete(gait_machine.close_walk(gait))
+    assert (last.running, last.phase, last.closing) == (Action.WALK_END, close, False)
+    assert gait_machine.complete(last) == Gait(state=S.STANDING)
+
+
+@pytest.mark.parametrize("gait", WALKING)
+def test_the_following_steps_belong_to_their_actions(gait: Gait) -> None:
+    onward, close = gait_machine.following_phases(gait)
+    assert gait_machine.action_of(onward) is Action.WALK
+    assert gait_machine.action_of(close) is Action.WALK_END
+    assert "CLOSE" in close.name
+    # the leg that is behind swings, whether it passes or closes
+    assert onward.name.rsplit("_", 1)[1] == close.name.rsplit("_", 1)[1]
+
+
+def test_outside_of_a_walk_nothing_follows() -> None:
+    assert gait_machine.following_phases(Gait(state=S.STANDING)) == ()
+    assert gait_machine.following_phases(gait_machine.complete(gait_machine.close_walk(WALKING[0]))) == ()
+
+
+@pytest.mark.parametrize("gait", [*running_gaits(), *(Gait(state=state) for state in GaitState)])
+def test_a_stop_and_a_loss_of_power_are_possible_from_everywhere(gait: Gait) -> None:
+    assert gait_machine.interrupt(gait) == Gait(state=S.BETWEEN)
+    assert gait_machine.power_off(gait) == Gait(state=S.UNPOWERED)
+
+
+@pytest.mark.parametrize("gait", running_gaits())
+def test_what_was_given_up_before_it_moved_leaves_the_legs_where_it_began(gait: Gait) -> None:
+    rests = gait_machine.abandon(gait)
+    assert rests.running is None
+    assert not rests.closing
+    assert rests.state is (S.STANDING if gait.state in THROUGH.values() else gait.state)
+
+
+@pytest.mark.parametrize("state", GaitState)
+def test_at_rest_there_is_nothing_to_complete_close_or_give_up(state: GaitState) -> None:
+    gait = Gait(state=state)
+    with pytest.raises(ValueError, match="nothing runs"):
+        gait_machine.complete(gait)
+    assert gait_machine.abandon(gait) == gait
+    assert gait_machine.close_walk(gait) == gait
+
+
+@pytest.mark.parametrize("gait", [*running_gaits(), *(Gait(state=state) for state in GaitState)])
+def test_allowed_is_what_would_be_granted(gait: Gait) -> None:
+    granted = {action for action in Action if isinstance(gait_machine.ask(gait, action), Started | Latched)}
+    assert set(gait_machine.allowed(gait)) == granted
+
+
+@pytest.mark.parametrize("state", [S.UNPOWERED, S.BETWEEN])
+@pytest.mark.parametrize("action", [action for action in Action if action is not Action.INITIALISE])
+def test_the_reason_names_the_way_out(state: GaitState, action: Action) -> None:
+    answer = gait_machine.ask(Gait(state=state), action)
+    assert isinstance(answer, Refused)
+    assert "gesture 0" in answer.reason or action is Action.WALK_END
+
+
+def test_a_reason_names_where_the_action_starts_and_where_the_legs_are() -> None:
+    answer = gait_machine.ask(Gait(state=S.SITTING), Action.STEP_LEFT)
+    assert isinstance(answer, Refused)
+    assert answer.reason == "“step: left leg” starts from right leg forward; the legs are now: sitting."
+
+
+def test_the_library_adds_no_way_round_the_table() -> None:
+    legs = gait_machine._legs
+    assert not [name for name in dir(legs) if name.startswith("to_")]
+    assert set(gait_machine._machine.events) == {
+        *(action.name for action in Action),
+        "complete",
+        "abandon",
+        "interrupt",
+        "power_off",
+    }
+    assert gait_machine._machine.ignore_invalid_triggers is None
+
+
+def test_an_answer_depends_on_nothing_but_the_question() -> None:
+    first = gait_machine.ask(Gait(state=S.STANDING), Action.WALK)
+    gait_machine.ask(Gait(state=S.SITTING), Action.STAND_UP)
+    assert gait_machine.ask(Gait(state=S.STANDING), Action.WALK) == first
+
+
+def test_the_diagram_shows_every_row() -> None:
+    diagram = gait_machine.mermaid()
+    for row in TABLE:
+        assert f"    {row.source.name} --> {(row.through or row.to).name}: " in diagram
+    assert diagram.startswith("stateDiagram-v2\n")
+    assert "LEFT_FORWARD --> STANDING: gesture 6, latched" in diagram
+    assert "STANDING --> LEFT_FORWARD: gesture 5" in diagram
+    assert "RIGHT_HIGH_STEP --> STANDING: completed" in diagram
