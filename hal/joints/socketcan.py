@@ -104,8 +104,10 @@ class SocketCanJoints:
             self._ports[0].report(BusFault.SEND_FAILED, "a command that is no number became damping")
         rising = self._soft_start(now_ns)
         for station, row in zip(self.stations, rows, strict=True):
-            soft = row._replace(stiffness_nm_rad=row.stiffness_nm_rad * rising, torque_nm=row.torque_nm * rising)
-            self._ports[station.device.can_bus].send(station.command(soft, now_ns))
+            if rising < 1.0:
+                stiffness, torque = row.stiffness_nm_rad * rising, row.torque_nm * rising
+                row = row._replace(stiffness_nm_rad=stiffness, torque_nm=torque)  # noqa: PLW2901
+            self._ports[station.device.can_bus].send(station.command(row, now_ns))
 
     def read(self, now_ns: int) -> JointFeedback:
         """Take in what has arrived. Faults of bus and drives come with the feedback, never as an exception."""

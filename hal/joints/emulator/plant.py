@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
 from hal.joints.bus import TICK_HZ
-from hal.joints.device import Exoskeleton
+from hal.joints.codecs.wire import SetPoint
+from hal.joints.device import Exoskeleton, JointDevice
 from hal.joints.joints import DriveFault, DriveState, JointArray, JointCommand, JointFeedback
 
 if TYPE_CHECKING:
@@ -15,8 +17,9 @@ if TYPE_CHECKING:
 
 ROOM_C = 25.0
 _SUBSTEPS = 4
+_STEP_S = 1.0 / TICK_HZ / _SUBSTEPS
 # A leg's inertia about hip and knee, roughly (Winter, 75 kg: leg 2.6 kgm² about the hip, shank and foot 0.35)
-_LEG_INERTIA_KGM2 = np.array([2.6, 0.35, 2.6, 0.35])
+_LEG_INERTIA_KGM2 = (2.6, 0.35, 2.6, 0.35)
 
 
 class Plant(Protocol):
@@ -31,52 +34,71 @@ class Plant(Protocol):
         ...
 
 
+class _Leg:
+    """One joint's inertia; plain floats, because arrays of four cost ten times as much."""
+
+    def __init__(self, joint: JointDevice, leg_inertia_kgm2: float, start_rad: float) -> None:
+        self.position_rad, self.velocity_rad_s, self.torque_nm = start_rad, 0.0, 0.0
+        self.temperature_c = ROOM_C
+        self._joint = joint
+        self._inertia = leg_inertia_kgm2 + joint.rotor_inertia_kgm2
+        self._low, self._high = math.radians(joint.min_deg), math.radians(joint.max_deg)
+
+    def advance(self, target: SetPoint, step_s: float) -> None:
+        """One semi-implicit step of τ = kp(q* − q) + kd(q̇* − q̇) + τ_ff, with friction and end stops."""
+        largest = self._joint.max_torque_nm
+        wish = (
+            target.stiffness_nm_rad * (target.position_rad - self.position_rad)
+            + target.damping_nm_s_rad * (target.velocity_rad_s - self.velocity_rad_s)
+            + target.torque_nm
+        )
+        self.torque_nm = min(max(wish, -largest), largest)
+        moved = self.velocity_rad_s + step_s * self.torque_nm / self._inertia
+        slowed = max(abs(moved) - step_s * self._joint.friction_nm / self._inertia, 0.0)
+        self.velocity_rad_s = math.copysign(slowed, moved)
+        reached = self.position_rad + step_s * self.velocity_rad_s
+        self.position_rad = min(max(reached, self._low), self._high)
+        if self.position_rad != reached:
+            self.velocity_rad_s = 0.0
+
+    def warm_up(self, step_s: float) -> None:
+        """Copper loss in, heat to the room out."""
+        joint = self._joint
+        heat_w = joint.torque_constant_loss_w_nm2 * self.torque_nm**2
+        heat_w -= (self.temperature_c - ROOM_C) / joint.thermal_resistance_k_w
+        self.temperature_c += heat_w / joint.thermal_capacity_j_k * step_s
+
+
 class FreeLegs:
     """Four independent inertias with friction, end stops and a winding that warms up; no gravity, no floor."""
 
     def __init__(self, device: Exoskeleton, start_rad: JointArray | None = None) -> None:
-        joints = device.joints
-        self._position = np.zeros(4) if start_rad is None else start_rad.astype(np.float64)
-        self._velocity = np.zeros(4)
-        self._torque = np.zeros(4)
-        self._temperature = np.full(4, ROOM_C)
-        self._inertia = _LEG_INERTIA_KGM2 + np.array([joint.rotor_inertia_kgm2 for joint in joints])
-        self._friction = np.array([joint.friction_nm for joint in joints])
-        self._largest = np.array([joint.max_torque_nm for joint in joints])
-        self._low = np.radians([joint.min_deg for joint in joints])
-        self._high = np.radians([joint.max_deg for joint in joints])
-        self._loss = np.array([joint.torque_constant_loss_w_nm2 for joint in joints])
-        self._resistance = np.array([joint.thermal_resistance_k_w for joint in joints])
-        self._capacity = np.array([joint.thermal_capacity_j_k for joint in joints])
+        start = [0.0] * 4 if start_rad is None else start_rad.tolist()
+        self._legs = [_Leg(*row) for row in zip(device.joints, _LEG_INERTIA_KGM2, start, strict=True)]
 
     def write(self, command: JointCommand, now_ns: int) -> None:  # noqa: ARG002 (the Protocol's)
-        """One tick of τ = kp(q* − q) + kd(q̇* − q̇) + τ_ff, semi-implicit in small steps."""
-        step_s = 1.0 / TICK_HZ / _SUBSTEPS
-        for _ in range(_SUBSTEPS):
-            wish = (
-                command.stiffness_nm_rad * (command.position_rad - self._position)
-                + command.damping_nm_s_rad * (command.velocity_rad_s - self._velocity)
-                + command.torque_nm
-            )
-            self._torque = np.clip(wish, -self._largest, self._largest)
-            moved = self._velocity + step_s * self._torque / self._inertia
-            slowed = np.maximum(np.abs(moved) - step_s * self._friction / self._inertia, 0.0)
-            self._velocity = np.sign(moved) * slowed
-            self._position = self._position + step_s * self._velocity
-            stopped = (self._position < self._low) | (self._position > self._high)
-            self._position = np.clip(self._position, self._low, self._high)
-            self._velocity[stopped] = 0.0
-        heat = self._loss * self._torque**2 - (self._temperature - ROOM_C) / self._resistance
-        self._temperature = self._temperature + heat / self._capacity / TICK_HZ
+        """One tick, in small steps."""
+        columns = (
+            command.position_rad.tolist(),
+            command.velocity_rad_s.tolist(),
+            command.stiffness_nm_rad.tolist(),
+            command.damping_nm_s_rad.tolist(),
+            command.torque_nm.tolist(),
+        )
+        for leg, row in zip(self._legs, zip(*columns, strict=True), strict=True):
+            for _ in range(_SUBSTEPS):
+                leg.advance(SetPoint(*row), _STEP_S)
+            leg.warm_up(_STEP_S * _SUBSTEPS)
 
     def read(self, now_ns: int) -> JointFeedback:
         """Where the legs are."""
+        legs = self._legs
         return JointFeedback(
             measured_ns=np.full(4, now_ns, dtype=np.int64),
-            position_rad=self._position.copy(),
-            velocity_rad_s=self._velocity.copy(),
-            torque_nm=self._torque.copy(),
-            temperature_c=self._temperature.copy(),
+            position_rad=np.array([leg.position_rad for leg in legs]),
+            velocity_rad_s=np.array([leg.velocity_rad_s for leg in legs]),
+            torque_nm=np.array([leg.torque_nm for leg in legs]),
+            temperature_c=np.array([leg.temperature_c for leg in legs]),
             faults=(DriveFault.NONE,) * 4,
             state=DriveState.ENABLED,
         )
