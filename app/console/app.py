@@ -25,6 +25,7 @@ from app.console.help import page
 from app.console.host_protocol import HostFactory
 from app.console.idle import Idle
 from app.console.language import languages, tr, use_language
+from app.console.live import Clock
 from app.console.patients.screen import PatientsScreen
 from app.console.session_flow import SessionFlow
 from app.console.signin import LockScreen, SignInDialog
@@ -62,12 +63,13 @@ class ConsoleApp(SessionFlow):
         *,
         profile: Profile | None = None,
         make_host: HostFactory = SessionHost,
+        clock: Clock = time.monotonic_ns,
         read_only: bool = False,
     ) -> None:
         """profile: begin a session with this patient at once; None: begin with the list."""
         keys.check_keymap(config.keys)
         use_language(config.language)
-        super().__init__(home, config, make_host, read_only=read_only)
+        super().__init__(home, config, make_host, clock, read_only=read_only)
         for theme in THEMES:
             self.register_theme(theme)
         self.theme = config.theme if config.theme in THEME_NAMES else THEME_NAMES[0]
@@ -148,6 +150,7 @@ class ConsoleApp(SessionFlow):
         use_language(code)
         for screen in self.screen_stack:
             await screen.recompose()
+            screen.refresh_bindings()
 
     def action_lock_console(self) -> None:
         """Lock now; STOP goes on working."""
@@ -188,10 +191,7 @@ class ConsoleApp(SessionFlow):
             loop.add_signal_handler(number, lambda: loop.create_task(self._end_now()))
 
     async def _end_now(self) -> None:
-        live, self.live = self.live, None
-        if live is not None:
-            self.trail.close()
-            await asyncio.to_thread(live.close)
+        await asyncio.to_thread(self.close_live)
         self.exit()
 
 
@@ -213,5 +213,4 @@ def run_console(home: Home, config: Config, *, straight: bool = False, read_only
     try:
         app.run()
     finally:
-        if app.live is not None:
-            app.live.close()
+        app.close_live()

@@ -3,20 +3,24 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 
 from app.console.host_protocol import Host
 from app.console.session.state import SessionState, fold
 from app.console.stop import StopSwitch
 from app.messages import OperatorKind
 
+Clock = Callable[[], int]
+
 
 class Live:
     """One session from start to end. `start` and `close` may take seconds: call them in a thread."""
 
-    def __init__(self, host: Host, switch: StopSwitch) -> None:
+    def __init__(self, host: Host, switch: StopSwitch, clock: Clock = time.monotonic_ns) -> None:
         self.host = host
         self._switch = switch
-        now_ns = time.monotonic_ns()
+        self._clock = clock
+        now_ns = clock()
         self.state = SessionState(setup=host.setup, started_ns=now_ns, now_ns=now_ns)
         self.ending = False
         self.closed = False
@@ -34,7 +38,7 @@ class Live:
     def tick(self) -> SessionState:
         """Say that the event loop lives, and take what has arrived."""
         self.host.beat()
-        self.state = fold(self.state, self.host.poll(), time.monotonic_ns())
+        self.state = fold(self.state, self.host.poll(), self._clock())
         return self.state
 
     def at_rest(self) -> None:

@@ -104,7 +104,10 @@ def observe(home: Home, config: Config) -> None:
 
     setup = shared(home)
     app = ConsoleApp(home, config, profile=setup.profile, make_host=lambda _: ObserverHost(setup), read_only=True)
-    app.run()
+    try:
+        app.run()
+    finally:
+        app.close_live()
 
 
 def _alive(pid: int) -> bool:

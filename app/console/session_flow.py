@@ -14,7 +14,7 @@ from app.console.base import Dialog
 from app.console.dialogs import Question
 from app.console.host_protocol import Host, HostFactory
 from app.console.language import tr
-from app.console.live import Live
+from app.console.live import Clock, Live
 from app.console.patients.screen import PatientsScreen
 from app.console.session.screen import SessionScreen
 from app.console.session.state import SessionState
@@ -37,7 +37,9 @@ CONTROL_ENDS_S = 8.0  # hold, damp, disable; the host kills what takes longer
 class SessionFlow(App[None]):
     """The one session, if any, and the way into and out of it."""
 
-    def __init__(self, home: Home, config: Config, make_host: HostFactory, *, read_only: bool) -> None:
+    def __init__(
+        self, home: Home, config: Config, make_host: HostFactory, clock: Clock, *, read_only: bool
+    ) -> None:
         super().__init__()
         self.home = home
         self.config = config
@@ -49,6 +51,7 @@ class SessionFlow(App[None]):
         self.store = ProfileStore(home.profiles)
         self.sessions = SessionRecords(home.root / "sessions")
         self._make_host = make_host
+        self._clock = clock
 
     @property
     def operator(self) -> str:
@@ -107,12 +110,15 @@ class SessionFlow(App[None]):
 
     async def close_session(self) -> None:
         """End every process; back to the patients' list."""
-        live, self.live = self.live, None
-        if live is None:
-            return
-        self.trail.close()
-        await asyncio.to_thread(live.close)
+        await asyncio.to_thread(self.close_live)
         await self.show_patients()
+
+    def close_live(self) -> None:
+        """End the session's processes, if there are any; may take seconds."""
+        live, self.live = self.live, None
+        if live is not None:
+            self.trail.close()
+            live.close()
 
     async def show_patients(self) -> None:
         """The list, with nothing above it."""
@@ -150,7 +156,7 @@ class SessionFlow(App[None]):
             return
         role = self.signed_in.role.value if self.signed_in else "therapist"
         setup = make_setup(self.home, config, profile, operator=self.operator, role=role)
-        live = self.live = Live(self._make_host(setup), self.switch)
+        live = self.live = Live(self._make_host(setup), self.switch, self._clock)
         await self.push_screen(screen)
         self.run_worker(self._start(live))
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from app.console import keys
 from app.console.base import ConsoleScreen
-from app.messages import HandCommand
+from app.messages import HandCommand, HandPose
 from kgdfa.hand import Gesture
 
 
@@ -24,9 +24,9 @@ class HandKeys(ConsoleScreen):
     def action_hand_sign(self, sign: str) -> None:
         """The digital hand shows a gesture, rests, or leaves."""
         if sign == "rest":
-            self._move(HandCommand(gesture="rest"))
+            self._move(HandCommand(pose=HandPose.REST))
         elif sign == "none":
-            self._move(HandCommand(gesture="none"))
+            self._move(HandCommand(pose=HandPose.AWAY))
         else:
             self._move(HandCommand(gesture=Gesture(sign)))
 

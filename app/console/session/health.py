@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from app.console.language import tr
-from app.console.session.panel import Line, Lines, bar, plain
+from app.console.session.panel import Line, Lines, bar, cells, plain
 from app.console.session.state import SessionState
 from app.console.session.state_panel import StatePanel
 
@@ -39,7 +39,7 @@ def _minutes(seconds: float) -> str:
 
 
 def _dose(name: str, done: float, target: float, figures: str, width: int) -> Line:
-    room = max(4, min(24, width - len(name) - len(figures) - 3))
+    room = max(4, min(24, width - cells(name) - cells(figures) - 3))
     return ((f"{name} ", ""), (bar(done / target if target else 1.0, room), "$primary"), (f" {figures}", "bold"))
 
 

@@ -7,7 +7,7 @@ from collections import deque
 from functools import cache
 
 from app.console.language import tr
-from app.console.session.panel import Line, Lines, plain
+from app.console.session.panel import Line, Lines, cells, plain
 from app.console.session.state import SessionState
 from app.console.session.state_panel import StatePanel
 from app.messages import JointSnapshot
@@ -29,7 +29,7 @@ def describe(state: SessionState, width: int, past: tuple[tuple[float, ...], ...
 def _line(joint: Joint, now: JointSnapshot, device: JointDevice, width: int, past: tuple[float, ...]) -> Line:
     name, figures, tail = tr(f"joint.{joint.name.lower()}"), _figures(now), _tail(now, device)
     spark_width = 12 if width >= 96 else 0
-    room = width - len(name) - len(figures) - len(tail[0]) - spark_width - 4
+    room = width - cells(name) - cells(figures) - cells(tail[0]) - spark_width - 4
     scale = range_bar(math.degrees(now.angle_rad), math.degrees(now.target_rad), device, min(40, room))
     spark = f" {sparkline(past, spark_width - 1)}" if spark_width else ""
     return ((f"{name} ", "bold"), (scale, "$primary"), (f" {figures}", ""), tail, (spark, "$text-muted"))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from app.console.language import tr
-from app.console.session.panel import Line, Lines, bar, plain
+from app.console.session.panel import Line, Lines, bar, cells, padded, plain
 from app.console.session.state import SessionState
 from app.console.session.state_panel import StatePanel
 from app.console.session.words import FINGERS, action_name, gesture_of, state_name
@@ -45,15 +45,27 @@ def _now(snapshot: ControlSnapshot, width: int) -> Line:
 
 
 def _allowed(snapshot: ControlSnapshot, width: int, height: int) -> Lines:
-    cells = [
-        f"{gesture_of(action):>4} {FINGERS[GESTURE_OF[action]]} {action_name(action)}" for action in snapshot.allowed
+    """Every allowed action: with its fingers where there is room for all, else without."""
+    for fingers in (True, False):
+        rows = _columns([_item(action, fingers=fingers) for action in snapshot.allowed], width)
+        if len(rows) <= height:
+            break
+    return tuple(plain(row, "$success") for row in rows[: max(1, height)])
+
+
+def _item(action: Action, *, fingers: bool) -> str:
+    drawn = f" {FINGERS[GESTURE_OF[action]]}" if fingers else ""
+    return f"{gesture_of(action):>4}{drawn} {action_name(action)}"
+
+
+def _columns(items: list[str], width: int) -> list[str]:
+    if not items:
+        return []
+    columns = max(1, width // (max(map(cells, items)) + 1))
+    return [
+        "".join(padded(item, width // columns) for item in items[at : at + columns])
+        for at in range(0, len(items), columns)
     ]
-    if not cells:
-        return ()
-    columns = max(1, width // (max(map(len, cells)) + 2))
-    pitch = width // columns
-    rows = [cells[at : at + columns] for at in range(0, len(cells), columns)]
-    return tuple(plain("".join(cell.ljust(pitch) for cell in row), "$success") for row in rows[: max(1, height)])
 
 
 def _row(row: tuple[GaitState | Action, ...], snapshot: ControlSnapshot) -> Line:

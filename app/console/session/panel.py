@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from rich.cells import cell_len, set_cell_size
 from textual.content import Content
 from textual.widget import Widget
 
@@ -13,6 +14,16 @@ Lines = tuple[Line, ...]
 def plain(words: str, style: str = "") -> Line:
     """A line in one style."""
     return ((words, style),)
+
+
+def cells(words: str) -> int:
+    """How many cells the words take; a Chinese character takes two."""
+    return cell_len(words)
+
+
+def padded(words: str, width: int) -> str:
+    """The words, filled or cut to `width` cells."""
+    return set_cell_size(words, width)
 
 
 def bar(share: float, width: int) -> str:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import os
+import shutil
 import time
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from app.control.states import ACTION_OF, Action, Effect, GaitState
@@ -34,6 +36,12 @@ ALLOWED_STANDING = (
 JOINT = JointSnapshot(angle_rad=0.1, target_rad=0.12, speed_rad_s=0.0, torque_nm=3.2, temperature_c=31.0, age_ms=2.0)
 
 
+def flat(width_px: int = 96, height_px: int = 54) -> Preview:
+    """A picture of one colour."""
+    rgb = bytes((40, 80, 120)) * (width_px * height_px)
+    return Preview(sequence=1, captured_ns=0, width_px=width_px, height_px=height_px, rgb=rgb)
+
+
 def gradient(width_px: int = 96, height_px: int = 54) -> Preview:
     """A picture whose colours tell where each pixel came from."""
     rows = [bytes((x * 255 // width_px, y * 255 // height_px, 96)) for y in range(height_px) for x in range(width_px)]
@@ -45,6 +53,8 @@ class FakeHost:
     """Answers orders the way control does, at once."""
 
     setup: SessionSetup
+    clock: Callable[[], int] = time.monotonic_ns
+    picture: Preview = field(default_factory=gradient)
     sent: list[tuple[OperatorKind, Action | None]] = field(default_factory=list)
     hands: list[HandCommand] = field(default_factory=list)
     told: list[PerceptionCommand] = field(default_factory=list)
@@ -67,6 +77,7 @@ class FakeHost:
 
     def close(self) -> None:
         self.closed = True
+        shutil.rmtree(self.setup.links, ignore_errors=True)
 
     def send(self, kind: OperatorKind, action: Action | None = None, note: str = "") -> int:
         self.sent.append((kind, action))
@@ -97,13 +108,13 @@ class FakeHost:
         self.told.append(command)
 
     def poll(self) -> Latest:
-        now_ns = time.monotonic_ns()
+        now_ns = self.clock()
         if self.silent or not self.started:
             return Latest(snapshot=None, report=None, preview=None, audit=None, processes=self._processes())
         return Latest(
             snapshot=self._snapshot(now_ns),
             report=self._report(now_ns),
-            preview=gradient(),
+            preview=self.picture,
             audit=AuditHealth(at_ns=now_ns, written=1, waiting=0),
             processes=self._processes(),
         )
@@ -116,7 +127,7 @@ class FakeHost:
         self.effect = Effect.HOLD if self.effect < Effect.HOLD else Effect.DAMP
         self.state = GaitState.BETWEEN
         self.armed = False
-        self.events = (event("stop", self.effect, "STOP: the legs are held. Acknowledge, then gesture 0."),)
+        self.events = (event("stop", self.effect, "STOP: the legs are held.", self.clock()),)
 
     def _acknowledge(self) -> None:
         self.effect, self.events = Effect.NOTE, ()
@@ -173,8 +184,6 @@ class FakeHost:
         )
 
 
-def event(name: str, effect: Effect, text: str) -> ActiveEvent:
+def event(name: str, effect: Effect, text: str, since_ns: int = 0) -> ActiveEvent:
     """An unacknowledged event, present now."""
-    return ActiveEvent(
-        name=name, effect=effect, text=text, since_ns=time.monotonic_ns(), present=True, acknowledged=False
-    )
+    return ActiveEvent(name=name, effect=effect, text=text, since_ns=since_ns, present=True, acknowledged=False)

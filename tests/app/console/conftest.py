@@ -1,0 +1,109 @@
+"""Shared by the console's tests: a home, an application over the host we own, waiting without sleeping blindly."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator, Callable, Iterator
+from contextlib import AbstractAsyncContextManager, asynccontextmanager
+from pathlib import Path
+
+import pytest
+from textual.pilot import Pilot
+
+from app.config import Config
+from app.console.app import ConsoleApp
+from app.console.language import use_language
+from app.paths import Home
+from app.setup import SessionSetup
+from profiles.schema import DEMO_PATIENT, Profile
+from tests.app.console.fake_host import FakeHost
+
+Opener = Callable[..., AbstractAsyncContextManager["Console"]]
+LIMIT_S = 10.0
+
+
+class Console:
+    """An open console with its pilot and, once a session has begun, its host."""
+
+    def __init__(self, app: ConsoleApp, pilot: Pilot[None], hosts: list[FakeHost]) -> None:
+        self.app = app
+        self.pilot = pilot
+        self._hosts = hosts
+
+    @property
+    def host(self) -> FakeHost:
+        """The newest session's host."""
+        return self._hosts[-1]
+
+    async def press(self, *keys: str) -> None:
+        """Press keys one after the other."""
+        await self.pilot.press(*keys)
+
+    async def until(self, condition: Callable[[], object]) -> None:
+        """Wait until the condition holds; fail after a limit."""
+        await wait_until(self.pilot, condition)
+
+    async def shows(self, words: str) -> None:
+        """Wait until the screen shows these words."""
+        await self.until(lambda: words in self.text())
+
+    def text(self) -> str:
+        """What is on the screen, line by line."""
+        return screen_text(self.app)
+
+
+async def wait_until(pilot: Pilot[None], condition: Callable[[], object], limit_s: float = LIMIT_S) -> None:
+    """Let the application work until the condition holds."""
+    async with asyncio.timeout(limit_s):
+        while not condition():
+            await pilot.pause(0.01)
+
+
+def screen_text(app: ConsoleApp) -> str:
+    """The cells of the screen as text."""
+    return "\n".join(strip.text for strip in app.screen._compositor.render_strips())
+
+
+@pytest.fixture(autouse=True)
+def english() -> Iterator[None]:
+    """A language that one test chose must not reach the next."""
+    use_language("en")
+    yield
+    use_language("en")
+
+
+@pytest.fixture
+def home(tmp_path: Path) -> Home:
+    """An empty home."""
+    return Home(tmp_path / "home")
+
+
+@pytest.fixture
+def console(home: Home) -> Opener:
+    """Opens a console over the host we own; `profile=None` begins with the patients' list."""
+
+    @asynccontextmanager
+    async def opened(
+        *,
+        size: tuple[int, int] = (80, 24),
+        config: Config | None = None,
+        profile: Profile | None = DEMO_PATIENT,
+        read_only: bool = False,
+    ) -> AsyncIterator[Console]:
+        hosts: list[FakeHost] = []
+
+        def make_host(setup: SessionSetup) -> FakeHost:
+            hosts.append(FakeHost(setup))
+            return hosts[-1]
+
+        app = ConsoleApp(home, config or Config(), profile=profile, make_host=make_host, read_only=read_only)
+        async with app.run_test(size=size) as pilot:
+            opened_console = Console(app, pilot, hosts)
+            if profile is not None:
+                await opened_console.until(lambda: app.live_state() and app.live_state().snapshot)
+            try:
+                yield opened_console
+            finally:
+                app.close_live()
+
+    return opened

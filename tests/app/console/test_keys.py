@@ -1,0 +1,48 @@
+"""Keys: remapped by the configuration, refused when they collide."""
+
+from __future__ import annotations
+
+import pytest
+
+from app.config import Config
+from app.console import keys
+from app.errors import AppError
+from app.messages import OperatorKind
+from kgdfa.hand import Gesture
+from tests.app.console.conftest import Opener
+
+
+def test_the_built_in_keys_do_not_collide() -> None:
+    keys.check_keymap({})
+
+
+def test_an_unknown_name_is_refused_with_those_that_exist() -> None:
+    with pytest.raises(AppError, match=r"'fly'.*acknowledge"):
+        keys.check_keymap({"fly": "f"})
+
+
+def test_one_key_for_two_things_is_refused() -> None:
+    with pytest.raises(AppError, match="'a'"):
+        keys.check_keymap({"confirm": "a"})
+
+
+async def test_a_remapped_stop_key_stops(console: Opener) -> None:
+    async with console(config=Config(keys={"stop": "f12"})) as open_console:
+        await open_console.press("f12")
+        await open_console.until(lambda: OperatorKind.STOP in open_console.host.kinds())
+        await open_console.shows("F12")
+
+
+async def test_a_remapped_key_does_what_its_name_says(console: Opener) -> None:
+    async with console(config=Config(keys={"arm": "f9"})) as open_console:
+        await open_console.press("a")
+        assert OperatorKind.ARM not in open_console.host.kinds()
+        await open_console.press("f9")
+        await open_console.until(lambda: OperatorKind.ARM in open_console.host.kinds())
+
+
+@pytest.mark.parametrize("gesture", list(Gesture))
+async def test_each_gesture_has_its_key_on_the_digital_hand(console: Opener, gesture: Gesture) -> None:
+    async with console() as open_console:
+        await open_console.press(gesture.value[0])
+        assert open_console.host.hands[-1].gesture is gesture

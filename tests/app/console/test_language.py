@@ -1,0 +1,74 @@
+"""Every language says everything."""
+
+from __future__ import annotations
+
+import re
+import string
+from enum import Enum
+from pathlib import Path
+
+import pytest
+
+import app.console
+from app.console import keys
+from app.console.checks import CHECKS
+from app.console.hand_drawing import FINGER_NAMES, Posture
+from app.console.language import languages, tr, use_language, words_of
+from app.console.patients.fields import FIELDS, SECTIONS
+from app.control.states import Action, Effect, GaitState
+from app.errors import AppError
+from hal.joints.joints import Joint
+from kgdfa.hand import Gesture
+
+CODES = tuple(languages())
+
+
+def fields_of(words: str) -> set[str]:
+    return {name for _, name, _, _ in string.Formatter().parse(words) if name}
+
+
+@pytest.mark.parametrize("code", CODES)
+def test_each_language_has_the_same_names_and_gaps(code: str) -> None:
+    english, other = words_of("en"), words_of(code)
+    assert set(english) == set(other)
+    assert {name for name in english if fields_of(english[name]) != fields_of(other[name])} == set()
+
+
+@pytest.mark.parametrize("code", CODES)
+def test_every_word_of_the_tables_is_there(code: str) -> None:
+    words = words_of(code)
+    wanted = [f"state.{state.name.lower()}" for state in GaitState]
+    wanted += [f"action.{action.name.lower()}" for action in Action]
+    wanted += [f"effect.{effect.name.lower()}" for effect in Effect]
+    wanted += [f"gesture.{gesture.name.lower()}.name" for gesture in Gesture]
+    wanted += [f"joint.{joint.name.lower()}" for joint in Joint]
+    wanted += [f"bind.{binding.id}" for binding in keys.ALL]
+    wanted += [f"check.{check.name}.{part}" for check in CHECKS for part in ("name", "remedy")]
+    wanted += [f"field.{field.path}" for field in FIELDS]
+    wanted += [f"form.section.{section.name}" for section in SECTIONS]
+    wanted += [f"choice.{one.value}" for field in FIELDS for one in _members(field.choices)]
+    wanted += [f"finger.{name}" for name in FINGER_NAMES] + [f"posture.{one.value}" for one in Posture]
+    assert [name for name in wanted if name not in words] == []
+
+
+def test_every_word_that_the_console_asks_for_is_there() -> None:
+    """Literal names in the console's sources; names put together at run time are in the test above."""
+    folder = Path(app.console.__file__).parent
+    sources = [path for path in folder.rglob("*.py") if not path.name.startswith("review")]
+    asked = {name for path in sources for name in re.findall(r'\btr\("([a-z0-9_.]+)"', path.read_text())}
+    assert asked
+    assert asked - set(words_of("en")) == set()
+
+
+def test_an_unknown_language_names_those_that_exist() -> None:
+    with pytest.raises(AppError, match="en, zh"):
+        use_language("xx")
+
+
+def test_a_language_takes_effect_at_once() -> None:
+    use_language("zh")
+    assert tr("bind.help") == "帮助"
+
+
+def _members(choices: type[Enum] | None) -> list[Enum]:
+    return [] if choices is None else list(choices)

@@ -1,0 +1,115 @@
+"""Every screen in three sizes and three themes, as words and colours, compared with what was looked at and found good.
+
+After a wanted change: `pytest tests/app/console/test_snapshots.py --snapshot-update`, then look at the pictures.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import msgspec
+import pytest
+from rich.style import Style
+from syrupy.assertion import SnapshotAssertion
+from syrupy.extensions.single_file import SingleFileSnapshotExtension, WriteMode
+from textual.pilot import Pilot
+from textual.strip import Strip
+
+from app.config import Config
+from app.console.after.screen import AfterScreen
+from app.console.app import ConsoleApp
+from app.console.themes import THEME_NAMES
+from app.paths import Home
+from app.setup import SessionSetup
+from profiles.schema import DEMO_PATIENT
+from tests.app.console.conftest import wait_until
+from tests.app.console.fake_host import FakeHost, flat
+
+SIZES = ((80, 24), (130, 40), (200, 50))
+NOW_NS = 1_000_000_000_000
+# Screen → whether a session runs, and the keys that lead to it.
+SCREENS: dict[str, tuple[bool, tuple[str, ...]]] = {
+    "patients": (False, ()),
+    "form": (False, ("n",)),
+    "start": (False, ("enter",)),
+    "training": (False, ("t", "0")),
+    "session": (True, ("c", "y", "a", "t", "0", "5")),
+    "stopped": (True, ("t", "0", "space")),
+    "confirm": (True, ("c",)),
+    "actions": (True, ("t",)),
+    "checks": (True, ("s",)),
+    "compare": (True, ("v",)),
+    "help": (True, ("f1",)),
+    "locked": (True, ("ctrl+l",)),
+    "after": (True, ("e",)),
+}
+
+
+class TextExtension(SingleFileSnapshotExtension):
+    """One readable file a screen and size; differences show as lines of a patch."""
+
+    file_extension = "txt"
+    _write_mode = WriteMode.TEXT
+
+
+def make_app(home: Path, *, session: bool) -> ConsoleApp:
+    """A console whose time stands still."""
+
+    def make_host(setup: SessionSetup) -> FakeHost:
+        fixed = msgspec.structs.replace(setup, session="S-1")
+        return FakeHost(fixed, clock=lambda: NOW_NS, picture=flat())
+
+    profile = DEMO_PATIENT if session else None
+    config = Config(idle_lock_s=0)
+    return ConsoleApp(Home(home), config, profile=profile, make_host=make_host, clock=lambda: NOW_NS)
+
+
+@pytest.mark.parametrize("name", SCREENS)
+async def test_screen(snapshot: SnapshotAssertion, tmp_path: Path, name: str) -> None:
+    session, keys = SCREENS[name]
+    app = make_app(tmp_path, session=session)
+    async with app.run_test(size=SIZES[0]) as pilot:
+        try:
+            if session:
+                await wait_until(pilot, lambda: (state := app.live_state()) and state.snapshot)
+            await pilot.press(*keys)
+            if name == "after":
+                await wait_until(pilot, lambda: isinstance(app.screen, AfterScreen))
+            app.screen.set_focus(None)
+            for size in SIZES:
+                await pilot.resize_terminal(*size)
+                found = await in_all_themes(app, pilot)
+                file = f"{name}-{size[0]}x{size[1]}"
+                assert found == snapshot(name=file, extension_class=TextExtension), file
+        finally:
+            app.close_live()
+
+
+async def in_all_themes(app: ConsoleApp, pilot: Pilot[None]) -> str:
+    """The words once, then the colours of each theme."""
+    parts = []
+    for theme in THEME_NAMES:
+        app.theme = theme
+        for _ in range(3):  # two ticks, and the drawing after them
+            await pilot.pause(0.05)
+        strips = app.screen._compositor.render_strips()
+        if not parts:
+            parts.append("\n".join(strip.text.rstrip() for strip in strips))
+        parts.append(f"== {theme}\n" + "\n".join(colours(strip) for strip in strips))
+    return "\n".join(parts) + "\n"
+
+
+def colours(strip: Strip) -> str:
+    """The style of each run of cells: length, then style; equal neighbours joined."""
+    runs: list[tuple[int, str]] = []
+    for segment in strip:
+        style = str(segment.style.without_color + _named(segment.style)) if segment.style else "none"
+        if runs and runs[-1][1] == style:
+            runs[-1] = (runs[-1][0] + segment.cell_length, style)
+        else:
+            runs.append((segment.cell_length, style))
+    return "; ".join(f"{length} {style}" for length, style in runs)
+
+
+def _named(style: Style) -> Style:
+    return Style.from_color(style.color, style.bgcolor)

@@ -1,0 +1,122 @@
+"""STOP: at once, from everywhere, and a key held down is one press."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from app.console.stop import REPEAT_BEGINS_NS, REPEAT_GAP_NS, Press, StopKeyState, press
+from app.messages import OperatorKind
+from tests.app.console.conftest import Opener
+
+MS = 1_000_000
+
+
+def decisions(*arrivals_ms: int) -> list[Press]:
+    """What becomes of presses at these times."""
+    state, found = StopKeyState(), []
+    for at in arrivals_ms:
+        state, decision = press(state, at * MS)
+        found.append(decision)
+    return found
+
+
+def test_the_first_press_is_sent_at_once() -> None:
+    assert decisions(0) == [Press.SEND]
+
+
+def test_a_press_after_a_pause_is_sent_at_once() -> None:
+    assert decisions(0, 1500, 3000) == [Press.SEND] * 3
+
+
+def test_a_second_deliberate_press_waits_for_silence() -> None:
+    assert decisions(0, 300) == [Press.SEND, Press.WAIT]
+
+
+@given(st.integers(150, 900), st.integers(15, 100), st.integers(1, 200))
+def test_a_key_held_down_never_sends_twice(delay_ms: int, gap_ms: int, repeats: int) -> None:
+    """What WAITs is cancelled by the next arrival, and every later one is dropped."""
+    found = decisions(0, *(delay_ms + gap_ms * index for index in range(repeats + 1)))
+    assert found == [Press.SEND, Press.WAIT, *[Press.DROP] * repeats]
+
+
+@given(st.lists(st.integers(0, 3_000_000_000), min_size=1))
+def test_whatever_comes_the_first_is_always_sent(gaps_ns: list[int]) -> None:
+    state, now_ns = StopKeyState(), 0
+    for index, gap_ns in enumerate(gaps_ns):
+        now_ns += gap_ns
+        state, decision = press(state, now_ns)
+        if index == 0 or gap_ns >= REPEAT_BEGINS_NS:
+            assert decision is Press.SEND
+        elif gap_ns < REPEAT_GAP_NS:
+            assert decision is Press.DROP
+
+
+WAYS_IN = {
+    "live screen": (),
+    "confirm": ("c",),
+    "therapist's actions": ("t",),
+    "checks": ("s",),
+    "compare": ("v",),
+    "help": ("f1",),
+    "palette": ("ctrl+p",),
+    "locked": ("ctrl+l",),
+    "end": ("t", "0", "e"),
+    "paused": ("z",),
+}
+
+
+@pytest.mark.parametrize("keys", WAYS_IN.values(), ids=WAYS_IN.keys())
+async def test_stop_works_while_anything_is_open(console: Opener, keys: tuple[str, ...]) -> None:
+    async with console() as open_console:
+        await open_console.press(*keys)
+        await open_console.press("space")
+        await open_console.until(lambda: OperatorKind.STOP in open_console.host.kinds())
+
+
+async def test_stop_works_while_words_are_typed_into_the_palette(console: Opener) -> None:
+    async with console() as open_console:
+        await open_console.press("ctrl+p", "w", "a")
+        await open_console.press("space")
+        assert open_console.host.kinds()[-1] is OperatorKind.STOP
+
+
+async def test_a_second_press_damps_and_leaving_takes_two_deliberate_keys(console: Opener) -> None:
+    async with console() as open_console:
+        host = open_console.host
+        await open_console.press("space")
+        await open_console.shows("HELD")
+        await open_console.press("space")
+        await open_console.until(lambda: host.kinds().count(OperatorKind.STOP) == 2)
+        await open_console.shows("LEGS SOFT")
+        await open_console.press("k")
+        assert OperatorKind.ACKNOWLEDGE not in host.kinds()
+        await open_console.shows("Acknowledge?")
+        await open_console.press("y")
+        await open_console.until(lambda: OperatorKind.ACKNOWLEDGE in host.kinds())
+
+
+async def test_a_key_held_down_stops_once(console: Opener) -> None:
+    async with console() as open_console:
+        await open_console.press(*["space"] * 20)
+        await open_console.shows("HELD")
+        assert open_console.host.kinds().count(OperatorKind.STOP) == 1
+
+
+async def test_a_click_on_the_bar_stops(console: Opener) -> None:
+    async with console() as open_console:
+        await open_console.pilot.click("StopBar")
+        await open_console.until(lambda: OperatorKind.STOP in open_console.host.kinds())
+
+
+@pytest.mark.parametrize("size", [(20, 5), (80, 24), (200, 50), (250, 70)])
+async def test_the_bar_is_visible_in_every_size(console: Opener, size: tuple[int, int]) -> None:
+    async with console(size=size) as open_console:
+        await open_console.shows("STOP")
+
+
+async def test_without_a_session_space_is_a_letter(console: Opener) -> None:
+    async with console(profile=None) as open_console:
+        await open_console.press("slash", "a", "space", "b")
+        assert open_console.app.screen.query_one("#search").value == "a b"  # type: ignore[attr-defined]
