@@ -189,9 +189,9 @@ class SessionHost:
 
     def _spawn(self, name: str) -> None:
         child = multiprocessing.get_context("spawn").Process(
-            target=begin, args=(name, self.setup), name=f"rleex-{name}"
+            target=begin, args=(name, self.setup), daemon=True, name=f"rleex-{name}"
         )
-        child.start()
+        child.start()  # daemon: a console that dies by an exception still asks it to end (SIGTERM)
         self._children[name] = child
 
     def _watch_perception(self, *, reported: bool) -> None:

@@ -7,7 +7,6 @@ loses no command and a repeated one repeats none. A sender that restarts starts 
 from __future__ import annotations
 
 from enum import Enum
-from typing import Literal
 
 from msgspec import Struct
 
@@ -60,10 +59,18 @@ class Preview(Struct, frozen=True, kw_only=True, tag="preview"):
     rgb: bytes
 
 
+class HandPose(Enum):
+    """What the digital hand does between gestures."""
+
+    REST = "rest"  # relaxed, open
+    AWAY = "none"  # out of the picture
+
+
 class HandCommand(Struct, frozen=True, kw_only=True, tag="hand"):
     """Console or demo to perception: moves the digital hand; None leaves a thing as it is."""
 
-    gesture: Gesture | Literal["rest", "none"] | None = None  # "rest": a relaxed open hand; "none": no hand in view
+    gesture: Gesture | None = None
+    pose: HandPose | None = None  # instead of a gesture
     press: bool | None = None  # push towards the camera (True), draw back (False)
     click_s: float | None = None  # press and withdraw within this time
     move_x_m: float = 0.0

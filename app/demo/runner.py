@@ -14,7 +14,7 @@ from app.demo.course import Leg
 from app.demo.trial import Trial
 from app.errors import AppError
 from app.host import SessionHost
-from app.messages import ActionReport, ControlSnapshot, HandCommand, OperatorKind, TriggerReport
+from app.messages import ActionReport, ControlSnapshot, HandCommand, HandPose, OperatorKind, TriggerReport
 
 START_S = 30.0  # the hand model's first load on a slow disk
 RECOGNITION_S = 6.0
@@ -64,7 +64,7 @@ class CourseRunner:
 
     def relax(self) -> None:
         """Let the hand rest, as a wearer does between gestures."""
-        self._host.move_hand(HandCommand(gesture="rest"))
+        self._host.move_hand(HandCommand(pose=HandPose.REST))
         self._until(lambda: self.report is not None and self.report.gesture is None, RECOGNITION_S)
 
     def unintended(self) -> int:

@@ -1,0 +1,100 @@
+"""Builds what perception runs, from the session's set-up: camera, detector, pipeline."""
+
+from __future__ import annotations
+
+from app.model import find_model
+from app.paths import Home
+from app.setup import SessionSetup
+from hal.cameras.camera import Camera, Frame
+from hal.cameras.factory import open_camera
+from kgdfa.button import ButtonMode, ButtonPlace
+from kgdfa.depth import DepthRange
+from kgdfa.distance import PublishedRange, RangeFinder, RobustRange
+from kgdfa.keypoints import HandDetector
+from kgdfa.pipeline import Pipeline
+from kgdfa.published import PublishedRules
+from kgdfa.robust import RobustRules
+from kgdfa.verdict import RuleSet
+from logs import records
+from profiles.palm import Anchor, anchor
+
+RULES: dict[str, type[PublishedRules] | type[RobustRules]] = {"published": PublishedRules, "robust": RobustRules}
+RANGES: dict[str, type[PublishedRange] | type[RobustRange]] = {"published": PublishedRange, "robust": RobustRange}
+BUTTON_RADIUS = 0.06  # of the picture's width: a coin held at arm's length
+
+
+def make_camera(setup: SessionSetup) -> Camera:
+    """The camera the configuration names, not yet opened. Raises HardwareError for an impossible one."""
+    wanted = setup.config.camera
+    return open_camera(
+        wanted.kind,
+        device=wanted.device,
+        width_px=wanted.width_px,
+        height_px=wanted.height_px,
+        rate_hz=wanted.rate_hz,
+        focal_px=wanted.focal_px,
+        mirrored=wanted.mirrored,
+        seed=wanted.seed,
+    )
+
+
+def make_detector(setup: SessionSetup) -> HandDetector:
+    """The hand detector on this home's model; takes seconds. Raises AppError or KgdfaError."""
+    return HandDetector(find_model(Home(setup.home), setup.config), watch_rivals=True)
+
+
+def make_pipeline(
+    setup: SessionSetup, detector: HandDetector, frame: Frame, camera: str
+) -> tuple[Pipeline, ButtonPlace]:
+    """The chain for this patient before this camera, whose first frame tells its intrinsics."""
+    place = make_place(setup, frame)
+    config = setup.config
+    finder: RangeFinder = RANGES[config.button.mode](
+        focal_px=frame.intrinsics.fx_px, anchor_m=anchor_for(setup, frame, camera).length_m
+    )
+    rules: RuleSet = RULES[config.rules]()
+    mode = ButtonMode(config.button.mode)
+    depth = DepthRange(mode=config.button.mode) if frame.depth_m is not None else None
+    pipeline = Pipeline(detector=detector, rules=rules, range_finder=finder, place=place, mode=mode, depth_finder=depth)
+    return pipeline, place
+
+
+def make_place(setup: SessionSetup, frame: Frame) -> ButtonPlace:
+    """The virtual button on this picture."""
+    width_px, height_px = frame.intrinsics.width_px, frame.intrinsics.height_px
+    return ButtonPlace(
+        x_px=setup.config.button.x * width_px,
+        y_px=setup.config.button.y * height_px,
+        radius_px=BUTTON_RADIUS * width_px,
+        threshold_m=setup.profile.press_threshold_m,
+    )
+
+
+def anchor_for(setup: SessionSetup, frame: Frame, camera: str) -> Anchor:
+    """The patient's palm anchor before this camera."""
+    seen = frame.intrinsics
+    return anchor(setup.profile, camera=camera, focal_px=seen.fx_px, width_px=seen.width_px)
+
+
+def camera_records(setup: SessionSetup, camera: Camera, frame: Frame) -> tuple[records.Camera, records.Calibration]:
+    """What the trail must know of the camera and of the anchor in use."""
+    seen, palm = frame.intrinsics, anchor_for(setup, frame, camera.name)
+    return (
+        records.Camera(
+            camera=camera.name,
+            camera_kind=setup.config.camera.kind,
+            width_px=seen.width_px,
+            height_px=seen.height_px,
+            rate_hz=setup.config.camera.rate_hz,
+            focal_px=seen.fx_px,
+            intrinsics_source=seen.source.value,
+            mirrored=setup.config.camera.mirrored,
+        ),
+        records.Calibration(
+            method=palm.source.value,
+            anchor_m=palm.length_m,
+            focal_px=seen.fx_px,
+            residual_m=palm.sd_m,
+            text=palm.sentence,
+        ),
+    )

@@ -1,0 +1,152 @@
+"""The perception process: camera → pipeline → report, and the picture for the screen. A thin shell.
+
+Every frame ends in one sent report, also when there is no hand, no model yet or no camera: silence means that this
+process is gone, and control treats it so.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+from collections import deque
+
+from app import processes
+from app.audit_sink import AuditSink
+from app.links import OrderedReceiver, Publisher, address
+from app.messages import HandCommand, PerceptionCommand
+from app.perception import build
+from app.perception.camera_keeper import CameraKeeper
+from app.perception.detector_loader import Loading
+from app.perception.hand_control import steer
+from app.perception.preview import PreviewPacer
+from app.perception.reporting import FPS_WINDOW, Surroundings, frames_per_second, records_between, to_message
+from app.setup import SessionSetup
+from hal.cameras.camera import Frame
+from kgdfa.button import ButtonPlace
+from kgdfa.draw import draw
+from kgdfa.pipeline import Picture, Pipeline, Report
+from logs.records import EventRaised, ProcessEnd, ProcessStart
+
+FRAME_TIMEOUT_S = 0.1
+LOADING = "The hand model is loading."
+
+
+def run_perception(setup: SessionSetup) -> None:
+    """Run until the session ends, the console dies, or SIGTERM."""
+    perception = Perception(setup)
+    signal.signal(signal.SIGTERM, lambda *_: perception.end())
+    try:
+        perception.run()
+    finally:
+        perception.close()
+
+
+class Perception:
+    """Owns the camera and the pipeline; speaks through its links alone."""
+
+    def __init__(self, setup: SessionSetup) -> None:
+        links = setup.links
+        self._setup = setup
+        self._sink = AuditSink(links, "perception", setup.operator)
+        self._reports = Publisher(address(links, processes.TRIGGER.name))
+        self._previews = Publisher(address(links, processes.PREVIEW.name))
+        self._wishes = OrderedReceiver(address(links, processes.TO_PERCEPTION.name), HandCommand | PerceptionCommand)
+        self._camera = CameraKeeper(build.make_camera(setup), on_fault=self._tell_fault)
+        self._detector = Loading(lambda: build.make_detector(setup))
+        self._pipeline: Pipeline | None = None
+        self._place: ButtonPlace | None = None
+        self._hint = LOADING
+        self._pacer = PreviewPacer()
+        self._incarnation = time.monotonic_ns() // 1_000_000
+        self._sequence = 0
+        self._captures: deque[int] = deque(maxlen=FPS_WINDOW + 1)
+        self._last: Report | None = None
+        self._last_captured_ns = 0
+        self._ending = False
+
+    def run(self) -> None:
+        """Frame after frame."""
+        self._sink.emit(ProcessStart(pid=os.getpid()))
+        while not self._ending and os.getppid() == self._setup.console_pid:
+            self._obey()
+            frame = self._camera.read(time.monotonic(), FRAME_TIMEOUT_S)
+            if frame is None:
+                self._say(None, self._last_captured_ns)
+                if self._camera.fault:  # a closed camera answers at once; ten reports a second tell as much
+                    time.sleep(FRAME_TIMEOUT_S)
+            else:
+                self._see(frame)
+
+    def end(self) -> None:
+        """Finish the running frame and leave."""
+        self._ending = True
+
+    def close(self) -> None:
+        """Release everything; the camera first, since others wait for it."""
+        self._camera.close()
+        detector = self._detector.ready()
+        if detector is not None:
+            detector.close()
+        self._sink.emit(ProcessEnd(pid=os.getpid()))
+        self._sink.close()
+        for link in (self._reports, self._previews, self._wishes):
+            link.close()
+
+    def _obey(self) -> None:
+        while (wish := self._wishes.receive()) is not None:
+            if isinstance(wish, HandCommand):
+                steer(self._camera.camera, wish)
+            else:
+                self._pacer.configure(wish)
+
+    def _see(self, frame: Frame) -> None:
+        self._last_captured_ns = frame.captured_ns
+        self._captures.append(frame.captured_ns)
+        report = self._process(frame)
+        self._say(report, frame.captured_ns)
+        if report is not None:
+            for record in records_between(self._last, report):
+                self._sink.emit(record)
+            self._last = report
+        if self._pacer.due(time.monotonic_ns()):
+            self._show(frame, report)
+
+    def _process(self, frame: Frame) -> Report | None:
+        """The frame through the chain; None while the hand model is loading."""
+        self._hint = ""
+        detector = self._detector.ready()
+        if detector is None:
+            self._hint = LOADING
+            return None
+        if self._pipeline is None:
+            camera = self._camera.camera
+            self._pipeline, self._place = build.make_pipeline(self._setup, detector, frame, camera.name)
+            for record in build.camera_records(self._setup, camera, frame):
+                self._sink.emit(record)
+        picture = Picture(image_bgr=frame.image_bgr, captured_ns=frame.captured_ns, depth_m=frame.depth_m)
+        return self._pipeline.process(picture)
+
+    def _say(self, report: Report | None, captured_ns: int) -> None:
+        self._sequence += 1
+        around = Surroundings(
+            incarnation=self._incarnation,
+            sequence=self._sequence,
+            sent_ns=time.monotonic_ns(),
+            camera=self._camera.camera.name,
+            threshold_m=self._setup.profile.press_threshold_m,
+            fps=frames_per_second(list(self._captures)),
+            camera_fault=self._camera.fault,
+            hint=self._hint,
+        )
+        self._reports.send(to_message(report, around, captured_ns))
+
+    def _show(self, frame: Frame, report: Report | None) -> None:
+        image = frame.image_bgr
+        if report is not None and self._place is not None:
+            image = image.copy()
+            draw(image, report, self._place)
+        self._previews.send(self._pacer.message(image, frame.captured_ns))
+
+    def _tell_fault(self, why: str) -> None:
+        self._sink.emit(EventRaised(event="camera-lost", effect="note", text=why))
