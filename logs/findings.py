@@ -29,6 +29,14 @@ def describe(finding: Finding) -> Text:
     return text
 
 
+def verdict(finding: Finding) -> Text:
+    """One finding for the head of a screen that shows that file."""
+    text = Text(f" {finding.status.value.upper()} ", f"{_STYLE[finding.status]} reverse")
+    text.append(f" {harmless(finding.file.stem)} ", "bold")
+    text.append(" ".join((summary(finding), *(f"· {harmless(remark)}" for remark in finding.remarks))))
+    return text
+
+
 def summary(finding: Finding) -> str:
     """The judgement in a sentence."""
     proof = f"{finding.records} records hold, {finding.proven} of them under a checked signature"

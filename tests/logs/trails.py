@@ -7,6 +7,8 @@ import os
 from dataclasses import dataclass
 from pathlib import Path
 
+from textual.app import App
+
 from logs.copies import CheckpointCopy
 from logs.disk import PosixDisk
 from logs.keys import ConsoleKey, PublicKey, by_fingerprint
@@ -137,3 +139,8 @@ def write_session(folder: Path, name: str, key: ConsoleKey, disk: PosixDisk, bod
     assert writer.finish(last)
     writer.close()
     return writer.path
+
+
+def screen_text(app: App[None]) -> str:
+    """The cells of the screen as text."""
+    return "\n".join(strip.text for strip in app.screen._compositor.render_strips())

@@ -1,0 +1,148 @@
+"""The review screen in the real console: opens, moves, jumps, comments, and shows what was tampered with."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+from itertools import pairwise
+from pathlib import Path
+
+import pytest
+from textual.pilot import Pilot
+
+from app.config import Config
+from app.console.app import ConsoleApp
+from app.console.review import ChooseSession, ReviewScreen, WriteComment
+from app.console.review_comments import comments_on, comments_path
+from app.console.review_session import ReviewedSession, open_session
+from app.paths import Home
+from logs.errors import AuditError
+from logs.keys import by_fingerprint, known_keys
+from logs.records import EventRaised, Note, Record
+from logs.verify import Evidence, exit_status, verify
+from tests.logs.trails import screen_text
+from tools.audit_sample import write_sample
+
+
+@pytest.fixture
+def home(tmp_path: Path) -> Home:
+    """A home with one session of ten minutes."""
+    write_sample(tmp_path, minutes=10)
+    return Home(tmp_path)
+
+
+@pytest.fixture
+def session(home: Home) -> ReviewedSession:
+    """That session, read."""
+    return open_session(next(path for path in home.logs.glob("2*.jsonl")))
+
+
+async def until(pilot: Pilot[None], condition: Callable[[], object]) -> None:
+    async with asyncio.timeout(20):
+        while not condition():
+            await pilot.pause(0.01)
+
+
+def test_the_bands_agree_with_the_records(session: ReviewedSession) -> None:
+    assert len(session) > 800
+    for lane in (session.lanes.state, session.lanes.gesture, session.lanes.press):
+        assert lane
+        for before, after in pairwise(lane):
+            assert before.begin_s <= before.end_s <= after.begin_s
+    states = [span.label for span in session.lanes.state]
+    assert {"standing", "sitting"} <= set(states)
+
+
+def test_every_moment_is_told_by_the_records_before_it(session: ReviewedSession) -> None:
+    for index in range(0, len(session), 37):
+        instant = session.instant(index)
+        assert session.time(session.index_at(instant.at_s)) == instant.at_s
+        assert isinstance(instant.record, Record)
+    assert session.instant(len(session) - 1).joints is not None
+
+
+def test_jumps_stop_at_landmarks_and_come_back(session: ReviewedSession) -> None:
+    index = session.landmark_after(0)
+    seen = []
+    while index is not None:
+        seen.append(index)
+        index = session.landmark_after(index)
+    back = session.landmark_before(len(session))
+    for expected in reversed(seen):
+        assert back == expected
+        back = session.landmark_before(back)
+    assert back is None
+    raised = [i for i in range(len(session)) if isinstance(getattr(session.record(i), "body", None), EventRaised)]
+    assert set(raised) <= set(seen)
+
+
+def test_lines_that_are_no_records_are_shown_as_such(tmp_path: Path) -> None:
+    path = tmp_path / "odd.jsonl"
+    path.write_bytes(b'\x00\xff\x1b[2J\n{"body":{"kind":"from-the-future"},"monotonic_ns":5,"wall":"x"}\n[]\n')
+    session = open_session(path)
+    assert [getattr(session.record(i), "kind", "") for i in range(3)] == [
+        "not a record",
+        "from-the-future",
+        "not a record",
+    ]
+    (tmp_path / "empty.jsonl").touch()
+    with pytest.raises(AuditError, match="holds no records"):
+        open_session(tmp_path / "empty.jsonl")
+
+
+@pytest.mark.parametrize("size", [(80, 24), (200, 50)])
+async def test_a_reviewer_finds_the_events_and_comments_on_one(home: Home, size: tuple[int, int]) -> None:
+    app = ConsoleApp(home, Config())
+    async with app.run_test(size=size) as pilot:
+        screen = ReviewScreen(home, "last")
+        await app.push_screen(screen)
+        await until(pilot, lambda: "SOUND" in screen_text(app))
+        await pilot.press("n")
+        first = screen.index
+        assert first > 0
+        await pilot.press("n", "p")
+        assert screen.index == first
+        await pilot.press("plus", "plus", "right", "end", "home", "minus")
+        assert screen.index == 0
+        await pilot.press("n", "c")
+        assert isinstance(app.screen, WriteComment)
+        await pilot.press(*"seen", "enter")
+        path = next(home.logs.glob("2*[0-9a-f].jsonl"))
+        await until(pilot, lambda: comments_path(path).exists() and first in comments_on(path))
+        await until(pilot, lambda: "✎" in screen_text(app))
+    (comment,) = comments_on(path)[first]
+    assert comment.text == "seen"
+    evidence = Evidence(keys=by_fingerprint(known_keys(home.keys)))
+    assert exit_status(verify([home.logs], evidence)) == 0
+
+
+async def test_without_a_name_it_asks_which(home: Home) -> None:
+    app = ConsoleApp(home, Config())
+    async with app.run_test(size=(100, 30)) as pilot:
+        screen = ReviewScreen(home)
+        await app.push_screen(screen)
+        await until(pilot, lambda: isinstance(app.screen, ChooseSession))
+        await pilot.press("enter")
+        await until(pilot, lambda: screen.is_open)
+
+
+async def test_a_changed_record_is_told_on_top(home: Home) -> None:
+    path = next(home.logs.glob("2*.jsonl"))
+    path.write_bytes(path.read_bytes().replace(b"left thigh strap", b"all was well !!!"))
+    app = ConsoleApp(home, Config())
+    async with app.run_test(size=(100, 30)) as pilot:
+        await app.push_screen(ReviewScreen(home, "last"))
+        await until(pilot, lambda: "TAMPERED" in screen_text(app))
+
+
+async def test_no_session_is_said_and_left(tmp_path: Path) -> None:
+    app = ConsoleApp(Home(tmp_path), Config())
+    async with app.run_test(size=(100, 30)) as pilot:
+        below = app.screen
+        await app.push_screen(ReviewScreen(Home(tmp_path)))
+        await until(pilot, lambda: app.screen is below)
+
+
+def test_a_note_of_the_sample_is_among_the_records(session: ReviewedSession) -> None:
+    notes = [session.record(i) for i in range(len(session) - 5, len(session))]
+    assert any(isinstance(record, Record) and isinstance(record.body, Note) for record in notes)
