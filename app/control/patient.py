@@ -19,9 +19,10 @@ PLAN_TORQUE_SHARE = 0.9  # of the device's joint torque that the estimate may re
 FourJoints = NDArray[np.float64]  # (4,), in the order of hal.joints.joints.Joint
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Patient:
-    """A wearer in this device: what a plan is made from and checked against."""
+    """A wearer in this device: what a plan is made from and checked against. Compared by identity, so that what is
+    solved once for a patient can be kept."""
 
     identifier: str
     body: Body

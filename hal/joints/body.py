@@ -7,12 +7,16 @@ Human Movement, tables 4.1 and 4.2 (figure 4.1 for the lengths).
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import radians
+
+import numpy as np
+from numpy.typing import NDArray
 
 THIGH_OF_STATURE = 0.245
 SHANK_OF_STATURE = 0.246
 ANKLE_HEIGHT_OF_STATURE = 0.039
 HEEL_OF_STATURE = 0.038  # the ankle stands a quarter of the foot's length (0.152 of stature) before the heel
-BALL_OF_STATURE = 0.085  # sole that carries before the ankle: to the ball and half the toes, which bend
+BALL_OF_STATURE = 0.095  # sole that carries before the ankle: to the ball and half of the toes, which bend
 
 THIGH_OF_MASS = 0.100
 SHANK_OF_MASS = 0.0465
@@ -76,3 +80,32 @@ def average_body(stature_m: float, mass_kg: float, body_weight_support: float = 
         toe_m=BALL_OF_STATURE * stature_m,
         body_weight_support=body_weight_support,
     )
+
+
+# The wearer's and the device's passive parts, known to the simulation and to the planner's torque estimate alike.
+ANKLE_DORSIFLEXION_NM_RAD = 100.0  # a stiff ankle-foot orthosis, 1.7 Nm a degree; public devices span 1 to 5
+ANKLE_PLANTARFLEXION_NM_RAD = 40.0
+ANKLE_REST_RAD = radians(6)  # dorsiflexed: such orthoses lift the toes a little, for clearance
+LEAN_MOST_RAD = radians(22)  # of the trunk half way between standing and sitting
+LEAN_KNEE_FROM_RAD = radians(35)
+LEAN_KNEE_TO_RAD = radians(90)
+BUTTOCK_M = 0.085  # from the hip joint's axis down to the seat
+DEVICE_ON_THIGH = 0.18  # share of the device's mass: each thigh's cuff with the hip's and half of the knee's drive
+DEVICE_ON_SHANK = 0.107
+
+
+def trunk_lean(left_knee_rad: NDArray[np.float64], right_knee_rad: NDArray[np.float64]) -> NDArray[np.float64]:
+    """How far the wearer leans forward with the knees bent so far, radians, C² in both; any shape.
+
+    People bend forward to rise and to sit down, most half way, and sit and stand upright; with one knee bent they
+    stay upright.
+    """
+    seated = _bent(left_knee_rad) * _bent(right_knee_rad)
+    lean: NDArray[np.float64] = LEAN_MOST_RAD * 4 * seated * (1 - seated)
+    return lean
+
+
+def _bent(knee_rad: NDArray[np.float64]) -> NDArray[np.float64]:
+    s = np.clip((knee_rad - LEAN_KNEE_FROM_RAD) / (LEAN_KNEE_TO_RAD - LEAN_KNEE_FROM_RAD), 0.0, 1.0)
+    bent: NDArray[np.float64] = s * s * s * (10 - 15 * s + 6 * s * s)
+    return bent

@@ -1,0 +1,143 @@
+"""Over things: up a stair, down a stair, across an obstacle; the right leg first, then the left, to standing."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import sqrt
+
+from app.control.kinematics import leg_length
+from app.control.patient import Patient
+from app.control.trajectory_curves import Array, hump, smoothstep
+from app.control.trajectory_feet import DOWN, OVER, UP, Swing, SwingShape
+from app.control.trajectory_level import LONGEST_KNEE_RAD, standing_hip_m
+from app.control.trajectory_outline import Outline
+from hal.joints.scene import Block, BlockKind, Scene
+
+GAP_M = 0.03  # between the toes and what stands before them
+LANDING_M = 5.0  # the floor that a stair leads to
+
+# Shares of an action's time.
+RIGHT_OFF, RIGHT_LANDS = 0.06, 0.42
+LEFT_OFF, LEFT_LANDS = 0.58, 0.95
+TWO_SWINGS = 2.6  # times the step time: two swings and what lies between
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Crossing:
+    """Two swings that carry both feet as far and as high, and the hip's way between: places and heights in metres."""
+
+    travel_m: float
+    climb_m: float
+    shape: SwingShape
+    hip_first_m: float  # where the hip is as the right foot lands
+    hip_second_m: float  # where it is as the left foot leaves
+    hip_drop_m: float  # how far below standing it is then
+    scene: Scene
+
+
+def stair_up(patient: Patient) -> Crossing:
+    """The feet stand before a stair; they end on it, as far from the next."""
+    rise, tread = patient.gait.stair_rise_m, patient.gait.stair_tread_m
+    edge = patient.body.toe_m + GAP_M
+    step = Block(kind=BlockKind.STEP, from_x_m=edge, to_x_m=edge + LANDING_M, top_m=rise)
+    return Crossing(
+        travel_m=tread,
+        climb_m=rise,
+        shape=UP,
+        hip_first_m=0.2 * tread,
+        hip_second_m=0.55 * tread,
+        hip_drop_m=0.012,
+        scene=Scene(blocks=(step,)),
+    )
+
+
+def stair_down(patient: Patient) -> Crossing:
+    """The feet stand with the toes over the edge, so far that after the step they stand so again."""
+    body, rise, tread = patient.body, patient.gait.stair_rise_m, patient.gait.stair_tread_m
+    edge = min(body.toe_m, tread - body.heel_m) - GAP_M
+    first = -0.05 * tread
+    reach = leg_length(body, LONGEST_KNEE_RAD)
+    height = sqrt(max(reach * reach - (tread - first) ** 2, 0.0)) + body.ankle_height_m - rise
+    step = Block(kind=BlockKind.STEP, from_x_m=edge - LANDING_M, to_x_m=edge, top_m=0.0)
+    return Crossing(
+        travel_m=tread,
+        climb_m=-rise,
+        shape=DOWN,
+        hip_first_m=first,
+        hip_second_m=0.7 * tread,
+        hip_drop_m=standing_hip_m(body) - height,
+        scene=Scene(floor_m=-rise, blocks=(step,)),
+    )
+
+
+def obstacle(patient: Patient) -> Crossing:
+    """The feet stand before the obstacle; they end behind it."""
+    body, gait = patient.body, patient.gait
+    start = body.toe_m + GAP_M
+    end = start + gait.obstacle_depth_m
+    travel = end + GAP_M + body.heel_m
+    reach = leg_length(body, LONGEST_KNEE_RAD)
+    height = sqrt(max(reach * reach - (0.62 * travel) ** 2, 0.0)) + body.ankle_height_m
+    thing = Block(kind=BlockKind.OBSTACLE, from_x_m=start, to_x_m=end, top_m=gait.obstacle_height_m)
+    return Crossing(
+        travel_m=travel,
+        climb_m=0.0,
+        shape=OVER,
+        hip_first_m=0.38 * travel,
+        hip_second_m=0.66 * travel,
+        hip_drop_m=standing_hip_m(body) - height,
+        scene=Scene(blocks=(thing,)),
+    )
+
+
+def crossing_outline(patient: Patient, crossing: Crossing, step_time_s: float) -> Outline:
+    """Both swings, and the hip between them."""
+    total = TWO_SWINGS * step_time_s
+    stand = standing_hip_m(patient.body)
+    first, second, travel = crossing.hip_first_m, crossing.hip_second_m, crossing.travel_m
+
+    def hip_x(time: Array) -> Array:
+        to_first = smoothstep(time, 0.0, RIGHT_LANDS * total)
+        to_second = smoothstep(time, (RIGHT_LANDS - 0.04) * total, (LEFT_OFF + 0.04) * total)
+        to_end = smoothstep(time, LEFT_OFF * total, LEFT_LANDS * total)
+        return first * to_first + (second - first) * to_second + (travel - second) * to_end
+
+    def hip_z(time: Array) -> Array:
+        dip = hump(time, 0.02 * total, RIGHT_LANDS * total, RIGHT_LANDS * total, 0.9 * total)
+        climb = smoothstep(time, 0.40 * total, 0.92 * total)
+        return stand - crossing.hip_drop_m * dip + crossing.climb_m * climb
+
+    def right_share(time: Array) -> Array:
+        off = smoothstep(time, 0.0, RIGHT_OFF * total)
+        on = smoothstep(time, RIGHT_LANDS * total, LEFT_OFF * total)
+        even = smoothstep(time, LEFT_LANDS * total, total)
+        return 0.5 - 0.5 * off + on - 0.5 * even
+
+    start, end = (0.0, 0.0), (travel, crossing.climb_m)
+    right = Swing(
+        rise_s=0.0,
+        off_s=RIGHT_OFF * total,
+        land_s=RIGHT_LANDS * total,
+        flat_s=(RIGHT_LANDS + 0.06) * total,
+        start_m=start,
+        end_m=end,
+        shape=crossing.shape,
+    )
+    left = Swing(
+        rise_s=(RIGHT_LANDS + 0.02) * total,
+        off_s=LEFT_OFF * total,
+        land_s=LEFT_LANDS * total,
+        flat_s=total,
+        start_m=start,
+        end_m=end,
+        shape=crossing.shape,
+    )
+    return Outline(
+        duration_s=total,
+        hip_x_m=hip_x,
+        hip_z_m=hip_z,
+        feet_m=((0.0, 0.0), (0.0, 0.0)),
+        swings=((left,), (right,)),
+        right_share=right_share,
+        scene=crossing.scene,
+    )
