@@ -51,7 +51,9 @@ class Perception:
         self._sink = AuditSink(links, "perception", setup.operator)
         self._reports = Publisher(address(links, processes.TRIGGER.name))
         self._previews = Publisher(address(links, processes.PREVIEW.name))
-        self._wishes = OrderedReceiver(address(links, processes.TO_PERCEPTION.name), HandCommand | PerceptionCommand)
+        self._wishes: OrderedReceiver[HandCommand | PerceptionCommand] = OrderedReceiver(
+            address(links, processes.TO_PERCEPTION.name), HandCommand | PerceptionCommand
+        )
         self._camera = CameraKeeper(build.make_camera(setup), on_fault=self._tell_fault)
         self._detector = Loading(lambda: build.make_detector(setup))
         self._pipeline: Pipeline | None = None
