@@ -50,7 +50,9 @@ def make_pipeline(
     place = make_place(setup, frame)
     config = setup.config
     finder: RangeFinder = RANGES[config.button.mode](
-        focal_px=frame.intrinsics.fx_px, anchor_m=anchor_for(setup, frame, camera).length_m
+        focal_px=frame.intrinsics.fx_px,
+        anchor_m=anchor_for(setup, frame, camera).length_m,
+        centre_px=(frame.intrinsics.cx_px, frame.intrinsics.cy_px),
     )
     rules: RuleSet = RULES[config.rules]()
     mode = ButtonMode(config.button.mode)
