@@ -95,6 +95,23 @@ def show(
         _print_records(path, Sieve(wanted), follow=follow and not everything, as_json=json)
 
 
+@cli.command()
+def report(
+    session: Annotated[str, typer.Argument(help="Path, name, beginning of a name, or last.")] = "last",
+    output: Annotated[Path, typer.Option("--output", "-o", help="The page to write.")] = Path("report.html"),
+    key: KeyOption = None,
+    home: HomeOption = None,
+) -> None:
+    """Write one self-contained page about a session, for reading and for printing."""
+    from app.paths import find_home
+    from logs.read import find_session
+    from logs.report.page import report as make
+
+    path = find_session(find_home(home).logs, session)
+    _write(output, make(path, _evidence([path], key, None, home)).encode())
+    typer.echo(f"{output}: the report of {path.stem}")
+
+
 @cli.command("list")
 def list_sessions(home: HomeOption = None) -> None:
     """The sessions of this home, oldest first."""

@@ -1,0 +1,288 @@
+"""What a session's report says, computed from its records. Pure: records in, values out."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import TypeVar
+
+from logs.outline import Outline
+from logs.records import (
+    Acknowledgement,
+    ActionEnd,
+    Body,
+    Cancel,
+    Discomfort,
+    EventCleared,
+    EventRaised,
+    GestureOnset,
+    HeartbeatLost,
+    JointStatistics,
+    Note,
+    PatientChosen,
+    Press,
+    RealTimePrivilege,
+    Record,
+    RecordsLost,
+    Refusal,
+    Release,
+    SessionStart,
+    Stop,
+    TickLateness,
+    Transition,
+)
+
+B = TypeVar("B", bound=Body)
+JOINTS = ("left hip", "left knee", "right hip", "right knee")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Band:
+    """A stretch of time with a label, seconds from the session's beginning."""
+
+    begin_s: float
+    end_s: float
+    label: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EventFact:
+    """One event from its raising to its acknowledgement."""
+
+    at_s: float
+    event: str
+    effect: str
+    text: str
+    lasted_s: float | None
+    acknowledged_after_s: float | None
+    by: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Spread:
+    """Milliseconds of a kind of latency over a session."""
+
+    name: str
+    values_ms: tuple[float, ...]
+
+    def share(self, quantile: float) -> float | None:
+        """The value below which that share lies; None where nothing was measured."""
+        ordered = sorted(self.values_ms)
+        return ordered[min(int(quantile * len(ordered)), len(ordered) - 1)] if ordered else None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class JointTrace:
+    """One joint over the session, degrees and seconds."""
+
+    name: str
+    at_s: tuple[float, ...]
+    low_deg: tuple[float, ...]
+    mean_deg: tuple[float, ...]
+    high_deg: tuple[float, ...]
+    target_deg: tuple[float, ...]
+    highest_c: float | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Facts:
+    """Everything on the page."""
+
+    outline: Outline
+    start: SessionStart | None
+    patient: PatientChosen | None
+    duration_s: float
+    states: tuple[Band, ...]
+    gestures: tuple[Band, ...]
+    presses: tuple[Band, ...]
+    time_in_state: tuple[tuple[str, float], ...]  # longest first
+    latencies: tuple[Spread, ...]
+    joints: tuple[JointTrace, ...]
+    refusals: tuple[tuple[str, int], ...]
+    cancels: tuple[tuple[str, int], ...]
+    events: tuple[EventFact, ...]
+    stops_s: tuple[float, ...]
+    notes: tuple[tuple[float, str, str], ...]  # when, who, what
+    actions: tuple[tuple[str, int, int], ...]  # name, tried, completed
+    lateness: TickLateness | None
+    real_time: RealTimePrivilege | None
+    lost_records: int
+    silences: tuple[tuple[str, int], ...]
+
+
+class Timed:
+    """Records with their seconds from the first."""
+
+    def __init__(self, found: Sequence[Record]) -> None:
+        self._began = min((record.monotonic_ns for record in found), default=0)
+        self.records = found
+
+    def at_s(self, record: Record) -> float:
+        """Seconds from the session's beginning."""
+        return (record.monotonic_ns - self._began) / 1e9
+
+    def of(self, kind: type[B]) -> list[tuple[float, B]]:
+        """(seconds, body) of one kind."""
+        return [(self.at_s(record), record.body) for record in self.records if isinstance(record.body, kind)]
+
+
+def facts_of(outline: Outline, found: Sequence[Record]) -> Facts:
+    """The facts of a session."""
+    timed = Timed(found)
+    states = _states(timed, outline.duration_s)
+    return Facts(
+        outline=outline,
+        start=_first(timed.of(SessionStart)),
+        patient=_first(timed.of(PatientChosen)),
+        duration_s=outline.duration_s,
+        states=states,
+        gestures=_gestures(timed, outline.duration_s),
+        presses=_presses(timed, outline.duration_s),
+        time_in_state=_time_in(states),
+        latencies=_latencies([end for _, end in timed.of(ActionEnd)]),
+        joints=tuple(_trace(timed.of(JointStatistics), joint) for joint in range(len(JOINTS))),
+        refusals=_counted(body.reason for _, body in timed.of(Refusal)),
+        cancels=_counted(body.reason for _, body in timed.of(Cancel)),
+        events=_events(timed),
+        stops_s=tuple(at_s for at_s, _ in timed.of(Stop)),
+        notes=_notes(timed),
+        actions=_actions([end for _, end in timed.of(ActionEnd)]),
+        lateness=_last(timed.of(TickLateness)),
+        real_time=_first(timed.of(RealTimePrivilege)),
+        lost_records=sum(body.count for _, body in timed.of(RecordsLost)),
+        silences=_counted(body.stream for _, body in timed.of(HeartbeatLost)),
+    )
+
+
+def _first(found: Sequence[tuple[float, B]]) -> B | None:
+    return found[0][1] if found else None
+
+
+def _last(found: Sequence[tuple[float, B]]) -> B | None:
+    return found[-1][1] if found else None
+
+
+def _counted(texts: Iterable[str]) -> tuple[tuple[str, int], ...]:
+    return tuple(Counter(texts).most_common())
+
+
+def _states(timed: Timed, end_s: float) -> tuple[Band, ...]:
+    changes = timed.of(Transition)
+    if not changes:
+        return ()
+    starts = [0.0, *(at_s for at_s, _ in changes)]
+    labels = [changes[0][1].from_state, *(body.to_state for _, body in changes)]
+    return _bands(starts, labels, end_s)
+
+
+def _gestures(timed: Timed, end_s: float) -> tuple[Band, ...]:
+    onsets = timed.of(GestureOnset)
+    bands = _bands([at_s for at_s, _ in onsets], [body.gesture or "" for _, body in onsets], end_s)
+    return tuple(band for band in bands if band.label)
+
+
+def _presses(timed: Timed, end_s: float) -> tuple[Band, ...]:
+    marks = [(at_s, body.gesture or "pressed") for at_s, body in timed.of(Press)]
+    marks += [(at_s, "") for at_s, _ in timed.of(Release)] + [(at_s, "") for at_s, _ in timed.of(Cancel)]
+    marks.sort()
+    bands = _bands([at_s for at_s, _ in marks], [label for _, label in marks], end_s)
+    return tuple(band for band in bands if band.label)
+
+
+def _bands(starts: list[float], labels: list[str], end_s: float) -> tuple[Band, ...]:
+    ends = [*starts[1:], end_s]
+    return tuple(
+        Band(begin_s=begin, end_s=max(end, begin), label=label)
+        for begin, end, label in zip(starts, ends, labels, strict=False)
+    )
+
+
+def _time_in(bands: Iterable[Band]) -> tuple[tuple[str, float], ...]:
+    spent: dict[str, float] = {}
+    for band in bands:
+        spent[band.label] = spent.get(band.label, 0.0) + band.end_s - band.begin_s
+    return tuple(sorted(spent.items(), key=lambda item: -item[1]))
+
+
+def _latencies(ends: list[ActionEnd]) -> tuple[Spread, ...]:
+    """From the paper's moments: recognition, release, first changed command, first visible motion (0.5°)."""
+    pairs = (
+        ("release → first joint command", "released_ns", "first_command_ns"),
+        ("recognition → first joint command", "recognised_ns", "first_command_ns"),
+        ("recognition → visible motion", "recognised_ns", "first_motion_ns"),
+    )
+    return tuple(
+        Spread(name=name, values_ms=tuple(value for end in ends if (value := _between(end, begin, until)) is not None))
+        for name, begin, until in pairs
+    )
+
+
+def _between(end: ActionEnd, begin: str, until: str) -> float | None:
+    first, last = getattr(end, begin), getattr(end, until)
+    return (last - first) / 1e6 if first and last else None
+
+
+def _trace(found: list[tuple[float, JointStatistics]], joint: int) -> JointTrace:
+    whole = [(at_s, body) for at_s, body in found if body.angle_mean_rad[joint] is not None]
+    warm = [value for _, body in found if (value := body.temperature_c[joint]) is not None]
+    return JointTrace(
+        name=JOINTS[joint],
+        at_s=tuple(at_s for at_s, _ in whole),
+        low_deg=tuple(_degrees(body.angle_min_rad[joint]) for _, body in whole),
+        mean_deg=tuple(_degrees(body.angle_mean_rad[joint]) for _, body in whole),
+        high_deg=tuple(_degrees(body.angle_max_rad[joint]) for _, body in whole),
+        target_deg=tuple(_degrees(body.target_mean_rad[joint]) for _, body in whole),
+        highest_c=max(warm, default=None),
+    )
+
+
+def _degrees(value: float | None) -> float:
+    return math.nan if value is None else math.degrees(value)
+
+
+def _events(timed: Timed) -> tuple[EventFact, ...]:
+    cleared = timed.of(EventCleared)
+    answers = [
+        (timed.at_s(record), record.operator, record.body)
+        for record in timed.records
+        if isinstance(record.body, Acknowledgement) and record.body.accepted
+    ]
+    return tuple(_event(at_s, body, cleared, answers) for at_s, body in timed.of(EventRaised))
+
+
+def _event(
+    at_s: float,
+    body: EventRaised,
+    cleared: list[tuple[float, EventCleared]],
+    answers: list[tuple[float, str, Acknowledgement]],
+) -> EventFact:
+    gone = next((when for when, other in cleared if when >= at_s and other.event == body.event), None)
+    answer = next((a for a in answers if a[0] >= at_s and body.event in a[2].events), None)
+    return EventFact(
+        at_s=at_s,
+        event=body.event,
+        effect=body.effect,
+        text=body.text,
+        lasted_s=None if gone is None else gone - at_s,
+        acknowledged_after_s=None if answer is None else answer[0] - at_s,
+        by="" if answer is None else answer[1],
+    )
+
+
+def _notes(timed: Timed) -> tuple[tuple[float, str, str], ...]:
+    def text(body: Note | Discomfort) -> str:
+        return body.text if isinstance(body, Note) else f"Discomfort {body.rating}/10. {body.text}"
+
+    return tuple(
+        (timed.at_s(record), record.operator, text(record.body))
+        for record in timed.records
+        if isinstance(record.body, Note | Discomfort)
+    )
+
+
+def _actions(ends: list[ActionEnd]) -> tuple[tuple[str, int, int], ...]:
+    tried = Counter(end.action for end in ends)
+    completed = Counter(end.action for end in ends if end.outcome == "completed")
+    return tuple((action, count, completed[action]) for action, count in tried.most_common())
