@@ -7,6 +7,7 @@ import signal
 import time
 from collections.abc import Iterable
 from contextlib import suppress
+from multiprocessing import resource_tracker
 from typing import ClassVar
 
 from textual import events
@@ -69,6 +70,7 @@ class ConsoleApp(SessionFlow):
         """profile: begin a session with this patient at once; None: begin with the list."""
         keys.check_keymap(config.keys)
         use_language(config.language)
+        resource_tracker.ensure_running()  # it inherits stderr, which the application is about to replace
         super().__init__(home, config, make_host, clock, read_only=read_only)
         for theme in THEMES:
             self.register_theme(theme)
@@ -214,3 +216,5 @@ def run_console(home: Home, config: Config, *, straight: bool = False, read_only
         app.run()
     finally:
         app.close_live()
+    if app.return_code:
+        raise SystemExit(app.return_code)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from dataclasses import replace
 
 from app.console.host_protocol import Host
 from app.console.session.state import SessionState, fold
@@ -34,6 +35,10 @@ class Live:
     def start(self) -> None:
         """Start the processes."""
         self.host.start()
+
+    def failed(self, why: str) -> None:
+        """The processes could not be started."""
+        self.state = replace(self.state, fault=why)
 
     def tick(self) -> SessionState:
         """Say that the event loop lives, and take what has arrived."""

@@ -10,7 +10,7 @@ from textual.screen import Screen
 from app.config import Config
 from app.console.after.records import SessionRecords
 from app.console.after.screen import AfterScreen
-from app.console.base import Dialog
+from app.console.base import USER_ERRORS, Dialog
 from app.console.dialogs import Question
 from app.console.host_protocol import Host, HostFactory
 from app.console.language import tr
@@ -161,7 +161,11 @@ class SessionFlow(App[None]):
         self.run_worker(self._start(live))
 
     async def _start(self, live: Live) -> None:
-        await asyncio.to_thread(live.start)
+        try:
+            await asyncio.to_thread(live.start)
+        except USER_ERRORS as error:
+            live.failed(str(error))
+            return
         self.trail.open(live.host.setup)
 
     async def _after_rest(self, live: Live) -> None:
