@@ -7,9 +7,10 @@ import time
 import numpy as np
 from rich.table import Table
 
+from hal.joints.bus_log import Decoded, LogSummary
 from hal.joints.emulator import DriveEmulator
-from hal.joints.joints import DriveFault, Joint, JointFeedback
-from hal.joints.socketcan import SocketCanJoints
+from hal.joints.joints import DriveFault, Joint
+from hal.joints.monitor import BusMonitor
 
 
 def joint_name(joint: Joint) -> str:
@@ -53,25 +54,51 @@ def emulated_drives_table(emulator: DriveEmulator) -> Table:
     return table
 
 
-def feedback_table(joints: SocketCanJoints, feedback: JointFeedback) -> Table:
-    """What the drives report, decoded."""
-    table = _table("joint", "ID", "motor", "angle °", "speed °/s", "torque Nm", "°C", "age ms", "replies", "fault")
-    now_ns = time.monotonic_ns()
-    for joint, station in zip(Joint, joints.stations, strict=True):
-        heard = station.measured_ns > 0
-        warmth = feedback.temperature_c[joint]
+def monitor_table(watched: BusMonitor) -> Table:
+    """What each drive said last, and what it was told last."""
+    table = _table("joint", "ID", "motor", "reports", "replies", "is told", "commands")
+    for station in watched.stations:
+        said = watched.newest.get((station.short_name, "reply"))
+        told = _newer(watched, station.short_name)
+        commands = watched.counts[station.short_name, "command"] + watched.counts[station.short_name, "order"]
         table.add_row(
-            joint_name(joint),
+            station.short_name,
             str(station.device.can_id),
             station.model.label,
-            f"{np.degrees(feedback.position_rad[joint]):.1f}" if heard else "?",
-            f"{np.degrees(feedback.velocity_rad_s[joint]):.0f}" if heard else "?",
-            f"{feedback.torque_nm[joint]:.1f}" if heard else "?",
-            "–" if np.isnan(warmth) else f"{warmth:.0f}",
-            f"{(now_ns - station.measured_ns) / 1e6:.0f}" if heard else "never",
-            str(station.answered),
-            fault_name(feedback.faults[joint]),
+            said.text.strip() if said else "nothing yet",
+            str(watched.counts[station.short_name, "reply"]),
+            told.text.strip() if told else "nothing yet",
+            str(commands),
         )
-    bus = feedback.bus.name if feedback.bus else "well"
-    table.caption = f"bus: {bus or feedback.bus}{f' – {feedback.detail}' if feedback.detail else ''}"
+    strangers, errors = watched.counts["", "stranger"], watched.counts["", "error"]
+    bus = (watched.bus.name or str(watched.bus)).lower() if watched.bus else "well"
+    newest = watched.newest.get(("", "stranger"))
+    odd = f" (newest {newest.text})" if newest else ""
+    table.caption = f"bus {bus} {watched.detail} – {strangers} frames of strangers{odd}, {errors} error frames"
+    return table
+
+
+def _newer(watched: BusMonitor, name: str) -> Decoded | None:
+    told = [watched.newest[name, kind] for kind in ("command", "order") if (name, kind) in watched.newest]
+    return max(told, key=lambda decoded: decoded.at_s, default=None)
+
+
+def summary_table(gathered: LogSummary) -> Table:
+    """What a log held."""
+    table = _table("drive", "commands", "orders", "replies", "longest silence ms", "faults")
+    for name in sorted({drive for drive, _ in gathered.counts if drive}):
+        gap_s = gathered.longest_gap_s.get(name)
+        table.add_row(
+            name,
+            str(gathered.counts[name, "command"]),
+            str(gathered.counts[name, "order"]),
+            str(gathered.counts[name, "reply"]),
+            "–" if gap_s is None else f"{gap_s * 1000:.1f}",
+            fault_name(gathered.faults.get(name, DriveFault.NONE)),
+        )
+    table.caption = (
+        f"{gathered.last_s - gathered.first_s:.1f} s, {sum(gathered.counts.values())} frames, "
+        f"{gathered.counts['', 'stranger']} of strangers, {gathered.counts['', 'error']} error frames, "
+        f"{gathered.broken_lines} broken lines left out"
+    )
     return table

@@ -24,7 +24,7 @@ class Routes:
         shared = Counter(station.device.reply_id for station in stations)
         for station in stations:
             protocol, drive_id = station.model.protocol, station.device.can_id
-            self._by_drive.setdefault(protocol, (station.codec, {}))[1][_told_as(station)] = station
+            self._by_drive.setdefault(protocol, (station.codec, {}))[1][station.told_as] = station
             commanding = station.codec.command(drive_id, NEUTRAL)
             self._commands[(commanding.arbitration_id, commanding.extended)] = station
             # a Damiao drive with a master ID of its own is told by it: data[0] has only four bits of the ID
@@ -91,10 +91,3 @@ def _take_in(station: Station, frame: Frame, measured_ns: int) -> tuple[BusFault
         text = "answers more often than asked: two drives share its ID, or another program commands it"
         return BusFault.DUPLICATE_ID, f"{station.name} {text}"
     return _FINE
-
-
-def _told_as(station: Station) -> int:
-    """The number by which the protocol's replies name the drive."""
-    if station.model.protocol is WireProtocol.DAMIAO:
-        return station.device.can_id & 0x0F
-    return station.device.can_id

@@ -47,6 +47,16 @@ class Station:
         """For people: "left knee (drive 2, AK80-64/V2)"."""
         return f"{self.joint.name.lower().replace('_', ' ')} (drive {self.device.can_id}, {self.model.label})"
 
+    @property
+    def short_name(self) -> str:
+        """For tables: "left knee"."""
+        return self.joint.name.lower().replace("_", " ")
+
+    @property
+    def told_as(self) -> int:
+        """The number by which its protocol's replies name it: Damiao has four bits only."""
+        return self.device.can_id & 0x0F if self.model.protocol is WireProtocol.DAMIAO else self.device.can_id
+
     def command(self, target: SetPoint, now_ns: int) -> can.Message:
         """The message for a set-point at the joint."""
         if self.latched is not DriveFault.NONE and self.model.protocol is WireProtocol.AK_V3:
