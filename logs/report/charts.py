@@ -16,23 +16,26 @@ from logs.report.facts import Band, Facts, JointTrace, Spread
 
 WIDTH = 960.0
 LEFT = 84.0  # of the lanes' names
+SHADES = 6  # of states, the longest first; the style sheet names them
+RIGHT = 26.0  # half a tick's text
 MOST_POINTS = 480  # of a line: two pixels each
 
 
 def timeline(facts: Facts) -> Markup:
     """States, gestures, presses and events over the whole session."""
-    lanes: tuple[tuple[str, Sequence[Band], str], ...] = (
-        ("state", facts.states, "state"),
-        ("gesture", facts.gestures, "gesture"),
-        ("pressed", facts.presses, "press"),
-        ("events", _event_bands(facts), "event"),
+    shades = {state: f"state s{number % SHADES}" for number, (state, _) in enumerate(facts.time_in_state)}
+    lanes: tuple[tuple[str, Sequence[Band], Callable[[int, Band], str]], ...] = (
+        ("state", facts.states, lambda _, band: shades[band.label]),
+        ("gesture", facts.gestures, lambda number, _: "gesture odd" if number % 2 else "gesture even"),
+        ("pressed", facts.presses, lambda *_: "press"),
+        ("events", _event_bands(facts), lambda *_: "event"),
     )
     x = _scale(facts.duration_s)
     parts = [_axis(facts.duration_s, x, 4 * 28.0 + 6)]
     for row, (name, bands, style) in enumerate(lanes):
         top = row * 28.0 + 4
         parts.append(_text(LEFT - 8, top + 14, name, "lane", "end"))
-        parts += [_band(band, number, x, top, style) for number, band in enumerate(bands)]
+        parts += [_band(band, x, top, style(number, band)) for number, band in enumerate(bands)]
     parts += [
         Markup('<path class="stop" d="M{0:.1f} 0v116"><title>STOP at {1}</title></path>').format(x(at_s), clock(at_s))
         for at_s in facts.stops_s
@@ -133,7 +136,7 @@ def _event_bands(facts: Facts) -> list[Band]:
 
 def _scale(duration_s: float) -> Callable[[float], float]:
     whole = max(duration_s, 1e-9)
-    return lambda at_s: LEFT + min(max(at_s / whole, 0.0), 1.0) * (WIDTH - LEFT - 4)
+    return lambda at_s: LEFT + min(max(at_s / whole, 0.0), 1.0) * (WIDTH - LEFT - RIGHT)
 
 
 def _vertical(low: float, high: float, height: float) -> Callable[[float], float]:
@@ -141,13 +144,13 @@ def _vertical(low: float, high: float, height: float) -> Callable[[float], float
     return lambda value: 4 + (high - value) / span * (height - 8)
 
 
-def _band(band: Band, number: int, x: Callable[[float], float], top: float, style: str) -> Markup:
+def _band(band: Band, x: Callable[[float], float], top: float, style: str) -> Markup:
     left, right = x(band.begin_s), x(band.end_s)
     width = max(right - left, 1.5)
     title = f"{harmless(band.label)}, {clock(band.begin_s)} to {clock(band.end_s)}"
-    shape = Markup(
-        '<rect class="{} {}" x="{:.1f}" y="{:.1f}" width="{:.1f}" height="20"><title>{}</title></rect>'
-    ).format(style, "odd" if number % 2 else "even", left, top, width, title)
+    shape = Markup('<rect class="{}" x="{:.1f}" y="{:.1f}" width="{:.1f}" height="20"><title>{}</title></rect>').format(
+        style, left, top, width, title
+    )
     label = harmless(band.label)
     if width < 7.0 * len(label):
         return shape

@@ -42,6 +42,7 @@ def render(facts: Facts, finding: Finding, comments: list[Record], earlier: list
             proof_word=finding.status.value.capitalize() + ".",
             proof=summary(finding),
             numbers=_numbers(facts),
+            shades=charts.SHADES,
             comments=comments,
             charts={
                 "timeline": charts.timeline(facts),
