@@ -15,7 +15,6 @@ from hal.errors import HardwareError
 
 REST_M = 0.36
 PRESS_M = 0.145  # well under the 20 cm threshold, and the fingertips still in the picture of the default lens
-HEIGHT_M = 0.015  # keypoint 21 below the picture's centre: fingers and wrist then have equal room
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -60,9 +59,7 @@ class DigitalHandCamera:
         self._seed = seed
         self._depth = DepthCamera(seed) if depth else None
         self._clock_ns = clock_ns
-        self._movement = hand_motion.begin(
-            self.person, rest_m=rest_m, press_m=press_m, height_m=HEIGHT_M, gesture=gesture
-        )
+        self._movement = hand_motion.begin(self.person, rest_m=rest_m, press_m=press_m, gesture=gesture)
         self._opened_ns: int | None = None
         self._sequence = 0
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from hal.cameras.hand_poses import AWAY, find_pose
 from hal.cameras.hand_scene import Person
-from hal.cameras.hand_skeleton import FloatArray, HandPlace
+from hal.cameras.hand_skeleton import FloatArray, HandPlace, joints_m, placed_m
 
 MORPH_S = 0.22  # one hand shape to the next
 PRESS_S = 0.30  # a push, or a withdrawal
@@ -84,7 +84,7 @@ class Track:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Movement:
-    """What one hand did, does and is going to do. Tracks: shape (33,) = angles and turn; aside (2,); depth (1,)."""
+    """What one hand did, does and is going to do. Tracks: shape (36,), see `_shape`; aside (2,); depth (1,); away (1,)."""
 
     person: Person
     rest_m: float
@@ -112,24 +112,25 @@ class Movement:
         away = float(self.away.at(now_ns)[0])
         if away >= 1.0:
             return None
-        x, y = self.aside.at(now_ns)
+        shape = self.shape.at(now_ns)
+        x, y, z = np.append(self.aside.at(now_ns), self.depth.at(now_ns)) + shape[33:]
         tremble = np.sin(2 * np.pi * _TREMOR_HZ * (now_ns / 1e9) + np.arange(6))
-        position = np.array([x, y + away * LEAVE_M, self.depth.at(now_ns)[0]]) + TREMOR_M * tremble[:3]
-        turn = np.radians(self.shape.at(now_ns)[30:]) + TREMOR_RAD * tremble[3:]
+        position = np.array([x, y + away * LEAVE_M, z]) + TREMOR_M * tremble[:3]
+        turn = np.radians(shape[30:33]) + TREMOR_RAD * tremble[3:]
         return HandPlace(
             position_m=(float(position[0]), float(position[1]), float(position[2])),
             turn_rad=(float(turn[0]), float(turn[1]), float(turn[2])),
         )
 
 
-def begin(person: Person, *, rest_m: float, press_m: float, height_m: float, gesture: str = SETTLED) -> Movement:
+def begin(person: Person, *, rest_m: float, press_m: float, gesture: str = SETTLED) -> Movement:
     """A hand at rest before the camera."""
     return Movement(
         person=person,
         rest_m=rest_m,
         press_m=press_m,
         shape=Track(_shape(gesture, person)),
-        aside=Track(np.array([0.0, height_m])),
+        aside=Track(np.zeros(2)),
         depth=Track(np.array([rest_m])),
         away=Track(np.array([0.0])),
         named=((0, gesture),),
@@ -177,6 +178,17 @@ def shift(movement: Movement, by_m: tuple[float, float, float], now_ns: int) -> 
 
 
 def _shape(gesture: str, person: Person) -> FloatArray:
+    """(36,): 30 joint angles, 3 of the turn, and where keypoint 21 is when the hand is centred, metres."""
     pose = find_pose(SETTLED if gesture == AWAY else gesture)
     mirror = -1.0 if person.shape.left else 1.0
-    return np.concatenate([pose.angles_deg.ravel(), np.asarray(pose.turn_deg) * (1.0, mirror, mirror)])
+    turn = np.asarray(pose.turn_deg) * (1.0, mirror, mirror)
+    return np.concatenate([pose.angles_deg.ravel(), turn, _centring(pose.angles_deg, turn, person)])
+
+
+def _centring(angles_deg: FloatArray, turn_deg: FloatArray, person: Person) -> FloatArray:
+    """People aim and reach with the middle of what they show, not with keypoint 21; (3,) metres."""
+    pitch, yaw, roll = np.radians(turn_deg)
+    turned = HandPlace(position_m=(0.0, 0.0, 0.0), turn_rad=(pitch, yaw, roll))
+    joints = placed_m(joints_m(person.shape, angles_deg), turned)
+    middle: FloatArray = np.append((joints.min(axis=0) + joints.max(axis=0))[:2] / 2, joints[:, 2].mean())
+    return -middle

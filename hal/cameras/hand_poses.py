@@ -45,11 +45,11 @@ TUCKED_THUMB: Thumb = (25, 26, -44, 28, -64, 16)  # on the bent pinky
 OVER_THUMB: Thumb = (28, 32, -28, 40, -67, 9)  # over the bent fingers
 PINCH_THUMB: Thumb = (8, 50, -4, 50, -7, 46)
 
-_IN = (80, 102, 66)  # a folded finger's MCP, PIP, DIP
-INDEX_IN: Finger = (-5, *_IN)
-MIDDLE_IN: Finger = (-1, *_IN)
-RING_IN: Finger = (4, *_IN)
-PINKY_IN: Finger = (12, *_IN)
+_IN = (88, 104, 74)  # a folded finger's MCP, PIP, DIP
+INDEX_IN: Finger = (-9, *_IN)
+MIDDLE_IN: Finger = (-3, *_IN)
+RING_IN: Finger = (6, *_IN)
+PINKY_IN: Finger = (16, *_IN)
 INDEX_OUT: Finger = (1, 4, 4, 3)
 MIDDLE_OUT: Finger = (0, 3, 4, 3)
 RING_OUT: Finger = (0, 3, 4, 3)
@@ -63,7 +63,7 @@ GESTURES: tuple[Pose, ...] = (
     Pose("4", ACROSS_THUMB, (5, 4, 4, 3), MIDDLE_OUT, (-3, 4, 4, 3), (-8, 5, 5, 4)),
     Pose("5", OPEN_THUMB, (7, 2, 2, 2), MIDDLE_OUT, (-5, 3, 3, 3), (-12, 4, 4, 3)),
     Pose("6", OPEN_THUMB, INDEX_IN, MIDDLE_IN, RING_IN, (-14, 4, 4, 3)),
-    Pose("7", PINCH_THUMB, (-3, 76, 16, 10), (4, 81, 20, 12), RING_IN, PINKY_IN, (18, -35, 0)),
+    Pose("7", PINCH_THUMB, (-3, 76, 16, 10), (4, 81, 20, 12), RING_IN, PINKY_IN, (20, -42, 0)),
     Pose("8", OPEN_THUMB, INDEX_OUT, MIDDLE_IN, RING_IN, PINKY_IN),
     Pose("9", OVER_THUMB, (1, 8, 88, 42), MIDDLE_IN, RING_IN, PINKY_IN, (4, -38, 0)),
     Pose("love", OPEN_THUMB, INDEX_OUT, MIDDLE_IN, RING_IN, (-8, 4, 4, 3)),
