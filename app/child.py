@@ -19,6 +19,7 @@ from app.setup import SessionSetup
 # name → "module:function"; imported in the child, so that the console never loads mediapipe or mujoco
 ENTRIES = {
     "audit": "app.audit_process:run_audit",
+    "bus-log": "app.bus_log:run_bus_log",
     "guardian": "app.guardian:run_guardian",
     "planner": "app.control.planner:run_planner",
     "control": "app.control.loop:run_control",

@@ -45,7 +45,7 @@ M = TypeVar("M", bound=msgspec.Struct)
 
 START_ORDER = ("audit", "guardian", "planner", "control", "perception")
 # Control holds (0.15 s), damps and disables; then the others have nothing left to say.
-END_PATIENCE_S = {"control": 6.0, "perception": 2.0, "planner": 2.0, "guardian": 2.0, "audit": 5.0}
+END_PATIENCE_S = {"control": 6.0, "perception": 2.0, "planner": 2.0, "guardian": 2.0, "bus-log": 2.0, "audit": 5.0}
 # The event loop may be busy for a moment without the legs stopping; STOP itself does not pass through it.
 BEAT_VALID_S = 1.0
 
@@ -87,6 +87,11 @@ def make_setup(home: Home, config: Config, profile: Profile, operator: str, role
     )
 
 
+def _start_order(config: Config) -> tuple[str, ...]:
+    """Joints on CAN have their buses recorded from the first frame on."""
+    return (*START_ORDER[:1], "bus-log", *START_ORDER[1:]) if config.joints.kind == "can" else START_ORDER
+
+
 class SessionHost:
     """Starts, feeds, watches and ends one session. `send` may be called from any thread."""
 
@@ -108,7 +113,7 @@ class SessionHost:
 
     def start(self) -> None:
         """Start every process; returns at once, the streams tell when each is there."""
-        for name in START_ORDER:
+        for name in _start_order(self.setup.config):
             self._spawn(name)
         self._pulse.start()
 
@@ -119,7 +124,7 @@ class SessionHost:
         self.send(OperatorKind.SHUT_DOWN)
         self._end("control")
         self._ending.set()
-        for name in ("perception", "planner", "guardian", "audit"):
+        for name in ("perception", "planner", "guardian", "bus-log", "audit"):
             self._end(name)
         for link in (
             self._operator,
