@@ -14,7 +14,7 @@ import can
 
 from app.findings import Finding, bad, good, note
 from hal.errors import HardwareError
-from hal.joints.bus import open_bus, remedy
+from hal.joints.bus import open_bus, remedy_command
 from hal.joints.device import BusDevice, Exoskeleton
 from hal.joints.motors import WireProtocol, load_motors
 from hal.joints.scan import Found, listen, scan
@@ -41,7 +41,7 @@ def examine(device: Exoskeleton, motors: Path | None, *, ask: bool = True) -> It
         try:
             opened = open_bus(bus)
         except HardwareError as error:
-            yield bad(subject, str(error), remedy(bus))
+            yield bad(subject, str(error), remedy_command(bus))
             continue
         try:
             yield from _examine_traffic(device, number, opened, motors, ask=ask)
@@ -74,10 +74,10 @@ def judge_link(link: dict[str, Any], bus: BusDevice) -> Iterator[Finding]:
     """What the kernel's word on the interface means."""
     subject = bus.channel
     if not link:
-        yield bad(subject, "there is no such interface", remedy(bus))
+        yield bad(subject, "there is no such interface", remedy_command(bus))
         return
     if not is_up(link):
-        yield bad(subject, "the interface is down", remedy(bus))
+        yield bad(subject, "the interface is down", remedy_command(bus))
         return
     kind = link.get("linkinfo", {}).get("info_kind", "")
     if kind == "vcan":
@@ -122,7 +122,7 @@ def _judge_controller(data: dict[str, Any], bus: BusDevice) -> Iterator[Finding]
 
 def _restart(bus: BusDevice) -> str:
     if bus.interface != "socketcan" or bus.channel.startswith("vcan"):
-        return remedy(bus)
+        return remedy_command(bus)
     return (
         f"sudo ip link set {bus.channel} down && "
         f"sudo ip link set {bus.channel} up type can bitrate {bus.bitrate} restart-ms 0"

@@ -128,14 +128,17 @@ def _check_link(bus: BusDevice) -> None:
 
 
 def remedy(bus: BusDevice) -> str:
-    """The command that most likely mends a bus that does not open."""
-    if bus.interface == "socketcan" and bus.channel.startswith("vcan"):
-        return (
-            f"try `sudo modprobe vcan && sudo ip link add {bus.channel} type vcan && sudo ip link set {bus.channel} up`"
-        )
-    if bus.interface == "socketcan":
-        return f"try `sudo ip link set {bus.channel} up type can bitrate {bus.bitrate} restart-ms 0`"
-    return "check interface and channel in the device description"
+    """The sentence on what most likely mends a bus that does not open."""
+    return f"try `{command}`" if (command := remedy_command(bus)) else "check interface and channel"
+
+
+def remedy_command(bus: BusDevice) -> str:
+    """The command that brings an interface up; empty where no command does."""
+    if bus.interface != "socketcan":
+        return ""
+    if bus.channel.startswith("vcan"):
+        return f"sudo modprobe vcan && sudo ip link add {bus.channel} type vcan && sudo ip link set {bus.channel} up"
+    return f"sudo ip link set {bus.channel} up type can bitrate {bus.bitrate} restart-ms 0"
 
 
 def frame_bits(payload: int, *, extended: bool) -> int:
