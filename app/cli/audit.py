@@ -112,6 +112,50 @@ def report(
     typer.echo(f"{output}: the report of {path.stem}")
 
 
+@cli.command()
+def query(
+    sql: Annotated[str, typer.Argument(help="SQL over the table `records`; see --ask for ready questions.")] = "",
+    ask: Annotated[str, typer.Option(help="A ready question: unintended, refusals, response, faults.")] = "",
+    at: Annotated[list[Path] | None, typer.Option(help="Folders, trails or Parquet; none: the home's.")] = None,
+    backend: Annotated[str, typer.Option(help="Ibis address of a cluster engine, e.g. pyspark://.")] = "",
+    json: Annotated[bool, typer.Option("--json", help="One JSON object a row.")] = False,
+    home: HomeOption = None,
+) -> None:
+    """Ask many sessions, of one site or several, at once."""
+    from app.paths import find_home
+    from logs.answers import as_json, as_table
+    from logs.query import QUESTIONS, connect
+    from logs.query import ask as ask_sql
+
+    if bool(sql) == bool(ask) or (ask and ask not in QUESTIONS):
+        ready = "; ".join(f"{name}: {question.text}" for name, question in QUESTIONS.items())
+        raise typer.BadParameter(f"give SQL or --ask one of these. {ready}")
+    connection, table = connect(at or [find_home(home).logs], backend)
+    answer = ask_sql(connection, sql) if sql else QUESTIONS[ask].expression(table).to_pyarrow()
+    if json:
+        for line in as_json(answer):
+            typer.echo(line)
+    else:
+        from rich.console import Console
+
+        Console(highlight=False, markup=False).print(as_table(answer))
+
+
+@cli.command()
+def export(
+    parquet: Annotated[Path, typer.Option(help="The Parquet file to write.")],
+    at: Annotated[list[Path] | None, typer.Option(help="Folders or trails; none: the home's.")] = None,
+    drop_operators: Annotated[bool, typer.Option("--drop-operators", help="Leave operators' names out.")] = False,
+    home: HomeOption = None,
+) -> None:
+    """Write all records as one Parquet table; patients' pseudonyms stay."""
+    from app.paths import find_home
+    from logs.query import export as write
+
+    rows = write(at or [find_home(home).logs], parquet, drop_operators=drop_operators)
+    typer.echo(f"{parquet}: {rows} records")
+
+
 @cli.command("list")
 def list_sessions(home: HomeOption = None) -> None:
     """The sessions of this home, oldest first."""
