@@ -6,6 +6,8 @@ which the model would have said otherwise, and in it the measure that lies furth
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from kgdfa.features import FEATURES, Group, Unit, features
@@ -28,20 +30,32 @@ class RobustRules:
 
     def score(self, hand: Hand) -> FloatArray:
         """Confidence in each gesture, (12,) in the order of `Gesture`; together with none's they sum to 1."""
-        values = features(hand.image_px, hand.world_m)
-        return self._model.probabilities(values[None])[0, : len(GESTURES)]
+        return self.score_looks((hand,))
 
     def judge(self, hand: Hand) -> Verdict:
         """The most probable gesture if it is sure enough and no other is near, else none."""
-        return judge_features(self._model, features(hand.image_px, hand.world_m))
+        return self.judge_looks((hand,))
+
+    def score_looks(self, hands: Sequence[Hand]) -> FloatArray:
+        """The mean of `score` over several looks at one hand."""
+        chances: FloatArray = self._model.probabilities(_features(hands)).mean(axis=0)
+        return chances[: len(GESTURES)]
+
+    def judge_looks(self, hands: Sequence[Hand]) -> Verdict:
+        """The verdict on several looks at one hand, the plain one first: the explanation is about that one."""
+        return judge_features(self._model, _features(hands))
+
+
+def _features(hands: Sequence[Hand]) -> FloatArray:
+    return np.array([features(hand.image_px, hand.world_m) for hand in hands])
 
 
 def judge_features(model: RobustModel, values: FloatArray) -> Verdict:
-    """The verdict on one hand's features, (F,)."""
-    chances = model.probabilities(values[None])[0]
-    order = np.argsort(chances)[::-1]
-    nearest = int(next(k for k in order if k < len(GESTURES)))
-    rival = int(next(k for k in order if k != nearest))
+    """The verdict on the features of one or more looks at one hand, (looks, F)."""
+    chances = model.probabilities(values).mean(axis=0)
+    order = [int(k) for k in np.argsort(chances)[::-1]]
+    nearest = next(k for k in order if k < len(GESTURES))
+    rival = next(k for k in order if k != nearest)
     sure = float(chances[nearest])
     accepted = sure >= float(model.accept[nearest]) and sure - float(chances[rival]) >= model.tie
     gesture = GESTURES[nearest]
@@ -50,7 +64,7 @@ def judge_features(model: RobustModel, values: FloatArray) -> Verdict:
         gesture=gesture if accepted else None,
         confidence=sure,
         nearest=gesture,
-        explanation=explain(model, values, nearest, rival),
+        explanation=explain(model, values[0], nearest, rival),
     )
 
 

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 
 @contextmanager
@@ -23,3 +23,17 @@ def spinner(console: Console, total: int) -> Iterator[Callable[[str], None]]:
             progress.update(task, description=what, completed=max(said - 1, 0))
 
         yield watch
+
+
+@contextmanager
+def bar(console: Console, what: str, total: int) -> Iterator[Callable[[], None]]:
+    """A bar for `total` things of a kind; the yielded function advances it by one."""
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TextColumn("{task.completed:.0f}/{task.total:.0f}"),
+        TimeRemainingColumn(),
+    )
+    with Progress(*columns, console=console, transient=True) as progress:
+        task = progress.add_task(what, total=total)
+        yield lambda: progress.advance(task)

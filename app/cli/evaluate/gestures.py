@@ -1,7 +1,125 @@
-"""rleex evaluate: gestures."""
+"""rleex evaluate gestures, video, speed."""
 
 from __future__ import annotations
 
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
 import typer
 
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from app.evaluate.gesture_photos import Photo, SeenPhoto
+
 cli = typer.Typer()
+
+Json = Annotated[Path | None, typer.Option("--json", help="Write the figures here as well.")]
+Home = Annotated[Path | None, typer.Option("--home", help="Data directory.")]
+FIT_DIGITAL = 40  # digital hands a pose that a fit sees beside the photos
+
+
+@cli.command()
+def gestures(
+    directory: Annotated[Path | None, typer.Argument(help="Folder with labels.csv and pictures.")] = None,
+    json_file: Json = None,
+    errors: Annotated[Path | None, typer.Option(help="Write the misjudged pictures here, drawn upon.")] = None,
+    png: Annotated[Path | None, typer.Option(help="Write the confusion matrices here as a PNG.")] = None,
+    cross_validate: Annotated[
+        bool, typer.Option("--cross-validate", help="Fit anew for each source of photos left out.")
+    ] = False,
+    keypoints: Annotated[
+        Path | None, typer.Option(help="Keep the keypoints in this npz, and use it when it is there.")
+    ] = None,
+    digital: Annotated[
+        int, typer.Option(help="Measure on this many digital hands a pose instead of a folder.", min=0)
+    ] = 0,
+    single_look: Annotated[bool, typer.Option("--single-look", help="Judge one look, as in video.")] = False,
+    home: Home = None,
+) -> None:
+    """Table 3: how well both rule sets recognise gestures, and refuse what is none."""
+    from rich.console import Console
+
+    from app.errors import AppError
+    from app.evaluate import gesture_report as report
+    from app.evaluate.gestures import CROSS_VALIDATED, SHIPPED, judge_as_shipped, judge_cross_validated, measure_all
+
+    if (directory is None) == (digital == 0):
+        raise AppError("Give a folder with labels.csv, or --digital N, and not both.")
+    console = Console()
+    looks = 1 if single_look else None
+    seen = _seen_digital(console, digital, home) if digital else _seen(console, directory, keypoints, home)
+    if cross_validate:
+        with_digital = _seen_fitting(console, home)
+        with console.status("fitting") as status:
+            judged = judge_cross_validated(seen, with_digital, status.update, looks=looks)
+    else:
+        judged = judge_as_shipped(seen, looks=looks)
+    figures = measure_all(judged)
+    for name, one in figures.items():
+        report.print_figures(console, name, one, len(seen))
+        report.print_confusion(console, name, one)
+    how = CROSS_VALIDATED if cross_validate else SHIPPED
+    console.print(f"robust: {how}; {'one look' if single_look or digital else 'up to six looks'} a picture")
+    _list_unreadable(console, seen)
+    if json_file is not None:
+        report.write_json(report.as_json(figures, seen, how), json_file)
+    if png is not None:
+        report.write_confusion(figures, png)
+    if errors is not None and directory is not None:
+        count = report.write_errors(judged["robust"], seen, directory, errors)
+        console.print(f"{count} misjudged pictures, drawn upon where they can be read, in {errors}")
+
+
+def _model(home: Path | None) -> Path:
+    from app.config import load_config
+    from app.model import set_up_model
+    from app.paths import find_home
+
+    place = find_home(home)
+    return set_up_model(place, load_config(place.config))
+
+
+def _seen(console: Console, directory: Path | None, keypoints: Path | None, home: Path | None) -> list[SeenPhoto]:
+    """The photos of a folder, looked at now or read from the keypoint file."""
+    from app.evaluate.gesture_photos import read_labels, see_all
+    from app.evaluate.keypoint_file import load_seen, save_seen
+
+    assert directory is not None
+    photos: list[Photo] = read_labels(directory)
+    if keypoints is not None and keypoints.exists():
+        return load_seen(keypoints, photos)
+    from app.cli.progress import bar
+
+    with bar(console, "looking at photos", len(photos)) as tell:
+        seen = see_all(photos, directory, _model(home), tell)
+    if keypoints is not None:
+        save_seen(seen, keypoints)
+    return seen
+
+
+def _seen_digital(console: Console, per_pose: int, home: Path | None) -> list[SeenPhoto]:
+    from app.cli.progress import bar
+    from app.evaluate.digital_hands import MEASURE_SEEDS, see_digital
+    from hal.cameras.hand_poses import POSES
+
+    with bar(console, "looking at digital hands", per_pose * len(POSES)) as tell:
+        return see_digital(_model(home), per_pose, MEASURE_SEEDS, tell)
+
+
+def _seen_fitting(console: Console, home: Path | None) -> list[SeenPhoto]:
+    """The digital hands that every fit sees."""
+    from app.cli.progress import bar
+    from app.evaluate.digital_hands import FIT_SEEDS, see_digital
+    from hal.cameras.hand_poses import POSES
+
+    with bar(console, "looking at digital hands to fit on", FIT_DIGITAL * len(POSES)) as tell:
+        return see_digital(_model(home), FIT_DIGITAL, FIT_SEEDS, tell)
+
+
+def _list_unreadable(console: Console, seen: list[SeenPhoto]) -> None:
+    unreadable = [one for one in seen if one.error]
+    if unreadable:
+        console.print(f"{len(unreadable)} pictures could not be read and count as misjudged:")
+        for one in unreadable:
+            console.print(f"  {one.photo.path}: {one.error}")

@@ -1,0 +1,79 @@
+"""Pictures of the digital hand with known labels: many people, lamps and rooms, both hands, tilted, near and far."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from app.evaluate.gesture_photos import NONE_PREFIX, Photo, SeenPhoto
+from hal.cameras.hand_poses import GESTURES, POSES
+from hal.cameras.hand_scene import Scene, keypoints_m, person_of, posed, render
+from kgdfa.hand import FloatArray
+from kgdfa.images import Image
+
+SOURCE = "digital hand"
+MAX_TILT_RAD = np.radians(30.0)
+NEAR_M, FAR_M = 0.20, 0.60
+MEASURE_SEEDS = 0  # people from here on measure
+FIT_SEEDS = 1_000_000  # and people from here on fit: nobody does both
+_GESTURE_NAMES = frozenset(pose.name for pose in GESTURES)
+
+
+def label_of(pose: str) -> str:
+    """A pose's label as labels.csv has it."""
+    return pose if pose in _GESTURE_NAMES else NONE_PREFIX + pose.replace(" ", "_")
+
+
+def digital_scenes(per_pose: int, first_seed: int) -> Iterator[tuple[Photo, Scene, int]]:
+    """Each pose by `per_pose` people, with the seed of the picture's noise."""
+    for place, pose in enumerate(POSES):
+        for number in range(per_pose):
+            seed = first_seed + place * 10_000 + number
+            photo = Photo(path=f"{pose}/{seed}", label=label_of(pose), source=SOURCE, group=str(seed))
+            yield photo, scene_of(pose, seed), seed
+
+
+def scene_of(pose: str, seed: int) -> Scene:
+    """One person showing one pose: tilted by up to 30° about any axis, 20 to 60 cm away, in the picture's middle."""
+    draw = np.random.default_rng(seed)
+    axis = draw.normal(size=3)
+    turn = axis / np.linalg.norm(axis) * draw.uniform(0, MAX_TILT_RAD)
+    distance_m = float(draw.uniform(NEAR_M, FAR_M))
+    scene = posed(
+        pose,
+        person=person_of(seed),
+        position_m=(0.0, 0.0, distance_m),
+        turn_rad=(float(turn[0]), float(turn[1]), float(turn[2])),
+    )
+    return _centred(scene, distance_m)
+
+
+def _centred(scene: Scene, distance_m: float) -> Scene:
+    points = keypoints_m(scene)
+    if points is None or scene.place is None:
+        return scene
+    middle: FloatArray = (points.min(axis=0) + points.max(axis=0)) / 2
+    place = replace(scene.place, position_m=(-float(middle[0]), -float(middle[1]), distance_m))
+    return replace(scene, place=place)
+
+
+def picture(scene: Scene, seed: int) -> Image:
+    """The picture of a scene, (720, 1280, 3)."""
+    return render(scene, seed).image_bgr
+
+
+def see_digital(
+    model: Path, per_pose: int, first_seed: int, tell: Callable[[], None] = lambda: None
+) -> list[SeenPhoto]:
+    """Every picture looked at once, as a camera's frame is."""
+    from kgdfa.keypoints import HandDetector
+
+    seen = []
+    with HandDetector(model, still=True) as detector:
+        for photo, scene, seed in digital_scenes(per_pose, first_seed):
+            seen.append(SeenPhoto(photo=photo, hands=detector.detect(picture(scene, seed))))
+            tell()
+    return seen

@@ -1,0 +1,191 @@
+"""Hands that nobody signed: fingers of one real hand set on the palm of another.
+
+Some gestures are shown by one source of photos only, and most of the combinations of open and folded fingers by
+none. Grafting makes them: the twelve gestures on every palm and view, and everything near them that must be
+refused. Only 3-D landmarks of hands that serve for fitting are used.
+"""
+
+from __future__ import annotations
+
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kgdfa.features import features
+from kgdfa.hand import FloatArray
+
+# Each label's fingers, thumb to pinky: o open, f folded, s straight, h hooked, x of no use.
+FINGERS_OF: dict[str, str] = {
+    "0": "fffff",
+    "1": "fsfff",
+    "2": "fsoff",
+    "3": "fsoof",
+    "4": "fsooo",
+    "5": "osooo",
+    "6": "offfo",
+    "8": "osfff",
+    "9": "fhfff",
+    "love": "osffo",
+    "rock": "fsffo",
+    "none:good": "offff",
+    "none:gun": "osoff",
+    "none:index_middle_pinky": "fsofo",
+    "none:pinky": "ffffo",
+    "none:asl7": "xsoxo",
+    "none:asl8": "xsxoo",
+    "none:ok": "xxooo",
+}
+GESTURE_OF = {fingers: label for label, fingers in FINGERS_OF.items() if not label.startswith("none:")}
+PINCHED = "7"  # its three tips touch, so thumb, fore and middle are never taken apart
+GRAFTED_NONE = "none:grafted"
+_ROOTS = np.array([1, 5, 9, 13, 17])
+_CHAINS = np.arange(1, 21).reshape(5, 4)
+
+PER_GESTURE = 150  # hands made of each gesture
+PER_OTHER = 50  # of each combination that is none; a third of it with a hooked forefinger
+PER_HALFWAY = 50  # of each gesture with its thumb halfway between open and folded: none
+BESIDE = 250  # fists with an open thumb laid beside them: none, and the nearest of all to 0
+VIEW_SD_RAD = 0.2  # random turn of the whole hand
+NOISE_PALMS = 0.012  # of each landmark, as a share of the palm's length
+
+
+class Grafter:
+    """Real hands taken apart into palms and fingers. world_m: (n, 21, 3); labels: n."""
+
+    def __init__(self, world_m: FloatArray, right: NDArray[np.bool_], labels: list[str], seed: int) -> None:
+        self._random = np.random.default_rng(seed)
+        self._labels = np.array(labels)
+        frames = [_palm_frame(hand, bool(side)) for hand, side in zip(world_m, right, strict=True)]
+        self._axes = np.array([axes for axes, _ in frames])
+        lengths = np.array([length for _, length in frames])
+        centred = world_m - world_m[:, :1]
+        self._shapes = np.einsum("nij,nkj->nki", self._axes, centred) / lengths[:, None, None]
+        self._of_label = {label: np.flatnonzero(self._labels == label) for label in {*FINGERS_OF, PINCHED}}
+        self._pools: dict[tuple[int, str], list[NDArray[np.int64]]] = {}
+        for label, states in FINGERS_OF.items():
+            for finger, state in enumerate(states):
+                if len(self._of_label[label]) and state != "x":
+                    self._pools.setdefault((finger, state), []).append(self._of_label[label])
+
+    def make(self) -> tuple[FloatArray, list[str]]:
+        """Features of the grafted hands, (n, F), and their labels."""
+        made: list[tuple[FloatArray, str]] = []
+        for states in map("".join, product("of", "shf", "of", "of", "of")):
+            label = GESTURE_OF.get(states, GRAFTED_NONE)
+            often = PER_GESTURE if label in FINGERS_OF else PER_OTHER // (3 if states[1] == "h" else 1)
+            made += [(self._grafted(states), label) for _ in range(often)] if self._can(states) else []
+        for states in filter(self._can, GESTURE_OF):
+            made += [(self._halfway(states), GRAFTED_NONE) for _ in range(PER_HALFWAY)]
+        if len(self._of_label[PINCHED]):
+            made += [(self._pinched(), PINCHED) for _ in range(PER_GESTURE)]
+        if len(self._of_label["0"]):
+            made += [(self._thumb_beside_fist(), GRAFTED_NONE) for _ in range(BESIDE)]
+        return np.array([values for values, _ in made]), [label for _, label in made]
+
+    def _can(self, states: str) -> bool:
+        return all((finger, state) in self._pools for finger, state in enumerate(states))
+
+    def _any(self, members: NDArray[np.int64]) -> int:
+        return int(members[self._random.integers(len(members))])
+
+    def _donor(self, finger: int, state: str) -> int:
+        pools = self._pools[finger, state]
+        return self._any(pools[self._random.integers(len(pools))])
+
+    def _grafted(self, states: str) -> FloatArray:
+        """A hand with these fingers, mostly grown on one that needs one new finger or none."""
+        needs = {
+            label: sum(a != b for a, b in zip(own, states, strict=True))
+            for label, own in FINGERS_OF.items()
+            if len(self._of_label[label])
+        }
+        near = [label for label in needs if needs[label] <= max(1, min(needs.values()))]
+        labels = near if self._random.random() < 0.7 else list(needs)
+        label = labels[self._random.integers(len(labels))]
+        base = self._any(self._of_label[label])
+        shape = self._shapes[base].copy()
+        for finger, (own, wanted) in enumerate(zip(FINGERS_OF[label], states, strict=True)):
+            if own != wanted or self._random.random() < 0.2:
+                self._set(shape, finger, self._segment(finger, wanted))
+        return self._seen(shape, base)
+
+    def _halfway(self, states: str) -> FloatArray:
+        """One of the gestures with its thumb between open and folded."""
+        base = self._any(np.arange(len(self._labels)))
+        shape = self._shapes[base].copy()
+        for finger, wanted in enumerate(states):
+            self._set(shape, finger, self._segment(finger, wanted))
+        other = self._segment(0, "f" if states[0] == "o" else "o")
+        share = self._random.uniform(0.40, 0.65)
+        self._set(shape, 0, (1 - share) * (shape[_CHAINS[0]] - shape[_ROOTS[0]]) + share * other)
+        return self._seen(shape, base)
+
+    def _pinched(self) -> FloatArray:
+        base = self._any(self._of_label[PINCHED])
+        shape = self._shapes[base].copy()
+        for finger in (3, 4):
+            self._set(shape, finger, self._segment(finger, "f"))
+        return self._seen(shape, base)
+
+    def _thumb_beside_fist(self) -> FloatArray:
+        """A real fist whose thumb, taken from an open one, lies straight along the forefinger."""
+        fists = [self._of_label[label] for label in ("0", "none:good") if len(self._of_label[label])]
+        base = self._any(fists[self._random.integers(len(fists))])
+        thumb = self._segment(0, "o")
+        along, across = thumb[3, 0], thumb[3, 1]
+        thumb = _turned(thumb, np.radians(self._random.uniform(-8, 30)) - np.arctan2(across, along))
+        if self._random.random() < 0.4:
+            share = self._random.uniform(0, 0.25)
+            thumb = (1 - share) * thumb + share * self._segment(0, "f")
+        shape = self._shapes[base].copy()
+        self._set(shape, 0, thumb)
+        return self._seen(shape, base)
+
+    def _segment(self, finger: int, state: str) -> FloatArray:
+        """A real finger in this state, (4, 3) from its root, in palm lengths along the palm's axes."""
+        donor = self._shapes[self._donor(finger, state)]
+        segment: FloatArray = donor[_CHAINS[finger]] - donor[_ROOTS[finger]]
+        return segment
+
+    def _set(self, shape: FloatArray, finger: int, segment: FloatArray) -> None:
+        shape[_CHAINS[finger]] = shape[_ROOTS[finger]] + segment
+
+    def _seen(self, shape: FloatArray, base: int) -> FloatArray:
+        """The features of a grafted hand before the camera of its base, turned a little and with noise."""
+        turn = _rotation(self._random.normal(0, VIEW_SD_RAD, 3))
+        world = shape @ self._axes[base] @ turn.T + self._random.normal(0, NOISE_PALMS, shape.shape)
+        picture = world[:, :2] / (1 + 0.25 * world[:, 2:])  # a camera four palm lengths away
+        noisy = world + self._random.normal(0, NOISE_PALMS, world.shape)
+        return features(picture * 200, noisy)
+
+
+def _palm_frame(world_m: FloatArray, right: bool) -> tuple[FloatArray, float]:
+    """Rows along the palm, across it to the thumb, and off it on the side to which fingers fold; its length."""
+    along = world_m[9] - world_m[0]
+    length = max(float(np.linalg.norm(world_m[joint] - world_m[0])) for joint in (5, 9, 13))
+    along = along / np.linalg.norm(along)
+    across = world_m[5] - world_m[17]
+    across = across - (across @ along) * along
+    across = across / np.linalg.norm(across)
+    off = np.cross(along, across)
+    curl = sum(float((world_m[tip] - world_m[tip - 3]) @ off) for tip in (8, 12, 16, 20)) / length
+    folded = abs(curl) > 0.25  # then the curl itself tells the palm's side, better than the detector's guess
+    sign = np.sign(curl) if folded else (1.0 if right else -1.0)
+    return np.stack([along, across, sign * off]), length
+
+
+def _turned(segment: FloatArray, angle_rad: float) -> FloatArray:
+    """A finger turned in the palm's plane."""
+    cosine, sine = np.cos(angle_rad), np.sin(angle_rad)
+    turned: FloatArray = segment @ np.array([[cosine, sine, 0], [-sine, cosine, 0], [0, 0, 1]])
+    return turned
+
+
+def _rotation(vector_rad: FloatArray) -> FloatArray:
+    """Rodrigues' formula, (3,) to (3, 3)."""
+    angle = float(np.linalg.norm(vector_rad)) or 1e-12
+    x, y, z = vector_rad / angle
+    skew = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    rotation: FloatArray = np.eye(3) + np.sin(angle) * skew + (1 - np.cos(angle)) * skew @ skew
+    return rotation
