@@ -101,7 +101,7 @@ class Pipeline:
         image = self._prepare(picture.image_bgr)
         hand = self._follow(self._detector.detect(image, now_ns))
         verdict = self._rules.judge(hand) if hand else None
-        self._vote = cast(self._vote, verdict, now_ns)
+        self._vote = cast(self._vote, verdict, now_ns, pressing=self._button.pressed)
         distance = self._range_finder.measure(hand, now_ns) if hand else None
         self._button = self._press(self._button, hand, distance, now_ns)
         depth_distance = self._measure_depth(picture, hand, distance)

@@ -21,9 +21,7 @@ def demo(
     """Sign and press through all twelve actions with the real processes; ends 0 only if all is well."""
     import json
 
-    from rich.console import Console
-
-    from app.cli.progress import spinner
+    from app.cli.progress import spinner, wide_console
     from app.config import load_config
     from app.demo.course import ALL_TWELVE
     from app.demo.drives import joints_for
@@ -33,7 +31,7 @@ def demo(
     from app.model import set_up_model
     from app.paths import find_home
 
-    console = Console()
+    console = wide_console()
     place = find_home(home)
     base = load_config(place.config)
     with hold_home(place), joints_for(joints, base) as joints_config:

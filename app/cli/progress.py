@@ -9,6 +9,11 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 
+def wide_console() -> Console:
+    """The terminal as it is; a pipe or a file gets lines wide enough for a table."""
+    return Console() if Console().is_terminal else Console(width=160)
+
+
 @contextmanager
 def spinner(console: Console, total: int) -> Iterator[Callable[[str], None]]:
     """A bar that advances with every message given to the yielded function (the first opens it)."""
@@ -23,6 +28,11 @@ def spinner(console: Console, total: int) -> Iterator[Callable[[str], None]]:
             progress.update(task, description=what, completed=max(said - 1, 0))
 
         yield watch
+
+
+def wide_console() -> Console:
+    """The terminal as it is; a pipe or a file gets lines wide enough for a table."""
+    return Console() if Console().is_terminal else Console(width=160)
 
 
 @contextmanager

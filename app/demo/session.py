@@ -6,6 +6,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import msgspec
+
 from app.config import CameraConfig, Config, JointsConfig
 from app.demo.course import Leg
 from app.demo.runner import CourseRunner, run_course
@@ -13,7 +15,8 @@ from app.demo.trial import Trial
 from app.host import SessionHost, make_setup
 from app.messages import Lateness
 from app.paths import Home
-from profiles.schema import DEMO_PATIENT
+from hal.cameras.hand_scene import person_of
+from profiles.schema import DEMO_PATIENT, Palm, Profile
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -55,11 +58,17 @@ def demo_config(base: Config, *, seed: int, joints: JointsConfig) -> Config:
     return Config(camera=camera, joints=joints, button=base.button, rules=base.rules, model=base.model)
 
 
+def demo_patient(seed: int) -> Profile:
+    """The demo patient with the palm of that seed's digital hand, as a therapist would have measured it."""
+    width_m = person_of(seed).shape.palm_width_m
+    return msgspec.structs.replace(DEMO_PATIENT, palm=Palm(measured_width_m=width_m))
+
+
 def run_session(
     home: Home, config: Config, course: Sequence[Leg], *, click_s: float, watch: Callable[[str], None]
 ) -> SessionResult:
     """Start the real processes, run the course, close, verify the audit trail."""
-    setup = make_setup(home, config, DEMO_PATIENT, operator="demo", role="engineer")
+    setup = make_setup(home, config, demo_patient(config.camera.seed), operator="demo", role="engineer")
     host = SessionHost(setup)
     runner = CourseRunner(host, click_s=click_s, watch=watch)
     try:
