@@ -30,11 +30,6 @@ def spinner(console: Console, total: int) -> Iterator[Callable[[str], None]]:
         yield watch
 
 
-def wide_console() -> Console:
-    """The terminal as it is; a pipe or a file gets lines wide enough for a table."""
-    return Console() if Console().is_terminal else Console(width=160)
-
-
 @contextmanager
 def bar(console: Console, what: str, total: int) -> Iterator[Callable[[], None]]:
     """A bar for `total` things of a kind; the yielded function advances it by one."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from app.model import find_model
 from app.paths import Home
 from app.setup import SessionSetup
@@ -10,13 +12,15 @@ from hal.cameras.factory import open_camera
 from kgdfa.button import ButtonMode, ButtonPlace
 from kgdfa.depth import DepthRange
 from kgdfa.distance import PublishedRange, RangeFinder, RobustRange
-from kgdfa.keypoints import HandDetector
-from kgdfa.pipeline import Pipeline
+from kgdfa.pipeline import Detector, Pipeline
 from kgdfa.published import PublishedRules
 from kgdfa.robust import RobustRules
 from kgdfa.verdict import RuleSet
 from logs import records
 from profiles.palm import Anchor, anchor
+
+if TYPE_CHECKING:
+    from kgdfa.keypoints import HandDetector
 
 RULES: dict[str, type[PublishedRules] | type[RobustRules]] = {"published": PublishedRules, "robust": RobustRules}
 RANGES: dict[str, type[PublishedRange] | type[RobustRange]] = {"published": PublishedRange, "robust": RobustRange}
@@ -40,12 +44,12 @@ def make_camera(setup: SessionSetup) -> Camera:
 
 def make_detector(setup: SessionSetup) -> HandDetector:
     """The hand detector on this home's model; takes seconds. Raises AppError or KgdfaError."""
+    from kgdfa.keypoints import HandDetector  # brings mediapipe, two seconds of imports
+
     return HandDetector(find_model(Home(setup.home), setup.config), watch_rivals=True)
 
 
-def make_pipeline(
-    setup: SessionSetup, detector: HandDetector, frame: Frame, camera: str
-) -> tuple[Pipeline, ButtonPlace]:
+def make_pipeline(setup: SessionSetup, detector: Detector, frame: Frame, camera: str) -> tuple[Pipeline, ButtonPlace]:
     """The chain for this patient before this camera, whose first frame tells its intrinsics."""
     place = make_place(setup, frame)
     config = setup.config
