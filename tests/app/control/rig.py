@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from copy import deepcopy
 from dataclasses import dataclass, field, replace
 from functools import cache
+from typing import Any
 
 import numpy as np
 
@@ -143,10 +145,10 @@ class Rig:
     refuse_plans: str = ""
     audit: list[Body] = field(default_factory=list)
     history: list[tuple[Memory, Outputs]] = field(default_factory=list)
-    spoil: dict[str, object] = field(default_factory=dict)  # fields of the next tick's Inputs
-    report: dict[str, object] = field(default_factory=dict)  # fields of every report
-    audit_health: dict[str, object] = field(default_factory=dict)
-    guardian_health: dict[str, object] = field(default_factory=dict)
+    spoil: dict[str, Any] = field(default_factory=dict)  # fields of the next tick's Inputs
+    report: dict[str, Any] = field(default_factory=dict)  # fields of every report
+    audit_health: dict[str, Any] = field(default_factory=dict)
+    guardian_health: dict[str, Any] = field(default_factory=dict)
     cleared: frozenset[Action] | None = None
     _sequence: int = 0
     _reports: int = 0
@@ -183,9 +185,8 @@ class Rig:
         assert self.memory is not None
         return self.memory
 
-    def run_until(self, wanted: object, limit: int = 4000) -> Memory:
+    def run_until(self, wanted: Callable[[Memory], bool], limit: int = 4000) -> Memory:
         """Ticks until `wanted(memory)` holds; fails when it never does."""
-        assert callable(wanted)
         for _ in range(limit):
             if wanted(self.tick()):
                 assert self.memory is not None
@@ -279,13 +280,13 @@ class Rig:
             cleared=self.cleared,
         )
         self._words = []
-        spoiled = replace(plain, **self.spoil)  # type: ignore[arg-type] - fields named by the test
+        spoiled = replace(plain, **self.spoil)
         self.spoil = {}
         return spoiled
 
     def _report(self) -> TriggerReport:
         self._reports += 1
-        fields: dict[str, object] = {
+        fields: dict[str, Any] = {
             "incarnation": self.incarnation,
             "sequence": self._reports,
             "captured_ns": self.now_ns - 30_000_000,
@@ -296,15 +297,15 @@ class Rig:
             "released_gesture": self._released,
             "released_captured_ns": self._released_ns,
         }
-        return TriggerReport(**(fields | self.report))  # type: ignore[arg-type] - fields named by the test
+        return TriggerReport(**(fields | self.report))
 
     def _audit(self) -> AuditHealth:
-        fields: dict[str, object] = {"at_ns": self.now_ns, "written": 1, "waiting": 0}
-        return AuditHealth(**(fields | self.audit_health))  # type: ignore[arg-type] - fields named by the test
+        fields: dict[str, Any] = {"at_ns": self.now_ns, "written": 1, "waiting": 0}
+        return AuditHealth(**(fields | self.audit_health))
 
     def _guardian(self) -> GuardianHealth:
-        fields: dict[str, object] = {"at_ns": self.now_ns}
-        return GuardianHealth(**(fields | self.guardian_health))  # type: ignore[arg-type] - fields named by the test
+        fields: dict[str, Any] = {"at_ns": self.now_ns}
+        return GuardianHealth(**(fields | self.guardian_health))
 
     def _plans(self) -> tuple[Plan, ...]:
         due = [request for ticks, request in self._asked if ticks <= 1]
