@@ -10,7 +10,7 @@ import numpy as np
 
 from app.control.kinematics import joints, leg_length
 from app.control.patient import Patient
-from app.control.trajectory_curves import Array, ramp, smoothstep
+from app.control.trajectory_curves import Array, hump, ramp, smoothstep
 from app.control.trajectory_feet import CLOSING, LEVEL, Swing, SwingShape
 from app.control.trajectory_outline import LEFT, RIGHT, Outline, ankle_way, lifted
 from hal.joints.body import Body
@@ -70,10 +70,11 @@ def step_outline(patient: Patient, step: Step, step_time_s: float) -> Outline:
     def hip_z(time: Array) -> Array:
         s = smoothstep(time, 0.0, step_time_s)
         vault = _vault(body, hip_x(time) - step.stand_at_m)
-        rest = start_z + (end_z - start_z) * s
+        rest: Array = start_z + (end_z - start_z) * s
         at_ends = _vault(body, np.array([-step.stand_at_m, step.hip_to_m - step.stand_at_m]))
         line = at_ends[0] + (at_ends[1] - at_ends[0]) * s
-        return rest + (vault - line) * smoothstep(time, 0.0, off) * (1 - smoothstep(time, land, step_time_s))
+        height: Array = rest + (vault - line) * hump(time, 0.0, off, land, step_time_s)
+        return height
 
     def right_share(time: Array) -> Array:
         lifted = 0.5 * (smoothstep(time, 0.0, off) - smoothstep(time, land, step_time_s))

@@ -158,7 +158,8 @@ def _gather(patient: Patient, start_rad: Array) -> Outline:
 
     def hip_z(time: Array) -> Array:
         low = body.ankle_height_m + hip_z0
-        return low + (stand - low) * smoothstep(time, 0.0, duration)
+        height: Array = low + (stand - low) * smoothstep(time, 0.0, duration)
+        return height
 
     def right_share(time: Array) -> Array:
         even = 0.5 * smoothstep(time, 0.90 * duration, duration)

@@ -105,6 +105,16 @@ def trunk_lean(left_knee_rad: NDArray[np.float64], right_knee_rad: NDArray[np.fl
     return lean
 
 
+def trunk_lean_of(left_knee_rad: float, right_knee_rad: float) -> float:
+    """`trunk_lean` for two plain numbers: the simulation asks every tick, and arrays of one cost ten times as much."""
+    bent = [
+        min(max((knee - LEAN_KNEE_FROM_RAD) / (LEAN_KNEE_TO_RAD - LEAN_KNEE_FROM_RAD), 0.0), 1.0)
+        for knee in (left_knee_rad, right_knee_rad)
+    ]
+    left, right = (s * s * s * (10 - 15 * s + 6 * s * s) for s in bent)
+    return LEAN_MOST_RAD * 4 * left * right * (1 - left * right)
+
+
 def _bent(knee_rad: NDArray[np.float64]) -> NDArray[np.float64]:
     s = np.clip((knee_rad - LEAN_KNEE_FROM_RAD) / (LEAN_KNEE_TO_RAD - LEAN_KNEE_FROM_RAD), 0.0, 1.0)
     bent: NDArray[np.float64] = s * s * s * (10 - 15 * s + 6 * s * s)

@@ -21,7 +21,7 @@ from hal.joints.body import (
 )
 from hal.joints.device import Exoskeleton, JointDevice
 
-TIMESTEP_S = 0.001
+TIMESTEP_S = 0.002
 SOLE_RADIUS_M = 0.015
 LIMB_RADIUS_M = 0.05
 ANKLE_DAMPING_NM_S_RAD = 1.5
@@ -31,15 +31,15 @@ BLOCK_HALF_LENGTH_M = 3.0
 # Who touches whom: bits of contype (bodies) and conaffinity (surroundings).
 GROUND, HURDLE, SEAT = 1, 2, 4
 
-_SIDES = (("left", 0.1), ("right", -0.1))
+HIPS_APART_M = 0.2  # for the eye only: nothing leaves the plane
 
 
 def model_xml(body: Body, device: Exoskeleton) -> str:
     """The model as MJCF text."""
     trunk_kg = body.trunk_kg + (1 - 2 * DEVICE_ON_THIGH - 2 * DEVICE_ON_SHANK) * device.mass_kg
     height, gyration = TRUNK_COM_OF_STATURE * body.stature_m, TRUNK_GYRATION_OF_STATURE * body.stature_m
-    drives = ((device.left_hip, device.left_knee), (device.right_hip, device.right_knee))
-    legs = "".join(_leg(body, device, side, y, *pair) for (side, y), pair in zip(_SIDES, drives, strict=True))
+    legs = _leg(body, device, "left", (device.left_hip, device.left_knee))
+    legs += _leg(body, device, "right", (device.right_hip, device.right_knee))
     return f"""<mujoco model="wearer">
   <compiler angle="radian" autolimits="true"/>
   <option timestep="{TIMESTEP_S}" integrator="implicitfast" cone="elliptic" impratio="5" iterations="30"/>
@@ -60,7 +60,9 @@ def model_xml(body: Body, device: Exoskeleton) -> str:
 </mujoco>"""
 
 
-def _leg(body: Body, device: Exoskeleton, side: str, y: float, hip: JointDevice, knee: JointDevice) -> str:
+def _leg(body: Body, device: Exoskeleton, side: str, drives: tuple[JointDevice, JointDevice]) -> str:
+    hip, knee = drives
+    y = HIPS_APART_M / 2 if side == "left" else -HIPS_APART_M / 2
     thigh_kg = body.thigh_kg + DEVICE_ON_THIGH * device.mass_kg
     shank_kg = body.shank_kg + DEVICE_ON_SHANK * device.mass_kg
     sole = -body.ankle_height_m + SOLE_RADIUS_M

@@ -6,32 +6,31 @@ wire's quanta; each fault that real ones have can be injected.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from math import copysign, isfinite, radians
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hal.errors import HardwareError
 from hal.joints.body import Body
-from hal.joints.device import Exoskeleton
+from hal.joints.device import Exoskeleton, JointDevice
 from hal.joints.joints import BusFault, DriveFault, DriveState, Joint, JointArray, JointCommand, JointFeedback
 from hal.joints.mjcf import TIMESTEP_S
 from hal.joints.scene import Scene
 from hal.joints.thermal import at_rest, thermal_model, warm
-from hal.joints.wearer import Truth, Wearer
+from hal.joints.wearer import Posture, Truth, Wearer
 
 TICK_S = 0.002
 SUBSTEPS = round(TICK_S / TIMESTEP_S)
+THERMAL_TICKS = 25  # windings follow within seconds
 ROOM_C = 25.0
 FULL_TORQUE_SPEED = 0.5  # share of the no-load speed up to which a drive gives its full torque
 
 # Quanta of the AK80-64's reply at a direct joint: 16 bit over ±12.5 rad, 12 bit over ±8 rad/s and ±144 Nm.
-POSITION_QUANTUM_RAD = 25.0 / 65535
-SPEED_QUANTUM_RAD_S = 16.0 / 4095
-TORQUE_QUANTUM_NM = 288.0 / 4095
-POSITION_NOISE_RAD = 2e-4
-SPEED_NOISE_RAD_S = 0.01
-TORQUE_NOISE_NM = 0.2
+QUANTA = np.array([[25.0 / 65535], [16.0 / 4095], [288.0 / 4095]])
+NOISE = np.array([[2e-4], [0.01], [0.2]])  # rad, rad/s, Nm; standard deviations
 
 
 @dataclass(slots=True)
@@ -58,14 +57,13 @@ class SimulatedJoints:
     ) -> None:
         self.wearer = Wearer(device, body)
         self._device = device
-        self._torque_limit = np.array([joint.max_torque_nm for joint in device.joints])
-        self._no_load_speed = np.radians([joint.no_load_speed_deg_s for joint in device.joints])
         self._thermal = thermal_model(device)
         self._temperatures = at_rest(ROOM_C)
         self._random = np.random.default_rng(seed)
         self._noisy, self._quantised = noisy, quantised
         self._state = DriveState.UNCONFIGURED
-        self._torque = np.zeros(4)
+        self._torque = [0.0] * 4
+        self._square, self._ticks = np.zeros(4), 0
         self._stuck_at = np.zeros(4)
         self._last = JointFeedback(
             measured_ns=np.zeros(4, dtype=np.int64),
@@ -80,7 +78,7 @@ class SimulatedJoints:
 
     def open(self, now_ns: int) -> None:
         """Probe: raises HardwareError naming the joints that are silent."""
-        missing = [Joint(number).name.lower().replace("_", " ") for number in np.flatnonzero(self.faults.silent)]
+        missing = [Joint(int(number)).name.lower().replace("_", " ") for number in np.flatnonzero(self.faults.silent)]
         if missing:
             raise HardwareError(f"No answer from {', '.join(missing)}: check its power and its cable.")
         self._state = DriveState.PROBED
@@ -98,16 +96,18 @@ class SimulatedJoints:
     def write(self, command: JointCommand, now_ns: int) -> None:  # noqa: ARG002 - the tick is the time here
         """One tick of physics under this command; without power the wearer hangs in the harness."""
         powered = self._state is DriveState.ENABLED
-        knees = None
-        if powered and command.stiffness_nm_rad.any():
-            left, right = command.position_rad[1], command.position_rad[3]
-            knees = (float(left), float(right)) if np.isfinite(left + right) else None
-        square = np.zeros(4)
+        posture = None
+        if powered and command.stiffness_nm_rad.any() and np.isfinite(command.position_rad).all():
+            posture = Posture(self.wearer.body, command.position_rad, command.velocity_rad_s)
         for _ in range(SUBSTEPS):
-            self._torque = self._drive(command) if powered else np.zeros(4)
-            square += self._torque * self._torque
-            self.wearer.advance(self._at_joint(self._torque), knees)
-        self._temperatures = warm(self._thermal, self._temperatures, square / SUBSTEPS, ROOM_C, TICK_S)
+            self._torque = self._drives(command) if powered else [0.0] * 4
+            self.wearer.advance(self._at_joint(self._torque), posture)
+            self._square += np.square(self._torque)
+        self._ticks += 1
+        if self._ticks % THERMAL_TICKS == 0:
+            square = self._square / (THERMAL_TICKS * SUBSTEPS)
+            self._temperatures = warm(self._thermal, self._temperatures, square, ROOM_C, THERMAL_TICKS * TICK_S)
+            self._square = np.zeros(4)
 
     def read(self, now_ns: int) -> JointFeedback:
         """What the drives report now; silent ones keep their last word and its time."""
@@ -130,7 +130,7 @@ class SimulatedJoints:
         """Switch the drives off."""
         if self._state is not DriveState.UNCONFIGURED:
             self._state = DriveState.DISABLED
-            self._torque = np.zeros(4)
+            self._torque = [0.0] * 4
             self._measure(now_ns)
 
     def stage(self, scene: Scene) -> None:
@@ -184,61 +184,78 @@ class SimulatedJoints:
         """All injected faults end."""
         self.faults = Faults(silent=np.zeros(4, dtype=bool), stuck=np.zeros(4, dtype=bool))
 
-    def _drive(self, command: JointCommand) -> JointArray:
-        """Motor torque of the impedance law, saturated, (4,)."""
-        position, speed = self.wearer.joints_rad, self.wearer.speeds_rad_s
-        wish = (
-            command.stiffness_nm_rad * (command.position_rad - position)
-            + command.damping_nm_s_rad * (command.velocity_rad_s - speed)
-            + command.torque_nm
+    def _drives(self, command: JointCommand) -> list[float]:
+        """Motor torques of the impedance law, saturated, four; plain numbers, because arrays of four cost more."""
+        rows = zip(
+            command.position_rad.tolist(),
+            command.velocity_rad_s.tolist(),
+            command.stiffness_nm_rad.tolist(),
+            command.damping_nm_s_rad.tolist(),
+            command.torque_nm.tolist(),
+            self.wearer.joints_rad.tolist(),
+            self.wearer.speeds_rad_s.tolist(),
+            self._device.joints,
+            strict=True,
         )
-        if not np.isfinite(wish).all():
-            wish = np.nan_to_num(wish, nan=0.0, posinf=0.0, neginf=0.0)
-        limit = self._torque_limit
-        fast = (1 - speed * np.sign(wish) / self._no_load_speed) / (1 - FULL_TORQUE_SPEED)
-        limit = limit * np.clip(fast, 0.0, 1.0)  # turning against its torque a drive gives all it has
-        torque: JointArray = np.clip(wish, -limit, limit)
+        torques = [
+            _saturated(joint, kp * (target - at) + kd * (target_speed - speed) + forward, speed)
+            for target, target_speed, kp, kd, forward, at, speed, joint in rows
+        ]
         if self.faults.bits:
-            torque = np.where([bool(bit) for bit in self.faults.bits], 0.0, torque)
-        return torque
+            return [0.0 if bit else torque for bit, torque in zip(self.faults.bits, torques, strict=True)]
+        return torques
 
-    def _at_joint(self, torque: JointArray) -> JointArray:
+    def _at_joint(self, motor_nm: list[float]) -> Sequence[float]:
         faults = self.faults
+        if faults.drag_nm is None and not faults.stuck.any():
+            return motor_nm
+        torque = np.array(motor_nm)
+        speeds = self.wearer.speeds_rad_s
         if faults.drag_nm is not None:
-            torque = torque - faults.drag_nm * np.tanh(self.wearer.speeds_rad_s / 0.02)
-        if faults.stuck.any():
-            away = self.wearer.joints_rad - self._stuck_at
-            held = -20_000.0 * away - 300.0 * self.wearer.speeds_rad_s
-            torque = np.where(faults.stuck, held, torque)
-        return torque
+            torque -= faults.drag_nm * np.tanh(speeds / 0.02)
+        held = -10_000.0 * (self.wearer.joints_rad - self._stuck_at) - 100.0 * speeds
+        blocked: list[float] = np.where(faults.stuck, held, torque).tolist()
+        return blocked
 
     def _measure(self, now_ns: int) -> None:
-        heard = ~self.faults.silent
-        if self.faults.lost_share:
-            heard &= self._random.random(4) >= self.faults.lost_share
-        position, speed, torque = self.wearer.joints_rad, self.wearer.speeds_rad_s, self._torque
+        wearer = self.wearer
+        values = np.stack([wearer.joints_rad, wearer.speeds_rad_s, self._torque])
         if self._noisy:
-            noise = self._random.standard_normal((3, 4))
-            position = position + POSITION_NOISE_RAD * noise[0]
-            speed = speed + SPEED_NOISE_RAD_S * noise[1]
-            torque = torque + TORQUE_NOISE_NM * noise[2] * (self._state is DriveState.ENABLED)
+            values += NOISE * self._random.standard_normal((3, 4))
+        if self._state is not DriveState.ENABLED:
+            values[2] = 0.0
         if self._quantised:
-            position = np.round(position / POSITION_QUANTUM_RAD) * POSITION_QUANTUM_RAD
-            speed = np.round(speed / SPEED_QUANTUM_RAD_S) * SPEED_QUANTUM_RAD_S
-            torque = np.round(torque / TORQUE_QUANTUM_NM) * TORQUE_QUANTUM_NM
+            values = np.rint(values / QUANTA) * QUANTA
         temperature = self._temperatures.winding_c
         if self.faults.temperature_c is not None:
             temperature = np.where(np.isnan(self.faults.temperature_c), temperature, self.faults.temperature_c)
+        heard = self._heard()
         last = self._last
         last.measured_ns[heard] = now_ns
-        last.position_rad[heard] = position[heard]
-        last.velocity_rad_s[heard] = speed[heard]
-        last.torque_nm[heard] = torque[heard]
+        last.position_rad[heard] = values[0, heard]
+        last.velocity_rad_s[heard] = values[1, heard]
+        last.torque_nm[heard] = values[2, heard]
         last.temperature_c[heard] = temperature[heard]
+
+    def _heard(self) -> NDArray[np.bool_] | slice:
+        """Whose answers arrive."""
+        if not self.faults.silent.any() and not self.faults.lost_share:
+            return slice(None)
+        arrived: NDArray[np.bool_] = ~self.faults.silent & (self._random.random(4) >= self.faults.lost_share)
+        return arrived
 
     def _reported_state(self) -> DriveState:
         faulted = self.faults.bits is not None and any(self.faults.bits) and self._state is DriveState.ENABLED
         return DriveState.FAULTED if faulted else self._state
+
+
+def _saturated(joint: JointDevice, wish_nm: float, speed_rad_s: float) -> float:
+    """What the drive gives of a wished torque: less the faster it turns with it, all of it against it."""
+    if not isfinite(wish_nm):
+        return 0.0
+    with_torque = copysign(speed_rad_s, wish_nm * speed_rad_s) / radians(joint.no_load_speed_deg_s)
+    limit = joint.max_torque_nm * min(max((1 - with_torque) / (1 - FULL_TORQUE_SPEED), 0.0), 1.0)
+    return min(max(wish_nm, -limit), limit)
 
 
 def _four(bits: list[DriveFault] | None) -> tuple[DriveFault, DriveFault, DriveFault, DriveFault]:

@@ -6,7 +6,9 @@ wearer's arms hold the trunk at the lean that the commanded knees call for, and 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from math import cos, sin
 
 import mujoco
 import numpy as np
@@ -17,7 +19,7 @@ from hal.joints.body import (
     ANKLE_PLANTARFLEXION_NM_RAD,
     ANKLE_REST_RAD,
     Body,
-    trunk_lean,
+    trunk_lean_of,
 )
 from hal.joints.device import Exoskeleton
 from hal.joints.joints import JointArray
@@ -26,6 +28,10 @@ from hal.joints.scene import LEVEL_FLOOR, BlockKind, Scene
 
 BALANCE_NM_RAD = 8000.0  # arms on crutches or rails, against the trunk's pitch
 BALANCE_NM_S_RAD = 600.0
+HOLD_N_M = 3000.0  # arms on crutches or rails, against the trunk's place over the feet
+HOLD_N_S_M = 500.0
+HOLD_MOST_N = 200.0
+SHIFT_S = 0.08  # time constant with which the arms' idea of the standing foot follows a change of contact
 REEL_SPEED_M_S = 0.6  # a harness that pays out faster than this locks, as a fall-arrest reel does
 REEL_N_M = 30_000.0
 REEL_N_S_M = 4000.0
@@ -36,7 +42,11 @@ DEEP_M = 2.0  # blocks reach this far down, so that nothing passes under them
 HIDDEN_M = -50.0
 _JOINTS = ("left_hip", "left_knee", "right_hip", "right_knee")
 _ANKLES = ("left_ankle", "right_ankle")
-_KINDS = {BlockKind.STEP: ("step", STEPS), BlockKind.OBSTACLE: ("obstacle", OBSTACLES), BlockKind.CHAIR: ("chair", CHAIRS)}
+_KINDS = {
+    BlockKind.STEP: ("step", STEPS),
+    BlockKind.OBSTACLE: ("obstacle", OBSTACLES),
+    BlockKind.CHAIR: ("chair", CHAIRS),
+}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -53,9 +63,38 @@ class Truth:
     contact_n: NDArray[np.float64]  # vertical force of floor, steps or obstacle on each foot
     seat_n: float
     harness_n: float
-    balance_nm: float
+    balance_nm: float  # of the wearer's arms, on the trunk's lean
+    hold_n: float  # of the wearer's arms, forward
     deepest_m: float  # how far anything has sunk into anything, positive
     struck: bool  # something touches the obstacle
+
+
+class Posture:
+    """What a command makes of the body, were it carried out: the trunk's lean, the ankles before the hip."""
+
+    __slots__ = ("ankle_speed_m_s", "ankle_x_m", "lean_rad")
+
+    def __init__(self, body: Body, joints_rad: JointArray, speeds_rad_s: JointArray) -> None:
+        left_hip, left_knee, right_hip, right_knee = joints_rad.tolist()
+        speeds = speeds_rad_s.tolist()
+        self.lean_rad = lean = trunk_lean_of(left_knee, right_knee)
+        left, left_speed = _ankle(body, left_hip - lean, left_knee, speeds[0], speeds[1])
+        right, right_speed = _ankle(body, right_hip - lean, right_knee, speeds[2], speeds[3])
+        self.ankle_x_m = (left, right)
+        self.ankle_speed_m_s = (left_speed, right_speed)
+
+
+def _ankle_spring(angle_rad: float) -> float:
+    bent = angle_rad - ANKLE_REST_RAD
+    return -(ANKLE_DORSIFLEXION_NM_RAD if bent > 0 else ANKLE_PLANTARFLEXION_NM_RAD) * bent
+
+
+def _ankle(body: Body, thigh_rad: float, knee_rad: float, hip_speed: float, knee_speed: float) -> tuple[float, float]:
+    """The ankle's place before the hip and its speed, metres and m/s."""
+    shank_rad = thigh_rad - knee_rad
+    place = body.thigh_m * sin(thigh_rad) + body.shank_m * sin(shank_rad)
+    of_thigh = body.thigh_m * cos(thigh_rad) * hip_speed
+    return place, of_thigh + body.shank_m * cos(shank_rad) * (hip_speed - knee_speed)
 
 
 class Wearer:
@@ -79,9 +118,10 @@ class Wearer:
         self._carried_n = body.body_weight_support * self.weight_n
         self._reel_m: float | None = None
         self._slack_s = 0.0
-        self._lean_rad = 0.0
+        self._posture = Posture(body, np.zeros(4), np.zeros(4))
+        self._on_left = 0.5  # how much of the standing is the left foot's
         self._forces = np.zeros(model.nv)
-        self.harness_n = self.balance_nm = 0.0
+        self.harness_n = self.balance_nm = self.hold_n = 0.0
         self.place(np.zeros(4))
 
     def place(self, joints_rad: JointArray) -> None:
@@ -89,9 +129,10 @@ class Wearer:
         data = self._data
         mujoco.mj_resetData(self._model, data)
         data.qpos[self._q] = joints_rad
-        self._lean_rad = float(trunk_lean(joints_rad[1], joints_rad[3]))
-        data.qpos[2] = self._lean_rad
-        shanks = joints_rad[0::2] - self._lean_rad - joints_rad[1::2]
+        self._posture = Posture(self.body, joints_rad, np.zeros(4))
+        lean = self._posture.lean_rad
+        data.qpos[2] = lean
+        shanks = joints_rad[0::2] - lean - joints_rad[1::2]
         data.qpos[self._ankle_q] = -shanks
         mujoco.mj_forward(self._model, data)
         ankles = np.array([data.xpos[number][2] for number in self._ankle_bodies])
@@ -114,17 +155,19 @@ class Wearer:
                 span = (0.0, 0.0, HIDDEN_M) if block is None else (block.from_x_m, block.to_x_m, block.top_m)
                 self._put(f"{name}{number}", here, ground, span)
 
-    def advance(self, torque_nm: JointArray, commanded_knees_rad: tuple[float, float] | None) -> None:
-        """One step of physics; without commanded knees the wearer keeps the lean there was."""
+    def advance(self, torque_nm: Sequence[float], posture: Posture | None) -> None:
+        """One step of physics; without a commanded posture the arms keep the lean there was and hold no place."""
         data, forces = self._data, self._forces
-        if commanded_knees_rad is not None:
-            self._lean_rad = float(trunk_lean(np.array(commanded_knees_rad[0]), np.array(commanded_knees_rad[1])))
+        if posture is not None:
+            self._posture = posture
         forces[self._v] = torque_nm
-        bent = data.qpos[self._ankle_q] - ANKLE_REST_RAD
-        forces[self._ankle_v] = -np.where(bent > 0, ANKLE_DORSIFLEXION_NM_RAD, ANKLE_PLANTARFLEXION_NM_RAD) * bent
+        forces[self._ankle_v] = [_ankle_spring(angle) for angle in data.qpos[self._ankle_q].tolist()]
         self.harness_n = self._carried_n + self._reel()
-        self.balance_nm = float(BALANCE_NM_RAD * (self._lean_rad - data.qpos[2]) - BALANCE_NM_S_RAD * data.qvel[2])
-        forces[1], forces[2] = self.harness_n, self.balance_nm
+        lean = self._posture.lean_rad
+        pitch, turning = float(data.qpos[2]), float(data.qvel[2])
+        self.balance_nm = BALANCE_NM_RAD * (lean - pitch) - BALANCE_NM_S_RAD * turning
+        self.hold_n = 0.0 if posture is None else self._hold(posture)
+        forces[:3] = self.hold_n, self.harness_n, self.balance_nm
         data.qfrc_applied[:] = forces
         mujoco.mj_step(self._model, data)
 
@@ -156,9 +199,26 @@ class Wearer:
             seat_n=seat,
             harness_n=self.harness_n,
             balance_nm=self.balance_nm,
+            hold_n=self.hold_n,
             deepest_m=deepest,
             struck=struck,
         )
+
+    def _hold(self, posture: Posture) -> float:
+        """The arms' horizontal force towards where the commanded posture has the hip over the standing feet."""
+        touching = self._data.contact.geom.ravel().tolist()
+        left, right = self._feet[0] in touching, self._feet[1] in touching
+        if left or right:
+            wanted = 0.5 if left and right else float(left)
+            self._on_left += (wanted - self._on_left) * (TIMESTEP_S / SHIFT_S)
+        on_left, on_right = self._on_left, 1 - self._on_left
+        feet = self._data.xpos[self._ankle_bodies, 0].tolist()
+        place = on_left * (feet[0] - posture.ankle_x_m[0]) + on_right * (feet[1] - posture.ankle_x_m[1])
+        speed = -on_left * posture.ankle_speed_m_s[0] - on_right * posture.ankle_speed_m_s[1]
+        at, moving = float(self._data.qpos[0]), float(self._data.qvel[0])
+        force = HOLD_N_M * (place - at) + HOLD_N_S_M * (speed - moving)
+        held: float = min(max(force, -HOLD_MOST_N), HOLD_MOST_N)
+        return held
 
     def _reel(self) -> float:
         """The force of a harness that locks when it pays out too fast, newtons."""
@@ -185,11 +245,13 @@ class Wearer:
 
     def _standing_on(self) -> float:
         """The height of what the feet stand on."""
-        heights = [
-            contact.pos[2] for contact in self._data.contact if contact.geom1 in self._feet or contact.geom2 in self._feet
-        ]
+        contacts = self._data.contact
+        heights = [place[2] for place, pair in zip(contacts.pos, contacts.geom, strict=True) if self._of_foot(pair)]
         lowest = min(self._data.xpos[number][2] for number in self._ankle_bodies) - self.body.ankle_height_m
         return float(max(heights)) if heights else float(lowest)
+
+    def _of_foot(self, pair: NDArray[np.int32]) -> bool:
+        return int(pair[0]) in self._feet or int(pair[1]) in self._feet
 
     def _contacts(self) -> tuple[NDArray[np.float64], float, float, bool]:
         data = self._data
