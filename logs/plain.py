@@ -2,24 +2,22 @@
 
 from __future__ import annotations
 
-import unicodedata
-
-# control, format (bidirectional overrides among them), lone surrogates, private use, line and paragraph separators
-_STEERING = frozenset({"Cc", "Cf", "Cs", "Co", "Zl", "Zp"})
 _MOST = 10_000  # characters of one text; a person reads no more, a terminal chokes on it
 
 
 def harmless(text: str) -> str:
-    """The text with every character that is not plainly visible spelled as its code, and cut when it is endless."""
+    """The text with every character that is not plainly visible spelled as its code, and cut when it is endless.
+
+    Not visible: control and format characters (bidirectional overrides among them), lone surrogates, private and
+    unassigned ones, every separator but the space.
+    """
     if len(text) > _MOST:
         text = f"{text[:_MOST]}… ({len(text)} characters)"
     if text.isprintable():
         return text
-    return "".join(_spelled(character) for character in text)
+    return "".join(character if character.isprintable() else _spelled(character) for character in text)
 
 
 def _spelled(character: str) -> str:
-    if unicodedata.category(character) not in _STEERING:
-        return character
     code = ord(character)
     return f"\\x{code:02x}" if code < 0x100 else f"\\u{code:04x}" if code < 0x10000 else f"\\U{code:08x}"

@@ -83,10 +83,16 @@ def ask(connection: Any, sql: str) -> Any:
     """The answer to one SQL question as a pyarrow table. Raises AuditError with the engine's own words."""
     try:
         if connection.name == "duckdb":  # Ibis 12 asks DuckDB 2 for a method that it no longer has
-            return connection.raw_sql(sql).to_arrow_table()
+            return _answered(connection.con.sql(sql))
         return connection.sql(sql).to_pyarrow()
     except (duckdb.Error, ibis.common.exceptions.IbisError) as error:
         raise AuditError(f"The question can't be answered: {str(error).strip().splitlines()[0]}") from error
+
+
+def _answered(relation: Any) -> Any:
+    if relation is None:
+        raise AuditError("That is no question; ask with SELECT.")
+    return relation.to_arrow_table()
 
 
 def export(paths: Sequence[Path], output: Path, *, drop_operators: bool) -> int:

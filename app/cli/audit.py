@@ -156,6 +156,14 @@ def export(
     typer.echo(f"{parquet}: {rows} records")
 
 
+@cli.command()
+def schema() -> None:
+    """Print the records' JSON Schema."""
+    from logs.schema import schema_text
+
+    typer.echo(schema_text(), nl=False)
+
+
 @cli.command("list")
 def list_sessions(home: HomeOption = None) -> None:
     """The sessions of this home, oldest first."""

@@ -1,0 +1,193 @@
+"""What people get to read: lines, filters, reports, answers; and that hostile text does nothing there."""
+
+from __future__ import annotations
+
+import json
+from html.parser import HTMLParser
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from rich.text import Text
+from typer.testing import CliRunner
+
+from app.cli import cli
+from logs import records as r
+from logs.disk import PosixDisk
+from logs.errors import AuditError
+from logs.keys import ConsoleKey, by_fingerprint
+from logs.outline import outline
+from logs.plain import harmless
+from logs.read import Odd, find_session, read, records, session_paths
+from logs.report.page import report
+from logs.show import Filter, Sieve, json_of, line_of
+from logs.verify import Evidence
+from logs.words import SENTENCES, sentence
+from tests.logs.trails import Trail, write_session
+from tools.audit_sample import write_sample
+
+HOSTILE = "\x1b]0;owned\x07\x1b[2J\u202e\u0085\x9b31m<script>alert(1)</script>\"'&{{7*7}}[bold]x[/]\r\n\x00"
+
+
+@pytest.fixture
+def hostile(tmp_path: Path, key: ConsoleKey) -> Path:
+    """A session in which every text is an attack."""
+    folder = tmp_path / "hostile"
+    folder.mkdir()
+    bodies = (
+        r.PatientChosen(patient=HOSTILE),
+        r.Note(text=HOSTILE),
+        r.GestureOnset(gesture=HOSTILE, explanation=HOSTILE),
+        r.Press(gesture=HOSTILE, captured_ns=1),
+        r.Cancel(reason=HOSTILE),
+        r.Refusal(reason=HOSTILE, source=HOSTILE, gesture=HOSTILE),
+        r.Transition(from_state=HOSTILE, to_state=HOSTILE),
+        r.EventRaised(event=HOSTILE, effect=HOSTILE, text=HOSTILE),
+        r.ActionEnd(number=1, action=HOSTILE, source="x", from_state="y", to_state=None, outcome=HOSTILE),
+        r.HeartbeatLost(stream=HOSTILE, age_ms=1.0),
+        r.Discomfort(rating=3, text=HOSTILE),
+        r.SignIn(name=HOSTILE, role=HOSTILE),
+    )
+    return write_session(folder, "s1", key, PosixDisk(), bodies)
+
+
+class Tags(HTMLParser):
+    """Which elements and attributes a page really has."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.tags: set[str] = set()
+        self.attributes: set[str] = set()
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.add(tag)
+        self.attributes |= {name for name, _ in attrs}
+
+
+@given(st.text(max_size=500))
+def test_harmless_text_is_visible_or_spelled_out(text: str) -> None:
+    shown = harmless(text)
+    assert shown.isprintable()
+    assert all(character in shown for character in text if character.isprintable())
+
+
+def test_plain_text_stays_as_it_is() -> None:
+    assert harmless("Größe 語 – 74° > 53°") == "Größe 語 – 74° > 53°"
+
+
+def test_hostile_text_steers_no_terminal(hostile: Path) -> None:
+    for record in read(hostile):
+        line = line_of(record)
+        assert isinstance(line, Text)
+        assert line.plain.isprintable(), line.plain
+        assert json_of(record).isascii()
+        assert "\x1b" not in json_of(record)
+
+
+def test_hostile_text_is_only_text_in_the_report(hostile: Path) -> None:
+    page = report(hostile, Evidence())
+    tags = Tags()
+    tags.feed(page)
+    assert "script" not in tags.tags
+    assert not {name for name in tags.attributes if name.startswith("on")}
+    assert "\x1b" not in page
+    assert "49" not in page.split("{{7*7}}", maxsplit=1)[0][-40:]
+    assert "&lt;script&gt;" in page
+
+
+def test_the_report_fetches_nothing(hostile: Path) -> None:
+    tags = Tags()
+    tags.feed(report(hostile, Evidence()))
+    assert not tags.tags & {"img", "link", "script", "iframe", "object", "embed"}
+    assert not tags.attributes & {"src", "href", "srcset"}
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        b"",
+        b"\x00\xff" * 100,
+        "täxt\n".encode("utf-16"),
+        b"[1]\n{}\nnull\n",
+        b'{"body":{"kind":"new"},"wall":"\x1b[2J"}\n',
+        b"x" * (3 << 20),
+    ],
+    ids=["empty", "binary", "utf-16", "other json", "newer", "endless line"],
+)
+def test_anything_can_be_shown_and_nothing_of_it_crashes(tmp_path: Path, content: bytes) -> None:
+    path = tmp_path / "odd.jsonl"
+    path.write_bytes(content)
+    for record in read(path):
+        assert isinstance(record, Odd)
+        assert line_of(record).plain.isprintable()
+    result = CliRunner().invoke(cli, ["audit", "verify", str(path)])
+    assert result.exit_code in (1, 2)
+    assert report(path, Evidence()).startswith("<!doctype html>")
+
+
+def test_every_kind_of_record_has_its_sentence() -> None:
+    assert set(SENTENCES) == set(r.Body.__args__)
+
+
+def test_a_sentence_survives_what_was_not_measured() -> None:
+    body = r.GestureOnset(gesture=None, distance_m=None)
+    assert sentence(body) == "gesture –, confidence 0.00"
+    quad = (0.1, None, 0.1, 0.1)
+    statistics = {name: quad for name in r.JointStatistics.__struct_fields__ if name.endswith(("rad", "nm", "_c"))}
+    assert "–" in sentence(r.JointStatistics(period_s=1.0, **statistics))  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("wanted", "kinds"),
+    [
+        (Filter(state="right"), {"transition"}),
+        (Filter(event="lost"), {"event-raised"}),
+        (Filter(gesture="1"), {"command"}),
+        (Filter(kinds=("note", "stop")), {"note", "stop"}),
+        (Filter(operator="nobody"), set()),
+        (Filter(since="2999"), set()),
+        (Filter(until="1999"), set()),
+        (Filter(patient="P"), set()),
+    ],
+)
+def test_a_filter_lets_through_what_it_says(trail: Trail, wanted: Filter, kinds: set[str]) -> None:
+    sieve = Sieve(wanted)
+    passed = {record.body.__struct_config__.tag for record in records(trail.session) if sieve.passes(record)}
+    assert passed == kinds
+
+
+def test_a_session_is_found_by_the_beginning_of_its_name(three: Trail) -> None:
+    assert find_session(three.folder, "s2").name == "s2.jsonl"
+    assert find_session(three.folder, "last").name == "s3.jsonl"
+    assert [path.stem for path in session_paths(three.folder)] == ["s1", "s2", "s3"]
+    with pytest.raises(AuditError, match="begins 3 sessions"):
+        find_session(three.folder, "s")
+    with pytest.raises(AuditError, match="no session"):
+        find_session(three.folder, "x")
+
+
+def test_the_report_counts_what_the_trail_holds(tmp_path: Path) -> None:
+    write_sample(tmp_path, minutes=3, seed=1)
+    path = write_sample(tmp_path, minutes=5, seed=2)
+    found = records(path)
+    told = outline(path)
+    assert told.actions == sum(isinstance(record.body, r.Command) for record in found)
+    page = report(path, Evidence())
+    assert f"{told.completed}/{told.actions}" in page
+    assert f"<b>{told.distance_m:.1f} m</b>" in page
+    assert "This patient&#39;s sessions" in page or "This patient's sessions" in page
+    assert page.count("<svg") == 1 + 4 + 1 + 1
+    for reason in {record.body.reason for record in found if isinstance(record.body, r.Refusal)}:
+        assert reason in page
+
+
+def test_a_changed_trail_is_called_so_on_its_report(trail: Trail) -> None:
+    trail.session.write_bytes(trail.session.read_bytes().replace(b"Look.", b"Fine."))
+    page = report(trail.session, Evidence(keys=by_fingerprint([trail.key.public])))
+    assert '<section class="proof tampered">' in page
+
+
+def test_show_prints_json_that_programs_read(three: Trail) -> None:
+    result = CliRunner().invoke(cli, ["audit", "show", str(three.session), "--json", "--kind", "note"])
+    assert [json.loads(line)["body"]["text"] for line in result.output.splitlines()][-1] == "ä–語"
