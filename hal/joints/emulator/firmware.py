@@ -44,7 +44,7 @@ class EmulatedDrive:
         self.motor_mode = False
         self.error_code = 0
         self.zero_rad = 0.0
-        self.silent = self.garbage = self.duplicate = False
+        self.silent = self.garbage = self.duplicate = self.deaf_to_zero = False
         self.answers_as: int | None = None
         self.late_ns = 0
         self.temperature_c: float | None = None
@@ -104,7 +104,7 @@ class EmulatedDrive:
             self.motor_mode = False
         elif asked is Order.CLEAR:
             self.error_code, self.motor_mode = 0, False
-        elif self.model.zero_in_motor_mode or not self.motor_mode:
+        elif (self.model.zero_in_motor_mode or not self.motor_mode) and not self.deaf_to_zero:
             self.zero_rad = self.state.position_rad
 
     def _reports(self) -> list[Frame]:
@@ -176,7 +176,7 @@ class EmulatedDrive:
 
     def heal(self) -> None:
         """Everything well again; motor mode stays off where a fault ended it."""
-        self.silent = self.garbage = self.duplicate = False
+        self.silent = self.garbage = self.duplicate = self.deaf_to_zero = False
         self.error_code = self.late_ns = 0
         self.answers_as = self.temperature_c = None
         self._codec = codec_of(self.model)

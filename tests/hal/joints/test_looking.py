@@ -1,0 +1,227 @@
+"""Scan, monitor, recorder, decoder and zeroing against emulated drives."""
+
+from __future__ import annotations
+
+import gzip
+import io
+import math
+import threading
+from pathlib import Path
+
+import can
+import pytest
+
+from hal.errors import HardwareError
+from hal.joints import zeroing
+from hal.joints.bus import open_bus
+from hal.joints.bus_log import Decoder, LogSummary, messages_of, open_log
+from hal.joints.emulator import Fault
+from hal.joints.joints import DriveFault, Joint
+from hal.joints.monitor import BusMonitor, stations_of
+from hal.joints.recorder import BusRecorder
+from hal.joints.scan import listen, scan
+from hal.joints.socketcan import SocketCanJoints
+from tests.hal.joints.rig import CanRig, MakeRig, command, small_gear, with_motor
+
+PROTOCOLS = {
+    "MIT (AK V1/V2, bgkatz)": lambda: with_motor("AK80-64/V2"),
+    "Damiao": lambda: with_motor("DM10010/default"),
+    "CyberGear": lambda: small_gear("CyberGear/manual"),
+    "AK V3 / servo": lambda: with_motor("AK80-64/V3"),
+}
+
+
+@pytest.mark.parametrize("protocol", PROTOCOLS)
+def test_scanning_tells_protocols_apart_and_finds_every_drive(make_rig: MakeRig, protocol: str) -> None:
+    device = PROTOCOLS[protocol]()
+    make_rig(device)
+    with open_bus(device.buses[0]) as bus:
+        found = scan(bus, range(1, 17))
+    assert sorted((drive.protocol, drive.drive_id, drive.answers) for drive in found) == [
+        (protocol, number, 1) for number in range(1, 5)
+    ]
+
+
+def test_scanning_counts_drives_that_share_an_id(make_rig: MakeRig) -> None:
+    device = with_motor("AK80-64/V2")
+    rig = make_rig(device)
+    rig.emulator.befall(Fault.DUPLICATE, Joint.LEFT_KNEE)
+    with open_bus(device.buses[0]) as bus:
+        found = {drive.drive_id: drive.answers for drive in scan(bus, range(1, 9))}
+    assert found == {1: 1, 2: 2, 3: 1, 4: 1}
+
+
+def start(rig: CanRig) -> None:
+    rig.joints.open(rig.now_ns())
+    rig.joints.enable(rig.now_ns())
+
+
+def test_listening_tells_a_bus_in_use_from_one_that_is_still(make_rig: MakeRig) -> None:
+    device = with_motor("AK80-64/V2")
+    rig = make_rig(device)
+    with open_bus(device.buses[0]) as bus:
+        assert not listen(bus, 0.05).busy
+        start(rig)
+        rig.until(lambda now: (now.measured_ns > 0).all(), command())
+        assert listen(bus, 0.05).busy
+
+
+def test_the_monitor_sees_both_sides_and_sends_nothing(make_rig: MakeRig) -> None:
+    device = with_motor("AK80-64/V2")
+    rig = make_rig(device)
+    monitor = BusMonitor(device)
+    start(rig)
+    for _ in range(5):
+        rig.tick(command(0.2, stiffness=100.0))
+    heard = rig.emulator.received
+    monitor.look(0.05)
+    assert rig.emulator.received == heard
+    for name in ("left hip", "left knee", "right hip", "right knee"):
+        assert monitor.counts[name, "command"] > 0
+        assert monitor.counts[name, "reply"] > 0
+        assert "11.4" in monitor.newest[name, "command"].text  # 0.2 rad
+    monitor.close()
+
+
+@pytest.fixture
+def recorded(make_rig: MakeRig, tmp_path: Path) -> Path:
+    """A short session's log, with a fault in it."""
+    device = with_motor("AK80-64/V2")
+    rig = make_rig(device)
+    path = tmp_path / "session.can.log"
+    recorder, stop = BusRecorder(device, path), threading.Event()
+    thread = threading.Thread(target=recorder.run, args=(stop.is_set,))
+    thread.start()
+    start(rig)
+    rig.emulator.befall(Fault.ERROR, Joint.LEFT_KNEE, 2)
+    rig.until(lambda now: now.faults[Joint.LEFT_KNEE], command(0.1))
+    rig.joints.close(rig.now_ns())
+    rig.until(lambda _: recorder.frames >= 60)
+    stop.set()
+    thread.join()
+    recorder.close()
+    return path
+
+
+def read(path: Path) -> tuple[list[str], LogSummary]:
+    decoder, summary = Decoder(stations_of(with_motor("AK80-64/V2"))), LogSummary()
+    kinds = []
+    with open_log(path) as file:
+        for message in messages_of(file, summary):
+            decoded = decoder.decode(message)
+            kinds.append(decoded.kind)
+            summary.add(decoded)
+    return kinds, summary
+
+
+def test_a_recorded_session_decodes_to_its_last_frame(recorded: Path) -> None:
+    kinds, summary = read(recorded)
+    assert summary.broken_lines == 0
+    assert len(kinds) == len(list(can.LogReader(recorded))) == len(recorded.read_text().splitlines())
+    assert set(kinds) == {"order", "command", "reply"}
+    assert summary.faults["left knee"] is DriveFault.OVER_CURRENT
+    assert summary.faults["right hip"] is DriveFault.NONE
+
+
+def test_a_log_cut_anywhere_is_read_up_to_its_last_whole_line(recorded: Path, tmp_path: Path) -> None:
+    data = recorded.read_bytes()
+    cut = tmp_path / "cut.log"
+    for length in range(0, 400):
+        cut.write_bytes(data[:length])
+        kinds, summary = read(cut)
+        assert len(kinds) == data[:length].count(b"\n")
+        assert summary.broken_lines == (not data[:length].endswith(b"\n") and length > 0)
+
+
+def test_a_compressed_log_cut_in_half_is_read_as_far_as_it_goes(recorded: Path, tmp_path: Path) -> None:
+    cut = tmp_path / "cut.log.gz"
+    whole = gzip.compress(recorded.read_bytes() * 20)
+    cut.write_bytes(whole[: len(whole) * 3 // 4])
+    kinds, summary = read(cut)
+    assert len(kinds) > 60
+    assert summary.broken_lines >= 1
+
+
+def test_lines_that_are_no_frames_are_left_out_and_counted() -> None:
+    summary = LogSummary()
+    text = "(1.0) can0 001#FF\n\nnonsense\n(2.0) can0 1#\n(3.0) can0 001#FFF\n(4.0) can0 12345678#00 R\n\x00\xff\n"
+    assert len(list(messages_of(io.StringIO(text), summary))) == 2
+    assert summary.broken_lines == 4
+
+
+def test_a_log_that_is_not_there_is_told() -> None:
+    with pytest.raises(HardwareError, match=r"nowhere\.log"):
+        open_log(Path("nowhere.log"))
+
+
+def test_strangers_and_error_frames_decode_to_themselves() -> None:
+    decoder = Decoder(stations_of(with_motor("AK80-64/V2")))
+    stranger = decoder.decode(can.Message(arbitration_id=0x18FEEE00, data=b"\xab\xcd"))
+    assert (stranger.kind, stranger.text) == ("stranger", "18FEEE00#ABCD")
+    off = can.Message(is_error_frame=True, is_extended_id=False, arbitration_id=0x40, data=bytes(8))
+    assert decoder.decode(off).kind == "error"
+
+
+@pytest.fixture
+def quick(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(zeroing, "STILL_FOR_S", 0.05)
+    monkeypatch.setattr(zeroing, "TAKES_EFFECT_S", 0.2)
+
+
+@pytest.fixture
+def opened(make_rig: MakeRig, quick: None) -> tuple[SocketCanJoints, CanRig]:
+    """Drives that stand at 0.3 rad, probed."""
+    rig = make_rig(with_motor("AK80-64/V2", zero_offset_deg=10.0))
+    assert isinstance(rig.joints, SocketCanJoints)
+    for drive in rig.emulator.drives:
+        drive.zero_rad = -0.3
+    rig.joints.open(rig.now_ns())
+    return rig.joints, rig
+
+
+def test_zeroing_makes_the_pose_the_described_offset(opened: tuple[SocketCanJoints, CanRig]) -> None:
+    joints, rig = opened
+    request = zeroing.ask_zero(joints, Joint.LEFT_KNEE)
+    assert zeroing.set_zero(joints, request, request.word) == pytest.approx(math.radians(10.0), abs=0.01)
+    assert rig.emulator.drives[Joint.LEFT_HIP].zero_rad == -0.3
+
+
+def test_zeroing_needs_the_second_word(opened: tuple[SocketCanJoints, CanRig]) -> None:
+    joints, rig = opened
+    request = zeroing.ask_zero(joints, Joint.LEFT_KNEE)
+    with pytest.raises(HardwareError, match="second word"):
+        zeroing.set_zero(joints, request, "yes")
+    late = zeroing.ZeroRequest(request.joint, request.angle_rad, request.word, request.at_s - 60)
+    with pytest.raises(HardwareError, match="ask again"):
+        zeroing.set_zero(joints, late, request.word)
+    assert rig.emulator.drives[Joint.LEFT_KNEE].zero_rad == -0.3
+
+
+def test_zeroing_needs_the_joint_still(opened: tuple[SocketCanJoints, CanRig]) -> None:
+    joints, rig = opened
+    request = zeroing.ask_zero(joints, Joint.LEFT_KNEE)
+    rig.emulator.drives[Joint.LEFT_KNEE].zero_rad = -0.35
+    with pytest.raises(HardwareError, match="has moved since"):
+        zeroing.set_zero(joints, request, request.word)
+
+
+def test_zeroing_is_refused_while_enabled(opened: tuple[SocketCanJoints, CanRig]) -> None:
+    joints, rig = opened
+    joints.enable(rig.now_ns())
+    with pytest.raises(HardwareError, match="not enabled"):
+        zeroing.ask_zero(joints, Joint.LEFT_KNEE)
+
+
+def test_a_drive_that_ignores_its_zero_is_told(opened: tuple[SocketCanJoints, CanRig]) -> None:
+    joints, rig = opened
+    request = zeroing.ask_zero(joints, Joint.LEFT_KNEE)
+    rig.emulator.drives[Joint.LEFT_KNEE].deaf_to_zero = True
+    with pytest.raises(HardwareError, match="did not take the zero"):
+        zeroing.set_zero(joints, request, request.word)
+
+
+def test_a_silent_drive_is_told_when_asked_for_its_zero(opened: tuple[SocketCanJoints, CanRig]) -> None:
+    joints, rig = opened
+    rig.emulator.befall(Fault.SILENT, Joint.LEFT_KNEE)
+    with pytest.raises(HardwareError, match="No answer from the left knee"):
+        zeroing.ask_zero(joints, Joint.LEFT_KNEE)
