@@ -28,6 +28,9 @@ from logs.records import HeartbeatLost, Note, ProcessEnd, ProcessStart
 LOOK_S = 0.005  # with the stale limit of 35 ms the joints are damped before 50 ms are over
 NS_PER_MS = 1_000_000
 DAMP_NS = 3_000 * NS_PER_MS  # the wearer sinks into the harness; then the torque goes off
+ENDING_DAMP_NS = 500 * NS_PER_MS
+LATE_LOOK_NS = 12 * NS_PER_MS
+OFF_NS = 300 * NS_PER_MS
 RETRY_NS = 1_000 * NS_PER_MS
 PRIORITY = 70
 HEALTH_NS = int(1e9 / processes.GUARDIAN.rate_hz)
@@ -48,19 +51,30 @@ class Watch:
     heartbeat: Heartbeat | None = None
     doing: Doing = Doing.WATCH
     since_ns: int = 0
+    looked_ns: int = 0
 
 
-def look(watch: Watch, heartbeat: Heartbeat | None, now_ns: int) -> Watch:
-    """The watch after one look. Once it has acted, it goes on to the end, whatever control says afterwards."""
-    newest = heartbeat or watch.heartbeat
-    watch = replace(watch, heartbeat=newest)
-    if watch.doing is Doing.DAMP and now_ns - watch.since_ns > DAMP_NS:
+def look(watch: Watch, heartbeat: Heartbeat | None, now_ns: int, *, ending: bool = False) -> Watch:
+    """The watch after one look. Once it has acted, it goes on to the end, whatever control says afterwards.
+
+    A guardian that was itself late knows nothing of the last moments: it looks once more before it acts.
+    ending: the session is being closed, and the wearer is not left in damped joints for long.
+    """
+    punctual = now_ns - watch.looked_ns <= LATE_LOOK_NS
+    watch = replace(watch, heartbeat=heartbeat or watch.heartbeat, looked_ns=now_ns)
+    damped_ns = ENDING_DAMP_NS if ending else DAMP_NS
+    if watch.doing is Doing.DAMP and now_ns - watch.since_ns > damped_ns:
         return replace(watch, doing=Doing.OFF, since_ns=now_ns)
-    if watch.doing is not Doing.WATCH or newest is None or not newest.enabled or newest.last:
-        return watch
-    if now_ns - newest.at_ns <= processes.HEARTBEAT.stale_ms * NS_PER_MS:
-        return watch
-    return replace(watch, doing=Doing.DAMP, since_ns=now_ns)
+    if watch.doing is Doing.WATCH and punctual and _lost(watch.heartbeat, now_ns):
+        return replace(watch, doing=Doing.DAMP, since_ns=now_ns)
+    return watch
+
+
+def _lost(heartbeat: Heartbeat | None, now_ns: int) -> bool:
+    """Whether control has gone silent with the drives powered."""
+    if heartbeat is None or not heartbeat.enabled or heartbeat.last:
+        return False
+    return now_ns - heartbeat.at_ns > processes.HEARTBEAT.stale_ms * NS_PER_MS
 
 
 def run_guardian(setup: SessionSetup) -> None:
@@ -80,6 +94,7 @@ class Guardian:
     """The shell around `look`: its links and its way to the drives."""
 
     def __init__(self, setup: SessionSetup) -> None:
+        _hurry()  # first: the threads of the links inherit it
         self._console_pid = setup.console_pid
         self._sink = AuditSink(setup.links, "guardian", setup.operator)
         self._heartbeats = LatestReceiver(address(setup.links, processes.HEARTBEAT.name), Heartbeat)
@@ -90,14 +105,13 @@ class Guardian:
         self._ending = False
         self._told_ns = 0
         self._tried_ns = -RETRY_NS
-        _hurry()
         self._sink.emit(ProcessStart(pid=os.getpid()))
 
     def look_once(self, now_ns: int) -> None:
         """One look, and what follows from it."""
         self._open(now_ns)
         before = self._watch
-        self._watch = look(before, self._heartbeats.receive(), now_ns)
+        self._watch = look(before, self._heartbeats.receive(), now_ns, ending=self._ended())
         self._act()
         if before.doing is Doing.WATCH and self._watch.doing is Doing.DAMP:
             self._tell_loss(now_ns)
@@ -111,15 +125,14 @@ class Guardian:
 
     def done(self, now_ns: int) -> bool:
         """Whether nothing is left to guard."""
-        heartbeat = self._watch.heartbeat
-        if self._watch.doing is Doing.DAMP:
+        heartbeat, doing = self._watch.heartbeat, self._watch.doing
+        if self._stop is not None and doing is Doing.DAMP:
             return False
-        if self._watch.doing is Doing.OFF:
-            return now_ns - self._watch.since_ns > RETRY_NS
+        if self._stop is not None and doing is Doing.OFF:
+            return self._ended() and now_ns - self._watch.since_ns > OFF_NS
         if heartbeat is not None and heartbeat.last:
             return True
-        ended = self._ending or os.getppid() != self._console_pid
-        return ended and (heartbeat is None or not heartbeat.enabled)
+        return self._ended() and (heartbeat is None or not heartbeat.enabled or doing is not Doing.WATCH)
 
     def close(self) -> None:
         """Say goodbye and release everything."""
@@ -129,6 +142,9 @@ class Guardian:
         self._heartbeats.close()
         self._health.close()
         self._sink.close()
+
+    def _ended(self) -> bool:
+        return self._ending or os.getppid() != self._console_pid
 
     def _act(self) -> None:
         """Every look anew: a drive that limps on silence needs its damping again and again."""

@@ -13,7 +13,7 @@ from app.control.gait_machine import Gait
 from app.control.inputs import DriveOrder
 from app.control.memory import Tick
 from app.control.plan import TICK_HZ, Phase, Plan
-from app.control.states import Action
+from app.control.states import Action, GaitState
 from app.control.task import Stage, Task, Wish, end_record, ended, plan_record, plan_sentence, request
 from app.control.wishes import refuse
 from app.processes import PLAN_REPLY
@@ -38,8 +38,17 @@ def walk_broken(tick: Tick) -> bool:
     return memory.motion.rows_left <= LAST_CALL_ROWS and _following(memory.gait) not in memory.task.ahead
 
 
+def try_planner(tick: Tick) -> None:
+    """Ask for a plan that nobody will run: its answer shows that the planner is ready."""
+    if tick.memory.plan_number == 0:
+        tick.requests.append(request(1, Action.INITIALISE, Phase.WHOLE, GaitState.UNPOWERED, np.zeros(4)))
+        tick.memory = replace(tick.memory, plan_number=1)
+
+
 def take_plans(tick: Tick) -> None:
     """Give the planner's answers to the action that waits for them; answers to older questions are dropped."""
+    if tick.inputs.plans and not tick.memory.planner_ready:
+        tick.memory = replace(tick.memory, planner_ready=True)
     for plan in tick.inputs.plans:
         task = tick.memory.task
         if task is None or plan.number not in task.awaited:

@@ -90,6 +90,7 @@ class Event(Enum):
     UNEXPECTED_MOTION = "unexpected motion"
     GUARDIAN_GONE = "guardian gone"
     GUARDIAN_ACTED = "guardian acted"
+    PLANNER_STARTING = "planner starting"
     PLANNER_SILENT = "planner silent"
     WALK_BROKEN = "next step missing"
     MESSAGE_REJECTED = "message rejected"
@@ -396,6 +397,12 @@ TABLE = (
         latch=Latch.POWERED,
         present=lambda f: f.guardian_acted,
         text="The guardian took the joints because control was silent. End the session.",
+    ),
+    Row(
+        event=E.PLANNER_STARTING,
+        effect=F.REFUSE,
+        present=lambda f: not f.planner_ready,
+        text="The planner is getting ready: a few seconds yet.",
     ),
     Row(
         event=E.PLANNER_SILENT,

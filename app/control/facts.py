@@ -65,6 +65,7 @@ class Facts:
     beyond_speed: bool = False
     beyond_torque: bool = False
     guard_refusal: str = ""
+    planner_ready: bool = True
     planner_silent: bool = False
     walk_broken: bool = False
     rejected_messages: int = 0
@@ -83,6 +84,7 @@ class Standing:
     uncleared: bool
     ending: bool
     ending_slack: bool
+    planner_ready: bool
     planner_silent: bool
     walk_broken: bool
 
@@ -135,6 +137,7 @@ def gather(inputs: Inputs, heard: Heard, standing: Standing, settings: Settings)
         beyond_speed=_any_beyond(feedback.velocity_rad_s.tolist(), SPEED_MARGIN, limits.speed_rad_s.tolist()),
         beyond_torque=_any_beyond(feedback.torque_nm.tolist(), TORQUE_MARGIN, limits.torque_nm.tolist()),
         guard_refusal=str(inputs.guard_refusal) if inputs.guard_refusal else "",
+        planner_ready=standing.planner_ready,
         planner_silent=standing.planner_silent,
         walk_broken=standing.walk_broken,
         rejected_messages=inputs.rejected_messages,

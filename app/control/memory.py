@@ -40,6 +40,7 @@ class Memory:
     sequence: int = 0  # of the newest OperatorCommand
     number: int = 0  # of the newest action
     plan_number: int = 0  # of the newest plan request
+    planner_ready: bool = False  # it has answered once
     reports: tuple[ActionReport, ...] = ()
     refusal: str = ""
     refusal_count: int = 0

@@ -8,8 +8,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 from app.control import follow, gait_machine
-from app.control.carry import carry_on, planner_silent, set_gait, stop_task, take_plans, walk_broken
-from app.control.events import CLOCK_STEP_S, ROW, Active, Actives, advance, blocker, displaced, sentence
+from app.control.carry import carry_on, planner_silent, set_gait, stop_task, take_plans, try_planner, walk_broken
+from app.control.events import CLOCK_STEP_S, ROW, Active, Actives, Event, advance, blocker, displaced, sentence
 from app.control.facts import Standing, gather
 from app.control.follow import Mode
 from app.control.freshness import NS_PER_MS, listen, nothing_heard
@@ -19,8 +19,16 @@ from app.control.settings import Settings
 from app.control.states import Effect
 from app.control.task import Stage, measure, note_command
 from app.control.wishes import grant, look, obey, uncleared
+from app.processes import AUDIT_HEALTH, GUARDIAN, OPERATOR, TRIGGER
 from logs import records
 
+# What the trail calls the loss of a stream's sign of life.
+STREAM_OF = {
+    Event.PERCEPTION_GONE: TRIGGER,
+    Event.CONSOLE_SILENT: OPERATOR,
+    Event.AUDIT_GONE: AUDIT_HEALTH,
+    Event.GUARDIAN_GONE: GUARDIAN,
+}
 END_HOLD_NS = 400 * NS_PER_MS  # a session that ends holds first, longer than a hold takes; then it gives way
 
 
@@ -38,6 +46,7 @@ def step(memory: Memory, inputs: Inputs, settings: Settings) -> tuple[Memory, Ou
     tick.memory = replace(tick.memory, heard=listen(tick.memory.heard, inputs))
     _watch(tick)
     _restrain(tick)
+    try_planner(tick)
     grant(tick)
     take_plans(tick)
     carry_on(tick)
@@ -170,6 +179,7 @@ def _standing(tick: Tick) -> Standing:
         uncleared=uncleared(tick),
         ending=ending_ns > 0,
         ending_slack=ending_ns > 0 and tick.now_ns - ending_ns > END_HOLD_NS,
+        planner_ready=memory.planner_ready,
         planner_silent=planner_silent(tick),
         walk_broken=walk_broken(tick),
     )
@@ -188,12 +198,23 @@ def _news(before: Actives, after: Actives, now_ns: int) -> list[records.Body]:
         for one in after
         if one.event not in was
     ]
-    return raised + [_cleared(one, now_ns) for one in before if one.event not in still]
+    lost: list[records.Body] = [
+        records.HeartbeatLost(stream=STREAM_OF[one.event].name, age_ms=STREAM_OF[one.event].stale_ms)
+        for one in after
+        if one.event not in was and one.event in STREAM_OF
+    ]
+    gone = [body for one in before if one.event not in still for body in _cleared(one, now_ns)]
+    return [*raised, *lost, *gone]
 
 
-def _cleared(one: Active, now_ns: int) -> records.EventCleared:
-    return records.EventCleared(
+def _cleared(one: Active, now_ns: int) -> list[records.Body]:
+    cleared = records.EventCleared(
         event=one.event.value,
         effect=ROW[one.event].effect.name.lower(),
         lasted_s=(now_ns - one.since_ns) / 1e9,
     )
+    stream = STREAM_OF.get(one.event)
+    if stream is None:
+        return [cleared]
+    silent_ms = stream.stale_ms + (one.last_ns - one.since_ns) / NS_PER_MS
+    return [cleared, records.HeartbeatFound(stream=stream.name, silent_ms=silent_ms)]

@@ -17,6 +17,7 @@ from hal.joints.joints import JointArray, JointCommand
 from logs import records
 
 VISIBLE_RAD = radians(0.5)
+NO_SWING_M = 0.9  # the planner's figure for a movement in which no foot leaves the ground
 
 
 class Stage(Enum):
@@ -115,10 +116,10 @@ def ended(task: Task, outcome: str, to_state: GaitState, now_ns: int, reason: st
 def plan_sentence(plan: Plan) -> str:
     """The plan's check, for people."""
     check = plan.check
-    return (
-        f"{plan.duration_s:.1f} s, peak {np.degrees(max(check.peak_speed_rad_s)):.0f}°/s, "
-        f"{max(check.peak_torque_nm):.0f} Nm, clearance {100 * check.min_clearance_m:.1f} cm"
-    )
+    peaks = f"{plan.duration_s:.1f} s, peak {np.degrees(max(check.peak_speed_rad_s)):.0f}°/s, "
+    effort = f"{max(check.peak_torque_nm):.0f} Nm"
+    swings = check.min_clearance_m < NO_SWING_M
+    return peaks + effort + (f", clearance {100 * check.min_clearance_m:.1f} cm" if swings else "")
 
 
 def command_record(report: ActionReport) -> records.Command:

@@ -185,7 +185,7 @@ class Rig:
         assert self.memory is not None
         return self.memory
 
-    def run_until(self, wanted: Callable[[Memory], bool], limit: int = 4000) -> Memory:
+    def run_until(self, wanted: Callable[[Memory], bool], limit: int = 2500) -> Memory:
         """Ticks until `wanted(memory)` holds; fails when it never does."""
         for _ in range(limit):
             if wanted(self.tick()):

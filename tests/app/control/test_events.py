@@ -106,6 +106,18 @@ def walk_without_planner(rig: Rig) -> None:
     rig.tick(420)
 
 
+def never_answered(rig: Rig) -> None:
+    """The planner is still loading."""
+    assert rig.memory is not None
+    rig.memory = replace(rig.memory, planner_ready=False)
+
+
+def answered(rig: Rig) -> None:
+    """It has loaded."""
+    assert rig.memory is not None
+    rig.memory = replace(rig.memory, planner_ready=True)
+
+
 def pushed(rig: Rig) -> None:
     """A finished step has left the legs in another state's pose."""
     rig.settings = replace(rig.settings, poses={GaitState.STANDING: np.full(4, 0.5)})
@@ -157,6 +169,7 @@ CAUSES: dict[Event, Cause] = {
     E.UNEXPECTED_MOTION: Cause(joints(velocity_rad_s=one(0.61)), joints(velocity_rad_s=np.zeros(4))),
     E.GUARDIAN_GONE: Cause(world(guarding=False), world(guarding=True), ticks=160),
     E.GUARDIAN_ACTED: Cause(world(guardian_health={"acted": True}), world(guardian_health={}), ticks=40),
+    E.PLANNER_STARTING: Cause(never_answered, answered, fresh=True),
     E.PLANNER_SILENT: Cause(lambda rig: (world(planning=False)(rig), wish(Action.WALK)(rig)), ticks=260),
     E.WALK_BROKEN: Cause(walk_without_planner, world(planning=True)),
     E.MESSAGE_REJECTED: Cause(spoil(rejected_messages=1)),
