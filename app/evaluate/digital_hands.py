@@ -28,15 +28,15 @@ def label_of(pose: str) -> str:
 
 
 def digital_scenes(per_pose: int, first_seed: int) -> Iterator[tuple[Photo, Scene, int]]:
-    """Each pose by `per_pose` people, with the seed of the picture's noise."""
-    for place, pose in enumerate(POSES):
-        for number in range(per_pose):
-            seed = first_seed + place * 10_000 + number
-            photo = Photo(path=f"{pose}/{seed}", label=label_of(pose), source=SOURCE, group=str(seed))
-            yield photo, scene_of(pose, seed), seed
+    """`per_pose` people, each showing every pose, tilted and placed anew; with the seed of the picture's noise."""
+    for person in range(first_seed, first_seed + per_pose):
+        for place, pose in enumerate(POSES):
+            seed = person * len(POSES) + place
+            photo = Photo(path=f"{pose}/{seed}", label=label_of(pose), source=SOURCE, group=str(person))
+            yield photo, scene_of(pose, person, seed), seed
 
 
-def scene_of(pose: str, seed: int) -> Scene:
+def scene_of(pose: str, person: int, seed: int) -> Scene:
     """One person showing one pose: tilted by up to 30° about any axis, 20 to 60 cm away, in the picture's middle."""
     draw = np.random.default_rng(seed)
     axis = draw.normal(size=3)
@@ -44,7 +44,7 @@ def scene_of(pose: str, seed: int) -> Scene:
     distance_m = float(draw.uniform(NEAR_M, FAR_M))
     scene = posed(
         pose,
-        person=person_of(seed),
+        person=person_of(person),
         position_m=(0.0, 0.0, distance_m),
         turn_rad=(float(turn[0]), float(turn[1]), float(turn[2])),
     )

@@ -13,6 +13,7 @@ from app.evaluate.distance_frames import FINDERS, SequenceResult
 from app.evaluate.distance_measures import DistanceFigures
 from app.evaluate.distance_table import PAPER_TABLE_5, Table5
 from app.evaluate.idle import IdleResult
+from app.evaluate.press_zone import LOOKS, ZoneRow
 from app.evaluate.trigger import CAMERAS, MODES, PAPER_FPS, PAPER_TABLE_6, TriggerRow
 
 FIGURES = ("n", "lost", "MAE", "bias", "p95 cm", "≤ 5 cm", "near 3", "near 10")
@@ -87,6 +88,18 @@ def idle_table(result: IdleResult) -> Table:
     shown = Table("", "commands", "presses", "cancelled", title=title)
     for mode in MODES:
         shown.add_row(mode, str(result.commands[mode]), str(result.presses[mode]), str(result.cancels[mode]))
+    return shown
+
+
+def zone_table(rows: list[ZoneRow]) -> Table:
+    """How near the hand is followed, and whether a push with the proposed threshold commands."""
+    heads = [f"{look}: {what}" for look in LOOKS for what in ("followed to", "commands")]
+    shown = Table("lens", "gesture", *heads, title="The press zone on the digital hand, worst hand and share of pushes")
+    for row in rows:
+        cells = [
+            cell for look in LOOKS for cell in (f"{row.followed_cm[look]:.0f} cm", f"{100 * row.commands[look]:.0f} %")
+        ]
+        shown.add_row(f"{row.focal_px:.0f} px", row.gesture, *cells, end_section=row.gesture == "rock")
     return shown
 
 

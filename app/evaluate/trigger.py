@@ -183,7 +183,9 @@ def _add_commands(tally: _Tally, mode: str, last: Report) -> None:
             tally.commands[key] = tally.commands.get(key, 0) + button.release_count
 
 
-def replay_pipeline(mode: str, person: Person, lens: Intrinsics) -> tuple[Replay, Pipeline]:
+def replay_pipeline(
+    mode: str, person: Person, lens: Intrinsics, threshold_m: float = THRESHOLD_M
+) -> tuple[Replay, Pipeline]:
     """The mode's whole chain for a person whose palm is known by ruler."""
     replay = Replay()
     anchor_m, centre_px = person.shape.anchor_m, (lens.cx_px, lens.cy_px)
@@ -192,7 +194,7 @@ def replay_pipeline(mode: str, person: Person, lens: Intrinsics) -> tuple[Replay
         detector=replay,
         rules=PublishedRules() if mode == "published" else RobustRules(),
         range_finder=finder(focal_px=lens.fx_px, anchor_m=anchor_m, centre_px=centre_px),
-        place=ButtonPlace(x_px=lens.cx_px, y_px=lens.cy_px, radius_px=0.06 * lens.width_px, threshold_m=THRESHOLD_M),
+        place=ButtonPlace(x_px=lens.cx_px, y_px=lens.cy_px, radius_px=0.06 * lens.width_px, threshold_m=threshold_m),
         mode=ButtonMode(mode),
         depth_finder=DepthRange(mode=mode),
     )

@@ -97,6 +97,29 @@ def idle(
         raise typer.Exit(1)
 
 
+@cli.command("press-zone")
+def press_zone(
+    hands: Annotated[int, typer.Option(help="Digital hands a gesture.", min=1)] = 3,
+    json_file: JsonOption = None,
+    home: HomeOption = None,
+) -> None:
+    """How near each gesture is followed, with two lenses, and whether a push commands."""
+    from rich.console import Console
+
+    from app.evaluate.distance_tables import zone_table
+    from app.evaluate.press_zone import LENSES_PX, evaluate_press_zone, steps, zone_of
+    from hal.cameras.hand_scene import Person, lens_for
+    from kgdfa.keypoints import HandDetector
+
+    console, model = Console(), _model(home)
+    for focal_px in LENSES_PX:
+        console.print(f"{focal_px:.0f} px: {zone_of(Person(), lens_for(focal_px=focal_px)).sentence}")
+    with _bar(console, steps(hands)) as step:
+        rows = evaluate_press_zone(lambda: HandDetector(model), hands=hands, step=step)
+    console.print(zone_table(rows))
+    _write(json_file, {"hands": hands, "rows": [row.as_json() for row in rows]})
+
+
 def _on_frames(console: Console, folder: Path, json_file: Path | None, plot: Path | None, home: Path | None) -> None:
     from app.evaluate.distance_frames import FINDERS, measure_frames, read_frames
     from app.evaluate.distance_tables import sequence_table
@@ -139,14 +162,19 @@ def _table_5(
 
 @contextmanager
 def _detector(home: Path | None) -> Iterator[HandDetector]:
+    from kgdfa.keypoints import HandDetector
+
+    with HandDetector(_model(home)) as detector:
+        yield detector
+
+
+def _model(home: Path | None) -> Path:
     from app.config import load_config
     from app.model import set_up_model
     from app.paths import find_home
-    from kgdfa.keypoints import HandDetector
 
     place = find_home(home)
-    with HandDetector(set_up_model(place, load_config(place.config))) as detector:
-        yield detector
+    return set_up_model(place, load_config(place.config))
 
 
 @contextmanager

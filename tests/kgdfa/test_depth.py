@@ -1,0 +1,134 @@
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from kgdfa.depth import CONFIRM_FRAMES, DepthFault, DepthMap, DepthRange, sample_palm
+from kgdfa.distance import Distance, DistanceSource
+from kgdfa.errors import KgdfaError
+from kgdfa.hand import Hand, Side
+
+FRAME_NS = 33_333_333
+MONOCULAR = Distance(shown_m=0.31, safe_m=0.34, sd_m=0.01)
+
+
+def hand(x: float = 320.0, y: float = 240.0) -> Hand:
+    image = np.full((21, 2), (x, y))
+    image[5], image[17] = (x + 40, y), (x - 40, y)
+    return Hand(image_px=image, world_m=np.zeros((21, 3)), presence=0.9, side=Side.RIGHT)
+
+
+def depth_map(value: float) -> DepthMap:
+    return np.full((480, 640), value, np.float32)
+
+
+def measure(reader: DepthRange, value: float, frame: int, monocular: Distance | None = MONOCULAR) -> Distance | None:
+    return reader.measure(depth_map(value), hand(), monocular, frame * FRAME_NS)
+
+
+def test_the_palm_s_neighbourhood_outvotes_holes_in_it() -> None:
+    holed = depth_map(0.40)
+    holed[235:245, 312:328] = 0.0
+    assert sample_palm(hand(), holed).depth_m == pytest.approx(0.40)
+
+
+@pytest.mark.parametrize(
+    ("value", "fault"),
+    [
+        (0.0, DepthFault.ZERO),
+        (math.nan, DepthFault.NOT_FINITE),
+        (math.inf, DepthFault.NOT_FINITE),
+        (-0.3, DepthFault.NEGATIVE),
+        (65.535, DepthFault.SATURATED),
+    ],
+)
+def test_what_is_no_depth_is_named_and_falls_back_marked_as_such(value: float, fault: DepthFault) -> None:
+    reader = DepthRange(mode="robust")
+    distance = measure(reader, value, 1)
+    assert distance is not None
+    assert distance.source is DistanceSource.KEYPOINTS_FOR_DEPTH
+    assert (distance.shown_m, distance.safe_m) == (MONOCULAR.shown_m, MONOCULAR.safe_m)
+    assert reader.fault is fault
+    assert measure(reader, value, 2, monocular=None) is None
+
+
+@pytest.mark.parametrize(("x", "y"), [(-5, 240), (320, 481), (700, 240), (math.inf, 240), (math.nan, math.nan)])
+def test_a_palm_off_the_map_is_no_measurement(x: float, y: float) -> None:
+    assert sample_palm(hand(x, y), depth_map(0.4)).fault is DepthFault.OUTSIDE
+
+
+@pytest.mark.parametrize(("x", "y"), [(0, 0), (639.4, 479.4)])
+def test_a_palm_in_the_map_s_corner_is_measured(x: float, y: float) -> None:
+    assert sample_palm(hand(x, y), depth_map(0.4)).depth_m == pytest.approx(0.4)
+
+
+def test_an_edge_through_the_palm_is_refused() -> None:
+    edge = depth_map(0.40)
+    edge[:, 320:] = 0.80
+    assert sample_palm(hand(), edge).fault is DepthFault.EDGE
+
+
+def test_a_jump_is_held_back_until_it_stays() -> None:
+    reader = DepthRange(mode="robust")
+    measure(reader, 0.60, 1)
+    for frame in range(2, 2 + CONFIRM_FRAMES - 1):
+        jumped = measure(reader, 0.20, frame)
+        assert jumped is not None
+        assert jumped.source is DistanceSource.KEYPOINTS_FOR_DEPTH
+        assert reader.fault is DepthFault.JUMP
+    stayed = measure(reader, 0.20, 1 + CONFIRM_FRAMES)
+    assert stayed is not None
+    assert (stayed.source, round(stayed.shown_m, 3)) == (DistanceSource.DEPTH, 0.20)
+
+
+def test_a_single_near_reading_never_gets_through() -> None:
+    reader = DepthRange(mode="robust")
+    for frame in range(1, 30):
+        distance = measure(reader, 0.12 if frame % 5 == 0 else 0.60, frame, monocular=None)
+        assert distance is None or distance.shown_m == pytest.approx(0.60)
+
+
+def test_a_hand_pushed_fast_is_followed() -> None:
+    reader = DepthRange(mode="robust")
+    for frame in range(10):
+        z = 0.60 - 0.05 * frame  # 1.5 m/s
+        distance = measure(reader, z, frame + 1)
+        assert distance is not None
+        assert distance.shown_m == pytest.approx(z, abs=1e-6)
+
+
+def test_another_hand_may_be_anywhere() -> None:
+    reader = DepthRange(mode="robust")
+    measure(reader, 0.60, 1)
+    reader.reset()
+    distance = measure(reader, 0.20, 2)
+    assert distance is not None
+    assert distance.source is DistanceSource.DEPTH
+
+
+@given(st.floats(allow_nan=True, allow_infinity=True, width=32))
+def test_robust_never_reads_nearer_than_the_map_says(value: float) -> None:
+    distance = measure(DepthRange(mode="robust"), value, 1, monocular=None)
+    assert distance is None or distance.safe_m >= value > 0
+
+
+@pytest.mark.parametrize("value", [0.0, 0.4])
+def test_published_takes_the_map_at_its_word(value: float) -> None:
+    distance = measure(DepthRange(mode="published"), value, 1)
+    assert distance is not None
+    assert distance.safe_m == pytest.approx(value)
+
+
+def test_published_takes_the_edge_for_zero() -> None:
+    distance = DepthRange(mode="published").measure(depth_map(0.4), hand(-5.0), MONOCULAR, FRAME_NS)
+    assert distance is not None
+    assert distance.safe_m == 0.0
+
+
+def test_a_mode_that_does_not_exist_is_refused() -> None:
+    with pytest.raises(KgdfaError, match="choose published or robust"):
+        DepthRange(mode="best")

@@ -1,0 +1,190 @@
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from kgdfa.distance import Distance, PublishedRange, RobustRange
+from kgdfa.errors import KgdfaError
+from kgdfa.hand import FloatArray, Hand, Side
+from kgdfa.palm_shape import RIGID, SHAPE, view_palm
+
+FOCAL_PX = 900.0
+CENTRE_PX = (640.0, 360.0)
+ANCHOR_M = 0.06
+FRAME_NS = 33_333_333
+
+
+def palm_m(left: bool = False) -> FloatArray:
+    """(21, 3): a flat palm about keypoint 21, fingers straight up, facing the camera."""
+    flat = np.zeros((21, 3))
+    for finger, first in enumerate((5, 9, 13, 17)):
+        base = SHAPE[1 + finger]
+        for joint in range(4):
+            flat[first + joint, :2] = np.add(base, (0.0, -0.4 * joint))
+    flat[0, :2] = SHAPE[0]
+    for joint in range(1, 5):
+        flat[joint, :2] = (0.4 + 0.15 * joint, 1.2 - 0.25 * joint)
+    return flat * (-ANCHOR_M if left else ANCHOR_M, ANCHOR_M, ANCHOR_M)
+
+
+def turned(pitch: float, yaw: float, roll: float) -> FloatArray:
+    def about(axis: int, angle: float) -> FloatArray:
+        rotation = np.eye(3)
+        first, second = (axis + 1) % 3, (axis + 2) % 3
+        rotation[first, first] = rotation[second, second] = math.cos(angle)
+        rotation[first, second], rotation[second, first] = -math.sin(angle), math.sin(angle)
+        return rotation
+
+    return about(2, roll) @ about(0, pitch) @ about(1, yaw)
+
+
+def seen(
+    distance_m: float,
+    *,
+    turn: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    aside_m: tuple[float, float] = (0.0, 0.0),
+    left: bool = False,
+    noise_px: FloatArray | None = None,
+) -> Hand:
+    """The palm as an exact detector would give it: pinhole picture, world landmarks along the hand's own ray."""
+    placed = palm_m(left) @ turned(*turn).T
+    in_space = np.add(placed, (*aside_m, distance_m))
+    image = in_space[:, :2] / in_space[:, 2:] * FOCAL_PX + CENTRE_PX
+    x, y = aside_m[0] / distance_m, aside_m[1] / distance_m
+    ray = np.array([x, y, 1.0]) / math.sqrt(x * x + y * y + 1)
+    right = np.cross([0.0, 1.0, 0.0], ray) / np.linalg.norm(np.cross([0.0, 1.0, 0.0], ray))
+    along_ray = placed @ np.array([right, np.cross(ray, right), ray]).T
+    return Hand(
+        image_px=image + (0 if noise_px is None else noise_px),
+        world_m=along_ray - along_ray.mean(axis=0),
+        presence=0.9,
+        side=Side.LEFT if left else Side.RIGHT,
+    )
+
+
+def robust(anchor_m: float = ANCHOR_M) -> RobustRange:
+    return RobustRange(focal_px=FOCAL_PX, anchor_m=anchor_m, centre_px=CENTRE_PX)
+
+
+def measured(finder: RobustRange | PublishedRange, hand: Hand, at_ns: int = FRAME_NS) -> Distance:
+    distance = finder.measure(hand, at_ns)
+    assert distance is not None
+    return distance
+
+
+@given(distance_m=st.floats(0.1, 1.0))
+def test_a_facing_palm_is_measured_by_both(distance_m: float) -> None:
+    published = PublishedRange(focal_px=FOCAL_PX, anchor_m=ANCHOR_M)
+    assert measured(published, seen(distance_m)).shown_m == pytest.approx(distance_m, rel=0.02)
+    assert measured(robust(), seen(distance_m)).shown_m == pytest.approx(distance_m, rel=0.02)
+
+
+@given(
+    distance_m=st.floats(0.2, 0.8), pitch=st.floats(-0.7, 0.7), yaw=st.floats(-0.7, 0.7), roll=st.floats(-3, 3),
+    left=st.booleans(),
+)  # fmt: skip
+def test_tilt_costs_the_robust_distance_little_and_its_safe_side_nothing(
+    distance_m: float, pitch: float, yaw: float, roll: float, left: bool
+) -> None:
+    distance = measured(robust(), seen(distance_m, turn=(pitch, yaw, roll), left=left))
+    assert distance.shown_m == pytest.approx(distance_m, rel=0.06)
+    assert distance.safe_m > 0.97 * distance_m
+
+
+@given(pitch=st.floats(-0.6, 0.6), x=st.floats(-0.15, 0.15), y=st.floats(-0.1, 0.1))
+def test_a_hand_off_the_axis_is_measured_along_its_ray(pitch: float, x: float, y: float) -> None:
+    distance = measured(robust(), seen(0.4, turn=(pitch, 0.0, 0.0), aside_m=(x, y)))
+    assert distance.shown_m == pytest.approx(0.4, rel=0.07)
+    assert distance.safe_m > 0.97 * 0.4
+
+
+def test_published_reads_a_tilted_hand_far_as_the_paper_says() -> None:
+    published = PublishedRange(focal_px=FOCAL_PX, anchor_m=ANCHOR_M)
+    near_cosine = measured(published, seen(0.4, turn=(0.0, math.radians(40), 0.0)))
+    assert near_cosine.shown_m == pytest.approx(0.4 / math.cos(math.radians(40)), rel=0.02)
+
+
+def test_a_tilt_that_the_landmarks_miss_is_still_seen_by_the_palm_s_shape() -> None:
+    hand = seen(0.4, turn=(0.0, math.radians(40), 0.0))
+    flat = palm_m()
+    blind = Hand(image_px=hand.image_px, world_m=flat - flat.mean(axis=0), presence=0.9, side=Side.RIGHT)
+    distance = measured(robust(), blind)
+    assert distance.shown_m == pytest.approx(0.4, rel=0.06)
+    assert math.degrees(distance.tilt_rad) == pytest.approx(40, abs=4)
+
+
+def test_one_near_outlier_is_outvoted_and_a_withdrawal_is_followed_at_once() -> None:
+    finder = robust()
+    for frame in range(1, 4):
+        held = measured(finder, seen(0.30), frame * FRAME_NS)
+    near = measured(finder, seen(0.15), 4 * FRAME_NS)
+    assert near.safe_m == pytest.approx(held.safe_m)
+    assert near.sd_m > 2 * held.sd_m
+    again = measured(finder, seen(0.15), 5 * FRAME_NS)
+    assert again.shown_m == pytest.approx(0.15, rel=0.02)
+    assert measured(finder, seen(0.30), 6 * FRAME_NS).safe_m == pytest.approx(held.safe_m)
+
+
+@pytest.mark.parametrize("forget", ["reset", "gap"])
+def test_another_hand_inherits_no_past(forget: str) -> None:
+    finder = robust()
+    for frame in range(1, 4):
+        finder.measure(seen(0.60), frame * FRAME_NS)
+    if forget == "reset":
+        finder.reset()
+    at_ns = 4 * FRAME_NS if forget == "reset" else 3_000_000_000
+    assert measured(finder, seen(0.30), at_ns).shown_m == pytest.approx(0.30, rel=0.02)
+
+
+@pytest.mark.parametrize(
+    "hand",
+    [
+        Hand(image_px=np.zeros((21, 2)), world_m=palm_m(), presence=1, side=Side.LEFT),
+        Hand(image_px=np.full((21, 2), np.nan), world_m=palm_m(), presence=1, side=Side.LEFT),
+        Hand(image_px=seen(0.3).image_px, world_m=np.full((21, 3), np.nan), presence=1, side=Side.LEFT),
+    ],
+    ids=["a point", "not a number", "no landmarks"],
+)
+def test_keypoints_that_are_no_hand_give_no_distance(hand: Hand) -> None:
+    assert robust().measure(hand, FRAME_NS) is None
+
+
+def test_keypoints_that_are_no_palm_give_no_distance() -> None:
+    image = seen(0.3).image_px.copy()
+    image[list(RIGID)] = [(600, 300), (700, 300), (600, 400), (700, 400), (650, 200)]
+    hand = Hand(image_px=image, world_m=palm_m(), presence=1, side=Side.LEFT)
+    assert robust().measure(hand, FRAME_NS) is None
+
+
+@pytest.mark.parametrize("make", [PublishedRange, RobustRange])
+@pytest.mark.parametrize(
+    ("focal_px", "anchor_m", "says"),
+    [
+        (0.0, 0.06, "Focal length 0 px"),
+        (-1.0, 0.06, "Focal length -1 px"),
+        (math.nan, 0.06, "Focal length nan px"),
+        (math.inf, 0.06, "Focal length inf px"),
+        (900.0, 0.0299, "Palm anchor 2.99 cm: it must lie in 3 to 12 cm"),
+        (900.0, 0.1201, "Palm anchor 12 cm"),
+        (900.0, math.nan, "Palm anchor nan cm"),
+    ],
+)
+def test_what_is_no_camera_or_no_palm_is_refused_by_name(
+    make: type[PublishedRange] | type[RobustRange], focal_px: float, anchor_m: float, says: str
+) -> None:
+    with pytest.raises(KgdfaError, match=says):
+        make(focal_px=focal_px, anchor_m=anchor_m)
+
+
+@given(tilt=st.floats(0, 1.0), roll=st.floats(-3, 3), stretch=st.floats(0.05, 5))
+def test_the_palm_s_shape_tells_tilt_and_size_whatever_the_roll(tilt: float, roll: float, stretch: float) -> None:
+    flat = np.zeros((21, 3))
+    flat[list(RIGID), :2] = SHAPE
+    view = view_palm((flat @ turned(tilt, 0.0, roll).T)[:, :2] * stretch)
+    assert view.stretch == pytest.approx(stretch, rel=1e-6)
+    assert view.tilt_rad == pytest.approx(tilt, abs=1e-4)
+    assert view.misfit < 1e-9

@@ -1,0 +1,78 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from kgdfa.errors import KgdfaError
+from kgdfa.hand import Hand, Side
+from kgdfa.images import Image
+from kgdfa.press_zone import LEAST_THRESHOLD_M, PaddedDetector, cut_off, press_zone
+
+
+def hand_at(*points: tuple[float, float]) -> Hand:
+    image = np.full((21, 2), (100.0, 100.0))
+    image[: len(points)] = points
+    return Hand(image_px=image, world_m=np.zeros((21, 3)), presence=0.9, side=Side.RIGHT)
+
+
+class Marker:
+    """A detector of ours that finds a white dot and calls it a hand."""
+
+    def __init__(self) -> None:
+        self.shape: tuple[int, ...] = ()
+
+    def detect(self, image_bgr: Image, captured_ns: int) -> tuple[Hand, ...]:
+        self.shape = image_bgr.shape
+        rows, columns = np.nonzero(image_bgr[:, :, 0] == 255)
+        return tuple(hand_at((float(x), float(y))) for x, y in zip(columns, rows, strict=True))
+
+
+def test_the_issue_s_two_lenses() -> None:
+    wide = press_zone(focal_px=650, width_px=1280, height_px=720, anchor_m=0.0615)
+    narrow = press_zone(focal_px=950, width_px=1280, height_px=720, anchor_m=0.0615)
+    assert wide.threshold_m == LEAST_THRESHOLD_M
+    assert narrow.threshold_m > LEAST_THRESHOLD_M
+    assert narrow.possible
+    assert wide.fits(0.20)
+    assert not narrow.fits(0.20)
+    assert "proposed threshold 20 cm" in wide.sentence
+
+
+@given(focal_px=st.floats(200, 3000), anchor_m=st.floats(0.03, 0.12), height_px=st.integers(240, 2160))
+def test_the_proposed_threshold_leaves_room_on_both_sides(focal_px: float, anchor_m: float, height_px: int) -> None:
+    zone = press_zone(focal_px=focal_px, width_px=4000, height_px=height_px, anchor_m=anchor_m)
+    assert zone.threshold_m > zone.followed_from_m
+    assert zone.rest_beyond_m > zone.threshold_m
+    assert zone.whole_from_m > zone.followed_from_m
+    assert zone.fits(zone.threshold_m) == zone.possible
+
+
+def test_a_lens_too_long_for_any_press_is_told() -> None:
+    zone = press_zone(focal_px=2500, width_px=1280, height_px=720, anchor_m=0.0615)
+    assert not zone.possible
+    assert "wider lens" in zone.sentence
+
+
+@pytest.mark.parametrize(
+    ("focal_px", "width_px", "anchor_m"), [(0, 1280, 0.06), (900, 0, 0.06), (900, -1, 0.06), (900, 1280, 0.2)]
+)
+def test_what_is_no_camera_or_palm_is_refused(focal_px: float, width_px: int, anchor_m: float) -> None:
+    with pytest.raises(KgdfaError):
+        press_zone(focal_px=focal_px, width_px=width_px, height_px=720, anchor_m=anchor_m)
+
+
+def test_a_hand_is_cut_off_when_any_keypoint_is_out() -> None:
+    assert not cut_off(hand_at((0, 0), (1279, 719)), 1280, 720)
+    assert cut_off(hand_at((640, -1)), 1280, 720)
+    assert cut_off(hand_at((1280, 300)), 1280, 720)
+
+
+def test_a_border_moves_no_keypoint() -> None:
+    image = np.zeros((72, 128, 3), np.uint8)
+    image[50, 30] = 255
+    marker = Marker()
+    (hand,) = PaddedDetector(marker, border=0.25).detect(image, 0)
+    assert marker.shape == (72 + 36, 128 + 64, 3)
+    assert tuple(hand.image_px[0]) == (30.0, 50.0)
