@@ -109,7 +109,7 @@ def export(paths: Sequence[Path], output: Path, *, drop_operators: bool) -> int:
         table.to_parquet(output)
     except (duckdb.Error, OSError) as error:
         raise AuditError(f"{output} can't be written: {str(error).splitlines()[0]}") from error
-    count: int = connection.read_parquet(output).count().execute()
+    count: int = connection.read_parquet(output).count().to_pyarrow().as_py()
     return count
 
 
