@@ -21,7 +21,6 @@ from profiles.errors import ProfileError
 from profiles.schema import Profile, Sex
 
 MAX_TYPED = 20_000  # a paste beyond it is refused by the field itself
-_DRAWING = (46, 9)
 
 NEW_PATIENT = Profile(identifier="new", sex=Sex.FEMALE, stature_m=1.65, mass_kg=65.0)
 
@@ -53,13 +52,16 @@ class PatientForm(ConsoleScreen):
                     for field in section.fields:
                         yield from self._row(field)
             with Vertical(id="beside"):
-                yield Static(id="estimate", markup=False)
-                yield Static(id="drawing", markup=False)
                 yield Static(id="verdict", markup=False)
+                yield Static(id="drawing", markup=False)
+                yield Static(id="estimate", markup=False)
         yield from self.compose_bottom()
 
     def on_mount(self) -> None:
         self._check()
+
+    def on_resize(self) -> None:
+        self.call_after_refresh(self._check)
 
     def on_input_changed(self, event: Input.Changed) -> None:
         self._take(event.input.id, event.value)
@@ -140,7 +142,12 @@ class PatientForm(ConsoleScreen):
         if profile.calibrations:
             words += "\n" + tr("form.calibrated", camera=profile.calibrations[-1].camera)
         self.query_one("#estimate", Static).update(words)
-        self.query_one("#drawing", Static).update(draw_step(profile, *_DRAWING))
+        self.query_one("#drawing", Static).update(draw_step(profile, *self._room()))
+
+    def _room(self) -> tuple[int, int]:
+        """Columns and rows for the drawing, whose parts need about four to one."""
+        columns = max(20, min(60, self.query_one("#beside").content_size.width))
+        return columns, max(5, columns // 4)
 
     def _save(self, profile: Profile) -> None:
         store, now = self.console_app.store, datetime.now(UTC)

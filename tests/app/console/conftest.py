@@ -8,6 +8,7 @@ from contextlib import AbstractAsyncContextManager, asynccontextmanager
 from pathlib import Path
 
 import pytest
+from textual.app import App
 from textual.pilot import Pilot
 
 from app.config import Config
@@ -54,12 +55,15 @@ class Console:
 
 async def wait_until(pilot: Pilot[None], condition: Callable[[], object], limit_s: float = LIMIT_S) -> None:
     """Let the application work until the condition holds."""
-    async with asyncio.timeout(limit_s):
-        while not condition():
-            await pilot.pause(0.01)
+    try:
+        async with asyncio.timeout(limit_s):
+            while not condition():
+                await pilot.pause(0.01)
+    except TimeoutError:
+        pytest.fail(f"did not come within {limit_s:g} s; the screen shows:\n{screen_text(pilot.app)}")
 
 
-def screen_text(app: ConsoleApp) -> str:
+def screen_text(app: App[None]) -> str:
     """The cells of the screen as text."""
     return "\n".join(strip.text for strip in app.screen._compositor.render_strips())
 
@@ -97,7 +101,7 @@ def console(home: Home) -> Opener:
             return hosts[-1]
 
         app = ConsoleApp(home, config or Config(), profile=profile, make_host=make_host, read_only=read_only)
-        async with app.run_test(size=size) as pilot:
+        async with app.run_test(size=size, notifications=True) as pilot:
             opened_console = Console(app, pilot, hosts)
             if profile is not None:
                 await opened_console.until(lambda: app.live_state() and app.live_state().snapshot)

@@ -70,7 +70,8 @@ class FakeHost:
     events: tuple[ActiveEvent, ...] = ()
     camera_fault: str = ""
     silent: bool = False
-    shut_down: bool = False
+    rests_at_once: bool = True
+    control_ended: bool = False
 
     def start(self) -> None:
         self.started = True
@@ -89,7 +90,7 @@ class FakeHost:
             case OperatorKind.ARM | OperatorKind.DISARM:
                 self.armed = kind is OperatorKind.ARM
             case OperatorKind.SHUT_DOWN:
-                self.shut_down = True
+                self.control_ended = self.rests_at_once
             case OperatorKind.CONFIRM_PATIENT:
                 self.confirmed = True
         if kind is OperatorKind.ACT and action is Action.INITIALISE:
@@ -138,7 +139,7 @@ class FakeHost:
             ProcessStatus(
                 name=name,
                 pid=os.getpid(),
-                alive=self.started and not (name == "control" and self.shut_down),
+                alive=self.started and not (name == "control" and self.control_ended),
                 restarts=0,
                 exit_code=None,
             )

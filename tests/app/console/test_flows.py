@@ -1,0 +1,300 @@
+"""From the patients' list to the note afterwards, over the host we own."""
+
+from __future__ import annotations
+
+import msgspec
+import pytest
+from textual.widgets import Input, Select
+
+from app.config import Config, JointsConfig
+from app.console.after.records import SessionRecords
+from app.console.app import ConsoleApp
+from app.console.patients.fields import FIELDS, Kind
+from app.console.session.screen import SessionScreen
+from app.console.signin import SignInDialog
+from app.control.states import Action, Effect, GaitState
+from app.messages import OperatorKind
+from app.operators import Role, add_operator, load_store, save_store
+from app.paths import Home
+from profiles.schema import DEMO_PATIENT
+from profiles.store import ProfileStore
+from tests.app.console.conftest import Console, Opener
+from tests.app.console.fake_host import event
+
+PIN = "483920"
+
+
+async def test_a_first_patient_is_made_and_walks(console: Opener, home: Home) -> None:
+    async with console(profile=None) as open_console:
+        await open_console.press("n")
+        await open_console.shows("New patient")
+        _type(open_console.app, "identifier", "P-0042")
+        _type(open_console.app, "stature_m", "1.62 m")
+        await open_console.shows("Everything in range")
+        await open_console.press("ctrl+s")
+        await open_console.shows("P-0042")
+        assert ProfileStore(home.profiles).load("P-0042").stature_m == pytest.approx(1.62)
+        await open_console.press("enter")
+        await open_console.shows("Session with P-0042")
+        await open_console.press("enter")
+        await open_console.shows("NOT ARMED")
+        await _confirm_and_arm(open_console)
+        await open_console.press("t", "0")
+        await open_console.shows("standing")
+        assert (OperatorKind.ACT, Action.INITIALISE) in open_console.host.sent
+
+
+async def test_a_session_ends_with_a_note_that_the_list_then_shows(console: Opener, home: Home) -> None:
+    async with console() as open_console:
+        app, host = open_console.app, open_console.host
+        await open_console.press("t", "0")
+        await open_console.shows("standing")
+        await open_console.press("e")
+        await open_console.shows("End the session?")
+        assert OperatorKind.SHUT_DOWN not in host.kinds()
+        await open_console.press("y")
+        await open_console.shows("After the session")
+        assert not host.closed, "the trail must still be open for the note"
+        app.screen.query_one("#note", Input).value = "walked well"
+        app.screen.query_one("#discomfort", Select).value = 3
+        await open_console.press("ctrl+s")
+        await open_console.shows("walked well")
+        assert host.closed
+        (record,) = SessionRecords(home.root / "sessions").of("demo")
+        assert (record.note, record.discomfort) == ("walked well", 3)
+
+
+async def test_while_the_legs_come_to_rest_stop_still_works(console: Opener) -> None:
+    async with console() as open_console:
+        host = open_console.host
+        host.rests_at_once = False
+        await open_console.press("e")
+        await open_console.press("space")
+        await open_console.until(lambda: OperatorKind.STOP in host.kinds())
+        host.control_ended = True
+        await open_console.shows("After the session")
+        await open_console.press("space")
+        assert host.kinds().count(OperatorKind.STOP) == 1
+
+
+@pytest.mark.parametrize("key", ["ctrl+c", "ctrl+q"])
+async def test_leaving_a_simulation_takes_one_key(console: Opener, key: str) -> None:
+    async with console() as open_console:
+        await open_console.press("t", "0")
+        await open_console.press(key)
+        await open_console.until(lambda: open_console.host.closed)
+
+
+async def test_real_joints_need_a_sign_in_and_a_second_ctrl_c(console: Opener, home: Home) -> None:
+    store = add_operator(load_store(home.keys), "Ada", Role.ENGINEER, PIN)
+    save_store(home.keys, add_operator(store, "Rex", Role.REVIEWER, PIN))
+    config = Config(joints=JointsConfig(kind="can"))
+    async with console(profile=None, config=config) as open_console:
+        await open_console.press("enter", "enter")
+        await open_console.until(lambda: isinstance(open_console.app.screen, SignInDialog))
+        await _sign_in(open_console, "Ada", "000111")
+        await open_console.shows("Name or PIN is wrong")
+        await _sign_in(open_console, "Ada", PIN)
+        await open_console.until(lambda: isinstance(open_console.app.screen, SessionScreen))
+        assert open_console.app.operator == "Ada"
+        await open_console.until(lambda: open_console.app.live_state().snapshot)  # type: ignore[union-attr]
+        await open_console.press("t", "0")
+        await open_console.shows("standing")
+        await open_console.press("ctrl+c")
+        await open_console.shows("Quit with powered joints?")
+        assert not open_console.host.closed
+        await open_console.press("ctrl+c")
+        await open_console.until(lambda: open_console.host.closed)
+
+
+async def test_a_reviewer_may_not_move_anybody(console: Opener, home: Home) -> None:
+    store = add_operator(load_store(home.keys), "Ada", Role.ENGINEER, PIN)
+    save_store(home.keys, add_operator(store, "Rex", Role.REVIEWER, PIN))
+    async with console(profile=None, config=Config(joints=JointsConfig(kind="can"))) as open_console:
+        await open_console.press("enter", "enter")
+        await open_console.until(lambda: isinstance(open_console.app.screen, SignInDialog))
+        await _sign_in(open_console, "Rex", PIN)
+        await open_console.until(lambda: not isinstance(open_console.app.screen, SignInDialog))
+        assert open_console.app.live is None
+
+
+async def test_a_locked_console_opens_with_the_operators_pin_only(console: Opener, home: Home) -> None:
+    save_store(home.keys, add_operator(load_store(home.keys), "Ada", Role.ENGINEER, PIN))
+    async with console(profile=None, config=Config(joints=JointsConfig(kind="can"))) as open_console:
+        await open_console.press("enter", "enter")
+        await open_console.until(lambda: isinstance(open_console.app.screen, SignInDialog))
+        await _sign_in(open_console, "Ada", PIN)
+        await open_console.until(lambda: isinstance(open_console.app.screen, SessionScreen))
+        await open_console.press("ctrl+l")
+        await open_console.until(lambda: isinstance(open_console.app.screen, SignInDialog))
+        await open_console.press("escape")
+        assert isinstance(open_console.app.screen, SignInDialog)
+        await open_console.press("space")
+        await open_console.until(lambda: OperatorKind.STOP in open_console.host.kinds())
+        await _sign_in(open_console, "Ada", PIN)
+        await open_console.until(lambda: isinstance(open_console.app.screen, SessionScreen))
+
+
+async def test_the_first_run_sets_up_its_engineer(console: Opener, home: Home) -> None:
+    async with console(profile=None, config=Config(joints=JointsConfig(kind="can"))) as open_console:
+        await open_console.press("enter", "enter")
+        await open_console.shows("set up the engineer")
+        await _sign_in(open_console, "Ada", "123456")
+        await open_console.shows("first one tried")
+        await _sign_in(open_console, "Ada", PIN)
+        await open_console.until(lambda: isinstance(open_console.app.screen, SessionScreen))
+        assert load_store(home.keys).find("ada")
+
+
+async def test_an_event_is_on_top_until_it_is_acknowledged(console: Opener) -> None:
+    async with console(size=(130, 40)) as open_console:
+        host = open_console.host
+        host.events = (event("over-temperature", Effect.HOLD, "Left knee 81 °C: let it cool."),)
+        host.effect = Effect.HOLD
+        await open_console.shows("Left knee 81 °C")
+        await open_console.press("k")
+        await open_console.shows("An acknowledgement never starts motion")
+        await open_console.press("n")
+        assert OperatorKind.ACKNOWLEDGE not in host.kinds()
+        await open_console.pilot.click("#events")
+        await open_console.press("y")
+        await open_console.shows("Nothing to report")
+
+
+async def test_a_lost_camera_is_told_and_its_return_too(console: Opener) -> None:
+    async with console() as open_console:
+        open_console.host.camera_fault = "The webcam was unplugged; plug it in again."
+        await open_console.shows("The webcam was unplugged")
+        await open_console.press("s")
+        await open_console.shows("✗ The camera gives pictures")
+        open_console.host.camera_fault = ""
+        await open_console.shows("✓ The camera gives pictures")
+
+
+async def test_a_silent_control_is_told(console: Opener) -> None:
+    async with console() as open_console:
+        open_console.host.silent = True
+        await open_console.shows("CONTROL SILENT")
+
+
+async def test_an_observer_may_look_but_not_act(console: Opener) -> None:
+    async with console(read_only=True) as open_console:
+        await open_console.press("a", "c", "k", "t", "5", "enter")
+        assert open_console.host.sent == []
+        assert open_console.host.hands == []
+
+
+async def test_the_palette_finds_the_twelve_actions(console: Opener) -> None:
+    async with console() as open_console:
+        await open_console.press("ctrl+p", *"sitdown")
+        await open_console.shows("sit down")
+        await open_console.press("enter")
+        await open_console.until(lambda: (OperatorKind.ACT, Action.SIT_DOWN) in open_console.host.sent)
+
+
+async def test_the_picture_pauses_but_the_chain_does_not(console: Opener) -> None:
+    async with console() as open_console:
+        await open_console.press("z")
+        await open_console.shows("Picture paused")
+        await open_console.press("5")
+        await open_console.shows("walk on")
+
+
+async def test_a_terminal_made_tiny_and_large_again_shows_all(console: Opener) -> None:
+    async with console() as open_console:
+        for size in ((20, 5), (250, 70), (1, 1), (80, 24)):
+            await open_console.pilot.resize_terminal(*size)
+            await open_console.pilot.pause()
+        await open_console.shows("R knee")
+        await open_console.shows("STOP")
+
+
+async def test_a_megabyte_pasted_breaks_nothing(console: Opener) -> None:
+    from textual.events import Paste
+
+    async with console(profile=None) as open_console:
+        await open_console.press("n")
+        await open_console.shows("New patient")
+        for text in ("x" * 1_000_000, "line\n" * 200_000, "\x1b[2J😀" * 1000):
+            open_console.app.screen.query_one("#identifier").post_message(Paste(text))
+            await open_console.pilot.pause()
+        await open_console.press("ctrl+s")
+        await open_console.shows("Not saved")
+        assert open_console.app.store.list(archived=True).profiles == (DEMO_PATIENT,)
+
+
+@pytest.mark.parametrize("typed", ["abc", "", "-1", "9" * 10_000, "😀", "170 kg", "\x07\x1b]0;x\x07"])
+async def test_whatever_is_typed_the_form_says_what_is_wrong(console: Opener, typed: str) -> None:
+    async with console(profile=None) as open_console:
+        await open_console.press("n")
+        await open_console.shows("New patient")
+        _type(open_console.app, "identifier", "P-1")
+        for field in FIELDS:
+            if field.kind in (Kind.NUMBER, Kind.WHOLE):
+                _type(open_console.app, field.id, typed)
+        await open_console.shows("to mend")
+        await open_console.press("ctrl+s")
+        assert len(open_console.app.store.list().profiles) == 1
+
+
+async def test_a_broken_profile_is_named_in_the_list(console: Opener, home: Home) -> None:
+    home.profiles.mkdir(parents=True)
+    (home.profiles / "P-7.toml").write_text("stature_cm = 'tall'")
+    async with console(profile=None) as open_console:
+        await open_console.shows("mend that field")
+        await open_console.shows("demo")
+
+
+async def test_a_full_disk_loses_nothing_that_was_typed(console: Opener, home: Home) -> None:
+    home.root.mkdir(parents=True)
+    home.profiles.write_text("a file where the folder should be")
+    async with console(profile=None) as open_console:
+        await open_console.press("n")
+        await open_console.shows("New patient")
+        _type(open_console.app, "identifier", "P-9")
+        await open_console.press("ctrl+s")
+        await open_console.shows("mend the folder")
+        assert open_console.app.screen.query_one("#identifier", Input).value == "P-9"
+
+
+async def test_archived_patients_leave_the_list_and_are_found_by_search(console: Opener, home: Home) -> None:
+    store = ProfileStore(home.profiles)
+    from datetime import UTC, datetime
+
+    store.create(msgspec.structs.replace(DEMO_PATIENT, identifier="P-3"), by="", at=datetime.now(UTC))
+    async with console(profile=None) as open_console:
+        await open_console.press("down", "a")
+        await open_console.shows("Archive?")
+        await open_console.press("y")
+        await open_console.until(lambda: "P-3" not in open_console.text())
+        await open_console.press("slash", *"p-3")
+        await open_console.shows("P-3 (archived)")
+        assert store.load("P-3").archived
+
+
+async def test_states_the_machine_can_be_in_are_all_drawn(console: Opener) -> None:
+    async with console(size=(200, 50)) as open_console:
+        for state in GaitState:
+            open_console.host.state = state
+            from app.console.session.words import state_name
+
+            await open_console.shows(f"● {state_name(state)}")
+
+
+def _type(app: ConsoleApp, field: str, words: str) -> None:
+    app.screen.query_one(f"#{field}", Input).value = words
+
+
+async def _confirm_and_arm(open_console: Console) -> None:
+    await open_console.until(lambda: open_console.app.live_state() and open_console.app.live_state().snapshot)  # type: ignore[union-attr]
+    await open_console.press("c")
+    await open_console.shows("Is this the patient?")
+    await open_console.press("y")
+    await open_console.press("a")
+    await open_console.until(lambda: open_console.host.armed and open_console.host.confirmed)
+
+
+async def _sign_in(open_console: Console, name: str, pin: str) -> None:
+    _type(open_console.app, "name", name)
+    open_console.app.screen.query_one("#pin").focus()
+    await open_console.press(*pin, "enter")
