@@ -28,10 +28,17 @@ class CourseRunner:
     """Runs legs of a course one after the other and keeps account."""
 
     def __init__(
-        self, host: SessionHost, *, click_s: float = 0.6, watch: Callable[[str], None] = lambda _: None
+        self,
+        host: SessionHost,
+        *,
+        click_s: float = 0.6,
+        presses: int = 1,
+        watch: Callable[[str], None] = lambda _: None,
     ) -> None:
+        """click_s: press and withdraw within it. presses: how often a press that did nothing is made again."""
         self._host = host
         self._click_s = click_s
+        self._presses = presses
         self._watch = watch
         self.snapshot: ControlSnapshot | None = None
         self.report: TriggerReport | None = None
@@ -79,20 +86,34 @@ class CourseRunner:
 
     def _press(self, leg: Leg, action: Action, start: GaitState) -> Trial:
         known = set(self.actions)
-        presses = self.report.release_count if self.report else 0
-        self._host.move_hand(HandCommand(click_s=self._click_s))
-        found = self._until(lambda: self._new_action(action, known) is not None, self._click_s + ACCEPTANCE_S)
-        pressed = self.report is not None and self.report.release_count > presses
-        number = self._new_action(action, known)
-        if not found or number is None:
-            return self._trial(leg, start, pressed=pressed, reason=self._now.refusal or "no action began")
+        number, made, pressed = None, 0, False
+        while number is None and made < self._presses:
+            made += 1
+            pressed = self._click(action, known)
+            number = self._new_action(action, known)
+        if number is None:
+            return self._trial(leg, start, pressed=pressed, presses=made, reason=self._why_no_action(pressed))
         self._asked.add(number)
         self._until(lambda: self._finished(leg, number), ACTION_S)
         report = self.actions[number]
         reached = self._now.state is leg.end or (leg.steps > 0 and report.outcome == "running")
         ok = reached and report.outcome != "stopped" and report.first_command_ns > 0
         reason = "" if ok else f"{report.outcome}: {report.reason}"
-        return self._trial(leg, start, pressed=pressed, report=report, reason=reason, ok=ok)
+        return self._trial(leg, start, pressed=pressed, presses=made, report=report, reason=reason, ok=ok)
+
+    def _click(self, action: Action, known: set[int]) -> bool:
+        """Press and withdraw once; whether the button was released by it."""
+        before = self.report.release_count if self.report else 0
+        self._host.move_hand(HandCommand(click_s=self._click_s))
+        self._until(lambda: self._new_action(action, known) is not None, self._click_s + ACCEPTANCE_S)
+        return self.report is not None and self.report.release_count > before
+
+    def _why_no_action(self, pressed: bool) -> str:
+        if pressed:
+            return self._now.refusal or "released, and control did not act"
+        if self.report is not None and self.report.cancel_reason:
+            return f"not pressed: {self.report.cancel_reason}"
+        return "not pressed: the hand did not come near enough with its gesture"
 
     def _finished(self, leg: Leg, number: int) -> bool:
         report = self.actions[number]
@@ -115,6 +136,7 @@ class CourseRunner:
         reason: str,
         recognised: bool = True,
         pressed: bool = False,
+        presses: int = 0,
         report: ActionReport | None = None,
         ok: bool = False,
     ) -> Trial:
@@ -122,6 +144,7 @@ class CourseRunner:
             gesture=leg.gesture,
             recognised=recognised,
             pressed=pressed,
+            presses=presses,
             start=start,
             end=self._now.state,
             ok=ok,

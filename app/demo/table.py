@@ -15,7 +15,7 @@ from app.demo.trial import Trial, spread
 
 def print_result(console: Console, result: SessionResult, course: Sequence[Leg]) -> None:
     """The table, one line a gesture, and what it comes to."""
-    table = Table("gesture", "action", "recognised", "pressed", "from → to", title="rleex demo")
+    table = Table("gesture", "action", "recognised", "presses", "from → to", title="rleex demo")
     for heading in ("recognition → command", "release → command", "release → visible", "tracking RMS"):
         table.add_column(heading, justify="right")
     table.add_column("")
@@ -44,7 +44,7 @@ def _cells(trial: Trial) -> list[str]:
         trial.gesture.value,
         ACTION_OF[trial.gesture].value,
         _yes(trial.recognised),
-        _yes(trial.pressed),
+        str(trial.presses) if trial.pressed else "no",
         f"{trial.start.value} → {trial.end.value}",
         _ms(trial.response_from_recognition_ms),
         _ms(trial.response_from_release_ms),

@@ -21,6 +21,7 @@ class Trial:
     gesture: Gesture
     recognised: bool
     pressed: bool
+    presses: int = 1  # made until the action began; a wearer whose press did nothing makes another
     start: GaitState
     end: GaitState
     ok: bool
@@ -61,6 +62,7 @@ class Trial:
             "ok": self.ok,
             "recognised": self.recognised,
             "pressed": self.pressed,
+            "presses": self.presses,
             "response_from_recognition_ms": _rounded(self.response_from_recognition_ms),
             "response_from_release_ms": _rounded(self.response_from_release_ms),
             "visible_motion_ms": _rounded(self.visible_motion_ms),

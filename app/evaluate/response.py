@@ -77,7 +77,7 @@ def evaluate_response(
         for leg in course:
             asked[leg.gesture] += 1
         config = demo_config(base, seed=seeds[number % len(seeds)], joints=base.joints)
-        sessions.append(run_session(home, config, course, click_s=click_s, watch=watch))
+        sessions.append(run_session(home, config, course, click_s=click_s, presses=1, watch=watch))
     return ResponseResult(sessions=tuple(sessions), asked=asked)
 
 
