@@ -9,13 +9,14 @@ import numpy as np
 from app.control.drives import Drives
 from app.control.patient import body_of, patient_of
 from app.control.settings import Settings, gains_of
-from app.control.states import GaitState
-from app.control.trajectory import nominal_pose
+from app.control.states import Action, GaitState
+from app.control.trajectory import nominal_pose, scene_of
 from app.setup import SessionSetup
 from hal.joints.device import DEFAULT_DEVICE, Exoskeleton, load_exoskeleton
 from hal.joints.factory import make_joints
 from hal.joints.guard import limits_of
 from hal.joints.joints import Joints
+from hal.joints.scene import Scene
 
 POSED_STATES = (
     GaitState.STANDING,
@@ -61,4 +62,10 @@ def joints_of(setup: SessionSetup) -> Joints:
 
 def drives_of(setup: SessionSetup, settings: Settings) -> Drives:
     """The door to the joints, not open yet."""
-    return Drives(joints_of(setup), settings.limits, settings.gains)
+    return Drives(joints_of(setup), settings.limits, settings.gains, scenes_of(setup) if settings.simulated else {})
+
+
+def scenes_of(setup: SessionSetup) -> dict[Action, Scene]:
+    """What simulated feet find around them as each action starts: stairs, obstacle, chair."""
+    patient = patient_of(setup.profile, device_of(setup))
+    return {action: scene_of(action, patient) for action in Action}

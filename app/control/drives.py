@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Mapping
 from dataclasses import replace
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
@@ -13,21 +15,35 @@ from app.control.follow import Mode, Motion
 from app.control.inputs import DriveOrder
 from app.control.plan import TICK_HZ
 from app.control.settings import Gains
+from app.control.states import Action
 from hal.errors import HardwareError
 from hal.joints.guard import Guard, Limits, Refusal
 from hal.joints.joints import DriveState, JointCommand, JointFeedback, Joints
+from hal.joints.scene import Scene
 
 _TROUBLE_TICKS = int((follow.GIVE_WAY_S + 0.05) * TICK_HZ)
+
+
+@runtime_checkable
+class Staged(Protocol):
+    """Simulated joints, whose feet stand on something."""
+
+    def stage(self, scene: Scene) -> None:
+        """Put the scene of the coming action around the feet."""
+        ...
 
 
 class Drives:
     """Joints behind their guard."""
 
-    def __init__(self, joints: Joints, limits: Limits, gains: Gains) -> None:
+    def __init__(
+        self, joints: Joints, limits: Limits, gains: Gains, scenes: Mapping[Action, Scene] | None = None
+    ) -> None:
         self._joints = joints
         self._closed: Joints | None = None  # the driver itself while an AbsentJoints stands in for it
         self._guard = Guard(limits)
         self._gains = gains
+        self._scenes = scenes or {}
         self.powered = False
         self.error = ""  # why the last order failed
         self.written: JointCommand | None = None  # what left last
@@ -60,6 +76,12 @@ class Drives:
             command = at_rest(previous or follow.NEUTRAL)
         self._joints.write(command, now_ns)
         self.written, self.written_ns = command, time.monotonic_ns()
+
+    def expect(self, action: Action) -> None:
+        """An action is going to be carried out: simulated feet are given its scene."""
+        scene = self._scenes.get(action)
+        if scene is not None and isinstance(self._joints, Staged):
+            self._joints.stage(scene)
 
     def obey(self, order: DriveOrder, now_ns: int) -> bool:
         """Carry out an order; whether there was one (it takes its time, the drives' answers are waited for)."""

@@ -16,7 +16,7 @@ from app.control.inputs import Inputs, Outputs
 from app.control.lateness import Histogram
 from app.control.links import ControlLinks
 from app.control.memory import Memory
-from app.control.plan import TICK_HZ
+from app.control.plan import TICK_HZ, Phase
 from app.control.realtime import Pace, become_real_time, quiet_garbage
 from app.control.snapshot import Shell, snapshot
 from app.control.statistics import JointSecond
@@ -127,6 +127,9 @@ class Control:
 
     def _publish(self, memory: Memory, inputs: Inputs, outputs: Outputs) -> None:
         self._links.ask(outputs.requests)
+        for request in outputs.requests:
+            if request.phase in {Phase.WHOLE, Phase.WALK_START}:
+                self._drives.expect(request.action)
         if self._tick % HEARTBEAT_TICKS == 0:
             self._links.heartbeat(Heartbeat(at_ns=inputs.now_ns, enabled=self._drives.powered))
         if self._tick % SNAPSHOT_TICKS == 0:

@@ -152,7 +152,7 @@ class Guard:
         reach = np.abs(command.position_rad - measured_rad)
         return (
             _above(Quantity.POSITION_STEP, np.where(was_stiff, moved, 0.0), self._position_step)
-            or _above(Quantity.ENGAGEMENT, np.where(gripping, np.nan_to_num(reach, nan=inf), 0.0), _ENGAGE)
+            or _above(Quantity.ENGAGEMENT, np.where(gripping, reach, 0.0), _ENGAGE)
             or _above(
                 Quantity.STIFFNESS_STEP,
                 np.abs(command.stiffness_nm_rad - previous.stiffness_nm_rad),
@@ -178,7 +178,7 @@ def _fields(command: JointCommand) -> tuple[NDArray[np.float64], ...]:
 
 
 def _above(quantity: Quantity, values: JointArray, limit: JointArray) -> Refusal | None:
-    over = values > limit + _SLACK
+    over = ~(values <= limit + _SLACK)  # an unknown value is not within a limit
     return _refuse(quantity, int(over.argmax()), values, limit) if over.any() else None
 
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from copy import deepcopy
 from dataclasses import replace
+from functools import cache
 from itertools import pairwise
 
 import numpy as np
@@ -53,10 +55,16 @@ def drives(rig: Rig) -> DriveState:
 
 def moving(action: Action = A.STEP_RIGHT_FIRST, state: GaitState = S.STANDING) -> Rig:
     """A rig in the middle of an action."""
+    return deepcopy(_moving(action, state))
+
+
+@cache
+def _moving(action: Action, state: GaitState) -> Rig:
     rig = resting(state)
     rig.say(K.ACT, action)
     rig.run_until(lambda m: m.task is not None and m.task.stage is Stage.MOVING)
     rig.tick(60)
+    rig.history.clear()
     return rig
 
 
@@ -161,7 +169,7 @@ def test_stop_brings_every_movement_to_rest_along_its_path(state: GaitState, act
     assert rig.command.velocity_rad_s.tolist() == [0.0] * 4
     assert rig.command.stiffness_nm_rad.min() > 0, "stiffly"
     held = rig.command
-    rig.tick(300)
+    rig.tick(60)
     assert rig.command is held, "and it stays there"
     assert speed >= 0
     assert first >= 0
