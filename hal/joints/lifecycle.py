@@ -15,7 +15,7 @@ from hal.joints.station import Station
 if TYPE_CHECKING:
     from hal.joints.socketcan import SocketCanJoints
 
-_PATIENCE_S = 0.05  # a drive answers within a millisecond; a busy host needs the rest
+_PATIENCE_S = 0.15  # a drive answers within a millisecond; a busy host needs the rest
 _ATTEMPTS = 3
 
 Ask = Callable[["SocketCanJoints", Station], None]

