@@ -13,6 +13,7 @@ from kgdfa.button import ButtonInput, ButtonMode, ButtonPlace, ButtonState, adva
 from kgdfa.distance import Distance, RangeFinder
 from kgdfa.hand import Gesture, Hand
 from kgdfa.images import Image, as_bgr8
+from kgdfa.press_zone import cut_off
 from kgdfa.track import Track, follow
 from kgdfa.verdict import RuleSet, Verdict
 from kgdfa.vote import Vote, cast
@@ -101,7 +102,7 @@ class Pipeline:
         image = self._prepare(picture.image_bgr)
         hand = self._follow(self._detector.detect(image, now_ns))
         verdict = self._rules.judge(hand) if hand else None
-        self._vote = cast(self._vote, verdict, now_ns, pressing=self._button.pressed)
+        self._vote = self._cast(hand, verdict, image, now_ns)
         distance = self._range_finder.measure(hand, now_ns) if hand else None
         self._button = self._press(self._button, hand, distance, now_ns)
         depth_distance = self._measure_depth(picture, hand, distance)
@@ -118,6 +119,13 @@ class Pipeline:
             depth_button=self._depth_button,
             contested=self._track.contested,
         )
+
+    def _cast(self, hand: Hand | None, verdict: Verdict | None, image: Image, now_ns: int) -> Vote:
+        """A hand that outgrows the picture on its way to the button keeps its gesture: cut off, it can't be judged."""
+        cut = self._mode is ButtonMode.ROBUST and hand is not None and cut_off(hand, image.shape[1], image.shape[0])
+        if cut and self._button.pressed:
+            return self._vote
+        return cast(self._vote, None if cut else verdict, now_ns, pressing=self._button.pressed or cut)
 
     def _follow(self, hands: tuple[Hand, ...]) -> Hand | None:
         """The commanding hand; another one inherits neither votes nor a steadied distance."""

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 if TYPE_CHECKING:
+    from hal.cameras.camera import Camera
+    from kgdfa.keypoints import HandDetector
     from profiles.store import ProfileStore
 
 cli = typer.Typer(no_args_is_help=True)
@@ -125,6 +129,73 @@ def set_fields(
         return
     for field, (before, after) in change.changes.items():
         typer.echo(f"{field}: {_shown(before)} → {_shown(after)}")
+
+
+@cli.command()
+def calibrate(
+    patient: Patient,
+    distance: Annotated[float, typer.Option(help="From the camera's front to the palm, cm; 30 is best.")],
+    anyway: Annotated[bool, typer.Option("--anyway", help="Keep it even when it is not plausible.")] = False,
+    by: ByOption = "",
+    home: HomeOption = None,
+) -> None:
+    """Solve focal length × palm for this patient and the configured camera, at a distance measured by ruler."""
+    from datetime import UTC, datetime
+
+    from rich.console import Console
+
+    from app.errors import AppError
+    from app.perception.palm_calibration import WANTED_SAMPLES, sample_palm
+    from profiles.calibration import with_calibration
+    from profiles.palm import anchor
+
+    store, console = _store(home), Console(soft_wrap=True)
+    profile = store.load(patient)
+    console.print(f"Hold the flat palm {distance:g} cm before the camera, fingers up, and keep still.")
+    with _watching(home) as (camera, detector), console.status("Looking …") as status:
+        sampler = sample_palm(
+            profile,
+            camera,
+            detector,
+            lambda now: status.update(f"{len(now.samples_m)} of {WANTED_SAMPLES} samples. {now.hint}"),
+        )
+        made = sampler.solve(camera.name, distance / 100, datetime.now(UTC))
+    if made.doubt and not anyway:
+        raise AppError(f"Not kept: {made.doubt} --anyway keeps it.")
+    known = with_calibration(profile, made.calibration)
+    store.save(known, by=_who(by), at=datetime.now(UTC), why=f"calibrated with {camera.name}")
+    console.print(f"Kept for {camera.name}: {anchor(known, camera=camera.name).sentence};", highlight=False)
+    console.print(f"samples scatter by {made.calibration.residual * 100:.1f} %. {made.doubt or 'Plausible.'}")
+
+
+@contextmanager
+def _watching(home: Path | None) -> Iterator[tuple[Camera, HandDetector]]:
+    """The configured camera, open, and a hand detector."""
+    from app.config import load_config
+    from app.model import set_up_model
+    from app.paths import find_home
+    from hal.cameras.factory import open_camera
+    from kgdfa.keypoints import HandDetector
+
+    place = find_home(home)
+    config = load_config(place.config)
+    seen = config.camera
+    camera = open_camera(
+        seen.kind,
+        device=seen.device,
+        width_px=seen.width_px,
+        height_px=seen.height_px,
+        rate_hz=seen.rate_hz,
+        focal_px=seen.focal_px,
+        mirrored=seen.mirrored,
+        seed=seen.seed,
+    )
+    with HandDetector(set_up_model(place, config)) as detector:
+        camera.open()
+        try:
+            yield camera, detector
+        finally:
+            camera.close()
 
 
 @cli.command()

@@ -33,7 +33,7 @@ LOOK_ALIKES = ("tiger claw", "thumb up", "ok", "rest", "gun")
 CLEAR_M = (
     THRESHOLD_M + 0.03
 )  # a hand that does not press stays this far away, or beside the button, or gives no gesture
-BLANK: Image = np.zeros((2, 2, 3), np.uint8)
+BLANK: Image = np.zeros((720, 1280, 3), np.uint8)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

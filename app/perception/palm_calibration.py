@@ -1,0 +1,94 @@
+"""Calibrates a palm before a camera: collects distances while the palm is held at a known one, and solves f·H."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from datetime import datetime
+
+from app.errors import AppError
+from hal.cameras.camera import Camera, Frame, Intrinsics
+from kgdfa.distance import RobustRange
+from kgdfa.pipeline import Detector
+from profiles.calibration import Calibrated, calibrate
+from profiles.palm import anchor
+from profiles.schema import Profile
+
+WANTED_SAMPLES = 45
+MAX_FRAMES = 300  # ten seconds of a 30 Hz camera
+FRAME_TIMEOUT_S = 0.5
+MAX_TILT_RAD = 0.6  # a palm turned further is not facing the camera
+
+
+@dataclass(slots=True)
+class PalmSampler:
+    """Distances of a palm by a provisional anchor; feed it frames until it has enough."""
+
+    profile: Profile
+    detector: Detector
+    samples_m: list[float]
+    hint: str = "Show the flat palm to the camera, fingers up."
+    _finder: RobustRange | None = None
+    _lens: Intrinsics | None = None
+
+    @property
+    def provisional_anchor_m(self) -> float:
+        """What the profile knows of the palm without this camera."""
+        return anchor(self.profile).length_m
+
+    @property
+    def enough(self) -> bool:
+        """Whether to solve now."""
+        return len(self.samples_m) >= WANTED_SAMPLES
+
+    def take(self, frame: Frame) -> None:
+        """One frame: a sample when a palm faces the camera, else a hint for people."""
+        if self._finder is None or frame.intrinsics != self._lens:
+            self._lens = frame.intrinsics
+            self._finder = RobustRange(
+                focal_px=self._lens.fx_px,
+                anchor_m=self.provisional_anchor_m,
+                centre_px=(self._lens.cx_px, self._lens.cy_px),
+            )
+            self.samples_m.clear()
+        hands = self.detector.detect(frame.image_bgr, frame.captured_ns)
+        distance = self._finder.measure(hands[0], frame.captured_ns) if len(hands) == 1 else None
+        if distance is None:
+            self.hint = "Show one hand, whole, to the camera." if len(hands) != 1 else "Hold the palm flat."
+        elif distance.tilt_rad > MAX_TILT_RAD:
+            self.hint = "Turn the palm towards the camera."
+        else:
+            self.samples_m.append(distance.shown_m)
+            self.hint = "Hold still."
+
+    def solve(self, camera: str, distance_m: float, at: datetime) -> Calibrated:
+        """The calibration. Raises ProfileError when the samples don't suffice."""
+        return calibrate(
+            self.profile,
+            camera=camera,
+            focal_px=self._lens.fx_px if self._lens else 0.0,
+            width_px=self._lens.width_px if self._lens else 0,
+            distance_m=distance_m,
+            measured_m=self.samples_m,
+            provisional_anchor_m=self.provisional_anchor_m,
+            at=at,
+        )
+
+
+def sample_palm(
+    profile: Profile, camera: Camera, detector: Detector, watch: Callable[[PalmSampler], None]
+) -> PalmSampler:
+    """Read an open camera until there are samples enough, or ten seconds' worth of frames went by.
+
+    Raises AppError when no picture comes, HardwareError when the camera is lost.
+    """
+    sampler = PalmSampler(profile, detector, [])
+    for _ in range(MAX_FRAMES):
+        frame = camera.read(FRAME_TIMEOUT_S)
+        if frame is None:
+            raise AppError(f"No picture came from {camera.name}: check its cable and that no other program uses it.")
+        sampler.take(frame)
+        watch(sampler)
+        if sampler.enough:
+            break
+    return sampler

@@ -1,0 +1,99 @@
+from __future__ import annotations
+
+from datetime import UTC, datetime
+
+import numpy as np
+import pytest
+
+from app.errors import AppError
+from app.perception.palm_calibration import WANTED_SAMPLES, PalmSampler, sample_palm
+from hal.cameras.camera import Frame, Intrinsics, IntrinsicsSource
+from kgdfa.hand import Hand, Side
+from kgdfa.images import Image
+from kgdfa.palm_shape import RIGID, SHAPE
+from profiles.errors import ProfileError
+from profiles.schema import Profile
+
+LENS = Intrinsics(
+    width_px=1280, height_px=720, fx_px=900, fy_px=900, cx_px=640, cy_px=360, source=IntrinsicsSource.GIVEN
+)
+TRUE_ANCHOR_M, TRUE_M = 0.065, 0.30
+AT = datetime(2026, 3, 1, tzinfo=UTC)
+
+
+def palm(yaw_rad: float = 0.0) -> Hand:
+    """A flat palm at the true distance, exactly seen."""
+    flat = np.zeros((21, 3))
+    flat[list(RIGID), :2] = SHAPE * TRUE_ANCHOR_M
+    flat = flat * (np.cos(yaw_rad), 1, 1)
+    return Hand(image_px=flat[:, :2] / TRUE_M * 900 + (640, 360), world_m=flat, presence=1, side=Side.RIGHT)
+
+
+class Shown:
+    """A detector of ours that is told what it sees."""
+
+    def __init__(self, *hands: Hand) -> None:
+        self.hands = hands
+
+    def detect(self, image_bgr: Image, captured_ns: int) -> tuple[Hand, ...]:
+        return self.hands
+
+
+class Frames:
+    """A camera of ours with a number of grey pictures in it."""
+
+    name = "grey"
+
+    def __init__(self, count: int) -> None:
+        self.left = count
+
+    def open(self) -> None: ...
+    def close(self) -> None: ...
+
+    def read(self, timeout_s: float) -> Frame | None:
+        if not self.left:
+            return None
+        self.left -= 1
+        grey = np.full((720, 1280, 3), 128, np.uint8)
+        return Frame(image_bgr=grey, captured_ns=(1000 - self.left) * 33_000_000, sequence=0, intrinsics=LENS)
+
+
+def test_a_palm_held_still_is_calibrated(patient: Profile) -> None:
+    sampler = sample_palm(patient, Frames(500), Shown(palm()), lambda _: None)
+    assert len(sampler.samples_m) == WANTED_SAMPLES
+    made = sampler.solve("grey", TRUE_M, AT)
+    assert made.anchor_m == pytest.approx(TRUE_ANCHOR_M, rel=0.02)
+    assert made.calibration.width_px == 1280
+    assert not made.doubt
+
+
+@pytest.mark.parametrize(
+    ("hands", "hint"),
+    [((), "Show one hand"), ((palm(), palm()), "Show one hand"), ((palm(yaw_rad=0.9),), "Turn the palm")],
+)
+def test_what_is_no_palm_before_the_camera_is_no_sample_and_helped(
+    patient: Profile, hands: tuple[Hand, ...], hint: str
+) -> None:
+    said: list[str] = []
+    sampler = sample_palm(patient, Frames(400), Shown(*hands), lambda now: said.append(now.hint))
+    assert sampler.samples_m == []
+    assert hint in said[-1]
+    with pytest.raises(ProfileError, match="0 of at least"):
+        sampler.solve("grey", TRUE_M, AT)
+
+
+def test_another_resolution_starts_anew(patient: Profile) -> None:
+    sampler = PalmSampler(patient, Shown(palm()), [])
+    frame = Frames(1).read(0.1)
+    assert frame is not None
+    sampler.take(frame)
+    small = Intrinsics(
+        width_px=640, height_px=360, fx_px=450, fy_px=450, cx_px=320, cy_px=180, source=IntrinsicsSource.GIVEN
+    )
+    sampler.take(Frame(image_bgr=frame.image_bgr, captured_ns=99, sequence=1, intrinsics=small))
+    assert len(sampler.samples_m) == 1
+
+
+def test_a_camera_without_pictures_is_told(patient: Profile) -> None:
+    with pytest.raises(AppError, match="No picture came from grey"):
+        sample_palm(patient, Frames(3), Shown(palm()), lambda _: None)
