@@ -7,13 +7,14 @@ or a ratio of lengths, so neither distance, rotation in the picture nor left or 
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from enum import Enum
-from itertools import combinations
+from itertools import combinations, pairwise
 
 import numpy as np
 
-from kgdfa.fingers import ANGLE_POINTS, angles_deg
+from kgdfa.fingers import ANGLE_POINTS
 from kgdfa.hand import FloatArray
 from kgdfa.hulls import INNER_HULL, OUTER_HULL, TIPS, tip_depths
 
@@ -46,14 +47,10 @@ class Feature:
     unit: Unit
 
 
-_CHAINS = np.arange(1, 21).reshape(5, 4)  # thumb to pinky: four joints each, root to tip
-_ROOTS, _TIPS = _CHAINS[:, 0], np.array(TIPS)
 _PAIRS = tuple(combinations(range(5), 2))
-_FIRST, _SECOND = (np.array(column) for column in zip(*_PAIRS, strict=True))
-_ADJACENT = np.arange(4)
-_THUMB_TARGETS = np.array([5, 6, 9, 10, 13, 14, 17, 18])
-_VERTEX, _END_A, _END_B = (np.array(column) for column in zip(*ANGLE_POINTS.values(), strict=True))
+_THUMB_TARGETS = (5, 6, 9, 10, 13, 14, 17, 18)
 _GROUPS = tuple(Group)[:5]
+_CENTRE = 21  # of the palm's triangle 0, 5, 17: appended to the 21 keypoints
 
 
 def _per_finger(text: str, unit: Unit) -> list[Feature]:
@@ -65,7 +62,7 @@ def _between(text: str, pairs: tuple[tuple[int, int], ...], unit: Unit) -> list[
     return [Feature(text=name, group=Group.TIPS, unit=unit) for name in names]
 
 
-_NEIGHBOURS = tuple((int(finger), int(finger) + 1) for finger in _ADJACENT)
+_NEIGHBOURS = tuple((finger, finger + 1) for finger in range(4))
 FEATURES: tuple[Feature, ...] = (
     *_per_finger("root joint", Unit.DEGREES),
     *_per_finger("middle joint", Unit.DEGREES),
@@ -92,65 +89,133 @@ FEATURES: tuple[Feature, ...] = (
 )
 
 
+_CHAIN = tuple((0, *range(4 * finger + 1, 4 * finger + 5)) for finger in range(5))
+_ARMS = tuple((end, vertex) for vertex, first, second in ANGLE_POINTS.values() for end in (first, second))
+_REACHES = tuple((tip, chain[1]) for tip, chain in zip(TIPS, _CHAIN, strict=True))
+_TIP_PAIRS = tuple((TIPS[a], TIPS[b]) for a, b in _PAIRS)
+_PALM = ((5, 0), (9, 0), (17, 0), (5, 17))
+
+
+class _Segments:
+    """Lines between keypoints, named in blocks, so that all their lengths and angles come from one subtraction."""
+
+    def __init__(self, **blocks: tuple[tuple[int, int], ...]) -> None:
+        pairs = [pair for block in blocks.values() for pair in block]
+        self._ends = np.array([end for end, _ in pairs])
+        self._starts = np.array([start for _, start in pairs])
+        stops = np.cumsum([len(block) for block in blocks.values()]).tolist()
+        self.of = {name: slice(stop - len(blocks[name]), stop) for name, stop in zip(blocks, stops, strict=True)}
+
+    def vectors(self, points: FloatArray) -> FloatArray:
+        """(n, d) points to (segments, d)."""
+        lines: FloatArray = points[self._ends] - points[self._starts]
+        return lines
+
+    def numbers(self, name: str) -> list[int]:
+        """Where a block's segments stand."""
+        return list(range(self.of[name].start, self.of[name].stop))
+
+
+_SPACE = _Segments(
+    bones=tuple((chain[k + 1], chain[k]) for chain in _CHAIN for k in range(4)),
+    arms=_ARMS,
+    reaches=_REACHES,
+    to_wrist=tuple((tip, 0) for tip in TIPS),
+    to_palm=tuple((tip, _CENTRE) for tip in TIPS),
+    tips=_TIP_PAIRS,
+    thumb=tuple((4, target) for target in _THUMB_TARGETS),
+    palm=_PALM,
+)
+_FLAT = _Segments(arms=_ARMS, reaches=_REACHES, tips=_TIP_PAIRS, palm=_PALM)
+
+
+def _angle_pairs(segments: _Segments, *, joints: bool) -> tuple[list[int], list[int]]:
+    """Which segments meet in an angle: joints (root, middle, end of every finger), the paper's, splay."""
+    arms, reaches = segments.numbers("arms"), segments.numbers("reaches")
+    pairs = [*zip(arms[0::2], arms[1::2], strict=True), *pairwise(reaches)]
+    if joints:
+        bones = np.array(segments.numbers("bones")).reshape(5, 4)
+        pairs = [(int(finger[k]), int(finger[k + 1])) for k in range(3) for finger in bones] + pairs
+    return [first for first, _ in pairs], [second for _, second in pairs]
+
+
+_SPACE_ANGLES = _angle_pairs(_SPACE, joints=True)
+_FLAT_ANGLES = _angle_pairs(_FLAT, joints=False)
+
+
 def features(image_px: FloatArray, world_m: FloatArray) -> FloatArray:
     """Everything the rules look at: (21, 2) pixels and (21, 3) metres to (len(FEATURES),)."""
-    values: FloatArray = np.concatenate([_in_space(world_m), _in_picture(image_px), _together(image_px, world_m)])
+    fingers, tips, splay, thumb = _in_space(world_m)
+    flat_fingers, flat_tips, flat_splay = _in_picture(image_px)
+    values: FloatArray = np.concatenate([*fingers, *flat_fingers, tips, flat_tips, splay, flat_splay, thumb])
     return values
 
 
-def _in_space(world: FloatArray) -> FloatArray:
-    """Joint angles and reaches of each finger from the 3-D landmarks, (50,)."""
-    palm = _palm_length(world)
-    chains = np.concatenate([np.broadcast_to(world[0], (5, 1, 3)), world[_CHAINS]], axis=1)
-    bones = np.diff(chains, axis=1)
-    joints = angles_deg(-bones[:, :3], bones[:, 1:]).T.ravel()
-    paper = angles_deg(world[_END_A] - world[_VERTEX], world[_END_B] - world[_VERTEX])
-    lengths = np.linalg.norm(bones[:, 1:], axis=2).sum(axis=1)
-    reach = world[_TIPS] - world[_ROOTS]
-    straight = np.linalg.norm(reach, axis=1) / np.maximum(lengths, 1e-9)
-    centre = (world[0] + world[5] + world[17]) / 3
-    to_wrist = np.linalg.norm(world[_TIPS] - world[0], axis=1) / palm
-    to_palm = np.linalg.norm(world[_TIPS] - centre, axis=1) / palm
-    along, across, off = (reach @ _palm_axes(world).T / palm).T
-    return np.concatenate([joints, paper, straight, to_wrist, to_palm, along, across, np.abs(off)])
+def _in_space(world: FloatArray) -> tuple[list[FloatArray], FloatArray, FloatArray, FloatArray]:
+    """From the 3-D landmarks: measures of each finger (10 of (5,)), tips apart (10,), splay (4,), thumb (8,)."""
+    points = np.empty((22, 3))
+    points[:21] = world
+    points[_CENTRE] = (world[0] + world[5] + world[17]) / 3
+    lines = _SPACE.vectors(points)
+    lengths = np.sqrt((lines * lines).sum(axis=1))
+    of = _SPACE.of
+    palm = _palm_length(lengths[of["palm"]])
+    angles = _angles(lines, lengths, _SPACE_ANGLES)
+    joints = 180.0 - angles[:15]  # bones point outwards: straight on is 0° between them
+    reaches, finger_lengths = lines[of["reaches"]], lengths[of["bones"]].reshape(5, 4)[:, 1:].sum(axis=1)
+    along_across_off = reaches @ _palm_axes(lines[of["palm"]]) / palm
+    along_across_off[:, 2] = np.abs(along_across_off[:, 2])
+    straight = lengths[of["reaches"]] / np.maximum(finger_lengths, 1e-9)
+    scaled = lengths / palm
+    fingers = [
+        joints,
+        angles[15:20],
+        straight,
+        scaled[of["to_wrist"]],
+        scaled[of["to_palm"]],
+        along_across_off.T.ravel(),
+    ]
+    return fingers, scaled[of["tips"]], angles[20:], scaled[of["thumb"]]
 
 
-def _in_picture(points: FloatArray) -> FloatArray:
-    """The paper's own measures, on the picture, (20,)."""
-    palm = _palm_length(points)
-    paper = angles_deg(points[_END_A] - points[_VERTEX], points[_END_B] - points[_VERTEX])
+def _in_picture(points: FloatArray) -> tuple[list[FloatArray], FloatArray, FloatArray]:
+    """The paper's own measures, on the picture: of each finger (4 of (5,)), tips apart (10,), splay (4,)."""
+    lines = _FLAT.vectors(points)
+    lengths = np.sqrt((lines * lines).sum(axis=1))
+    of = _FLAT.of
+    palm = _palm_length(lengths[of["palm"]])
+    angles = _angles(lines, lengths, _FLAT_ANGLES)
     outer, inner = tip_depths(points, OUTER_HULL), tip_depths(points, INNER_HULL)
-    length = np.linalg.norm(points[_TIPS] - points[_ROOTS], axis=1)
-    return np.concatenate([paper, -outer / palm, -inner / palm, length / palm])
+    fingers = [angles[:5], -outer / palm, -inner / palm, lengths[of["reaches"]] / palm]
+    return fingers, lengths[of["tips"]] / palm, angles[5:]
 
 
-def _together(points: FloatArray, world: FloatArray) -> FloatArray:
-    """Tips relative to one another, and the thumb's relative to the other fingers' joints, (36,)."""
-    palm, flat_palm = _palm_length(world), _palm_length(points)
-    tips, flat_tips = world[_TIPS], points[_TIPS]
-    reach, flat_reach = tips - world[_ROOTS], flat_tips - points[_ROOTS]
-    return np.concatenate(
-        [
-            np.linalg.norm(tips[_FIRST] - tips[_SECOND], axis=1) / palm,
-            np.linalg.norm(flat_tips[_FIRST] - flat_tips[_SECOND], axis=1) / flat_palm,
-            angles_deg(reach[_ADJACENT], reach[_ADJACENT + 1]),
-            angles_deg(flat_reach[_ADJACENT], flat_reach[_ADJACENT + 1]),
-            np.linalg.norm(world[_THUMB_TARGETS] - tips[0], axis=1) / palm,
-        ]
-    )
+def _angles(lines: FloatArray, lengths: FloatArray, pairs: tuple[list[int], list[int]]) -> FloatArray:
+    """Degrees between pairs of segments; 0 where one has no length, as in `fingers.angles_deg`."""
+    first, second = pairs
+    dots = (lines[first] * lines[second]).sum(axis=1)
+    product = lengths[first] * lengths[second]
+    cosines = np.divide(dots, product, out=np.ones_like(dots), where=product > 0)
+    angles: FloatArray = np.degrees(np.arccos(np.minimum(np.maximum(cosines, -1.0), 1.0)))
+    return angles
 
 
-def _palm_length(points: FloatArray) -> float:
-    """The palm's size, in the points' unit: the longest way over it, which a tilt shortens least."""
-    ends = points[[5, 9, 17, 5]] - points[[0, 0, 0, 17]]
-    return max(float(np.sqrt((ends * ends).sum(axis=1).max())), 1e-9)
+def _palm_length(palm: FloatArray) -> float:
+    """The palm's size from its four segments: the longest way over it, which a tilt shortens least."""
+    return max(float(palm.max()), 1e-9)
 
 
-def _palm_axes(world: FloatArray) -> FloatArray:
-    """(3, 3) rows: along the palm to the middle finger, across it to the thumb's side, off it."""
-    along = world[9] - world[0]
-    along = along / max(float(np.linalg.norm(along)), 1e-9)
-    across = world[5] - world[17]
-    across = across - (across @ along) * along
-    across = across / max(float(np.linalg.norm(across)), 1e-9)
-    return np.stack([along, across, np.cross(along, across)])
+def _palm_axes(palm: FloatArray) -> FloatArray:
+    """(3, 3) columns: along the palm to the middle finger, across it to the thumb's side, off it."""
+    along = _unit(palm[1].tolist())
+    across = palm[3].tolist()
+    shared = sum(a * b for a, b in zip(across, along, strict=True))
+    across = _unit([a - shared * b for a, b in zip(across, along, strict=True)])
+    (a, b, c), (d, e, f) = along, across
+    off = [b * f - c * e, c * d - a * f, a * e - b * d]
+    return np.array([along, across, off]).T
+
+
+def _unit(vector: list[float]) -> list[float]:
+    length = max(math.hypot(*vector), 1e-9)
+    return [part / length for part in vector]

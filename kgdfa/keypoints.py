@@ -82,14 +82,18 @@ class HandDetector:
     ) -> None:
         self.close()
 
-    def _look(self, image: Image, captured_ns: int) -> tuple[Hand, ...]:
+    def infer(self, image_bgr: Image, captured_ns: int = 0) -> Any:
+        """MediaPipe's own result on one picture, as it gives it: what `rleex evaluate speed` calls bare."""
         if self._landmarker is None:
             raise KgdfaError("The hand detector is closed: open a new one.")
-        picture = _as_mediapipe(image)
+        picture = _as_mediapipe(image_bgr)
         if self._still:
-            return _hands(self._landmarker.detect(picture), image, ())
+            return self._landmarker.detect(picture)
         self._last_ms = max(self._last_ms + 1, captured_ns // 1_000_000)  # MediaPipe wants growing time
-        return _hands(self._landmarker.detect_for_video(picture, self._last_ms), image, self._previous)
+        return self._landmarker.detect_for_video(picture, self._last_ms)
+
+    def _look(self, image: Image, captured_ns: int) -> tuple[Hand, ...]:
+        return _hands(self.infer(image, captured_ns), image, () if self._still else self._previous)
 
     def _with_rival(self, image: Image, hands: tuple[Hand, ...]) -> tuple[Hand, ...]:
         """Ask for a second hand when this one is new, and again now and then while two were there."""

@@ -9,7 +9,8 @@ import numpy as np
 from kgdfa.hand import Hand
 
 LOST_FRAMES = 5  # a hand gone this long is gone; fewer may be blur or the picture's edge
-REACH_ANCHORS = 3.0  # how far a hand may move between looks and still be the same, in palm anchors
+REACH_ANCHORS = 1.5  # how far a hand may be from where it was a frame ago, in palm anchors: 3 m/s at 30 Hz
+REACH_GROWTH_ANCHORS = 0.5  # and how much farther for each frame without it
 EQUAL_CLAIM = 0.75  # a second hand this large, relative to the first, claims the command as well
 
 
@@ -28,7 +29,7 @@ def follow(track: Track, hands: tuple[Hand, ...]) -> Track:
     """The track after one frame. A new hand is taken only when none is followed and none claims as well."""
     last = track.last
     if last is not None:
-        near = [hand for hand in hands if _reach(hand, last) <= REACH_ANCHORS * (1 + track.lost)]
+        near = [hand for hand in hands if _reach(hand, last) <= REACH_ANCHORS + REACH_GROWTH_ANCHORS * track.lost]
         if near:
             hand = min(near, key=lambda candidate: _reach(candidate, last))
             return replace(track, hand=hand, last=hand, lost=0, contested=False)

@@ -45,7 +45,7 @@ _CHAINS = np.arange(1, 21).reshape(5, 4)
 PER_GESTURE = 150  # hands made of each gesture
 PER_OTHER = 50  # of each combination that is none; a third of it with a hooked forefinger
 PER_HALFWAY = 50  # of each gesture with its thumb halfway between open and folded: none
-BESIDE = 250  # fists with an open thumb laid beside them: none, and the nearest of all to 0
+BESIDE = 500  # fists with an open thumb laid beside them: none, and the nearest of all to 0
 VIEW_SD_RAD = 0.2  # random turn of the whole hand
 NOISE_PALMS = 0.012  # of each landmark, as a share of the palm's length
 
@@ -68,19 +68,22 @@ class Grafter:
                 if len(self._of_label[label]) and state != "x":
                     self._pools.setdefault((finger, state), []).append(self._of_label[label])
 
-    def make(self) -> tuple[FloatArray, list[str]]:
-        """Features of the grafted hands, (n, F), and their labels."""
+    def make(self, share: float = 1.0) -> tuple[FloatArray, list[str]]:
+        """Features of the grafted hands, (n, F), and their labels; share: of the usual numbers."""
+        per_gesture, per_other, per_halfway, beside = (
+            max(1, round(share * number)) for number in (PER_GESTURE, PER_OTHER, PER_HALFWAY, BESIDE)
+        )
         made: list[tuple[FloatArray, str]] = []
         for states in map("".join, product("of", "shf", "of", "of", "of")):
             label = GESTURE_OF.get(states, GRAFTED_NONE)
-            often = PER_GESTURE if label in FINGERS_OF else PER_OTHER // (3 if states[1] == "h" else 1)
+            often = per_gesture if label in FINGERS_OF else per_other // (3 if states[1] == "h" else 1)
             made += [(self._grafted(states), label) for _ in range(often)] if self._can(states) else []
         for states in filter(self._can, GESTURE_OF):
-            made += [(self._halfway(states), GRAFTED_NONE) for _ in range(PER_HALFWAY)]
+            made += [(self._halfway(states), GRAFTED_NONE) for _ in range(per_halfway)]
         if len(self._of_label[PINCHED]):
-            made += [(self._pinched(), PINCHED) for _ in range(PER_GESTURE)]
+            made += [(self._pinched(), PINCHED) for _ in range(per_gesture)]
         if len(self._of_label["0"]):
-            made += [(self._thumb_beside_fist(), GRAFTED_NONE) for _ in range(BESIDE)]
+            made += [(self._thumb_beside_fist(), GRAFTED_NONE) for _ in range(beside)]
         return np.array([values for values, _ in made]), [label for _, label in made]
 
     def _can(self, states: str) -> bool:

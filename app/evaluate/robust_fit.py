@@ -22,13 +22,14 @@ from kgdfa.features import features
 from kgdfa.hand import FloatArray, Side
 from kgdfa.robust_model import RobustModel
 
-MEMBERS = 5
+MEMBERS = 4
 HIDDEN = 64
 EPOCHS = 12
 PENALTY = 0.03  # L2
 DROPOUT = 0.1  # share of features blanked: no verdict shall hang on one of them
 GRAFT_WEIGHT = 1.0  # of one grafted hand, the mean real look's being 1
 THIRDS = 3
+INNER_SHARE = 1 / 3  # of looks and grafts, in the fits that only choose thresholds: they are many
 CANDIDATE_THRESHOLDS = np.arange(0.30, 0.96, 0.05)
 WRONG_ACCEPTANCE_COST = 2.0  # what a point of undefined hands accepted weighs against a point of macro-F1
 TIE = 0.10  # lead over the next class below which it is a tie, and none
@@ -125,7 +126,7 @@ def _choose_thresholds(looked: Looked, among: NDArray[np.bool_], tell: Callable[
     chances = np.zeros((len(looked.photos), len(GESTURE_NAMES)))
     for fold in folds(looked, among):
         tell(f"threshold, without {fold.name}")
-        model = _fit_members(looked, fold.fit, 1)
+        model = _fit_members(looked, fold.fit, 1, share=INNER_SHARE)
         chances += photo_probabilities(model, looked, fold.measure)[:, : len(GESTURE_NAMES)]
     among = among & (looked.sources != DIGITAL)
     labels = looked.labels[among]
@@ -150,8 +151,8 @@ def _best_thresholds(truth: NDArray[np.str_], chances: FloatArray) -> FloatArray
     return thresholds
 
 
-def _fit_members(looked: Looked, among: NDArray[np.bool_], members: int) -> RobustModel:
-    values, labels, weights = _examples(looked, among)
+def _fit_members(looked: Looked, among: NDArray[np.bool_], members: int, share: float = 1.0) -> RobustModel:
+    values, labels, weights = _examples(looked, among, share)
     classes = [*GESTURE_NAMES, *sorted(set(labels) - set(GESTURE_NAMES))]
     centre = np.median(values, axis=0)
     spread = np.subtract(*np.percentile(values, [85, 15], axis=0)) + 1e-6
@@ -174,19 +175,22 @@ def _fit_members(looked: Looked, among: NDArray[np.bool_], members: int) -> Robu
     )
 
 
-def _examples(looked: Looked, among: NDArray[np.bool_]) -> tuple[FloatArray, NDArray[np.str_], FloatArray]:
+def _examples(
+    looked: Looked, among: NDArray[np.bool_], share: float
+) -> tuple[FloatArray, NDArray[np.str_], FloatArray]:
     """Features, labels and weights of every look at these photos and of hands grafted from them.
 
     Rare pairs of label and source weigh more a look, by the root of their number.
     """
     shows_hand = looked.labels != "none:nohand"
     rows = np.flatnonzero((among & shows_hand)[looked.owner])
+    rows = rows[:: round(1 / share)]
     owners = looked.owner[rows]
     labels = looked.labels[owners]
     pairs = list(zip(labels, looked.sources[owners], strict=True))
     often = Counter(pairs)
     weights = np.array([often[pair] ** -0.5 for pair in pairs])
-    made, made_labels = _grafts(looked, np.unique(owners))
+    made, made_labels = _grafts(looked, np.unique(owners), share)
     return (
         np.vstack([looked.values[rows], made]),
         np.concatenate([labels, made_labels]),
@@ -194,7 +198,7 @@ def _examples(looked: Looked, among: NDArray[np.bool_]) -> tuple[FloatArray, NDA
     )
 
 
-def _grafts(looked: Looked, owners: NDArray[np.int64]) -> tuple[FloatArray, list[str]]:
+def _grafts(looked: Looked, owners: NDArray[np.int64], share: float) -> tuple[FloatArray, list[str]]:
     hands = [looked.photos[owner].hands[0] for owner in owners]
     grafter = Grafter(
         np.array([hand.world_m for hand in hands]),
@@ -202,7 +206,7 @@ def _grafts(looked: Looked, owners: NDArray[np.int64]) -> tuple[FloatArray, list
         [looked.photos[owner].photo.label for owner in owners],
         seed=0,
     )
-    return grafter.make()
+    return grafter.make(share)
 
 
 def _member(

@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from app.evaluate.gesture_photos import Photo, SeenPhoto
+    from kgdfa.images import Image
 
 cli = typer.Typer()
 
@@ -123,3 +124,100 @@ def _list_unreadable(console: Console, seen: list[SeenPhoto]) -> None:
         console.print(f"{len(unreadable)} pictures could not be read and count as misjudged:")
         for one in unreadable:
             console.print(f"  {one.photo.path}: {one.error}")
+
+
+@cli.command()
+def video(
+    where: Annotated[Path, typer.Argument(help="frames.csv, or the folder that holds it.")],
+    json_file: Json = None,
+    home: Home = None,
+) -> None:
+    """How steadily both rule sets tell gestures in a labelled sequence of frames."""
+    import msgspec
+    from rich.console import Console
+    from rich.table import Table
+
+    from app.cli.progress import bar
+    from app.evaluate.gesture_report import write_json
+    from app.evaluate.sequence import read_frames
+    from app.evaluate.video import measure_sequence, run_sequence, said
+    from kgdfa.published import PublishedRules
+    from kgdfa.robust import RobustRules
+    from kgdfa.verdict import RuleSet
+
+    console, frames = Console(), read_frames(where)
+    figures = {}
+    rule_sets: tuple[RuleSet, ...] = (PublishedRules(), RobustRules())
+    for rules in rule_sets:
+        with bar(console, f"{rules.name} rules", len(frames)) as tell:
+            spoken = [said(report) for report in run_sequence(frames, _model(home), rules, tell)]
+        labels = [frame.label for frame in frames]
+        figures[rules.name] = measure_sequence(labels, [raw for raw, _ in spoken], [voted for _, voted in spoken])
+    table = Table(title=f"{where}: {len(frames)} frames")
+    table.add_column("")
+    for name in figures:
+        table.add_column(name, justify="right")
+    plain: dict[str, dict[str, float]] = {name: msgspec.to_builtins(one) for name, one in figures.items()}
+    for field in next(iter(plain.values())):
+        table.add_row(field.replace("_", " "), *(f"{one[field]:.3g}" for one in plain.values()))
+    console.print(table)
+    if json_file is not None:
+        write_json({"frames": len(frames), "rules": plain}, json_file)
+
+
+@cli.command()
+def speed(
+    directory: Annotated[
+        Path | None, typer.Argument(help="Folder with frames.csv; without it, the digital hand.")
+    ] = None,
+    frames: Annotated[int, typer.Option(help="How many frames at most.", min=30)] = 300,
+    json_file: Json = None,
+    home: Home = None,
+) -> None:
+    """Table 4's row: the whole chain's speed beside bare MediaPipe's on the same frames."""
+    import msgspec
+    from rich.console import Console
+    from rich.table import Table
+
+    from app.cli.progress import bar
+    from app.evaluate.gesture_report import write_json
+    from app.evaluate.speed import WARM_UP, measure_speed
+
+    console = Console()
+    images, focal_px = _frames_for_speed(directory, frames)
+    with bar(console, "timing", len(images) + min(WARM_UP, len(images))) as tell:
+        figures = measure_speed(images, _model(home), focal_px=focal_px, tell=tell)
+    table = Table(title=f"{figures.frames} frames of {images[0].shape[1]}×{images[0].shape[0]}, ms a frame")
+    table.add_column("stage")
+    table.add_column("ms", justify="right")
+    for stage, spent_ms in figures.stages_ms.items():
+        table.add_row(stage, f"{spent_ms:.2f}")
+    table.add_section()
+    table.add_row("bare MediaPipe", f"{figures.bare_ms:.2f}")
+    table.add_row("whole chain", f"{figures.whole_ms:.2f}")
+    console.print(table)
+    console.print(
+        f"whole chain / bare MediaPipe {figures.ratio:.3f}, {figures.fps:.0f} frames a second, "
+        f"a hand in {figures.hands} of {figures.frames} (paper, its own laptop: 34 frames a second)"
+    )
+    if json_file is not None:
+        write_json(msgspec.to_builtins(figures), json_file)
+
+
+def _frames_for_speed(directory: Path | None, count: int) -> tuple[list[Image], float]:
+    """Pictures and focal length: of a recording, or of the digital hand showing one gesture after the other."""
+    from app.evaluate.sequence import PERIOD_NS, pictures, read_frames
+
+    if directory is not None:
+        listed = read_frames(directory)[:count]
+        return list(pictures(listed)), listed[0].focal_px
+    from hal.cameras.digital_hand import DigitalHandCamera
+    from hal.cameras.hand_poses import GESTURES
+
+    camera = DigitalHandCamera(clock_ns=lambda: 0)
+    images = []
+    for number in range(count):
+        if number % 25 == 0:
+            camera.command(gesture=GESTURES[number // 25 % len(GESTURES)].name, at_ns=number * PERIOD_NS)
+        images.append(camera.render((number + 1) * PERIOD_NS).image_bgr)
+    return images, camera.lens.fx_px

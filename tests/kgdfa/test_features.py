@@ -1,0 +1,86 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from kgdfa.features import FEATURES, Unit, features
+from kgdfa.fingers import finger_angles_deg
+from kgdfa.hand import FloatArray
+from kgdfa.hulls import INNER_HULL, OUTER_HULL, hull, tip_depths
+from tests.kgdfa.hands import drawn_hand, drawn_points
+
+angle = st.floats(-np.pi, np.pi)
+shaken = arrays(np.float64, (21, 3), elements=st.floats(-0.01, 0.01))
+
+
+def posed(shake: FloatArray) -> tuple[FloatArray, FloatArray]:
+    world = drawn_hand("ofoho".replace("h", "f")).world_m + shake
+    return world[:, :2] * 3000 + 400, world
+
+
+def turned(points: FloatArray, radians: float) -> FloatArray:
+    cosine, sine = np.cos(radians), np.sin(radians)
+    out = points.copy()
+    out[:, 0], out[:, 1] = (
+        cosine * points[:, 0] - sine * points[:, 1],
+        sine * points[:, 0] + cosine * points[:, 1],
+    )
+    return out
+
+
+@given(shaken, st.floats(0.1, 10), st.floats(0.1, 10), angle)
+def test_size_place_and_turn_in_the_picture_change_nothing(
+    shake: FloatArray, zoom: float, size: float, radians: float
+) -> None:
+    picture, world = posed(shake)
+    moved = features(turned(picture, radians) * zoom + 77, turned(world, radians) * size)
+    np.testing.assert_allclose(moved, features(picture, world), atol=1e-2)
+
+
+@given(shaken)
+def test_the_mirrored_hand_measures_the_same(shake: FloatArray) -> None:
+    picture, world = posed(shake)
+    np.testing.assert_allclose(features(picture * (-1, 1), world * (-1, 1, 1)), features(picture, world), atol=1e-2)
+
+
+@given(shaken, angle, angle)
+def test_the_view_changes_nothing_in_space(shake: FloatArray, first: float, second: float) -> None:
+    picture, world = posed(shake)
+    tilted = turned(turned(world, first)[:, [1, 2, 0]], second)
+    spatial = [k for k, feature in enumerate(FEATURES) if "picture" not in feature.text and "hull" not in feature.text]
+    np.testing.assert_allclose(features(picture, tilted)[spatial], features(picture, world)[spatial], atol=1e-2)
+
+
+def test_every_feature_has_a_name_of_its_own_and_stays_in_its_unit() -> None:
+    picture, world = posed(np.zeros((21, 3)))
+    values = features(picture, world)
+    assert len({feature.text for feature in FEATURES}) == len(FEATURES) == len(values)
+    degrees = [value for value, feature in zip(values, FEATURES, strict=True) if feature.unit is Unit.DEGREES]
+    assert all(0 <= value <= 180 for value in degrees)
+
+
+def test_a_hand_without_size_is_finite() -> None:
+    assert np.isfinite(features(np.zeros((21, 2)), np.zeros((21, 3)))).all()
+
+
+def test_angles_tell_open_from_folded() -> None:
+    opened, folded = finger_angles_deg(drawn_points("ooooo")), finger_angles_deg(drawn_points("fffff"))
+    assert (opened[1:] > 170).all()
+    assert (folded[1:] < 49).all()
+    assert opened[0] > 53 > folded[0]
+
+
+@pytest.mark.parametrize(("states", "outside"), [("ooooo", True), ("fffff", False)])
+def test_hulls_tell_tips_outside_from_inside(states: str, outside: bool) -> None:
+    points = drawn_points(states)
+    assert ((tip_depths(points, OUTER_HULL) < 0) == outside).all()
+    assert ((tip_depths(points, INNER_HULL) < 0) == outside).all()
+
+
+def test_the_hull_is_made_of_its_own_members() -> None:
+    points = drawn_points("ooooo")
+    corners = {tuple(corner) for corner in hull(points, INNER_HULL)}
+    assert corners <= {tuple(points[member]) for member in INNER_HULL}

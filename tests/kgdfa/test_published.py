@@ -1,0 +1,119 @@
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from itertools import product
+
+import numpy as np
+import pytest
+
+from kgdfa.fingers import Finger
+from kgdfa.hand import FloatArray, Gesture
+from kgdfa.published import BENT_DEG, PINCH_RATIO, SPREAD_PX, TABLE_2, Extra, Measures, PublishedRules, Row, check
+from tests.kgdfa.hands import STATES, drawn_hand
+
+RULES = PublishedRules()
+ROW = {row.gesture: number for number, row in enumerate(TABLE_2)}
+
+
+def satisfying(row: Row) -> Measures:
+    """Measures well within every constraint of one line."""
+    opened = np.array([finger in row.opened for finger in Finger])
+    limits = np.array([BENT_DEG[0], row.fore_deg, *BENT_DEG[2:]])
+    outside = np.array([row.outside is not None and finger in row.outside for finger in Finger])
+    depths = np.where(outside, -20.0, 20.0)
+    return Measures(
+        depths_px=np.stack([depths if row.outside is None else np.full(5, -20.0), depths]),
+        angles_deg=np.where(opened, limits + 5, limits - 5),
+        anchor_px=100.0,
+        lengths=np.array([0.0, 150.0, 150.0, 1.5]),
+    )
+
+
+def changed(values: FloatArray, place: int | tuple[int, int], value: float) -> FloatArray:
+    copy = values.copy()
+    copy[place] = value
+    return copy
+
+
+def holds(measures: Measures, row: Row) -> bool:
+    return bool(check(measures).holds[ROW[row.gesture]].all())
+
+
+@pytest.mark.parametrize("gesture", list(Gesture))
+def test_every_row_accepts_its_own_drawn_hand(gesture: Gesture) -> None:
+    verdict = RULES.judge(drawn_hand(STATES[gesture]))
+    assert verdict.gesture is gesture
+    assert verdict.confidence >= 0.5
+    assert verdict.explanation.startswith(f"{gesture.value}: ")
+
+
+def test_every_other_combination_of_fingers_is_none() -> None:
+    for fingers in map("".join, product("of", repeat=5)):
+        verdict = RULES.judge(drawn_hand(fingers))
+        named = {states: gesture for gesture, states in STATES.items()}
+        assert verdict.gesture is named.get(fingers), fingers
+
+
+@pytest.mark.parametrize("row", TABLE_2, ids=lambda row: row.gesture.value)
+def test_angles_decide_exactly_at_their_threshold(row: Row) -> None:
+    measures = satisfying(row)
+    assert holds(measures, row)
+    for finger in Finger:
+        limit = row.fore_deg if finger is Finger.FORE else BENT_DEG[finger]
+        above = float(np.nextafter(limit, 360))
+        for angle, is_open in ((limit, False), (above, True)):
+            moved = replace(measures, angles_deg=changed(measures.angles_deg, int(finger), angle))
+            assert holds(moved, row) is (is_open == (finger in row.opened))
+
+
+@pytest.mark.parametrize("row", TABLE_2, ids=lambda row: row.gesture.value)
+def test_tips_decide_exactly_at_the_hull(row: Row) -> None:
+    measures, hull = satisfying(row), 0 if row.outside is None else 1
+    for finger in Finger:
+        for depth, outside in ((0.0, False), (-1e-9, True)):
+            moved = replace(measures, depths_px=changed(measures.depths_px, (hull, int(finger)), depth))
+            wanted = row.outside is not None and finger in row.outside
+            assert holds(moved, row) is (outside == wanted)
+
+
+@pytest.mark.parametrize(
+    ("gesture", "extra", "limit", "holding"),
+    [
+        (Gesture.SIX, Extra.SPREAD_PINKY, SPREAD_PX, np.inf),
+        (Gesture.EIGHT, Extra.SPREAD_FORE, SPREAD_PX, np.inf),
+        (Gesture.SEVEN, Extra.PINCH, PINCH_RATIO, -np.inf),
+    ],
+)
+def test_lengths_decide_strictly(gesture: Gesture, extra: Extra, limit: float, holding: float) -> None:
+    row = TABLE_2[ROW[gesture]]
+    measures = satisfying(row)
+    at = replace(measures, lengths=changed(measures.lengths, int(extra), limit))
+    beyond = replace(measures, lengths=changed(measures.lengths, int(extra), float(np.nextafter(limit, holding))))
+    assert not holds(at, row)
+    assert holds(beyond, row)
+
+
+def test_no_two_rows_hold_together() -> None:
+    for row in TABLE_2:
+        assert check(satisfying(row)).holds.all(axis=1).sum() == 1
+
+
+def test_the_explanation_names_the_constraint_that_failed() -> None:
+    for row in TABLE_2:
+        measures = satisfying(row)
+        for finger in Finger:
+            wrong = 5.0 if finger in row.opened else 175.0
+            broken = replace(measures, angles_deg=changed(measures.angles_deg, int(finger), wrong))
+            held = check(broken).holds[ROW[row.gesture]]
+            assert [int(column) for column in np.flatnonzero(~held)] == [5 + finger]
+    thumb = RULES.judge(drawn_hand("fofff"))
+    assert re.search(r"1: closest call \w+", thumb.explanation)
+
+
+def test_pixels_are_literal_so_a_distant_hand_is_no_eight() -> None:
+    assert RULES.judge(drawn_hand("oofff")).gesture is Gesture.EIGHT
+    far = RULES.judge(drawn_hand("oofff", scale=0.4))
+    assert far.gesture is None
+    assert far.explanation.startswith("not 8: tips 4 and 8 apart")
+    assert "≤ 100 px" in far.explanation

@@ -1,0 +1,64 @@
+from __future__ import annotations
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from kgdfa.hand import Gesture
+from kgdfa.verdict import Verdict
+from kgdfa.vote import END_FRAMES, VOTE_FRAMES, Vote, cast
+
+ONE, TWO = Gesture.ONE, Gesture.TWO
+spoken = st.lists(st.sampled_from([None, Gesture.ONE, Gesture.TWO, Gesture.FIVE]), max_size=60)
+
+
+def verdict(gesture: Gesture | None) -> Verdict | None:
+    if gesture is None:
+        return None
+    return Verdict(gesture=gesture, confidence=0.9, nearest=gesture, explanation="")
+
+
+def votes(gestures: list[Gesture | None]) -> list[Vote]:
+    vote, out = Vote(), []
+    for number, gesture in enumerate(gestures):
+        vote = cast(vote, verdict(gesture), number)
+        out.append(vote)
+    return out
+
+
+def test_the_third_frame_in_a_row_makes_a_gesture() -> None:
+    assert [vote.gesture for vote in votes([ONE, ONE, ONE, ONE])] == [None, None, ONE, ONE]
+
+
+@given(spoken)
+def test_a_gesture_begins_only_after_three_frames_in_a_row(gestures: list[Gesture | None]) -> None:
+    before: Gesture | None = None
+    for number, vote in enumerate(votes(gestures)):
+        if vote.gesture is not None and vote.gesture is not before:
+            assert gestures[number - VOTE_FRAMES + 1 : number + 1] == [vote.gesture] * VOTE_FRAMES
+            assert vote.recognised_ns == number
+        before = vote.gesture
+
+
+@given(spoken, st.sampled_from([ONE, TWO]))
+def test_a_new_gesture_is_never_late(past: list[Gesture | None], new: Gesture) -> None:
+    assert votes([*past, *[new] * VOTE_FRAMES])[-1].gesture is new
+
+
+@given(spoken, st.lists(st.sampled_from([None, TWO]), max_size=VOTE_FRAMES - 1))
+def test_two_odd_frames_never_end_a_held_gesture(past: list[Gesture | None], odd: list[Gesture | None]) -> None:
+    held = [*past, *[ONE] * VOTE_FRAMES, *odd]
+    assert votes(held)[-1].gesture is ONE
+
+
+@given(spoken)
+def test_silence_ends_everything_in_time(past: list[Gesture | None]) -> None:
+    after = votes([*past, *[None] * END_FRAMES])
+    assert after[-1].gesture is None if after else True
+    assert all(vote.gesture is not None or vote.recognised_ns == 0 for vote in after)
+
+
+@given(spoken)
+def test_flicker_between_two_gestures_never_starts_one(past: list[Gesture | None]) -> None:
+    flicker: list[Gesture | None] = [ONE, TWO] * 10
+    ends = votes([*past, *[None] * END_FRAMES, *flicker])
+    assert ends[-1].gesture is None
