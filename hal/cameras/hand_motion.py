@@ -84,7 +84,10 @@ class Track:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Movement:
-    """What one hand did, does and is going to do. Tracks: shape (36,), see `_shape`; aside (2,); depth (1,); away (1,)."""
+    """What one hand did, does and is going to do.
+
+    Tracks: shape (36,), see `_shape`; aside (2,); depth (1,); away (1,).
+    """
 
     person: Person
     rest_m: float

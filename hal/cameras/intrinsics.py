@@ -1,0 +1,112 @@
+"""A camera's intrinsics: assumed from a field of view, given as a focal length, or measured and stored."""
+
+from __future__ import annotations
+
+import tomllib
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import tomlkit
+
+from hal.cameras.camera import Intrinsics, IntrinsicsSource
+from hal.errors import HardwareError
+
+# An ordinary 16:9 webcam sees about 68 degrees across, which is 950 px of focal length at 1280 pixels.
+ASSUMED_FOCAL_PER_WIDTH = 950.0 / 1280.0
+
+
+def assumed(width_px: int, height_px: int) -> Intrinsics:
+    """What an ordinary webcam has; marked as assumed."""
+    return pinhole(width_px, height_px, ASSUMED_FOCAL_PER_WIDTH * width_px, IntrinsicsSource.ASSUMED)
+
+
+def given(width_px: int, height_px: int, focal_px: float) -> Intrinsics:
+    """From a focal length that somebody states. Raises HardwareError when it can't be one."""
+    if not 0 < focal_px < 100_000:
+        raise HardwareError(
+            f"Focal length {focal_px:g} px: it must be above 0; give the one for {width_px} px of width."
+        )
+    return pinhole(width_px, height_px, focal_px, IntrinsicsSource.GIVEN)
+
+
+def pinhole(width_px: int, height_px: int, focal_px: float, source: IntrinsicsSource) -> Intrinsics:
+    """Square pixels, the axis through the picture's middle."""
+    return Intrinsics(
+        width_px=width_px,
+        height_px=height_px,
+        fx_px=focal_px,
+        fy_px=focal_px,
+        cx_px=(width_px - 1) / 2,
+        cy_px=(height_px - 1) / 2,
+        source=source,
+    )
+
+
+def check_size(intrinsics: Intrinsics, width_px: int, height_px: int, camera: str) -> None:
+    """Refuse intrinsics of another resolution. Raises HardwareError naming both."""
+    if (intrinsics.width_px, intrinsics.height_px) != (width_px, height_px):
+        raise HardwareError(
+            f"The intrinsics of {camera} are for {intrinsics.width_px}x{intrinsics.height_px}, but its pictures are "
+            f"{width_px}x{height_px}: calibrate at this resolution, or set the camera to the other."
+        )
+
+
+def choose(
+    width_px: int, height_px: int, *, camera: str, focal_px: float | None = None, store: Path | None = None
+) -> Intrinsics:
+    """A stated focal length wins over a measured one, a measured one over the assumed field of view.
+
+    store: a cameras.toml. Raises HardwareError when it is broken, or measured at another resolution only.
+    """
+    if focal_px is not None:
+        return given(width_px, height_px, focal_px)
+    measured = load(store, camera) if store is not None else None
+    if measured is None:
+        return assumed(width_px, height_px)
+    check_size(measured, width_px, height_px, camera)
+    return measured
+
+
+def load(store: Path, camera: str) -> Intrinsics | None:
+    """What was measured for this camera, None when nothing was. Raises HardwareError for a broken file."""
+    if not store.exists():
+        return None
+    try:
+        entry: dict[str, Any] | None = tomllib.loads(store.read_text(encoding="utf-8")).get(camera)
+        if entry is None:
+            return None
+        return Intrinsics(
+            width_px=int(entry["width_px"]),
+            height_px=int(entry["height_px"]),
+            fx_px=_positive(entry["fx_px"]),
+            fy_px=_positive(entry["fy_px"]),
+            cx_px=_positive(entry["cx_px"]),
+            cy_px=_positive(entry["cy_px"]),
+            source=IntrinsicsSource.MEASURED,
+        )
+    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+        raise HardwareError(
+            f"The camera file {store} can't be used ({error}): mend it, or remove it and calibrate again."
+        ) from error
+
+
+def save(store: Path, camera: str, intrinsics: Intrinsics, residual_px: float) -> None:
+    """Keep measured intrinsics beside those of other cameras. Raises HardwareError when it can't be written."""
+    try:
+        document = tomlkit.parse(store.read_text(encoding="utf-8")) if store.exists() else tomlkit.document()
+        values = {name: value for name, value in asdict(intrinsics).items() if name != "source"}
+        document[camera] = values | {"residual_px": round(residual_px, 4)}
+        store.parent.mkdir(parents=True, exist_ok=True)
+        fresh = store.with_suffix(".new")
+        fresh.write_text(tomlkit.dumps(document), encoding="utf-8")
+        fresh.replace(store)
+    except (OSError, ValueError) as error:
+        raise HardwareError(f"The camera file {store} can't be written ({error}): check the folder.") from error
+
+
+def _positive(value: Any) -> float:
+    number = float(value)
+    if not 0 < number < 100_000:
+        raise ValueError(f"{number:g} is no length in pixels")
+    return number

@@ -1,0 +1,171 @@
+"""Recorded sessions: a folder of JPEG pictures, 16-bit depth maps in millimetres, and an index of JSON Lines.
+
+The index is written line by line and ends with a line that says so; without it the recording was cut off, and
+what is there is still played.
+"""
+
+from __future__ import annotations
+
+import json
+import queue
+import threading
+from collections.abc import Iterator
+from dataclasses import asdict
+from pathlib import Path
+from typing import IO, Any
+
+import cv2
+import numpy as np
+
+from hal.cameras.camera import DepthArray, EndOfRecording, Frame, Intrinsics, IntrinsicsSource
+from hal.cameras.playback import Moment, Moments, read_picture
+from hal.errors import HardwareError
+
+INDEX = "frames.jsonl"
+FORMAT = "rleex-recording"
+VERSION = 1
+JPEG_QUALITY = 95
+WAITING_FRAMES = 30  # a second of pictures may wait for the disk; later ones are dropped and counted
+
+
+class Recorder:
+    """Writes frames from a thread of its own, so that a slow disk never slows the chain."""
+
+    def __init__(self, folder: Path, camera: str) -> None:
+        """Make the folder. Raises HardwareError when it exists already or can't be made."""
+        try:
+            folder.mkdir(parents=True)
+            self._index: IO[str] = (folder / INDEX).open("w", encoding="utf-8")
+        except OSError as error:
+            raise HardwareError(f"The recording {folder} can't be begun ({error}): choose another folder.") from error
+        self.folder = folder
+        self.written = 0
+        self.dropped = 0
+        self.fault = ""
+        self._camera = camera
+        self._waiting: queue.Queue[Frame | None] = queue.Queue(WAITING_FRAMES)
+        self._thread = threading.Thread(target=self._run, name="recorder", daemon=True)
+        self._thread.start()
+
+    def write(self, frame: Frame) -> bool:
+        """Hand a frame over; False when the disk is behind and the frame was dropped."""
+        try:
+            self._waiting.put_nowait(frame)
+        except queue.Full:
+            self.dropped += 1
+            return False
+        return True
+
+    def close(self) -> None:
+        """Write what waits, and the line that says that nothing is missing."""
+        self._waiting.put(None)
+        self._thread.join()
+        if not self.fault:
+            self._line({"end": True, "frames": self.written, "dropped": self.dropped})
+        self._index.close()
+
+    def _run(self) -> None:
+        while (frame := self._waiting.get()) is not None:
+            if self.fault:
+                continue
+            try:
+                self._save(frame)
+            except (OSError, cv2.error) as error:
+                self.fault = f"The recording {self.folder} ended early ({error}): free some disk space."
+
+    def _save(self, frame: Frame) -> None:
+        if self.written == 0:
+            self._line(_header(frame, self._camera))
+        number = f"{self.written:06d}"
+        entry: dict[str, Any] = {"captured_ns": frame.captured_ns, "image": f"{number}.jpg"}
+        self._encode(entry["image"], frame.image_bgr, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
+        if frame.depth_m is not None:
+            entry["depth"] = f"{number}.png"
+            millimetres = np.clip(np.round(np.nan_to_num(frame.depth_m) * 1000), 0, 65535).astype(np.uint16)
+            self._encode(entry["depth"], millimetres, [cv2.IMWRITE_PNG_COMPRESSION, 1])
+        self._line(entry)
+        self.written += 1
+
+    def _encode(self, name: str, picture: np.ndarray[Any, Any], options: list[int]) -> None:
+        _, data = cv2.imencode(Path(name).suffix, picture, options)
+        (self.folder / name).write_bytes(data.tobytes())
+
+    def _line(self, entry: dict[str, Any]) -> None:
+        self._index.write(json.dumps(entry) + "\n")
+        self._index.flush()
+
+
+def recorded_moments(folder: Path) -> Moments:
+    """What a Recorder wrote. Plays up to a cut, then ends with EndOfRecording saying so."""
+
+    def moments() -> Iterator[Moment]:
+        lines = _index_lines(folder)
+        intrinsics = _intrinsics(folder, next(lines, None))
+        first_ns, played = None, 0
+        for entry in lines:
+            if entry.get("end"):
+                return
+            moment = _moment(folder, entry, intrinsics)
+            if moment is None:
+                break
+            first_ns = moment.offset_ns if first_ns is None else first_ns
+            yield Moment(
+                offset_ns=moment.offset_ns - first_ns,
+                image_bgr=moment.image_bgr,
+                depth_m=moment.depth_m,
+                intrinsics=intrinsics,
+            )
+            played += 1
+        raise EndOfRecording(f"The recording {folder} is cut off after {played} pictures; what was there is played.")
+
+    return moments
+
+
+def _index_lines(folder: Path) -> Iterator[dict[str, Any]]:
+    """The index's records up to the first that is not whole."""
+    try:
+        text = (folder / INDEX).read_text(encoding="utf-8", errors="replace")
+    except OSError as error:
+        raise HardwareError(f"The recording {folder} can't be read ({error}): choose another.") from error
+    for line in text.splitlines():
+        try:
+            entry = json.loads(line)
+        except ValueError:
+            return
+        if not isinstance(entry, dict):
+            return
+        yield entry
+
+
+def _intrinsics(folder: Path, header: dict[str, Any] | None) -> Intrinsics:
+    if header is None or header.get("format") != FORMAT or header.get("version") != VERSION:
+        raise HardwareError(f"{folder / INDEX} is no recording of this version: record it anew or choose another.")
+    try:
+        values = dict(header["intrinsics"])
+        return Intrinsics(**{**values, "source": IntrinsicsSource(values["source"])})
+    except (KeyError, TypeError, ValueError) as error:
+        raise HardwareError(f"The recording {folder} has no usable intrinsics ({error}): record it anew.") from error
+
+
+def _moment(folder: Path, entry: dict[str, Any], intrinsics: Intrinsics) -> Moment | None:
+    """One record's pictures; None where the recording is cut."""
+    try:
+        captured_ns = int(entry["captured_ns"])
+        image = read_picture(folder / str(entry["image"]))
+        depth = _depth(folder / str(entry["depth"])) if "depth" in entry else None
+    except (KeyError, TypeError, ValueError, HardwareError):
+        return None
+    return Moment(offset_ns=captured_ns, image_bgr=image, depth_m=depth, intrinsics=intrinsics)
+
+
+def _depth(path: Path) -> DepthArray:
+    millimetres = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+    if millimetres is None or millimetres.dtype != np.uint16:
+        raise HardwareError(f"The depth map {path} can't be read: it is missing, damaged or cut off.")
+    depth_m: DepthArray = millimetres.astype(np.float32) / np.float32(1000.0)
+    return depth_m
+
+
+def _header(frame: Frame, camera: str) -> dict[str, Any]:
+    lens = asdict(frame.intrinsics) | {"source": frame.intrinsics.source.value}
+    return {"format": FORMAT, "version": VERSION, "camera": camera, "intrinsics": lens}

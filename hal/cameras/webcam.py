@@ -1,0 +1,144 @@
+"""Webcams through OpenCV: listed by name, opened by name or index, resolution and rate negotiated."""
+
+from __future__ import annotations
+
+import re
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+
+from hal.cameras.camera import Frame, ImageArray, Intrinsics
+from hal.cameras.intrinsics import choose
+from hal.cameras.newest import Newest
+from hal.errors import HardwareError
+
+SYSFS = Path("/sys/class/video4linux")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class WebcamEntry:
+    """One video device as the kernel lists it."""
+
+    index: int
+    name: str
+
+
+def list_webcams(sysfs: Path = SYSFS) -> tuple[WebcamEntry, ...]:
+    """The video devices of this machine, by index. A camera may list more than one; its pictures are on the first."""
+    found = []
+    for entry in sysfs.glob("video*"):
+        number = re.fullmatch(r"video(\d+)", entry.name)
+        label = entry / "name"
+        if number and label.is_file():
+            found.append(WebcamEntry(index=int(number[1]), name=label.read_text(errors="replace").strip()))
+    return tuple(sorted(found, key=lambda entry: entry.index))
+
+
+def find_webcam(device: str, entries: tuple[WebcamEntry, ...]) -> WebcamEntry:
+    """By index, or by a part of its name; "" is the first. Raises HardwareError listing what there is."""
+    wanted = device.strip().lower()
+    for entry in entries:
+        if wanted in ("", str(entry.index), f"/dev/video{entry.index}") or (
+            not wanted.isdigit() and wanted in entry.name.lower()
+        ):
+            return entry
+    there = ", ".join(f"{entry.index} ({entry.name})" for entry in entries) or "none"
+    raise HardwareError(
+        f"There is no webcam {device or 'at all'}: this machine has {there}; plug it in or choose another."
+    )
+
+
+class WebcamCamera:
+    """A webcam, read in a thread. What was negotiated stands in `negotiated` after `open`."""
+
+    def __init__(
+        self,
+        device: str = "",
+        *,
+        width_px: int = 1280,
+        height_px: int = 720,
+        rate_hz: float = 30.0,
+        focal_px: float | None = None,
+        mirrored: bool = False,
+        store: Path | None = None,
+        sysfs: Path = SYSFS,
+    ) -> None:
+        """mirrored: the camera delivers mirrored pictures; they are turned back. store: a cameras.toml."""
+        self._device = device
+        self._wanted = (width_px, height_px, rate_hz)
+        self._focal_px = focal_px
+        self._mirrored = mirrored
+        self._store = store
+        self._sysfs = sysfs
+        self._capture: Any = None
+        self._newest: Newest[tuple[ImageArray, int]] | None = None
+        self._intrinsics: Intrinsics | None = None
+        self._sequence = 0
+        self._name = device or "webcam"
+        self.negotiated = ""
+
+    @property
+    def name(self) -> str:
+        """The device's own name once it was found."""
+        return self._name
+
+    def open(self) -> None:
+        """Find and start it. Raises HardwareError when it is not there, busy, or not allowed."""
+        entry = find_webcam(self._device, list_webcams(self._sysfs))
+        self._name = entry.name
+        capture = cv2.VideoCapture(entry.index, cv2.CAP_V4L2)
+        if not capture.isOpened():
+            capture.release()
+            raise HardwareError(
+                f"The webcam {entry.name} (/dev/video{entry.index}) can't be opened: close other programs that use it, "
+                "and check that you are in the group video."
+            )
+        self._capture = capture
+        width, height = self._negotiate(capture)
+        self._intrinsics = choose(width, height, camera=entry.name, focal_px=self._focal_px, store=self._store)
+        self._newest = Newest(
+            self._grab, lost=f"The webcam {entry.name} gives no pictures: unplug it and plug it in again."
+        )
+
+    def read(self, timeout_s: float) -> Frame | None:
+        """The newest picture. Raises HardwareError when the camera is gone or silent."""
+        if self._newest is None or self._intrinsics is None:
+            raise HardwareError("The webcam is not open: open it before reading.")
+        taken = self._newest.take(timeout_s)
+        if taken is None:
+            return None
+        image, captured_ns = taken
+        self._sequence += 1
+        return Frame(image_bgr=image, captured_ns=captured_ns, sequence=self._sequence, intrinsics=self._intrinsics)
+
+    def close(self) -> None:
+        """Stop it. A driver that hangs is left behind, so that the program is not."""
+        ended = self._newest.stop() if self._newest is not None else True
+        if self._capture is not None and ended:
+            self._capture.release()
+        self._newest = self._capture = None
+
+    def _negotiate(self, capture: Any) -> tuple[int, int]:
+        """Ask for the wanted mode; what the camera took instead is told in `negotiated`."""
+        width, height, rate = self._wanted
+        capture.set(cv2.CAP_PROP_FOURCC, cv2.VideoWriter.fourcc(*"MJPG"))  # raw 720p does not fit into USB 2
+        capture.set(cv2.CAP_PROP_FRAME_WIDTH, width)
+        capture.set(cv2.CAP_PROP_FRAME_HEIGHT, height)
+        capture.set(cv2.CAP_PROP_FPS, rate)
+        capture.set(cv2.CAP_PROP_BUFFERSIZE, 1)
+        got = (int(capture.get(cv2.CAP_PROP_FRAME_WIDTH)), int(capture.get(cv2.CAP_PROP_FRAME_HEIGHT)))
+        got_rate = capture.get(cv2.CAP_PROP_FPS)
+        self.negotiated = f"{got[0]}x{got[1]} at {got_rate:g}/s"
+        if got != (width, height):
+            self.negotiated += f" instead of {width}x{height}"
+        return got
+
+    def _grab(self) -> tuple[ImageArray, int] | None:
+        there, image = self._capture.read()
+        captured_ns = time.monotonic_ns()
+        if not there:
+            raise HardwareError(f"The webcam {self._name} was unplugged or stopped: plug it in again.")
+        return (cv2.flip(image, 1) if self._mirrored else image), captured_ns
