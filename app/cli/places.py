@@ -13,13 +13,9 @@ cli = typer.Typer()
 @cli.command()
 def locate(home: Annotated[Path | None, typer.Option(help="Data directory.")] = None) -> None:
     """Tell where everything is kept."""
-    from rich.console import Console
-    from rich.table import Table
-
     from app.paths import find_home
 
     place = find_home(home)
-    table = Table(box=None, show_header=False)
     for what, path in (
         ("home", place.root),
         ("configuration", place.config),
@@ -29,5 +25,4 @@ def locate(home: Annotated[Path | None, typer.Option(help="Data directory.")] = 
         ("keys and operators", place.keys),
         ("recordings", place.recordings),
     ):
-        table.add_row(what, str(path), "" if path.exists() else "(not there yet)")
-    Console(soft_wrap=True).print(table)
+        typer.echo(f"{what:<20}{path}{'' if path.exists() else '  (not there yet)'}")  # a path is never cut short

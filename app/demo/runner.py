@@ -98,7 +98,7 @@ class CourseRunner:
         report = self.actions[number]
         reached = self._now.state is leg.end or (leg.steps > 0 and report.outcome == "running")
         ok = reached and report.outcome != "stopped" and report.first_command_ns > 0
-        reason = "" if ok else f"{report.outcome}: {report.reason}"
+        reason = "" if ok else f"{report.outcome} too early: {report.reason or self._now.why_not}"
         return self._trial(leg, start, pressed=pressed, presses=made, report=report, reason=reason, ok=ok)
 
     def _click(self, action: Action, known: set[int]) -> bool:

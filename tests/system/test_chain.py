@@ -1,0 +1,62 @@
+"""The whole chain with its real processes: a hand signs and presses, the legs obey, the trail proves it."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import msgspec
+import psutil
+import pytest
+
+from app.config import Config, JointsConfig
+from app.demo.course import ALL_TWELVE, Leg
+from app.demo.runner import CourseRunner
+from app.demo.session import demo_config, demo_patient, run_session
+from app.host import SessionHost, make_setup
+from app.paths import Home
+from kgdfa.hand import Gesture
+
+SOME = (Gesture.ZERO, Gesture.LOVE, Gesture.ROCK, Gesture.FIVE, Gesture.SIX)
+COURSE: tuple[Leg, ...] = tuple(leg for leg in ALL_TWELVE if leg.gesture in SOME)
+
+
+def config_with(hand_model: Path) -> Config:
+    """Half the frames a second: whether the chain works must not hang on how busy the machine is."""
+    config = demo_config(Config(model=str(hand_model)), seed=1, joints=JointsConfig())
+    return msgspec.structs.replace(config, camera=msgspec.structs.replace(config.camera, rate_hz=15.0))
+
+
+def test_the_hand_makes_the_legs_stand_sit_and_walk_and_the_trail_verifies(home: Home, hand_model: Path) -> None:
+    said: list[str] = []
+    result = run_session(home, config_with(hand_model), COURSE, click_s=0.8, presses=3, watch=said.append)
+    assert [trial.reason for trial in result.trials if not trial.ok] == []
+    assert len(result.trials) == len(COURSE)
+    assert result.unintended == 0
+    assert result.audit_verified, result.audit_detail
+    assert result.passed(COURSE)
+    assert all(trial.response_from_release_ms is not None for trial in result.trials)
+
+
+@pytest.mark.parametrize("victim", ["perception", "planner", "guardian", "audit", "control"])
+def test_killing_one_process_leaves_no_other_behind_and_the_trail_readable(
+    home: Home, hand_model: Path, victim: str
+) -> None:
+    from logs.keys import by_fingerprint, known_keys
+    from logs.verify import Evidence, Status, verify
+
+    setup = make_setup(home, config_with(hand_model), demo_patient(1), operator="test", role="engineer")
+    host = SessionHost(setup)
+    try:
+        host.start()
+        CourseRunner(host).prepare()
+        pids = {status.name: status.pid for status in host.processes()}
+        psutil.Process(pids[victim]).kill()
+    finally:
+        host.close()
+    assert not [name for name, pid in pids.items() if psutil.pid_exists(pid) and pid != os.getpid()]
+    evidence = Evidence(keys=by_fingerprint(known_keys(home.keys)))
+    (finding,) = verify([home.logs / f"{setup.session}.jsonl"], evidence)
+    expected = {Status.SOUND} if victim != "audit" else {Status.SOUND, Status.INCOMPLETE}
+    assert finding.status in expected, finding.reason
+    assert not setup.links.exists()
