@@ -43,6 +43,8 @@ from hal.joints.scene import LEVEL_FLOOR, Scene
 FADE_S = 0.6  # a difference between measured and nominal pose fades within this
 FAR_RAD = radians(12)  # farther than this from its state's pose no action starts
 
+STRETCHES = (1.0, 1.15, 1.3, 1.5, 1.75, 2.0, 2.5, 3.0, 4.0)  # of a movement's time, tried in turn
+
 Build = Callable[[Patient, float], Outline]  # patient, stretch of time (1: as the profile has it)
 
 
@@ -141,7 +143,7 @@ def scene_of(action: Action, patient: Patient) -> Scene:
 def path_of(action: Action, phase: Phase, patient: Patient) -> Path:
     """The nominal path of a movement, slow enough for every joint; raises ValueError for one that can't be made."""
     recipe = RECIPES[action, phase]
-    return sample(patient.body, _outline(recipe, patient, _stretch(recipe, patient)))
+    return sample(patient.body, _outline(recipe.build, patient, _stretch(recipe, patient)))
 
 
 def _planned(request: PlanRequest, patient: Patient) -> Plan:
@@ -204,21 +206,28 @@ def _fading(time_s: Array, difference_rad: Array) -> Array:
     return left
 
 
-def _outline(recipe: Recipe, patient: Patient, stretch: float) -> Outline:
+def _outline(build: Build, patient: Patient, stretch: float) -> Outline:
     body = patient.body
-    outline = reaching(body, recipe.build(patient, stretch), leg_length(body, LONGEST_KNEE_RAD))
+    outline = reaching(body, build(patient, stretch), leg_length(body, LONGEST_KNEE_RAD))
     return lifted(body, outline, patient.gait.swing_clearance_m)
 
 
 def _stretch(recipe: Recipe, patient: Patient) -> float:
-    """How much slower than the profile asks, so that no joint exceeds its speed; the steps of a walk all alike."""
+    """How much slower than the profile asks, so that no joint exceeds speed or torque; the steps of a walk alike."""
     recipes = WALKING if recipe in WALKING else (recipe,)
     return max(_own_stretch(one.build, patient) for one in recipes)
 
 
 @lru_cache(maxsize=256)
 def _own_stretch(build: Build, patient: Patient) -> float:
-    path = sample(patient.body, _outline(Recipe(build=build, to_state=S.STANDING), patient, 1.0), 5)
-    speed = np.abs(np.gradient(path.joints_rad, 5 / TICK_HZ, axis=0)).max(axis=0)
-    excess = float(np.nan_to_num(speed / patient.speed_rad_s, nan=0.0).max())
-    return max(1.0, 1.02 * excess)
+    """The first stretch at which one movement fits; that for its speed alone when no slowness saves its torque."""
+    enough_for_speed = 0.0
+    for stretch in STRETCHES:
+        path = sample(patient.body, _outline(build, patient, stretch))
+        speed = np.abs(np.gradient(path.joints_rad, 1 / TICK_HZ, axis=0)).max(axis=0)
+        if not (speed <= patient.speed_rad_s).all():
+            continue
+        enough_for_speed = enough_for_speed or stretch
+        if (np.abs(joint_torques(patient, path)).max(axis=0) <= patient.torque_nm).all():
+            return stretch
+    return enough_for_speed or STRETCHES[-1]

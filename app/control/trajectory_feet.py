@@ -38,7 +38,9 @@ CLOSING = SwingShape(
 UP = SwingShape(
     forward=(0.22, 0.88), level=(0.0, 0.55), up_by=0.40, down_from=0.72, heel_rise_rad=radians(25)
 )  # fmt: skip
-DOWN = SwingShape(forward=(0.05, 0.70), level=(0.42, 1.0), up_by=0.25, down_from=0.55)
+DOWN = SwingShape(
+    forward=(0.05, 0.70), level=(0.42, 1.0), up_by=0.25, down_from=0.55, land_pitch_rad=radians(12)
+)  # fmt: skip
 OVER = SwingShape(forward=(0.18, 0.82), level=(0.0, 1.0), up_by=0.35, down_from=0.65)
 
 
@@ -79,7 +81,7 @@ def displacement(body: Body, swing: Swing, time_s: Array) -> Array:
     changed = smoothstep(time_s, swing.at(first), swing.at(last))
     travel, climb = swing.end_m[0] - swing.start_m[0], swing.end_m[1] - swing.start_m[1]
     way = np.stack([travel * progress(swing, time_s), climb * changed + swing.lift_m * lifting(swing, time_s)], axis=-1)
-    rolled: Array = way + _about_toe(body, heel_rise(swing, time_s)) + _about_heel(body, landing_pitch(swing, time_s))
+    rolled: Array = way + about_toe(body, heel_rise(swing, time_s)) + about_heel(body, landing_pitch(swing, time_s))
     return rolled
 
 
@@ -95,13 +97,15 @@ def landing_pitch(swing: Swing, time_s: Array) -> Array:
     return swing.shape.land_pitch_rad * hump(time_s, swing.at(0.55), swing.land_s, swing.land_s, swing.flat_s)
 
 
-def _about_toe(body: Body, angle: Array) -> Array:
+def about_toe(body: Body, angle: Array) -> Array:
+    """How far the ankle moves when the heel turns up about the toes, (n, 2) metres."""
     sine, missing = np.sin(angle), 1 - np.cos(angle)
     toe, height = body.toe_m, body.ankle_height_m
     return np.stack([toe * missing + height * sine, toe * sine - height * missing], axis=-1)
 
 
-def _about_heel(body: Body, angle: Array) -> Array:
+def about_heel(body: Body, angle: Array) -> Array:
+    """How far the ankle moves when the foot turns up about its heel, (n, 2) metres."""
     sine, missing = np.sin(angle), 1 - np.cos(angle)
     heel, height = body.heel_m, body.ankle_height_m
     return np.stack([-heel * missing - height * sine, heel * sine - height * missing], axis=-1)

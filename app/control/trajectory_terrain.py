@@ -5,10 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from math import sqrt
 
+import numpy as np
+
 from app.control.kinematics import leg_length
 from app.control.patient import Patient
 from app.control.trajectory_curves import Array, hump, smoothstep
-from app.control.trajectory_feet import DOWN, OVER, UP, Swing, SwingShape
+from app.control.trajectory_feet import DOWN, OVER, UP, Swing, SwingShape, about_heel
 from app.control.trajectory_level import LONGEST_KNEE_RAD, standing_hip_m
 from app.control.trajectory_outline import Outline
 from hal.joints.scene import Block, BlockKind, Scene
@@ -19,7 +21,7 @@ LANDING_M = 5.0  # the floor that a stair leads to
 # Shares of an action's time.
 RIGHT_OFF, RIGHT_LANDS = 0.06, 0.42
 LEFT_OFF, LEFT_LANDS = 0.58, 0.95
-TWO_SWINGS = 2.6  # times the step time: two swings and what lies between
+TWO_SWINGS = 3.0  # times the step time: two swings and what lies between
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -44,8 +46,8 @@ def stair_up(patient: Patient) -> Crossing:
         travel_m=tread,
         climb_m=rise,
         shape=UP,
-        hip_first_m=0.2 * tread,
-        hip_second_m=0.55 * tread,
+        hip_first_m=0.40 * tread,
+        hip_second_m=0.60 * tread,
         hip_drop_m=0.012,
         scene=Scene(blocks=(step,)),
     )
@@ -55,17 +57,18 @@ def stair_down(patient: Patient) -> Crossing:
     """The feet stand with the toes over the edge, so far that after the step they stand so again."""
     body, rise, tread = patient.body, patient.gait.stair_rise_m, patient.gait.stair_tread_m
     edge = min(body.toe_m, tread - body.heel_m) - GAP_M
-    first = -0.05 * tread
+    first = -0.28 * tread  # behind the bent leg's foot, so that hip and knee share the load
     reach = leg_length(body, LONGEST_KNEE_RAD)
-    height = sqrt(max(reach * reach - (tread - first) ** 2, 0.0)) + body.ankle_height_m - rise
+    heel_back, heel_up = about_heel(body, np.array([DOWN.land_pitch_rad]))[0]
+    height = sqrt(max(reach * reach - (tread + heel_back - first) ** 2, 0.0)) + body.ankle_height_m + heel_up - rise
     step = Block(kind=BlockKind.STEP, from_x_m=edge - LANDING_M, to_x_m=edge, top_m=0.0)
     return Crossing(
         travel_m=tread,
         climb_m=-rise,
         shape=DOWN,
         hip_first_m=first,
-        hip_second_m=0.7 * tread,
-        hip_drop_m=standing_hip_m(body) - height,
+        hip_second_m=0.42 * tread,
+        hip_drop_m=float(standing_hip_m(body) - height),
         scene=Scene(floor_m=-rise, blocks=(step,)),
     )
 
@@ -98,8 +101,8 @@ def crossing_outline(patient: Patient, crossing: Crossing, step_time_s: float) -
 
     def hip_x(time: Array) -> Array:
         to_first = smoothstep(time, 0.0, RIGHT_LANDS * total)
-        to_second = smoothstep(time, (RIGHT_LANDS - 0.04) * total, (LEFT_OFF + 0.04) * total)
-        to_end = smoothstep(time, LEFT_OFF * total, LEFT_LANDS * total)
+        to_second = smoothstep(time, (RIGHT_LANDS - 0.06) * total, (LEFT_OFF + 0.08) * total)
+        to_end = smoothstep(time, (LEFT_OFF - 0.04) * total, LEFT_LANDS * total)
         return first * to_first + (second - first) * to_second + (travel - second) * to_end
 
     def hip_z(time: Array) -> Array:

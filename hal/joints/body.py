@@ -83,12 +83,12 @@ def average_body(stature_m: float, mass_kg: float, body_weight_support: float = 
 
 
 # The wearer's and the device's passive parts, known to the simulation and to the planner's torque estimate alike.
-ANKLE_DORSIFLEXION_NM_RAD = 100.0  # a stiff ankle-foot orthosis, 1.7 Nm a degree; public devices span 1 to 5
+ANKLE_DORSIFLEXION_NM_RAD = 80.0  # a stiff ankle-foot orthosis, 1.4 Nm a degree; public devices span 1 to 5
 ANKLE_PLANTARFLEXION_NM_RAD = 40.0
 ANKLE_REST_RAD = radians(6)  # dorsiflexed: such orthoses lift the toes a little, for clearance
 LEAN_MOST_RAD = radians(22)  # of the trunk half way between standing and sitting
-LEAN_KNEE_FROM_RAD = radians(35)
-LEAN_KNEE_TO_RAD = radians(90)
+LEAN_KNEE_FROM_RAD = radians(58)
+LEAN_KNEE_TO_RAD = radians(92)
 BUTTOCK_M = 0.085  # from the hip joint's axis down to the seat
 DEVICE_ON_THIGH = 0.18  # share of the device's mass: each thigh's cuff with the hip's and half of the knee's drive
 DEVICE_ON_SHANK = 0.107
