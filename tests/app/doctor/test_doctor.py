@@ -1,0 +1,98 @@
+"""The installation's doctor: what is missing is told with what mends it."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from app import doctor
+from app.cli import cli
+from app.config import CameraConfig, Config, JointsConfig
+from app.findings import Finding, Grade
+from app.paths import Home
+
+
+def one(findings: Iterator[Finding]) -> Finding:
+    (finding,) = findings
+    return finding
+
+
+def test_a_missing_model_is_bad_and_mended_by_its_command(tmp_path: Path) -> None:
+    finding = one(doctor.check_model(Home(tmp_path), Config()))
+    assert (finding.grade, finding.remedy) == (Grade.BAD, "rleex model")
+
+
+def test_a_webcam_that_is_named_but_missing_is_bad(tmp_path: Path) -> None:
+    wanted = Config(camera=CameraConfig(kind="webcam"))
+    assert one(doctor.check_cameras(wanted, tmp_path)).grade is Grade.BAD
+    assert one(doctor.check_cameras(Config(), tmp_path)).grade is Grade.NOTE
+
+
+def test_a_webcam_that_is_there_is_good(tmp_path: Path) -> None:
+    (tmp_path / "video0").touch()
+    assert one(doctor.check_cameras(Config(), tmp_path)).grade is Grade.GOOD
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may open everything")
+def test_a_webcam_that_may_not_be_opened_names_the_group(tmp_path: Path) -> None:
+    (tmp_path / "video0").touch(mode=0o000)
+    assert "video" in one(doctor.check_cameras(Config(), tmp_path)).remedy
+
+
+@pytest.mark.parametrize(
+    ("environment", "grade", "text"),
+    [
+        ({"TERM": "xterm-kitty", "LANG": "C.UTF-8"}, Grade.GOOD, "full resolution"),
+        ({"TERM": "xterm-256color", "COLORTERM": "truecolor", "LANG": "C.UTF-8"}, Grade.GOOD, "half blocks"),
+        ({"TERM": "xterm-256color", "LANG": "C.UTF-8"}, Grade.NOTE, "256 colours"),
+        ({"TERM": "dumb", "LANG": "de_DE.UTF-8"}, Grade.NOTE, "no pictures"),
+    ],
+)
+def test_terminals_are_told_apart(environment: dict[str, str], grade: Grade, text: str) -> None:
+    finding = one(doctor.check_terminal(environment, is_terminal=True))
+    assert finding.grade is grade
+    assert text in finding.text
+
+
+def test_a_locale_without_utf8_is_noted() -> None:
+    findings = list(doctor.check_terminal({"TERM": "xterm-kitty", "LANG": "C"}, is_terminal=True))
+    assert "UTF-8" in findings[-1].text
+
+
+def test_looking_at_real_time_leaves_the_process_as_it_was() -> None:
+    before = os.sched_getscheduler(0)
+    assert any("core" in finding.text for finding in doctor.check_real_time())
+    assert os.sched_getscheduler(0) == before
+
+
+def test_keys_that_others_may_read_are_bad(tmp_path: Path) -> None:
+    home = Home(tmp_path)
+    home.keys.mkdir()
+    home.keys.chmod(0o755)
+    grades = [finding.grade for finding in doctor.check_disk(home)]
+    assert grades[-1] is Grade.BAD
+
+
+def test_joints_on_can_are_examined(tmp_path: Path) -> None:
+    config = Config(joints=JointsConfig(kind="can", interface="socketcan", channel="can77"))
+    assert one(doctor.check_joints(config)).grade is Grade.BAD
+    assert one(doctor.check_joints(Config())).grade is Grade.NOTE
+    broken = Config(joints=JointsConfig(kind="can", device=str(tmp_path / "none.toml")))
+    assert "none.toml" in one(doctor.check_joints(broken)).text
+
+
+def test_the_command_ends_1_when_something_is_bad(tmp_path: Path) -> None:
+    told = CliRunner().invoke(cli, ["doctor", "--home", str(tmp_path)])
+    assert told.exit_code == 1
+    assert "→ rleex model" in told.output
+
+
+def test_a_broken_configuration_is_one_of_its_findings(tmp_path: Path) -> None:
+    (tmp_path / "config.toml").write_text("joints = 3")
+    told = CliRunner().invoke(cli, ["doctor", "--home", str(tmp_path)])
+    assert "config.toml" in told.output
+    assert told.exit_code == 1
