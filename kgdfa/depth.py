@@ -14,7 +14,7 @@ from enum import Enum
 import numpy as np
 from numpy.typing import NDArray
 
-from kgdfa.distance import Distance, DistanceSource
+from kgdfa.distance import HALF_PALM_M, Distance, DistanceSource
 from kgdfa.errors import KgdfaError
 from kgdfa.hand import Hand
 
@@ -125,16 +125,17 @@ class DepthRange:
         self._guard = JumpGuard()
 
     def measure(self, depth_m: DepthMap, hand: Hand, monocular: Distance | None, captured_ns: int) -> Distance | None:
-        """The palm's depth; `robust` gives `monocular`, marked as a fallback, where the map has none."""
+        """The palm's distance; `robust` gives `monocular`, marked as a fallback, where the map has none.
+
+        The map shows the skin; the joints, of which all distances speak, lie half a palm under it.
+        """
         if self.name == "published":
             return read_published(depth_m, hand)
         self._guard, sample = refuse_jump(self._guard, sample_palm(hand, depth_m), captured_ns)
         self.fault = sample.fault
         if sample.depth_m is not None:
-            sd_m = SENSOR_SD * sample.depth_m
-            return Distance(
-                shown_m=sample.depth_m, safe_m=sample.depth_m + sd_m, sd_m=sd_m, source=DistanceSource.DEPTH
-            )
+            joints_m, sd_m = sample.depth_m + HALF_PALM_M, SENSOR_SD * sample.depth_m
+            return Distance(shown_m=joints_m, safe_m=joints_m + sd_m, sd_m=sd_m, source=DistanceSource.DEPTH)
         return None if monocular is None else replace(monocular, source=DistanceSource.KEYPOINTS_FOR_DEPTH)
 
     def reset(self) -> None:

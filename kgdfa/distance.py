@@ -19,11 +19,13 @@ HOLD = 1.2  # the other readings may differ from the palm shape's by this factor
 HOLD_FAR = 1.1  # and those that are shown may be farther by this one: there the landmarks missed a tilt
 MAX_MISFIT = 0.30  # keypoints further from any flat palm are none: 99.9 % of well-seen hands are below
 KEYPOINT_SD = 0.03  # scatter that the keypoints' own places leave, digital hand facing the camera
+HALF_PALM_M = 0.012  # an adult's palm is about 25 mm thick at the knuckles
+ANCHOR_HOLDS_M = 0.40  # where hands are held when anchors are measured or calibrated
 FORGET_NS = 200_000_000
-# The far side: on random walks of 80 digital hands with the 650 px lens, not steadied in time,
-# 1 % of frames then read nearer than 97 % of the truth; on 60 other hands with a 950 px lens it was 0.7 %.
-# `rleex evaluate distance` measures it on hands that served neither.
-SAFE_FACTOR = 1.14
+# The far side: so large that in random walks of 80 digital hands before a 650 px lens half a per cent of frames read
+# nearer than 97 % of the truth; 60 other hands before a 950 px lens gave 0.4 %. `rleex evaluate distance` measures it
+# on hands that served neither.
+SAFE_FACTOR = 1.15
 
 
 class DistanceSource(Enum):
@@ -104,12 +106,21 @@ class _Fused:
     far_m: float
 
     @classmethod
-    def of(cls, readings_m: tuple[float, float, float]) -> _Fused:
+    def of(cls, readings_m: tuple[float, ...]) -> _Fused:
         """Readings by shape, by perspective, by Eq. 4."""
         shape_m, perspective_m, _ = readings_m
         held_m = min(max(perspective_m, shape_m / HOLD), shape_m * HOLD_FAR)
         middle_m = sorted(readings_m)[1]
         return cls(math.sqrt(shape_m * held_m), min(max(middle_m, shape_m / HOLD), shape_m * HOLD))
+
+
+def _under_the_skin(seen_m: float) -> float:
+    """The joints' distance from that of the skin, on which MediaPipe sees them.
+
+    The skin is nearer by half the palm's thickness, which magnifies near hands more than far ones. The anchor takes
+    up the share of it at ANCHOR_HOLDS_M; what is left is added nearer than that, and taken off farther away.
+    """
+    return seen_m + HALF_PALM_M * (1 - seen_m / ANCHOR_HOLDS_M)
 
 
 class RobustRange:
@@ -143,7 +154,7 @@ class RobustRange:
         if view.misfit > MAX_MISFIT:
             return None
         readings_m = self._readings_m(hand, view)
-        now = _Fused.of(readings_m)
+        now = _Fused.of(tuple(map(_under_the_skin, readings_m)))
         if not 0 <= captured_ns - self._last_ns <= FORGET_NS:
             self._recent = ()
         self._recent, self._last_ns = (*self._recent[-2:], now), captured_ns

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from kgdfa.depth import CONFIRM_FRAMES, DepthFault, DepthMap, DepthRange, sample_palm
-from kgdfa.distance import Distance, DistanceSource
+from kgdfa.distance import HALF_PALM_M, Distance, DistanceSource
 from kgdfa.errors import KgdfaError
 from kgdfa.hand import Hand, Side
 
@@ -82,14 +82,14 @@ def test_a_jump_is_held_back_until_it_stays() -> None:
         assert reader.fault is DepthFault.JUMP
     stayed = measure(reader, 0.20, 1 + CONFIRM_FRAMES)
     assert stayed is not None
-    assert (stayed.source, round(stayed.shown_m, 3)) == (DistanceSource.DEPTH, 0.20)
+    assert (stayed.source, round(stayed.shown_m - HALF_PALM_M, 3)) == (DistanceSource.DEPTH, 0.20)
 
 
 def test_a_single_near_reading_never_gets_through() -> None:
     reader = DepthRange(mode="robust")
     for frame in range(1, 30):
         distance = measure(reader, 0.12 if frame % 5 == 0 else 0.60, frame, monocular=None)
-        assert distance is None or distance.shown_m == pytest.approx(0.60)
+        assert distance is None or distance.shown_m == pytest.approx(0.60 + HALF_PALM_M)
 
 
 def test_a_hand_pushed_fast_is_followed() -> None:
@@ -98,7 +98,7 @@ def test_a_hand_pushed_fast_is_followed() -> None:
         z = 0.60 - 0.05 * frame  # 1.5 m/s
         distance = measure(reader, z, frame + 1)
         assert distance is not None
-        assert distance.shown_m == pytest.approx(z, abs=1e-6)
+        assert distance.shown_m == pytest.approx(z + HALF_PALM_M, abs=1e-6)
 
 
 def test_another_hand_may_be_anywhere() -> None:

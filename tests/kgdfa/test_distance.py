@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kgdfa.distance import Distance, PublishedRange, RobustRange
+from kgdfa.distance import ANCHOR_HOLDS_M, HALF_PALM_M, Distance, PublishedRange, RobustRange
 from kgdfa.errors import KgdfaError
 from kgdfa.hand import FloatArray, Hand, Side
 from kgdfa.palm_shape import RIGID, SHAPE, view_palm
@@ -76,11 +76,16 @@ def measured(finder: RobustRange | PublishedRange, hand: Hand, at_ns: int = FRAM
     return distance
 
 
+def skin_m(joints_m: float) -> float:
+    """Where an anchor that holds at ANCHOR_HOLDS_M sees the skin of a palm whose joints are that far."""
+    return (joints_m - HALF_PALM_M) / (1 - HALF_PALM_M / ANCHOR_HOLDS_M)
+
+
 @given(distance_m=st.floats(0.1, 1.0))
 def test_a_facing_palm_is_measured_by_both(distance_m: float) -> None:
     published = PublishedRange(focal_px=FOCAL_PX, anchor_m=ANCHOR_M)
     assert measured(published, seen(distance_m)).shown_m == pytest.approx(distance_m, rel=0.02)
-    assert measured(robust(), seen(distance_m)).shown_m == pytest.approx(distance_m, rel=0.02)
+    assert measured(robust(), seen(skin_m(distance_m))).shown_m == pytest.approx(distance_m, rel=0.02)
 
 
 @given(
@@ -90,14 +95,14 @@ def test_a_facing_palm_is_measured_by_both(distance_m: float) -> None:
 def test_tilt_costs_the_robust_distance_little_and_its_safe_side_nothing(
     distance_m: float, pitch: float, yaw: float, roll: float, left: bool
 ) -> None:
-    distance = measured(robust(), seen(distance_m, turn=(pitch, yaw, roll), left=left))
+    distance = measured(robust(), seen(skin_m(distance_m), turn=(pitch, yaw, roll), left=left))
     assert distance.shown_m == pytest.approx(distance_m, rel=0.06)
     assert distance.safe_m > 0.97 * distance_m
 
 
 @given(pitch=st.floats(-0.6, 0.6), x=st.floats(-0.15, 0.15), y=st.floats(-0.1, 0.1))
 def test_a_hand_off_the_axis_is_measured_along_its_ray(pitch: float, x: float, y: float) -> None:
-    distance = measured(robust(), seen(0.4, turn=(pitch, 0.0, 0.0), aside_m=(x, y)))
+    distance = measured(robust(), seen(skin_m(0.4), turn=(pitch, 0.0, 0.0), aside_m=(x, y)))
     assert distance.shown_m == pytest.approx(0.4, rel=0.07)
     assert distance.safe_m > 0.97 * 0.4
 
@@ -109,7 +114,7 @@ def test_published_reads_a_tilted_hand_far_as_the_paper_says() -> None:
 
 
 def test_a_tilt_that_the_landmarks_miss_is_still_seen_by_the_palm_s_shape() -> None:
-    hand = seen(0.4, turn=(0.0, math.radians(40), 0.0))
+    hand = seen(skin_m(0.4), turn=(0.0, math.radians(40), 0.0))
     flat = palm_m()
     blind = Hand(image_px=hand.image_px, world_m=flat - flat.mean(axis=0), presence=0.9, side=Side.RIGHT)
     distance = measured(robust(), blind)
@@ -120,13 +125,13 @@ def test_a_tilt_that_the_landmarks_miss_is_still_seen_by_the_palm_s_shape() -> N
 def test_one_near_outlier_is_outvoted_and_a_withdrawal_is_followed_at_once() -> None:
     finder = robust()
     for frame in range(1, 4):
-        held = measured(finder, seen(0.30), frame * FRAME_NS)
-    near = measured(finder, seen(0.15), 4 * FRAME_NS)
+        held = measured(finder, seen(skin_m(0.30)), frame * FRAME_NS)
+    near = measured(finder, seen(skin_m(0.15)), 4 * FRAME_NS)
     assert near.safe_m == pytest.approx(held.safe_m)
     assert near.sd_m > 2 * held.sd_m
-    again = measured(finder, seen(0.15), 5 * FRAME_NS)
+    again = measured(finder, seen(skin_m(0.15)), 5 * FRAME_NS)
     assert again.shown_m == pytest.approx(0.15, rel=0.02)
-    assert measured(finder, seen(0.30), 6 * FRAME_NS).safe_m == pytest.approx(held.safe_m)
+    assert measured(finder, seen(skin_m(0.30)), 6 * FRAME_NS).safe_m == pytest.approx(held.safe_m)
 
 
 @pytest.mark.parametrize("forget", ["reset", "gap"])
@@ -137,7 +142,7 @@ def test_another_hand_inherits_no_past(forget: str) -> None:
     if forget == "reset":
         finder.reset()
     at_ns = 4 * FRAME_NS if forget == "reset" else 3_000_000_000
-    assert measured(finder, seen(0.30), at_ns).shown_m == pytest.approx(0.30, rel=0.02)
+    assert measured(finder, seen(skin_m(0.30)), at_ns).shown_m == pytest.approx(0.30, rel=0.02)
 
 
 @pytest.mark.parametrize(
