@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable
 from typing import Generic, TypeVar
 
+from hal.cameras.camera import EndOfRecording
 from hal.errors import HardwareError
 
 T = TypeVar("T")
@@ -28,7 +29,7 @@ class Newest(Generic[T]):
         self._silence_s = silence_s
         self._changed = threading.Condition()
         self._value: T | None = None
-        self._error: HardwareError | None = None
+        self._error: HardwareError | EndOfRecording | None = None
         self._stopped = False
         self._heard_s = time.monotonic()
         self._thread = threading.Thread(target=self._run, name="camera-reader", daemon=True)
@@ -57,7 +58,7 @@ class Newest(Generic[T]):
         while not self._stopped:
             try:
                 value = self._grab()
-            except HardwareError as error:
+            except (HardwareError, EndOfRecording) as error:
                 with self._changed:
                     self._error = error
                     self._changed.notify_all()

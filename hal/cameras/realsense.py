@@ -1,0 +1,252 @@
+"""Intel RealSense D400 cameras, live or from a .bag or .db3: colour, and depth aligned to it.
+
+librealsense is imported only here and only when such a camera is opened. It is read in a thread: a driver that
+hangs ("Frame didn't arrive within 5000") is told within two seconds and opened anew.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import cv2
+import numpy as np
+
+from hal.cameras.camera import DepthArray, EndOfRecording, Frame, ImageArray, Intrinsics, IntrinsicsSource
+from hal.cameras.newest import Newest
+from hal.errors import HardwareError
+
+RECORDINGS = frozenset({".bag", ".db3"})
+GRAB_MS = 200
+DEPTH_SIZE = (848, 480)  # the D435i's best depth mode, Intel's tuning guide
+FARTHEST_M = 20.0  # beyond it a reading is no measurement
+_TO_BGR = {"rgb8": cv2.COLOR_RGB2BGR, "yuyv": cv2.COLOR_YUV2BGR_YUY2, "rgba8": cv2.COLOR_RGBA2BGR}
+
+
+@dataclass(frozen=True, slots=True)
+class _Taken:
+    image_bgr: ImageArray
+    depth_m: DepthArray | None
+    captured_ns: int
+
+
+class RealSenseCamera:
+    """One D400 camera or a recording of one."""
+
+    def __init__(
+        self,
+        device: str = "",
+        *,
+        width_px: int = 1280,
+        height_px: int = 720,
+        rate_hz: int = 30,
+        context: Any = None,
+    ) -> None:
+        """device: serial number, "" for the first, or the path of a recording. context: librealsense's, for tests."""
+        self._device = device
+        self._size = (width_px, height_px)
+        self._rate_hz = rate_hz
+        self._context = context
+        self._pipeline: Any = None
+        self._playback: Any = None
+        self._align: Any = None
+        self._depth_unit_m = 0.001
+        self._intrinsics: Intrinsics | None = None
+        self._newest: Newest[_Taken] | None = None
+        self._sequence = 0
+        self._name = device or "RealSense"
+
+    @property
+    def name(self) -> str:
+        """Model and serial number, or the recording's file name."""
+        return self._name
+
+    def open(self) -> None:
+        """Start it. Raises HardwareError: no library, no camera, a slow port, a recording that can't be read."""
+        rs = library()
+        config = rs.config()
+        path = Path(self._device).expanduser()
+        try:
+            if path.suffix.lower() in RECORDINGS:
+                self._prepare_recording(config, path)
+            else:
+                self._prepare_live(rs, config)
+            self._start(rs, config)
+        except RuntimeError as error:
+            self.close()
+            raise HardwareError(
+                f"The RealSense {self._device or 'camera'} can't be started ({error}): check the cable and the port, "
+                "or that the recording is whole."
+            ) from error
+        self._sequence = 0
+        self._newest = Newest(
+            self._grab, lost=f"The RealSense {self._name} gives no pictures: unplug it and plug it in again."
+        )
+
+    def read(self, timeout_s: float) -> Frame | None:
+        """The newest pair of colour and depth. Raises HardwareError when lost, EndOfRecording at a recording's end."""
+        if self._newest is None or self._intrinsics is None:
+            raise HardwareError("The RealSense camera is not open: open it before reading.")
+        taken = self._newest.take(timeout_s)
+        if taken is None:
+            return None
+        self._sequence += 1
+        return Frame(
+            image_bgr=taken.image_bgr,
+            captured_ns=taken.captured_ns,
+            sequence=self._sequence,
+            intrinsics=self._intrinsics,
+            depth_m=taken.depth_m,
+        )
+
+    def close(self) -> None:
+        """Stop it; a driver that hangs is left behind."""
+        ended = self._newest.stop() if self._newest is not None else True
+        if self._pipeline is not None and ended:
+            try:
+                self._pipeline.stop()
+            except RuntimeError:
+                self._pipeline = None  # it had not started
+        self._newest = self._pipeline = self._playback = None
+
+    def _prepare_recording(self, config: Any, path: Path) -> None:
+        if not path.is_file():
+            raise HardwareError(f"The recording {path} does not exist: check the path.")
+        self._name = path.name
+        config.enable_device_from_file(str(path), repeat_playback=False)
+
+    def _prepare_live(self, rs: ModuleType, config: Any) -> None:
+        self._context = self._context or rs.context()
+        device = _find(rs, self._context, self._device)
+        self._name = _info(rs, device, "name") or "RealSense"
+        serial = _info(rs, device, "serial_number")
+        _check_port(_info(rs, device, "usb_type_descriptor"), self._name)
+        if serial:
+            config.enable_device(serial)
+            self._name = f"{self._name} {serial}"
+        config.enable_stream(rs.stream.color, *self._size, rs.format.bgr8, self._rate_hz)
+        config.enable_stream(rs.stream.depth, *_depth_mode(rs, device), rs.format.z16, self._rate_hz)
+
+    def _start(self, rs: ModuleType, config: Any) -> None:
+        self._pipeline = rs.pipeline(self._context) if self._context is not None else rs.pipeline()
+        profile = self._pipeline.start(config)
+        device = profile.get_device()
+        self._playback = device.as_playback() if device.is_playback() else None
+        streams = {stream.stream_type(): stream for stream in profile.get_streams()}
+        if rs.stream.color not in streams:
+            raise HardwareError(f"The RealSense {self._name} gives no colour pictures: enable its colour stream.")
+        self._intrinsics = _intrinsics(streams[rs.stream.color].as_video_stream_profile().get_intrinsics())
+        self._depth_unit_m = _depth_unit_m(device)
+        self._align = rs.align(rs.stream.color)
+
+    def _grab(self) -> _Taken | None:
+        """One frame set; None when none came in time."""
+        try:
+            there, frames = self._pipeline.try_wait_for_frames(GRAB_MS)
+            if not there:
+                self._check_end()
+                return None
+            captured_ns = time.monotonic_ns()
+            aligned = self._align.process(frames)
+            colour, depth = aligned.get_color_frame(), aligned.get_depth_frame()
+        except RuntimeError as error:
+            raise HardwareError(f"The RealSense {self._name} was lost ({error}): plug it in again.") from error
+        if not colour:
+            return None
+        return _Taken(_bgr(colour), clean_depth(np.asanyarray(depth.get_data()), self._depth_unit_m) if depth else None,
+                      captured_ns)  # fmt: skip
+
+    def _check_end(self) -> None:
+        if self._playback is not None and _stopped(self._playback):
+            raise EndOfRecording(f"The recording {self._name} has ended.")
+
+
+def library() -> ModuleType:
+    """librealsense's Python module. Raises HardwareError saying what to install."""
+    try:
+        import pyrealsense2 as rs
+    except ImportError as error:
+        raise HardwareError(
+            f"RealSense cameras need librealsense ({error}): install it with `pip install 'rleex[realsense]'` "
+            "and the system's libusb (Debian: apt install libusb-1.0-0)."
+        ) from error
+    module: ModuleType = rs
+    return module
+
+
+def clean_depth(raw: Any, unit_m: float) -> DepthArray:
+    """Depth units to metres, float32; saturated and impossibly far readings become 0, no measurement."""
+    depth: DepthArray = np.asarray(raw, dtype=np.float32) * np.float32(unit_m)
+    depth[~((depth > 0) & (depth < FARTHEST_M))] = 0.0
+    return depth
+
+
+def _find(rs: ModuleType, context: Any, serial: str) -> Any:
+    devices = list(context.query_devices())
+    for device in devices:
+        if serial in ("", _info(rs, device, "serial_number")):
+            return device
+    there = ", ".join(_info(rs, device, "serial_number") for device in devices) or "none"
+    raise HardwareError(
+        f"There is no RealSense {serial or 'camera'} (found: {there}): plug it into a USB 3 port, and install the udev "
+        "rules if it needs root."
+    )
+
+
+def _info(rs: ModuleType, device: Any, what: str) -> str:
+    key = getattr(rs.camera_info, what)
+    return str(device.get_info(key)) if device.supports(key) else ""
+
+
+def _check_port(usb: str, name: str) -> None:
+    if usb.startswith(("1", "2")):
+        raise HardwareError(
+            f"The {name} hangs on USB {usb}, too slow for colour and depth: use a USB 3 port and a USB 3 cable."
+        )
+
+
+def _depth_mode(rs: ModuleType, device: Any) -> tuple[int, int]:
+    """The best depth resolution that the device offers."""
+    modes = {
+        (mode.width(), mode.height())
+        for sensor in device.query_sensors()
+        for stream in sensor.get_stream_profiles()
+        if stream.stream_type() == rs.stream.depth and (mode := stream.as_video_stream_profile())
+    }
+    return DEPTH_SIZE if DEPTH_SIZE in modes or not modes else max(modes)
+
+
+def _depth_unit_m(device: Any) -> float:
+    for sensor in device.query_sensors():
+        if sensor.is_depth_sensor():
+            return float(sensor.as_depth_sensor().get_depth_scale())
+    return 0.001
+
+
+def _intrinsics(lens: Any) -> Intrinsics:
+    """The factory's calibration counts as measured."""
+    return Intrinsics(
+        width_px=lens.width,
+        height_px=lens.height,
+        fx_px=lens.fx,
+        fy_px=lens.fy,
+        cx_px=lens.ppx,
+        cy_px=lens.ppy,
+        source=IntrinsicsSource.MEASURED,
+    )
+
+
+def _bgr(colour: Any) -> ImageArray:
+    image = np.asanyarray(colour.get_data())
+    layout = colour.profile.format().name
+    if layout == "yuyv":
+        image = image.view(np.uint8).reshape(*image.shape[:2], 2)
+    converted = cv2.cvtColor(image, _TO_BGR[layout]) if layout in _TO_BGR else image.copy()
+    return np.asarray(converted, dtype=np.uint8)
+
+
+def _stopped(playback: Any) -> bool:
+    return bool(playback.current_status().name == "stopped")
