@@ -46,7 +46,7 @@ class PatientForm(ConsoleScreen):
     def compose(self) -> ComposeResult:
         yield Label(tr("form.title_new") if self._new else tr("form.title", name=self._base.identifier), id="title")
         with Horizontal(id="form"):
-            with VerticalScroll(id="fields"):
+            with VerticalScroll(id="fields", can_focus=False):
                 for section in SECTIONS:
                     yield Label(tr(f"form.section.{section.name}"), classes="section")
                     for field in section.fields:
@@ -59,6 +59,7 @@ class PatientForm(ConsoleScreen):
 
     def on_mount(self) -> None:
         self._check()
+        self.query_one("#stature_m" if not self._new else "#identifier").focus()
 
     def on_resize(self) -> None:
         self.call_after_refresh(self._check)

@@ -20,7 +20,7 @@ from profiles.schema import DEMO_PATIENT, Profile
 from tests.app.console.fake_host import FakeHost
 
 Opener = Callable[..., AbstractAsyncContextManager["Console"]]
-LIMIT_S = 10.0
+LIMIT_S = 30.0  # a busy machine is slow, not wrong
 
 
 class Console:
@@ -47,6 +47,10 @@ class Console:
     async def shows(self, words: str) -> None:
         """Wait until the screen shows these words."""
         await self.until(lambda: words in self.text())
+
+    async def tells(self, words: str) -> None:
+        """Wait until a message to the operator contains these words."""
+        await self.until(lambda: any(words in note.message for note in self.app._notifications))
 
     def text(self) -> str:
         """What is on the screen, line by line."""
@@ -104,7 +108,7 @@ def console(home: Home) -> Opener:
         async with app.run_test(size=size, notifications=True) as pilot:
             opened_console = Console(app, pilot, hosts)
             if profile is not None:
-                await opened_console.until(lambda: app.live_state() and app.live_state().snapshot)
+                await opened_console.until(lambda: (state := app.live_state()) and state.snapshot)
             try:
                 yield opened_console
             finally:

@@ -59,7 +59,7 @@ async def test_a_session_ends_with_a_note_that_the_list_then_shows(console: Open
         app.screen.query_one("#discomfort", Select).value = 3
         await open_console.press("ctrl+s")
         await open_console.shows("walked well")
-        assert host.closed
+        await open_console.until(lambda: host.closed)
         (record,) = SessionRecords(home.root / "sessions").of("demo")
         assert (record.note, record.discomfort) == ("walked well", 3)
 
@@ -90,7 +90,7 @@ async def test_real_joints_need_a_sign_in_and_a_second_ctrl_c(console: Opener, h
     save_store(home.keys, add_operator(store, "Rex", Role.REVIEWER, PIN))
     config = Config(joints=JointsConfig(kind="can"))
     async with console(profile=None, config=config) as open_console:
-        await open_console.press("enter", "enter")
+        await _choose_and_begin(open_console)
         await open_console.until(lambda: isinstance(open_console.app.screen, SignInDialog))
         await _sign_in(open_console, "Ada", "000111")
         await open_console.shows("Name or PIN is wrong")
@@ -111,7 +111,7 @@ async def test_a_reviewer_may_not_move_anybody(console: Opener, home: Home) -> N
     store = add_operator(load_store(home.keys), "Ada", Role.ENGINEER, PIN)
     save_store(home.keys, add_operator(store, "Rex", Role.REVIEWER, PIN))
     async with console(profile=None, config=Config(joints=JointsConfig(kind="can"))) as open_console:
-        await open_console.press("enter", "enter")
+        await _choose_and_begin(open_console)
         await open_console.until(lambda: isinstance(open_console.app.screen, SignInDialog))
         await _sign_in(open_console, "Rex", PIN)
         await open_console.until(lambda: not isinstance(open_console.app.screen, SignInDialog))
@@ -121,7 +121,7 @@ async def test_a_reviewer_may_not_move_anybody(console: Opener, home: Home) -> N
 async def test_a_locked_console_opens_with_the_operators_pin_only(console: Opener, home: Home) -> None:
     save_store(home.keys, add_operator(load_store(home.keys), "Ada", Role.ENGINEER, PIN))
     async with console(profile=None, config=Config(joints=JointsConfig(kind="can"))) as open_console:
-        await open_console.press("enter", "enter")
+        await _choose_and_begin(open_console)
         await open_console.until(lambda: isinstance(open_console.app.screen, SignInDialog))
         await _sign_in(open_console, "Ada", PIN)
         await open_console.until(lambda: isinstance(open_console.app.screen, SessionScreen))
@@ -137,7 +137,7 @@ async def test_a_locked_console_opens_with_the_operators_pin_only(console: Opene
 
 async def test_the_first_run_sets_up_its_engineer(console: Opener, home: Home) -> None:
     async with console(profile=None, config=Config(joints=JointsConfig(kind="can"))) as open_console:
-        await open_console.press("enter", "enter")
+        await _choose_and_begin(open_console)
         await open_console.shows("set up the engineer")
         await _sign_in(open_console, "Ada", "123456")
         await open_console.shows("first one tried")
@@ -219,7 +219,7 @@ async def test_a_megabyte_pasted_breaks_nothing(console: Opener) -> None:
             open_console.app.screen.query_one("#identifier").post_message(Paste(text))
             await open_console.pilot.pause()
         await open_console.press("ctrl+s")
-        await open_console.shows("Not saved")
+        await open_console.tells("Not saved")
         assert open_console.app.store.list(archived=True).profiles == (DEMO_PATIENT,)
 
 
@@ -253,7 +253,7 @@ async def test_a_full_disk_loses_nothing_that_was_typed(console: Opener, home: H
         await open_console.shows("New patient")
         _type(open_console.app, "identifier", "P-9")
         await open_console.press("ctrl+s")
-        await open_console.shows("mend the folder")
+        await open_console.tells("mend the folder")
         assert open_console.app.screen.query_one("#identifier", Input).value == "P-9"
 
 
@@ -263,7 +263,7 @@ async def test_archived_patients_leave_the_list_and_are_found_by_search(console:
 
     store.create(msgspec.structs.replace(DEMO_PATIENT, identifier="P-3"), by="", at=datetime.now(UTC))
     async with console(profile=None) as open_console:
-        await open_console.press("down", "a")
+        await open_console.press("a")
         await open_console.shows("Archive?")
         await open_console.press("y")
         await open_console.until(lambda: "P-3" not in open_console.text())
@@ -292,6 +292,13 @@ async def _confirm_and_arm(open_console: Console) -> None:
     await open_console.press("y")
     await open_console.press("a")
     await open_console.until(lambda: open_console.host.armed and open_console.host.confirmed)
+
+
+async def _choose_and_begin(open_console: Console) -> None:
+    await open_console.shows("demo")
+    await open_console.press("enter")
+    await open_console.shows("Begin (Enter)")
+    await open_console.press("enter")
 
 
 async def _sign_in(open_console: Console, name: str, pin: str) -> None:

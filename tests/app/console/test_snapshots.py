@@ -87,7 +87,7 @@ async def test_screen(snapshot: SnapshotAssertion, tmp_path: Path, name: str) ->
 
 async def in_all_themes(app: ConsoleApp, pilot: Pilot[None]) -> str:
     """The words once, then the colours of each theme."""
-    parts = []
+    parts: list[str] = []
     for theme in THEME_NAMES:
         app.theme = theme
         for _ in range(3):  # two ticks, and the drawing after them

@@ -1,0 +1,155 @@
+"""Pictures of the running console for README and docs/operator.md: real processes, digital hand, simulated joints.
+
+`make pictures` writes docs/pictures/*.svg; about two minutes.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import tempfile
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import msgspec
+from rich.console import Console
+from textual.pilot import Pilot
+
+from app.config import Config, load_config
+from app.console.app import ConsoleApp
+from app.control.states import Effect, GaitState
+from app.messages import ControlSnapshot
+from app.model import set_up_model
+from app.paths import Home, find_home
+from kgdfa.hand import Gesture
+from profiles.schema import DEMO_PATIENT
+
+FOLDER = Path(__file__).parent.parent / "docs" / "pictures"
+SMALL, LARGE = (80, 24), (200, 50)
+LIMIT_S = 90.0
+SETTLE_S = 0.4  # for the last picture to be drawn
+
+
+@dataclass(frozen=True, slots=True)
+class Photographer:
+    """A console, its pilot, and where the pictures go."""
+
+    app: ConsoleApp
+    pilot: Pilot[None]
+
+    @property
+    def snapshot(self) -> ControlSnapshot | None:
+        """Control's newest word."""
+        state = self.app.live_state()
+        return None if state is None else state.snapshot
+
+    def gesture(self) -> Gesture | None:
+        """The voted gesture."""
+        state = self.app.live_state()
+        return None if state is None or state.report is None else state.report.gesture
+
+    async def until(self, condition: Callable[[], object]) -> None:
+        """Wait for something to be shown; raises TimeoutError."""
+        async with asyncio.timeout(LIMIT_S):
+            while not condition():
+                await self.pilot.pause(0.05)
+
+    async def keys(self, *keys: str) -> None:
+        """Press keys with a moment after each."""
+        for key in keys:
+            await self.pilot.press(key)
+            await self.pilot.pause(0.1)
+
+    async def take(self, name: str) -> None:
+        """One picture of what is on the screen."""
+        await self.pilot.pause(SETTLE_S)
+        FOLDER.mkdir(parents=True, exist_ok=True)
+        (FOLDER / f"{name}.svg").write_text(self.app.export_screenshot(title="rleex"), encoding="utf-8")
+
+
+async def patients(camera: Photographer) -> None:
+    """The list, the form and the start of a session."""
+    await camera.take("patients")
+    await camera.keys("e")
+    await camera.take("form")
+    await camera.keys("escape", "enter")
+    await camera.take("start")
+
+
+async def training(camera: Photographer) -> None:
+    """A wrong finger is named."""
+    await camera.keys("t")
+    await camera.until(lambda: (state := camera.app.live_state()) and state.report)
+    await camera.keys("5")
+    await camera.until(lambda: camera.gesture() is Gesture.FIVE)
+    await camera.take("training")
+
+
+async def session(camera: Photographer) -> None:
+    """Checks, confirm, arm, stand, walk, stop, acknowledge."""
+    await camera.until(lambda: camera.snapshot and camera.gesture() is None)
+    await camera.keys("s")
+    await camera.take("checks")
+    await camera.keys("escape", "c")
+    await camera.take("confirm")
+    await camera.keys("y", "a")
+    await camera.until(lambda: camera.snapshot and camera.snapshot.armed)
+    await camera.keys("t")
+    await camera.take("actions")
+    await camera.keys("0")
+    await camera.until(lambda: camera.snapshot and camera.snapshot.state is GaitState.STANDING)
+    await camera.keys("5")
+    await camera.until(lambda: camera.gesture() is Gesture.FIVE)
+    await camera.take("session-200x50")
+    await camera.keys("enter")
+    await camera.until(lambda: camera.snapshot and camera.snapshot.action)
+    await camera.take("walking")
+    await camera.keys("space")
+    await camera.until(lambda: camera.snapshot and camera.snapshot.effect is Effect.HOLD)
+    await camera.take("stopped")
+
+
+async def compare(camera: Photographer) -> None:
+    """The live screen in the small terminal, and help."""
+    await camera.until(lambda: camera.snapshot and camera.gesture() is None)
+    await camera.keys("8")
+    await camera.until(lambda: camera.gesture() is Gesture.EIGHT)
+    await camera.take("session-80x24")
+    await camera.keys("f1")
+    await camera.take("help")
+
+
+SCENES = (
+    ("patients", patients, LARGE, False),
+    ("training", training, LARGE, False),
+    ("session", session, LARGE, True),
+    ("small terminal", compare, SMALL, True),
+)
+
+
+async def photograph(home: Home, config: Config) -> None:
+    """Every scene in a console of its own."""
+    console = Console()
+    for name, scene, size, live in SCENES:
+        console.print(f"{name} …")
+        app = ConsoleApp(home, config, profile=DEMO_PATIENT if live else None)
+        async with app.run_test(size=size) as pilot:
+            try:
+                await pilot.pause(SETTLE_S)
+                await scene(Photographer(app, pilot))
+            finally:
+                app.close_live()
+    console.print(f"{len(list(FOLDER.glob('*.svg')))} pictures in {FOLDER.relative_to(Path.cwd())}")
+
+
+def main() -> None:
+    """Take all pictures in a home that is thrown away."""
+    real = find_home()
+    model = set_up_model(real, load_config(real.config))
+    with tempfile.TemporaryDirectory() as folder:
+        config = msgspec.structs.replace(Config(), model=str(model), idle_lock_s=0)
+        asyncio.run(photograph(Home(Path(folder)), config))
+
+
+if __name__ == "__main__":
+    main()
