@@ -1,0 +1,176 @@
+"""Measures the audit trail: verifying a million records, taking ten thousand a second, the report, the review screen.
+
+`python tools/bench_audit.py [--seconds 60] [--records 1000000]` prints what it measured; CPU time beside wall time,
+because a busy machine lengthens only the latter.
+"""
+
+from __future__ import annotations
+
+import argparse
+import multiprocessing
+import os
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+from app.audit_process import run_audit
+from app.audit_sink import AuditSink
+from app.config import Config
+from app.console.review_session import open_session
+from app.links import LatestReceiver, address
+from app.messages import AuditHealth
+from app.processes import AUDIT_HEALTH
+from app.setup import SessionSetup
+from logs.copies import CheckpointCopy
+from logs.disk import PosixDisk
+from logs.keys import by_fingerprint, known_keys, load_or_make_key
+from logs.manifest import Moment
+from logs.records import Note, SessionStart
+from logs.report.page import report
+from logs.verify import Evidence, exit_status, verify
+from logs.writer import SessionWriter
+from profiles.schema import DEMO_PATIENT
+from tools.audit_sample import joints, write_sample
+
+TICK_S = 0.002
+
+
+def say(what: str, value: str) -> None:
+    """One measured line."""
+    print(f"{what:<58} {value}", flush=True)
+
+
+def timed(work: Callable[[], object]) -> tuple[float, float]:
+    """Wall and CPU seconds."""
+    wall, cpu = time.perf_counter(), time.process_time()
+    work()
+    return time.perf_counter() - wall, time.process_time() - cpu
+
+
+def evidence(home: Path) -> Evidence:
+    """The keys of a home."""
+    return Evidence(keys=by_fingerprint(known_keys(home / "keys")))
+
+
+def bench_verify(home: Path, records: int) -> None:
+    """A file of so many records: notes mostly, a joint record in ten, as a busy session has."""
+    import random
+
+    rng, folder = random.Random(1), home / "logs"
+    folder.mkdir(parents=True)
+    writer = SessionWriter(folder, "million", load_or_make_key(home / "keys"), PosixDisk(), CheckpointCopy(""))
+    start = SessionStart(versions={}, configuration={}, simulated=True)
+    writer.begin(start, Moment(wall_ns=10**18, monotonic_ns=0))
+    note, joint = Note(text="so many of them"), joints(1.0, "standing", rng)
+    for number in range(records):
+        now = Moment(wall_ns=10**18 + number * 1000, monotonic_ns=number * 1000)
+        writer.take(now.entry(joint if number % 10 == 0 else note))
+        if number % 2000 == 0:
+            writer.settle(now.monotonic_ns)
+    now = Moment(wall_ns=10**18 + records * 1000, monotonic_ns=records * 1000)
+    writer.end("bench", now)
+    writer.finish(now)
+    writer.close()
+    wall, cpu = timed(lambda: _must_be_sound([writer.path], evidence(home)))
+    size = writer.path.stat().st_size / 1e6
+    say(f"verify {records} records ({size:.0f} MB), s", f"{wall:.2f} wall, {cpu:.2f} CPU")
+
+
+def bench_rate(home: Path, seconds: float, per_second: int = 10_000) -> None:
+    """The real audit process under a steady load, and the lateness of a 500 Hz loop with it and without."""
+    links = Path(tempfile.mkdtemp(prefix="rleex-"))
+    setup = SessionSetup(
+        session="rate",
+        home=home,
+        links=links,
+        config=Config(),
+        profile=DEMO_PATIENT,
+        operator="bench",
+        console_pid=os.getpid(),
+    )
+    quiet = _lateness(seconds=min(seconds, 10.0), per_tick=lambda: None)
+    process = multiprocessing.get_context("spawn").Process(target=run_audit, args=(setup,))
+    process.start()
+    health = LatestReceiver(address(links, AUDIT_HEALTH.name), AuditHealth)
+    while health.receive(1.0) is None:
+        pass
+    sender = multiprocessing.get_context("spawn").Process(target=_send, args=(links, seconds, per_second))
+    sender.start()
+    sink = AuditSink(links, "control")
+    busy = _lateness(seconds=seconds, per_tick=lambda: None, each_second=lambda: sink.emit(Note(text="tick")))
+    sender.join()
+    process.terminate()
+    process.join()
+    sink.close()
+    health.close()
+    path = home / "logs" / "rate.jsonl"
+    _must_be_sound([path], evidence(home))
+    kept = path.read_bytes().count(b'"kind":"note"')
+    sent = int(seconds * per_second) + int(seconds)
+    say(f"{per_second} a second for {seconds:.0f} s: sent, kept, refused", f"{sent}, {kept}, {sender.exitcode}")
+    say("500 Hz loop, p99 late without and with it, ms", f"{quiet * 1e3:.3f}, {busy * 1e3:.3f}")
+    say("ratio", f"{busy / quiet:.2f}")
+
+
+def _send(links: Path, seconds: float, per_second: int) -> None:
+    """Emits at a steady rate; exit status: how many were refused, at most 255."""
+    sink = AuditSink(links, "perception")
+    refused, began = 0, time.monotonic()
+    for batch in range(int(seconds * 100)):
+        for _ in range(per_second // 100):
+            refused += not sink.emit(Note(text="ten thousand of these"))
+        time.sleep(max(began + (batch + 1) / 100 - time.monotonic(), 0))
+    sink.close(10.0)
+    os._exit(min(refused, 255))
+
+
+def _lateness(
+    *, seconds: float, per_tick: Callable[[], object], each_second: Callable[[], object] = lambda: None
+) -> float:
+    """99th percentile of how late the ticks of a 500 Hz loop begin, seconds."""
+    late, due = [], time.monotonic() + TICK_S
+    for tick in range(int(seconds / TICK_S)):
+        time.sleep(max(due - time.monotonic(), 0))
+        late.append(time.monotonic() - due)
+        due += TICK_S
+        per_tick()
+        if tick % 500 == 0:
+            each_second()
+    late.sort()
+    return late[int(0.99 * len(late))]
+
+
+def bench_reading(home: Path) -> None:
+    """The report of half an hour, and opening two hundred thousand records for review."""
+    half_hour = write_sample(home, minutes=30)
+    for seed in range(2, 6):
+        write_sample(home, minutes=30, seed=seed)
+    wall, cpu = timed(lambda: report(half_hour, evidence(home)))
+    say("report of a 30 min session, s", f"{wall:.2f} wall, {cpu:.2f} CPU")
+    long = write_sample(home, minutes=240, seed=9, per_second=20)
+    session = open_session(long)
+    wall, cpu = timed(lambda: open_session(long))
+    say(f"open {len(session)} records for review, s", f"{wall:.2f} wall, {cpu:.2f} CPU")
+
+
+def _must_be_sound(paths: list[Path], known: Evidence) -> None:
+    findings = verify(paths, known)
+    if exit_status(findings) != 0:
+        raise SystemExit(f"not sound: {findings}")
+
+
+def main() -> None:
+    """Command line."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--seconds", type=float, default=60.0)
+    parser.add_argument("--records", type=int, default=1_000_000)
+    options = parser.parse_args()
+    with tempfile.TemporaryDirectory() as folder:
+        bench_verify(Path(folder) / "verify", options.records)
+        bench_rate(Path(folder) / "rate", options.seconds)
+        bench_reading(Path(folder) / "reading")
+
+
+if __name__ == "__main__":
+    main()
