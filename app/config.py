@@ -25,6 +25,7 @@ class CameraConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
     focal_px: Annotated[float, Meta(gt=0)] | None = None
     mirrored: bool = False
     seed: int = 1  # digital hand: which person
+    depth: bool = False  # digital hand: give a D435i's depth as well, to compare
 
 
 class JointsConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):

@@ -45,6 +45,7 @@ class TriggerReport(Struct, frozen=True, kw_only=True, tag="trigger"):
     camera: str = ""
     camera_fault: str = ""  # a sentence while the camera gives nothing
     hint: str = ""  # for the therapist: dark, blurred, too near
+    detector_ready: bool = True  # False while the hand model is loading
     depth_distance_m: float | None = None  # a depth camera's own word, for comparison
     depth_pressed: bool = False
 

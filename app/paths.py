@@ -21,6 +21,11 @@ class Home:
         return self.root / "config.toml"
 
     @property
+    def cameras(self) -> Path:
+        """Measured intrinsics, by camera."""
+        return self.root / "cameras.toml"
+
+    @property
     def profiles(self) -> Path:
         """Patient profiles, one TOML each."""
         return self.root / "profiles"

@@ -159,7 +159,7 @@ class CourseRunner:
         return self.snapshot
 
     def _perceives(self) -> bool:
-        return self.report is not None and not self.report.camera_fault and not self.report.hint
+        return self.report is not None and not self.report.camera_fault and self.report.detector_ready
 
     def _seen(self, leg: Leg) -> bool:
         return self.report is not None and self.report.gesture is leg.gesture

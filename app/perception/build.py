@@ -39,6 +39,8 @@ def make_camera(setup: SessionSetup) -> Camera:
         focal_px=wanted.focal_px,
         mirrored=wanted.mirrored,
         seed=wanted.seed,
+        depth=wanted.depth,
+        store=Home(setup.home).cameras,
     )
 
 

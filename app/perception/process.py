@@ -19,8 +19,10 @@ from app.perception import build
 from app.perception.camera_keeper import CameraKeeper
 from app.perception.detector_loader import Loading
 from app.perception.hand_control import steer
+from app.perception.hints import PictureHints
 from app.perception.preview import PreviewPacer
 from app.perception.reporting import FPS_WINDOW, Surroundings, frames_per_second, records_between, to_message
+from app.perception.session_recorder import SessionRecorder
 from app.setup import SessionSetup
 from hal.cameras.camera import Frame
 from kgdfa.button import ButtonPlace
@@ -59,6 +61,9 @@ class Perception:
         self._pipeline: Pipeline | None = None
         self._place: ButtonPlace | None = None
         self._hint = LOADING
+        self._ready = False
+        self._hints = PictureHints()
+        self._recorder = SessionRecorder(setup, self._sink, self._camera.camera.name)
         self._pacer = PreviewPacer()
         self._incarnation = time.monotonic_ns() // 1_000_000
         self._sequence = 0
@@ -87,6 +92,7 @@ class Perception:
     def close(self) -> None:
         """Release everything; the camera first, since others wait for it."""
         self._camera.close()
+        self._recorder.close()
         detector = self._detector.ready()
         if detector is not None:
             detector.close()
@@ -101,10 +107,12 @@ class Perception:
                 steer(self._camera.camera, wish)
             else:
                 self._pacer.configure(wish)
+                self._recorder.obey(wish)
 
     def _see(self, frame: Frame) -> None:
         self._last_captured_ns = frame.captured_ns
         self._captures.append(frame.captured_ns)
+        self._recorder.take(frame)
         report = self._process(frame)
         self._say(report, frame.captured_ns)
         if report is not None:
@@ -116,11 +124,12 @@ class Perception:
 
     def _process(self, frame: Frame) -> Report | None:
         """The frame through the chain; None while the hand model is loading."""
-        self._hint = ""
+        self._hint = self._hints.of(frame)
         detector = self._detector.ready()
         if detector is None:
             self._hint = LOADING
             return None
+        self._ready = True
         if self._pipeline is None:
             camera = self._camera.camera
             self._pipeline, self._place = build.make_pipeline(self._setup, detector, frame, camera.name)
@@ -140,6 +149,7 @@ class Perception:
             fps=frames_per_second(list(self._captures)),
             camera_fault=self._camera.fault,
             hint=self._hint,
+            detector_ready=self._ready,
         )
         self._reports.send(to_message(report, around, captured_ns))
 

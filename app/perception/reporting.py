@@ -24,6 +24,7 @@ class Surroundings:
     fps: float
     camera_fault: str = ""
     hint: str = ""
+    detector_ready: bool = True
 
 
 def to_message(report: Report | None, around: Surroundings, captured_ns: int) -> TriggerReport:
@@ -41,6 +42,7 @@ def to_message(report: Report | None, around: Surroundings, captured_ns: int) ->
             camera=around.camera,
             camera_fault=around.camera_fault,
             hint=around.hint,
+            detector_ready=around.detector_ready,
         )
     verdict, distance, button = report.verdict, report.distance, report.button
     return TriggerReport(
@@ -70,6 +72,7 @@ def to_message(report: Report | None, around: Surroundings, captured_ns: int) ->
         camera=around.camera,
         camera_fault=around.camera_fault,
         hint=around.hint,
+        detector_ready=around.detector_ready,
         depth_distance_m=report.depth_distance.shown_m if report.depth_distance else None,
         depth_pressed=report.depth_button.pressed if report.depth_button else False,
     )
