@@ -17,7 +17,6 @@ from app.control.states import Action, GaitState
 from app.control.task import Stage, Task, Wish, end_record, ended, plan_record, plan_sentence, request
 from app.control.wishes import refuse
 from app.processes import PLAN_REPLY
-from logs import records
 
 ENABLE_LIMIT_MS = 3_000  # four drives, one after the other, with their confirmations
 # A hold covers half of its time on the path at full pace; with fewer rows left the step could not be stopped on it.
@@ -84,21 +83,6 @@ def stop_task(tick: Tick, reason: str) -> None:
         _end(tick, task, "stopped", reason)
 
 
-def set_gait(tick: Tick, gait: Gait) -> None:
-    """Change the gait, and tell the trail when the state is another one."""
-    before = tick.memory.gait
-    if gait.state is not before.state:
-        tick.audit.append(
-            records.Transition(
-                from_state=before.state.value,
-                to_state=gait.state.value,
-                action=before.running.value if before.running else None,
-                number=tick.memory.number,
-            )
-        )
-    tick.memory = replace(tick.memory, gait=gait)
-
-
 def _following(gait: Gait) -> Phase:
     """The step that comes after the running one, as things stand."""
     onward, close = gait_machine.following_phases(gait)
@@ -148,7 +132,7 @@ def _enabling(tick: Tick, task: Task) -> None:
 def _give_up(tick: Tick, task: Task, outcome: str, reason: str) -> None:
     """Before the first row of the plan: joints that had to be gripped stay held where they were found."""
     gripped = task.stage is Stage.GRIPPING
-    set_gait(tick, (gait_machine.interrupt if gripped else gait_machine.abandon)(tick.memory.gait))
+    tick.reach((gait_machine.interrupt if gripped else gait_machine.abandon)(tick.memory.gait))
     _end(tick, task, outcome, reason)
 
 
@@ -183,7 +167,7 @@ def _arrived(tick: Tick, task: Task) -> None:
         steps=memory.steps + task.plan.steps,
         distance_walked_m=memory.distance_walked_m + task.plan.advance_m,
     )
-    set_gait(tick, gait_machine.complete(memory.gait))
+    tick.reach(gait_machine.complete(memory.gait))
     if tick.memory.gait.running is None:
         tick.memory = replace(tick.memory, motion=follow.stay(tick.memory.motion))
         _end(tick, task, "completed", "")

@@ -63,7 +63,7 @@ def listen(heard: Heard, inputs: Inputs) -> Heard:
     return Heard(
         report=inputs.report or heard.report,
         report_ns=now_ns if inputs.report else heard.report_ns,
-        alive_ns=max((command.sent_ns for command in inputs.commands), default=heard.alive_ns),
+        alive_ns=max(heard.alive_ns, *(command.sent_ns for command in inputs.commands), 0),
         audit=inputs.audit or heard.audit,
         audit_ns=now_ns if inputs.audit else heard.audit_ns,
         guardian=inputs.guardian or heard.guardian,

@@ -14,6 +14,7 @@ from app.control.settings import Settings
 from app.control.states import Effect
 from app.control.task import Task, Wish
 from app.messages import ActionReport
+from logs import records
 from logs.records import Body
 
 REPORTS_KEPT = 24
@@ -78,6 +79,21 @@ class Tick:
         numbers = {report.number for report in reports}
         older = (report for report in self.memory.reports if report.number not in numbers)
         self.memory = replace(self.memory, reports=(*older, *reports)[-REPORTS_KEPT:])
+
+    def reach(self, gait: Gait) -> None:
+        """Change the gait, and tell the trail when the state is another one."""
+        before = self.memory.gait
+        if gait.state is not before.state:
+            action = gait.running or before.running
+            self.audit.append(
+                records.Transition(
+                    from_state=before.state.value,
+                    to_state=gait.state.value,
+                    action=action.value if action else None,
+                    number=self.memory.number,
+                )
+            )
+        self.memory = replace(self.memory, gait=gait)
 
     def outputs(self) -> Outputs:
         """What the shell has to do."""

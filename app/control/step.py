@@ -8,7 +8,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from app.control import follow, gait_machine
-from app.control.carry import carry_on, planner_silent, set_gait, stop_task, take_plans, try_planner, walk_broken
+from app.control.carry import carry_on, planner_silent, stop_task, take_plans, try_planner, walk_broken
 from app.control.events import CLOCK_STEP_S, ROW, Active, Actives, Event, advance, blocker, displaced, sentence
 from app.control.facts import Standing, gather
 from app.control.follow import Mode
@@ -112,7 +112,7 @@ def _restrain(tick: Tick) -> None:
     elif effect is Effect.HOLD and tick.memory.gait.running is not None:
         _interrupt(tick)
     elif displaced(tick.memory.active) and tick.memory.gait.running is None:
-        set_gait(tick, gait_machine.interrupt(tick.memory.gait))
+        tick.reach(gait_machine.interrupt(tick.memory.gait))
     elif effect is Effect.REFUSE and tick.memory.gait.walking:
         _end_walk(tick)
 
@@ -122,15 +122,15 @@ def _interrupt(tick: Tick) -> None:
     memory = tick.memory
     planning = memory.task is not None and memory.task.stage is Stage.PLANNING
     if memory.motion.mode is Mode.LIMP or (planning and memory.effect is Effect.HOLD):
-        set_gait(tick, gait_machine.abandon(memory.gait))  # nothing has moved yet
+        tick.reach(gait_machine.abandon(memory.gait))  # nothing has moved yet
     else:
-        set_gait(tick, gait_machine.interrupt(memory.gait))
+        tick.reach(gait_machine.interrupt(memory.gait))
     stop_task(tick, _strongest(tick))
 
 
 def _let_go(tick: Tick, reason: str) -> None:
     """The drives carry nothing any more."""
-    set_gait(tick, gait_machine.power_off(tick.memory.gait))
+    tick.reach(gait_machine.power_off(tick.memory.gait))
     tick.memory = replace(tick.memory, motion=follow.limp(tick.memory.motion), torque_off=False)
     stop_task(tick, reason)
 

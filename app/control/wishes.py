@@ -127,7 +127,8 @@ def _begin(tick: Tick, wish: Wish, answer: Started) -> None:
         before=tick.memory.motion.command,
         start_rad=measured_rad,
     )
-    tick.memory = replace(tick.memory, gait=answer.gait, task=task, plan_number=number)
+    tick.reach(answer.gait)
+    tick.memory = replace(tick.memory, task=task, plan_number=number)
 
 
 def _accept(tick: Tick, wish: Wish) -> ActionReport:
