@@ -49,9 +49,9 @@ def gestures(
         raise AppError("Give a folder with labels.csv, or --digital N, and not both.")
     console = Console()
     looks = 1 if single_look else None
-    seen = _seen_digital(console, digital, home) if digital else _seen(console, directory, keypoints, home)
+    seen = _seen_digital(console, digital, home) if digital else looked_at(console, directory, keypoints, home)
     if cross_validate:
-        with_digital = _seen_fitting(console, home)
+        with_digital = looked_at_digital_to_fit(console, keypoints, home)
         with console.status("fitting") as status:
             judged = judge_cross_validated(seen, with_digital, status.update, looks=looks)
     else:
@@ -81,8 +81,9 @@ def _model(home: Path | None) -> Path:
     return set_up_model(place, load_config(place.config))
 
 
-def _seen(console: Console, directory: Path | None, keypoints: Path | None, home: Path | None) -> list[SeenPhoto]:
+def looked_at(console: Console, directory: Path | None, keypoints: Path | None, home: Path | None) -> list[SeenPhoto]:
     """The photos of a folder, looked at now or read from the keypoint file."""
+    from app.cli.progress import bar
     from app.evaluate.gesture_photos import read_labels, see_all
     from app.evaluate.keypoint_file import load_seen, save_seen
 
@@ -90,8 +91,6 @@ def _seen(console: Console, directory: Path | None, keypoints: Path | None, home
     photos: list[Photo] = read_labels(directory)
     if keypoints is not None and keypoints.exists():
         return load_seen(keypoints, photos)
-    from app.cli.progress import bar
-
     with bar(console, "looking at photos", len(photos)) as tell:
         seen = see_all(photos, directory, _model(home), tell)
     if keypoints is not None:
@@ -101,21 +100,28 @@ def _seen(console: Console, directory: Path | None, keypoints: Path | None, home
 
 def _seen_digital(console: Console, per_pose: int, home: Path | None) -> list[SeenPhoto]:
     from app.cli.progress import bar
-    from app.evaluate.digital_hands import MEASURE_SEEDS, see_digital
+    from app.evaluate.digital_hands import MEASURE_SEEDS, see_to_measure
     from hal.cameras.hand_poses import POSES
 
     with bar(console, "looking at digital hands", per_pose * len(POSES)) as tell:
-        return see_digital(_model(home), per_pose, MEASURE_SEEDS, tell)
+        return see_to_measure(_model(home), per_pose, MEASURE_SEEDS, tell)
 
 
-def _seen_fitting(console: Console, home: Path | None) -> list[SeenPhoto]:
-    """The digital hands that every fit sees."""
+def looked_at_digital_to_fit(console: Console, keypoints: Path | None, home: Path | None) -> list[SeenPhoto]:
+    """The digital hands that every fit sees, kept beside the photos' keypoints."""
     from app.cli.progress import bar
-    from app.evaluate.digital_hands import FIT_SEEDS, see_digital
-    from hal.cameras.hand_poses import POSES
+    from app.evaluate.digital_hands import FIT_SEEDS, digital_scenes, see_to_fit
+    from app.evaluate.keypoint_file import load_seen, save_seen
 
-    with bar(console, "looking at digital hands to fit on", FIT_DIGITAL * len(POSES)) as tell:
-        return see_digital(_model(home), FIT_DIGITAL, FIT_SEEDS, tell)
+    photos = [photo for photo, _, _ in digital_scenes(FIT_DIGITAL, FIT_SEEDS)]
+    file = keypoints.with_stem(keypoints.stem + "-digital") if keypoints is not None else None
+    if file is not None and file.exists():
+        return load_seen(file, photos)
+    with bar(console, "looking at digital hands to fit on", len(photos)) as tell:
+        seen = see_to_fit(_model(home), FIT_DIGITAL, FIT_SEEDS, tell)
+    if file is not None:
+        save_seen(seen, file)
+    return seen
 
 
 def _list_unreadable(console: Console, seen: list[SeenPhoto]) -> None:

@@ -1,0 +1,48 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from app.errors import AppError
+from app.evaluate.sequence import read_frames
+from app.evaluate.video import measure_sequence
+
+HEADER = "path,label,distance_cm,anchor_cm,fx,fy,cx,cy\n"
+
+
+def test_a_steady_sequence_is_all_right() -> None:
+    labels = ["skip", *["1"] * 8, "skip", *["2"] * 8]
+    voted = ["none", "none", "none", *["1"] * 9, *["2"] * 6]
+    figures = measure_sequence(labels, labels, voted)
+    assert (figures.shown, figures.recognised, figures.broken, figures.false_onsets) == (2, 2, 0, 0)
+    assert figures.delay_frames == 2
+    assert figures.frame_accuracy == 1
+    assert figures.voted_accuracy == pytest.approx(12 / 16)
+
+
+def test_a_broken_gesture_and_a_false_onset_are_counted() -> None:
+    labels = [*["1"] * 10, *["none:ok"] * 30]
+    voted = ["none", "none", "1", "1", "none", "1", "1", "1", "1", "1", *["none"] * 25, *["5"] * 5]
+    figures = measure_sequence(labels, voted, voted)
+    assert (figures.shown, figures.recognised, figures.broken, figures.false_onsets) == (1, 1, 1, 1)
+
+
+def test_a_gesture_never_told_is_not_recognised() -> None:
+    figures = measure_sequence(["3"] * 6, ["none"] * 6, ["none"] * 6)
+    assert (figures.shown, figures.recognised, figures.delay_frames) == (1, 0, 0)
+
+
+@pytest.mark.parametrize(
+    ("text", "complaint"),
+    [
+        (HEADER, "lists no frame"),
+        (HEADER + "a.jpg,1,40,6.7,wide,900,1,1\n", "line 2: .* numbers"),
+        (HEADER + "a.jpg,1,40,6.7,900,900,1,1\nb.jpg,ten,40,6.7,900,900,1,1\n", "line 3: unknown label 'ten'"),
+        ("path,label\na.jpg,1\n", "line 2: .* due"),
+    ],
+)
+def test_bad_frame_lists_are_refused_by_line(tmp_path: Path, text: str, complaint: str) -> None:
+    (tmp_path / "frames.csv").write_text(text)
+    with pytest.raises(AppError, match=complaint):
+        read_frames(tmp_path)

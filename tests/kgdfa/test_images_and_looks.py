@@ -1,0 +1,88 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from kgdfa.errors import KgdfaError
+from kgdfa.hand import Hand, Side
+from kgdfa.images import Image, as_bgr8
+from kgdfa.looks import FIRST_LOOKS, SECOND_LOOKS, Look, see, see_photo, take
+from tests.kgdfa.hands import drawn_hand
+
+
+@pytest.mark.parametrize("shape", [(6, 5), (6, 5, 1), (6, 5, 3), (6, 5, 4)])
+@pytest.mark.parametrize("kind", [np.uint8, np.uint16])
+def test_every_usual_picture_becomes_eight_bit_colour(shape: tuple[int, ...], kind: type) -> None:
+    full: np.ndarray = np.full(shape, np.iinfo(kind).max, dtype=kind)
+    out = as_bgr8(full)
+    assert out.shape == (6, 5, 3)
+    assert out.dtype == np.uint8
+    assert (out == 255).all()
+
+
+@pytest.mark.parametrize(
+    ("picture", "said"),
+    [
+        (np.zeros((0, 5, 3), np.uint8), "no pixels"),
+        (np.zeros((5, 5, 2), np.uint8), "2 channels"),
+        (np.zeros((5, 5, 3), np.float32), "float32"),
+        (np.zeros(5, np.uint8), "no pixels"),
+    ],
+)
+def test_other_pictures_are_refused_by_name(picture: np.ndarray, said: str) -> None:
+    with pytest.raises(KgdfaError, match=said):
+        as_bgr8(picture)
+
+
+class SpotDetector:
+    """Finds the brightest spot and calls it the wrist of a drawn hand."""
+
+    def __init__(self, *, blind: bool = False) -> None:
+        self.blind = blind
+        self.asked = 0
+
+    def detect(self, image_bgr: Image, captured_ns: int = 0) -> tuple[Hand, ...]:
+        self.asked += 1
+        if self.blind:
+            return ()
+        y, x = np.unravel_index(int(image_bgr[..., 0].argmax()), image_bgr.shape[:2])
+        points = drawn_hand("ooooo", scale=0.1).image_px
+        world = np.zeros((21, 3))
+        world[8] = (0.05, 0.0, 0.0)
+        return (Hand(image_px=points - points[0] + (x, y), world_m=world, presence=0.9, side=Side.LEFT),)
+
+
+def spotted() -> Image:
+    image = np.zeros((200, 160, 3), np.uint8)
+    image[80:87, 50:57] = 255
+    return image
+
+
+@pytest.mark.parametrize("look", [*FIRST_LOOKS, *SECOND_LOOKS], ids=str)
+def test_what_any_look_finds_is_told_on_the_picture_itself(look: Look) -> None:
+    hand = see(SpotDetector(), spotted(), look)
+    assert hand is not None
+    assert hand.image_px[0] == pytest.approx((53, 83), abs=4)
+
+
+def test_a_mirrored_look_tells_the_other_side_and_mirrors_space() -> None:
+    plain, mirrored = see(SpotDetector(), spotted(), Look()), see(SpotDetector(), spotted(), Look(mirrored=True))
+    assert plain is not None
+    assert mirrored is not None
+    assert (plain.side, mirrored.side) == (Side.LEFT, Side.RIGHT)
+    assert mirrored.world_m[8, 0] == pytest.approx(-plain.world_m[8, 0])
+
+
+def test_second_looks_are_taken_only_where_the_first_is_empty() -> None:
+    eager = SpotDetector()
+    assert len(see_photo(SpotDetector(), eager, spotted())) == len(FIRST_LOOKS)
+    assert eager.asked == 0
+    assert len(see_photo(SpotDetector(blind=True), eager, spotted())) == 1
+    assert eager.asked == 1
+    assert see_photo(SpotDetector(blind=True), SpotDetector(blind=True), spotted()) == ()
+
+
+def test_a_look_has_the_size_it_says() -> None:
+    shown, transform = take(spotted(), Look(border=0.5, size_px=300))
+    assert max(shown.shape[:2]) == 300
+    assert transform.shape == (2, 3)

@@ -1,0 +1,93 @@
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from kgdfa.button import ButtonPlace
+from kgdfa.distance import RobustRange
+from kgdfa.draw import draw
+from kgdfa.hand import Gesture, Hand, Side
+from kgdfa.images import Image
+from kgdfa.pipeline import Picture, Pipeline, Report
+from kgdfa.published import PublishedRules
+from tests.kgdfa.hands import STATES, drawn_hand
+
+BLACK = np.zeros((720, 1280, 3), np.uint8)
+PLACE = ButtonPlace(x_px=480, y_px=400, radius_px=60, threshold_m=0.20)
+
+
+class Told:
+    """A detector that finds what it is told, frame by frame."""
+
+    def __init__(self, frames: Sequence[tuple[Hand, ...]]) -> None:
+        self._frames = list(frames)
+
+    def detect(self, image_bgr: Image, captured_ns: int) -> tuple[Hand, ...]:
+        return self._frames.pop(0)
+
+
+def run(frames: Sequence[tuple[Hand, ...]]) -> list[Report]:
+    pipeline = Pipeline(
+        detector=Told(frames),
+        rules=PublishedRules(),
+        range_finder=RobustRange(focal_px=650.0, anchor_m=0.065),
+        place=PLACE,
+    )
+    pictures = [Picture(image_bgr=BLACK, captured_ns=(k + 1) * 33_000_000) for k in range(len(frames))]
+    return [pipeline.process(picture) for picture in pictures]
+
+
+def shown(gesture: Gesture) -> Hand:
+    return drawn_hand(STATES[gesture])
+
+
+def test_three_frames_make_a_gesture_with_its_distance() -> None:
+    reports = run([(shown(Gesture.TWO),)] * 4)
+    assert [report.gesture for report in reports] == [None, None, Gesture.TWO, Gesture.TWO]
+    assert reports[3].recognised_ns == reports[2].captured_ns
+    assert reports[3].distance is not None
+    assert reports[3].verdict is not None
+
+
+def test_no_hand_is_a_report_too() -> None:
+    report = run([()])[0]
+    assert (report.hand, report.verdict, report.gesture, report.distance) == (None, None, None, None)
+    assert not report.button.pressed
+
+
+def test_flips_blur_and_two_lost_frames_do_not_end_a_gesture() -> None:
+    two = shown(Gesture.TWO)
+    flipped = replace(two, side=Side.LEFT)
+    reports = run([(two,)] * 3 + [(flipped,), (), (), (two,), (shown(Gesture.FIVE),), (two,)])
+    assert {report.gesture for report in reports[2:]} == {Gesture.TWO}
+
+
+def test_a_second_hand_neither_steals_nor_adds_votes() -> None:
+    two, other = shown(Gesture.TWO), drawn_hand(STATES[Gesture.FIVE], at_px=(600.0, 0.0))
+    reports = run([(two,)] * 3 + [(other, two)] * 5)
+    assert {report.gesture for report in reports[2:]} == {Gesture.TWO}
+
+
+def test_votes_of_one_hand_do_not_count_for_the_next() -> None:
+    two, other = shown(Gesture.TWO), drawn_hand(STATES[Gesture.TWO], at_px=(600.0, 0.0))
+    reports = run([(two,)] * 2 + [()] * 6 + [(other,)] * 3)
+    assert [report.gesture for report in reports[8:]] == [None, None, Gesture.TWO]
+
+
+def test_two_hands_of_equal_claim_are_none() -> None:
+    two, other = shown(Gesture.TWO), drawn_hand(STATES[Gesture.FIVE], at_px=(600.0, 0.0))
+    reports = run([(two, other)] * 5)
+    assert all(report.hand is None and report.gesture is None and report.contested for report in reports)
+
+
+def test_drawing_marks_the_hand_and_the_button() -> None:
+    report = run([(shown(Gesture.FIVE),)])[0]
+    picture = BLACK.copy()
+    draw(picture, report, PLACE)
+    x, y = report.hand.image_px[8].astype(int) if report.hand else (0, 0)
+    assert picture[y, x].any()
+    assert picture[int(PLACE.y_px), int(PLACE.x_px + PLACE.radius_px)].any()
+    far_out = replace(report, hand=drawn_hand("ooooo", at_px=(1e7, -1e7)))
+    draw(picture, far_out, PLACE)

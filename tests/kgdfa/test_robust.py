@@ -1,0 +1,100 @@
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from hal.cameras.hand_poses import GESTURES, LOOK_ALIKES
+from hal.cameras.hand_scene import keypoints_m, lens_for, posed, project_px
+from kgdfa.errors import KgdfaError
+from kgdfa.features import FEATURES
+from kgdfa.hand import FloatArray, Gesture, Hand, Side
+from kgdfa.robust import RobustRules
+from kgdfa.robust_model import load_model, save_model
+
+RULES = RobustRules()
+shaken = arrays(np.float64, (21, 3), elements=st.floats(-1, 1))
+
+
+def true_hand(pose: str, turn_rad: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> Hand:
+    """The digital hand's own joints, as a detector without error would find them."""
+    points = keypoints_m(posed(pose, turn_rad=turn_rad))
+    assert points is not None
+    return Hand(
+        image_px=project_px(points, lens_for()),
+        world_m=points - points.mean(axis=0),
+        presence=1.0,
+        side=Side.RIGHT,
+    )
+
+
+@pytest.mark.parametrize("gesture", [pose.name for pose in GESTURES])
+def test_every_gesture_of_the_digital_hand_is_told(gesture: str) -> None:
+    verdict = RULES.judge(true_hand(gesture))
+    assert verdict.gesture is Gesture(gesture), verdict
+
+
+@pytest.mark.parametrize("pose", [pose.name for pose in LOOK_ALIKES])
+def test_look_alikes_are_refused_with_a_reason(pose: str) -> None:
+    verdict = RULES.judge(true_hand(pose))
+    assert verdict.gesture is None, verdict
+    assert verdict.nearest is not None
+    assert verdict.explanation.startswith(f"not {verdict.nearest.value}: ")
+
+
+@given(shaken, st.floats(0, 0.5))
+def test_whatever_the_hand_confidence_is_a_share_and_a_reason_is_given(shake: FloatArray, size: float) -> None:
+    hand = true_hand("5")
+    odd = Hand(
+        image_px=hand.image_px + size * 500 * shake[:, :2],
+        world_m=hand.world_m + size * shake,
+        presence=1.0,
+        side=Side.LEFT,
+    )
+    verdict, scores = RULES.judge(odd), RULES.score(odd)
+    assert 0 <= verdict.confidence <= 1
+    assert verdict.explanation
+    assert scores.shape == (12,)
+    assert 0 <= scores.sum() <= 1 + 1e-6
+    assert verdict.confidence == pytest.approx(scores.max(), abs=1e-6)
+
+
+def test_the_verdict_does_not_depend_on_the_mirror() -> None:
+    for pose in (*GESTURES, *LOOK_ALIKES):
+        hand = true_hand(pose.name)
+        mirrored = Hand(
+            image_px=hand.image_px * (-1, 1),
+            world_m=hand.world_m * (-1, 1, 1),
+            presence=1.0,
+            side=Side.LEFT,
+        )
+        assert RULES.judge(mirrored).gesture is RULES.judge(hand).gesture
+
+
+def test_a_threshold_never_reached_refuses_everything() -> None:
+    model = load_model()
+    strict = RobustRules(replace(model, accept=np.full(12, 1.01)))
+    assert all(strict.judge(true_hand(pose.name)).gesture is None for pose in GESTURES)
+    torn = RobustRules(replace(model, tie=1.01))
+    assert all(torn.judge(true_hand(pose.name)).gesture is None for pose in GESTURES)
+
+
+def test_a_model_survives_its_file_and_others_are_refused(tmp_path: Path) -> None:
+    model = load_model()
+    save_model(model, tmp_path / "model.npz")
+    again = load_model(tmp_path / "model.npz")
+    np.testing.assert_allclose(
+        again.probabilities(np.ones((2, len(FEATURES)))), model.probabilities(np.ones((2, len(FEATURES)))), rtol=1e-5
+    )
+    (tmp_path / "broken.npz").write_bytes(b"PK not really")
+    for bad in ("broken.npz", "missing.npz"):
+        with pytest.raises(KgdfaError, match="can't be read"):
+            load_model(tmp_path / bad)
+    save_model(replace(model, classes=tuple(reversed(model.classes))), tmp_path / "other.npz")
+    with pytest.raises(KgdfaError, match="other gestures or features"):
+        load_model(tmp_path / "other.npz")

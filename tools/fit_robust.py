@@ -1,0 +1,71 @@
+"""Fits the `robust` rules on labelled photos and digital hands, prints what it fitted, writes kgdfa/robust.npz.
+
+    python tools/fit_robust.py ../shared/data/gestures --keypoints looks.npz
+
+Measured figures never come from here: `rleex evaluate gestures DIR --cross-validate` fits without what it measures.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import typer
+from rich.console import Console
+from rich.table import Table
+
+from app.cli import USER_ERRORS
+from app.cli.evaluate.gestures import looked_at, looked_at_digital_to_fit
+from app.evaluate.robust_fit import fit, look
+from kgdfa.features import FEATURES
+from kgdfa.robust_model import GESTURES, RobustModel, save_model
+
+SHIPPED = Path(__file__).resolve().parents[1] / "kgdfa" / "robust.npz"
+
+
+def main(
+    directory: Annotated[Path, typer.Argument(help="Folder with labels.csv and pictures.")],
+    keypoints: Annotated[Path | None, typer.Option(help="Keep the keypoints here; used when there.")] = None,
+    output: Annotated[Path, typer.Option(help="Where the model goes.")] = SHIPPED,
+    home: Annotated[Path | None, typer.Option("--home", help="Data directory.")] = None,
+) -> None:
+    """Fit, print, write."""
+    console = Console()
+    photos = looked_at(console, directory, keypoints, home)
+    digital = looked_at_digital_to_fit(console, keypoints, home)
+    looked = look([*photos, *digital])
+    console.print(f"{len(photos)} photos, {len(digital)} digital hands, {len(looked.values)} looks")
+    with console.status("fitting") as status:
+        model = fit(looked, np.ones(len(looked.photos), dtype=bool), status.update)
+    _print(console, model)
+    save_model(model, output)
+    console.print(f"written to {output.name}, {output.stat().st_size / 1024:.0f} kB")
+
+
+def _print(console: Console, model: RobustModel) -> None:
+    """Thresholds, and each gesture's ranges of the paper's angles."""
+    table = Table(title="fitted: acceptance thresholds, and between which angles 94 % of a gesture's hands lie")
+    table.add_column("gesture")
+    table.add_column("accept from", justify="right")
+    angles = [k for k, feature in enumerate(FEATURES) if feature.text.endswith(" angle")]
+    for k in angles:
+        table.add_column(FEATURES[k].text, justify="right")
+    for number, gesture in enumerate(GESTURES):
+        ranges = (f"{model.low[number, k]:.0f}–{model.high[number, k]:.0f}°" for k in angles)
+        table.add_row(gesture.value, f"{model.accept[number]:.2f}", *ranges)
+    console.print(table)
+    members, features, hidden = model.weights_in.shape
+    console.print(
+        f"{members} perceptrons of {features} features, {hidden} hidden units and {len(model.classes)} classes; "
+        f"a lead of {model.tie:.2f} over the next; kinds of none: {', '.join(model.classes[len(GESTURES) :])}"
+    )
+
+
+if __name__ == "__main__":
+    try:
+        typer.run(main)
+    except USER_ERRORS as error:
+        sys.stderr.write(f"{error}\n")
+        raise SystemExit(2) from None
