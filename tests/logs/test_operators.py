@@ -1,0 +1,170 @@
+"""Who gets in, who does not, how attempts are slowed down, and what each role may do."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import argon2
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from typer.testing import CliRunner
+
+from app import operators
+from app.cli import cli
+from app.config import Config, JointsConfig
+from app.errors import AppError
+from app.operators import (
+    FREE_FAILURES,
+    LONGEST_WAIT_S,
+    PERMISSIONS,
+    OperatorStore,
+    Permission,
+    Role,
+    add_operator,
+    change_pin,
+    disable_operator,
+    load_store,
+    needs_sign_in,
+    save_store,
+    sign_in,
+    wait_after,
+)
+from logs.journal import OPERATORS
+from logs.keys import by_fingerprint, known_keys
+from logs.read import records
+from logs.records import OperatorChanged, SignInFailed
+from logs.verify import Evidence, exit_status, verify
+
+PIN, OTHER_PIN = "135792", "802461"
+
+
+@pytest.fixture(autouse=True)
+def cheap_hash(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The real argon2 at a cost that lets a test try many PINs."""
+    monkeypatch.setattr(operators, "_hasher", argon2.PasswordHasher(time_cost=1, memory_cost=64, parallelism=1))
+
+
+@pytest.fixture
+def store() -> OperatorStore:
+    """An engineer and a therapist."""
+    return add_operator(add_operator(OperatorStore(), "Eva", Role.ENGINEER, PIN), "Tom", Role.THERAPIST, OTHER_PIN)
+
+
+def test_the_right_pin_lets_in_and_forgets_failures(store: OperatorStore) -> None:
+    failed = sign_in(store, "Tom", PIN, 0.0)
+    assert failed.operator is None
+    good = sign_in(failed.store, " tom ", OTHER_PIN, 1.0)
+    assert good.operator is not None
+    assert (good.operator.name, good.operator.failures) == ("Tom", 0)
+
+
+def test_names_and_pins_are_refused_with_the_same_words(store: OperatorStore) -> None:
+    assert sign_in(store, "Tom", PIN, 0.0).reason == sign_in(store, "Nobody", PIN, 0.0).reason
+
+
+def test_a_disabled_operator_stays_out_and_in_the_store(store: OperatorStore) -> None:
+    disabled = disable_operator(store, "Tom")
+    assert sign_in(disabled, "Tom", OTHER_PIN, 0.0).operator is None
+    assert disabled.find("Tom") is not None
+    assert sign_in(change_pin(disabled, "Tom", PIN), "Tom", PIN, 0.0).operator is not None
+
+
+@pytest.mark.parametrize("name", ["Tom", "Nobody"])
+def test_failures_wait_longer_and_longer_and_a_wait_is_not_cut_short(store: OperatorStore, name: str) -> None:
+    now_s = 0.0
+    waits: list[float] = []
+    for _ in range(14):
+        attempt = sign_in(store, name, "000000", now_s)
+        store, waits = attempt.store, [*waits, attempt.wait_s]
+        if attempt.wait_s > 0:
+            early = sign_in(store, name, OTHER_PIN, now_s + attempt.wait_s * 0.9)
+            assert early.operator is None
+            assert early.store == store
+        now_s += attempt.wait_s
+    assert waits[:FREE_FAILURES] == [0.0] * FREE_FAILURES
+    assert waits == sorted(waits)
+    assert waits[-1] == LONGEST_WAIT_S
+
+
+def test_a_clock_set_back_locks_nobody_out_for_long(store: OperatorStore) -> None:
+    for _ in range(5):
+        store = sign_in(store, "Tom", PIN, 1e9).store
+    assert sign_in(store, "Tom", OTHER_PIN, 0.0).wait_s <= LONGEST_WAIT_S
+
+
+@given(st.integers(min_value=0, max_value=10_000))
+def test_a_wait_never_shrinks_with_failures(failures: int) -> None:
+    assert 0.0 <= wait_after(failures) <= wait_after(failures + 1) <= LONGEST_WAIT_S
+
+
+@given(st.text(max_size=20))
+@settings(deadline=None)
+def test_a_pin_is_six_to_twelve_digits_that_nobody_tries_first(pin: str) -> None:
+    digits = pin.isascii() and pin.isdigit() and 6 <= len(pin) <= 12
+    if not digits:
+        with pytest.raises(AppError, match="digits"):
+            add_operator(OperatorStore(), "Eva", Role.ENGINEER, pin)
+
+
+@pytest.mark.parametrize("pin", ["000000", "123456", "987654", "77777777"])
+def test_pins_that_count_or_repeat_are_refused(pin: str) -> None:
+    with pytest.raises(AppError, match="tried"):
+        add_operator(OperatorStore(), "Eva", Role.ENGINEER, pin)
+
+
+@pytest.mark.parametrize("name", ["", "   ", "a\x1bb", "x" * 61, "\u202eEva"])
+def test_unusable_names_are_refused(name: str) -> None:
+    with pytest.raises(AppError, match="name"):
+        add_operator(OperatorStore(), name, Role.ENGINEER, PIN)
+
+
+def test_the_first_is_an_engineer_and_the_last_engineer_stays(store: OperatorStore) -> None:
+    with pytest.raises(AppError, match="first operator must be an engineer"):
+        add_operator(OperatorStore(), "Tom", Role.THERAPIST, PIN)
+    with pytest.raises(AppError, match="last engineer"):
+        disable_operator(store, "eva")
+    with pytest.raises(AppError, match="already"):
+        add_operator(store, "EVA", Role.REVIEWER, PIN)
+
+
+def test_only_engineers_manage_operators_and_reviewers_move_nobody() -> None:
+    assert [role for role in Role if Permission.MANAGE_OPERATORS in PERMISSIONS[role]] == [Role.ENGINEER]
+    assert PERMISSIONS[Role.REVIEWER] == {Permission.REVIEW}
+    assert set(PERMISSIONS) == set(Role)
+
+
+def test_sign_in_is_needed_where_drives_can_move() -> None:
+    assert not needs_sign_in(Config())
+    assert needs_sign_in(Config(joints=JointsConfig(kind="can")))
+
+
+def test_the_store_is_kept_private_and_comes_back(tmp_path: Path, store: OperatorStore) -> None:
+    save_store(tmp_path, store)
+    assert load_store(tmp_path) == store
+    assert (tmp_path / "operators.json").stat().st_mode & 0o777 == 0o600
+    assert PIN.encode() not in (tmp_path / "operators.json").read_bytes()
+    assert load_store(tmp_path / "nowhere") == OperatorStore()
+    (tmp_path / "operators.json").write_text("{")
+    with pytest.raises(AppError, match="can't be read"):
+        load_store(tmp_path)
+
+
+def test_operators_are_managed_from_the_command_line_and_all_of_it_is_recorded(tmp_path: Path) -> None:
+    def rleex(*arguments: str, answers: str = "") -> str:
+        result = CliRunner().invoke(cli, ["operator", *arguments, "--home", str(tmp_path)], input=answers)
+        return result.output + str(result.exception or "")
+
+    assert "added as engineer" in rleex("add", "Eva", "--role", "engineer", answers=f"{PIN}\n{PIN}\n")
+    assert "Name or PIN" in rleex("add", "Tom", answers="Eva\n999999\n")
+    assert "added as therapist" in rleex("add", "Tom", answers=f"Eva\n{PIN}\n{OTHER_PIN}\n{OTHER_PIN}\n")
+    assert "no engineer" in rleex("disable", "Eva", answers=f"Tom\n{OTHER_PIN}\n")
+    assert "can't sign in" in rleex("disable", "Tom", answers=f"Eva\n{PIN}\n")
+    assert "disabled" in rleex("list")
+    assert "no role" in rleex("add", "X", "--role", "king")
+    bodies = [record.body for record in records(tmp_path / "logs" / OPERATORS)]
+    changes = [(body.name, body.change) for body in bodies if isinstance(body, OperatorChanged)]
+    assert changes == [("Eva", "added"), ("Tom", "added"), ("Tom", "disabled")]
+    assert [body.failures for body in bodies if isinstance(body, SignInFailed)] == [1]
+    evidence = Evidence(keys=by_fingerprint(known_keys(tmp_path / "keys")))
+    assert exit_status(verify([tmp_path / "logs"], evidence)) == 0
