@@ -13,6 +13,7 @@ from kgdfa.button import ButtonMode, ButtonPlace
 from kgdfa.depth import DepthRange
 from kgdfa.distance import PublishedRange, RangeFinder, RobustRange
 from kgdfa.pipeline import Detector, Pipeline
+from kgdfa.press_zone import press_zone
 from kgdfa.published import PublishedRules
 from kgdfa.robust import RobustRules
 from kgdfa.verdict import RuleSet
@@ -82,6 +83,19 @@ def anchor_for(setup: SessionSetup, frame: Frame, camera: str) -> Anchor:
     """The patient's palm anchor before this camera."""
     seen = frame.intrinsics
     return anchor(setup.profile, camera=camera, focal_px=seen.fx_px, width_px=seen.width_px)
+
+
+def zone_hint(setup: SessionSetup, frame: Frame, camera: str) -> str:
+    """What to tell the therapist when the patient's press threshold does not suit this camera; "" when it does."""
+    seen = frame.intrinsics
+    zone = press_zone(
+        focal_px=seen.fx_px,
+        width_px=seen.width_px,
+        height_px=seen.height_px,
+        anchor_m=anchor_for(setup, frame, camera).length_m,
+    )
+    threshold_m = setup.profile.press_threshold_m
+    return "" if zone.fits(threshold_m) else f"Threshold {threshold_m * 100:.0f} cm: {zone.sentence}"
 
 
 def camera_records(setup: SessionSetup, camera: Camera, frame: Frame) -> tuple[records.Camera, records.Calibration]:

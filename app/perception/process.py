@@ -61,6 +61,7 @@ class Perception:
         self._pipeline: Pipeline | None = None
         self._place: ButtonPlace | None = None
         self._hint = LOADING
+        self._zone_hint = ""
         self._ready = False
         self._hints = PictureHints()
         self._recorder = SessionRecorder(setup, self._sink, self._camera.camera.name)
@@ -124,7 +125,7 @@ class Perception:
 
     def _process(self, frame: Frame) -> Report | None:
         """The frame through the chain; None while the hand model is loading."""
-        self._hint = self._hints.of(frame)
+        self._hint = self._hints.of(frame) or self._zone_hint
         detector = self._detector.ready()
         if detector is None:
             self._hint = LOADING
@@ -133,6 +134,7 @@ class Perception:
         if self._pipeline is None:
             camera = self._camera.camera
             self._pipeline, self._place = build.make_pipeline(self._setup, detector, frame, camera.name)
+            self._zone_hint = build.zone_hint(self._setup, frame, camera.name)
             for record in build.camera_records(self._setup, camera, frame):
                 self._sink.emit(record)
         picture = Picture(image_bgr=frame.image_bgr, captured_ns=frame.captured_ns, depth_m=frame.depth_m)
