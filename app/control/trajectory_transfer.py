@@ -19,7 +19,7 @@ from hal.joints.scene import Block, BlockKind, Scene
 SEATED_SHANK_RAD = radians(-4)  # the knee a little before the ankle
 RISING_SHANK_RAD = radians(-14)  # further before it half way, as people do
 CHAIR_DEPTH_M = 0.45
-SEAT_TAKES = (0.70, 1.0)  # shares of sitting down over which the chair takes the weight
+SEAT_TAKES = (0.97, 1.0)  # shares of sitting down over which the chair takes the weight
 
 RECOVER_SPEED_RAD_S = radians(20)  # joints on the way back to standing, at the mean
 RECOVER_LEAST_S = 3.0

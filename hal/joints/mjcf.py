@@ -46,7 +46,9 @@ def model_xml(body: Body, device: Exoskeleton) -> str:
   <size memory="2M"/>
   <default><geom friction="0.9 0.005 0.0001" solref="0.01 1" solimp="0.95 0.99 0.002"/></default>
   <worldbody>
-    <geom name="floor" type="plane" size="0 0 1" contype="0" conaffinity="{GROUND}"/>
+    <body name="floor" mocap="true">
+      <geom name="floor" type="plane" size="0 0 1" contype="0" conaffinity="{GROUND}"/>
+    </body>
     {_blocks()}
     <body name="trunk" pos="0 0 0">
       <joint name="x" type="slide" axis="1 0 0"/>

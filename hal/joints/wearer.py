@@ -111,7 +111,7 @@ class Wearer:
         self._ankle_v = np.array([model.joint(name).dofadr[0] for name in _ANKLES])
         self._feet = [model.geom(f"{side}_foot").id for side in ("left", "right")]
         self._ankle_bodies = [model.body(f"{side}_foot").id for side in ("left", "right")]
-        self._floor = model.geom("floor").id
+        self._floor = int(model.body("floor").mocapid[0])
         self._pelvis = model.geom("pelvis").id
         self._obstacles = {model.geom(f"obstacle{number}").id for number in range(OBSTACLES)}
         self.weight_n = float(model.body_subtreemass[model.body("trunk").id]) * 9.81
@@ -147,7 +147,7 @@ class Wearer:
         ankles = np.array([data.xpos[number] for number in self._ankle_bodies])
         here = float(ankles[:, 0].mean())
         ground = float(ankles[:, 2].min()) - self.body.ankle_height_m if data.ncon == 0 else self._standing_on()
-        self._model.geom_pos[self._floor][2] = ground + scene.floor_m
+        data.mocap_pos[self._floor] = (0.0, 0.0, ground + scene.floor_m)
         for kind, (name, count) in _KINDS.items():
             blocks = [block for block in scene.blocks if block.kind is kind]
             for number in range(count):
