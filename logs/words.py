@@ -97,6 +97,8 @@ def sentence(body: Body) -> str:
 def _plain(name: str, value: Any) -> Any:
     if value is None:
         return "–"
+    if isinstance(value, float):
+        return round(value, 4)
     if isinstance(value, Mapping) or not isinstance(value, tuple):
         return value
     if name.endswith("_rad"):

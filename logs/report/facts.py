@@ -35,6 +35,7 @@ from logs.records import (
 )
 
 B = TypeVar("B", bound=Body)
+NOTED = "note"  # the weakest effect
 JOINTS = ("left hip", "left knee", "right hip", "right knee")
 
 
@@ -58,6 +59,17 @@ class EventFact:
     lasted_s: float | None
     acknowledged_after_s: float | None
     by: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EventSum:
+    """All occurrences of one event in a session."""
+
+    event: str
+    effect: str
+    times: int
+    lasted_s: float
+    longest_unacknowledged_s: float | None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -102,7 +114,9 @@ class Facts:
     joints: tuple[JointTrace, ...]
     refusals: tuple[tuple[str, int], ...]
     cancels: tuple[tuple[str, int], ...]
-    events: tuple[EventFact, ...]
+    events: tuple[EventFact, ...]  # that had an effect on the legs or on what is allowed
+    kinds_of_events: tuple[EventSum, ...]  # the same, summed up
+    remarks: tuple[tuple[str, int], ...]  # events that were only noted
     stops_s: tuple[float, ...]
     notes: tuple[tuple[float, str, str], ...]  # when, who, what
     actions: tuple[tuple[str, int, int], ...]  # name, tried, completed
@@ -132,6 +146,8 @@ def facts_of(outline: Outline, found: Sequence[Record]) -> Facts:
     """The facts of a session."""
     timed = Timed(found)
     states = _states(timed, outline.duration_s)
+    events = _events(timed)
+    felt = tuple(event for event in events if event.effect != NOTED)
     return Facts(
         outline=outline,
         start=_first(timed.of(SessionStart)),
@@ -145,7 +161,9 @@ def facts_of(outline: Outline, found: Sequence[Record]) -> Facts:
         joints=tuple(_trace(timed.of(JointStatistics), joint) for joint in range(len(JOINTS))),
         refusals=_counted(body.reason for _, body in timed.of(Refusal)),
         cancels=_counted(body.reason for _, body in timed.of(Cancel)),
-        events=_events(timed),
+        events=felt,
+        kinds_of_events=_summed(felt),
+        remarks=_counted(event.event for event in events if event.effect == NOTED),
         stops_s=tuple(at_s for at_s, _ in timed.of(Stop)),
         notes=_notes(timed),
         actions=_actions([end for _, end in timed.of(ActionEnd)]),
@@ -171,7 +189,8 @@ def _counted(texts: Iterable[str]) -> tuple[tuple[str, int], ...]:
 def _states(timed: Timed, end_s: float) -> tuple[Band, ...]:
     changes = timed.of(Transition)
     if not changes:
-        return ()
+        stayed = {body.state for _, body in timed.of(JointStatistics) if body.state}
+        return tuple(Band(begin_s=0.0, end_s=end_s, label=state) for state in stayed if len(stayed) == 1)
     starts = [0.0, *(at_s for at_s, _ in changes)]
     labels = [changes[0][1].from_state, *(body.to_state for _, body in changes)]
     return _bands(starts, labels, end_s)
@@ -269,6 +288,23 @@ def _event(
         acknowledged_after_s=None if answer is None else answer[0] - at_s,
         by="" if answer is None else answer[1],
     )
+
+
+def _summed(events: Iterable[EventFact]) -> tuple[EventSum, ...]:
+    groups: dict[tuple[str, str], list[EventFact]] = {}
+    for event in events:
+        groups.setdefault((event.event, event.effect), []).append(event)
+    sums = [
+        EventSum(
+            event=name,
+            effect=effect,
+            times=len(group),
+            lasted_s=sum(each.lasted_s or 0.0 for each in group),
+            longest_unacknowledged_s=max((each.acknowledged_after_s or 0.0 for each in group), default=0.0) or None,
+        )
+        for (name, effect), group in groups.items()
+    ]
+    return tuple(sorted(sums, key=lambda each: -each.times))
 
 
 def _notes(timed: Timed) -> tuple[tuple[float, str, str], ...]:

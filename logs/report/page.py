@@ -18,6 +18,8 @@ from logs.report import charts
 from logs.report.facts import Facts, facts_of
 from logs.verify import Evidence, Finding, verify
 
+FEW_EVENTS = 12  # beyond, they are summed up, too
+MOST_EVENTS = 100  # that anybody reads one by one
 MOST_EARLIER = 11  # sessions to compare with
 
 
@@ -43,6 +45,8 @@ def render(facts: Facts, finding: Finding, comments: list[Record], earlier: list
             proof=summary(finding),
             numbers=_numbers(facts),
             shades=charts.SHADES,
+            few=FEW_EVENTS,
+            most=MOST_EVENTS,
             comments=comments,
             charts={
                 "timeline": charts.timeline(facts),
