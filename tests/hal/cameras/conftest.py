@@ -1,0 +1,73 @@
+"""Pictures and recordings of the digital hand, made once."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import pytest
+
+from hal.cameras.camera import Camera
+from hal.cameras.digital_hand import DigitalHandCamera
+from hal.cameras.factory import open_camera
+from hal.cameras.hand_scene import lens_for
+from hal.cameras.recording import Recorder
+from tests.hal.cameras import software_realsense
+
+WIDTH, HEIGHT, FRAMES = 320, 180, 8
+PERIOD_NS = 33_333_333
+
+
+@dataclass(frozen=True)
+class Kept:
+    """Where the same eight frames lie, in every form that a camera can play."""
+
+    video: Path
+    folder: Path
+    session: Path
+    realsense: Path
+
+
+def small_hand(depth: bool = True) -> DigitalHandCamera:
+    """A digital hand on a small picture, on a clock that tests set."""
+    return DigitalHandCamera(
+        seed=1, lens=lens_for(WIDTH, HEIGHT), depth=depth, gesture="5", rest_m=0.4, clock_ns=lambda: 0
+    )
+
+
+@pytest.fixture(scope="session")
+def kept(tmp_path_factory: pytest.TempPathFactory) -> Kept:
+    root = tmp_path_factory.mktemp("kept")
+    hand = small_hand()
+    frames = [hand.render(number * PERIOD_NS, sequence=number) for number in range(1, FRAMES + 1)]
+    folder = root / "pictures"
+    folder.mkdir()
+    video = cv2.VideoWriter(str(root / "hand.avi"), cv2.VideoWriter.fourcc(*"MJPG"), 30, (WIDTH, HEIGHT))
+    recorder = Recorder(root / "session", "digital hand 1")
+    for frame in frames:
+        video.write(frame.image_bgr)
+        cv2.imwrite(str(folder / f"{frame.sequence:03d}.png"), frame.image_bgr)
+        recorder.write(frame)
+    video.release()
+    recorder.close()
+    software_realsense.record(root / "hand.db3", FRAMES)
+    return Kept(root / "hand.avi", folder, root / "session", root / "hand.db3")
+
+
+@pytest.fixture(params=["digital hand", "video", "pictures", "session", "realsense"])
+def make_camera(request: pytest.FixtureRequest, kept: Kept) -> Callable[[], Camera]:
+    """Builds one camera of every kind that needs no hardware."""
+
+    def built(kind: str, device: Path | str = "") -> Camera:
+        return open_camera(kind, device=str(device), width_px=WIDTH, height_px=HEIGHT, depth=True)
+
+    builders: dict[str, Callable[[], Camera]] = {
+        "digital hand": lambda: built("digital-hand"),
+        "video": lambda: built("recording", kept.video),
+        "pictures": lambda: built("recording", kept.folder),
+        "session": lambda: built("recording", kept.session),
+        "realsense": lambda: built("realsense", kept.realsense),
+    }
+    return builders[request.param]

@@ -1,0 +1,100 @@
+"""What every camera driver keeps, whatever stands behind it."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+
+import numpy as np
+import pytest
+
+from hal.cameras.camera import Camera, EndOfRecording, Frame
+from hal.errors import HardwareError
+
+Make = Callable[[], Camera]
+
+
+@pytest.fixture
+def camera(make_camera: Make) -> Iterator[Camera]:
+    made = make_camera()
+    made.open()
+    yield made
+    made.close()
+
+
+def some(camera: Camera, wanted: int) -> list[Frame]:
+    """The next few frames; fewer when a recording ends."""
+    frames: list[Frame] = []
+    give_up = time.monotonic() + 20
+    while len(frames) < wanted and time.monotonic() < give_up:
+        try:
+            frame = camera.read(1.0)
+        except EndOfRecording:
+            break
+        if frame is not None:
+            frames.append(frame)
+    return frames
+
+
+def test_frames_are_pictures_with_matching_intrinsics(camera: Camera) -> None:
+    (frame,) = some(camera, 1)
+    assert frame.image_bgr.dtype == np.uint8
+    assert frame.image_bgr.shape == (frame.intrinsics.height_px, frame.intrinsics.width_px, 3)
+    assert frame.image_bgr.std() > 1
+    assert frame.intrinsics.fx_px > 0
+
+
+def test_captured_times_and_numbers_grow_and_are_of_this_hosts_clock(camera: Camera) -> None:
+    before = time.monotonic_ns()
+    frames = some(camera, 2)
+    assert [frame.sequence for frame in frames] == sorted({frame.sequence for frame in frames})
+    times = [frame.captured_ns for frame in frames]
+    assert times == sorted(set(times))
+    assert before - 1_000_000_000 <= times[0]
+    assert times[-1] <= time.monotonic_ns()
+
+
+def test_depth_is_metres_aligned_to_the_picture_where_there_is_any(camera: Camera) -> None:
+    (frame,) = some(camera, 1)
+    if frame.depth_m is None:
+        assert camera.name.startswith(("hand.avi", "pictures"))
+        return
+    assert frame.depth_m.dtype == np.float32
+    assert frame.depth_m.shape == frame.image_bgr.shape[:2]
+    assert np.isfinite(frame.depth_m).all()
+    known = frame.depth_m[frame.depth_m > 0]
+    assert known.size > 1000
+    assert 0.2 < known.min() <= known.max() < 20
+
+
+def test_reading_a_closed_camera_is_an_error_that_says_so(make_camera: Make) -> None:
+    camera = make_camera()
+    with pytest.raises(HardwareError, match="not open"):
+        camera.read(0.0)
+    camera.open()
+    camera.close()
+    camera.close()
+    with pytest.raises(HardwareError, match="not open"):
+        camera.read(0.0)
+
+
+def test_it_opens_again_after_closing(make_camera: Make) -> None:
+    camera = make_camera()
+    for _ in range(2):
+        camera.open()
+        try:
+            assert len(some(camera, 1)) == 1
+        finally:
+            camera.close()
+
+
+def test_it_has_a_name(camera: Camera) -> None:
+    assert camera.name
+
+
+def test_a_recording_ends_by_name(camera: Camera) -> None:
+    if camera.name.startswith("digital hand"):
+        return
+    some(camera, 200)
+    with pytest.raises(EndOfRecording, match="ended"):
+        camera.read(1.0)

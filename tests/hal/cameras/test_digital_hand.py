@@ -1,0 +1,236 @@
+"""The digital hand: its truth agrees with its picture, its motion with its commands, its depth with the D435i's."""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from hal.cameras.digital_hand import DigitalHandCamera
+from hal.cameras.hand_depth import LEAST_M, DepthCamera
+from hal.cameras.hand_flesh import Flesh, flesh
+from hal.cameras.hand_poses import GESTURES, POSES
+from hal.cameras.hand_raycast import cast, grid_over
+from hal.cameras.hand_scene import Person, keypoints_m, lens_for, person_of, posed, project_px, render
+from hal.cameras.hand_skeleton import HandPlace, HandShape, joints_m, placed_m
+from hal.errors import HardwareError
+
+LENS = lens_for(320, 180)
+SECOND = 1_000_000_000
+palms = st.floats(0.06, 0.11)
+turns = st.tuples(*[st.floats(-1.0, 1.0)] * 3)
+poses = st.sampled_from(sorted(POSES))
+
+
+def hand_at(start_ns: int = 0) -> DigitalHandCamera:
+    return DigitalHandCamera(seed=1, lens=LENS, clock_ns=lambda: start_ns)
+
+
+@given(palm=palms, left=st.booleans(), pose=poses, turn=turns)
+def test_the_anchor_is_three_quarters_of_the_palm_however_the_hand_is_bent_and_turned(
+    palm: float, left: bool, pose: str, turn: tuple[float, float, float]
+) -> None:
+    shape = HandShape(palm_width_m=palm, left=left)
+    place = HandPlace(position_m=(0.02, -0.01, 0.4), turn_rad=turn)
+    joints = placed_m(joints_m(shape, POSES[pose].angles_deg), place)
+    assert np.linalg.norm(joints[5] - joints[17]) == pytest.approx(0.75 * palm)
+    assert (joints[5] + joints[17]) / 2 == pytest.approx(np.array(place.position_m))
+
+
+@given(palm=palms, pose=poses, other=poses)
+def test_bones_keep_their_lengths_in_every_pose(palm: float, pose: str, other: str) -> None:
+    shape = HandShape(palm_width_m=palm)
+    bones = [(j, j + 1) for first in (1, 5, 9, 13, 17) for j in range(first, first + 3)]
+    a, b = (joints_m(shape, POSES[name].angles_deg) for name in (pose, other))
+    for start, end in bones:
+        assert np.linalg.norm(a[start] - a[end]) == pytest.approx(np.linalg.norm(b[start] - b[end]))
+
+
+@given(pose=poses, palm=palms)
+def test_a_left_hand_is_the_mirror_of_a_right_one(pose: str, palm: float) -> None:
+    right, left = (joints_m(HandShape(palm_width_m=palm, left=side), POSES[pose].angles_deg) for side in (False, True))
+    assert left == pytest.approx(right * (-1, 1, 1))
+
+
+@given(turn=turns)
+def test_turns_are_rotations_and_tilt_is_the_palms_angle(turn: tuple[float, float, float]) -> None:
+    place = HandPlace(position_m=(0, 0, 0.4), turn_rad=turn)
+    assert place.rotation @ place.rotation.T == pytest.approx(np.eye(3), abs=1e-9)
+    normal = place.rotation @ np.array([0.0, 0.0, -1.0])
+    assert math.cos(place.tilt_rad) == pytest.approx(-normal[2])
+
+
+@pytest.mark.parametrize("gesture", sorted(POSES))
+@pytest.mark.parametrize("left", [False, True])
+def test_every_joint_lies_inside_the_flesh_that_is_drawn(gesture: str, left: bool) -> None:
+    person = Person(shape=HandShape(left=left))
+    scene = posed(gesture, person=person, lens=lens_for(), position_m=(0.0, 0.0, 0.4))
+    joints = keypoints_m(scene)
+    assert joints is not None
+    body = flesh(joints, person.shape)
+    grid = grid_over(body, scene.lens, 850.0, 0.4)
+    assert grid is not None
+    surface = cast(body, grid, scene.lens)
+    pixels = project_px(joints, scene.lens)
+    columns = ((pixels[:, 0] - grid.left + 0.5) * grid.columns / grid.width).astype(int)
+    rows = ((pixels[:, 1] - grid.top + 0.5) * grid.rows / grid.height).astype(int)
+    in_front = surface[rows, columns]
+    assert np.isfinite(in_front).all()
+    assert (in_front < joints[:, 2] + 0.001).all()
+
+
+def test_a_lone_ball_is_met_where_geometry_says() -> None:
+    centre = np.array([[0.0, 0.0, 0.5]])
+    body = Flesh(centre, centre + np.array([0.0, 0.0, 1e-4]), np.array([0.05]), np.array([0.05]))
+    lens = lens_for(321, 181)
+    grid = grid_over(body, lens, 10_000.0, 0.5)
+    assert grid is not None
+    surface = cast(body, grid, lens)
+    assert surface.min() == pytest.approx(0.45, abs=1e-4)
+    wide = np.isfinite(surface).any(axis=0).sum() * grid.width / grid.columns
+    assert wide == pytest.approx(2 * lens.fx_px * 0.05 / math.sqrt(0.5**2 - 0.05**2), abs=2.5)
+
+
+def test_the_same_moment_is_the_same_picture_and_another_seed_another() -> None:
+    first, again = hand_at().render(SECOND), hand_at().render(SECOND)
+    assert np.array_equal(first.image_bgr, again.image_bgr)
+    other = DigitalHandCamera(seed=2, lens=LENS).render(SECOND)
+    assert not np.array_equal(first.image_bgr, other.image_bgr)
+
+
+def test_seeds_give_people_of_both_hands_many_tones_and_plausible_palms() -> None:
+    people = [person_of(seed) for seed in range(60)]
+    assert {person.shape.left for person in people} == {False, True}
+    assert len({person.tone_bgr for person in people}) >= 6
+    assert all(0.07 <= person.shape.palm_width_m <= 0.092 for person in people)
+    assert person_of(5) == person_of(5)
+
+
+@pytest.mark.parametrize("gesture", [pose.name for pose in GESTURES])
+def test_a_signed_gesture_is_told_at_once_and_settles_within_a_quarter_second(gesture: str) -> None:
+    camera = hand_at()
+    camera.command(gesture=gesture, at_ns=SECOND)
+    assert camera.truth(SECOND - 1).gesture == "rest"
+    assert camera.truth(SECOND).gesture == gesture
+    assert not camera.truth(SECOND + 100_000_000).settled
+    assert camera.truth(SECOND + 250_000_000).settled
+    assert camera.scene(2 * SECOND).angles_deg == pytest.approx(POSES[gesture].angles_deg)
+
+
+def test_a_click_goes_under_the_threshold_and_back_within_its_time() -> None:
+    camera = hand_at()
+    camera.command(gesture="5", at_ns=0)
+    camera.command(click_s=0.3, at_ns=SECOND)
+    times = [SECOND + ms * 1_000_000 for ms in range(400)]
+    distances = [camera.truth(t).distance_m or 9.0 for t in times]
+    assert min(distances) < 0.16
+    assert min(range(400), key=distances.__getitem__) == pytest.approx(150, abs=15)
+    assert distances[-1] > 0.3
+    assert max(abs(a - b) for a, b in pairwise(distances)) < 0.005
+
+
+def test_pressing_holds_until_released() -> None:
+    camera = hand_at()
+    camera.command(press=True, at_ns=SECOND)
+    assert (camera.truth(3 * SECOND).distance_m or 9) < 0.19
+    camera.command(press=False, at_ns=3 * SECOND)
+    assert (camera.truth(4 * SECOND).distance_m or 0) > 0.3
+
+
+def test_the_past_stays_what_it_was_after_new_commands() -> None:
+    camera = hand_at()
+    camera.command(gesture="2", click_s=0.5, at_ns=SECOND)
+    moments = [SECOND + ms * 1_000_000 for ms in range(0, 900, 50)]
+    before = [camera.truth(t).keypoints_m for t in moments]
+    camera.command(gesture="rock", press=True, at_ns=2 * SECOND)
+    camera.command(gesture="none", at_ns=4 * SECOND)
+    for t, known in zip(moments, before, strict=True):
+        assert camera.truth(t).keypoints_m == pytest.approx(known)
+
+
+def test_none_leaves_the_picture_and_a_gesture_comes_back() -> None:
+    camera = hand_at()
+    camera.command(gesture="none", at_ns=SECOND)
+    away = camera.truth(2 * SECOND)
+    assert (away.gesture, away.keypoints_px, away.distance_m) == ("none", None, None)
+    empty = camera.render(2 * SECOND).image_bgr.astype(float)
+    with_hand = camera.render(SECOND // 2).image_bgr.astype(float)
+    assert (np.abs(empty - with_hand).mean(axis=2) > 30).mean() > 0.01
+    camera.command(gesture="5", at_ns=3 * SECOND)
+    assert camera.truth(4 * SECOND).keypoints_px is not None
+
+
+def test_keys_move_the_hand_and_stop_at_its_reach() -> None:
+    camera = hand_at()
+    before = camera.truth(SECOND).keypoints_px
+    camera.command(move_m=(0.05, 0.0, 0.0), at_ns=SECOND)
+    after = camera.truth(2 * SECOND).keypoints_px
+    assert before is not None
+    assert after is not None
+    assert (after[:, 0] > before[:, 0] + 10).all()
+    for step in range(40):
+        camera.command(move_m=(0.0, 0.0, 0.1), at_ns=(3 + step) * SECOND)
+    assert (camera.truth(60 * SECOND).distance_m or 9) < 0.9
+
+
+def test_what_does_not_exist_is_refused_by_name() -> None:
+    with pytest.raises(HardwareError, match=r"'ten'.*choose one of"):
+        hand_at().command(gesture="ten")
+    with pytest.raises(HardwareError, match="click"):
+        hand_at().command(click_s=-1.0)
+    with pytest.raises(HardwareError, match="frames a second"):
+        DigitalHandCamera(rate_hz=0)
+
+
+@settings(max_examples=20, deadline=None)
+@given(pose=poses, x=st.floats(-0.5, 0.5), y=st.floats(-0.4, 0.6), z=st.floats(0.05, 1.0), turn=turns)
+def test_any_place_renders_a_whole_picture(
+    pose: str, x: float, y: float, z: float, turn: tuple[float, float, float]
+) -> None:
+    seen = render(posed(pose, lens=LENS, position_m=(x, y, z), turn_rad=turn), depth=True)
+    assert seen.image_bgr.shape == (180, 320, 3)
+    assert seen.surface_m is not None
+    assert np.isfinite(seen.surface_m).all()
+
+
+def scene_depth(distance_m: float) -> tuple[np.ndarray, np.ndarray]:
+    """True and measured depth of an open hand."""
+    surface = render(posed("5", lens=LENS, position_m=(0, 0, distance_m)), depth=True).surface_m
+    assert surface is not None
+    return surface, DepthCamera(1).measure(surface, 3)
+
+
+def test_depth_is_zero_nearer_than_the_d435i_can_see() -> None:
+    surface, measured = scene_depth(0.18)
+    assert (surface < LEAST_M).any()
+    assert (measured[surface < LEAST_M] == 0).all()
+
+
+def test_depth_is_zero_at_the_edge_and_around_the_hand_and_right_elsewhere() -> None:
+    surface, measured = scene_depth(0.45)
+    assert (measured[:, :5] == 0).all()
+    assert (measured[:, -5:] == 0).all()
+    hand = (surface < 0.6).astype(np.uint8)
+    rim = (cv2.dilate(hand, np.ones((3, 3), np.uint8)) - hand).astype(bool)
+    assert (measured[rim] == 0).mean() > 0.8
+    inside = cv2.erode(hand, np.ones((9, 9), np.uint8)).astype(bool) & (measured > 0)
+    assert inside.sum() > 100
+    assert np.abs(measured[inside] - surface[inside]).mean() < 0.004
+
+
+def test_depth_noise_grows_with_the_square_of_distance() -> None:
+    flat = [np.full((180, 320), z, np.float32) for z in (0.5, 1.0, 2.0)]
+    noise = [float((DepthCamera(1).measure(z, 5)[20:160, 40:280] - z[0, 0]).std()) for z in flat]
+    assert noise[1] / noise[0] == pytest.approx(4.0, rel=0.25)
+    assert noise[2] / noise[1] == pytest.approx(4.0, rel=0.25)
+
+
+def test_a_flipping_hand_loses_patches_of_depth() -> None:
+    flat = np.full((180, 320), 0.5, np.float32)
+    still, flipping = (DepthCamera(1).measure(flat, 5, flip) for flip in (False, True))
+    assert (flipping == 0).mean() > (still == 0).mean() + 0.3
