@@ -6,7 +6,7 @@ STAMP := $(VENV)/.installed
 DATA ?= ../shared/data
 export TF_CPP_MIN_LOG_LEVEL ?= 3
 
-.PHONY: run demo test test-can check lock evaluate bench mutation pictures system model clean
+.PHONY: run demo test test-can check lock evaluate bench mutation coverage pictures system model clean
 
 run: model
 	@$(BIN)/rleex run
@@ -34,6 +34,10 @@ evaluate: model
 
 bench: model
 	@$(BIN)/python tools/bench.py
+
+coverage: $(STAMP)
+	@$(BIN)/python -m pytest -q tests/app/control tests/hal/joints/test_guard.py --cov-branch --cov-report=term-missing \
+	    --cov=app.control --cov=hal.joints.guard
 
 mutation: $(STAMP)
 	@tools/mutation

@@ -1,0 +1,51 @@
+"""Writes the generated parts of docs/safety.md: the gait diagram and the table of events, from the code itself.
+
+`python tools/safety_tables.py` rewrites them; a test checks that they are current.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+from app.control import gait_machine
+from app.control.events import TABLE, Latch, Row
+from app.control.states import Source
+
+DOCUMENT = Path(__file__).parent.parent / "docs" / "safety.md"
+_LATCH = {
+    Latch.NEVER: "while it lasts",
+    Latch.POWERED: "until acknowledged",
+    Latch.ALWAYS: "until acknowledged, always",
+}
+_PART = "<!-- {0} -->\n{1}<!-- end of {0} -->"
+
+
+def parts() -> dict[str, str]:
+    """The generated parts by name."""
+    return {"gait diagram": f"```mermaid\n{gait_machine.mermaid()}```\n", "events": events_table()}
+
+
+def events_table() -> str:
+    """Every row of the table of events, strongest effect first."""
+    rows = sorted(TABLE, key=lambda row: -row.effect)
+    lines = ["| event | effect | stays | refuses | what the operator reads |", "|---|---|---|---|---|"]
+    return "\n".join([*lines, *(_line(row) for row in rows)]) + "\n"
+
+
+def current(text: str) -> str:
+    """The document with its generated parts as the code has them now."""
+    for name, content in parts().items():
+        pattern = re.compile(rf"<!-- {name} -->\n.*?<!-- end of {name} -->", re.DOTALL)
+        text = pattern.sub(lambda _, n=name, c=content: _PART.format(n, c), text)  # type: ignore[misc]
+    return text
+
+
+def _line(row: Row) -> str:
+    whose = "everybody" if row.blocks == frozenset(Source) else " and ".join(one.value + "s" for one in row.blocks)
+    refuses = whose if row.effect > 0 else "–"
+    return f"| {row.event.value} | {row.effect.name.lower()} | {_LATCH[row.latch]} | {refuses} | {row.text} |"
+
+
+if __name__ == "__main__":
+    DOCUMENT.write_text(current(DOCUMENT.read_text(encoding="utf-8")), encoding="utf-8")
