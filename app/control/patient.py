@@ -32,6 +32,8 @@ class Patient:
     high_rad: FourJoints
     speed_rad_s: FourJoints  # what a plan may use
     torque_nm: FourJoints  # what a plan's estimate may reach
+    hip_max_rad: float | None = None  # the patient's own ranges, where narrower than the device's
+    knee_max_rad: float | None = None
 
 
 def body_of(profile: Profile) -> Body:
@@ -60,4 +62,6 @@ def patient_of(profile: Profile, device: Exoskeleton) -> Patient:
         high_rad=np.array(high) - PLAN_RANGE_MARGIN_RAD,
         speed_rad_s=PLAN_SPEED_SHARE * np.radians([joint.max_speed_deg_s for joint in device.joints]),
         torque_nm=PLAN_TORQUE_SHARE * np.array([joint.max_torque_nm for joint in device.joints]),
+        hip_max_rad=profile.hip_max_rad,
+        knee_max_rad=profile.knee_max_rad,
     )

@@ -109,13 +109,16 @@ def plan(request: PlanRequest, patient: Patient) -> Plan:
 
 
 def nominal_pose(state: GaitState, patient: Patient) -> JointArray:
-    """Where the joints are in a state between actions, (4,) radians; NaN where the state has no pose of its own.
+    """Where the joints are in a state between actions, (4,) radians.
 
-    Raises ValueError when the patient does not fit the chair.
+    NaN where the state has no pose of its own, and for sitting when the patient does not fit the chair.
     """
     thigh, shank = standing_segments(patient.body)
     if state is S.SITTING:
-        return np.array(seated_joints(patient) * 2)
+        try:
+            return np.array(seated_joints(patient) * 2)
+        except ValueError:
+            return np.full(4, np.nan)
     if state in {S.RIGHT_FORWARD, S.LEFT_FORWARD}:
         half = patient.gait.step_length_m / 2
         reach = leg_length(patient.body, SOFT_KNEE_RAD)

@@ -166,7 +166,7 @@ def clearances(body: Body, path: Path, side: int) -> Array:
     points = np.stack([foot.ankle_m + heel + share * (toe - heel) for share in (0.0, 0.25, 0.5, 0.75, 1.0)])
     distance = points[..., 1] - path.scene.floor_m
     for block in path.scene.blocks:
-        distance = np.minimum(distance, _outside(points, block.from_x_m, block.to_x_m, block.top_m))
+        distance = np.minimum(distance, outside(points, block.from_x_m, block.to_x_m, block.top_m))
     nearest: Array = distance.min(axis=0)
     return nearest
 
@@ -204,7 +204,7 @@ def _foot(swings: tuple[Swing, ...], time: Array, ankle: Array, shank: Array, sh
     return Foot(ankle_m=ankle, pitch_rad=pitch, share=share, airborne=airborne, mid_swing=mid)
 
 
-def _outside(points: Array, from_x: float, to_x: float, top: float) -> Array:
+def outside(points: Array, from_x: float, to_x: float, top: float) -> Array:
     """Signed distance of points (..., 2) from a block that stands on the floor."""
     across = np.maximum(from_x - points[..., 0], points[..., 0] - to_x)
     above = points[..., 1] - top

@@ -141,6 +141,11 @@ class SimulatedJoints:
         """Put the wearer at rest in a pose (4,), the harness tight."""
         self.wearer.place(joints_rad)
 
+    @property
+    def torque_nm(self) -> JointArray:
+        """What the drives really give, (4,)."""
+        return np.array(self._torque)
+
     def truth(self) -> Truth:
         """Where everything really is."""
         return self.wearer.truth()

@@ -1,0 +1,304 @@
+"""An action rehearsed in simulation through the same planner, follower and guard as on the device, and judged.
+
+Pure but for MuJoCo's stepping: no clock, no files. Pre-flight, `rleex simulate` and the tests use it alike.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from math import pi
+
+import numpy as np
+from msgspec import Struct
+from numpy.typing import NDArray
+
+from app.control import follow
+from app.control.follow import Mode, Motion
+from app.control.patient import Patient
+from app.control.plan import TICK_HZ, Phase, Plan, PlanRequest
+from app.control.rehearsal_feet import least_clearance, most_slide
+from app.control.settings import Gains, gains_of
+from app.control.states import Action, GaitState
+from app.control.trajectory import nominal_pose, plan, scene_of
+from app.messages import Quad
+from hal.joints.device import Exoskeleton
+from hal.joints.guard import Guard, Limits, Refusal
+from hal.joints.joints import JointCommand
+from hal.joints.scene import Scene
+from hal.joints.simulated import SimulatedJoints
+from hal.joints.wearer import Truth
+
+TICK_NS = 1_000_000_000 // TICK_HZ
+TRUTH_TICKS = 5  # between looks at everything that can be known
+SETTLE_TICKS = 250  # stand still before and after
+GRIP_LIMIT_TICKS = 500
+
+RMS_LIMIT_RAD = np.radians(2.0)
+CLEARANCE_LIMIT_M = 0.02
+SLIDE_LIMIT_M = 0.02
+PENETRATION_LIMIT_M = 0.005  # contacts in the simulation are a little soft
+FALLEN_RAD = np.radians(10.0)  # of a joint from the pose it should end in
+
+A, P, S = Action, Phase, GaitState
+STARTS: dict[Action, GaitState] = {
+    A.STEP_LEFT: S.RIGHT_FORWARD,
+    A.STEP_RIGHT: S.LEFT_FORWARD,
+    A.STEP_END: S.RIGHT_FORWARD,
+    A.STAND_UP: S.SITTING,
+}
+WALK_PHASES = (
+    (A.WALK, P.WALK_START),
+    *[(A.WALK, P.WALK_RIGHT), (A.WALK, P.WALK_LEFT)] * 2,
+    (A.WALK_END, P.WALK_CLOSE_RIGHT),
+)
+SEQUENCES: dict[Action, tuple[tuple[Action, Phase], ...]] = {A.WALK: WALK_PHASES, A.WALK_END: WALK_PHASES}
+CROUCH_RAD = np.array([0.35, 0.6, 0.35, 0.6])  # where a wearer is before gesture 0, for the rehearsal
+
+
+class Verdict(Struct, frozen=True, kw_only=True):
+    """One rehearsed action in figures; joints in the order of hal's Joint."""
+
+    action: str
+    passed: bool
+    reasons: tuple[str, ...]
+    duration_s: float = 0.0
+    peak_torque_nm: Quad = (0.0, 0.0, 0.0, 0.0)
+    torque_limit_nm: Quad = (0.0, 0.0, 0.0, 0.0)
+    peak_speed_deg_s: Quad = (0.0, 0.0, 0.0, 0.0)
+    speed_limit_deg_s: Quad = (0.0, 0.0, 0.0, 0.0)
+    tracking_rms_deg: Quad = (0.0, 0.0, 0.0, 0.0)
+    clearance_m: float | None = None  # None: no foot swings
+    slide_m: float = 0.0
+    penetration_m: float = 0.0
+    contact_peak_n: float = 0.0
+    stride_m: float = 0.0
+    energy_j: float = 0.0
+    temperature_c: float = 0.0
+    balance_peak_nm: float = 0.0
+    hold_peak_n: float = 0.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Rehearsal:
+    """Everything that happened; ticks (n, 4), truths every TRUTH_TICKS of them."""
+
+    verdict: Verdict
+    target_rad: NDArray[np.float64]
+    angle_rad: NDArray[np.float64]
+    speed_rad_s: NDArray[np.float64]
+    torque_nm: NDArray[np.float64]
+    truths: tuple[Truth, ...]
+    scene: Scene
+    starts: tuple[int, ...]  # ticks at which a plan began
+
+
+def rehearse(
+    patient: Patient, device: Exoskeleton, action: Action, watch: Callable[[], None] = lambda: None
+) -> Rehearsal:
+    """Carry out one action (walking: seven steps) in simulation from its state's pose; `watch` is called as it goes."""
+    stage = _Stage(patient, device, action)
+    refusal = stage.run(watch)
+    return stage.judged(refusal)
+
+
+class _Stage:
+    """One rehearsal while it runs."""
+
+    def __init__(self, patient: Patient, device: Exoskeleton, action: Action) -> None:
+        self.patient, self.device, self.action = patient, device, action
+        gait = patient.gait
+        self.gains: Gains = gains_of(device, gait.assist_left, gait.assist_right)
+        self.guard = Guard(_limits(patient, device))
+        self.joints = SimulatedJoints(device, patient.body)
+        self.scene = scene_of(action, patient)
+        self.motion = Motion()
+        self.previous: JointCommand | None = None
+        self.now_ns = TICK_NS
+        self.rows: list[tuple[NDArray[np.float64], ...]] = []
+        self.truths: list[Truth] = []
+        self.starts: list[int] = []
+        self.moving = np.zeros(0, dtype=bool)
+        self.moving_ticks = 0
+        self.final_rad: NDArray[np.float64] | None = None
+        self.advance_m = 0.0
+
+    def run(self, watch: Callable[[], None]) -> str:
+        """Why it could not be carried out, or ""."""
+        start = STARTS.get(self.action, S.STANDING)
+        pose = CROUCH_RAD if self.action is A.INITIALISE else nominal_pose(start, self.patient)
+        if not np.isfinite(pose).all():
+            return "This patient does not fit the chair."
+        self.joints.place(pose)
+        self.joints.stage(self.scene)
+        self.joints.open(self.now_ns)
+        self.joints.enable(self.now_ns)
+        if reason := self._hold_on():
+            return reason
+        watch()
+        for number, (part, phase) in enumerate(SEQUENCES.get(self.action, ((self.action, P.WHOLE),))):
+            measured = self.joints.read(self.now_ns).position_rad
+            quad = (float(measured[0]), float(measured[1]), float(measured[2]), float(measured[3]))
+            made = plan(
+                PlanRequest(number=number, action=part, phase=phase, from_state=start, start_rad=quad), self.patient
+            )
+            if not made.check.ok:
+                return made.check.reason
+            if reason := self._follow(made):
+                return reason
+            watch()
+            start = made.to_state
+        self.motion = follow.stay(self.motion)
+        return next((str(refused) for refused in (self._tick() for _ in range(SETTLE_TICKS)) if refused), "")
+
+    def _hold_on(self) -> str:
+        self._tick()
+        self.motion = follow.grip(self.joints.read(self.now_ns).position_rad, self.gains)
+        for _ in range(GRIP_LIMIT_TICKS):
+            if refused := self._tick():
+                return str(refused)
+        return "" if self.motion.mode is Mode.STIFF else "The joints could not be gripped."
+
+    def _follow(self, made: Plan) -> str:
+        self.starts.append(len(self.rows))
+        self.motion = follow.start(self.motion, made)
+        self.final_rad = made.position_rad[-1]
+        self.advance_m += made.advance_m
+        while not self.motion.arrived:
+            if refused := self._tick():
+                return str(refused)
+            self.moving_ticks += 1
+        return ""
+
+    def _tick(self) -> Refusal | None:
+        self.now_ns += TICK_NS
+        feedback = self.joints.read(self.now_ns)
+        self.motion = follow.advance(self.motion, self.gains, hold=False)
+        command = self.motion.command
+        refusal = self.guard.check(command, self.previous, feedback.position_rad)
+        if refusal is not None:
+            return refusal
+        self.joints.write(command, self.now_ns)
+        self.previous = command
+        wearer = self.joints.wearer
+        self.rows.append(
+            (command.position_rad, wearer.joints_rad.copy(), wearer.speeds_rad_s.copy(), self.joints.torque_nm)
+        )
+        if len(self.rows) % TRUTH_TICKS == 0:
+            self.truths.append(self.joints.truth())
+        return None
+
+    def judged(self, refusal: str) -> Rehearsal:
+        """Figures and verdict."""
+        if not self.rows or not self.starts:
+            self.rows = self.rows or [(np.zeros(4),) * 4]
+            return self._as(Verdict(action=self.action.value, passed=False, reasons=(refusal,)))
+        target, angle, speed, torque = (np.array(column) for column in zip(*self.rows, strict=True))
+        first = self.starts[0]
+        span = slice(first, first + self.moving_ticks)
+        error = angle[span] - target[span]
+        verdict = Verdict(
+            action=self.action.value,
+            passed=True,
+            reasons=(),
+            duration_s=self.moving_ticks / TICK_HZ,
+            peak_torque_nm=_quad(np.abs(torque[first:]).max(axis=0)),
+            torque_limit_nm=_quad(np.array([joint.max_torque_nm for joint in self.device.joints])),
+            peak_speed_deg_s=_quad(np.degrees(np.abs(speed[first:]).max(axis=0))),
+            speed_limit_deg_s=_quad(np.array([joint.max_speed_deg_s for joint in self.device.joints])),
+            tracking_rms_deg=_quad(np.degrees(np.sqrt((error**2).mean(axis=0)))),
+            clearance_m=least_clearance(self.patient.body, self._seen(), self.scene),
+            slide_m=most_slide(self.patient.body, self._seen()),
+            penetration_m=max(truth.deepest_m for truth in self._seen()),
+            contact_peak_n=max(float(truth.contact_n.max()) for truth in self._seen()),
+            stride_m=_stride(self._seen()) if self.action in SEQUENCES else self.advance_m,
+            energy_j=float(np.clip(torque[span] * speed[span], 0, None).sum() / TICK_HZ),
+            temperature_c=float(self.joints.read(self.now_ns).temperature_c.max()),
+            balance_peak_nm=max(abs(truth.balance_nm) for truth in self._seen()),
+            hold_peak_n=max(abs(truth.hold_n) for truth in self._seen()),
+        )
+        reasons = (refusal,) if refusal else self._objections(verdict)
+        return self._as(_with(verdict, reasons))
+
+    def _seen(self) -> list[Truth]:
+        """Truths from the first plan on."""
+        return self.truths[self.starts[0] // TRUTH_TICKS :] or self.truths[-1:]
+
+    def _objections(self, verdict: Verdict) -> tuple[str, ...]:
+        ended = np.abs(self.joints.wearer.joints_rad - self.final_rad).max() if self.final_rad is not None else pi
+        worst_rms = max(verdict.tracking_rms_deg)
+        found = [
+            (ended > FALLEN_RAD, f"It ends {np.degrees(ended):.0f}° from where it should."),
+            (worst_rms > np.degrees(RMS_LIMIT_RAD), f"Tracking error {worst_rms:.1f}° rms, at most 2° are allowed."),
+            (
+                any(
+                    peak > limit
+                    for peak, limit in zip(verdict.peak_speed_deg_s, verdict.speed_limit_deg_s, strict=True)
+                ),
+                f"A joint turns at {max(verdict.peak_speed_deg_s):.0f}°/s, beyond its limit.",
+            ),
+            (
+                any(
+                    peak >= limit - 1e-6
+                    for peak, limit in zip(verdict.peak_torque_nm, verdict.torque_limit_nm, strict=True)
+                ),
+                f"A drive gives all it has, {max(verdict.peak_torque_nm):.0f} Nm.",
+            ),
+            (
+                verdict.clearance_m is not None and verdict.clearance_m < CLEARANCE_LIMIT_M,
+                f"A swinging foot passes at {100 * (verdict.clearance_m or 0):.1f} cm, at least 2 cm are needed.",
+            ),
+            (verdict.slide_m > SLIDE_LIMIT_M, f"A standing foot slides {100 * verdict.slide_m:.1f} cm."),
+            (
+                verdict.penetration_m > PENETRATION_LIMIT_M,
+                f"Something sinks {1000 * verdict.penetration_m:.0f} mm into something.",
+            ),
+            (any(truth.struck for truth in self._seen()), "A leg strikes the obstacle."),
+        ]
+        return tuple(text for wrong, text in found if wrong)
+
+    def _as(self, verdict: Verdict) -> Rehearsal:
+        target, angle, speed, torque = (np.array(column) for column in zip(*self.rows, strict=True))
+        return Rehearsal(
+            verdict=verdict,
+            target_rad=target,
+            angle_rad=angle,
+            speed_rad_s=speed,
+            torque_nm=torque,
+            truths=tuple(self.truths),
+            scene=self.scene,
+            starts=tuple(self.starts),
+        )
+
+
+def _limits(patient: Patient, device: Exoskeleton) -> Limits:
+    from hal.joints.guard import limits_of
+
+    return limits_of(device, patient.hip_max_rad, patient.knee_max_rad)
+
+
+def _with(verdict: Verdict, reasons: tuple[str, ...]) -> Verdict:
+    from msgspec.structs import replace
+
+    return replace(verdict, passed=not reasons, reasons=reasons)
+
+
+def _stride(truths: list[Truth]) -> float:
+    """Twice the mean distance between the landings of the feet in a walk, metres."""
+    ankles = np.array([truth.ankle_m[:, 0] for truth in truths])
+    loaded = np.array([truth.contact_n for truth in truths]) > LOADED_N
+    landings = sorted(
+        float(ankles[tick + 1, side])
+        for side in (0, 1)
+        for tick in np.flatnonzero(~loaded[:-1, side] & loaded[1:, side])
+    )
+    apart = np.diff(landings)
+    steps = apart[apart > 0.03]
+    return 2 * float(np.median(steps)) if steps.size else 0.0
+
+
+LOADED_N = 30.0
+
+
+def _quad(values: NDArray[np.float64]) -> Quad:
+    return (float(values[0]), float(values[1]), float(values[2]), float(values[3]))
