@@ -177,6 +177,13 @@ def library() -> ModuleType:
     return module
 
 
+def list_realsense() -> tuple[tuple[str, str], ...]:
+    """Serial number and model of every connected camera. Raises HardwareError without the library."""
+    rs = library()
+    devices = list(rs.context().query_devices())
+    return tuple((_info(rs, device, "serial_number"), _info(rs, device, "name")) for device in devices)
+
+
 def clean_depth(raw: Any, unit_m: float) -> DepthArray:
     """Depth units to metres, float32; saturated and impossibly far readings become 0, no measurement."""
     depth: DepthArray = np.asarray(raw, dtype=np.float32) * np.float32(unit_m)
