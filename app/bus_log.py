@@ -15,6 +15,8 @@ from hal.joints.device import DEFAULT_DEVICE, load_exoskeleton
 from hal.joints.recorder import BusRecorder
 from logs.records import Note, ProcessEnd, ProcessStart
 
+_NICE = 5  # its socket holds a second's frames: it can wait, perception can't
+
 
 def log_path(home: Home, session: str) -> Path:
     """Where a session's bus log lies: beside its audit trail."""
@@ -27,6 +29,7 @@ def run_bus_log(setup: SessionSetup) -> None:
     ending = _Ending(setup.console_pid)
     signal.signal(signal.SIGTERM, ending.ask)
     signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    os.nice(_NICE)
     sink.emit(ProcessStart(pid=os.getpid()))
     try:
         _record(setup, ending)

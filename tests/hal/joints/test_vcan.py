@@ -6,6 +6,7 @@ import os
 import re
 import shutil
 import subprocess
+import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -14,14 +15,16 @@ from pathlib import Path
 import can
 import pytest
 
+from hal.joints.emulator import Fault
 from hal.joints.joints import BusFault, DriveState
+from hal.joints.recorder import BusRecorder
 from tests.hal.joints.rig import LIMIT_S, CanRig, MakeRig, bus_of_test, command, with_motor
 
 pytestmark = pytest.mark.skipif(
     not os.environ.get("RLEEX_TEST_CAN", "").startswith("socketcan:"),
     reason="needs a kernel's CAN interface: make test-can",
 )
-LINE = re.compile(r"^\((\d+\.\d+)\) (\S+) ([0-9A-F]+)#([0-9A-F]*)$")
+LINE = re.compile(r"^\((\d+\.\d+)\) (\S+) ([0-9A-F]+)#([0-9A-F]*)(?: [RT])?$")
 
 
 def until(condition: Callable[[], object]) -> None:
@@ -91,12 +94,45 @@ def test_the_emulator_answers_cansend(rig: CanRig, tmp_path: Path) -> None:
     assert {data[:6] for identifier, data in frames(log) if identifier == "000"} == {"017FFF"}
 
 
-def test_canplayer_and_python_can_read_the_same_log(rig: CanRig, tmp_path: Path) -> None:
+def test_can_utils_replay_what_the_recorder_wrote(make_rig: MakeRig, tmp_path: Path) -> None:
+    device = with_motor("AK80-64/V2")
+    rig = make_rig(device)
+    recorded, witness = tmp_path / "session.can.log", tmp_path / "candump.log"
+    recorder, stop = BusRecorder(device, recorded), threading.Event()
+    thread = threading.Thread(target=recorder.run, args=(stop.is_set,))
+    thread.start()
+    rig.joints.open(rig.now_ns())
+    rig.joints.enable(rig.now_ns())
+    rig.joints.close(rig.now_ns())
+    until(lambda: recorder.frames > 20)
+    stop.set()
+    thread.join()
+    recorder.close()
+    assert len(list(can.LogReader(recorded))) == len(recorded.read_text().splitlines())
+    rig.emulator.befall(Fault.SILENT)  # the replay is for candump only
+    _, channel = bus_of_test()
+    with candump(witness):
+        subprocess.run(["canplayer", "-t", "-I", str(recorded), f"{channel}={channel}"], check=True)
+        until(lambda: len(frames(witness)) >= len(frames(recorded)))
+    assert frames(witness) == frames(recorded)
+
+
+def test_the_documented_examples_are_what_happens(make_rig: MakeRig, tmp_path: Path) -> None:
+    """Every `cansend vcan0` line of docs/hardware.md is sent; every candump line it shows is then seen."""
+    make_rig(with_motor("AK80-64/V2"))
+    _, channel = bus_of_test()
+    text = (Path(__file__).parents[3] / "docs" / "hardware.md").read_text()
+    sent = re.findall(r"cansend vcan0 ([0-9A-F#]+)", text)
+    shown = re.findall(r"^ {2}vcan0 {2}([0-9A-F]+) {3}\[8\] {2}((?:[0-9A-F]{2} ){8})", text + " ", re.MULTILINE)
+    assert len(sent) >= 3
+    assert len(shown) >= 1
     log = tmp_path / "bus.log"
     with candump(log):
-        rig.joints.open(rig.now_ns())
-        rig.joints.close(rig.now_ns())
-    assert len(list(can.LogReader(log))) == len(log.read_text().splitlines())
+        for frame in sent:
+            subprocess.run(["cansend", channel, frame], check=True)
+        until(lambda: len([data for identifier, data in frames(log) if identifier == "000"]) == len(sent))
+    for identifier, data in shown:
+        assert (identifier, data.replace(" ", "")) in frames(log)
 
 
 def test_an_interface_taken_down_is_told(rig: CanRig) -> None:

@@ -1,0 +1,101 @@
+"""Drives, control and guardian as three processes on udp_multicast: control is killed, the guardian's frames save."""
+
+from __future__ import annotations
+
+import multiprocessing
+import random
+import time
+from collections.abc import Callable
+from multiprocessing.synchronize import Event
+
+import numpy as np
+
+from hal.joints.bus import frame_of, open_bus, with_bus
+from hal.joints.device import Exoskeleton, load_exoskeleton
+from hal.joints.emulator import run_emulator
+from hal.joints.joints import JointCommand
+from hal.joints.safe_stop import SafeStop
+from hal.joints.socketcan import SocketCanJoints
+from hal.joints.station import Station
+
+LIMIT_S = 30.0  # three interpreters start on a busy machine
+
+
+def push(device: Exoskeleton, pushing: Event) -> None:
+    """Control's part: enable, push towards a target out of reach, until killed."""
+    joints = SocketCanJoints(device)
+    joints.open(time.monotonic_ns())
+    joints.enable(time.monotonic_ns())
+    zero = np.zeros(4)
+    wanted = JointCommand(
+        position_rad=zero + 2.5,  # beyond the end stops: the drives push for ever
+        velocity_rad_s=zero,
+        stiffness_nm_rad=zero + 100.0,
+        damping_nm_s_rad=zero + 5.0,
+        torque_nm=zero,
+    )
+    while True:
+        joints.write(wanted, time.monotonic_ns())
+        if np.abs(joints.read(time.monotonic_ns()).torque_nm).min() > 10.0:
+            pushing.set()
+        time.sleep(0.002)
+
+
+def until(condition: Callable[[], bool]) -> None:
+    end_s = time.monotonic() + LIMIT_S
+    while not condition():
+        assert time.monotonic() < end_s
+        time.sleep(0.01)
+
+
+def test_the_guardian_saves_the_wearer_of_drives_whose_control_was_killed() -> None:
+    channel = f"239.74.163.2:{random.SystemRandom().randrange(20_000, 60_000)}"
+    device = with_bus(load_exoskeleton(), "udp_multicast", channel)
+    spawning = multiprocessing.get_context("spawn")
+    ready, stop, pushing = spawning.Event(), spawning.Event(), spawning.Event()
+    drives = spawning.Process(target=run_emulator, args=(device,), kwargs={"ready": ready, "stop": stop}, daemon=True)
+    control = spawning.Process(target=push, args=(device, pushing), daemon=True)
+    guardian, ear = SafeStop(device), Ear(device)
+    try:
+        drives.start()
+        assert ready.wait(LIMIT_S)
+        control.start()
+        assert pushing.wait(LIMIT_S)
+        control.kill()
+        control.join(LIMIT_S)
+        guardian.open()
+        until(lambda: guardian.damp() and ear.torque_nm() < 5.0)
+        assert guardian.exit()
+        until(lambda: all(guardian.answered()) or not guardian.exit())
+    finally:
+        control.kill()
+        stop.set()
+        guardian.close()
+        ear.close()
+        drives.join(LIMIT_S)
+    assert drives.exitcode == 0
+
+
+class Ear:
+    """Listens to the drives' own words."""
+
+    def __init__(self, device: Exoskeleton) -> None:
+        from hal.joints.monitor import stations_of
+
+        self._stations: tuple[Station, ...] = stations_of(device)
+        self._bus = open_bus(device.buses[0])
+
+    def torque_nm(self) -> float:
+        """The largest torque in each drive's newest word; infinite until all have spoken."""
+        newest = {}
+        while (message := self._bus.recv(0.02)) is not None:
+            for station in self._stations:
+                frame = frame_of(message)
+                if frame.arbitration_id == 0 and station.codec.replier(frame) == station.told_as:
+                    reply = station.codec.read_reply(frame)
+                    newest[station.joint] = abs(reply.torque_nm) if reply else np.inf
+        return max(newest.values()) if len(newest) == 4 else np.inf
+
+    def close(self) -> None:
+        """Release the bus."""
+        self._bus.shutdown()
