@@ -9,18 +9,18 @@ from pathlib import Path
 import numpy as np
 
 from app.evaluate.gesture_photos import NONE_PREFIX, Photo, SeenPhoto
+from app.evaluate.sequence import PERIOD_NS
 from hal.cameras.hand_poses import GESTURES, POSES
 from hal.cameras.hand_scene import Scene, keypoints_m, person_of, posed, render
-from kgdfa.hand import FloatArray
+from kgdfa.hand import FloatArray, Hand
 from kgdfa.images import Image
-from kgdfa.looks import SECOND_THRESHOLD, Look, see_photo
 
 SOURCE = "digital hand"
 MAX_TILT_RAD = np.radians(30.0)
 NEAR_M, FAR_M = 0.20, 0.60
 MEASURE_SEEDS = 0  # people from here on measure
 FIT_SEEDS = 1_000_000  # and people from here on fit: nobody does both
-WHOLE_FRAME = Look(border=0.0, size_px=1280)
+HELD_FRAMES = 4
 _GESTURE_NAMES = frozenset(pose.name for pose in GESTURES)
 
 
@@ -67,32 +67,20 @@ def picture(scene: Scene, seed: int) -> Image:
     return render(scene, seed).image_bgr
 
 
-def see_to_fit(model: Path, per_pose: int, first_seed: int, tell: Callable[[], None] = lambda: None) -> list[SeenPhoto]:
-    """Every picture looked at once, as a camera's frame is; what the detector misses, no fit learns from."""
-    from kgdfa.keypoints import HandDetector
-
-    seen = []
-    with HandDetector(model, still=True) as detector:
-        for photo, scene, seed in digital_scenes(per_pose, first_seed):
-            seen.append(SeenPhoto(photo=photo, hands=detector.detect(picture(scene, seed))))
-            tell()
-    return seen
-
-
-def see_to_measure(
+def see_digital(
     model: Path, per_pose: int, first_seed: int, tell: Callable[[], None] = lambda: None
 ) -> list[SeenPhoto]:
-    """Every picture looked at once, and where that finds no hand, again as a photo without one is."""
+    """Every hand held still for as many frames as a vote needs, tracked as before a camera; the last frame counts."""
     from kgdfa.keypoints import HandDetector
 
-    seen = []
-    low = SECOND_THRESHOLD
-    with (
-        HandDetector(model, still=True) as detector,
-        HandDetector(model, still=True, min_detection=low, min_presence=low) as eager,
-    ):
+    seen, now_ns = [], 0
+    with HandDetector(model) as detector:
         for photo, scene, seed in digital_scenes(per_pose, first_seed):
-            hands = see_photo(detector, eager, picture(scene, seed), looks=(WHOLE_FRAME,))
+            shown = picture(scene, seed)
+            hands: tuple[Hand, ...] = ()
+            for image in (np.zeros_like(shown), *[shown] * HELD_FRAMES):  # the black one ends the last hand's track
+                now_ns += PERIOD_NS
+                hands = detector.detect(image, now_ns)
             seen.append(SeenPhoto(photo=photo, hands=hands))
             tell()
     return seen

@@ -100,17 +100,17 @@ def looked_at(console: Console, directory: Path | None, keypoints: Path | None, 
 
 def _seen_digital(console: Console, per_pose: int, home: Path | None) -> list[SeenPhoto]:
     from app.cli.progress import bar
-    from app.evaluate.digital_hands import MEASURE_SEEDS, see_to_measure
+    from app.evaluate.digital_hands import MEASURE_SEEDS, see_digital
     from hal.cameras.hand_poses import POSES
 
     with bar(console, "looking at digital hands", per_pose * len(POSES)) as tell:
-        return see_to_measure(_model(home), per_pose, MEASURE_SEEDS, tell)
+        return see_digital(_model(home), per_pose, MEASURE_SEEDS, tell)
 
 
 def looked_at_digital_to_fit(console: Console, keypoints: Path | None, home: Path | None) -> list[SeenPhoto]:
     """The digital hands that every fit sees, kept beside the photos' keypoints."""
     from app.cli.progress import bar
-    from app.evaluate.digital_hands import FIT_SEEDS, digital_scenes, see_to_fit
+    from app.evaluate.digital_hands import FIT_SEEDS, digital_scenes, see_digital
     from app.evaluate.keypoint_file import load_seen, save_seen
 
     photos = [photo for photo, _, _ in digital_scenes(FIT_DIGITAL, FIT_SEEDS)]
@@ -118,7 +118,7 @@ def looked_at_digital_to_fit(console: Console, keypoints: Path | None, home: Pat
     if file is not None and file.exists():
         return load_seen(file, photos)
     with bar(console, "looking at digital hands to fit on", len(photos)) as tell:
-        seen = see_to_fit(_model(home), FIT_DIGITAL, FIT_SEEDS, tell)
+        seen = see_digital(_model(home), FIT_DIGITAL, FIT_SEEDS, tell)
     if file is not None:
         save_seen(seen, file)
     return seen
