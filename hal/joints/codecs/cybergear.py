@@ -17,6 +17,9 @@ HOST_ID = 0xFD  # the manual's example; any drive answers to whoever asked
 _BITS = (16, 16, 16, 16, 16)
 _WORDS = struct.Struct(">HHHH")
 _RUN_MODE = 2
+TIMEOUT_PARAMETER = 0x200C  # CAN_TIMEOUT, in 50 µs; 0 = off, the default
+POSITION_PARAMETER = 0x7019
+VELOCITY_PARAMETER = 0x701B
 RUN_MODE_PARAMETER = 0x7005  # 0 = operation control, the MIT law
 
 

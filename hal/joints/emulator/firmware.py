@@ -16,10 +16,11 @@ from hal.joints.codecs import codec_of, cybergear, damiao
 from hal.joints.codecs.wire import NEUTRAL, Codec, Frame, Order, Reply, SetPoint
 from hal.joints.device import JointDevice
 from hal.joints.emulator.faults import Fault
-from hal.joints.motors import MotorModel, Silence, WireProtocol
+from hal.joints.motors import MotorModel, Silence, Watchdog, WireProtocol
 
 CYBERGEAR_ID_REPLY = 0xFE
 _DAMIAO_LOST = 0xD
+_PARAMETER = struct.Struct("<H2x4s")  # index, value
 
 
 class MotorState(NamedTuple):
@@ -53,6 +54,7 @@ class EmulatedDrive:
         self._heard_ns = 0
         self._host = 0
         self._registers = _registers(device, model)
+        self._parameters: dict[int, bytes] = {}
 
     def befall(self, fault: Fault, value: float) -> None:
         """Let a fault set in (those of the whole bus are the emulator's)."""
@@ -145,6 +147,8 @@ class EmulatedDrive:
         if action == damiao.WRITE:
             form = "<f" if register in damiao.FLOAT_REGISTERS else "<I"
             self._registers[register] = float(struct.unpack(form, data[4:])[0])
+            if register == damiao.Register.TIMEOUT:
+                self._set_watchdog(self._registers[register])
         if action in (damiao.READ, damiao.WRITE) and register in self._registers:
             value = damiao.RegisterValue(self.device.can_id, register, self._registers[register])
             return [damiao.pack_register(self.device.reply_id, value)]
@@ -157,12 +161,34 @@ class EmulatedDrive:
         if kind == cybergear.Kind.WHO:
             identifier = cybergear.pack_identifier(cybergear.Kind.WHO, target, CYBERGEAR_ID_REPLY)
             return [Frame(identifier, target.to_bytes(8, "big"), extended=True)]
-        if kind == cybergear.Kind.WRITE_PARAMETER:
+        if kind == cybergear.Kind.WRITE_PARAMETER and len(frame.data) == 8:
+            self._note_host(frame)
+            self._write_parameter(*_PARAMETER.unpack(frame.data))
             return self._reports()
-        if kind == cybergear.Kind.READ_PARAMETER:
+        if kind == cybergear.Kind.READ_PARAMETER and len(frame.data) == 8:
+            index, _ = _PARAMETER.unpack(frame.data)
             identifier = cybergear.pack_identifier(kind, target, field & 0xFF)
-            return [Frame(identifier, frame.data[:2] + bytes(6), extended=True)]
+            return [Frame(identifier, _PARAMETER.pack(index, self._parameter(index)), extended=True)]
         return None
+
+    def _write_parameter(self, index: int, value: bytes) -> None:
+        self._parameters[index] = value
+        if index == cybergear.TIMEOUT_PARAMETER:
+            self._set_watchdog(float(int.from_bytes(value, "little")))
+
+    def _parameter(self, index: int) -> bytes:
+        measured = {
+            cybergear.POSITION_PARAMETER: self.state.position_rad - self.zero_rad,
+            cybergear.VELOCITY_PARAMETER: self.state.velocity_rad_s,
+        }
+        if index in measured:
+            return struct.pack("<f", measured[index])
+        return self._parameters.get(index, bytes(4))
+
+    def _set_watchdog(self, ticks: float) -> None:
+        """Damiao and CyberGear count their watchdog in 50 µs; 0 turns it off."""
+        watchdog = Watchdog(on_silence=Silence.LIMPS if ticks else Silence.HOLDS, after_ms=ticks / 20)
+        self.model = msgspec.structs.replace(self.model, watchdog=watchdog)
 
     def fail(self, code: float) -> None:
         """Report this error code and let go of the joint."""

@@ -155,6 +155,36 @@ def test_a_cybergear_tells_its_number_and_answers_parameters() -> None:
     assert cybergear.unpack_identifier(status.arbitration_id).kind == cybergear.Kind.FEEDBACK
 
 
+@pytest.mark.parametrize(
+    ("motor", "frame"),
+    [
+        (
+            "DM4310/default",
+            damiao.read_register(5, damiao.Register.TIMEOUT)._replace(
+                data=bytes((5, 0, damiao.WRITE, damiao.Register.TIMEOUT, 0x90, 0x01, 0, 0))
+            ),
+        ),
+        ("CyberGear/manual", Frame(0x1200FD05, bytes.fromhex("0C20 0000 9001 0000"), extended=True)),
+    ],
+)
+def test_a_watchdog_set_over_the_bus_acts_after_its_time(motor: str, frame: Frame) -> None:
+    """400 times 50 µs are 20 ms."""
+    bench = Bench(motor, reply_id=0x15)
+    bench.drive.receive(frame, 0)
+    bench.order(Order.ENABLE)
+    bench.command(STIFF)
+    assert bench.stiffness(20 * MS) > 19.0
+    assert bench.stiffness(21 * MS) == 0.0
+
+
+def test_a_cybergear_tells_its_position_as_a_parameter() -> None:
+    bench = Bench("CyberGear/manual")
+    bench.drive.state = MotorState(1.25, 0.0, 0.0, 25.0)
+    (told,) = bench.drive.receive(Frame(0x1100FD05, bytes.fromhex("1970 0000 0000 0000"), extended=True), 0)
+    assert told.arbitration_id == 0x110005FD
+    assert told.data == bytes.fromhex("1970 0000 0000 A03F")
+
+
 def test_a_servo_drive_uploads_by_itself() -> None:
     bench = Bench("AK80-64/servo")
     bench.drive.state = MotorState(1.0, 2.0, 3.0, 33.0)
