@@ -177,10 +177,10 @@ class ConsoleApp(SessionFlow):
         if self._idle.must_lock(time.monotonic(), moving=state is not None and state.moving):
             self._idle = self._idle.touched(time.monotonic())
             self.action_lock_console()
-        for screen in self.screen_stack:
-            if isinstance(screen, (ConsoleScreen, Dialog)) and screen.composed:
-                with suppress(NoMatches):  # a screen that is just being taken down has lost its widgets
-                    screen.show_session(state)
+        screen = self.screen
+        if isinstance(screen, (ConsoleScreen, Dialog)) and screen.composed:
+            with suppress(NoMatches):  # a screen that is just being taken down has lost its widgets
+                screen.show_session(state)
 
     async def _leave_if(self, yes: bool | None) -> None:
         self._leaving = False

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, ClassVar, Generic, TypeVar, cast
 from textual.app import ComposeResult
 from textual.binding import ActiveBinding, BindingType
 from textual.screen import ModalScreen, Screen
-from textual.widgets import Footer
 
+from app.console.key_bar import KeyBar
 from app.console.language import tr
 from app.console.session.state import SessionState
 from app.console.stop_bar import StopBar
@@ -70,7 +70,7 @@ class _Console(Screen[T], Generic[T]):
     def compose_bottom(self) -> ComposeResult:
         """The STOP bar and the keys."""
         yield StopBar(self.console_app.switch)
-        yield Footer(show_command_palette=False)
+        yield KeyBar()
 
 
 class ConsoleScreen(_Console[None]):

@@ -9,7 +9,7 @@ from textual.app import ComposeResult
 from textual.binding import BindingType
 from textual.containers import Horizontal, Vertical, VerticalScroll
 from textual.content import Content
-from textual.widgets import Button, Input, Markdown, OptionList, Static
+from textual.widgets import Button, Input, OptionList, Static
 from textual.widgets.option_list import Option
 
 from app.console.base import Dialog
@@ -66,6 +66,8 @@ class HelpPage(Dialog[None]):
         self._markdown = markdown
 
     def compose(self) -> ComposeResult:
+        from textual.widgets import Markdown  # its parser takes a tenth of a second to import: not before paint
+
         with VerticalScroll(classes="dialog page") as box:
             box.border_title = tr("help.title")
             yield Markdown(self._markdown)
