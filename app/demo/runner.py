@@ -33,12 +33,17 @@ class CourseRunner:
         *,
         click_s: float = 0.6,
         presses: int = 1,
+        approach_m: float = 0.0,
         watch: Callable[[str], None] = lambda _: None,
     ) -> None:
-        """click_s: press and withdraw within it. presses: how often a press that did nothing is made again."""
+        """click_s: press and withdraw within it. presses: how often a press that did nothing is made again.
+
+        approach_m: how much nearer than the digital hand's own place the hand rests.
+        """
         self._host = host
         self._click_s = click_s
         self._presses = presses
+        self._approach_m = approach_m
         self._watch = watch
         self.snapshot: ControlSnapshot | None = None
         self.report: TriggerReport | None = None
@@ -52,6 +57,7 @@ class CourseRunner:
         self._watch("waiting for camera, hand model and drives")
         if not self._until(lambda: self.snapshot is not None and self._perceives(), START_S):
             raise AppError(f"The session did not start within {START_S:.0f} s ({self._who_is_missing()}).")
+        self._host.move_hand(HandCommand(move_z_m=-self._approach_m))
         self._host.send(OperatorKind.CONFIRM_PATIENT)
         self._host.send(OperatorKind.ARM)
         if not self._until(lambda: self._now.armed, ACCEPTANCE_S):

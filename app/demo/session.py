@@ -65,12 +65,19 @@ def demo_patient(seed: int) -> Profile:
 
 
 def run_session(
-    home: Home, config: Config, course: Sequence[Leg], *, click_s: float, presses: int, watch: Callable[[str], None]
+    home: Home,
+    config: Config,
+    course: Sequence[Leg],
+    *,
+    click_s: float,
+    presses: int,
+    watch: Callable[[str], None],
+    approach_m: float = 0.0,
 ) -> SessionResult:
     """Start the real processes, run the course, close, verify the audit trail."""
     setup = make_setup(home, config, demo_patient(config.camera.seed), operator="demo", role="engineer")
     host = SessionHost(setup)
-    runner = CourseRunner(host, click_s=click_s, presses=presses, watch=watch)
+    runner = CourseRunner(host, click_s=click_s, presses=presses, approach_m=approach_m, watch=watch)
     try:
         host.start()
         runner.prepare()
