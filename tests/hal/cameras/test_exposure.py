@@ -1,0 +1,31 @@
+"""Hints for the therapist: on pictures that are good, dark, glaring or blurred."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+
+from hal.cameras.exposure import BLURRED, BRIGHT, DARK, hint
+from hal.cameras.hand_scene import person_of, posed, render
+
+
+@pytest.fixture(scope="module", params=range(1, 9))
+def picture(request: pytest.FixtureRequest) -> np.ndarray:
+    return render(posed("5", person=person_of(request.param))).image_bgr
+
+
+def test_a_good_picture_needs_no_hint(picture: np.ndarray) -> None:
+    assert hint(picture) == ""
+
+
+def test_a_dark_picture_is_called_dark(picture: np.ndarray) -> None:
+    assert hint((picture * 0.12).astype(np.uint8)) == DARK
+
+
+def test_a_glaring_picture_is_called_over_exposed(picture: np.ndarray) -> None:
+    assert hint(np.clip(picture.astype(int) * 3 + 140, 0, 255).astype(np.uint8)) == BRIGHT
+
+
+def test_a_blurred_picture_is_called_blurred(picture: np.ndarray) -> None:
+    assert hint(np.asarray(cv2.GaussianBlur(picture, (0, 0), 14.0), dtype=np.uint8)) == BLURRED

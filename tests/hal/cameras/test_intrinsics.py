@@ -1,0 +1,122 @@
+"""Intrinsics: whose word counts, what is refused, and a chessboard measured through a known lens."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from hal.cameras.camera import ImageArray, Intrinsics, IntrinsicsSource
+from hal.cameras.chessboard import Board, calibrate, find_corners
+from hal.cameras.intrinsics import assumed, choose, load, pinhole, save
+from hal.cameras.intrinsics import given as stated
+from hal.errors import HardwareError
+
+BOARD = Board(columns=7, rows=5, square_m=0.03)
+LENS = pinhole(640, 360, 480.0, IntrinsicsSource.GIVEN)
+
+
+def seen_board(lens: Intrinsics, turn: tuple[float, float, float], at_m: tuple[float, float, float]) -> ImageArray:
+    """The board as the lens shows it, each pixel asked where its ray meets the board."""
+    rotation, _ = cv2.Rodrigues(np.array(turn))
+    u, v = np.meshgrid(np.arange(lens.width_px * 2) / 2 - 0.25, np.arange(lens.height_px * 2) / 2 - 0.25)
+    rays = np.stack([(u - lens.cx_px) / lens.fx_px, (v - lens.cy_px) / lens.fy_px, np.ones_like(u)], axis=-1)
+    normal, centre = rotation[:, 2], np.array(at_m)
+    points = rays * ((normal @ centre) / (rays @ normal))[..., None] - centre
+    across, down = points @ rotation[:, 0] / BOARD.square_m, points @ rotation[:, 1] / BOARD.square_m
+    column, row = np.floor(across + BOARD.columns / 2 + 0.5), np.floor(down + BOARD.rows / 2 + 0.5)
+    on_board = (column >= 0) & (column <= BOARD.columns) & (row >= 0) & (row <= BOARD.rows)
+    grey = np.where(on_board & ((column + row) % 2 == 0), 30, 225).astype(np.uint8)
+    small = cv2.resize(grey, (lens.width_px, lens.height_px), interpolation=cv2.INTER_AREA)
+    return np.asarray(cv2.cvtColor(small, cv2.COLOR_GRAY2BGR), dtype=np.uint8)
+
+
+VIEWS = [
+    ((0.0, 0.0, 0.0), (0.0, 0.0, 0.45)),
+    ((0.5, 0.0, 0.1), (-0.06, 0.02, 0.5)),
+    ((-0.5, 0.1, 0.0), (0.05, -0.02, 0.5)),
+    ((0.0, 0.5, 0.0), (0.0, 0.04, 0.55)),
+    ((0.1, -0.5, 0.2), (0.03, 0.0, 0.5)),
+    ((0.35, 0.35, -0.2), (-0.03, -0.03, 0.6)),
+]
+
+
+def test_a_chessboard_gives_back_the_lens_that_showed_it() -> None:
+    corners = [find_corners(seen_board(LENS, *view), BOARD) for view in VIEWS]
+    found = [one for one in corners if one is not None]
+    assert len(found) == len(VIEWS)
+    result = calibrate(found, BOARD, 640, 360)
+    assert result.intrinsics.source is IntrinsicsSource.MEASURED
+    assert result.intrinsics.fx_px == pytest.approx(LENS.fx_px, rel=0.01)
+    assert result.intrinsics.fy_px == pytest.approx(LENS.fy_px, rel=0.01)
+    assert result.intrinsics.cx_px == pytest.approx(LENS.cx_px, abs=4)
+    assert result.residual_px < 0.3
+
+
+def test_a_picture_without_a_board_shows_none() -> None:
+    assert find_corners(np.full((360, 640, 3), 128, np.uint8), BOARD) is None
+
+
+def test_too_few_pictures_are_refused_with_what_to_show() -> None:
+    with pytest.raises(HardwareError, match="found in 0 pictures, 5 are needed"):
+        calibrate([], BOARD, 640, 360)
+
+
+def test_corners_of_no_one_lens_are_refused() -> None:
+    draw = np.random.default_rng(1)
+    corners = [find_corners(seen_board(LENS, *view), BOARD) for view in VIEWS]
+    shaken = [one + draw.normal(0, 8, one.shape).astype(np.float32) for one in corners if one is not None]
+    with pytest.raises(HardwareError, match="don't agree on one lens"):
+        calibrate(shaken, BOARD, 640, 360)
+
+
+@given(width=st.integers(160, 4096))
+def test_assumed_intrinsics_are_marked_and_scale_with_the_picture(width: int) -> None:
+    lens = assumed(width, 720)
+    assert lens.source is IntrinsicsSource.ASSUMED
+    assert lens.fx_px / width == pytest.approx(950 / 1280)
+
+
+@pytest.mark.parametrize("focal", [0.0, -5.0, float("nan"), float("inf")])
+def test_an_impossible_focal_length_is_refused(focal: float) -> None:
+    with pytest.raises(HardwareError, match="must be above 0"):
+        stated(1280, 720, focal)
+
+
+def test_stated_wins_over_measured_and_measured_over_assumed(tmp_path: Path) -> None:
+    store = tmp_path / "cameras.toml"
+    assert choose(640, 360, camera="cam", store=store).source is IntrinsicsSource.ASSUMED
+    save(store, "cam", LENS, 0.2)
+    measured = choose(640, 360, camera="cam", store=store)
+    assert (measured.source, measured.fx_px) == (IntrinsicsSource.MEASURED, 480.0)
+    assert choose(640, 360, camera="other", store=store).source is IntrinsicsSource.ASSUMED
+    assert choose(640, 360, camera="cam", focal_px=500.0, store=store).fx_px == 500.0
+
+
+def test_intrinsics_of_another_resolution_are_refused_by_name(tmp_path: Path) -> None:
+    store = tmp_path / "cameras.toml"
+    save(store, "cam", LENS, 0.2)
+    with pytest.raises(HardwareError, match="cam are for 640x360, but its pictures are 1280x720"):
+        choose(1280, 720, camera="cam", store=store)
+
+
+def test_cameras_are_kept_beside_each_other_whatever_their_names(tmp_path: Path) -> None:
+    store = tmp_path / "deep" / "cameras.toml"
+    for name, focal in (('Cam "A" [1].b', 400.0), ("相机", 500.0), ('Cam "A" [1].b', 450.0)):
+        save(store, name, pinhole(640, 360, focal, IntrinsicsSource.MEASURED), 0.1)
+    kept = [load(store, name) for name in ('Cam "A" [1].b', "相机")]
+    assert [lens.fx_px for lens in kept if lens] == [450.0, 500.0]
+
+
+@pytest.mark.parametrize(
+    "text", ["not toml [", "cam = 5", "[cam]\nwidth_px = 1", '[cam]\nwidth_px="x"', "\x00", "[cam]\nfx_px = -1"]
+)
+def test_a_broken_store_is_refused_by_name(tmp_path: Path, text: str) -> None:
+    store = tmp_path / "cameras.toml"
+    store.write_text(text)
+    with pytest.raises(HardwareError, match=r"cameras\.toml can't be used"):
+        load(store, "cam")

@@ -1,0 +1,61 @@
+"""Finding webcams by name or number, on a sysfs tree of our own."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from hal.cameras.webcam import WebcamCamera, find_webcam, list_webcams
+from hal.errors import HardwareError
+
+
+@pytest.fixture
+def sysfs(tmp_path: Path) -> Path:
+    for number, name in ((10, "Late Cam"), (0, "Integrated Camera: HD"), (2, "USB Cam C920")):
+        folder = tmp_path / f"video{number}"
+        folder.mkdir()
+        (folder / "name").write_text(name + "\n")
+    (tmp_path / "v4l-subdev0").mkdir()
+    (tmp_path / "video7").mkdir()  # vanished while we looked: no name any more
+    return tmp_path
+
+
+def test_webcams_are_listed_by_number(sysfs: Path) -> None:
+    assert [(entry.index, entry.name) for entry in list_webcams(sysfs)] == [
+        (0, "Integrated Camera: HD"),
+        (2, "USB Cam C920"),
+        (10, "Late Cam"),
+    ]
+
+
+def test_a_machine_without_video_devices_lists_none(tmp_path: Path) -> None:
+    assert list_webcams(tmp_path / "nothing") == ()
+
+
+@pytest.mark.parametrize(
+    ("device", "index"), [("", 0), ("2", 2), ("10", 10), ("c920", 2), ("/dev/video10", 10), ("integrated", 0)]
+)
+def test_a_webcam_is_found_by_number_path_or_part_of_its_name(sysfs: Path, device: str, index: int) -> None:
+    assert find_webcam(device, list_webcams(sysfs)).index == index
+
+
+@pytest.mark.parametrize("device", ["1", "9", "logi", "/dev/video3"])
+def test_an_unknown_webcam_is_refused_with_what_there_is(sysfs: Path, device: str) -> None:
+    with pytest.raises(HardwareError, match=r"0 \(Integrated Camera: HD\).*2 \(USB Cam C920\)"):
+        find_webcam(device, list_webcams(sysfs))
+
+
+def test_a_listed_camera_that_cannot_be_opened_says_what_to_check(tmp_path: Path) -> None:
+    folder = tmp_path / "video99"
+    folder.mkdir()
+    (folder / "name").write_text("Ghost")
+    camera = WebcamCamera("ghost", sysfs=tmp_path)
+    with pytest.raises(HardwareError, match=r"Ghost.*group video"):
+        camera.open()
+    camera.close()
+
+
+def test_no_camera_at_all_is_a_sentence(tmp_path: Path) -> None:
+    with pytest.raises(HardwareError, match="has none"):
+        WebcamCamera(sysfs=tmp_path).open()
