@@ -10,6 +10,7 @@ from app.control.freshness import NS_PER_MS
 from app.control.inputs import Inputs
 from app.control.memory import Memory
 from app.control.states import Action, Source
+from app.control.wishes import COMING_TO_REST
 from app.messages import (
     ActiveEvent,
     ControlSnapshot,
@@ -73,8 +74,10 @@ def _allowed(memory: Memory) -> tuple[tuple[Action, ...], str]:
     forbidden = blocker(memory.active, Source.THERAPIST)
     if forbidden is not None:
         return (), sentence(forbidden)
-    allowed = gait_machine.allowed(memory.gait)
     running = memory.gait.running
+    if running is None and not memory.motion.resting:
+        return (), COMING_TO_REST
+    allowed = gait_machine.allowed(memory.gait)
     return allowed, "" if allowed or running is None else f"“{running.value}” is running."
 
 

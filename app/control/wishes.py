@@ -17,6 +17,7 @@ from app.control.task import Task, Wish, command_record, new_report, request
 from app.messages import ActionReport, OperatorCommand, OperatorKind
 from logs import records
 
+COMING_TO_REST = "The legs are still coming to rest: try again in a moment."
 ACT_STALE_MS = 500  # a key pressed longer ago is no wish any more; STOP never grows old
 
 
@@ -104,7 +105,7 @@ def _forbidden(tick: Tick, wish: Wish) -> str:
     if event is not None:
         return sentence(event)
     if tick.memory.gait.running is None and not tick.memory.motion.resting:
-        return "The legs are still coming to rest: try again in a moment."
+        return COMING_TO_REST
     return ""
 
 

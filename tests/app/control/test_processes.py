@@ -1,0 +1,127 @@
+"""Real processes, really killed: what the joints are told afterwards, and who is left behind.
+
+No limit here is a measurement; `tools/bench_stop.py` measures.
+"""
+
+from __future__ import annotations
+
+import signal
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from app.config import JointsConfig
+from app.control.states import Action, Effect, GaitState
+from app.demo.emulation import emulated_drives
+from app.messages import OperatorKind
+from hal.joints.device import load_exoskeleton
+from tools.real_session import RealSession, Sniffer, real_session
+
+EVERYBODY = ("control", "planner", "guardian", "audit")
+DEVICE = load_exoskeleton()
+EXIT = bytes.fromhex("FFFFFFFFFFFFFFFD")
+
+
+@pytest.fixture
+def session(tmp_path: Path) -> Iterator[RealSession]:
+    """With simulated joints."""
+    with real_session(tmp_path) as one:
+        yield one
+
+
+@pytest.fixture
+def on_the_bus(tmp_path: Path) -> Iterator[tuple[RealSession, Sniffer]]:
+    """With emulated drives on a bus, and a witness on it."""
+    with emulated_drives(JointsConfig(kind="can")) as joints:
+        sniffer = Sniffer(joints.interface, joints.channel)
+        try:
+            with real_session(tmp_path, joints) as one:
+                yield one, sniffer
+        finally:
+            sniffer.close()
+
+
+def gains(data: bytes) -> tuple[int, int]:
+    """Raw stiffness and damping of an MIT frame."""
+    return (data[3] & 0x0F) << 8 | data[4], data[5] << 4 | data[6] >> 4
+
+
+def commands_after(sniffer: Sniffer, time_ns: int) -> list[tuple[int, int, bytes]]:
+    """Frames to the drives, in motor mode, after a moment."""
+    drives = {joint.can_id for joint in DEVICE.joints}
+    return [
+        frame
+        for frame in sniffer.frames
+        if frame[0] > time_ns and frame[1] in drives and not frame[2].startswith(EXIT[:7])
+    ]
+
+
+def test_a_session_stands_walks_stops_and_ends_without_leaving_anybody(session: RealSession) -> None:
+    session.walk()
+    session.send(OperatorKind.STOP)
+    held = session.until(lambda s: s.effect is Effect.HOLD and s.action is None, "hold")
+    assert held.state is GaitState.BETWEEN
+    assert held.stop_command_ns >= held.stop_seen_ns > 0
+    session.send(OperatorKind.ACKNOWLEDGE)
+    session.until(lambda s: s.effect < Effect.HOLD and bool(s.allowed), "acknowledgement")
+    session.send(OperatorKind.ACT, Action.INITIALISE)
+    session.until(lambda s: s.state is GaitState.STANDING and s.action is None, "way back")
+    session.end()
+    session.until_ended(*EVERYBODY)
+
+
+def test_when_the_console_is_killed_the_legs_are_held_then_everybody_ends(session: RealSession) -> None:
+    session.walk()
+    session.kill("console")
+    session.until(lambda s: s.effect >= Effect.HOLD, "hold")
+    session.until_ended(*EVERYBODY)
+    names = [name for _, name in session.effects]
+    assert names.index("HOLD") < names.index("DAMP"), "first held, then given way"
+    assert session.heartbeat is not None
+    assert not session.heartbeat.enabled
+
+
+def test_a_closed_terminal_ends_control_in_good_order(session: RealSession) -> None:
+    session.stand()
+    session.kill("control", signal.SIGHUP)
+    session.until_ended("control")
+    assert session.heartbeat is not None
+    assert session.heartbeat.last
+    assert "DAMP" in [name for _, name in session.effects]
+
+
+def test_without_a_guardian_nothing_new_begins(session: RealSession) -> None:
+    session.stand()
+    session.kill("guardian")
+    session.until(lambda s: "guardian gone" in {event.name for event in s.events}, "its event")
+    session.send(OperatorKind.ACT, Action.WALK)
+    refused = session.until(lambda s: s.refusal_count > 0, "refusal")
+    assert refused.action is None
+
+
+def test_when_control_is_killed_the_guardian_damps_the_drives_and_switches_them_off(
+    on_the_bus: tuple[RealSession, Sniffer],
+) -> None:
+    session, sniffer = on_the_bus
+    session.walk()
+    killed_ns = session.kill("control")
+    session.until(lambda _: session.guardian is not None and session.guardian.acted, "the guardian's act")
+    session.until(lambda _: any(data == EXIT for at, _, data in sniffer.frames if at > killed_ns), "switching off")
+    damped = [frame for frame in commands_after(sniffer, killed_ns) if gains(frame[2])[0] == 0]
+    assert {identifier for _, identifier, _ in damped} == {joint.can_id for joint in DEVICE.joints}
+    assert all(gains(data)[1] > 0 for _, _, data in damped)
+    first_exit_ns = min(at for at, _, data in sniffer.frames if data == EXIT and at > killed_ns)
+    assert damped[0][0] < first_exit_ns, "damped first, then off"
+
+
+def test_a_control_that_was_frozen_comes_back_damped(on_the_bus: tuple[RealSession, Sniffer]) -> None:
+    session, sniffer = on_the_bus
+    session.stand()
+    stopped_ns = session.kill("control", signal.SIGSTOP)
+    session.until(lambda _: session.guardian is not None and session.guardian.acted, "the guardian's act")
+    assert any(gains(data)[0] == 0 for _, _, data in commands_after(sniffer, stopped_ns))
+    session.kill("control", signal.SIGCONT)
+    back = session.until(lambda s: s.effect is Effect.DAMP, "damping")
+    assert "guardian acted" in {event.name for event in back.events}
+    assert back.state in {GaitState.BETWEEN, GaitState.UNPOWERED}

@@ -1,0 +1,184 @@
+"""A session of real processes whose console is a process of its own, so that it can be killed too.
+
+Used by the process tests and by the benches. Perception is left out unless asked for: the therapist's keys drive.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import shutil
+import signal
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from multiprocessing.connection import Connection
+from pathlib import Path
+
+import msgspec
+import psutil
+
+from app import host as hosting
+from app import processes
+from app.config import Config, JointsConfig
+from app.control.states import Action, GaitState
+from app.links import LatestReceiver, address
+from app.messages import ControlSnapshot, GuardianHealth, Heartbeat, OperatorKind
+from app.paths import Home
+from app.setup import SessionSetup
+from hal.joints.bus import open_bus
+from hal.joints.device import BusDevice
+from profiles.schema import DEMO_PATIENT
+
+PATIENCE_S = 60.0  # a limit, not a measure: loading on a busy machine takes its time
+END = "end"
+
+
+def run_console(setup: SessionSetup, words: Connection, perception: bool) -> None:
+    """The console's part: starts the processes, beats, passes words on."""
+    if not perception:
+        hosting.START_ORDER = tuple(name for name in hosting.START_ORDER if name != "perception")
+    setup = msgspec.structs.replace(setup, console_pid=os.getpid())
+    host = hosting.SessionHost(setup)
+    host.start()
+    words.send({one.name: one.pid for one in host.processes()})
+    while True:
+        host.beat()
+        if not words.poll(0.01):
+            continue
+        word = words.recv()
+        if word == END:
+            break
+        host.send(*word)
+    host.close()
+    words.send(END)
+
+
+class RealSession:
+    """What a test or a bench sees of it."""
+
+    def __init__(self, home: Path, joints: JointsConfig | None = None, *, perception: bool = False) -> None:
+        config = Config(joints=joints or JointsConfig())
+        self.setup = hosting.make_setup(Home(home), config, DEMO_PATIENT, "bench")
+        context = multiprocessing.get_context("spawn")
+        self._words, theirs = context.Pipe()
+        self._console = context.Process(target=run_console, args=(self.setup, theirs, perception))
+        self._console.start()
+        assert self._words.poll(PATIENCE_S), "the console did not start"
+        self.pids: dict[str, int] = {**self._words.recv(), "console": self._console.pid or 0}
+        self._snapshots = LatestReceiver(address(self.setup.links, processes.SNAPSHOT.name), ControlSnapshot)
+        self._heartbeats = LatestReceiver(address(self.setup.links, processes.HEARTBEAT.name), Heartbeat)
+        self._guardian = LatestReceiver(address(self.setup.links, processes.GUARDIAN.name), GuardianHealth)
+        self.snapshot: ControlSnapshot | None = None
+        self.heartbeat: Heartbeat | None = None
+        self.guardian: GuardianHealth | None = None
+        self.effects: list[tuple[int, str]] = []  # when the effect became another one
+
+    def send(self, kind: OperatorKind, action: Action | None = None) -> None:
+        """The operator's word."""
+        self._words.send((kind, action))
+
+    def look(self, wait_s: float = 0.02) -> None:
+        """Take the newest of everything."""
+        self.heartbeat = self._heartbeats.receive() or self.heartbeat
+        self.guardian = self._guardian.receive() or self.guardian
+        snapshot = self._snapshots.receive(wait_s)
+        if snapshot is not None:
+            self.snapshot = snapshot
+            name = snapshot.effect.name
+            if not self.effects or self.effects[-1][1] != name:
+                self.effects.append((snapshot.at_ns, name))
+
+    def until(self, wanted: Callable[[ControlSnapshot], bool], what: str = "") -> ControlSnapshot:
+        """Look until control says so. Raises TimeoutError naming what did not come."""
+        deadline = time.monotonic() + PATIENCE_S
+        while time.monotonic() < deadline:
+            self.look()
+            if self.snapshot is not None and wanted(self.snapshot):
+                return self.snapshot
+        raise TimeoutError(f"{what or 'what was waited for'} did not come; {self.snapshot}")
+
+    def until_ended(self, *names: str) -> None:
+        """Look until these processes are gone. Raises TimeoutError naming those that are not."""
+        deadline = time.monotonic() + PATIENCE_S
+        while time.monotonic() < deadline:
+            self.look()
+            if not [name for name in names if _lives(self.pids[name])]:
+                return
+        raise TimeoutError(f"still there: {[name for name in names if _lives(self.pids[name])]}")
+
+    def stand(self) -> ControlSnapshot:
+        """Confirm, and bring the legs to standing by the therapist's key."""
+        self.send(OperatorKind.CONFIRM_PATIENT)
+        self.until(lambda s: s.patient_confirmed and bool(s.allowed), "readiness")
+        self.send(OperatorKind.ACT, Action.INITIALISE)
+        return self.until(lambda s: s.state is GaitState.STANDING and s.action is None, "standing")
+
+    def walk(self) -> ControlSnapshot:
+        """Stand and begin to walk."""
+        self.stand()
+        self.send(OperatorKind.ACT, Action.WALK)
+        return self.until(lambda s: s.action is Action.WALK and s.steps > 1, "walking")
+
+    def kill(self, name: str, number: signal.Signals = signal.SIGKILL) -> int:
+        """Send a signal to one process; when it was sent, monotonic nanoseconds."""
+        now_ns = time.monotonic_ns()
+        os.kill(self.pids[name], number)
+        return now_ns
+
+    def end(self) -> None:
+        """Bring everything to its end, killed or not."""
+        if self._console.is_alive():
+            with suppress(OSError):
+                self._words.send(END)
+            self._console.join(25.0)
+        for pid in self.pids.values():
+            if _lives(pid):
+                with suppress(ProcessLookupError):
+                    os.kill(pid, signal.SIGCONT)
+                    os.kill(pid, signal.SIGKILL)
+        for link in (self._snapshots, self._heartbeats, self._guardian):
+            link.close()
+        self._words.close()
+        shutil.rmtree(self.setup.links, ignore_errors=True)
+
+
+@contextmanager
+def real_session(home: Path, joints: JointsConfig | None = None, *, perception: bool = False) -> Iterator[RealSession]:
+    """A session that is ended whatever happens."""
+    session = RealSession(home, joints, perception=perception)
+    try:
+        yield session
+    finally:
+        session.end()
+
+
+class Sniffer:
+    """An independent witness on the drives' bus: every frame with its time of arrival."""
+
+    def __init__(self, interface: str, channel: str) -> None:
+        self.frames: list[tuple[int, int, bytes]] = []  # monotonic ns, identifier, data
+        self._bus = open_bus(BusDevice(interface=interface, channel=channel))
+        self._ending = threading.Event()
+        self._thread = threading.Thread(target=self._listen, daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        """Stop listening."""
+        self._ending.set()
+        self._thread.join()
+        self._bus.shutdown()
+
+    def _listen(self) -> None:
+        while not self._ending.is_set():
+            message = self._bus.recv(0.05)
+            if message is not None:
+                self.frames.append((time.monotonic_ns(), message.arbitration_id, bytes(message.data)))
+
+
+def _lives(pid: int) -> bool:
+    try:
+        return psutil.Process(pid).status() != psutil.STATUS_ZOMBIE
+    except psutil.NoSuchProcess:
+        return False
