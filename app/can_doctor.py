@@ -45,8 +45,8 @@ def examine(device: Exoskeleton, motors: Path | None, *, ask: bool = True) -> It
             continue
         try:
             yield from _examine_traffic(device, number, opened, motors, ask=ask)
-        except (can.CanError, OSError) as error:
-            yield bad(subject, f"talking to the bus failed: {error}", _restart(bus))
+        except HardwareError as error:
+            yield bad(subject, str(error), _restart(bus))
         finally:
             opened.shutdown()
 

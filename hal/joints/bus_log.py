@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gzip
 import re
+import zlib
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
@@ -49,7 +50,7 @@ class WholeLines:
                     yield line
                 elif line.strip():
                     self.broken += 1
-        except EOFError:  # a compressed log that ends in mid-stream
+        except (EOFError, OSError, zlib.error):  # a compressed log that ends in mid-stream, or is none
             self.broken += 1
 
     def read(self, _size: int = -1) -> str:

@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import can
 
+from hal.errors import HardwareError
 from hal.joints.bus import frame_of, message_of
 from hal.joints.codecs import cybergear, damiao
 from hal.joints.codecs.mit import special_frame
@@ -91,7 +92,7 @@ def _ask(
 ) -> list[Found]:
     questions = {number: question(number) for number in batch}
     for frame in questions.values():
-        bus.send(message_of(frame))
+        _send(bus, frame)
     answers: Counter[int] = Counter()
     details: dict[int, str] = {}
     echoes = {frame.data for frame in questions.values()}
@@ -104,10 +105,20 @@ def _ask(
     return [Found("", drive, count, details[drive]) for drive, count in answers.items()]
 
 
+def _send(bus: can.BusABC, frame: Frame) -> None:
+    try:
+        bus.send(message_of(frame), 0.1)
+    except (can.CanError, OSError) as error:
+        raise HardwareError(f"Asking on the bus failed ({error}): run `rleex can doctor`.") from error
+
+
 def _heard(bus: can.BusABC, seconds: float) -> Iterable[can.Message]:
     end_s = time.monotonic() + seconds
     while (left_s := end_s - time.monotonic()) > 0:
-        message = bus.recv(left_s)
+        try:
+            message = bus.recv(left_s)
+        except (can.CanError, OSError) as error:
+            raise HardwareError(f"Listening to the bus failed ({error}): run `rleex can doctor`.") from error
         if message is not None:
             yield message
 

@@ -1,0 +1,162 @@
+"""One bus that refuses, breaks or talks nonsense: always a flag with a sentence, never an exception."""
+
+from __future__ import annotations
+
+import errno
+import random
+import socket
+import time
+from collections.abc import Iterator
+
+import can
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from hal.joints.bus import ERROR_FRAMES, bus_load, fault_of, frame_bits, meaning_of, open_bus
+from hal.joints.bus_port import BusPort
+from hal.joints.device import BusDevice
+from hal.joints.joints import BusFault
+
+FRAME = can.Message(arbitration_id=1, is_extended_id=False, data=b"\x01")
+
+
+class BreakingBus(can.BusABC):
+    """A bus that fails as it is told to."""
+
+    def __init__(self, sending: Exception | None = None, receiving: Exception | None = None) -> None:
+        super().__init__(channel="breaking")
+        self.sending, self.receiving = sending, receiving
+
+    def send(self, msg: can.Message, timeout: float | None = None) -> None:
+        if self.sending is not None:
+            raise self.sending
+
+    def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
+        if self.receiving is not None:
+            raise self.receiving
+        return None, False
+
+
+@pytest.mark.parametrize(
+    ("error", "flag"),
+    [
+        (can.CanOperationError("No buffer space available", errno.ENOBUFS), BusFault.SEND_FAILED),
+        (can.CanOperationError("Transmit buffer full"), BusFault.SEND_FAILED),
+        (can.CanTimeoutError(), BusFault.SEND_FAILED),
+        (BlockingIOError(errno.EAGAIN, "busy"), BusFault.SEND_FAILED),
+        (can.CanOperationError("Network is down", errno.ENETDOWN), BusFault.INTERFACE_GONE),
+        (can.CanOperationError("No such device", errno.ENODEV), BusFault.INTERFACE_GONE),
+        (OSError(errno.ENXIO, "No such device or address"), BusFault.INTERFACE_GONE),
+    ],
+)
+def test_a_frame_that_does_not_leave_is_told(error: Exception, flag: BusFault) -> None:
+    with BreakingBus(sending=error) as bus:
+        port = BusPort(bus, "can0")
+        assert not port.send(FRAME)
+        fault, text = port.take_faults()
+        assert fault is flag
+        assert text.startswith("can0: sending failed")
+        assert port.take_faults() == (BusFault.NONE, "")
+
+
+def _broken_datagram() -> can.CanOperationError:
+    error = can.CanOperationError("could not unpack received message")
+    error.__cause__ = ValueError("no msgpack")
+    return error
+
+
+@pytest.mark.parametrize(
+    ("error", "flag"),
+    [
+        (can.CanOperationError("Failed to receive: Network is down", errno.ENETDOWN), BusFault.INTERFACE_GONE),
+        (can.CanOperationError("Cannot operate on a closed bus"), BusFault.INTERFACE_GONE),
+        (OSError(errno.EBADF, "closed"), BusFault.INTERFACE_GONE),
+        (_broken_datagram(), BusFault.MALFORMED),
+        (ValueError("select on a closed socket"), BusFault.MALFORMED),
+    ],
+)
+def test_receiving_that_breaks_is_told(error: Exception, flag: BusFault) -> None:
+    with BreakingBus(receiving=error) as bus:
+        port = BusPort(bus, "can0")
+        assert list(port.drain(1)) == []
+        assert port.take_faults()[0] is flag
+
+
+@pytest.mark.parametrize("row", ERROR_FRAMES)
+def test_each_error_frame_has_its_meaning(row: object) -> None:
+    bit = row.bit  # type: ignore[attr-defined]
+    assert meaning_of(can.Message(is_error_frame=True, arbitration_id=bit)) is row
+
+
+def test_an_error_frame_of_no_known_kind_is_still_one() -> None:
+    assert meaning_of(can.Message(is_error_frame=True, arbitration_id=0)).fault is BusFault.ERROR_FRAME
+
+
+def test_bus_off_outweighs_what_comes_with_it() -> None:
+    message = can.Message(is_error_frame=True, is_extended_id=True, arbitration_id=0x1FF)
+    assert meaning_of(message).fault is BusFault.BUS_OFF
+
+
+@given(stamp_s=st.floats(0, 4e9), empty_ns=st.integers(0, 10**12), later_ns=st.integers(0, 10**10))
+def test_an_arrival_lies_between_the_last_look_and_now(stamp_s: float, empty_ns: int, later_ns: int) -> None:
+    """Whatever the stamp and the wall clock say."""
+    now_ns = empty_ns + later_ns
+    with can.Bus(interface="virtual", channel="arrival", preserve_timestamps=True) as sender:
+        port = BusPort(can.Bus(interface="virtual", channel="arrival"), "arrival", empty_ns, lambda: 2 * 10**18)
+        sender.send(can.Message(arbitration_id=1, timestamp=stamp_s))
+        arrivals = [arrival for _, arrival in port.drain(now_ns)]
+        port.close()
+    assert len(arrivals) == 1
+    assert empty_ns <= arrivals[0] <= now_ns
+
+
+def test_a_stamp_is_taken_over_by_its_age() -> None:
+    wall_ns = 1_700_000_000 * 10**9
+    with can.Bus(interface="virtual", channel="age", preserve_timestamps=True) as sender:
+        port = BusPort(can.Bus(interface="virtual", channel="age"), "age", 0, lambda: wall_ns)
+        sender.send(can.Message(arbitration_id=1, timestamp=(wall_ns - 1_500_000) / 1e9))
+        ((_, arrival),) = port.drain(10_000_000)
+        port.close()
+    assert arrival == pytest.approx(8_500_000, abs=1000)
+
+
+def test_a_flood_costs_one_tick_no_more_than_its_share() -> None:
+    with can.Bus(interface="virtual", channel="flood") as sender:
+        port = BusPort(can.Bus(interface="virtual", channel="flood"), "flood")
+        for _ in range(1000):
+            sender.send(FRAME)
+        assert len(list(port.drain(1))) == 64
+        port.close()
+
+
+@pytest.fixture
+def udp() -> Iterator[tuple[BusPort, tuple[str, int]]]:
+    """A port on a private udp_multicast channel, and where to throw datagrams."""
+    number = random.SystemRandom().randrange(20_000, 60_000)
+    port = BusPort(open_bus(BusDevice(interface="udp_multicast", channel=f"239.74.163.2:{number}")), "udp")
+    yield port, ("239.74.163.2", number)
+    port.close()
+
+
+@pytest.mark.parametrize("datagram", [b"", b"garbage", b"\x81\xa1x\x01", bytes(range(256)), b"\xc1" * 3000])
+def test_datagrams_that_are_no_frames_are_flags(udp: tuple[BusPort, tuple[str, int]], datagram: bytes) -> None:
+    port, where = udp
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as thrower:
+        thrower.sendto(datagram, where)
+    flags, end_s = BusFault.NONE, time.monotonic() + 10
+    while flags is BusFault.NONE and time.monotonic() < end_s:
+        assert list(port.drain(1)) == []
+        flags = port.take_faults()[0]
+    assert flags is BusFault.MALFORMED
+
+
+def test_the_length_of_frames_is_the_standards() -> None:
+    """Worst case of classic frames with 8 bytes: 135 bits standard, 160 extended, interframe space included."""
+    assert frame_bits(8, extended=False) == 135
+    assert frame_bits(8, extended=True) == 160
+    assert bus_load([135] * 8, bitrate=1_000_000) == pytest.approx(0.54)
+
+
+def test_an_error_without_a_number_is_a_failed_send() -> None:
+    assert fault_of(RuntimeError("?")) is BusFault.SEND_FAILED
