@@ -69,7 +69,7 @@ class _Console(Screen[T], Generic[T]):
 
     def compose_bottom(self) -> ComposeResult:
         """The STOP bar and the keys."""
-        yield StopBar(self.console_app.switch)
+        yield StopBar(self.console_app.switch, watching=self.console_app.read_only)
         yield KeyBar()
 
 

@@ -15,9 +15,9 @@ Clock = Callable[[], int]
 
 
 class Live:
-    """One session from start to end. `start` and `close` may take seconds: call them in a thread."""
+    """One session from start to end; an observer's has no switch. `start` and `close` may take seconds: in a thread."""
 
-    def __init__(self, host: Host, switch: StopSwitch, clock: Clock = time.monotonic_ns) -> None:
+    def __init__(self, host: Host, switch: StopSwitch | None, clock: Clock = time.monotonic_ns) -> None:
         self.host = host
         self._switch = switch
         self._clock = clock
@@ -25,7 +25,7 @@ class Live:
         self.state = SessionState(setup=host.setup, started_ns=now_ns, now_ns=now_ns)
         self.ending = False
         self.closed = False
-        switch.connect(lambda: host.send(OperatorKind.STOP))
+        self._connect(lambda: host.send(OperatorKind.STOP))
 
     @property
     def control_alive(self) -> bool:
@@ -48,12 +48,16 @@ class Live:
 
     def at_rest(self) -> None:
         """Control has ended: nothing can move, and the STOP key is a key again."""
-        self._switch.connect(None)
+        self._connect(None)
 
     def close(self) -> None:
         """Bring the legs to rest and end the processes: nothing is left for STOP to do once this has begun."""
         if self.closed:
             return
         self.closed = True
-        self._switch.connect(None)
+        self._connect(None)
         self.host.close()
+
+    def _connect(self, send: Callable[[], object] | None) -> None:
+        if self._switch is not None:
+            self._switch.connect(send)

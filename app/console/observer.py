@@ -31,6 +31,7 @@ _SHARED = "session.msgpack"
 def share(home: Home, setup: SessionSetup) -> None:
     """Tell observers of this home where the session's streams are."""
     path = home.root / _SHARED
+    home.root.mkdir(parents=True, exist_ok=True)
     path.write_bytes(msgspec.msgpack.encode(setup, enc_hook=_encode))
     path.chmod(0o600)
 
@@ -103,7 +104,12 @@ def observe(home: Home, config: Config) -> None:
     from app.console.app import ConsoleApp
 
     setup = shared(home)
-    app = ConsoleApp(home, config, profile=setup.profile, make_host=lambda _: ObserverHost(setup), read_only=True)
+
+    def make_host(made: SessionSetup) -> ObserverHost:
+        made.links.rmdir()  # an observer has no links of its own
+        return ObserverHost(setup)
+
+    app = ConsoleApp(home, config, profile=setup.profile, make_host=make_host, read_only=True)
     try:
         app.run()
     finally:

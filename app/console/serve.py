@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shlex
 import sys
+from pathlib import Path
 
 from app.console.observer import shared
 from app.paths import Home
@@ -17,5 +18,6 @@ def serve_console(home: Home, port: int = PORT) -> None:
     from textual_serve.server import Server
 
     shared(home)
-    words = [sys.executable, "-m", "app.cli", "run", "--read-only", "--home", str(home.root)]
+    rleex = Path(sys.executable).with_name("rleex")
+    words = [str(rleex), "run", "--read-only", "--home", str(home.root)]
     Server(shlex.join(words), host=LOOPBACK, port=port, title="rleex (read-only)").serve()

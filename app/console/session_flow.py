@@ -15,6 +15,7 @@ from app.console.dialogs import Question
 from app.console.host_protocol import Host, HostFactory
 from app.console.language import tr
 from app.console.live import Clock, Live
+from app.console.observer import share, unshare
 from app.console.patients.screen import PatientsScreen
 from app.console.session.screen import SessionScreen
 from app.console.session.state import SessionState
@@ -37,9 +38,7 @@ CONTROL_ENDS_S = 8.0  # hold, damp, disable; the host kills what takes longer
 class SessionFlow(App[None]):
     """The one session, if any, and the way into and out of it."""
 
-    def __init__(
-        self, home: Home, config: Config, make_host: HostFactory, clock: Clock, *, read_only: bool
-    ) -> None:
+    def __init__(self, home: Home, config: Config, make_host: HostFactory, clock: Clock, *, read_only: bool) -> None:
         super().__init__()
         self.home = home
         self.config = config
@@ -87,7 +86,10 @@ class SessionFlow(App[None]):
         await self._begin(DEMO_PATIENT, msgspec.structs.replace(self.config, joints=joints), TrainingScreen())
 
     async def end_session_asking(self) -> None:
-        """End the session; while drives are powered, only after a yes."""
+        """End the session; while drives are powered, only after a yes. An observer just leaves."""
+        if self.read_only:
+            self.exit()
+            return
         if not self.powered():
             await self.end_session()
             return
@@ -118,6 +120,8 @@ class SessionFlow(App[None]):
         live, self.live = self.live, None
         if live is not None:
             self.trail.close()
+            if not self.read_only:
+                unshare(self.home)
             live.close()
 
     async def show_patients(self) -> None:
@@ -156,17 +160,19 @@ class SessionFlow(App[None]):
             return
         role = self.signed_in.role.value if self.signed_in else "therapist"
         setup = make_setup(self.home, config, profile, operator=self.operator, role=role)
-        live = self.live = Live(self._make_host(setup), self.switch, self._clock)
+        switch = None if self.read_only else self.switch
+        live = self.live = Live(self._make_host(setup), switch, self._clock)
         await self.push_screen(screen)
         self.run_worker(self._start(live))
 
     async def _start(self, live: Live) -> None:
         try:
             await asyncio.to_thread(live.start)
+            if not self.read_only:
+                self.trail.open(live.host.setup)
+                share(self.home, live.host.setup)
         except USER_ERRORS as error:
             live.failed(str(error))
-            return
-        self.trail.open(live.host.setup)
 
     async def _after_rest(self, live: Live) -> None:
         loop = asyncio.get_running_loop()

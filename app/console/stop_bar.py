@@ -5,7 +5,7 @@ from __future__ import annotations
 from textual.content import Content
 from textual.widget import Widget
 
-from app.console.language import tr
+from app.console.language import knows, tr
 from app.console.stop import StopSwitch
 from app.control.states import Effect
 
@@ -22,9 +22,10 @@ class StopBar(Widget):
 
     can_focus = False
 
-    def __init__(self, switch: StopSwitch) -> None:
+    def __init__(self, switch: StopSwitch, *, watching: bool) -> None:
         super().__init__()
         self._switch = switch
+        self._watching = watching
         self._words = self._describe(None)
 
     def show(self, effect: Effect | None) -> None:
@@ -52,9 +53,15 @@ class StopBar(Widget):
         self.call_after_refresh(lambda: setattr(self._switch, "region", self.region))
 
     def _describe(self, effect: Effect | None) -> str:
+        if self._watching:
+            return tr("stop.watching")
         if not self._switch.live or effect is None:
             return tr("stop.idle") if not self._switch.live else tr("stop.ready", key=self._key())
         return tr(_WORDS[effect], key=self._key())
 
     def _key(self) -> str:
-        return " / ".join(sorted(tr(f"key.{key}") for key in self._switch.keys))
+        return " / ".join(sorted(_shown(key) for key in self._switch.keys))
+
+
+def _shown(key: str) -> str:
+    return tr(f"key.{key}") if knows(f"key.{key}") else key.upper()
