@@ -8,6 +8,7 @@ import numpy as np
 from rich.table import Table
 
 from hal.joints.bus_log import Decoded, LogSummary
+from hal.joints.codecs.wire import Reply, SetPoint
 from hal.joints.emulator import DriveEmulator
 from hal.joints.joints import DriveFault, Joint
 from hal.joints.monitor import BusMonitor
@@ -55,32 +56,42 @@ def emulated_drives_table(emulator: DriveEmulator) -> Table:
 
 
 def monitor_table(watched: BusMonitor) -> Table:
-    """What each drive said last, and what it was told last."""
-    table = _table("joint", "ID", "motor", "reports", "replies", "is told", "commands")
+    """What each drive said last, and what it was told last; fits 80 columns."""
+    table = _table("joint", "ID", "angle °", "°/s", "Nm", "°C", "replies", "told °", "kp", "kd", "told", "fault")
     for station in watched.stations:
-        said = watched.newest.get((station.short_name, "reply"))
-        told = _newer(watched, station.short_name)
-        commands = watched.counts[station.short_name, "command"] + watched.counts[station.short_name, "order"]
-        table.add_row(
-            station.short_name,
-            str(station.device.can_id),
-            station.model.label,
-            said.text.strip() if said else "nothing yet",
-            str(watched.counts[station.short_name, "reply"]),
-            told.text.strip() if told else "nothing yet",
-            str(commands),
-        )
+        name = station.short_name
+        commands = watched.counts[name, "command"] + watched.counts[name, "order"]
+        said, told = watched.newest.get((name, "reply")), watched.newest.get((name, "command"))
+        fault = fault_name(said.faults) if said else "?"
+        reported, replies = _reported(said), str(watched.counts[name, "reply"])
+        table.add_row(name, str(station.device.can_id), *reported, replies, *_commanded(told), str(commands), fault)
     strangers, errors = watched.counts["", "stranger"], watched.counts["", "error"]
-    bus = (watched.bus.name or str(watched.bus)).lower() if watched.bus else "well"
     newest = watched.newest.get(("", "stranger"))
     odd = f" (newest {newest.text})" if newest else ""
-    table.caption = f"bus {bus} {watched.detail} – {strangers} frames of strangers{odd}, {errors} error frames"
+    bus = f"{(watched.bus.name or str(watched.bus)).lower()}: {watched.detail}" if watched.bus else "well"
+    table.caption = f"bus {bus}; {strangers} frames of strangers{odd}, {errors} error frames"
     return table
 
 
-def _newer(watched: BusMonitor, name: str) -> Decoded | None:
-    told = [watched.newest[name, kind] for kind in ("command", "order") if (name, kind) in watched.newest]
-    return max(told, key=lambda decoded: decoded.at_s, default=None)
+def _reported(said: Decoded | None) -> tuple[str, str, str, str]:
+    if said is None or not isinstance(said.at_joint, Reply):
+        return ("?",) * 4
+    reply = said.at_joint
+    warmth = "–" if np.isnan(reply.temperature_c) else f"{reply.temperature_c:.0f}"
+    return (
+        f"{np.degrees(reply.position_rad):.1f}",
+        f"{np.degrees(reply.velocity_rad_s):.0f}",
+        f"{reply.torque_nm:.1f}",
+        warmth,
+    )
+
+
+def _commanded(told: Decoded | None) -> tuple[str, str, str]:
+    if told is None or not isinstance(told.at_joint, SetPoint):
+        return ("–",) * 3
+    target = told.at_joint
+    angle = f"{np.degrees(target.position_rad):.1f}"
+    return angle, f"{target.stiffness_nm_rad:.0f}", f"{target.damping_nm_s_rad:.1f}"
 
 
 def summary_table(gathered: LogSummary) -> Table:

@@ -33,6 +33,7 @@ class Decoded(NamedTuple):
     kind: str  # command, order, reply, error, stranger
     text: str
     faults: DriveFault = DriveFault.NONE
+    at_joint: Reply | SetPoint | None = None  # the numbers of a reply or a command, at the joint
 
 
 class WholeLines:
@@ -85,35 +86,42 @@ class Decoder:
         frame = frame_of(message)
         for station in self._stations:
             asked = station.codec.read_command(station.device.can_id, frame)
+            if isinstance(asked, Order):
+                return Decoded(message.timestamp, station.short_name, "order", asked.value)
             if asked is not None:
-                kind = "order" if isinstance(asked, Order) else "command"
-                return Decoded(message.timestamp, station.short_name, kind, _asked(station, asked))
+                target = station.transmission.to_joint(asked)
+                return Decoded(message.timestamp, station.short_name, "command", _told(target), at_joint=target)
         for station in self._stations:
-            if station.codec.replier(frame) == station.told_as:
-                reply = station.codec.read_reply(frame)
-                if reply is not None:
-                    text = _replied(station, reply)
-                    return Decoded(message.timestamp, station.short_name, "reply", text, reply.faults)
+            reply = station.codec.read_reply(frame) if station.codec.replier(frame) == station.told_as else None
+            if reply is not None:
+                said = _at_joint(station, reply)
+                return Decoded(message.timestamp, station.short_name, "reply", _said(said), said.faults, said)
         digits = f"{frame.arbitration_id:08X}" if frame.extended else f"{frame.arbitration_id:03X}"
         return Decoded(message.timestamp, "", "stranger", f"{digits}#{frame.data.hex().upper()}")
 
 
-def _asked(station: Station, asked: SetPoint | Order) -> str:
-    if isinstance(asked, Order):
-        return asked.value
-    at_joint = station.transmission.to_joint(asked)
+def _told(target: SetPoint) -> str:
     return (
-        f"{np.degrees(at_joint.position_rad):8.2f}° {np.degrees(at_joint.velocity_rad_s):8.1f}°/s "
-        f"kp {at_joint.stiffness_nm_rad:6.1f} kd {at_joint.damping_nm_s_rad:5.2f} {at_joint.torque_nm:7.2f} Nm"
+        f"{np.degrees(target.position_rad):8.2f}° {np.degrees(target.velocity_rad_s):8.1f}°/s "
+        f"kp {target.stiffness_nm_rad:6.1f} kd {target.damping_nm_s_rad:5.2f} {target.torque_nm:7.2f} Nm"
     )
 
 
-def _replied(station: Station, reply: Reply) -> str:
-    angle = np.degrees(station.transmission.angle_to_joint(reply.position_rad))
-    speed = np.degrees(reply.velocity_rad_s / station.transmission.ratio)
+def _at_joint(station: Station, reply: Reply) -> Reply:
+    return reply._replace(
+        position_rad=station.transmission.angle_to_joint(reply.position_rad),
+        velocity_rad_s=reply.velocity_rad_s / station.transmission.ratio,
+        torque_nm=reply.torque_nm * station.transmission.ratio,
+    )
+
+
+def _said(reply: Reply) -> str:
     fault = f"  {(reply.faults.name or str(reply.faults)).lower().replace('_', ' ')}" if reply.faults else ""
     warmth = "" if np.isnan(reply.temperature_c) else f" {reply.temperature_c:.0f} °C"
-    return f"{angle:8.2f}° {speed:8.1f}°/s {reply.torque_nm * station.transmission.ratio:7.2f} Nm{warmth}{fault}"
+    return (
+        f"{np.degrees(reply.position_rad):8.2f}° {np.degrees(reply.velocity_rad_s):8.1f}°/s "
+        f"{reply.torque_nm:7.2f} Nm{warmth}{fault}"
+    )
 
 
 class LogSummary:

@@ -10,7 +10,9 @@ from pathlib import Path
 
 import can
 import pytest
+from rich.console import Console
 
+from app.cli.drive_table import monitor_table
 from hal.errors import HardwareError
 from hal.joints import zeroing
 from hal.joints.bus import open_bus
@@ -83,6 +85,10 @@ def test_the_monitor_sees_both_sides_and_sends_nothing(make_rig: MakeRig) -> Non
         assert monitor.counts[name, "command"] > 0
         assert monitor.counts[name, "reply"] > 0
         assert monitor.newest[name, "order"].text == "disable"
+    shown = Console(width=80, file=io.StringIO())
+    shown.print(monitor_table(monitor))
+    lines = shown.file.getvalue().splitlines()  # type: ignore[attr-defined]
+    assert [line.split("  ")[0] for line in lines[1:5]] == ["left hip", "left knee", "right hip", "right knee"]
     monitor.close()
 
 
