@@ -14,12 +14,14 @@ import threading
 import time
 from hashlib import sha256
 from importlib.metadata import version
+from pathlib import Path
 from types import FrameType
 
 import msgspec
 
 from app.links import OrderedReceiver, Publisher, address
 from app.messages import AuditHealth
+from app.model import MODEL_NAME
 from app.paths import Home
 from app.processes import AUDIT, AUDIT_HEALTH
 from app.setup import SessionSetup
@@ -36,7 +38,7 @@ TURN_S = 0.01
 QUIET_S = 0.2  # asked to end: nothing has come for so long
 ORPHAN_QUIET_S = 3.0  # console dead: control holds, damps, disables within this silence
 GIVE_UP_S = 10.0  # trying to write the end on a disk that refuses
-SILENT_DISK_S = 1.0
+SILENT_DISK_S = 2.0  # a disk that spins up, or a burst of other programs, is not a fault yet
 
 
 def run_audit(setup: SessionSetup) -> None:
@@ -179,7 +181,7 @@ class _HealthTeller:
 
 
 def health(writer: SessionWriter, turned_ns: int, now_ns: int) -> AuditHealth:
-    """How far the writer is; a fault when the disk refuses or has not answered for a second."""
+    """How far the writer is; a fault when the disk refuses or has not answered for a while."""
     fault = writer.fault
     silent_s = (now_ns - turned_ns) / 1e9
     if not fault and silent_s > SILENT_DISK_S:
@@ -189,15 +191,18 @@ def health(writer: SessionWriter, turned_ns: int, now_ns: int) -> AuditHealth:
 
 def _start(setup: SessionSetup) -> SessionStart:
     return SessionStart(
-        versions=_versions(),
+        versions=_versions(setup),
         configuration=msgspec.to_builtins(setup.config),
         simulated=setup.config.joints.kind == "simulated",
         role=setup.role,
     )
 
 
-def _versions() -> dict[str, str]:
+def _versions(setup: SessionSetup) -> dict[str, str]:
     found = {name: version(name) for name in LIBRARIES}
+    model = Path(setup.config.model) if setup.config.model else Home(setup.home).models / MODEL_NAME
+    if model.is_file():
+        found["hand model, SHA-256"] = sha256(model.read_bytes()).hexdigest()
     return found | {"python": platform.python_version(), "system": platform.platform()}
 
 

@@ -86,16 +86,24 @@ def _verify_folder(folder: Path, evidence: Evidence, progress: Progress | None) 
     if not manifest_paths(folder):
         return findings + _no_manifest(folder, files, evidence)
     listing = read_listings(folder, evidence.keys)
-    named = listing.opened | ({evidence.anchor.file} if evidence.anchor else set())
-    missing = sorted(name for name in named if not (folder / name).exists())
+    told = listing.opened | ({evidence.anchor.file} if evidence.anchor else set())
+    named = dict.fromkeys(_copied_files(evidence), "the second place") | dict.fromkeys(told, "the manifest")
     return findings + [
-        Finding(
-            file=folder / name,
-            status=Status.TAMPERED,
-            reason="the file is missing: the manifest names it",
-        )
-        for name in missing
+        Finding(file=folder / name, status=Status.TAMPERED, reason=f"the file is missing: {witness} names it")
+        for name, witness in sorted(named.items())
+        if not (folder / name).exists()
     ]
+
+
+def _copied_files(evidence: Evidence) -> list[str]:
+    """Files of which the second place holds a checkpoint by a known key; other consoles may use it, too."""
+    copies = evidence.copies.glob("*" + SUFFIX) if evidence.copies is not None else ()
+    return [copy.name.removesuffix(SUFFIX) for copy in copies if _signers(copy) & evidence.keys.keys()]
+
+
+def _signers(copy: Path) -> set[str]:
+    parts = (unseal(line) for line in copy.read_bytes().splitlines(keepends=True))
+    return {msgspec.json.decode(part[0], type=Head).body.key for part in parts if part is not None}
 
 
 def _no_manifest(folder: Path, files: list[Path], evidence: Evidence) -> list[Finding]:

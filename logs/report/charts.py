@@ -158,10 +158,11 @@ def _band(band: Band, x: Callable[[float], float], top: float, style: str) -> Ma
 
 
 def _axis(duration_s: float, x: Callable[[float], float], bottom: float) -> Markup:
+    unit_s, unit = (60.0, "min") if duration_s > 120 else (1.0, "s")
     parts = [
         Markup('<path class="grid" d="M{0:.1f} 0V{1:.1f}"/>').format(x(at_s), bottom)
-        + _text(x(at_s), bottom + 14, f"{at_s / 60:g} min", "tick", "middle")
-        for at_s in _nice_steps(duration_s, 60.0)
+        + _text(x(at_s), bottom + 14, f"{at_s / unit_s:g} {unit}", "tick", "middle")
+        for at_s in _nice_steps(duration_s, unit_s)
     ]
     return Markup("").join(parts)
 

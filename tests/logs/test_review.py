@@ -12,6 +12,7 @@ from textual.pilot import Pilot
 
 from app.config import Config
 from app.console.app import ConsoleApp
+from app.console.patients.screen import PatientsScreen
 from app.console.review import ChooseSession, ReviewScreen, WriteComment
 from app.console.review_comments import comments_on, comments_path
 from app.console.review_session import ReviewedSession, open_session
@@ -35,6 +36,12 @@ def home(tmp_path: Path) -> Home:
 def session(home: Home) -> ReviewedSession:
     """That session, read."""
     return open_session(next(path for path in home.logs.glob("2*.jsonl")))
+
+
+async def opened(app: ConsoleApp, pilot: Pilot[None], screen: ReviewScreen) -> None:
+    """The screen on top of the console's first one."""
+    await until(pilot, lambda: isinstance(app.screen, PatientsScreen))
+    await app.push_screen(screen)
 
 
 async def until(pilot: Pilot[None], condition: Callable[[], object]) -> None:
@@ -95,7 +102,7 @@ async def test_a_reviewer_finds_the_events_and_comments_on_one(home: Home, size:
     app = ConsoleApp(home, Config())
     async with app.run_test(size=size) as pilot:
         screen = ReviewScreen(home, "last")
-        await app.push_screen(screen)
+        await opened(app, pilot, screen)
         await until(pilot, lambda: "SOUND" in screen_text(app))
         await pilot.press("n")
         first = screen.index
@@ -120,7 +127,7 @@ async def test_without_a_name_it_asks_which(home: Home) -> None:
     app = ConsoleApp(home, Config())
     async with app.run_test(size=(100, 30)) as pilot:
         screen = ReviewScreen(home)
-        await app.push_screen(screen)
+        await opened(app, pilot, screen)
         await until(pilot, lambda: isinstance(app.screen, ChooseSession))
         await pilot.press("enter")
         await until(pilot, lambda: screen.is_open)
@@ -131,16 +138,15 @@ async def test_a_changed_record_is_told_on_top(home: Home) -> None:
     path.write_bytes(path.read_bytes().replace(b"left thigh strap", b"all was well !!!"))
     app = ConsoleApp(home, Config())
     async with app.run_test(size=(100, 30)) as pilot:
-        await app.push_screen(ReviewScreen(home, "last"))
+        await opened(app, pilot, ReviewScreen(home, "last"))
         await until(pilot, lambda: "TAMPERED" in screen_text(app))
 
 
 async def test_no_session_is_said_and_left(tmp_path: Path) -> None:
     app = ConsoleApp(Home(tmp_path), Config())
     async with app.run_test(size=(100, 30)) as pilot:
-        below = app.screen
-        await app.push_screen(ReviewScreen(Home(tmp_path)))
-        await until(pilot, lambda: app.screen is below)
+        await opened(app, pilot, ReviewScreen(Home(tmp_path)))
+        await until(pilot, lambda: isinstance(app.screen, PatientsScreen))
 
 
 def test_a_note_of_the_sample_is_among_the_records(session: ReviewedSession) -> None:

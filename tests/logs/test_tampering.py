@@ -17,7 +17,7 @@ from logs.line import GENESIS, Payload, canonical, seal, signed_message, unseal
 from logs.records import Checkpoint, Note
 from logs.scan import Scan, scan_stream
 from logs.verify import Evidence, Finding, Status, exit_status, verify
-from tests.logs.trails import Trail, write_session
+from tests.logs.trails import BODIES, Trail, write_session
 
 
 def scan(data: bytes, trail: Trail) -> Scan:
@@ -44,7 +44,8 @@ def test_an_untouched_trail_is_sound_and_proven_to_its_last_record(three: Trail)
 
 
 @pytest.mark.parametrize("which", ["session", "manifest"])
-def test_every_flipped_bit_is_caught(trail: Trail, which: str) -> None:
+def test_every_flipped_bit_is_caught(tmp_path: Path, key: ConsoleKey, which: str) -> None:
+    trail = Trail(tmp_path, write_session(tmp_path, "s1", key, PosixDisk(), BODIES[:1]), key)
     data = bytearray(getattr(trail, which).read_bytes())
     records = scan(bytes(data), trail).records
     for place in range(len(data)):
@@ -105,9 +106,10 @@ def test_a_cut_tail_is_told_with_and_without_the_manifest(trail: Trail) -> None:
         assert exit_status([bad]) > 0
 
 
-def test_every_length_of_cut_manifest_is_caught(three: Trail) -> None:
+def test_a_cut_manifest_is_caught_wherever_it_is_cut(three: Trail) -> None:
     data = three.manifest.read_bytes()
-    for length in range(0, len(data), 7):
+    ends = [place + 1 for place, byte in enumerate(data) if byte == ord("\n")][:-1]
+    for length in sorted({*range(0, len(data), 41), *ends, *(end - 1 for end in ends), *(end + 1 for end in ends)}):
         three.manifest.write_bytes(data[:length])
         assert the_bad(three), length
 
@@ -226,3 +228,13 @@ def test_without_any_known_key_the_verdict_says_that_nothing_was_proven(trail: T
     (finding, _) = verify([trail.folder], Evidence())
     assert finding.proven == 0
     assert any("--key" in remark for remark in finding.remarks)
+
+
+def test_a_home_rolled_back_is_missed_by_the_copy_of_checkpoints(three: Trail) -> None:
+    copies = three.folder.parent / "copies"
+    copies.mkdir()
+    (copies / "s4.jsonl.checkpoints").write_bytes(lines_of(three.session)[-1])
+    (copies / "other-console.jsonl.checkpoints").write_bytes(b"")
+    bad = [each for each in verify([three.folder], Evidence(keys=three.keys, copies=copies)) if each.reason]
+    assert [(each.file.name, each.status) for each in bad] == [("s4.jsonl", Status.TAMPERED)]
+    assert "second place" in bad[0].reason
