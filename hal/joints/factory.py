@@ -30,9 +30,12 @@ def make_joints(
     """
     if kind == "can":
         from hal.joints.bus import with_bus
+        from hal.joints.emulator.scenes import StagedCanJoints, may_be_emulated
         from hal.joints.socketcan import SocketCanJoints
 
-        return SocketCanJoints(with_bus(device, interface, channel), motors=motors)
+        device = with_bus(device, interface, channel)
+        driver = StagedCanJoints if may_be_emulated(device) else SocketCanJoints
+        return driver(device, motors=motors)
     if kind == "simulated":
         if body is None:
             raise HardwareError("Simulated joints need a body to move: choose a patient profile.")

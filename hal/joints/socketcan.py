@@ -42,7 +42,7 @@ class SocketCanJoints:
     ) -> None:
         """Raises HardwareError when the motor table or the bus can't carry this device."""
         table = load_motors(motors)
-        self._device = device
+        self.device = device
         self._clock = clock
         self.stations = tuple(
             Station(joint, device.joints[joint], table.find(device.joints[joint].motor)) for joint in Joint
@@ -71,7 +71,7 @@ class SocketCanJoints:
             raise HardwareError("The joints are open already: close them first.")
         try:
             self._ports = [
-                BusPort(open_bus(bus), f"{bus.channel} ({bus.interface})", now_ns) for bus in self._device.buses
+                BusPort(open_bus(bus), f"{bus.channel} ({bus.interface})", now_ns) for bus in self.device.buses
             ]
             self._routes = [Routes(self._on_bus(number)) for number in range(len(self._ports))]
             self.notes = lifecycle.probe(self)
@@ -185,7 +185,7 @@ class SocketCanJoints:
         self._state = DriveState.UNCONFIGURED if self._state is DriveState.UNCONFIGURED else DriveState.DISABLED
 
     def _soft_start(self, now_ns: int) -> float:
-        ramp_ns = self._device.soft_start_s * 1e9
+        ramp_ns = self.device.soft_start_s * 1e9
         return 1.0 if ramp_ns == 0 else min(max((now_ns - self._enabled_ns) / ramp_ns, 0.0), 1.0)
 
     def _take(self, number: int, message: can.Message, measured_ns: int) -> None:

@@ -11,6 +11,7 @@ from hal.joints.bus import TICK_HZ
 from hal.joints.codecs.wire import SetPoint
 from hal.joints.device import Exoskeleton, JointDevice
 from hal.joints.joints import DriveFault, DriveState, JointArray, JointCommand, JointFeedback
+from hal.joints.scene import Scene
 
 if TYPE_CHECKING:
     from hal.joints.body import Body
@@ -31,6 +32,10 @@ class Plant(Protocol):
 
     def read(self, now_ns: int) -> JointFeedback:
         """Where it is now."""
+        ...
+
+    def stage(self, scene: Scene) -> None:
+        """Put this around the feet."""
         ...
 
 
@@ -89,6 +94,9 @@ class FreeLegs:
             for _ in range(_SUBSTEPS):
                 leg.advance(SetPoint(*row), _STEP_S)
             leg.warm_up(_STEP_S * _SUBSTEPS)
+
+    def stage(self, scene: Scene) -> None:
+        """Legs in the air touch nothing."""
 
     def read(self, now_ns: int) -> JointFeedback:
         """Where the legs are."""

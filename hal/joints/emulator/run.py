@@ -16,6 +16,7 @@ from hal.joints.device import Exoskeleton
 from hal.joints.emulator.emulator import DriveEmulator
 from hal.joints.emulator.faults import ScheduledFault
 from hal.joints.emulator.plant import make_plant
+from hal.joints.emulator.scenes import SceneReceiver
 
 _PRIORITY = 60
 
@@ -40,16 +41,26 @@ def run_emulator(
     With a `body` the simulated exoskeleton hangs behind the drives, else free legs. `ready` is set once the bus is
     joined. Raises HardwareError when a bus can't be opened.
     """
-    emulator = DriveEmulator(with_bus(device, interface, channel), make_plant(device, body), motors)
-    emulator.open()
-    _hurry()
+    device = with_bus(device, interface, channel)
+    plant = make_plant(device, body)
+    emulator = DriveEmulator(device, plant, motors)
+    scenes = SceneReceiver(device)
     told = _Ending(stop, each_second, emulator)
-    if ready is not None:
-        ready.set()
+
+    def stopped() -> bool:
+        if (scene := scenes.receive()) is not None:
+            plant.stage(scene)
+        return told()
+
     try:
-        emulator.run(told, schedule)
+        emulator.open()
+        _hurry()
+        if ready is not None:
+            ready.set()
+        emulator.run(stopped, schedule)
     finally:
         emulator.close()
+        scenes.close()
 
 
 class _Ending:

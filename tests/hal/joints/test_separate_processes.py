@@ -9,12 +9,17 @@ from collections.abc import Callable
 from multiprocessing.synchronize import Event
 
 import numpy as np
+import pytest
 
+from hal.errors import HardwareError
 from hal.joints.bus import frame_of, open_bus, with_bus
 from hal.joints.device import Exoskeleton, load_exoskeleton
 from hal.joints.emulator import run_emulator
+from hal.joints.emulator.scenes import SceneReceiver, StagedCanJoints
+from hal.joints.factory import make_joints
 from hal.joints.joints import JointCommand
 from hal.joints.safe_stop import SafeStop
+from hal.joints.scene import Block, BlockKind, Scene
 from hal.joints.socketcan import SocketCanJoints
 from hal.joints.station import Station
 
@@ -99,3 +104,24 @@ class Ear:
     def close(self) -> None:
         """Release the bus."""
         self._bus.shutdown()
+
+
+def test_an_emulated_wearer_is_told_what_stands_around_the_feet() -> None:
+    device = with_bus(load_exoskeleton(), "virtual", f"scene-{random.random()}")
+    joints = make_joints("can", device)
+    assert isinstance(joints, StagedCanJoints)
+    scene = Scene(blocks=(Block(kind=BlockKind.STEP, from_x_m=0.2, to_x_m=0.5, top_m=0.15),))
+    joints.stage(scene)  # nobody listens: harmless
+    receiver = SceneReceiver(device)
+    try:
+        assert receiver.receive() is None
+        joints.stage(scene)
+        assert receiver.receive() == scene
+        with pytest.raises(HardwareError, match="emulated on scene-.* already"):
+            SceneReceiver(device)
+    finally:
+        receiver.close()
+
+
+def test_a_robots_bus_is_never_staged() -> None:
+    assert type(make_joints("can", load_exoskeleton())) is SocketCanJoints

@@ -1,0 +1,63 @@
+"""The scene of the coming action, told to the emulated wearer beside the bus: stairs and chairs are not on CAN."""
+
+from __future__ import annotations
+
+import socket
+from contextlib import suppress
+
+import msgspec
+
+from hal.errors import HardwareError
+from hal.joints.device import Exoskeleton
+from hal.joints.scene import Scene
+from hal.joints.socketcan import SocketCanJoints
+
+_EMULATED = ("udp_multicast", "virtual")
+
+
+def may_be_emulated(device: Exoskeleton) -> bool:
+    """Whether no real drive can hang on these buses."""
+    return all(bus.interface in _EMULATED or bus.channel.startswith("vcan") for bus in device.buses)
+
+
+def _address(device: Exoskeleton) -> str:
+    """An abstract socket of this host, named by the first bus."""
+    bus = device.buses[0]
+    return f"\0rleex-scene-{bus.interface}-{bus.channel}"
+
+
+class StagedCanJoints(SocketCanJoints):
+    """The driver on a bus without real drives: it also tells an emulated wearer what stands around the feet."""
+
+    def stage(self, scene: Scene) -> None:
+        """Tell the scene; harmless when nobody emulates."""
+        with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as link, suppress(OSError):
+            link.setblocking(False)
+            link.sendto(msgspec.msgpack.encode(scene), _address(self.device))
+
+
+class SceneReceiver:
+    """The emulator's end."""
+
+    def __init__(self, device: Exoskeleton) -> None:
+        """Raises HardwareError when another emulator serves this bus."""
+        self._link = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+        self._link.setblocking(False)
+        try:
+            self._link.bind(_address(device))
+        except OSError as error:
+            self._link.close()
+            raise HardwareError(
+                f"Drives are emulated on {device.buses[0].channel} already: end that or choose another channel."
+            ) from error
+
+    def receive(self) -> Scene | None:
+        """A scene told since the last look."""
+        try:
+            return msgspec.msgpack.decode(self._link.recv(65_536), type=Scene)
+        except (BlockingIOError, msgspec.MsgspecError):
+            return None
+
+    def close(self) -> None:
+        """Release the socket."""
+        self._link.close()
