@@ -42,7 +42,9 @@ PIN, OTHER_PIN = "135792", "802461"
 @pytest.fixture(autouse=True)
 def cheap_hash(monkeypatch: pytest.MonkeyPatch) -> None:
     """The real argon2 at a cost that lets a test try many PINs."""
-    monkeypatch.setattr(operators, "_hasher", argon2.PasswordHasher(time_cost=1, memory_cost=64, parallelism=1))
+    cheap = argon2.PasswordHasher(time_cost=1, memory_cost=64, parallelism=1)
+    monkeypatch.setattr(operators, "_hasher", cheap)
+    monkeypatch.setattr(operators, "_STRANGER_HASH", cheap.hash("nobody's"))
 
 
 @pytest.fixture
