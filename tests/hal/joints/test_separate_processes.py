@@ -117,7 +117,7 @@ def test_an_emulated_wearer_is_told_what_stands_around_the_feet() -> None:
         assert receiver.receive() is None
         joints.stage(scene)
         assert receiver.receive() == scene
-        with pytest.raises(HardwareError, match="emulated on scene-.* already"):
+        with pytest.raises(HardwareError, match=r"emulated on scene-.* already"):
             SceneReceiver(device)
     finally:
         receiver.close()
