@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hal.cameras.hand_skeleton import FloatArray, HandShape
 
@@ -31,25 +32,29 @@ CONES = (*_FINGERS, *_THUMB, *_PALM, *_FOREARM)
 _FROM = np.array([cone[0] for cone in CONES])
 _TO = np.array([cone[1] for cone in CONES])
 _RADII_M = np.array([cone[2:] for cone in CONES]) / 1000
-FIRST_FOREARM_CONE = len(_FINGERS) + len(_THUMB) + len(_PALM)
+_ROUND_START = ~np.isin(_FROM, _TO)
 _FOREARM_M = (0.045, 0.30)  # along the forearm from the wrist: where it has become round, and where we end it
 
 
 @dataclass(frozen=True, slots=True)
 class Flesh:
-    """n rounded cones. a, b: (n, 3) axis ends; radius_a, radius_b: (n,), metres."""
+    """n rounded cones. a, b: (n, 3) axis ends; radius_a, radius_b: (n,), metres.
+
+    round_start: (n,) whether end a needs a ball of its own; where another cone ends there, it has one already.
+    """
 
     a: FloatArray
     b: FloatArray
     radius_a: FloatArray
     radius_b: FloatArray
+    round_start: NDArray[np.bool_]
 
 
 def flesh(joints: FloatArray, shape: HandShape) -> Flesh:
     """The cones around (21, 3) joints, in whichever frame the joints are."""
     points = np.vstack([joints, _helpers(joints, shape)])
     radii = _RADII_M * shape.scale
-    return Flesh(points[_FROM], points[_TO], radii[:, 0], radii[:, 1])
+    return Flesh(points[_FROM], points[_TO], radii[:, 0], radii[:, 1], _ROUND_START)
 
 
 def _helpers(joints: FloatArray, shape: HandShape) -> FloatArray:

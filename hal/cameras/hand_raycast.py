@@ -48,6 +48,7 @@ class _Cone:
     b: FloatArray
     radius_a: float
     radius_b: float
+    round_start: bool
 
 
 def grid_over(flesh: Flesh, lens: Intrinsics, cells_per_m: float, distance_m: float) -> Grid | None:
@@ -68,13 +69,12 @@ def cast(flesh: Flesh, grid: Grid, lens: Intrinsics) -> Float32Array:
     weight = np.zeros((grid.rows, grid.columns), np.float32)
     reference = np.float32(np.min(np.minimum(flesh.a[:, 2], flesh.b[:, 2])))
     softness = np.float32(SOFTNESS_M)
-    for cone in map(_Cone, flesh.a, flesh.b, flesh.radius_a.tolist(), flesh.radius_b.tolist()):
-        rows, columns = _window(cone, x, y)
-        if rows.stop <= rows.start or columns.stop <= columns.start:
-            continue
-        depth = _meet(cone, x[:, columns], y[rows])
-        weight[rows, columns] += np.exp((reference - depth) / softness)
-    with np.errstate(divide="ignore"):
+    cones = map(_Cone, flesh.a, flesh.b, flesh.radius_a.tolist(), flesh.radius_b.tolist(), flesh.round_start.tolist())
+    with np.errstate(divide="ignore", invalid="ignore"):  # rays that miss end as infinities
+        for cone, (left, right, top, bottom) in zip(cones, _windows(flesh, x[0], y[:, 0]), strict=True):
+            if right > left and bottom > top:
+                depth = _meet(cone, x[:, left:right], y[top:bottom])
+                weight[top:bottom, left:right] += np.exp((reference - depth) / softness)
         joined: Float32Array = reference - softness * np.log(weight)
     return joined
 
@@ -90,17 +90,20 @@ def _extent_px(flesh: Flesh, lens: Intrinsics) -> tuple[FloatArray, FloatArray]:
     return (middle - reach).min(axis=0), (middle + reach).max(axis=0)
 
 
-def _window(cone: _Cone, x: Float32Array, y: Float32Array) -> tuple[slice, slice]:
-    """The cells that the cone can cover: those between its ends, wider by its radius."""
-    spans = []
-    for axis, rays in ((0, x[0]), (1, y[:, 0])):
-        low, high = np.inf, -np.inf
-        for end, radius in ((cone.a, cone.radius_a), (cone.b, cone.radius_b)):
-            z = max(end[2], NEAREST_M)
-            centre, reach = end[axis] / z, 1.2 * radius / max(z - radius, NEAREST_M)
-            low, high = min(low, centre - reach), max(high, centre + reach)
-        spans.append(slice(int(np.searchsorted(rays, low)), int(np.searchsorted(rays, high))))
-    return spans[1], spans[0]
+def _windows(flesh: Flesh, x: Float32Array, y: Float32Array) -> list[tuple[int, int, int, int]]:
+    """For each cone the cells that it can cover: left, right, top, bottom, between its ends and wider by its radii."""
+    bounds = []
+    for axis, rays in ((0, x), (1, y)):
+        spans = [_span(flesh.a, flesh.radius_a, axis), _span(flesh.b, flesh.radius_b, axis)]
+        bounds.append(np.searchsorted(rays, np.minimum(spans[0][0], spans[1][0])).tolist())
+        bounds.append(np.searchsorted(rays, np.maximum(spans[0][1], spans[1][1])).tolist())
+    return list(zip(*bounds, strict=True))
+
+
+def _span(ends: FloatArray, radii: FloatArray, axis: int) -> tuple[FloatArray, FloatArray]:
+    z = np.maximum(ends[:, 2], NEAREST_M)
+    centre, reach = ends[:, axis] / z, 1.2 * radii / np.maximum(z - radii, NEAREST_M)
+    return centre - reach, centre + reach
 
 
 def _meet(cone: _Cone, x: Float32Array, y: Float32Array) -> Float32Array:
@@ -128,11 +131,12 @@ def _meet(cone: _Cone, x: Float32Array, y: Float32Array) -> Float32Array:
     across = axis_a * axis_a - 2 * axis_a * shrink * radius_a + float(axis @ axis) * radius_a**2
     k0 = np.float32(float(slant) * float(a @ a) - across)
     inside = k1 * k1 - k0 * k2
-    with np.errstate(invalid="ignore", divide="ignore"):
-        depth = (-np.sqrt(inside) - k1) / k2
-        height = along + depth * ray_axis
-        on_slant = (height > 0) & (height < slant)
-    balls = np.minimum(_meet_ball(a, radius_a, x, y), _meet_ball(b, radius_b, x, y))
+    depth = (-np.sqrt(inside) - k1) / k2
+    height = along + depth * ray_axis
+    on_slant = (height > 0) & (height < slant)
+    balls = _meet_ball(b, radius_b, x, y)
+    if cone.round_start:
+        balls = np.minimum(balls, _meet_ball(a, radius_a, x, y))
     met: Float32Array = np.where(on_slant, depth, balls)
     return met
 
@@ -141,7 +145,6 @@ def _meet_ball(centre: FloatArray, radius: float, x: Float32Array, y: Float32Arr
     ray_ray = x * x + y * y + np.float32(1.0)
     ray_centre = x * np.float32(centre[0]) + y * np.float32(centre[1]) + np.float32(centre[2])
     inside = ray_centre * ray_centre - ray_ray * np.float32(centre @ centre - radius * radius)
-    with np.errstate(invalid="ignore"):
-        depth = (ray_centre - np.sqrt(inside)) / ray_ray
+    depth = (ray_centre - np.sqrt(inside)) / ray_ray
     met: Float32Array = np.where(inside >= 0, depth, NOTHING_M)
     return met

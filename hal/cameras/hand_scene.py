@@ -18,7 +18,7 @@ from hal.cameras.hand_shading import Light, Painted, paint
 from hal.cameras.hand_skeleton import FloatArray, HandPlace, HandShape, joints_m, placed_m
 
 DEFAULT_FOCAL_PX = 650.0  # at 1280 pixels of width: wide enough to hold the fingertips at 15 cm
-CELLS_PER_M = 850.0  # of the coarse grid on the hand; finer shows no difference to the detector
+CELLS_PER_M = 700.0  # of the coarse grid on the hand; finer shows no difference to the detector
 WALL_M = 1.2  # what a depth camera sees beside the hand
 NOISE_BANK = 4
 

@@ -86,7 +86,7 @@ def test_every_joint_lies_inside_the_flesh_that_is_drawn(gesture: str, left: boo
 
 def test_a_lone_ball_is_met_where_geometry_says() -> None:
     centre = np.array([[0.0, 0.0, 0.5]])
-    body = Flesh(centre, centre + np.array([0.0, 0.0, 1e-4]), np.array([0.05]), np.array([0.05]))
+    body = Flesh(centre, centre + np.array([0.0, 0.0, 1e-4]), np.array([0.05]), np.array([0.05]), np.array([True]))
     lens = lens_for(321, 181)
     grid = grid_over(body, lens, 10_000.0, 0.5)
     assert grid is not None
