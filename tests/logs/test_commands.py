@@ -1,0 +1,135 @@
+"""`rleex audit …` as a person or a script calls it."""
+
+from __future__ import annotations
+
+import json
+import os
+import threading
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from app.cli import cli
+from logs.copies import SUFFIX, CheckpointCopy
+from logs.disk import PosixDisk
+from logs.keys import load_or_make_key, load_public_key
+from logs.read import follow
+from logs.records import Note, Record
+from logs.writer import SessionWriter
+from tests.logs.trails import START, moment, write_session
+
+
+@pytest.fixture
+def home(tmp_path: Path) -> Path:
+    """A home with one session, its key beside it."""
+    key = load_or_make_key(tmp_path / "keys")
+    (tmp_path / "logs").mkdir()
+    write_session(tmp_path / "logs", "s1", key, PosixDisk())
+    return tmp_path
+
+
+def audit(*arguments: str) -> tuple[int, str]:
+    result = CliRunner().invoke(cli, ["audit", *arguments])
+    return result.exit_code, result.output + str(result.exception or "")
+
+
+def test_verify_ends_with_0_1_or_2(home: Path) -> None:
+    session = home / "logs" / "s1.jsonl"
+    assert audit("verify", "--home", str(home))[0] == 0
+    assert audit("verify", str(session))[0] == 0
+    session.write_bytes(session.read_bytes().replace(b"Look.", b"Fine."))
+    status, said = audit("verify", str(session), "--json", str(home / "findings.json"))
+    assert (status, "line 5" in said) == (1, True)
+    told = json.loads((home / "findings.json").read_text())
+    assert (told["exit"], told["files"][0]["status"], told["files"][0]["line"]) == (1, "tampered", 5)
+    assert audit("verify", str(home / "nothing.jsonl"))[0] == 2
+    assert audit("verify", "--home", str(home / "keys"))[0] == 2
+
+
+def test_verify_takes_the_key_that_is_given(home: Path, tmp_path: Path) -> None:
+    exported = tmp_path / "exported.pub"
+    assert audit("key", "--home", str(home), "-o", str(exported))[0] == 0
+    assert load_public_key(exported) == load_public_key(home / "keys" / "console.pub")
+    session = str(home / "logs" / "s1.jsonl")
+    assert audit("verify", session, "--key", str(exported))[0] == 0
+    load_or_make_key(tmp_path / "other")
+    status, said = audit("verify", session, "--key", str(tmp_path / "other" / "console.pub"))
+    assert (status, "not a known one" in said) == (1, True)
+    (tmp_path / "junk.pub").write_text("junk")
+    assert "no public key" in audit("verify", session, "--key", str(tmp_path / "junk.pub"))[1]
+
+
+def test_a_report_is_written_and_a_place_that_refuses_is_named(home: Path) -> None:
+    page = home / "report.html"
+    assert audit("report", "last", "--home", str(home), "-o", str(page))[0] == 0
+    assert page.read_text().startswith("<!doctype html>")
+    assert "can't be written" in audit("report", "--home", str(home), "-o", str(home / "no" / "x.html"))[1]
+
+
+def test_sessions_are_listed_and_shown(home: Path) -> None:
+    assert "s1" in audit("list", "--home", str(home))[1]
+    said = audit("show", "--home", str(home), "--kind", "stop")[1]
+    assert said.count("\n") == 1
+    assert "STOP in standing" in said
+
+
+def test_a_private_key_that_others_can_read_is_mended_and_told(home: Path) -> None:
+    path = home / "keys" / "console.key"
+    path.chmod(0o644)
+    key = load_or_make_key(home / "keys")
+    assert key.was_exposed
+    assert path.stat().st_mode & 0o777 == 0o600
+    assert not load_or_make_key(home / "keys").was_exposed
+
+
+def test_a_new_key_leaves_the_old_public_one_behind(home: Path) -> None:
+    (home / "keys" / "console.key").unlink()
+    load_or_make_key(home / "keys")
+    write_session(home / "logs", "s2", load_or_make_key(home / "keys"), PosixDisk())
+    assert audit("verify", str(home / "logs" / "s1.jsonl"))[0] == 0
+    assert audit("verify", str(home / "logs" / "s2.jsonl"))[0] == 0
+
+
+def test_checkpoints_reach_the_second_place_and_its_failure_is_a_sentence(home: Path) -> None:
+    key = load_or_make_key(home / "keys")
+    copies = home / "copies"
+    writer = SessionWriter(home / "logs", "s2", key, PosixDisk(), CheckpointCopy(str(copies)))
+    writer.begin(START, moment(0))
+    writer.end("test", moment(1))
+    assert writer.finish(moment(2))
+    writer.close()
+    assert (copies / f"s2.jsonl{SUFFIX}").read_bytes().count(b"\n") == 1
+    assert audit("verify", "--home", str(home), "--copies", str(copies))[0] == 0
+    (home / "blocked").touch()
+    blocked = CheckpointCopy(str(home / "blocked" / "x"))
+    blocked.put("s3.jsonl", b"line\n")
+    blocked.close()
+    assert "can't be copied" in blocked.fault
+
+
+def test_following_gives_what_is_added_even_in_halves(tmp_path: Path, home: Path) -> None:
+    lines = (home / "logs" / "s1.jsonl").read_bytes().splitlines(keepends=True)
+    path = tmp_path / "growing.jsonl"
+    path.write_bytes(lines[0] + lines[1][:20])
+    over = threading.Event()
+    handle = os.open(path, os.O_WRONLY | os.O_APPEND)
+    found = follow(path, over.is_set, pause_s=0.001)
+    assert isinstance(next(found), Record)
+    os.write(handle, lines[1][20:] + lines[2])
+    assert [isinstance(next(found), Record), isinstance(next(found), Record)] == [True, True]
+    over.set()
+    os.close(handle)
+    assert list(found) == []
+
+
+def test_a_stepped_clock_is_recorded(home: Path) -> None:
+    key = load_or_make_key(home / "keys")
+    writer = SessionWriter(home / "logs", "s3", key, PosixDisk(), CheckpointCopy(""))
+    writer.begin(START, moment(0))
+    writer.take(moment(1).entry(Note(text="before")))
+    late = moment(2)
+    writer.take(type(late)(wall_ns=late.wall_ns + 5 * 10**9, monotonic_ns=late.monotonic_ns).entry(Note(text="after")))
+    writer.settle(late.monotonic_ns)
+    writer.close()
+    assert "wall clock moved by +5.000 s" in audit("show", "s3", "--home", str(home))[1]
