@@ -13,7 +13,8 @@ from app.evaluate.sequence import PERIOD_NS
 from hal.cameras.hand_poses import GESTURES, POSES
 from hal.cameras.hand_scene import Scene, keypoints_m, person_of, posed, render
 from kgdfa.hand import FloatArray, Hand
-from kgdfa.images import Image
+from kgdfa.images import Image, as_bgr8
+from kgdfa.preprocess import Prepare
 
 SOURCE = "digital hand"
 MAX_TILT_RAD = np.radians(30.0)
@@ -68,7 +69,11 @@ def picture(scene: Scene, seed: int) -> Image:
 
 
 def see_digital(
-    model: Path, per_pose: int, first_seed: int, tell: Callable[[], None] = lambda: None
+    model: Path,
+    per_pose: int,
+    first_seed: int,
+    tell: Callable[[], None] = lambda: None,
+    prepare: Prepare = as_bgr8,
 ) -> list[SeenPhoto]:
     """Every hand held still for as many frames as a vote needs, tracked as before a camera; the last frame counts."""
     from kgdfa.keypoints import HandDetector
@@ -76,7 +81,7 @@ def see_digital(
     seen, now_ns = [], 0
     with HandDetector(model) as detector:
         for photo, scene, seed in digital_scenes(per_pose, first_seed):
-            shown = picture(scene, seed)
+            shown = prepare(picture(scene, seed))
             hands: tuple[Hand, ...] = ()
             for image in (np.zeros_like(shown), *[shown] * HELD_FRAMES):  # the black one ends the last hand's track
                 now_ns += PERIOD_NS

@@ -15,7 +15,9 @@ import cv2
 from app.errors import AppError
 from kgdfa.errors import KgdfaError
 from kgdfa.hand import Gesture, Hand
+from kgdfa.images import as_bgr8
 from kgdfa.looks import SECOND_THRESHOLD, StillDetector, see_photo
+from kgdfa.preprocess import Prepare
 
 NONE_PREFIX = "none:"
 _COLUMNS = ["path", "label", "source", "group"]
@@ -81,8 +83,9 @@ def _photo(where: str, row: list[str]) -> Photo:
 class PhotoLooker:
     """Looks at photos with the real detector; each thread that asks gets detectors of its own."""
 
-    def __init__(self, directory: Path, model: Path) -> None:
+    def __init__(self, directory: Path, model: Path, prepare: Prepare = as_bgr8) -> None:
         self._directory = directory
+        self._prepare = prepare
         self._model = model
         self._own = threading.local()
 
@@ -93,7 +96,7 @@ class PhotoLooker:
             return SeenPhoto(photo=photo, hands=(), error="no picture, or one that can't be read")
         detector, eager = self._detectors()
         try:
-            return SeenPhoto(photo=photo, hands=see_photo(detector, eager, image))
+            return SeenPhoto(photo=photo, hands=see_photo(detector, eager, self._prepare(image)))
         except KgdfaError as error:
             return SeenPhoto(photo=photo, hands=(), error=str(error))
 
@@ -109,12 +112,12 @@ class PhotoLooker:
 
 
 def see_all(
-    photos: list[Photo], directory: Path, model: Path, tell: Callable[[], None], threads: int | None = None
+    photos: list[Photo], directory: Path, model: Path, tell: Callable[[], None], prepare: Prepare = as_bgr8
 ) -> list[SeenPhoto]:
     """Every photo looked at, in order; `tell` is called after each."""
-    looker = PhotoLooker(directory, model)
+    looker = PhotoLooker(directory, model, prepare)
     seen = []
-    with ThreadPoolExecutor(threads or os.cpu_count()) as pool:
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
         for one in pool.map(looker.see, photos):
             seen.append(one)
             tell()

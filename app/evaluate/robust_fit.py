@@ -22,13 +22,14 @@ from kgdfa.features import features
 from kgdfa.hand import FloatArray, Side
 from kgdfa.robust_model import RobustModel
 
-MEMBERS = 4
+MEMBERS = 3
 HIDDEN = 64
 EPOCHS = 12
 PENALTY = 0.03  # L2
 DROPOUT = 0.1  # share of features blanked: no verdict shall hang on one of them
 GRAFT_WEIGHT = 1.0  # of one grafted hand, the mean real look's being 1
 THIRDS = 3
+INNER_GROUPS = 3  # of sources, each left out once in the fits that choose thresholds
 INNER_SHARE = 1 / 3  # of looks and grafts, in the fits that only choose thresholds: they are many
 CANDIDATE_THRESHOLDS = np.arange(0.30, 0.96, 0.05)
 WRONG_ACCEPTANCE_COST = 2.0  # what a point of undefined hands accepted weighs against a point of macro-F1
@@ -95,6 +96,30 @@ def folds(looked: Looked, of: NDArray[np.bool_] | None = None) -> Iterator[Fold]
             )
 
 
+def _inner_folds(looked: Looked, of: NDArray[np.bool_]) -> Iterator[Fold]:
+    """As `folds`, but a few sources at a time: many such fits are made only to choose thresholds."""
+    labels, sources = looked.labels, looked.sources
+    always = of & (sources == DIGITAL)
+    among = of & ~always
+    lonely = [name for name in GESTURE_NAMES if len(set(sources[among & (labels == name)])) == 1]
+    third = _thirds(labels, sources)
+    for part, group in enumerate(_even_groups(sources[among])):
+        here = among & np.isin(sources, group)
+        kept = here & np.isin(labels, lonely) & (third != part)
+        yield Fold(name=", ".join(group), fit=always | (among & ~here) | kept, measure=here & ~kept)
+
+
+def _even_groups(sources: NDArray[np.str_]) -> list[list[str]]:
+    """The sources in `INNER_GROUPS` groups of about as many photos each."""
+    groups: list[list[str]] = [[] for _ in range(INNER_GROUPS)]
+    sizes = [0] * INNER_GROUPS
+    for source, count in Counter(sources.tolist()).most_common():
+        smallest = sizes.index(min(sizes))
+        groups[smallest].append(source)
+        sizes[smallest] += count
+    return [group for group in groups if group]
+
+
 def _thirds(labels: NDArray[np.str_], sources: NDArray[np.str_]) -> NDArray[np.int64]:
     """Which contiguous third of its label and source each photo belongs to, in the order of the list."""
     third = np.zeros(len(labels), dtype=np.int64)
@@ -124,8 +149,8 @@ def photo_probabilities(model: RobustModel, looked: Looked, of: NDArray[np.bool_
 def _choose_thresholds(looked: Looked, among: NDArray[np.bool_], tell: Callable[[str], None]) -> FloatArray:
     """The thresholds that serve best on inner folds: macro-F1 less the cost of undefined hands accepted."""
     chances = np.zeros((len(looked.photos), len(GESTURE_NAMES)))
-    for fold in folds(looked, among):
-        tell(f"threshold, without {fold.name}")
+    for fold in _inner_folds(looked, among):
+        tell(f"thresholds, without {fold.name}")
         model = _fit_members(looked, fold.fit, 1, share=INNER_SHARE)
         chances += photo_probabilities(model, looked, fold.measure)[:, : len(GESTURE_NAMES)]
     among = among & (looked.sources != DIGITAL)

@@ -12,6 +12,7 @@ if TYPE_CHECKING:
 
     from app.evaluate.gesture_photos import Photo, SeenPhoto
     from kgdfa.images import Image
+    from kgdfa.preprocess import Prepare
 
 cli = typer.Typer()
 
@@ -36,6 +37,7 @@ def gestures(
         int, typer.Option(help="Measure on this many digital hands a pose instead of a folder.", min=0)
     ] = 0,
     single_look: Annotated[bool, typer.Option("--single-look", help="Judge one look, as in video.")] = False,
+    prepare: Annotated[str, typer.Option(help="Preprocessing: none, denoise, sharpen or denoise+sharpen.")] = "none",
     home: Home = None,
 ) -> None:
     """Table 3: how well both rule sets recognise gestures, and refuse what is none."""
@@ -44,12 +46,16 @@ def gestures(
     from app.errors import AppError
     from app.evaluate import gesture_report as report
     from app.evaluate.gestures import CROSS_VALIDATED, SHIPPED, judge_as_shipped, judge_cross_validated, measure_all
+    from kgdfa.preprocess import find_preparation
 
+    step = find_preparation(prepare)
     if (directory is None) == (digital == 0):
         raise AppError("Give a folder with labels.csv, or --digital N, and not both.")
     console = Console()
     looks = 1 if single_look else None
-    seen = _seen_digital(console, digital, home) if digital else looked_at(console, directory, keypoints, home)
+    seen = (
+        _seen_digital(console, digital, home, step) if digital else looked_at(console, directory, keypoints, home, step)
+    )
     if cross_validate:
         with_digital = looked_at_digital_to_fit(console, keypoints, home)
         with console.status("fitting") as status:
@@ -81,30 +87,37 @@ def _model(home: Path | None) -> Path:
     return set_up_model(place, load_config(place.config))
 
 
-def looked_at(console: Console, directory: Path | None, keypoints: Path | None, home: Path | None) -> list[SeenPhoto]:
+def looked_at(
+    console: Console,
+    directory: Path | None,
+    keypoints: Path | None,
+    home: Path | None,
+    prepare: Prepare | None = None,
+) -> list[SeenPhoto]:
     """The photos of a folder, looked at now or read from the keypoint file."""
     from app.cli.progress import bar
     from app.evaluate.gesture_photos import read_labels, see_all
     from app.evaluate.keypoint_file import load_seen, save_seen
+    from kgdfa.images import as_bgr8
 
     assert directory is not None
     photos: list[Photo] = read_labels(directory)
     if keypoints is not None and keypoints.exists():
         return load_seen(keypoints, photos)
     with bar(console, "looking at photos", len(photos)) as tell:
-        seen = see_all(photos, directory, _model(home), tell)
+        seen = see_all(photos, directory, _model(home), tell, prepare or as_bgr8)
     if keypoints is not None:
         save_seen(seen, keypoints)
     return seen
 
 
-def _seen_digital(console: Console, per_pose: int, home: Path | None) -> list[SeenPhoto]:
+def _seen_digital(console: Console, per_pose: int, home: Path | None, prepare: Prepare) -> list[SeenPhoto]:
     from app.cli.progress import bar
     from app.evaluate.digital_hands import MEASURE_SEEDS, see_digital
     from hal.cameras.hand_poses import POSES
 
     with bar(console, "looking at digital hands", per_pose * len(POSES)) as tell:
-        return see_digital(_model(home), per_pose, MEASURE_SEEDS, tell)
+        return see_digital(_model(home), per_pose, MEASURE_SEEDS, tell, prepare)
 
 
 def looked_at_digital_to_fit(console: Console, keypoints: Path | None, home: Path | None) -> list[SeenPhoto]:
