@@ -22,10 +22,16 @@ ByOption = Annotated[str, typer.Option("--by", help="Who makes the change; your 
 
 
 def _store(home: Path | None) -> ProfileStore:
+    from app.config import load_config
+    from app.control.feasibility import refuse_unfit
     from app.paths import find_home
+    from hal.joints.device import DEFAULT_DEVICE, load_exoskeleton
     from profiles.store import ProfileStore
 
-    return ProfileStore(find_home(home).profiles)
+    place = find_home(home)
+    described = load_config(place.config).joints.device
+    device = load_exoskeleton(Path(described) if described else DEFAULT_DEVICE)
+    return ProfileStore(place.profiles, checks=(refuse_unfit(device),))
 
 
 def _who(by: str) -> str:

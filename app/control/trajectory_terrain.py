@@ -16,6 +16,7 @@ from app.control.trajectory_outline import Outline
 from hal.joints.scene import Block, BlockKind, Scene
 
 GAP_M = 0.03  # between the toes and what stands before them
+RISER_GAP_M = 0.065  # the rising foot points its toes down and forward
 LANDING_M = 5.0  # the floor that a stair leads to
 
 # Shares of an action's time.
@@ -40,7 +41,7 @@ class Crossing:
 def stair_up(patient: Patient) -> Crossing:
     """The feet stand before a stair; they end on it, as far from the next."""
     rise, tread = patient.gait.stair_rise_m, patient.gait.stair_tread_m
-    edge = patient.body.toe_m + GAP_M
+    edge = patient.body.toe_m + RISER_GAP_M
     step = Block(kind=BlockKind.STEP, from_x_m=edge, to_x_m=edge + LANDING_M, top_m=rise)
     return Crossing(
         travel_m=tread,
