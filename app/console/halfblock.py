@@ -59,11 +59,11 @@ def _strip(upper: NDArray[np.uint32], lower: NDArray[np.uint32]) -> Strip:
     return Strip(segments, len(upper))
 
 
-@lru_cache(maxsize=16384)
+@lru_cache(maxsize=4096)
 def _style(upper: int, lower: int) -> Style:
     return Style.from_color(_colour(upper), _colour(lower))
 
 
-@lru_cache(maxsize=8192)
+@lru_cache(maxsize=4096)
 def _colour(packed: int) -> Color:
     return Color.from_rgb(packed >> 16, packed >> 8 & 0xFF, packed & 0xFF)

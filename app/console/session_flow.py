@@ -16,6 +16,7 @@ from app.console.host_protocol import Host, HostFactory
 from app.console.language import tr
 from app.console.live import Clock, Live
 from app.console.observer import share, unshare
+from app.console.patients.fit import fits
 from app.console.patients.screen import PatientsScreen
 from app.console.session.screen import SessionScreen
 from app.console.session.state import SessionState
@@ -47,7 +48,7 @@ class SessionFlow(App[None]):
         self.live: Live | None = None
         self.signed_in: Operator | None = None
         self.trail = ConsoleTrail()
-        self.store = ProfileStore(home.profiles)
+        self.store = ProfileStore(home.profiles, (fits(config.joints),))
         self.sessions = SessionRecords(home.root / "sessions")
         self._make_host = make_host
         self._clock = clock

@@ -1,0 +1,76 @@
+"""Watching: an observer finds the running session, hears it, and can't act on it."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+
+import msgspec
+import pytest
+
+from app import processes
+from app.config import Config
+from app.console.observer import ObserverHost, share, shared, unshare
+from app.errors import AppError
+from app.host import make_setup
+from app.links import OrderedReceiver, Publisher, address
+from app.messages import HandCommand, OperatorCommand, OperatorKind, TriggerReport
+from app.paths import Home
+from app.setup import SessionSetup
+from profiles.schema import DEMO_PATIENT
+from tests.app.console.conftest import Opener
+
+LIMIT_S = 10.0
+
+
+@pytest.fixture
+def setup(home: Home, tmp_path: Path) -> SessionSetup:
+    made = make_setup(home, Config(), DEMO_PATIENT, operator="Ada")
+    made.links.rmdir()
+    links = tmp_path / "links"
+    links.mkdir()
+    return msgspec.structs.replace(made, links=links)
+
+
+def test_what_is_shared_is_found(home: Home, setup: SessionSetup) -> None:
+    share(home, setup)
+    assert shared(home) == setup
+
+
+def test_without_a_session_there_is_a_sentence(home: Home, setup: SessionSetup) -> None:
+    with pytest.raises(AppError, match="No session runs"):
+        shared(home)
+    share(home, setup)
+    unshare(home)
+    with pytest.raises(AppError, match="No session runs"):
+        shared(home)
+    share(home, setup)
+    setup.links.rmdir()
+    with pytest.raises(AppError, match="has ended"):
+        shared(home)
+
+
+def test_an_observer_hears_and_says_nothing(setup: SessionSetup) -> None:
+    publisher = Publisher(address(setup.links, processes.TRIGGER.name))
+    operator = OrderedReceiver(address(setup.links, processes.OPERATOR.name), OperatorCommand)
+    observer = ObserverHost(setup)
+    report = TriggerReport(incarnation=1, sequence=7, captured_ns=0, sent_ns=0, hand=False, gesture=None)
+    try:
+        limit = time.monotonic() + LIMIT_S
+        while observer.poll().report != report:
+            publisher.send(report)
+            assert time.monotonic() < limit
+        observer.send(OperatorKind.SHUT_DOWN)
+        observer.move_hand(HandCommand(press=True))
+        observer.beat()
+        assert operator.receive(timeout_s=0.2) is None
+    finally:
+        for link in (publisher, operator, observer):
+            link.close()
+
+
+async def test_the_bar_says_that_stop_is_elsewhere(console: Opener) -> None:
+    async with console(read_only=True) as open_console:
+        await open_console.shows("Only watching")
+        await open_console.press("space")
+        assert open_console.host.sent == []
