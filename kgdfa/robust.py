@@ -38,21 +38,25 @@ class RobustRules:
 
     def score_looks(self, hands: Sequence[Hand]) -> FloatArray:
         """The mean of `score` over several looks at one hand."""
-        chances: FloatArray = self._model.probabilities(_features(hands)).mean(axis=0)
-        return chances[: len(GESTURES)]
+        return self.weigh_looks(hands)[1]
 
     def judge_looks(self, hands: Sequence[Hand]) -> Verdict:
         """The verdict on several looks at one hand, the plain one first: the explanation is about that one."""
-        return judge_features(self._model, _features(hands))
+        return self.weigh_looks(hands)[0]
+
+    def weigh_looks(self, hands: Sequence[Hand]) -> tuple[Verdict, FloatArray]:
+        """Both at once, from one measuring of the hands."""
+        values = _features(hands)
+        chances = self._model.probabilities(values).mean(axis=0)
+        return judge_features(self._model, values[0], chances), chances[: len(GESTURES)]
 
 
 def _features(hands: Sequence[Hand]) -> FloatArray:
     return np.array([features(hand.image_px, hand.world_m) for hand in hands])
 
 
-def judge_features(model: RobustModel, values: FloatArray) -> Verdict:
-    """The verdict on the features of one or more looks at one hand, (looks, F)."""
-    chances = model.probabilities(values).mean(axis=0)
+def judge_features(model: RobustModel, values: FloatArray, chances: FloatArray) -> Verdict:
+    """The verdict from one look's features, (F,), and the class probabilities, (K,), of all looks at the hand."""
     order = [int(k) for k in np.argsort(chances)[::-1]]
     nearest = next(k for k in order if k < len(GESTURES))
     rival = next(k for k in order if k != nearest)
@@ -64,7 +68,7 @@ def judge_features(model: RobustModel, values: FloatArray) -> Verdict:
         gesture=gesture if accepted else None,
         confidence=sure,
         nearest=gesture,
-        explanation=explain(model, values[0], nearest, rival),
+        explanation=explain(model, values, nearest, rival),
     )
 
 

@@ -49,8 +49,7 @@ class RobustJudge:
 
     def judge(self, hands: Sequence[Hand]) -> tuple[Verdict, FloatArray]:
         """The mean over the looks (the first `looks`, if said)."""
-        taken = hands[: self._looks]
-        return self._rules.judge_looks(taken), self._rules.score_looks(taken)
+        return self._rules.weigh_looks(hands[: self._looks])
 
 
 def judge_all(seen: Sequence[SeenPhoto], judge: PhotoJudge) -> list[Judged]:
