@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Generator
 
     from app.config import CameraConfig
     from app.paths import Home
@@ -105,8 +105,10 @@ def calibrate(
     )
 
 
-def _look_for(board: Board, pictures: Iterator[ImageArray]) -> tuple[list[Corners], tuple[int, int]]:
-    """The board's corners wherever it was seen whole, and the pictures' size."""
+def _look_for(board: Board, pictures: Generator[ImageArray, None, None]) -> tuple[list[Corners], tuple[int, int]]:
+    """The board's corners wherever it was seen whole, and the pictures' size; Ctrl-C ends the looking early."""
+    from contextlib import closing, suppress
+
     from rich.progress import Progress
 
     from hal.cameras.chessboard import find_corners
@@ -114,7 +116,7 @@ def _look_for(board: Board, pictures: Iterator[ImageArray]) -> tuple[list[Corner
 
     found: list[Corners] = []
     size = (0, 0)
-    with Progress(transient=True) as progress:
+    with Progress(transient=True) as progress, suppress(KeyboardInterrupt), closing(pictures):
         task = progress.add_task("pictures with the whole board: 0", total=None)
         for image in pictures:
             this = (image.shape[1], image.shape[0])
@@ -132,7 +134,7 @@ def _look_for(board: Board, pictures: Iterator[ImageArray]) -> tuple[list[Corner
     return found, size
 
 
-def _pictures(source: str, camera: str, home: Home) -> tuple[str, Iterator[ImageArray]]:
+def _pictures(source: str, camera: str, home: Home) -> tuple[str, Generator[ImageArray, None, None]]:
     """The camera's name, and pictures of the board: of a folder, or one a second of a live camera."""
     from hal.cameras.playback import picture_files, read_picture
     from hal.errors import HardwareError
@@ -147,7 +149,7 @@ def _pictures(source: str, camera: str, home: Home) -> tuple[str, Iterator[Image
     return live.name, _live_pictures(live)
 
 
-def _live_pictures(camera: Camera) -> Iterator[ImageArray]:
+def _live_pictures(camera: Camera) -> Generator[ImageArray, None, None]:
     import time
 
     last_s = 0.0
@@ -157,8 +159,6 @@ def _live_pictures(camera: Camera) -> Iterator[ImageArray]:
             if frame is not None and time.monotonic() - last_s >= BETWEEN_PICTURES_S:
                 last_s = time.monotonic()
                 yield frame.image_bgr
-    except KeyboardInterrupt:
-        return
     finally:
         camera.close()
 
