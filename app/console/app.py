@@ -94,7 +94,9 @@ class ConsoleApp(SessionFlow):
             await self.begin_signed_in(self._profile, self.config)
 
     async def on_event(self, event: events.Event) -> None:
-        """Every key and click says that somebody is there."""
+        """STOP before any field may take the key for a letter; every key and click says that somebody is there."""
+        if isinstance(event, events.Key) and self.switch.takes(event):
+            return
         if isinstance(event, (events.Key, events.MouseDown)):
             self._idle = self._idle.touched(time.monotonic())
         await super().on_event(event)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import math
 import time
 from pathlib import Path
 from typing import ClassVar
@@ -11,15 +10,16 @@ from typing import ClassVar
 from rich.text import Text
 from textual import on, work
 from textual.app import ComposeResult
-from textual.binding import BindingType
-from textual.containers import Horizontal, Vertical, VerticalScroll
-from textual.widgets import Input, OptionList, Static
-from textual.widgets.option_list import Option
+from textual.binding import Binding, BindingType
+from textual.containers import Horizontal, VerticalScroll
+from textual.widgets import Static
 
-from app.console.base import ConsoleScreen, Dialog
+from app.console.base import ConsoleScreen
 from app.console.language import tr
 from app.console.review_comments import comments_on, write_comment
-from app.console.review_session import Instant, ReviewedSession, open_session
+from app.console.review_dialogs import ChooseSession, WriteComment
+from app.console.review_moment import about
+from app.console.review_session import ReviewedSession, open_session
 from app.console.review_timeline import Timeline
 from app.paths import Home
 from logs.anchor import read_anchor
@@ -33,26 +33,24 @@ from logs.records import Comment, Record
 from logs.show import line_of
 from logs.verify import Evidence, verify
 
-JOINTS = ("L hip", "L knee", "R hip", "R knee")
-
 
 class ReviewScreen(ConsoleScreen):
     """Opens one session, or asks which."""
 
     HELP_PAGE = "review"
     BINDINGS: ClassVar[list[BindingType]] = [
-        ("escape", "close", "reviewing.close"),
-        ("left", "turn(-1)", "reviewing.left"),
-        ("right", "turn(1)", "reviewing.right"),
-        ("up", "step(-1)", "reviewing.up"),
-        ("down", "step(1)", "reviewing.down"),
-        ("n", "jump(1)", "reviewing.next"),
-        ("p", "jump(-1)", "reviewing.previous"),
-        ("plus,equals_sign", "zoom(0.5)", "reviewing.zoom_in"),
-        ("minus", "zoom(2.0)", "reviewing.zoom_out"),
-        ("home", "go(0)", "reviewing.begin"),
-        ("end", "go(-1)", "reviewing.end"),
-        ("c", "comment", "reviewing.write"),
+        Binding("escape", "close", "reviewing.close", id="review.close"),
+        Binding("left", "turn(-1)", "reviewing.left", id="review.left"),
+        Binding("right", "turn(1)", "reviewing.right", id="review.right"),
+        Binding("up", "step(-1)", "reviewing.up", id="review.up"),
+        Binding("down", "step(1)", "reviewing.down", id="review.down"),
+        Binding("n", "jump(1)", "reviewing.next", id="review.next"),
+        Binding("p", "jump(-1)", "reviewing.previous", id="review.previous"),
+        Binding("plus,equals_sign", "zoom(0.5)", "reviewing.zoom_in", id="review.zoom_in"),
+        Binding("minus", "zoom(2.0)", "reviewing.zoom_out", id="review.zoom_out"),
+        Binding("home", "go(0)", "reviewing.begin", id="review.begin"),
+        Binding("end", "go(-1)", "reviewing.end", id="review.end"),
+        Binding("c", "comment", "reviewing.write", id="review.write"),
     ]
     CSS = """
     ReviewScreen #verdict { height: auto; max-height: 4; background: $panel; }
@@ -205,7 +203,7 @@ class ReviewScreen(ConsoleScreen):
         instant = self._session.instant(self._index)
         self.query_one(Timeline).put_cursor(instant.at_s)
         self.query_one("#records", Static).update(self._list(self._session))
-        self.query_one("#instant", Static).update(_about(instant, self._comments.get(self._index, [])))
+        self.query_one("#instant", Static).update(about(instant, self._comments.get(self._index, [])))
 
     def _list(self, session: ReviewedSession) -> Text:
         height = max(self.query_one("#records", Static).size.height, 3)
@@ -218,93 +216,3 @@ class ReviewScreen(ConsoleScreen):
                 line.stylize("reverse")
             lines.append(line)
         return Text("\n").join(lines)
-
-
-class ChooseSession(Dialog[Path]):
-    """Which session to open, the newest on top."""
-
-    def __init__(self, paths: list[Path]) -> None:
-        super().__init__()
-        self._paths = list(reversed(paths))
-
-    def compose(self) -> ComposeResult:
-        with Vertical(classes="dialog") as box:
-            box.border_title = tr("reviewing.choose")
-            yield OptionList(*(Option(Text(harmless(path.stem))) for path in self._paths))
-        yield from self.compose_bottom()
-
-    def on_option_list_option_selected(self, event: OptionList.OptionSelected) -> None:
-        """Open it."""
-        self.dismiss(self._paths[event.option_index])
-
-
-class WriteComment(Dialog[str]):
-    """A reviewer's comment on one record."""
-
-    def __init__(self, number: int) -> None:
-        super().__init__()
-        self._number = number
-
-    def compose(self) -> ComposeResult:
-        with Vertical(classes="dialog") as box:
-            box.border_title = tr("reviewing.comment", number=self._number)
-            yield Input(max_length=4000)
-        yield from self.compose_bottom()
-
-    def on_input_submitted(self, event: Input.Submitted) -> None:
-        """Keep it."""
-        self.dismiss(event.value.strip())
-
-
-def _about(instant: Instant, comments: list[Comment]) -> Text:
-    """Everything about one moment."""
-    minutes, seconds = divmod(instant.at_s, 60)
-    text = Text(f"{tr('reviewing.moment')}  {int(minutes)}:{seconds:06.3f}\n", "bold")
-    rows = (
-        ("state", instant.state),
-        ("gesture", instant.gesture),
-        ("press", "●" if instant.pressed else ""),
-        ("effect", instant.effect),
-        ("events", ", ".join(instant.events)),
-    )
-    for name, value in rows:
-        text.append(f"{tr(f'reviewing.{name}')}: ", "dim")
-        text.append(f"{harmless(value) or '–'}\n")
-    if instant.joints is not None:
-        _add_joints(text, instant)
-    text.append("\n")
-    text.append(_fields(instant))
-    for comment in comments:
-        text.append(f"\n✎ {harmless(comment.text)}", "italic")
-    return text
-
-
-def _add_joints(text: Text, instant: Instant) -> None:
-    assert instant.joints is not None
-    titles = (tr(f"reviewing.{name}") for name in ("angle", "target", "torque", "temperature"))
-    text.append(f"{'':<8}" + "".join(f"{title:>9}" for title in titles) + "\n", "dim")
-    for joint, name in enumerate(JOINTS):
-        values = (
-            _number(instant.joints.angle_mean_rad[joint], math.degrees(1), "°"),
-            _number(instant.joints.target_mean_rad[joint], math.degrees(1), "°"),
-            _number(instant.joints.torque_mean_nm[joint], 1, " Nm"),
-            _number(instant.joints.temperature_c[joint], 1, " °C"),
-        )
-        text.append(f"{name:<8}" + "".join(f"{value:>9}" for value in values) + "\n")
-
-
-def _number(value: float | None, scale: float, unit: str) -> str:
-    return "–" if value is None else f"{value * scale:.1f}{unit}"
-
-
-def _fields(instant: Instant) -> Text:
-    """The record at the cursor, field by field."""
-    record = instant.record
-    if not isinstance(record, Record):
-        return line_of(record)
-    text = Text(f"#{record.sequence} {record.process} {harmless(record.operator)}\n", "bold")
-    for name in record.body.__struct_fields__:
-        text.append(f"{name}: ", "dim")
-        text.append(f"{harmless(str(getattr(record.body, name)))}\n")
-    text.append(f"hash {record.hash[:16]}…\n", "dim")
-    return text

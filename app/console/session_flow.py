@@ -180,7 +180,8 @@ class SessionFlow(App[None]):
         limit = loop.time() + CONTROL_ENDS_S
         while live.control_alive and loop.time() < limit:
             await asyncio.sleep(0.05)
-        live.at_rest()
+        if not live.control_alive:
+            live.at_rest()
         while isinstance(self.screen, Dialog):
             await self.pop_screen()
         if self.live is live:

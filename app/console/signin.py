@@ -30,14 +30,18 @@ class SignInDialog(Dialog[Operator]):
         self._first = False
 
     def compose(self) -> ComposeResult:
-        self._first = not self._unlock and not load_store(self.console_app.home.keys).operators
+        reason = ""
+        try:
+            self._first = not self._unlock and not load_store(self.console_app.home.keys).operators
+        except AppError as error:
+            reason = f"✗ {error}"
         title = "first" if self._first else "unlock" if self._unlock else "title"
         with Vertical(classes="dialog") as box:
             box.border_title = tr(f"sign_in.{title}")
             yield Static(tr("sign_in.first_words") if self._first else tr("sign_in.words"), markup=False)
             yield Input(self._unlock, placeholder=tr("sign_in.name"), id="name", max_length=60)
             yield Input(placeholder=tr("sign_in.pin"), id="pin", password=True, max_length=12)
-            yield Static("", id="reason", markup=False)
+            yield Static(reason, id="reason", markup=False)
         yield from self.compose_bottom()
 
     def on_mount(self) -> None:
