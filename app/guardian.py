@@ -25,11 +25,12 @@ from hal.joints.device import DEFAULT_DEVICE, load_exoskeleton
 from hal.joints.safe_stop import SafeStop
 from logs.records import HeartbeatLost, Note, ProcessEnd, ProcessStart
 
-LOOK_S = 0.005  # with the stale limit of 35 ms the joints are damped before 50 ms are over
+LOOK_S = 0.004  # twice, after the stale limit of 35 ms: the joints are damped before 50 ms are over
 NS_PER_MS = 1_000_000
 DAMP_NS = 3_000 * NS_PER_MS  # the wearer sinks into the harness; then the torque goes off
 ENDING_DAMP_NS = 500 * NS_PER_MS
 LATE_LOOK_NS = 12 * NS_PER_MS
+LOOKS = 2
 OFF_NS = 300 * NS_PER_MS
 RETRY_NS = 1_000 * NS_PER_MS
 PRIORITY = 70
@@ -52,20 +53,24 @@ class Watch:
     doing: Doing = Doing.WATCH
     since_ns: int = 0
     looked_ns: int = 0
+    missed: int = 0  # looks in a row that found the heartbeat stale
 
 
 def look(watch: Watch, heartbeat: Heartbeat | None, now_ns: int, *, ending: bool = False) -> Watch:
     """The watch after one look. Once it has acted, it goes on to the end, whatever control says afterwards.
 
-    A guardian that was itself late knows nothing of the last moments: it looks once more before it acts.
+    It acts on the second look in a row that finds the heartbeat stale, and one that was itself late, and so knows
+    nothing of the last moments, does not count.
     ending: the session is being closed, and the wearer is not left in damped joints for long.
     """
     punctual = now_ns - watch.looked_ns <= LATE_LOOK_NS
-    watch = replace(watch, heartbeat=heartbeat or watch.heartbeat, looked_ns=now_ns)
+    newest = heartbeat or watch.heartbeat
+    missed = watch.missed + 1 if punctual and _lost(newest, now_ns) else 0
+    watch = replace(watch, heartbeat=newest, looked_ns=now_ns, missed=missed)
     damped_ns = ENDING_DAMP_NS if ending else DAMP_NS
     if watch.doing is Doing.DAMP and now_ns - watch.since_ns > damped_ns:
         return replace(watch, doing=Doing.OFF, since_ns=now_ns)
-    if watch.doing is Doing.WATCH and punctual and _lost(watch.heartbeat, now_ns):
+    if watch.doing is Doing.WATCH and missed >= LOOKS:
         return replace(watch, doing=Doing.DAMP, since_ns=now_ns)
     return watch
 

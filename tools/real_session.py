@@ -22,13 +22,15 @@ import psutil
 from app import host as hosting
 from app import processes
 from app.config import Config, JointsConfig
+from app.control.patient import patient_of
+from app.control.preflight import run_preflight
 from app.control.states import Action, GaitState
 from app.links import LatestReceiver, address
 from app.messages import ControlSnapshot, GuardianHealth, Heartbeat, OperatorKind
 from app.paths import Home
 from app.setup import SessionSetup
 from hal.joints.bus import open_bus
-from hal.joints.device import BusDevice
+from hal.joints.device import BusDevice, load_exoskeleton
 from profiles.schema import DEMO_PATIENT
 
 PATIENCE_S = 60.0  # a limit, not a measure: loading on a busy machine takes its time
@@ -60,6 +62,9 @@ class RealSession:
 
     def __init__(self, home: Path, joints: JointsConfig | None = None, *, perception: bool = False) -> None:
         config = Config(joints=joints or JointsConfig())
+        if config.joints.kind == "can":
+            device = load_exoskeleton()
+            run_preflight(Home(home), patient_of(DEMO_PATIENT, device), device, (Action.INITIALISE,))
         self.setup = hosting.make_setup(Home(home), config, DEMO_PATIENT, "bench")
         context = multiprocessing.get_context("spawn")
         self._words, theirs = context.Pipe()
@@ -127,12 +132,16 @@ class RealSession:
         os.kill(self.pids[name], number)
         return now_ns
 
-    def end(self) -> None:
-        """Bring everything to its end, killed or not."""
+    def finish(self) -> None:
+        """Let the console end the session in good order."""
         if self._console.is_alive():
             with suppress(OSError):
                 self._words.send(END)
             self._console.join(25.0)
+
+    def end(self) -> None:
+        """Bring everything to its end, killed or not."""
+        self.finish()
         for pid in self.pids.values():
             if _lives(pid):
                 with suppress(ProcessLookupError):

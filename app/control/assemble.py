@@ -8,9 +8,11 @@ import numpy as np
 
 from app.control.drives import Drives
 from app.control.patient import body_of, patient_of
+from app.control.preflight import cleared_actions
 from app.control.settings import Settings, gains_of
 from app.control.states import Action, GaitState
 from app.control.trajectory import nominal_pose, scene_of
+from app.paths import Home
 from app.setup import SessionSetup
 from hal.joints.device import DEFAULT_DEVICE, Exoskeleton, load_exoskeleton
 from hal.joints.factory import make_joints
@@ -62,7 +64,15 @@ def joints_of(setup: SessionSetup) -> Joints:
 
 def drives_of(setup: SessionSetup, settings: Settings) -> Drives:
     """The door to the joints, not open yet."""
-    return Drives(joints_of(setup), settings.limits, settings.gains, scenes_of(setup) if settings.simulated else {})
+    return Drives(joints_of(setup), settings.limits, settings.gains, scenes_of(setup))  # only simulated feet are staged
+
+
+def cleared_of(setup: SessionSetup) -> frozenset[Action] | None:
+    """The actions whose pre-flight this patient has passed in this device; None where none is needed (simulated)."""
+    if setup.config.joints.kind == "simulated":
+        return None
+    device = device_of(setup)
+    return cleared_actions(Home(setup.home), patient_of(setup.profile, device), device)
 
 
 def scenes_of(setup: SessionSetup) -> dict[Action, Scene]:

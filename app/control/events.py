@@ -167,7 +167,7 @@ TABLE = (
         event=E.NO_PREFLIGHT,
         effect=F.REFUSE,
         present=lambda f: f.uncleared,
-        text="This action has not passed the pre-flight simulation with this profile: run it first.",
+        text="No passed pre-flight of this action with this profile: run `rleex simulate all --preflight`.",
     ),
     Row(
         event=E.NOT_HOMED,

@@ -11,7 +11,7 @@ import time
 
 from app import processes
 from app.audit_sink import AuditSink
-from app.control.assemble import drives_of, settings_of
+from app.control.assemble import cleared_of, drives_of, settings_of
 from app.control.inputs import Inputs, Outputs
 from app.control.lateness import Histogram
 from app.control.links import ControlLinks
@@ -30,6 +30,7 @@ TICK_NS = 1_000_000_000 // TICK_HZ
 HEARTBEAT_TICKS = TICK_HZ // int(processes.HEARTBEAT.rate_hz)
 SNAPSHOT_TICKS = TICK_HZ // int(processes.SNAPSHOT.rate_hz)
 PARENT_TICKS = 25  # 50 ms
+CLEARED_TICKS = 2 * TICK_HZ
 LATENESS_TICKS = 60 * TICK_HZ
 
 
@@ -48,6 +49,8 @@ class Control:
     """Owns the links, the drives and the memory of the step."""
 
     def __init__(self, setup: SessionSetup, real_time: RealTime) -> None:
+        self._setup = setup
+        self._cleared = cleared_of(setup)
         self._console_pid = setup.console_pid
         self._real_time = real_time
         self._settings = settings_of(setup)
@@ -102,6 +105,8 @@ class Control:
         feedback = self._drives.read(now_ns)
         task = self._memory.task if self._memory else None
         heard = self._links.receive(self._tick, planning=task is not None and bool(task.awaited))
+        if self._tick % CLEARED_TICKS == 0 and not self._drives.powered:
+            self._cleared = cleared_of(self._setup)  # somebody may have run it meanwhile; it reads files
         if self._tick % PARENT_TICKS == 0:
             self._must_end = self._must_end or os.getppid() != self._console_pid
         return Inputs(
@@ -123,6 +128,7 @@ class Control:
             rejected_messages=heard.rejected,
             drive_error=self._drives.error,
             must_end=self._must_end,
+            cleared=self._cleared,
         )
 
     def _publish(self, memory: Memory, inputs: Inputs, outputs: Outputs) -> None:
