@@ -125,7 +125,7 @@ class _Tear:
 
     def is_explained_by(self, scan: Scan, line: bytes, number: int, keys: Mapping[str, PublicKey]) -> bool:
         """Whether this line is the next record and its signed text tells this very stretch of bytes."""
-        if self._last != b"\n" or (head := _head(line)) is None:
+        if self._last != b"\n" or (head := head_of(line)) is None:
             return False
         told = (head.body.torn_bytes, head.body.torn_sha256)
         if head.body.kind != "log-recovered" or told != (self._size - 1, self._hash.hexdigest()):
@@ -144,7 +144,8 @@ class _Tear:
         scan.closed = False
 
 
-def _head(line: bytes) -> Head | None:
+def head_of(line: bytes) -> Head | None:
+    """What a line says of itself; None when it is no record."""
     try:
         return _decode(line)
     except (msgspec.MsgspecError, UnicodeDecodeError):
@@ -159,7 +160,7 @@ def _take(scan: Scan, line: bytes, number: int, keys: Mapping[str, PublicKey]) -
     payload, claimed = parts
     if sha256(payload).hexdigest() != claimed:
         return Fault(line=number, sequence=None, reason="its content does not match its hash: it was changed")
-    head = _head(line)
+    head = head_of(line)
     if head is None:
         return Fault(line=number, sequence=None, reason="it is sealed but no audit record")
     reason = _out_of_chain(scan, head) or _badly_signed(scan, head, payload, keys)

@@ -14,10 +14,11 @@ from logs.copies import SUFFIX
 from logs.disk import is_being_written
 from logs.journal import COMMENTS, OPERATORS
 from logs.keys import PublicKey
-from logs.line import GENESIS, MAX_LINE, unseal
+from logs.line import GENESIS, MAX_LINE
 from logs.manifest import Listing, manifest_paths, read_listings
 from logs.records import SCHEMA, LogClosed, LogRecovered, Record, SessionStart
-from logs.scan import Head, Progress, Scan, scan_file
+from logs.scan import Progress, Scan, scan_file
+from logs.second_place import copied, copied_files, differing
 
 
 class Status(Enum):
@@ -87,23 +88,14 @@ def _verify_folder(folder: Path, evidence: Evidence, progress: Progress | None) 
         return findings + _no_manifest(folder, files, evidence)
     listing = read_listings(folder, evidence.keys)
     told = listing.opened | ({evidence.anchor.file} if evidence.anchor else set())
-    named = dict.fromkeys(_copied_files(evidence), "the second place") | dict.fromkeys(told, "the manifest")
+    named = dict.fromkeys(copied_files(evidence.copies, evidence.keys), "the second place") | dict.fromkeys(
+        told, "the manifest"
+    )
     return findings + [
         Finding(file=folder / name, status=Status.TAMPERED, reason=f"the file is missing: {witness} names it")
         for name, witness in sorted(named.items())
         if not (folder / name).exists()
     ]
-
-
-def _copied_files(evidence: Evidence) -> list[str]:
-    """Files of which the second place holds a checkpoint by a known key; other consoles may use it, too."""
-    copies = evidence.copies.glob("*" + SUFFIX) if evidence.copies is not None else ()
-    return [copy.name.removesuffix(SUFFIX) for copy in copies if _signers(copy) & evidence.keys.keys()]
-
-
-def _signers(copy: Path) -> set[str]:
-    parts = (unseal(line) for line in copy.read_bytes().splitlines(keepends=True))
-    return {msgspec.json.decode(part[0], type=Head).body.key for part in parts if part is not None}
 
 
 def _no_manifest(folder: Path, files: list[Path], evidence: Evidence) -> list[Finding]:
@@ -275,33 +267,15 @@ def _with_copies(path: Path, finding: Finding, evidence: Evidence) -> Finding:
     copy = evidence.copies / (path.name + SUFFIX)
     if not copy.exists():
         return replace(finding, remarks=(*finding.remarks, "no checkpoint of it in the second place"))
-    expected = _copied(copy)
+    expected = copied(copy)
     wrong = next((number for number in sorted(expected) if number >= finding.records), None)
     if wrong is None:
-        wrong = _differing(path, expected)
+        wrong = differing(path, expected)
     if wrong is None:
         remark = f"{len(expected)} checkpoints agree with the second place"
         return replace(finding, remarks=(*finding.remarks, remark))
     text = f"checkpoint {wrong} of the second place is not in it: it was cut or rewritten"
     return replace(finding, status=Status.TAMPERED, reason=text, sequence=wrong, line=wrong + 1)
-
-
-def _copied(copy: Path) -> dict[int, str]:
-    """Sequence → hash of the copied checkpoints; a line torn by a crash is left out."""
-    expected = {}
-    for line in copy.read_bytes().splitlines(keepends=True):
-        parts = unseal(line)
-        if parts is not None:
-            expected[msgspec.json.decode(parts[0], type=Head).sequence] = parts[1]
-    return expected
-
-
-def _differing(path: Path, expected: Mapping[int, str]) -> int | None:
-    with path.open("rb") as file:
-        for number, line in enumerate(file):
-            if number in expected and ((parts := unseal(line)) is None or parts[1] != expected[number]):
-                return number
-    return None
 
 
 def _bad(finding: Finding, scan: Scan, status: Status, reason: str) -> Finding:

@@ -13,8 +13,9 @@ from textual.pilot import Pilot
 from app.config import Config
 from app.console.app import ConsoleApp
 from app.console.patients.screen import PatientsScreen
-from app.console.review import ChooseSession, ReviewScreen, WriteComment
+from app.console.review import ReviewScreen
 from app.console.review_comments import comments_on, comments_path
+from app.console.review_dialogs import ChooseSession, WriteComment
 from app.console.review_session import ReviewedSession, open_session
 from app.paths import Home
 from logs.errors import AuditError
