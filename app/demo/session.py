@@ -9,12 +9,14 @@ from typing import Any
 import msgspec
 
 from app.config import CameraConfig, Config, JointsConfig
+from app.control.states import Action
 from app.demo.course import Leg
 from app.demo.runner import CourseRunner, run_course
 from app.demo.trial import Trial
 from app.host import SessionHost, make_setup
 from app.messages import Lateness
 from app.paths import Home
+from app.setup import SessionSetup
 from hal.cameras.hand_scene import person_of
 from profiles.schema import DEMO_PATIENT, Palm, Profile
 
@@ -76,6 +78,8 @@ def run_session(
 ) -> SessionResult:
     """Start the real processes, run the course, close, verify the audit trail."""
     setup = make_setup(home, config, demo_patient(config.camera.seed), operator="demo", role="engineer")
+    if config.joints.kind != "simulated":
+        rehearse_missing(setup, watch)
     host = SessionHost(setup)
     runner = CourseRunner(host, click_s=click_s, presses=presses, approach_m=approach_m, watch=watch)
     try:
@@ -94,6 +98,17 @@ def run_session(
         lateness=runner.snapshot.lateness if runner.snapshot else Lateness(),
         session=setup.session,
     )
+
+
+def rehearse_missing(setup: SessionSetup, watch: Callable[[str], None]) -> None:
+    """The pre-flight of every action that this patient has not passed yet in this device: hardware asks for it."""
+    from app.control.assemble import cleared_of, device_of
+    from app.control.patient import patient_of
+    from app.control.preflight import run_preflight
+
+    watch("pre-flight simulation of the actions (once)")
+    missing = [action for action in Action if action not in (cleared_of(setup) or ())]
+    run_preflight(Home(setup.home), patient_of(setup.profile, device_of(setup)), device_of(setup), missing)
 
 
 def _verify(home: Home, session: str) -> tuple[bool, str]:
