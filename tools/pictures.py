@@ -1,11 +1,12 @@
 """Pictures of the running console for README and docs/operator.md: real processes, digital hand, simulated joints.
 
-`make pictures` writes docs/pictures/*.svg; about two minutes.
+`make pictures` writes docs/pictures/*.svg; about two minutes. Scenes can be named: patients training session small.
 """
 
 from __future__ import annotations
 
 import asyncio
+import sys
 import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -88,6 +89,9 @@ async def training(camera: Photographer) -> None:
 async def session(camera: Photographer) -> None:
     """Checks, confirm, arm, stand, walk, stop, acknowledge."""
     await camera.until(lambda: camera.snapshot and camera.gesture() is None)
+    await camera.keys("5")
+    await camera.until(lambda: camera.gesture() is Gesture.FIVE)
+    await camera.take("session-200x50")
     await camera.keys("s")
     await camera.take("checks")
     await camera.keys("escape", "c")
@@ -98,8 +102,6 @@ async def session(camera: Photographer) -> None:
     await camera.take("actions")
     await camera.keys("0")
     await camera.until(lambda: camera.snapshot and camera.snapshot.state is GaitState.STANDING)
-    await camera.keys("5")
-    await camera.until(lambda: camera.gesture() is Gesture.FIVE)
     await camera.take("session-200x50")
     await camera.keys("enter")
     await camera.until(lambda: camera.snapshot and camera.snapshot.action)
@@ -109,7 +111,7 @@ async def session(camera: Photographer) -> None:
     await camera.take("stopped")
 
 
-async def compare(camera: Photographer) -> None:
+async def small(camera: Photographer) -> None:
     """The live screen in the small terminal, and help."""
     await camera.until(lambda: camera.snapshot and camera.gesture() is None)
     await camera.keys("8")
@@ -123,14 +125,16 @@ SCENES = (
     ("patients", patients, LARGE, False),
     ("training", training, LARGE, False),
     ("session", session, LARGE, True),
-    ("small terminal", compare, SMALL, True),
+    ("small", small, SMALL, True),
 )
 
 
-async def photograph(home: Home, config: Config) -> None:
-    """Every scene in a console of its own."""
+async def photograph(home: Home, config: Config, wanted: list[str]) -> None:
+    """Every scene that is wanted, or all, each in a console of its own."""
     console = Console()
     for name, scene, size, live in SCENES:
+        if wanted and name not in wanted:
+            continue
         console.print(f"{name} …")
         app = ConsoleApp(home, config, profile=DEMO_PATIENT if live else None)
         async with app.run_test(size=size) as pilot:
@@ -148,7 +152,7 @@ def main() -> None:
     model = set_up_model(real, load_config(real.config))
     with tempfile.TemporaryDirectory() as folder:
         config = msgspec.structs.replace(Config(), model=str(model), idle_lock_s=0)
-        asyncio.run(photograph(Home(Path(folder)), config))
+        asyncio.run(photograph(Home(Path(folder)), config, sys.argv[1:]))
 
 
 if __name__ == "__main__":
