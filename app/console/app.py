@@ -179,7 +179,7 @@ class ConsoleApp(SessionFlow):
         if self._idle.must_lock(time.monotonic(), moving=state is not None and state.moving):
             self._idle = self._idle.touched(time.monotonic())
             self.action_lock_console()
-        screen = self.screen
+        screen = self.screen_stack[-1] if self.screen_stack else None  # none left while the program ends
         if isinstance(screen, (ConsoleScreen, Dialog)) and screen.composed:
             with suppress(NoMatches):  # a screen that is just being taken down has lost its widgets
                 screen.show_session(state)
