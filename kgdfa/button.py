@@ -15,7 +15,7 @@ from enum import Enum
 
 from kgdfa.hand import Box, Gesture
 
-HYSTERESIS = 0.10  # a press ends, and a new one may begin, beyond this share over the threshold
+HYSTERESIS = 0.20  # a press ends, and a new one may begin, beyond this share over the threshold: three sd of keypoints
 GAP_FRAMES = 2  # frames in a row without a hand or a distance that a press survives
 STALE_NS = 250_000_000  # pictures further apart than this say nothing about the time between
 

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from kgdfa.distance import HALF_PALM_M, Distance, DistanceSource
 from kgdfa.errors import KgdfaError
 from kgdfa.hand import Hand
+from kgdfa.jumps import JumpGuard, accept
 
 DepthMap = NDArray[np.float32]
 
@@ -25,10 +26,6 @@ WINDOW_ANCHORS = 0.25  # side of the neighbourhood, in palm anchors: on the palm
 MIN_VALID = 0.5  # share of the neighbourhood that must have measured
 MAX_SPREAD_M = 0.04  # between its quartiles: more is an edge, not a palm
 SENSOR_SD = 0.01  # D435i: about 1 % of distance in the near field, well inside its 2 % specification
-MAX_SPEED_M_S = 3.0  # of a hand along the view: fast reaching is 1 to 2 m/s
-JUMP_SLACK_M = 0.04
-CONFIRM_FRAMES = 3  # a jump that stays is the truth
-FORGET_NS = 300_000_000
 
 
 class DepthFault(Enum):
@@ -50,16 +47,6 @@ class DepthSample:
 
     depth_m: float | None
     fault: DepthFault = DepthFault.NONE
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class JumpGuard:
-    """What was accepted last, and a candidate that differs too much to be believed at once."""
-
-    last_m: float | None = None
-    last_ns: int = 0
-    candidate_m: float = 0.0
-    count: int = 0
 
 
 # In the order in which a neighbourhood without enough measurements is named: what holds there most.
@@ -90,19 +77,8 @@ def refuse_jump(guard: JumpGuard, sample: DepthSample, captured_ns: int) -> tupl
     """Pass a sample that a moving hand can explain; hold back one that it can't until it has stayed."""
     if sample.depth_m is None:
         return guard, sample
-    accepted = JumpGuard(last_m=sample.depth_m, last_ns=captured_ns)
-    elapsed_ns = captured_ns - guard.last_ns
-    if guard.last_m is None or not 0 <= elapsed_ns <= FORGET_NS:
-        return accepted, sample
-    slack_m = JUMP_SLACK_M + MAX_SPEED_M_S * elapsed_ns * 1e-9
-    if abs(sample.depth_m - guard.last_m) <= slack_m:
-        return accepted, sample
-    stays = guard.count > 0 and abs(sample.depth_m - guard.candidate_m) <= JUMP_SLACK_M
-    count = guard.count + 1 if stays else 1
-    if count >= CONFIRM_FRAMES:
-        return accepted, sample
-    waiting = replace(guard, candidate_m=sample.depth_m, count=count)
-    return waiting, DepthSample(depth_m=None, fault=DepthFault.JUMP)
+    after, accepted = accept(guard, sample.depth_m, captured_ns)
+    return after, sample if accepted else DepthSample(depth_m=None, fault=DepthFault.JUMP)
 
 
 def read_published(depth_m: DepthMap, hand: Hand) -> Distance:

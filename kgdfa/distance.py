@@ -11,13 +11,14 @@ import numpy as np
 
 from kgdfa.errors import KgdfaError
 from kgdfa.hand import FloatArray, Hand, Keypoint
+from kgdfa.jumps import JumpGuard, accept
 from kgdfa.palm_shape import PalmView, centre_offset, view_palm
 
 ANCHOR_RANGE_M = (0.03, 0.12)  # 5 to 17 of any hand, from a child's to the largest adult's, with room
 MIN_ANCHOR_PX = 2.0  # a shorter segment is no measurement
 HOLD = 1.2  # the other readings may differ from the palm shape's by this factor
 HOLD_FAR = 1.1  # and those that are shown may be farther by this one: there the landmarks missed a tilt
-MAX_MISFIT = 0.30  # keypoints further from any flat palm are none: 99.9 % of well-seen hands are below
+MAX_MISFIT = 0.16  # keypoints further from any flat palm are none: 99.9 % of well-seen hands are below 0.15
 KEYPOINT_SD = 0.03  # scatter that the keypoints' own places leave, digital hand facing the camera
 HALF_PALM_M = 0.012  # an adult's palm is about 25 mm thick at the knuckles
 ANCHOR_HOLDS_M = 0.40  # where hands are held when anchors are measured or calibrated
@@ -144,10 +145,11 @@ class RobustRange:
         self._anchor_m = anchor_m
         self._centre_px = None if centre_px is None else np.asarray(centre_px, dtype=np.float64)
         self._recent: tuple[_Fused, ...] = ()
+        self._guard = JumpGuard()
         self._last_ns = 0
 
     def measure(self, hand: Hand, captured_ns: int) -> Distance | None:
-        """Tilt-corrected and steadied; None for keypoints that are no palm."""
+        """Tilt-corrected and steadied; None for keypoints that are no palm, or that jump as no hand can."""
         if not (hand.anchor_px >= MIN_ANCHOR_PX and np.isfinite(hand.world_m).all()):
             return None
         view = view_palm(hand.image_px / self._focal_px)
@@ -155,6 +157,9 @@ class RobustRange:
             return None
         readings_m = self._readings_m(hand, view)
         now = _Fused.of(tuple(map(_under_the_skin, readings_m)))
+        self._guard, believed = accept(self._guard, now.far_m, captured_ns)
+        if not believed:
+            return None
         if not 0 <= captured_ns - self._last_ns <= FORGET_NS:
             self._recent = ()
         self._recent, self._last_ns = (*self._recent[-2:], now), captured_ns
@@ -163,6 +168,7 @@ class RobustRange:
     def reset(self) -> None:
         """Forget the last frames."""
         self._recent = ()
+        self._guard = JumpGuard()
 
     def _readings_m(self, hand: Hand, view: PalmView) -> tuple[float, float, float]:
         """By the palm's shape, by 5-17 in perspective, by Eq. 4."""

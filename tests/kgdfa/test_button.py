@@ -16,7 +16,7 @@ PLACE = ButtonPlace(x_px=640, y_px=360, radius_px=40, threshold_m=0.20)
 OVER = Box(left_px=500, top_px=200, right_px=800, bottom_px=500)
 EDGE = Box(left_px=660, top_px=200, right_px=900, bottom_px=500)  # off the centre, within the button's radius
 BESIDE = Box(left_px=900, top_px=200, right_px=1200, bottom_px=500)
-FAR, BETWEEN, NEAR = 0.30, 0.21, 0.15
+FAR, BETWEEN, NEAR = 0.30, 0.22, 0.15
 OUTSIDE_M = PLACE.threshold_m * (1 + HYSTERESIS)
 
 

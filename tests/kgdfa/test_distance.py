@@ -7,9 +7,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from kgdfa.button import GAP_FRAMES
 from kgdfa.distance import ANCHOR_HOLDS_M, HALF_PALM_M, Distance, PublishedRange, RobustRange
 from kgdfa.errors import KgdfaError
 from kgdfa.hand import FloatArray, Hand, Side
+from kgdfa.jumps import CONFIRM_FRAMES
 from kgdfa.palm_shape import RIGID, SHAPE, view_palm
 
 FOCAL_PX = 900.0
@@ -125,13 +127,24 @@ def test_a_tilt_that_the_landmarks_miss_is_still_seen_by_the_palm_s_shape() -> N
 def test_one_near_outlier_is_outvoted_and_a_withdrawal_is_followed_at_once() -> None:
     finder = robust()
     for frame in range(1, 4):
-        held = measured(finder, seen(skin_m(0.30)), frame * FRAME_NS)
+        held = measured(finder, seen(skin_m(0.22)), frame * FRAME_NS)
     near = measured(finder, seen(skin_m(0.15)), 4 * FRAME_NS)
     assert near.safe_m == pytest.approx(held.safe_m)
     assert near.sd_m > 2 * held.sd_m
     again = measured(finder, seen(skin_m(0.15)), 5 * FRAME_NS)
     assert again.shown_m == pytest.approx(0.15, rel=0.02)
-    assert measured(finder, seen(skin_m(0.30)), 6 * FRAME_NS).safe_m == pytest.approx(held.safe_m)
+    assert measured(finder, seen(skin_m(0.22)), 6 * FRAME_NS).safe_m == pytest.approx(held.safe_m)
+
+
+@pytest.mark.parametrize(("before_m", "after_m"), [(0.45, 0.15), (0.15, 0.40)])
+def test_a_jump_that_no_hand_can_make_is_no_measurement_until_it_has_stayed(before_m: float, after_m: float) -> None:
+    finder = robust()
+    for frame in range(1, 4):
+        finder.measure(seen(skin_m(before_m)), frame * FRAME_NS)
+    jumped = [finder.measure(seen(skin_m(after_m)), frame * FRAME_NS) for frame in range(4, 4 + CONFIRM_FRAMES)]
+    assert jumped[:-1] == [None] * (CONFIRM_FRAMES - 1)
+    assert CONFIRM_FRAMES - 1 > GAP_FRAMES  # so the press has ended before the jump is believed
+    assert jumped[-1] is not None
 
 
 @pytest.mark.parametrize("forget", ["reset", "gap"])
