@@ -27,7 +27,7 @@ from app.control.preflight import run_preflight
 from app.control.states import Action, GaitState
 from app.links import LatestReceiver, address
 from app.messages import ControlSnapshot, GuardianHealth, Heartbeat, OperatorKind
-from app.paths import Home
+from app.paths import Home, find_home
 from app.setup import SessionSetup
 from hal.joints.bus import open_bus
 from hal.joints.device import BusDevice, load_exoskeleton
@@ -61,7 +61,8 @@ class RealSession:
     """What a test or a bench sees of it."""
 
     def __init__(self, home: Path, joints: JointsConfig | None = None, *, perception: bool = False) -> None:
-        config = Config(joints=joints or JointsConfig())
+        model = str(find_home().models / "hand_landmarker.task") if perception else ""
+        config = Config(joints=joints or JointsConfig(), model=model)
         if config.joints.kind == "can":
             device = load_exoskeleton()
             run_preflight(Home(home), patient_of(DEMO_PATIENT, device), device, (Action.INITIALISE,))
