@@ -1,0 +1,184 @@
+"""Plans: every action at every corner of stature and mass, smooth, within limits, from the measured pose on."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+from itertools import pairwise, product
+
+import msgspec
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from app.control.patient import Patient, patient_of
+from app.control.plan import TICK_HZ, Phase, Plan, PlanRequest
+from app.control.plan_wire import pack_plan, pack_request, unpack_plan, unpack_request
+from app.control.rehearsal import STARTS, WALK_PHASES
+from app.control.states import Action, GaitState
+from app.control.trajectory import FAR_RAD, RECIPES, nominal_pose, plan
+from hal.joints.device import load_exoskeleton
+from profiles.schema import GaitParameters, Profile, Sex
+
+DEVICE = load_exoskeleton()
+CORNERS = tuple(product((1.45, 1.95), (45.0, 110.0)))
+
+
+@cache
+def patient(stature_m: float = 1.7, mass_kg: float = 65.0) -> Patient:
+    return patient_of(Profile(identifier="p", sex=Sex.FEMALE, stature_m=stature_m, mass_kg=mass_kg), DEVICE)
+
+
+def with_gait(**changes: float) -> Patient:
+    gait = msgspec.structs.replace(GaitParameters(), **changes)
+    return patient_of(Profile(identifier="p", sex=Sex.FEMALE, stature_m=1.7, mass_kg=65.0, gait=gait), DEVICE)
+
+
+def ask(
+    who: Patient,
+    action: Action,
+    phase: Phase = Phase.WHOLE,
+    start: np.ndarray | None = None,
+    state: GaitState | None = None,
+) -> Plan:
+    state = state or STARTS.get(action, GaitState.STANDING)
+    pose = nominal_pose(state, who) if start is None else start
+    quad = (float(pose[0]), float(pose[1]), float(pose[2]), float(pose[3]))
+    return plan(PlanRequest(number=7, action=action, phase=phase, from_state=state, start_rad=quad), who)
+
+
+@pytest.mark.parametrize(("stature", "mass"), CORNERS)
+@pytest.mark.parametrize(("action", "phase"), list(RECIPES))
+def test_every_movement_can_be_planned_at_every_corner(
+    stature: float, mass: float, action: Action, phase: Phase
+) -> None:
+    who = patient(stature, mass)
+    made = ask(who, action, phase)
+    assert made.check.ok, made.check.reason
+    assert (made.position_rad <= who.high_rad).all()
+    assert (made.position_rad >= who.low_rad).all()
+    assert (np.abs(made.velocity_rad_s) <= who.speed_rad_s).all()
+    assert (np.abs(made.torque_nm) <= who.torque_nm).all()
+    assert made.check.min_clearance_m >= 0.02
+
+
+@pytest.mark.parametrize(("action", "phase"), list(RECIPES))
+def test_position_velocity_and_acceleration_are_continuous(action: Action, phase: Phase) -> None:
+    made = ask(patient(), action, phase)
+    acceleration = np.diff(made.position_rad, 2, axis=0) * TICK_HZ**2
+    assert (
+        np.abs(made.velocity_rad_s[1:-1] - (made.position_rad[2:] - made.position_rad[:-2]) * TICK_HZ / 2).max() < 1e-9
+    )
+    change = np.abs(np.diff(acceleration, axis=0)).max()
+    assert change < 0.15 * np.abs(acceleration).max()  # from tick to tick; a corner in the speed would change it by all
+
+
+def test_the_steps_of_a_walk_join_without_a_jump() -> None:
+    plans = [ask(patient(), action, phase) for action, phase in WALK_PHASES]
+    for before, after in pairwise(plans):
+        assert np.abs(before.position_rad[-1] - after.position_rad[0]).max() < np.radians(0.05)
+        assert np.abs(before.velocity_rad_s[-1] - after.velocity_rad_s[0]).max() < np.radians(3)
+        assert before.to_state is not after.to_state
+
+
+@pytest.mark.parametrize("action", [action for action, phase in RECIPES if phase is Phase.WHOLE])
+def test_a_movement_begins_at_rest_and_ends_at_rest_in_its_states_pose(action: Action) -> None:
+    made = ask(patient(), action)
+    assert np.abs(made.velocity_rad_s[[0, -1]]).max() < np.radians(1)
+    assert np.abs(made.position_rad[-1] - nominal_pose(made.to_state, patient())).max() < np.radians(1)
+
+
+offsets = st.lists(st.floats(-np.degrees(FAR_RAD) + 1, np.degrees(FAR_RAD) - 1), min_size=4, max_size=4)
+
+
+@settings(max_examples=25, deadline=None)
+@given(offsets)
+def test_a_movement_starts_at_the_measured_pose(degrees: list[float]) -> None:
+    start = np.maximum(nominal_pose(GaitState.STANDING, patient()) + np.radians(degrees), np.radians(-3))
+    made = ask(patient(), Action.STEP_RIGHT_FIRST, start=start)
+    assert np.allclose(made.position_rad[0], start)
+
+
+def test_too_far_from_the_states_pose_is_refused_with_the_angle() -> None:
+    start = nominal_pose(GaitState.STANDING, patient()) + np.array([0.0, 0.5, 0.0, 0.0])
+    made = ask(patient(), Action.STEP_RIGHT_FIRST, start=start)
+    assert not made.check.ok
+    assert "29°" in made.check.reason
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.floats(-10, 90), st.floats(3, 95), st.floats(-10, 90), st.floats(3, 95))
+def test_initialise_goes_slowly_from_any_pose_to_standing_or_says_why_not(
+    left_hip: float, left_knee: float, right_hip: float, right_knee: float
+) -> None:
+    start = np.radians([left_hip, left_knee, right_hip, right_knee])
+    made = ask(patient(), Action.INITIALISE, start=start, state=GaitState.BETWEEN)
+    if not made.check.ok:
+        assert made.check.reason
+        return
+    assert np.allclose(made.position_rad[0], start)
+    assert np.abs(made.position_rad[-1] - nominal_pose(GaitState.STANDING, patient())).max() < np.radians(1)
+    assert made.duration_s >= 3.0
+
+
+def test_initialise_rises_from_the_chair() -> None:
+    made = ask(
+        patient(), Action.INITIALISE, start=nominal_pose(GaitState.SITTING, patient()), state=GaitState.UNPOWERED
+    )
+    assert made.check.ok, made.check.reason
+
+
+@pytest.mark.parametrize(
+    ("changes", "action", "word"),
+    [
+        ({"stair_rise_m": 0.25, "body_weight_support": 0.0}, Action.STAIR_UP, "Nm"),
+        ({"obstacle_depth_m": 0.4, "body_weight_support": 0.0}, Action.OBSTACLE, "Nm"),
+        ({"step_length_m": 0.8, "body_weight_support": 0.0}, Action.STEP_LEFT, ""),
+    ],
+)
+def test_what_the_leg_cannot_do_is_refused_in_a_sentence(changes: dict[str, float], action: Action, word: str) -> None:
+    made = ask(with_gait(**changes), action)
+    assert not made.check.ok
+    assert word in made.check.reason
+    assert made.check.reason.endswith(".")
+    assert len(made.position_rad) == 1
+
+
+def test_a_faster_gait_than_the_joints_is_slowed_down() -> None:
+    hasty = with_gait(step_time_s=0.8)
+    made = ask(hasty, Action.OBSTACLE)
+    assert made.check.ok, made.check.reason
+    assert (np.abs(made.velocity_rad_s) <= hasty.speed_rad_s).all()
+
+
+def test_a_patients_narrower_knee_refuses_the_chair() -> None:
+    narrow = replace(patient(), high_rad=np.radians([100.0, 60.0, 100.0, 60.0]))
+    made = ask(narrow, Action.SIT_DOWN)
+    assert not made.check.ok
+    assert "knee" in made.check.reason
+    assert "60°" in made.check.reason
+
+
+def test_plans_and_requests_survive_the_link() -> None:
+    made = ask(patient(), Action.SIT_DOWN)
+    back = unpack_plan(pack_plan(made))
+    assert np.array_equal(back.position_rad, made.position_rad)
+    assert np.array_equal(back.torque_nm, made.torque_nm)
+    assert back.check == made.check
+    request = PlanRequest(
+        number=3,
+        action=Action.WALK,
+        phase=Phase.WALK_START,
+        from_state=GaitState.STANDING,
+        start_rad=(0.0, 0.1, 0.2, 0.3),
+    )
+    assert unpack_request(pack_request(request)) == request
+
+
+def test_a_plan_whose_tables_do_not_fit_is_refused_on_arrival() -> None:
+    message = pack_plan(ask(patient(), Action.SIT_DOWN))
+    with pytest.raises(msgspec.ValidationError):
+        unpack_plan(msgspec.structs.replace(message, torque_nm=message.torque_nm[:-32]))
+    with pytest.raises(msgspec.ValidationError):
+        unpack_plan(msgspec.structs.replace(message, torque_nm=b"1234"))
