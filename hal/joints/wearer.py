@@ -138,6 +138,8 @@ class Wearer:
         ankles = np.array([data.xpos[number][2] for number in self._ankle_bodies])
         data.qpos[1] = self.body.ankle_height_m - ankles.min()
         self._reel_m, self._slack_s = float(data.qpos[1]) - SLUMP_M, 0.0
+        data.mocap_pos[self._floor] = 0.0
+        mujoco.mj_forward(self._model, data)
         self.stage(LEVEL_FLOOR)
         mujoco.mj_forward(self._model, data)
 
@@ -146,7 +148,7 @@ class Wearer:
         data = self._data
         ankles = np.array([data.xpos[number] for number in self._ankle_bodies])
         here = float(ankles[:, 0].mean())
-        ground = float(ankles[:, 2].min()) - self.body.ankle_height_m if data.ncon == 0 else self._standing_on()
+        ground = self._standing_on()
         data.mocap_pos[self._floor] = (0.0, 0.0, ground + scene.floor_m)
         for kind, (name, count) in _KINDS.items():
             blocks = [block for block in scene.blocks if block.kind is kind]

@@ -1,0 +1,98 @@
+"""Rehearsals: the short actions at the corners pass in simulation; a pre-flight holds for its own parameters only."""
+
+from __future__ import annotations
+
+from itertools import product
+from pathlib import Path
+
+import msgspec
+import pytest
+
+from app.control.feasibility import check_profile, refuse_unfit
+from app.control.patient import Patient, patient_of
+from app.control.preflight import cleared_actions, keep_verdict, preflight_passed
+from app.control.rehearsal import Verdict, rehearse
+from app.control.states import Action
+from app.paths import Home
+from hal.joints.device import load_exoskeleton
+from profiles.errors import ProfileError
+from profiles.schema import DEMO_PATIENT, Profile
+
+DEVICE = load_exoskeleton()
+CORNERS = tuple(product((1.45, 1.95), (45.0, 110.0)))
+
+
+def patient(profile: Profile = DEMO_PATIENT) -> Patient:
+    return patient_of(profile, DEVICE)
+
+
+@pytest.mark.parametrize("action", list(Action))
+def test_the_demo_patient_passes_every_action(action: Action) -> None:
+    verdict = rehearse(patient(), DEVICE, action).verdict
+    assert verdict.passed, verdict.reasons
+
+
+@pytest.mark.parametrize(("stature", "mass"), CORNERS)
+@pytest.mark.parametrize("action", [Action.STEP_LEFT, Action.STAIR_UP, Action.STAND_UP])
+def test_every_corner_passes(stature: float, mass: float, action: Action) -> None:
+    profile = msgspec.structs.replace(DEMO_PATIENT, stature_m=stature, mass_kg=mass)
+    verdict = rehearse(patient(profile), DEVICE, action).verdict
+    assert verdict.passed, verdict.reasons
+
+
+def test_what_cannot_be_planned_fails_with_its_reason() -> None:
+    gait = msgspec.structs.replace(DEMO_PATIENT.gait, stair_rise_m=0.25, body_weight_support=0.0)
+    verdict = rehearse(patient(msgspec.structs.replace(DEMO_PATIENT, gait=gait)), DEVICE, Action.STAIR_UP).verdict
+    assert not verdict.passed
+    assert "Nm" in verdict.reasons[0]
+
+
+def verdict(action: Action, *, passed: bool) -> Verdict:
+    return Verdict(action=action.value, passed=passed, reasons=() if passed else ("A leg strikes the obstacle.",))
+
+
+def test_a_preflight_is_kept_for_exactly_its_parameters(tmp_path: Path) -> None:
+    home = Home(tmp_path)
+    assert not preflight_passed(home, patient(), DEVICE, Action.WALK).passed
+    keep_verdict(home, patient(), DEVICE, Action.WALK, verdict(Action.WALK, passed=True))
+    assert preflight_passed(home, patient(), DEVICE, Action.WALK).passed
+    assert cleared_actions(home, patient(), DEVICE) == {Action.WALK}
+    longer = msgspec.structs.replace(DEMO_PATIENT, gait=msgspec.structs.replace(DEMO_PATIENT.gait, step_length_m=0.31))
+    assert not preflight_passed(home, patient(longer), DEVICE, Action.WALK).passed
+    weaker = msgspec.structs.replace(DEVICE, mass_kg=15.0)
+    assert not preflight_passed(home, patient(), weaker, Action.WALK).passed
+
+
+def test_a_failed_preflight_tells_why(tmp_path: Path) -> None:
+    home = Home(tmp_path)
+    keep_verdict(home, patient(), DEVICE, Action.OBSTACLE, verdict(Action.OBSTACLE, passed=False))
+    result = preflight_passed(home, patient(), DEVICE, Action.OBSTACLE)
+    assert not result.passed
+    assert "strikes the obstacle" in result.reason
+
+
+def test_a_damaged_record_does_not_clear(tmp_path: Path) -> None:
+    home = Home(tmp_path)
+    keep_verdict(home, patient(), DEVICE, Action.WALK, verdict(Action.WALK, passed=True))
+    for record in (tmp_path / "preflight").iterdir():
+        record.write_bytes(record.read_bytes()[:-3])
+    result = preflight_passed(home, patient(), DEVICE, Action.WALK)
+    assert not result.passed
+    assert "run it again" in result.reason
+
+
+def test_the_demo_patient_can_be_saved() -> None:
+    assert check_profile(DEMO_PATIENT, DEVICE) == []
+
+
+def test_stairs_that_a_leg_cannot_climb_are_refused_when_saved_with_joint_and_number() -> None:
+    steep = msgspec.structs.replace(
+        DEMO_PATIENT, knee_max_rad=1.0, gait=msgspec.structs.replace(DEMO_PATIENT.gait, stair_rise_m=0.25)
+    )
+    with pytest.raises(ProfileError, match=r"knee .*°"):
+        refuse_unfit(DEVICE)(steep)
+
+
+def test_a_range_beyond_the_devices_is_refused() -> None:
+    loose = msgspec.structs.replace(DEMO_PATIENT, knee_max_rad=2.4)
+    assert "beyond the device's" in check_profile(loose, DEVICE)[0]
