@@ -1,0 +1,47 @@
+"""The planner process answers over its links, and ends when its parent does."""
+
+from __future__ import annotations
+
+import multiprocessing
+from pathlib import Path
+
+from app.config import Config
+from app.control.plan import Phase, PlanRequest
+from app.control.plan_wire import PlanMessage, pack_request, unpack_plan
+from app.control.planner import run_planner
+from app.control.states import Action, GaitState
+from app.links import OrderedReceiver, OrderedSender, address
+from app.processes import PLAN_REPLY, PLAN_REQUEST
+from app.setup import SessionSetup
+from profiles.schema import DEMO_PATIENT
+
+LIMIT_S = 60.0
+
+
+def test_requests_are_answered_in_order(tmp_path: Path) -> None:
+    setup = SessionSetup(
+        session="s", home=tmp_path, links=tmp_path, config=Config(), profile=DEMO_PATIENT, operator="tester"
+    )
+    replies = OrderedReceiver(address(tmp_path, PLAN_REPLY.name), PlanMessage)
+    planner = multiprocessing.get_context("spawn").Process(target=run_planner, args=(setup,), daemon=True)
+    planner.start()
+    requests = OrderedSender(address(tmp_path, PLAN_REQUEST.name))
+    try:
+        for number in (1, 2):
+            request = PlanRequest(
+                number=number,
+                action=Action.INITIALISE,
+                phase=Phase.WHOLE,
+                from_state=GaitState.UNPOWERED,
+                start_rad=(0.1, 0.2, 0.1, 0.2),
+            )
+            assert requests.send(pack_request(request))
+        answers = [replies.receive(LIMIT_S), replies.receive(LIMIT_S)]
+    finally:
+        planner.kill()
+        planner.join()
+        requests.close()
+        replies.close()
+    plans = [unpack_plan(answer) for answer in answers if answer is not None]
+    assert [plan.number for plan in plans] == [1, 2]
+    assert all(plan.check.ok and plan.to_state is GaitState.STANDING for plan in plans)
