@@ -184,7 +184,9 @@ class Sniffer:
         while not self._ending.is_set():
             message = self._bus.recv(0.05)
             if message is not None:
-                self.frames.append((time.monotonic_ns(), message.arbitration_id, bytes(message.data)))
+                # the kernel's time of arrival: this thread may be late on a busy machine
+                age_ns = max(0, time.time_ns() - int(message.timestamp * 1e9))
+                self.frames.append((time.monotonic_ns() - age_ns, message.arbitration_id, bytes(message.data)))
 
 
 def _lives(pid: int) -> bool:

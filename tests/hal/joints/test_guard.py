@@ -250,3 +250,20 @@ def test_limits_differ_joint_by_joint() -> None:
         refusal = guard.check(bad, bad, ZERO)
         assert refusal is not None
         assert refusal.joint is joint
+
+
+def test_the_joint_that_goes_farthest_beyond_is_named() -> None:
+    stiff_hip = msgspec.structs.replace(
+        DEVICE,
+        left_hip=msgspec.structs.replace(DEVICE.left_hip, max_deg=60.0),
+        right_hip=msgspec.structs.replace(DEVICE.right_hip, max_deg=60.0),
+    )
+    with pytest.raises(HardwareError, match="left hip lies beyond the device's 60°"):
+        limits_of(stiff_hip, hip_max_rad=1.5, knee_max_rad=2.2)
+
+
+def test_the_numbers_that_the_document_states() -> None:
+    assert radians(3.0) == ENGAGE_RAD
+    assert LIMITS.position_step_rad == pytest.approx(LIMITS.speed_rad_s / 500)
+    assert LIMITS.stiffness_step_nm_rad == pytest.approx(LIMITS.stiffness_nm_rad / 25)
+    assert LIMITS.torque_step_nm == pytest.approx(LIMITS.torque_nm / 25)
