@@ -1,4 +1,4 @@
-"""Draws docs/pictures/gestures.png and refused.png: the digital hand's poses as the robust rules see them."""
+"""Draws docs/pictures/gestures.jpg and refused.jpg: the digital hand's poses as the robust rules see them."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def main(
     with HandDetector(find_model(place, load_config(place.config))) as detector:
         for name, poses in (("gestures", GESTURES), ("refused", LOOK_ALIKES)):
             tiles = [_tile(pose, seed, detector, rules, 100 * number) for number, pose in enumerate(poses, start=1)]
-            cv2.imwrite(str(PICTURES / f"{name}.png"), _sheet(tiles))
+            cv2.imwrite(str(PICTURES / f"{name}.jpg"), _sheet(tiles), [cv2.IMWRITE_JPEG_QUALITY, 82])
 
 
 def _tile(pose: Pose, seed: int, detector: HandDetector, rules: RobustRules, first: int) -> Image:
