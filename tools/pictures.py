@@ -1,6 +1,6 @@
 """Pictures of the running console for README and docs/operator.md: real processes, digital hand, simulated joints.
 
-`make pictures` writes docs/pictures/*.svg; about two minutes. Scenes can be named: patients training session small.
+`make pictures` writes docs/pictures/*.svg; about two minutes. Scenes can be named: patients training session stopped small.
 """
 
 from __future__ import annotations
@@ -106,6 +106,11 @@ async def session(camera: Photographer) -> None:
     await camera.keys("enter")
     await camera.until(lambda: camera.snapshot and camera.snapshot.action)
     await camera.take("walking")
+
+
+async def stopped(camera: Photographer) -> None:
+    """What the screen says after STOP."""
+    await camera.until(lambda: camera.snapshot)
     await camera.keys("space")
     await camera.until(lambda: camera.snapshot and camera.snapshot.effect is Effect.HOLD)
     await camera.take("stopped")
@@ -125,6 +130,7 @@ SCENES = (
     ("patients", patients, LARGE, False),
     ("training", training, LARGE, False),
     ("session", session, LARGE, True),
+    ("stopped", stopped, SMALL, True),
     ("small", small, SMALL, True),
 )
 
