@@ -27,6 +27,7 @@ FOLLOWING_WARN_RAD = 0.14  # 8°, four times the tracking that the plans are che
 FOLLOWING_LIMIT_RAD = 0.26  # 15°
 POSE_LIMIT_RAD = 0.21  # 12°
 DRIFT_RAD_S = 0.6
+STILL_RAD_S = 0.5
 LINGER_NS = 1_000_000_000  # a passing event stays to be read; it has no effect any more
 
 # The drive still does what it is told, or is simply off; the others go on holding the wearer.
@@ -60,6 +61,7 @@ class Event(Enum):
     NO_PATIENT = "no patient confirmed"
     NO_PREFLIGHT = "pre-flight missing"
     NOT_HOMED = "joint not homed"
+    LEGS_MOVING = "legs moving"
     FAR_FROM_POSE = "far from the state's pose"
     CAMERA_STALE = "camera stale"
     PERCEPTION_GONE = "perception gone"
@@ -174,6 +176,12 @@ TABLE = (
         effect=F.REFUSE,
         present=lambda f: not f.powered and f.answering and f.beyond_range,
         text="A joint reads an angle that it can't have: check its zero before power is switched on.",
+    ),
+    Row(
+        event=E.LEGS_MOVING,
+        effect=F.REFUSE,
+        present=lambda f: not f.powered and f.fastest_rad_s > STILL_RAD_S,
+        text="The legs are moving: power comes only when they are still. Wait, or hold them.",
     ),
     Row(
         event=E.FAR_FROM_POSE,

@@ -61,6 +61,7 @@ class Facts:
     following_rad: float = 0.0
     pose_error_rad: float = 0.0
     drift_rad_s: float = 0.0
+    fastest_rad_s: float = 0.0  # of the four joints
     beyond_range: bool = False
     beyond_speed: bool = False
     beyond_torque: bool = False
@@ -133,6 +134,7 @@ def gather(inputs: Inputs, heard: Heard, standing: Standing, settings: Settings)
         following_rad=_following_rad(motion, feedback),
         pose_error_rad=_pose_error_rad(standing, feedback, settings),
         drift_rad_s=_drift_rad_s(standing, feedback, now_ns),
+        fastest_rad_s=max(map(abs, feedback.velocity_rad_s.tolist())),
         beyond_range=_beyond_range(feedback.position_rad.tolist(), settings),
         beyond_speed=_any_beyond(feedback.velocity_rad_s.tolist(), SPEED_MARGIN, limits.speed_rad_s.tolist()),
         beyond_torque=_any_beyond(feedback.torque_nm.tolist(), TORQUE_MARGIN, limits.torque_nm.tolist()),

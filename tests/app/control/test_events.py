@@ -135,6 +135,7 @@ CAUSES: dict[Event, Cause] = {
     E.NO_PATIENT: Cause(lambda rig: rig.tick(), say(OperatorKind.CONFIRM_PATIENT), fresh=True),
     E.NO_PREFLIGHT: Cause(lambda rig: (world(cleared=frozenset())(rig), wish(Action.WALK)(rig))),
     E.NOT_HOMED: Cause(joints(position_rad=one(2.4)), joints(position_rad=np.zeros(4)), fresh=True),
+    E.LEGS_MOVING: Cause(joints(velocity_rad_s=one(-0.51)), joints(velocity_rad_s=one(0.49)), fresh=True),
     E.FAR_FROM_POSE: Cause(pushed),
     E.CAMERA_STALE: Cause(world(report={"camera_fault": "unplugged"}), world(report={}), ticks=40),
     E.PERCEPTION_GONE: Cause(world(watching=False), world(watching=True), ticks=140),
