@@ -1,6 +1,7 @@
 """Pictures of the running console for README and docs/operator.md: real processes, digital hand, simulated joints.
 
-`make pictures` writes docs/pictures/*.svg; about two minutes. Scenes can be named: patients training session stopped small.
+`make pictures` writes docs/pictures/*.svg; about two minutes.
+Scenes can be named: patients training session stopped small.
 """
 
 from __future__ import annotations
