@@ -67,7 +67,11 @@ class RealConsole(Console):
 
     async def act(self, key: str, state: GaitState) -> None:
         """The therapist's action, to its end."""
-        await self.press("t", key)
+        refused = -1
+        while self.snapshot.refusal_count != refused:  # freshly started legs still swing: then it says "wait"
+            refused = self.snapshot.refusal_count
+            await self.press("t", key)
+            await self.until(lambda: self.snapshot.action is not None or self.snapshot.refusal_count > refused)
         await self.until(lambda: self.snapshot.state is state and self.snapshot.action is None)
 
 
