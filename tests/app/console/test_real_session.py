@@ -65,13 +65,14 @@ class RealConsole(Console):
         await self.press("y")
         await self.until(lambda: self.snapshot.effect < Effect.HOLD)
 
+    async def _ask(self, key: str, refused: int) -> None:
+        await self.press("t", key)
+        await self.until(lambda: self.snapshot.action is not None or self.snapshot.refusal_count > refused)
+
     async def act(self, key: str, state: GaitState) -> None:
         """The therapist's action, to its end."""
-        refused = -1
-        while self.snapshot.refusal_count != refused:  # freshly started legs still swing: then it says "wait"
-            refused = self.snapshot.refusal_count
-            await self.press("t", key)
-            await self.until(lambda: self.snapshot.action is not None or self.snapshot.refusal_count > refused)
+        while self.snapshot.action is None:  # freshly started legs still swing: then it says "wait"
+            await self._ask(key, self.snapshot.refusal_count)
         await self.until(lambda: self.snapshot.state is state and self.snapshot.action is None)
 
 
