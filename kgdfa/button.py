@@ -16,6 +16,8 @@ from enum import Enum
 from kgdfa.hand import Box, Gesture
 
 HYSTERESIS = 0.20  # a press ends, and a new one may begin, beyond this share over the threshold: three sd of keypoints
+APPROACH_M_S = 3.5  # a 0.3 s press from 36 cm peaks at 2.7 m/s, a safe distance reads 15 % more; faster is a slip
+PRESS_FRAMES = 2  # frames in a row nearer than the threshold; one alone is a keypoint's slip, not a hand
 GAP_FRAMES = 2  # frames in a row without a hand or a distance that a press survives
 STALE_NS = 250_000_000  # pictures further apart than this say nothing about the time between
 
@@ -64,6 +66,8 @@ class ButtonState:
     ready: bool = False  # the hand has been seen outside the threshold since the last release or cancel
     last_captured_ns: int = 0
     pressed_recognised_ns: int = 0
+    near_frames: int = 0  # frames in a row nearer than the threshold, before the press
+    last_distance_m: float | None = None  # of the frame before; None: it gave no measurement
     gap_frames: int = 0  # frames in a row without a measurement
     hint: str = ""  # why a hand that is near does not press, for people
 
@@ -89,11 +93,10 @@ def _robust(state: ButtonState, seen: ButtonInput, place: ButtonPlace) -> Button
         state = _end(state, "the camera paused, so the press does not count")
     distance_m = _measured(seen)
     if distance_m is None:
-        return _gap(state, seen)
+        return replace(_gap(state, seen), last_distance_m=None)
     state = replace(state, gap_frames=0)
-    return (
-        _while_pressed(state, seen, place, distance_m) if state.pressed else _while_up(state, seen, place, distance_m)
-    )
+    judge = _while_pressed if state.pressed else _while_up
+    return replace(judge(state, seen, place, distance_m), last_distance_m=distance_m)
 
 
 def _while_pressed(state: ButtonState, seen: ButtonInput, place: ButtonPlace, distance_m: float) -> ButtonState:
@@ -107,23 +110,40 @@ def _while_pressed(state: ButtonState, seen: ButtonInput, place: ButtonPlace, di
 
 
 def _while_up(state: ButtonState, seen: ButtonInput, place: ButtonPlace, distance_m: float) -> ButtonState:
-    if distance_m > _outside_m(place):
-        return replace(state, ready=True, hint="")
     if distance_m >= place.threshold_m:
-        return state
+        outside = distance_m > _outside_m(place)
+        return replace(state, near_frames=0, ready=state.ready or outside, hint="" if outside else state.hint)
     if not state.ready:
         return replace(state, hint=state.hint or "draw the hand back, then push again")
-    if seen.gesture is None:
-        return replace(state, ready=False, hint="show a gesture first, then push")
-    if not _covers(seen.box, place, 0.0):
-        return replace(state, ready=False, hint="bring the hand over the button, then push")
+    wrong = _what_is_wrong(state, seen, place, distance_m)
+    if wrong:
+        return replace(state, ready=False, near_frames=0, hint=wrong)
+    if state.near_frames + 1 < PRESS_FRAMES:
+        return replace(state, near_frames=state.near_frames + 1)
     return _press(state, seen)
+
+
+def _what_is_wrong(state: ButtonState, seen: ButtonInput, place: ButtonPlace, distance_m: float) -> str:
+    """Why a hand that is near and was outside does not press; empty when it does."""
+    if not _approached(state, seen, distance_m):
+        return "push steadily, so that the camera can follow"
+    if seen.gesture is None:
+        return "show a gesture first, then push"
+    return "" if _covers(seen.box, place, 0.0) else "bring the hand over the button, then push"
+
+
+def _approached(state: ButtonState, seen: ButtonInput, distance_m: float) -> bool:
+    """Whether the hand was seen coming: measured in the frame before, and no farther off than a hand can reach."""
+    if state.last_distance_m is None:
+        return False
+    elapsed_s = (seen.captured_ns - state.last_captured_ns) / 1e9
+    return state.last_distance_m - distance_m <= APPROACH_M_S * elapsed_s
 
 
 def _gap(state: ButtonState, seen: ButtonInput) -> ButtonState:
     """A frame without a measurement: short gaps are blur, longer ones end the press and the readiness."""
     if state.gap_frames < GAP_FRAMES:
-        return replace(state, gap_frames=state.gap_frames + 1)
+        return replace(state, gap_frames=state.gap_frames + 1, near_frames=0)
     what = "hand was lost" if seen.box is None else "distance was lost"
     return _end(state, f"the {what} during the press")
 
@@ -137,6 +157,7 @@ def _press(state: ButtonState, seen: ButtonInput) -> ButtonState:
         pressed_recognised_ns=seen.recognised_ns,
         ready=False,
         hint="",
+        near_frames=0,
     )
 
 
@@ -157,7 +178,7 @@ def _release(state: ButtonState, seen: ButtonInput, gesture: Gesture | None) -> 
 def _end(state: ButtonState, reason: str) -> ButtonState:
     """No longer ready; a press under way is cancelled: no command, and the reason kept."""
     if not state.pressed:
-        return replace(state, ready=False)
+        return replace(state, ready=False, near_frames=0)
     return replace(
         state,
         pressed=False,

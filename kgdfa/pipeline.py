@@ -16,7 +16,7 @@ from kgdfa.images import Image, as_bgr8
 from kgdfa.press_zone import cut_off
 from kgdfa.track import Track, follow
 from kgdfa.verdict import RuleSet, Verdict
-from kgdfa.vote import Vote, cast
+from kgdfa.vote import VOTE_FRAMES, Vote, cast
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -112,7 +112,7 @@ class Pipeline:
             verdict=verdict,
             gesture=self._vote.gesture,
             recognised_ns=self._vote.recognised_ns,
-            votes=self._vote.count,
+            votes=min(self._vote.count, VOTE_FRAMES),
             distance=distance,
             depth_distance=depth_distance,
             button=self._button,

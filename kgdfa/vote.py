@@ -13,7 +13,8 @@ from kgdfa.verdict import Verdict
 
 VOTE_FRAMES = 3  # paper, gait state machine: "across three consecutive frames"
 # During a press the hand is so near that fingertips leave the picture and fists blur: the gesture was voted before,
-# so that only another one, voted, or half a second of nothing takes it away.
+# so that only another one seen for a fifth of a second, or half a second of nothing, takes it away.
+PRESS_CHANGE_FRAMES = 6
 PRESS_END_FRAMES = 15
 END_FRAMES = 5  # a held gesture ends at the fifth frame in a row that doesn't support it
 
@@ -25,7 +26,7 @@ class Vote:
     gesture: Gesture | None = None
     recognised_ns: int = 0
     candidate: Gesture | None = None
-    count: int = 0  # frames in a row for `candidate`, capped at VOTE_FRAMES
+    count: int = 0  # frames in a row for `candidate`, capped at PRESS_CHANGE_FRAMES
     unsupported: int = 0  # frames in a row that don't support `gesture`
 
 
@@ -33,8 +34,9 @@ def cast(vote: Vote, verdict: Verdict | None, captured_ns: int, *, pressing: boo
     """The vote after one more frame; None: no hand seen. pressing: the virtual button is down."""
     said = verdict.gesture if verdict else None
     count = 0 if said is None else vote.count + 1 if said is vote.candidate else 1
-    counted = replace(vote, candidate=said, count=min(count, VOTE_FRAMES))
-    if said is not None and count >= VOTE_FRAMES and said is not vote.gesture:
+    counted = replace(vote, candidate=said, count=min(count, PRESS_CHANGE_FRAMES))
+    needed = PRESS_CHANGE_FRAMES if pressing else VOTE_FRAMES
+    if said is not None and count >= needed and said is not vote.gesture:
         return replace(counted, gesture=said, recognised_ns=captured_ns, unsupported=0)
     return _keep_or_end(counted, PRESS_END_FRAMES if pressing else END_FRAMES)
 

@@ -89,7 +89,20 @@ def take_noise(detector: HandDetector, step: Callable[[], None]) -> list[NoiseCl
 def _residual(hand: Hand, scene: Scene) -> tuple[FloatArray, FloatArray]:
     image_px, world_m = _truth(scene)
     anchor_px = float(np.linalg.norm(image_px[Keypoint.INDEX_MCP] - image_px[Keypoint.PINKY_MCP]))
-    return (hand.image_px - image_px) / max(anchor_px, 1.0), (hand.world_m - world_m) / scene.person.shape.anchor_m
+    upright = _roll(image_px).T
+    image = (hand.image_px - image_px) @ upright.T / max(anchor_px, 1.0)
+    world = (hand.world_m - world_m) / scene.person.shape.anchor_m
+    world[:, :2] = world[:, :2] @ upright.T
+    return image, world
+
+
+def _roll(image_px: FloatArray) -> FloatArray:
+    """(2, 2): from the upright hand to this one. MediaPipe looks at a crop turned upright by the line 0-9, so its
+    errors turn with the hand."""
+    x, y = image_px[Keypoint.MIDDLE_MCP] - image_px[Keypoint.WRIST]
+    length = max(float(np.hypot(x, y)), 1e-9)
+    c, s = -y / length, x / length
+    return np.array([[c, -s], [s, c]])
 
 
 def _truth(scene: Scene) -> tuple[FloatArray, FloatArray]:
@@ -138,9 +151,12 @@ def _noisy(scene: Scene, noise: NoiseClip, index: int) -> Hand | None:
     # There and back again, so that the noise never jumps more than MediaPipe's own.
     turn = index % (2 * len(noise.image) - 1)
     row = turn if turn < len(noise.image) else 2 * len(noise.image) - 1 - turn
+    turned = _roll(image_px)
+    world = noise.world[row].copy()
+    world[:, :2] = world[:, :2] @ turned.T
     return Hand(
-        image_px=image_px + noise.image[row] * anchor_px,
-        world_m=world_m + noise.world[row] * scene.person.shape.anchor_m,
+        image_px=image_px + noise.image[row] @ turned.T * anchor_px,
+        world_m=world_m + world * scene.person.shape.anchor_m,
         presence=0.9,
         side=Side.RIGHT,
         tracked=index > 0,
