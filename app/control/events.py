@@ -28,7 +28,7 @@ FOLLOWING_LIMIT_RAD = 0.26  # 15°
 POSE_LIMIT_RAD = 0.21  # 12°
 DRIFT_RAD_S = 0.6
 STILL_RAD_S = 0.5
-LINGER_NS = 1_000_000_000  # a passing event stays to be read; it has no effect any more
+LINGER_NS = 1_000_000_000  # a passing event stays to be read; it has no effect any more, unless it `settles`
 
 # The drive still does what it is told, or is simply off; the others go on holding the wearer.
 HELD_FAULTS = (
@@ -122,6 +122,7 @@ class Row:
     blocks: frozenset[Source] = BOTH  # whose wishes it refuses, from `refuse` upwards
     detail: Callable[[Facts], str] = lambda _: ""  # the numbers, at the moment when it is raised
     displaces: bool = False  # afterwards nobody knows the gait state: it becomes BETWEEN
+    settles: bool = False  # keeps its effect while it lingers: its condition may come back at any moment
 
 
 E, F = Event, Effect
@@ -180,6 +181,7 @@ TABLE = (
     Row(
         event=E.LEGS_MOVING,
         effect=F.REFUSE,
+        settles=True,  # a swinging leg is slow for a moment at each turning point
         present=lambda f: not f.powered and f.fastest_rad_s > STILL_RAD_S,
         text="The legs are moving: power comes only when they are still. Wait, or hold them.",
     ),
@@ -451,8 +453,8 @@ class Active:
 
     @property
     def in_force(self) -> bool:
-        """Its condition holds, or it waits for its acknowledgement."""
-        return self.present or (self.latched and not self.acknowledged)
+        """Its condition holds, or held so lately that it may again, or it waits for its acknowledgement."""
+        return self.present or ROW[self.event].settles or (self.latched and not self.acknowledged)
 
 
 Actives = tuple[Active, ...]
