@@ -50,6 +50,10 @@ class Publisher(_Link):
         """Never blocks; a slow listener misses older messages."""
         self._socket.send(self._encode(message), zmq.NOBLOCK)
 
+    def close(self, linger_s: float = 0.0) -> None:
+        """Release the socket, giving the last message up to `linger_s` to leave."""
+        self._socket.close(linger=int(linger_s * 1000))
+
 
 class LatestReceiver(_Link, Generic[M]):
     """Keeps the newest message of one publisher."""

@@ -111,6 +111,7 @@ class RealSession:
         while time.monotonic() < deadline:
             self.look()
             if not [name for name in names if _lives(self.pids[name])]:
+                self.look()  # the last words may have come after the look before
                 return
         raise TimeoutError(f"still there: {[name for name in names if _lives(self.pids[name])]}")
 
@@ -121,11 +122,11 @@ class RealSession:
         self.send(OperatorKind.ACT, Action.INITIALISE)
         return self.until(lambda s: s.state is GaitState.STANDING and s.action is None, "standing")
 
-    def walk(self) -> ControlSnapshot:
-        """Stand and begin to walk."""
+    def walk(self, steps: int = 2) -> ControlSnapshot:
+        """Stand, and walk at least so many steps."""
         self.stand()
         self.send(OperatorKind.ACT, Action.WALK)
-        return self.until(lambda s: s.action is Action.WALK and s.steps > 1, "walking")
+        return self.until(lambda s: s.action is Action.WALK and s.steps >= steps, "walking")
 
     def kill(self, name: str, number: signal.Signals = signal.SIGKILL) -> int:
         """Send a signal to one process; when it was sent, monotonic nanoseconds."""

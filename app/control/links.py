@@ -25,6 +25,7 @@ from app.messages import (
 _M = TypeVar("_M", bound=msgspec.Struct)
 
 RARE_TICKS = 5  # streams of 20 Hz and plans are looked at a hundred times a second: 10 ms of their limits' margin
+LAST_WORD_S = 0.1  # the guardian must learn that control has ended in good order
 COMMANDS_A_TICK = 32  # a flood of words must not make a tick late
 
 
@@ -93,10 +94,10 @@ class ControlLinks:
             self._reports,
             self._audit,
             self._guardian,
-            self._heartbeats,
             self._snapshots,
         ):
             link.close()
+        self._heartbeats.close(linger_s=LAST_WORD_S)
 
     def _take_plans(self) -> tuple[Plan, ...]:
         plans = []

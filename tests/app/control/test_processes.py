@@ -66,7 +66,7 @@ def commands_after(sniffer: Sniffer, time_ns: int) -> list[tuple[int, int, bytes
 
 
 def test_a_session_stands_walks_stops_and_ends_without_leaving_anybody(session: RealSession) -> None:
-    session.walk()
+    session.walk(steps=1)
     session.send(OperatorKind.STOP)
     held = session.until(lambda s: s.effect is Effect.HOLD and s.action is None, "hold")
     assert held.state is GaitState.BETWEEN
@@ -80,7 +80,7 @@ def test_a_session_stands_walks_stops_and_ends_without_leaving_anybody(session: 
 
 
 def test_when_the_console_is_killed_the_legs_are_held_then_everybody_ends(session: RealSession) -> None:
-    session.walk()
+    session.walk(steps=1)
     session.kill("console")
     session.until(lambda s: s.effect >= Effect.HOLD, "hold")
     session.until_ended(*EVERYBODY)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from itertools import product
 from pathlib import Path
 
 import msgspec
@@ -19,7 +18,14 @@ from profiles.errors import ProfileError
 from profiles.schema import DEMO_PATIENT, Profile
 
 DEVICE = load_exoskeleton()
-CORNERS = tuple(product((1.45, 1.95), (45.0, 110.0)))
+# The corners where each movement asks most of the drives; `rleex simulate corners` runs them all.
+WORST_CORNERS = (
+    (Action.STEP_LEFT, 1.95, 110.0),
+    (Action.STEP_LEFT, 1.45, 45.0),
+    (Action.STAIR_UP, 1.95, 110.0),
+    (Action.STAND_UP, 1.45, 110.0),
+    (Action.STAND_UP, 1.95, 110.0),
+)
 
 
 def patient(profile: Profile = DEMO_PATIENT) -> Patient:
@@ -32,9 +38,8 @@ def test_the_demo_patient_passes_every_action(action: Action) -> None:
     assert verdict.passed, verdict.reasons
 
 
-@pytest.mark.parametrize(("stature", "mass"), CORNERS)
-@pytest.mark.parametrize("action", [Action.STEP_LEFT, Action.STAIR_UP, Action.STAND_UP])
-def test_every_corner_passes(stature: float, mass: float, action: Action) -> None:
+@pytest.mark.parametrize(("action", "stature", "mass"), WORST_CORNERS)
+def test_the_hardest_corners_pass(action: Action, stature: float, mass: float) -> None:
     profile = msgspec.structs.replace(DEMO_PATIENT, stature_m=stature, mass_kg=mass)
     verdict = rehearse(patient(profile), DEVICE, action).verdict
     assert verdict.passed, verdict.reasons
