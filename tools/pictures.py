@@ -13,13 +13,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-import msgspec
 from rich.console import Console
 from textual.pilot import Pilot
 
 from app.config import Config, load_config
 from app.console.app import ConsoleApp
-from app.control.states import Effect, GaitState
+from app.control.states import Action, Effect, GaitState
 from app.messages import ControlSnapshot
 from app.model import set_up_model
 from app.paths import Home, find_home
@@ -29,6 +28,7 @@ from profiles.schema import DEMO_PATIENT
 FOLDER = Path(__file__).parent.parent / "docs" / "pictures"
 SMALL, LARGE = (80, 24), (200, 50)
 LIMIT_S = 90.0
+MID_SWING = 0.3  # of an action: a foot is in the air
 SETTLE_S = 0.4  # for the last picture to be drawn
 
 
@@ -62,6 +62,34 @@ class Photographer:
             await self.pilot.press(key)
             await self.pilot.pause(0.1)
 
+    def seen(self) -> object:
+        """Whether a picture of the hand has come."""
+        state = self.app.live_state()
+        return state is not None and state.report is not None and state.preview is not None
+
+    async def stand(self) -> None:
+        """What a therapist does first: confirm, arm, and the legs to standing."""
+        await self.keys("c", "y")
+        await self.until(lambda: self.snapshot and self.snapshot.patient_confirmed)
+        await self.keys("a")
+        await self.until(lambda: self.snapshot and self.snapshot.armed)
+        await self.act("0", Action.INITIALISE)
+        await self.until(lambda: self.snapshot and self.snapshot.state is GaitState.STANDING)
+
+    async def act(self, key: str, action: Action) -> None:
+        """The therapist's action, asked again as a person would while the legs still come to rest."""
+        while not (self.snapshot and self.snapshot.action is action):
+            await self.until(lambda: self.snapshot and action in self.snapshot.allowed)
+            await self._ask(key, action, self.snapshot.refusal_count if self.snapshot else 0)
+
+    async def _ask(self, key: str, action: Action, refused: int) -> None:
+        await self.keys("t", key)
+        await self.until(lambda: (now := self.snapshot) and (now.action is action or now.refusal_count > refused))
+
+    def text(self) -> str:
+        """The words on the screen."""
+        return "\n".join(strip.text for strip in self.app.screen._compositor.render_strips())
+
     async def take(self, name: str) -> None:
         """One picture of what is on the screen."""
         await self.pilot.pause(SETTLE_S)
@@ -89,29 +117,30 @@ async def training(camera: Photographer) -> None:
 
 async def session(camera: Photographer) -> None:
     """Checks, confirm, arm, stand, walk, stop, acknowledge."""
-    await camera.until(lambda: camera.snapshot and camera.gesture() is None)
-    await camera.keys("5")
-    await camera.until(lambda: camera.gesture() is Gesture.FIVE)
-    await camera.take("session-200x50")
+    await camera.until(lambda: camera.snapshot and camera.seen())
     await camera.keys("s")
     await camera.take("checks")
     await camera.keys("escape", "c")
     await camera.take("confirm")
-    await camera.keys("y", "a")
-    await camera.until(lambda: camera.snapshot and camera.snapshot.armed)
+    await camera.keys("escape")
+    await camera.stand()
     await camera.keys("t")
     await camera.take("actions")
-    await camera.keys("0")
-    await camera.until(lambda: camera.snapshot and camera.snapshot.state is GaitState.STANDING)
+    await camera.keys("escape", "5")
+    await camera.until(lambda: camera.gesture() is Gesture.FIVE)
+    await camera.act("5", Action.WALK)
+    await camera.until(lambda: camera.snapshot and camera.snapshot.steps)
     await camera.take("session-200x50")
-    await camera.keys("enter")
-    await camera.until(lambda: camera.snapshot and camera.snapshot.action)
-    await camera.take("walking")
+    await camera.keys("v")
+    await camera.take("compare")
 
 
 async def stopped(camera: Photographer) -> None:
     """What the screen says after STOP."""
-    await camera.until(lambda: camera.snapshot)
+    await camera.until(lambda: camera.snapshot and camera.seen())
+    await camera.stand()
+    await camera.act("7", Action.STAIR_UP)
+    await camera.until(lambda: camera.snapshot and camera.snapshot.progress > MID_SWING)
     await camera.keys("space")
     await camera.until(lambda: camera.snapshot and camera.snapshot.effect is Effect.HOLD)
     await camera.take("stopped")
@@ -119,7 +148,8 @@ async def stopped(camera: Photographer) -> None:
 
 async def small(camera: Photographer) -> None:
     """The live screen in the small terminal, and help."""
-    await camera.until(lambda: camera.snapshot and camera.gesture() is None)
+    await camera.until(lambda: camera.snapshot and camera.seen())
+    await camera.stand()
     await camera.keys("8")
     await camera.until(lambda: camera.gesture() is Gesture.EIGHT)
     await camera.take("session-80x24")
@@ -127,10 +157,19 @@ async def small(camera: Photographer) -> None:
     await camera.take("help")
 
 
+async def review(camera: Photographer) -> None:
+    """The session that was photographed before, as its audit trail tells it."""
+    await camera.keys("r", "enter")
+    await camera.until(lambda: "checked signature" in camera.text())  # the verdict on its proof
+    await camera.keys("n", "n", "n", "n")
+    await camera.take("review")
+
+
 SCENES = (
     ("patients", patients, LARGE, False),
     ("training", training, LARGE, False),
     ("session", session, LARGE, True),
+    ("review", review, LARGE, False),
     ("stopped", stopped, SMALL, True),
     ("small", small, SMALL, True),
 )
@@ -158,7 +197,7 @@ def main() -> None:
     real = find_home()
     model = set_up_model(real, load_config(real.config))
     with tempfile.TemporaryDirectory() as folder:
-        config = msgspec.structs.replace(Config(), model=str(model), idle_lock_s=0)
+        config = Config(model=str(model), idle_lock_s=0)
         asyncio.run(photograph(Home(Path(folder)), config, sys.argv[1:]))
 
 
