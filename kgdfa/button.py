@@ -66,6 +66,7 @@ class ButtonState:
     ready: bool = False  # the hand has been seen outside the threshold since the last release or cancel
     last_captured_ns: int = 0
     pressed_recognised_ns: int = 0
+    far_gesture: Gesture | None = None  # voted while the hand was last outside: what a press may mean
     near_frames: int = 0  # frames in a row nearer than the threshold, before the press
     last_distance_m: float | None = None  # of the frame before; None: it gave no measurement
     gap_frames: int = 0  # frames in a row without a measurement
@@ -111,8 +112,9 @@ def _while_pressed(state: ButtonState, seen: ButtonInput, place: ButtonPlace, di
 
 def _while_up(state: ButtonState, seen: ButtonInput, place: ButtonPlace, distance_m: float) -> ButtonState:
     if distance_m >= place.threshold_m:
-        outside = distance_m > _outside_m(place)
-        return replace(state, near_frames=0, ready=state.ready or outside, hint="" if outside else state.hint)
+        if distance_m <= _outside_m(place):
+            return replace(state, near_frames=0)
+        return replace(state, near_frames=0, ready=True, far_gesture=seen.gesture, hint="")
     if not state.ready:
         return replace(state, hint=state.hint or "draw the hand back, then push again")
     wrong = _what_is_wrong(state, seen, place, distance_m)
@@ -129,6 +131,8 @@ def _what_is_wrong(state: ButtonState, seen: ButtonInput, place: ButtonPlace, di
         return "push steadily, so that the camera can follow"
     if seen.gesture is None:
         return "show a gesture first, then push"
+    if seen.gesture is not state.far_gesture:
+        return "keep the gesture while you push"
     return "" if _covers(seen.box, place, 0.0) else "bring the hand over the button, then push"
 
 
@@ -194,6 +198,11 @@ def _measured(seen: ButtonInput) -> float | None:
     if seen.box is None or seen.distance_m is None:
         return None
     return seen.distance_m if math.isfinite(seen.distance_m) and seen.distance_m > 0 else None
+
+
+def is_near(state: ButtonState, place: ButtonPlace) -> bool:
+    """Whether the hand is pressing or about to: there a gesture is held by more than three frames."""
+    return state.pressed or (state.last_distance_m is not None and state.last_distance_m <= _outside_m(place))
 
 
 def _outside_m(place: ButtonPlace) -> float:

@@ -9,7 +9,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from kgdfa.button import ButtonInput, ButtonMode, ButtonPlace, ButtonState, advance
+from kgdfa.button import ButtonInput, ButtonMode, ButtonPlace, ButtonState, advance, is_near
 from kgdfa.distance import Distance, RangeFinder
 from kgdfa.hand import Gesture, Hand
 from kgdfa.images import Image, as_bgr8
@@ -125,7 +125,7 @@ class Pipeline:
         cut = self._mode is ButtonMode.ROBUST and hand is not None and cut_off(hand, image.shape[1], image.shape[0])
         if cut and self._button.pressed:
             return self._vote
-        return cast(self._vote, None if cut else verdict, now_ns, pressing=self._button.pressed or cut)
+        return cast(self._vote, None if cut else verdict, now_ns, pressing=is_near(self._button, self._place) or cut)
 
     def _follow(self, hands: tuple[Hand, ...]) -> Hand | None:
         """The commanding hand; another one inherits neither votes nor a steadied distance."""

@@ -20,6 +20,7 @@ START_S = 30.0  # the hand model's first load on a slow disk
 RECOGNITION_S = 6.0
 ACCEPTANCE_S = 3.0
 ACTION_S = 60.0
+GREEN_S = 1.5
 LOOK_S = 0.004
 DONE = ("completed", "stopped", "refused")
 
@@ -95,7 +96,7 @@ class CourseRunner:
         number, made, pressed = None, 0, False
         while number is None and made < self._presses:
             made += 1
-            pressed = self._click(action, known)
+            pressed = self._click(action, known) if made == 1 else self._push_until_green(action, known)
             number = self._new_action(action, known)
         if number is None:
             return self._trial(leg, start, pressed=pressed, presses=made, reason=self._why_no_action(pressed))
@@ -108,10 +109,19 @@ class CourseRunner:
         return self._trial(leg, start, pressed=pressed, presses=made, report=report, reason=reason, ok=ok)
 
     def _click(self, action: Action, known: set[int]) -> bool:
-        """Press and withdraw once; whether the button was released by it."""
+        """Press and withdraw once within the click's time; whether the button was released by it."""
         before = self.report.release_count if self.report else 0
         self._host.move_hand(HandCommand(click_s=self._click_s))
         self._until(lambda: self._new_action(action, known) is not None, self._click_s + ACCEPTANCE_S)
+        return self.report is not None and self.report.release_count > before
+
+    def _push_until_green(self, action: Action, known: set[int]) -> bool:
+        """As people do whose click did nothing: push, wait for the button to turn green, withdraw."""
+        before = self.report.release_count if self.report else 0
+        self._host.move_hand(HandCommand(press=True))
+        self._until(lambda: self.report is not None and self.report.pressed, GREEN_S)
+        self._host.move_hand(HandCommand(press=False))
+        self._until(lambda: self._new_action(action, known) is not None, ACCEPTANCE_S)
         return self.report is not None and self.report.release_count > before
 
     def _why_no_action(self, pressed: bool) -> str:

@@ -185,7 +185,7 @@ def _shape(gesture: str, person: Person) -> FloatArray:
     pose = find_pose(SETTLED if gesture == AWAY else gesture)
     mirror = -1.0 if person.shape.left else 1.0
     turn = np.asarray(pose.turn_deg) * (1.0, mirror, mirror)
-    centring = _centring(pose.angles_deg, turn, person) - (0.0, 0.0, pose.nearer_m)
+    centring = _centring(pose.angles_deg, turn, person)
     return np.concatenate([pose.angles_deg.ravel(), turn, centring])
 
 

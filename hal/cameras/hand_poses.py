@@ -22,10 +22,7 @@ AWAY = "none"  # no hand in view
 
 @dataclass(frozen=True, slots=True)
 class Pose:
-    """One hand shape. turn_deg: (pitch, yaw, roll) of a right hand; a left hand mirrors yaw and roll.
-
-    nearer_m: how much nearer people come with it until the button turns green, because it measures far.
-    """
+    """One hand shape. turn_deg: (pitch, yaw, roll) of a right hand; a left hand mirrors yaw and roll."""
 
     name: str
     thumb: Thumb
@@ -34,7 +31,6 @@ class Pose:
     ring: Finger
     pinky: Finger
     turn_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    nearer_m: float = 0.0
 
     @property
     def angles_deg(self) -> FloatArray:
@@ -63,7 +59,7 @@ GESTURES: tuple[Pose, ...] = (
     Pose("0", OVER_THUMB, INDEX_IN, MIDDLE_IN, RING_IN, PINKY_IN),
     Pose("1", OVER_THUMB, INDEX_OUT, MIDDLE_IN, RING_IN, PINKY_IN),
     Pose("2", OVER_THUMB, (7, 4, 4, 3), (-7, 4, 4, 3), RING_IN, PINKY_IN),
-    Pose("3", TUCKED_THUMB, (7, 4, 4, 3), MIDDLE_OUT, (-7, 4, 4, 3), PINKY_IN, nearer_m=0.018),
+    Pose("3", OVER_THUMB, (7, 4, 4, 3), MIDDLE_OUT, (-7, 4, 4, 3), PINKY_IN),
     Pose("4", ACROSS_THUMB, (5, 4, 4, 3), MIDDLE_OUT, (-3, 4, 4, 3), (-8, 5, 5, 4)),
     Pose("5", OPEN_THUMB, (7, 2, 2, 2), MIDDLE_OUT, (-5, 3, 3, 3), (-12, 4, 4, 3)),
     Pose("6", OPEN_THUMB, INDEX_IN, MIDDLE_IN, RING_IN, (-14, 4, 4, 3)),

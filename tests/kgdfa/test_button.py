@@ -64,7 +64,7 @@ def test_a_push_and_a_withdrawal_command_once() -> None:
     assert (state.pressed, state.release_count, state.released_gesture) == (False, 1, Gesture.FIVE)
     assert state.released_captured_ns == 5 * FRAME_NS
     assert state.released_recognised_ns == 7
-    again = run([Seen(NEAR, Gesture.SIX)] * 2 + [Seen(FAR, Gesture.SIX)], state=state)
+    again = run([Seen(d, Gesture.SIX) for d in (FAR, NEAR, NEAR, FAR)], state=state)
     assert (again.release_count, again.released_gesture) == (2, Gesture.SIX)
 
 
@@ -140,6 +140,12 @@ def test_a_hand_seen_near_in_a_single_frame_is_a_slip_and_presses_nothing() -> N
     assert not run([Seen(FAR), Seen(NEAR), Seen(BETWEEN), Seen(NEAR), Seen(FAR)]).release_count
 
 
+def test_a_gesture_made_on_the_way_is_not_what_the_push_began_with() -> None:
+    state = run([Seen(FAR), Seen(BETWEEN, Gesture.SIX), Seen(NEAR, Gesture.SIX), Seen(NEAR, Gesture.SIX)])
+    assert not state.pressed
+    assert "keep the gesture" in state.hint
+
+
 def test_a_hand_that_comes_faster_than_a_hand_can_is_no_push_and_told_so() -> None:
     leap = run([Seen(FAR + 0.5), Seen(NEAR), Seen(NEAR)])
     assert not leap.pressed
@@ -202,7 +208,7 @@ def is_push(path: Sequence[Seen], index: int) -> bool:
         seen = path[earlier]
         gap = gap + 1 if seen.distance_m is None else 0
         if seen.distance_m is not None and seen.distance_m > OUTSIDE_M:
-            return True
+            return all(later.gesture is seen.gesture for later in path[earlier : index + 1] if near(later))
         if gap > GAP_FRAMES or (near(seen) and not (earlier and is_proper(path, earlier))):
             return False
         if near(seen) and near(path[earlier - 1]):
