@@ -25,6 +25,7 @@ NEUTRAL = JointCommand(
     position_rad=ZERO, velocity_rad_s=ZERO, stiffness_nm_rad=ZERO, damping_nm_s_rad=ZERO, torque_nm=ZERO
 )
 STIFF = replace(NEUTRAL, stiffness_nm_rad=np.full(4, 200.0), damping_nm_s_rad=np.full(4, 3.0))
+BENT = replace(STIFF, position_rad=np.full(4, 0.4), torque_nm=np.full(4, 10.0))
 FIELDS = ("position_rad", "velocity_rad_s", "stiffness_nm_rad", "damping_nm_s_rad", "torque_nm")
 EPSILON = 1e-6
 BELOW_ZERO = -EPSILON
@@ -110,10 +111,10 @@ STEPS = [
 def test_every_change_in_a_tick_at_its_boundary(
     joint: Joint, sign: int, field: str, quantity: Quantity, limit: JointArray
 ) -> None:
-    base = float(getattr(STIFF, field)[joint])
+    base = float(getattr(BENT, field)[joint])
     step = float(limit[joint])
-    assert check(put(STIFF, field, joint, base + sign * (step - EPSILON))) is None
-    refusal = check(put(STIFF, field, joint, base + sign * (step + EPSILON)))
+    assert check(put(BENT, field, joint, base + sign * (step - EPSILON)), BENT) is None
+    refusal = check(put(BENT, field, joint, base + sign * (step + EPSILON)), BENT)
     assert refusal is not None
     assert (refusal.joint, refusal.quantity) == (joint, quantity)
     assert refusal.value == pytest.approx(step + EPSILON)
@@ -129,16 +130,24 @@ def test_a_slack_joint_is_told_no_position_so_it_may_change(joint: Joint) -> Non
 @pytest.mark.parametrize("joint", Joint)
 @pytest.mark.parametrize("sign", [+1, -1])
 def test_a_slack_joint_is_gripped_only_where_it_is(joint: Joint, sign: int) -> None:
-    grip = put(NEUTRAL, "stiffness_nm_rad", joint, 5.0)
+    grip = put(put(NEUTRAL, "stiffness_nm_rad", joint, 0.01), "position_rad", joint, 0.4)
     measured = ZERO.copy()
-    measured[joint] = sign * (ENGAGE_RAD - EPSILON)
+    measured[joint] = 0.4 + sign * (ENGAGE_RAD - EPSILON)
     assert check(grip, NEUTRAL, measured) is None
-    measured[joint] = sign * (ENGAGE_RAD + EPSILON)
+    measured[joint] = 0.4 + sign * (ENGAGE_RAD + EPSILON)
     refusal = check(grip, NEUTRAL, measured)
     assert refusal is not None
     assert (refusal.joint, refusal.quantity) == (joint, Quantity.ENGAGEMENT)
     assert refusal.limit == pytest.approx(ENGAGE_RAD)
     assert check(grip, NEUTRAL, NOWHERE) is not None, "where nobody knows the angle nothing is gripped"
+
+
+@pytest.mark.parametrize("joint", Joint)
+def test_a_joint_held_ever_so_softly_may_not_leap(joint: Joint) -> None:
+    soft = put(NEUTRAL, "stiffness_nm_rad", joint, 0.01)
+    refusal = check(put(soft, "position_rad", joint, 0.1), soft)
+    assert refusal is not None
+    assert (refusal.joint, refusal.quantity) == (joint, Quantity.POSITION_STEP)
 
 
 @pytest.mark.parametrize("joint", Joint)
