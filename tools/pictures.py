@@ -13,6 +13,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
+import msgspec
 from rich.console import Console
 from textual.pilot import Pilot
 
@@ -131,8 +132,6 @@ async def session(camera: Photographer) -> None:
     await camera.act("5", Action.WALK)
     await camera.until(lambda: camera.snapshot and camera.snapshot.steps)
     await camera.take("session-200x50")
-    await camera.keys("v")
-    await camera.take("compare")
 
 
 async def stopped(camera: Photographer) -> None:
@@ -157,6 +156,16 @@ async def small(camera: Photographer) -> None:
     await camera.take("help")
 
 
+async def compare(camera: Photographer) -> None:
+    """Both measurements of a pressed hand."""
+    await camera.until(lambda: camera.snapshot and camera.seen())
+    await camera.keys("5")
+    await camera.until(lambda: camera.gesture() is Gesture.FIVE)
+    await camera.keys("v")
+    await camera.until(lambda: (state := camera.app.live_state()) and state.report and state.report.depth_distance_m)
+    await camera.take("compare")
+
+
 async def review(camera: Photographer) -> None:
     """The session that was photographed before, as its audit trail tells it."""
     await camera.keys("r", "enter")
@@ -169,10 +178,16 @@ SCENES = (
     ("patients", patients, LARGE, False),
     ("training", training, LARGE, False),
     ("session", session, LARGE, True),
+    ("compare", compare, LARGE, True),
     ("review", review, LARGE, False),
     ("stopped", stopped, SMALL, True),
     ("small", small, SMALL, True),
 )
+
+
+def with_depth(config: Config) -> Config:
+    """The digital hand before a depth camera."""
+    return msgspec.structs.replace(config, camera=msgspec.structs.replace(config.camera, depth=True))
 
 
 async def photograph(home: Home, config: Config, wanted: list[str]) -> None:
@@ -182,7 +197,9 @@ async def photograph(home: Home, config: Config, wanted: list[str]) -> None:
         if wanted and name not in wanted:
             continue
         console.print(f"{name} …")
-        app = ConsoleApp(home, config, profile=DEMO_PATIENT if live else None)
+        app = ConsoleApp(
+            home, with_depth(config) if scene is compare else config, profile=DEMO_PATIENT if live else None
+        )
         async with app.run_test(size=size) as pilot:
             try:
                 await pilot.pause(SETTLE_S)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-from importlib.metadata import version
 from typing import Annotated
 
 import typer
@@ -46,6 +45,8 @@ cli.add_typer(profile.cli, name="profile", help="Patient profiles.")
 
 def _version(wanted: bool) -> None:
     if wanted:
+        from importlib.metadata import version  # brings a mail parser and zip files along
+
         typer.echo(f"rleex {version('rleex')}")
         raise typer.Exit
 
