@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 
 from app.control.states import ACTION_OF, Action, GaitState
 from app.demo.course import Leg
-from app.demo.trial import Trial
+from app.demo.trial import Trial, moment_of_command
 from app.errors import AppError
 from app.host import SessionHost
 from app.messages import ActionReport, ControlSnapshot, HandCommand, HandPose, OperatorKind, TriggerReport
@@ -104,7 +104,7 @@ class CourseRunner:
         self._until(lambda: self._finished(leg, number), ACTION_S)
         report = self.actions[number]
         reached = self._now.state is leg.end or (leg.steps > 0 and report.outcome == "running")
-        ok = reached and report.outcome != "stopped" and report.first_command_ns > 0
+        ok = reached and report.outcome != "stopped" and moment_of_command(report) > 0
         reason = "" if ok else f"{report.outcome} too early: {report.reason or self._now.why_not}"
         return self._trial(leg, start, pressed=pressed, presses=made, report=report, reason=reason, ok=ok)
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from app.control.states import GaitState
+from app.control.states import Action, GaitState
 from app.messages import ActionReport
 from kgdfa.hand import Gesture
 
@@ -73,8 +73,14 @@ class Trial:
     def _since(self, first: str, last: str) -> float | None:
         if self.report is None:
             return None
-        start, end = getattr(self.report, first), getattr(self.report, last)
+        start = getattr(self.report, first)
+        end = moment_of_command(self.report) if last == "first_command_ns" else getattr(self.report, last)
         return (end - start) / 1e6 if start and end else None
+
+
+def moment_of_command(report: ActionReport) -> int:
+    """When control obeyed. The end of a walk is latched at once and carried out with the next step: its latching."""
+    return report.first_command_ns or (report.accepted_ns if report.action is Action.WALK_END else 0)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
