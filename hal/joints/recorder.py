@@ -18,6 +18,7 @@ FLUSH_S = 0.5
 _BUFFER_BYTES = 8 << 20  # a second of a full bus, for a recorder that has to wait for its turn or its disk
 _SO_RCVBUFFORCE = 33  # linux/socket.h; beyond the system's limit, for the privileged
 _BATCH = 256
+_PAUSE_S = 0.02  # frames are fetched by the batch: waking for each would take a core's time from perception
 
 
 class BusRecorder:
@@ -44,8 +45,9 @@ class BusRecorder:
     def run(self, stopped: Callable[[], bool]) -> None:
         """Record until stopped."""
         while not stopped():
+            time.sleep(_PAUSE_S)
             for bus, writer in zip(self._buses, self._writers, strict=True):
-                self._take(bus, writer, wait_s=0.05 / len(self._buses))
+                self._take(bus, writer)
             if time.monotonic() - self._flushed_s >= FLUSH_S:
                 self._file.flush()
                 self._flushed_s = time.monotonic()
@@ -56,19 +58,17 @@ class BusRecorder:
             bus.shutdown()
         self._file.close()
 
-    def _take(self, bus: can.BusABC, writer: can.CanutilsLogWriter, wait_s: float) -> None:
+    def _take(self, bus: can.BusABC, writer: can.CanutilsLogWriter) -> None:
         for _ in range(_BATCH):
             try:
-                message = bus.recv(wait_s)
+                message = bus.recv(0)
             except (can.CanError, OSError, ValueError, TypeError):
-                time.sleep(wait_s)  # an interface that is gone may come back; control reports it meanwhile
-                return
+                return  # an interface that is gone may come back; control reports it meanwhile
             if message is None:
                 return
             message.channel = None  # the writer's own name: a multicast address is no word for can-utils
             writer.on_message_received(message)
             self.frames += 1
-            wait_s = 0.0
 
 
 def _plain(channel: str) -> str:
