@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -19,15 +19,16 @@ from kgdfa.preprocess import Prepare
 SOURCE = "digital hand"
 MAX_TILT_RAD = np.radians(30.0)
 NEAR_M, FAR_M = 0.20, 0.60
-MEASURE_SEEDS = 0  # people from here on measure
+MEASURE_SEEDS = 10_000  # people from here on measure
 FIT_SEEDS = 1_000_000  # and people from here on fit: nobody does both
 HELD_FRAMES = 4
 _GESTURE_NAMES = frozenset(pose.name for pose in GESTURES)
+_KINDS = {"naturally open": "natural_open", "thumb up": "good", "O": "o_shape"}  # as labels.csv calls them
 
 
 def label_of(pose: str) -> str:
     """A pose's label as labels.csv has it."""
-    return pose if pose in _GESTURE_NAMES else NONE_PREFIX + pose.replace(" ", "_")
+    return pose if pose in _GESTURE_NAMES else NONE_PREFIX + _KINDS.get(pose, pose.replace(" ", "_").replace("-", "_"))
 
 
 def digital_scenes(per_pose: int, first_seed: int) -> Iterator[tuple[Photo, Scene, int]]:
@@ -51,10 +52,11 @@ def scene_of(pose: str, person: int, seed: int) -> Scene:
         position_m=(0.0, 0.0, distance_m),
         turn_rad=(float(turn[0]), float(turn[1]), float(turn[2])),
     )
-    return _centred(scene, distance_m)
+    return centred(scene, distance_m)
 
 
-def _centred(scene: Scene, distance_m: float) -> Scene:
+def centred(scene: Scene, distance_m: float) -> Scene:
+    """The same hand in the picture's middle."""
     points = keypoints_m(scene)
     if points is None or scene.place is None:
         return scene
@@ -70,8 +72,7 @@ def picture(scene: Scene, seed: int) -> Image:
 
 def see_digital(
     model: Path,
-    per_pose: int,
-    first_seed: int,
+    scenes: Iterable[tuple[Photo, Scene, int]],
     tell: Callable[[], None] = lambda: None,
     prepare: Prepare = as_bgr8,
 ) -> list[SeenPhoto]:
@@ -80,7 +81,7 @@ def see_digital(
 
     seen, now_ns = [], 0
     with HandDetector(model) as detector:
-        for photo, scene, seed in digital_scenes(per_pose, first_seed):
+        for photo, scene, seed in scenes:
             shown = prepare(picture(scene, seed))
             hands: tuple[Hand, ...] = ()
             for image in (np.zeros_like(shown), *[shown] * HELD_FRAMES):  # the black one ends the last hand's track

@@ -15,9 +15,10 @@ from numpy.typing import NDArray
 from sklearn.neural_network import MLPClassifier
 
 from app.evaluate.digital_hands import SOURCE as DIGITAL
-from app.evaluate.gesture_measures import GESTURE_NAMES, NONE
+from app.evaluate.gesture_measures import GESTURE_NAMES
 from app.evaluate.gesture_photos import SeenPhoto
 from app.evaluate.grafts import Grafter
+from app.evaluate.thresholds import choose_thresholds
 from kgdfa.features import features
 from kgdfa.hand import FloatArray, Side
 from kgdfa.robust_model import RobustModel
@@ -31,8 +32,7 @@ GRAFT_WEIGHT = 1.0  # of one grafted hand, the mean real look's being 1
 THIRDS = 3
 INNER_GROUPS = 3  # of sources, each left out once in the fits that choose thresholds
 INNER_SHARE = 1 / 3  # of looks and grafts, in the fits that only choose thresholds: they are many
-CANDIDATE_THRESHOLDS = np.arange(0.50, 0.96, 0.05)  # never less likely than not
-WRONG_ACCEPTANCE_COST = 2.0  # what a point of undefined hands accepted weighs against a point of macro-F1
+NEAR_WEIGHT = {"none:natural_open": 3.0}  # of one look, the mean being 1: few photos show one, and it would walk
 TIE = 0.10  # lead over the next class below which it is a tie, and none
 RANGE_PERCENT = (3.0, 97.0)
 
@@ -97,16 +97,25 @@ def folds(looked: Looked, of: NDArray[np.bool_] | None = None) -> Iterator[Fold]
 
 
 def _inner_folds(looked: Looked, of: NDArray[np.bool_]) -> Iterator[Fold]:
-    """As `folds`, but a few sources at a time: many such fits are made only to choose thresholds."""
+    """As `folds`, but a few sources at a time (many such fits are made only to choose thresholds), and with a third
+    of the digital people left out of each: they are most of the naturally open hands.
+    """
     labels, sources = looked.labels, looked.sources
-    always = of & (sources == DIGITAL)
-    among = of & ~always
+    digital = of & (sources == DIGITAL)
+    among = of & ~digital
     lonely = [name for name in GESTURE_NAMES if len(set(sources[among & (labels == name)])) == 1]
     third = _thirds(labels, sources)
+    people = {person: k % THIRDS for k, person in enumerate(sorted({one.photo.group for one in looked.photos}))}
+    person_third = np.array([people[one.photo.group] for one in looked.photos])
     for part, group in enumerate(_even_groups(sources[among])):
         here = among & np.isin(sources, group)
         kept = here & np.isin(labels, lonely) & (third != part)
-        yield Fold(name=", ".join(group), fit=always | (among & ~here) | kept, measure=here & ~kept)
+        aside = digital & (person_third == part)
+        yield Fold(
+            name=", ".join(group),
+            fit=(digital & ~aside) | (among & ~here) | kept,
+            measure=(here & ~kept) | aside,
+        )
 
 
 def _even_groups(sources: NDArray[np.str_]) -> list[list[str]]:
@@ -147,33 +156,21 @@ def photo_probabilities(model: RobustModel, looked: Looked, of: NDArray[np.bool_
 
 
 def _choose_thresholds(looked: Looked, among: NDArray[np.bool_], tell: Callable[[str], None]) -> FloatArray:
-    """The thresholds that serve best on inner folds: macro-F1 less the cost of undefined hands accepted."""
+    """The thresholds that serve best on inner folds."""
+    labels, chances = inner_chances(looked, among, tell)
+    return choose_thresholds(labels, chances)
+
+
+def inner_chances(
+    looked: Looked, among: NDArray[np.bool_], tell: Callable[[str], None]
+) -> tuple[NDArray[np.str_], FloatArray]:
+    """Labels of these photos and digital hands, and each one's chances by a model fitted without its source."""
     chances = np.zeros((len(looked.photos), len(GESTURE_NAMES)))
     for fold in _inner_folds(looked, among):
         tell(f"thresholds, without {fold.name}")
         model = _fit_members(looked, fold.fit, 1, share=INNER_SHARE)
         chances += photo_probabilities(model, looked, fold.measure)[:, : len(GESTURE_NAMES)]
-    among = among & (looked.sources != DIGITAL)
-    labels = looked.labels[among]
-    truth = np.where(np.isin(labels, GESTURE_NAMES), labels, NONE)
-    return _best_thresholds(truth, chances[among])
-
-
-def _best_thresholds(truth: NDArray[np.str_], chances: FloatArray) -> FloatArray:
-    """(12,): each gesture's own, as what one accepts in error does not touch the others' F1."""
-    undefined = max(int(np.sum(truth == NONE)), 1)
-    best, sure = chances.argmax(axis=1), chances.max(axis=1)
-    thresholds = np.full(len(GESTURE_NAMES), float(CANDIDATE_THRESHOLDS[-1]))
-    for place, name in enumerate(GESTURE_NAMES):
-        shown = truth == name
-        merits = []
-        for threshold in CANDIDATE_THRESHOLDS:
-            said = (best == place) & (sure >= threshold)
-            f1 = 2 * np.sum(said & shown) / max(int(np.sum(said) + np.sum(shown)), 1)
-            wrong = np.sum(said & (truth == NONE)) / undefined
-            merits.append(f1 / len(GESTURE_NAMES) - WRONG_ACCEPTANCE_COST * wrong)
-        thresholds[place] = CANDIDATE_THRESHOLDS[int(np.argmax(merits))]
-    return thresholds
+    return looked.labels[among], chances[among]
 
 
 def _fit_members(looked: Looked, among: NDArray[np.bool_], members: int, share: float = 1.0) -> RobustModel:
@@ -181,7 +178,7 @@ def _fit_members(looked: Looked, among: NDArray[np.bool_], members: int, share: 
     classes = [*GESTURE_NAMES, *sorted(set(labels) - set(GESTURE_NAMES))]
     centre = np.median(values, axis=0)
     spread = np.subtract(*np.percentile(values, [85, 15], axis=0)) + 1e-6
-    squashed = np.tanh((values - centre) / spread)
+    squashed = np.tanh((values - centre) / spread).astype(np.float32)  # as the model is stored, and twice as fast
     fitted = [_member(squashed, labels, weights, classes, seed) for seed in range(members)]
     ranges = [np.percentile(values[labels == name], [*RANGE_PERCENT, 50], axis=0) for name in classes]
     return RobustModel(
@@ -205,7 +202,7 @@ def _examples(
 ) -> tuple[FloatArray, NDArray[np.str_], FloatArray]:
     """Features, labels and weights of every look at these photos and of hands grafted from them.
 
-    Rare pairs of label and source weigh more a look, by the root of their number.
+    Rare pairs of label and source weigh more a look, by the root of their number; `NEAR_WEIGHT` comes on top.
     """
     shows_hand = looked.labels != "none:nohand"
     rows = np.flatnonzero((among & shows_hand)[looked.owner])
@@ -215,11 +212,13 @@ def _examples(
     pairs = list(zip(labels, looked.sources[owners], strict=True))
     often = Counter(pairs)
     weights = np.array([often[pair] ** -0.5 for pair in pairs])
+    weights /= weights.mean()
+    weights *= [NEAR_WEIGHT.get(label, 1.0) for label in labels]
     made, made_labels = _grafts(looked, np.unique(owners), share)
     return (
         np.vstack([looked.values[rows], made]),
         np.concatenate([labels, made_labels]),
-        np.concatenate([weights / weights.mean(), np.full(len(made), GRAFT_WEIGHT)]),
+        np.concatenate([weights, np.full(len(made), GRAFT_WEIGHT)]),
     )
 
 

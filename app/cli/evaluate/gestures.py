@@ -113,25 +113,27 @@ def looked_at(
 
 def _seen_digital(console: Console, per_pose: int, home: Path | None, prepare: Prepare) -> list[SeenPhoto]:
     from app.cli.progress import bar
-    from app.evaluate.digital_hands import MEASURE_SEEDS, see_digital
+    from app.evaluate.digital_hands import MEASURE_SEEDS, digital_scenes, see_digital
     from hal.cameras.hand_poses import POSES
 
     with bar(console, "looking at digital hands", per_pose * len(POSES)) as tell:
-        return see_digital(_model(home), per_pose, MEASURE_SEEDS, tell, prepare)
+        return see_digital(_model(home), digital_scenes(per_pose, MEASURE_SEEDS), tell, prepare)
 
 
 def looked_at_digital_to_fit(console: Console, keypoints: Path | None, home: Path | None) -> list[SeenPhoto]:
     """The digital hands that every fit sees, kept beside the photos' keypoints."""
     from app.cli.progress import bar
     from app.evaluate.digital_hands import FIT_SEEDS, digital_scenes, see_digital
+    from app.evaluate.digital_near import near_scenes
     from app.evaluate.keypoint_file import load_seen, save_seen
 
-    photos = [photo for photo, _, _ in digital_scenes(FIT_DIGITAL, FIT_SEEDS)]
+    scenes = [*digital_scenes(FIT_DIGITAL, FIT_SEEDS), *near_scenes()]
+    photos = [photo for photo, _, _ in scenes]
     file = keypoints.with_stem(keypoints.stem + "-digital") if keypoints is not None else None
     if file is not None and file.exists():
         return load_seen(file, photos)
     with bar(console, "looking at digital hands to fit on", len(photos)) as tell:
-        seen = see_digital(_model(home), FIT_DIGITAL, FIT_SEEDS, tell)
+        seen = see_digital(_model(home), scenes, tell)
     if file is not None:
         save_seen(seen, file)
     return seen
