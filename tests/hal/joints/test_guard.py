@@ -227,7 +227,8 @@ def test_the_patients_narrower_range_holds() -> None:
 
 
 @pytest.mark.parametrize(
-    ("hip", "knee", "named"), [(2.2, None, "left hip"), (None, 2.2, "left knee"), (2.1, 2.3, "left knee")]
+    ("hip", "knee", "named"),
+    [(2.2, None, "left hip"), (None, 2.2, "left knee"), (2.1, 2.3, "left knee"), (1.0, 2.2, "left knee")],
 )
 def test_a_limit_that_loosens_the_devices_is_refused(hip: float | None, knee: float | None, named: str) -> None:
     with pytest.raises(HardwareError, match=f"{named} lies beyond the device's 120°"):
@@ -269,6 +270,8 @@ def test_the_joint_that_goes_farthest_beyond_is_named() -> None:
     )
     with pytest.raises(HardwareError, match="left hip lies beyond the device's 60°"):
         limits_of(stiff_hip, hip_max_rad=1.5, knee_max_rad=2.2)
+    with pytest.raises(HardwareError, match="left knee lies beyond"):  # by more, though by a smaller part
+        limits_of(stiff_hip, hip_max_rad=1.2, knee_max_rad=2.29)
 
 
 def test_the_numbers_that_the_document_states() -> None:
