@@ -28,18 +28,20 @@ class Reporting(FakeHost):
             report.write_text("stopped while stuck")
         return super().send(kind, action, note)
 
-class Stuck(ConsoleApp):
-    def _tick(self):
-        super()._tick()
-        if self.live and self.live.state.snapshot:
-            report.with_suffix(".stuck").touch()
-            while not report.exists():
-                time.sleep(0.01)
-            self.exit()
+beat = ConsoleApp._tick
 
-Stuck(Home(Path(sys.argv[1])), Config(), profile=DEMO_PATIENT, make_host=Reporting).run()
+def stick(self):
+    beat(self)
+    if self.live and self.live.state.snapshot:
+        report.with_suffix(".stuck").touch()
+        while not report.exists():
+            time.sleep(0.01)
+        self.exit()
+
+ConsoleApp._tick = stick
+ConsoleApp(Home(Path(sys.argv[1])), Config(), profile=DEMO_PATIENT, make_host=Reporting).run()
 """
-LIMIT_S = 20.0
+LIMIT_S = 30.0
 
 
 def test_stop_is_sent_while_the_event_loop_is_stuck(tmp_path: Path) -> None:
