@@ -7,6 +7,7 @@ import os
 import threading
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack, closing
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -88,6 +89,11 @@ class PhotoLooker:
         self._prepare = prepare
         self._model = model
         self._own = threading.local()
+        self._closing = ExitStack()  # MediaPipe's detectors can't be left to the interpreter's end
+
+    def close(self) -> None:
+        """Close every thread's detectors; no thread may be looking."""
+        self._closing.close()
 
     def see(self, photo: Photo) -> SeenPhoto:
         """Every look at one photo; a picture that can't be read is an error to be counted, not an exception."""
@@ -106,7 +112,10 @@ class PhotoLooker:
         if not hasattr(self._own, "pair"):
             low = SECOND_THRESHOLD
             eager = HandDetector(self._model, still=True, max_hands=2, min_detection=low, min_presence=low)
-            self._own.pair = (HandDetector(self._model, still=True, max_hands=2), eager)
+            plain = HandDetector(self._model, still=True, max_hands=2)
+            self._own.pair = (plain, eager)
+            self._closing.callback(plain.close)
+            self._closing.callback(eager.close)
         pair: tuple[StillDetector, StillDetector] = self._own.pair
         return pair
 
@@ -117,7 +126,7 @@ def see_all(
     """Every photo looked at, in order; `tell` is called after each."""
     looker = PhotoLooker(directory, model, prepare)
     seen = []
-    with ThreadPoolExecutor(os.cpu_count()) as pool:
+    with closing(looker), ThreadPoolExecutor(os.cpu_count()) as pool:
         for one in pool.map(looker.see, photos):
             seen.append(one)
             tell()
