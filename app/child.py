@@ -13,6 +13,7 @@ import traceback
 from collections.abc import Callable
 from importlib import import_module
 
+from app.links import end_links
 from app.paths import Home
 from app.setup import SessionSetup
 
@@ -33,6 +34,7 @@ def begin(name: str, setup: SessionSetup) -> None:
     _chatter_to_file(Home(setup.home), f"{setup.session}-{name}")
     try:
         _entry(ENTRIES[name])(setup)
+        end_links()
     except Exception:  # noqa: BLE001 - the last word of a process; its text goes to the diagnostics file
         traceback.print_exc()
         sys.stderr.flush()

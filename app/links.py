@@ -128,3 +128,8 @@ class OrderedReceiver(_Link, Generic[M]):
                 return None
             except msgspec.MsgspecError:
                 self.rejected += 1
+
+
+def end_links(linger_s: float = 0.5) -> None:
+    """Close what is left and let queued messages leave: a process that ends without it takes its last words along."""
+    zmq.Context.instance().destroy(linger=int(linger_s * 1000))
