@@ -44,7 +44,7 @@ from profiles.schema import Profile
 
 M = TypeVar("M", bound=msgspec.Struct)
 
-START_ORDER: tuple[str, ...] = ("audit", "guardian", "planner", "control", "perception")
+START_ORDER: tuple[str, ...] = ("audit", "perception", "guardian", "planner", "control")
 # Control holds (0.15 s), damps and disables; then the others have nothing left to say.
 END_PATIENCE_S = {"control": 6.0, "perception": 2.0, "planner": 2.0, "guardian": 2.0, "bus-log": 2.0, "audit": 5.0}
 # The event loop may be busy for a moment without the legs stopping; STOP itself does not pass through it.
