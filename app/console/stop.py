@@ -27,7 +27,7 @@ class Press(Enum):
 
     SEND = "send"
     WAIT = "wait"  # a second press, or the first repetition: silence will tell
-    DROP = "drop"
+    DROP = "drop"  # one of many: what waited was a repetition too
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -35,7 +35,7 @@ class StopKeyState:
     """The key's recent past."""
 
     last_ns: int | None = None
-    repeating: bool = False
+    waits: bool = False  # the last one was neither the first nor known to be deliberate
 
 
 def press(state: StopKeyState, now_ns: int) -> tuple[StopKeyState, Press]:
@@ -43,9 +43,9 @@ def press(state: StopKeyState, now_ns: int) -> tuple[StopKeyState, Press]:
     gap_ns = None if state.last_ns is None else now_ns - state.last_ns
     if gap_ns is None or gap_ns >= REPEAT_BEGINS_NS:
         return StopKeyState(last_ns=now_ns), Press.SEND
-    if gap_ns < REPEAT_GAP_NS:
-        return StopKeyState(last_ns=now_ns, repeating=True), Press.DROP
-    return StopKeyState(last_ns=now_ns), Press.WAIT
+    if gap_ns < REPEAT_GAP_NS and state.waits:
+        return StopKeyState(last_ns=now_ns, waits=True), Press.DROP
+    return StopKeyState(last_ns=now_ns, waits=True), Press.WAIT
 
 
 class StopSwitch:

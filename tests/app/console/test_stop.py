@@ -36,6 +36,11 @@ def test_a_second_deliberate_press_waits_for_silence() -> None:
     assert decisions(0, 300) == [Press.SEND, Press.WAIT]
 
 
+def test_two_hasty_presses_are_two() -> None:
+    """No terminal repeats a key so soon: frightened hands do, and the second press must not be lost."""
+    assert decisions(0, 40) == [Press.SEND, Press.WAIT]
+
+
 @given(st.integers(150, 900), st.integers(15, 100), st.integers(1, 200))
 def test_a_key_held_down_never_sends_twice(delay_ms: int, gap_ms: int, repeats: int) -> None:
     """What WAITs is cancelled by the next arrival, and every later one is dropped."""
@@ -51,8 +56,10 @@ def test_whatever_comes_the_first_is_always_sent(gaps_ns: list[int]) -> None:
         state, decision = press(state, now_ns)
         if index == 0 or gap_ns >= REPEAT_BEGINS_NS:
             assert decision is Press.SEND
-        elif gap_ns < REPEAT_GAP_NS:
+        elif index > 1 and gap_ns < REPEAT_GAP_NS and gaps_ns[index - 1] < REPEAT_BEGINS_NS:
             assert decision is Press.DROP
+        else:
+            assert decision is Press.WAIT
 
 
 WAYS_IN = {
