@@ -16,6 +16,24 @@ from kgdfa.hand import Gesture
 Quad = tuple[float, float, float, float]  # in the order of hal.joints.joints.Joint
 
 
+class PressRange(Struct, frozen=True, kw_only=True):
+    """Where a press works for this patient before this camera, metres from the camera.
+
+    followed_from_m: nearer, the hand is lost. whole_from_m: nearer, fingertips are out of the picture. seen_to_m:
+    farther, the hand is too small. threshold_m: proposed; rest_beyond_m: where the hand rests with it. fits: whether
+    the patient's own threshold works here. sentence: all of it for people.
+    """
+
+    followed_from_m: float
+    whole_from_m: float
+    seen_to_m: float
+    threshold_m: float
+    rest_beyond_m: float
+    possible: bool
+    fits: bool
+    sentence: str
+
+
 class TriggerReport(Struct, frozen=True, kw_only=True, tag="trigger"):
     """Perception to control and console, one a frame. "No hand" is sent, so absence differs from silence."""
 
@@ -48,6 +66,7 @@ class TriggerReport(Struct, frozen=True, kw_only=True, tag="trigger"):
     detector_ready: bool = True  # False while the hand model is loading
     depth_distance_m: float | None = None  # a depth camera's own word, for comparison
     depth_pressed: bool = False
+    press_zone: PressRange | None = None  # None until a picture has told the lens
 
 
 class Preview(Struct, frozen=True, kw_only=True, tag="preview"):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from app.messages import PressRange
 from app.model import find_model
 from app.paths import Home
 from app.setup import SessionSetup
@@ -85,8 +86,8 @@ def anchor_for(setup: SessionSetup, frame: Frame, camera: str) -> Anchor:
     return anchor(setup.profile, camera=camera, focal_px=seen.fx_px, width_px=seen.width_px)
 
 
-def zone_hint(setup: SessionSetup, frame: Frame, camera: str) -> str:
-    """What to tell the therapist when the patient's press threshold does not suit this camera; "" when it does."""
+def press_range(setup: SessionSetup, frame: Frame, camera: str) -> PressRange:
+    """Where a press works for this patient before this camera, and whether the patient's threshold suits it."""
     seen = frame.intrinsics
     zone = press_zone(
         focal_px=seen.fx_px,
@@ -94,8 +95,21 @@ def zone_hint(setup: SessionSetup, frame: Frame, camera: str) -> str:
         height_px=seen.height_px,
         anchor_m=anchor_for(setup, frame, camera).length_m,
     )
-    threshold_m = setup.profile.press_threshold_m
-    return "" if zone.fits(threshold_m) else f"Threshold {threshold_m * 100:.0f} cm: {zone.sentence}"
+    return PressRange(
+        followed_from_m=zone.followed_from_m,
+        whole_from_m=zone.whole_from_m,
+        seen_to_m=zone.seen_to_m,
+        threshold_m=zone.threshold_m,
+        rest_beyond_m=zone.rest_beyond_m,
+        possible=zone.possible,
+        fits=zone.fits(setup.profile.press_threshold_m),
+        sentence=zone.sentence,
+    )
+
+
+def zone_hint(setup: SessionSetup, zone: PressRange) -> str:
+    """What to tell the therapist when the patient's press threshold does not suit this camera; "" when it does."""
+    return "" if zone.fits else f"Threshold {setup.profile.press_threshold_m * 100:.0f} cm: {zone.sentence}"
 
 
 def camera_records(setup: SessionSetup, camera: Camera, frame: Frame) -> tuple[records.Camera, records.Calibration]:

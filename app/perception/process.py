@@ -14,7 +14,7 @@ from collections import deque
 from app import processes
 from app.audit_sink import AuditSink
 from app.links import OrderedReceiver, Publisher, address
-from app.messages import HandCommand, PerceptionCommand
+from app.messages import HandCommand, PerceptionCommand, PressRange
 from app.perception import build
 from app.perception.camera_keeper import CameraKeeper
 from app.perception.detector_loader import Loading
@@ -61,7 +61,7 @@ class Perception:
         self._pipeline: Pipeline | None = None
         self._place: ButtonPlace | None = None
         self._hint = LOADING
-        self._zone_hint = ""
+        self._zone: PressRange | None = None
         self._ready = False
         self._hints = PictureHints()
         self._recorder = SessionRecorder(setup, self._sink, self._camera.camera.name)
@@ -125,16 +125,17 @@ class Perception:
 
     def _process(self, frame: Frame) -> Report | None:
         """The frame through the chain; None while the hand model is loading."""
-        self._hint = self._hints.of(frame) or self._zone_hint
+        camera = self._camera.camera
+        if self._zone is None:
+            self._zone = build.press_range(self._setup, frame, camera.name)
+        self._hint = self._hints.of(frame) or build.zone_hint(self._setup, self._zone)
         detector = self._detector.ready()
         if detector is None:
             self._hint = LOADING
             return None
         self._ready = True
         if self._pipeline is None:
-            camera = self._camera.camera
             self._pipeline, self._place = build.make_pipeline(self._setup, detector, frame, camera.name)
-            self._zone_hint = build.zone_hint(self._setup, frame, camera.name)
             for record in build.camera_records(self._setup, camera, frame):
                 self._sink.emit(record)
         picture = Picture(image_bgr=frame.image_bgr, captured_ns=frame.captured_ns, depth_m=frame.depth_m)
@@ -152,6 +153,7 @@ class Perception:
             camera_fault=self._camera.fault,
             hint=self._hint,
             detector_ready=self._ready,
+            press_zone=self._zone,
         )
         self._reports.send(to_message(report, around, captured_ns))
 

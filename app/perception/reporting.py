@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from app.messages import TriggerReport
+from app.messages import PressRange, TriggerReport
 from kgdfa.pipeline import Report
 from logs.records import Body, Cancel, GestureOnset, Press, Release
 
@@ -25,6 +25,7 @@ class Surroundings:
     camera_fault: str = ""
     hint: str = ""
     detector_ready: bool = True
+    press_zone: PressRange | None = None
 
 
 def to_message(report: Report | None, around: Surroundings, captured_ns: int) -> TriggerReport:
@@ -43,6 +44,7 @@ def to_message(report: Report | None, around: Surroundings, captured_ns: int) ->
             camera_fault=around.camera_fault,
             hint=around.hint,
             detector_ready=around.detector_ready,
+            press_zone=around.press_zone,
         )
     verdict, distance, button = report.verdict, report.distance, report.button
     return TriggerReport(
@@ -73,6 +75,7 @@ def to_message(report: Report | None, around: Surroundings, captured_ns: int) ->
         camera_fault=around.camera_fault,
         hint=around.hint,
         detector_ready=around.detector_ready,
+        press_zone=around.press_zone,
         depth_distance_m=report.depth_distance.shown_m if report.depth_distance else None,
         depth_pressed=report.depth_button.pressed if report.depth_button else False,
     )

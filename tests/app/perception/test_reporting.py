@@ -8,6 +8,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
+from app.messages import PressRange
 from app.perception.reporting import Surroundings, frames_per_second, records_between, to_message
 from kgdfa.button import ButtonState
 from kgdfa.distance import Distance
@@ -72,3 +73,11 @@ def test_rate_is_that_of_the_captures(rate_hz: float, frames: int) -> None:
 
 def test_rate_of_too_few_frames_is_zero() -> None:
     assert frames_per_second([]) == frames_per_second([1]) == frames_per_second([1, 1]) == 0.0
+
+
+def test_the_message_tells_where_a_press_works_with_a_hand_and_without() -> None:
+    zone = PressRange(followed_from_m=0.13, whole_from_m=0.18, seen_to_m=1.6, threshold_m=0.2, rest_beyond_m=0.24,
+                      possible=True, fits=True, sentence="from 13 cm")  # fmt: skip
+    around = replace(AROUND, press_zone=zone)
+    assert to_message(REPORT, around, captured_ns=5).press_zone == zone
+    assert to_message(None, around, captured_ns=5).press_zone == zone
