@@ -7,6 +7,7 @@ hangs ("Frame didn't arrive within 5000") is told within two seconds and opened 
 from __future__ import annotations
 
 import time
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
@@ -17,6 +18,7 @@ import numpy as np
 
 from hal.cameras.camera import DepthArray, EndOfRecording, Frame, ImageArray, Intrinsics, IntrinsicsSource
 from hal.cameras.newest import Newest
+from hal.cameras.realsense_streams import PipelineStreams, SensorStreams, Streams
 from hal.errors import HardwareError
 
 RECORDINGS = frozenset({".bag", ".db3"})
@@ -44,13 +46,18 @@ class RealSenseCamera:
         height_px: int = 720,
         rate_hz: int = 30,
         context: Any = None,
+        software: Any = None,
     ) -> None:
-        """device: serial number, "" for the first, or the path of a recording. context: librealsense's, for tests."""
+        """device: serial number, "" for the first, or the path of a recording.
+
+        context: librealsense's. software: one of its software devices, in place of a camera.
+        """
         self._device = device
         self._size = (width_px, height_px)
         self._rate_hz = rate_hz
         self._context = context
-        self._pipeline: Any = None
+        self._software = software
+        self._streams: Streams | None = None
         self._playback: Any = None
         self._align: Any = None
         self._depth_unit_m = 0.001
@@ -70,11 +77,18 @@ class RealSenseCamera:
         config = rs.config()
         path = Path(self._device).expanduser()
         try:
-            if path.suffix.lower() in RECORDINGS:
+            if self._software is not None:
+                self._name = _info(rs, self._software, "name") or "RealSense"
+                self._begin(rs, SensorStreams(rs, self._software))
+            elif path.suffix.lower() in RECORDINGS:
                 self._prepare_recording(config, path)
+                self._begin(rs, PipelineStreams(rs, config, self._context))
             else:
                 self._prepare_live(rs, config)
-            self._start(rs, config)
+                self._begin(rs, PipelineStreams(rs, config, self._context))
+        except HardwareError:
+            self.close()
+            raise
         except RuntimeError as error:
             self.close()
             raise HardwareError(
@@ -82,8 +96,11 @@ class RealSenseCamera:
                 "or that the recording is whole."
             ) from error
         self._sequence = 0
+        streams = self._streams
+        assert streams is not None
         self._newest = Newest(
-            self._grab, lost=f"The RealSense {self._name} gives no pictures: unplug it and plug it in again."
+            lambda: self._grab(streams),
+            lost=f"The RealSense {self._name} gives no pictures: unplug it and plug it in again.",
         )
 
     def read(self, timeout_s: float) -> Frame | None:
@@ -105,12 +122,10 @@ class RealSenseCamera:
     def close(self) -> None:
         """Stop it; a driver that hangs is left behind."""
         ended = self._newest.stop() if self._newest is not None else True
-        if self._pipeline is not None and ended:
-            try:
-                self._pipeline.stop()
-            except RuntimeError:
-                self._pipeline = None  # it had not started
-        self._newest = self._pipeline = self._playback = None
+        if self._streams is not None and ended:
+            with suppress(RuntimeError):  # the device has gone
+                self._streams.stop()
+        self._newest = self._streams = self._playback = None
 
     def _prepare_recording(self, config: Any, path: Path) -> None:
         if not path.is_file():
@@ -130,23 +145,21 @@ class RealSenseCamera:
         config.enable_stream(rs.stream.color, *self._size, rs.format.bgr8, self._rate_hz)
         config.enable_stream(rs.stream.depth, *_depth_mode(rs, device), rs.format.z16, self._rate_hz)
 
-    def _start(self, rs: ModuleType, config: Any) -> None:
-        self._pipeline = rs.pipeline(self._context) if self._context is not None else rs.pipeline()
-        profile = self._pipeline.start(config)
-        device = profile.get_device()
+    def _begin(self, rs: ModuleType, streams: Streams) -> None:
+        self._streams, device = streams, streams.device
         self._playback = device.as_playback() if device.is_playback() else None
-        streams = {stream.stream_type(): stream for stream in profile.get_streams()}
-        if rs.stream.color not in streams:
+        running = {profile.stream_type(): profile for profile in streams.profiles}
+        if rs.stream.color not in running:
             raise HardwareError(f"The RealSense {self._name} gives no colour pictures: enable its colour stream.")
-        self._intrinsics = _intrinsics(streams[rs.stream.color].as_video_stream_profile().get_intrinsics())
+        self._intrinsics = _intrinsics(running[rs.stream.color].as_video_stream_profile().get_intrinsics())
         self._depth_unit_m = _depth_unit_m(device)
         self._align = rs.align(rs.stream.color)
 
-    def _grab(self) -> _Taken | None:
+    def _grab(self, streams: Streams) -> _Taken | None:
         """One frame set; None when none came in time."""
         try:
-            there, frames = self._pipeline.try_wait_for_frames(GRAB_MS)
-            if not there:
+            frames = streams.wait(GRAB_MS)
+            if frames is None:
                 self._check_end()
                 return None
             captured_ns = time.monotonic_ns()

@@ -1,0 +1,109 @@
+"""The RealSense driver on librealsense's software device, live: zeros, silence, a lost stream, coming back."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+from hal.cameras.camera import Frame
+from hal.cameras.hand_depth import LEAST_M
+from hal.cameras.realsense import RealSenseCamera, clean_depth
+from hal.cameras.software_realsense import SoftwareRealSense
+from hal.errors import HardwareError
+from kgdfa.depth import DepthFault, DepthRange, read_published, sample_palm
+from kgdfa.hand import Hand, Side
+from tests.hal.cameras.software_realsense import HEIGHT, PERIOD_NS, WIDTH, a_hand, feed
+
+LIMIT_S = 20.0
+
+
+@pytest.fixture
+def software() -> SoftwareRealSense:
+    return SoftwareRealSense(a_hand().lens)
+
+
+@pytest.fixture
+def camera(software: SoftwareRealSense) -> Iterator[RealSenseCamera]:
+    made = RealSenseCamera(software=software.device)
+    made.open()
+    yield made
+    made.close()
+
+
+def next_frame(camera: RealSenseCamera, software: SoftwareRealSense, rest_m: float, first: int = 1) -> Frame:
+    """Feed the hand at that distance until a whole frame comes out."""
+    hand, give_up, number = a_hand(rest_m), time.monotonic() + LIMIT_S, first
+    while time.monotonic() < give_up:
+        feed(software, hand, number)
+        number += 1
+        frame = camera.read(0.3)
+        if frame is not None:
+            return frame
+    raise AssertionError("no frame came")
+
+
+def read_for(camera: RealSenseCamera, seconds: float) -> None:
+    give_up = time.monotonic() + seconds
+    while time.monotonic() < give_up:
+        camera.read(0.2)
+
+
+def seen_hand(rest_m: float) -> Hand:
+    pixels = a_hand(rest_m).truth(PERIOD_NS).keypoints_px
+    assert pixels is not None
+    return Hand(image_px=pixels, world_m=np.zeros((21, 3)), presence=1.0, side=Side.RIGHT)
+
+
+def test_colour_and_depth_of_the_fed_hand_come_out_aligned(
+    camera: RealSenseCamera, software: SoftwareRealSense
+) -> None:
+    frame = next_frame(camera, software, 0.40)
+    assert camera.name.startswith("Software D435I")
+    assert frame.image_bgr.shape == (HEIGHT, WIDTH, 3)
+    assert frame.depth_m is not None
+    sample = sample_palm(seen_hand(0.40), frame.depth_m)
+    assert sample.depth_m == pytest.approx(0.40, abs=0.03)
+
+
+def test_a_smaller_depth_stream_is_aligned_to_the_colour_picture() -> None:
+    software = SoftwareRealSense(a_hand().lens, depth_size=(WIDTH // 2, HEIGHT // 2))
+    camera = RealSenseCamera(software=software.device)
+    camera.open()
+    try:
+        frame = next_frame(camera, software, 0.40)
+    finally:
+        camera.close()
+    assert frame.depth_m is not None
+    assert frame.depth_m.shape == (HEIGHT, WIDTH)
+    assert sample_palm(seen_hand(0.40), frame.depth_m).depth_m == pytest.approx(0.40, abs=0.03)
+
+
+def test_nearer_than_the_camera_can_see_is_zero_for_published_and_no_measurement_for_robust(
+    camera: RealSenseCamera, software: SoftwareRealSense
+) -> None:
+    near_m = LEAST_M - 0.07
+    frame, hand = next_frame(camera, software, near_m), seen_hand(near_m)
+    assert frame.depth_m is not None
+    assert read_published(frame.depth_m, hand).safe_m == 0.0
+    reader = DepthRange(mode="robust")
+    assert reader.measure(frame.depth_m, hand, None, frame.captured_ns) is None
+    assert reader.fault is DepthFault.ZERO
+
+
+def test_a_stream_that_falls_silent_is_told_and_comes_back(
+    camera: RealSenseCamera, software: SoftwareRealSense
+) -> None:
+    next_frame(camera, software, 0.40)
+    with pytest.raises(HardwareError, match="gives no pictures"):
+        read_for(camera, LIMIT_S)
+    camera.close()
+    camera.open()
+    assert next_frame(camera, software, 0.40, first=1000).depth_m is not None
+
+
+def test_what_is_no_depth_becomes_no_measurement() -> None:
+    raw = np.array([[np.nan, -1.0, 0.0, 65535.0, 400.0, np.inf]])
+    assert clean_depth(raw, 0.001).tolist() == [[0.0, 0.0, 0.0, 0.0, pytest.approx(0.4), 0.0]]
