@@ -23,7 +23,7 @@ class IntrinsicsSource(Enum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Intrinsics:
-    """Pinhole intrinsics for one resolution, pixels."""
+    """Pinhole intrinsics for one resolution, pixels; k1, k2: radial distortion as OpenCV has it, without unit."""
 
     width_px: int
     height_px: int
@@ -32,6 +32,8 @@ class Intrinsics:
     cx_px: float
     cy_px: float
     source: IntrinsicsSource
+    k1: float = 0.0
+    k2: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -56,7 +56,7 @@ def find_corners(image_bgr: ImageArray, board: Board) -> Corners | None:
 
 
 def calibrate(corners: Iterable[Corners], board: Board, width_px: int, height_px: int) -> Calibration:
-    """Intrinsics from the corners of several pictures, no lens distortion beyond the first two radial terms.
+    """Intrinsics and the first two terms of radial distortion, from the corners of several pictures.
 
     Raises HardwareError for too few pictures, or when they don't agree on one lens.
     """
@@ -67,7 +67,7 @@ def calibrate(corners: Iterable[Corners], board: Board, width_px: int, height_px
             f"{board.columns} by {board.rows} inner corners, near and far and tilted."
         )
     flags = cv2.CALIB_FIX_K3 | cv2.CALIB_ZERO_TANGENT_DIST
-    residual, matrix, *_ = cv2.calibrateCamera(
+    residual, matrix, distortion, *_ = cv2.calibrateCamera(
         [board.points_m] * len(seen), seen, (width_px, height_px), None, None, flags=flags
     )
     if not (np.isfinite(matrix).all() and residual <= MOST_RESIDUAL_PX):
@@ -83,5 +83,7 @@ def calibrate(corners: Iterable[Corners], board: Board, width_px: int, height_px
         cx_px=float(matrix[0, 2]),
         cy_px=float(matrix[1, 2]),
         source=IntrinsicsSource.MEASURED,
+        k1=float(distortion.ravel()[0]),
+        k2=float(distortion.ravel()[1]),
     )
     return Calibration(intrinsics=intrinsics, residual_px=float(residual), used=len(seen))

@@ -84,6 +84,8 @@ def load(store: Path, camera: str) -> Intrinsics | None:
             cx_px=_positive(entry["cx_px"]),
             cy_px=_positive(entry["cy_px"]),
             source=IntrinsicsSource.MEASURED,
+            k1=_coefficient(entry.get("k1", 0.0)),  # files of before know no distortion
+            k2=_coefficient(entry.get("k2", 0.0)),
         )
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         raise HardwareError(
@@ -109,4 +111,11 @@ def _positive(value: Any) -> float:
     number = float(value)
     if not 0 < number < 100_000:
         raise ValueError(f"{number:g} is no length in pixels")
+    return number
+
+
+def _coefficient(value: Any) -> float:
+    number = float(value)
+    if not -10 < number < 10:
+        raise ValueError(f"{number:g} is no lens distortion")
     return number

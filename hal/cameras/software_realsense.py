@@ -9,6 +9,7 @@ from typing import Any
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from hal.cameras.camera import DepthArray, ImageArray, Intrinsics
 from hal.cameras.realsense import library
@@ -37,12 +38,16 @@ class SoftwareRealSense:
         self._depth_profile.register_extrinsics_to(self._colour_profile, _same_place(rs))
         self.device.create_matcher(rs.matchers.dlr_c)
 
-    def push(self, image_bgr: ImageArray, depth_m: DepthArray, number: int) -> None:
-        """Frame `number`, counted from 1: (h, w, 3) uint8 and (h, w) float32 metres of the colour's size."""
+    def raw(self, depth_m: DepthArray) -> NDArray[np.uint16]:
+        """(h, w) float32 metres of the colour's size, in the depth stream's size and units."""
         raw = np.round(depth_m / DEPTH_UNIT_M).astype(np.uint16)
-        if raw.shape != self._depth_size[::-1]:
-            raw = np.asarray(cv2.resize(raw, self._depth_size, interpolation=cv2.INTER_NEAREST), np.uint16)
-        self._send(self._depth, self._depth_profile, raw, number)
+        if raw.shape == self._depth_size[::-1]:
+            return raw
+        return np.asarray(cv2.resize(raw, self._depth_size, interpolation=cv2.INTER_NEAREST), np.uint16)
+
+    def push(self, image_bgr: ImageArray, raw_depth: NDArray[np.uint16], number: int) -> None:
+        """Frame `number`, counted from 1: (h, w, 3) uint8, and depth as `raw` makes it."""
+        self._send(self._depth, self._depth_profile, raw_depth, number)
         self._send(self._colour, self._colour_profile, image_bgr, number)
 
     def _add(self, name: str, kind: Any, layout: Any, lens: Intrinsics, rate_hz: int) -> tuple[Any, Any]:

@@ -27,7 +27,7 @@ def feed(camera: SoftwareRealSense, hand: DigitalHandCamera, number: int) -> Non
     """Frame `number` of the hand, counted from 1."""
     frame = hand.render(number * PERIOD_NS)
     assert frame.depth_m is not None
-    camera.push(frame.image_bgr, frame.depth_m, number)
+    camera.push(frame.image_bgr, camera.raw(frame.depth_m), number)
 
 
 def record(path: Path, frames: int = 8) -> DigitalHandCamera:

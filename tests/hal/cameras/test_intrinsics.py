@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hal.cameras.camera import ImageArray, Intrinsics, IntrinsicsSource
-from hal.cameras.chessboard import Board, calibrate, find_corners
+from hal.cameras.chessboard import Board, Corners, calibrate, find_corners
 from hal.cameras.intrinsics import assumed, choose, load, pinhole, save
 from hal.cameras.intrinsics import given as stated
 from hal.errors import HardwareError
@@ -35,6 +35,8 @@ def seen_board(lens: Intrinsics, turn: tuple[float, float, float], at_m: tuple[f
     return np.asarray(cv2.cvtColor(small, cv2.COLOR_GRAY2BGR), dtype=np.uint8)
 
 
+# Whole but for a distortion that no lens has.
+BENT = "[cam]\nwidth_px = 640\nheight_px = 360\nfx_px = 480\nfy_px = 480\ncx_px = 320\ncy_px = 180\nk1 = 99.0\nk2 = 0.0"
 VIEWS = [
     ((0.0, 0.0, 0.0), (0.0, 0.0, 0.45)),
     ((0.5, 0.0, 0.1), (-0.06, 0.02, 0.5)),
@@ -55,6 +57,24 @@ def test_a_chessboard_gives_back_the_lens_that_showed_it() -> None:
     assert result.intrinsics.fy_px == pytest.approx(LENS.fy_px, rel=0.01)
     assert result.intrinsics.cx_px == pytest.approx(LENS.cx_px, abs=4)
     assert result.residual_px < 0.3
+
+
+def bent(corners: Corners, lens: Intrinsics, k1: float, k2: float) -> Corners:
+    """Corners as a lens with radial distortion shows them."""
+    centre, focal = (lens.cx_px, lens.cy_px), (lens.fx_px, lens.fy_px)
+    straight = (corners - centre) / focal
+    radius2 = (straight**2).sum(axis=-1, keepdims=True)
+    return np.asarray(straight * (1 + k1 * radius2 + k2 * radius2**2) * focal + centre, np.float32)
+
+
+def test_radial_distortion_is_solved_kept_and_read_back(tmp_path: Path) -> None:
+    corners = [find_corners(seen_board(LENS, *view), BOARD) for view in VIEWS]
+    distorted = [bent(one, LENS, -0.2, 0.05) for one in corners if one is not None]
+    found = calibrate(distorted, BOARD, 640, 360).intrinsics
+    assert found.k1 == pytest.approx(-0.2, abs=0.04)
+    assert found.fx_px == pytest.approx(LENS.fx_px, rel=0.01)
+    save(tmp_path / "cameras.toml", "cam", found, 0.1)
+    assert load(tmp_path / "cameras.toml", "cam") == found
 
 
 def test_a_picture_without_a_board_shows_none() -> None:
@@ -113,7 +133,7 @@ def test_cameras_are_kept_beside_each_other_whatever_their_names(tmp_path: Path)
 
 
 @pytest.mark.parametrize(
-    "text", ["not toml [", "cam = 5", "[cam]\nwidth_px = 1", '[cam]\nwidth_px="x"', "\x00", "[cam]\nfx_px = -1"]
+    "text", ["not toml [", "cam = 5", "[cam]\nwidth_px = 1", '[cam]\nwidth_px="x"', "\x00", "[cam]\nfx_px = -1", BENT]
 )
 def test_a_broken_store_is_refused_by_name(tmp_path: Path, text: str) -> None:
     store = tmp_path / "cameras.toml"
