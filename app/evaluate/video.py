@@ -7,8 +7,9 @@ from dataclasses import dataclass
 from itertools import groupby
 from pathlib import Path
 
+from app.evaluate.footage import Footage
 from app.evaluate.gesture_measures import NONE
-from app.evaluate.sequence import PERIOD_NS, SKIP, LabelledFrame, pictures
+from app.evaluate.sequence import SKIP
 from kgdfa.button import ButtonPlace
 from kgdfa.distance import RobustRange
 from kgdfa.hand import Gesture
@@ -34,18 +35,18 @@ class SequenceFigures:
 
 
 def run_sequence(
-    frames: list[LabelledFrame], model: Path, rules: RuleSet, tell: Callable[[], None] = lambda: None
+    footage: Footage, model: Path, rules: RuleSet, tell: Callable[[], None] = lambda: None
 ) -> list[Report]:
-    """The whole chain over a sequence, at 30 frames a second."""
+    """The whole chain over labelled footage, at its own rate."""
     from kgdfa.keypoints import HandDetector
 
-    finder = RobustRange(focal_px=frames[0].focal_px, anchor_m=frames[0].anchor_m)
+    finder = RobustRange(focal_px=footage.focal_px, anchor_m=footage.anchor_m)
     place = ButtonPlace(x_px=640, y_px=360, radius_px=77, threshold_m=0.20)
     reports = []
     with HandDetector(model, watch_rivals=True) as detector:
         pipeline = Pipeline(detector=detector, rules=rules, range_finder=finder, place=place)
-        for number, image in enumerate(pictures(frames)):
-            reports.append(pipeline.process(Picture(image_bgr=image, captured_ns=(number + 1) * PERIOD_NS)))
+        for number, image in enumerate(footage.frames(), start=1):
+            reports.append(pipeline.process(Picture(image_bgr=image, captured_ns=number * footage.period_ns)))
             tell()
     return reports
 
