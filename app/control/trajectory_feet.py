@@ -24,13 +24,21 @@ class SwingShape:
     up_by: float  # it has been lifted
     down_from: float  # it begins to come down
     heel_rise_rad: float = radians(12)
+    heel_highest: float = 0.12
     heel_rise_ends: float = 0.7
     land_pitch_rad: float = 0.0
+    toes_up_from: float = 0.55
 
 
 LEVEL = SwingShape(
     forward=(0.0, 1.0), level=(0.0, 1.0), up_by=0.45, down_from=0.45,
     heel_rise_rad=radians(32), heel_rise_ends=0.85, land_pitch_rad=radians(10),
+)  # fmt: skip
+# Of the periodic walk: as people swing a leg, the knee bends most while the foot is still behind the hip, and the foot
+# is far forward before it comes down, so that the hip is flexed as it lands.
+STRIDE = SwingShape(
+    forward=(0.17, 0.90), level=(0.0, 1.0), up_by=0.30, down_from=0.42,
+    heel_rise_rad=radians(23), heel_highest=0.20, heel_rise_ends=0.86, land_pitch_rad=radians(13), toes_up_from=0.48,
 )  # fmt: skip
 CLOSING = SwingShape(
     forward=(0.0, 0.95), level=(0.0, 1.0), up_by=0.45, down_from=0.5, heel_rise_rad=radians(28), heel_rise_ends=0.8
@@ -88,13 +96,14 @@ def displacement(body: Body, swing: Swing, time_s: Array) -> Array:
 def heel_rise(swing: Swing, time_s: Array) -> Array:
     """How far the heel is turned up about the toes, radians, (n,)."""
     shape = swing.shape
-    top = swing.at(0.12)
+    top = swing.at(shape.heel_highest)
     return shape.heel_rise_rad * hump(time_s, swing.rise_s, top, top, swing.at(shape.heel_rise_ends))
 
 
 def landing_pitch(swing: Swing, time_s: Array) -> Array:
     """How far the toes are turned up about the heel, radians, (n,)."""
-    return swing.shape.land_pitch_rad * hump(time_s, swing.at(0.55), swing.land_s, swing.land_s, swing.flat_s)
+    shape = swing.shape
+    return shape.land_pitch_rad * hump(time_s, swing.at(shape.toes_up_from), swing.land_s, swing.land_s, swing.flat_s)
 
 
 def about_toe(body: Body, angle: Array) -> Array:

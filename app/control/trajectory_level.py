@@ -11,7 +11,7 @@ import numpy as np
 from app.control.kinematics import joints, leg_length
 from app.control.patient import Patient
 from app.control.trajectory_curves import Array, hump, ramp, smoothstep
-from app.control.trajectory_feet import CLOSING, LEVEL, Swing, SwingShape
+from app.control.trajectory_feet import CLOSING, LEVEL, STRIDE, Swing, SwingShape
 from app.control.trajectory_outline import LEFT, RIGHT, Outline, ankle_way, lifted
 from hal.joints.body import Body
 
@@ -19,9 +19,11 @@ SOFT_KNEE_RAD = radians(8)  # of a standing leg: a straight one can't be steered
 LONGEST_KNEE_RAD = radians(6)  # a plan stretches no leg farther
 
 # Walking, as shares of a step's time, 0 at the landing of the other foot.
-TOE_OFF = 0.32  # double support lasts till here; the very slow gait of the literature stands two thirds of its cycle
-FLAT = 0.24  # after landing
-AHEAD = 0.58  # share of the step length by which a landing foot is before the hip
+TOE_OFF = 0.30  # double support lasts till here; the very slow gait of the literature stands two thirds of its cycle
+HEEL_OFF = 0.05  # the other foot has landed before the rear heel rises
+FLAT = 0.18  # after landing
+LOWEST = 0.13  # the hip, a little before the middle of double support
+AHEAD = 0.60  # share of the step length by which a landing foot is before the hip
 
 
 def standing_hip_m(body: Body) -> float:
@@ -198,10 +200,10 @@ def walk_close(patient: Patient, side: int, step_time_s: float) -> Outline:
 
 
 def _walk_swing(
-    step_time_s: float, landing_before_s: float, way_m: tuple[float, float], shape: SwingShape = LEVEL
+    step_time_s: float, landing_before_s: float, way_m: tuple[float, float], shape: SwingShape = STRIDE
 ) -> Swing:
     return Swing(
-        rise_s=landing_before_s,
+        rise_s=landing_before_s + HEEL_OFF * step_time_s,
         off_s=landing_before_s + TOE_OFF * step_time_s,
         land_s=landing_before_s + step_time_s,
         flat_s=landing_before_s + (1 + FLAT) * step_time_s,
@@ -217,12 +219,15 @@ def _landed_swing(step_time_s: float, way_m: tuple[float, float]) -> Swing:
 
 
 def _walking_height(patient: Patient, steps: Array, sink_m: float) -> Array:
-    """The hip's height in the periodic walk, lowest in double support; (n,) steps since a landing."""
+    """The hip's height in the periodic walk, lowest in double support; (n,) steps since a landing.
+
+    It falls as far as a leg of standing length does that vaults from upright to where the front foot lands.
+    """
     body, length = patient.body, patient.gait.step_length_m
-    ends = _vault(body, np.array([(1 - AHEAD) * length]))[0]
+    ends = _vault(body, np.array([AHEAD * length]))[0]
     half = (standing_hip_m(body) - ends) / 2
     middle = standing_hip_m(body) - half
-    height: Array = middle - half * np.cos(2 * pi * (steps - TOE_OFF / 2)) - sink_m
+    height: Array = middle - half * np.cos(2 * pi * (steps - LOWEST)) - sink_m
     return height
 
 
