@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import Protocol
 
+import cv2
 import numpy as np
 
 from kgdfa.errors import KgdfaError
@@ -16,17 +17,25 @@ from kgdfa.palm_shape import PalmView, centre_offset, view_palm
 
 ANCHOR_RANGE_M = (0.03, 0.12)  # 5 to 17 of any hand, from a child's to the largest adult's, with room
 MIN_ANCHOR_PX = 2.0  # a shorter segment is no measurement
-HOLD = 1.2  # the other readings may differ from the palm shape's by this factor
-HOLD_FAR = 1.1  # and those that are shown may be farther by this one: there the landmarks missed a tilt
 MAX_MISFIT = 0.16  # keypoints further from any flat palm are none: 99.9 % of well-seen hands are below 0.15
 KEYPOINT_SD = 0.03  # scatter that the keypoints' own places leave, digital hand facing the camera
 HALF_PALM_M = 0.012  # an adult's palm is about 25 mm thick at the knuckles
 ANCHOR_HOLDS_M = 0.40  # where hands are held when anchors are measured or calibrated
 FORGET_NS = 200_000_000
-# The far side: so large that in random walks of 80 digital hands before a 650 px lens half a per cent of frames read
-# nearer than 97 % of the truth; 60 other hands before a 950 px lens gave 0.4 %. `rleex evaluate distance` measures it
-# on hands that served neither.
-SAFE_FACTOR = 1.15
+
+# How three readings become one (shares of a logarithm). `tools/fit_distance.py` prints what each of them does on
+# digital hands that no evaluation uses; docs/distance.md tells how they were chosen.
+LANDMARKS_SHARE = 0.4  # of the world landmarks' word against the palm shape's, where it is the nearer one
+LANDMARKS_HOLD = 0.18  # and by how much it may be nearer
+WRIST_HOLD = 0.2  # how far Eq. 4 may be from the shape where the wrist is out of the picture
+YAW_SHORTENS = 0.12  # MediaPipe draws the wrist of a palm turned about its length too near to the knuckles
+
+# The far side: what the button's distance adds for a palm that may be tilted, and for readings that disagree.
+MARGIN_TILT = 0.22  # a radian
+MARGIN_NEARER = 0.30  # of what the world landmarks say nearer than the shape
+MARGIN_FARTHER = 0.20  # of what they say farther
+MOST_DISAGREEMENT = 0.30
+UPRIGHT_FACTOR = 1.10  # so far the button reads an upright, steady hand: 1.04 to 1.18 by gesture
 
 
 class DistanceSource(Enum):
@@ -79,12 +88,19 @@ class PublishedRange:
 
     name = "published"
 
-    def __init__(self, *, focal_px: float, anchor_m: float, centre_px: tuple[float, float] | None = None) -> None:
+    def __init__(
+        self,
+        *,
+        focal_px: float,
+        anchor_m: float,
+        centre_px: tuple[float, float] | None = None,
+        distortion: tuple[float, float] = (0.0, 0.0),
+    ) -> None:
         """focal_px: focal length for the picture's size; anchor_m: length of 5-17. Raises KgdfaError.
 
-        centre_px: the optical axis on the picture; Eq. 4 does not use it.
+        centre_px: the optical axis on the picture, distortion: the lens's; Eq. 4 uses neither.
         """
-        del centre_px
+        del centre_px, distortion
         check_range_finder(focal_px, anchor_m)
         self._focal_anchor = focal_px * anchor_m
 
@@ -99,20 +115,60 @@ class PublishedRange:
         """Nothing to forget."""
 
 
-@dataclass(frozen=True, slots=True)
+def _readings(seen: FloatArray, world_m: FloatArray, view: PalmView) -> tuple[float, float, float]:
+    """Distance of keypoint 21 in palm anchors: by the palm's shape, by 5-17 in perspective, by Eq. 4.
+
+    seen: (21, 2) as a camera looking at keypoint 21 sees them, world_m: (21, 3) as MediaPipe gives them.
+    """
+    by_shape = 1 / view.stretch + centre_offset(world_m)
+    by_equation = 1 / float(np.linalg.norm(seen[Keypoint.INDEX_MCP] - seen[Keypoint.PINKY_MCP]))
+    return by_shape, _by_perspective(seen, world_m), by_equation
+
+
+def _by_perspective(seen: FloatArray, world_m: FloatArray) -> float:
+    """Where 5 and 17, placed about keypoint 21 as in the world landmarks, are seen where they are.
+
+    Each is at (X + x, Y + y, Z + z) and seen at u = (X + x)/(Z + z): linear in X, Y, Z, solved for Z.
+    """
+    across = world_m[Keypoint.INDEX_MCP] - world_m[Keypoint.PINKY_MCP]
+    half = across / (2 * float(np.linalg.norm(across)))
+    fore, little = seen[Keypoint.INDEX_MCP], seen[Keypoint.PINKY_MCP]
+    apart = fore - little
+    wanted = 2 * half[:2] - (fore + little) * half[2]
+    return float(apart @ wanted / (apart @ apart))
+
+
+def _turn_to(forward: FloatArray) -> FloatArray:
+    """(3, 3): Rodrigues' rotation that brings the camera's axis onto a unit vector."""
+    turn = np.array([[0.0, 0.0, forward[0]], [0.0, 0.0, forward[1]], [-forward[0], -forward[1], 0.0]])
+    rotation: FloatArray = np.eye(3) + turn + turn @ turn / (1 + forward[2])
+    return rotation
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class _Fused:
     """One frame's readings made one: the best guess, and one that leans to the far side."""
 
     shown_m: float
     far_m: float
+    spread_m: float  # of the readings
 
-    @classmethod
-    def of(cls, readings_m: tuple[float, ...]) -> _Fused:
-        """Readings by shape, by perspective, by Eq. 4."""
-        shape_m, perspective_m, _ = readings_m
-        held_m = min(max(perspective_m, shape_m / HOLD), shape_m * HOLD_FAR)
-        middle_m = sorted(readings_m)[1]
-        return cls(math.sqrt(shape_m * held_m), min(max(middle_m, shape_m / HOLD), shape_m * HOLD))
+
+def _fuse(view: PalmView, readings_m: tuple[float, float, float], wrist_seen: bool) -> _Fused:
+    """Readings by shape, by perspective, by Eq. 4.
+
+    The landmarks miss tilts and then read far, so only their nearer word counts; the shape needs the wrist.
+    """
+    shape_m, perspective_m, equation_m = readings_m
+    landmarks = math.log(perspective_m / shape_m) if perspective_m > 0 else 0.0
+    moved = LANDMARKS_SHARE * min(0.0, max(-LANDMARKS_HOLD, landmarks))
+    moved -= YAW_SHORTENS * view.along * (1 - math.cos(view.tilt_rad))
+    if not wrist_seen:
+        moved = min(WRIST_HOLD, max(-WRIST_HOLD, math.log(equation_m / shape_m))) / 2
+    shown_m = shape_m * math.exp(moved)
+    nearer, farther = (min(MOST_DISAGREEMENT, max(0.0, one)) for one in (-landmarks, landmarks))
+    margin = MARGIN_TILT * view.tilt_rad + MARGIN_NEARER * nearer + MARGIN_FARTHER * farther
+    return _Fused(shown_m=shown_m, far_m=shown_m * math.exp(margin), spread_m=float(np.std(readings_m)))
 
 
 def _under_the_skin(seen_m: float) -> float:
@@ -128,22 +184,31 @@ class RobustRange:
     """Eq. 4 freed from the hand's tilt, steadied over three frames, with a distance that is safe to press by.
 
     Three readings: the palm's shape (`palm_shape`), 5-17 placed in perspective by the world landmarks, and Eq. 4.
-    The landmarks miss some tilts altogether (40° of yaw to one side on the digital hand) and then read a quarter
-    too far; the shape sees every tilt, but scatters more. So shown is the mean of both, the landmarks' held near
-    the shape's; safe is the median of all three, held likewise, times a factor to the far side.
+    The shape sees every tilt; the landmarks miss some (40° of yaw to one side on the digital hand) and then read a
+    quarter too far. Shown is the shape's, drawn nearer by the landmarks; safe adds a margin that grows with the
+    tilt and with what the readings disagree by, and is small for an upright, steady hand.
     """
 
     name = "robust"
 
-    def __init__(self, *, focal_px: float, anchor_m: float, centre_px: tuple[float, float] | None = None) -> None:
+    def __init__(
+        self,
+        *,
+        focal_px: float,
+        anchor_m: float,
+        centre_px: tuple[float, float] | None = None,
+        distortion: tuple[float, float] = (0.0, 0.0),
+    ) -> None:
         """focal_px: focal length for the picture's size; anchor_m: length of 5-17. Raises KgdfaError.
 
-        centre_px: the optical axis on the picture; with it, a hand off the axis is measured along its own ray.
+        centre_px: the optical axis on the picture; with it, a hand off the axis is measured along its own ray, and
+        a lens's radial distortion (OpenCV's k1, k2) is taken out.
         """
         check_range_finder(focal_px, anchor_m)
         self._focal_px = focal_px
         self._anchor_m = anchor_m
         self._centre_px = None if centre_px is None else np.asarray(centre_px, dtype=np.float64)
+        self._distortion = np.array([*distortion, 0.0, 0.0]) if any(distortion) else None
         self._recent: tuple[_Fused, ...] = ()
         self._guard = JumpGuard()
         self._last_ns = 0
@@ -152,64 +217,56 @@ class RobustRange:
         """Tilt-corrected and steadied; None for keypoints that are no palm, or that jump as no hand can."""
         if not (hand.anchor_px >= MIN_ANCHOR_PX and np.isfinite(hand.world_m).all()):
             return None
-        view = view_palm(hand.image_px / self._focal_px)
+        seen, cosine = self._own_view(hand)
+        view = view_palm(seen)
         if view.misfit > MAX_MISFIT:
             return None
-        readings_m = self._readings_m(hand, view)
-        now = _Fused.of(tuple(map(_under_the_skin, readings_m)))
-        self._guard, believed = accept(self._guard, now.far_m, captured_ns)
+        readings = _readings(seen, hand.world_m, view)
+        shape_m, perspective_m, equation_m = (_under_the_skin(self._anchor_m * cosine * one) for one in readings)
+        now = _fuse(view, (shape_m, perspective_m, equation_m), self._shows(hand.image_px[Keypoint.WRIST]))
+        self._guard, believed = accept(self._guard, now.shown_m, captured_ns)
         if not believed:
             return None
         if not 0 <= captured_ns - self._last_ns <= FORGET_NS:
             self._recent = ()
         self._recent, self._last_ns = (*self._recent[-2:], now), captured_ns
-        return self._distance(now, float(np.std(readings_m)), view.tilt_rad)
+        return self._distance(now, view.tilt_rad)
 
     def reset(self) -> None:
         """Forget the last frames."""
         self._recent = ()
         self._guard = JumpGuard()
 
-    def _readings_m(self, hand: Hand, view: PalmView) -> tuple[float, float, float]:
-        """By the palm's shape, by 5-17 in perspective, by Eq. 4."""
-        world = hand.world_m if self._centre_px is None else hand.world_m @ self._ray_rotation(hand).T
-        by_shape_m = self._anchor_m * (1 / view.stretch + centre_offset(world))
-        by_equation_m = self._focal_px * self._anchor_m / hand.anchor_px
-        return by_shape_m, self._by_perspective_m(hand, world), by_equation_m
+    def _own_view(self, hand: Hand) -> tuple[FloatArray, float]:
+        """(21, 2) keypoints as a camera looking straight at keypoint 21 sees them, one focal length away.
 
-    def _by_perspective_m(self, hand: Hand, world: FloatArray) -> float:
-        """Depth of keypoint 21 when 5 and 17, placed about it as in the world landmarks, are seen where they are.
-
-        Each is at (X + x, Y + y, Z + z) and seen at u = (X + x)/(Z + z): linear in X, Y, Z, solved for Z.
+        The world landmarks are seen so, too. And the cosine from that view's distance to one along the camera's axis.
         """
-        across = world[Keypoint.INDEX_MCP] - world[Keypoint.PINKY_MCP]
-        half = across * (self._anchor_m / float(np.linalg.norm(across)) / 2)
-        centre = 0.0 if self._centre_px is None else self._centre_px
-        fore, little = (
-            (hand.image_px[keypoint] - centre) / self._focal_px for keypoint in (Keypoint.INDEX_MCP, Keypoint.PINKY_MCP)
-        )
-        apart = fore - little
-        wanted = 2 * half[:2] - (fore + little) * half[2]
-        return float(apart @ wanted / (apart @ apart))
+        if self._centre_px is None:
+            return (hand.image_px - hand.palm_centre_px) / self._focal_px, 1.0
+        flat = (hand.image_px - self._centre_px) / self._focal_px
+        if self._distortion is not None:
+            flat = cv2.undistortPoints(flat.reshape(-1, 1, 2), np.eye(3), self._distortion).reshape(-1, 2)
+        rays = np.column_stack([flat, np.ones(len(flat))])
+        middle = (rays[Keypoint.INDEX_MCP] + rays[Keypoint.PINKY_MCP]) / 2
+        forward = middle / np.linalg.norm(middle)
+        turned = rays @ _turn_to(forward)
+        return turned[:, :2] / turned[:, 2:], float(forward[2])
 
-    def _ray_rotation(self, hand: Hand) -> FloatArray:
-        """(3, 3): the world landmarks see the hand along its own ray; from there to the camera's axes."""
-        assert self._centre_px is not None
-        x, y = (hand.palm_centre_px - self._centre_px) / self._focal_px
-        forward = np.array([x, y, 1.0]) / math.sqrt(x * x + y * y + 1)
-        # Rodrigues' formula for the turn that brings the axis onto the ray.
-        turn = np.array([[0.0, 0.0, forward[0]], [0.0, 0.0, forward[1]], [-forward[0], -forward[1], 0.0]])
-        rotation: FloatArray = np.eye(3) + turn + turn @ turn / (1 + forward[2])
-        return rotation
+    def _shows(self, point_px: FloatArray) -> bool:
+        """Whether the picture, whose middle is about the optical axis, shows the point."""
+        if self._centre_px is None:
+            return True
+        return bool((point_px >= 0).all() and (point_px <= 2 * self._centre_px).all())
 
-    def _distance(self, now: _Fused, disagreement_m: float, tilt_rad: float) -> Distance:
+    def _distance(self, now: _Fused, tilt_rad: float) -> Distance:
         shown_m = float(np.median([one.shown_m for one in self._recent]))
         far_m = float(np.median([one.far_m for one in self._recent]))
-        spread_m = float(np.std([one.shown_m for one in self._recent]))
+        scatter_m = float(np.std([one.shown_m for one in self._recent]))
         return Distance(
             shown_m=shown_m,
             # An outlier that is near is outvoted by the frames before it; a withdrawing hand is followed at once.
-            safe_m=SAFE_FACTOR * max(now.far_m, far_m),
-            sd_m=math.hypot(KEYPOINT_SD * shown_m, disagreement_m, spread_m),
+            safe_m=max(now.far_m, far_m),
+            sd_m=math.hypot(KEYPOINT_SD * shown_m, now.spread_m, scatter_m),
             tilt_rad=tilt_rad,
         )

@@ -29,11 +29,13 @@ _SOLVER = np.linalg.pinv(SHAPE - _CENTRE)
 class PalmView:
     """What a picture of the palm says. stretch: picture length of one palm anchor that lies across the view.
 
+    along: 0-1, whether that stretch runs along the palm (1, wrist to knuckles) or across it (0).
     misfit: what no flat palm explains, as a share of the palm's size; about 0.05 for a hand well seen.
     """
 
     stretch: float
     tilt_rad: float
+    along: float
     misfit: float
 
 
@@ -42,11 +44,11 @@ def view_palm(image: FloatArray) -> PalmView:
     seen = image[list(RIGID)]
     seen = seen - seen.mean(axis=0)
     affine = _SOLVER @ seen
-    long, short = np.linalg.svd(affine, compute_uv=False)
+    palm, (long, short), _ = np.linalg.svd(affine)
     size = float(np.linalg.norm(seen))
     misfit = float(np.linalg.norm((SHAPE - _CENTRE) @ affine - seen)) / size if size > 0 else math.inf
     cosine = min(1.0, float(short / long)) if long > 0 else 0.0
-    return PalmView(stretch=float(long), tilt_rad=math.acos(cosine), misfit=misfit)
+    return PalmView(stretch=float(long), tilt_rad=math.acos(cosine), along=float(palm[1, 0] ** 2), misfit=misfit)
 
 
 def centre_offset(world: FloatArray) -> float:

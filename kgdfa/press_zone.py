@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 
 from kgdfa.button import HYSTERESIS
-from kgdfa.distance import SAFE_FACTOR, check_range_finder
+from kgdfa.distance import UPRIGHT_FACTOR, check_range_finder
 from kgdfa.errors import KgdfaError
 from kgdfa.hand import Hand
 from kgdfa.images import Image, as_bgr8
@@ -117,8 +117,8 @@ class PaddedDetector:
 
 
 def _least_threshold(followed_from_m: float) -> float:
-    """The button's distance reads far by up to SAFE_FACTOR: a push must reach that much nearer."""
-    return SAFE_FACTOR * (followed_from_m + PUSH_ROOM_M)
+    """The button's distance reads far by up to UPRIGHT_FACTOR: a push must reach that much nearer."""
+    return UPRIGHT_FACTOR * (followed_from_m + PUSH_ROOM_M)
 
 
 def _cm(length_m: float) -> str:

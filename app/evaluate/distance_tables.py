@@ -77,7 +77,8 @@ def table_6(rows: list[TriggerRow]) -> Table:
         for number, camera in enumerate(CAMERAS):
             cells.append(str(PAPER_TABLE_6[row.distance_cm][number]))
             cells.extend(f"{100 * row.pressed[camera, mode]:.0f}" for mode in MODES)
-            cells.append(f"{row.fps[camera]:.0f} ({PAPER_FPS[row.distance_cm][number]})")
+            fps = f"{row.fps[camera]:.0f}" if camera in row.fps else "–"
+            cells.append(f"{fps} ({PAPER_FPS[row.distance_cm][number]})")
         shown.add_row(str(row.distance_cm), *cells)
     return shown
 

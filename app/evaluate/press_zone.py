@@ -12,7 +12,7 @@ from app.evaluate.digital_scenes import GESTURES, HEIGHT_M, Moment, smooth, take
 from app.evaluate.trigger import replay_pipeline
 from hal.cameras.camera import Intrinsics
 from hal.cameras.hand_scene import Person, lens_for, person_of, posed
-from kgdfa.distance import SAFE_FACTOR
+from kgdfa.distance import UPRIGHT_FACTOR
 from kgdfa.hand import Gesture, Hand
 from kgdfa.keypoints import HandDetector
 from kgdfa.pipeline import Picture
@@ -107,7 +107,7 @@ class _Run:
     def _clicked(self, gesture: str, person: Person, lens: Intrinsics) -> dict[str, bool]:
         """Whether a push 4 cm past the proposed threshold's true place, and back, commands just this gesture."""
         threshold_m = zone_of(person, lens).threshold_m
-        start_m, turn_m = threshold_m * 1.5, threshold_m / SAFE_FACTOR - 0.04
+        start_m, turn_m = threshold_m * 1.5, threshold_m / UPRIGHT_FACTOR - 0.04
         share = [smooth(1 - abs(2 * frame / CLICK_FRAMES - 1)) for frame in range(1, CLICK_FRAMES + 1)]
         distances = (
             *(start_m,) * SHOWN_FRAMES,

@@ -7,12 +7,14 @@ press when the button was pressed in any of its frames. Every frame goes through
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
 from typing import Any
 
-from app.evaluate.digital_scenes import CHANGES, approach_and_change, take
+from app.evaluate.camera_rates import FRAME_NS, CameraRates, depth_fps, monocular_fps
+from app.evaluate.digital_scenes import CHANGES, Moment, approach_and_change, take
+from app.evaluate.watcher import Watcher, spread
 from hal.cameras.camera import Intrinsics
 from hal.cameras.hand_depth import DepthCamera
 from hal.cameras.hand_scene import Person, lens_for, person_of
@@ -21,13 +23,10 @@ from kgdfa.depth import DepthRange
 from kgdfa.distance import PublishedRange, RobustRange
 from kgdfa.hand import Hand
 from kgdfa.images import Image
-from kgdfa.keypoints import HandDetector
-from kgdfa.pipeline import Picture, Pipeline, Report
+from kgdfa.pipeline import Detector, Picture, Pipeline, Report
 from kgdfa.published import PublishedRules
 from kgdfa.robust import RobustRules
 
-FRAME_NS = 33_333_333
-GAP_NS = 1_000_000_000
 DISTANCES_CM = tuple(range(10, 75, 5))
 FRAMES = (6, 10, 14)  # showing, approaching, changing
 FIRST_HAND = 301
@@ -46,18 +45,18 @@ PAPER_FPS: dict[int, tuple[int, int]] = {
 }  # fmt: skip
 
 
+Key = tuple[str, str]  # camera, mode
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TriggerRow:
-    """One distance. pressed: share of the changes with a press; commands: how many commands the changes gave.
-
-    fps: frames a second that one core makes of pictures already taken (detector and pipeline), a camera.
-    """
+    """One distance. pressed: share of the changes with a press; commands: how many commands the changes gave."""
 
     distance_cm: int
     changes: int
-    pressed: dict[tuple[str, str], float]
-    commands: dict[tuple[str, str], int]
-    fps: dict[str, float]
+    pressed: dict[Key, float]
+    commands: dict[Key, int]
+    fps: dict[str, float]  # see `camera_rates`; empty where not measured
 
     def as_json(self) -> dict[str, Any]:
         """As `--json` writes it."""
@@ -66,7 +65,7 @@ class TriggerRow:
         for number, camera in enumerate(CAMERAS):
             row[camera.lower()] = {
                 **{mode: round(self.pressed[camera, mode], 3) for mode in MODES},
-                "fps": round(self.fps[camera], 1),
+                "fps": round(self.fps[camera], 1) if camera in self.fps else None,
                 "commands": {mode: self.commands[camera, mode] for mode in MODES},
                 "paper": paper[number] / 100,
                 "paper_fps": paper_fps[number],
@@ -85,117 +84,142 @@ class Replay:
         return self.hands
 
 
-@dataclass(slots=True)
-class _Tally:
-    """Counts over the changes at one distance."""
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Change:
+    """One posture change to look at."""
 
-    pressed: dict[tuple[str, str], int] = field(default_factory=dict)
-    commands: dict[tuple[str, str], int] = field(default_factory=dict)
-    frames: int = 0
-    detect_s: float = 0.0
-    judge_s: dict[str, float] = field(default_factory=dict)
+    distance_cm: int
+    number: int
+    focal_px: float
+
+    @property
+    def person(self) -> Person:
+        """Another hand for each change, the same at every distance."""
+        return person_of(FIRST_HAND + self.number)
+
+    @property
+    def lens(self) -> Intrinsics:
+        """Of the digital camera."""
+        return lens_for(focal_px=self.focal_px)
+
+    def moments(self) -> list[Moment]:
+        """Showing, approaching, changing."""
+        return list(
+            approach_and_change(
+                CHANGES[self.number % len(CHANGES)],
+                person=self.person,
+                lens=self.lens,
+                distance_m=self.distance_cm / 100,
+                frames=FRAMES,
+            )
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Outcome:
+    """What one change did to each button: whether it was pressed, and how many commands it gave."""
+
+    pressed: frozenset[Key]
+    commands: dict[Key, int]
 
 
 def steps(changes: int) -> int:
-    """How many frames `evaluate_trigger` looks at."""
-    return len(DISTANCES_CM) * changes * sum(FRAMES)
+    """How many changes `evaluate_trigger` looks at."""
+    return len(DISTANCES_CM) * changes
 
 
 def evaluate_trigger(
-    detector: HandDetector, *, changes: int, focal_px: float, step: Callable[[], None]
+    pool: ProcessPoolExecutor, *, changes: int, focal_px: float, rates: CameraRates, step: Callable[[], None]
 ) -> list[TriggerRow]:
     """A row a distance, of that many posture changes, each by another hand."""
-    lens = lens_for(focal_px=focal_px)
-    run = _Run(detector, lens, step)
-    return [run.row(cm, changes) for cm in DISTANCES_CM]
+    wanted = [
+        Change(distance_cm=cm, number=number, focal_px=focal_px) for cm in DISTANCES_CM for number in range(changes)
+    ]
+    outcomes = spread(pool, look_at, wanted, step)
+    return [
+        _row(cm, outcomes[place * changes : (place + 1) * changes], rates.get(cm, {}))
+        for place, cm in enumerate(DISTANCES_CM)
+    ]
 
 
-class _Run:
-    """Walks through the changes, in one growing time."""
-
-    def __init__(self, detector: HandDetector, lens: Intrinsics, step: Callable[[], None]) -> None:
-        self._detector, self._lens, self._step = detector, lens, step
-        self._now_ns = GAP_NS
-
-    def row(self, cm: int, changes: int) -> TriggerRow:
-        tally = _Tally()
-        for number in range(changes):
-            self._change(cm, number, tally)
-        both = [(camera, mode) for camera in CAMERAS for mode in MODES]
-        mono_s = tally.detect_s + tally.judge_s["monocular"]
-        return TriggerRow(
-            distance_cm=cm,
-            changes=changes,
-            pressed={key: tally.pressed.get(key, 0) / changes for key in both},
-            commands={key: tally.commands.get(key, 0) for key in both},
-            fps={
-                "monocular": tally.frames / mono_s,
-                "D435i": tally.frames / (tally.detect_s + tally.judge_s["D435i"]),
-            },
-        )
-
-    def _change(self, cm: int, number: int, tally: _Tally) -> None:
-        seed = FIRST_HAND + number
-        person = person_of(seed)
-        pipelines = {mode: replay_pipeline(mode, person, self._lens) for mode in MODES}
-        camera, pressed = DepthCamera(seed), set[tuple[str, str]]()
-        reports: dict[str, Report] = {}
-        self._now_ns += GAP_NS
-        moments = approach_and_change(
-            CHANGES[number % len(CHANGES)], person=person, lens=self._lens, distance_m=cm / 100, frames=FRAMES
-        )
-        for index, moment in enumerate(moments):
-            self._now_ns += FRAME_NS
-            image, depth_m = take(moment, index, camera)
-            began = time.perf_counter()
-            hands = self._detector.detect(image, self._now_ns)
-            tally.detect_s += time.perf_counter() - began
-            tally.frames += 1
-            counts = index >= FRAMES[0]  # showing is not part of it
-            for mode, (replay, pipeline) in pipelines.items():
-                replay.hands = hands
-                picture = Picture(image_bgr=image, captured_ns=self._now_ns, depth_m=depth_m)
-                began = time.perf_counter()
-                report = reports[mode] = pipeline.process(picture)
-                if mode == "robust":
-                    _add_time(tally, time.perf_counter() - began)
-                if counts:
-                    pressed |= {("monocular", mode)} if report.button.pressed else set()
-                    depth_button = report.depth_button
-                    pressed |= {("D435i", mode)} if depth_button and depth_button.pressed else set()
-            self._step()
-        for key in pressed:
-            tally.pressed[key] = tally.pressed.get(key, 0) + 1
-        for mode, last in reports.items():
-            _add_commands(tally, mode, last)
+def _row(cm: int, outcomes: list[Outcome], fps: dict[str, float]) -> TriggerRow:
+    keys = [(camera, mode) for camera in CAMERAS for mode in MODES]
+    return TriggerRow(
+        distance_cm=cm,
+        changes=len(outcomes),
+        pressed={key: sum(key in one.pressed for one in outcomes) / len(outcomes) for key in keys},
+        commands={key: sum(one.commands.get(key, 0) for one in outcomes) for key in keys},
+        fps=fps,
+    )
 
 
-def _add_time(tally: _Tally, spent_s: float) -> None:
-    """Both distances are measured in one pass, the map's neighbourhood being the cheaper: count it to both."""
-    for camera in CAMERAS:
-        tally.judge_s[camera] = tally.judge_s.get(camera, 0.0) + spent_s
+def look_at(watcher: Watcher, change: Change) -> Outcome:
+    """One change, seen by both cameras and judged in both modes."""
+    camera = DepthCamera(FIRST_HAND + change.number)
+    pipelines = {mode: replay_pipeline(mode, change.person, change.lens) for mode in MODES}
+    pressed: set[Key] = set()
+    commands: dict[Key, int] = {}
+    for index, moment in enumerate(change.moments()):
+        image, depth_m = take(moment, index, camera)
+        hands = watcher.look(image)
+        for mode, (replay, pipeline) in pipelines.items():
+            replay.hands = hands
+            report = pipeline.process(Picture(image_bgr=image, captured_ns=watcher.now_ns, depth_m=depth_m))
+            now_pressed, commands_now = _buttons(mode, report)
+            commands.update(commands_now)
+            pressed |= now_pressed if index >= FRAMES[0] else set()  # showing is not part of it
+    return Outcome(pressed=frozenset(pressed), commands=commands)
 
 
-def _add_commands(tally: _Tally, mode: str, last: Report) -> None:
-    for camera, button in (("monocular", last.button), ("D435i", last.depth_button)):
-        if button is not None:
-            key = (camera, mode)
-            tally.commands[key] = tally.commands.get(key, 0) + button.release_count
+def _buttons(mode: str, report: Report) -> tuple[set[Key], dict[Key, int]]:
+    """Which buttons are down, and the commands that each has given so far."""
+    both = {("monocular", mode): report.button, ("D435i", mode): report.depth_button}
+    known = {key: button for key, button in both.items() if button is not None}
+    return (
+        {key for key, button in known.items() if button.pressed},
+        {key: button.release_count for key, button in known.items()},
+    )
+
+
+def measure_rates(detector: Detector, *, focal_px: float, step: Callable[[], None]) -> CameraRates:
+    """Each camera's frames a second at each distance, in robust mode, over one change of each kind."""
+    rates: CameraRates = {}
+    start_ns = 0
+    for cm in DISTANCES_CM:
+        moments = [
+            moment
+            for number in range(len(CHANGES))
+            for moment in Change(distance_cm=cm, number=number, focal_px=focal_px).moments()[-FRAMES[2] :]
+        ]
+        pipelines = [chain("robust", person_of(FIRST_HAND), lens_for(focal_px=focal_px), detector) for _ in CAMERAS]
+        start_ns += 1_000_000_000 + 2 * len(moments) * FRAME_NS
+        rates[cm] = {
+            "monocular": monocular_fps(pipelines[0], moments, start_ns),
+            "D435i": depth_fps(pipelines[1], moments, start_ns + len(moments) * FRAME_NS, FIRST_HAND),
+        }
+        step()
+    return rates
 
 
 def replay_pipeline(
     mode: str, person: Person, lens: Intrinsics, threshold_m: float = THRESHOLD_M
 ) -> tuple[Replay, Pipeline]:
-    """The mode's whole chain for a person whose palm is known by ruler."""
+    """The mode's whole chain behind a detector that repeats what another one found."""
     replay = Replay()
+    return replay, chain(mode, person, lens, replay, threshold_m)
+
+
+def chain(
+    mode: str, person: Person, lens: Intrinsics, detector: Detector, threshold_m: float = THRESHOLD_M
+) -> Pipeline:
+    """The mode's whole chain for a person whose palm is known by ruler."""
     anchor_m, centre_px = person.shape.anchor_m, (lens.cx_px, lens.cy_px)
     finder = PublishedRange if mode == "published" else RobustRange
-    pipeline = Pipeline(
-        detector=replay,
+    return Pipeline(
+        detector=detector,
         rules=PublishedRules() if mode == "published" else RobustRules(),
         range_finder=finder(focal_px=lens.fx_px, anchor_m=anchor_m, centre_px=centre_px),
         place=ButtonPlace(x_px=lens.cx_px, y_px=lens.cy_px, radius_px=0.06 * lens.width_px, threshold_m=threshold_m),
         mode=ButtonMode(mode),
         depth_finder=DepthRange(mode=mode),
     )
-    return replay, pipeline

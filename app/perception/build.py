@@ -61,6 +61,7 @@ def make_pipeline(setup: SessionSetup, detector: Detector, frame: Frame, camera:
         focal_px=frame.intrinsics.fx_px,
         anchor_m=anchor_for(setup, frame, camera).length_m,
         centre_px=(frame.intrinsics.cx_px, frame.intrinsics.cy_px),
+        distortion=(frame.intrinsics.k1, frame.intrinsics.k2),
     )
     rules: RuleSet = RULES[config.rules]()
     mode = ButtonMode(config.button.mode)

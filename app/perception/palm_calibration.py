@@ -49,6 +49,7 @@ class PalmSampler:
                 focal_px=self._lens.fx_px,
                 anchor_m=self.provisional_anchor_m,
                 centre_px=(self._lens.cx_px, self._lens.cy_px),
+                distortion=(self._lens.k1, self._lens.k2),
             )
             self.samples_m.clear()
         hands = self.detector.detect(frame.image_bgr, frame.captured_ns)

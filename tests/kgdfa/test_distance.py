@@ -98,7 +98,7 @@ def test_tilt_costs_the_robust_distance_little_and_its_safe_side_nothing(
     distance_m: float, pitch: float, yaw: float, roll: float, left: bool
 ) -> None:
     distance = measured(robust(), seen(skin_m(distance_m), turn=(pitch, yaw, roll), left=left))
-    assert distance.shown_m == pytest.approx(distance_m, rel=0.06)
+    assert distance.shown_m == pytest.approx(distance_m, rel=0.09)
     assert distance.safe_m > 0.97 * distance_m
 
 
@@ -122,6 +122,33 @@ def test_a_tilt_that_the_landmarks_miss_is_still_seen_by_the_palm_s_shape() -> N
     distance = measured(robust(), blind)
     assert distance.shown_m == pytest.approx(0.4, rel=0.06)
     assert math.degrees(distance.tilt_rad) == pytest.approx(40, abs=4)
+
+
+def test_an_upright_palm_has_a_small_margin_and_a_tilted_one_a_larger() -> None:
+    upright, tilted = (measured(robust(), seen(skin_m(0.3), turn=(0.0, yaw, 0.0))) for yaw in (0.0, 0.7))
+    assert upright.safe_m < 1.02 * upright.shown_m
+    assert tilted.safe_m > 1.10 * tilted.shown_m
+
+
+@given(x=st.floats(-0.25, 0.25), k1=st.floats(-0.15, 0.15))
+def test_a_bent_lens_costs_nothing_once_its_distortion_is_known(x: float, k1: float) -> None:
+    straight = seen(skin_m(0.4), aside_m=(x, 0.0))
+    flat = (straight.image_px - CENTRE_PX) / FOCAL_PX
+    bent = Hand(
+        image_px=flat * (1 + k1 * (flat**2).sum(axis=1, keepdims=True)) * FOCAL_PX + CENTRE_PX,
+        world_m=straight.world_m, presence=0.9, side=Side.RIGHT,
+    )  # fmt: skip
+    knowing = RobustRange(focal_px=FOCAL_PX, anchor_m=ANCHOR_M, centre_px=CENTRE_PX, distortion=(k1, 0.0))
+    assert measured(knowing, bent).shown_m == pytest.approx(measured(robust(), straight).shown_m, rel=0.003)
+
+
+def test_a_wrist_out_of_the_picture_leaves_half_the_word_to_eq_4() -> None:
+    hand = seen(skin_m(0.18), aside_m=(0.0, 0.03))
+    assert hand.image_px[0, 1] > 2 * CENTRE_PX[1]
+    misplaced = hand.image_px.copy()
+    misplaced[0, 1] += 60
+    guessed = Hand(image_px=misplaced, world_m=hand.world_m, presence=0.9, side=Side.RIGHT)
+    assert measured(robust(), guessed).shown_m == pytest.approx(0.18, rel=0.05)
 
 
 def test_one_near_outlier_is_outvoted_and_a_withdrawal_is_followed_at_once() -> None:

@@ -20,6 +20,7 @@ cli = typer.Typer()
 JsonOption = Annotated[Path | None, typer.Option("--json", help="Write the result here as well.")]
 PlotOption = Annotated[Path | None, typer.Option("--plot", help="Write a picture of it (PNG) here.")]
 HomeOption = Annotated[Path | None, typer.Option("--home", help="Data directory.")]
+WorkersOption = Annotated[int, typer.Option(help="Processes that look at hands at the same time.", min=1, max=64)]
 FocalOption = Annotated[
     float, typer.Option(help="Focal length of the digital camera, px at 1280×720.", min=200, max=3000)
 ]
@@ -48,20 +49,27 @@ def distance(
 @cli.command()
 def trigger(
     changes: Annotated[int, typer.Option(help="Posture changes at each distance.", min=4)] = 20,
+    rates: Annotated[bool, typer.Option(help="Measure each camera's frame rate too; wants a quiet machine.")] = True,
     focal_px: FocalOption = 650.0,
+    workers: WorkersOption = 2,
     json_file: JsonOption = None,
     plot: PlotOption = None,
     home: HomeOption = None,
 ) -> None:
-    """Table 6: how often posture changes press the button, both cameras, both modes."""
+    """Table 6: how often posture changes press the button, both cameras, both modes; and each camera's frame rate."""
     from rich.console import Console
 
     from app.evaluate.distance_tables import table_6
-    from app.evaluate.trigger import evaluate_trigger, steps
+    from app.evaluate.trigger import DISTANCES_CM, evaluate_trigger, measure_rates, steps
+    from app.evaluate.watcher import processes
+    from kgdfa.keypoints import HandDetector
 
-    console = Console()
-    with _detector(home) as detector, _bar(console, steps(changes)) as step:
-        rows = evaluate_trigger(detector, changes=changes, focal_px=focal_px, step=step)
+    console, model, measured = Console(), _model(home), {}
+    if rates:
+        with HandDetector(model) as detector, _bar(console, len(DISTANCES_CM)) as step:
+            measured = measure_rates(detector, focal_px=focal_px, step=step)
+    with processes(model, workers) as pool, _bar(console, steps(changes)) as step:
+        rows = evaluate_trigger(pool, changes=changes, focal_px=focal_px, rates=measured, step=step)
     console.print(table_6(rows))
     _write(json_file, {"changes": changes, "focal_px": focal_px, "table_6": [row.as_json() for row in rows]})
     if plot is not None:
