@@ -9,7 +9,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 
-from app.control.states import ACTION_OF, Action, GaitState
+from app.control.states import ACTION_OF, Action, Effect, GaitState
 from app.demo.course import Leg
 from app.demo.trial import Trial, moment_of_command
 from app.errors import AppError
@@ -80,6 +80,22 @@ class CourseRunner:
         """Let the hand rest, as a wearer does between gestures."""
         self._host.move_hand(HandCommand(pose=HandPose.REST))
         self._until(lambda: self.report is not None and self.report.gesture is None, RECOGNITION_S)
+
+    @property
+    def allowed(self) -> tuple[Action, ...]:
+        """What the legs may do now."""
+        return self.snapshot.allowed if self.snapshot else ()
+
+    def power_off(self) -> bool:
+        """As a therapist takes the power from resting legs: STOP twice, torque off, acknowledge; whether it is off."""
+        for kind in (OperatorKind.STOP, OperatorKind.STOP):
+            self._host.send(kind)
+        if not self._until(lambda: self._now.effect is Effect.DAMP, ACCEPTANCE_S):
+            return False
+        self._host.send(OperatorKind.TORQUE_OFF)
+        off = self._until(lambda: not self._now.enabled, ACCEPTANCE_S)
+        self._host.send(OperatorKind.ACKNOWLEDGE)
+        return off and self._until(lambda: self._now.effect < Effect.HOLD, ACCEPTANCE_S)
 
     def unintended(self) -> int:
         """Actions that began without having been asked for."""

@@ -75,9 +75,12 @@ def run_session(
     presses: int,
     watch: Callable[[str], None],
     approach_m: float = 0.0,
+    patient: Profile | None = None,
+    carry_out: Callable[[CourseRunner, Sequence[Leg]], list[Trial]] = run_course,
 ) -> SessionResult:
-    """Start the real processes, run the course, close, verify the audit trail."""
-    setup = make_setup(home, config, demo_patient(config.camera.seed), operator="demo", role="engineer")
+    """Start the real processes, carry out the course, close, verify the audit trail; None: the demo patient."""
+    wearer = patient or demo_patient(config.camera.seed)
+    setup = make_setup(home, config, wearer, operator="demo", role="engineer")
     if config.joints.kind != "simulated":
         rehearse_missing(setup, watch)
     host = SessionHost(setup)
@@ -85,7 +88,7 @@ def run_session(
     try:
         host.start()
         runner.prepare()
-        trials = run_course(runner, course)
+        trials = carry_out(runner, course)
     finally:
         host.close()
     verified, detail = _verify(home, setup.session)
