@@ -15,6 +15,7 @@ from hal.errors import HardwareError
 from hal.joints.codecs.wire import Frame
 from hal.joints.device import BusDevice, Exoskeleton
 from hal.joints.joints import BusFault
+from hal.joints.local_bus import LocalBus
 
 TICK_HZ = 500.0
 LOAD_LIMIT = 0.80
@@ -99,7 +100,7 @@ def _numbered(channel: str, number: int) -> str:
 
 
 def open_bus(bus: BusDevice) -> can.BusABC:
-    """The bus, opened; a `udp_multicast` channel may carry its port: "239.74.163.2:43113".
+    """The bus, opened; a `udp_multicast` channel may carry its port: "239.74.163.2:43113"; `local` is our own.
 
     Raises HardwareError with the command that mends it.
     """
@@ -111,6 +112,8 @@ def open_bus(bus: BusDevice) -> can.BusABC:
         channel, port = channel.split(":")
         options["port"] = int(port) if port.isdecimal() else port
     try:
+        if bus.interface == "local":
+            return LocalBus(channel)
         return can.Bus(interface=bus.interface, channel=channel, bitrate=bus.bitrate, **options)
     except (can.CanError, OSError, ValueError, TypeError, ImportError) as error:
         raise HardwareError(

@@ -12,7 +12,7 @@ from hal.joints.device import Exoskeleton
 from hal.joints.scene import Scene
 from hal.joints.socketcan import SocketCanJoints
 
-_EMULATED = ("udp_multicast", "virtual")
+_EMULATED = ("local", "udp_multicast", "virtual")
 
 
 def may_be_emulated(device: Exoskeleton) -> bool:

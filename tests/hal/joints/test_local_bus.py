@@ -1,0 +1,116 @@
+"""The bus between the programs of one machine: frames unchanged, no echo, garbage told apart."""
+
+from __future__ import annotations
+
+import random
+import socket
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+
+import can
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from hal.errors import HardwareError
+from hal.joints.bus import open_bus
+from hal.joints.bus_port import BusPort
+from hal.joints.device import BusDevice
+from hal.joints.joints import BusFault
+from hal.joints.local_bus import GROUP, LocalBus
+
+WAIT_S = 10.0
+
+
+def free_channel() -> str:
+    return str(random.SystemRandom().randrange(20_000, 32_000))  # below the kernel's ephemeral ports
+
+
+@contextmanager
+def ends(count: int) -> Iterator[list[LocalBus]]:
+    channel = free_channel()
+    with ExitStack() as stack:
+        yield [stack.enter_context(LocalBus(channel)) for _ in range(count)]
+
+
+@st.composite
+def frames(draw: st.DrawFn) -> can.Message:
+    extended = draw(st.booleans())
+    kind = draw(st.sampled_from(("data", "remote", "error")))
+    length = draw(st.integers(0, 8))
+    return can.Message(
+        arbitration_id=draw(st.integers(0, 0x1FFF_FFFF if extended else 0x7FF)),
+        is_extended_id=extended,
+        is_remote_frame=kind == "remote",
+        is_error_frame=kind == "error",
+        dlc=length,
+        data=None if kind == "remote" else draw(st.binary(min_size=length, max_size=length)),
+    )
+
+
+def test_every_classic_frame_arrives_as_it_was_sent() -> None:
+    with ends(2) as (sender, receiver):
+
+        @settings(deadline=None)
+        @given(frames())
+        def arrives(frame: can.Message) -> None:
+            sender.send(frame)
+            arrived = receiver.recv(WAIT_S)
+            assert arrived is not None
+            assert arrived.equals(frame, timestamp_delta=None, check_channel=False, check_direction=False)
+
+        arrives()
+
+
+def test_everybody_else_hears_a_frame_and_the_sender_does_not() -> None:
+    with ends(3) as (first, second, third):
+        first.send(can.Message(arbitration_id=1, is_extended_id=False))
+        second.send(can.Message(arbitration_id=2, is_extended_id=False))
+        heard = [[bus.recv(WAIT_S if n < due else 0) for n in range(3)] for bus, due in ((first, 1), (third, 2))]
+    identifiers = [[frame.arbitration_id for frame in row if frame is not None] for row in heard]
+    assert identifiers == [[2], [1, 2]]
+
+
+def test_frames_carry_the_kernels_time_of_arrival() -> None:
+    with ends(2) as (sender, receiver):
+        before_s = time.time()
+        sender.send(can.Message(arbitration_id=1))
+        arrived = receiver.recv(WAIT_S)
+        assert arrived is not None
+        assert before_s - 1e-3 <= arrived.timestamp <= time.time() + 1e-3
+
+
+@pytest.mark.parametrize("datagram", [b"", b"garbage", bytes(15), bytes(17), b"\0\0\0\0\x09" + bytes(11), bytes(3000)])
+def test_datagrams_that_are_no_frames_are_flags(datagram: bytes) -> None:
+    channel = free_channel()
+    port = BusPort(open_bus(BusDevice(interface="local", channel=channel)), "local")
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as thrower:
+        thrower.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, socket.inet_aton("127.0.0.1"))
+        thrower.sendto(datagram, (GROUP, int(channel)))
+    flags, end_s = BusFault.NONE, time.monotonic() + WAIT_S
+    while flags is BusFault.NONE and time.monotonic() < end_s:
+        assert list(port.drain(1)) == []
+        flags = port.take_faults()[0]
+    port.close()
+    assert flags is BusFault.MALFORMED
+
+
+@pytest.mark.parametrize("channel", ["", "can0", "80", "70000", "-1"])
+def test_a_channel_that_is_no_port_is_refused_with_a_sentence(channel: str) -> None:
+    with pytest.raises(HardwareError, match=r"can't be opened"):
+        open_bus(BusDevice(interface="local", channel=channel))
+
+
+def test_a_frame_of_can_fd_is_refused() -> None:
+    with ends(1) as (bus,), pytest.raises(can.CanOperationError, match="classic"):
+        bus.send(can.Message(arbitration_id=1, is_fd=True, data=bytes(12)))
+
+
+def test_a_closed_bus_is_a_flag_not_an_exception() -> None:
+    bus = LocalBus(free_channel())
+    port = BusPort(bus, "local")
+    bus.shutdown()
+    assert not port.send(can.Message(arbitration_id=1))
+    assert port.wait(0) is None
+    assert port.take_faults()[0] & BusFault.INTERFACE_GONE
