@@ -28,7 +28,6 @@ PUSH_ROOM_M = 0.03  # how far people overshoot the threshold when they push
 LEAST_THRESHOLD_M = 0.20  # the paper's
 MOST_THRESHOLD_M = 0.40  # beyond, a hand at rest would press
 SMALLEST_ANCHOR_PX = 25.0  # MediaPipe's palm detector works on 192 px pictures: less than 4 px there
-BORDER = 0.4  # of each side, for `PaddedDetector`
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -95,25 +94,34 @@ def cut_off(hand: Hand, width_px: int, height_px: int) -> bool:
 class _Detector(Protocol):
     def detect(self, image_bgr: Image, captured_ns: int) -> tuple[Hand, ...]: ...
 
+    def close(self) -> None: ...
 
-class PaddedDetector:
-    """A detector that is shown the picture with a border, so that a hand outgrowing it keeps its place.
 
+class SquaredDetector:
+    """A detector that is shown the picture with bars that make it square, so that a hand outgrowing it keeps its place.
+
+    MediaPipe's palm detector works on a square all the same, so the bars take nothing from its resolution.
     The keypoints come back in the picture's own coordinates and may lie outside of it.
     """
 
-    def __init__(self, detector: _Detector, border: float = BORDER) -> None:
-        """border: added on every side, as a share of that side's length."""
+    def __init__(self, detector: _Detector) -> None:
         self._detector = detector
-        self._border = border
 
     def detect(self, image_bgr: Image, captured_ns: int) -> tuple[Hand, ...]:
         """The hands in one picture, the tracked one first; () when there is none."""
         image = as_bgr8(image_bgr)
-        down, across = (round(self._border * side) for side in image.shape[:2])
-        padded = cv2.copyMakeBorder(image, down, down, across, across, cv2.BORDER_CONSTANT)
-        hands = self._detector.detect(np.asarray(padded, np.uint8), captured_ns)
+        height, width = image.shape[:2]
+        side = max(height, width)
+        down, across = (side - height) // 2, (side - width) // 2
+        squared = cv2.copyMakeBorder(
+            image, down, side - height - down, across, side - width - across, cv2.BORDER_CONSTANT
+        )
+        hands = self._detector.detect(np.asarray(squared, np.uint8), captured_ns)
         return tuple(replace(hand, image_px=hand.image_px - (across, down)) for hand in hands)
+
+    def close(self) -> None:
+        """Free the detector."""
+        self._detector.close()
 
 
 def _least_threshold(followed_from_m: float) -> float:

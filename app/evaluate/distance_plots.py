@@ -11,7 +11,7 @@ mpl.use("Agg")
 from matplotlib import pyplot as plt
 
 from app.evaluate.distance_frames import SequenceResult
-from app.evaluate.distance_table import PAPER_TABLE_5, Table5
+from app.evaluate.distance_results import PAPER_TABLE_5, Table5
 from app.evaluate.trigger import PAPER_TABLE_6, TriggerRow
 
 SIZE = (9.0, 4.8)

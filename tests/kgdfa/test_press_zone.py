@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from kgdfa.errors import KgdfaError
 from kgdfa.hand import Hand, Side
 from kgdfa.images import Image
-from kgdfa.press_zone import LEAST_THRESHOLD_M, PaddedDetector, cut_off, press_zone
+from kgdfa.press_zone import LEAST_THRESHOLD_M, SquaredDetector, cut_off, press_zone
 
 
 def hand_at(*points: tuple[float, float]) -> Hand:
@@ -22,6 +22,10 @@ class Marker:
 
     def __init__(self) -> None:
         self.shape: tuple[int, ...] = ()
+        self.closed = False
+
+    def close(self) -> None:
+        self.closed = True
 
     def detect(self, image_bgr: Image, captured_ns: int) -> tuple[Hand, ...]:
         self.shape = image_bgr.shape
@@ -69,10 +73,12 @@ def test_a_hand_is_cut_off_when_any_keypoint_is_out() -> None:
     assert cut_off(hand_at((1280, 300)), 1280, 720)
 
 
-def test_a_border_moves_no_keypoint() -> None:
+def test_bars_move_no_keypoint() -> None:
     image = np.zeros((72, 128, 3), np.uint8)
     image[50, 30] = 255
     marker = Marker()
-    (hand,) = PaddedDetector(marker, border=0.25).detect(image, 0)
-    assert marker.shape == (72 + 36, 128 + 64, 3)
+    (hand,) = SquaredDetector(marker).detect(image, 0)
+    assert marker.shape == (128, 128, 3)
     assert tuple(hand.image_px[0]) == (30.0, 50.0)
+    SquaredDetector(marker).close()
+    assert marker.closed

@@ -32,6 +32,7 @@ def distance(
     hands: Annotated[int, typer.Option(help="Digital hands, without a folder.", min=1)] = 6,
     walks: Annotated[int, typer.Option(help="Seconds of random walk, without a folder.", min=1)] = 48,
     focal_px: FocalOption = 650.0,
+    workers: WorkersOption = 2,
     json_file: JsonOption = None,
     plot: PlotOption = None,
     home: HomeOption = None,
@@ -43,7 +44,7 @@ def distance(
     if folder is not None:
         _on_frames(console, folder, json_file, plot, home)
     else:
-        _table_5(console, hands, walks, focal_px, json_file, plot, home)
+        _table_5(console, hands, walks, focal_px, workers, json_file, plot, home)
 
 
 @cli.command()
@@ -108,6 +109,7 @@ def idle(
 @cli.command("press-zone")
 def press_zone(
     hands: Annotated[int, typer.Option(help="Digital hands a gesture.", min=1)] = 3,
+    workers: WorkersOption = 2,
     json_file: JsonOption = None,
     home: HomeOption = None,
 ) -> None:
@@ -116,14 +118,14 @@ def press_zone(
 
     from app.evaluate.distance_tables import zone_table
     from app.evaluate.press_zone import LENSES_PX, evaluate_press_zone, steps, zone_of
+    from app.evaluate.watcher import processes
     from hal.cameras.hand_scene import Person, lens_for
-    from kgdfa.keypoints import HandDetector
 
     console, model = Console(), _model(home)
     for focal_px in LENSES_PX:
         console.print(f"{focal_px:.0f} px: {zone_of(Person(), lens_for(focal_px=focal_px)).sentence}")
-    with _bar(console, steps(hands)) as step:
-        rows = evaluate_press_zone(lambda: HandDetector(model), hands=hands, step=step)
+    with processes(model, workers) as pool, _bar(console, steps(hands)) as step:
+        rows = evaluate_press_zone(pool, hands=hands, step=step)
     console.print(zone_table(rows))
     _write(json_file, {"hands": hands, "rows": [row.as_json() for row in rows]})
 
@@ -150,15 +152,17 @@ def _table_5(
     hands: int,
     walks: int,
     focal_px: float,
+    workers: int,
     json_file: Path | None,
     plot: Path | None,
     home: Path | None,
 ) -> None:
     from app.evaluate.distance_table import evaluate_table_5, steps
     from app.evaluate.distance_tables import table_5, tilt_table, walk_table
+    from app.evaluate.watcher import processes
 
-    with _detector(home) as detector, _bar(console, steps(hands, walks)) as step:
-        table = evaluate_table_5(detector, hands=hands, walks=walks, focal_px=focal_px, step=step)
+    with processes(_model(home), workers) as pool, _bar(console, steps(hands, walks)) as step:
+        table = evaluate_table_5(pool, hands=hands, walks=walks, focal_px=focal_px, step=step)
     for part in (table_5(table), tilt_table(table), walk_table(table)):
         console.print(part)
     _write(json_file, table.as_json())
