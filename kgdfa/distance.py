@@ -146,15 +146,19 @@ def _turn_to(forward: FloatArray) -> FloatArray:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class _Fused:
-    """One frame's readings made one: the best guess, and one that leans to the far side."""
+class Reading:
+    """One frame's readings made one, metres: the best guess, and one that leans to the far side.
 
+    readings_m: by the palm's shape, by the world landmarks in perspective, by Eq. 4.
+    """
+
+    readings_m: tuple[float, float, float]
+    tilt_rad: float
     shown_m: float
     far_m: float
-    spread_m: float  # of the readings
 
 
-def _fuse(view: PalmView, readings_m: tuple[float, float, float], wrist_seen: bool) -> _Fused:
+def _fuse(view: PalmView, readings_m: tuple[float, float, float], wrist_seen: bool) -> Reading:
     """Readings by shape, by perspective, by Eq. 4.
 
     The landmarks miss tilts and then read far, so only their nearer word counts; the shape needs the wrist.
@@ -168,7 +172,7 @@ def _fuse(view: PalmView, readings_m: tuple[float, float, float], wrist_seen: bo
     shown_m = shape_m * math.exp(moved)
     nearer, farther = (min(MOST_DISAGREEMENT, max(0.0, one)) for one in (-landmarks, landmarks))
     margin = MARGIN_TILT * view.tilt_rad + MARGIN_NEARER * nearer + MARGIN_FARTHER * farther
-    return _Fused(shown_m=shown_m, far_m=shown_m * math.exp(margin), spread_m=float(np.std(readings_m)))
+    return Reading(readings_m=readings_m, tilt_rad=view.tilt_rad, shown_m=shown_m, far_m=shown_m * math.exp(margin))
 
 
 def _under_the_skin(seen_m: float) -> float:
@@ -209,12 +213,25 @@ class RobustRange:
         self._anchor_m = anchor_m
         self._centre_px = None if centre_px is None else np.asarray(centre_px, dtype=np.float64)
         self._distortion = np.array([*distortion, 0.0, 0.0]) if any(distortion) else None
-        self._recent: tuple[_Fused, ...] = ()
+        self._recent: tuple[Reading, ...] = ()
         self._guard = JumpGuard()
         self._last_ns = 0
 
     def measure(self, hand: Hand, captured_ns: int) -> Distance | None:
         """Tilt-corrected and steadied; None for keypoints that are no palm, or that jump as no hand can."""
+        now = self.explain(hand)
+        if now is None:
+            return None
+        self._guard, believed = accept(self._guard, now.shown_m, captured_ns)
+        if not believed:
+            return None
+        if not 0 <= captured_ns - self._last_ns <= FORGET_NS:
+            self._recent = ()
+        self._recent, self._last_ns = (*self._recent[-2:], now), captured_ns
+        return self._distance(now)
+
+    def explain(self, hand: Hand) -> Reading | None:
+        """What this frame alone says, without the past; None for keypoints that are no palm."""
         if not (hand.anchor_px >= MIN_ANCHOR_PX and np.isfinite(hand.world_m).all()):
             return None
         seen, cosine = self._own_view(hand)
@@ -223,14 +240,7 @@ class RobustRange:
             return None
         readings = _readings(seen, hand.world_m, view)
         shape_m, perspective_m, equation_m = (_under_the_skin(self._anchor_m * cosine * one) for one in readings)
-        now = _fuse(view, (shape_m, perspective_m, equation_m), self._shows(hand.image_px[Keypoint.WRIST]))
-        self._guard, believed = accept(self._guard, now.shown_m, captured_ns)
-        if not believed:
-            return None
-        if not 0 <= captured_ns - self._last_ns <= FORGET_NS:
-            self._recent = ()
-        self._recent, self._last_ns = (*self._recent[-2:], now), captured_ns
-        return self._distance(now, view.tilt_rad)
+        return _fuse(view, (shape_m, perspective_m, equation_m), self._shows(hand.image_px[Keypoint.WRIST]))
 
     def reset(self) -> None:
         """Forget the last frames."""
@@ -259,7 +269,7 @@ class RobustRange:
             return True
         return bool((point_px >= 0).all() and (point_px <= 2 * self._centre_px).all())
 
-    def _distance(self, now: _Fused, tilt_rad: float) -> Distance:
+    def _distance(self, now: Reading) -> Distance:
         shown_m = float(np.median([one.shown_m for one in self._recent]))
         far_m = float(np.median([one.far_m for one in self._recent]))
         scatter_m = float(np.std([one.shown_m for one in self._recent]))
@@ -267,6 +277,6 @@ class RobustRange:
             shown_m=shown_m,
             # An outlier that is near is outvoted by the frames before it; a withdrawing hand is followed at once.
             safe_m=max(now.far_m, far_m),
-            sd_m=math.hypot(KEYPOINT_SD * shown_m, now.spread_m, scatter_m),
-            tilt_rad=tilt_rad,
+            sd_m=math.hypot(KEYPOINT_SD * shown_m, float(np.std(now.readings_m)), scatter_m),
+            tilt_rad=now.tilt_rad,
         )

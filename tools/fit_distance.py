@@ -1,0 +1,97 @@
+"""How the readings of `kgdfa/distance.py` err on digital hands that no evaluation uses, and what the margins do.
+
+Prints, a direction of tilt, the median error of each reading and of the fused distance after a common calibration;
+then, for several margins a radian of tilt, how far upright hands read and how often any hand reads near by over 3 %.
+The constants in `kgdfa/distance.py` were chosen by these two tables.
+
+    python tools/fit_distance.py MODEL [--hands 40]
+"""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import typer
+from numpy.typing import NDArray
+
+from app.evaluate.digital_scenes import GESTURES, held, take, tilted
+from app.evaluate.watcher import Watcher, processes, spread
+from hal.cameras.hand_scene import lens_for, person_of
+from kgdfa import distance as shipped
+from kgdfa.distance import RobustRange
+
+TILTS_DEG = (0, 20, 40)
+FRAMES = 4
+DIRECTIONS = 8
+MARGINS = (0.10, 0.15, 0.18, 0.20, 0.22, 0.25, 0.30)
+NAMES = ("shape", "landmarks", "Eq. 4", "fused")
+
+# gesture is 5, tilt in degrees, direction, tilt as measured, then true distance over: shape, landmarks, Eq. 4, shown,
+# and the far reading
+Row = tuple[float, ...]
+Table = NDArray[np.float64]
+
+
+def look_at(watcher: Watcher, seed: int) -> list[Row]:
+    """One hand, upright and tilted every way, gesture 5 and one other."""
+    draw, person = np.random.default_rng([seed, 0x666974]), person_of(seed)
+    lens = lens_for(focal_px=650.0 if seed % 3 else 950.0)
+    rows: list[Row] = []
+    for tilt_deg in TILTS_DEG:
+        for direction in range(DIRECTIONS if tilt_deg else 1):
+            turn = tilted(math.radians(tilt_deg), direction * 2 * math.pi / DIRECTIONS)
+            for gesture in ("5", GESTURES[int(draw.integers(12))]):
+                finder = RobustRange(
+                    focal_px=lens.fx_px, anchor_m=person.shape.anchor_m, centre_px=(lens.cx_px, lens.cy_px)
+                )
+                watcher.forget()
+                moments = held(gesture, person=person, lens=lens, distance_m=float(draw.uniform(0.2, 0.6)),
+                               turn_rad=turn, seed=seed, frames=FRAMES)  # fmt: skip
+                for index, moment in enumerate(moments):
+                    hands = watcher.look(take(moment, index)[0])
+                    told = finder.explain(hands[0]) if hands else None
+                    if told is not None:
+                        each = (*told.readings_m, told.shown_m, told.far_m)
+                        side = (DIRECTIONS // 2 - direction) % DIRECTIONS if person.shape.left else direction
+                        rows.append((gesture == "5", tilt_deg, side, told.tilt_rad, *(m / moment.true_m for m in each)))
+    return rows
+
+
+def print_readings(table: Table) -> None:
+    """Median error of each reading, %, gesture 5, after one calibration of each on upright hands."""
+    five = table[table[:, 0] == 1]
+    upright = np.median(five[five[:, 1] == 0][:, 4:8], axis=0)
+    print(f"\n{'tilt':>6}{'towards':>9}" + "".join(f"{name:>11}" for name in NAMES) + "   median error, %, gesture 5")
+    for tilt_deg in TILTS_DEG[1:]:
+        for direction in range(DIRECTIONS):
+            chosen = five[(five[:, 1] == tilt_deg) & (five[:, 2] == direction)][:, 4:8]
+            if len(chosen):
+                errors = 100 * (np.median(chosen / upright, axis=0) - 1)
+                cells = "".join(f"{error:>+11.1f}" for error in errors)
+                print(f"{tilt_deg:>5}°{direction * 360 // DIRECTIONS:>8}°{cells}")
+
+
+def print_margins(table: Table) -> None:
+    """What a margin a radian of tilt costs upright hands, and what it saves."""
+    upright = table[table[:, 1] == 0]
+    print(f"\n{'margin':>8}{'upright reads far by':>24}{'near by over 3 %':>20}")
+    for margin in MARGINS:
+        far = table[:, 8] * np.exp((margin - shipped.MARGIN_TILT) * table[:, 3])
+        straight = upright[:, 8] * np.exp((margin - shipped.MARGIN_TILT) * upright[:, 3])
+        print(f"{margin:>8.2f}{100 * (np.median(straight) - 1):>22.1f} %{100 * np.mean(far < 0.97):>18.2f} %")
+
+
+def main(model: Path, hands: int = 40, workers: int = 2) -> None:
+    """Look at the hands with seeds from 1 on, and print both tables."""
+    with processes(model, workers) as pool:
+        found = spread(pool, look_at, list(range(1, hands + 1)), lambda: print(".", end="", flush=True))
+    table = np.array([row for rows in found for row in rows])
+    print(f"\n{hands} hands, {len(table)} frames")
+    print_readings(table)
+    print_margins(table)
+
+
+if __name__ == "__main__":
+    typer.run(main)
