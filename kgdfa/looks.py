@@ -16,6 +16,7 @@ import numpy as np
 
 from kgdfa.hand import FloatArray, Hand, Side
 from kgdfa.images import Image, as_bgr8
+from kgdfa.preprocess import brighten
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -64,7 +65,7 @@ class StillDetector(Protocol):
 
 def take(image_bgr: Image, look: Look) -> tuple[Image, FloatArray]:
     """The picture as the look shows it, and the (2, 3) affine map from the picture's pixels to the look's."""
-    image = _brighten(image_bgr) if look.brightened else image_bgr
+    image = brighten(image_bgr) if look.brightened else image_bgr
     border = round(look.border * max(image.shape[:2]))
     image = np.asarray(cv2.copyMakeBorder(image, border, border, border, border, cv2.BORDER_REPLICATE))
     scale = look.size_px / max(image.shape[:2])
@@ -110,10 +111,3 @@ def see_photo(
         second = (see(eager, image, look) for look in SECOND_LOOKS)
         plain = next((hand for hand in second if hand is not None), None)
     return tuple(hand for hand in (plain, *others) if hand is not None) if plain is not None else ()
-
-
-def _brighten(image_bgr: Image) -> Image:
-    """Spread the lightness locally (CLAHE), colours kept."""
-    lab = cv2.cvtColor(image_bgr, cv2.COLOR_BGR2LAB)
-    lab[..., 0] = cv2.createCLAHE(clipLimit=3.0, tileGridSize=(8, 8)).apply(np.ascontiguousarray(lab[..., 0]))
-    return np.asarray(cv2.cvtColor(lab, cv2.COLOR_LAB2BGR), dtype=np.uint8)

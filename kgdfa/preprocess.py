@@ -1,4 +1,4 @@
-"""The paper's first step, denoise and sharpen, each part behind a name. Off by default: see docs/gestures.md."""
+"""The paper's first step, denoise and sharpen, and brightening besides, each behind a name (see docs/gestures.md)."""
 
 from __future__ import annotations
 
@@ -36,11 +36,19 @@ def denoise_and_sharpen(image_bgr: NDArray[Any]) -> Image:
     return sharpen(denoise(image_bgr))
 
 
+def brighten(image_bgr: NDArray[Any]) -> Image:
+    """Spread the lightness locally (CLAHE), colours kept."""
+    lab = cv2.cvtColor(as_bgr8(image_bgr), cv2.COLOR_BGR2LAB)
+    lab[..., 0] = cv2.createCLAHE(clipLimit=3.0, tileGridSize=(8, 8)).apply(np.ascontiguousarray(lab[..., 0]))
+    return np.asarray(cv2.cvtColor(lab, cv2.COLOR_LAB2BGR), dtype=np.uint8)
+
+
 PREPARATIONS: dict[str, Prepare] = {
     "none": as_bgr8,
     "denoise": denoise,
     "sharpen": sharpen,
     "denoise+sharpen": denoise_and_sharpen,
+    "brighten": brighten,
 }
 
 
