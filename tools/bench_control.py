@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import json
 import os
 import sys
@@ -16,13 +17,14 @@ from rich.progress import track
 from rich.table import Table
 
 from app.control.states import Action
-from app.messages import OperatorKind
+from app.messages import ControlSnapshot, OperatorKind
 
 sys.path.insert(0, str(Path(__file__).parent.parent))  # run as a script, `tools` is a folder of the tree
 
-from tools.real_session import RealSession, real_session
+from tools.real_session import RealSession, real_session, saturated_cores
 
 BOUNDS_MS = {"p99_ms": 0.2, "p999_ms": 1.0}  # where SCHED_FIFO is allowed
+LEAST_FPS = 28.0
 
 
 def walk_for(session: RealSession, seconds: float) -> None:
@@ -37,30 +39,56 @@ def walk_for(session: RealSession, seconds: float) -> None:
 
 def main() -> None:
     """Measure and print."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--seconds", type=float, default=60.0, help="600 for the bound's ten minutes")
-    parser.add_argument("--no-perception", action="store_true")
-    parser.add_argument("--json", type=Path)
-    asked = parser.parse_args()
+    asked = arguments()
+    load = saturated_cores() if asked.saturate else contextlib.nullcontext()
     with (
         tempfile.TemporaryDirectory() as folder,
         real_session(Path(folder), perception=not asked.no_perception) as session,
     ):
-        walk_for(session, asked.seconds)
+        with load:
+            walk_for(session, asked.seconds)
         session.send(OperatorKind.ACT, Action.WALK_END)
         snapshot = session.until(lambda s: s.action is None, "the end of the walk")
-    figures = msgspec.structs.asdict(snapshot.lateness)
+        fps = session.perception_fps()
+    show(snapshot, fps)
+    if asked.json:
+        asked.json.write_text(json.dumps(figures_of(snapshot, fps), indent=1) + "\n", encoding="utf-8")
+
+
+def arguments() -> argparse.Namespace:
+    """What the command line asks for."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--seconds", type=float, default=60.0, help="600 for the bound's ten minutes")
+    parser.add_argument("--saturate", action="store_true", help="a process that never rests on every core meanwhile")
+    parser.add_argument("--no-perception", action="store_true")
+    parser.add_argument("--json", type=Path)
+    return parser.parse_args()
+
+
+def show(snapshot: ControlSnapshot, fps: float) -> None:
+    """The figures beside their bounds."""
     real_time = snapshot.real_time
     table = Table("lateness", "value", "bound")
-    for name, value in figures.items():
+    for name, value in msgspec.structs.asdict(snapshot.lateness).items():
         bound = BOUNDS_MS.get(name)
         table.add_row(name, f"{value:.4g}", "" if bound is None else f"≤ {bound:g} {'yes' if value <= bound else 'NO'}")
     table.add_row("SCHED_FIFO / locked / core", f"{real_time.fifo} / {real_time.memory_locked} / {real_time.core}", "")
     table.add_row("steps walked", str(snapshot.steps), "")
+    if fps:
+        table.add_row("perception fps", f"{fps:.1f}", f"≥ {LEAST_FPS:g} {'yes' if fps >= LEAST_FPS else 'NO'}")
     Console().print(table)
-    if asked.json:
-        figures |= {"fifo": real_time.fifo, "memory_locked": real_time.memory_locked, "steps": snapshot.steps}
-        asked.json.write_text(json.dumps(figures, indent=1) + "\n", encoding="utf-8")
+
+
+def figures_of(snapshot: ControlSnapshot, fps: float) -> dict[str, object]:
+    """As --json writes them."""
+    real_time = snapshot.real_time
+    return {
+        **msgspec.structs.asdict(snapshot.lateness),
+        "fifo": real_time.fifo,
+        "memory_locked": real_time.memory_locked,
+        "steps": snapshot.steps,
+        "perception_fps": fps,
+    }
 
 
 if __name__ == "__main__":

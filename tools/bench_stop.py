@@ -1,18 +1,21 @@
 """STOP under load, and what follows a death: measured with real processes, printed as a table or --json FILE.
 
-STOP is pressed in the console's own process while everything else runs; a press counts until the first changed joint
-command has been written. Between presses the legs are brought back and walk again, or step and rest in turn.
+STOP is pressed in the console's own process while everything else runs; a press counts until the first joint command
+that obeys it has been written. It is pressed in every resting state and in the middle of every movement, in turn; in
+between the legs are brought back to standing.
 """
 
 from __future__ import annotations
 
 import argparse
+import contextlib
 import json
 import os
 import signal
 import sys
 import tempfile
 import time
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -28,23 +31,90 @@ from hal.joints.device import load_exoskeleton
 
 sys.path.insert(0, str(Path(__file__).parent.parent))  # run as a script, `tools` is a folder of the tree
 
-from tools.real_session import RealSession, Sniffer, real_session
+from tools.real_session import RealSession, Sniffer, real_session, saturated_cores
 
+MIDDLE = 0.3  # of a movement: STOP is pressed beyond it
 LIMITS_MS = {"stop_p99": 25.0, "console_killed_to_hold": 250.0, "control_killed_to_damping": 50.0}
 
 
-def stops(session: RealSession, presses: int) -> list[float]:
-    """From the key to the first changed joint command, ms, while the legs move."""
-    times_ms = []
-    session.stand()
-    for _ in track(range(presses), description="STOP", disable=not os.isatty(1)):
-        session.send(OperatorKind.ACT, Action.WALK)
-        session.until(lambda s: s.action is Action.WALK and s.progress > 0.1, "a walk")
-        pressed_ns = time.monotonic_ns()
-        session.send(OperatorKind.STOP)
-        times_ms.append((stop_written(session, pressed_ns) - pressed_ns) / 1e6)
-        recover(session)
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Situation:
+    """Where STOP is pressed: after these actions from standing, and in the middle of one more, if any."""
+
+    after: tuple[Action, ...] = ()
+    during: Action | None = None
+
+    @property
+    def name(self) -> str:
+        """For the table."""
+        if self.during is not None:
+            return f"during {self.during.value}"
+        return f"after {self.after[-1].value}" if self.after else "standing"
+
+
+_A = Action
+FIRST_STEP = (_A.STEP_RIGHT_FIRST,)
+SITUATIONS = (
+    Situation(),
+    Situation(after=(_A.SIT_DOWN,)),
+    Situation(after=FIRST_STEP),
+    Situation(after=(*FIRST_STEP, _A.STEP_LEFT)),
+    Situation(during=_A.STEP_RIGHT_FIRST),
+    Situation(after=FIRST_STEP, during=_A.STEP_LEFT),
+    Situation(after=(*FIRST_STEP, _A.STEP_LEFT), during=_A.STEP_RIGHT),
+    Situation(after=FIRST_STEP, during=_A.STEP_END),
+    Situation(during=_A.WALK),
+    Situation(during=_A.STAIR_UP),
+    Situation(during=_A.STAIR_DOWN),
+    Situation(during=_A.OBSTACLE),
+    Situation(during=_A.SIT_DOWN),
+    Situation(after=(_A.SIT_DOWN,), during=_A.STAND_UP),
+)
+WAYS_BACK = (_A.INITIALISE, _A.STAND_UP, _A.STEP_END, _A.STEP_RIGHT)  # to standing, the first that is allowed
+
+
+def stops(session: RealSession, presses: int) -> dict[str, list[float]]:
+    """From the key to the first changed joint command, ms, by situation; the two before there is power come first."""
+    times_ms: dict[str, list[float]] = {}
+    session.send(OperatorKind.CONFIRM_PATIENT)
+    session.until(lambda s: s.patient_confirmed and bool(s.allowed), "readiness")
+    times_ms["unpowered"] = [press(session)]
+    acknowledge(session)
+    session.send(OperatorKind.ACT, Action.INITIALISE)
+    session.until(lambda s: s.action is Action.INITIALISE and s.progress > MIDDLE, "the way to standing")
+    times_ms["during initialise"] = [press(session)]
+    acknowledge(session)
+    for number in track(range(max(0, presses - 2)), description="STOP", disable=not os.isatty(1)):
+        situation = SITUATIONS[number % len(SITUATIONS)]
+        stand(session)
+        go(session, situation)
+        times_ms.setdefault(situation.name, []).append(press(session))
+        acknowledge(session)
     return times_ms
+
+
+def go(session: RealSession, situation: Situation) -> None:
+    """From standing into the situation."""
+    for action in situation.after:
+        act(session, action)
+    if situation.during is not None:
+        session.send(OperatorKind.ACT, situation.during)
+        session.until(lambda s: s.action is situation.during and s.progress > MIDDLE, situation.name)
+
+
+def act(session: RealSession, action: Action) -> None:
+    """Carry one action out to its end."""
+    session.until(lambda s: action in s.allowed, f"leave for {action.value}")
+    session.send(OperatorKind.ACT, action)
+    session.until(lambda s: s.action is action, action.value)
+    session.until(lambda s: s.action is None and bool(s.allowed), f"the end of {action.value}")
+
+
+def press(session: RealSession) -> float:
+    """One STOP: ms until the first command after it has been written."""
+    pressed_ns = time.monotonic_ns()
+    session.send(OperatorKind.STOP)
+    return (stop_written(session, pressed_ns) - pressed_ns) / 1e6
 
 
 def stop_written(session: RealSession, pressed_ns: int) -> int:
@@ -52,13 +122,38 @@ def stop_written(session: RealSession, pressed_ns: int) -> int:
     return session.until(lambda s: s.stop_command_ns > pressed_ns, "the stop").stop_command_ns
 
 
-def recover(session: RealSession) -> None:
-    """Acknowledge, and bring the legs back to standing."""
-    time.sleep(0.2)  # the hold's own time
+def acknowledge(session: RealSession) -> None:
+    """When the legs are held."""
+    session.until(lambda s: s.effect >= Effect.HOLD and s.action is None, "the hold")
     session.send(OperatorKind.ACKNOWLEDGE)
     session.until(lambda s: s.effect < Effect.HOLD and bool(s.allowed), "acknowledgement")
-    session.send(OperatorKind.ACT, Action.INITIALISE)
-    session.until(lambda s: s.state is GaitState.STANDING and s.action is None, "the way back")
+
+
+def stand(session: RealSession) -> None:
+    """From wherever the legs are back to standing; where the way back is refused, by torque off and on again."""
+    while (now := session.until(lambda s: bool(s.allowed), "leave to move")).state is not GaitState.STANDING:
+        back = next(action for action in WAYS_BACK if action in now.allowed)
+        refused = now.refusal_count
+        session.send(OperatorKind.ACT, back)
+        if not granted(session, refused):
+            torque_off(session)
+
+
+def granted(session: RealSession, refusals: int) -> bool:
+    """Whether the action just asked for is carried out, to its end; refusals: how many there had been."""
+    session.until(lambda s: s.action is not None or s.refusal_count > refusals, "an answer")
+    return session.until(lambda s: s.action is None, "the end of the action").refusal_count == refusals
+
+
+def torque_off(session: RealSession) -> None:
+    """STOP twice, torque off when the joints have given way, acknowledge."""
+    session.send(OperatorKind.STOP)
+    session.send(OperatorKind.STOP)
+    session.until(lambda s: s.effect is Effect.DAMP, "giving way")
+    session.send(OperatorKind.TORQUE_OFF)
+    session.until(lambda s: not s.enabled, "torque off")
+    session.send(OperatorKind.ACKNOWLEDGE)
+    session.until(lambda s: s.effect < Effect.HOLD and bool(s.allowed), "acknowledgement")
 
 
 def console_killed(home: Path) -> float:
@@ -96,32 +191,54 @@ def control_killed(home: Path) -> float:
 
 def main() -> None:
     """Measure and print."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--presses", type=int, default=200)
-    parser.add_argument("--kills", type=int, default=5)
-    parser.add_argument("--no-perception", action="store_true", help="without the camera's load beside it")
-    parser.add_argument("--json", type=Path)
-    asked = parser.parse_args()
-    with tempfile.TemporaryDirectory() as folder:
+    asked = arguments()
+    load = saturated_cores() if asked.saturate else contextlib.nullcontext()
+    with tempfile.TemporaryDirectory() as folder, load:
         home = Path(folder)
         with real_session(home, perception=not asked.no_perception) as session:
             times_ms = stops(session, asked.presses)
         console_ms = [console_killed(home) for _ in range(asked.kills)]
         control_ms = [control_killed(home) for _ in range(asked.kills)]
+    every = np.concatenate(list(times_ms.values()))
     rows = {
-        "stop_p50": float(np.percentile(times_ms, 50)),
-        "stop_p99": float(np.percentile(times_ms, 99)),
-        "stop_max": max(times_ms),
-        "console_killed_to_hold": max(console_ms),
-        "control_killed_to_damping": max(control_ms),
+        "stop_p50": float(np.percentile(every, 50)),
+        "stop_p99": float(np.percentile(every, 99)),
+        "stop_max": float(every.max()),
+        **(
+            {"console_killed_to_hold": max(console_ms), "control_killed_to_damping": max(control_ms)}
+            if console_ms
+            else {}
+        ),
     }
+    show(times_ms, rows)
+    if asked.json:
+        written = {"presses": len(every), **rows, "worst_by_state": {name: max(ms) for name, ms in times_ms.items()}}
+        asked.json.write_text(json.dumps(written, indent=1) + "\n", encoding="utf-8")
+
+
+def arguments() -> argparse.Namespace:
+    """What the command line asks for."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--presses", type=int, default=200)
+    parser.add_argument("--kills", type=int, default=5)
+    parser.add_argument("--saturate", action="store_true", help="a process that never rests on every core meanwhile")
+    parser.add_argument("--no-perception", action="store_true", help="without the camera's load beside it")
+    parser.add_argument("--json", type=Path)
+    return parser.parse_args()
+
+
+def show(times_ms: dict[str, list[float]], rows: dict[str, float]) -> None:
+    """The figures beside their bounds, and the worst press of every state."""
+    states = Table("STOP pressed", "times", "worst ms")
+    for name, found in times_ms.items():
+        states.add_row(name, str(len(found)), f"{max(found):.1f}")
     table = Table("measure", "ms", "bound")
     for name, value in rows.items():
         bound = LIMITS_MS.get(name)
         table.add_row(name, f"{value:.1f}", "" if bound is None else f"≤ {bound:g} {'yes' if value <= bound else 'NO'}")
-    Console().print(table)
-    if asked.json:
-        asked.json.write_text(json.dumps({"presses": len(times_ms), **rows}, indent=1) + "\n", encoding="utf-8")
+    console = Console()
+    console.print(states)
+    console.print(table)
 
 
 if __name__ == "__main__":

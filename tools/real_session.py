@@ -9,6 +9,8 @@ import multiprocessing
 import os
 import shutil
 import signal
+import subprocess
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -26,7 +28,7 @@ from app.control.patient import patient_of
 from app.control.preflight import run_preflight
 from app.control.states import Action, GaitState
 from app.links import LatestReceiver, address
-from app.messages import ControlSnapshot, GuardianHealth, Heartbeat, OperatorKind
+from app.messages import ControlSnapshot, GuardianHealth, Heartbeat, OperatorKind, TriggerReport
 from app.paths import Home, find_home
 from app.setup import SessionSetup
 from hal.joints.bus import open_bus
@@ -76,10 +78,13 @@ class RealSession:
         self._snapshots = LatestReceiver(address(self.setup.links, processes.SNAPSHOT.name), ControlSnapshot)
         self._heartbeats = LatestReceiver(address(self.setup.links, processes.HEARTBEAT.name), Heartbeat)
         self._guardian = LatestReceiver(address(self.setup.links, processes.GUARDIAN.name), GuardianHealth)
+        self._reports = LatestReceiver(address(self.setup.links, processes.TRIGGER.name), TriggerReport)
         self.snapshot: ControlSnapshot | None = None
         self.heartbeat: Heartbeat | None = None
         self.guardian: GuardianHealth | None = None
         self.effects: list[tuple[int, str]] = []  # when the effect became another one
+        self.first_report: TriggerReport | None = None
+        self.report: TriggerReport | None = None
 
     def send(self, kind: OperatorKind, action: Action | None = None) -> None:
         """The operator's word."""
@@ -89,12 +94,22 @@ class RealSession:
         """Take the newest of everything."""
         self.heartbeat = self._heartbeats.receive() or self.heartbeat
         self.guardian = self._guardian.receive() or self.guardian
+        report = self._reports.receive()
+        if report is not None:
+            self.report, self.first_report = report, self.first_report or report
         snapshot = self._snapshots.receive(wait_s)
         if snapshot is not None:
             self.snapshot = snapshot
             name = snapshot.effect.name
             if not self.effects or self.effects[-1][1] != name:
                 self.effects.append((snapshot.at_ns, name))
+
+    def perception_fps(self) -> float:
+        """Frames a second that perception has judged since its first report, by their capture; 0 without perception."""
+        first, last = self.first_report, self.report
+        if first is None or last is None or last.captured_ns <= first.captured_ns:
+            return 0.0
+        return (last.sequence - first.sequence) / ((last.captured_ns - first.captured_ns) / 1e9)
 
     def until(self, wanted: Callable[[ControlSnapshot], bool], what: str = "") -> ControlSnapshot:
         """Look until control says so. Raises TimeoutError naming what did not come."""
@@ -149,7 +164,7 @@ class RealSession:
                 with suppress(ProcessLookupError):
                     os.kill(pid, signal.SIGCONT)
                     os.kill(pid, signal.SIGKILL)
-        for link in (self._snapshots, self._heartbeats, self._guardian):
+        for link in (self._snapshots, self._heartbeats, self._guardian, self._reports):
             link.close()
         self._words.close()
         shutil.rmtree(self.setup.links, ignore_errors=True)
@@ -188,6 +203,19 @@ class Sniffer:
                 # the kernel's time of arrival: this thread may be late on a busy machine
                 age_ns = max(0, time.time_ns() - int(message.timestamp * 1e9))
                 self.frames.append((time.monotonic_ns() - age_ns, message.arbitration_id, bytes(message.data)))
+
+
+@contextmanager
+def saturated_cores() -> Iterator[None]:
+    """Every core kept busy by a process that does nothing else, at a user's ordinary priority."""
+    burn = [sys.executable, "-c", "while True: pass"]
+    burners = [subprocess.Popen(burn) for _ in range(os.cpu_count() or 1)]
+    try:
+        yield
+    finally:
+        for burner in burners:
+            burner.kill()
+            burner.wait()
 
 
 def _lives(pid: int) -> bool:
