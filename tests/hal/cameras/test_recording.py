@@ -137,6 +137,15 @@ def test_a_realsense_recording_cut_in_half_is_refused_by_name(kept: Kept, tmp_pa
         open_camera("realsense", device=str(tmp_path / "none.bag")).open()
 
 
+@pytest.mark.parametrize("share", [0.2, 0.5, 0.9])
+def test_a_recording_by_librealsense_that_was_cut_is_refused_by_name(kept: Kept, tmp_path: Path, share: float) -> None:
+    whole = kept.realsense.read_bytes()
+    cut = tmp_path / "cut.db3"
+    cut.write_bytes(whole[: int(share * len(whole))])
+    with pytest.raises(HardwareError, match=r"cut\.db3 can't be started.*whole"):
+        open_camera("realsense", device=str(cut)).open()
+
+
 def test_pictures_of_another_size_than_the_first_are_refused(kept: Kept, tmp_path: Path) -> None:
     folder = Path(shutil.copytree(kept.folder, tmp_path / "mixed"))
     import cv2
