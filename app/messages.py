@@ -11,7 +11,7 @@ from enum import Enum
 from msgspec import Struct
 
 from app.control.states import Action, Effect, GaitState, Source
-from kgdfa.hand import Gesture
+from kgdfa.gesture import Gesture
 
 Quad = tuple[float, float, float, float]  # in the order of hal.joints.joints.Joint
 
@@ -59,6 +59,7 @@ class TriggerReport(Struct, frozen=True, kw_only=True, tag="trigger"):
     released_captured_ns: int = 0  # capture of the frame that released
     cancel_count: int = 0
     cancel_reason: str = ""
+    press_hint: str = ""  # why a hand that is near does not press
     fps: float = 0.0
     camera: str = ""
     camera_fault: str = ""  # a sentence while the camera gives nothing

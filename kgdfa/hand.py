@@ -8,6 +8,8 @@ from enum import Enum, IntEnum
 import numpy as np
 from numpy.typing import NDArray
 
+from kgdfa.gesture import Gesture as Gesture  # noqa: PLC0414 - exported again: everybody looks for it here
+
 FloatArray = NDArray[np.float64]
 
 
@@ -43,23 +45,6 @@ class Side(Enum):
 
     LEFT = "left"
     RIGHT = "right"
-
-
-class Gesture(Enum):
-    """The paper's twelve gestures (Table 1). "None of them" is Python's None."""
-
-    ZERO = "0"
-    ONE = "1"
-    TWO = "2"
-    THREE = "3"
-    FOUR = "4"
-    FIVE = "5"
-    SIX = "6"
-    SEVEN = "7"
-    EIGHT = "8"
-    NINE = "9"
-    LOVE = "love"
-    ROCK = "rock"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -8,10 +8,9 @@ adults (men 81.4 and 81.8 mm, women 72.6 and 72.4 mm, left and right) and the As
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from bisect import bisect_right
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-
-import numpy as np
 
 from profiles.schema import Population, Sex
 
@@ -90,7 +89,7 @@ def limb_lengths(stature_m: float) -> LimbLengths:
 
 def stature_percentile(sex: Sex, stature_m: float) -> float:
     """Where a stature stands in GB 10000-88, 1 to 99."""
-    return float(np.interp(stature_m * 1000, GB_STATURE_MM[sex], PERCENTILES))
+    return _between(stature_m * 1000, GB_STATURE_MM[sex], PERCENTILES)
 
 
 def _gb10000_88(sex: Sex, stature_mm: float) -> tuple[float, float]:
@@ -101,7 +100,7 @@ def _gb10000_88(sex: Sex, stature_mm: float) -> tuple[float, float]:
     breadth = GB_HAND_BREADTH_MM[sex]
     own_sd = (breadth[5] - breadth[1]) / (2 * _Z95)
     error = own_sd * math.sqrt(2 - 2 * STATURE_BREADTH_CORRELATION)
-    return float(np.interp(stature_mm, GB_STATURE_MM[sex], breadth)), error
+    return _between(stature_mm, GB_STATURE_MM[sex], breadth), error
 
 
 def _ansur2(sex: Sex, stature_mm: float) -> tuple[float, float]:
@@ -113,3 +112,11 @@ _MODELS: dict[Population, Callable[[Sex, float], tuple[float, float]]] = {
     Population.GB10000_88: _gb10000_88,
     Population.ANSUR2: _ansur2,
 }
+
+
+def _between(x: float, xs: Sequence[float], ys: Sequence[float]) -> float:
+    """Linear between the points, held beyond the ends."""
+    x = min(max(x, xs[0]), xs[-1])
+    right = min(max(bisect_right(xs, x), 1), len(xs) - 1)
+    share = (x - xs[right - 1]) / (xs[right] - xs[right - 1])
+    return ys[right - 1] + share * (ys[right] - ys[right - 1])

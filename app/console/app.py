@@ -33,6 +33,7 @@ from app.console.signin import LockScreen, SignInDialog
 from app.console.stop import with_stop
 from app.console.themes import THEME_NAMES, THEMES
 from app.host import SessionHost
+from app.operators import needs_sign_in
 from app.paths import Home
 from logs.records import SignOut
 from profiles.schema import Profile
@@ -89,7 +90,8 @@ class ConsoleApp(SessionFlow):
         self.set_keymap(self.config.keys)
         self._end_on_signals()
         self.set_interval(TICK_S, self._tick)
-        await self.push_screen(PatientsScreen())
+        if self._profile is None or needs_sign_in(self.config):
+            await self.push_screen(PatientsScreen())
         if self._profile is not None:
             await self.begin_signed_in(self._profile, self.config)
 

@@ -11,10 +11,17 @@ from rich.segment import Segment
 from rich.style import Style
 from textual.strip import Strip
 
+from app.messages import Preview
+
 Pixels = NDArray[np.uint8]  # (height, width, 3) RGB
 
 _INK = " .:-=+*#%@"
 _KEEP = 0xF8  # five bits a channel: neighbours merge, styles repeat, and the eye can't tell in a cell
+
+
+def pixels_of(preview: Preview) -> Pixels:
+    """The preview's bytes as an array."""
+    return np.frombuffer(preview.rgb, np.uint8).reshape(preview.height_px, preview.width_px, 3)
 
 
 def fit(width_px: int, height_px: int, columns: int, rows: int) -> tuple[int, int]:

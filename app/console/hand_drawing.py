@@ -7,7 +7,7 @@ from enum import Enum
 from itertools import pairwise
 
 from app.console.braille import Braille
-from kgdfa.hand import Gesture
+from kgdfa.gesture import Gesture
 
 
 class Posture(Enum):

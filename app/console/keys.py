@@ -8,7 +8,7 @@ from textual.binding import Binding
 
 from app.errors import AppError
 from app.messages import HandCommand
-from kgdfa.hand import Gesture
+from kgdfa.gesture import Gesture
 
 
 def _key(id: str, key: str, action: str, *, show: bool = True, priority: bool = False) -> Binding:  # noqa: A002

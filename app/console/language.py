@@ -11,6 +11,7 @@ from app.errors import AppError
 
 _LOCALES = Path(__file__).with_name("locales")
 _current: dict[str, str] = {}
+_code = "en"
 
 
 def languages() -> dict[str, str]:
@@ -18,13 +19,18 @@ def languages() -> dict[str, str]:
     return {path.stem: words_of(path.stem)["language.name"] for path in sorted(_LOCALES.glob("*.toml"))}
 
 
-def use_language(code: str) -> None:
+def use_language(wanted: str) -> None:
     """Speak this language from now on. Raises AppError naming those that exist."""
-    global _current
-    if not (_LOCALES / f"{code}.toml").exists():
+    global _code, _current
+    if not (_LOCALES / f"{wanted}.toml").exists():
         known = ", ".join(sorted(path.stem for path in _LOCALES.glob("*.toml")))
-        raise AppError(f"There is no language {code!r}; set `language` in the configuration to one of {known}.")
-    _current = words_of(code)
+        raise AppError(f"There is no language {wanted!r}; set `language` in the configuration to one of {known}.")
+    _code, _current = wanted, words_of(wanted)
+
+
+def code() -> str:
+    """The language that is spoken."""
+    return _code
 
 
 def tr(name: str, /, **values: object) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from importlib import import_module
 
 from textual.app import App
 from textual.screen import Screen
@@ -169,9 +170,11 @@ class SessionFlow(App[None]):
     async def _start(self, live: Live) -> None:
         try:
             await asyncio.to_thread(live.start)
-            if not self.read_only:
+            if not self.read_only and self.live is live:  # it may have been closed meanwhile
                 self.trail.open(live.host.setup)
                 share(self.home, live.host.setup)
+            # numpy: loaded while the camera starts, neither before the first paint nor when the picture comes
+            await asyncio.to_thread(import_module, "app.console.halfblock")
         except USER_ERRORS as error:
             live.failed(str(error))
 

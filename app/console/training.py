@@ -13,6 +13,7 @@ from textual.widgets import Label, Static
 from app.console import keys
 from app.console.hand_drawing import differences, draw_hand
 from app.console.language import tr
+from app.console.sentences import sentence
 from app.console.session.distance import DistancePanel
 from app.console.session.gesture import GesturePanel
 from app.console.session.hand_keys import HandKeys
@@ -21,7 +22,7 @@ from app.console.session.picture import Picture
 from app.console.session.state import SessionState
 from app.console.session.words import action_of, gesture_name
 from app.messages import PerceptionCommand, TriggerReport
-from kgdfa.hand import Gesture
+from kgdfa.gesture import Gesture
 
 LESSONS = tuple(Gesture)
 PICTURE_HZ = 12.0
@@ -60,7 +61,7 @@ def feedback(lesson: Lesson, report: TriggerReport | None) -> Lines:
     if report.gesture is target:
         return (plain(tr("training.push"), "bold $success"),)
     if report.raw_gesture is None or report.raw_gesture is target:
-        return (plain(report.explanation or tr("training.hold"), "$warning"),)
+        return (plain(sentence(report.explanation) or tr("training.hold"), "$warning"),)
     wrong = differences(target, report.raw_gesture)
     return tuple(plain(f"✗ {tr(f'finger.{name}')}: {tr(f'posture.{want.value}')}", "$warning") for name, want in wrong)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from enum import Enum, IntEnum
 
-from kgdfa.hand import Gesture
+from kgdfa.gesture import Gesture
 
 
 class GaitState(Enum):

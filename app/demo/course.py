@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from app.control.states import GaitState
-from kgdfa.hand import Gesture
+from kgdfa.gesture import Gesture
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

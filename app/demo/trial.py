@@ -11,7 +11,7 @@ import numpy as np
 
 from app.control.states import Action, GaitState
 from app.messages import ActionReport
-from kgdfa.hand import Gesture
+from kgdfa.gesture import Gesture
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -79,6 +79,8 @@ class Perception:
         while not self._ending and os.getppid() == self._setup.console_pid:
             self._obey()
             frame = self._camera.read(time.monotonic(), FRAME_TIMEOUT_S)
+            if frame is not None or self._camera.fault:  # while there is no camera, there is time to load
+                self._detector.begin()
             if frame is None:
                 self._say(None, self._last_captured_ns)
                 if self._camera.fault:  # a closed camera answers at once; ten reports a second tell as much

@@ -70,6 +70,7 @@ def to_message(report: Report | None, around: Surroundings, captured_ns: int) ->
         released_captured_ns=button.released_captured_ns,
         cancel_count=button.cancel_count,
         cancel_reason=button.cancel_reason,
+        press_hint=button.hint,
         fps=around.fps,
         camera=around.camera,
         camera_fault=around.camera_fault,

@@ -7,22 +7,15 @@ joint (after gear, sign and offset).
 from __future__ import annotations
 
 from dataclasses import dataclass
-from enum import Enum, Flag, IntEnum, auto
+from enum import Enum, Flag, auto
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from hal.joints.names import Joint as Joint  # noqa: PLC0414 - exported again: everybody looks for it here
+
 JointArray = NDArray[np.float64]  # (4,), in the order of Joint
-
-
-class Joint(IntEnum):
-    """The four driven joints, and their index in every (4,) array."""
-
-    LEFT_HIP = 0
-    LEFT_KNEE = 1
-    RIGHT_HIP = 2
-    RIGHT_KNEE = 3
 
 
 class DriveState(Enum):

@@ -5,6 +5,7 @@ from __future__ import annotations
 from textual.message import Message
 
 from app.console.language import tr
+from app.console.sentences import sentence
 from app.console.session.panel import Line, Lines, plain
 from app.console.session.state import SessionState
 from app.console.session.state_panel import StatePanel
@@ -18,7 +19,7 @@ def describe(state: SessionState) -> Lines:
         return (plain(tr("events.waiting"), "$text-muted"),)
     lines = tuple(_line(event, state.now_ns) for event in state.events)
     if state.snapshot.refusal:
-        lines = (*lines, plain(tr("events.refused", reason=state.snapshot.refusal), "$warning"))
+        lines = (*lines, plain(tr("events.refused", reason=sentence(state.snapshot.refusal)), "$warning"))
     return lines or (plain(tr("events.none"), "$text-muted"),)
 
 

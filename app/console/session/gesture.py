@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from app.console.language import tr
+from app.console.sentences import sentence
 from app.console.session.panel import Lines, bar, plain
 from app.console.session.state import SessionState
 from app.console.session.state_panel import StatePanel
@@ -20,8 +21,9 @@ def describe(state: SessionState) -> Lines:
     if not state.report_fresh:
         return (plain(tr("gesture.stale"), "bold $error"),)
     if report.camera_fault:
-        return (plain(tr("gesture.no_picture"), "bold $error"), plain(report.camera_fault))
-    return (_headline(report), _votes(report), plain(report.hint or report.explanation, "$text-muted"))
+        return (plain(tr("gesture.no_picture"), "bold $error"), plain(sentence(report.camera_fault)))
+    why = report.hint or (report.explanation if report.gesture is None else "")
+    return (_headline(report), _votes(report), plain(sentence(why), "$text-muted"))
 
 
 def _headline(report: TriggerReport) -> tuple[tuple[str, str], ...]:

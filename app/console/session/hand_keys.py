@@ -5,7 +5,7 @@ from __future__ import annotations
 from app.console import keys
 from app.console.base import ConsoleScreen
 from app.messages import HandCommand, HandPose
-from kgdfa.hand import Gesture
+from kgdfa.gesture import Gesture
 
 
 class HandKeys(ConsoleScreen):

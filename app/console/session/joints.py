@@ -12,7 +12,7 @@ from app.console.session.state import SessionState
 from app.console.session.state_panel import StatePanel
 from app.messages import JointSnapshot
 from hal.joints.device import JointDevice, load_exoskeleton
-from hal.joints.joints import Joint
+from hal.joints.names import Joint
 
 _STALE_MS = 100.0
 _SPARKS = "▁▂▃▄▅▆▇█"

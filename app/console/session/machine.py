@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from app.console.language import tr
+from app.console.sentences import sentence
 from app.console.session.panel import Line, Lines, bar, cells, padded, plain
 from app.console.session.state import SessionState
 from app.console.session.state_panel import StatePanel
@@ -32,16 +33,24 @@ def describe(state: SessionState, width: int, height: int) -> Lines:
         return (plain(state.fault or tr("machine.waiting"), "bold $error" if state.fault else "$text-muted"),)
     drawn = height >= len(_ROWS) + 2 and width >= 72
     body = tuple(_row(row, snapshot) for row in _ROWS) if drawn else _allowed(snapshot, width, height - 1)
-    return (_now(snapshot, width), *((plain(""),) if drawn else ()), *body)
+    return (_now(snapshot, width), *((plain(""),) if drawn else ()), *_why_not(snapshot), *body)
 
 
 def _now(snapshot: ControlSnapshot, width: int) -> Line:
     head = (f" ● {state_name(snapshot.state)} ", "bold reverse $primary")
     if snapshot.action is None:
-        return (head, ("  " + (snapshot.why_not if not snapshot.allowed else ""), "$warning"))
+        return (head,)
     share = bar(snapshot.progress, max(6, min(20, width - 50)))
     latched = f"  {tr('machine.pending', action=action_name(snapshot.pending))}" if snapshot.pending else ""
     return (head, (f" ▸ {action_name(snapshot.action)} ", "bold $accent"), (share, "$accent"), (latched, "$warning"))
+
+
+def _why_not(snapshot: ControlSnapshot) -> Lines:
+    """Why nothing is allowed, unless an event beside says the same."""
+    if snapshot.allowed or snapshot.action is not None or not snapshot.why_not:
+        return ()
+    told = any(event.present and event.text == snapshot.why_not for event in snapshot.events)
+    return () if told else (plain(f" {sentence(snapshot.why_not)}", "$warning"),)
 
 
 def _allowed(snapshot: ControlSnapshot, width: int, height: int) -> Lines:

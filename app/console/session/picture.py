@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import numpy as np
+from rich.segment import Segment
 from rich.style import Style
 from textual.message import Message
 from textual.strip import Strip
 from textual.widget import Widget
 
-from app.console.halfblock import fit, resample, to_letters, to_strips
 from app.console.language import tr
 from app.console.session.state import SessionState
 from app.messages import Preview
@@ -73,8 +72,6 @@ class Picture(Widget):
     def _message(self, y: int, width: int, style: Style) -> Strip:
         if y != self.size.height - 1 and y != self.size.height // 2:
             return Strip.blank(width, style)
-        from rich.segment import Segment
-
         return Strip([Segment(self._said[:width].center(width), style)]).adjust_cell_length(width, style)
 
     def _words(self, state: SessionState) -> str:
@@ -87,10 +84,11 @@ class Picture(Widget):
         return ""
 
     def _draw(self, preview: Preview) -> list[Strip]:
-        pixels = np.frombuffer(preview.rgb, np.uint8).reshape(preview.height_px, preview.width_px, 3)
-        width, height = fit(preview.width_px, preview.height_px, self.size.width, self.size.height)
+        from app.console import halfblock  # numpy: not before the first paint
+
+        width, height = halfblock.fit(preview.width_px, preview.height_px, self.size.width, self.size.height)
         self._indent = (self.size.width - width) // 2
-        small = resample(pixels, width, height)
+        small = halfblock.resample(halfblock.pixels_of(preview), width, height)
         if self.app.console.color_system is None or self.app.no_color:
-            return to_letters(small)
-        return to_strips(small)
+            return halfblock.to_letters(small)
+        return halfblock.to_strips(small)

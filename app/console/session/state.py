@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+from app.console.session.push import NOTHING_PUSHED, PushNote, note
 from app.control.states import Effect
 from app.host import Latest, ProcessStatus
 from app.messages import ActiveEvent, AuditHealth, ControlSnapshot, Preview, TriggerReport
@@ -23,6 +24,7 @@ class SessionState:
     preview: Preview | None = None
     audit: AuditHealth | None = None
     processes: tuple[ProcessStatus, ...] = ()
+    push: PushNote = NOTHING_PUSHED
     fault: str = ""  # why the session could not start
 
     @property
@@ -67,4 +69,5 @@ def fold(state: SessionState, latest: Latest, now_ns: int) -> SessionState:
         preview=latest.preview or state.preview,
         audit=latest.audit or state.audit,
         processes=latest.processes,
+        push=state.push if latest.report is None else note(state.push, latest.report, now_ns),
     )

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from app.console.language import knows, tr
+from app.console.language import tr
+from app.console.sentences import event_words
 from app.control.states import ACTION_OF, GESTURE_OF, Action, Effect, GaitState
 from app.messages import ActiveEvent
-from kgdfa.hand import Gesture
+from kgdfa.gesture import Gesture
 
 # ○ a fist, ☝ and so on would need wide characters, which terminals measure differently: fingers as strokes,
 # thumb first, up is open, low is folded, ? is hooked.
@@ -63,6 +64,5 @@ def effect_name(effect: Effect) -> str:
 
 
 def event_text(event: ActiveEvent) -> str:
-    """The event in the therapist's language where it has words for it, else in control's own."""
-    name = f"event.{event.name.replace(' ', '_').replace('-', '_').lower()}"
-    return tr(name) if knows(name) else event.text
+    """The event in the therapist's language, with its numbers."""
+    return event_words(event.name, event.text)

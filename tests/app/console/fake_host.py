@@ -23,7 +23,7 @@ from app.messages import (
     TriggerReport,
 )
 from app.setup import SessionSetup
-from kgdfa.hand import Gesture
+from kgdfa.gesture import Gesture
 
 ALLOWED_STANDING = (
     Action.STEP_RIGHT_FIRST,

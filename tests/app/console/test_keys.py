@@ -8,7 +8,7 @@ from app.config import Config
 from app.console import keys
 from app.errors import AppError
 from app.messages import OperatorKind
-from kgdfa.hand import Gesture
+from kgdfa.gesture import Gesture
 from tests.app.console.conftest import Opener
 
 

@@ -18,7 +18,7 @@ from app.console.patients.fields import FIELDS, SECTIONS
 from app.control.states import Action, Effect, GaitState
 from app.errors import AppError
 from hal.joints.joints import Joint
-from kgdfa.hand import Gesture
+from kgdfa.gesture import Gesture
 
 CODES = tuple(languages())
 

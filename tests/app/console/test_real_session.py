@@ -18,7 +18,7 @@ from app.control.states import Action, Effect, GaitState
 from app.messages import ControlSnapshot, TriggerReport
 from app.model import find_model
 from app.paths import Home, find_home
-from kgdfa.hand import Gesture
+from kgdfa.gesture import Gesture
 from logs.read import session_paths
 from profiles.schema import DEMO_PATIENT
 from tests.app.console.conftest import Console, wait_until

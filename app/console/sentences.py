@@ -1,0 +1,89 @@
+"""Sentences that control and perception say in English, in the therapist's language.
+
+Events are found by their name, every other sentence by its pattern: `{…}` stands for numbers, which are kept, or for
+an action, a state or a gesture, whose own words are put in. What the language file has not is shown as it was said:
+an English sentence helps more than none. The files are `locales/sentences/<language>.toml`; English has none.
+"""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+from app.console.language import code, tr
+from app.control.states import Action, GaitState
+
+_FOLDER = Path(__file__).with_name("locales") / "sentences"
+_HOLE = re.compile(r"\\\{(\w+)\\\}")
+_DETAIL = re.compile(r"\s*\(([^()]*)\)$")
+
+
+@dataclass(frozen=True, slots=True)
+class _Catalogue:
+    """Of one language: events by name, other sentences by pattern."""
+
+    events: dict[str, str]
+    patterns: tuple[tuple[re.Pattern[str], str], ...]
+
+
+def event_words(name: str, said: str) -> str:
+    """An event by its name; the numbers in brackets at the end of what control said are kept."""
+    words = _catalogue(code()).events.get(name)
+    if words is None:
+        return said
+    detail = _DETAIL.search(said)
+    return f"{words} ({sentence(detail[1])})" if detail else words
+
+
+def sentence(said: str) -> str:
+    """A refusal, a hint, a reason: in the therapist's language where it is known."""
+    catalogue = _catalogue(code())
+    for pattern, words in catalogue.patterns:
+        found = pattern.fullmatch(said)
+        if found is not None:
+            return words.format(**{name: _term(name, value) for name, value in found.groupdict().items()})
+    return _event_by_sentence(catalogue, said)
+
+
+def _event_by_sentence(catalogue: _Catalogue, said: str) -> str:
+    """A refusal that quotes an event of control."""
+    if not catalogue.events:
+        return said
+    detail = _DETAIL.search(said)
+    name = _event_names().get(_DETAIL.sub("", said))
+    if name is None or name not in catalogue.events:
+        return said
+    return catalogue.events[name] + (f" ({sentence(detail[1])})" if detail else "")
+
+
+def _term(name: str, value: str) -> str:
+    for kind, prefix in ((Action, "action"), (GaitState, "state")):
+        if name.startswith(prefix):
+            for one in kind:
+                if one.value == value:
+                    return tr(f"{prefix}.{one.name.lower()}")
+    return value
+
+
+@cache
+def _catalogue(language: str) -> _Catalogue:
+    path = _FOLDER / f"{language}.toml"
+    if not path.exists():
+        return _Catalogue({}, ())
+    read = tomllib.loads(path.read_text(encoding="utf-8"))
+    patterns = tuple((_pattern(str(one["said"])), str(one["words"])) for one in read["sentence"])
+    return _Catalogue({str(name): str(words) for name, words in read["event"].items()}, patterns)
+
+
+def _pattern(said: str) -> re.Pattern[str]:
+    return re.compile(_HOLE.sub(r"(?P<\1>.+?)", re.escape(said)))
+
+
+@cache
+def _event_names() -> dict[str, str]:
+    from app.control.events import TABLE  # its facts bring numpy: only for who needs it
+
+    return {row.text: row.event.value for row in TABLE}
