@@ -123,7 +123,7 @@ def gather(inputs: Inputs, heard: Heard, standing: Standing, settings: Settings)
         missed_ticks=inputs.missed_ticks,
         slept_s=heard.slept_ns / 1e9,
         clock_step_s=heard.clock_step_ns / 1e9,
-        joint_age_ms=_age_ms(now_ns, oldest_ns),
+        joint_age_ms=_age_ms(now_ns - heard.unasked_ns, oldest_ns),
         drive_faults=_union(feedback.faults),
         drive_detail=feedback.detail or _silent(feedback),
         drive_error=inputs.drive_error,

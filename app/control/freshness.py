@@ -26,6 +26,8 @@ class Heard:
     audit_ns: int
     guardian: GuardianHealth | None = None
     guardian_ns: int
+    resumed_ns: int = 0  # when control last came back from missed ticks
+    unasked_ns: int = 0  # for how long it asked no drive, of the time since the oldest answer
     clock_offset_ns: int  # wall minus monotonic
     sleep_ns: int  # boot time minus monotonic: how long the host has slept
     clock_step_ns: int = 0  # in this tick
@@ -68,6 +70,8 @@ def listen(heard: Heard, inputs: Inputs) -> Heard:
         audit_ns=now_ns if inputs.audit else heard.audit_ns,
         guardian=inputs.guardian or heard.guardian,
         guardian_ns=now_ns if inputs.guardian else heard.guardian_ns,
+        resumed_ns=now_ns if inputs.missed_ticks else heard.resumed_ns,
+        unasked_ns=_unasked_ns(heard, inputs),
         clock_offset_ns=offset_ns,
         sleep_ns=sleep_ns,
         clock_step_ns=offset_ns - heard.clock_offset_ns,
@@ -75,6 +79,13 @@ def listen(heard: Heard, inputs: Inputs) -> Heard:
         was_powered=heard.powered,
         powered=_powered(heard.powered, inputs.feedback.state),
     )
+
+
+def _unasked_ns(heard: Heard, inputs: Inputs) -> int:
+    """Drives answer commands: while control misses ticks, their silence is not theirs. It counts on afterwards."""
+    all_since_resumed = int(inputs.feedback.measured_ns.min()) > heard.resumed_ns
+    before_ns = 0 if all_since_resumed else heard.unasked_ns
+    return before_ns + (inputs.late_ns if inputs.missed_ticks else 0)
 
 
 def release_in(heard: Heard, report: TriggerReport | None, now_ns: int) -> Release | None:

@@ -10,6 +10,7 @@ import pytest
 
 from app.control.events import LINGER_NS, ROW, TABLE, Event, Latch
 from app.control.follow import Mode
+from app.control.memory import Memory
 from app.control.states import Action, Effect, GaitState, Source
 from app.messages import OperatorKind
 from hal.joints.guard import Quantity, Refusal
@@ -34,6 +35,11 @@ class Cause:
 def spoil(**fields: object) -> Callable[[Rig], None]:
     """Fields of the inputs, for one tick."""
     return lambda rig: rig.spoil.update(fields)
+
+
+def names_in(memory: Memory) -> set[str]:
+    """The events of a tick."""
+    return {one.event.value for one in memory.active}
 
 
 def joints(**fields: object) -> Callable[[Rig], None]:
@@ -376,6 +382,36 @@ def test_a_silent_joint_counts_within_twenty_milliseconds() -> None:
     rig.tick(7)
     assert E.JOINT_SILENT.value not in rig.events()
     rig.tick(2)
+    assert E.JOINT_SILENT.value in rig.events()
+
+
+def stall(rig: Rig, ms: int) -> None:
+    """Control misses so many milliseconds; no drive is asked meanwhile."""
+    rig.now_ns += ms * 1_000_000
+    rig.spoil.update(late_ns=ms * 1_000_000, missed_ticks=ms // 2)
+
+
+def test_drives_that_nobody_asked_are_not_called_silent() -> None:
+    rig = standing()
+    rig.joints.silent = True
+    stall(rig, 14)
+    rig.tick(2)  # the answer to the first command after it may take longer than until the next tick
+    rig.joints.silent = False
+    rig.tick(20)
+    assert E.JOINT_SILENT.value not in {event for memory, _ in rig.history for event in names_in(memory)}
+    rig.joints.silent = True
+    rig.tick(9)
+    assert E.JOINT_SILENT.value in rig.events(), "what was excused once is not excused again"
+
+
+@pytest.mark.parametrize("stalls", [1, 2, 3])
+def test_missed_ticks_only_put_off_the_silence_of_a_drive(stalls: int) -> None:
+    rig = standing()
+    rig.joints.silent = True
+    for _ in range(stalls):
+        stall(rig, 14)
+        rig.tick(1)
+    rig.tick(9 - stalls)
     assert E.JOINT_SILENT.value in rig.events()
 
 
