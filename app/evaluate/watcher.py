@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
+from multiprocessing.util import Finalize
 from pathlib import Path
 from typing import TypeVar
 
@@ -76,7 +77,10 @@ def spread(
 
 def _begin(model: Path) -> None:
     cv2.setNumThreads(1)
-    _watcher.append(Watcher(HandDetector(model)))
+    detector = HandDetector(model)
+    # MediaPipe can't free its model any more once the interpreter winds up its threads.
+    Finalize(None, detector.close, exitpriority=1)
+    _watcher.append(Watcher(detector))
 
 
 def _do(work: Work[Piece, Result], piece: Piece) -> Result:
