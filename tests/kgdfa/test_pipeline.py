@@ -64,6 +64,21 @@ def test_flips_blur_and_two_lost_frames_do_not_end_a_gesture() -> None:
     assert {report.gesture for report in reports[2:]} == {Gesture.TWO}
 
 
+def at_edge(gesture: Gesture, off_px: float) -> tuple[Hand]:
+    """A hand moved to the left; from about 330 px on its thumb is out of the picture."""
+    return (drawn_hand(STATES[gesture], at_px=(-off_px, 0.0)),)
+
+
+def test_a_hand_partly_out_of_the_picture_keeps_its_gesture() -> None:
+    leaving = [at_edge(Gesture.FIVE, off_px) for off_px in (0, 0, 0, 100, 200, 300, 400, 400, 400, 300)]
+    assert {report.gesture for report in run(leaving)[2:]} == {Gesture.FIVE}
+
+
+def test_a_hand_entering_at_the_edge_is_judged_when_it_is_whole() -> None:
+    entering = [at_edge(Gesture.FIVE, off_px) for off_px in (450, 450, 450, 400, 350, 300, 250, 200, 150)]
+    assert [report.gesture for report in run(entering)] == [None] * 7 + [Gesture.FIVE] * 2
+
+
 def test_a_second_hand_neither_steals_nor_adds_votes() -> None:
     two, other = shown(Gesture.TWO), drawn_hand(STATES[Gesture.FIVE], at_px=(600.0, 0.0))
     reports = run([(two,)] * 3 + [(other, two)] * 5)
