@@ -7,7 +7,7 @@ from hal.joints.joints import DriveFault
 # Wrong tables differ by about two (AK80-9: 50, 25.64, 22.5 rad/s), so a factor of 1.6 separates them from noise.
 _RATIO_LOW, _RATIO_HIGH = 1 / 1.6, 1.6
 _SPAN_NS = 40_000_000  # one comparison covers this much time: many quanta of position
-_GAP_NS = 100_000_000  # after a longer silence the integral says nothing
+_GAP_NS = 12_000_000  # over a longer silence the velocity may have swung: the integral says nothing
 _LEAST_TRAVEL_RAD = 0.02  # of one comparison, at the motor
 _ENOUGH_RAD = 0.3  # compared in all before a verdict
 
