@@ -94,8 +94,6 @@ def cut_off(hand: Hand, width_px: int, height_px: int) -> bool:
 class _Detector(Protocol):
     def detect(self, image_bgr: Image, captured_ns: int) -> tuple[Hand, ...]: ...
 
-    def close(self) -> None: ...
-
 
 class SquaredDetector:
     """A detector that is shown the picture with bars that make it square, so that a hand outgrowing it keeps its place.
@@ -118,10 +116,6 @@ class SquaredDetector:
         )
         hands = self._detector.detect(np.asarray(squared, np.uint8), captured_ns)
         return tuple(replace(hand, image_px=hand.image_px - (across, down)) for hand in hands)
-
-    def close(self) -> None:
-        """Free the detector."""
-        self._detector.close()
 
 
 def _least_threshold(followed_from_m: float) -> float:

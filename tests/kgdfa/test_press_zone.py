@@ -22,10 +22,6 @@ class Marker:
 
     def __init__(self) -> None:
         self.shape: tuple[int, ...] = ()
-        self.closed = False
-
-    def close(self) -> None:
-        self.closed = True
 
     def detect(self, image_bgr: Image, captured_ns: int) -> tuple[Hand, ...]:
         self.shape = image_bgr.shape
@@ -80,5 +76,3 @@ def test_bars_move_no_keypoint() -> None:
     (hand,) = SquaredDetector(marker).detect(image, 0)
     assert marker.shape == (128, 128, 3)
     assert tuple(hand.image_px[0]) == (30.0, 50.0)
-    SquaredDetector(marker).close()
-    assert marker.closed
