@@ -1,0 +1,68 @@
+"""Rigs at the moments that the tests of a tick start from, and what to look at in them."""
+
+from __future__ import annotations
+
+from copy import deepcopy
+from functools import cache
+
+from app.control.follow import GIVE_WAY_S, HOLD_S
+from app.control.memory import Memory
+from app.control.plan import TICK_HZ
+from app.control.states import GESTURE_OF, Action, GaitState, Source
+from app.control.task import Stage
+from app.messages import OperatorKind
+from hal.joints.joints import DriveState
+from logs import records
+from tests.app.control.rig import Rig, resting
+
+S, A, K = GaitState, Action, OperatorKind
+RESTS = (S.UNPOWERED, S.STANDING, S.SITTING, S.RIGHT_FORWARD, S.LEFT_FORWARD, S.BETWEEN)
+GRANTED = {
+    S.UNPOWERED: {A.INITIALISE},
+    S.STANDING: {A.STEP_RIGHT_FIRST, A.WALK, A.STAIR_UP, A.STAIR_DOWN, A.OBSTACLE, A.SIT_DOWN},
+    S.SITTING: {A.STAND_UP},
+    S.RIGHT_FORWARD: {A.STEP_LEFT, A.STEP_END},
+    S.LEFT_FORWARD: {A.STEP_RIGHT},
+    S.BETWEEN: {A.INITIALISE},
+}
+HOLD_TICKS = int(HOLD_S * TICK_HZ)
+SLACK_TICKS = int(GIVE_WAY_S * TICK_HZ)
+
+
+def now(rig: Rig) -> Memory:
+    """The rig's memory."""
+    assert rig.memory is not None
+    return rig.memory
+
+
+def told(rig: Rig, kind: type[records.Body]) -> list[records.Body]:
+    """The trail's records of a kind."""
+    return [body for body in rig.audit if isinstance(body, kind)]
+
+
+def drives(rig: Rig) -> DriveState:
+    """What the drives say of themselves."""
+    return rig.joints.state
+
+
+def moving(action: Action = A.STEP_RIGHT_FIRST, state: GaitState = S.STANDING) -> Rig:
+    """A rig in the middle of an action."""
+    return deepcopy(_moving(action, state))
+
+
+@cache
+def _moving(action: Action, state: GaitState) -> Rig:
+    rig = resting(state)
+    rig.say(K.ACT, action)
+    rig.run_until(lambda m: m.task is not None and m.task.stage is Stage.MOVING)
+    rig.tick(60)
+    rig.history.clear()
+    return rig
+
+
+def wish(rig: Rig, action: Action, source: Source) -> None:
+    """An action asked for, by key or by hand."""
+    if source is Source.THERAPIST:
+        rig.say(K.ACT, action)
+    else:
+        rig.release(GESTURE_OF[action])

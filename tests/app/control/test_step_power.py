@@ -1,0 +1,174 @@
+"""Powering up, drives that do not wake or lose their power, and the end of a session."""
+
+from __future__ import annotations
+
+import pytest
+
+from app.control.events import Event
+from app.control.follow import Mode
+from app.control.inputs import DriveOrder
+from app.control.states import ACTION_OF, Action, Source
+from app.control.task import Stage
+from hal.joints.joints import DriveState
+from kgdfa.hand import Gesture
+from tests.app.control.moments import HOLD_TICKS, A, K, S, moving, now
+from tests.app.control.rig import resting, standing
+
+
+def test_gesture_0_plans_enables_grips_and_only_then_moves() -> None:
+    rig = resting(S.UNPOWERED)
+    rig.release(Gesture.ZERO)
+    stages: list[Stage] = []
+    for _ in range(600):
+        memory = rig.tick()
+        if memory.task is not None and (not stages or stages[-1] is not memory.task.stage):
+            stages.append(memory.task.stage)
+            if memory.task.stage in {Stage.PLANNING, Stage.ENABLING}:
+                assert rig.command.stiffness_nm_rad.max() == 0
+    assert stages == [Stage.PLANNING, Stage.ENABLING, Stage.GRIPPING, Stage.MOVING]
+    assert now(rig).gait.state is S.STANDING
+    report = now(rig).reports[-1]
+    assert report.source is Source.GESTURE
+    assert report.from_state is S.UNPOWERED
+    assert report.accepted_ns < report.first_command_ns < report.first_motion_ns < report.ended_ns
+
+
+def test_a_refused_way_to_standing_never_powers_the_drives() -> None:
+    rig = resting(S.UNPOWERED)
+    rig.refuse_plans = "the feet are not on the ground"
+    rig.say(K.ACT, A.INITIALISE)
+    rig.tick(10)
+    assert rig.joints.state is DriveState.PROBED
+    assert now(rig).gait.state is S.UNPOWERED
+    assert now(rig).reports[-1].outcome == "refused"
+
+
+def test_legs_that_moved_while_the_drives_woke_are_planned_for_anew() -> None:
+    rig = resting(S.UNPOWERED)
+    rig.say(K.ACT, A.INITIALISE)
+    rig.run_until(lambda m: m.task is not None and m.task.stage is Stage.ENABLING)
+    rig.joints.position_rad = rig.joints.position_rad + 0.3
+    gripped_at = rig.joints.position_rad.copy()
+    rig.run_until(lambda m: m.task is not None and m.task.stage is Stage.MOVING)
+    plan = now(rig).motion.plan
+    assert plan is not None
+    assert plan.position_rad[0] == pytest.approx(gripped_at)
+    rig.settle()
+    assert now(rig).gait.state is S.STANDING
+
+
+def test_a_way_that_is_not_free_any_more_leaves_the_gripped_joints_held() -> None:
+    rig = resting(S.UNPOWERED)
+    rig.say(K.ACT, A.INITIALISE)
+    rig.run_until(lambda m: m.task is not None and m.task.stage is Stage.GRIPPING)
+    rig.refuse_plans = "not free"
+    rig.answer_ticks = 1
+    rig.tick(300)
+    assert now(rig).gait.state is S.BETWEEN
+    assert now(rig).motion.mode is Mode.STIFF
+    assert rig.joints.state is DriveState.ENABLED
+
+
+def test_drives_that_do_not_wake_end_the_action_with_their_reason() -> None:
+    rig = resting(S.UNPOWERED)
+    rig.joints.refuse_enable = "left hip does not answer: check its cable"
+    rig.say(K.ACT, A.INITIALISE)
+    rig.tick(6)
+    assert now(rig).task is None
+    assert now(rig).reports[-1].reason == "left hip does not answer: check its cable"
+    assert now(rig).gait.state is S.UNPOWERED
+    assert Event.DRIVE_ORDER_FAILED.value in rig.events()
+
+
+def test_drives_that_never_say_that_they_woke_are_given_up() -> None:
+    rig = resting(S.UNPOWERED)
+    rig.say(K.ACT, A.INITIALISE)
+    rig.run_until(lambda m: m.task is not None and m.task.stage is Stage.ENABLING)
+    rig.joints.state = DriveState.PROBED
+    rig.tick(1502)
+    assert now(rig).task is None
+    assert "did not confirm" in now(rig).reports[-1].reason
+
+
+def test_a_stop_while_the_drives_wake_leaves_them_neutral() -> None:
+    rig = resting(S.UNPOWERED)
+    rig.say(K.ACT, A.INITIALISE)
+    rig.run_until(lambda m: m.task is not None and m.task.stage is Stage.ENABLING)
+    rig.say(K.STOP)
+    rig.tick(300)
+    assert now(rig).gait.state is S.UNPOWERED
+    assert rig.command.stiffness_nm_rad.max() == 0
+    rig.say(K.ACKNOWLEDGE)
+    rig.tick()
+    rig.say(K.TORQUE_OFF)
+    rig.tick()
+    assert rig.joints.state is DriveState.DISABLED
+
+
+def test_drives_that_are_awake_already_are_gripped_without_being_woken_again() -> None:
+    rig = resting(S.UNPOWERED)
+    rig.joints.state = DriveState.ENABLED
+    rig.say(K.ACT, A.INITIALISE)
+    rig.tick(400)
+    assert now(rig).gait.state is S.STANDING
+    assert all(outputs.drives is DriveOrder.NONE for _, outputs in rig.history)
+
+
+def test_when_the_drives_lose_power_the_state_says_so() -> None:
+    rig = moving()
+    rig.joints.state = DriveState.DISABLED
+    rig.tick()
+    assert now(rig).gait.state is S.UNPOWERED
+    assert now(rig).motion.mode is Mode.LIMP
+    assert now(rig).reports[-1].outcome == "stopped"
+    rig.tick(50)
+    assert rig._refusal is None, "nothing that the guard would refuse is sent to drives that are off"
+
+
+def test_one_faulted_drive_leaves_the_others_holding() -> None:
+    rig = moving()
+    rig.joints.state = DriveState.FAULTED
+    rig.tick(HOLD_TICKS + 5)
+    assert now(rig).heard.powered
+    assert rig.command.stiffness_nm_rad.min() > 0
+
+
+@pytest.mark.parametrize("asked", ["word", "signal"])
+def test_the_end_holds_gives_way_switches_off_and_finishes(asked: str) -> None:
+    rig = moving(A.WALK)
+    rig.say(K.SHUT_DOWN)
+    if asked == "signal":
+        rig._words.clear()
+        rig.spoil["must_end"] = True
+    modes: list[Mode] = []
+    for _ in range(600):
+        memory = rig.tick()
+        modes.append(memory.motion.mode)
+        assert rig.outputs is not None
+        if rig.outputs.finished:
+            break
+    order = [mode for i, mode in enumerate(modes) if i == 0 or modes[i - 1] is not mode]
+    assert order == [Mode.MOVE, Mode.STIFF, Mode.SLACK, Mode.LIMP]
+    assert rig.joints.state is DriveState.DISABLED
+    assert now(rig).gait.state is S.UNPOWERED
+
+
+def test_with_the_drives_off_the_end_comes_at_once() -> None:
+    rig = resting(S.UNPOWERED)
+    rig.say(K.SHUT_DOWN)
+    rig.tick()
+    assert rig.outputs is not None
+    assert rig.outputs.finished
+
+
+def test_nothing_is_granted_while_the_session_ends() -> None:
+    rig = standing()
+    rig.say(K.SHUT_DOWN)
+    rig.say(K.ACT, A.WALK)
+    rig.tick()
+    assert now(rig).task is None
+    assert now(rig).refusal_count == 1
+
+
+def test_every_gesture_has_its_action() -> None:
+    assert {ACTION_OF[gesture] for gesture in Gesture} == set(Action)

@@ -1,0 +1,235 @@
+"""STOP from every state and movement, what it does to the joints, and the way back."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from app.control.events import Event
+from app.control.follow import Mode
+from app.control.states import Action, Effect, GaitState
+from app.control.task import Stage
+from hal.joints.joints import DriveState
+from kgdfa.hand import Gesture
+from logs import records
+from tests.app.control.moments import GRANTED, HOLD_TICKS, RESTS, SLACK_TICKS, A, K, S, drives, moving, now, told
+from tests.app.control.rig import resting, standing
+
+MOVEMENTS = [
+    (S.UNPOWERED, A.INITIALISE),
+    (S.BETWEEN, A.INITIALISE),
+    (S.STANDING, A.STEP_RIGHT_FIRST),
+    (S.STANDING, A.WALK),
+    (S.STANDING, A.STAIR_UP),
+    (S.STANDING, A.STAIR_DOWN),
+    (S.STANDING, A.OBSTACLE),
+    (S.STANDING, A.SIT_DOWN),
+    (S.SITTING, A.STAND_UP),
+    (S.RIGHT_FORWARD, A.STEP_LEFT),
+    (S.RIGHT_FORWARD, A.STEP_END),
+    (S.LEFT_FORWARD, A.STEP_RIGHT),
+]
+
+
+@pytest.mark.parametrize(("state", "action"), MOVEMENTS)
+@pytest.mark.parametrize("ticks", [1, 30, 77, 150])
+def test_stop_brings_every_movement_to_rest_along_its_path(state: GaitState, action: Action, ticks: int) -> None:
+    rig = resting(state)
+    rig.say(K.ACT, action)
+    rig.run_until(lambda m: m.task is not None and m.task.stage is Stage.MOVING)
+    rig.tick(ticks)
+    speed = float(np.abs(rig.command.velocity_rad_s).max())
+    rig.say(K.STOP)
+    rig.tick()
+    assert now(rig).effect is Effect.HOLD
+    assert now(rig).gait.running is None
+    assert now(rig).gait.state is S.BETWEEN
+    assert now(rig).motion.pace < 1, "the first command after it is another one"
+    first = now(rig).motion.row
+    rig.tick(HOLD_TICKS + 1)
+    assert now(rig).motion.mode is Mode.STIFF
+    assert rig.command.velocity_rad_s.tolist() == [0.0] * 4
+    assert rig.command.stiffness_nm_rad.min() > 0, "stiffly"
+    held = rig.command
+    rig.tick(60)
+    assert rig.command is held, "and it stays there"
+    assert speed >= 0
+    assert first >= 0
+    report = now(rig).reports[-1]
+    assert (report.outcome, report.to_state) == ("stopped", S.BETWEEN)
+    assert "STOP" in report.reason
+
+
+@pytest.mark.parametrize("state", RESTS)
+def test_stop_at_rest_holds_and_keeps_the_state(state: GaitState) -> None:
+    rig = resting(state)
+    before = rig.command
+    rig.say(K.STOP)
+    rig.tick(50)
+    assert now(rig).effect is Effect.HOLD
+    assert now(rig).gait.state is state
+    assert rig.command is before
+    rig.say(K.ACT, next(iter(GRANTED[state])))
+    rig.tick(5)
+    assert now(rig).task is None
+
+
+@pytest.mark.parametrize("state", RESTS)
+def test_a_second_press_gives_way_slowly_from_the_last_command(state: GaitState) -> None:
+    rig = resting(state)
+    powered = state is not S.UNPOWERED
+    rig.say(K.STOP)
+    rig.tick(5)
+    rig.say(K.STOP)
+    stiffness = rig.command.stiffness_nm_rad[0]
+    for _ in range(SLACK_TICKS + 2):
+        rig.tick()
+        assert rig.command.stiffness_nm_rad[0] <= stiffness
+        stiffness = rig.command.stiffness_nm_rad[0]
+    assert now(rig).effect is Effect.DAMP
+    assert rig.command.stiffness_nm_rad.tolist() == [0.0] * 4
+    assert rig.command.torque_nm.tolist() == [0.0] * 4
+    assert (rig.command.damping_nm_s_rad > 0).all() == powered
+    assert now(rig).gait.state is (S.BETWEEN if powered else S.UNPOWERED)
+    assert rig.joints.state is (DriveState.ENABLED if powered else DriveState.PROBED)
+
+
+def test_two_presses_in_one_tick_damp() -> None:
+    rig = moving()
+    rig.say(K.STOP)
+    rig.say(K.STOP)
+    rig.tick()
+    assert now(rig).effect is Effect.DAMP
+    assert [stop.effect for stop in told(rig, records.Stop) if isinstance(stop, records.Stop)] == ["hold", "damp"]
+
+
+def test_stop_wins_over_a_wish_and_over_an_acknowledgement_of_the_same_tick() -> None:
+    for words in ((K.ACT, K.STOP), (K.STOP, K.ACT)):
+        rig = standing()
+        for word in words:
+            rig.say(word, A.STEP_RIGHT_FIRST if word is K.ACT else None)
+        rig.tick(3)
+        assert now(rig).task is None
+        assert now(rig).effect is Effect.HOLD
+    rig = standing()
+    rig.say(K.ACKNOWLEDGE)
+    rig.say(K.STOP)
+    rig.tick(3)
+    assert now(rig).effect is Effect.HOLD
+
+
+def test_a_stop_never_grows_old_but_a_key_does() -> None:
+    rig = standing()
+    rig.say(K.ACT, A.WALK, age_ms=501)
+    rig.tick()
+    assert now(rig).task is None
+    assert "too long ago" in now(rig).refusal
+    rig.say(K.ACT, A.WALK, age_ms=499)
+    rig.tick()
+    assert now(rig).task is not None
+    rig.say(K.STOP, age_ms=5000)
+    rig.tick()
+    assert now(rig).effect is Effect.HOLD
+
+
+def test_the_moment_of_a_stop_and_of_its_command_are_told() -> None:
+    rig = moving()
+    rig.say(K.STOP)
+    seen_ns = rig.now_ns + 2_000_000
+    rig.tick(2)
+    assert now(rig).stop_seen_ns == seen_ns
+    assert now(rig).stop_command_ns == seen_ns + 1_000_000
+    stop = told(rig, records.Stop)[0]
+    assert isinstance(stop, records.Stop)
+    assert (stop.seen_ns, stop.effect) == (seen_ns, "hold")
+
+
+def test_acknowledging_starts_nothing_and_gesture_0_returns_slowly_from_where_the_legs_are() -> None:
+    rig = moving()
+    rig.say(K.STOP)
+    rig.tick(HOLD_TICKS + 5)
+    held = rig.command
+    rig.say(K.ACKNOWLEDGE)
+    rig.tick(200)
+    assert rig.command is held
+    assert now(rig).effect is Effect.NOTE
+    for action in set(Action) - {A.INITIALISE}:
+        rig.say(K.ACT, action)
+        rig.tick(2)
+        assert now(rig).task is None
+        assert "gesture 0" in now(rig).refusal or action is A.WALK_END
+    rig.release(Gesture.ZERO)
+    rig.run_until(lambda m: m.task is not None)
+    plan_from = rig._asked[0][1].start_rad if rig._asked else now(rig).motion.plan
+    assert plan_from == pytest.approx(tuple(rig.joints.position_rad))
+    assert rig.settle().gait.state is S.STANDING
+
+
+def test_the_way_back_is_refused_when_it_is_not_free() -> None:
+    rig = resting(S.BETWEEN)
+    rig.refuse_plans = "left knee: 130° lies beyond 120°"
+    held = rig.command
+    rig.say(K.ACT, A.INITIALISE)
+    rig.tick(5)
+    assert now(rig).gait.state is S.BETWEEN
+    assert now(rig).gait.running is None
+    assert now(rig).refusal == "left knee: 130° lies beyond 120°"
+    assert now(rig).reports[-1].outcome == "refused"
+    assert rig.command is held
+    plan = told(rig, records.PlanChecked)[-1]
+    assert isinstance(plan, records.PlanChecked)
+    assert not plan.ok
+
+
+def test_after_a_damp_the_joints_are_gripped_where_they_sank_to() -> None:
+    rig = standing()
+    rig.say(K.STOP)
+    rig.say(K.STOP)
+    rig.tick(SLACK_TICKS + 5)
+    rig.joints.position_rad = np.array([0.4, 0.8, 0.5, 0.7])
+    rig.say(K.ACKNOWLEDGE)
+    rig.tick(5)
+    assert now(rig).motion.mode is Mode.SLACK, "acknowledging does not grip"
+    rig.say(K.ACT, A.INITIALISE)
+    rig.run_until(lambda m: m.motion.mode is Mode.GRIP)
+    assert rig.command.position_rad == pytest.approx(np.array([0.4, 0.8, 0.5, 0.7]))
+    stiffness = rig.command.stiffness_nm_rad.max()
+    assert stiffness < 10
+    rig.settle()
+    assert now(rig).gait.state is S.STANDING
+    assert now(rig).reports[-1].outcome == "completed"
+
+
+def test_torque_goes_off_only_on_the_operators_word_and_only_when_the_joints_have_given_way() -> None:
+    rig = standing()
+    rig.say(K.TORQUE_OFF)
+    rig.tick(3)
+    assert rig.joints.state is DriveState.ENABLED
+    assert "only after STOP twice" in now(rig).refusal
+    rig.say(K.STOP)
+    rig.say(K.STOP)
+    rig.tick(10)
+    rig.say(K.TORQUE_OFF)
+    rig.tick(10)
+    assert drives(rig) is DriveState.ENABLED, "still giving way"
+    rig.tick(SLACK_TICKS)
+    assert drives(rig) is DriveState.DISABLED
+    assert now(rig).gait.state is S.UNPOWERED
+    assert now(rig).motion.mode is Mode.LIMP
+    assert Event.DRIVES_LOST.value not in rig.events()
+    rig.say(K.ACKNOWLEDGE)
+    rig.tick()
+    rig.say(K.ACT, A.INITIALISE)
+    assert rig.settle() is not None
+    rig.tick(3)
+    rig.settle()
+    assert now(rig).gait.state is S.STANDING
+
+
+def test_damped_joints_stay_damped_without_the_operators_word() -> None:
+    rig = standing()
+    rig.say(K.STOP)
+    rig.say(K.STOP)
+    rig.tick(2000)
+    assert rig.joints.state is DriveState.ENABLED
+    assert rig.command.damping_nm_s_rad.min() > 0

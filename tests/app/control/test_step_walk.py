@@ -1,0 +1,101 @@
+"""Walking through the ticks: no pause, no jump, and every way in which a walk ends."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from app.control.events import Event
+from app.control.follow import Mode
+from app.control.plan import Phase
+from app.control.states import Source
+from app.control.task import Stage
+from kgdfa.hand import Gesture
+from tests.app.control.moments import A, K, S, moving, now, wish
+from tests.app.control.rig import standing
+
+
+def test_a_walk_has_no_pause_and_no_jump_between_its_steps() -> None:
+    rig = standing()
+    rig.say(K.ACT, A.WALK)
+    rig.run_until(lambda m: m.task is not None and m.task.stage is Stage.MOVING)
+    rig.history.clear()
+    rig.run_until(lambda m: m.gait.phase is Phase.WALK_LEFT and m.motion.row > 20)
+    rows = [memory.motion.row for memory, _ in rig.history]
+    phases = [memory.gait.phase for memory, _ in rig.history]
+    assert {Phase.WALK_START, Phase.WALK_RIGHT, Phase.WALK_LEFT} == set(phases)
+    for (before, after), (one, other) in zip(pairwise(rows), pairwise(phases), strict=True):
+        assert after == (before + 1 if one is other else 1)
+    commands = [outputs.command.position_rad for _, outputs in rig.history]
+    assert max(float(np.abs(b - a).max()) for a, b in pairwise(commands)) < 0.01
+
+
+def test_a_walk_counts_its_steps_and_its_way() -> None:
+    rig = standing()
+    rig.say(K.ACT, A.WALK)
+    rig.run_until(lambda m: m.steps == 3)
+    rig.say(K.ACT, A.WALK_END)
+    memory = rig.settle()
+    assert memory.steps == 5
+    assert memory.distance_walked_m == pytest.approx(1.5)
+
+
+def test_gesture_6_in_the_last_tick_of_a_step_still_ends_the_walk_with_it() -> None:
+    rig = moving(A.WALK)
+    rig.run_until(lambda m: m.motion.rows_left == 1)
+    phase = now(rig).gait.phase
+    rig.say(K.ACT, A.WALK_END)
+    rig.tick(2)
+    assert now(rig).gait.running is A.WALK_END
+    assert now(rig).gait.phase is not phase
+    assert rig.settle().gait.state is S.STANDING
+
+
+def test_a_next_step_that_can_not_be_planned_ends_the_walk_before_it() -> None:
+    rig = moving(A.WALK)
+    rig.refuse_plans = "too far"
+    rig.run_until(lambda m: m.gait.phase is Phase.WALK_RIGHT)
+    rig.tick(3)
+    assert now(rig).gait.closing
+    rig.tick(800)
+    # the closing step was refused as well: the legs are held on their way
+    assert Event.WALK_BROKEN.value in rig.events()
+    assert now(rig).gait.state is S.BETWEEN
+    assert now(rig).motion.mode is Mode.STIFF
+
+
+def test_a_late_next_step_is_taken_as_long_as_it_comes_before_the_last_call() -> None:
+    rig = moving(A.WALK)
+    rig.answer_ticks = 120
+    rig.run_until(lambda m: m.gait.phase is Phase.WALK_LEFT)
+    assert rig.events() == set()
+
+
+@pytest.mark.parametrize("source", Source)
+def test_when_perception_goes_a_walk_of_the_wearer_ends_and_the_therapists_goes_on(source: Source) -> None:
+    rig = standing()
+    wish(rig, A.WALK, source)
+    rig.run_until(lambda m: m.gait.phase is Phase.WALK_LEFT)
+    rig.watching = False
+    rig.tick(150)
+    assert Event.PERCEPTION_GONE.value in rig.events()
+    if source is Source.THERAPIST:
+        assert not now(rig).gait.closing
+        return
+    assert now(rig).gait.running is not None, "the running step is carried out"
+    assert rig.settle().gait.state is S.STANDING
+    assert now(rig).reports[-1].outcome == "completed"
+    rig.release(Gesture.FIVE)
+    rig.tick(100)
+    assert now(rig).task is None
+
+
+def test_when_the_trail_stops_any_walk_ends_normally() -> None:
+    rig = moving(A.WALK)
+    rig.auditing = False
+    rig.tick(250)
+    assert Event.AUDIT_GONE.value in rig.events()
+    assert rig.settle().gait.state is S.STANDING
+    assert now(rig).reports[-1].outcome == "completed"
