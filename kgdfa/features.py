@@ -86,6 +86,8 @@ FEATURES: tuple[Feature, ...] = (
         Feature(text=f"thumb tip to {_GROUPS[(joint - 1) // 4].value} {where}", group=Group.THUMB, unit=Unit.PALMS)
         for joint, where in zip(_THUMB_TARGETS, ("knuckle", "joint") * 4, strict=True)
     ),
+    Feature(text="thumb tip beyond the fingers' joints", group=Group.THUMB, unit=Unit.PALMS),
+    Feature(text="thumb tip aside of the forefinger's joint", group=Group.THUMB, unit=Unit.PALMS),
 )
 
 
@@ -152,7 +154,7 @@ def features(image_px: FloatArray, world_m: FloatArray) -> FloatArray:
 
 
 def _in_space(world: FloatArray) -> tuple[list[FloatArray], FloatArray, FloatArray, FloatArray]:
-    """From the 3-D landmarks: measures of each finger (10 of (5,)), tips apart (10,), splay (4,), thumb (8,)."""
+    """From the 3-D landmarks: measures of each finger (10 of (5,)), tips apart (10,), splay (4,), thumb (10,)."""
     points = np.empty((22, 3))
     points[:21] = world
     points[_CENTRE] = (world[0] + world[5] + world[17]) / 3
@@ -163,7 +165,9 @@ def _in_space(world: FloatArray) -> tuple[list[FloatArray], FloatArray, FloatArr
     angles = _angles(lines, lengths, _SPACE_ANGLES)
     joints = 180.0 - angles[:15]  # bones point outwards: straight on is 0° between them
     reaches, finger_lengths = lines[of["reaches"]], lengths[of["bones"]].reshape(5, 4)[:, 1:].sum(axis=1)
-    along_across_off = reaches @ _palm_axes(lines[of["palm"]]) / palm
+    axes = _palm_axes(lines[of["palm"]])
+    along_across_off = reaches @ axes / palm
+    from_joints = lines[of["thumb"]][1::2] @ axes / palm
     along_across_off[:, 2] = np.abs(along_across_off[:, 2])
     straight = lengths[of["reaches"]] / np.maximum(finger_lengths, 1e-9)
     scaled = lengths / palm
@@ -175,7 +179,8 @@ def _in_space(world: FloatArray) -> tuple[list[FloatArray], FloatArray, FloatArr
         scaled[of["to_palm"]],
         along_across_off.T.ravel(),
     ]
-    return fingers, scaled[of["tips"]], angles[20:], scaled[of["thumb"]]
+    thumb = np.concatenate([scaled[of["thumb"]], [from_joints[:, 0].min(), from_joints[0, 1]]])
+    return fingers, scaled[of["tips"]], angles[20:], thumb
 
 
 def _in_picture(points: FloatArray) -> tuple[list[FloatArray], FloatArray, FloatArray]:

@@ -45,7 +45,7 @@ class RobustModel:
 
     def probabilities(self, values: FloatArray) -> FloatArray:
         """(n, F) features to (n, K): the mean of the members' class probabilities."""
-        squashed = np.tanh((values - self.centre) / self.spread)
+        squashed = np.tanh((values - self.centre) / self.spread).astype(self.weights_in.dtype)  # no copy of the weights
         hidden = np.maximum(squashed @ self.weights_in + self.bias_in, 0.0)
         logits = hidden @ self.weights_out + self.bias_out
         powers = np.exp(logits - logits.max(axis=2, keepdims=True))

@@ -40,12 +40,19 @@ GESTURE_OF = {fingers: label for label, fingers in FINGERS_OF.items() if not lab
 PINCHED = "7"  # its three tips touch, so thumb, fore and middle are never taken apart
 GRAFTED_NONE = "none:grafted"
 _ROOTS = np.array([1, 5, 9, 13, 17])
+_THUMB_TIP, _MIDDLE_JOINTS = 4, np.array([6, 10, 14, 18])
 _CHAINS = np.arange(1, 21).reshape(5, 4)
 
 PER_GESTURE = 150  # hands made of each gesture
 PER_OTHER = 50  # of each combination that is none; a third of it with a hooked forefinger
 PER_HALFWAY = 50  # of each gesture with its thumb halfway between open and folded: none
-BESIDE = 500  # fists with an open thumb laid beside them: none, and the nearest of all to 0
+BESIDE = 800  # fists with an open thumb laid beside them
+# Of such a thumb's tip, in palm lengths beyond the furthest middle joint, and to the side of the forefinger's: from
+# where on it stands out, and the hand is a thumb up; up to where it is a fist.
+STANDS_OUT, STAYS_IN = 0.12, 0.08
+STANDS_ASIDE, STAYS_BESIDE = 0.35, 0.20
+MORE_HOOKED, LESS_HOOKED = 0.3, 0.2  # how far a hooked forefinger is drawn to a folded or a straight one
+RESPLAYED = 0.5  # share of grafted hands whose straight fingers are brought together or spread: people do either
 VIEW_SD_RAD = 0.2  # random turn of the whole hand
 NOISE_PALMS = 0.012  # of each landmark, as a share of the palm's length
 
@@ -83,7 +90,7 @@ class Grafter:
         if len(self._of_label[PINCHED]):
             made += [(self._pinched(), PINCHED) for _ in range(per_gesture)]
         if len(self._of_label["0"]):
-            made += [(self._thumb_beside_fist(), GRAFTED_NONE) for _ in range(beside)]
+            made += [self._thumb_beside_fist() for _ in range(beside)]
         return np.array([values for values, _ in made]), [label for _, label in made]
 
     def _can(self, states: str) -> bool:
@@ -111,7 +118,16 @@ class Grafter:
         for finger, (own, wanted) in enumerate(zip(FINGERS_OF[label], states, strict=True)):
             if own != wanted or self._random.random() < 0.2:
                 self._set(shape, finger, self._segment(finger, wanted))
+        if self._random.random() < RESPLAYED:
+            self._splay(shape, states, self._random.uniform(0, 1.2))
         return self._seen(shape, base)
+
+    def _splay(self, shape: FloatArray, states: str, share: float) -> None:
+        """Bring straight fingers together or spread them: 0 lays them side by side, 1 leaves them as they are."""
+        for finger in (1, 2, 3, 4):
+            if states[finger] in "so":
+                segment = shape[_CHAINS[finger]] - shape[_ROOTS[finger]]
+                self._set(shape, finger, _turned(segment, (share - 1) * np.arctan2(segment[3, 1], segment[3, 0])))
 
     def _halfway(self, states: str) -> FloatArray:
         """One of the gestures with its thumb between open and folded."""
@@ -131,22 +147,40 @@ class Grafter:
             self._set(shape, finger, self._segment(finger, "f"))
         return self._seen(shape, base)
 
-    def _thumb_beside_fist(self) -> FloatArray:
-        """A real fist whose thumb, taken from an open one, lies straight along the forefinger."""
+    def _thumb_beside_fist(self) -> tuple[FloatArray, str]:
+        """A real fist with an open thumb laid beside it: a 0 when its tip stays at the fingers' joints, none when it
+        stands out. What lies between could be either, and is drawn anew.
+        """
         fists = [self._of_label[label] for label in ("0", "none:good") if len(self._of_label[label])]
-        base = self._any(fists[self._random.integers(len(fists))])
+        while True:
+            base = self._any(fists[self._random.integers(len(fists))])
+            shape = self._shapes[base].copy()
+            self._set(shape, 0, self._thumb_along())
+            beyond = shape[_THUMB_TIP, 0] - shape[_MIDDLE_JOINTS, 0].max()
+            aside = shape[_THUMB_TIP, 1] - shape[_MIDDLE_JOINTS[0], 1]
+            if beyond >= STANDS_OUT or aside >= STANDS_ASIDE:
+                return self._seen(shape, base), GRAFTED_NONE
+            if beyond <= STAYS_IN and aside <= STAYS_BESIDE:
+                return self._seen(shape, base), "0"
+
+    def _thumb_along(self) -> FloatArray:
+        """An open thumb turned along the fingers, and mostly drawn some way to where a folded one lies."""
         thumb = self._segment(0, "o")
-        along, across = thumb[3, 0], thumb[3, 1]
-        thumb = _turned(thumb, np.radians(self._random.uniform(-8, 30)) - np.arctan2(across, along))
-        if self._random.random() < 0.4:
-            share = self._random.uniform(0, 0.25)
-            thumb = (1 - share) * thumb + share * self._segment(0, "f")
-        shape = self._shapes[base].copy()
-        self._set(shape, 0, thumb)
-        return self._seen(shape, base)
+        thumb = _turned(thumb, np.radians(self._random.uniform(-8, 30)) - np.arctan2(thumb[3, 1], thumb[3, 0]))
+        share = max(0.0, self._random.uniform(-0.3, 0.7))
+        drawn: FloatArray = (1 - share) * thumb + share * self._segment(0, "f")
+        return drawn
 
     def _segment(self, finger: int, state: str) -> FloatArray:
         """A real finger in this state, (4, 3) from its root, in palm lengths along the palm's axes."""
+        segment = self._own_segment(finger, state)
+        if state == "h":  # people hook it more or less: up to 120° at its joint, from nearly folded
+            other, most = ("f", MORE_HOOKED) if self._random.random() < 0.5 else ("s", LESS_HOOKED)
+            share = self._random.uniform(0, most)
+            return (1 - share) * segment + share * self._own_segment(finger, other)
+        return segment
+
+    def _own_segment(self, finger: int, state: str) -> FloatArray:
         donor = self._shapes[self._donor(finger, state)]
         segment: FloatArray = donor[_CHAINS[finger]] - donor[_ROOTS[finger]]
         return segment

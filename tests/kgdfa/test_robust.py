@@ -33,17 +33,10 @@ def true_hand(pose: str, turn_rad: tuple[float, float, float] = (0.0, 0.0, 0.0))
     )
 
 
-# These joints are without the detector's error, on which the rules were fitted. Gesture 5 walks, so its threshold is
-# high, and a hand straighter than the detector ever shows one is not sure enough; as the detector sees it, it is
-# measured by `rleex evaluate gestures --digital`.
-@pytest.mark.parametrize("gesture", [pose.name for pose in GESTURES if pose.name != "5"])
+@pytest.mark.parametrize("gesture", [pose.name for pose in GESTURES])
 def test_every_gesture_of_the_digital_hand_is_told(gesture: str) -> None:
     verdict = RULES.judge(true_hand(gesture))
     assert verdict.gesture is Gesture(gesture), verdict
-
-
-def test_an_errorless_five_is_nearest_to_five() -> None:
-    assert RULES.judge(true_hand("5")).nearest is Gesture.FIVE
 
 
 @pytest.mark.parametrize("pose", [pose.name for pose in LOOK_ALIKES])
