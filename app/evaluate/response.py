@@ -42,8 +42,8 @@ PAPER: dict[Gesture, tuple[float, float]] = {
 }
 PAPER_OVERALL = "94.11 % / 0.615 s reported; its rows average 91.39 % / 0.615 s"
 
-# A quick press is a short one: the hand rests at 26 cm, near the 25 cm of the paper's same-side hand.
-APPROACH_M = 0.10
+# A quick press is a short one: the hand rests at 27 cm, near the 25 cm of the paper's same-side hand.
+APPROACH_M = 0.09
 # The paper's 20 cm, of the hand itself: the button's distance reads an upright hand an eighth too far, to be safe.
 THRESHOLD_M = 0.225
 ATTEMPTS = 5  # at one transition, before the session is given up
