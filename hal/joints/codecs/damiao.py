@@ -68,11 +68,11 @@ def register_reply(frame: Frame) -> RegisterValue | None:
     return RegisterValue(data[0] | (data[1] << 8), data[3], float(struct.unpack(form, data[4:])[0]))
 
 
-def pack_register(reply_id: int, value: RegisterValue) -> Frame:
-    """The drive's end: the reply that tells a register."""
+def pack_register(reply_id: int, value: RegisterValue, action: int = READ) -> Frame:
+    """The drive's end: the reply that tells a register, to a read or to a write."""
     number = value.value if value.register in FLOAT_REGISTERS else int(value.value)
     form = "<f" if value.register in FLOAT_REGISTERS else "<I"
-    head = bytes((value.drive_id & 0xFF, value.drive_id >> 8, READ, value.register))
+    head = bytes((value.drive_id & 0xFF, value.drive_id >> 8, action, value.register))
     return Frame(reply_id, head + struct.pack(form, number))
 
 

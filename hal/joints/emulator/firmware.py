@@ -139,11 +139,13 @@ class EmulatedDrive:
 
     def _answer_register(self, frame: Frame) -> list[Frame]:
         data = frame.data
-        if len(data) != 8 or data[0] | (data[1] << 8) != self.device.can_id:
-            return []
+        if len(data) < 4 or data[0] | (data[1] << 8) != self.device.can_id:
+            return []  # questions have four bytes that count; some drivers send no more
         action, register = data[2], data[3]
         if action == damiao.REFRESH:
             return self._reports()
+        if action == damiao.WRITE and len(data) != 8:
+            return []
         if action == damiao.WRITE:
             form = "<f" if register in damiao.FLOAT_REGISTERS else "<I"
             self._registers[register] = float(struct.unpack(form, data[4:])[0])
@@ -151,7 +153,7 @@ class EmulatedDrive:
                 self._set_watchdog(self._registers[register])
         if action in (damiao.READ, damiao.WRITE) and register in self._registers:
             value = damiao.RegisterValue(self.device.can_id, register, self._registers[register])
-            return [damiao.pack_register(self.device.reply_id, value)]
+            return [damiao.pack_register(self.device.reply_id, value, action)]
         return []
 
     def _answer_parameter(self, frame: Frame) -> list[Frame] | None:

@@ -1,0 +1,71 @@
+"""The emulator answers frames as drivers in use elsewhere write them: every byte here is written by hand.
+
+Notation as in can-utils: identifier (three digits standard, eight extended) # data. Drive 5 rests at zero, 25 °C.
+"""
+
+from __future__ import annotations
+
+import msgspec
+import pytest
+
+from hal.joints.codecs.wire import Frame
+from hal.joints.device import load_exoskeleton
+from hal.joints.emulator.firmware import EmulatedDrive
+from hal.joints.motors import load_motors
+
+# What a driver sends, and what the drive says to it, in the order of a session.
+SESSIONS = {
+    ("AK80-9/V2", 0): [
+        ("005#FFFFFFFFFFFFFFFC", "000#057FFF7FF7FF1900"),
+        ("005#7FFF7FF0000007FF", "000#057FFF7FF7FF1900"),
+        ("005#FFFFFFFFFFFFFFFD", "000#057FFF7FF7FF1900"),
+        ("005#FFFFFFFFFFFFFFFE", "000#057FFF7FF7FF1900"),
+        ("006#FFFFFFFFFFFFFFFC", ""),
+        ("005#FFFFFFFFFFFFFF", ""),  # seven bytes are no command
+        ("00000005#FFFFFFFFFFFFFFFC", ""),  # nor is an extended frame
+    ],
+    ("mini-cheetah/bgkatz", 0): [("005#FFFFFFFFFFFFFFFC", "000#057FFF7FF7FF60")],
+    ("AK80-9/V3", 0): [
+        ("00000805#0000007FFF7FF7FF", "00002905#0000000000001900"),
+        ("00000105#00000000", "00002905#0000000000001900"),
+        ("00000505#00", "00002905#0000000000001900"),
+    ],
+    ("DM4310/default", 0x15): [
+        ("7FF#05003316", "015#050033160000F041"),  # velocity range, asked in four bytes: 30.0 as a float
+        ("7FF#0500331600000000", "015#050033160000F041"),
+        ("7FF#0500550A01000000", "015#0500550A01000000"),  # MIT mode: a write is answered as a write
+        ("7FF#0500CC", ""),
+        ("7FF#0500CC00", "015#057FFF7FF7FF1919"),
+        ("7FF#0600CC0000000000", ""),
+        ("005#FFFFFFFFFFFFFFFC", "015#157FFF7FF7FF1919"),
+        ("005#7FFF7FF0000007FF", "015#157FFF7FF7FF1919"),
+        ("005#FFFFFFFFFFFFFFFD", "015#057FFF7FF7FF1919"),
+        ("005#FFFFFFFFFFFFFFFB", "015#057FFF7FF7FF1919"),
+    ],
+    ("CyberGear/manual", 0): [
+        ("03005505#0000000000000000", "02800555#7FFF7FFF7FFF00FA"),  # a host that calls itself 55
+        ("0300FD05#0000000000000000", "028005FD#7FFF7FFF7FFF00FA"),
+        ("017FFF05#7FFF7FFF00000000", "028005FD#7FFF7FFF7FFF00FA"),
+        ("1100FD05#1970000000000000", "110005FD#1970000000000000"),
+        ("0400FD05#0000000000000000", "020005FD#7FFF7FFF7FFF00FA"),
+        ("0300FD06#0000000000000000", ""),
+    ],
+}
+
+
+def frame_of(text: str) -> Frame:
+    identifier, _, data = text.partition("#")
+    return Frame(int(identifier, 16), bytes.fromhex(data), extended=len(identifier) == 8)
+
+
+def text_of(frame: Frame) -> str:
+    return f"{frame.arbitration_id:0{8 if frame.extended else 3}X}#{frame.data.hex().upper()}"
+
+
+@pytest.mark.parametrize(("drive", "session"), SESSIONS.items(), ids=[label for label, _ in SESSIONS])
+def test_the_emulator_answers_what_other_drivers_send(drive: tuple[str, int], session: list[tuple[str, str]]) -> None:
+    label, reply_id = drive
+    joint = msgspec.structs.replace(load_exoskeleton().left_knee, can_id=5, reply_id=reply_id)
+    emulated = EmulatedDrive(joint, load_motors().find(label))
+    answered = [(asked, " ".join(map(text_of, emulated.receive(frame_of(asked), 0)))) for asked, _ in session]
+    assert answered == session
