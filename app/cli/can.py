@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 cli = typer.Typer(no_args_is_help=True)
 
 Interface = Annotated[str, typer.Option(help="python-can's interface; default: the device description's.")]
-Channel = Annotated[str, typer.Option(help="e.g. can0, vcan0, or 239.74.163.2:43113 for udp_multicast.")]
+Channel = Annotated[str, typer.Option(help="e.g. can0, vcan0, or 43113 for local.")]
 Device = Annotated[Path | None, typer.Option(help="Device description; default: the built-in one.")]
 Motors = Annotated[Path | None, typer.Option(help="A TOML that extends the motor table.")]
 

@@ -15,8 +15,8 @@ cli = typer.Typer()
 
 @cli.command("emulate-drives")
 def emulate_drives(
-    interface: Annotated[str, typer.Option(help="python-can's interface, e.g. socketcan, udp_multicast.")] = "",
-    channel: Annotated[str, typer.Option(help="e.g. vcan0, or 239.74.163.2:43113 for udp_multicast.")] = "",
+    interface: Annotated[str, typer.Option(help="socketcan, local, or any of python-can's.")] = "",
+    channel: Annotated[str, typer.Option(help="e.g. vcan0, or 43113 for local.")] = "",
     device: Annotated[Path | None, typer.Option(help="Device description; default: the built-in one.")] = None,
     motors: Annotated[Path | None, typer.Option(help="A TOML that extends the motor table.")] = None,
     patient: Annotated[str, typer.Option(help="Hang this patient's simulated body on the drives.")] = "",
