@@ -168,6 +168,12 @@ class ConsoleApp(SessionFlow):
             self.trail.emit(SignOut(name=self.signed_in.name, reason="locked"))
             self.push_screen(SignInDialog(unlock=self.signed_in.name))
 
+    def calibrate(self, profile: Profile) -> None:
+        """Calibrate a patient's palm; a running session has the camera."""
+        from app.console.patients.calibration import CalibrationScreen
+
+        self.push_screen(CalibrationScreen(profile))
+
     def open_review(self) -> None:
         """Earlier sessions, by the reviewer's screen."""
         from app.console.review import ReviewScreen

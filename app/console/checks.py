@@ -66,6 +66,11 @@ def _real_time(state: SessionState) -> bool:
     return state.snapshot is not None and state.snapshot.real_time.fifo
 
 
+def _press_zone(state: SessionState) -> bool:
+    zone = None if state.report is None else state.report.press_zone
+    return zone is None or zone.fits
+
+
 def _confirmed(state: SessionState) -> bool:
     return state.snapshot is not None and state.snapshot.patient_confirmed
 
@@ -77,6 +82,7 @@ CHECKS = (
     Check("joints", _joints),
     Check("camera", _camera),
     Check("clear", _clear),
+    Check("press_zone", _press_zone, must=False),
     Check("real_time", _real_time, must=False),
     Check("patient", _confirmed, operator=True),
 )

@@ -60,6 +60,7 @@ PATIENTS = (
     _key("patients.history", "h", "history"),
     _key("patients.export", "x", "export", show=False),
     _key("patients.import", "i", "import_profile", show=False),
+    _key("patients.calibrate", "c", "calibrate", show=False),
     _key("patients.training", "t", "training"),
     _key("patients.review", "r", "review"),
     _key("patients.search", "slash", "search"),

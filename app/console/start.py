@@ -13,6 +13,7 @@ from textual.widgets import Button, Input, Label, Select, Static
 from app.config import Config
 from app.console.base import ConsoleScreen
 from app.console.language import tr
+from app.console.preflight import Preflight
 from profiles.schema import Profile
 
 CAMERAS = ("digital-hand", "webcam", "realsense", "recording")
@@ -33,6 +34,7 @@ class StartSession(ConsoleScreen):
     HELP_PAGE = "start"
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("ctrl+s", "begin", "bind.start.begin"),
+        Binding("f5", "preflight", "bind.checklist.preflight"),
         Binding("escape", "back", "bind.start.back"),
     ]
 
@@ -52,6 +54,7 @@ class StartSession(ConsoleScreen):
             yield Label(tr("start.joints"), classes="section")
             joints = [(tr(f"joints.{kind}"), kind) for kind in JOINTS]
             yield Select(joints, value=config.joints.kind, allow_blank=False, id="joints-kind", compact=True)
+            yield Label(tr("start.preflight"), classes="hint")
             yield Button(tr("start.begin"), id="begin", variant="primary")
         yield from self.compose_bottom()
 
@@ -63,17 +66,23 @@ class StartSession(ConsoleScreen):
 
     async def action_begin(self) -> None:
         """Start the processes with what is chosen."""
-        config = choose(
+        await self.console_app.begin_signed_in(self._profile, self._chosen())
+
+    def action_preflight(self) -> None:
+        """Rehearse every action for this patient."""
+        self.app.push_screen(Preflight(self._profile, self._chosen()))
+
+    def action_back(self) -> None:
+        """To the list."""
+        self.dismiss()
+
+    def _chosen(self) -> Config:
+        return choose(
             self.console_app.config,
             str(self.query_one("#camera", Select).value),
             self.query_one("#device", Input).value.strip(),
             str(self.query_one("#joints-kind", Select).value),
         )
-        await self.console_app.begin_signed_in(self._profile, config)
-
-    def action_back(self) -> None:
-        """To the list."""
-        self.dismiss()
 
 
 def _identity(profile: Profile) -> str:

@@ -31,6 +31,7 @@ class PatientForm(ConsoleScreen):
     HELP_PAGE = "form"
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("ctrl+s", "save", "bind.form.save"),
+        Binding("f6", "calibrate", "bind.form.calibrate"),
         Binding("escape", "leave_form", "bind.form.leave"),
     ]
 
@@ -85,6 +86,14 @@ class PatientForm(ConsoleScreen):
             self.notify(str(error), severity="error", timeout=15)
             return
         self.dismiss()
+
+    def action_calibrate(self) -> None:
+        """The saved patient before the camera; what is typed and not yet saved would be lost under it."""
+        if self._new or self._typed != self._words:
+            self.notify(tr("form.save_first"), severity="warning")
+            return
+        self.dismiss()
+        self.console_app.calibrate(self._base)
 
     def action_leave_form(self) -> None:
         """Leave; ask first when something was typed."""

@@ -77,7 +77,7 @@ class PatientsScreen(ConsoleScreen):
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:  # noqa: ARG002
         """An observer changes nothing; letters typed into the search are letters."""
-        changes = {"new", "edit", "duplicate", "archive", "import_profile", "begin", "training"}
+        changes = {"new", "edit", "duplicate", "archive", "import_profile", "begin", "training", "calibrate"}
         return not (self.console_app.read_only and action in changes)
 
     def action_begin(self) -> None:
@@ -131,6 +131,12 @@ class PatientsScreen(ConsoleScreen):
     def action_import_profile(self) -> None:
         """Take in an exported file."""
         self.app.push_screen(AskText(tr("patients.import_title"), tr("patients.import_words")), self._import)
+
+    def action_calibrate(self) -> None:
+        """The patient's palm before the configured camera."""
+        profile = self._chosen()
+        if profile is not None:
+            self.console_app.calibrate(profile)
 
     async def action_training(self) -> None:
         """The guided tour with the digital hand."""

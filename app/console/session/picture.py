@@ -46,6 +46,12 @@ class Picture(Widget):
         self._strips = self._draw(preview)
         self.refresh()
 
+    def show_preview(self, preview: Preview) -> None:
+        """Draw this one, without a session."""
+        self._said = ""
+        self._strips = self._draw(preview) if self.size.area else []
+        self.refresh()
+
     def toggle_pause(self) -> bool:
         """Freeze or go on; the chain itself never pauses."""
         self.paused = not self.paused

@@ -18,6 +18,7 @@ from app.messages import (
     JointSnapshot,
     OperatorKind,
     PerceptionCommand,
+    PressRange,
     Preview,
     RealTime,
     TriggerReport,
@@ -69,6 +70,7 @@ class FakeHost:
     pressed: bool = False
     events: tuple[ActiveEvent, ...] = ()
     camera_fault: str = ""
+    press_zone: PressRange | None = None
     silent: bool = False
     rests_at_once: bool = True
     control_ended: bool = False
@@ -182,6 +184,7 @@ class FakeHost:
             fps=30.0,
             camera="digital hand",
             camera_fault=self.camera_fault,
+            press_zone=self.press_zone,
         )
 
 

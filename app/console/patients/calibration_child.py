@@ -1,0 +1,82 @@
+"""Palm calibration in a process of its own: camera and hand model live there, the console shows what it sends."""
+
+from __future__ import annotations
+
+import os
+import time
+from datetime import UTC, datetime
+from multiprocessing.connection import Connection
+from typing import TYPE_CHECKING, NamedTuple
+
+from app.setup import SessionSetup
+from hal.errors import HardwareError
+from kgdfa.errors import KgdfaError
+
+if TYPE_CHECKING:
+    from profiles.calibration import Calibrated
+
+PREVIEW_PX = 160
+SHOWN_HZ = 10.0
+
+
+class Progress(NamedTuple):
+    """How far the sampling is, and what to do."""
+
+    samples: int
+    wanted: int
+    hint: str
+
+
+def calibrate_palm(words: Connection, setup: SessionSetup, distance_m: float) -> None:
+    """Open the configured camera, sample the palm, solve; ends with a `Calibrated` or an error's sentence."""
+    _quiet()
+    from app.errors import AppError
+    from profiles.errors import ProfileError
+
+    try:
+        words.send(_sample(words, setup, distance_m))
+    except (AppError, HardwareError, KgdfaError, ProfileError) as error:
+        words.send(str(error))
+
+
+def _sample(words: Connection, setup: SessionSetup, distance_m: float) -> Calibrated:
+    from app.errors import AppError
+    from app.perception import build
+    from app.perception.palm_calibration import FRAME_TIMEOUT_S, MAX_FRAMES, WANTED_SAMPLES, PalmSampler
+    from app.perception.preview import PreviewPacer
+
+    camera = build.make_camera(setup)
+    pacer = PreviewPacer(width_px=PREVIEW_PX, rate_hz=SHOWN_HZ)
+    with build.make_detector(setup) as detector:
+        sampler = PalmSampler(setup.profile, detector, [])
+        camera.open()
+        try:
+            _show_palm(camera)
+            for _ in range(MAX_FRAMES):
+                frame = camera.read(FRAME_TIMEOUT_S)
+                if frame is None:
+                    raise AppError(f"No picture came from {camera.name}: check its cable and that nobody else uses it.")
+                sampler.take(frame)
+                if pacer.due(time.monotonic_ns()):
+                    words.send(pacer.message(frame.image_bgr, frame.captured_ns))
+                    words.send(Progress(len(sampler.samples_m), WANTED_SAMPLES, sampler.hint))
+                if sampler.enough:
+                    break
+            return sampler.solve(camera.name, distance_m, datetime.now(UTC))
+        finally:
+            camera.close()
+
+
+def _show_palm(camera: object) -> None:
+    """The digital hand has nobody to ask: it opens by itself."""
+    from hal.cameras.digital_hand import DigitalHandCamera
+
+    if isinstance(camera, DigitalHandCamera):
+        camera.command(gesture="5")
+
+
+def _quiet() -> None:
+    """Libraries write to stderr as they please; on the console's terminal that would tear the screen."""
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    for stream in (1, 2):
+        os.dup2(nowhere, stream)

@@ -1,0 +1,99 @@
+"""What is done once before sessions: the palm calibrated, the actions rehearsed, the threshold adopted."""
+
+from __future__ import annotations
+
+import pytest
+
+from app.config import Config, JointsConfig
+from app.console.patients.calibration import CalibrationScreen
+from app.console.preflight import Preflight
+from app.control.patient import patient_of
+from app.control.preflight import preflight_passed
+from app.control.states import Action
+from app.messages import PressRange
+from app.model import find_model
+from app.paths import Home, find_home
+from hal.joints.device import load_exoskeleton
+from profiles.schema import DEMO_PATIENT
+from profiles.store import ProfileStore
+from tests.app.console.conftest import Console, Opener, wait_until
+
+PROCESS_LIMIT_S = 120.0  # an interpreter, camera, hand model or physics, on a machine that tests other things too
+
+
+async def _comes(console: Console, words: str) -> None:
+    await wait_until(console.pilot, lambda: words in console.text(), PROCESS_LIMIT_S)
+
+
+async def test_a_palm_is_calibrated_before_the_camera_and_kept_with_its_history(console: Opener, home: Home) -> None:
+    config = Config(model=str(find_model(find_home(), Config())))
+    async with console(profile=None, config=config, size=(130, 40)) as open_console:
+        await open_console.shows("demo")
+        await open_console.press("c")
+        await open_console.shows("Enter begins")
+        await open_console.press("ctrl+s")
+        await open_console.shows("Nothing to keep yet")
+        await open_console.press("enter")
+        await _comes(open_console, "Samples scatter by")
+        await open_console.press("ctrl+s")
+        await open_console.until(lambda: not isinstance(open_console.app.screen, CalibrationScreen))
+        if "Keep it anyway?" in open_console.text():
+            await open_console.press("y")
+        await open_console.until(lambda: ProfileStore(home.profiles).load("demo").calibrations)
+        (change,) = ProfileStore(home.profiles).history("demo")
+        assert change.why.startswith("calibrated with")
+
+
+@pytest.mark.parametrize("typed", ["", "abc", "-3", "1e400", "nan", "9" * 500, "😀"])
+async def test_a_calibration_distance_that_is_none_is_told(console: Opener, typed: str) -> None:
+    async with console(profile=None) as open_console:
+        await open_console.shows("demo")
+        await open_console.press("c")
+        await open_console.shows("Enter begins")
+        open_console.app.screen.query_one("#distance").value = typed  # type: ignore[attr-defined]
+        await open_console.press("enter")
+        await open_console.shows("Between 15 and 70 cm")
+
+
+async def test_a_rehearsal_runs_beside_the_console_and_is_kept(console: Opener, home: Home) -> None:
+    device = load_exoskeleton()
+    patient = patient_of(DEMO_PATIENT, device)
+    async with console(profile=None) as open_console:
+        assert not preflight_passed(home, patient, device, Action.SIT_DOWN).passed
+        config = Config(joints=JointsConfig(kind="can"))
+        open_console.app.push_screen(Preflight(DEMO_PATIENT, config, (Action.SIT_DOWN,)))
+        await _comes(open_console, "Every action has passed")
+        await open_console.press("enter")
+        await open_console.until(lambda: not isinstance(open_console.app.screen, Preflight))
+        assert preflight_passed(home, patient, device, Action.SIT_DOWN).passed
+
+
+async def test_a_rehearsal_can_be_stopped(console: Opener) -> None:
+    async with console(profile=None) as open_console:
+        await open_console.press("enter")
+        await open_console.shows("Begin (Enter)")
+        await open_console.press("f5")
+        await open_console.shows("Rehearsal for demo")
+        await open_console.press("escape")
+        await open_console.shows("Begin (Enter)")
+
+
+async def test_the_threshold_that_suits_the_camera_is_one_key_away(console: Opener, home: Home) -> None:
+    zone = PressRange(
+        followed_from_m=0.21,
+        whole_from_m=0.25,
+        seen_to_m=1.4,
+        threshold_m=0.28,
+        rest_beyond_m=0.34,
+        possible=True,
+        fits=False,
+        sentence="",
+    )
+    async with console(size=(130, 40)) as open_console:
+        open_console.host.press_zone = zone
+        await open_console.shows("set 28 cm (s)")
+        await open_console.press("s")
+        await open_console.shows("! The press threshold suits camera and palm")
+        await open_console.press("u")
+        await open_console.tells("28 cm is in the profile")
+        assert ProfileStore(home.profiles).load("demo").press_threshold_m == pytest.approx(0.28)
