@@ -20,7 +20,6 @@ from app.control.states import ACTION_OF, Action
 from app.demo.course import ALL_TWELVE, Leg
 from app.demo.session import SessionResult, demo_config, demo_patient, run_session
 from app.demo.trial import Spread, Trial, spread, success
-from app.errors import AppError
 from app.paths import Home
 from kgdfa.hand import Gesture
 from profiles.schema import Profile
@@ -75,10 +74,11 @@ class Runner(Protocol):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ResponseResult:
-    """All sessions together; `interrupted` when the operator ended them early."""
+    """All sessions together; `interrupted` when the operator ended them, `gave_up` when no round could be made."""
 
     sessions: tuple[SessionResult, ...]
     interrupted: bool = False
+    gave_up: str = ""
 
     @property
     def trials(self) -> tuple[Trial, ...]:
@@ -106,6 +106,7 @@ class ResponseResult:
             "audit_verified": all(session.audit_verified for session in self.sessions),
             "sessions": len(self.sessions),
             "interrupted": self.interrupted,
+            "gave_up": self.gave_up,
             "per_gesture": {gesture.value: _figures(self.of(gesture)) for gesture in PAPER},
             "failures": [
                 {"gesture": gesture, "reason": reason, "times": times}
@@ -142,7 +143,7 @@ def evaluate_response(
 ) -> ResponseResult:
     """At least `trials` of every gesture, shared among the hands of the seeds.
 
-    Raises AppError when sessions one after the other can't make a round. Ctrl-C ends it with what there is.
+    It ends with what there is on Ctrl-C, and when sessions one after the other can't make a round.
     """
     sessions: list[SessionResult] = []
     for seed, rounds in shared(trials, seeds):
@@ -152,7 +153,7 @@ def evaluate_response(
             sessions.append(_session(home, config, rounds, click_s, watch))
             fruitless = fruitless + 1 if rounds.left == before else 0
             if fruitless == FRUITLESS_SESSIONS and not rounds.interrupted:
-                raise AppError(_hopeless(seed, sessions[-1]))
+                return ResponseResult(sessions=tuple(sessions), gave_up=_hopeless(seed, sessions[-1]))
         if rounds.interrupted:
             return ResponseResult(sessions=tuple(sessions), interrupted=True)
     return ResponseResult(sessions=tuple(sessions))

@@ -47,8 +47,8 @@ def response(
     if json_file is not None:
         json_file.write_text(json.dumps(result.as_json(), indent=1) + "\n", encoding="utf-8")
     _show(console, result)
-    if result.interrupted:
-        raise typer.Exit(130)
+    if result.interrupted or result.gave_up:
+        raise typer.Exit(130 if result.interrupted else 1)
 
 
 def _show(console: Console, result: ResponseResult) -> None:
@@ -60,6 +60,8 @@ def _show(console: Console, result: ResponseResult) -> None:
     figures = result.as_json()
     if result.interrupted:
         console.print("Interrupted: these are the trials made until then.")
+    if result.gave_up:
+        console.print(result.gave_up)
     if figures["success"] is None:
         return
     told = (
