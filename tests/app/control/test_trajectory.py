@@ -82,6 +82,16 @@ def test_the_steps_of_a_walk_join_without_a_jump() -> None:
         assert before.to_state is not after.to_state
 
 
+def test_a_walking_leg_swings_as_peoples_do() -> None:
+    """Over the right leg's cycle from landing to landing, as normative curves show it at any speed."""
+    halves = [ask(patient(), Action.WALK, phase) for phase in (Phase.WALK_LEFT, Phase.WALK_RIGHT)]
+    hip, knee = np.concatenate([half.position_rad[:-1, 2:] for half in halves]).T
+    percent = np.linspace(0, 100, len(hip))
+    assert 45 < percent[hip.argmin()] < 62, "the hip is stretched most as the other foot has landed"
+    assert 70 < percent[knee.argmax()] < percent[hip.argmax()] < 95, "the knee bends first, then the hip"
+    assert hip[0] > 0.6 * hip.max(), "the hip is still flexed as the foot lands"
+
+
 @pytest.mark.parametrize("action", [action for action, phase in RECIPES if phase is Phase.WHOLE])
 def test_a_movement_begins_at_rest_and_ends_at_rest_in_its_states_pose(action: Action) -> None:
     made = ask(patient(), action)
