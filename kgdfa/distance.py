@@ -27,7 +27,7 @@ FORGET_NS = 200_000_000
 # digital hands that no evaluation uses; docs/distance.md tells how they were chosen.
 LANDMARKS_SHARE = 0.4  # of the world landmarks' word against the palm shape's, where it is the nearer one
 LANDMARKS_HOLD = 0.18  # and by how much it may be nearer
-WRIST_HOLD = 0.2  # how far Eq. 4 may be from the shape where the wrist is out of the picture
+WRIST_HOLD = 0.1  # how far Eq. 4 may be from the shape where the wrist is out of the picture
 YAW_SHORTENS = 0.12  # MediaPipe draws the wrist of a palm turned about its length too near to the knuckles
 
 # The far side: what the button's distance adds for a palm that may be tilted, and for readings that disagree.
@@ -35,6 +35,7 @@ MARGIN_TILT = 0.22  # a radian
 MARGIN_NEARER = 0.30  # of what the world landmarks say nearer than the shape
 MARGIN_FARTHER = 0.20  # of what they say farther
 MOST_DISAGREEMENT = 0.30
+MOST_MARGIN = 0.20  # beyond it nobody's push would reach the threshold
 UPRIGHT_FACTOR = 1.10  # so far the button reads an upright, steady hand: 1.04 to 1.18 by gesture
 
 
@@ -171,7 +172,7 @@ def _fuse(view: PalmView, readings_m: tuple[float, float, float], wrist_seen: bo
         moved = min(WRIST_HOLD, max(-WRIST_HOLD, math.log(equation_m / shape_m))) / 2
     shown_m = shape_m * math.exp(moved)
     nearer, farther = (min(MOST_DISAGREEMENT, max(0.0, one)) for one in (-landmarks, landmarks))
-    margin = MARGIN_TILT * view.tilt_rad + MARGIN_NEARER * nearer + MARGIN_FARTHER * farther
+    margin = min(MOST_MARGIN, MARGIN_TILT * view.tilt_rad + MARGIN_NEARER * nearer + MARGIN_FARTHER * farther)
     return Reading(readings_m=readings_m, tilt_rad=view.tilt_rad, shown_m=shown_m, far_m=shown_m * math.exp(margin))
 
 
