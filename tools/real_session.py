@@ -26,7 +26,7 @@ from app import processes
 from app.config import Config, JointsConfig
 from app.control.patient import patient_of
 from app.control.preflight import run_preflight
-from app.control.states import Action, GaitState
+from app.control.states import Action, Effect, GaitState
 from app.links import LatestReceiver, address
 from app.messages import ControlSnapshot, GuardianHealth, Heartbeat, OperatorKind, TriggerReport
 from app.paths import Home, find_home
@@ -37,6 +37,7 @@ from profiles.schema import DEMO_PATIENT
 
 PATIENCE_S = 60.0  # a limit, not a measure: loading on a busy machine takes its time
 END = "end"
+KEY_NS = 500_000_000  # a key that did nothing is pressed again after this
 
 
 def run_console(setup: SessionSetup, words: Connection, perception: bool) -> None:
@@ -83,6 +84,8 @@ class RealSession:
         self.heartbeat: Heartbeat | None = None
         self.guardian: GuardianHealth | None = None
         self.effects: list[tuple[int, str]] = []  # when the effect became another one
+        self._pressed_ns = 0  # when the last key was
+        self._steps_before = 0  # the walk that runs
         self.first_report: TriggerReport | None = None
         self.report: TriggerReport | None = None
 
@@ -131,17 +134,38 @@ class RealSession:
         raise TimeoutError(f"still there: {[name for name in names if _lives(self.pids[name])]}")
 
     def stand(self) -> ControlSnapshot:
-        """Confirm, and bring the legs to standing by the therapist's key."""
+        """Confirm, and bring the legs to standing by the therapist's keys, as often as a stalling host holds them."""
         self.send(OperatorKind.CONFIRM_PATIENT)
-        self.until(lambda s: s.patient_confirmed and bool(s.allowed), "readiness")
-        self.send(OperatorKind.ACT, Action.INITIALISE)
-        return self.until(lambda s: s.state is GaitState.STANDING and s.action is None, "standing")
+        return self.until(self._towards_standing, "standing")
 
     def walk(self, steps: int = 2) -> ControlSnapshot:
-        """Stand, and walk at least so many steps."""
+        """Stand, and walk at least so many steps at one go, as often as a stalling host holds the legs."""
         self.stand()
-        self.send(OperatorKind.ACT, Action.WALK)
-        return self.until(lambda s: s.action is Action.WALK and s.steps >= steps, "walking")
+
+        def towards(now: ControlSnapshot) -> bool:
+            if now.action is Action.WALK:
+                return now.steps - self._steps_before >= steps
+            if self._towards_standing(now) and Action.WALK in now.allowed:
+                self._steps_before = now.steps
+                self._press(now, OperatorKind.ACT, Action.WALK)
+            return False
+
+        return self.until(towards, "walking")
+
+    def _towards_standing(self, now: ControlSnapshot) -> bool:
+        if now.action is None and now.effect >= Effect.HOLD:
+            self._press(now, OperatorKind.ACKNOWLEDGE)
+        elif now.state is GaitState.STANDING and now.action is None:
+            return True
+        elif now.action is None and Action.INITIALISE in now.allowed:
+            self._press(now, OperatorKind.ACT, Action.INITIALISE)
+        return False
+
+    def _press(self, now: ControlSnapshot, kind: OperatorKind, action: Action | None = None) -> None:
+        """A key, once in a while."""
+        if now.at_ns - self._pressed_ns > KEY_NS:
+            self._pressed_ns = now.at_ns
+            self.send(kind, action)
 
     def kill(self, name: str, number: signal.Signals = signal.SIGKILL) -> int:
         """Send a signal to one process; when it was sent, monotonic nanoseconds."""
