@@ -17,7 +17,7 @@ from kgdfa.hand import Box, Gesture
 
 HYSTERESIS = 0.20  # a press ends, and a new one may begin, beyond this share over the threshold: three sd of keypoints
 APPROACH_M_S = 3.5  # a 0.3 s press from 36 cm peaks at 2.7 m/s, its safe distance at a tenth more; faster is a slip
-PRESS_FRAMES = 2  # frames in a row nearer than the threshold; one alone is a keypoint's slip, not a hand
+SHORTEST_PRESS_NS = 50_000_000  # from press to release: two frames; keypoints that slip for a frame slip back in the next
 GAP_FRAMES = 2  # frames in a row without a hand or a distance that a press survives
 STALE_NS = 250_000_000  # pictures further apart than this say nothing about the time between
 
@@ -67,7 +67,6 @@ class ButtonState:
     last_captured_ns: int = 0
     pressed_recognised_ns: int = 0
     far_gesture: Gesture | None = None  # voted while the hand was last outside: what a press may mean
-    near_frames: int = 0  # frames in a row nearer than the threshold, before the press
     last_distance_m: float | None = None  # of the frame before; None: it gave no measurement
     gap_frames: int = 0  # frames in a row without a measurement
     hint: str = ""  # why a hand that is near does not press, for people
@@ -105,23 +104,31 @@ def _while_pressed(state: ButtonState, seen: ButtonInput, place: ButtonPlace, di
         return _end(state, "the gesture changed during the press")
     if not _covers(seen.box, place, place.radius_px):
         return _end(state, "the hand left the button sideways")
-    if distance_m > _outside_m(place):
-        return _release(state, seen, state.pressed_gesture)
-    return state
+    if distance_m <= _outside_m(place):
+        return state
+    wrong = _what_is_wrong_with_the_withdrawal(state, seen)
+    return _end(state, wrong) if wrong else _release(state, seen, state.pressed_gesture)
+
+
+def _what_is_wrong_with_the_withdrawal(state: ButtonState, seen: ButtonInput) -> str:
+    """Why a hand that is outside again has not withdrawn; empty when it has. Keypoints that slip near slip back."""
+    if state.last_distance_m is None:
+        return "the hand was not seen withdrawing"
+    if seen.captured_ns - state.pressed_captured_ns < SHORTEST_PRESS_NS:
+        return "the press was shorter than a hand can make it"
+    return ""
 
 
 def _while_up(state: ButtonState, seen: ButtonInput, place: ButtonPlace, distance_m: float) -> ButtonState:
     if distance_m >= place.threshold_m:
         if distance_m <= _outside_m(place):
-            return replace(state, near_frames=0)
-        return replace(state, near_frames=0, ready=True, far_gesture=seen.gesture, hint="")
+            return state
+        return replace(state, ready=True, far_gesture=seen.gesture, hint="")
     if not state.ready:
         return replace(state, hint=state.hint or "draw the hand back, then push again")
     wrong = _what_is_wrong(state, seen, place, distance_m)
     if wrong:
-        return replace(state, ready=False, near_frames=0, hint=wrong)
-    if state.near_frames + 1 < PRESS_FRAMES:
-        return replace(state, near_frames=state.near_frames + 1)
+        return replace(state, ready=False, hint=wrong)
     return _press(state, seen)
 
 
@@ -147,7 +154,7 @@ def _approached(state: ButtonState, seen: ButtonInput, distance_m: float) -> boo
 def _gap(state: ButtonState, seen: ButtonInput) -> ButtonState:
     """A frame without a measurement: short gaps are blur, longer ones end the press and the readiness."""
     if state.gap_frames < GAP_FRAMES:
-        return replace(state, gap_frames=state.gap_frames + 1, near_frames=0)
+        return replace(state, gap_frames=state.gap_frames + 1)
     what = "hand was lost" if seen.box is None else "distance was lost"
     return _end(state, f"the {what} during the press")
 
@@ -161,7 +168,6 @@ def _press(state: ButtonState, seen: ButtonInput) -> ButtonState:
         pressed_recognised_ns=seen.recognised_ns,
         ready=False,
         hint="",
-        near_frames=0,
     )
 
 
@@ -182,7 +188,7 @@ def _release(state: ButtonState, seen: ButtonInput, gesture: Gesture | None) -> 
 def _end(state: ButtonState, reason: str) -> ButtonState:
     """No longer ready; a press under way is cancelled: no command, and the reason kept."""
     if not state.pressed:
-        return replace(state, ready=False, near_frames=0)
+        return replace(state, ready=False)
     return replace(
         state,
         pressed=False,

@@ -38,7 +38,11 @@ BLANK: Image = np.zeros((720, 1280, 3), np.uint8)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NoiseClip:
-    """What MediaPipe made of one walk: per frame, in palm anchors, (n, 21, 2) on the picture, (n, 21, 3) in space."""
+    """What MediaPipe made of one walk, less the truth: per frame, (n, 21, 2) on the picture, (n, 21, 3) in space.
+
+    In palm anchors: on the picture that of a palm facing the camera at this distance, since a detector errs with the
+    size of the hand that it sees, whichever way its palm is turned.
+    """
 
     gesture: str
     image: FloatArray
@@ -87,10 +91,9 @@ def take_noise(detector: HandDetector, step: Callable[[], None]) -> list[NoiseCl
 
 
 def _residual(hand: Hand, scene: Scene) -> tuple[FloatArray, FloatArray]:
-    image_px, world_m = _truth(scene)
-    anchor_px = float(np.linalg.norm(image_px[Keypoint.INDEX_MCP] - image_px[Keypoint.PINKY_MCP]))
+    image_px, world_m, facing_px = _truth(scene)
     upright = _roll(image_px).T
-    image = (hand.image_px - image_px) @ upright.T / max(anchor_px, 1.0)
+    image = (hand.image_px - image_px) @ upright.T / facing_px
     world = (hand.world_m - world_m) / scene.person.shape.anchor_m
     world[:, :2] = world[:, :2] @ upright.T
     return image, world
@@ -105,11 +108,16 @@ def _roll(image_px: FloatArray) -> FloatArray:
     return np.array([[c, -s], [s, c]])
 
 
-def _truth(scene: Scene) -> tuple[FloatArray, FloatArray]:
-    """True keypoints on the picture, px, and in space about their centre, m, as MediaPipe would give them."""
+def _truth(scene: Scene) -> tuple[FloatArray, FloatArray, float]:
+    """True keypoints on the picture, px, and in space about their centre, m, as MediaPipe would give them.
+
+    And the length in pixels that the palm anchor would have there if it faced the camera.
+    """
     joints = keypoints_m(scene)
     assert joints is not None
-    return project_px(joints, scene.lens), joints - joints.mean(axis=0)
+    away_m = float(joints[[Keypoint.INDEX_MCP, Keypoint.PINKY_MCP], 2].mean())
+    facing_px = scene.lens.fx_px * scene.person.shape.anchor_m / away_m
+    return project_px(joints, scene.lens), joints - joints.mean(axis=0), facing_px
 
 
 def evaluate_idle(clips: list[NoiseClip], *, frames: int, seed: int, step: Callable[[int], None]) -> IdleResult:
@@ -143,11 +151,10 @@ def evaluate_idle(clips: list[NoiseClip], *, frames: int, seed: int, step: Calla
 
 def _noisy(scene: Scene, noise: NoiseClip, index: int) -> Hand | None:
     """The hand as MediaPipe might see it; None while its palm is out of the picture."""
-    image_px, world_m = _truth(scene)
+    image_px, world_m, facing_px = _truth(scene)
     palm = (image_px[Keypoint.INDEX_MCP] + image_px[Keypoint.PINKY_MCP]) / 2
     if not (0 <= palm[0] < scene.lens.width_px and 0 <= palm[1] < scene.lens.height_px):
         return None
-    anchor_px = float(np.linalg.norm(image_px[Keypoint.INDEX_MCP] - image_px[Keypoint.PINKY_MCP]))
     # There and back again, so that the noise never jumps more than MediaPipe's own.
     turn = index % (2 * len(noise.image) - 1)
     row = turn if turn < len(noise.image) else 2 * len(noise.image) - 1 - turn
@@ -155,7 +162,7 @@ def _noisy(scene: Scene, noise: NoiseClip, index: int) -> Hand | None:
     world = noise.world[row].copy()
     world[:, :2] = world[:, :2] @ turned.T
     return Hand(
-        image_px=image_px + noise.image[row] @ turned.T * anchor_px,
+        image_px=image_px + noise.image[row] @ turned.T * facing_px,
         world_m=world_m + world * scene.person.shape.anchor_m,
         presence=0.9,
         side=Side.RIGHT,

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from kgdfa.button import (
     GAP_FRAMES,
     HYSTERESIS,
+    SHORTEST_PRESS_NS,
     STALE_NS,
     ButtonInput,
     ButtonMode,
@@ -91,8 +92,14 @@ def test_any_other_end_of_a_press_is_a_cancel_with_its_reason(during: list[Seen]
 def test_a_short_gap_ends_no_press_and_is_no_distance(gap: Seen) -> None:
     state = run([Seen(FAR), Seen(NEAR), Seen(NEAR), *[gap] * GAP_FRAMES])
     assert state.pressed
-    assert run([Seen(FAR)], state=state).release_count == 1
+    assert run([Seen(NEAR), Seen(FAR)], state=state).release_count == 1
     assert not run([Seen(FAR), gap]).pressed
+
+
+def test_a_hand_that_is_outside_after_a_gap_was_not_seen_withdrawing() -> None:
+    state = run([Seen(FAR), Seen(NEAR), Seen(NEAR), Seen(NEAR), LOST, Seen(FAR)])
+    assert (state.pressed, state.release_count, state.cancel_count) == (False, 0, 1)
+    assert "not seen withdrawing" in state.cancel_reason
 
 
 @pytest.mark.parametrize("after_ns", [STALE_NS + 1, -FRAME_NS])
@@ -135,9 +142,11 @@ def test_the_hysteresis_holds_at_its_boundaries() -> None:
     assert run([Seen(OUTSIDE_M + 1e-9)], state=held).release_count == 1
 
 
-def test_a_hand_seen_near_in_a_single_frame_is_a_slip_and_presses_nothing() -> None:
-    assert not run([Seen(FAR), Seen(NEAR), Seen(FAR)]).pressed
-    assert not run([Seen(FAR), Seen(NEAR), Seen(BETWEEN), Seen(NEAR), Seen(FAR)]).release_count
+def test_a_hand_seen_near_in_a_single_frame_is_a_slip_and_commands_nothing() -> None:
+    state = run([Seen(FAR), Seen(NEAR), Seen(FAR)])
+    assert (state.pressed, state.release_count, state.cancel_count) == (False, 0, 1)
+    assert "shorter than a hand" in state.cancel_reason
+    assert run([Seen(FAR), Seen(NEAR), Seen(BETWEEN), Seen(FAR)]).release_count == 1
 
 
 def test_a_gesture_made_on_the_way_is_not_what_the_push_began_with() -> None:
@@ -174,8 +183,10 @@ def is_command(path: Sequence[Seen]) -> bool:
     last = path[-1]
     if not (last.distance_m is not None and last.distance_m > OUTSIDE_M and last.box is OVER and last.gesture):
         return False
+    if len(path) < 2 or path[-2].distance_m is None:
+        return False
     gap = 0
-    for index in range(len(path) - 2, 1, -1):
+    for index in range(len(path) - 2, 0, -1):
         seen = path[index]
         gap = gap + 1 if seen.distance_m is None else 0
         if gap > GAP_FRAMES:
@@ -185,7 +196,7 @@ def is_command(path: Sequence[Seen]) -> bool:
         if seen.distance_m > OUTSIDE_M or seen.gesture is not last.gesture or seen.box is not OVER:
             return False
         if is_push(path, index):
-            return True
+            return (len(path) - 1 - index) * FRAME_NS >= SHORTEST_PRESS_NS
     return False
 
 
@@ -193,25 +204,18 @@ def near(seen: Seen) -> bool:
     return seen.distance_m is not None and seen.distance_m < PLACE.threshold_m
 
 
-def is_proper(path: Sequence[Seen], index: int) -> bool:
-    """A near frame that counts towards a press: over the button, with a gesture, the frame before it measured."""
-    seen = path[index]
-    return near(seen) and bool(seen.gesture) and seen.box is OVER and path[index - 1].distance_m is not None
-
-
 def is_push(path: Sequence[Seen], index: int) -> bool:
-    """Whether the press is complete with this frame: the second near one in a row, after one from outside."""
-    if index < 2 or not (is_proper(path, index) and is_proper(path, index - 1)) or near(path[index - 2]):
+    """Whether the press is this frame: near, over the button, seen coming, and the first such since the outside."""
+    seen = path[index]
+    if index < 1 or not (near(seen) and seen.gesture and seen.box is OVER) or path[index - 1].distance_m is None:
         return False
     gap = 0
-    for earlier in range(index - 2, -1, -1):
-        seen = path[earlier]
-        gap = gap + 1 if seen.distance_m is None else 0
-        if seen.distance_m is not None and seen.distance_m > OUTSIDE_M:
-            return all(later.gesture is seen.gesture for later in path[earlier : index + 1] if near(later))
-        if gap > GAP_FRAMES or (near(seen) and not (earlier and is_proper(path, earlier))):
-            return False
-        if near(seen) and near(path[earlier - 1]):
+    for earlier in range(index - 1, -1, -1):
+        before = path[earlier]
+        gap = gap + 1 if before.distance_m is None else 0
+        if before.distance_m is not None and before.distance_m > OUTSIDE_M:
+            return before.gesture is seen.gesture
+        if gap > GAP_FRAMES or near(before):
             return False
     return False
 

@@ -136,8 +136,21 @@ def test_a_tilt_that_the_landmarks_miss_is_still_seen_by_the_palm_s_shape() -> N
 
 def test_an_upright_palm_has_a_small_margin_and_a_tilted_one_a_larger() -> None:
     upright, tilted = (measured(robust(), seen(skin_m(0.3), turn=(0.0, yaw, 0.0))) for yaw in (0.0, 0.7))
-    assert upright.safe_m < 1.02 * upright.shown_m
+    assert upright.safe_m < 1.05 * upright.shown_m
     assert tilted.safe_m > 1.10 * tilted.shown_m
+
+
+@given(st.floats(-0.6, 0.6), st.integers(0, 20), st.floats(-40, 40), st.floats(-40, 40))
+def test_no_misplaced_keypoint_beside_the_knuckles_brings_the_button_s_distance_nearer_than_eq_4(
+    pitch: float, keypoint: int, x_px: float, y_px: float
+) -> None:
+    hand = seen(skin_m(0.25), turn=(pitch, 0.0, 0.0))
+    image_px = hand.image_px.copy()
+    image_px[keypoint] += (x_px, y_px)
+    misplaced = Hand(image_px=image_px, world_m=hand.world_m, presence=0.9, side=Side.RIGHT)
+    reading = robust().explain(misplaced)
+    if reading is not None:
+        assert reading.far_m >= 1.03 * reading.readings_m[2] * (1 - 1e-9)
 
 
 @given(x=st.floats(-0.25, 0.25), k1=st.floats(-0.15, 0.15))

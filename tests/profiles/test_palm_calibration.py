@@ -21,12 +21,13 @@ TRUE_ANCHOR_M, TRUE_M = 0.065, 0.30
 AT = datetime(2026, 3, 1, tzinfo=UTC)
 
 
-def palm(yaw_rad: float = 0.0) -> Hand:
+def palm(yaw_rad: float = 0.0, lens: Intrinsics = LENS) -> Hand:
     """A flat palm at the true distance, exactly seen."""
     flat = np.zeros((21, 3))
     flat[list(RIGID), :2] = SHAPE * TRUE_ANCHOR_M
     flat = flat * (np.cos(yaw_rad), 1, 1)
-    return Hand(image_px=flat[:, :2] / TRUE_M * 900 + (640, 360), world_m=flat, presence=1, side=Side.RIGHT)
+    image_px = flat[:, :2] / TRUE_M * lens.fx_px + (lens.cx_px, lens.cy_px)
+    return Hand(image_px=image_px, world_m=flat, presence=1, side=Side.RIGHT)
 
 
 class Shown:
@@ -90,6 +91,7 @@ def test_another_resolution_starts_anew(patient: Profile) -> None:
     small = Intrinsics(
         width_px=640, height_px=360, fx_px=450, fy_px=450, cx_px=320, cy_px=180, source=IntrinsicsSource.GIVEN
     )
+    sampler.detector = Shown(palm(lens=small))
     sampler.take(Frame(image_bgr=frame.image_bgr, captured_ns=99, sequence=1, intrinsics=small))
     assert len(sampler.samples_m) == 1
 
