@@ -17,7 +17,7 @@ from kgdfa.hand import Box, Gesture
 
 HYSTERESIS = 0.20  # a press ends, and a new one may begin, beyond this share over the threshold: three sd of keypoints
 APPROACH_M_S = 3.5  # a 0.3 s press from 36 cm peaks at 2.7 m/s, its safe distance at a tenth more; faster is a slip
-SHORTEST_PRESS_NS = 50_000_000  # from press to release: two frames; keypoints that slip for a frame slip back in the next
+SHORTEST_PRESS_NS = 50_000_000  # press to release, two frames: keypoints that slip for a frame slip back in the next
 GAP_FRAMES = 2  # frames in a row without a hand or a distance that a press survives
 STALE_NS = 250_000_000  # pictures further apart than this say nothing about the time between
 
