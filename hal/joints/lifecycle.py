@@ -57,13 +57,24 @@ def probe(joints: SocketCanJoints) -> tuple[str, ...]:
     silent = list(joints.stations)
     for attempt in (_by_disabling, _by_neutral_command, _by_neutral_entry):
         for _ in range(_ATTEMPTS - 1):
-            silent = _still_silent(joints, silent, attempt)
+            asked, silent = silent, _still_silent(joints, silent, attempt)
+            for station in asked:
+                if station not in silent and attempt in _HARMLESS:
+                    joints.questions[station.joint] = attempt
     if silent:
         raise HardwareError(_silence(joints, silent))
     notes = [note for station in joints.stations for note in _read_back(joints, station)]
     joints.listen(lambda: False, 0.005)  # late answers to the second and third question
     joints.bus_sentence()
     return tuple(notes)
+
+
+def look(joints: SocketCanJoints) -> None:
+    """Ask every drive without power where it is, by the harmless question that it answered at the probe."""
+    for station in joints.stations:
+        question = joints.questions.get(station.joint)
+        if question is not None:
+            question(joints, station)
 
 
 def enable(joints: SocketCanJoints) -> None:
@@ -117,6 +128,9 @@ def _by_neutral_entry(joints: SocketCanJoints, station: Station) -> None:
     if station.model.protocol is WireProtocol.MIT:
         for step in (_by_neutral_command, _by_enabling, _by_neutral_command, _by_disabling):
             step(joints, station)
+
+
+_HARMLESS = (_by_disabling, _by_neutral_command)  # questions that power nothing, for drives without power
 
 
 def _still_silent(joints: SocketCanJoints, stations: list[Station], ask: Ask) -> list[Station]:

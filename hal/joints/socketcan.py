@@ -28,6 +28,7 @@ from hal.joints.station import Station
 
 _ENDING = BusFault.BUS_OFF | BusFault.INTERFACE_GONE  # of the bus; with these the drives are out of reach
 _POWERED = (DriveState.ENABLED, DriveState.FAULTED)
+LOOK_NS = 20_000_000  # how often drives without power are asked where they are: a screen needs no more
 
 
 class SocketCanJoints:
@@ -55,6 +56,8 @@ class SocketCanJoints:
         self._ports: list[BusPort] = []
         self._routes: list[Routes] = []
         self._enabled_ns = 0
+        self._looked_ns = 0
+        self.questions: dict[Joint, lifecycle.Ask] = {}  # what each drive answers without power
         self.notes: tuple[str, ...] = ()
 
     @property
@@ -95,7 +98,10 @@ class SocketCanJoints:
         self._enabled_ns = max(now_ns, self._clock())
 
     def write(self, command: JointCommand, now_ns: int) -> None:
-        """Send one set-point a drive, at once; nothing leaves while the drives are not enabled."""
+        """Send one set-point a drive, at once; drives that are not enabled are only asked where they are."""
+        if self._state is DriveState.PROBED and now_ns - self._looked_ns >= LOOK_NS:
+            self._looked_ns = now_ns
+            lifecycle.look(self)
         if self._state not in _POWERED:
             return
         rows = _rows(command)

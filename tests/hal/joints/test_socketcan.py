@@ -42,6 +42,16 @@ def has_bus(flag: BusFault) -> object:
     return lambda now: flag in now.bus
 
 
+@pytest.mark.parametrize("motor", ["AK80-64/V2", "AK80-64/V3", "DM10010/default"])
+def test_drives_without_power_are_still_asked_where_they_are(make_rig: MakeRig, motor: str) -> None:
+    """Power comes only when the legs are still: a leg that swung at the probe must be seen coming to rest."""
+    rig = make_rig(with_motor(motor))
+    rig.joints.open(rig.now_ns())
+    at_probe = rig.joints.read(rig.now_ns()).measured_ns.copy()
+    rig.until(lambda now: (now.measured_ns > at_probe).all(), HOLD)
+    assert rig.joints.state is DriveState.PROBED
+
+
 def test_an_error_code_becomes_its_fault_and_the_joint_is_named(rig: CanRig) -> None:
     rig.emulator.befall(Fault.ERROR, KNEE, 2)
     feedback = rig.until(lambda now: now.faults[KNEE], HOLD)
