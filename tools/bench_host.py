@@ -1,0 +1,53 @@
+"""How late this machine wakes a real-time thread that does nothing else: the floor under every tick lateness.
+
+A loop of control's rate and priority without any of the project in it. Where this is late, control is late too, drives
+that are emulated here fall silent, and nothing in the program can mend it. Run it beside the load in question.
+
+    python tools/bench_host.py [--seconds 40]
+"""
+
+from __future__ import annotations
+
+import gc
+import os
+import time
+
+import numpy as np
+import typer
+
+TICK_NS = 2_000_000
+PRIORITY = 80  # above all that the project asks for
+
+
+def wake(seconds: float) -> list[float]:
+    """Lateness of every wake-up, ms; after a late one the beat starts anew."""
+    late_ms: list[float] = []
+    due_ns = time.monotonic_ns()
+    end_ns = due_ns + int(seconds * 1e9)
+    while due_ns < end_ns:
+        due_ns += TICK_NS
+        time.sleep(max(0, due_ns - time.monotonic_ns()) / 1e9)
+        late_ns = time.monotonic_ns() - due_ns
+        late_ms.append(late_ns / 1e6)
+        if late_ns > TICK_NS:
+            due_ns += late_ns
+    return late_ms
+
+
+def main(seconds: float = 40.0) -> None:
+    """Print the lateness and whether the privilege was there."""
+    try:
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY))
+        privilege = "SCHED_FIFO"
+    except PermissionError:
+        privilege = "no real-time privilege"
+    gc.disable()
+    late_ms = np.array(wake(seconds))
+    p50, p99, p999 = np.percentile(late_ms, (50, 99, 99.9))
+    print(f"{privilege}: {len(late_ms)} wake-ups")
+    print(f"late by p50 {p50:.3f}, p99 {p99:.3f}, p99.9 {p999:.2f}, at most {late_ms.max():.1f} ms")
+    print(f"late by more than a tick: {(late_ms > 2).sum()}, by more than 15 ms: {(late_ms > 15).sum()}")
+
+
+if __name__ == "__main__":
+    typer.run(main)
