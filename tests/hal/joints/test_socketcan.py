@@ -49,7 +49,7 @@ def test_drives_without_power_are_still_asked_where_they_are(make_rig: MakeRig, 
     rig.joints.open(rig.now_ns())
     at_probe = rig.joints.read(rig.now_ns()).measured_ns.copy()
     rig.until(lambda now: (now.measured_ns > at_probe).all(), HOLD)
-    assert rig.joints.state is DriveState.PROBED
+    assert rig.joints.read(rig.now_ns()).state is DriveState.PROBED
 
 
 def test_an_error_code_becomes_its_fault_and_the_joint_is_named(rig: CanRig) -> None:
