@@ -39,7 +39,7 @@ MOST_DISAGREEMENT = 0.30
 # The button's distance therefore stays above it, and needs no more than a scatter beyond it.
 FLOOR_OF_EQUATION = 1.03
 CEILING_OF_EQUATION = 1.10
-UPRIGHT_FACTOR = 1.10  # so far the button reads an upright, steady hand: 1.04 to 1.18 by gesture
+UPRIGHT_FACTOR = CEILING_OF_EQUATION  # so far at most the button reads a palm that Eq. 4 reads right
 
 
 class DistanceSource(Enum):

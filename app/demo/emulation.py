@@ -17,7 +17,7 @@ from hal.joints.device import DEFAULT_DEVICE, load_exoskeleton
 from hal.joints.emulator import ScheduledFault, run_emulator
 from profiles.schema import DEMO_PATIENT, Profile
 
-INTERFACE = "local"  # needs no vcan, and no network card as udp_multicast does
+INTERFACE = "local"  # needs no vcan, and costs less a frame than udp_multicast
 START_S = 30.0  # importing MuJoCo on a busy machine
 
 

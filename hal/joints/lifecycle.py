@@ -58,9 +58,8 @@ def probe(joints: SocketCanJoints) -> tuple[str, ...]:
     for attempt in (_by_disabling, _by_neutral_command, _by_neutral_entry):
         for _ in range(_ATTEMPTS - 1):
             asked, silent = silent, _still_silent(joints, silent, attempt)
-            for station in asked:
-                if station not in silent and attempt in _HARMLESS:
-                    joints.questions[station.joint] = attempt
+            if attempt in _HARMLESS:
+                joints.questions |= {station.joint: attempt for station in asked if station not in silent}
     if silent:
         raise HardwareError(_silence(joints, silent))
     notes = [note for station in joints.stations for note in _read_back(joints, station)]

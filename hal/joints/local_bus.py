@@ -1,7 +1,7 @@
 """A CAN bus between the programs of one machine, for kernels without vcan: SocketCAN's own 16-byte frames in UDP.
 
 Interface `local`, channel a UDP port. python-can's `udp_multicast` does the same for several machines, but packs every
-frame into a dictionary, gives senders their own frames back, and fails when the network card's queue is full.
+frame into a dictionary, gives senders their own frames back, and refuses bursts (EAGAIN).
 Frames go to a multicast group on the loopback device; the kernel drops a sender's own and stamps what arrives.
 """
 

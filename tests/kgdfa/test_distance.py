@@ -11,7 +11,7 @@ from kgdfa.button import GAP_FRAMES
 from kgdfa.distance import ANCHOR_HOLDS_M, HALF_PALM_M, Distance, PublishedRange, RobustRange
 from kgdfa.errors import KgdfaError
 from kgdfa.hand import FloatArray, Hand, Side
-from kgdfa.jumps import CONFIRM_FRAMES
+from kgdfa.jumps import CONFIRM_FRAMES, JumpGuard, accept
 from kgdfa.palm_shape import RIGID, SHAPE, view_palm
 
 FOCAL_PX = 900.0
@@ -186,7 +186,7 @@ def test_one_near_outlier_is_outvoted_and_a_withdrawal_is_followed_at_once() -> 
     assert measured(finder, seen(skin_m(0.22)), 6 * FRAME_NS).safe_m == pytest.approx(held.safe_m)
 
 
-@pytest.mark.parametrize(("before_m", "after_m"), [(0.45, 0.15), (0.15, 0.40)])
+@pytest.mark.parametrize(("before_m", "after_m"), [(0.45, 0.15), (0.15, 0.40), (0.21, 0.11)])
 def test_a_jump_that_no_hand_can_make_is_no_measurement_until_it_has_stayed(before_m: float, after_m: float) -> None:
     finder = robust()
     for frame in range(1, 4):
@@ -195,6 +195,17 @@ def test_a_jump_that_no_hand_can_make_is_no_measurement_until_it_has_stayed(befo
     assert jumped[:-1] == [None] * (CONFIRM_FRAMES - 1)
     assert CONFIRM_FRAMES - 1 > GAP_FRAMES  # so the press has ended before the jump is believed
     assert jumped[-1] is not None
+
+
+@given(st.floats(0.0, 1.0))
+def test_the_fastest_push_is_no_jump(phase: float) -> None:
+    """0.3 s from 36 cm to 14.5 and back, minimum jerk, sampled at any phase of the camera."""
+    guard = JumpGuard()
+    for frame in range(12):
+        share = 1 - abs(min(2.0, max(0.0, (frame + phase - 1) * FRAME_NS / 0.15e9)) - 1)
+        distance_m = 0.36 - 0.215 * share**3 * (10 - 15 * share + 6 * share**2)
+        guard, believed = accept(guard, distance_m, (frame + 1) * FRAME_NS)
+        assert believed
 
 
 @pytest.mark.parametrize("forget", ["reset", "gap"])
