@@ -163,7 +163,7 @@ def calibrate(
             profile,
             camera,
             detector,
-            lambda now: status.update(f"{len(now.samples_m)} of {WANTED_SAMPLES} samples. {now.hint}"),
+            lambda now, _: status.update(f"{len(now.samples_m)} of {WANTED_SAMPLES} samples. {now.hint}"),
         )
         made = sampler.solve(camera.name, distance / 100, datetime.now(UTC))
     if made.doubt and not anyway:

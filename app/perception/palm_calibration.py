@@ -77,7 +77,7 @@ class PalmSampler:
 
 
 def sample_palm(
-    profile: Profile, camera: Camera, detector: Detector, watch: Callable[[PalmSampler], None]
+    profile: Profile, camera: Camera, detector: Detector, watch: Callable[[PalmSampler, Frame], None]
 ) -> PalmSampler:
     """Read an open camera until there are samples enough, or ten seconds' worth of frames went by.
 
@@ -89,7 +89,7 @@ def sample_palm(
         if frame is None:
             raise AppError(f"No picture came from {camera.name}: check its cable and that no other program uses it.")
         sampler.take(frame)
-        watch(sampler)
+        watch(sampler, frame)
         if sampler.enough:
             break
     return sampler

@@ -60,7 +60,7 @@ class Frames:
 
 
 def test_a_palm_held_still_is_calibrated(patient: Profile) -> None:
-    sampler = sample_palm(patient, Frames(500), Shown(palm()), lambda _: None)
+    sampler = sample_palm(patient, Frames(500), Shown(palm()), lambda *_: None)
     assert len(sampler.samples_m) == WANTED_SAMPLES
     made = sampler.solve("grey", TRUE_M, AT)
     assert made.anchor_m == pytest.approx(TRUE_ANCHOR_M, rel=0.02)
@@ -76,7 +76,7 @@ def test_what_is_no_palm_before_the_camera_is_no_sample_and_helped(
     patient: Profile, hands: tuple[Hand, ...], hint: str
 ) -> None:
     said: list[str] = []
-    sampler = sample_palm(patient, Frames(400), Shown(*hands), lambda now: said.append(now.hint))
+    sampler = sample_palm(patient, Frames(400), Shown(*hands), lambda now, _: said.append(now.hint))
     assert sampler.samples_m == []
     assert hint in said[-1]
     with pytest.raises(ProfileError, match="0 of at least"):
@@ -98,4 +98,4 @@ def test_another_resolution_starts_anew(patient: Profile) -> None:
 
 def test_a_camera_without_pictures_is_told(patient: Profile) -> None:
     with pytest.raises(AppError, match="No picture came from grey"):
-        sample_palm(patient, Frames(3), Shown(palm()), lambda _: None)
+        sample_palm(patient, Frames(3), Shown(palm()), lambda *_: None)

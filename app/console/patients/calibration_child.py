@@ -13,6 +13,7 @@ from hal.errors import HardwareError
 from kgdfa.errors import KgdfaError
 
 if TYPE_CHECKING:
+    from hal.cameras.camera import Frame
     from profiles.calibration import Calibrated
 
 PREVIEW_PX = 160
@@ -40,28 +41,23 @@ def calibrate_palm(words: Connection, setup: SessionSetup, distance_m: float) ->
 
 
 def _sample(words: Connection, setup: SessionSetup, distance_m: float) -> Calibrated:
-    from app.errors import AppError
     from app.perception import build
-    from app.perception.palm_calibration import FRAME_TIMEOUT_S, MAX_FRAMES, WANTED_SAMPLES, PalmSampler
+    from app.perception.palm_calibration import WANTED_SAMPLES, PalmSampler, sample_palm
     from app.perception.preview import PreviewPacer
 
     camera = build.make_camera(setup)
     pacer = PreviewPacer(width_px=PREVIEW_PX, rate_hz=SHOWN_HZ)
+
+    def show(sampler: PalmSampler, frame: Frame) -> None:
+        if pacer.due(time.monotonic_ns()):
+            words.send(pacer.message(frame.image_bgr, frame.captured_ns))
+            words.send(Progress(len(sampler.samples_m), WANTED_SAMPLES, sampler.hint))
+
     with build.make_detector(setup) as detector:
-        sampler = PalmSampler(setup.profile, detector, [])
         camera.open()
         try:
             _show_palm(camera)
-            for _ in range(MAX_FRAMES):
-                frame = camera.read(FRAME_TIMEOUT_S)
-                if frame is None:
-                    raise AppError(f"No picture came from {camera.name}: check its cable and that nobody else uses it.")
-                sampler.take(frame)
-                if pacer.due(time.monotonic_ns()):
-                    words.send(pacer.message(frame.image_bgr, frame.captured_ns))
-                    words.send(Progress(len(sampler.samples_m), WANTED_SAMPLES, sampler.hint))
-                if sampler.enough:
-                    break
+            sampler = sample_palm(setup.profile, camera, detector, show)
             return sampler.solve(camera.name, distance_m, datetime.now(UTC))
         finally:
             camera.close()
