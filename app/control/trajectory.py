@@ -143,8 +143,12 @@ def scene_of(action: Action, patient: Patient) -> Scene:
         return LEVEL_FLOOR
 
 
+@lru_cache(maxsize=64)
 def path_of(action: Action, phase: Phase, patient: Patient) -> Path:
-    """The nominal path of a movement, slow enough for every joint; raises ValueError for one that can't be made."""
+    """The nominal path of a movement, slow enough for every joint; raises ValueError for one that can't be made.
+
+    Kept once made: it asks for most of a plan's time, and the wearer waits for it between release and first command.
+    """
     recipe = RECIPES[action, phase]
     return sample(patient.body, _outline(recipe.build, patient, _stretch(recipe, patient)))
 
