@@ -10,6 +10,7 @@ import os
 import signal
 import time
 from collections import deque
+from contextlib import suppress
 
 from app import processes
 from app.audit_sink import AuditSink
@@ -32,10 +33,13 @@ from logs.records import EventRaised, ProcessEnd, ProcessStart
 
 FRAME_TIMEOUT_S = 0.1
 LOADING = "The hand model is loading."
+NICER = -10  # where it is allowed: the wearer's command must not wait for the screen, or for other programs
 
 
 def run_perception(setup: SessionSetup) -> None:
     """Run until the session ends, the console dies, or SIGTERM."""
+    with suppress(PermissionError):
+        os.nice(NICER)  # before any thread starts: they inherit it
     perception = Perception(setup)
     signal.signal(signal.SIGTERM, lambda *_: perception.end())
     try:
