@@ -14,6 +14,7 @@ import shutil
 import tempfile
 import threading
 import time
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -96,8 +97,10 @@ def _start_order(config: Config) -> tuple[str, ...]:
 class SessionHost:
     """Starts, feeds, watches and ends one session. `send` may be called from any thread."""
 
-    def __init__(self, setup: SessionSetup) -> None:
+    def __init__(self, setup: SessionSetup, *, entry: Callable[[str, SessionSetup], None] = begin) -> None:
+        """entry: what each process runs with its name and the setup; importable, for it is spawned."""
         self.setup = setup
+        self._entry = entry
         self._children: dict[str, multiprocessing.process.BaseProcess] = {}
         self._supervisor = Supervisor()
         self._operator = OrderedSender(address(setup.links, processes.OPERATOR.name))
@@ -195,10 +198,10 @@ class SessionHost:
 
     def _spawn(self, name: str) -> None:
         child = multiprocessing.get_context("spawn").Process(
-            target=begin, args=(name, self.setup), daemon=True, name=f"rleex-{name}"
+            target=self._entry, args=(name, self.setup), daemon=True, name=f"rleex-{name}"
         )
         child.start()  # daemon: a console that dies by an exception still asks it to end (SIGTERM)
-        self._children[name] = child
+        self._children = {**self._children, name: child}  # anew: another thread may be going through the old one
 
     def _watch_perception(self, *, reported: bool) -> None:
         child = self._children.get("perception")
