@@ -10,13 +10,15 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from kgdfa.features import FEATURES, Group, Unit, features
+from kgdfa.features import FEATURES, Feature, Group, Unit, features
 from kgdfa.hand import FloatArray, Gesture, Hand
 from kgdfa.robust_model import GESTURES, RobustModel, load_model
 from kgdfa.verdict import Verdict
 
 _GROUP_MASKS = np.array([[feature.group is group for feature in FEATURES] for group in Group])
+_MEMBERS = [np.flatnonzero(mask).tolist() for mask in _GROUP_MASKS]
 _DIGITS = {Unit.DEGREES: 0, Unit.PALMS: 2, Unit.SHARE: 2}
+_NAMES = frozenset(gesture.value for gesture in Gesture)
 
 
 class RobustRules:
@@ -27,6 +29,7 @@ class RobustRules:
     def __init__(self, model: RobustModel | None = None) -> None:
         """Take a model, or the shipped one. Raises KgdfaError when that can't be read."""
         self._model = model or load_model()
+        self._explainer = _Explainer(self._model)
 
     def score(self, hand: Hand) -> FloatArray:
         """Confidence in each gesture, (12,) in the order of `Gesture`; together with none's they sum to 1."""
@@ -46,66 +49,68 @@ class RobustRules:
 
     def weigh_looks(self, hands: Sequence[Hand]) -> tuple[Verdict, FloatArray]:
         """Both at once, from one measuring of the hands."""
-        values = _features(hands)
-        chances = self._model.probabilities(values).mean(axis=0)
-        return judge_features(self._model, values[0], chances), chances[: len(GESTURES)]
+        values = np.array([features(hand.image_px, hand.world_m) for hand in hands])
+        squashed = self._model.squash(values)
+        chances = np.add.reduce(self._model.weigh(squashed), axis=0) / len(hands)
+        return self._judge(values[0], squashed[0], chances.tolist()), chances[: len(GESTURES)]
+
+    def _judge(self, values: FloatArray, squashed: FloatArray, chances: list[float]) -> Verdict:
+        """The verdict from one look's features, (F,), and the class probabilities, K, of all looks at the hand."""
+        nearest = max(range(len(GESTURES)), key=chances.__getitem__)
+        sure = chances[nearest]
+        rival = max((k for k in range(len(chances)) if k != nearest), key=chances.__getitem__)
+        accepted = sure >= float(self._model.accept[nearest]) and sure - chances[rival] >= self._model.tie
+        gesture = GESTURES[nearest]
+        explain = self._explainer.accepted if accepted else self._explainer.refused
+        return Verdict(
+            gesture=gesture if accepted else None,
+            confidence=sure,
+            nearest=gesture,
+            explanation=explain(values, squashed, nearest, rival),
+        )
 
 
-def _features(hands: Sequence[Hand]) -> FloatArray:
-    return np.array([features(hand.image_px, hand.world_m) for hand in hands])
+class _Explainer:
+    """Says which constraint decided; `values` and `squashed` are one look's features, (F,)."""
+
+    def __init__(self, model: RobustModel) -> None:
+        self._model = model
+        self._typical = model.squash(model.typical)
+        self._low, self._high, self._spread = model.low.tolist(), model.high.tolist(), model.spread.tolist()
+
+    def accepted(self, values: FloatArray, squashed: FloatArray, nearest: int, rival: int) -> str:
+        """What keeps it from being the rival: the group whose exchange for the rival's costs the most."""
+        group = int(self._exchanged(squashed, rival)[:, nearest].argmin())
+        measure = self._furthest(values, rival, group)
+        names = f"{self._model.classes[nearest]}, not {self._say_class(rival)}"
+        return f"{names}: {measure}" if measure else names
+
+    def refused(self, values: FloatArray, squashed: FloatArray, nearest: int, rival: int) -> str:
+        """What keeps it from being accepted: the group whose mending for the gesture's own would win the most."""
+        group = int(self._exchanged(squashed, nearest)[:, nearest].argmax())
+        measure = self._furthest(values, nearest, group) or f"too near to {self._say_class(rival)}"
+        return f"not {self._model.classes[nearest]}: {measure}"
+
+    def _exchanged(self, squashed: FloatArray, kind: int) -> FloatArray:
+        """The class probabilities, (groups, K), when one group at a time is as is typical of a class."""
+        return self._model.weigh(np.where(_GROUP_MASKS, self._typical[kind], squashed))
+
+    def _furthest(self, values: FloatArray, kind: int, group: int) -> str:
+        """The measure of a group that lies furthest outside a class's range, in words; "" when all lie inside."""
+        low, high, spread, measured = self._low[kind], self._high[kind], self._spread, values.tolist()
+        worst = max(_MEMBERS[group], key=lambda k: max(measured[k] - high[k], low[k] - measured[k]) / spread[k])
+        value = measured[worst]
+        if low[worst] <= value <= high[worst]:
+            return ""
+        above = value > high[worst]
+        return _say_beyond(FEATURES[worst], value, high[worst] if above else low[worst], above=above)
+
+    def _say_class(self, kind: int) -> str:
+        name = self._model.classes[kind]
+        return name if name in _NAMES else "none of them"
 
 
-def judge_features(model: RobustModel, values: FloatArray, chances: FloatArray) -> Verdict:
-    """The verdict from one look's features, (F,), and the class probabilities, (K,), of all looks at the hand."""
-    order = [int(k) for k in np.argsort(chances)[::-1]]
-    nearest = next(k for k in order if k < len(GESTURES))
-    rival = next(k for k in order if k != nearest)
-    sure = float(chances[nearest])
-    accepted = sure >= float(model.accept[nearest]) and sure - float(chances[rival]) >= model.tie
-    gesture = GESTURES[nearest]
-    explain = _explain_accepted if accepted else _explain_refused
-    return Verdict(
-        gesture=gesture if accepted else None,
-        confidence=sure,
-        nearest=gesture,
-        explanation=explain(model, values, nearest, rival),
-    )
-
-
-def _explain_accepted(model: RobustModel, values: FloatArray, nearest: int, rival: int) -> str:
-    """What keeps it from being the rival: the group whose exchange for the rival's costs the most."""
-    exchanged = model.probabilities(np.where(_GROUP_MASKS, model.typical[rival], values))
-    group = int(np.argmin(exchanged[:, nearest]))
-    measure = _furthest(model, values, rival, group)
-    names = f"{model.classes[nearest]}, not {_say_class(model.classes[rival])}"
-    return f"{names}: {measure}" if measure else names
-
-
-def _explain_refused(model: RobustModel, values: FloatArray, nearest: int, rival: int) -> str:
-    """What keeps it from being accepted: the group whose mending for the gesture's own would win the most."""
-    mended = model.probabilities(np.where(_GROUP_MASKS, model.typical[nearest], values))
-    group = int(np.argmax(mended[:, nearest]))
-    measure = _furthest(model, values, nearest, group)
-    if measure:
-        return f"not {model.classes[nearest]}: {measure}"
-    return f"not {model.classes[nearest]}: too near to {_say_class(model.classes[rival])}"
-
-
-def _furthest(model: RobustModel, values: FloatArray, kind: int, group: int) -> str:
-    """The measure of a group that lies furthest outside a class's range, in words; "" when all lie inside."""
-    over, under = values - model.high[kind], model.low[kind] - values
-    beyond = np.where(_GROUP_MASKS[group], np.maximum(over, under) / model.spread, -np.inf)
-    worst = int(np.argmax(beyond))
-    if beyond[worst] <= 0:
-        return ""
-    feature, above = FEATURES[worst], bool(over[worst] > 0)
-    limit = float(model.high[kind, worst] if above else model.low[kind, worst])
-    digits = _DIGITS[feature.unit]
-    value = float(values[worst])
-    return f"{feature.text} {value:.{digits}f}{feature.unit.value} {'>' if above else '<'} {limit:.{digits}f}" + (
-        "°" if feature.unit is Unit.DEGREES else ""
-    )
-
-
-def _say_class(name: str) -> str:
-    return name if name in {gesture.value for gesture in Gesture} else "none of them"
+def _say_beyond(feature: Feature, value: float, limit: float, *, above: bool) -> str:
+    digits, degrees = _DIGITS[feature.unit], "°" if feature.unit is Unit.DEGREES else ""
+    said = f"{value:.{digits}f}{feature.unit.value}"
+    return f"{feature.text} {said} {'>' if above else '<'} {limit:.{digits}f}{degrees}"

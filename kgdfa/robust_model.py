@@ -43,13 +43,22 @@ class RobustModel:
     low: FloatArray
     high: FloatArray
 
+    def squash(self, values: FloatArray) -> FloatArray:
+        """(n, F) features as they enter the perceptrons."""
+        squashed: FloatArray = np.tanh((values - self.centre) / self.spread).astype(self.weights_in.dtype)
+        return squashed  # single precision, as the weights are: else those would be copied to be multiplied
+
     def probabilities(self, values: FloatArray) -> FloatArray:
         """(n, F) features to (n, K): the mean of the members' class probabilities."""
-        squashed = np.tanh((values - self.centre) / self.spread).astype(self.weights_in.dtype)  # no copy of the weights
+        return self.weigh(self.squash(values))
+
+    def weigh(self, squashed: FloatArray) -> FloatArray:
+        """(n, F) squashed features to (n, K)."""
         hidden = np.maximum(squashed @ self.weights_in + self.bias_in, 0.0)
         logits = hidden @ self.weights_out + self.bias_out
-        powers = np.exp(logits - logits.max(axis=2, keepdims=True))
-        mean: FloatArray = (powers / powers.sum(axis=2, keepdims=True)).mean(axis=0)
+        powers = np.exp(logits - np.maximum.reduce(logits, axis=2, keepdims=True))
+        shares = powers / np.add.reduce(powers, axis=2, keepdims=True)
+        mean: FloatArray = np.add.reduce(shares, axis=0) / len(shares)
         return mean
 
 
