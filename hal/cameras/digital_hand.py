@@ -11,7 +11,6 @@ from hal.cameras.camera import Frame, Intrinsics
 from hal.cameras.hand_depth import DepthCamera
 from hal.cameras.hand_scene import Person, Scene, keypoints_m, lens_for, person_of, project_px, render
 from hal.cameras.hand_skeleton import FloatArray
-from hal.cameras.newest import Newest
 from hal.errors import HardwareError
 
 REST_M = 0.36
@@ -61,9 +60,8 @@ class DigitalHandCamera:
         self._depth = DepthCamera(seed) if depth else None
         self._clock_ns = clock_ns
         self._movement = hand_motion.begin(self.person, rest_m=rest_m, press_m=press_m, gesture=gesture)
-        self._opened_ns = 0
+        self._opened_ns: int | None = None
         self._sequence = 0
-        self._newest: Newest[Frame] | None = None
 
     @property
     def name(self) -> str:
@@ -75,23 +73,26 @@ class DigitalHandCamera:
         self._opened_ns = self._clock_ns()
         self._sequence = 0
         self.render(self._opened_ns)  # paints the room, which later frames re-use
-        self._newest = Newest(self._expose, lost=f"{self.name} gives no pictures: choose the camera again.")
 
     def close(self) -> None:
         """End the frames."""
-        if self._newest is not None:
-            self._newest.stop()
-        self._newest = None
+        self._opened_ns = None
 
     def read(self, timeout_s: float) -> Frame | None:
-        """The newest frame not yet given, waiting up to timeout_s. Raises HardwareError when not open.
-
-        Rendered in a thread of its own from the moment of capture on, as a real camera reads its sensor out
-        while the program is still at the frame before.
-        """
-        if self._newest is None:
+        """The newest due frame not yet given, waiting up to timeout_s. Raises HardwareError when not open."""
+        if self._opened_ns is None:
             raise HardwareError("The digital hand is not open: open it before reading.")
-        return self._newest.take(timeout_s)
+        now_ns = self._clock_ns()
+        due = max(self._sequence + 1, (now_ns - self._opened_ns) // self._period_ns)
+        due_ns = self._opened_ns + due * self._period_ns
+        wait_s = (due_ns - now_ns) / 1e9
+        if wait_s > timeout_s:
+            time.sleep(timeout_s)
+            return None
+        if wait_s > 0:
+            time.sleep(wait_s)
+        self._sequence = due
+        return self.render(due_ns, sequence=due)
 
     def command(
         self,
@@ -158,13 +159,6 @@ class DigitalHandCamera:
             distance_m=None if scene.place is None else scene.place.position_m[2],
             tilt_rad=None if scene.place is None else scene.place.tilt_rad,
         )
-
-    def _expose(self) -> Frame:
-        now_ns = self._clock_ns()
-        self._sequence = max(self._sequence + 1, (now_ns - self._opened_ns) // self._period_ns)
-        due_ns = self._opened_ns + self._sequence * self._period_ns
-        time.sleep(max(0.0, (due_ns - now_ns) / 1e9))
-        return self.render(due_ns, sequence=self._sequence)
 
     def _turning(self, captured_ns: int) -> bool:
         return not self._movement.settled(captured_ns)
