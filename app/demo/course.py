@@ -33,5 +33,3 @@ ALL_TWELVE: tuple[Leg, ...] = (
     Leg(gesture=Gesture.EIGHT, start=STANDING, end=STANDING),
     Leg(gesture=Gesture.NINE, start=STANDING, end=STANDING),
 )
-# Gesture 0 is only meaningful once a power-up: further rounds leave it out.
-ANOTHER_ROUND = ALL_TWELVE[1:]

@@ -7,7 +7,7 @@ acts through the hand and the therapist's keys.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
 from app.control.states import ACTION_OF, Action, Effect, GaitState
 from app.demo.course import Leg
@@ -69,8 +69,10 @@ class CourseRunner:
         action = ACTION_OF[leg.gesture]
         self._watch(f"gesture {leg.gesture.value}: {action.value}")
         start = self._now.state
-        if not self._until(lambda: action in self._now.allowed, ACTION_S):
-            return self._trial(leg, start, recognised=False, reason=f"not allowed: {self._now.why_not}")
+        self._until(lambda: action in self._now.allowed or self._astray(leg), ACTION_S)
+        if action not in self._now.allowed:
+            why = f"not allowed: {self._now.why_not}"
+            return self._trial(leg, start, recognised=False, reason=why, interrupted=self._astray(leg))
         self._host.move_hand(HandCommand(gesture=leg.gesture))
         if not self._until(lambda: self._seen(leg), RECOGNITION_S):
             return self._trial(leg, start, recognised=False, reason=self._why_unseen())
@@ -80,6 +82,11 @@ class CourseRunner:
         """Let the hand rest, as a wearer does between gestures."""
         self._host.move_hand(HandCommand(pose=HandPose.REST))
         self._until(lambda: self.report is not None and self.report.gesture is None, RECOGNITION_S)
+
+    @property
+    def standing(self) -> bool:
+        """Whether the legs stand, ready for the next action."""
+        return self._now.state is GaitState.STANDING
 
     @property
     def allowed(self) -> tuple[Action, ...]:
@@ -96,6 +103,13 @@ class CourseRunner:
         off = self._until(lambda: not self._now.enabled, ACCEPTANCE_S)
         self._host.send(OperatorKind.ACKNOWLEDGE)
         return off and self._until(lambda: self._now.effect < Effect.HOLD, ACCEPTANCE_S)
+
+    def recover(self) -> bool:
+        """As a therapist after an interlock held the legs: look, acknowledge; whether they may be brought back."""
+        self._until(lambda: not any(e.present and e.effect >= Effect.HOLD for e in self._now.events), ACCEPTANCE_S)
+        if self._now.effect >= Effect.HOLD:
+            self._host.send(OperatorKind.ACKNOWLEDGE)
+        return self._until(self._ready_again, ACCEPTANCE_S)
 
     def unintended(self) -> int:
         """Actions that began without having been asked for."""
@@ -122,7 +136,9 @@ class CourseRunner:
         reached = self._now.state is leg.end or (leg.steps > 0 and report.outcome == "running")
         ok = reached and report.outcome != "stopped" and moment_of_command(report) > 0
         reason = "" if ok else f"{report.outcome} too early: {report.reason or self._now.why_not}"
-        return self._trial(leg, start, pressed=pressed, presses=made, report=report, reason=reason, ok=ok)
+        return self._trial(
+            leg, start, pressed=pressed, presses=made, report=report, reason=reason, ok=ok, interrupted=not ok
+        )
 
     def _click(self, action: Action, known: set[int]) -> bool:
         """Press and withdraw once within the click's time; whether the button was released by it."""
@@ -171,6 +187,7 @@ class CourseRunner:
         presses: int = 0,
         report: ActionReport | None = None,
         ok: bool = False,
+        interrupted: bool = False,
     ) -> Trial:
         return Trial(
             gesture=leg.gesture,
@@ -182,7 +199,17 @@ class CourseRunner:
             ok=ok,
             reason=reason,
             report=report,
+            interrupted=interrupted,
         )
+
+    def _ready_again(self) -> bool:
+        may_go_on = self.standing or Action.INITIALISE in self._now.allowed
+        return self._now.effect < Effect.HOLD and may_go_on
+
+    def _astray(self, leg: Leg) -> bool:
+        """Whether waiting is in vain: the legs are held, or rest where this leg does not begin."""
+        held = self._now.effect >= Effect.HOLD
+        return held or (self._now.action is None and self._now.state is not leg.start)
 
     @property
     def _now(self) -> ControlSnapshot:
@@ -225,14 +252,3 @@ class CourseRunner:
         if latest.snapshot is not None:
             self.snapshot = latest.snapshot
             self.actions.update({report.number: report for report in latest.snapshot.reports})
-
-
-def run_course(runner: CourseRunner, course: Sequence[Leg]) -> list[Trial]:
-    """Every leg in order, the hand at rest in between; ends early when a leg leaves the legs elsewhere."""
-    trials = []
-    for leg in course:
-        trials.append(runner.run(leg))
-        if not trials[-1].ok:
-            break
-        runner.relax()
-    return trials

@@ -11,7 +11,8 @@ import msgspec
 from app.config import CameraConfig, Config, JointsConfig
 from app.control.states import Action
 from app.demo.course import Leg
-from app.demo.runner import CourseRunner, run_course
+from app.demo.journey import run_course
+from app.demo.runner import CourseRunner
 from app.demo.trial import Trial
 from app.host import SessionHost, make_setup
 from app.messages import Lateness
@@ -33,12 +34,23 @@ class SessionResult:
     lateness: Lateness
     session: str
 
+    def last_of(self, course: Sequence[Leg]) -> tuple[Trial, ...]:
+        """The last trial of each leg that was tried: what an interlock interrupted was made again."""
+        last = {trial.gesture: trial for trial in self.trials}
+        return tuple(last[leg.gesture] for leg in course if leg.gesture in last)
+
+    @property
+    def interruptions(self) -> tuple[Trial, ...]:
+        """The trials that an interlock held or ended."""
+        return tuple(trial for trial in self.trials if trial.interrupted)
+
     def as_json(self, course: Sequence[Leg]) -> dict[str, Any]:
         """As `rleex demo --json` writes it."""
         late = self.lateness
         return {
-            "actions": [trial.row() for trial in self.trials],
+            "actions": [trial.row() for trial in self.last_of(course)],
             "asked": len(course),
+            "interruptions": [trial.row() for trial in self.interruptions],
             "unintended": self.unintended,
             "audit_verified": self.audit_verified,
             "perception_fps": round(self.perception_fps, 1),
@@ -50,7 +62,8 @@ class SessionResult:
 
     def passed(self, course: Sequence[Leg]) -> bool:
         """Everything asked happened, nothing else did, and the audit trail proves it."""
-        all_done = len(self.trials) == len(course) and all(trial.ok for trial in self.trials)
+        last = self.last_of(course)
+        all_done = len(last) == len(course) and all(trial.ok for trial in last)
         return all_done and self.unintended == 0 and self.audit_verified
 
 

@@ -24,7 +24,11 @@ def print_result(console: Console, result: SessionResult, course: Sequence[Leg])
     console.print(table)
     release = spread(trial.response_from_release_ms for trial in result.trials)
     late = result.lateness
-    done = sum(trial.ok for trial in result.trials)
+    done = sum(trial.ok for trial in result.last_of(course))
+    if result.interruptions:
+        console.print(
+            f"{len(result.interruptions)} interrupted by an interlock, acknowledged, brought back, made again"
+        )
     console.print(f"{done} of {len(course)} actions, {result.unintended} unintended; audit trail {_proof(result)}")
     if release is not None:
         console.print(f"release → command: median {release.p50:.0f} ms, worst hundredth {release.p99:.0f} ms")

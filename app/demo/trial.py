@@ -27,6 +27,7 @@ class Trial:
     ok: bool
     reason: str
     report: ActionReport | None
+    interrupted: bool = False  # an interlock held or ended it; the sign and the press were understood
 
     @property
     def response_from_recognition_ms(self) -> float | None:
@@ -67,6 +68,7 @@ class Trial:
             "response_from_release_ms": _rounded(self.response_from_release_ms),
             "visible_motion_ms": _rounded(self.visible_motion_ms),
             "tracking_rms_deg": _rounded(self.tracking_rms_deg, 3),
+            "interrupted": self.interrupted,
             "reason": self.reason,
         }
 

@@ -30,12 +30,12 @@ def config_with(hand_model: Path) -> Config:
 def test_the_hand_makes_the_legs_stand_sit_and_walk_and_the_trail_verifies(home: Home, hand_model: Path) -> None:
     said: list[str] = []
     result = run_session(home, config_with(hand_model), COURSE, click_s=0.8, presses=3, watch=said.append)
-    assert [trial.reason for trial in result.trials if not trial.ok] == []
-    assert len(result.trials) == len(COURSE)
+    assert [trial.reason for trial in result.trials if not (trial.ok or trial.interrupted)] == []
+    assert [trial.reason for trial in result.last_of(COURSE) if not trial.ok] == []
     assert result.unintended == 0
     assert result.audit_verified, result.audit_detail
     assert result.passed(COURSE)
-    assert all(trial.response_from_release_ms is not None for trial in result.trials)
+    assert all(trial.response_from_release_ms is not None for trial in result.last_of(COURSE))
 
 
 @pytest.mark.parametrize("victim", ["perception", "planner", "guardian", "audit", "control"])

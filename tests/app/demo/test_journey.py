@@ -1,0 +1,106 @@
+"""An interrupted course goes on from where the wearer last stood; one that is not understood ends."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import pytest
+
+from app.control.gait_machine import Gait, Latched, Started, ask, complete, interrupt
+from app.control.states import ACTION_OF, GaitState
+from app.demo.course import ALL_TWELVE, Leg
+from app.demo.journey import INTERRUPTIONS, run_course
+from app.demo.session import SessionResult
+from app.demo.trial import Trial
+from app.messages import Lateness
+
+Fate = Callable[[int, Leg], str]  # of the trial with that number: "" done, "held", "misread"
+
+
+class Walker:
+    """Legs that obey the real gait machine, and are held or misread as a test decides."""
+
+    def __init__(self, fate: Fate, *, acknowledges: bool = True) -> None:
+        self.gait, self.fate, self.acknowledges, self.made = Gait(), fate, acknowledges, 0
+
+    @property
+    def standing(self) -> bool:
+        return self.gait.state is GaitState.STANDING
+
+    def run(self, leg: Leg) -> Trial:
+        start = self.gait.state
+        answer = ask(self.gait, ACTION_OF[leg.gesture])
+        assert isinstance(answer, Started | Latched), f"{leg} from {start}"
+        what = self.fate(self.made, leg)
+        self.made += 1
+        if what == "held":
+            self.gait = interrupt(answer.gait)
+        elif what == "":
+            self.gait = complete(answer.gait)
+            while self.gait.running is not None and not leg.steps:
+                self.gait = complete(self.gait)
+        return Trial(
+            gesture=leg.gesture,
+            recognised=what != "misread",
+            pressed=what != "misread",
+            start=start,
+            end=self.gait.state,
+            ok=what == "",
+            reason=what,
+            report=None,
+            interrupted=what == "held",
+        )
+
+    def relax(self) -> None:
+        pass
+
+    def recover(self) -> bool:
+        return self.acknowledges
+
+
+def result_of(trials: list[Trial]) -> SessionResult:
+    return SessionResult(
+        trials=tuple(trials),
+        unintended=0,
+        audit_verified=True,
+        audit_detail="",
+        perception_fps=30.0,
+        lateness=Lateness(),
+        session="s",
+    )
+
+
+@pytest.mark.parametrize("victim", range(len(ALL_TWELVE)))
+def test_wherever_the_legs_are_held_once_the_course_is_carried_out(victim: int) -> None:
+    result = result_of(run_course(Walker(lambda made, _: "held" if made == victim else ""), ALL_TWELVE))
+    assert result.passed(ALL_TWELVE)
+    (interrupted,) = result.interruptions
+    assert interrupted.gesture is ALL_TWELVE[victim].gesture
+    assert [row["gesture"] for row in result.as_json(ALL_TWELVE)["actions"]] == [
+        leg.gesture.value for leg in ALL_TWELVE
+    ]
+
+
+def test_legs_that_are_held_again_and_again_end_the_course() -> None:
+    result = result_of(run_course(Walker(lambda made, _: "held" if made > 2 else ""), ALL_TWELVE))
+    assert not result.passed(ALL_TWELVE)
+    assert len(result.interruptions) == INTERRUPTIONS + 1
+
+
+def test_a_gesture_that_is_not_understood_ends_the_course() -> None:
+    trials = run_course(Walker(lambda made, _: "misread" if made == 3 else ""), ALL_TWELVE)
+    assert len(trials) == 4
+    assert not result_of(trials).passed(ALL_TWELVE)
+
+
+def test_legs_that_stay_held_end_the_course() -> None:
+    trials = run_course(Walker(lambda made, _: "held" if made == 3 else "", acknowledges=False), ALL_TWELVE)
+    assert len(trials) == 4
+
+
+def test_what_was_carried_out_unasked_is_no_success() -> None:
+    result = result_of(run_course(Walker(lambda *_: ""), ALL_TWELVE))
+    assert result.passed(ALL_TWELVE)
+    assert not replace(result, unintended=1).passed(ALL_TWELVE)
+    assert not replace(result, audit_verified=False).passed(ALL_TWELVE)
