@@ -92,6 +92,7 @@ FEATURES: tuple[Feature, ...] = (
 )
 
 
+_Vector = tuple[float, float, float]
 _Lines = tuple[tuple[int, int], ...]  # each between two points, by number: (end, start)
 
 # All points of a hand in one array: 21 keypoints in space, the middle of the palm's triangle 0, 5, 17, and the 21 on
@@ -121,7 +122,8 @@ _BLOCKS: dict[str, _Lines] = {
     "seen reaches": _on_picture(_REACHES),
     "seen tips": _on_picture(_TIPS_APART),
 }
-_ENDS, _STARTS = np.array([line for block in _BLOCKS.values() for line in block]).T
+_LINES = np.array([line for block in _BLOCKS.values() for line in block]).T  # (2, lines)
+_TRIANGLE = np.array([0, 5, 17])
 _STOPS = dict(zip(_BLOCKS, accumulate(map(len, _BLOCKS.values())), strict=True))
 _OF = {name: slice(_STOPS[name] - len(block), _STOPS[name]) for name, block in _BLOCKS.items()}
 
@@ -142,7 +144,8 @@ def _arm_pairs(name: str) -> list[tuple[int, int]]:
 
 
 _JOINTS = 15  # angles between bones; they come first
-_FIRST, _SECOND = np.array(
+_NO_LENGTH = 1e-300  # changes no quotient but 0 / 0, which is to be 1
+_MEETING = np.array(
     [
         *((bones[k], bones[k + 1]) for k in range(3) for bones in _bones_of_fingers()),
         *_arm_pairs("arms"),
@@ -150,8 +153,7 @@ _FIRST, _SECOND = np.array(
         *_arm_pairs("seen arms"),
         *pairwise(_numbers("seen reaches")),
     ]
-).T
-_STRAIGHT_ON = np.ones(len(_FIRST))
+).T  # (2, angles)
 _OUTER_BONES = [(reach, *bones[1:]) for reach, bones in zip(_numbers("reaches"), _bones_of_fingers(), strict=True)]
 _PLACED = np.array([*_numbers("reaches"), *_numbers("thumb")[1::2]])  # told along the palm's axes
 _in_palms = itemgetter(*_numbers("to wrist", "to centre", "tips", "thumb"))
@@ -167,7 +169,10 @@ def features(image_px: FloatArray, world_m: FloatArray) -> FloatArray:
     lengths_of = np.sqrt(np.vecdot(lines, lines))
     lengths = lengths_of.tolist()
     palm, seen_palm = (max(*lengths[_OF[name]], 1e-9) for name in ("palm", "seen palm"))
-    along, across, off = (lines[_PLACED] @ _palm_axes(lines[_OF["palm"]]) / palm).T.tolist()
+    placed = lines[_PLACED].tolist()
+    along, across, off = (
+        [(x * a + y * b + z * c) / palm for x, y, z in placed] for a, b, c in _palm_axes(lines[_OF["palm"]])
+    )
     values: FloatArray = np.array(
         [
             *_angles(lines, lengths_of).tolist(),
@@ -179,7 +184,11 @@ def features(image_px: FloatArray, world_m: FloatArray) -> FloatArray:
             *map(abs, off[:5]),
             min(along[5:]),
             across[5],
-            *[depth / -seen_palm for members in (OUTER_HULL, INNER_HULL) for depth in tip_depths(image_px, members)],
+            *[
+                depth / -seen_palm
+                for members in (OUTER_HULL, INNER_HULL)
+                for depth in tip_depths(image_px, members).tolist()
+            ],
         ]
     )
     return values
@@ -189,32 +198,32 @@ def _lines(image_px: FloatArray, world_m: FloatArray) -> FloatArray:
     """Every line of `_BLOCKS`, (lines, 3); those on the picture have no depth."""
     points = np.zeros((_PICTURE + 21, 3))
     points[:_CENTRE] = world_m
-    points[_CENTRE] = (world_m[0] + world_m[5] + world_m[17]) / 3
+    points[_CENTRE] = np.add.reduce(world_m[_TRIANGLE]) / 3
     points[_PICTURE:, :2] = image_px
-    lines: FloatArray = points[_ENDS] - points[_STARTS]
+    ends, starts = points.take(_LINES, axis=0)
+    lines: FloatArray = ends - starts
     return lines
 
 
 def _angles(lines: FloatArray, lengths: FloatArray) -> FloatArray:
     """Degrees between all pairs of lines that meet; 0 where one has no length, as in `fingers.angles_deg`."""
-    product = lengths[_FIRST] * lengths[_SECOND]
-    dots = np.vecdot(lines[_FIRST], lines[_SECOND])
-    cosines = np.divide(dots, product, out=_STRAIGHT_ON.copy(), where=product > 0)
+    first, second = lines.take(_MEETING, axis=0)
+    first_length, second_length = lengths.take(_MEETING)
+    cosines = (np.vecdot(first, second) + _NO_LENGTH) / (first_length * second_length + _NO_LENGTH)
     angles: FloatArray = np.degrees(np.arccos(np.minimum(np.maximum(cosines, -1.0), 1.0)))
     angles[:_JOINTS] = 180.0 - angles[:_JOINTS]  # bones point outwards: straight on is 0° between them
     return angles
 
 
-def _palm_axes(palm: FloatArray) -> FloatArray:
-    """(3, 3) columns: along the palm to the middle finger, across it to the thumb's side, off it."""
-    _, to_middle, _, to_thumb_side = palm.tolist()  # three numbers each: plain floats are quicker than arrays
-    ax, ay, az = _unit(*to_middle)
-    x, y, z = to_thumb_side
-    shared = x * ax + y * ay + z * az
-    cx, cy, cz = _unit(x - shared * ax, y - shared * ay, z - shared * az)
-    return np.array([[ax, cx, ay * cz - az * cy], [ay, cy, az * cx - ax * cz], [az, cz, ax * cy - ay * cx]])
+def _palm_axes(palm: FloatArray) -> tuple[_Vector, _Vector, _Vector]:
+    """Unit vectors along the palm to the middle finger, across it to the thumb's side, off it."""
+    _, to_middle, _, (x, y, z) = palm.tolist()
+    a, b, c = along = _unit(*to_middle)
+    shared = x * a + y * b + z * c
+    d, e, f = across = _unit(x - shared * a, y - shared * b, z - shared * c)
+    return along, across, (b * f - c * e, c * d - a * f, a * e - b * d)
 
 
-def _unit(x: float, y: float, z: float) -> tuple[float, float, float]:
+def _unit(x: float, y: float, z: float) -> _Vector:
     length = max(math.hypot(x, y, z), 1e-9)
     return x / length, y / length, z / length

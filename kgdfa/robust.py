@@ -98,12 +98,12 @@ class _Explainer:
     def _furthest(self, values: FloatArray, kind: int, group: int) -> str:
         """The measure of a group that lies furthest outside a class's range, in words; "" when all lie inside."""
         low, high, spread, measured = self._low[kind], self._high[kind], self._spread, values.tolist()
-        worst = max(_MEMBERS[group], key=lambda k: max(measured[k] - high[k], low[k] - measured[k]) / spread[k])
-        value = measured[worst]
-        if low[worst] <= value <= high[worst]:
+        beyond = {k: max(measured[k] - high[k], low[k] - measured[k]) / spread[k] for k in _MEMBERS[group]}
+        worst = max(beyond, key=beyond.__getitem__)
+        if beyond[worst] <= 0:
             return ""
-        above = value > high[worst]
-        return _say_beyond(FEATURES[worst], value, high[worst] if above else low[worst], above=above)
+        above = measured[worst] > high[worst]
+        return _say_beyond(FEATURES[worst], measured[worst], high[worst] if above else low[worst], above=above)
 
     def _say_class(self, kind: int) -> str:
         name = self._model.classes[kind]

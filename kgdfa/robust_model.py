@@ -57,8 +57,8 @@ class RobustModel:
         hidden = np.maximum(squashed @ self.weights_in + self.bias_in, 0.0)
         logits = hidden @ self.weights_out + self.bias_out
         powers = np.exp(logits - np.maximum.reduce(logits, axis=2, keepdims=True))
-        shares = powers / np.add.reduce(powers, axis=2, keepdims=True)
-        mean: FloatArray = np.add.reduce(shares, axis=0) / len(shares)
+        shares = powers / (np.add.reduce(powers, axis=2, keepdims=True) * len(powers))
+        mean: FloatArray = np.add.reduce(shares, axis=0)
         return mean
 
 
