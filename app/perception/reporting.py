@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
+import msgspec
+
 from app.messages import PressRange, TriggerReport
 from kgdfa.pipeline import Report
 from logs.records import Body, Cancel, GestureOnset, Press, Release
@@ -31,27 +33,32 @@ class Surroundings:
 def to_message(report: Report | None, around: Surroundings, captured_ns: int) -> TriggerReport:
     """The trigger report of one frame; without a pipeline report, "no hand" with the reason why."""
     if report is None:
-        return TriggerReport(
-            incarnation=around.incarnation,
-            sequence=around.sequence,
-            captured_ns=captured_ns,
-            sent_ns=around.sent_ns,
-            hand=False,
-            gesture=None,
-            threshold_m=around.threshold_m,
-            fps=around.fps,
-            camera=around.camera,
-            camera_fault=around.camera_fault,
-            hint=around.hint,
-            detector_ready=around.detector_ready,
-            press_zone=around.press_zone,
-        )
-    verdict, distance, button = report.verdict, report.distance, report.button
+        return _without_hand(around, captured_ns)
+    return _with_button(_with_hand(_without_hand(around, report.captured_ns), report), report)
+
+
+def _without_hand(around: Surroundings, captured_ns: int) -> TriggerReport:
     return TriggerReport(
         incarnation=around.incarnation,
         sequence=around.sequence,
-        captured_ns=report.captured_ns,
+        captured_ns=captured_ns,
         sent_ns=around.sent_ns,
+        hand=False,
+        gesture=None,
+        threshold_m=around.threshold_m,
+        fps=around.fps,
+        camera=around.camera,
+        camera_fault=around.camera_fault,
+        hint=around.hint,
+        detector_ready=around.detector_ready,
+        press_zone=around.press_zone,
+    )
+
+
+def _with_hand(message: TriggerReport, report: Report) -> TriggerReport:
+    verdict, distance, depth = report.verdict, report.distance, report.depth_distance
+    return msgspec.structs.replace(
+        message,
         hand=report.hand is not None,
         gesture=report.gesture,
         recognised_ns=report.recognised_ns,
@@ -62,7 +69,14 @@ def to_message(report: Report | None, around: Surroundings, captured_ns: int) ->
         distance_m=distance.shown_m if distance else None,
         distance_sd_m=distance.sd_m if distance else 0.0,
         safe_distance_m=distance.safe_m if distance else None,
-        threshold_m=around.threshold_m,
+        depth_distance_m=depth.shown_m if depth else None,
+    )
+
+
+def _with_button(message: TriggerReport, report: Report) -> TriggerReport:
+    button = report.button
+    return msgspec.structs.replace(
+        message,
         pressed=button.pressed,
         release_count=button.release_count,
         released_gesture=button.released_gesture,
@@ -71,13 +85,6 @@ def to_message(report: Report | None, around: Surroundings, captured_ns: int) ->
         cancel_count=button.cancel_count,
         cancel_reason=button.cancel_reason,
         press_hint=button.hint,
-        fps=around.fps,
-        camera=around.camera,
-        camera_fault=around.camera_fault,
-        hint=around.hint,
-        detector_ready=around.detector_ready,
-        press_zone=around.press_zone,
-        depth_distance_m=report.depth_distance.shown_m if report.depth_distance else None,
         depth_pressed=report.depth_button.pressed if report.depth_button else False,
     )
 
