@@ -17,7 +17,7 @@ from rich.console import Console
 from rich.table import Table
 
 from app.cli import USER_ERRORS
-from app.cli.evaluate.gestures import looked_at, looked_at_digital_to_fit
+from app.cli.evaluate.looking import looked_at, looked_at_digital_to_fit
 from app.evaluate.robust_fit import fit, look
 from kgdfa.features import FEATURES
 from kgdfa.robust_model import GESTURES, RobustModel, save_model
