@@ -82,10 +82,8 @@ def enable(joints: SocketCanJoints) -> None:
     if faulted:
         raise HardwareError(_fault_sentence(faulted[0]))
     _still_silent(joints, list(joints.stations), _by_neutral_command)
-    silent = list(joints.stations)
-    for _ in range(_ATTEMPTS):
-        silent = _still_silent(joints, silent, _by_enabling)
-    silent += _still_silent(joints, list(joints.stations), _by_neutral_command)
+    silent = _silent_for_good(joints, _by_enabling)
+    silent += _silent_for_good(joints, _by_neutral_command)
     not_on = [station for station in joints.stations if station.enabled is False and station not in silent]
     faulted = [station for station in joints.stations if station.faults]
     if silent or not_on or faulted:
@@ -130,6 +128,14 @@ def _by_neutral_entry(joints: SocketCanJoints, station: Station) -> None:
 
 
 _HARMLESS = (_by_disabling, _by_neutral_command)  # questions that power nothing, for drives without power
+
+
+def _silent_for_good(joints: SocketCanJoints, ask: Ask) -> list[Station]:
+    """Who does not answer, asked several times: one lost frame is no silence."""
+    silent = list(joints.stations)
+    for _ in range(_ATTEMPTS):
+        silent = _still_silent(joints, silent, ask)
+    return silent
 
 
 def _still_silent(joints: SocketCanJoints, stations: list[Station], ask: Ask) -> list[Station]:

@@ -35,12 +35,12 @@ class BusMonitor:
         end_s = time.monotonic() + wait_s
         while time.monotonic() < end_s:
             for port, decoder in zip(self._ports, self._decoders, strict=True):
-                message = port.wait(min(0.02, wait_s))
+                message = port.hear(min(0.02, wait_s))
                 for _ in range(1000):
                     if message is None:
                         break
                     self._note(decoder.decode(message))
-                    message = port.wait(0.0)
+                    message = port.hear(0.0)
                 fault, text = port.take_faults()
                 if fault is not BusFault.NONE:
                     self.bus, self.detail = self.bus | fault, text

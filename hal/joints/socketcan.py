@@ -11,15 +11,14 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-import can
 import numpy as np
 
 from hal.errors import HardwareError
 from hal.joints import lifecycle
-from hal.joints.bus import LOAD_LIMIT, bus_load, frame_bits, frame_of, open_bus
+from hal.joints.bus import LOAD_LIMIT, bus_load, frame_bits, open_bus
 from hal.joints.bus_port import BusPort
 from hal.joints.codecs import damiao
-from hal.joints.codecs.wire import NEUTRAL, SetPoint
+from hal.joints.codecs.wire import NEUTRAL, Frame, SetPoint
 from hal.joints.device import Exoskeleton
 from hal.joints.joints import BusFault, DriveFault, DriveState, Joint, JointCommand, JointFeedback
 from hal.joints.motors import load_motors
@@ -109,19 +108,22 @@ class SocketCanJoints:
             rows = [SetPoint(0.0, 0.0, 0.0, station.device.damp_nm_s_rad, 0.0) for station in self.stations]
             self._ports[0].report(BusFault.SEND_FAILED, "a command that is no number became damping")
         rising = self._soft_start(now_ns)
+        leaving: list[list[Frame]] = [[] for _ in self._ports]
         for station, row in zip(self.stations, rows, strict=True):
             if rising < 1.0:
                 stiffness, torque = row.stiffness_nm_rad * rising, row.torque_nm * rising
                 row = row._replace(stiffness_nm_rad=stiffness, torque_nm=torque)  # noqa: PLW2901
-            self._ports[station.device.can_bus].send(station.command(row, now_ns))
+            leaving[station.device.can_bus].append(station.command(row, now_ns))
+        for port, frames in zip(self._ports, leaving, strict=True):
+            port.send(*frames)
 
     def read(self, now_ns: int) -> JointFeedback:
         """Take in what has arrived. Faults of bus and drives come with the feedback, never as an exception."""
         for number, port in enumerate(self._ports):
-            for message, measured_ns in port.drain(now_ns):
-                self._take(number, message, measured_ns)
+            for frame, measured_ns in port.drain(now_ns):
+                self._take(number, frame, measured_ns)
         for station in self.stations:
-            station.count_missed(now_ns)
+            station.ledger.look(now_ns)
         return self._feedback()
 
     def close(self, now_ns: int) -> None:  # noqa: ARG002 (the Protocol's; confirming takes real time)
@@ -139,10 +141,9 @@ class SocketCanJoints:
             names = ", ".join(station.name for station in unconfirmed)
             raise HardwareError(f"No confirmation that {names} is off: cut the motor power by hand.")
 
-    def send(self, station: Station, messages: list[can.Message]) -> None:
-        """Messages to a station's bus (for the life cycle)."""
-        for message in messages:
-            self._ports[station.device.can_bus].send(message)
+    def send(self, station: Station, frames: list[Frame]) -> None:
+        """Frames to a station's bus (for the life cycle)."""
+        self._ports[station.device.can_bus].send(*frames)
 
     def listen(self, done: Callable[[], bool], timeout_s: float) -> bool:
         """Take in frames until `done`, at most for `timeout_s` (for the life cycle, never in a tick)."""
@@ -151,10 +152,11 @@ class SocketCanJoints:
         while not done():
             late = self._clock() >= deadline_ns
             for number, port in enumerate(self._ports):
-                message = port.wait(0.0 if late else share_s)
-                while message is not None:
-                    self._take(number, message, self._clock())
-                    message = port.wait(0.0)
+                frames = port.wait(0.0 if late else share_s)
+                while frames is not None:
+                    for frame in frames:
+                        self._take(number, frame, self._clock())
+                    frames = port.wait(0.0)
             if late:  # what had come by then counts, also where the host was too busy to look
                 return done()
         return True
@@ -194,17 +196,10 @@ class SocketCanJoints:
         ramp_ns = self.device.soft_start_s * 1e9
         return 1.0 if ramp_ns == 0 else min(max((now_ns - self._enabled_ns) / ramp_ns, 0.0), 1.0)
 
-    def _take(self, number: int, message: can.Message, measured_ns: int) -> None:
-        port = self._ports[number]
-        if message.is_error_frame:
-            port.report_error_frame(message)
-            return
-        if message.is_remote_frame or message.is_fd:
-            port.report(BusFault.MALFORMED, f"not a classic data frame: ID {message.arbitration_id:X}")
-            return
-        fault, text = self._routes[number].deliver(frame_of(message), measured_ns)
+    def _take(self, number: int, frame: Frame, measured_ns: int) -> None:
+        fault, text = self._routes[number].deliver(frame, measured_ns)
         if fault is not BusFault.NONE:
-            port.report(fault, text)
+            self._ports[number].report(fault, text)
 
     def _feedback(self) -> JointFeedback:
         bus, detail = self._bus_faults()
@@ -223,7 +218,7 @@ class SocketCanJoints:
             state=self._state,
             bus=bus,
             detail=detail if healthy else detail or _sentence(stations, faults),
-            missed_replies=sum(station.missed for station in stations),
+            missed_replies=sum(station.ledger.overdue for station in stations),
         )
 
     def _bus_faults(self) -> tuple[BusFault, str]:

@@ -5,19 +5,14 @@ from __future__ import annotations
 import math
 from collections import deque
 
-import can
-
-from hal.joints.bus import message_of
 from hal.joints.codecs import codec_of
 from hal.joints.codecs.wire import Frame, Order, Reply, SetPoint
 from hal.joints.device import JointDevice
 from hal.joints.joints import DriveFault, Joint
+from hal.joints.ledger import Ledger
 from hal.joints.motors import MotorModel, WireProtocol
 from hal.joints.plausibility import RangeWatch
 from hal.joints.transmission import Transmission
-
-MISSED_AFTER_NS = 20_000_000
-_OWED_LIMIT = 50  # a tenth of a second of commands
 
 
 class Station:
@@ -35,11 +30,9 @@ class Station:
         self.faults = DriveFault.NONE
         self.enabled: bool | None = None
         self.latched = DriveFault.NONE  # every fault since opening
-        self.answered = self.missed = 0
-        self.round_trips_ns: deque[int] = deque(maxlen=65_536)
+        self.answered = 0
+        self.ledger = Ledger()
         self.watch = RangeWatch()
-        self._owed = 0
-        self._sent_ns: deque[int] = deque()
         self._recent: deque[bytes] = deque(maxlen=8)
 
     @property
@@ -57,18 +50,18 @@ class Station:
         """The number by which its protocol's replies name it: Damiao has four bits only."""
         return self.device.can_id & 0x0F if self.model.protocol is WireProtocol.DAMIAO else self.device.can_id
 
-    def command(self, target: SetPoint, now_ns: int) -> can.Message:
-        """The message for a set-point at the joint."""
+    def command(self, target: SetPoint, now_ns: int) -> Frame:
+        """The frame for a set-point at the joint."""
         if self.latched is not DriveFault.NONE and self.model.protocol is WireProtocol.AK_V3:
             # this firmware has no enable: any stiff command would restart a drive that has faulted
             target = target._replace(stiffness_nm_rad=0.0, torque_nm=0.0)
         return self._outgoing(self.codec.command(self.device.can_id, self.transmission.to_motor(target)), now_ns)
 
-    def order(self, order: Order, now_ns: int) -> list[can.Message]:
-        """The messages of an order."""
+    def order(self, order: Order, now_ns: int) -> list[Frame]:
+        """The frames of an order."""
         return [self._outgoing(frame, now_ns) for frame in self.codec.order(self.device.can_id, order)]
 
-    def ask(self, frame: Frame, now_ns: int) -> can.Message:
+    def ask(self, frame: Frame, now_ns: int) -> Frame:
         """A question of the drive's own protocol."""
         return self._outgoing(frame, now_ns)
 
@@ -86,18 +79,7 @@ class Station:
         self.enabled = reply.enabled
         self.answered += 1
         self._judge(reply, measured_ns)
-        if self._sent_ns:
-            self.round_trips_ns.append(measured_ns - self._sent_ns.popleft())
-        self._owed -= 1
-        asked_for = self._owed >= 0 or not self.model.answers_each_command
-        self._owed = max(self._owed, 0)
-        return asked_for
-
-    def count_missed(self, now_ns: int) -> None:
-        """Commands that stayed unanswered for too long."""
-        while self._sent_ns and now_ns - self._sent_ns[0] > MISSED_AFTER_NS:
-            self._sent_ns.popleft()
-            self.missed += 1
+        return self.ledger.receive(measured_ns) or not self.model.answers_each_command
 
     def _judge(self, reply: Reply, measured_ns: int) -> None:
         # combining flags costs microseconds, and this runs two thousand times a second: only when there is one
@@ -106,8 +88,7 @@ class Station:
         if self.faults is not DriveFault.NONE:
             self.latched |= self.faults
 
-    def _outgoing(self, frame: Frame, now_ns: int) -> can.Message:
+    def _outgoing(self, frame: Frame, now_ns: int) -> Frame:
         self._recent.append(frame.data)
-        self._sent_ns.append(now_ns)
-        self._owed = min(self._owed + 1, _OWED_LIMIT)
-        return message_of(frame)
+        self.ledger.send(now_ns)
+        return frame

@@ -10,10 +10,10 @@ from pathlib import Path
 from types import TracebackType
 from typing import NamedTuple
 
-import can
 import numpy as np
 
-from hal.joints.bus import CAN_ERR_ACK, CAN_ERR_BUSOFF, TICK_HZ, frame_of, message_of, open_bus
+from hal.joints.bus import CAN_ERR_ACK, CAN_ERR_BUSOFF, TICK_HZ, open_bus
+from hal.joints.bus_port import BusPort
 from hal.joints.codecs.wire import Frame
 from hal.joints.device import Exoskeleton
 from hal.joints.emulator.faults import DEFAULT_VALUE, Fault, ScheduledFault
@@ -26,6 +26,7 @@ from hal.joints.transmission import Transmission
 TICK_NS = int(1e9 / TICK_HZ)
 _CATCH_UP_NS = 100_000_000  # behind by more, the body loses time rather than race after it
 _UPLOAD_TICKS = 5
+_FRAMES_A_TURN = 64  # a flood must not stop the body
 
 
 class _Due(NamedTuple):
@@ -43,7 +44,7 @@ class DriveEmulator:
         self.drives = tuple(EmulatedDrive(joint, table.find(joint.motor)) for joint in device.joints)
         self._plant = plant if plant is not None else FreeLegs(device)
         self._transmissions = tuple(Transmission.of(joint) for joint in device.joints)
-        self._buses: list[can.BusABC] = []
+        self._ports: list[BusPort] = []
         self._late: deque[_Due] = deque()
         self._tick_ns = 0
         self._ticks = 0
@@ -52,14 +53,14 @@ class DriveEmulator:
 
     def open(self) -> None:
         """Join the buses. Raises HardwareError with the command that mends it."""
-        self._buses = [open_bus(bus) for bus in self.device.buses]
+        self._ports = [BusPort(open_bus(bus), bus.channel) for bus in self.device.buses]
         self._sense(time.monotonic_ns())
 
     def close(self) -> None:
         """Leave the buses."""
-        for bus in self._buses:
-            bus.shutdown()
-        self._buses = []
+        for port in self._ports:
+            port.close()
+        self._ports = []
 
     def befall(self, fault: Fault, joint: Joint | None = None, value: float | None = None) -> None:
         """Let a fault set in, at one joint or at all."""
@@ -84,10 +85,10 @@ class DriveEmulator:
             self._tick_ns += TICK_NS
         while self._late and self._late[0].at_ns <= now_ns:
             due = self._late.popleft()
-            self._send(due.bus, due.frame)
-        wait_s = max(self._tick_ns - time.monotonic_ns(), 0) / 1e9 / len(self._buses)
-        for number, bus in enumerate(self._buses):
-            self._serve(number, bus, wait_s)
+            self._send(due.bus, [due.frame])
+        wait_s = max(self._tick_ns - time.monotonic_ns(), 0) / 1e9 / len(self._ports)
+        for number, port in enumerate(self._ports):
+            self._serve(number, port, wait_s)
 
     def run(self, stopped: Callable[[], bool], schedule: tuple[ScheduledFault, ...] = ()) -> None:
         """Poll until stopped, letting scheduled faults set in."""
@@ -100,26 +101,29 @@ class DriveEmulator:
                 self.befall(due.fault, due.joint, due.value)
             self.poll(now_ns)
 
-    def _serve(self, number: int, bus: can.BusABC, wait_s: float) -> None:
-        message = _receive(bus, wait_s)
-        for _ in range(64):
-            if message is None:
+    def _serve(self, number: int, port: BusPort, wait_s: float) -> None:
+        frames = port.wait(wait_s)  # what is no frame, a drive doesn't hear
+        for _ in range(_FRAMES_A_TURN):
+            if frames is None:
                 return
-            if not message.is_error_frame and not self._off:
-                self._answer(number, frame_of(message))
-            message = _receive(bus, 0)
+            if not self._off:
+                self._send(number, [reply for frame in frames for reply in self._answers(number, frame)])
+            frames = port.wait(0)
 
-    def _answer(self, number: int, frame: Frame) -> None:
+    def _answers(self, number: int, frame: Frame) -> list[Frame]:
+        """What is answered at once; late drives' answers are put off."""
         self.received += 1
         now_ns = time.monotonic_ns()
+        answers: list[Frame] = []
         for drive in self.drives:
             if drive.device.can_bus != number:
                 continue
-            for reply in drive.receive(frame, now_ns):
-                if drive.late_ns:
-                    self._late.append(_Due(now_ns + drive.late_ns, number, reply))
-                else:
-                    self._send(number, reply)
+            replies = drive.receive(frame, now_ns)
+            if drive.late_ns:
+                self._late.extend(_Due(now_ns + drive.late_ns, number, reply) for reply in replies)
+            else:
+                answers += replies
+        return answers
 
     def _advance(self, now_ns: int) -> None:
         rows = [
@@ -141,8 +145,7 @@ class DriveEmulator:
         self._ticks += 1
         if self._ticks % _UPLOAD_TICKS == 0 and not self._off:
             for drive in self.drives:
-                for frame in drive.upload():
-                    self._send(drive.device.can_bus, frame)
+                self._send(drive.device.can_bus, drive.upload())
 
     def _sense(self, now_ns: int) -> None:
         feedback = self._plant.read(now_ns)
@@ -163,25 +166,14 @@ class DriveEmulator:
                 temperature,
             )
 
-    def _send(self, number: int, frame: Frame) -> None:
-        try:
-            self._buses[number].send(message_of(frame), 0)
-        except (can.CanError, OSError):
+    def _send(self, number: int, frames: list[Frame]) -> None:
+        if frames and not self._ports[number].send(*frames):
             self.send_failures += 1
 
     def _send_errors(self, bits: int) -> None:
-        for bus in self._buses:
-            try:
-                bus.send(can.Message(is_error_frame=True, is_extended_id=False, arbitration_id=bits, data=bytes(8)), 0)
-            except (can.CanError, OSError):
+        for port in self._ports:
+            if not port.send_error(bits):
                 self.send_failures += 1
-
-
-def _receive(bus: can.BusABC, wait_s: float) -> can.Message | None:
-    try:
-        return bus.recv(wait_s)
-    except (can.CanError, OSError, ValueError, TypeError):
-        return None  # what is no frame, a drive doesn't hear
 
 
 class EmulatorThread:

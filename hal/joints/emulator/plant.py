@@ -118,7 +118,7 @@ def make_plant(device: Exoskeleton, body: Body | None = None) -> Plant:
         return FreeLegs(device)
     from hal.joints.simulated import SimulatedJoints
 
-    wearer = SimulatedJoints(device, body)
+    wearer = SimulatedJoints(device, body, quantised=False)  # the wire does that
     wearer.open(0)
     wearer.enable(0)
     return wearer

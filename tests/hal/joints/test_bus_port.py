@@ -13,12 +13,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hal.joints.bus import ERROR_FRAMES, bus_load, fault_of, frame_bits, meaning_of, open_bus
+from hal.joints.bus import ERROR_FRAMES, bus_load, fault_of, frame_bits, meaning_of, message_of, open_bus
 from hal.joints.bus_port import BusPort
+from hal.joints.codecs.wire import Frame
 from hal.joints.device import BusDevice
 from hal.joints.joints import BusFault
 
-FRAME = can.Message(arbitration_id=1, is_extended_id=False, data=b"\x01")
+FRAME = Frame(1, b"\x01")
 
 
 class BreakingBus(can.BusABC):
@@ -125,7 +126,7 @@ def test_a_flood_costs_one_tick_no_more_than_its_share() -> None:
     with can.Bus(interface="virtual", channel="flood") as sender:
         port = BusPort(can.Bus(interface="virtual", channel="flood"), "flood")
         for _ in range(1000):
-            sender.send(FRAME)
+            sender.send(message_of(FRAME))
         assert len(list(port.drain(1))) == 64
         port.close()
 

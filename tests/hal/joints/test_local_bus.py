@@ -14,8 +14,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hal.errors import HardwareError
-from hal.joints.bus import open_bus
+from hal.joints.bus import frame_of, open_bus
 from hal.joints.bus_port import BusPort
+from hal.joints.codecs.wire import Frame
 from hal.joints.device import BusDevice
 from hal.joints.joints import BusFault
 from hal.joints.local_bus import GROUP, LocalBus
@@ -63,6 +64,29 @@ def test_every_classic_frame_arrives_as_it_was_sent() -> None:
         arrives()
 
 
+def test_frames_sent_together_arrive_one_by_one_or_together() -> None:
+    together = tuple(Frame(number, bytes((number,)) * (number % 9), extended=number % 2 == 1) for number in range(150))
+    with ends(3) as (sender, one_by_one, at_once):
+        sender.send_frames(together)
+        received = [one_by_one.recv(WAIT_S) for _ in together]
+        assert [frame_of(message) for message in received if message is not None] == list(together)
+        port = BusPort(at_once, "local")
+        taken: list[Frame] = []
+        while len(taken) < len(together) and (frames := port.wait(WAIT_S)) is not None:
+            taken += frames
+    assert taken == list(together)
+
+
+def test_what_is_no_data_frame_is_told_and_hides_none_beside_it() -> None:
+    with ends(2) as (sender, receiver):
+        port = BusPort(receiver, "local")
+        sender.send(can.Message(arbitration_id=1, is_remote_frame=True))
+        sender.send(can.Message(arbitration_id=0x40, is_error_frame=True, data=bytes(8)))
+        sender.send_frames((Frame(5, b"data"),))
+        assert [port.wait(WAIT_S) for _ in range(3)] == [[], [], [Frame(5, b"data")]]
+        assert port.take_faults()[0] == BusFault.MALFORMED | BusFault.BUS_OFF
+
+
 def test_everybody_else_hears_a_frame_and_the_sender_does_not() -> None:
     with ends(3) as (first, second, third):
         first.send(can.Message(arbitration_id=1, is_extended_id=False))
@@ -81,7 +105,7 @@ def test_frames_carry_the_kernels_time_of_arrival() -> None:
         assert before_s - 1e-3 <= arrived.timestamp <= time.time() + 1e-3
 
 
-@pytest.mark.parametrize("datagram", [b"", b"garbage", bytes(15), bytes(17), b"\0\0\0\0\x09" + bytes(11), bytes(3000)])
+@pytest.mark.parametrize("datagram", [b"", b"garbage", bytes(15), bytes(17), b"\0\0\0\0\x09" + bytes(11), bytes(1040)])
 def test_datagrams_that_are_no_frames_are_flags(datagram: bytes) -> None:
     channel = free_channel()
     port = BusPort(open_bus(BusDevice(interface="local", channel=channel)), "local")
@@ -111,6 +135,6 @@ def test_a_closed_bus_is_a_flag_not_an_exception() -> None:
     bus = LocalBus(free_channel())
     port = BusPort(bus, "local")
     bus.shutdown()
-    assert not port.send(can.Message(arbitration_id=1))
+    assert not port.send(Frame(1, b""))
     assert port.wait(0) is None
     assert port.take_faults()[0] & BusFault.INTERFACE_GONE

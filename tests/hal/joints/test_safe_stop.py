@@ -12,7 +12,7 @@ from hal.joints.device import load_exoskeleton
 from hal.joints.emulator import Fault
 from hal.joints.joints import Joint
 from hal.joints.safe_stop import SafeStop
-from tests.hal.joints.rig import LIMIT_S, CanRig, MakeRig, command, small_gear, with_motor
+from tests.hal.joints.rig import CanRig, MakeRig, command, small_gear, until, with_motor
 
 DEVICES = {
     "AK80-64 V2, holds for ever": lambda: with_motor("AK80-64/V2"),
@@ -28,13 +28,6 @@ def pushing(rig: CanRig) -> None:
     rig.joints.enable(rig.now_ns())
     strong = command(1.5, stiffness=150.0)
     rig.until(lambda now: np.abs(now.torque_nm).min() > 5.0 and (now.position_rad > 0.1).all(), strong)
-
-
-def until(condition: object) -> None:
-    end_s = time.monotonic() + LIMIT_S
-    while not condition():  # type: ignore[operator]
-        assert time.monotonic() < end_s
-        time.sleep(0.002)
 
 
 @pytest.fixture(params=DEVICES)

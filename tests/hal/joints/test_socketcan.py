@@ -13,7 +13,7 @@ from hal.joints.device import Exoskeleton, load_exoskeleton
 from hal.joints.emulator import Fault
 from hal.joints.joints import BusFault, DriveFault, DriveState, Joint, JointFeedback
 from hal.joints.socketcan import SocketCanJoints
-from tests.hal.joints.rig import LIMIT_S, CanRig, MakeRig, command, each_joint, on_test_bus, with_motor
+from tests.hal.joints.rig import LOOKS, CanRig, MakeRig, command, each_joint, on_test_bus, with_motor
 
 HOLD = command(0.1, stiffness=150.0)
 KNEE = Joint.LEFT_KNEE
@@ -172,9 +172,8 @@ def test_ranges_that_differ_from_the_firmwares_are_found_in_motion(make_rig: Mak
     rig.emulator.befall(Fault.WRONG_RANGE, KNEE)
     start(rig)
     angles = iter(np.tile(np.sin(np.linspace(0, 6 * np.pi, 1500)) * 0.5, 100))
-    end_ns = rig.now_ns() + int(LIMIT_S * 2e9)
-    while rig.tick(command(next(angles), stiffness=300.0)).faults[KNEE] is not DriveFault.WRONG_RANGE:
-        assert rig.now_ns() < end_ns
+    swinging = (rig.tick(command(next(angles), stiffness=300.0)) for _ in range(4 * LOOKS))
+    assert any(feedback.faults[KNEE] is DriveFault.WRONG_RANGE for feedback in swinging)
     assert rig.joints.read(rig.now_ns()).faults[Joint.LEFT_HIP] is DriveFault.NONE
 
 

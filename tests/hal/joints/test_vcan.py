@@ -7,8 +7,7 @@ import re
 import shutil
 import subprocess
 import threading
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -18,20 +17,13 @@ import pytest
 from hal.joints.emulator import Fault
 from hal.joints.joints import BusFault, DriveState
 from hal.joints.recorder import BusRecorder
-from tests.hal.joints.rig import LIMIT_S, CanRig, MakeRig, bus_of_test, command, with_motor
+from tests.hal.joints.rig import CanRig, MakeRig, bus_of_test, command, until, with_motor
 
 pytestmark = pytest.mark.skipif(
     not os.environ.get("RLEEX_TEST_CAN", "").startswith("socketcan:"),
     reason="needs a kernel's CAN interface: make test-can",
 )
 LINE = re.compile(r"^\((\d+\.\d+)\) (\S+) ([0-9A-F]+)#([0-9A-F]*)(?: [RT])?$")
-
-
-def until(condition: Callable[[], object]) -> None:
-    end_s = time.monotonic() + LIMIT_S
-    while not condition():
-        assert time.monotonic() < end_s
-        time.sleep(0.01)
 
 
 @contextmanager
