@@ -184,11 +184,7 @@ def features(image_px: FloatArray, world_m: FloatArray) -> FloatArray:
             *map(abs, off[:5]),
             min(along[5:]),
             across[5],
-            *[
-                depth / -seen_palm
-                for members in (OUTER_HULL, INNER_HULL)
-                for depth in tip_depths(image_px, members).tolist()
-            ],
+            *(tip_depths(image_px, OUTER_HULL, INNER_HULL) / -seen_palm).ravel().tolist(),
         ]
     )
     return values

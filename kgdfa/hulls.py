@@ -19,16 +19,17 @@ _TIP_ROWS = np.array(TIPS)
 
 def hull(points_px: FloatArray, members: tuple[int, ...]) -> FloatArray:
     """The convex hull of some keypoints: (21, 2) pixels and their numbers to (m, 2) corner points."""
-    return np.asarray(_corners(points_px, members)[:, 0, :], dtype=np.float64)
+    return np.asarray(_corners(points_px.astype(np.float32), members)[:, 0, :], dtype=np.float64)
 
 
-def tip_depths(points_px: FloatArray, members: tuple[int, ...]) -> FloatArray:
-    """How deep each fingertip lies in a hull, (5,) pixels from thumb to pinky: negative outside, 0 on the edge."""
-    corners = _corners(points_px, members)
-    return np.array([cv2.pointPolygonTest(corners, tip, True) for tip in points_px[_TIP_ROWS].tolist()])
+def tip_depths(points_px: FloatArray, *hulls: tuple[int, ...]) -> FloatArray:
+    """How deep each fingertip lies in each hull: (hulls, 5) pixels, thumb to pinky, negative outside, 0 on the edge."""
+    points, tips = points_px.astype(np.float32), points_px.take(_TIP_ROWS, axis=0).tolist()
+    corners = [_corners(points, members) for members in hulls]
+    return np.array([[cv2.pointPolygonTest(polygon, tip, True) for tip in tips] for polygon in corners])
 
 
-def _corners(points_px: FloatArray, members: tuple[int, ...]) -> NDArray[np.float32]:
+def _corners(points: NDArray[np.float32], members: tuple[int, ...]) -> NDArray[np.float32]:
     """(m, 1, 2), as OpenCV has it."""
-    corners: NDArray[np.float32] = cv2.convexHull(points_px[_ROWS[members]].astype(np.float32))
+    corners: NDArray[np.float32] = cv2.convexHull(points.take(_ROWS[members], axis=0))
     return corners

@@ -114,7 +114,7 @@ def measure(hand: Hand) -> Measures:
     spread_fore = apart(points, Keypoint.THUMB_TIP, Keypoint.INDEX_TIP)
     ratio = long / short if short > 0 else np.inf
     return Measures(
-        depths_px=np.stack([tip_depths(points, INNER_HULL), tip_depths(points, OUTER_HULL)]),
+        depths_px=tip_depths(points, INNER_HULL, OUTER_HULL),
         angles_deg=finger_angles_deg(points),
         anchor_px=hand.anchor_px,
         lengths=np.array([0.0, spread_pinky, spread_fore, ratio]),
