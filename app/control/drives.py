@@ -93,6 +93,7 @@ class Drives:
                 self._enable(now_ns)
             else:
                 self._joints.close(now_ns)
+                self.powered = False  # confirmed: nothing is left to damp, and no silence to guard
         except HardwareError as error:
             self.error = str(error)
         return True
