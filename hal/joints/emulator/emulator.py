@@ -24,6 +24,7 @@ from hal.joints.motors import load_motors
 from hal.joints.transmission import Transmission
 
 TICK_NS = int(1e9 / TICK_HZ)
+_EARLY_NS = TICK_NS // 2  # having answered, the body may move so much before its time: one awakening does for both
 _CATCH_UP_NS = 100_000_000  # behind by more, the body loses time rather than race after it
 _UPLOAD_TICKS = 5
 _FRAMES_A_TURN = 64  # a flood must not stop the body
@@ -80,15 +81,14 @@ class DriveEmulator:
         if self._tick_ns == 0 or now_ns - self._tick_ns > _CATCH_UP_NS:
             self.lost_ticks += 0 if self._tick_ns == 0 else (now_ns - self._tick_ns) // TICK_NS
             self._tick_ns = now_ns
-        while self._tick_ns <= now_ns:
-            self._advance(self._tick_ns)
-            self._tick_ns += TICK_NS
+        self._advance_until(now_ns)
         while self._late and self._late[0].at_ns <= now_ns:
             due = self._late.popleft()
             self._send(due.bus, [due.frame])
         wait_s = max(self._tick_ns - time.monotonic_ns(), 0) / 1e9 / len(self._ports)
-        for number, port in enumerate(self._ports):
-            self._serve(number, port, wait_s)
+        served = [self._serve(number, port, wait_s) for number, port in enumerate(self._ports)]
+        if any(served):
+            self._advance_until(time.monotonic_ns() + _EARLY_NS)
 
     def run(self, stopped: Callable[[], bool], schedule: tuple[ScheduledFault, ...] = ()) -> None:
         """Poll until stopped, letting scheduled faults set in."""
@@ -101,14 +101,17 @@ class DriveEmulator:
                 self.befall(due.fault, due.joint, due.value)
             self.poll(now_ns)
 
-    def _serve(self, number: int, port: BusPort, wait_s: float) -> None:
+    def _serve(self, number: int, port: BusPort, wait_s: float) -> bool:
+        """Answer what comes; whether anything came."""
         frames = port.wait(wait_s)  # what is no frame, a drive doesn't hear
+        came = frames is not None
         for _ in range(_FRAMES_A_TURN):
             if frames is None:
-                return
+                break
             if not self._off:
                 self._send(number, [reply for frame in frames for reply in self._answers(number, frame)])
             frames = port.wait(0)
+        return came
 
     def _answers(self, number: int, frame: Frame) -> list[Frame]:
         """What is answered at once; late drives' answers are put off."""
@@ -116,7 +119,7 @@ class DriveEmulator:
         now_ns = time.monotonic_ns()
         answers: list[Frame] = []
         for drive in self.drives:
-            if drive.device.can_bus != number:
+            if drive.device.can_bus != number or not drive.hears(frame):
                 continue
             replies = drive.receive(frame, now_ns)
             if drive.late_ns:
@@ -124,6 +127,11 @@ class DriveEmulator:
             else:
                 answers += replies
         return answers
+
+    def _advance_until(self, until_ns: int) -> None:
+        while self._tick_ns <= until_ns:
+            self._advance(self._tick_ns)
+            self._tick_ns += TICK_NS
 
     def _advance(self, now_ns: int) -> None:
         rows = [

@@ -50,6 +50,7 @@ class EmulatedDrive:
         self.late_ns = 0
         self.temperature_c: float | None = None
         self._codec: Codec = codec_of(model)
+        self._extended = model.protocol not in (WireProtocol.MIT, WireProtocol.DAMIAO)
         self._target = NEUTRAL
         self._heard_ns = 0
         self._host = 0
@@ -59,6 +60,12 @@ class EmulatedDrive:
     def befall(self, fault: Fault, value: float) -> None:
         """Let a fault set in (those of the whole bus are the emulator's)."""
         _BEFALL[fault](self, value)
+
+    def hears(self, frame: Frame) -> bool:
+        """Whether the identifier can mean this drive: its own, or the one that Damiao drives share."""
+        if self._extended:
+            return frame.extended and frame.arbitration_id & 0xFF == self.device.can_id
+        return not frame.extended and frame.arbitration_id in (self.device.can_id, damiao.REGISTER_ID)
 
     def receive(self, frame: Frame, now_ns: int) -> list[Frame]:
         """What the drive answers to a frame; nothing when it isn't meant."""

@@ -19,6 +19,7 @@ from hal.joints.emulator.faults import ScheduledFault
 from hal.joints.emulator.plant import make_plant
 from hal.joints.emulator.scenes import SceneReceiver
 
+_SCENE_POLLS = 4  # an action's plan takes longer than these few milliseconds
 _PRIORITY = 50  # below control: a late body must not delay a tick
 
 if TYPE_CHECKING:
@@ -49,7 +50,7 @@ def run_emulator(
     told = _Ending(stop, each_second, emulator)
 
     def stopped() -> bool:
-        if (scene := scenes.receive()) is not None:
+        if told.asked % _SCENE_POLLS == 0 and (scene := scenes.receive()) is not None:
             plant.stage(scene)
         return told()
 
@@ -76,7 +77,7 @@ class _Ending:
         self._stop = stop
         self._each_second = each_second
         self._emulator = emulator
-        self._asked = 0
+        self.asked = 0
         self._second_s = time.monotonic()
         self._ended = False
         signal.signal(signal.SIGTERM, self._end)
@@ -85,8 +86,8 @@ class _Ending:
         self._ended = True
 
     def __call__(self) -> bool:
-        self._asked += 1
-        if self._asked % 50 == 0:
+        self.asked += 1
+        if self.asked % 50 == 0:
             self._ended = self._ended or self._parent() != self._parent_at_start
             self._ended = self._ended or (self._stop is not None and self._stop.is_set())
             if self._each_second is not None and time.monotonic() - self._second_s >= 1.0:
