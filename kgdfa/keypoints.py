@@ -13,6 +13,7 @@ import sys
 import weakref
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -24,8 +25,10 @@ from mediapipe.tasks.python import BaseOptions
 from mediapipe.tasks.python.vision import HandLandmarker, HandLandmarkerOptions, RunningMode
 
 from kgdfa.errors import KgdfaError
+from kgdfa.glances import PLAIN, Glance, Search, after, glance_at
 from kgdfa.hand import FloatArray, Hand, Side
 from kgdfa.images import Image, as_bgr8
+from kgdfa.looks import on_picture
 
 # The model names hands as a mirror shows them; our pictures are unmirrored.
 _SIDES = {"Left": Side.RIGHT, "Right": Side.LEFT}
@@ -45,9 +48,15 @@ class HandDetector:
         min_detection: float = 0.5,
         min_presence: float = 0.5,
         watch_rivals: bool = False,
+        search: bool = False,
     ) -> None:
-        """Load the model. Raises KgdfaError when the file is missing or is no hand model."""
+        """Load the model. Raises KgdfaError when the file is missing or is no hand model.
+
+        watch_rivals: ask for a second hand whenever one is new. search: glance at the picture in other ways while
+        there is no hand (video only; see `glances`).
+        """
         self._still = still
+        self._search = Search() if search and not still else None
         self._last_ms = -1
         self._previous: tuple[Hand, ...] = ()
         self._contested_frames = 0
@@ -93,7 +102,18 @@ class HandDetector:
         return self._landmarker.detect_for_video(picture, self._last_ms)
 
     def _look(self, image: Image, captured_ns: int) -> tuple[Hand, ...]:
-        return _hands(self.infer(image, captured_ns), image, () if self._still else self._previous)
+        if self._search is None or self._search.glance == PLAIN:
+            hands = _hands(self.infer(image, captured_ns), image, () if self._still else self._previous)
+        else:
+            hands = self._glance(image, captured_ns, self._search.glance)
+        if self._search is not None:
+            self._search = after(self._search, found=bool(hands))
+        return hands
+
+    def _glance(self, image: Image, captured_ns: int, glance: Glance) -> tuple[Hand, ...]:
+        shown, transform = glance_at(image, glance)
+        found = _hands(self.infer(shown, captured_ns), shown, ())
+        return tuple(_marked(on_picture(hand, transform), self._previous) for hand in found)
 
     def _with_rival(self, image: Image, hands: tuple[Hand, ...]) -> tuple[Hand, ...]:
         """Ask for a second hand when this one is new, and again now and then while two were there."""
@@ -128,9 +148,12 @@ def _hands(result: Any, image: Image, previous: tuple[Hand, ...]) -> tuple[Hand,
 
 def _hand(image_px: FloatArray, world_m: FloatArray, side: Any, previous: tuple[Hand, ...]) -> Hand:
     hand = Hand(image_px=image_px, world_m=world_m, presence=side.score, side=_SIDES[side.category_name])
-    if not any(_same_place(hand, other) for other in previous[:1]):
-        return hand
-    return Hand(image_px=image_px, world_m=world_m, presence=hand.presence, side=hand.side, tracked=True)
+    return _marked(hand, previous)
+
+
+def _marked(hand: Hand, previous: tuple[Hand, ...]) -> Hand:
+    """The hand, marked as tracked where the first one of the frame before was in the same place."""
+    return replace(hand, tracked=any(_same_place(hand, other) for other in previous[:1]))
 
 
 def _same_place(hand: Hand, other: Hand) -> bool:

@@ -89,13 +89,16 @@ def see(detector: StillDetector, image_bgr: Image, look: Look) -> Hand | None:
     hands = detector.detect(shown)
     if not hands:
         return None
-    hand = max(hands, key=lambda found: found.anchor_px)
+    hand = on_picture(max(hands, key=lambda found: found.anchor_px), transform)
+    return replace(hand, side={Side.LEFT: Side.RIGHT, Side.RIGHT: Side.LEFT}[hand.side]) if look.mirrored else hand
+
+
+def on_picture(hand: Hand, transform: FloatArray) -> Hand:
+    """A hand as it is on the picture itself, and in its space, from where `transform`, (2, 3), has shown it."""
     back = np.linalg.inv(transform[:, :2])
     turn = np.eye(3)
     turn[:2, :2] = back / np.sqrt(abs(np.linalg.det(back)))
-    on_picture, in_space = (hand.image_px - transform[:, 2]) @ back.T, hand.world_m @ turn.T
-    side = {Side.LEFT: Side.RIGHT, Side.RIGHT: Side.LEFT}[hand.side] if look.mirrored else hand.side
-    return replace(hand, image_px=on_picture, world_m=in_space, side=side)
+    return replace(hand, image_px=(hand.image_px - transform[:, 2]) @ back.T, world_m=hand.world_m @ turn.T)
 
 
 def see_photo(

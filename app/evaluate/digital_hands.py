@@ -21,7 +21,8 @@ MAX_TILT_RAD = np.radians(30.0)
 NEAR_M, FAR_M = 0.20, 0.60
 MEASURE_SEEDS = 10_000  # people from here on measure
 FIT_SEEDS = 1_000_000  # and people from here on fit: nobody does both
-HELD_FRAMES = 4
+HELD_FRAMES = 4  # a hand found is looked at again as often as a vote needs, and once more
+MOST_FRAMES = 10  # a third of a second
 _GESTURE_NAMES = frozenset(pose.name for pose in GESTURES)
 _KINDS = {"naturally open": "natural_open", "thumb up": "good", "O": "o_shape"}  # as labels.csv calls them
 
@@ -76,17 +77,23 @@ def see_digital(
     tell: Callable[[], None] = lambda: None,
     prepare: Prepare = as_bgr8,
 ) -> list[SeenPhoto]:
-    """Every hand held still for as many frames as a vote needs, tracked as before a camera; the last frame counts."""
+    """Every hand held still until it has been seen for as many frames as a vote needs, for a third of a second at most,
+    found and tracked as before a camera; the last frame counts.
+    """
     from kgdfa.keypoints import HandDetector
 
     seen, now_ns = [], 0
-    with HandDetector(model) as detector:
+    with HandDetector(model, search=True) as detector:
         for photo, scene, seed in scenes:
             shown = prepare(picture(scene, seed))
             hands: tuple[Hand, ...] = ()
-            for image in (np.zeros_like(shown), *[shown] * HELD_FRAMES):  # the black one ends the last hand's track
+            frames_seen = 0
+            for image in (np.zeros_like(shown), *[shown] * MOST_FRAMES):  # the black one ends the last hand's track
                 now_ns += PERIOD_NS
                 hands = detector.detect(image, now_ns)
+                frames_seen += bool(hands)
+                if frames_seen == HELD_FRAMES:
+                    break
             seen.append(SeenPhoto(photo=photo, hands=hands))
             tell()
     return seen

@@ -101,7 +101,7 @@ def measure_speed(
     watch, hands = Stopwatch(), 0
     height, width = images[0].shape[:2]
     place = ButtonPlace(x_px=width / 2, y_px=height / 2, radius_px=0.06 * width, threshold_m=0.20)
-    with HandDetector(model) as bare, HandDetector(model, watch_rivals=True) as detector:
+    with HandDetector(model) as bare, HandDetector(model, watch_rivals=True, search=True) as detector:
         pipeline = Pipeline(
             detector=_TimedDetector(detector, watch),
             rules=_TimedRules(RobustRules(), watch),

@@ -43,7 +43,7 @@ def run_sequence(
     finder = RobustRange(focal_px=footage.focal_px, anchor_m=footage.anchor_m)
     place = ButtonPlace(x_px=640, y_px=360, radius_px=77, threshold_m=0.20)
     reports = []
-    with HandDetector(model, watch_rivals=True) as detector:
+    with HandDetector(model, watch_rivals=True, search=True) as detector:
         pipeline = Pipeline(detector=detector, rules=rules, range_finder=finder, place=place)
         for number, image in enumerate(footage.frames(), start=1):
             reports.append(pipeline.process(Picture(image_bgr=image, captured_ns=number * footage.period_ns)))

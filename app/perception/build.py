@@ -50,7 +50,7 @@ def make_detector(setup: SessionSetup) -> HandDetector:
     """The hand detector on this home's model; takes seconds. Raises AppError or KgdfaError."""
     from kgdfa.keypoints import HandDetector  # brings mediapipe, two seconds of imports
 
-    return HandDetector(find_model(Home(setup.home), setup.config), watch_rivals=True)
+    return HandDetector(find_model(Home(setup.home), setup.config), watch_rivals=True, search=True)
 
 
 def make_pipeline(setup: SessionSetup, detector: Detector, frame: Frame, camera: str) -> tuple[Pipeline, ButtonPlace]:

@@ -11,6 +11,9 @@ from app.cli.evaluate.looking import hand_model
 from app.cli.evaluate.options import Home, Json
 
 if TYPE_CHECKING:
+    from rich.console import Console
+
+    from app.evaluate.speed import SpeedFigures
     from kgdfa.images import Image
 
 cli = typer.Typer()
@@ -22,23 +25,39 @@ def speed(
         Path | None, typer.Argument(help="Folder with frames.csv; without it, the digital hand.")
     ] = None,
     frames: Annotated[int, typer.Option(help="How many frames at most.", min=30)] = 300,
+    workers: Annotated[
+        int, typer.Option(help="Time also 1 to N processes at once, each with a recording of its own.", min=0)
+    ] = 0,
     json_file: Json = None,
     home: Home = None,
 ) -> None:
     """Table 4's row: the whole chain's speed beside bare MediaPipe's on the same frames."""
     import msgspec
     from rich.console import Console
-    from rich.table import Table
 
     from app.cli.progress import bar
     from app.evaluate.gesture_report import write_json
     from app.evaluate.speed import WARM_UP, measure_speed
+    from app.evaluate.throughput import frames_for_speed, measure_throughput
 
-    console = Console()
-    images, focal_px = _frames_for_speed(directory, frames)
+    console, model = Console(), hand_model(home)
+    images, focal_px = frames_for_speed(directory, frames)
     with bar(console, "timing", len(images) + min(WARM_UP, len(images))) as tell:
-        figures = measure_speed(images, hand_model(home), focal_px=focal_px, tell=tell)
-    table = Table(title=f"{figures.frames} frames of {images[0].shape[1]}×{images[0].shape[0]}, ms a frame")
+        figures = measure_speed(images, model, focal_px=focal_px, tell=tell)
+    _print_speed(console, figures, images[0])
+    offline = []
+    for count in range(1, workers + 1):
+        with console.status(f"{count} processes at once"):
+            offline.append(measure_throughput(directory, frames, model, count))
+        console.print(f"offline, {count} at once, a recording each: {offline[-1].fps:.0f} frames a second altogether")
+    if json_file is not None:
+        write_json({**msgspec.to_builtins(figures), "offline": msgspec.to_builtins(offline)}, json_file)
+
+
+def _print_speed(console: Console, figures: SpeedFigures, image: Image) -> None:
+    from rich.table import Table
+
+    table = Table(title=f"{figures.frames} frames of {image.shape[1]}×{image.shape[0]}, ms a frame")
     table.add_column("stage")
     table.add_column("ms", justify="right")
     for stage, spent_ms in figures.stages_ms.items():
@@ -51,24 +70,3 @@ def speed(
         f"whole chain / bare MediaPipe {figures.ratio:.3f}, {figures.fps:.0f} frames a second, "
         f"a hand in {figures.hands} of {figures.frames} (paper, its own laptop: 34 frames a second)"
     )
-    if json_file is not None:
-        write_json(msgspec.to_builtins(figures), json_file)
-
-
-def _frames_for_speed(directory: Path | None, count: int) -> tuple[list[Image], float]:
-    """Pictures and focal length: of a recording, or of the digital hand showing one gesture after the other."""
-    from app.evaluate.sequence import PERIOD_NS, pictures, read_frames
-
-    if directory is not None:
-        listed = read_frames(directory)[:count]
-        return list(pictures(listed)), listed[0].focal_px
-    from hal.cameras.digital_hand import DigitalHandCamera
-    from hal.cameras.hand_poses import GESTURES
-
-    camera = DigitalHandCamera(clock_ns=lambda: 0)
-    images = []
-    for number in range(count):
-        if number % 25 == 0:
-            camera.command(gesture=GESTURES[number // 25 % len(GESTURES)].name, at_ns=number * PERIOD_NS)
-        images.append(camera.render((number + 1) * PERIOD_NS).image_bgr)
-    return images, camera.lens.fx_px

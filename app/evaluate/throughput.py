@@ -1,0 +1,94 @@
+"""How many frames a second the whole chain does offline, when so many processes each take a recording of their own.
+
+One recording can't be shared out: tracking, vote and button go from frame to frame. A lab has many recordings, and
+for those the machine's cores count. The figure of one worker is the single process's, by the same clock.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import time
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from multiprocessing.synchronize import Barrier
+from pathlib import Path
+from threading import BrokenBarrierError
+
+import cv2
+
+from app.errors import AppError
+from app.evaluate.sequence import PERIOD_NS, pictures, read_frames
+from kgdfa.button import ButtonPlace
+from kgdfa.distance import RobustRange
+from kgdfa.images import Image
+from kgdfa.pipeline import Picture, Pipeline
+from kgdfa.robust import RobustRules
+
+WARM_UP = 15  # frames before the clock runs
+START_S = 300.0  # within which every worker must have read its frames and loaded its model
+_barriers: list[Barrier] = []  # this process's own, at most one
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Throughput:
+    """workers processes looked at `frames` frames altogether, at `fps` a second."""
+
+    workers: int
+    frames: int
+    fps: float
+
+
+def frames_for_speed(directory: Path | None, count: int) -> tuple[list[Image], float]:
+    """Pictures and focal length: of a recording, or of the digital hand showing one gesture after the other."""
+    if directory is not None:
+        listed = read_frames(directory)[:count]
+        return list(pictures(listed)), listed[0].focal_px
+    from hal.cameras.digital_hand import DigitalHandCamera
+    from hal.cameras.hand_poses import GESTURES
+
+    camera = DigitalHandCamera(clock_ns=lambda: 0)
+    images = []
+    for number in range(count):
+        if number % 25 == 0:
+            camera.command(gesture=GESTURES[number // 25 % len(GESTURES)].name, at_ns=number * PERIOD_NS)
+        images.append(camera.render((number + 1) * PERIOD_NS).image_bgr)
+    return images, camera.lens.fx_px
+
+
+def measure_throughput(directory: Path | None, count: int, model: Path, workers: int) -> Throughput:
+    """`workers` processes at once, each over `count` frames. Raises AppError when one of them can't begin."""
+    context = multiprocessing.get_context("spawn")
+    barrier = context.Barrier(workers)
+    with ProcessPoolExecutor(workers, mp_context=context, initializer=_barriers.append, initargs=(barrier,)) as pool:
+        futures = [pool.submit(_run, directory, count, model) for _ in range(workers)]
+        runs = [future.result() for future in futures]
+    frames = sum(seen for seen, _, _ in runs)
+    spent_s = max(end for _, _, end in runs) - min(start for _, start, _ in runs)
+    return Throughput(workers=workers, frames=frames, fps=frames / spent_s)
+
+
+def _run(directory: Path | None, count: int, model: Path) -> tuple[int, float, float]:
+    """Frames looked at, and when: from and to, by the machine's monotonic clock, which all processes share."""
+    from kgdfa.keypoints import HandDetector
+
+    cv2.setNumThreads(1)
+    images, focal_px = frames_for_speed(directory, count)
+    height, width = images[0].shape[:2]
+    place = ButtonPlace(x_px=width / 2, y_px=height / 2, radius_px=0.06 * width, threshold_m=0.20)
+    with HandDetector(model, watch_rivals=True, search=True) as detector:
+        finder = RobustRange(focal_px=focal_px, anchor_m=0.065)
+        pipeline = Pipeline(detector=detector, rules=RobustRules(), range_finder=finder, place=place)
+        start_s = 0.0
+        for number, image in enumerate([*images[:WARM_UP], *images]):
+            if number == min(WARM_UP, len(images)):
+                _wait_for_the_others()
+                start_s = time.monotonic()
+            pipeline.process(Picture(image_bgr=image, captured_ns=(number + 1) * PERIOD_NS))
+        return len(images), start_s, time.monotonic()
+
+
+def _wait_for_the_others() -> None:
+    try:
+        _barriers[0].wait(START_S)
+    except BrokenBarrierError as error:
+        raise AppError(f"A worker did not begin within {START_S:.0f} s: take fewer workers or frames.") from error

@@ -1,0 +1,58 @@
+"""Other views of a live picture while no hand is found: smaller, or turned. What finds one is kept until it is lost.
+
+MediaPipe's palm detector misses some hands in plain sight, near ones and folded ones above all, and finds most of
+them in the same picture made smaller or turned by 25° (docs/gestures.md). A frame has time for one view only, so a
+search shows another one in each frame. A followed hand costs nothing when the plain picture found it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+
+from kgdfa.hand import FloatArray
+from kgdfa.images import Image
+
+PATIENCE_FRAMES = 2  # without a hand before the search begins: the plain picture finds most that come or come back
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Glance:
+    """How a picture is shown, its size kept: scaled and turned about its middle, edge pixels repeated."""
+
+    scale: float = 1.0
+    turn_deg: float = 0.0
+
+
+PLAIN = Glance()
+SEARCH = (Glance(scale=0.8), Glance(scale=0.8, turn_deg=25), Glance(scale=0.8, turn_deg=-25), PLAIN)
+
+
+@dataclass(frozen=True, slots=True)
+class Search:
+    """How the next frame is looked at, and how many in a row before it showed no hand."""
+
+    glance: Glance = PLAIN
+    missing: int = 0
+
+
+def after(search: Search, *, found: bool) -> Search:
+    """The search after one more frame."""
+    if found:
+        return replace(search, missing=0)
+    missing = search.missing + 1
+    if missing < PATIENCE_FRAMES:
+        return replace(search, missing=missing)
+    return Search(SEARCH[(missing - PATIENCE_FRAMES) % len(SEARCH)], missing)
+
+
+def glance_at(image_bgr: Image, glance: Glance) -> tuple[Image, FloatArray]:
+    """The picture as the glance shows it, and the (2, 3) affine map from the picture's pixels to the glance's."""
+    height, width = image_bgr.shape[:2]
+    transform: FloatArray = cv2.getRotationMatrix2D((width / 2, height / 2), glance.turn_deg, glance.scale)
+    if glance == PLAIN:
+        return image_bgr, transform
+    shown = cv2.warpAffine(image_bgr, transform, (width, height), borderMode=cv2.BORDER_REPLICATE)
+    return np.asarray(shown, dtype=np.uint8), transform
