@@ -7,9 +7,9 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from kgdfa.features import FEATURES, Unit, features
-from kgdfa.fingers import finger_angles_deg
-from kgdfa.hand import FloatArray
-from kgdfa.hulls import INNER_HULL, OUTER_HULL, hull, tip_depths
+from kgdfa.fingers import Finger, apart, finger_angles_deg
+from kgdfa.hand import FloatArray, Keypoint
+from kgdfa.hulls import INNER_HULL, OUTER_HULL, TIPS, hull, tip_depths
 from tests.kgdfa.hands import drawn_hand, drawn_points
 
 angle = st.floats(-np.pi, np.pi)
@@ -60,6 +60,32 @@ def test_every_feature_has_a_name_of_its_own_and_stays_in_its_unit() -> None:
     assert len({feature.text for feature in FEATURES}) == len(FEATURES) == len(values)
     degrees = [value for value, feature in zip(values, FEATURES, strict=True) if feature.unit is Unit.DEGREES]
     assert all(0 <= value <= 180 for value in degrees)
+
+
+@given(shaken)
+def test_the_batch_measures_what_the_single_measures_say(shake: FloatArray) -> None:
+    """Angles, hulls and distances computed one by one, as the published rules do."""
+    picture, world = posed(shake)
+    by_name = {feature.text: value for feature, value in zip(FEATURES, features(picture, world), strict=True)}
+    palm, seen_palm = (
+        max(apart(points, Keypoint(a), Keypoint(b)) for a, b in ((5, 0), (9, 0), (17, 0), (5, 17)))
+        for points in (world, picture)
+    )
+    outer, inner = tip_depths(picture, OUTER_HULL, INNER_HULL) / -seen_palm
+    for finger in Finger:
+        name, tip = finger.name.lower(), TIPS[finger]
+        said = {
+            f"{name} angle": finger_angles_deg(world)[finger],
+            f"{name} angle in the picture": finger_angles_deg(picture)[finger],
+            f"{name} tip beyond the outer hull": outer[finger],
+            f"{name} tip beyond the inner hull": inner[finger],
+            f"{name} tip to wrist": apart(world, tip, Keypoint.WRIST) / palm,
+        }
+        for other in (other for other in Finger if other > finger):
+            pair = f"{name} and {other.name.lower()} tips apart"
+            said[pair] = apart(world, tip, TIPS[other]) / palm
+            said[f"{pair} in the picture"] = apart(picture, tip, TIPS[other]) / seen_palm
+        assert {key: by_name[key] for key in said} == pytest.approx(said, abs=1e-6)
 
 
 def test_a_hand_without_size_is_finite() -> None:
