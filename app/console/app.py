@@ -7,6 +7,7 @@ import signal
 import time
 from collections.abc import Iterable
 from contextlib import suppress
+from functools import cached_property
 from multiprocessing import resource_tracker
 from typing import ClassVar
 
@@ -32,6 +33,7 @@ from app.console.session_flow import SessionFlow
 from app.console.signin import LockScreen, SignInDialog
 from app.console.stop import with_stop
 from app.console.themes import THEME_NAMES, THEMES
+from app.console.warm import load_rest
 from app.host import SessionHost
 from app.operators import needs_sign_in
 from app.paths import Home
@@ -92,6 +94,7 @@ class ConsoleApp(SessionFlow):
         self.set_interval(TICK_S, self._tick)
         if self._profile is None or needs_sign_in(self.config):
             await self.push_screen(PatientsScreen())
+            self.run_worker(asyncio.to_thread(load_rest))
         if self._profile is not None:
             await self.begin_signed_in(self._profile, self.config)
 
@@ -103,7 +106,7 @@ class ConsoleApp(SessionFlow):
             self._idle = self._idle.touched(time.monotonic())
         await super().on_event(event)
 
-    @property
+    @cached_property
     def key_names(self) -> dict[str, str]:
         """Each key of the table as it is shown, by its id with underscores."""
         return {
@@ -167,6 +170,18 @@ class ConsoleApp(SessionFlow):
         else:
             self.trail.emit(SignOut(name=self.signed_in.name, reason="locked"))
             self.push_screen(SignInDialog(unlock=self.signed_in.name))
+
+    async def action_sign_out(self) -> None:
+        """Make room for the next therapist; a session belongs to its own to the end."""
+        if self.signed_in is None:
+            self.notify(tr("sign_out.nobody"))
+        elif self.live is not None:
+            self.notify(tr("sign_out.session", name=self.signed_in.name), severity="warning")
+        else:
+            name, self.signed_in = self.signed_in.name, None
+            self.trail.emit(SignOut(name=name, reason="signed out"))
+            await self.show_patients()
+            self.notify(tr("sign_out.done", name=name))
 
     def calibrate(self, profile: Profile) -> None:
         """Calibrate a patient's palm; a running session has the camera."""

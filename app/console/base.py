@@ -7,8 +7,10 @@ from contextlib import contextmanager
 from dataclasses import replace
 from typing import TYPE_CHECKING, ClassVar, Generic, TypeVar, cast
 
+from textual import events, on
 from textual.app import ComposeResult
 from textual.binding import ActiveBinding, BindingType
+from textual.geometry import Size
 from textual.screen import ModalScreen, Screen
 
 from app.console.key_bar import KeyBar
@@ -33,10 +35,31 @@ class _Console(Screen[T], Generic[T]):
 
     HELP_PAGE = ""  # name of the contextual help in the language files
     composed = False  # its widgets are there
+    _styled_for = ""  # the theme that its widgets' styles were made for
+
+    @on(events.Compose)
+    def _reach_breakpoints(self) -> None:
+        """Set the breakpoints' classes; Textual does so after the first layout, and then styles and paints again."""
+        for name in self._breakpoints(self.app.size):
+            self.add_class(name, update=False)
+        self._styled_for = self.app.theme
+
+    @on(events.ScreenResume)
+    def _keep_styles(self, event: events.ScreenResume) -> None:
+        """Make the styles anew only for another theme: a tenth of what opening or closing a dialog costs."""
+        event.refresh_styles = self._styled_for != self.app.theme
+        self._styled_for = self.app.theme
 
     def on_mount(self) -> None:
         """Textual calls this beside a subclass's own."""
         self.composed = True
+
+    @on(events.Resize)
+    def _skip_known_size(self, event: events.Resize) -> None:
+        """Textual sends a size that is laid out already; without this it lays out again, the screens below too."""
+        if event.size == self.size and all(map(self.has_class, self._breakpoints(event.size))):
+            event.prevent_default()
+            event.stop()
 
     @property
     def console_app(self) -> ConsoleApp:
@@ -67,10 +90,20 @@ class _Console(Screen[T], Generic[T]):
         except USER_ERRORS as error:
             self.notify(str(error), severity="error", timeout=15, markup=False)
 
+    def _breakpoints(self, size: Size) -> tuple[str, str]:
+        """The classes that a screen of this size has."""
+        across, down = self.app.HORIZONTAL_BREAKPOINTS, self.app.VERTICAL_BREAKPOINTS
+        return _reached(across, size.width), _reached(down, size.height)
+
     def compose_bottom(self) -> ComposeResult:
         """The STOP bar and the keys."""
         yield StopBar(self.console_app.switch, watching=self.console_app.read_only)
         yield KeyBar()
+
+
+def _reached(breakpoints: list[tuple[int, str]] | None, cells: int) -> str:
+    """The class of the largest breakpoint that so many columns or rows reach."""
+    return max((least, name) for least, name in breakpoints or [(0, "-any")] if cells >= least)[1]
 
 
 class ConsoleScreen(_Console[None]):

@@ -15,7 +15,7 @@ from textual.widgets.option_list import Option
 from app.console.base import Dialog
 from app.console.keys import GESTURE_KEYS
 from app.console.language import tr
-from app.console.session.panel import Lines
+from app.console.session.panel import Lines, content_of
 from app.console.session.state import SessionState
 from app.console.session.words import FINGERS, action_name
 from app.control.states import ACTION_OF, GESTURE_OF, Action
@@ -122,7 +122,7 @@ class TherapistAct(Dialog[Action]):
 
 
 class Lists(Dialog[None]):
-    """Lines that keep themselves up to date: the checks, the events."""
+    """Lines that keep themselves up to date, there with the first paint: the checks, a patient's history."""
 
     def __init__(self, title: str, words: str = "") -> None:
         super().__init__()
@@ -130,18 +130,24 @@ class Lists(Dialog[None]):
         self._words = words
         self._lines: Lines = ()
 
+    def lines_of(self, state: SessionState | None) -> Lines:
+        """What to show; None: no session."""
+        raise NotImplementedError
+
     def compose(self) -> ComposeResult:
+        self._lines = self.lines_of(self.console_app.live_state())
         with VerticalScroll(classes="dialog") as box:
             box.border_title = self._title
             yield Static(self._words, markup=False, id="words")
-            yield Static(id="lines")
+            yield Static(content_of(self._lines), id="lines")
         yield from self.compose_bottom()
 
-    def show_list(self, lines: Lines) -> None:
-        """Show these lines."""
+    def show_session(self, state: SessionState | None) -> None:
+        super().show_session(state)
+        lines = self.lines_of(state)
         if lines != self._lines:
             self._lines = lines
-            self.query_one("#lines", Static).update(Content("\n").join(Content.assemble(*line) for line in lines))
+            self.query_one("#lines", Static).update(content_of(lines))
 
 
 class AskText(Dialog[str]):

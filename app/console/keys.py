@@ -21,6 +21,7 @@ EVERYWHERE = (
     _key("leave", "ctrl+c", "leave", priority=True, show=False),
     _key("quit", "ctrl+q", "leave", priority=True, show=False),
     _key("lock", "ctrl+l", "lock_console", show=False),
+    _key("sign_out", "f4", "sign_out", show=False, priority=True),
     _key("theme", "f2", "next_theme", show=False),
     _key("language", "f3", "next_language", show=False),
 )

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import gc
 import time
 from collections.abc import Callable
 from dataclasses import replace
@@ -10,6 +9,7 @@ from dataclasses import replace
 from app.console.host_protocol import Host
 from app.console.session.state import SessionState, fold
 from app.console.stop import StopSwitch
+from app.console.warm import keep_loaded, let_go
 from app.messages import OperatorKind
 
 Clock = Callable[[], int]
@@ -34,13 +34,8 @@ class Live:
         return any(process.name == "control" and process.alive for process in self.state.processes)
 
     def start(self) -> None:
-        """Start the processes.
-
-        What is loaded by now stays to the end: kept out of every later collection, which would otherwise stop all
-        threads for 0.1 to 0.2 s every few seconds, the sign of life and STOP among them.
-        """
-        gc.collect()
-        gc.freeze()
+        """Start the processes; meanwhile the garbage of the start, little and counted once, is not looked for."""
+        keep_loaded()
         self.host.start()
 
     def failed(self, why: str) -> None:
@@ -64,7 +59,7 @@ class Live:
         self.closed = True
         self._connect(None)
         self.host.close()
-        gc.unfreeze()
+        let_go()
 
     def _connect(self, send: Callable[[], object] | None) -> None:
         if self._switch is not None:

@@ -1,8 +1,9 @@
 """Sentences that control and perception say in English, in the therapist's language.
 
-Events are found by their name, every other sentence by its pattern: `{…}` stands for numbers, which are kept, or for
-an action, a state or a gesture, whose own words are put in. What the language file has not is shown as it was said:
-an English sentence helps more than none. The files are `locales/sentences/<language>.toml`; English has none.
+Events are found by their name, every other sentence by its pattern. `{…}` stands for what is kept as it is, unless its
+name begins with one of `_HOLES`: an action, a state, a gesture or a finger is said in its own words, `{said}` is a part
+that has a pattern of its own. What the language file has not is shown as it was said: an English sentence helps more
+than none. The files are `locales/sentences/<language>.toml`.
 """
 
 from __future__ import annotations
@@ -10,14 +11,20 @@ from __future__ import annotations
 import re
 import tomllib
 from dataclasses import dataclass
-from functools import cache
+from enum import Enum
+from functools import cache, lru_cache
 from pathlib import Path
 
 from app.console.language import code, tr
 from app.control.states import Action, GaitState
+from kgdfa.gesture import Gesture
 
 _FOLDER = Path(__file__).with_name("locales") / "sentences"
 _HOLE = re.compile(r"\\\{(\w+)\\\}")
+# The perception's names of the fingers, and the language files'.
+_FINGERS = {"thumb": "thumb", "fore": "index", "middle": "middle", "ring": "ring", "pinky": "pinky"}
+# What a hole may hold, by how its name begins; any other holds anything.
+_HOLES = {"number": r"[-+]?[\d.]+°?", "finger": "|".join(_FINGERS), "gesture": "|".join(one.value for one in Gesture)}
 _DETAIL = re.compile(r"\s*\(([^()]*)\)$")
 
 
@@ -27,6 +34,11 @@ class _Catalogue:
 
     events: dict[str, str]
     patterns: tuple[tuple[re.Pattern[str], str], ...]
+
+
+def learn_events() -> None:
+    """Load control's table of events, which brings numpy: before a sentence asks for it."""
+    _event_names()
 
 
 def event_words(name: str, said: str) -> str:
@@ -40,7 +52,12 @@ def event_words(name: str, said: str) -> str:
 
 def sentence(said: str) -> str:
     """A refusal, a hint, a reason: in the therapist's language where it is known."""
-    catalogue = _catalogue(code())
+    return _said_in(code(), said)
+
+
+@lru_cache(maxsize=1024)  # the panels ask for the same few twenty times a second
+def _said_in(language: str, said: str) -> str:
+    catalogue = _catalogue(language)
     for pattern, words in catalogue.patterns:
         found = pattern.fullmatch(said)
         if found is not None:
@@ -60,11 +77,21 @@ def _event_by_sentence(catalogue: _Catalogue, said: str) -> str:
 
 
 def _term(name: str, value: str) -> str:
-    for kind, prefix in ((Action, "action"), (GaitState, "state")):
+    """What a hole of this name held, in the language."""
+    if name.startswith("said"):
+        return sentence(value)
+    if name.startswith("finger"):
+        return tr(f"finger.{_FINGERS[value]}")
+    terms: tuple[tuple[type[Enum], str, str], ...] = (
+        (Action, "action", "action.{}"),
+        (GaitState, "state", "state.{}"),
+        (Gesture, "gesture", "gesture.{}.name"),
+    )
+    for kind, prefix, key in terms:
         if name.startswith(prefix):
             for one in kind:
                 if one.value == value:
-                    return tr(f"{prefix}.{one.name.lower()}")
+                    return tr(key.format(one.name.lower()))
     return value
 
 
@@ -79,7 +106,11 @@ def _catalogue(language: str) -> _Catalogue:
 
 
 def _pattern(said: str) -> re.Pattern[str]:
-    return re.compile(_HOLE.sub(r"(?P<\1>.+?)", re.escape(said)))
+    return re.compile(_HOLE.sub(lambda hole: f"(?P<{hole[1]}>{_held(hole[1])})", re.escape(said)))
+
+
+def _held(name: str) -> str:
+    return next((pattern for prefix, pattern in _HOLES.items() if name.startswith(prefix)), ".+?")
 
 
 @cache

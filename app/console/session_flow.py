@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-from importlib import import_module
 
 from textual.app import App
 from textual.screen import Screen
@@ -25,6 +24,7 @@ from app.console.signin import SignInDialog
 from app.console.stop import StopSwitch
 from app.console.trail import ConsoleTrail
 from app.console.training import TrainingScreen
+from app.console.warm import load_rest
 from app.errors import AppError
 from app.host import make_setup
 from app.messages import OperatorKind
@@ -173,8 +173,7 @@ class SessionFlow(App[None]):
             if not self.read_only and self.live is live:  # it may have been closed meanwhile
                 self.trail.open(live.host.setup)
                 share(self.home, live.host.setup)
-            # numpy: loaded while the camera starts, neither before the first paint nor when the picture comes
-            await asyncio.to_thread(import_module, "app.console.halfblock")
+            await asyncio.to_thread(load_rest)
         except USER_ERRORS as error:
             live.failed(str(error))
 

@@ -24,7 +24,7 @@ class SignInDialog(Dialog[Operator]):
     HELP_PAGE = "sign_in"
 
     def __init__(self, *, unlock: str = "") -> None:
-        """unlock: the operator whose console this is; it then can't be left without a PIN."""
+        """unlock: the operator whose console this is; nobody else's PIN opens it, and Escape doesn't leave it."""
         super().__init__()
         self._unlock = unlock
         self._first = False
@@ -35,10 +35,11 @@ class SignInDialog(Dialog[Operator]):
             self._first = not self._unlock and not load_store(self.console_app.home.keys).operators
         except AppError as error:
             reason = f"✗ {error}"
+        words = "first_words" if self._first else "unlock_words" if self._unlock else "words"
         title = "first" if self._first else "unlock" if self._unlock else "title"
         with Vertical(classes="dialog") as box:
             box.border_title = tr(f"sign_in.{title}")
-            yield Static(tr("sign_in.first_words") if self._first else tr("sign_in.words"), markup=False)
+            yield Static(tr(f"sign_in.{words}", **self.console_app.key_names), markup=False)
             yield Input(self._unlock, placeholder=tr("sign_in.name"), id="name", max_length=60)
             yield Input(placeholder=tr("sign_in.pin"), id="pin", password=True, max_length=12)
             yield Static(reason, id="reason", markup=False)
@@ -80,6 +81,10 @@ class SignInDialog(Dialog[Operator]):
             self.console_app.trail.emit(failed)
             raise AppError(attempt.reason)
         operator = attempt.operator
+        if self._unlock and operator.name != self._unlock:
+            failed = SignInFailed(name=operator.name, reason=f"locked by {self._unlock}", failures=0, wait_s=0.0)
+            self.console_app.trail.emit(failed)
+            raise AppError(tr("sign_in.not_yours", name=self._unlock))
         self.console_app.trail.emit(SignIn(name=operator.name, role=operator.role.value, unlocked=bool(self._unlock)))
         return operator
 

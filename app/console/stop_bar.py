@@ -23,7 +23,7 @@ class StopBar(Widget):
     can_focus = False
 
     def __init__(self, switch: StopSwitch, *, watching: bool) -> None:
-        super().__init__()
+        super().__init__(classes="-live" if switch.live else None)
         self._switch = switch
         self._watching = watching
         self._words = self._describe(None)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from app.console.dialogs import Lists
 from app.console.language import tr
 from app.console.session.panel import Lines, plain
+from app.console.session.state import SessionState
 from profiles.store import Change
 
 
@@ -32,7 +33,8 @@ class History(Lists):
 
     def __init__(self, name: str, changes: tuple[Change, ...]) -> None:
         super().__init__(tr("history.title", name=name))
-        self._changes = changes
+        self._shown = describe(changes)
 
-    def on_mount(self) -> None:
-        self.show_list(describe(self._changes))
+    def lines_of(self, state: SessionState | None) -> Lines:  # noqa: ARG002 - a history has no session
+        """Every change."""
+        return self._shown

@@ -52,10 +52,9 @@ class Checklist(Lists):
     def __init__(self) -> None:
         super().__init__(tr("checks.title"), tr("checks.words"))
 
-    def show_session(self, state: SessionState | None) -> None:
-        super().show_session(state)
-        if state is not None:
-            self.show_list(describe(state))
+    def lines_of(self, state: SessionState | None) -> Lines:
+        """Every check as it stands."""
+        return () if state is None else describe(state)
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:  # noqa: ARG002
         """Rehearsals are for real joints; an observer changes nothing."""

@@ -16,6 +16,11 @@ def plain(words: str, style: str = "") -> Line:
     return ((words, style),)
 
 
+def content_of(lines: Lines) -> Content:
+    """The lines as a widget draws them."""
+    return Content("\n").join(Content.assemble(*line) for line in lines)
+
+
 def cells(words: str) -> int:
     """How many cells the words take; a Chinese character takes two."""
     return cell_len(words)
@@ -60,4 +65,4 @@ class Panel(Widget):
             self.refresh()
 
     def render(self) -> Content:
-        return Content("\n").join(Content.assemble(*line) for line in self._lines)
+        return content_of(self._lines)

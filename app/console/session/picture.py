@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from rich.segment import Segment
 from rich.style import Style
+from textual.geometry import Region
 from textual.message import Message
 from textual.strip import Strip
 from textual.widget import Widget
@@ -29,6 +30,7 @@ class Picture(Widget):
         super().__init__(id=id)
         self._strips: list[Strip] = []
         self._indent = 0
+        self._background = Style()
         self._sequence = -1
         self._said = tr("picture.waiting")
         self.paused = False
@@ -59,9 +61,12 @@ class Picture(Widget):
         self._sequence = -1
         return self.paused
 
+    def render_lines(self, crop: Region) -> list[Strip]:
+        self._background = self.rich_style  # costly: once a picture, not once a line
+        return super().render_lines(crop)
+
     def render_line(self, y: int) -> Strip:
-        width = self.size.width
-        background = self.rich_style
+        width, background = self.size.width, self._background
         if self._said and (not self._strips or y == self.size.height - 1):
             return self._message(y, width, background)
         top = (self.size.height - len(self._strips)) // 2

@@ -135,6 +135,50 @@ async def test_a_locked_console_opens_with_the_operators_pin_only(console: Opene
         await open_console.until(lambda: isinstance(open_console.app.screen, SessionScreen))
 
 
+async def test_the_next_therapist_signs_in_without_leaving_the_program(console: Opener, home: Home) -> None:
+    store = add_operator(load_store(home.keys), "Ada", Role.ENGINEER, PIN)
+    save_store(home.keys, add_operator(store, "Ben", Role.THERAPIST, PIN))
+    async with console(profile=None, config=Config(joints=JointsConfig(kind="can"))) as open_console:
+        await open_console.shows("demo")
+        await open_console.press("f4")
+        await open_console.tells("Nobody is signed in")
+        await _choose_and_begin(open_console)
+        await open_console.until(lambda: isinstance(open_console.app.screen, SignInDialog))
+        await _sign_in(open_console, "Ada", PIN)
+        await open_console.until(lambda: open_console.app.live_state() and open_console.app.live_state().snapshot)  # type: ignore[union-attr]
+        await open_console.press("f4")
+        await open_console.tells("The session is Ada's")
+        await open_console.app.close_session()
+        await open_console.press("f4")
+        await open_console.tells("Ada is signed out")
+        await _choose_and_begin(open_console)
+        await open_console.until(lambda: isinstance(open_console.app.screen, SignInDialog))
+        await _sign_in(open_console, "Ben", PIN)
+        await open_console.until(lambda: open_console.app.operator == "Ben")
+
+
+async def test_nobody_elses_pin_opens_a_locked_console_but_it_can_be_signed_out(console: Opener, home: Home) -> None:
+    store = add_operator(load_store(home.keys), "Ada", Role.ENGINEER, PIN)
+    save_store(home.keys, add_operator(store, "Rex", Role.REVIEWER, PIN))
+    async with console(profile=None, config=Config(joints=JointsConfig(kind="can"))) as open_console:
+        await _choose_and_begin(open_console)
+        await open_console.until(lambda: isinstance(open_console.app.screen, SignInDialog))
+        await _sign_in(open_console, "Ada", PIN)
+        await open_console.until(lambda: isinstance(open_console.app.screen, SessionScreen))
+        await open_console.press("ctrl+l")
+        await open_console.until(lambda: isinstance(open_console.app.screen, SignInDialog))
+        await _sign_in(open_console, "Rex", PIN)
+        await open_console.shows("locked by Ada")
+        await _sign_in(open_console, "Ada", PIN)
+        await open_console.until(lambda: isinstance(open_console.app.screen, SessionScreen))
+        await open_console.app.close_session()
+        await open_console.press("ctrl+l")
+        await open_console.until(lambda: isinstance(open_console.app.screen, SignInDialog))
+        await open_console.press("f4")
+        await open_console.until(lambda: not isinstance(open_console.app.screen, SignInDialog))
+        assert open_console.app.signed_in is None
+
+
 async def test_the_first_run_sets_up_its_engineer(console: Opener, home: Home) -> None:
     async with console(profile=None, config=Config(joints=JointsConfig(kind="can"))) as open_console:
         await _choose_and_begin(open_console)

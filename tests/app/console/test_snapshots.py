@@ -90,6 +90,7 @@ async def in_all_themes(app: ConsoleApp, pilot: Pilot[None]) -> str:
     parts: list[str] = []
     for theme in THEME_NAMES:
         app.theme = theme
+        await pilot.pause()  # the theme's message is through, however busy the machine
         strips = await settled(app, pilot)
         if not parts:
             parts.append("\n".join(strip.text.rstrip() for strip in strips))
