@@ -8,7 +8,8 @@ from __future__ import annotations
 import msgspec
 import pytest
 
-from hal.joints.codecs.wire import Frame
+from hal.joints.codecs import codec_of
+from hal.joints.codecs.wire import Frame, SetPoint
 from hal.joints.device import load_exoskeleton
 from hal.joints.emulator.firmware import EmulatedDrive
 from hal.joints.motors import load_motors
@@ -51,6 +52,24 @@ SESSIONS = {
         ("0300FD06#0000000000000000", ""),
     ],
 }
+
+
+# What drivers in use elsewhere put on a bus for these numbers, taken down by candump beside the emulator.
+# Sources: mini-cheetah-motor-driver-socketcan 0.4.3 (AK10-9, its axis turned round), pycybergear 1.0.0 (which leaves
+# the torque in the identifier at 0, that is −12 Nm, whatever it was given).
+SEEN = [
+    ("AK10-9/V2", SetPoint(-0.3, 0.0, 40.0, 2.0, 0.0), "005#7CED7FF1476667FF"),
+    ("CyberGear/sample", SetPoint(0.5, 0.0, 30.0, 1.5, -12.0), "01000005#851E7FFF0F5C4CCC"),
+]
+
+
+@pytest.mark.parametrize(("label", "told", "seen"), SEEN)
+def test_other_drivers_pack_the_same_numbers_into_the_same_bits(label: str, told: SetPoint, seen: str) -> None:
+    codec = codec_of(load_motors().find(label))
+    assert text_of(codec.command(5, told)) == seen
+    understood = codec.read_command(5, frame_of(seen))
+    assert isinstance(understood, SetPoint)
+    assert tuple(understood) == pytest.approx(tuple(told), abs=500 / 4095)  # the coarsest quantum here: of stiffness
 
 
 def frame_of(text: str) -> Frame:
