@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -9,6 +10,8 @@ import typer
 
 if TYPE_CHECKING:
     from hal.joints.body import Body
+    from hal.joints.device import Exoskeleton
+    from hal.joints.emulator import DriveEmulator
 
 cli = typer.Typer()
 
@@ -27,19 +30,27 @@ def emulate_drives(
     home: Annotated[Path | None, typer.Option(help="Data directory (for --patient).")] = None,
 ) -> None:
     """Four emulated drives on a CAN bus, so that everything can be tried against a virtual exoskeleton."""
+    from functools import partial
+
+    from hal.joints.bus import with_bus
+    from hal.joints.device import DEFAULT_DEVICE, load_exoskeleton
+    from hal.joints.emulator import read_schedule, run_emulator
+
+    described = with_bus(load_exoskeleton(device or DEFAULT_DEVICE), interface, channel)
+    schedule = tuple(read_schedule(text) for text in fault or ())
+    body = _body(patient, home) if patient else None
+    _watched(described, partial(run_emulator, described, body=body, motors=motors, schedule=schedule), seconds)
+
+
+def _watched(described: Exoskeleton, run: Callable[..., None], seconds: float) -> None:
+    """Show what the drives do, each second, until they end."""
     import time
 
     from rich.console import Console
     from rich.live import Live
 
     from app.cli.drive_table import emulated_drives_table
-    from hal.joints.bus import with_bus
-    from hal.joints.device import DEFAULT_DEVICE, load_exoskeleton
-    from hal.joints.emulator import DriveEmulator, read_schedule, run_emulator
 
-    described = with_bus(load_exoskeleton(device or DEFAULT_DEVICE), interface, channel)
-    schedule = tuple(read_schedule(text) for text in fault or ())
-    body = _body(patient, home) if patient else None
     console = Console()
     where = ", ".join(f"{bus.channel} ({bus.interface})" for bus in described.buses)
     console.print(f"Emulating {described.name} on {where}; Ctrl-C ends it.")
@@ -52,7 +63,7 @@ def emulate_drives(
                 raise KeyboardInterrupt
 
         try:
-            run_emulator(described, body=body, motors=motors, schedule=schedule, each_second=look)
+            run(each_second=look)
         except KeyboardInterrupt:
             console.print("The drives are off.")
 
