@@ -59,12 +59,16 @@ def measure_throughput(directory: Path | None, count: int, model: Path, workers:
     """`workers` processes at once, each over `count` frames. Raises AppError when one of them can't begin."""
     context = multiprocessing.get_context("spawn")
     barrier = context.Barrier(workers)
-    with ProcessPoolExecutor(workers, mp_context=context, initializer=_barriers.append, initargs=(barrier,)) as pool:
+    with ProcessPoolExecutor(workers, mp_context=context, initializer=_meet_at, initargs=(barrier,)) as pool:
         futures = [pool.submit(_run, directory, count, model) for _ in range(workers)]
         runs = [future.result() for future in futures]
     frames = sum(seen for seen, _, _ in runs)
     spent_s = max(end for _, _, end in runs) - min(start for _, start, _ in runs)
     return Throughput(workers=workers, frames=frames, fps=frames / spent_s)
+
+
+def _meet_at(barrier: Barrier) -> None:
+    _barriers.append(barrier)
 
 
 def _run(directory: Path | None, count: int, model: Path) -> tuple[int, float, float]:
