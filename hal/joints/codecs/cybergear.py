@@ -20,6 +20,7 @@ _RUN_MODE = 2
 TIMEOUT_PARAMETER = 0x200C  # CAN_TIMEOUT, in 50 µs; 0 = off, the default
 POSITION_PARAMETER = 0x7019
 VELOCITY_PARAMETER = 0x701B
+SUPPLY_PARAMETER = 0x701C  # volts
 RUN_MODE_PARAMETER = 0x7005  # 0 = operation control, the MIT law
 
 
@@ -34,6 +35,7 @@ class Kind(IntEnum):
     ZERO = 6
     READ_PARAMETER = 17
     WRITE_PARAMETER = 18
+    EMERGENCY_STOP = 20  # not in the manual; python-cybergear 0.1.2 sends it, by the maker's tool's traffic
 
 
 class Identifier(NamedTuple):
@@ -122,6 +124,8 @@ class CyberGearCodec:
         if kind == Kind.CONTROL:
             p, v, kp, kd = _WORDS.unpack(frame.data)
             return self._scales.to_value(p, v, kp, kd, field)
+        if kind == Kind.EMERGENCY_STOP:
+            return Order.DISABLE
         if kind == Kind.STOP:
             return Order.CLEAR if frame.data[0] == 1 else Order.DISABLE
         if kind == Kind.ZERO:

@@ -20,6 +20,7 @@ from hal.joints.motors import MotorModel, Silence, Watchdog, WireProtocol
 
 CYBERGEAR_ID_REPLY = 0xFE
 _DAMIAO_LOST = 0xD
+_SUPPLY_V = 24.0
 _PARAMETER = struct.Struct("<H2x4s")  # index, value
 
 
@@ -189,6 +190,7 @@ class EmulatedDrive:
         measured = {
             cybergear.POSITION_PARAMETER: self.state.position_rad - self.zero_rad,
             cybergear.VELOCITY_PARAMETER: self.state.velocity_rad_s,
+            cybergear.SUPPLY_PARAMETER: _SUPPLY_V,
         }
         if index in measured:
             return struct.pack("<f", measured[index])

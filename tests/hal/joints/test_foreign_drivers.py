@@ -48,17 +48,23 @@ SESSIONS = {
         ("0300FD05#0000000000000000", "028005FD#7FFF7FFF7FFF00FA"),
         ("017FFF05#7FFF7FFF00000000", "028005FD#7FFF7FFF7FFF00FA"),
         ("1100FD05#1970000000000000", "110005FD#1970000000000000"),
+        ("1100FD05#1C70000000000000", "110005FD#1C7000000000C041"),  # 24 V supply
+        ("1400FD05#0000000000000000", "020005FD#7FFF7FFF7FFF00FA"),  # its emergency brake takes the torque off
+        ("0300FD05#0000000000000000", "028005FD#7FFF7FFF7FFF00FA"),
         ("0400FD05#0000000000000000", "020005FD#7FFF7FFF7FFF00FA"),
         ("0300FD06#0000000000000000", ""),
     ],
 }
 
 
-# What drivers in use elsewhere put on a bus for these numbers, taken down by candump beside the emulator.
-# Sources: mini-cheetah-motor-driver-socketcan 0.4.3 (AK10-9, its axis turned round), pycybergear 1.0.0 (which leaves
-# the torque in the identifier at 0, that is −12 Nm, whatever it was given).
+# What drivers in use elsewhere put on a bus for these numbers, taken down beside the emulator. In this order:
+# mini-cheetah-motor-driver-socketcan 0.4.3 (its axis turned round), damiao-motor 1.0.6, python-cybergear 0.1.2, and
+# pycybergear 1.0.0, which leaves the torque in the identifier at 0, that is −12 Nm, whatever it is given.
+# TMotorCANControl 1.2.6 scales by 2ⁿ where the firmware does by 2ⁿ − 1: its zeros are a quantum high, 002#84188000A3333800.
 SEEN = [
     ("AK10-9/V2", SetPoint(-0.3, 0.0, 40.0, 2.0, 0.0), "005#7CED7FF1476667FF"),
+    ("DM4340/v10", SetPoint(0.5, 0.0, 30.0, 1.5, 0.0), "005#851E7FF0F54CC7FF"),
+    ("CyberGear/sample", SetPoint(0.5, 0.0, 30.0, 1.5, 0.0), "017FFF05#851E7FFF0F5C4CCC"),
     ("CyberGear/sample", SetPoint(0.5, 0.0, 30.0, 1.5, -12.0), "01000005#851E7FFF0F5C4CCC"),
 ]
 
