@@ -60,7 +60,7 @@ SESSIONS = {
 # What drivers in use elsewhere put on a bus for these numbers, taken down beside the emulator. In this order:
 # mini-cheetah-motor-driver-socketcan 0.4.3 (its axis turned round), damiao-motor 1.0.6, python-cybergear 0.1.2, and
 # pycybergear 1.0.0, which leaves the torque in the identifier at 0, that is −12 Nm, whatever it is given.
-# TMotorCANControl 1.2.6 scales by 2ⁿ where the firmware does by 2ⁿ − 1: its zeros are a quantum high, 002#84188000A3333800.
+# TMotorCANControl 1.2.6 scales by 2ⁿ where the firmware does by 2ⁿ − 1: not pinned.
 SEEN = [
     ("AK10-9/V2", SetPoint(-0.3, 0.0, 40.0, 2.0, 0.0), "005#7CED7FF1476667FF"),
     ("DM4340/v10", SetPoint(0.5, 0.0, 30.0, 1.5, 0.0), "005#851E7FF0F54CC7FF"),
