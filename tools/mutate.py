@@ -1,16 +1,24 @@
 """Runs the mutants of one module that cosmic-ray has listed, each in a fork of a process that has loaded the libraries.
 
-The order is random but always the same, so that a run that is cut short has judged a fair sample. Run from the copy of
-the tree that `tools/mutation` makes: `python tools/mutate.py SESSION MODULE TESTS [AT_MOST]`.
+The order is random but always the same, so that a run that is cut short has judged a fair sample. Survivors are printed
+as they are found and the score as it goes; an interrupted run ends with its score. Tests that have noticed a change
+before are asked first, then the quick ones, and the first failure ends a mutant. Run from the copy of the tree that
+`tools/mutation` makes: `python tools/mutate.py SESSION MODULE TESTS [AT_MOST]`.
 """
 
 from __future__ import annotations
 
+import gc
 import importlib.abc
 import os
 import random
+import resource
 import signal
 import sys
+from collections import Counter
+from collections.abc import Iterable
+from contextlib import suppress
+from dataclasses import dataclass, field
 from difflib import unified_diff
 from importlib.machinery import ModuleSpec, SourceFileLoader
 from importlib.util import spec_from_file_location
@@ -18,16 +26,18 @@ from pathlib import Path
 from types import CodeType
 
 import cosmic_ray.plugins
-import hypothesis  # noqa: F401 - what the tests load is loaded once
-import numpy as np  # noqa: F401
 import pytest
 from cosmic_ray.mutating import mutate_code
 from cosmic_ray.work_db import WorkDB, use_db
+from rich.console import Console
 from rich.progress import track
 
-TIMEOUT_S = 120
+CPU_FACTOR, CPU_LEAST_S = 4, 20  # a mutant that computes so much longer than the unchanged module never ends
+WALL_S = 900  # one that waits instead of computing
+TOLD_EVERY = 20  # mutants; where nobody sees a progress bar
 SEED = 1
-OPTIONS = ("-q", "-x", "-p", "no:cacheprovider", "-W", "ignore:Module already imported")
+OPTIONS = ("-q", "-x", "--assert=plain", "-p", "no:cacheprovider", "-W", "ignore", "-o", "filterwarnings=")
+OURS = ("app", "hal", "kgdfa", "logs", "profiles", "tests")
 
 
 class Mutant(SourceFileLoader):
@@ -56,17 +66,84 @@ class Finder(importlib.abc.MetaPathFinder):
         return spec_from_file_location(fullname, self._file, loader=Mutant(fullname, self._file, self._source))
 
 
-def survives(module: str, file: Path, source: str, tests: list[str]) -> bool:
-    """Whether all tests pass on this source."""
-    child = os.fork()
-    if child == 0:
-        signal.alarm(TIMEOUT_S)
+@dataclass
+class Order:
+    """A pytest plugin: runs the tests in the order that notices a change soonest, and learns it."""
+
+    durations_s: dict[str, float] = field(default_factory=dict)
+    noticed: Counter[str] = field(default_factory=Counter)
+
+    def pytest_collection_modifyitems(self, items: list[pytest.Item]) -> None:
+        """Those that have noticed most changes first, then the quickest."""
+        items.sort(key=lambda item: (-self.noticed[item.nodeid], self.durations_s.get(item.nodeid, 0.0)))
+
+    def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
+        """How long a test took."""
+        self.durations_s[report.nodeid] = self.durations_s.get(report.nodeid, 0.0) + report.duration
+
+
+@dataclass
+class Verdict:
+    """A pytest plugin: ends a child at the first failure, or when all is done, without pytest's tidying up."""
+
+    pipe: int
+
+    @pytest.hookimpl(tryfirst=True)
+    def pytest_runtest_makereport(self, item: pytest.Item, call: pytest.CallInfo[None]) -> None:
+        """Tells who noticed."""
+        if call.excinfo is not None and not call.excinfo.errisinstance(pytest.skip.Exception):
+            os.write(self.pipe, item.nodeid.encode())
+            os._exit(1)
+
+    @pytest.hookimpl(tryfirst=True)
+    def pytest_sessionfinish(self, exitstatus: int) -> None:
+        """Nobody noticed, or nothing could be collected."""
+        os._exit(int(exitstatus))
+
+
+@dataclass
+class Jury:
+    """The tests of one module, in a process that has loaded every library but none of the project's modules."""
+
+    module: str
+    file: Path
+    tests: list[str]
+    order: Order = field(default_factory=Order)
+    cpu_s: int = WALL_S
+
+    def prepare(self) -> None:
+        """Run the tests once on the unchanged module. Raises SystemExit when they fail."""
+        if pytest.main([*OPTIONS, *self.tests], plugins=[self.order]):
+            raise SystemExit("The tests do not pass without any change.")
+        self.cpu_s = CPU_LEAST_S + round(CPU_FACTOR * sum(self.order.durations_s.values()))
+        for name in [name for name in sys.modules if name.split(".")[0] in OURS]:
+            del sys.modules[name]
+        gc.collect()
+        gc.freeze()
+
+    def passes(self, source: str) -> bool:
+        """Whether all tests pass on this source."""
+        receiving, sending = os.pipe()
+        child = os.fork()
+        if child == 0:
+            self._judge(source, sending)
+        os.close(sending)
+        with os.fdopen(receiving) as pipe:
+            noticed_by = pipe.read()
+        if noticed_by:
+            self.order.noticed[noticed_by] += 1
+        return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 0
+
+    def _judge(self, source: str, sending: int) -> None:
+        """In the child, which ends here."""
+        signal.signal(signal.SIGTERM, signal.SIG_DFL)
+        signal.alarm(WALL_S)
+        resource.setrlimit(resource.RLIMIT_CPU, (self.cpu_s, self.cpu_s))
         null = os.open(os.devnull, os.O_WRONLY)
         os.dup2(null, 1)
         os.dup2(null, 2)
-        sys.meta_path.insert(0, Finder(module, file, source))
-        os._exit(int(pytest.main([*OPTIONS, *tests])))
-    return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 0
+        sys.meta_path.insert(0, Finder(self.module, self.file, source))
+        os._exit(int(pytest.main([*OPTIONS, *self.tests], plugins=[self.order, Verdict(sending)])))
 
 
 def mutants(session: str, source: str) -> list[str]:
@@ -82,19 +159,42 @@ def mutants(session: str, source: str) -> list[str]:
     return [code for code in changed if code is not None]
 
 
+def watched(codes: list[str], module: str) -> Iterable[str]:
+    """The same with a progress bar, if anybody looks."""
+    return track(codes, description=module, console=Console(stderr=True)) if sys.stderr.isatty() else codes
+
+
+def tell(*lines: str) -> None:
+    """At once, also into a file."""
+    print(*lines, sep="\n", flush=True)
+
+
+def judge(jury: Jury, source: str, every: list[str], at_most: int) -> None:
+    """Print each survivor and the score, however it ends."""
+    judged = alive = 0
+    try:
+        for code in watched(every[:at_most], jury.module):
+            if jury.passes(code):
+                alive += 1
+                tell(*list(unified_diff(source.splitlines(), code.splitlines(), lineterm="", n=0))[2:])
+            judged += 1
+            if judged % TOLD_EVERY == 0 and not sys.stderr.isatty():
+                tell(f"... {judged - alive} of {judged} noticed")
+    finally:
+        tell(f"{jury.module}: {judged - alive} of {judged} noticed; {len(every)} changes in all")
+
+
 def main(session: str, module: str, tests: str, at_most: str = "1000000") -> None:
     """Judge them, print the survivors and the score."""
     sys.path.insert(0, str(Path.cwd()))
+    for number in (signal.SIGINT, signal.SIGTERM):  # in the background a shell has the first ignored
+        signal.signal(number, signal.default_int_handler)
     file = Path(module.replace(".", "/") + ".py")
     source = file.read_text(encoding="utf-8")
-    if not survives(module, file, source, tests.split()):
-        raise SystemExit("The tests do not pass without any change.")
-    every = mutants(session, source)
-    judged = every[: int(at_most)]
-    alive = [code for code in track(judged, description=module) if survives(module, file, code, tests.split())]
-    for code in alive:
-        print(*list(unified_diff(source.splitlines(), code.splitlines(), lineterm="", n=0))[2:], sep="\n")
-    print(f"{module}: {len(judged) - len(alive)} of {len(judged)} noticed; {len(every)} changes in all")
+    jury = Jury(module=module, file=file, tests=tests.split())
+    with suppress(KeyboardInterrupt):
+        jury.prepare()
+        judge(jury, source, mutants(session, source), int(at_most))
 
 
 if __name__ == "__main__":
