@@ -1,159 +1,187 @@
-"""The console over the real processes: digital hand, simulated joints, audit trail, guardian."""
+"""Each of a therapist's ways through the console, over the real processes: digital hand, simulated joints, trail."""
 
 from __future__ import annotations
 
-import os
 import signal
-from collections.abc import AsyncIterator, Callable
-from contextlib import asynccontextmanager
+import time
 from pathlib import Path
 
-import msgspec
-import pytest
-
-from app.config import Config
+from app.config import JointsConfig
 from app.console.after.screen import AfterScreen
-from app.console.app import ConsoleApp
-from app.control.states import Action, Effect, GaitState
-from app.messages import ControlSnapshot, TriggerReport
-from app.model import find_model
-from app.paths import Home, find_home
+from app.console.idle import Idle
+from app.console.patients.screen import PatientsScreen
+from app.console.preflight import Preflight
+from app.console.session.screen import SessionScreen
+from app.console.signin import LockScreen, SignInDialog
+from app.control.events import Event
+from app.control.patient import patient_of
+from app.control.preflight import run_preflight
+from app.control.states import Action, GaitState
+from app.demo.emulation import emulated_drives
+from app.operators import Role, add_operator, load_store, save_store
+from app.paths import Home
+from hal.joints.device import load_exoskeleton
 from kgdfa.gesture import Gesture
 from logs.read import session_paths
 from profiles.schema import DEMO_PATIENT
-from tests.app.console.conftest import Console, wait_until
+from tests.app.console.breakable import BREAK, MEND, UNPLUGGED
+from tests.app.console.real import RealConsole, breakable_host, real_config, real_console, stop_on, walked_again
 
-START_LIMIT_S = 60.0  # five interpreters, the hand model and the physics, on a machine that tests other things too
-STEP_LIMIT_S = 60.0
-
-
-class RealConsole(Console):
-    """A console over real processes, with what control and perception last said."""
-
-    @property
-    def snapshot(self) -> ControlSnapshot:
-        """Control's newest word."""
-        state = self.app.live_state()
-        assert state is not None
-        assert state.snapshot is not None
-        return state.snapshot
-
-    @property
-    def report(self) -> TriggerReport:
-        """Perception's newest word."""
-        state = self.app.live_state()
-        assert state is not None
-        assert state.report is not None
-        return state.report
-
-    async def until(self, condition: Callable[[], object]) -> None:
-        """Wait until the condition holds; legs take their time."""
-        await wait_until(self.pilot, condition, STEP_LIMIT_S)
-
-    async def confirm_and_arm(self) -> None:
-        """What a therapist does first."""
-        await self.press("c")
-        await self.shows("Is this the patient?")
-        await self.press("y")
-        await self.until(lambda: self.snapshot.patient_confirmed)
-        await self.press("a")
-        await self.until(lambda: self.snapshot.armed)
-
-    async def acknowledge(self) -> None:
-        """Two deliberate keys."""
-        await self.press("k")
-        await self.shows("Acknowledge?")
-        await self.press("y")
-        await self.until(lambda: self.snapshot.effect < Effect.HOLD)
-
-    async def begin(self, key: str, action: Action) -> None:
-        """The therapist's action, once it is allowed: freshly started legs swing for a while."""
-        await self.until(lambda: action in self.snapshot.allowed)
-        await self.press("t", key)
-        await self.until(lambda: self.snapshot.action is action)
-
-    async def act(self, key: str, action: Action, state: GaitState) -> None:
-        """The therapist's action to its end."""
-        await self.begin(key, action)
-        await self.until(lambda: self.snapshot.state is state and self.snapshot.action is None)
+PIN = "483920"
+AWAY_S = 0.3  # a tenth of what standing up takes: a console that locks while legs move is caught
 
 
-def real_config() -> Config:
-    """Half the frames a second: whether the console works must not hang on how busy the machine is."""
-    config = Config(model=str(find_model(find_home(), Config())), idle_lock_s=0)
-    return msgspec.structs.replace(config, camera=msgspec.structs.replace(config.camera, rate_hz=15.0))
-
-
-@asynccontextmanager
-async def real_console(home: Path, size: tuple[int, int] = (80, 24)) -> AsyncIterator[RealConsole]:
-    """Open a console with a running session; its processes end whatever happens."""
-    app = ConsoleApp(Home(home), real_config(), profile=DEMO_PATIENT)
-    async with app.run_test(size=size, notifications=True) as pilot:
-        try:
-            await wait_until(pilot, lambda: (state := app.live_state()) and state.snapshot, START_LIMIT_S)
-            await wait_until(pilot, lambda: (state := app.live_state()) and state.report, START_LIMIT_S)
-            yield RealConsole(app, pilot, [])
-        finally:
-            app.close_live()
-
-
-async def test_a_session_with_walking_a_stair_and_stop(tmp_path: Path) -> None:
-    async with real_console(tmp_path) as console:
-        await console.press("5")
-        await console.until(lambda: console.report.gesture is Gesture.FIVE)
-        await console.press("p")
-        await console.until(lambda: console.report.pressed)
-        await console.press("p")
-        await console.until(lambda: not console.report.pressed)
-        assert console.snapshot.state is GaitState.UNPOWERED  # nobody has armed gestures
-
+@walked_again
+async def test_a_first_patient_is_made_and_powers_the_legs_by_gesture(tmp_path: Path) -> None:
+    async with real_console(tmp_path, profile=None) as console:
+        await console.press("n")
+        await console.shows("New patient")
+        await console.press(*"P-0042", "tab", "tab", *"162", "tab", *"58")
+        await console.shows("Everything in range")
+        await console.press("ctrl+s")
+        await console.shows("P-0042")
+        await console.press("enter")
+        await console.shows("Session with P-0042")
+        await console.press("enter")
+        await console.begun()
         await console.confirm_and_arm()
-        await console.act("0", Action.INITIALISE, GaitState.STANDING)
-        await console.begin("5", Action.WALK)
-        await console.until(lambda: console.snapshot.steps >= 2)
-        await console.press("space")
-        await console.until(lambda: console.snapshot.effect is Effect.HOLD)
-        await console.shows("HELD")
+        await console.wish(Gesture.ZERO)
+        await console.bring(GaitState.STANDING)
+        await end_with_note(console, "stood for the first time")
+        assert console.app.store.load("P-0042").stature_m == 1.62
+    assert '"text":"stood for the first time"' in trail_of(tmp_path)
 
+
+@walked_again
+async def test_a_session_with_walking_stairs_and_stop(tmp_path: Path) -> None:
+    async with real_console(tmp_path) as console:
+        await console.confirm_and_arm()
+        await console.walk(steps=2)
+        await console.stop()
         await console.acknowledge()
-        await console.act("0", Action.INITIALISE, GaitState.STANDING)
-        await console.act("7", Action.STAIR_UP, GaitState.STANDING)
-        await console.press("e")
-        await console.shows("End the session?")
-        await console.press("y")
-        await console.until(lambda: isinstance(console.app.screen, AfterScreen) and console.app.focused)
-        await console.press(*"good", "ctrl+s")
-        await console.shows("good")
-    (trail,) = session_paths(tmp_path / "logs")
-    text = trail.read_text()
-    assert '"kind":"note","text":"good"' in text
-    assert '"kind":"stop"' in text
+        for stair in (Action.STAIR_UP, Action.STAIR_DOWN):
+            await console.whole(stair)
+        await end_with_note(console, "good")
+    trail = trail_of(tmp_path)
+    assert '"kind":"note","text":"good"' in trail
+    assert '"kind":"stop"' in trail
 
 
-async def test_a_perception_that_dies_comes_back_and_nothing_moves_meanwhile(tmp_path: Path) -> None:
+@walked_again
+async def test_a_camera_is_lost_and_found_and_a_perception_that_dies_comes_back(tmp_path: Path) -> None:
+    async with real_console(tmp_path, make_host=breakable_host) as console:
+        await console.confirm_and_arm()
+        await console.bring(GaitState.STANDING)
+        console.signal("perception", BREAK)
+        await console.shows("✗ The camera gives no picture")
+        await console.until(lambda: console.report.camera_fault == UNPLUGGED)
+        await console.until(lambda: console.in_force(Event.CAMERA_STALE))
+        await console.whole(Action.SIT_DOWN)  # the therapist's keys still act
+        console.signal("perception", MEND)
+        await console.until(lambda: not console.report.camera_fault and console.report.hand)
+        await console.until(lambda: not console.in_force(Event.CAMERA_STALE))
+
+        dead, first = console.pid("perception"), console.report.incarnation
+        console.signal("perception", signal.SIGKILL)
+        await console.until(lambda: console.pid("perception") != dead)
+        await console.until(lambda: console.report.incarnation != first and console.report.hand)
+        await console.until(lambda: not console.in_force(Event.PERCEPTION_GONE))
+        assert console.snapshot.reports[-1].action is Action.SIT_DOWN, "something moved meanwhile"
+    assert f'"event":"{Event.PERCEPTION_GONE.value}"' in trail_of(tmp_path)
+
+
+@walked_again
+async def test_a_drive_fault_holds_the_legs_until_it_is_mended_and_acknowledged(tmp_path: Path) -> None:
+    async with real_console(tmp_path, make_host=breakable_host) as console:
+        await console.confirm_and_arm()
+        await console.walk(steps=1)
+        console.signal("control", BREAK)
+        await console.until(lambda: console.in_force(Event.DRIVE_FAULT))
+        await console.shows("A drive reports a fault")
+        await console.press("t", "0")
+        await console.until(lambda: console.snapshot.refusal)
+        console.signal("control", MEND)
+        await console.acknowledge()
+        assert console.snapshot.action is None
+        await console.bring(GaitState.STANDING)
+
+
+@walked_again
+async def test_a_known_patient_from_sign_in_to_the_first_step_over_emulated_drives(tmp_path: Path) -> None:
+    home = Home(tmp_path)
+    save_store(home.keys, add_operator(load_store(home.keys), "Ada", Role.ENGINEER, PIN))
+    with emulated_drives(JointsConfig(kind="can")) as joints:
+        device = load_exoskeleton()
+        run_preflight(home, patient_of(DEMO_PATIENT, device), device, (Action.INITIALISE, Action.STEP_RIGHT_FIRST))
+        async with real_console(tmp_path, profile=None, config=real_config(joints=joints)) as console:
+            await console.press("enter")
+            await console.shows("Session with demo")
+            await console.press("enter")
+            await console.until(lambda: isinstance(console.app.screen, SignInDialog))
+            await console.press(*"Ada", "enter", *PIN, "enter")
+            await console.until(lambda: isinstance(console.app.screen, SessionScreen))
+            await console.begun()
+            await console.confirm_and_arm()
+            await console.bring(GaitState.RIGHT_FORWARD)
+
+            await console.press("s", "p")
+            await stop_on(console, Preflight)
+            await console.press("escape", "escape")
+            await console.until(lambda: isinstance(console.app.screen, SessionScreen))
+            await console.acknowledge()
+            await console.press("ctrl+l")
+            await stop_on(console, SignInDialog)
+            await console.press(*PIN, "enter")
+            await console.until(lambda: isinstance(console.app.screen, SessionScreen))
+            await console.acknowledge()
+
+
+@walked_again
+async def test_an_untouched_console_locks_once_the_legs_rest_and_stop_works_through_it(tmp_path: Path) -> None:
     async with real_console(tmp_path) as console:
         await console.confirm_and_arm()
-        await console.act("0", Action.INITIALISE, GaitState.STANDING)
-        state = console.app.live_state()
-        assert state is not None
-        first = next(process.pid for process in state.processes if process.name == "perception")
-        os.kill(first, signal.SIGKILL)
-        await console.shows("No picture reaches the program")
-        await console.until(lambda: console.report.incarnation and console.app.live_state().report_fresh)  # type: ignore[union-attr]
-        state = console.app.live_state()
-        assert state is not None
-        assert next(process.pid for process in state.processes if process.name == "perception") != first
-        assert console.snapshot.state is GaitState.STANDING
+        await stand_unwatched(console)
+        await console.press("escape")
+        assert isinstance(console.app.screen, LockScreen), "escape is too easily hit to unlock"
+        await console.stop()
+        assert isinstance(console.app.screen, LockScreen)
+        watch(console, limit_s=0)
+        await console.press("enter")
+        await console.until(lambda: isinstance(console.app.screen, SessionScreen))
+        await console.acknowledge()
+        assert console.snapshot.action is None
 
 
-@pytest.mark.parametrize("presses", [1, 2])
-async def test_stop_while_standing(tmp_path: Path, presses: int) -> None:
-    wanted = {1: Effect.HOLD, 2: Effect.DAMP}[presses]
-    async with real_console(tmp_path) as console:
-        await console.confirm_and_arm()
-        await console.act("0", Action.INITIALISE, GaitState.STANDING)
-        await console.press("space")
-        await console.until(lambda: console.snapshot.effect is Effect.HOLD)
-        if presses == 2:
-            await console.press("space")
-        await console.until(lambda: console.snapshot.effect is wanted)
+async def stand_unwatched(console: RealConsole) -> None:
+    """Bring the legs to standing, and touch nothing until the console has locked; not while the legs move."""
+    while not console.at(GaitState.STANDING):
+        if isinstance(console.app.screen, LockScreen):  # a stall of the host has kept the legs from standing
+            watch(console, limit_s=0)
+            await console.press("enter")
+        if console.held:
+            await console.pick_up()
+        await console.begin(Action.INITIALISE)
+        watch(console, limit_s=AWAY_S)
+        await console.until(lambda: isinstance(console.app.screen, LockScreen))
+        assert console.snapshot.action is None, "locked while the legs moved"
+
+
+def watch(console: RealConsole, *, limit_s: float) -> None:
+    """From now on an untouched console locks after this time; 0: never."""
+    console.app._idle = Idle(touched_s=time.monotonic(), limit_s=limit_s)
+
+
+async def end_with_note(console: RealConsole, note: str) -> None:
+    """End the session, and say something about it."""
+    await console.press("e")
+    await console.shows("End the session?")
+    await console.press("y")
+    await console.until(lambda: isinstance(console.app.screen, AfterScreen) and console.app.focused)
+    await console.press(*(key if key != " " else "space" for key in note), "ctrl+s")
+    await console.until(lambda: isinstance(console.app.screen, PatientsScreen) and console.app.live is None)
+
+
+def trail_of(home: Path) -> str:
+    """The audit trail of the only session."""
+    (trail,) = session_paths(home / "logs")
+    return trail.read_text()

@@ -1,0 +1,359 @@
+"""A therapist at a console over real processes, who copes with a host that stalls.
+
+A busy machine stands still for 40 ms now and then. Control then holds the legs, as it must, and a therapist
+acknowledges and begins again. So does `RealConsole`, no oftener than `PATIENCE` times a session; anything else that
+stops the legs is a failure. What can't be picked up in the same session (the guardian has given control up) is
+`HostStalled`, and `walked_again` walks the whole flow once more.
+"""
+
+from __future__ import annotations
+
+import functools
+import os
+import signal
+import time
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
+from contextlib import asynccontextmanager
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import pytest
+from textual.pilot import Pilot
+from textual.screen import Screen
+
+from app.config import Config
+from app.console.app import ConsoleApp
+from app.console.dialogs import Question
+from app.console.keys import GESTURE_KEYS
+from app.console.stop_bar import StopBar
+from app.control.events import Event
+from app.control.gait_machine import TABLE
+from app.control.plan import Phase
+from app.control.states import ACTION_OF, Action, Effect, GaitState
+from app.host import SessionHost
+from app.messages import ControlSnapshot, TriggerReport
+from app.model import find_model
+from app.paths import Home, find_home
+from app.setup import SessionSetup
+from kgdfa.gesture import Gesture
+from profiles.schema import DEMO_PATIENT, Profile
+from tests.app.console.breakable import begin_breakable
+from tests.app.console.conftest import Console, wait_until
+
+LIMIT_S = 60.0  # five interpreters, the hand model, the physics and the legs, on a machine that tests other things too
+PATIENCE = 12  # times that a stalling host may interrupt a session
+SESSIONS = 5  # times that a flow may be begun because the guardian took the legs of a stalling host
+TRIES = 4 * PATIENCE  # looks and keys on the way to one goal
+PUSH_S = 4.0  # a push that was not seen is made again after this
+# What control says when the host stood still; nothing else makes it say so over simulated joints.
+STALLS = frozenset(
+    event.value
+    for event in (
+        Event.TICK_STALLED,
+        Event.HOST_SLEPT,
+        Event.JOINT_SILENT,
+        Event.CONSOLE_SILENT,
+        Event.PLANNER_SILENT,
+        Event.WALK_BROKEN,
+    )
+)
+# What may follow where a stall has held the legs in mid-movement.
+AFTER_STALLS = frozenset(event.value for event in (Event.FAR_FROM_POSE, Event.FOLLOWING_LIMIT, Event.UNEXPECTED_MOTION))
+KEY_OF = {ACTION_OF[gesture]: key for key, gesture in GESTURE_KEYS.items()}
+THROUGH = frozenset(row.through for row in TABLE if row.through is not None)
+
+AnyScreen = type[Screen[Any]]
+Flow = Callable[[Path], Awaitable[None]]
+
+
+class HostStalled(Exception):  # noqa: N818 - no error: the machine was busy
+    """The host stood still for so long that this session can't go on."""
+
+
+def walked_again(flow: Flow) -> Flow:
+    """A flow that begins anew, in a home of its own, when a stalling host has cost it its session."""
+
+    @functools.wraps(flow)
+    async def walk(tmp_path: Path) -> None:
+        told = []
+        for number in range(SESSIONS):
+            try:
+                await flow(tmp_path / str(number))
+            except HostStalled as stall:
+                told.append(str(stall))
+            else:
+                return
+        pytest.fail(f"the host stalled in every session: {told}")
+
+    return walk
+
+
+class RealConsole(Console):
+    """A console over real processes, with what control and perception last said."""
+
+    def __init__(self, app: ConsoleApp, pilot: Pilot[None]) -> None:
+        super().__init__(app, pilot, [])
+        self.interruptions: list[str] = []
+
+    @property
+    def snapshot(self) -> ControlSnapshot:
+        """Control's newest word."""
+        state = self.app.live_state()
+        assert state is not None
+        assert state.snapshot is not None
+        return state.snapshot
+
+    @property
+    def report(self) -> TriggerReport:
+        """Perception's newest word."""
+        state = self.app.live_state()
+        assert state is not None
+        assert state.report is not None
+        return state.report
+
+    @property
+    def waiting(self) -> frozenset[tuple[str, int]]:
+        """What keeps the legs from going on until it is acknowledged: names, and since when."""
+        return frozenset(
+            (event.name, event.since_ns)
+            for event in self.snapshot.events
+            if not event.acknowledged and (event.effect >= Effect.HOLD or event.name in STALLS | AFTER_STALLS)
+        )
+
+    @property
+    def held(self) -> bool:
+        """Whether the legs are held, or something waits to be acknowledged."""
+        return self.snapshot.effect >= Effect.HOLD or bool(self.waiting)
+
+    def in_force(self, event: Event) -> bool:
+        """Whether this event is there, or waits for its acknowledgement."""
+        return any(one.name == event.value and (one.present or not one.acknowledged) for one in self.snapshot.events)
+
+    def pid(self, name: str) -> int:
+        """The process of this name."""
+        state = self.app.live_state()
+        assert state is not None
+        return next(process.pid for process in state.processes if process.name == name)
+
+    def signal(self, name: str, number: signal.Signals) -> None:
+        """Send a signal to a process."""
+        os.kill(self.pid(name), number)
+
+    async def until(self, condition: Callable[[], object]) -> None:
+        """Wait until the condition holds; legs take their time."""
+        await wait_until(self.pilot, lambda: condition() or self._lost(), LIMIT_S)
+        if self._lost():
+            raise HostStalled(self._tell("the guardian took the legs"))
+
+    async def begun(self) -> None:
+        """Wait until the processes of a session have spoken."""
+        await self.until(self._has_spoken)
+
+    async def confirm_and_arm(self) -> None:
+        """What a therapist does first."""
+        await self.press("c")
+        await self.shows("Is this the patient?")
+        await self.press("y")
+        await self.until(lambda: self.snapshot.patient_confirmed)
+        await self.press("a")
+        await self.until(lambda: self.snapshot.armed)
+
+    async def acknowledge(self) -> None:
+        """Two deliberate keys, for as long as something waits for them."""
+        for _ in self._tries("going on after an acknowledgement"):
+            if not self.held:
+                return
+            waiting = self.waiting
+            if waiting:
+                await self.press("k")
+                await self.until(lambda: isinstance(self.app.screen, Question) or not self.held)
+            if isinstance(self.app.screen, Question):
+                await self.press("y")
+            await self.until(partial(self._has_moved_on, waiting))
+
+    async def bring(self, goal: GaitState) -> None:
+        """Lead the legs to a state by the therapist's keys, as often as a stalling host interrupts them."""
+        for _ in self._tries(goal.value):
+            if self.at(goal):
+                return
+            if self.held:
+                await self.pick_up()
+            elif self.snapshot.action is None:
+                await self.begin(_first_action(self.snapshot.state, goal))
+            else:
+                await self.until(lambda: self.snapshot.action is None or self.at(goal) or self.held)
+
+    async def whole(self, action: Action) -> None:
+        """An action from standing to its end, as often as a stalling host interrupts it."""
+        for _ in self._tries(action.value):
+            await self.bring(GaitState.STANDING)
+            number = self._newest_report
+            await self.begin(action)
+            await self.until(lambda: self.snapshot.action is None or self.held)
+            report = next((one for one in self.snapshot.reports if one.number > number), None)
+            if report is not None and report.outcome == "completed":
+                return
+
+    def at(self, goal: GaitState) -> bool:
+        """Whether the legs are in a state: at rest, or in the middle of the movement that passes through it."""
+        now = self.snapshot
+        if now.state is not goal or self.held:
+            return False
+        return now.progress > 0 if goal in THROUGH else now.action is None
+
+    async def walk(self, steps: int) -> None:
+        """Walk so many steps at one go; the legs go on walking."""
+        for _ in self._tries("walking"):
+            await self.bring(GaitState.STANDING)
+            wanted = self.snapshot.steps + steps
+            await self.begin(Action.WALK)
+            await self.until(partial(self._has_walked, wanted))
+            if self._walking:
+                return
+
+    async def stop_in(self, goal: GaitState) -> None:
+        """STOP in a state: the legs are held where they are."""
+        rests = GaitState.BETWEEN if goal in THROUGH else goal
+        for _ in self._tries(f"STOP in {goal.value}"):
+            await self.bring(goal)
+            await self.stop()
+            if self.snapshot.state is rests:
+                return
+            await self.pick_up(f"{goal.value} was over before STOP")
+
+    async def stop(self) -> None:
+        """One key, and the bar of every screen of ours says what it did."""
+        await self.press("space")
+        await self.until(lambda: self.in_force(Event.STOP) and self.snapshot.action is None)
+        if self.app.screen.query(StopBar):
+            await self.shows("HELD")
+
+    async def wish(self, gesture: Gesture) -> None:
+        """The wearer's way: sign, push, draw back, until the legs have begun."""
+        action = ACTION_OF[gesture]
+        for _ in self._tries(f"{action.value} by gesture"):
+            if self.held:
+                await self.pick_up()
+            await self.until(lambda: action in self.snapshot.allowed or self.held)
+            await self.press(KEY_OF[action])
+            await self.until(lambda: self.report.gesture is gesture)
+            await self.press("p")
+            await self._for_a_while(lambda: self.report.pressed)
+            await self.press("p")
+            await self._for_a_while(lambda: self.snapshot.action is action)
+            if self.snapshot.action is action:
+                return
+            self._note(f"no push: {self.report.cancel_reason or self.report.press_hint or self.snapshot.refusal}")
+
+    async def _for_a_while(self, condition: Callable[[], bool]) -> None:
+        """Wait as a person does who then tries again."""
+        end_s = time.monotonic() + PUSH_S
+        await self.until(lambda: condition() or time.monotonic() > end_s)
+
+    def _has_moved_on(self, waiting: frozenset[tuple[str, int]]) -> bool:
+        return not self.held or self.waiting != waiting
+
+    def _has_walked(self, steps: int) -> bool:
+        return self.snapshot.steps >= steps or not self._walking
+
+    @property
+    def _walking(self) -> bool:
+        return self.snapshot.action is Action.WALK and not self.held
+
+    @property
+    def _newest_report(self) -> int:
+        return max((report.number for report in self.snapshot.reports), default=0)
+
+    async def begin(self, action: Action) -> None:
+        """The therapist's key, once it is allowed: legs that have just come to rest swing for a while."""
+        await self.until(lambda: action in self.snapshot.allowed or self.held)
+        if self.held:
+            return
+        refusals = self.snapshot.refusal_count
+        await self.press("t", KEY_OF[action])
+        await self.until(lambda: self.snapshot.action is action or self.snapshot.refusal_count > refusals or self.held)
+        if self.snapshot.refusal_count > refusals:
+            self._note(f"refused: {self.snapshot.refusal}")
+
+    async def pick_up(self, why: str = "") -> None:
+        """Acknowledge what a stalling host has done; fail for anything else."""
+        names = {name for name, _ in self.waiting}
+        if not why and not names <= STALLS and not (names <= STALLS | AFTER_STALLS and self.interruptions):
+            pytest.fail(self._tell(f"the legs were stopped by {sorted(names)}"))
+        self._note(why or f"held: {sorted(names)}")
+        await self.acknowledge()
+
+    def _tries(self, what: str) -> Iterator[int]:
+        """Often enough for a host that stalls; then a failure."""
+        yield from range(TRIES)
+        pytest.fail(self._tell(f"{what} did not come about"))
+
+    def _note(self, what: str) -> None:
+        self.interruptions.append(what)
+        if len(self.interruptions) > PATIENCE:
+            pytest.fail(self._tell("the session was interrupted too often"))
+
+    def _has_spoken(self) -> bool:
+        state = self.app.live_state()
+        return state is not None and state.snapshot is not None and state.report is not None
+
+    def _lost(self) -> bool:
+        return self._has_spoken() and self.in_force(Event.GUARDIAN_ACTED)
+
+    def _tell(self, what: str) -> str:
+        return f"{what}; before: {self.interruptions}; control: {self.snapshot}"
+
+
+async def stop_on(console: RealConsole, screen: AnyScreen) -> None:
+    """STOP while this is on top: control holds, and the screen stays."""
+    await console.until(lambda: isinstance(console.app.screen, screen))
+    await console.begun()
+    await console.stop()
+    assert isinstance(console.app.screen, screen), screen
+
+
+def _first_action(state: GaitState, goal: GaitState) -> Action:
+    """The first action on the shortest way from one state to another, by the gait machine's own table."""
+    ways: list[tuple[GaitState, tuple[Action, ...]]] = [(state, ())]
+    for at, way in ways:  # it grows while it is walked through
+        for row in TABLE:
+            if row.source is at and row.phase is Phase.WHOLE and len(way) < len(GaitState):
+                if goal in {row.through, row.to}:
+                    return (*way, row.action)[0]
+                ways.append((row.to, (*way, row.action)))
+    pytest.fail(f"no action leads from {state} to {goal}")
+
+
+def real_config(**changes: object) -> Config:
+    """Half the frames a second: whether the console works must not hang on how busy the machine is."""
+    config = Config(model=str(find_model(find_home(), Config())), idle_lock_s=0)
+    camera = msgspec.structs.replace(config.camera, rate_hz=15.0)
+    return msgspec.structs.replace(config, camera=camera, **changes)
+
+
+def breakable_host(setup: SessionSetup) -> SessionHost:
+    """A session whose joint and camera can be broken."""
+    return SessionHost(setup, entry=begin_breakable)
+
+
+@asynccontextmanager
+async def real_console(
+    home: Path,
+    *,
+    profile: Profile | None = DEMO_PATIENT,
+    config: Config | None = None,
+    make_host: Callable[[SessionSetup], SessionHost] = SessionHost,
+    size: tuple[int, int] = (80, 24),
+) -> AsyncIterator[RealConsole]:
+    """Open a console, with a running session unless `profile` is None; its processes end whatever happens."""
+    app = ConsoleApp(Home(home), config or real_config(), profile=profile, make_host=make_host)
+    async with app.run_test(size=size, notifications=True) as pilot:
+        console = RealConsole(app, pilot)
+        try:
+            if profile is not None:
+                await console.begun()
+            yield console
+        finally:
+            app.close_live()

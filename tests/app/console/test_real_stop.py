@@ -1,0 +1,136 @@
+"""STOP over the real processes, in every gait state and through every screen and dialog there is."""
+
+from __future__ import annotations
+
+import pkgutil
+from collections.abc import Iterator
+from importlib import import_module
+from pathlib import Path
+
+from textual.command import CommandPalette
+
+import app.console
+from app.console.after.screen import AfterScreen
+from app.console.base import ConsoleScreen, Dialog
+from app.console.compare import CompareScreen
+from app.console.dialogs import AskText, HelpPage, Question, TherapistAct
+from app.console.patients.calibration import CalibrationScreen
+from app.console.patients.form import PatientForm
+from app.console.patients.history import History
+from app.console.patients.screen import PatientsScreen
+from app.console.preflight import Preflight
+from app.console.review import ReviewScreen
+from app.console.review_dialogs import ChooseSession, WriteComment
+from app.console.session.checklist import Checklist
+from app.console.session.screen import SessionScreen
+from app.console.signin import LockScreen, SignInDialog
+from app.console.start import StartSession
+from app.console.training import TrainingScreen
+from app.control.states import Effect, GaitState
+from logs.read import records, session_paths
+from logs.records import Stop
+from tests.app.console.real import AnyScreen, real_console, stop_on, walked_again
+
+# In this order: the states that a movement passes through leave the legs in BETWEEN, which comes last.
+STATES = (
+    GaitState.UNPOWERED,
+    GaitState.STANDING,
+    GaitState.SITTING,
+    GaitState.RIGHT_FORWARD,
+    GaitState.LEFT_FORWARD,
+    GaitState.RIGHT_HIGH_STEP,
+    GaitState.RIGHT_LOW_STEP,
+    GaitState.RIGHT_OBSTACLE,
+    GaitState.BETWEEN,
+)
+# The key that opens it over the live screen, and the one that closes it.
+OVER_A_SESSION: dict[AnyScreen, tuple[str, str]] = {
+    Question: ("c", "escape"),
+    TherapistAct: ("t", "escape"),
+    Checklist: ("s", "escape"),
+    CompareScreen: ("v", "escape"),
+    HelpPage: ("f1", "escape"),
+    CommandPalette: ("ctrl+p", "escape"),
+    LockScreen: ("ctrl+l", "enter"),
+}
+# Where a sign-in is asked for and a rehearsal needed: over emulated drives, in `test_real_drives`.
+OVER_DRIVES: tuple[AnyScreen, ...] = (SignInDialog, Preflight)
+# Nothing can move while these are open: there is no session, or its control has ended.
+NOTHING_TO_STOP: tuple[AnyScreen, ...] = (
+    PatientsScreen,
+    PatientForm,
+    AskText,
+    History,
+    CalibrationScreen,
+    StartSession,
+    ReviewScreen,
+    ChooseSession,
+    WriteComment,
+    AfterScreen,
+)
+
+
+def screens() -> Iterator[AnyScreen]:
+    """Every screen and dialog of the console that nothing is derived from, and the library's palette."""
+    for module in pkgutil.walk_packages(app.console.__path__, "app.console."):
+        import_module(module.name)
+    waiting: list[AnyScreen] = [ConsoleScreen, Dialog]
+    while waiting:
+        screen = waiting.pop()
+        if derived := [one for one in screen.__subclasses__() if one.__module__.startswith("app.console")]:
+            waiting.extend(derived)
+        else:
+            yield screen
+    yield CommandPalette
+
+
+def test_every_state_and_every_screen_has_its_row() -> None:
+    assert len(STATES) == len(GaitState)
+    assert set(STATES) == set(GaitState)
+    rows: list[AnyScreen] = [*OVER_A_SESSION, *OVER_DRIVES, *NOTHING_TO_STOP, SessionScreen, TrainingScreen]
+    assert len(rows) == len(set(rows))
+    assert set(rows) == set(screens())
+
+
+@walked_again
+async def test_stop_in_every_state(tmp_path: Path) -> None:
+    async with real_console(tmp_path) as console:
+        await console.confirm_and_arm()
+        for state in STATES:
+            await console.stop_in(state)
+            assert console.snapshot.effect is Effect.HOLD, state
+            if state is not STATES[-1]:
+                await console.acknowledge()
+                assert console.snapshot.action is None, f"acknowledging a stop in {state} began something"
+        await console.press("space")
+        await console.until(lambda: console.snapshot.effect is Effect.DAMP)
+        await console.shows("LEGS SOFT")
+    assert {state.value for state in STATES} <= set(stopped_in(tmp_path))
+
+
+@walked_again
+async def test_stop_through_every_screen(tmp_path: Path) -> None:
+    async with real_console(tmp_path, profile=None) as console:
+        await console.press("t")
+        await stop_on(console, TrainingScreen)
+        await console.press("e")
+        await console.until(lambda: isinstance(console.app.screen, PatientsScreen) and console.app.live is None)
+        assert not console.app.switch.live
+        await console.press("enter")
+        await console.until(lambda: isinstance(console.app.screen, StartSession))
+        await console.press("enter")
+        await console.begun()
+        await stop_on(console, SessionScreen)
+        await console.acknowledge()
+        for screen, (opens, closes) in OVER_A_SESSION.items():
+            await console.press(opens)
+            await stop_on(console, screen)
+            await console.press(closes)
+            await console.until(lambda: isinstance(console.app.screen, SessionScreen))
+            await console.acknowledge()
+
+
+def stopped_in(home: Path) -> list[str]:
+    """The states that the trail says STOP was heard in."""
+    (trail,) = session_paths(home / "logs")
+    return [record.body.state for record in records(trail) if isinstance(record.body, Stop)]
