@@ -103,15 +103,14 @@ class DriveEmulator:
 
     def _serve(self, number: int, port: BusPort, wait_s: float) -> bool:
         """Answer what comes; whether anything came."""
-        frames = port.wait(wait_s)  # what is no frame, a drive doesn't hear
-        came = frames is not None
-        for _ in range(_FRAMES_A_TURN):
+        for turn in range(_FRAMES_A_TURN):
+            frames = port.wait(0 if turn else wait_s)  # what is no frame, a drive doesn't hear
             if frames is None:
-                break
+                return turn > 0
+            self._advance_until(time.monotonic_ns())  # who was woken late answers with where the body is now
             if not self._off:
                 self._send(number, [reply for frame in frames for reply in self._answers(number, frame)])
-            frames = port.wait(0)
-        return came
+        return True
 
     def _answers(self, number: int, frame: Frame) -> list[Frame]:
         """What is answered at once; late drives' answers are put off."""
