@@ -8,7 +8,7 @@ from pathlib import Path
 from app.control.patient import Patient, patient_of
 from app.control.plan import PlanRequest
 from app.control.plan_wire import PlanRequestMessage, pack_plan, unpack_request
-from app.control.realtime import be_prompt
+from app.control.realtime import be_prompt, spare_the_living
 from app.control.states import GaitState
 from app.control.trajectory import RECIPES, plan
 from app.links import OrderedReceiver, OrderedSender, address
@@ -27,6 +27,7 @@ def run_planner(setup: SessionSetup) -> None:
     requests = OrderedReceiver(address(setup.links, PLAN_REQUEST.name), PlanRequestMessage)
     replies = OrderedSender(address(setup.links, PLAN_REPLY.name))
     warm_up(patient)
+    spare_the_living()
     be_prompt()
     while os.getppid() == parent:
         message = requests.receive(WAIT_S)

@@ -14,6 +14,7 @@ from contextlib import suppress
 
 from app import processes
 from app.audit_sink import AuditSink
+from app.control.realtime import spare_the_living
 from app.links import OrderedReceiver, Publisher, address
 from app.messages import HandCommand, PerceptionCommand, PressRange
 from app.perception import build
@@ -144,6 +145,7 @@ class Perception:
             self._pipeline, self._place = build.make_pipeline(self._setup, detector, frame, camera.name)
             for record in build.camera_records(self._setup, camera, frame):
                 self._sink.emit(record)
+            spare_the_living()
         picture = Picture(image_bgr=frame.image_bgr, captured_ns=frame.captured_ns, depth_m=frame.depth_m)
         return self._pipeline.process(picture)
 
