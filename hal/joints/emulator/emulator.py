@@ -78,9 +78,6 @@ class DriveEmulator:
 
     def poll(self, now_ns: int) -> None:
         """Advance the body to now, send what is due, answer what arrives until the next tick."""
-        if self._tick_ns == 0 or now_ns - self._tick_ns > _CATCH_UP_NS:
-            self.lost_ticks += 0 if self._tick_ns == 0 else (now_ns - self._tick_ns) // TICK_NS
-            self._tick_ns = now_ns
         self._advance_until(now_ns)
         while self._late and self._late[0].at_ns <= now_ns:
             due = self._late.popleft()
@@ -128,6 +125,9 @@ class DriveEmulator:
         return answers
 
     def _advance_until(self, until_ns: int) -> None:
+        if self._tick_ns == 0 or until_ns - self._tick_ns > _CATCH_UP_NS:
+            self.lost_ticks += 0 if self._tick_ns == 0 else (until_ns - self._tick_ns) // TICK_NS
+            self._tick_ns = until_ns
         while self._tick_ns <= until_ns:
             self._advance(self._tick_ns)
             self._tick_ns += TICK_NS
