@@ -103,6 +103,6 @@ def _hurry() -> None:
 
 
 def _spare_garbage() -> None:
-    """A full collection takes 23 ms with MuJoCo loaded: long enough for four drives to pass for silent."""
+    """With MuJoCo loaded a full collection takes so long that four drives pass for silent."""
     gc.collect()
     gc.freeze()
