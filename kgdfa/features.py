@@ -155,7 +155,7 @@ _MEETING = np.array(
     ]
 ).T  # (2, angles)
 _OUTER_BONES = [(reach, *bones[1:]) for reach, bones in zip(_numbers("reaches"), _bones_of_fingers(), strict=True)]
-_PLACED = np.array([*_numbers("reaches"), *_numbers("thumb")[1::2]])  # told along the palm's axes
+_PLACED = np.array([*_numbers("palm"), *_numbers("reaches"), *_numbers("thumb")[1::2]])  # the palm, and what it places
 _in_palms = itemgetter(*_numbers("to wrist", "to centre", "tips", "thumb"))
 _in_seen_palms = itemgetter(*_numbers("seen reaches", "seen tips"))
 
@@ -169,9 +169,9 @@ def features(image_px: FloatArray, world_m: FloatArray) -> FloatArray:
     lengths_of = np.sqrt(np.vecdot(lines, lines))
     lengths = lengths_of.tolist()
     palm, seen_palm = (max(*lengths[_OF[name]], 1e-9) for name in ("palm", "seen palm"))
-    placed = lines[_PLACED].tolist()
+    _, to_middle, _, to_thumb_side, *placed = lines.take(_PLACED, axis=0).tolist()
     along, across, off = (
-        [(x * a + y * b + z * c) / palm for x, y, z in placed] for a, b, c in _palm_axes(lines[_OF["palm"]])
+        [(x * a + y * b + z * c) / palm for x, y, z in placed] for a, b, c in _palm_axes(to_middle, to_thumb_side)
     )
     values: FloatArray = np.array(
         [
@@ -211,9 +211,9 @@ def _angles(lines: FloatArray, lengths: FloatArray) -> FloatArray:
     return angles
 
 
-def _palm_axes(palm: FloatArray) -> tuple[_Vector, _Vector, _Vector]:
+def _palm_axes(to_middle: _Vector, to_thumb_side: _Vector) -> tuple[_Vector, _Vector, _Vector]:
     """Unit vectors along the palm to the middle finger, across it to the thumb's side, off it."""
-    _, to_middle, _, (x, y, z) = palm.tolist()
+    x, y, z = to_thumb_side
     a, b, c = along = _unit(*to_middle)
     shared = x * a + y * b + z * c
     d, e, f = across = _unit(x - shared * a, y - shared * b, z - shared * c)

@@ -83,4 +83,6 @@ def load_model(path: Path | None = None) -> RobustModel:
     wanted = tuple(gesture.value for gesture in GESTURES)
     if classes[: len(wanted)] != wanted or arrays["centre"].shape != (len(FEATURES),):
         raise KgdfaError(f"The gesture model {where} was fitted for other gestures or features: fit it again.")
+    for name in ("centre", "spread"):  # as precise as the features they meet: numpy needs not convert them each time
+        arrays[name] = arrays[name].astype(np.float64)
     return RobustModel(classes=classes, tie=tie, **arrays)
