@@ -27,7 +27,13 @@ class Glance:
 
 
 PLAIN = Glance()
-SEARCH = (Glance(scale=0.8), Glance(scale=0.8, turn_deg=25), Glance(scale=0.8, turn_deg=-25), PLAIN)
+SEARCH = (
+    Glance(scale=0.8),
+    Glance(scale=0.8, turn_deg=25),
+    Glance(scale=0.8, turn_deg=-25),
+    Glance(scale=0.6),
+    PLAIN,
+)
 
 
 @dataclass(frozen=True, slots=True)
