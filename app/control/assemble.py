@@ -76,9 +76,6 @@ def cleared_of(setup: SessionSetup) -> frozenset[Action] | None:
 
 
 def scenes_of(setup: SessionSetup) -> dict[Action, Scene]:
-    """What simulated feet find around them as each action starts: stairs, obstacle, chair.
-
-    Gesture 0 has none: what an interrupted action stood on is still there.
-    """
+    """What simulated feet find around them as each action starts: stairs, obstacle, chair."""
     patient = patient_of(setup.profile, device_of(setup))
-    return {action: scene_of(action, patient) for action in Action if action is not Action.INITIALISE}
+    return {action: scene_of(action, patient) for action in Action}

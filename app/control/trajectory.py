@@ -157,7 +157,7 @@ def _planned(request: PlanRequest, patient: Patient) -> Plan:
     start = np.array(request.start_rad)
     if request.action is A.INITIALISE:
         recipe = Recipe(build=_transfer(rising=True), to_state=S.STANDING)
-        path = recovery_path(patient, start)
+        path = _recovery(patient, start)
     else:
         recipe = RECIPES[request.action, request.phase]
         path = path_of(request.action, request.phase, patient)
@@ -225,16 +225,33 @@ def _stretch(recipe: Recipe, patient: Patient) -> float:
     return max(_own_stretch(one.build, patient) for one in recipes)
 
 
+def _recovery(patient: Patient, start_rad: Array) -> Path:
+    """The way to standing, slow enough for every joint's speed and torque; in few tries, because it is waited for."""
+    for stretch in STRETCHES[::2]:
+        path = recovery_path(patient, start_rad, stretch)
+        if _slow_enough(patient, path) and _weak_enough(patient, path):
+            break
+    return path
+
+
+def _slow_enough(patient: Patient, path: Path) -> bool:
+    speed = np.abs(np.gradient(path.joints_rad, 1 / TICK_HZ, axis=0)).max(axis=0)
+    return bool((speed <= patient.speed_rad_s).all())
+
+
+def _weak_enough(patient: Patient, path: Path) -> bool:
+    return bool((np.abs(joint_torques(patient, path)).max(axis=0) <= patient.torque_nm).all())
+
+
 @lru_cache(maxsize=256)
 def _own_stretch(build: Build, patient: Patient) -> float:
     """The first stretch at which one movement fits; that for its speed alone when no slowness saves its torque."""
     enough_for_speed = 0.0
     for stretch in STRETCHES:
         path = sample(patient.body, _outline(build, patient, stretch))
-        speed = np.abs(np.gradient(path.joints_rad, 1 / TICK_HZ, axis=0)).max(axis=0)
-        if not (speed <= patient.speed_rad_s).all():
+        if not _slow_enough(patient, path):
             continue
         enough_for_speed = enough_for_speed or stretch
-        if (np.abs(joint_torques(patient, path)).max(axis=0) <= patient.torque_nm).all():
+        if _weak_enough(patient, path):
             return stretch
     return enough_for_speed or STRETCHES[-1]

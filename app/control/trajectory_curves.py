@@ -22,6 +22,12 @@ def ramp(time_s: Array, start_s: float, end_s: float) -> Array:
     return span * s**4 * (2.5 - 3 * s + s * s) + np.maximum(time_s - end_s, 0.0)
 
 
+def cruise(time_s: Array, end_s: float, onset_s: float, settle_s: float) -> Array:
+    """0 at 0, 1 from end on: the speed grows over the onset, stays, and falls over the settling; (n,) like the time."""
+    way = ramp(time_s, 0.0, onset_s) - ramp(time_s, end_s - settle_s, end_s)
+    return way / (end_s - (onset_s + settle_s) / 2)
+
+
 def hump(time_s: Array, start_s: float, up_s: float, down_s: float, end_s: float) -> Array:
     """0, up to 1 between start and up, down to 0 between down and end."""
     return smoothstep(time_s, start_s, up_s) * (1 - smoothstep(time_s, down_s, end_s))

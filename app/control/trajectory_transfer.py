@@ -2,29 +2,35 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import asin, cos, pi, radians, sin
 
 import numpy as np
 
 from app.control import kinematics
 from app.control.patient import Patient
-from app.control.trajectory_curves import Array, smoothstep
+from app.control.trajectory_curves import Array, cruise, smoothstep
 from app.control.trajectory_feet import Swing, SwingShape
 from app.control.trajectory_level import SOFT_KNEE_RAD, standing_hip_m, standing_segments
-from app.control.trajectory_outline import LEFT, RIGHT, Outline, Path, path_of_joints, sample, ticks
+from app.control.trajectory_outline import LEFT, RIGHT, Outline, Path, lifted, path_of_joints, sample, ticks
 from hal.joints.body import BUTTOCK_M, Body, trunk_lean
 from hal.joints.scene import Block, BlockKind, Scene
 
 SEATED_SHANK_RAD = radians(-4)  # the knee a little before the ankle
 RISING_SHANK_RAD = radians(-14)  # further before it half way, as people do
 CHAIR_DEPTH_M = 0.45
+# Sitting down and rising begin so that a joint is seen to turn within 0.2 s, as the hand has asked for it; only a share
+# of the movement begins early, because rising asks for most torque just after its start, when the seat is left.
+EARLY, ONSET_S = 0.4, 0.25
+SETTLE = 0.5  # share of the time over which the early share ends
 SEAT_TAKES = (0.97, 1.0)  # shares of sitting down over which the chair takes the weight
 
 RECOVER_SPEED_RAD_S = radians(20)  # joints on the way back to standing, at the mean
 RECOVER_LEAST_S = 3.0
 SPLIT_M = 0.04  # feet farther apart than this are brought together by a step, not by sliding
-RECOVER = SwingShape(forward=(0.30, 0.80), level=(0.30, 1.0), up_by=0.30, down_from=0.70, heel_rise_rad=0.0)
+# Up, across, down: nobody knows whether an edge, a riser or an obstacle stands between the feet.
+RECOVER_UP = SwingShape(forward=(0.30, 0.75), level=(0.0, 0.30), up_by=0.30, down_from=0.70, heel_rise_rad=0.0)
+RECOVER_DOWN = SwingShape(forward=(0.30, 0.75), level=(0.70, 1.0), up_by=0.30, down_from=0.70, heel_rise_rad=0.0)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -67,7 +73,8 @@ def transfer_outline(patient: Patient, duration_s: float, *, rising: bool) -> Ou
     thigh_up, shank_up = standing_segments(body)
 
     def seated(time: Array) -> Array:
-        s = smoothstep(time, 0.0, duration_s)
+        early = cruise(time, duration_s, ONSET_S, SETTLE * duration_s)
+        s = EARLY * early + (1 - EARLY) * smoothstep(time, 0.0, duration_s)
         return 1 - s if rising else s
 
     def hip(time: Array) -> tuple[Array, Array]:
@@ -90,12 +97,19 @@ def transfer_outline(patient: Patient, duration_s: float, *, rising: bool) -> Ou
     )
 
 
-def recovery_path(patient: Patient, start_rad: Array) -> Path:
-    """From a measured pose (4,) to standing, slowly: feet apart come together by a high step, together they stretch."""
-    apart = _apart(patient.body, start_rad)
+def recovery_path(patient: Patient, start_rad: Array, stretch: float = 1.0) -> Path:
+    """From a measured pose (4,) to standing, slowly: feet apart come together by a high step, together they stretch.
+
+    stretch: of its time.
+    """
+    apart, duration = _apart(patient.body, start_rad), stretch * _recovery_time(start_rad)
     if np.abs(apart).max() <= SPLIT_M:
-        return _stretch(patient, start_rad)
-    return sample(patient.body, _gather(patient, start_rad))
+        return _straighten(patient, start_rad, duration)
+    outline = _gather(patient, start_rad, duration)
+    gait = patient.gait
+    unknown = replace(outline, scene=Scene(floor_m=max(gait.stair_rise_m, gait.obstacle_height_m)))
+    swings = lifted(patient.body, unknown, gait.swing_clearance_m).swings
+    return sample(patient.body, replace(outline, swings=swings))
 
 
 def _recovery_time(start_rad: Array) -> float:
@@ -115,9 +129,9 @@ def _apart(body: Body, start_rad: Array) -> Array:
     return apart
 
 
-def _stretch(patient: Patient, start_rad: Array) -> Path:
+def _straighten(patient: Patient, start_rad: Array, duration: float) -> Path:
     """Thighs and knees straight to standing, the trunk leaning as it does on the way."""
-    body, duration = patient.body, _recovery_time(start_rad)
+    body = patient.body
     time = ticks(duration)
     s = smoothstep(time, 0.0, duration)[:, None]
     knees = start_rad[1::2] + (SOFT_KNEE_RAD - start_rad[1::2]) * s
@@ -129,20 +143,18 @@ def _stretch(patient: Patient, start_rad: Array) -> Path:
     return path_of_joints(body, time, np.stack([hips[:, 0], knees[:, 0], hips[:, 1], knees[:, 1]], axis=-1), lean)
 
 
-def _gather(patient: Patient, start_rad: Array) -> Outline:
+def _gather(patient: Patient, start_rad: Array, duration: float) -> Outline:
     """The foot nearer under the hip stays; the other comes to it.
 
-    It is lifted above anything that this patient steps on or over, so that the way is free whichever action was
-    interrupted.
+    Its lift is still to be found: above anything that this patient steps on or over, toes and all, so that the way is
+    free whichever action was interrupted.
     """
-    body, gait = patient.body, patient.gait
+    body = patient.body
     ankles = _ankles(body, start_rad)
     burden = np.abs(ankles[:, 0]) + (ankles[:, 1] - ankles[:, 1].min())
     stay = LEFT if burden[LEFT] <= burden[RIGHT] else RIGHT
     move = 1 - stay
     away = ankles[move] - ankles[stay]
-    duration = _recovery_time(start_rad)
-    over = max(gait.stair_rise_m, gait.obstacle_height_m) + gait.swing_clearance_m
     swing = Swing(
         rise_s=0.0,
         off_s=0.05 * duration,
@@ -150,8 +162,7 @@ def _gather(patient: Patient, start_rad: Array) -> Outline:
         flat_s=duration,
         start_m=(float(away[0]), float(away[1])),
         end_m=(0.0, 0.0),
-        shape=RECOVER,
-        lift_m=max(0.0, over - max(float(away[1]), 0.0)),
+        shape=RECOVER_DOWN if away[1] > 0 else RECOVER_UP,
     )
     hip_x0, hip_z0 = -ankles[stay]
     stand = standing_hip_m(body)

@@ -24,7 +24,8 @@ from hal.joints.body import (
 from hal.joints.device import Exoskeleton
 from hal.joints.joints import JointArray
 from hal.joints.mjcf import CHAIRS, OBSTACLES, STEPS, TIMESTEP_S, model_xml
-from hal.joints.scene import LEVEL_FLOOR, BlockKind, Scene
+from hal.joints.scene import Block, BlockKind, Scene
+from hal.joints.surroundings import Surroundings, around_next
 
 BALANCE_NM_RAD = 8000.0  # arms on crutches or rails, against the trunk's pitch
 BALANCE_NM_S_RAD = 600.0
@@ -39,7 +40,7 @@ SLUMP_M = 0.01  # a wearer put on the floor without power sinks so far into the 
 REEL_SLACK_S = 0.3  # without load for this long it runs free again
 BLOCK_WIDTH_M = 0.6
 DEEP_M = 2.0  # blocks reach this far down, so that nothing passes under them
-HIDDEN_M = -50.0
+_HIDDEN = Block(kind=BlockKind.STEP, from_x_m=-0.01, to_x_m=0.01, top_m=-50.0)
 _JOINTS = ("left_hip", "left_knee", "right_hip", "right_knee")
 _ANKLES = ("left_ankle", "right_ankle")
 _KINDS = {
@@ -138,24 +139,22 @@ class Wearer:
         ankles = np.array([data.xpos[number][2] for number in self._ankle_bodies])
         data.qpos[1] = self.body.ankle_height_m - ankles.min()
         self._reel_m, self._slack_s = float(data.qpos[1]) - SLUMP_M, 0.0
-        data.mocap_pos[self._floor] = 0.0
-        mujoco.mj_forward(self._model, data)
-        self.stage(LEVEL_FLOOR)
+        self._surround(Surroundings())
         mujoco.mj_forward(self._model, data)
 
     def stage(self, scene: Scene) -> None:
-        """Put these blocks around the feet, and the floor under them, as the coming action needs."""
-        data = self._data
-        ankles = np.array([data.xpos[number] for number in self._ankle_bodies])
-        here = float(ankles[:, 0].mean())
-        ground = self._standing_on()
-        data.mocap_pos[self._floor] = (0.0, 0.0, ground + scene.floor_m)
+        """Put the scene of the coming action around the feet; a wearer in the midst of something finds it as it is."""
+        left, right = (float(self._data.xpos[number][0]) for number in self._ankle_bodies)
+        self._surround(around_next(self._around, scene, (left, right), float(self._data.qpos[0])))
+
+    def _surround(self, around: Surroundings) -> None:
+        self._around = around
+        self._data.mocap_pos[self._floor] = (0.0, 0.0, around.floor_m)
         for kind, (name, count) in _KINDS.items():
-            blocks = [block for block in scene.blocks if block.kind is kind]
+            blocks = [block for block in around.blocks if block.kind is kind]
             for number in range(count):
-                block = blocks[number] if number < len(blocks) else None
-                span = (0.0, 0.0, HIDDEN_M) if block is None else (block.from_x_m, block.to_x_m, block.top_m)
-                self._put(f"{name}{number}", here, ground, span)
+                block = blocks[number] if number < len(blocks) else _HIDDEN
+                self._put(f"{name}{number}", block)
 
     def advance(self, torque_nm: Sequence[float], posture: Posture | None) -> None:
         """One step of physics; without a commanded posture the arms keep the lean there was and hold no place."""
@@ -236,24 +235,14 @@ class Wearer:
             self._reel_m = None
         return force
 
-    def _put(self, name: str, here_m: float, ground_m: float, span: tuple[float, float, float]) -> None:
-        from_x, to_x, top = span
+    def _put(self, name: str, block: Block) -> None:
         geom = self._model.geom(name).id
-        self._model.geom_size[geom] = ((to_x - from_x) / 2 or 0.01, BLOCK_WIDTH_M, DEEP_M / 2)
+        middle, half = (block.from_x_m + block.to_x_m) / 2, (block.to_x_m - block.from_x_m) / 2
+        self._model.geom_size[geom] = (half, BLOCK_WIDTH_M, DEEP_M / 2)
         self._model.geom_rbound[geom] = float(np.linalg.norm(self._model.geom_size[geom]))
         self._model.geom_aabb[geom, 3:] = self._model.geom_size[geom]
         mocap = self._model.body(name).mocapid[0]
-        self._data.mocap_pos[mocap] = (here_m + (from_x + to_x) / 2, 0.0, ground_m + top - DEEP_M / 2)
-
-    def _standing_on(self) -> float:
-        """The height of what the feet stand on."""
-        contacts = self._data.contact
-        heights = [place[2] for place, pair in zip(contacts.pos, contacts.geom, strict=True) if self._of_foot(pair)]
-        lowest = min(self._data.xpos[number][2] for number in self._ankle_bodies) - self.body.ankle_height_m
-        return float(max(heights)) if heights else float(lowest)
-
-    def _of_foot(self, pair: NDArray[np.int32]) -> bool:
-        return int(pair[0]) in self._feet or int(pair[1]) in self._feet
+        self._data.mocap_pos[mocap] = (middle, 0.0, block.top_m - DEEP_M / 2)
 
     def _contacts(self) -> tuple[NDArray[np.float64], float, float, bool]:
         data = self._data

@@ -17,6 +17,7 @@ from app.control.plan import TICK_HZ, Phase, Plan, PlanRequest
 from app.control.plan_wire import pack_plan, pack_request, unpack_plan, unpack_request
 from app.control.rehearsal import STARTS, WALK_PHASES
 from app.control.states import Action, GaitState
+from app.control.task import VISIBLE_RAD
 from app.control.trajectory import FAR_RAD, RECIPES, nominal_pose, plan
 from hal.joints.device import load_exoskeleton
 from profiles.schema import GaitParameters, Profile, Sex
@@ -90,6 +91,15 @@ def test_a_walking_leg_swings_as_peoples_do() -> None:
     assert 45 < percent[hip.argmin()] < 62, "the hip is stretched most as the other foot has landed"
     assert 70 < percent[knee.argmax()] < percent[hip.argmax()] < 95, "the knee bends first, then the hip"
     assert hip[0] > 0.6 * hip.max(), "the hip is still flexed as the foot lands"
+
+
+@pytest.mark.parametrize(("stature", "mass"), CORNERS)
+@pytest.mark.parametrize("action", [a for a, phase in RECIPES if phase is Phase.WHOLE] + [Action.WALK])
+def test_a_joint_is_seen_to_turn_within_a_fifth_of_a_second(stature: float, mass: float, action: Action) -> None:
+    phase = Phase.WALK_START if action is Action.WALK else Phase.WHOLE
+    path = ask(patient(stature, mass), action, phase).position_rad
+    turned = np.abs(path[: round(0.2 * TICK_HZ)] - path[0]).max()
+    assert turned >= VISIBLE_RAD
 
 
 @pytest.mark.parametrize("action", [action for action, phase in RECIPES if phase is Phase.WHOLE])
