@@ -1,0 +1,81 @@
+"""Where each condition of the table begins, and what latches: the rows alone, on facts at and just beyond the limit."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import pytest
+
+from app.control.events import Event, advance
+from app.control.facts import Facts
+
+CALM = Facts(now_ns=1_000, powered=True)
+E = Event
+# Written down a second time: docs/safety.md and the issue's bounds rest on these numbers.
+LIMITS = (
+    (E.STOP_AGAIN, "stop_presses", 1),
+    (E.FAR_FROM_POSE, "pose_error_rad", 0.21),
+    (E.CAMERA_STALE, "picture_age_ms", 200.0),
+    (E.PERCEPTION_GONE, "perception_age_ms", 200.0),
+    (E.CONSOLE_SILENT, "console_age_ms", 230.0),
+    (E.AUDIT_BEHIND, "audit_waiting", 2_000),
+    (E.AUDIT_GONE, "audit_age_ms", 400.0),
+    (E.TICK_LATE, "late_ms", 2.0),
+    (E.TICK_LATE, "missed_ticks", 0),
+    (E.TICK_STALLED, "late_ms", 20.0),
+    (E.HOST_SLEPT, "slept_s", 0.1),
+    (E.CLOCK_JUMP, "clock_step_s", 0.5),
+    (E.JOINT_SILENT, "joint_age_ms", 15.0),
+    (E.FOLLOWING_WARNING, "following_rad", 0.14),
+    (E.FOLLOWING_LIMIT, "following_rad", 0.26),
+    (E.UNEXPECTED_MOTION, "drift_rad_s", 0.6),
+    (E.GUARDIAN_GONE, "guardian_age_ms", 250.0),
+    (E.MESSAGE_REJECTED, "rejected_messages", 0),
+)
+
+
+def events_of(facts: Facts) -> set[Event]:
+    return {one.event for one in advance((), facts)}
+
+
+def with_one(quantity: str, value: float) -> Facts:
+    changed: Any = {quantity: value}
+    return replace(CALM, **changed)
+
+
+def beyond(limit: float) -> float:
+    return limit + 1 if isinstance(limit, int) else math.nextafter(limit, math.inf)
+
+
+@pytest.mark.parametrize(("event", "quantity", "limit"), LIMITS)
+def test_a_limit_may_be_reached_and_not_passed(event: Event, quantity: str, limit: float) -> None:
+    assert event not in events_of(with_one(quantity, limit))
+    assert event in events_of(with_one(quantity, beyond(limit)))
+
+
+def test_the_clock_may_jump_either_way() -> None:
+    assert E.CLOCK_JUMP in events_of(replace(CALM, clock_step_s=-0.6))
+    assert E.CLOCK_JUMP not in events_of(replace(CALM, clock_step_s=-0.5))
+
+
+def test_legs_count_as_moving_only_before_they_carry_power() -> None:
+    slack = replace(CALM, powered=False)
+    assert E.LEGS_MOVING not in events_of(replace(slack, fastest_rad_s=0.5))
+    assert E.LEGS_MOVING in events_of(replace(slack, fastest_rad_s=beyond(0.5)))
+    assert E.LEGS_MOVING not in events_of(replace(CALM, fastest_rad_s=1.0))
+
+
+def test_what_was_there_before_power_waits_for_an_acknowledgement_once_there_is_power() -> None:
+    late = replace(CALM, late_ms=25.0)
+    before = advance((), replace(late, powered=False))
+    assert not next(one for one in before if one.event is E.TICK_STALLED).latched
+    after = advance(before, late)
+    assert next(one for one in after if one.event is E.TICK_STALLED).latched
+
+
+def test_what_has_latched_stays_so_when_the_power_goes() -> None:
+    late = replace(CALM, late_ms=25.0)
+    unpowered = advance(advance((), late), replace(late, powered=False))
+    assert next(one for one in unpowered if one.event is E.TICK_STALLED).latched
