@@ -75,7 +75,8 @@ class CourseRunner:
             return self._trial(leg, start, recognised=False, reason=why, interrupted=self._astray(leg))
         self._host.move_hand(HandCommand(gesture=leg.gesture))
         if not self._until(lambda: self._seen(leg), RECOGNITION_S):
-            return self._trial(leg, start, recognised=False, reason=self._why_unseen())
+            held = self._astray(leg)
+            return self._trial(leg, start, recognised=False, reason=self._why_unseen(), interrupted=held)
         return self._press(leg, action, start)
 
     def relax(self) -> None:
@@ -129,7 +130,8 @@ class CourseRunner:
             pressed = self._click(action, known) if made == 1 else self._push_until_green(action, known)
             number = self._new_action(action, known)
         if number is None:
-            return self._trial(leg, start, pressed=pressed, presses=made, reason=self._why_no_action(pressed))
+            why, held = self._why_no_action(pressed), self._astray(leg)
+            return self._trial(leg, start, pressed=pressed, presses=made, reason=why, interrupted=held)
         self._asked.add(number)
         self._until(lambda: self._finished(leg, number), ACTION_S)
         report = self.actions[number]
