@@ -15,7 +15,7 @@ import numpy as np
 from kgdfa.hand import FloatArray
 from kgdfa.images import Image
 
-PATIENCE_FRAMES = 2  # without a hand before the search begins: the plain picture finds most that come or come back
+PATIENCE_FRAMES = 2  # without a hand before the search begins, plainly: the plain picture finds most that come
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -28,11 +28,11 @@ class Glance:
 
 PLAIN = Glance()
 SEARCH = (
+    PLAIN,
     Glance(scale=0.8),
     Glance(scale=0.8, turn_deg=25),
     Glance(scale=0.8, turn_deg=-25),
     Glance(scale=0.6),
-    PLAIN,
 )
 
 

@@ -12,6 +12,7 @@ from app.evaluate.gesture_photos import NONE_PREFIX, Photo, SeenPhoto
 from app.evaluate.sequence import PERIOD_NS
 from hal.cameras.hand_poses import GESTURES, POSES
 from hal.cameras.hand_scene import Scene, keypoints_m, person_of, posed, render
+from kgdfa.glances import PATIENCE_FRAMES
 from kgdfa.hand import FloatArray, Hand
 from kgdfa.images import Image, as_bgr8
 from kgdfa.preprocess import Prepare
@@ -88,7 +89,8 @@ def see_digital(
             shown = prepare(picture(scene, seed))
             hands: tuple[Hand, ...] = ()
             frames_seen = 0
-            for image in (np.zeros_like(shown), *[shown] * MOST_FRAMES):  # the black one ends the last hand's track
+            black = np.zeros_like(shown)  # ends the last hand's track, and what search found it
+            for image in (*[black] * PATIENCE_FRAMES, *[shown] * MOST_FRAMES):
                 now_ns += PERIOD_NS
                 hands = detector.detect(image, now_ns)
                 frames_seen += bool(hands)

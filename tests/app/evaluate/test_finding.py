@@ -9,7 +9,7 @@ import numpy as np
 
 from app.evaluate.finding import empty_rooms, measure_glances, missed_hands, photos_without_hand
 from app.evaluate.gesture_photos import Photo
-from kgdfa.glances import SEARCH
+from kgdfa.glances import PLAIN, SEARCH
 from kgdfa.hand import Hand, Side
 from kgdfa.images import Image
 from tests.kgdfa.hands import drawn_points
@@ -47,7 +47,7 @@ def test_hands_in_their_place_elsewhere_and_where_there_is_none_are_counted_apar
     there = points - points[0] + (640, 400)
     missed = [(room(spot=True), there), (room(spot=True), there + np.array([500, 0])), (room(spot=False), there)]
     measured = {one.glance: one for one in measure_glances(BrightSpot(), missed, [room(spot=True), room(spot=False)])}
-    plain = measured[SEARCH[-1]]
+    plain = measured[PLAIN]
     assert (plain.missed, plain.right, plain.wrong) == (3, 1, 1)
     assert (plain.empty, plain.false_hands) == (2, 1)
     assert set(measured) == set(SEARCH)
