@@ -14,6 +14,7 @@ from collections.abc import Callable
 from importlib import import_module
 
 from app.links import end_links
+from app.out_of_memory import stand_in_line
 from app.paths import Home
 from app.setup import SessionSetup
 
@@ -31,6 +32,7 @@ ENTRIES = {
 def begin(name: str, setup: SessionSetup) -> None:
     """Run one process of the session to its end; exit status 1 with the traceback in its file on a defect."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    stand_in_line(name)
     _chatter_to_file(Home(setup.home), f"{setup.session}-{name}")
     try:
         _entry(ENTRIES[name])(setup)
