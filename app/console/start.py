@@ -13,6 +13,7 @@ from textual.widgets import Button, Input, Label, Select, Static
 from app.config import Config
 from app.console.base import ConsoleScreen
 from app.console.language import tr
+from app.console.patients.details import identity
 from app.console.preflight import Preflight
 from profiles.schema import Profile
 
@@ -46,7 +47,7 @@ class StartSession(ConsoleScreen):
         config = self.console_app.config
         yield Label(tr("start.title", name=self._profile.identifier), id="title")
         with VerticalScroll(id="start"):
-            yield Static(_identity(self._profile), markup=False, classes="dialog-text")
+            yield Static(identity(self._profile), markup=False, classes="dialog-text")
             yield Label(tr("start.camera"), classes="section")
             cameras = [(tr(f"camera.{kind}"), kind) for kind in CAMERAS]
             yield Select(cameras, value=config.camera.kind, allow_blank=False, id="camera", compact=True)
@@ -83,14 +84,3 @@ class StartSession(ConsoleScreen):
             self.query_one("#device", Input).value.strip(),
             str(self.query_one("#joints-kind", Select).value),
         )
-
-
-def _identity(profile: Profile) -> str:
-    return tr(
-        "confirm.words",
-        identifier=profile.identifier,
-        sex=tr(f"sex.{profile.sex.value}"),
-        stature=f"{profile.stature_m * 100:.0f}",
-        mass=f"{profile.mass_kg:.0f}",
-        note=profile.note,
-    )

@@ -69,3 +69,15 @@ def _changed(changes: tuple[Change, ...], last: SessionRecord | None) -> list[Li
         return []
     head = plain(tr("details.changed"), "bold $warning")
     return [head, *(plain(f"  {field} → {new}") for field, new in list(fields.items())[:8])]
+
+
+def identity(profile: Profile) -> str:
+    """Who the legs will move for: what a therapist compares with the patient."""
+    return tr(
+        "confirm.words",
+        identifier=profile.identifier,
+        sex=tr(f"sex.{profile.sex.value}"),
+        stature=f"{profile.stature_m * 100:.0f}",
+        mass=f"{profile.mass_kg:.0f}",
+        note=profile.note,
+    )

@@ -13,6 +13,7 @@ from app.console.compare import CompareScreen
 from app.console.dialogs import Question, TherapistAct
 from app.console.guide import describe as describe_guide
 from app.console.language import tr
+from app.console.patients.details import identity
 from app.console.session.checklist import Checklist
 from app.console.session.distance import DistancePanel
 from app.console.session.events import EventsPanel
@@ -83,15 +84,7 @@ class SessionScreen(HandKeys):
     def action_confirm_patient(self) -> None:
         """The patient before the camera is the one of the profile."""
         profile = self.console_app.live_setup().profile
-        words = tr(
-            "confirm.words",
-            identifier=profile.identifier,
-            sex=tr(f"sex.{profile.sex.value}"),
-            stature=f"{profile.stature_m * 100:.0f}",
-            mass=f"{profile.mass_kg:.0f}",
-            note=profile.note,
-        )
-        self.app.push_screen(Question(tr("confirm.title"), words), self._confirmed)
+        self.app.push_screen(Question(tr("confirm.title"), identity(profile)), self._confirmed)
 
     def action_toggle_armed(self) -> None:
         """Arm or disarm gestures."""
