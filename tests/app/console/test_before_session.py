@@ -7,11 +7,13 @@ import pytest
 from app.config import Config, JointsConfig
 from app.console.patients.calibration import CalibrationScreen
 from app.console.preflight import Preflight
+from app.console.session.screen import SessionScreen
 from app.control.patient import patient_of
 from app.control.preflight import preflight_passed
 from app.control.states import Action
 from app.messages import PressRange
 from app.model import find_model
+from app.operators import OperatorStore, Role, add_operator
 from app.paths import Home, find_home
 from hal.joints.device import load_exoskeleton
 from profiles.schema import DEMO_PATIENT
@@ -66,6 +68,39 @@ async def test_a_rehearsal_runs_beside_the_console_and_is_kept(console: Opener, 
         await open_console.press("enter")
         await open_console.until(lambda: not isinstance(open_console.app.screen, Preflight))
         assert preflight_passed(home, patient, device, Action.SIT_DOWN).passed
+
+
+async def test_the_checks_rehearse_by_a_key_for_real_joints(console: Opener) -> None:
+    async with console(profile=None, config=Config(joints=JointsConfig(kind="can"))) as open_console:
+        await open_console.shows("demo")
+        open_console.app.signed_in = add_operator(OperatorStore(), "Ada", Role.ENGINEER, "483920").operators[-1]
+        await open_console.press("enter")
+        await open_console.shows("Begin (Enter)")
+        await open_console.press("enter")
+        await open_console.until(lambda: isinstance(open_console.app.screen, SessionScreen))
+        await open_console.press("s")
+        await open_console.shows("Before arming")
+        await open_console.press("p")
+        await open_console.shows("Rehearsal for demo")
+        await open_console.press("escape")
+        await open_console.shows("Before arming")
+
+
+async def test_the_checks_of_simulated_joints_have_nothing_to_rehearse(console: Opener) -> None:
+    async with console() as open_console:
+        await open_console.press("s")
+        await open_console.shows("Before arming")
+        await open_console.press("p")
+        assert not isinstance(open_console.app.screen, Preflight)
+
+
+async def test_the_palette_finds_the_palms_calibration(console: Opener) -> None:
+    async with console(profile=None) as open_console:
+        await open_console.shows("demo")
+        await open_console.press("ctrl+p", *"calibrate")
+        await open_console.shows("Calibrate palm")
+        await open_console.press("enter")
+        await open_console.until(lambda: isinstance(open_console.app.screen, CalibrationScreen))
 
 
 async def test_a_rehearsal_can_be_stopped(console: Opener) -> None:
