@@ -27,7 +27,7 @@ from logs.verify import Evidence, exit_status, verify
 from profiles.schema import DEMO_PATIENT
 
 COMMAND = Command(number=1, action="walk", source="gesture", state="standing")
-PATIENCE_S = 20.0
+PATIENCE_S = 60.0
 
 
 class Session:
