@@ -57,7 +57,9 @@ class Watch:
 
 
 def look(watch: Watch, heartbeat: Heartbeat | None, now_ns: int, *, ending: bool = False) -> Watch:
-    """The watch after one look. Once it has acted, it goes on to the end, whatever control says afterwards.
+    """The watch after one look. Once it has acted, it goes on until the drives are off, whatever control says.
+
+    It watches again when a control that lives says, after that, that no drive carries power.
 
     It acts on the second look in a row that finds the heartbeat stale, and one that was itself late, and so knows
     nothing of the last moments, does not count.
@@ -72,7 +74,14 @@ def look(watch: Watch, heartbeat: Heartbeat | None, now_ns: int, *, ending: bool
         return replace(watch, doing=Doing.OFF, since_ns=now_ns)
     if watch.doing is Doing.WATCH and missed >= LOOKS:
         return replace(watch, doing=Doing.DAMP, since_ns=now_ns)
+    if watch.doing is Doing.OFF and now_ns - watch.since_ns > OFF_NS and _unpowered(heartbeat):
+        return replace(watch, doing=Doing.WATCH)
     return watch
+
+
+def _unpowered(heartbeat: Heartbeat | None) -> bool:
+    """Whether control has just said so; the last word of one that ends does not count."""
+    return heartbeat is not None and not heartbeat.enabled and not heartbeat.last
 
 
 def _lost(heartbeat: Heartbeat | None, now_ns: int) -> bool:

@@ -228,7 +228,7 @@ class ControlSnapshot(Struct, frozen=True, kw_only=True, tag="control"):
 
 
 class Heartbeat(Struct, frozen=True, kw_only=True, tag="heartbeat"):
-    """Control to guardian, a hundred a second: alive, and whether the drives are powered."""
+    """Control to guardian, 250 a second: alive, and whether the drives are powered."""
 
     at_ns: int
     enabled: bool

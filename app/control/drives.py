@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Protocol, runtime_checkable
 
@@ -98,12 +98,16 @@ class Drives:
             self.error = str(error)
         return True
 
-    def close(self) -> str:
-        """Leave nothing powered behind, whatever has happened; what could not be confirmed."""
+    def close(self, beat: Callable[[bool], None] = lambda _: None) -> str:
+        """Leave nothing powered behind, whatever has happened; what could not be confirmed.
+
+        beat: called as it goes, with whether anything is powered and stiff: the guardian would take silence for death.
+        """
         now_ns = time.monotonic_ns()
         try:
             if self.powered and self.written is not None:
-                self._damp(self.written)
+                self._damp(self.written, beat)
+            beat(False)
             self._joints.close(time.monotonic_ns())
         except HardwareError as error:
             return str(error)
@@ -119,13 +123,14 @@ class Drives:
             self.open(now_ns)
         self._joints.enable(time.monotonic_ns())
 
-    def _damp(self, last: JointCommand) -> None:
+    def _damp(self, last: JointCommand, beat: Callable[[bool], None]) -> None:
         """The process is in trouble: from the last command to damping, by the clock, without anybody's step."""
         motion = follow.give_way(Motion(mode=Mode.STIFF, command=last))
         for _ in range(_TROUBLE_TICKS):
             motion = follow.advance(motion, self._gains, hold=True)
             now_ns = time.monotonic_ns()
             self.write(motion.command, self.read(now_ns), now_ns)
+            beat(True)
             time.sleep(1 / TICK_HZ)
 
 

@@ -406,7 +406,7 @@ TABLE = (
         effect=F.DAMP,
         latch=Latch.POWERED,
         present=lambda f: f.guardian_acted,
-        text="The guardian took the joints because control was silent. End the session.",
+        text="Control was silent: the guardian lets the joints give way. Support the wearer; torque off, acknowledge.",
     ),
     Row(
         event=E.PLANNER_STARTING,

@@ -12,7 +12,7 @@ import time
 from app import processes
 from app.audit_sink import AuditSink
 from app.control.assemble import cleared_of, drives_of, settings_of
-from app.control.inputs import Inputs, Outputs
+from app.control.inputs import DriveOrder, Inputs, Outputs
 from app.control.lateness import Histogram
 from app.control.links import ControlLinks
 from app.control.memory import Memory
@@ -85,6 +85,8 @@ class Control:
             self._memory, outputs = step(self._memory or begin(inputs), inputs, self._settings)
             self._drives.write(outputs.command, inputs.feedback, now_ns)
             self._publish(self._memory, inputs, outputs)
+            if outputs.drives is DriveOrder.DISABLE:
+                self._beat(False)  # slack already; their answers may take longer than the guardian's patience
             if self._drives.obey(outputs.drives, now_ns):
                 pace.next_ns = time.monotonic_ns() + TICK_NS  # the drives' answers were waited for
             finished = outputs.finished
@@ -92,7 +94,7 @@ class Control:
 
     def close(self) -> None:
         """Leave nothing powered and nothing open behind, whatever has happened."""
-        unconfirmed = self._drives.close()
+        unconfirmed = self._drives.close(self._beat)
         if unconfirmed:
             self._sink.emit(records.Drives(state="unconfirmed", detail=unconfirmed))
         self._links.heartbeat(Heartbeat(at_ns=time.monotonic_ns(), enabled=False, last=True))
@@ -100,6 +102,9 @@ class Control:
         self._sink.emit(records.ProcessEnd(pid=os.getpid(), reason="asked to end" if self._must_end else ""))
         self._links.close()
         self._sink.close()
+
+    def _beat(self, powered: bool) -> None:
+        self._links.heartbeat(Heartbeat(at_ns=time.monotonic_ns(), enabled=powered))
 
     def _read(self, now_ns: int, late_ns: int, missed: int) -> Inputs:
         feedback = self._drives.read(now_ns)
@@ -137,7 +142,7 @@ class Control:
             if request.phase in {Phase.WHOLE, Phase.WALK_START}:
                 self._drives.expect(request.action)
         if self._tick % HEARTBEAT_TICKS == 0:
-            self._links.heartbeat(Heartbeat(at_ns=inputs.now_ns, enabled=self._drives.powered))
+            self._beat(self._drives.powered)
         if self._tick % SNAPSHOT_TICKS == 0:
             self._links.show(snapshot(memory, inputs, self._shell()))
         self._record(memory, inputs, outputs)

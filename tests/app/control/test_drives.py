@@ -55,3 +55,11 @@ def test_drives_left_powered_are_damped_before_they_are_let_go() -> None:
     assert joints.writes > before
     assert joints.read(10).state is DriveState.DISABLED
     assert np.allclose(joints.torque_nm, 0.0)
+
+
+def test_while_they_give_way_the_guardian_hears_of_it_and_at_last_that_nothing_is_left_to_guard() -> None:
+    joints, drives = powered()
+    beats: list[bool] = []
+    before = joints.writes
+    assert drives.close(beats.append) == ""
+    assert beats == [True] * (joints.writes - before) + [False]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from app.guardian import DAMP_NS, ENDING_DAMP_NS, Doing, Watch, look
+from app.guardian import DAMP_NS, ENDING_DAMP_NS, OFF_NS, Doing, Watch, look
 from app.messages import Heartbeat
 
 MS = 1_000_000
@@ -60,9 +60,36 @@ def test_it_goes_on_to_the_end_whatever_control_says_then() -> None:
     assert look(watch, back, watch.since_ns + DAMP_NS + MS).doing is Doing.OFF
 
 
+def off() -> Watch:
+    """It has damped the joints and is switching them off."""
+    watch, _ = watched(60)
+    return look(watch, None, watch.since_ns + DAMP_NS + MS)
+
+
+def test_it_watches_again_when_a_living_control_says_that_nothing_is_powered() -> None:
+    watch = off()
+    now_ns = watch.since_ns + OFF_NS + MS
+    unpowered = Heartbeat(at_ns=now_ns, enabled=False)
+    assert look(watch, unpowered, now_ns - 2 * MS).doing is Doing.OFF
+    again = look(watch, unpowered, now_ns)
+    assert again.doing is Doing.WATCH
+    silent = look(again, Heartbeat(at_ns=now_ns, enabled=True), now_ns + MS)
+    for step in range(1, 20):
+        silent = look(silent, None, now_ns + step * LOOK)
+    assert silent.doing is Doing.DAMP
+
+
+@pytest.mark.parametrize(("enabled", "last"), [(True, False), (False, True)])
+def test_neither_powered_drives_nor_a_last_word_make_it_watch_again(enabled: bool, last: bool) -> None:
+    watch = off()
+    now_ns = watch.since_ns + OFF_NS + MS
+    assert look(watch, Heartbeat(at_ns=now_ns, enabled=enabled, last=last), now_ns).doing is Doing.OFF
+    assert look(watch, None, now_ns).doing is Doing.OFF
+
+
 def test_at_a_sessions_end_the_damping_is_short() -> None:
     watch, _ = watched(60)
     assert look(watch, None, watch.since_ns + ENDING_DAMP_NS + MS).doing is Doing.DAMP
-    off = look(watch, None, watch.since_ns + ENDING_DAMP_NS + MS, ending=True)
-    assert off.doing is Doing.OFF
-    assert look(off, None, off.since_ns + 10 * DAMP_NS).doing is Doing.OFF
+    ended = look(watch, None, watch.since_ns + ENDING_DAMP_NS + MS, ending=True)
+    assert ended.doing is Doing.OFF
+    assert look(ended, None, ended.since_ns + 10 * DAMP_NS).doing is Doing.OFF

@@ -121,7 +121,9 @@ def test_when_control_is_killed_the_guardian_damps_the_drives_and_switches_them_
     assert damped[0][0] < first_exit_ns, "damped first, then off"
 
 
-def test_a_control_that_was_frozen_comes_back_damped(on_the_bus: tuple[RealSession, Sniffer]) -> None:
+def test_a_control_that_was_frozen_comes_back_damped_and_may_go_on_when_it_is_acknowledged(
+    on_the_bus: tuple[RealSession, Sniffer],
+) -> None:
     session, sniffer = on_the_bus
     power(session)
     stopped_ns = session.kill("control", signal.SIGSTOP)
@@ -131,3 +133,10 @@ def test_a_control_that_was_frozen_comes_back_damped(on_the_bus: tuple[RealSessi
     back = session.until(lambda s: s.effect is Effect.DAMP, "damping")
     assert "guardian acted" in {event.name for event in back.events}
     assert back.state in {GaitState.BETWEEN, GaitState.UNPOWERED}
+    session.send(OperatorKind.TORQUE_OFF)
+    session.until(lambda s: not s.enabled, "torque off")
+    session.until(lambda _: session.guardian is not None and not session.guardian.acted, "the guardian's watch")
+    session.send(OperatorKind.ACKNOWLEDGE)
+    session.until(lambda s: Action.INITIALISE in s.allowed, "leave for gesture 0")
+    session.send(OperatorKind.ACT, Action.INITIALISE)
+    session.until(lambda s: s.enabled and s.action is Action.INITIALISE and s.progress > 0.1, "the way back")
