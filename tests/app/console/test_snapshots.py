@@ -74,7 +74,7 @@ async def test_screen(snapshot: SnapshotAssertion, tmp_path: Path, name: str) ->
                 await wait_until(pilot, lambda: (state := app.live_state()) and state.snapshot)
             await pilot.press(*keys)
             if name == "after":
-                await wait_until(pilot, lambda: isinstance(app.screen, AfterScreen))
+                await wait_until(pilot, lambda: isinstance(app.screen, AfterScreen) and note_has_focus(app))
             app.screen.set_focus(None)
             for size in SIZES:
                 await pilot.resize_terminal(*size)
@@ -83,6 +83,11 @@ async def test_screen(snapshot: SnapshotAssertion, tmp_path: Path, name: str) ->
                 assert found == snapshot(name=file, extension_class=TextExtension), file
         finally:
             app.close_live()
+
+
+def note_has_focus(app: ConsoleApp) -> bool:
+    """Whether the screen has done all that it does when it opens; before, it would take the focus back."""
+    return app.screen.focused is not None and app.screen.focused.id == "note"
 
 
 async def in_all_themes(app: ConsoleApp, pilot: Pilot[None]) -> str:
