@@ -72,6 +72,7 @@ def test_damping_then_off(rig: CanRig) -> None:
 
 def test_a_silent_drive_is_not_counted_as_answered(rig: CanRig) -> None:
     rig.emulator.befall(Fault.SILENT, Joint.LEFT_KNEE)
+    rig.until(lambda now: rig.now_ns() - now.measured_ns[Joint.LEFT_KNEE] > 50e6)  # no answer of its own on the way
     guardian = SafeStop(rig.emulator.device)
     guardian.open()
     guardian.damp()

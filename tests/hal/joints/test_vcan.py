@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 import os
+import pty
 import re
 import shutil
 import subprocess
+import sys
 import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import can
 import pytest
 
+from hal.errors import HardwareError
+from hal.joints.bus import with_bus
 from hal.joints.emulator import Fault
 from hal.joints.joints import BusFault, DriveState
 from hal.joints.recorder import BusRecorder
@@ -137,3 +141,53 @@ def test_an_interface_taken_down_is_told(rig: CanRig) -> None:
         assert feedback.state is DriveState.FAULTED
     finally:
         subprocess.run(["ip", "link", "set", channel, "up"], check=True)
+
+
+def test_an_interface_that_vanishes_is_told_and_never_raised(make_rig: MakeRig) -> None:
+    """The adapter is pulled out under an enabled session; plugged in again, nothing is enabled by itself."""
+    _, usual = bus_of_test()
+    channel = f"{usual}gone"
+    subprocess.run(["ip", "link", "add", channel, "type", "vcan"], check=True)
+    subprocess.run(["ip", "link", "set", channel, "up"], check=True)
+    rig = make_rig(with_bus(with_motor("AK80-64/V2"), "socketcan", channel))
+    rig.joints.open(rig.now_ns())
+    rig.joints.enable(rig.now_ns())
+    subprocess.run(["ip", "link", "delete", channel], check=True)
+    feedback = rig.until(lambda now: BusFault.INTERFACE_GONE in now.bus, command())
+    assert feedback.state is DriveState.FAULTED
+    subprocess.run(["ip", "link", "add", channel, "type", "vcan"], check=True)
+    subprocess.run(["ip", "link", "set", channel, "up"], check=True)
+    assert all(rig.tick(command()).state is DriveState.FAULTED for _ in range(20))
+    with pytest.raises(HardwareError, match="cut the motor power"):
+        rig.joints.close(rig.now_ns())
+    subprocess.run(["ip", "link", "delete", channel], check=True)
+
+
+def _sent(channel: str) -> bool:
+    """A frame for a program that may not be listening yet; never true by itself."""
+    subprocess.run(["cansend", channel, "7DF#00"], check=True)
+    return False
+
+
+def test_python_cans_own_viewer_shows_the_drives(rig: CanRig) -> None:
+    interface, channel = bus_of_test()
+    host, terminal = pty.openpty()
+    os.set_blocking(host, False)
+    viewer = [sys.executable, "-m", "can.viewer", "-i", interface, "-c", channel]
+    environment = {**os.environ, "TERM": "xterm", "LINES": "40", "COLUMNS": "120"}
+    shown = bytearray()
+
+    def read() -> bytes:
+        with suppress(BlockingIOError, OSError):
+            shown.extend(os.read(host, 65_536))
+        return bytes(shown)
+
+    with subprocess.Popen(viewer, stdin=terminal, stdout=terminal, stderr=terminal, env=environment) as process:
+        until(lambda: _sent(channel) or b"0x7DF" in read())
+        rig.joints.open(rig.now_ns())
+        rig.until(lambda _: b"0x004" in read(), command())
+        os.write(host, b"q")
+        until(lambda: read() and process.poll() is not None)
+    os.close(host)
+    os.close(terminal)
+    assert process.returncode == 0
