@@ -13,6 +13,7 @@ import os
 import time
 
 import numpy as np
+import psutil
 import typer
 
 TICK_NS = 2_000_000
@@ -42,11 +43,14 @@ def main(seconds: float = 40.0) -> None:
     except PermissionError:
         privilege = "no real-time privilege"
     gc.disable()
+    stolen_before_s = psutil.cpu_times().steal
     late_ms = np.array(wake(seconds))
+    stolen_s = psutil.cpu_times().steal - stolen_before_s
     p50, p99, p999 = np.percentile(late_ms, (50, 99, 99.9))
     print(f"{privilege}: {len(late_ms)} wake-ups")
     print(f"late by p50 {p50:.3f}, p99 {p99:.3f}, p99.9 {p999:.2f}, at most {late_ms.max():.1f} ms")
     print(f"late by more than a tick: {(late_ms > 2).sum()}, by more than 15 ms: {(late_ms > 15).sum()}")
+    print(f"the hypervisor kept the cores from this machine for {1e3 * stolen_s / seconds:.0f} ms a second (all together)")
 
 
 if __name__ == "__main__":

@@ -17,12 +17,11 @@ PRIORITY = 60  # above everything usual, below the kernel's own threads at 99
 _MCL_CURRENT, _MCL_FUTURE = 1, 2
 _PR_SET_TIMERSLACK = 29
 _ISOLATED = Path("/sys/devices/system/cpu/isolated")
-_OWN_CORE_FROM = 4  # with fewer cores, pinning control would rather take one from perception
 
 
 def become_real_time() -> RealTime:
     """Take what the system allows, and tell what it was. Call before threads are started: they inherit it."""
-    core = _choose_core()
+    core = _take_core()
     return RealTime(fifo=_fifo(), memory_locked=_lock_memory(), core=core)
 
 
@@ -30,6 +29,22 @@ def be_prompt() -> None:
     """For the planner: its short work comes before everything usual, and after control and guardian."""
     with suppress(OSError):
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY // 2))
+
+
+def leave_core_to_control() -> None:
+    """For perception: one core of several is control's, whose every tick would put a running look at a hand off."""
+    core = core_of_control()
+    others = os.sched_getaffinity(0) - {core}
+    if core is not None and others:
+        with suppress(OSError):
+            os.sched_setaffinity(0, others)
+
+
+def core_of_control() -> int | None:
+    """A core set apart by the administrator, else the last of several; None where there is but one."""
+    allowed = sorted(os.sched_getaffinity(0))
+    isolated = [core for core in _isolated_cores() if core in allowed]
+    return isolated[-1] if isolated else allowed[-1] if len(allowed) > 1 else None
 
 
 def spare_the_living() -> None:
@@ -81,11 +96,8 @@ def _lock_memory() -> bool:
     return bool(ctypes.CDLL(None).mlockall(_MCL_CURRENT | _MCL_FUTURE) == 0)
 
 
-def _choose_core() -> int | None:
-    """A core set apart by the administrator, else the last of many; None when control has to share."""
-    allowed = sorted(os.sched_getaffinity(0))
-    isolated = [core for core in _isolated_cores() if core in allowed]
-    core = isolated[-1] if isolated else allowed[-1] if len(allowed) >= _OWN_CORE_FROM else None
+def _take_core() -> int | None:
+    core = core_of_control()
     if core is None:
         return None
     try:

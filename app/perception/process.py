@@ -14,7 +14,7 @@ from contextlib import suppress
 
 from app import processes
 from app.audit_sink import AuditSink
-from app.control.realtime import spare_the_living
+from app.control.realtime import leave_core_to_control, spare_the_living
 from app.links import OrderedReceiver, Publisher, address
 from app.messages import HandCommand, PerceptionCommand, PressRange
 from app.perception import build
@@ -39,8 +39,10 @@ NICER = -10  # where it is allowed: the wearer's command must not wait for the s
 
 def run_perception(setup: SessionSetup) -> None:
     """Run until the session ends, the console dies, or SIGTERM."""
+    # Both before any thread starts: they inherit it.
     with suppress(PermissionError):
-        os.nice(NICER)  # before any thread starts: they inherit it
+        os.nice(NICER)
+    leave_core_to_control()
     perception = Perception(setup)
     signal.signal(signal.SIGTERM, lambda *_: perception.end())
     try:
