@@ -50,7 +50,7 @@ def main(seconds: float = 40.0) -> None:
     print(f"{privilege}: {len(late_ms)} wake-ups")
     print(f"late by p50 {p50:.3f}, p99 {p99:.3f}, p99.9 {p999:.2f}, at most {late_ms.max():.1f} ms")
     print(f"late by more than a tick: {(late_ms > 2).sum()}, by more than 15 ms: {(late_ms > 15).sum()}")
-    print(f"the hypervisor kept the cores from this machine for {1e3 * stolen_s / seconds:.0f} ms a second (all together)")
+    print(f"the hypervisor took {1e3 * stolen_s / seconds:.0f} ms a second from the cores, all together")
 
 
 if __name__ == "__main__":
