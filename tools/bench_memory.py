@@ -1,0 +1,119 @@
+"""Whether the console's memory grows: an hour's beats as fast as they can be drawn, over the host of the tests.
+
+    python -m tools.bench_memory [--hours 1] [--width 80] [--height 24] [--json FILE]
+
+Every beat brings a new snapshot, report and picture, as in a session; gestures, presses, states and events come and go,
+and a dialog opens and closes now and then. An hour has 72,000 beats (20 a second; a session's picture comes 12 times a
+second, here with each beat). Memory is looked at sixty times, after a collection; its slope leaves out the first sixth,
+in which caches fill. The bound is 10 MB an hour.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import gc
+import json
+import statistics
+import sys
+import tempfile
+from itertools import cycle
+from pathlib import Path
+from typing import Annotated
+
+import msgspec
+import psutil
+import typer
+from rich.console import Console
+from rich.progress import track
+from textual.pilot import Pilot
+
+from app.config import Config
+from app.console.app import TICK_S, ConsoleApp
+from app.control.states import Effect, GaitState
+from app.paths import Home
+from app.setup import SessionSetup
+from kgdfa.gesture import Gesture
+from profiles.schema import DEMO_PATIENT
+from tests.app.console.fake_host import FakeHost, event, gradient
+
+LOOKS = 60
+WARM_SHARE = 6  # one in so many looks is left out at the start
+BOUND_MB = 10.0
+YIELD_S = 0.003  # for the widgets to take what a beat brought
+DRAWN_EVERY = 20  # beats
+DIALOG_EVERY = 200  # beats: ten seconds
+STATES = (GaitState.STANDING, GaitState.RIGHT_FORWARD, GaitState.LEFT_FORWARD, GaitState.SITTING)
+
+
+def advance(host: FakeHost, beat: int) -> None:
+    """What changes from one beat to the next; no two reports are alike for long."""
+    host.picture = msgspec.structs.replace(host.picture, sequence=beat, captured_ns=beat)
+    host.state = STATES[beat // 60 % len(STATES)]
+    host.gesture = (None, *Gesture)[beat // 25 % (1 + len(Gesture))]
+    host.pressed = beat // 10 % 4 == 0
+    note = event(f"event {beat // 100 % 7}", Effect.NOTE, f"What happened at {beat // 100}.", host.clock())
+    host.events = (note,) if beat // 50 % 2 else ()
+
+
+async def hour(app: ConsoleApp, pilot: Pilot[None], hosts: list[FakeHost], beats: int) -> list[float]:
+    """MB of the process's own memory, looked at `LOOKS` times."""
+    process = psutil.Process()
+    while not hosts or not (state := app.live_state()) or not state.snapshot:
+        await pilot.pause(0.01)
+    found: list[float] = []
+    dialog = cycle(("f1", "escape"))
+    for beat in track(range(beats), "beats", console=Console(stderr=True), transient=True, disable=not sys.stderr.isatty()):
+        advance(hosts[-1], beat)
+        app._tick()
+        await asyncio.sleep(YIELD_S)
+        if beat % DRAWN_EVERY == 0:
+            await pilot.pause()  # until all that was brought is drawn
+        if beat % YIELD_S = 0.003  # for the widgets to take what a beat brought
+DRAWN_EVERY = 20  # beats
+DIALOG_EVERY == 0:
+            await pilot.press(next(dialog))
+        if beat % (beats // LOOKS) == 0:
+            await pilot.pause()
+            gc.collect()
+            found.append(process.memory_full_info().uss / 1e6)
+    return found
+
+
+async def measure(beats: int, size: tuple[int, int]) -> list[float]:
+    """The looks at one session's memory."""
+    with tempfile.TemporaryDirectory() as folder:
+        hosts: list[FakeHost] = []
+
+        def make_host(setup: SessionSetup) -> FakeHost:
+            hosts.append(FakeHost(setup, picture=gradient(160, 90)))
+            return hosts[-1]
+
+        app = ConsoleApp(Home(Path(folder)), Config(), profile=DEMO_PATIENT, make_host=make_host)
+        async with app.run_test(size=size) as pilot:
+            try:
+                return await hour(app, pilot, hosts, beats)
+            finally:
+                app.close_live()
+
+
+def main(
+    hours: Annotated[float, typer.Option(min=0.01)] = 1.0,
+    width: int = 80,
+    height: int = 24,
+    json_file: Annotated[Path | None, typer.Option("--json")] = None,
+) -> None:
+    """Measure, print, and end 1 when it grows by more than the bound."""
+    beats = max(LOOKS, round(hours * 3600 / TICK_S))
+    looks_mb = asyncio.run(measure(beats, (width, height)))
+    settled_mb = looks_mb[LOOKS // WARM_SHARE :]
+    a_look_mb = statistics.linear_regression(range(len(settled_mb)), settled_mb).slope
+    growth_mb = a_look_mb * LOOKS / hours
+    print(f"{beats} beats at {width}×{height}: {looks_mb[0]:.1f} MB at first, then {settled_mb[0]:.1f}, at last")
+    print(f"{settled_mb[-1]:.1f} MB; the line through them rises by {growth_mb:.2f} MB an hour (bound {BOUND_MB:.0f})")
+    if json_file is not None:
+        json_file.write_text(json.dumps({"hours": hours, "looks_mb": looks_mb, "growth_mb_per_h": growth_mb}))
+    raise typer.Exit(0 if growth_mb <= BOUND_MB else 1)
+
+
+if __name__ == "__main__":
+    typer.run(main)
