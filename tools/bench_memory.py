@@ -62,15 +62,14 @@ async def hour(app: ConsoleApp, pilot: Pilot[None], hosts: list[FakeHost], beats
         await pilot.pause(0.01)
     found: list[float] = []
     dialog = cycle(("f1", "escape"))
-    for beat in track(range(beats), "beats", console=Console(stderr=True), transient=True, disable=not sys.stderr.isatty()):
+    quiet = not sys.stderr.isatty()
+    for beat in track(range(beats), "beats", console=Console(stderr=True), transient=True, disable=quiet):
         advance(hosts[-1], beat)
         app._tick()
         await asyncio.sleep(YIELD_S)
         if beat % DRAWN_EVERY == 0:
             await pilot.pause()  # until all that was brought is drawn
-        if beat % YIELD_S = 0.003  # for the widgets to take what a beat brought
-DRAWN_EVERY = 20  # beats
-DIALOG_EVERY == 0:
+        if beat % DIALOG_EVERY == 0:
             await pilot.press(next(dialog))
         if beat % (beats // LOOKS) == 0:
             await pilot.pause()
