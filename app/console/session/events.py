@@ -24,8 +24,9 @@ def describe(state: SessionState) -> Lines:
 
 
 def _line(event: ActiveEvent, now_ns: int) -> Line:
-    style = "$text-muted" if event.acknowledged else EFFECT_STYLES[event.effect]
-    seen = "✓" if event.acknowledged else EFFECT_MARKS[event.effect]
+    settled = event.acknowledged and not event.present  # what is still there still acts, seen or not
+    style = "$text-muted" if settled else EFFECT_STYLES[event.effect]
+    seen = "✓" if settled else EFFECT_MARKS[event.effect]
     gone = "" if event.present else tr("events.gone")
     age = f"{max(0, now_ns - event.since_ns) // 1_000_000_000} s"
     return ((f"{seen} {effect_name(event.effect)} ", style), (event_text(event), ""), (f" {gone}{age}", "$text-muted"))

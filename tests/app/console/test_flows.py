@@ -11,6 +11,7 @@ from app.console.after.records import SessionRecords
 from app.console.app import ConsoleApp
 from app.console.patients.fields import FIELDS, Kind
 from app.console.session.screen import SessionScreen
+from app.console.session.words import EFFECT_MARKS, effect_name
 from app.console.signin import SignInDialog
 from app.control.states import Action, Effect, GaitState
 from app.messages import OperatorKind
@@ -188,6 +189,14 @@ async def test_the_first_run_sets_up_its_engineer(console: Opener, home: Home) -
         await _sign_in(open_console, "Ada", PIN)
         await open_console.until(lambda: isinstance(open_console.app.screen, SessionScreen))
         assert load_store(home.keys).find("ada")
+
+
+@pytest.mark.parametrize(("present", "mark"), [(True, EFFECT_MARKS[Effect.REFUSE]), (False, "✓")])
+async def test_what_is_still_there_is_not_ticked_off(console: Opener, present: bool, mark: str) -> None:
+    async with console(size=(130, 40)) as open_console:
+        stale = event("camera stale", Effect.REFUSE, "The camera gives no fresh picture.")
+        open_console.host.events = (msgspec.structs.replace(stale, present=present, acknowledged=True),)
+        await open_console.shows(f"{mark} {effect_name(Effect.REFUSE)} The camera")
 
 
 async def test_an_event_is_on_top_until_it_is_acknowledged(console: Opener) -> None:
