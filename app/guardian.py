@@ -16,6 +16,7 @@ from pathlib import Path
 
 from app import processes
 from app.audit_sink import AuditSink
+from app.control.realtime import spare_the_living
 from app.links import LatestReceiver, Publisher, address
 from app.messages import GuardianHealth, Heartbeat
 from app.setup import SessionSetup
@@ -94,6 +95,7 @@ def _lost(heartbeat: Heartbeat | None, now_ns: int) -> bool:
 def run_guardian(setup: SessionSetup) -> None:
     """Look until the session ends and control is gone or in good order."""
     guardian = Guardian(setup)
+    spare_the_living()
     signal.signal(signal.SIGTERM, lambda *_: guardian.end())
     signal.signal(signal.SIGHUP, signal.SIG_IGN)
     try:

@@ -9,6 +9,8 @@ import os
 import signal
 import time
 
+from msgspec.structs import replace as with_fields
+
 from app import processes
 from app.audit_sink import AuditSink
 from app.control.assemble import cleared_of, drives_of, settings_of
@@ -17,7 +19,7 @@ from app.control.lateness import Histogram
 from app.control.links import ControlLinks
 from app.control.memory import Memory
 from app.control.plan import TICK_HZ, Phase
-from app.control.realtime import Pace, become_real_time, quiet_garbage
+from app.control.realtime import Pace, become_real_time, quiet_garbage, take_core
 from app.control.snapshot import Shell, snapshot
 from app.control.statistics import JointSecond
 from app.control.step import begin, step
@@ -73,6 +75,7 @@ class Control:
     def run(self) -> None:
         """Tick until the step says that it is finished."""
         self._sink.emit(records.ProcessStart(pid=os.getpid()))
+        self._real_time = with_fields(self._real_time, core=take_core())
         self._sink.emit(_privilege(self._real_time))
         self._drives.open(time.monotonic_ns())
         quiet_garbage()

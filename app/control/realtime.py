@@ -21,14 +21,28 @@ _ISOLATED = Path("/sys/devices/system/cpu/isolated")
 
 def become_real_time() -> RealTime:
     """Take what the system allows, and tell what it was. Call before threads are started: they inherit it."""
-    core = _take_core()
-    return RealTime(fifo=_fifo(), memory_locked=_lock_memory(), core=core)
+    return RealTime(fifo=_fifo(), memory_locked=_lock_memory(), core=None)
 
 
 def be_prompt() -> None:
     """For the planner: its short work comes before everything usual, and after control and guardian."""
     with suppress(OSError):
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY // 2))
+
+
+def take_core() -> int | None:
+    """The core that this thread has from now on, None where it shares all.
+
+    Call after threads are started: a link's thread on the same core would send the heartbeat only between two ticks.
+    """
+    core = core_of_control()
+    if core is None:
+        return None
+    try:
+        os.sched_setaffinity(0, {core})
+    except OSError:
+        return None
+    return core
 
 
 def leave_core_to_control() -> None:
@@ -94,17 +108,6 @@ def _lock_memory() -> bool:
     if limit != resource.RLIM_INFINITY and os.geteuid() != 0:
         return False
     return bool(ctypes.CDLL(None).mlockall(_MCL_CURRENT | _MCL_FUTURE) == 0)
-
-
-def _take_core() -> int | None:
-    core = core_of_control()
-    if core is None:
-        return None
-    try:
-        os.sched_setaffinity(0, {core})
-    except OSError:
-        return None
-    return core
 
 
 def _isolated_cores() -> list[int]:

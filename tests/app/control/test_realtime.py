@@ -25,7 +25,7 @@ def cores_after(call: str) -> set[int]:
 def test_perception_leaves_control_its_core_unless_there_is_only_one(cores: int) -> None:
     allowed = sorted(os.sched_getaffinity(0))[:cores]
     within = f"os.sched_setaffinity(0, {allowed})"
-    control = cores_after(f"{within}; realtime.become_real_time()")
+    control = cores_after(f"{within}; realtime.take_core()")
     perception = cores_after(f"{within}; realtime.leave_core_to_control()")
     assert control | perception == set(allowed)
     assert control.isdisjoint(perception) or len(allowed) == 1
