@@ -153,7 +153,9 @@ class RealSession:
         return self.until(towards, "walking")
 
     def _towards_standing(self, now: ControlSnapshot) -> bool:
-        if now.action is None and now.effect >= Effect.HOLD:
+        if now.effect is Effect.DAMP and now.enabled:  # the guardian took them: it watches again when they are off
+            self._press(now, OperatorKind.TORQUE_OFF)
+        elif now.action is None and now.effect >= Effect.HOLD:
             self._press(now, OperatorKind.ACKNOWLEDGE)
         elif now.state is GaitState.STANDING and now.action is None:
             return True

@@ -21,6 +21,7 @@ RECOGNITION_S = 6.0
 ACCEPTANCE_S = 3.0
 ACTION_S = 60.0
 GREEN_S = 1.5
+GUARDIAN_S = 10.0  # it damps for seconds before it gives the joints back
 LOOK_S = 0.01  # three looks a frame; control itself keeps the times that are reported
 DONE = ("completed", "stopped", "refused")
 
@@ -106,8 +107,13 @@ class CourseRunner:
         return off and self._until(lambda: self._now.effect < Effect.HOLD, ACCEPTANCE_S)
 
     def recover(self) -> bool:
-        """As a therapist after an interlock held the legs: look, acknowledge; whether they may be brought back."""
-        self._until(lambda: not any(e.present and e.effect >= Effect.HOLD for e in self._now.events), ACCEPTANCE_S)
+        """As a therapist after an interlock held the legs: look, acknowledge; whether they may be brought back.
+
+        Legs that the guardian took are switched off first: it watches again when they are.
+        """
+        if self._now.effect is Effect.DAMP and self._now.enabled:
+            self._host.send(OperatorKind.TORQUE_OFF)
+        self._until(lambda: not any(e.present and e.effect >= Effect.HOLD for e in self._now.events), GUARDIAN_S)
         if self._now.effect >= Effect.HOLD:
             self._host.send(OperatorKind.ACKNOWLEDGE)
         return self._until(self._ready_again, ACCEPTANCE_S)
