@@ -183,11 +183,16 @@ def test_python_cans_own_viewer_shows_the_drives(rig: CanRig) -> None:
         return bytes(shown)
 
     with subprocess.Popen(viewer, stdin=terminal, stdout=terminal, stderr=terminal, env=environment) as process:
-        until(lambda: _sent(channel) or b"0x7DF" in read())
-        rig.joints.open(rig.now_ns())
-        rig.until(lambda _: b"0x004" in read(), command())
-        os.write(host, b"q")
-        until(lambda: read() and process.poll() is not None)
+        try:
+            until(lambda: _sent(channel) or b"0x7DF" in read())
+            rig.joints.open(rig.now_ns())
+            for _ in range(20):  # few enough that a viewer that draws slowly is not buried
+                rig.tick(command())
+            until(lambda: b"0x004" in read())
+            os.write(host, b"q")
+            until(lambda: read() and process.poll() is not None)
+        finally:
+            process.kill()
     os.close(host)
     os.close(terminal)
     assert process.returncode == 0
