@@ -12,7 +12,6 @@ import signal
 import sys
 import threading
 import time
-from contextlib import suppress
 from hashlib import sha256
 from importlib.metadata import version
 from pathlib import Path
@@ -25,6 +24,7 @@ from app.messages import AuditHealth
 from app.model import MODEL_NAME
 from app.paths import Home
 from app.processes import AUDIT, AUDIT_HEALTH
+from app.realtime import take_turn
 from app.setup import SessionSetup
 from logs.copies import CheckpointCopy
 from logs.disk import PosixDisk
@@ -34,7 +34,6 @@ from logs.records import Body, Entry, EventRaised, PatientChosen, RecordsLost, S
 from logs.writer import SessionWriter
 
 LIBRARIES = ("rleex", "mediapipe", "mujoco", "numpy", "opencv-python-headless", "python-can", "textual", "pyzmq")
-NICER = -10  # where it is allowed: it needs little, but a trail that falls behind stops the legs
 BATCH = 4096  # messages between two looks at the disk and the clock
 TURN_S = 0.01
 QUIET_S = 0.2  # asked to end: nothing has come for so long
@@ -45,8 +44,7 @@ SILENT_DISK_S = 2.0  # a disk that spins up, or a burst of other programs, is no
 
 def run_audit(setup: SessionSetup) -> None:
     """Write one session's trail from its first record to its signed end."""
-    with suppress(PermissionError):
-        os.nice(NICER)
+    take_turn("audit")
     home = Home(setup.home)
     home.logs.mkdir(parents=True, exist_ok=True, mode=0o700)
     key = load_or_make_key(home.keys)

@@ -8,14 +8,13 @@ from pathlib import Path
 
 from app.audit_sink import AuditSink
 from app.paths import Home
+from app.realtime import take_turn
 from app.setup import SessionSetup
 from hal.errors import HardwareError
 from hal.joints.bus import with_bus
 from hal.joints.device import DEFAULT_DEVICE, load_exoskeleton
 from hal.joints.recorder import BusRecorder
 from logs.records import Note, ProcessEnd, ProcessStart
-
-_NICE = 5  # its socket holds a second's frames: it can wait, perception can't
 
 
 def log_path(home: Home, session: str) -> Path:
@@ -29,7 +28,7 @@ def run_bus_log(setup: SessionSetup) -> None:
     ending = _Ending(setup.console_pid)
     signal.signal(signal.SIGTERM, ending.ask)
     signal.signal(signal.SIGHUP, signal.SIG_IGN)
-    os.nice(_NICE)
+    take_turn("bus log")
     sink.emit(ProcessStart(pid=os.getpid()))
     try:
         _record(setup, ending)

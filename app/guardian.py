@@ -9,16 +9,15 @@ from __future__ import annotations
 import os
 import signal
 import time
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from enum import Enum
 from pathlib import Path
 
 from app import processes
 from app.audit_sink import AuditSink
-from app.control.realtime import spare_the_living
 from app.links import LatestReceiver, Publisher, address
 from app.messages import GuardianHealth, Heartbeat
+from app.realtime import spare_the_living, take_turn
 from app.setup import SessionSetup
 from hal.errors import HardwareError
 from hal.joints.bus import with_bus
@@ -34,7 +33,6 @@ LATE_LOOK_NS = 12 * NS_PER_MS
 LOOKS = 2
 OFF_NS = 300 * NS_PER_MS
 RETRY_NS = 1_000 * NS_PER_MS
-PRIORITY = 70
 HEALTH_NS = int(1e9 / processes.GUARDIAN.rate_hz)
 
 
@@ -110,7 +108,7 @@ class Guardian:
     """The shell around `look`: its links and its way to the drives."""
 
     def __init__(self, setup: SessionSetup) -> None:
-        _hurry()  # first: the threads of the links inherit it
+        take_turn("guardian")  # first: the threads of the links inherit it
         self._console_pid = setup.console_pid
         self._sink = AuditSink(setup.links, "guardian", setup.operator)
         self._heartbeats = LatestReceiver(address(setup.links, processes.HEARTBEAT.name), Heartbeat)
@@ -207,9 +205,3 @@ def _way_to_the_drives(setup: SessionSetup) -> SafeStop | None:
     device = load_exoskeleton(Path(joints.device) if joints.device else DEFAULT_DEVICE)
     motors = Path(joints.motors) if joints.motors else None
     return SafeStop(with_bus(device, joints.interface, joints.channel), motors)
-
-
-def _hurry() -> None:
-    """Above control's priority where that is allowed: a control that spins must not keep the guardian from a core."""
-    with suppress(OSError):
-        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY))

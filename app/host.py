@@ -15,7 +15,6 @@ import tempfile
 import threading
 import time
 from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -39,6 +38,7 @@ from app.messages import (
     TriggerReport,
 )
 from app.paths import Home
+from app.realtime import take_turn
 from app.setup import SessionSetup
 from app.supervision import Supervisor
 from profiles.schema import Profile
@@ -224,8 +224,7 @@ class SessionHost:
             child.join(1.0)
 
     def _send_life(self) -> None:
-        with suppress(OSError):  # where it is allowed: a busy machine must not look like a dead console
-            os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(20))
+        take_turn("sign of life")
         while not self._ending.wait(1.0 / processes.OPERATOR.rate_hz):
             if time.monotonic() - self._beaten_at < BEAT_VALID_S:
                 self.send(OperatorKind.ALIVE)

@@ -21,12 +21,12 @@ import numpy as np
 from app.child import begin
 from app.config import Config, load_config
 from app.control.events import JOINT_SILENT_MS
-from app.control.realtime import Pace, become_real_time, quiet_garbage
 from app.host import make_setup
 from app.links import LatestReceiver, address
 from app.messages import TriggerReport
 from app.paths import find_home
 from app.processes import TRIGGER
+from app.realtime import Pace, become_real_time, quiet_garbage
 from hal.joints.bus import with_bus
 from hal.joints.device import load_exoskeleton
 from hal.joints.emulator import DriveEmulator, EmulatorThread, Fault

@@ -19,11 +19,11 @@ from app.control.lateness import Histogram
 from app.control.links import ControlLinks
 from app.control.memory import Memory
 from app.control.plan import TICK_HZ, Phase
-from app.control.realtime import Pace, become_real_time, quiet_garbage, take_core
 from app.control.snapshot import Shell, snapshot
 from app.control.statistics import JointSecond
 from app.control.step import begin, step
 from app.messages import Heartbeat, RealTime
+from app.realtime import Pace, become_real_time, quiet_garbage, take_core
 from app.setup import SessionSetup
 from hal.joints.joints import DriveState
 from logs import records

@@ -8,11 +8,11 @@ from pathlib import Path
 from app.control.patient import Patient, patient_of
 from app.control.plan import PlanRequest
 from app.control.plan_wire import PlanRequestMessage, pack_plan, unpack_request
-from app.control.realtime import be_prompt, spare_the_living
 from app.control.states import GaitState
 from app.control.trajectory import RECIPES, plan
 from app.links import OrderedReceiver, OrderedSender, address
 from app.processes import PLAN_REPLY, PLAN_REQUEST
+from app.realtime import spare_the_living, take_turn
 from app.setup import SessionSetup
 from hal.joints.device import DEFAULT_DEVICE, load_exoskeleton
 
@@ -28,7 +28,7 @@ def run_planner(setup: SessionSetup) -> None:
     replies = OrderedSender(address(setup.links, PLAN_REPLY.name))
     warm_up(patient)
     spare_the_living()
-    be_prompt()
+    take_turn("planner")
     while os.getppid() == parent:
         message = requests.receive(WAIT_S)
         if message is not None:

@@ -10,11 +10,9 @@ import os
 import signal
 import time
 from collections import deque
-from contextlib import suppress
 
 from app import processes
 from app.audit_sink import AuditSink
-from app.control.realtime import leave_core_to_control, spare_the_living
 from app.links import OrderedReceiver, Publisher, address
 from app.messages import HandCommand, PerceptionCommand, PressRange
 from app.perception import build
@@ -25,6 +23,7 @@ from app.perception.hints import PictureHints
 from app.perception.preview import PreviewPacer
 from app.perception.reporting import FPS_WINDOW, Surroundings, frames_per_second, records_between, to_message
 from app.perception.session_recorder import SessionRecorder
+from app.realtime import leave_core_to_control, spare_the_living, take_turn
 from app.setup import SessionSetup
 from hal.cameras.camera import Frame
 from kgdfa.button import ButtonPlace
@@ -34,14 +33,12 @@ from logs.records import EventRaised, ProcessEnd, ProcessStart
 
 FRAME_TIMEOUT_S = 0.1
 LOADING = "The hand model is loading."
-NICER = -10  # where it is allowed: the wearer's command must not wait for the screen, or for other programs
 
 
 def run_perception(setup: SessionSetup) -> None:
     """Run until the session ends, the console dies, or SIGTERM."""
     # Both before any thread starts: they inherit it.
-    with suppress(PermissionError):
-        os.nice(NICER)
+    take_turn("perception")
     leave_core_to_control()
     perception = Perception(setup)
     signal.signal(signal.SIGTERM, lambda *_: perception.end())

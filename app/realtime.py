@@ -1,4 +1,4 @@
-"""What makes a Linux process punctual: a real-time priority, memory that stays, a core; each where it is allowed."""
+"""What makes Linux processes punctual: whose turn comes first, memory that stays, a core; each where it is allowed."""
 
 from __future__ import annotations
 
@@ -10,10 +10,31 @@ import time
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 
 from app.messages import RealTime
 
-PRIORITY = 60  # above everything usual, below the kernel's own threads at 99
+
+@dataclass(frozen=True, slots=True)
+class Turn:
+    """When a process runs: before everything usual by a SCHED_FIFO priority, or among it by a niceness."""
+
+    fifo: int | None = None
+    nice: int = 0
+
+
+# FIFO stays below the kernel's own threads at 99.
+TURNS = MappingProxyType(
+    {
+        "guardian": Turn(fifo=70),  # a control that spins must not keep the guardian from a core
+        "control": Turn(fifo=60),
+        "planner": Turn(fifo=30),  # a step waits for its short work
+        "sign of life": Turn(fifo=20),  # a busy machine must not look like a dead console
+        "perception": Turn(nice=-10),  # the wearer's command must not wait for the screen, or for other programs
+        "audit": Turn(nice=-10),  # needs little, but a trail that falls behind stops the legs
+        "bus log": Turn(nice=5),  # its socket holds a second's frames: it can wait, perception can't
+    }
+)
 _MCL_CURRENT, _MCL_FUTURE = 1, 2
 _PR_SET_TIMERSLACK = 29
 _ISOLATED = Path("/sys/devices/system/cpu/isolated")
@@ -24,10 +45,16 @@ def become_real_time() -> RealTime:
     return RealTime(fifo=_fifo(), memory_locked=_lock_memory(), core=None)
 
 
-def be_prompt() -> None:
-    """For the planner: its short work comes before everything usual, and after control and guardian."""
-    with suppress(OSError):
-        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY // 2))
+def take_turn(name: str) -> bool:
+    """Give this thread, and those it starts later, the turn of that name in `TURNS`; whether that was allowed."""
+    turn = TURNS[name]
+    try:
+        if turn.fifo is not None:
+            os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(turn.fifo))
+        os.nice(turn.nice)
+    except PermissionError:
+        return False
+    return True
 
 
 def take_core() -> int | None:
@@ -93,13 +120,10 @@ class Pace:
 
 
 def _fifo() -> bool:
-    try:
-        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY))
-    except OSError:
-        # Without it the kernel may delay a sleeper by its timer slack of 50 µs on top of everything else.
+    allowed = take_turn("control")
+    if not allowed:  # the kernel may then delay a sleeper by its timer slack of 50 µs on top of everything else
         ctypes.CDLL(None).prctl(_PR_SET_TIMERSLACK, 1)
-        return False
-    return True
+    return allowed
 
 
 def _lock_memory() -> bool:

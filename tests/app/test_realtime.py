@@ -8,9 +8,9 @@ import sys
 
 import pytest
 
-from app.control.realtime import core_of_control
+from app.realtime import TURNS, core_of_control
 
-ASK = "import os; from app.control import realtime; {}; print(*sorted(os.sched_getaffinity(0)))"
+ASK = "import os; from app import realtime; {}; print(*sorted(os.sched_getaffinity(0)))"
 
 
 def cores_after(call: str) -> set[int]:
@@ -34,3 +34,29 @@ def test_perception_leaves_control_its_core_unless_there_is_only_one(cores: int)
 def test_the_core_is_one_of_those_allowed() -> None:
     core = core_of_control()
     assert core is None or core in os.sched_getaffinity(0)
+
+
+def test_who_keeps_the_legs_safe_comes_first() -> None:
+    fifo = [turn.fifo for name in ("guardian", "control", "planner", "sign of life") if (turn := TURNS[name]).fifo]
+    assert fifo == sorted(fifo, reverse=True)
+    assert all(0 < priority < 99 for priority in fifo)
+    assert len(fifo) == 4
+
+
+@pytest.mark.parametrize("name", list(TURNS))
+def test_a_turn_is_taken_or_told_to_be_refused(name: str) -> None:
+    told = subprocess.run(
+        [
+            sys.executable,
+            "-c",
+            "import os; from app.realtime import take_turn; "
+            f"print(take_turn({name!r}), os.sched_getscheduler(0) == os.SCHED_FIFO, os.nice(0))",
+        ],
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=60,
+    ).stdout.split()
+    turn = TURNS[name]
+    allowed = [str(turn.fifo is not None), str(os.nice(0) + turn.nice)]
+    assert told in (["True", *allowed], ["False", "False", str(os.nice(0))])
