@@ -11,9 +11,8 @@ from app.control.gait_machine import Gait, Latched, Started, ask, complete, inte
 from app.control.states import ACTION_OF, GaitState
 from app.demo.course import ALL_TWELVE, Leg
 from app.demo.journey import INTERRUPTIONS, run_course
-from app.demo.session import SessionResult
 from app.demo.trial import Trial
-from app.messages import Lateness
+from tests.app.demo.sessions import session_of
 
 Fate = Callable[[int, Leg], str]  # of the trial with that number: "" done, "held", "misread"
 
@@ -59,21 +58,9 @@ class Walker:
         return self.acknowledges
 
 
-def result_of(trials: list[Trial]) -> SessionResult:
-    return SessionResult(
-        trials=tuple(trials),
-        unintended=0,
-        audit_verified=True,
-        audit_detail="",
-        perception_fps=30.0,
-        lateness=Lateness(),
-        session="s",
-    )
-
-
 @pytest.mark.parametrize("victim", range(len(ALL_TWELVE)))
 def test_wherever_the_legs_are_held_once_the_course_is_carried_out(victim: int) -> None:
-    result = result_of(run_course(Walker(lambda made, _: "held" if made == victim else ""), ALL_TWELVE))
+    result = session_of(run_course(Walker(lambda made, _: "held" if made == victim else ""), ALL_TWELVE))
     assert result.passed(ALL_TWELVE)
     (interrupted,) = result.interruptions
     assert interrupted.gesture is ALL_TWELVE[victim].gesture
@@ -83,7 +70,7 @@ def test_wherever_the_legs_are_held_once_the_course_is_carried_out(victim: int) 
 
 
 def test_legs_that_are_held_again_and_again_end_the_course() -> None:
-    result = result_of(run_course(Walker(lambda made, _: "held" if made > 2 else ""), ALL_TWELVE))
+    result = session_of(run_course(Walker(lambda made, _: "held" if made > 2 else ""), ALL_TWELVE))
     assert not result.passed(ALL_TWELVE)
     assert len(result.interruptions) == INTERRUPTIONS + 1
 
@@ -91,7 +78,7 @@ def test_legs_that_are_held_again_and_again_end_the_course() -> None:
 def test_a_gesture_that_is_not_understood_ends_the_course() -> None:
     trials = run_course(Walker(lambda made, _: "misread" if made == 3 else ""), ALL_TWELVE)
     assert len(trials) == 4
-    assert not result_of(trials).passed(ALL_TWELVE)
+    assert not session_of(trials).passed(ALL_TWELVE)
 
 
 def test_legs_that_stay_held_end_the_course() -> None:
@@ -100,7 +87,7 @@ def test_legs_that_stay_held_end_the_course() -> None:
 
 
 def test_what_was_carried_out_unasked_is_no_success() -> None:
-    result = result_of(run_course(Walker(lambda *_: ""), ALL_TWELVE))
+    result = session_of(run_course(Walker(lambda *_: ""), ALL_TWELVE))
     assert result.passed(ALL_TWELVE)
     assert not replace(result, unintended=1).passed(ALL_TWELVE)
     assert not replace(result, audit_verified=False).passed(ALL_TWELVE)

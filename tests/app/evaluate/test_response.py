@@ -8,11 +8,11 @@ import pytest
 
 from app.control.states import ACTION_OF, Action, GaitState, Source
 from app.demo.course import ALL_TWELVE, Leg
-from app.demo.session import SessionResult
 from app.demo.trial import Trial
 from app.evaluate.response import ATTEMPTS, PAPER, ResponseResult, Rounds, response_table, shared, wearer
-from app.messages import ActionReport, Lateness
+from app.messages import ActionReport
 from kgdfa.hand import Gesture
+from tests.app.demo.sessions import session_of
 
 MS = 1_000_000
 
@@ -66,16 +66,7 @@ def trial(gesture: Gesture, *, ok: bool = True, reason: str = "not pressed") -> 
 
 
 def result_of(*trials: Trial) -> ResponseResult:
-    session = SessionResult(
-        trials=trials,
-        unintended=0,
-        audit_verified=True,
-        audit_detail="",
-        perception_fps=30.0,
-        lateness=Lateness(),
-        session="s",
-    )
-    return ResponseResult(sessions=(session,))
+    return ResponseResult(sessions=(session_of(trials),))
 
 
 def test_every_round_powers_the_legs_anew_and_makes_all_twelve() -> None:
