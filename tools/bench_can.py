@@ -20,7 +20,7 @@ import numpy as np
 
 from app.child import begin
 from app.config import Config, load_config
-from app.control.events import JOINT_SILENT_MS
+from app.control.events_joints import JOINT_SILENT_MS
 from app.host import make_setup
 from app.links import LatestReceiver, address
 from app.messages import TriggerReport

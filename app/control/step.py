@@ -9,7 +9,8 @@ from dataclasses import replace
 
 from app.control import follow, gait_machine
 from app.control.carry import carry_on, planner_silent, stop_task, take_plans, try_planner, walk_broken
-from app.control.events import CLOCK_STEP_S, ROW, Active, Actives, Event, advance, blocker, displaced, sentence
+from app.control.events import ROW, Active, Actives, Event, advance, blocker, displaced, sentence
+from app.control.events_programs import CLOCK_STEP_S
 from app.control.facts import Standing, gather
 from app.control.follow import Mode
 from app.control.freshness import NS_PER_MS, listen, nothing_heard

@@ -7,7 +7,7 @@ import pytest
 
 from app.control import follow, gait_machine
 from app.control.drives import Drives
-from app.control.events import FOLLOWING_LIMIT_RAD, POSE_LIMIT_RAD
+from app.control.events_joints import FOLLOWING_LIMIT_RAD, POSE_LIMIT_RAD
 from app.control.facts import SPEED_MARGIN, TORQUE_MARGIN
 from app.control.follow import Mode, Motion
 from app.control.gait_machine import Gait, Started

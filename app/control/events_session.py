@@ -1,0 +1,55 @@
+"""Rows of the table of events: what the operator says, and what has not been said or shown yet."""
+
+from __future__ import annotations
+
+from app.control.events_row import GESTURES, Event, Latch, Row
+from app.control.states import Effect
+
+E, F = Event, Effect
+SESSION = (
+    Row(
+        event=E.STOP,
+        effect=F.HOLD,
+        latch=Latch.ALWAYS,
+        present=lambda f: f.stop_presses == 1,
+        text="STOP: the legs are held. Look at the wearer, then acknowledge.",
+    ),
+    Row(
+        event=E.STOP_AGAIN,
+        effect=F.DAMP,
+        latch=Latch.ALWAYS,
+        present=lambda f: f.stop_presses > 1,
+        text="STOP twice: the joints give way slowly. Support the wearer; then torque off or acknowledge.",
+    ),
+    Row(
+        event=E.SHUTTING_DOWN,
+        effect=F.HOLD,
+        present=lambda f: f.ending and not f.ending_slack,
+        text="The session ends: the legs are held, then the joints give way slowly and are switched off.",
+    ),
+    Row(
+        event=E.GIVING_WAY,
+        effect=F.DAMP,
+        present=lambda f: f.ending and f.ending_slack,
+        text="The session ends: the joints give way slowly and are switched off.",
+    ),
+    Row(
+        event=E.NOT_ARMED,
+        effect=F.REFUSE,
+        blocks=GESTURES,
+        present=lambda f: not f.armed,
+        text="Gestures are not armed: arm them when the wearer is ready.",
+    ),
+    Row(
+        event=E.NO_PATIENT,
+        effect=F.REFUSE,
+        present=lambda f: not f.patient_confirmed,
+        text="No patient is confirmed: check who wears the device, then confirm.",
+    ),
+    Row(
+        event=E.NO_PREFLIGHT,
+        effect=F.REFUSE,
+        present=lambda f: f.uncleared,
+        text="No passed pre-flight of this action with this profile: run `rleex simulate all --preflight`.",
+    ),
+)
