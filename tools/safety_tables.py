@@ -8,8 +8,8 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from app.control import gait_machine
 from app.control.events import TABLE, Latch, Row
+from app.control.gait_diagram import mermaid
 from app.control.states import Source
 
 DOCUMENT = Path(__file__).parent.parent / "docs" / "safety.md"
@@ -23,7 +23,7 @@ _PART = "<!-- {0} -->\n{1}<!-- end of {0} -->"
 
 def parts() -> dict[str, str]:
     """The generated parts by name."""
-    return {"gait diagram": f"```mermaid\n{gait_machine.mermaid()}```\n", "events": events_table()}
+    return {"gait diagram": f"```mermaid\n{mermaid()}```\n", "events": events_table()}
 
 
 def events_table() -> str:

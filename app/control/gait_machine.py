@@ -1,7 +1,7 @@
 """The gait machine: the paper's eight states and twelve transitions, and the state that a stop leads to.
 
 Rules:
-1. `TABLE` is the whole of it; the machine, its refusals and its diagram are made from it.
+1. `TABLE` is the whole of it; the machine, its refusals and its diagram (`gait_diagram.py`) are made from it.
 2. A movement begins in its row's `source`, passes `through` the state that the paper names for it (7, 8 and 9), and
    the legs are in `to` when it has been completed.
 3. Walking is a chain of steps. Gesture 6 is latched while it runs and carried out when the running step has ended.
@@ -22,7 +22,7 @@ from typing import Any
 from transitions import EventData, Machine, MachineError
 
 from app.control.plan import Phase
-from app.control.states import GESTURE_OF, Action, GaitState
+from app.control.states import Action, GaitState
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -159,25 +159,6 @@ def following_phases(gait: Gait) -> tuple[Phase, ...]:
 def action_of(phase: Phase) -> Action:
     """The action that a step of a walk belongs to."""
     return next(row.action for row in TABLE if row.phase is phase)
-
-
-def mermaid() -> str:
-    """The table as a Mermaid state diagram, for the documents."""
-    lines = ["stateDiagram-v2", "    [*] --> UNPOWERED"]
-    for row in TABLE:
-        gesture = f"gesture {GESTURE_OF[row.action].value}" if not row.chained else _chain_label(row)
-        if row.through is None:
-            lines.append(f"    {row.source.name} --> {row.to.name}: {gesture}")
-        else:
-            lines.append(f"    {row.source.name} --> {row.through.name}: {gesture}")
-            lines.append(f"    {row.through.name} --> {row.to.name}: completed")
-    lines.append("    note right of BETWEEN: entered from every state by a stop in mid-movement")
-    lines.append("    note right of UNPOWERED: entered from every state when the drives lose power")
-    return "\n".join(lines) + "\n"
-
-
-def _chain_label(row: Row) -> str:
-    return "gesture 6, latched" if row.action is Action.WALK_END else "next step of the walk"
 
 
 def _why_not(state: GaitState, action: Action) -> str:

@@ -7,6 +7,7 @@ from itertools import product
 import pytest
 
 from app.control import gait_machine
+from app.control.gait_diagram import mermaid
 from app.control.gait_machine import TABLE, Gait, Ignored, Latched, Refused, Started
 from app.control.plan import Phase
 from app.control.states import ACTION_OF, Action, GaitState
@@ -172,7 +173,7 @@ def test_an_answer_depends_on_nothing_but_the_question() -> None:
 
 
 def test_the_diagram_shows_every_row() -> None:
-    diagram = gait_machine.mermaid()
+    diagram = mermaid()
     for row in TABLE:
         assert f"    {row.source.name} --> {(row.through or row.to).name}: " in diagram
     assert diagram.startswith("stateDiagram-v2\n")
