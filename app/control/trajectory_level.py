@@ -49,12 +49,12 @@ class Step:
     shape: SwingShape
 
 
+OFF, LAND = 0.28, 0.84  # a step from rest to rest: shares of its time at which its foot leaves and lands
+
+
 def step_outline(patient: Patient, step: Step, step_time_s: float) -> Outline:
     """The outline of one step from rest to rest."""
-    body = patient.body
-    start_z = _height_over(body, (step.stand_at_m, step.swing_from_m), 0.0)
-    end_z = _height_over(body, (step.stand_at_m, step.swing_to_m), step.hip_to_m)
-    off, land = 0.28 * step_time_s, 0.84 * step_time_s
+    off, land = OFF * step_time_s, LAND * step_time_s
     swing = Swing(
         rise_s=0.0,
         off_s=off,
@@ -64,34 +64,35 @@ def step_outline(patient: Patient, step: Step, step_time_s: float) -> Outline:
         end_m=(step.swing_to_m, 0.0),
         shape=step.shape,
     )
-    other = 1 - step.swing_side
-
-    def hip_x(time: Array) -> Array:
-        return step.hip_to_m * smoothstep(time, 0.0, step_time_s)
-
-    def hip_z(time: Array) -> Array:
-        s = smoothstep(time, 0.0, step_time_s)
-        vault = _vault(body, hip_x(time) - step.stand_at_m)
-        rest: Array = start_z + (end_z - start_z) * s
-        at_ends = _vault(body, np.array([-step.stand_at_m, step.hip_to_m - step.stand_at_m]))
-        line = at_ends[0] + (at_ends[1] - at_ends[0]) * s
-        height: Array = rest + (vault - line) * hump(time, 0.0, off, land, step_time_s)
-        return height
 
     def right_share(time: Array) -> Array:
         lifted = 0.5 * (smoothstep(time, 0.0, off) - smoothstep(time, land, step_time_s))
         return 0.5 + lifted if step.swing_side == LEFT else 0.5 - lifted
 
+    other = 1 - step.swing_side
     feet = {step.swing_side: (step.swing_from_m, 0.0), other: (step.stand_at_m, 0.0)}
     swings: dict[int, tuple[Swing, ...]] = {step.swing_side: (swing,), other: ()}
     return Outline(
         duration_s=step_time_s,
-        hip_x_m=hip_x,
-        hip_z_m=hip_z,
+        hip_x_m=lambda time: step.hip_to_m * smoothstep(time, 0.0, step_time_s),
+        hip_z_m=lambda time: _step_height(patient.body, step, time, step_time_s),
         feet_m=(feet[LEFT], feet[RIGHT]),
         swings=(swings[LEFT], swings[RIGHT]),
         right_share=right_share,
     )
+
+
+def _step_height(body: Body, step: Step, time: Array, step_time_s: float) -> Array:
+    """The hip's height in a step from rest to rest: it vaults over the standing foot while the other is in the air."""
+    start = _height_over(body, (step.stand_at_m, step.swing_from_m), 0.0)
+    end = _height_over(body, (step.stand_at_m, step.swing_to_m), step.hip_to_m)
+    s = smoothstep(time, 0.0, step_time_s)
+    vault = _vault(body, step.hip_to_m * s - step.stand_at_m)
+    at_ends = _vault(body, np.array([-step.stand_at_m, step.hip_to_m - step.stand_at_m]))
+    line = at_ends[0] + (at_ends[1] - at_ends[0]) * s
+    one_footed = hump(time, 0.0, OFF * step_time_s, LAND * step_time_s, step_time_s)
+    height: Array = start + (end - start) * s + (vault - line) * one_footed
+    return height
 
 
 def start_step(patient: Patient, side: int) -> Step:

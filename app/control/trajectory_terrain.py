@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import sqrt
 
 import numpy as np
@@ -98,50 +98,56 @@ def crossing_outline(patient: Patient, crossing: Crossing, step_time_s: float) -
     """Both swings, and the hip between them."""
     total = TWO_SWINGS * step_time_s
     stand = standing_hip_m(patient.body)
-    first, second, travel = crossing.hip_first_m, crossing.hip_second_m, crossing.travel_m
-
-    def hip_x(time: Array) -> Array:
-        to_first = smoothstep(time, 0.0, RIGHT_LANDS * total)
-        to_second = smoothstep(time, (RIGHT_LANDS - 0.06) * total, (LEFT_OFF + 0.08) * total)
-        to_end = smoothstep(time, (LEFT_OFF - 0.04) * total, LEFT_LANDS * total)
-        return first * to_first + (second - first) * to_second + (travel - second) * to_end
-
-    def hip_z(time: Array) -> Array:
-        dip = hump(time, 0.02 * total, RIGHT_LANDS * total, RIGHT_LANDS * total, 0.9 * total)
-        climb = smoothstep(time, 0.40 * total, 0.92 * total)
-        return stand - crossing.hip_drop_m * dip + crossing.climb_m * climb
-
-    def right_share(time: Array) -> Array:
-        off = smoothstep(time, 0.0, RIGHT_OFF * total)
-        on = smoothstep(time, RIGHT_LANDS * total, LEFT_OFF * total)
-        even = smoothstep(time, LEFT_LANDS * total, total)
-        return 0.5 - 0.5 * off + on - 0.5 * even
-
-    start, end = (0.0, 0.0), (travel, crossing.climb_m)
-    right = Swing(
-        rise_s=0.0,
-        off_s=RIGHT_OFF * total,
-        land_s=RIGHT_LANDS * total,
-        flat_s=(RIGHT_LANDS + 0.06) * total,
-        start_m=start,
-        end_m=end,
-        shape=crossing.shape,
-    )
-    left = Swing(
-        rise_s=(RIGHT_LANDS + 0.02) * total,
-        off_s=LEFT_OFF * total,
-        land_s=LEFT_LANDS * total,
-        flat_s=total,
-        start_m=start,
-        end_m=end,
-        shape=crossing.shape,
-    )
     return Outline(
         duration_s=total,
-        hip_x_m=hip_x,
-        hip_z_m=hip_z,
+        hip_x_m=lambda time: _way(crossing, time / total),
+        hip_z_m=lambda time: stand + _height(crossing, time / total),
         feet_m=((0.0, 0.0), (0.0, 0.0)),
-        swings=((left,), (right,)),
-        right_share=right_share,
+        swings=_swings(crossing, total),
+        right_share=lambda time: _right_share(time / total),
         scene=crossing.scene,
     )
+
+
+def _swings(crossing: Crossing, total_s: float) -> tuple[tuple[Swing, ...], tuple[Swing, ...]]:
+    """Of left and right; the right foot goes first and both go the same way."""
+    right = Swing(
+        rise_s=0.0,
+        off_s=RIGHT_OFF * total_s,
+        land_s=RIGHT_LANDS * total_s,
+        flat_s=(RIGHT_LANDS + 0.06) * total_s,
+        start_m=(0.0, 0.0),
+        end_m=(crossing.travel_m, crossing.climb_m),
+        shape=crossing.shape,
+    )
+    left = replace(
+        right,
+        rise_s=(RIGHT_LANDS + 0.02) * total_s,
+        off_s=LEFT_OFF * total_s,
+        land_s=LEFT_LANDS * total_s,
+        flat_s=total_s,
+    )
+    return (left,), (right,)
+
+
+def _way(crossing: Crossing, share: Array) -> Array:
+    """The hip's way forward, metres; (n,) shares of the time."""
+    first, second = crossing.hip_first_m, crossing.hip_second_m
+    to_first = smoothstep(share, 0.0, RIGHT_LANDS)
+    to_second = smoothstep(share, RIGHT_LANDS - 0.06, LEFT_OFF + 0.08)
+    to_end = smoothstep(share, LEFT_OFF - 0.04, LEFT_LANDS)
+    return first * to_first + (second - first) * to_second + (crossing.travel_m - second) * to_end
+
+
+def _height(crossing: Crossing, share: Array) -> Array:
+    """The hip's height over standing at the start, metres; (n,) shares of the time."""
+    dip = hump(share, 0.02, RIGHT_LANDS, RIGHT_LANDS, 0.9)
+    return crossing.climb_m * smoothstep(share, 0.40, 0.92) - crossing.hip_drop_m * dip
+
+
+def _right_share(share: Array) -> Array:
+    """Of the weight on the feet, on the right one; (n,) shares of the time."""
+    off = smoothstep(share, 0.0, RIGHT_OFF)
+    on = smoothstep(share, RIGHT_LANDS, LEFT_OFF)
+    even = smoothstep(share, LEFT_LANDS, 1.0)
+    return 0.5 - 0.5 * off + on - 0.5 * even

@@ -153,37 +153,35 @@ def _gather(patient: Patient, start_rad: Array, duration: float) -> Outline:
     ankles = _ankles(body, start_rad)
     burden = np.abs(ankles[:, 0]) + (ankles[:, 1] - ankles[:, 1].min())
     stay = LEFT if burden[LEFT] <= burden[RIGHT] else RIGHT
-    move = 1 - stay
-    away = ankles[move] - ankles[stay]
-    swing = Swing(
+    hip_x, hip_z = -ankles[stay]
+    low, stand = body.ankle_height_m + hip_z, standing_hip_m(body)
+    swing = _approach(ankles[1 - stay] - ankles[stay], duration)
+
+    def right_share(time: Array) -> Array:
+        even = 0.5 * smoothstep(time, swing.land_s, duration)
+        return 1 - even if stay == RIGHT else even
+
+    feet = {stay: (0.0, 0.0), 1 - stay: swing.start_m}
+    swings: dict[int, tuple[Swing, ...]] = {stay: (), 1 - stay: (swing,)}
+    return Outline(
+        duration_s=duration,
+        hip_x_m=lambda time: hip_x * (1 - smoothstep(time, 0.0, duration)),
+        hip_z_m=lambda time: low + (stand - low) * smoothstep(time, 0.0, duration),
+        feet_m=(feet[LEFT], feet[RIGHT]),
+        swings=(swings[LEFT], swings[RIGHT]),
+        right_share=right_share,
+        scene=Scene(floor_m=min(0.0, swing.start_m[1])),
+    )
+
+
+def _approach(away_m: Array, duration: float) -> Swing:
+    """How the foot comes that is (2,) metres away from the one that stays; down first or up first."""
+    return Swing(
         rise_s=0.0,
         off_s=0.05 * duration,
         land_s=0.90 * duration,
         flat_s=duration,
-        start_m=(float(away[0]), float(away[1])),
+        start_m=(float(away_m[0]), float(away_m[1])),
         end_m=(0.0, 0.0),
-        shape=RECOVER_DOWN if away[1] > 0 else RECOVER_UP,
-    )
-    hip_x0, hip_z0 = -ankles[stay]
-    stand = standing_hip_m(body)
-
-    def hip_z(time: Array) -> Array:
-        low = body.ankle_height_m + hip_z0
-        height: Array = low + (stand - low) * smoothstep(time, 0.0, duration)
-        return height
-
-    def right_share(time: Array) -> Array:
-        even = 0.5 * smoothstep(time, 0.90 * duration, duration)
-        return 1 - even if stay == RIGHT else even
-
-    feet = {stay: (0.0, 0.0), move: swing.start_m}
-    swings: dict[int, tuple[Swing, ...]] = {stay: (), move: (swing,)}
-    return Outline(
-        duration_s=duration,
-        hip_x_m=lambda time: hip_x0 * (1 - smoothstep(time, 0.0, duration)),
-        hip_z_m=hip_z,
-        feet_m=(feet[LEFT], feet[RIGHT]),
-        swings=(swings[LEFT], swings[RIGHT]),
-        right_share=right_share,
-        scene=Scene(floor_m=min(0.0, float(away[1]))),
+        shape=RECOVER_DOWN if away_m[1] > 0 else RECOVER_UP,
     )
