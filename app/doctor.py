@@ -15,6 +15,7 @@ from app.errors import AppError
 from app.findings import Finding, bad, good, note
 from app.model import find_model
 from app.paths import Home
+from app.realtime import WAKE_LATENCY
 from hal.errors import HardwareError
 
 DISK_NEEDED_GB = 2.0  # a day of sessions on CAN, the bus logs included
@@ -23,6 +24,8 @@ _RT_PRIORITY = 80
 _TIME_ERROR = 5  # adjtimex(2): the clock is not synchronised
 _TIMEX_BYTES = 512  # struct timex has 208; modes = 0 only reads
 _LIMITS_FILE = "/etc/security/limits.d/rleex.conf"
+_WAKE_REMEDY = """echo 'KERNEL=="cpu_dma_latency", GROUP="plugdev", MODE="0660"' | \
+sudo tee /etc/udev/rules.d/81-rleex.rules  (then restart the machine)"""
 _TRUE_COLOUR = ("truecolor", "24bit")
 _PICTURE_TERMS = ("kitty", "ghostty", "wezterm", "foot", "mlterm")
 
@@ -118,6 +121,10 @@ def check_real_time() -> Iterator[Finding]:
     soft, _ = resource.getrlimit(resource.RLIMIT_MEMLOCK)
     if os.geteuid() != 0 and soft != resource.RLIM_INFINITY:
         yield note("real time", f"only {soft // 1024} KiB of memory may be locked", remedy)
+    if os.access(WAKE_LATENCY, os.W_OK):
+        yield good("real time", "idle cores can be kept awake")
+    else:
+        yield note("real time", f"{WAKE_LATENCY} may not be written: a core that fell asleep is late", _WAKE_REMEDY)
     cores = len(os.sched_getaffinity(0))
     if cores < 2:
         yield bad("real time", "one core: control and perception need one each", "give the machine a second core")

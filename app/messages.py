@@ -191,6 +191,7 @@ class RealTime(Struct, frozen=True, kw_only=True):
 
     fifo: bool = False
     memory_locked: bool = False
+    cores_awake: bool = False
     core: int | None = None
 
 

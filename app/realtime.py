@@ -6,6 +6,7 @@ import ctypes
 import gc
 import os
 import resource
+import struct
 import time
 from contextlib import suppress
 from dataclasses import dataclass
@@ -37,12 +38,13 @@ TURNS = MappingProxyType(
 )
 _MCL_CURRENT, _MCL_FUTURE = 1, 2
 _PR_SET_TIMERSLACK = 29
+WAKE_LATENCY = Path("/dev/cpu_dma_latency")  # the kernel's PM QoS interface: an int32, the longest wake-up in µs
 _ISOLATED = Path("/sys/devices/system/cpu/isolated")
 
 
 def become_real_time() -> RealTime:
     """Take what the system allows, and tell what it was. Call before threads are started: they inherit it."""
-    return RealTime(fifo=_fifo(), memory_locked=_lock_memory(), core=None)
+    return RealTime(fifo=_fifo(), memory_locked=_lock_memory(), cores_awake=keep_cores_awake(), core=None)
 
 
 def take_turn(name: str) -> bool:
@@ -55,6 +57,19 @@ def take_turn(name: str) -> bool:
     except PermissionError:
         return False
     return True
+
+
+def keep_cores_awake(wake_latency: Path = WAKE_LATENCY) -> bool:
+    """Let no idle core fall asleep while this process lives; whether that was allowed.
+
+    A core asleep is late for its tick, most of all a virtual machine's, which its host lends to others meanwhile. The
+    file is never closed: that would end the request.
+    """
+    try:
+        request = os.open(wake_latency, os.O_WRONLY)
+    except OSError:
+        return False
+    return os.write(request, struct.pack("@i", 0)) > 0
 
 
 def take_core() -> int | None:

@@ -45,7 +45,7 @@ SENTENCES: dict[type, str] = {
     r.Drives: "drives {state} {detail}",
     r.JointStatistics: "angles {angle_mean_rad}, temperature {temperature_c} °C",
     r.TickLateness: "ticks {ticks}, missed {missed}, late p99 {p99_ms:.3f} ms, most {max_ms:.3f} ms",
-    r.RealTimePrivilege: "real-time: FIFO {fifo}, memory locked {memory_locked}, core {core}",
+    r.RealTimePrivilege: "real-time: FIFO {fifo}, memory locked {memory_locked}, core {core}, kept awake {cores_awake}",
     r.HeartbeatLost: "no sign of life of {stream} for {age_ms:.0f} ms",
     r.HeartbeatFound: "sign of life of {stream} again after {silent_ms:.0f} ms",
     r.ClockStep: "wall clock moved by {step_s:+.3f} s",

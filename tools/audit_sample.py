@@ -50,7 +50,7 @@ class _Clock:
 
 def bodies(minutes: float, clock: _Clock, rng: random.Random, per_second: int = 1) -> Iterator[tuple[str, r.Body]]:
     """(process, body) of a session; moves the clock as it goes."""
-    yield "control", r.RealTimePrivilege(fifo=True, memory_locked=True, core=1)
+    yield "control", r.RealTimePrivilege(fifo=True, memory_locked=True, core=1, cores_awake=True)
     yield "perception", _CAMERA
     yield "control", r.Arming(armed=True)
     number, state = 0, "unpowered"

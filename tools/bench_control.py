@@ -72,7 +72,8 @@ def show(snapshot: ControlSnapshot, fps: float) -> None:
     for name, value in msgspec.structs.asdict(snapshot.lateness).items():
         bound = BOUNDS_MS.get(name)
         table.add_row(name, f"{value:.4g}", "" if bound is None else f"≤ {bound:g} {'yes' if value <= bound else 'NO'}")
-    table.add_row("SCHED_FIFO / locked / core", f"{real_time.fifo} / {real_time.memory_locked} / {real_time.core}", "")
+    got = f"{real_time.fifo} / {real_time.memory_locked} / {real_time.core} / {real_time.cores_awake}"
+    table.add_row("SCHED_FIFO / locked / core / cores awake", got, "")
     table.add_row("steps walked", str(snapshot.steps), "")
     if fps:
         table.add_row("perception fps", f"{fps:.1f}", f"≥ {LEAST_FPS:g} {'yes' if fps >= LEAST_FPS else 'NO'}")
@@ -86,6 +87,7 @@ def figures_of(snapshot: ControlSnapshot, fps: float) -> dict[str, object]:
         **msgspec.structs.asdict(snapshot.lateness),
         "fifo": real_time.fifo,
         "memory_locked": real_time.memory_locked,
+        "cores_awake": real_time.cores_awake,
         "steps": snapshot.steps,
         "perception_fps": fps,
     }

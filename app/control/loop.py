@@ -186,4 +186,9 @@ class Control:
 
 
 def _privilege(real_time: RealTime) -> records.RealTimePrivilege:
-    return records.RealTimePrivilege(fifo=real_time.fifo, memory_locked=real_time.memory_locked, core=real_time.core)
+    return records.RealTimePrivilege(
+        fifo=real_time.fifo,
+        memory_locked=real_time.memory_locked,
+        core=real_time.core,
+        cores_awake=real_time.cores_awake,
+    )

@@ -47,6 +47,7 @@ class RealTimePrivilege(Struct, frozen=True, kw_only=True, tag_field="kind", tag
     fifo: bool
     memory_locked: bool
     core: int | None = None
+    cores_awake: bool = False
 
 
 class HeartbeatLost(Struct, frozen=True, kw_only=True, tag_field="kind", tag="heartbeat-lost"):

@@ -5,10 +5,11 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
-from app.realtime import TURNS, core_of_control
+from app.realtime import TURNS, core_of_control, keep_cores_awake
 
 ASK = "import os; from app import realtime; {}; print(*sorted(os.sched_getaffinity(0)))"
 
@@ -60,3 +61,17 @@ def test_a_turn_is_taken_or_told_to_be_refused(name: str) -> None:
     turn = TURNS[name]
     allowed = [str(turn.fifo is not None), str(os.nice(0) + turn.nice)]
     assert told in (["True", *allowed], ["False", "False", str(os.nice(0))])
+
+
+def test_the_request_to_stay_awake_is_held_and_says_no_microsecond(tmp_path: Path) -> None:
+    interface = tmp_path / "cpu_dma_latency"
+    interface.touch()
+    assert keep_cores_awake(interface)
+    assert interface.read_bytes() == bytes(4)
+    held = [link for link in Path("/proc/self/fd").iterdir() if link.exists() and link.samefile(interface)]
+    (request,) = held
+    os.close(int(request.name))
+
+
+def test_a_system_without_the_request_is_told(tmp_path: Path) -> None:
+    assert not keep_cores_awake(tmp_path / "absent")

@@ -162,7 +162,7 @@ class FakeHost:
             allowed=ALLOWED_STANDING if standing else (ACTION_OF[Gesture.ZERO],),
             joints=(JOINT, JOINT, JOINT, JOINT),
             events=self.events,
-            real_time=RealTime(fifo=True, memory_locked=True, core=1),
+            real_time=RealTime(fifo=True, memory_locked=True, cores_awake=True, core=1),
             report_age_ms=21.0,
         )
 
