@@ -1,9 +1,9 @@
 """How late this machine wakes a real-time thread that does nothing else: the floor under every tick lateness.
 
-A loop of control's rate and priority without any of the project in it. Where this is late, control is late too, drives
-that are emulated here fall silent, and nothing in the program can mend it. Run it beside the load in question.
+A bare loop of control's rate and priority, the cores kept awake as in a session. Where this is late, control is
+late too, drives emulated here fall silent, and nothing in the program can mend it. Run it beside the load in question.
 
-    python tools/bench_host.py [--seconds 40]
+    python tools/bench_host.py [--seconds 40] [--let-sleep]
 """
 
 from __future__ import annotations
@@ -15,6 +15,8 @@ import time
 import numpy as np
 import psutil
 import typer
+
+from app.realtime import keep_cores_awake
 
 TICK_NS = 2_000_000
 PRIORITY = 80  # above all that the project asks for
@@ -35,19 +37,20 @@ def wake(seconds: float) -> list[float]:
     return late_ms
 
 
-def main(seconds: float = 40.0) -> None:
+def main(seconds: float = 40.0, let_sleep: bool = False) -> None:
     """Print the lateness and whether the privilege was there."""
     try:
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY))
         privilege = "SCHED_FIFO"
     except PermissionError:
         privilege = "no real-time privilege"
+    awake = not let_sleep and keep_cores_awake()
     gc.disable()
     stolen_before_s = psutil.cpu_times().steal
     late_ms = np.array(wake(seconds))
     stolen_s = psutil.cpu_times().steal - stolen_before_s
     p50, p99, p999 = np.percentile(late_ms, (50, 99, 99.9))
-    print(f"{privilege}: {len(late_ms)} wake-ups")
+    print(f"{privilege}, cores {'kept awake' if awake else 'free to sleep'}: {len(late_ms)} wake-ups")
     print(f"late by p50 {p50:.3f}, p99 {p99:.3f}, p99.9 {p999:.2f}, at most {late_ms.max():.1f} ms")
     print(f"late by more than a tick: {(late_ms > 2).sum()}, by more than 15 ms: {(late_ms > 15).sum()}")
     print(f"the hypervisor took {1e3 * stolen_s / seconds:.0f} ms a second from the cores, all together")
