@@ -20,11 +20,18 @@ class BusPort:
     """A python-can bus whose methods never raise; `take_faults` tells what went wrong since it was last asked."""
 
     def __init__(
-        self, bus: can.BusABC, name: str, since_ns: int = 0, wall_ns: Callable[[], int] = time.time_ns
+        self,
+        bus: can.BusABC,
+        name: str,
+        since_ns: int = 0,
+        *,
+        clock: Callable[[], int] = time.monotonic_ns,
+        wall_ns: Callable[[], int] = time.time_ns,
     ) -> None:
         self._bus = bus
         self._local = bus if isinstance(bus, LocalBus) else None  # which takes and gives several frames at once
         self.name = name
+        self._clock = clock
         self._wall_ns = wall_ns
         self._faults = BusFault.NONE
         self._detail = ""
@@ -47,8 +54,9 @@ class BusPort:
 
         Receive stamps are wall-clock time. They are carried over by their age, and held between the last look
         at an empty queue and now, where the arrival must lie: so no step of the wall clock makes old news fresh.
+        Both clocks are read here: between the tick's beginning and here the host may have stood still.
         """
-        wall_ns = self._wall_ns()
+        offset_ns = self._wall_ns() - self._clock()
         taken = 0
         while taken < _DRAIN_LIMIT:
             frames = self._take(0)
@@ -56,13 +64,23 @@ class BusPort:
                 self._empty_ns = now_ns
                 return
             for frame, at_s in frames:
-                yield frame, self._arrival(at_s, now_ns, wall_ns)
+                yield frame, self._arrival(at_s, offset_ns, now_ns)
             taken += max(len(frames), 1)
 
     def wait(self, timeout_s: float) -> list[Frame] | None:
-        """The next frames, waited for, None when there are none; for the life cycle, never in a tick."""
+        """The next frames, waited for, None when there are none; never in a tick."""
         frames = self._take(timeout_s)
         return None if frames is None else [frame for frame, _ in frames]
+
+    def wait_for_arrivals(self, timeout_s: float) -> list[tuple[Frame, int]] | None:
+        """As `wait`, each frame with the monotonic time of its arrival; for the life cycle."""
+        frames = self._take(timeout_s)
+        now_ns = self._clock()
+        if frames is None:
+            self._empty_ns = now_ns
+            return None
+        offset_ns = self._wall_ns() - self._clock()
+        return [(frame, self._arrival(at_s, offset_ns, now_ns)) for frame, at_s in frames]
 
     def hear(self, timeout_s: float) -> can.Message | None:
         """The next message of whatever kind, waited for; for who listens only."""
@@ -131,6 +149,6 @@ class BusPort:
         else:
             self.report(BusFault.INTERFACE_GONE, f"receiving failed: {error}")
 
-    def _arrival(self, at_s: float, now_ns: int, wall_ns: int) -> int:
-        age_ns = wall_ns - int(at_s * 1e9)
-        return min(max(now_ns - age_ns, self._empty_ns), now_ns)
+    def _arrival(self, at_s: float, offset_ns: int, now_ns: int) -> int:
+        """offset_ns: wall clock less monotonic."""
+        return min(max(int(at_s * 1e9) - offset_ns, self._empty_ns), now_ns)

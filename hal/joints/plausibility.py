@@ -1,15 +1,24 @@
-"""Does a drive's velocity agree with its own positions? Catches a motor entry whose ranges are not the firmware's."""
+"""Does a drive's velocity agree with its own positions? Catches a motor entry whose ranges are not the firmware's.
+
+Stretches of motion vote, each with one ratio of the velocity's integral to the travelled angle. After a silence the
+first words may be old ones with a fresh time: an emulated drive, or a host that stood still, then seems to jump. Such
+stretches don't vote, and one that does so wrongly is outvoted.
+"""
 
 from __future__ import annotations
 
+from collections import deque
+from statistics import median
+
 from hal.joints.joints import DriveFault
 
-# Wrong tables differ by about two (AK80-9: 50, 25.64, 22.5 rad/s), so a factor of 1.6 separates them from noise.
-_RATIO_LOW, _RATIO_HIGH = 1 / 1.6, 1.6
-_SPAN_NS = 40_000_000  # one comparison covers this much time: many quanta of position
+# Wrong tables differ by about two (AK80-9: 50, 25.64, 22.5 rad/s), replies late by some milliseconds by less than this.
+_RATIO_HIGH = 1.3
+_STRETCH_NS = 40_000_000  # one comparison covers this much time: many quanta of position
 _GAP_NS = 12_000_000  # over a longer silence the velocity may have swung: the integral says nothing
-_LEAST_TRAVEL_RAD = 0.02  # of one comparison, at the motor
-_ENOUGH_RAD = 0.3  # compared in all before a verdict
+_SETTLE_NS = 20_000_000  # for so long after it, replies that were held up may still come
+_LEAST_TRAVEL_RAD = 0.02  # of a stretch that votes, at the motor
+_VOTES = 9  # more than half of the newest must be wrong: at least 0.4 s of motion
 
 
 class RangeWatch:
@@ -18,8 +27,9 @@ class RangeWatch:
     def __init__(self) -> None:
         self._begin: tuple[float, int] | None = None
         self._last = (0.0, 0)
+        self._settled_ns = 0
         self._integral_rad = 0.0
-        self._product = self._square = self._travel = 0.0
+        self._ratios: deque[float] = deque(maxlen=_VOTES)
         self._verdict = DriveFault.NONE
 
     def judge(self, position_rad: float, velocity_rad_s: float, measured_ns: int) -> DriveFault:
@@ -29,27 +39,25 @@ class RangeWatch:
         if elapsed_ns <= 0:
             return self._verdict
         self._last = (velocity_rad_s, measured_ns)
-        if self._begin is None or elapsed_ns > _GAP_NS:
-            self._restart(position_rad, measured_ns)
-            return self._verdict
-        self._integral_rad += 0.5 * (velocity_rad_s + last_velocity) * elapsed_ns * 1e-9
-        if measured_ns - self._begin[1] >= _SPAN_NS:
-            self._compare(position_rad - self._begin[0])
-            self._restart(position_rad, measured_ns)
+        if elapsed_ns > _GAP_NS:
+            self._begin, self._settled_ns = None, measured_ns + _SETTLE_NS
+        elif self._begin is None:
+            if measured_ns >= self._settled_ns:
+                self._restart(position_rad, measured_ns)
+        else:
+            self._integral_rad += 0.5 * (velocity_rad_s + last_velocity) * elapsed_ns * 1e-9
+            if measured_ns - self._begin[1] >= _STRETCH_NS:
+                self._vote(position_rad - self._begin[0])
+                self._restart(position_rad, measured_ns)
         return self._verdict
 
     def _restart(self, position_rad: float, measured_ns: int) -> None:
         self._begin = (position_rad, measured_ns)
         self._integral_rad = 0.0
 
-    def _compare(self, travel_rad: float) -> None:
+    def _vote(self, travel_rad: float) -> None:
         if abs(travel_rad) < _LEAST_TRAVEL_RAD:
             return
-        self._product += travel_rad * self._integral_rad
-        self._square += travel_rad * travel_rad
-        self._travel += abs(travel_rad)
-        if self._travel >= _ENOUGH_RAD:
-            ratio = self._product / self._square
-            if not _RATIO_LOW <= ratio <= _RATIO_HIGH:
-                self._verdict = DriveFault.WRONG_RANGE
-            self._product = self._square = self._travel = 0.0
+        self._ratios.append(self._integral_rad / travel_rad)
+        if len(self._ratios) == _VOTES and not 1 / _RATIO_HIGH <= median(self._ratios) <= _RATIO_HIGH:
+            self._verdict = DriveFault.WRONG_RANGE

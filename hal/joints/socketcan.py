@@ -73,7 +73,8 @@ class SocketCanJoints:
             raise HardwareError("The joints are open already: close them first.")
         try:
             self._ports = [
-                BusPort(open_bus(bus), f"{bus.channel} ({bus.interface})", now_ns) for bus in self.device.buses
+                BusPort(open_bus(bus), f"{bus.channel} ({bus.interface})", now_ns, clock=self._clock)
+                for bus in self.device.buses
             ]
             self._routes = [Routes(self._on_bus(number)) for number in range(len(self._ports))]
             self.notes = lifecycle.probe(self)
@@ -152,11 +153,11 @@ class SocketCanJoints:
         while not done():
             late = self._clock() >= deadline_ns
             for number, port in enumerate(self._ports):
-                frames = port.wait(0.0 if late else share_s)
-                while frames is not None:
-                    for frame in frames:
-                        self._take(number, frame, self._clock())
-                    frames = port.wait(0.0)
+                wait_s = 0.0 if late else share_s
+                while (frames := port.wait_for_arrivals(wait_s)) is not None:
+                    for frame, measured_ns in frames:
+                        self._take(number, frame, measured_ns)
+                    wait_s = 0.0
             if late:  # what had come by then counts, also where the host was too busy to look
                 return done()
         return True

@@ -104,7 +104,7 @@ def test_an_arrival_lies_between_the_last_look_and_now(stamp_s: float, empty_ns:
     """Whatever the stamp and the wall clock say."""
     now_ns = empty_ns + later_ns
     with can.Bus(interface="virtual", channel="arrival", preserve_timestamps=True) as sender:
-        port = BusPort(can.Bus(interface="virtual", channel="arrival"), "arrival", empty_ns, lambda: 2 * 10**18)
+        port = BusPort(can.Bus(interface="virtual", channel="arrival"), "arrival", empty_ns, wall_ns=lambda: 2 * 10**18)
         sender.send(can.Message(arbitration_id=1, timestamp=stamp_s))
         arrivals = [arrival for _, arrival in port.drain(now_ns)]
         port.close()
@@ -115,11 +115,35 @@ def test_an_arrival_lies_between_the_last_look_and_now(stamp_s: float, empty_ns:
 def test_a_stamp_is_taken_over_by_its_age() -> None:
     wall_ns = 1_700_000_000 * 10**9
     with can.Bus(interface="virtual", channel="age", preserve_timestamps=True) as sender:
-        port = BusPort(can.Bus(interface="virtual", channel="age"), "age", 0, lambda: wall_ns)
+        bus = can.Bus(interface="virtual", channel="age")
+        port = BusPort(bus, "age", 0, clock=lambda: 10_000_000, wall_ns=lambda: wall_ns)
         sender.send(can.Message(arbitration_id=1, timestamp=(wall_ns - 1_500_000) / 1e9))
         ((_, arrival),) = port.drain(10_000_000)
         port.close()
     assert arrival == pytest.approx(8_500_000, abs=1000)
+
+
+def test_a_host_that_stood_still_since_the_tick_began_makes_no_news_older() -> None:
+    began_ns, looked_ns, wall_ns = 10_000_000, 60_000_000, 1_700_000_000 * 10**9
+    with can.Bus(interface="virtual", channel="stood", preserve_timestamps=True) as sender:
+        bus = can.Bus(interface="virtual", channel="stood")
+        port = BusPort(bus, "stood", 0, clock=lambda: looked_ns, wall_ns=lambda: wall_ns)
+        sender.send(can.Message(arbitration_id=1, timestamp=(wall_ns - (looked_ns - began_ns) - 1_500_000) / 1e9))
+        ((_, arrival),) = port.drain(began_ns)
+        port.close()
+    assert arrival == pytest.approx(8_500_000, abs=1000)
+
+
+def test_who_waits_for_answers_dates_them_by_their_arrival() -> None:
+    """Not by when the host came to read them: an old answer with a fresh time passes for a jump of the joint."""
+    wall_ns = 1_700_000_000 * 10**9
+    with can.Bus(interface="virtual", channel="answers", preserve_timestamps=True) as sender:
+        bus = can.Bus(interface="virtual", channel="answers")
+        port = BusPort(bus, "answers", 0, clock=lambda: 60_000_000, wall_ns=lambda: wall_ns)
+        sender.send(can.Message(arbitration_id=1, timestamp=(wall_ns - 50_000_000) / 1e9))
+        assert [at_ns for _, at_ns in port.wait_for_arrivals(0.0) or ()] == [pytest.approx(10_000_000, abs=1000)]
+        assert port.wait_for_arrivals(0.0) is None
+        port.close()
 
 
 def test_a_flood_costs_one_tick_no_more_than_its_share() -> None:
