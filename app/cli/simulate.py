@@ -2,10 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
+
+if TYPE_CHECKING:  # numpy and MuJoCo are only loaded when something is rehearsed
+    from rich.console import Console
+
+    from app.control.patient import Patient
+    from app.control.rehearsal import Rehearsal
+    from app.control.rehearsal_verdict import Verdict
+    from app.control.states import Action
+    from app.evaluate.simulate import Norm
+    from app.paths import Home
+    from hal.joints.device import Exoskeleton
+    from profiles.schema import Profile
 
 cli = typer.Typer()
 
@@ -22,53 +36,100 @@ def simulate(
     home: Annotated[Path | None, typer.Option(help="Data directory.")] = None,
 ) -> None:
     """Rehearse an action in simulation through planner, follower and guard; exit status 1 when it does not pass."""
-    import json
-
-    import msgspec
-    from rich.console import Console
-
-    from app.cli.progress import bar, wide_console
+    from app.cli.progress import wide_console
     from app.config import load_config
-    from app.control.patient import patient_of
-    from app.control.preflight import keep_verdict
-    from app.control.rehearsal import rehearse
-    from app.evaluate.simulate import actions_named, corners, likeness, profile_named, read_norm, verdict_table
-    from app.evaluate.simulate_plot import film, plot
+    from app.evaluate.simulate import profile_named, read_norm, verdict_table
     from app.paths import find_home
     from hal.joints.device import DEFAULT_DEVICE, load_exoskeleton
 
-    console: Console = wide_console()
+    console = wide_console()
     place = find_home(home)
     config = load_config(place.config)
     device = load_exoskeleton(Path(config.joints.device) if config.joints.device else DEFAULT_DEVICE)
     norm = read_norm(gait) if gait is not None else None
     if action == "corners":
-        with bar(console, "corners", 48) as step:
-            rows = corners(device, lambda _: step())
+        rows = _at_the_corners(console, device)
     else:
         wearer = profile_named(place, profile)
-        patient = patient_of(wearer, device)
-        rows = []
-        wanted = actions_named(action)
-        with bar(console, wearer.identifier, len(wanted)) as step:
-            for one in wanted:
-                shown = rehearse(patient, device, one)
-                rows.append((wearer, shown.verdict))
-                if preflight:
-                    keep_verdict(place, patient, device, one, shown.verdict)
-                if plot_file is not None:
-                    plot(shown, named(plot_file, one.name, many=len(wanted) > 1), norm)
-                if video is not None:
-                    film(shown, patient.body, named(video, one.name, many=len(wanted) > 1))
-                if norm is not None and len(shown.starts) > 4:
-                    console.print(f"{one.value}: likeness to the very slow gait {likeness(shown, norm)}")
-                step()
+        wanted = _Wanted(norm=norm, plot_file=plot_file, video=video, preflight=place if preflight else None)
+        rows = [(wearer, verdict) for verdict in _rehearsed(console, wearer, device, action, wanted)]
     console.print(verdict_table(rows))
     if json_file is not None:
-        built = [{"patient": who.identifier, **msgspec.to_builtins(verdict)} for who, verdict in rows]
-        json_file.write_text(json.dumps(built, indent=1) + "\n", encoding="utf-8")
+        _write(json_file, rows)
     if not all(verdict.passed for _, verdict in rows):
         raise typer.Exit(1)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Wanted:
+    """What is made of a rehearsal beside its verdict."""
+
+    norm: Norm | None
+    plot_file: Path | None
+    video: Path | None
+    preflight: Home | None  # where the verdict is kept
+
+
+def _at_the_corners(console: Console, device: Exoskeleton) -> list[tuple[Profile, Verdict]]:
+    from app.cli.progress import bar
+    from app.control.states import Action
+    from app.evaluate.simulate import corner_profiles, corners
+
+    with bar(console, "corners", len(list(corner_profiles())) * len(Action)) as step:
+        return corners(device, lambda _: step())
+
+
+def _rehearsed(
+    console: Console, wearer: Profile, device: Exoskeleton, action: str, wanted: _Wanted
+) -> Iterator[Verdict]:
+    """The verdicts of one patient's actions, one after the other."""
+    from app.cli.progress import bar
+    from app.control.patient import patient_of
+    from app.control.rehearsal import rehearse
+    from app.evaluate.simulate import actions_named
+
+    patient = patient_of(wearer, device)
+    actions = actions_named(action)
+    with bar(console, wearer.identifier, len(actions)) as step:
+        for one in actions:
+            shown = rehearse(patient, device, one)
+            _keep(console, shown, patient, device, one, wanted, many=len(actions) > 1)
+            step()
+            yield shown.verdict
+
+
+def _keep(
+    console: Console,
+    shown: Rehearsal,
+    patient: Patient,
+    device: Exoskeleton,
+    action: Action,
+    wanted: _Wanted,
+    *,
+    many: bool,
+) -> None:
+    """Pre-flight, plot, film and likeness, as far as they are wanted."""
+    from app.control.preflight import keep_verdict
+    from app.evaluate.simulate import likeness
+    from app.evaluate.simulate_plot import film, plot
+
+    if wanted.preflight is not None:
+        keep_verdict(wanted.preflight, patient, device, action, shown.verdict)
+    if wanted.plot_file is not None:
+        plot(shown, named(wanted.plot_file, action.name, many=many), wanted.norm)
+    if wanted.video is not None:
+        film(shown, patient.body, named(wanted.video, action.name, many=many))
+    if wanted.norm is not None and len(shown.starts) > 4:
+        console.print(f"{action.value}: likeness to the very slow gait {likeness(shown, wanted.norm)}")
+
+
+def _write(file: Path, rows: list[tuple[Profile, Verdict]]) -> None:
+    import json
+
+    import msgspec
+
+    built = [{"patient": who.identifier, **msgspec.to_builtins(verdict)} for who, verdict in rows]
+    file.write_text(json.dumps(built, indent=1) + "\n", encoding="utf-8")
 
 
 def named(file: Path, action: str, *, many: bool) -> Path:

@@ -15,7 +15,8 @@ import msgspec
 from msgspec import Struct
 
 from app.control.patient import Patient
-from app.control.rehearsal import Verdict, rehearse
+from app.control.rehearsal import rehearse
+from app.control.rehearsal_verdict import Verdict
 from app.control.states import Action
 from app.paths import Home
 from hal.joints.device import Exoskeleton

@@ -10,20 +10,21 @@ from dataclasses import dataclass
 from math import pi
 
 import numpy as np
-from msgspec import Struct
+from msgspec import structs
 from numpy.typing import NDArray
 
 from app.control import follow
 from app.control.follow import Mode, Motion
 from app.control.patient import Patient
 from app.control.plan import TICK_HZ, Phase, Plan, PlanRequest
-from app.control.rehearsal_feet import least_clearance, most_slide
+from app.control.rehearsal_feet import least_clearance, most_slide, stride_m
+from app.control.rehearsal_verdict import Verdict, objections
 from app.control.settings import Gains, gains_of
 from app.control.states import Action, GaitState
 from app.control.trajectory import nominal_pose, plan, scene_of
 from app.messages import Quad
 from hal.joints.device import Exoskeleton
-from hal.joints.guard import Guard, Limits, Refusal
+from hal.joints.guard import Guard, Refusal, limits_of
 from hal.joints.joints import JointCommand
 from hal.joints.scene import Scene
 from hal.joints.simulated import SimulatedJoints
@@ -33,12 +34,6 @@ TICK_NS = 1_000_000_000 // TICK_HZ
 TRUTH_TICKS = 5  # between looks at everything that can be known
 SETTLE_TICKS = 250  # stand still before and after
 GRIP_LIMIT_TICKS = 500
-
-RMS_LIMIT_RAD = np.radians(2.0)
-CLEARANCE_LIMIT_M = 0.02
-SLIDE_LIMIT_M = 0.02
-PENETRATION_LIMIT_M = 0.005  # contacts in the simulation are a little soft
-FALLEN_RAD = np.radians(10.0)  # of a joint from the pose it should end in
 
 A, P, S = Action, Phase, GaitState
 STARTS: dict[Action, GaitState] = {
@@ -54,29 +49,6 @@ WALK_PHASES = (
 )
 SEQUENCES: dict[Action, tuple[tuple[Action, Phase], ...]] = {A.WALK: WALK_PHASES, A.WALK_END: WALK_PHASES}
 CROUCH_RAD = np.array([0.35, 0.6, 0.35, 0.6])  # where a wearer is before gesture 0, for the rehearsal
-
-
-class Verdict(Struct, frozen=True, kw_only=True):
-    """One rehearsed action in figures; joints in the order of hal's Joint."""
-
-    action: str
-    passed: bool
-    reasons: tuple[str, ...]
-    duration_s: float = 0.0
-    peak_torque_nm: Quad = (0.0, 0.0, 0.0, 0.0)
-    torque_limit_nm: Quad = (0.0, 0.0, 0.0, 0.0)
-    peak_speed_deg_s: Quad = (0.0, 0.0, 0.0, 0.0)
-    speed_limit_deg_s: Quad = (0.0, 0.0, 0.0, 0.0)
-    tracking_rms_deg: Quad = (0.0, 0.0, 0.0, 0.0)
-    clearance_m: float | None = None  # None: no foot swings
-    slide_m: float = 0.0
-    penetration_m: float = 0.0
-    contact_peak_n: float = 0.0
-    stride_m: float = 0.0
-    energy_j: float = 0.0
-    temperature_c: float = 0.0
-    balance_peak_nm: float = 0.0
-    hold_peak_n: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -109,7 +81,7 @@ class _Stage:
         self.patient, self.device, self.action = patient, device, action
         gait = patient.gait
         self.gains: Gains = gains_of(device, gait.assist_left, gait.assist_right)
-        self.guard = Guard(_limits(patient, device))
+        self.guard = Guard(limits_of(device, patient.hip_max_rad, patient.knee_max_rad))
         self.joints = SimulatedJoints(device, patient.body)
         self.scene = scene_of(action, patient)
         self.motion = Motion()
@@ -211,51 +183,25 @@ class _Stage:
             slide_m=most_slide(self.patient.body, self._seen()),
             penetration_m=max(truth.deepest_m for truth in self._seen()),
             contact_peak_n=max(float(truth.contact_n.max()) for truth in self._seen()),
-            stride_m=_stride(self._seen()) if self.action in SEQUENCES else self.advance_m,
+            stride_m=stride_m(self._seen()) if self.action in SEQUENCES else self.advance_m,
             energy_j=float(np.clip(torque[span] * speed[span], 0, None).sum() / TICK_HZ),
             temperature_c=float(self.joints.read(self.now_ns).temperature_c.max()),
             balance_peak_nm=max(abs(truth.balance_nm) for truth in self._seen()),
             hold_peak_n=max(abs(truth.hold_n) for truth in self._seen()),
         )
-        reasons = (refusal,) if refusal else self._objections(verdict)
-        return self._as(_with(verdict, reasons))
+        reasons = (refusal,) if refusal else objections(verdict, self._missed_rad(), struck=self._struck())
+        return self._as(structs.replace(verdict, passed=not reasons, reasons=reasons))
 
     def _seen(self) -> list[Truth]:
         """Truths from the first plan on."""
         return self.truths[self.starts[0] // TRUTH_TICKS :] or self.truths[-1:]
 
-    def _objections(self, verdict: Verdict) -> tuple[str, ...]:
-        ended = np.abs(self.joints.wearer.joints_rad - self.final_rad).max() if self.final_rad is not None else pi
-        worst_rms = max(verdict.tracking_rms_deg)
-        found = [
-            (ended > FALLEN_RAD, f"It ends {np.degrees(ended):.0f}° from where it should."),
-            (worst_rms > np.degrees(RMS_LIMIT_RAD), f"Tracking error {worst_rms:.1f}° rms, at most 2° are allowed."),
-            (
-                any(
-                    peak > limit
-                    for peak, limit in zip(verdict.peak_speed_deg_s, verdict.speed_limit_deg_s, strict=True)
-                ),
-                f"A joint turns at {max(verdict.peak_speed_deg_s):.0f}°/s, beyond its limit.",
-            ),
-            (
-                any(
-                    peak >= limit - 1e-6
-                    for peak, limit in zip(verdict.peak_torque_nm, verdict.torque_limit_nm, strict=True)
-                ),
-                f"A drive gives all it has, {max(verdict.peak_torque_nm):.0f} Nm.",
-            ),
-            (
-                verdict.clearance_m is not None and verdict.clearance_m < CLEARANCE_LIMIT_M,
-                f"A swinging foot passes at {100 * (verdict.clearance_m or 0):.1f} cm, at least 2 cm are needed.",
-            ),
-            (verdict.slide_m > SLIDE_LIMIT_M, f"A standing foot slides {100 * verdict.slide_m:.1f} cm."),
-            (
-                verdict.penetration_m > PENETRATION_LIMIT_M,
-                f"Something sinks {1000 * verdict.penetration_m:.0f} mm into something.",
-            ),
-            (any(truth.struck for truth in self._seen()), "A leg strikes the obstacle."),
-        ]
-        return tuple(text for wrong, text in found if wrong)
+    def _struck(self) -> bool:
+        return any(truth.struck for truth in self._seen())
+
+    def _missed_rad(self) -> float:
+        """How far the farthest joint is from where the last plan ends."""
+        return pi if self.final_rad is None else float(np.abs(self.joints.wearer.joints_rad - self.final_rad).max())
 
     def _as(self, verdict: Verdict) -> Rehearsal:
         target, angle, speed, torque = (np.array(column) for column in zip(*self.rows, strict=True))
@@ -269,35 +215,6 @@ class _Stage:
             scene=self.scene,
             starts=tuple(self.starts),
         )
-
-
-def _limits(patient: Patient, device: Exoskeleton) -> Limits:
-    from hal.joints.guard import limits_of
-
-    return limits_of(device, patient.hip_max_rad, patient.knee_max_rad)
-
-
-def _with(verdict: Verdict, reasons: tuple[str, ...]) -> Verdict:
-    from msgspec.structs import replace
-
-    return replace(verdict, passed=not reasons, reasons=reasons)
-
-
-def _stride(truths: list[Truth]) -> float:
-    """Twice the mean distance between the landings of the feet in a walk, metres."""
-    ankles = np.array([truth.ankle_m[:, 0] for truth in truths])
-    loaded = np.array([truth.contact_n for truth in truths]) > LOADED_N
-    landings = sorted(
-        float(ankles[tick + 1, side])
-        for side in (0, 1)
-        for tick in np.flatnonzero(~loaded[:-1, side] & loaded[1:, side])
-    )
-    apart = np.diff(landings)
-    steps = apart[apart > 0.03]
-    return 2 * float(np.median(steps)) if steps.size else 0.0
-
-
-LOADED_N = 30.0
 
 
 def _quad(values: NDArray[np.float64]) -> Quad:

@@ -16,6 +16,8 @@ Array = NDArray[np.float64]
 AIRBORNE_N = 1.0  # a foot with less under it swings
 STANDING_N = 60.0  # one with more stands
 LEAST_SWING_M = 0.04  # shorter hops of a foot are no swings
+LANDED_N = 30.0
+LEAST_STEP_M = 0.03  # between two landings
 
 
 def least_clearance(body: Body, truths: list[Truth], scene: Scene) -> float | None:
@@ -59,6 +61,20 @@ def most_slide(body: Body, truths: list[Truth]) -> float:
                 way = np.concatenate([[0.0], np.cumsum(slid[first:last])])
                 most = max(most, float(way.max() - way.min()))
     return most
+
+
+def stride_m(truths: list[Truth]) -> float:
+    """Twice the mean distance between the landings of the feet in a walk, metres."""
+    ankles = np.array([truth.ankle_m[:, 0] for truth in truths])
+    loaded = np.array([truth.contact_n for truth in truths]) > LANDED_N
+    landings = sorted(
+        float(ankles[tick + 1, side])
+        for side in (0, 1)
+        for tick in np.flatnonzero(~loaded[:-1, side] & loaded[1:, side])
+    )
+    apart = np.diff(landings)
+    steps = apart[apart > LEAST_STEP_M]
+    return 2 * float(np.median(steps)) if steps.size else 0.0
 
 
 def _sole(body: Body, truths: list[Truth], side: int) -> tuple[Array, Array]:

@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from rich.table import Table
 
 from app.control.patient import patient_of
-from app.control.rehearsal import Rehearsal, Verdict, rehearse
+from app.control.rehearsal import Rehearsal, rehearse
+from app.control.rehearsal_verdict import Verdict
 from app.control.states import Action
 from app.errors import AppError
 from app.paths import Home

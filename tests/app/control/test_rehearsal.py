@@ -10,7 +10,8 @@ import pytest
 from app.control.feasibility import check_profile, refuse_unfit
 from app.control.patient import Patient, patient_of
 from app.control.preflight import cleared_actions, keep_verdict, preflight_passed
-from app.control.rehearsal import Verdict, rehearse
+from app.control.rehearsal import rehearse
+from app.control.rehearsal_verdict import Verdict
 from app.control.states import Action
 from app.paths import Home
 from hal.joints.device import load_exoskeleton
