@@ -42,6 +42,7 @@ BOUND_MB = 10.0
 YIELD_S = 0.003  # for the widgets to take what a beat brought
 DRAWN_EVERY = 20  # beats
 DIALOG_EVERY = 200  # beats: ten seconds
+SHOWN = Console(file=sys.__stderr__)  # Textual takes sys.stderr
 STATES = (GaitState.STANDING, GaitState.RIGHT_FORWARD, GaitState.LEFT_FORWARD, GaitState.SITTING)
 
 
@@ -62,15 +63,14 @@ async def hour(app: ConsoleApp, pilot: Pilot[None], hosts: list[FakeHost], beats
         await pilot.pause(0.01)
     found: list[float] = []
     dialog = cycle(("f1", "escape"))
-    quiet = not sys.stderr.isatty()
-    for beat in track(range(beats), "beats", console=Console(stderr=True), transient=True, disable=quiet):
+    for beat in track(range(beats), "beats", console=SHOWN, transient=True, disable=not SHOWN.is_terminal):
         advance(hosts[-1], beat)
         app._tick()
         await asyncio.sleep(YIELD_S)
         if beat % DRAWN_EVERY == 0:
             await pilot.pause()  # until all that was brought is drawn
         if beat % DIALOG_EVERY == 0:
-            await pilot.press(next(dialog))
+            app.simulate_key(next(dialog))
         if beat % (beats // LOOKS) == 0:
             await pilot.pause()
             gc.collect()

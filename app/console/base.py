@@ -8,6 +8,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, ClassVar, Generic, TypeVar, cast
 
 from textual import events, on
+from textual._styles_cache import StylesCache
 from textual.app import ComposeResult
 from textual.binding import ActiveBinding, BindingType
 from textual.geometry import Size
@@ -60,6 +61,10 @@ class _Console(Screen[T], Generic[T]):
         if event.size == self.size and all(map(self.has_class, self._breakpoints(event.size))):
             event.prevent_default()
             event.stop()
+
+    def on_unmount(self) -> None:
+        """Let go of its widgets' drawings: Textual keeps them, 0.5 MB a page of help, as keys of a cache of colours."""
+        StylesCache.get_inner_outer.cache_clear()
 
     @property
     def console_app(self) -> ConsoleApp:

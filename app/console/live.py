@@ -9,7 +9,7 @@ from dataclasses import replace
 from app.console.host_protocol import Host
 from app.console.session.state import SessionState, fold
 from app.console.stop import StopSwitch
-from app.console.warm import keep_loaded, let_go
+from app.console.warm import collect_rarely, let_go
 from app.messages import OperatorKind
 
 Clock = Callable[[], int]
@@ -34,8 +34,8 @@ class Live:
         return any(process.name == "control" and process.alive for process in self.state.processes)
 
     def start(self) -> None:
-        """Start the processes; meanwhile the garbage of the start, little and counted once, is not looked for."""
-        keep_loaded()
+        """Start the processes; collections of garbage, which stop the sign of life too, come rarely from now on."""
+        collect_rarely()
         self.host.start()
 
     def failed(self, why: str) -> None:

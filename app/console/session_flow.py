@@ -24,7 +24,7 @@ from app.console.signin import SignInDialog
 from app.console.stop import StopSwitch
 from app.console.trail import ConsoleTrail
 from app.console.training import TrainingScreen
-from app.console.warm import load_rest
+from app.console.warm import keep_loaded, load_rest
 from app.errors import AppError
 from app.host import make_setup
 from app.messages import OperatorKind
@@ -174,6 +174,8 @@ class SessionFlow(App[None]):
                 self.trail.open(live.host.setup)
                 share(self.home, live.host.setup)
             await asyncio.to_thread(load_rest)
+            if self.live is live:
+                keep_loaded()
         except USER_ERRORS as error:
             live.failed(str(error))
 

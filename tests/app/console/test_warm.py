@@ -1,0 +1,73 @@
+"""What a session asks of the garbage collector, and that it gives it back."""
+
+from __future__ import annotations
+
+import gc
+import weakref
+from collections.abc import Iterator
+
+import pytest
+from textual._styles_cache import StylesCache
+
+from app.console.warm import collect_rarely, keep_loaded, let_go
+from tests.app.console.conftest import Opener
+
+
+class Node:
+    """Refers to itself, so that only a collection frees it."""
+
+    def __init__(self) -> None:
+        self.me = self
+
+
+@pytest.fixture(autouse=True)
+def as_before() -> Iterator[None]:
+    """Whatever a test does, the next one's garbage is collected."""
+    yield
+    let_go()
+
+
+def test_garbage_is_freed_before_the_rest_is_kept() -> None:
+    gone = weakref.ref(Node())
+    keep_loaded()
+    assert gone() is None
+    assert gc.get_freeze_count() > 0
+
+
+def test_what_was_kept_is_let_go_and_collected_as_often_as_before() -> None:
+    usual = gc.get_threshold()
+    kept = Node()
+    gone = weakref.ref(kept)
+    collect_rarely()
+    assert gc.get_threshold() > usual
+    keep_loaded()
+    del kept
+    gc.collect()
+    assert gone() is not None, "kept things are left out of collections"
+    let_go()
+    gc.collect()
+    assert gone() is None
+    assert gc.get_threshold() == usual
+
+
+async def test_a_session_gives_the_collector_back(console: Opener) -> None:
+    usual = gc.get_threshold()
+    async with console() as open_console:
+        await open_console.until(lambda: gc.get_freeze_count() > 0)
+        assert gc.get_threshold() > usual
+        await open_console.app.close_session()
+        assert gc.get_threshold() == usual
+        assert gc.get_freeze_count() == 0
+
+
+async def test_a_closed_help_page_leaves_no_drawings_behind(console: Opener) -> None:
+    async with console() as open_console:
+        for _ in range(3):
+            await open_console.press("f1")
+            await open_console.shows("Help")
+            await open_console.press("escape")
+            await open_console.until(lambda: len(open_console.app.screen_stack) == 2)
+        gc.collect()
+        widgets = sum(len(list(screen.walk_children())) for screen in open_console.app.screen_stack)
+        caches = sum(isinstance(thing, StylesCache) for thing in gc.get_objects())
+        assert caches <= 2 * widgets
