@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
-from msgspec.structs import replace as with_fields
+from msgspec.structs import replace
 
 from app.control import follow, gait_machine
 from app.control.follow import HOLD_S, Mode
@@ -95,7 +93,7 @@ def _first_plan(tick: Tick, task: Task, plan: Plan) -> None:
         refuse(tick, wish, plan.check.reason, task.report.number)
         _give_up(tick, task, "refused", plan.check.reason)
         return
-    task = replace(task, plan=plan, report=with_fields(task.report, plan=plan_sentence(plan)))
+    task = replace(task, plan=plan, report=replace(task.report, plan=plan_sentence(plan)))
     tick.memory = replace(tick.memory, task=task)
     if task.stage is Stage.PLANNING:
         _set_out(tick, task)

@@ -7,7 +7,8 @@ while the drives carry power: before that there is nothing that it would have st
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from msgspec import Struct
+from msgspec.structs import replace
 
 from app.control.events_joints import DRIVES, POSE
 from app.control.events_programs import CLOCKS, HELPERS, STREAMS
@@ -39,8 +40,7 @@ ROW = {row.event: row for row in TABLE}
 ORDER = {row.event: place for place, row in enumerate(TABLE)}
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Active:
+class Active(Struct, frozen=True, kw_only=True):
     """An event in force, or one that has just gone and is shown a little longer."""
 
     event: Event

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
 from math import inf, isnan, nan, radians
 
 import numpy as np
+from msgspec import Struct
 
 from app.control.follow import Mode, Motion
 from app.control.freshness import NS_PER_MS, Heard
@@ -21,8 +21,7 @@ TORQUE_MARGIN = 1.05
 SETTLED_NS = 500 * NS_PER_MS  # after a movement the joints settle; later motion while held is unexpected
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Facts:
+class Facts(Struct, frozen=True, kw_only=True):
     """One tick's facts. Ages count from the last word; errors are 0 where nothing is held that could err."""
 
     now_ns: int
@@ -72,8 +71,7 @@ class Facts:
     rejected_messages: int = 0
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Standing:
+class Standing(Struct, frozen=True, kw_only=True):
     """What control itself knows and the streams don't tell."""
 
     gait: Gait

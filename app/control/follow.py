@@ -6,10 +6,12 @@ drops the limb. The one exception is gripping a slack joint, which takes it wher
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+import dataclasses
 from enum import Enum
 
 import numpy as np
+from msgspec import Struct
+from msgspec.structs import replace
 
 from app.control.plan import TICK_HZ, Plan
 from app.control.settings import Gains
@@ -38,8 +40,7 @@ NEUTRAL = JointCommand(
 )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Motion:
+class Motion(Struct, frozen=True, kw_only=True):
     """What the joints were told last, and what is needed to tell them the next."""
 
     mode: Mode = Mode.LIMP
@@ -89,7 +90,7 @@ def limp(motion: Motion) -> Motion:
 
 def grip(measured_rad: JointArray, gains: Gains) -> Motion:
     """Start to hold slack joints where they are."""
-    command = replace(NEUTRAL, position_rad=measured_rad, damping_nm_s_rad=gains.slack_damping_nm_s_rad)
+    command = dataclasses.replace(NEUTRAL, position_rad=measured_rad, damping_nm_s_rad=gains.slack_damping_nm_s_rad)
     return Motion(mode=Mode.GRIP, command=command)
 
 
@@ -107,7 +108,9 @@ def start(motion: Motion, plan: Plan) -> Motion:
 
 def stay(motion: Motion) -> Motion:
     """Hold where the last command was."""
-    return replace(motion, mode=Mode.STIFF, plan=None, command=replace(motion.command, velocity_rad_s=_ZERO))
+    return replace(
+        motion, mode=Mode.STIFF, plan=None, command=dataclasses.replace(motion.command, velocity_rad_s=_ZERO)
+    )
 
 
 def resume(motion: Motion, written: JointCommand) -> Motion:
@@ -138,7 +141,7 @@ def advance(motion: Motion, gains: Gains, *, hold: bool) -> Motion:
 def _gripping(motion: Motion, gains: Gains) -> Motion:
     share = min(1.0, motion.share + 1 / (GRIP_S * TICK_HZ))
     start_kd = gains.slack_damping_nm_s_rad
-    command = replace(
+    command = dataclasses.replace(
         motion.command,
         stiffness_nm_rad=share * gains.stiffness_nm_rad,
         damping_nm_s_rad=start_kd + share * (gains.damping_nm_s_rad - start_kd),

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from msgspec import Struct
+
 from app.control.inputs import Inputs
 from app.control.states import ACTION_OF, Action
 from app.messages import AuditHealth, GuardianHealth, TriggerReport
@@ -14,8 +16,7 @@ NS_PER_MS = 1_000_000
 _FUTURE_NS = 50 * NS_PER_MS  # a capture time that lies ahead of now by more than this is nonsense
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Heard:
+class Heard(Struct, frozen=True, kw_only=True):
     """The newest of each stream, and the clocks of the tick before. Times are monotonic; before the first word of a
     stream its age counts from the start."""
 

@@ -15,10 +15,12 @@ keeps nothing from one question to the next; it belongs to the one thread that r
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
+from msgspec import Struct
+from msgspec.structs import replace
 from transitions import EventData, Machine, MachineError
 
 from app.control.plan import Phase
@@ -58,8 +60,7 @@ TABLE = (
 )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Gait:
+class Gait(Struct, frozen=True, kw_only=True):
     """Where the legs are in the table; `running` is None while they rest."""
 
     state: GaitState = GaitState.UNPOWERED

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from enum import Enum
+
+from msgspec import Struct
 
 from app.control.plan import Plan, PlanRequest
 from app.control.states import Action
@@ -13,8 +14,7 @@ from hal.joints.joints import JointCommand, JointFeedback
 from logs.records import Body
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Inputs:
+class Inputs(Struct, frozen=True, kw_only=True):
     """Everything that one tick may know; what is None or empty has not come since the tick before."""
 
     now_ns: int  # monotonic, read once at the tick's start
@@ -46,8 +46,7 @@ class DriveOrder(Enum):
     DISABLE = "disable"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Outputs:
+class Outputs(Struct, frozen=True, kw_only=True):
     """What the shell has to do after a tick."""
 
     command: JointCommand

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
+
+from msgspec import Struct
+from msgspec.structs import replace
 
 from app.control.events import Actives, effect_of
 from app.control.follow import Motion
@@ -20,13 +23,12 @@ from logs.records import Body
 REPORTS_KEPT = 24
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Memory:
+class Memory(Struct, frozen=True, kw_only=True):
     """Everything that outlives a tick."""
 
     heard: Heard
-    gait: Gait = field(default_factory=Gait)
-    motion: Motion = field(default_factory=Motion)
+    gait: Gait = Gait()
+    motion: Motion = Motion()
     active: Actives = ()
     task: Task | None = None
     armed_ns: int = 0  # since when; 0: not armed

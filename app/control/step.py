@@ -5,7 +5,7 @@ Pure: values in, values out, time among the inputs. Read `step` from top to bott
 
 from __future__ import annotations
 
-from dataclasses import replace
+from msgspec.structs import replace
 
 from app.control import follow, gait_machine
 from app.control.carry import carry_on, planner_silent, stop_task, take_plans, try_planner, walk_broken

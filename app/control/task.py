@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 from enum import Enum
 from math import radians, sqrt
 
-import msgspec
 import numpy as np
+from msgspec import Struct
+from msgspec.structs import replace
 
 from app.control.plan import Phase, Plan, PlanRequest
 from app.control.states import GESTURE_OF, Action, GaitState, Source
@@ -39,8 +40,7 @@ class Wish:
     released_ns: int = 0
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Task:
+class Task(Struct, frozen=True, kw_only=True):
     """One running action."""
 
     report: ActionReport
@@ -48,7 +48,7 @@ class Task:
     asked_ns: int  # when the awaited plan was asked for
     awaited: frozenset[int]  # numbers of plan requests without an answer yet
     plan: Plan | None = None
-    ahead: Mapping[Phase, Plan] = field(default_factory=dict)  # steps of a walk, planned while one runs
+    ahead: Mapping[Phase, Plan] = {}  # steps of a walk, planned while one runs
     ending: ActionReport | None = None  # gesture 6's own report while it is latched
     before: JointCommand  # the command when the action was accepted
     start_rad: JointArray  # measured then
@@ -79,10 +79,10 @@ def measure(task: Task, command: JointCommand, measured_rad: JointArray, written
     """What the tick before has shown: its command left at `written_ns`, the joints are read at `now_ns`."""
     report = task.report
     if task.commanded and not report.first_command_ns:
-        report = msgspec.structs.replace(report, first_command_ns=written_ns)
+        report = replace(report, first_command_ns=written_ns)
     moved = float(np.abs(measured_rad - task.start_rad).max()) >= VISIBLE_RAD
     if moved and report.first_command_ns and not report.first_motion_ns:
-        report = msgspec.structs.replace(report, first_motion_ns=now_ns)
+        report = replace(report, first_motion_ns=now_ns)
     if task.stage is not Stage.MOVING:
         return task if report is task.report else replace(task, report=report)
     error = measured_rad - command.position_rad
@@ -105,9 +105,7 @@ def ended(task: Task, outcome: str, to_state: GaitState, now_ns: int, reason: st
     """The final reports of an action, and of the gesture 6 that was latched in it."""
     rms = sqrt(task.squares_rad2 / task.samples) if task.samples else 0.0
     return tuple(
-        msgspec.structs.replace(
-            report, outcome=outcome, to_state=to_state, ended_ns=now_ns, reason=reason, tracking_rms_rad=rms
-        )
+        replace(report, outcome=outcome, to_state=to_state, ended_ns=now_ns, reason=reason, tracking_rms_rad=rms)
         for report in (task.report, task.ending)
         if report is not None
     )

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 from functools import cache
 from typing import Any
 
+import msgspec
 import numpy as np
 
 from app.control.gait_machine import TABLE
@@ -280,7 +281,7 @@ class Rig:
             cleared=self.cleared,
         )
         self._words = []
-        spoiled = replace(plain, **self.spoil)
+        spoiled = msgspec.structs.replace(plain, **self.spoil)
         self.spoil = {}
         return spoiled
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
+import msgspec
 import numpy as np
 import pytest
 
@@ -115,13 +116,13 @@ def walk_without_planner(rig: Rig) -> None:
 def never_answered(rig: Rig) -> None:
     """The planner is still loading."""
     assert rig.memory is not None
-    rig.memory = replace(rig.memory, planner_ready=False)
+    rig.memory = msgspec.structs.replace(rig.memory, planner_ready=False)
 
 
 def answered(rig: Rig) -> None:
     """It has loaded."""
     assert rig.memory is not None
-    rig.memory = replace(rig.memory, planner_ready=True)
+    rig.memory = msgspec.structs.replace(rig.memory, planner_ready=True)
 
 
 def pushed(rig: Rig) -> None:
