@@ -18,6 +18,7 @@ from kgdfa.hand import Box, Gesture
 HYSTERESIS = 0.20  # a press ends, and a new one may begin, beyond this share over the threshold: three sd of keypoints
 APPROACH_M_S = 3.5  # a 0.3 s press from 36 cm peaks at 2.7 m/s, its safe distance at a tenth more; faster is a slip
 SHORTEST_PRESS_NS = 50_000_000  # press to release, two frames: keypoints that slip for a frame slip back in the next
+RADIUS_SHARE = 0.06  # the button's radius, of the picture's width: a coin held at arm's length
 GAP_FRAMES = 2  # frames in a row without a hand or a distance that a press survives
 STALE_NS = 250_000_000  # pictures further apart than this say nothing about the time between
 
@@ -37,6 +38,11 @@ class ButtonPlace:
     y_px: float
     radius_px: float
     threshold_m: float
+
+    @classmethod
+    def in_the_middle(cls, width_px: float, height_px: float, threshold_m: float) -> ButtonPlace:
+        """Of a picture of that size."""
+        return cls(x_px=width_px / 2, y_px=height_px / 2, radius_px=RADIUS_SHARE * width_px, threshold_m=threshold_m)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -25,10 +25,9 @@ from mediapipe.tasks.python import BaseOptions
 from mediapipe.tasks.python.vision import HandLandmarker, HandLandmarkerOptions, RunningMode
 
 from kgdfa.errors import KgdfaError
-from kgdfa.glances import PLAIN, Glance, Search, after, glance_at
+from kgdfa.glances import Searcher
 from kgdfa.hand import FloatArray, Hand, Side
 from kgdfa.images import Image, as_bgr8
-from kgdfa.looks import on_picture
 
 # The model names hands as a mirror shows them; our pictures are unmirrored.
 _SIDES = {"Left": Side.RIGHT, "Right": Side.LEFT}
@@ -52,11 +51,11 @@ class HandDetector:
     ) -> None:
         """Load the model. Raises KgdfaError when the file is missing or is no hand model.
 
-        watch_rivals: ask for a second hand whenever one is new. search: glance at the picture in other ways while
-        there is no hand (video only; see `glances`).
+        watch_rivals: ask for a second hand whenever one is new. search: while there is no hand, glance at the picture
+        in other ways (video only; see `glances`).
         """
         self._still = still
-        self._search = Search() if search and not still else None
+        self._searcher = Searcher(self._seen) if search and not still else None
         self._last_ms = -1
         self._previous: tuple[Hand, ...] = ()
         self._contested_frames = 0
@@ -102,18 +101,13 @@ class HandDetector:
         return self._landmarker.detect_for_video(picture, self._last_ms)
 
     def _look(self, image: Image, captured_ns: int) -> tuple[Hand, ...]:
-        if self._search is None or self._search.glance == PLAIN:
-            hands = _hands(self.infer(image, captured_ns), image, () if self._still else self._previous)
-        else:
-            hands = self._glance(image, captured_ns, self._search.glance)
-        if self._search is not None:
-            self._search = after(self._search, found=bool(hands))
-        return hands
+        if self._still:
+            return self._seen(image, captured_ns)
+        hands = (self._searcher.detect if self._searcher else self._seen)(image, captured_ns)
+        return tuple(_marked(hand, self._previous) for hand in hands)
 
-    def _glance(self, image: Image, captured_ns: int, glance: Glance) -> tuple[Hand, ...]:
-        shown, transform = glance_at(image, glance)
-        found = _hands(self.infer(shown, captured_ns), shown, ())
-        return tuple(_marked(on_picture(hand, transform), self._previous) for hand in found)
+    def _seen(self, image: Image, captured_ns: int) -> tuple[Hand, ...]:
+        return _hands(self.infer(image, captured_ns), image)
 
     def _with_rival(self, image: Image, hands: tuple[Hand, ...]) -> tuple[Hand, ...]:
         """Ask for a second hand when this one is new, and again now and then while two were there."""
@@ -123,9 +117,14 @@ class HandDetector:
         if hands[0].tracked and not self._contested_frames:
             return hands
         assert self._rival_look is not None
-        seen = _hands(self._rival_look.detect(_as_mediapipe(image)), image, ())
+        seen = _hands(self._rival_look.detect(_as_mediapipe(image)), image)
         others = tuple(hand for hand in seen if not _same_place(hand, hands[0]))
         return hands + others[:1]
+
+
+def live_detector(model: Path) -> HandDetector:
+    """As before a camera: one hand followed, searched for where it is lost, a second one watched for."""
+    return HandDetector(model, watch_rivals=True, search=True)
 
 
 def _close_all(landmarkers: list[Any]) -> None:
@@ -137,18 +136,16 @@ def _as_mediapipe(image: Image) -> Any:
     return mp.Image(image_format=mp.ImageFormat.SRGB, data=cv2.cvtColor(image, cv2.COLOR_BGR2RGB))
 
 
-def _hands(result: Any, image: Image, previous: tuple[Hand, ...]) -> tuple[Hand, ...]:
+def _hands(result: Any, image: Image) -> tuple[Hand, ...]:
     height, width = image.shape[:2]
     found = zip(result.hand_landmarks, result.hand_world_landmarks, result.handedness, strict=True)
     return tuple(
-        _hand(_array(landmarks)[:, :2] * (width, height), _array(world), sides[0], previous)
-        for landmarks, world, sides in found
+        _hand(_array(landmarks)[:, :2] * (width, height), _array(world), sides[0]) for landmarks, world, sides in found
     )
 
 
-def _hand(image_px: FloatArray, world_m: FloatArray, side: Any, previous: tuple[Hand, ...]) -> Hand:
-    hand = Hand(image_px=image_px, world_m=world_m, presence=side.score, side=_SIDES[side.category_name])
-    return _marked(hand, previous)
+def _hand(image_px: FloatArray, world_m: FloatArray, side: Any) -> Hand:
+    return Hand(image_px=image_px, world_m=world_m, presence=side.score, side=_SIDES[side.category_name])
 
 
 def _marked(hand: Hand, previous: tuple[Hand, ...]) -> Hand:

@@ -13,12 +13,13 @@ import numpy as np
 from app.evaluate.digital_hands import digital_scenes, picture
 from app.evaluate.gesture_photos import Photo
 from hal.cameras.hand_scene import keypoints_m, project_px
-from kgdfa.glances import PLAIN, SEARCH, Glance, glance_at
+from kgdfa.glances import SEARCH, Glance, glance_at
 from kgdfa.hand import FloatArray, Hand
 from kgdfa.images import Image, as_bgr8
 from kgdfa.looks import StillDetector, on_picture
 
 NO_HAND = "none:nohand"
+EDGE_ON = 0.6  # a palm seen edge on is taken to be this share of its length wide
 RIGHT_ANCHORS = 0.35  # keypoints off by more than this on average, in palm anchors, are not of that hand
 TIMED_RUNS = 15
 
@@ -28,10 +29,8 @@ class GlanceWorth:
     """One glance: right and wrong hands among the pictures that the plain one missed, hands where there is none."""
 
     glance: Glance
-    missed: int
     right: int
     wrong: int
-    empty: int
     false_hands: int
     cost_ms: float
 
@@ -65,8 +64,8 @@ def photos_without_hand(photos: Iterable[Photo], directory: Path) -> list[Image]
 def measure_glances(
     detector: StillDetector, missed: list[tuple[Image, FloatArray]], empty: list[Image]
 ) -> list[GlanceWorth]:
-    """Each glance of the search, the plain one as well, which finds none of the missed."""
-    return [_worth(detector, glance, missed, empty) for glance in sorted({PLAIN, *SEARCH}, key=SEARCH.index)]
+    """Each glance of the search, in its order; the plain one, which is among them, finds none of the missed."""
+    return [_worth(detector, glance, missed, empty) for glance in SEARCH]
 
 
 def _worth(
@@ -75,10 +74,8 @@ def _worth(
     errors = [_error(hand, truth) for image, truth in missed if (hand := _glanced(detector, image, glance))]
     return GlanceWorth(
         glance=glance,
-        missed=len(missed),
         right=sum(error < RIGHT_ANCHORS for error in errors),
         wrong=sum(error >= RIGHT_ANCHORS for error in errors),
-        empty=len(empty),
         false_hands=sum(_glanced(detector, image, glance) is not None for image in empty),
         cost_ms=_cost_ms(glance),
     )
@@ -91,9 +88,9 @@ def _glanced(detector: StillDetector, image: Image, glance: Glance) -> Hand | No
 
 
 def _error(hand: Hand, truth_px: FloatArray) -> float:
-    """Mean distance of the keypoints from where they are, in palm anchors, the palm seen edge on taken as half."""
+    """Mean distance of the keypoints from where they are, in palm anchors."""
     across, along = (float(np.linalg.norm(truth_px[a] - truth_px[b])) for a, b in ((5, 17), (0, 9)))
-    return float(np.linalg.norm(hand.image_px - truth_px, axis=1).mean()) / max(across, 0.6 * along)
+    return float(np.linalg.norm(hand.image_px - truth_px, axis=1).mean()) / max(across, EDGE_ON * along)
 
 
 def _cost_ms(glance: Glance) -> float:

@@ -10,23 +10,21 @@ import multiprocessing
 import time
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
-from multiprocessing.synchronize import Barrier
 from pathlib import Path
-from threading import BrokenBarrierError
+from threading import Barrier, BrokenBarrierError
 
 import cv2
 
 from app.errors import AppError
 from app.evaluate.sequence import PERIOD_NS, pictures, read_frames
+from app.evaluate.speed import ANCHOR_M, THRESHOLD_M, WARM_UP
 from kgdfa.button import ButtonPlace
 from kgdfa.distance import RobustRange
 from kgdfa.images import Image
 from kgdfa.pipeline import Picture, Pipeline
 from kgdfa.robust import RobustRules
 
-WARM_UP = 15  # frames before the clock runs
 START_S = 300.0  # within which every worker must have read its frames and loaded its model
-_barriers: list[Barrier] = []  # this process's own, at most one
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -58,41 +56,37 @@ def frames_for_speed(directory: Path | None, count: int) -> tuple[list[Image], f
 def measure_throughput(directory: Path | None, count: int, model: Path, workers: int) -> Throughput:
     """`workers` processes at once, each over `count` frames. Raises AppError when one of them can't begin."""
     context = multiprocessing.get_context("spawn")
-    barrier = context.Barrier(workers)
-    with ProcessPoolExecutor(workers, mp_context=context, initializer=_meet_at, initargs=(barrier,)) as pool:
-        futures = [pool.submit(_run, directory, count, model) for _ in range(workers)]
+    with context.Manager() as manager, ProcessPoolExecutor(workers, mp_context=context) as pool:
+        barrier = manager.Barrier(workers)
+        futures = [pool.submit(_run, directory, count, model, barrier) for _ in range(workers)]
         runs = [future.result() for future in futures]
     frames = sum(seen for seen, _, _ in runs)
     spent_s = max(end for _, _, end in runs) - min(start for _, start, _ in runs)
     return Throughput(workers=workers, frames=frames, fps=frames / spent_s)
 
 
-def _meet_at(barrier: Barrier) -> None:
-    _barriers.append(barrier)
-
-
-def _run(directory: Path | None, count: int, model: Path) -> tuple[int, float, float]:
+def _run(directory: Path | None, count: int, model: Path, together: Barrier) -> tuple[int, float, float]:
     """Frames looked at, and when: from and to, by the machine's monotonic clock, which all processes share."""
-    from kgdfa.keypoints import HandDetector
+    from kgdfa.keypoints import live_detector
 
     cv2.setNumThreads(1)
     images, focal_px = frames_for_speed(directory, count)
     height, width = images[0].shape[:2]
-    place = ButtonPlace(x_px=width / 2, y_px=height / 2, radius_px=0.06 * width, threshold_m=0.20)
-    with HandDetector(model, watch_rivals=True, search=True) as detector:
-        finder = RobustRange(focal_px=focal_px, anchor_m=0.065)
+    place = ButtonPlace.in_the_middle(width, height, THRESHOLD_M)
+    with live_detector(model) as detector:
+        finder = RobustRange(focal_px=focal_px, anchor_m=ANCHOR_M)
         pipeline = Pipeline(detector=detector, rules=RobustRules(), range_finder=finder, place=place)
         start_s = 0.0
         for number, image in enumerate([*images[:WARM_UP], *images]):
             if number == min(WARM_UP, len(images)):
-                _wait_for_the_others()
+                _wait_for_the_others(together)
                 start_s = time.monotonic()
             pipeline.process(Picture(image_bgr=image, captured_ns=(number + 1) * PERIOD_NS))
         return len(images), start_s, time.monotonic()
 
 
-def _wait_for_the_others() -> None:
+def _wait_for_the_others(together: Barrier) -> None:
     try:
-        _barriers[0].wait(START_S)
+        together.wait(START_S)
     except BrokenBarrierError as error:
         raise AppError(f"A worker did not begin within {START_S:.0f} s: take fewer workers or frames.") from error

@@ -219,7 +219,7 @@ def chain(
         detector=detector,
         rules=PublishedRules() if mode == "published" else RobustRules(),
         range_finder=finder(focal_px=lens.fx_px, anchor_m=anchor_m, centre_px=centre_px),
-        place=ButtonPlace(x_px=lens.cx_px, y_px=lens.cy_px, radius_px=0.06 * lens.width_px, threshold_m=threshold_m),
+        place=ButtonPlace.in_the_middle(lens.width_px, lens.height_px, threshold_m),
         mode=ButtonMode(mode),
         depth_finder=DepthRange(mode=mode),
     )

@@ -17,6 +17,7 @@ from kgdfa.pipeline import Picture, Pipeline, Report
 from kgdfa.verdict import RuleSet
 from kgdfa.vote import END_FRAMES, VOTE_FRAMES
 
+PLACE = ButtonPlace.in_the_middle(1280, 720, threshold_m=0.20)
 _NAMES = frozenset(gesture.value for gesture in Gesture)
 
 
@@ -38,13 +39,12 @@ def run_sequence(
     footage: Footage, model: Path, rules: RuleSet, tell: Callable[[], None] = lambda: None
 ) -> list[Report]:
     """The whole chain over labelled footage, at its own rate."""
-    from kgdfa.keypoints import HandDetector
+    from kgdfa.keypoints import live_detector
 
     finder = RobustRange(focal_px=footage.focal_px, anchor_m=footage.anchor_m)
-    place = ButtonPlace(x_px=640, y_px=360, radius_px=77, threshold_m=0.20)
     reports = []
-    with HandDetector(model, watch_rivals=True, search=True) as detector:
-        pipeline = Pipeline(detector=detector, rules=rules, range_finder=finder, place=place)
+    with live_detector(model) as detector:
+        pipeline = Pipeline(detector=detector, rules=rules, range_finder=finder, place=PLACE)
         for number, image in enumerate(footage.frames(), start=1):
             reports.append(pipeline.process(Picture(image_bgr=image, captured_ns=number * footage.period_ns)))
             tell()

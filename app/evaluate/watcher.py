@@ -16,7 +16,7 @@ import numpy as np
 
 from kgdfa.hand import Hand
 from kgdfa.images import Image
-from kgdfa.keypoints import HandDetector
+from kgdfa.keypoints import HandDetector, live_detector
 
 FRAME_NS = 33_333_333
 GAP_NS = 1_000_000_000
@@ -77,7 +77,7 @@ def spread(
 
 def _begin(model: Path) -> None:
     cv2.setNumThreads(1)
-    detector = HandDetector(model)
+    detector = live_detector(model)
     # MediaPipe can't free its model any more once the interpreter winds up its threads.
     Finalize(None, detector.close, exitpriority=1)
     _watcher.append(Watcher(detector))

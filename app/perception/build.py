@@ -10,7 +10,7 @@ from app.paths import Home
 from app.setup import SessionSetup
 from hal.cameras.camera import Camera, Frame
 from hal.cameras.factory import open_camera
-from kgdfa.button import ButtonMode, ButtonPlace
+from kgdfa.button import RADIUS_SHARE, ButtonMode, ButtonPlace
 from kgdfa.depth import DepthRange
 from kgdfa.distance import PublishedRange, RangeFinder, RobustRange
 from kgdfa.pipeline import Detector, Pipeline
@@ -26,7 +26,6 @@ if TYPE_CHECKING:
 
 RULES: dict[str, type[PublishedRules] | type[RobustRules]] = {"published": PublishedRules, "robust": RobustRules}
 RANGES: dict[str, type[PublishedRange] | type[RobustRange]] = {"published": PublishedRange, "robust": RobustRange}
-BUTTON_RADIUS = 0.06  # of the picture's width: a coin held at arm's length
 
 
 def make_camera(setup: SessionSetup) -> Camera:
@@ -48,9 +47,9 @@ def make_camera(setup: SessionSetup) -> Camera:
 
 def make_detector(setup: SessionSetup) -> HandDetector:
     """The hand detector on this home's model; takes seconds. Raises AppError or KgdfaError."""
-    from kgdfa.keypoints import HandDetector  # brings mediapipe, two seconds of imports
+    from kgdfa.keypoints import live_detector  # brings mediapipe, two seconds of imports
 
-    return HandDetector(find_model(Home(setup.home), setup.config), watch_rivals=True, search=True)
+    return live_detector(find_model(Home(setup.home), setup.config))
 
 
 def make_pipeline(setup: SessionSetup, detector: Detector, frame: Frame, camera: str) -> tuple[Pipeline, ButtonPlace]:
@@ -76,7 +75,7 @@ def make_place(setup: SessionSetup, frame: Frame) -> ButtonPlace:
     return ButtonPlace(
         x_px=setup.config.button.x * width_px,
         y_px=setup.config.button.y * height_px,
-        radius_px=BUTTON_RADIUS * width_px,
+        radius_px=RADIUS_SHARE * width_px,
         threshold_m=setup.profile.press_threshold_m,
     )
 

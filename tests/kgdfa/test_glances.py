@@ -9,8 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kgdfa.glances import PATIENCE_FRAMES, PLAIN, SEARCH, Glance, Search, after, glance_at
+from kgdfa.glances import PATIENCE_FRAMES, PLAIN, SEARCH, Glance, Search, Searcher, after, glance_at
 from kgdfa.hand import Hand, Side
+from kgdfa.images import Image
 from kgdfa.looks import on_picture
 
 glances = st.builds(Glance, scale=st.floats(0.3, 1.0), turn_deg=st.floats(-90, 90))
@@ -78,3 +79,43 @@ def test_a_turned_hand_is_turned_back_in_space() -> None:
         side=Side.LEFT,
     )
     assert on_picture(turned, transform).world_m[12] == pytest.approx((0.0, -0.08, 0.02))
+
+
+class Follower:
+    """A tracker of ours: finds a hand as often as it is told to, and counts its looks."""
+
+    def __init__(self, finds: list[bool]) -> None:
+        self.finds = iter(finds)
+        self.looks: list[tuple[tuple[int, ...], int]] = []
+
+    def look(self, image_bgr: Image, captured_ns: int) -> tuple[Hand, ...]:
+        self.looks.append((image_bgr.shape, captured_ns))
+        found = Hand(image_px=np.full((21, 2), 100.0), world_m=np.zeros((21, 3)), presence=0.9, side=Side.LEFT)
+        return (found,) if next(self.finds) else ()
+
+
+def watched(finds: list[bool], frames: int) -> tuple[list[bool], Follower]:
+    """Whether each frame shows a hand, to a searcher whose looks find one as told."""
+    follower = Follower(finds)
+    searcher = Searcher(follower.look)
+    picture = np.zeros((360, 640, 3), np.uint8)
+    return [bool(searcher.detect(picture, frame)) for frame in range(frames)], follower
+
+
+def test_the_frame_that_loses_a_hand_is_looked_at_once_more() -> None:
+    shown, follower = watched([True, False, True, True], 3)
+    assert shown == [True, True, True]
+    assert [frame for _, frame in follower.looks] == [0, 1, 1, 2]
+
+
+def test_a_hand_that_is_gone_costs_one_look_more_and_an_empty_room_none() -> None:
+    shown, follower = watched([False, True, False, False, False], 4)
+    assert shown == [False, True, False, False]
+    assert [frame for _, frame in follower.looks] == [0, 1, 2, 2, 3]
+
+
+def test_a_hand_found_by_a_glance_is_followed_in_that_view() -> None:
+    finds = [False] * (PATIENCE_FRAMES + 1) + [True, True]
+    _, follower = watched(finds, len(finds))
+    shapes = [shape for shape, _ in follower.looks]
+    assert shapes == [(360, 640, 3)] * (PATIENCE_FRAMES + 1) + [(180, 320, 3)] * 2

@@ -63,11 +63,11 @@ def trigger(
     from app.evaluate.distance_tables import table_6
     from app.evaluate.trigger import DISTANCES_CM, evaluate_trigger, measure_rates, steps
     from app.evaluate.watcher import processes
-    from kgdfa.keypoints import HandDetector
+    from kgdfa.keypoints import live_detector
 
     console, model, measured = Console(), _model(home), {}
     if rates:
-        with HandDetector(model) as detector, _bar(console, len(DISTANCES_CM)) as step:
+        with live_detector(model) as detector, _bar(console, len(DISTANCES_CM)) as step:
             measured = measure_rates(detector, focal_px=focal_px, step=step)
     with processes(model, workers) as pool, _bar(console, steps(changes)) as step:
         rows = evaluate_trigger(pool, changes=changes, focal_px=focal_px, rates=measured, step=step)
@@ -174,9 +174,9 @@ def _table_5(
 
 @contextmanager
 def _detector(home: Path | None) -> Iterator[HandDetector]:
-    from kgdfa.keypoints import HandDetector
+    from kgdfa.keypoints import live_detector
 
-    with HandDetector(_model(home)) as detector:
+    with live_detector(_model(home)) as detector:
         yield detector
 
 

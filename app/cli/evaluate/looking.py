@@ -48,6 +48,7 @@ def looked_at(
 
 
 def looked_at_digital(console: Console, per_pose: int, home: Path | None, prepare: Prepare) -> list[SeenPhoto]:
+    """So many digital hands a pose that measure, found and tracked as before a camera."""
     from app.cli.progress import bar
     from app.evaluate.digital_hands import MEASURE_SEEDS, digital_scenes, see_digital
     from hal.cameras.hand_poses import POSES
