@@ -88,7 +88,7 @@ def take_core() -> int | None:
 
 
 def leave_core_to_control() -> None:
-    """For perception: one core of several is control's, whose every tick would put a running look at a hand off."""
+    """One core of several is control's: its every tick would put off a look at a hand, a plan its emulated drives."""
     core = core_of_control()
     others = os.sched_getaffinity(0) - {core}
     if core is not None and others:

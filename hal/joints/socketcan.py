@@ -209,12 +209,13 @@ class SocketCanJoints:
         if self._state is DriveState.ENABLED and not healthy and (any(faults) or bus & _ENDING):
             self._state = DriveState.FAULTED
         stations = self.stations
+        told = np.array([(s.position_rad, s.velocity_rad_s, s.torque_nm, s.temperature_c) for s in stations])
         return JointFeedback(
             measured_ns=np.array([station.measured_ns for station in stations], dtype=np.int64),
-            position_rad=np.array([station.position_rad for station in stations]),
-            velocity_rad_s=np.array([station.velocity_rad_s for station in stations]),
-            torque_nm=np.array([station.torque_nm for station in stations]),
-            temperature_c=np.array([station.temperature_c for station in stations]),
+            position_rad=told[:, 0],
+            velocity_rad_s=told[:, 1],
+            torque_nm=told[:, 2],
+            temperature_c=told[:, 3],
             faults=(faults[0], faults[1], faults[2], faults[3]),
             state=self._state,
             bus=bus,

@@ -55,7 +55,7 @@ class DriveEmulator:
     def open(self) -> None:
         """Join the buses. Raises HardwareError with the command that mends it."""
         self._ports = [BusPort(open_bus(bus), bus.channel) for bus in self.device.buses]
-        self._sense(time.monotonic_ns())
+        self._sense()
 
     def close(self) -> None:
         """Leave the buses."""
@@ -148,29 +148,19 @@ class DriveEmulator:
             ),
             now_ns,
         )
-        self._sense(now_ns)
+        self._sense()
         self._ticks += 1
         if self._ticks % _UPLOAD_TICKS == 0 and not self._off:
             for drive in self.drives:
                 self._send(drive.device.can_bus, drive.upload())
 
-    def _sense(self, now_ns: int) -> None:
-        feedback = self._plant.read(now_ns)
-        columns = zip(
-            self._transmissions,
-            self.drives,
-            feedback.position_rad.tolist(),
-            feedback.velocity_rad_s.tolist(),
-            feedback.torque_nm.tolist(),
-            feedback.temperature_c.tolist(),
-            strict=True,
-        )
-        for transmission, drive, position, velocity, torque, temperature in columns:
+    def _sense(self) -> None:
+        for transmission, drive, at in zip(self._transmissions, self.drives, self._plant.motions(), strict=True):
             drive.state = MotorState(
-                transmission.angle_to_motor(position),
-                velocity * transmission.ratio,
-                torque / transmission.ratio,
-                temperature,
+                transmission.angle_to_motor(at.position_rad),
+                at.velocity_rad_s * transmission.ratio,
+                at.torque_nm / transmission.ratio,
+                at.temperature_c,
             )
 
     def _send(self, number: int, frames: list[Frame]) -> None:

@@ -3,35 +3,44 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Protocol
-
-import numpy as np
+from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 from hal.joints.bus import TICK_HZ
 from hal.joints.codecs.wire import SetPoint
 from hal.joints.device import Exoskeleton, JointDevice
-from hal.joints.joints import DriveFault, DriveState, JointArray, JointCommand, JointFeedback
+from hal.joints.joints import JointArray, JointCommand
 from hal.joints.scene import Scene
 
 if TYPE_CHECKING:
     from hal.joints.body import Body
+    from hal.joints.simulated import SimulatedJoints
 
 ROOM_C = 25.0
 _SUBSTEPS = 4
+_THERMAL_TICKS = 50  # windings warm in seconds
 _STEP_S = 1.0 / TICK_HZ / _SUBSTEPS
 # A leg's inertia about hip and knee, roughly (Winter, 75 kg: leg 2.6 kgm² about the hip, shank and foot 0.35)
 _LEG_INERTIA_KGM2 = (2.6, 0.35, 2.6, 0.35)
 
 
+class Motion(NamedTuple):
+    """A joint as it is now."""
+
+    position_rad: float
+    velocity_rad_s: float
+    torque_nm: float
+    temperature_c: float
+
+
 class Plant(Protocol):
-    """The two methods of the Joints Protocol that a body needs: a set-point moves it by one tick, `read` tells."""
+    """What the emulated drives move."""
 
     def write(self, command: JointCommand, now_ns: int) -> None:
         """Advance by one tick under this impedance law."""
         ...
 
-    def read(self, now_ns: int) -> JointFeedback:
-        """Where it is now."""
+    def motions(self) -> list[Motion]:
+        """Where the four joints are now; plain numbers, because arrays of four cost more."""
         ...
 
     def stage(self, scene: Scene) -> None:
@@ -98,27 +107,42 @@ class FreeLegs:
     def stage(self, scene: Scene) -> None:
         """Legs in the air touch nothing."""
 
-    def read(self, now_ns: int) -> JointFeedback:
+    def motions(self) -> list[Motion]:
         """Where the legs are."""
-        legs = self._legs
-        return JointFeedback(
-            measured_ns=np.full(4, now_ns, dtype=np.int64),
-            position_rad=np.array([leg.position_rad for leg in legs]),
-            velocity_rad_s=np.array([leg.velocity_rad_s for leg in legs]),
-            torque_nm=np.array([leg.torque_nm for leg in legs]),
-            temperature_c=np.array([leg.temperature_c for leg in legs]),
-            faults=(DriveFault.NONE,) * 4,
-            state=DriveState.ENABLED,
-        )
+        return [Motion(leg.position_rad, leg.velocity_rad_s, leg.torque_nm, leg.temperature_c) for leg in self._legs]
+
+
+class WornExoskeleton:
+    """The simulated exoskeleton with its wearer; without its sensors' noise and quanta, the drives have their own."""
+
+    def __init__(self, device: Exoskeleton, body: Body) -> None:
+        from hal.joints.simulated import SimulatedJoints
+
+        self._joints: SimulatedJoints = SimulatedJoints(device, body, noisy=False, quantised=False)
+        self._joints.open(0)
+        self._joints.enable(0)
+        self._ticks = 0
+        self._temperature_c = [ROOM_C] * 4
+
+    def write(self, command: JointCommand, now_ns: int) -> None:
+        """One tick of physics."""
+        self._joints.write(command, now_ns)
+        self._ticks += 1
+        if self._ticks % _THERMAL_TICKS == 0:
+            self._temperature_c = self._joints.read(now_ns).temperature_c.tolist()
+
+    def stage(self, scene: Scene) -> None:
+        """Put this around the feet."""
+        self._joints.stage(scene)
+
+    def motions(self) -> list[Motion]:
+        """Where the wearer's joints are."""
+        wearer = self._joints.wearer
+        angles, speeds = wearer.joints_rad.tolist(), wearer.speeds_rad_s.tolist()
+        torques = self._joints.torque_nm.tolist()
+        return list(map(Motion, angles, speeds, torques, self._temperature_c))
 
 
 def make_plant(device: Exoskeleton, body: Body | None = None) -> Plant:
     """The simulated exoskeleton with this wearer, or free legs without one."""
-    if body is None:
-        return FreeLegs(device)
-    from hal.joints.simulated import SimulatedJoints
-
-    wearer = SimulatedJoints(device, body, quantised=False)  # the wire does that
-    wearer.open(0)
-    wearer.enable(0)
-    return wearer
+    return FreeLegs(device) if body is None else WornExoskeleton(device, body)

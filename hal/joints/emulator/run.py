@@ -7,7 +7,6 @@ import os
 import signal
 import time
 from collections.abc import Callable
-from contextlib import suppress
 from multiprocessing.synchronize import Event
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -18,9 +17,9 @@ from hal.joints.emulator.emulator import DriveEmulator
 from hal.joints.emulator.faults import ScheduledFault
 from hal.joints.emulator.plant import make_plant
 from hal.joints.emulator.scenes import SceneReceiver
+from hal.joints.emulator.turn import take_turn
 
 _SCENE_POLLS = 4  # an action's plan takes longer than these few milliseconds
-_PRIORITY = 50  # below control: a late body must not delay a tick
 
 if TYPE_CHECKING:
     from hal.joints.body import Body
@@ -37,11 +36,13 @@ def run_emulator(
     ready: Event | None = None,
     stop: Event | None = None,
     each_second: Callable[[DriveEmulator], None] | None = None,
+    core: int | None = None,
 ) -> None:
     """Emulate the device's drives until `stop` is set, the process is told to end, or its parent is gone.
 
     With a `body` the simulated exoskeleton hangs behind the drives, else free legs. `ready` is set once the bus is
-    joined. Raises HardwareError when a bus can't be opened.
+    joined. `core` is best the one of who commands: the drives then run while he sleeps, and leave the others alone.
+    Raises HardwareError when a bus can't be opened.
     """
     device = with_bus(device, interface, channel)
     plant = make_plant(device, body)
@@ -56,7 +57,7 @@ def run_emulator(
 
     try:
         emulator.open()
-        _hurry()
+        take_turn(core)
         _spare_garbage()
         if ready is not None:
             ready.set()
@@ -94,12 +95,6 @@ class _Ending:
                 self._second_s = time.monotonic()
                 self._each_second(self._emulator)
         return self._ended
-
-
-def _hurry() -> None:
-    """Drives answer within a fraction of a millisecond: where the privilege exists, so does their emulation."""
-    with suppress(OSError, AttributeError):
-        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(_PRIORITY))
 
 
 def _spare_garbage() -> None:

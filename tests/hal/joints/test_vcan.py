@@ -196,3 +196,21 @@ def test_python_cans_own_viewer_shows_the_drives(rig: CanRig) -> None:
     os.close(host)
     os.close(terminal)
     assert process.returncode == 0
+
+
+def test_python_cans_own_logger_records_the_drives(rig: CanRig, tmp_path: Path) -> None:
+    interface, channel = bus_of_test()
+    log = tmp_path / "session.log"
+    logger = [sys.executable, "-m", "can.logger", "-i", interface, "-c", channel, "-f", str(log)]
+    with subprocess.Popen(logger, stdout=subprocess.DEVNULL) as process:
+        try:
+            until(log.exists)  # it listens before it makes its file
+            rig.joints.open(rig.now_ns())
+            rig.joints.enable(rig.now_ns())
+            rig.until(lambda _: log.stat().st_size > 0, command())  # it writes by the buffer
+        finally:
+            process.kill()
+    recorded = frames(log)
+    for drive in range(1, 5):
+        assert any(identifier == f"{drive:03X}" for identifier, _ in recorded), "commanded"
+        assert any(identifier == "000" and data.startswith(f"{drive:02X}") for identifier, data in recorded), "answered"
