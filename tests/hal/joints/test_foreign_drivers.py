@@ -5,13 +5,16 @@ Notation as in can-utils: identifier (three digits standard, eight extended) # d
 
 from __future__ import annotations
 
+import math
+
 import msgspec
 import pytest
 
 from hal.joints.codecs import codec_of
 from hal.joints.codecs.wire import Frame, SetPoint
 from hal.joints.device import load_exoskeleton
-from hal.joints.emulator.firmware import EmulatedDrive
+from hal.joints.emulator.firmware import EmulatedDrive, MotorState
+from hal.joints.joints import DriveFault
 from hal.joints.motors import load_motors
 
 # What a driver sends, and what the drive says to it, in the order of a session.
@@ -59,13 +62,17 @@ SESSIONS = {
 
 # What drivers in use elsewhere put on a bus for these numbers, taken down beside the emulator. In this order:
 # mini-cheetah-motor-driver-socketcan 0.4.3 (its axis turned round), damiao-motor 1.0.6, python-cybergear 0.1.2, and
-# pycybergear 1.0.0, which leaves the torque in the identifier at 0, that is −12 Nm, whatever it is given.
-# TMotorCANControl 1.2.6 scales by 2ⁿ where the firmware does by 2ⁿ − 1: not pinned.
+# pycybergear 1.0.0, which leaves the torque in the identifier at 0, that is −12 Nm, whatever it is given; a public
+# SocketCAN driver for the manual V3.0.1 (its class CubeMarsAkV3Motor). TMotorCANControl 1.2.6
+# scales MIT mode by 2ⁿ where the firmware does by 2ⁿ − 1: not pinned.
 SEEN = [
     ("AK10-9/V2", SetPoint(-0.3, 0.0, 40.0, 2.0, 0.0), "005#7CED7FF1476667FF"),
     ("DM4340/v10", SetPoint(0.5, 0.0, 30.0, 1.5, 0.0), "005#851E7FF0F54CC7FF"),
     ("CyberGear/sample", SetPoint(0.5, 0.0, 30.0, 1.5, 0.0), "017FFF05#851E7FFF0F5C4CCC"),
     ("CyberGear/sample", SetPoint(0.5, 0.0, 30.0, 1.5, -12.0), "01000005#851E7FFF0F5C4CCC"),
+    ("AK60-6/V3.0.1", SetPoint(-0.3, 2.0, 40.0, 2.0, -3.5), "00000805#1476667CF08435AA"),
+    ("AK80-9/V3.0.1", SetPoint(-0.3, 2.0, 40.0, 2.0, -3.5), "00000805#1476667CF083E671"),
+    ("AK10-9/V3.0.1", SetPoint(-0.3, 2.0, 40.0, 2.0, -3.5), "00000805#1476667CF089177A"),
 ]
 
 
@@ -76,6 +83,22 @@ def test_other_drivers_pack_the_same_numbers_into_the_same_bits(label: str, told
     understood = codec.read_command(5, frame_of(seen))
     assert isinstance(understood, SetPoint)
     assert tuple(understood) == pytest.approx(tuple(told), abs=500 / 4095)  # the coarsest quantum here: of stiffness
+
+
+def test_an_upload_says_to_another_driver_what_it_says_here() -> None:
+    """TMotorCANControl 1.2.6 reads the emulator's upload as 40.1°, 2170 electrical rpm, 3.66 A, 31 °C."""
+    model = load_motors().find("AK80-9/servo")
+    joint = msgspec.structs.replace(load_exoskeleton().left_knee, can_id=5, reply_id=0)
+    emulated = EmulatedDrive(joint, model)
+    emulated.state = MotorState(position_rad=0.7, velocity_rad_s=1.2, torque_nm=3.0, temperature_c=31.0)
+    (upload,) = emulated.upload()
+    assert text_of(upload) == "00002905#019100D9016E1F00"
+    heard = codec_of(model).read_reply(upload)
+    assert heard is not None
+    assert heard.position_rad == pytest.approx(math.radians(40.1))
+    assert heard.velocity_rad_s == pytest.approx(2170 / (21 * 9) * math.tau / 60)
+    assert heard.torque_nm == pytest.approx(3.66 * 0.091 * 9)
+    assert (heard.temperature_c, heard.faults) == (31.0, DriveFault.NONE)
 
 
 def frame_of(text: str) -> Frame:
