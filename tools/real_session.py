@@ -40,8 +40,10 @@ END = "end"
 KEY_NS = 500_000_000  # a key that did nothing is pressed again after this
 
 
-def run_console(setup: SessionSetup, words: Connection, perception: bool) -> None:
-    """The console's part: starts the processes, beats, passes words on."""
+def run_console(setup: SessionSetup, words: Connection, perception: bool, group: Path | None) -> None:
+    """The console's part: joins the control group, starts the processes, beats, passes words on."""
+    if group is not None:
+        (group / "cgroup.procs").write_text("0", encoding="ascii")  # its children are born there
     if not perception:
         hosting.START_ORDER = tuple(name for name in hosting.START_ORDER if name != "perception")
     setup = msgspec.structs.replace(setup, console_pid=os.getpid())
@@ -63,7 +65,10 @@ def run_console(setup: SessionSetup, words: Connection, perception: bool) -> Non
 class RealSession:
     """What a test or a bench sees of it."""
 
-    def __init__(self, home: Path, joints: JointsConfig | None = None, *, perception: bool = False) -> None:
+    def __init__(
+        self, home: Path, joints: JointsConfig | None = None, *, perception: bool = False, group: Path | None = None
+    ) -> None:
+        """group: the kernel's control group that all its processes are to be in."""
         model = str(find_home().models / "hand_landmarker.task") if perception else ""
         config = Config(joints=joints or JointsConfig(), model=model)
         if config.joints.kind == "can":
@@ -72,7 +77,7 @@ class RealSession:
         self.setup = hosting.make_setup(Home(home), config, DEMO_PATIENT, "bench")
         context = multiprocessing.get_context("spawn")
         self._words, theirs = context.Pipe()
-        self._console = context.Process(target=run_console, args=(self.setup, theirs, perception))
+        self._console = context.Process(target=run_console, args=(self.setup, theirs, perception, group))
         self._console.start()
         assert self._words.poll(PATIENCE_S), "the console did not start"
         self.pids: dict[str, int] = {**self._words.recv(), "console": self._console.pid or 0}
@@ -197,9 +202,11 @@ class RealSession:
 
 
 @contextmanager
-def real_session(home: Path, joints: JointsConfig | None = None, *, perception: bool = False) -> Iterator[RealSession]:
+def real_session(
+    home: Path, joints: JointsConfig | None = None, *, perception: bool = False, group: Path | None = None
+) -> Iterator[RealSession]:
     """A session that is ended whatever happens."""
-    session = RealSession(home, joints, perception=perception)
+    session = RealSession(home, joints, perception=perception, group=group)
     try:
         yield session
     finally:

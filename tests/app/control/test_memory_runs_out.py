@@ -1,0 +1,81 @@
+"""Memory really runs out while the legs walk: in a control group of its own, so that nobody else on the host is asked.
+
+The kernel chooses whom to end by the order in `app/out_of_memory.py`; control and guardian stay, and the legs are held.
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import suppress
+from pathlib import Path
+
+import psutil
+import pytest
+
+from app.control.states import Effect
+from tools.real_session import PATIENCE_S, RealSession, real_session
+
+ROOTS = (Path("/sys/fs/cgroup/memory"), Path("/sys/fs/cgroup"))  # versions 1 and 2 of the kernel's control groups
+LIMITS = ("memory.limit_in_bytes", "memory.max")
+# A small computer's. The kernel weighs what a process has, and its place in the order as a share of all there is: with
+# less than this, control's locked 200 MB would weigh more than the planner that asks to go before it.
+HOST_BYTES = 2**30
+# Takes memory that belongs to no process, as a full temporary file system does, until the planner has been ended.
+HOG = """
+import os, pathlib, time
+pathlib.Path({members!r}).write_text('0')
+planner = pathlib.Path('/proc/{planner}/status')
+held = os.memfd_create('held')
+while planner.exists() and 'Z (zombie)' not in planner.read_text():
+    os.write(held, bytes(2**22))
+    time.sleep(0.01)
+"""
+
+
+@pytest.fixture
+def group() -> Iterator[Path]:
+    """A control group of little memory, whose members alone are ended when it is used up."""
+    made = next((made for made in map(_made_under, ROOTS) if made is not None), None)
+    if made is None:
+        pytest.skip("no memory control group can be made here")
+    yield made
+    deadline = time.monotonic() + PATIENCE_S
+    while made.exists() and time.monotonic() < deadline:
+        with suppress(OSError):  # while a member is still ending
+            made.rmdir()
+        time.sleep(0.05)
+
+
+def _made_under(root: Path) -> Path | None:
+    """The group under one root; None where this kernel or user has none there."""
+    made = root / f"rleex-{os.getpid()}"
+    try:
+        made.mkdir()
+        limit = next(made / name for name in LIMITS if (made / name).exists())
+        limit.write_text(str(HOST_BYTES), encoding="ascii")
+    except (OSError, StopIteration):
+        with suppress(OSError):
+            made.rmdir()
+        return None
+    return made
+
+
+@pytest.fixture
+def session(tmp_path: Path, group: Path) -> Iterator[RealSession]:
+    with real_session(tmp_path, group=group) as one:
+        yield one
+
+
+@pytest.mark.skipif(psutil.swap_memory().total > 0, reason="pages would go to the swap instead")
+def test_the_planner_goes_control_and_guardian_stay_and_the_legs_are_held(group: Path, session: RealSession) -> None:
+    session.walk(steps=1)
+    hog = HOG.format(members=str(group / "cgroup.procs"), planner=session.pids["planner"])
+    subprocess.run([sys.executable, "-c", hog], check=True, timeout=PATIENCE_S)
+    session.until_ended("planner")
+    held = session.until(lambda s: s.effect >= Effect.HOLD and s.action is None, "hold")
+    assert held.enabled, "held, not dropped"
+    assert all(psutil.Process(session.pids[name]).is_running() for name in ("control", "guardian"))
