@@ -35,7 +35,7 @@ from rich.console import Console
 from rich.progress import track
 
 CPU_FACTOR, CPU_LEAST_S = 4, 20  # a mutant that computes so much longer than the unchanged module never ends
-WALL_S = 900  # one that waits instead of computing
+WALL_S = 3600  # one that waits instead of computing; at idle priority on a busy host a test waits long for its turn
 TOLD_EVERY = 20  # mutants; where nobody sees a progress bar
 SEED = 1
 OPTIONS = ("-q", "-x", "--assert=plain", "-p", "no:cacheprovider", "-W", "ignore", "-o", "filterwarnings=")
@@ -114,6 +114,7 @@ class Jury:
     tests: list[str]
     order: Order = field(default_factory=Order)
     cpu_s: int = WALL_S
+    endless: int = 0  # mutants that were ended, not answered
 
     def prepare(self) -> None:
         """Run the tests once on the unchanged module. Raises SystemExit when they fail."""
@@ -136,7 +137,9 @@ class Jury:
             noticed_by = pipe.read()
         if noticed_by:
             self.order.noticed[noticed_by] += 1
-        return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 0
+        ended = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
+        self.endless += ended in {-signal.SIGALRM, -signal.SIGXCPU}
+        return ended == 0
 
     def _judge(self, source: str, sending: int) -> None:
         """In the child, which ends here."""
@@ -209,7 +212,8 @@ def judge(jury: Jury, source: str, every: list[str], at_most: int) -> None:
             if judged % TOLD_EVERY == 0 and not sys.stderr.isatty():
                 tell(f"... {judged - alive} of {judged} noticed")
     finally:
-        tell(f"{jury.module}: {judged - alive} of {judged} noticed; {len(every)} changes in all")
+        told = f"{judged - alive} of {judged} noticed, {jury.endless} of them by never ending"
+        tell(f"{jury.module}: {told}; {len(every)} changes in all")
 
 
 def main(session: str, module: str, tests: str, at_most: str = "1000000") -> None:
