@@ -12,7 +12,7 @@ from app.control.states import GaitState
 from app.control.trajectory import RECIPES, plan
 from app.links import OrderedReceiver, OrderedSender, address
 from app.processes import PLAN_REPLY, PLAN_REQUEST
-from app.realtime import leave_core_to_control, spare_the_living, take_turn
+from app.realtime import spare_the_living, take_turn
 from app.setup import SessionSetup
 from hal.joints.device import DEFAULT_DEVICE, load_exoskeleton
 
@@ -29,7 +29,6 @@ def run_planner(setup: SessionSetup) -> None:
     warm_up(patient)
     spare_the_living()
     take_turn("planner")
-    leave_core_to_control()
     while os.getppid() == parent:
         message = requests.receive(WAIT_S)
         if message is not None:

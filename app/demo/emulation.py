@@ -13,7 +13,6 @@ import msgspec
 from app.config import JointsConfig
 from app.control.patient import body_of
 from app.errors import AppError
-from app.realtime import core_of_control
 from hal.joints.device import DEFAULT_DEVICE, load_exoskeleton
 from hal.joints.emulator import ScheduledFault, run_emulator
 from profiles.schema import DEMO_PATIENT, Profile
@@ -52,7 +51,6 @@ def emulated_drives(
             "schedule": schedule,
             "ready": ready,
             "stop": stop,
-            "core": core_of_control(),
         },
         name="emulated drives",
         daemon=True,

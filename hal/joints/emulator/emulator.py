@@ -25,7 +25,7 @@ from hal.joints.transmission import Transmission
 
 TICK_NS = int(1e9 / TICK_HZ)
 _EARLY_NS = TICK_NS // 2  # having answered, the body may move so much before its time: one awakening does for both
-_CATCH_UP_NS = 100_000_000  # behind by more, the body loses time rather than race after it
+_CATCH_UP_NS = 20_000_000  # behind by more, the body loses time: racing after it would keep the drives from answering
 _UPLOAD_TICKS = 5
 _FRAMES_A_TURN = 64  # a flood must not stop the body
 
@@ -104,7 +104,6 @@ class DriveEmulator:
             frames = port.wait(0 if turn else wait_s)  # what is no frame, a drive doesn't hear
             if frames is None:
                 return turn > 0
-            self._advance_until(time.monotonic_ns())  # who was woken late answers with where the body is now
             if not self._off:
                 self._send(number, [reply for frame in frames for reply in self._answers(number, frame)])
         return True
@@ -125,9 +124,11 @@ class DriveEmulator:
         return answers
 
     def _advance_until(self, until_ns: int) -> None:
-        if self._tick_ns == 0 or until_ns - self._tick_ns > _CATCH_UP_NS:
-            self.lost_ticks += 0 if self._tick_ns == 0 else (until_ns - self._tick_ns) // TICK_NS
+        if self._tick_ns == 0:
             self._tick_ns = until_ns
+        lost = max(until_ns - self._tick_ns - _CATCH_UP_NS, 0) // TICK_NS
+        self.lost_ticks += lost
+        self._tick_ns += lost * TICK_NS
         while self._tick_ns <= until_ns:
             self._advance(self._tick_ns)
             self._tick_ns += TICK_NS

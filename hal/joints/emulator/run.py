@@ -7,6 +7,7 @@ import os
 import signal
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from multiprocessing.synchronize import Event
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -17,9 +18,9 @@ from hal.joints.emulator.emulator import DriveEmulator
 from hal.joints.emulator.faults import ScheduledFault
 from hal.joints.emulator.plant import make_plant
 from hal.joints.emulator.scenes import SceneReceiver
-from hal.joints.emulator.turn import take_turn
 
 _SCENE_POLLS = 4  # an action's plan takes longer than these few milliseconds
+_PRIORITY = 50  # below control: a late body must not delay a tick
 
 if TYPE_CHECKING:
     from hal.joints.body import Body
@@ -36,13 +37,11 @@ def run_emulator(
     ready: Event | None = None,
     stop: Event | None = None,
     each_second: Callable[[DriveEmulator], None] | None = None,
-    core: int | None = None,
 ) -> None:
     """Emulate the device's drives until `stop` is set, the process is told to end, or its parent is gone.
 
     With a `body` the simulated exoskeleton hangs behind the drives, else free legs. `ready` is set once the bus is
-    joined. `core` is best the one of who commands: the drives then run while he sleeps, and leave the others alone.
-    Raises HardwareError when a bus can't be opened.
+    joined. Raises HardwareError when a bus can't be opened.
     """
     device = with_bus(device, interface, channel)
     plant = make_plant(device, body)
@@ -57,7 +56,7 @@ def run_emulator(
 
     try:
         emulator.open()
-        take_turn(core)
+        _hurry()
         _spare_garbage()
         if ready is not None:
             ready.set()
@@ -95,6 +94,16 @@ class _Ending:
                 self._second_s = time.monotonic()
                 self._each_second(self._emulator)
         return self._ended
+
+
+def _hurry() -> None:
+    """Drives answer within a fraction of a millisecond: where the privilege exists, so does their emulation.
+
+    On whichever core is free: pinned to control's, where the kernel's and the host's moments leave too little for both,
+    the drives fell silent; as a usual program there as well.
+    """
+    with suppress(OSError, AttributeError):
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(_PRIORITY))
 
 
 def _spare_garbage() -> None:
