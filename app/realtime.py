@@ -33,6 +33,8 @@ TURNS = MappingProxyType(
         "sign of life": Turn(fifo=20),  # a busy machine must not look like a dead console
         "perception": Turn(nice=-10),  # the wearer's command must not wait for the screen, or for other programs
         "audit": Turn(nice=-10),  # needs little, but a trail that falls behind stops the legs
+        "console": Turn(nice=-5),  # after perception, whose core it shares; before other programs
+        "rehearsal": Turn(nice=5),  # half a minute of physics, while somebody presses keys
         "bus log": Turn(nice=5),  # its socket holds a second's frames: it can wait, perception can't
     }
 )
@@ -53,7 +55,7 @@ def take_turn(name: str) -> bool:
     try:
         if turn.fifo is not None:
             os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(turn.fifo))
-        os.nice(turn.nice)
+        os.setpriority(os.PRIO_PROCESS, 0, turn.nice)  # not `nice`: a child inherits its parent's
     except PermissionError:
         return False
     return True
@@ -88,7 +90,7 @@ def take_core() -> int | None:
 
 
 def leave_core_to_control() -> None:
-    """One core of several is control's: its every tick would put off a look at a hand, a plan its emulated drives."""
+    """For perception: one core of several is control's, whose every tick would put a running look at a hand off."""
     core = core_of_control()
     others = os.sched_getaffinity(0) - {core}
     if core is not None and others:

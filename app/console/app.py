@@ -37,6 +37,7 @@ from app.console.warm import load_rest
 from app.host import SessionHost
 from app.operators import needs_sign_in
 from app.paths import Home
+from app.realtime import take_turn
 from logs.records import SignOut
 from profiles.schema import Profile
 
@@ -141,7 +142,8 @@ class ConsoleApp(SessionFlow):
         """Help on the screen that is open."""
         screen = self.screen
         if isinstance(screen, (ConsoleScreen, Dialog)) and not isinstance(screen, HelpPage):
-            self.push_screen(HelpPage(page(screen.HELP_PAGE, screen.active_bindings, self)))
+            words = page(screen.HELP_PAGE, screen.active_bindings, self)
+            self.push_kept(words, lambda: HelpPage(words))
 
     def action_next_theme(self) -> None:
         """Dark, light, high contrast, and around."""
@@ -157,7 +159,7 @@ class ConsoleApp(SessionFlow):
         """Say everything in this language."""
         self._language = code
         use_language(code)
-        for screen in self.screen_stack:
+        for screen in {*self.screen_stack, *self.kept.values()}:
             await screen.recompose()
             screen.refresh_bindings()
 
@@ -237,6 +239,7 @@ def run_console(home: Home, config: Config, *, straight: bool = False, read_only
     simulated = config.joints.kind == "simulated"
     profile = ProfileStore(home.profiles).load(config.patient) if straight or simulated else None
     app = ConsoleApp(home, config, profile=profile)
+    take_turn("console")
     try:
         app.run()
     finally:

@@ -120,6 +120,13 @@ class Dialog(_Console[T], ModalScreen[T]):
 
     BINDINGS: ClassVar[list[BindingType]] = [("escape", "cancel", "bind.cancel")]
 
+    @on(events.ScreenResume)
+    def _show_newest(self) -> None:
+        """One that is opened again must not show what was, not even until the next beat."""
+        if self.composed:
+            self.show_session(self.console_app.live_state())
+            self.refresh_bindings()
+
     def action_cancel(self) -> None:
         """Close without an answer."""
         self.dismiss(None)

@@ -99,6 +99,10 @@ class TherapistAct(Dialog[Action]):
             options.add_options(self._options())
             options.highlighted = at
 
+    def on_screen_resume(self) -> None:
+        """Enter alone must choose nothing, least of all what was chosen last."""
+        self.query_one(OptionList).highlighted = None
+
     def on_key(self, event: events.Key) -> None:
         if event.key in GESTURE_KEYS:
             event.stop()
@@ -124,11 +128,13 @@ class TherapistAct(Dialog[Action]):
 class Lists(Dialog[None]):
     """Lines that keep themselves up to date, there with the first paint: the checks, a patient's history."""
 
-    def __init__(self, title: str, words: str = "") -> None:
+    def __init__(self) -> None:
         super().__init__()
-        self._title = title
-        self._words = words
         self._lines: Lines = ()
+
+    def title_and_words(self) -> tuple[str, str]:
+        """What stands in the border, and above the lines."""
+        raise NotImplementedError
 
     def lines_of(self, state: SessionState | None) -> Lines:
         """What to show; None: no session."""
@@ -136,9 +142,10 @@ class Lists(Dialog[None]):
 
     def compose(self) -> ComposeResult:
         self._lines = self.lines_of(self.console_app.live_state())
+        title, words = self.title_and_words()
         with VerticalScroll(classes="dialog") as box:
-            box.border_title = self._title
-            yield Static(self._words, markup=False, id="words")
+            box.border_title = title
+            yield Static(words, markup=False, id="words")
             yield Static(content_of(self._lines), id="lines")
         yield from self.compose_bottom()
 

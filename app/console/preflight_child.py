@@ -19,8 +19,10 @@ def rehearse_all(words: Connection, home: Path, config: Config, profile: Profile
     """Rehearse what is not on record yet, keep the verdicts, tell of each."""
     from app.control.patient import patient_of
     from app.control.preflight import cleared_actions, run_preflight
+    from app.realtime import take_turn
     from hal.joints.device import DEFAULT_DEVICE, load_exoskeleton
 
+    take_turn("rehearsal")
     place = Home(home)
     device = load_exoskeleton(Path(config.joints.device) if config.joints.device else DEFAULT_DEVICE)
     patient = patient_of(profile, device)

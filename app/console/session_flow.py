@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Callable
+from typing import Any, TypeVar
 
 from textual.app import App
 from textual.screen import Screen
@@ -34,6 +36,8 @@ from app.setup import SessionSetup
 from profiles.schema import DEMO_PATIENT, Profile
 from profiles.store import ProfileStore
 
+T = TypeVar("T")
+
 CONTROL_ENDS_S = 8.0  # hold, damp, disable; the host kills what takes longer
 
 
@@ -53,6 +57,18 @@ class SessionFlow(App[None]):
         self.sessions = SessionRecords(home.root / "sessions")
         self._make_host = make_host
         self._clock = clock
+        self.kept: dict[str, Dialog[Any]] = {}
+
+    def push_kept(
+        self, name: str, make: Callable[[], Dialog[T]], then: Callable[[T | None], None] | None = None
+    ) -> None:
+        """Open a dialog that stays made for the next time: making it anew takes three quarters of a key's reaction."""
+        dialog = self.kept.get(name)
+        if dialog is None:
+            dialog = self.kept[name] = make()
+            self.install_screen(dialog, name)
+        if dialog not in self.screen_stack:
+            self.push_screen(dialog, then)
 
     @property
     def operator(self) -> str:

@@ -32,8 +32,13 @@ class History(Lists):
     HELP_PAGE = "history"
 
     def __init__(self, name: str, changes: tuple[Change, ...]) -> None:
-        super().__init__(tr("history.title", name=name))
+        super().__init__()
+        self._patient = name
         self._shown = describe(changes)
+
+    def title_and_words(self) -> tuple[str, str]:
+        """The patient."""
+        return tr("history.title", name=self._patient), ""
 
     def lines_of(self, state: SessionState | None) -> Lines:  # noqa: ARG002 - a history has no session
         """Every change."""

@@ -49,8 +49,9 @@ class Checklist(Lists):
         ("p", "preflight", "bind.checklist.preflight"),
     ]
 
-    def __init__(self) -> None:
-        super().__init__(tr("checks.title"), tr("checks.words"))
+    def title_and_words(self) -> tuple[str, str]:
+        """In the language of now."""
+        return tr("checks.title"), tr("checks.words")
 
     def lines_of(self, state: SessionState | None) -> Lines:
         """Every check as it stands."""

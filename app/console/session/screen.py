@@ -108,7 +108,7 @@ class SessionScreen(HandKeys):
         """One of the twelve actions, by the therapist's key."""
         state = self.console_app.live_state()
         allowed = state.snapshot.allowed if state is not None and state.snapshot is not None else ()
-        self.app.push_screen(TherapistAct(allowed), self._chosen)
+        self.console_app.push_kept("act", lambda: TherapistAct(allowed), self._chosen)
 
     def action_torque_off(self) -> None:
         """After a damping: the joints off, on the operator's word."""
@@ -120,7 +120,7 @@ class SessionScreen(HandKeys):
 
     def action_checks(self) -> None:
         """Show the checks."""
-        self.app.push_screen(Checklist())
+        self.console_app.push_kept("checks", Checklist)
 
     def action_compare(self) -> None:
         """Both cameras side by side."""

@@ -9,6 +9,7 @@ from textual.widgets import Input, Select
 from app.config import Config, JointsConfig
 from app.console.after.records import SessionRecords
 from app.console.app import ConsoleApp
+from app.console.language import tr
 from app.console.patients.fields import FIELDS, Kind
 from app.console.session.screen import SessionScreen
 from app.console.session.words import EFFECT_MARKS, effect_name
@@ -243,6 +244,42 @@ async def test_the_palette_finds_the_twelve_actions(console: Opener) -> None:
         await open_console.shows("sit down")
         await open_console.press("enter")
         await open_console.until(lambda: (OperatorKind.ACT, Action.SIT_DOWN) in open_console.host.sent)
+
+
+async def test_a_dialog_opened_again_shows_what_is_now(console: Opener) -> None:
+    async with console() as open_console:
+        await open_console.press("s")
+        await open_console.shows("✓ The camera gives pictures")
+        await open_console.press("escape")
+        open_console.host.camera_fault = "The webcam was unplugged; plug it in again."
+        await open_console.shows("The webcam was unplugged")
+        await open_console.press("s")
+        await open_console.shows("✗ The camera gives pictures")
+
+
+async def test_enter_alone_never_repeats_the_last_action(console: Opener) -> None:
+    async with console() as open_console:
+        acts = [(OperatorKind.ACT, Action.INITIALISE)]
+        for _ in range(2):
+            await open_console.press("t")
+            await open_console.shows("The therapist's action")
+            await open_console.press("enter")
+            await open_console.shows("The therapist's action")
+            await open_console.press("down", "enter")
+            await open_console.until(lambda: "The therapist's action" not in open_console.text())
+            assert open_console.host.sent == acts
+            open_console.host.sent.clear()
+
+
+async def test_a_dialog_kept_from_before_speaks_the_new_language(console: Opener) -> None:
+    async with console() as open_console:
+        await open_console.press("s")
+        await open_console.shows("Before arming")
+        await open_console.press("escape")
+        await open_console.app.speak("zh")
+        await open_console.press("s")
+        await open_console.shows(tr("checks.title"))
+        assert "Before arming" not in open_console.text()
 
 
 async def test_the_picture_pauses_but_the_chain_does_not(console: Opener) -> None:
