@@ -297,6 +297,15 @@ def test_what_refuses_refuses_whom_it_names_and_says_why(event: Event, source: S
         assert rig.memory.refusal.startswith(row.text) or not rig.watching
 
 
+@pytest.mark.parametrize(
+    "event", [event for event in Event if ROW[event].effect < Effect.HOLD and not CAUSES[event].fresh]
+)
+def test_of_what_stops_nothing_only_legs_far_from_their_pose_lose_their_state(event: Event) -> None:
+    rig = rig_with(event)
+    assert rig.memory is not None
+    assert (rig.memory.gait.state is GaitState.BETWEEN) is (event is E.FAR_FROM_POSE)
+
+
 @pytest.mark.parametrize("event", [event for event in Event if ROW[event].effect is Effect.NOTE])
 def test_a_note_stops_nothing(event: Event) -> None:
     rig = rig_with(event)
