@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 from textual.app import App
 from textual.pilot import Pilot
+from textual.widgets import Input
 
 from app.config import Config
 from app.console.app import ConsoleApp
@@ -39,6 +40,10 @@ class Console:
     async def press(self, *keys: str) -> None:
         """Press keys one after the other."""
         await self.pilot.press(*keys)
+
+    def type(self, field: str, words: str) -> None:
+        """Put these words into a field of the open screen."""
+        self.app.screen.query_one(f"#{field}", Input).value = words
 
     async def until(self, condition: Callable[[], object]) -> None:
         """Wait until the condition holds; fail after a limit."""

@@ -6,32 +6,24 @@ import msgspec
 import pytest
 from textual.widgets import Input, Select
 
-from app.config import Config, JointsConfig
 from app.console.after.records import SessionRecords
-from app.console.app import ConsoleApp
 from app.console.language import tr
-from app.console.patients.fields import FIELDS, Kind
-from app.console.session.screen import SessionScreen
 from app.console.session.words import EFFECT_MARKS, effect_name
-from app.console.signin import SignInDialog
 from app.control.states import Action, Effect, GaitState
 from app.messages import OperatorKind
-from app.operators import Role, add_operator, load_store, save_store
 from app.paths import Home
 from profiles.schema import DEMO_PATIENT
 from profiles.store import ProfileStore
 from tests.app.console.conftest import Console, Opener
 from tests.app.console.fake_host import event
 
-PIN = "483920"
-
 
 async def test_a_first_patient_is_made_and_walks(console: Opener, home: Home) -> None:
     async with console(profile=None) as open_console:
         await open_console.press("n")
         await open_console.shows("New patient")
-        _type(open_console.app, "identifier", "P-0042")
-        _type(open_console.app, "stature_m", "1.62 m")
+        open_console.type("identifier", "P-0042")
+        open_console.type("stature_m", "1.62 m")
         await open_console.shows("Everything in range")
         await open_console.press("ctrl+s")
         await open_console.shows("P-0042")
@@ -85,111 +77,6 @@ async def test_leaving_a_simulation_takes_one_key(console: Opener, key: str) -> 
         await open_console.press("t", "0")
         await open_console.press(key)
         await open_console.until(lambda: open_console.host.closed)
-
-
-async def test_real_joints_need_a_sign_in_and_a_second_ctrl_c(console: Opener, home: Home) -> None:
-    store = add_operator(load_store(home.keys), "Ada", Role.ENGINEER, PIN)
-    save_store(home.keys, add_operator(store, "Rex", Role.REVIEWER, PIN))
-    config = Config(joints=JointsConfig(kind="can"))
-    async with console(profile=None, config=config) as open_console:
-        await _choose_and_begin(open_console)
-        await open_console.until(lambda: isinstance(open_console.app.screen, SignInDialog))
-        await _sign_in(open_console, "Ada", "000111")
-        await open_console.shows("Name or PIN is wrong")
-        await _sign_in(open_console, "Ada", PIN)
-        await open_console.until(lambda: isinstance(open_console.app.screen, SessionScreen))
-        assert open_console.app.operator == "Ada"
-        await open_console.until(lambda: open_console.app.live_state().snapshot)  # type: ignore[union-attr]
-        await open_console.press("t", "0")
-        await open_console.shows("standing")
-        await open_console.press("ctrl+c")
-        await open_console.shows("Quit with powered joints?")
-        assert not open_console.host.closed
-        await open_console.press("ctrl+c")
-        await open_console.until(lambda: open_console.host.closed)
-
-
-async def test_a_reviewer_may_not_move_anybody(console: Opener, home: Home) -> None:
-    store = add_operator(load_store(home.keys), "Ada", Role.ENGINEER, PIN)
-    save_store(home.keys, add_operator(store, "Rex", Role.REVIEWER, PIN))
-    async with console(profile=None, config=Config(joints=JointsConfig(kind="can"))) as open_console:
-        await _choose_and_begin(open_console)
-        await open_console.until(lambda: isinstance(open_console.app.screen, SignInDialog))
-        await _sign_in(open_console, "Rex", PIN)
-        await open_console.until(lambda: not isinstance(open_console.app.screen, SignInDialog))
-        assert open_console.app.live is None
-
-
-async def test_a_locked_console_opens_with_the_operators_pin_only(console: Opener, home: Home) -> None:
-    save_store(home.keys, add_operator(load_store(home.keys), "Ada", Role.ENGINEER, PIN))
-    async with console(profile=None, config=Config(joints=JointsConfig(kind="can"))) as open_console:
-        await _choose_and_begin(open_console)
-        await open_console.until(lambda: isinstance(open_console.app.screen, SignInDialog))
-        await _sign_in(open_console, "Ada", PIN)
-        await open_console.until(lambda: isinstance(open_console.app.screen, SessionScreen))
-        await open_console.press("ctrl+l")
-        await open_console.until(lambda: isinstance(open_console.app.screen, SignInDialog))
-        await open_console.press("escape")
-        assert isinstance(open_console.app.screen, SignInDialog)
-        await open_console.press("space")
-        await open_console.until(lambda: OperatorKind.STOP in open_console.host.kinds())
-        await _sign_in(open_console, "Ada", PIN)
-        await open_console.until(lambda: isinstance(open_console.app.screen, SessionScreen))
-
-
-async def test_the_next_therapist_signs_in_without_leaving_the_program(console: Opener, home: Home) -> None:
-    store = add_operator(load_store(home.keys), "Ada", Role.ENGINEER, PIN)
-    save_store(home.keys, add_operator(store, "Ben", Role.THERAPIST, PIN))
-    async with console(profile=None, config=Config(joints=JointsConfig(kind="can"))) as open_console:
-        await open_console.shows("demo")
-        await open_console.press("f4")
-        await open_console.tells("Nobody is signed in")
-        await _choose_and_begin(open_console)
-        await open_console.until(lambda: isinstance(open_console.app.screen, SignInDialog))
-        await _sign_in(open_console, "Ada", PIN)
-        await open_console.until(lambda: open_console.app.live_state() and open_console.app.live_state().snapshot)  # type: ignore[union-attr]
-        await open_console.press("f4")
-        await open_console.tells("The session is Ada's")
-        await open_console.app.close_session()
-        await open_console.press("f4")
-        await open_console.tells("Ada is signed out")
-        await _choose_and_begin(open_console)
-        await open_console.until(lambda: isinstance(open_console.app.screen, SignInDialog))
-        await _sign_in(open_console, "Ben", PIN)
-        await open_console.until(lambda: open_console.app.operator == "Ben")
-
-
-async def test_nobody_elses_pin_opens_a_locked_console_but_it_can_be_signed_out(console: Opener, home: Home) -> None:
-    store = add_operator(load_store(home.keys), "Ada", Role.ENGINEER, PIN)
-    save_store(home.keys, add_operator(store, "Rex", Role.REVIEWER, PIN))
-    async with console(profile=None, config=Config(joints=JointsConfig(kind="can"))) as open_console:
-        await _choose_and_begin(open_console)
-        await open_console.until(lambda: isinstance(open_console.app.screen, SignInDialog))
-        await _sign_in(open_console, "Ada", PIN)
-        await open_console.until(lambda: isinstance(open_console.app.screen, SessionScreen))
-        await open_console.press("ctrl+l")
-        await open_console.until(lambda: isinstance(open_console.app.screen, SignInDialog))
-        await _sign_in(open_console, "Rex", PIN)
-        await open_console.shows("locked by Ada")
-        await _sign_in(open_console, "Ada", PIN)
-        await open_console.until(lambda: isinstance(open_console.app.screen, SessionScreen))
-        await open_console.app.close_session()
-        await open_console.press("ctrl+l")
-        await open_console.until(lambda: isinstance(open_console.app.screen, SignInDialog))
-        await open_console.press("f4")
-        await open_console.until(lambda: not isinstance(open_console.app.screen, SignInDialog))
-        assert open_console.app.signed_in is None
-
-
-async def test_the_first_run_sets_up_its_engineer(console: Opener, home: Home) -> None:
-    async with console(profile=None, config=Config(joints=JointsConfig(kind="can"))) as open_console:
-        await _choose_and_begin(open_console)
-        await open_console.shows("set up the engineer")
-        await _sign_in(open_console, "Ada", "123456")
-        await open_console.shows("first one tried")
-        await _sign_in(open_console, "Ada", PIN)
-        await open_console.until(lambda: isinstance(open_console.app.screen, SessionScreen))
-        assert load_store(home.keys).find("ada")
 
 
 @pytest.mark.parametrize(("present", "mark"), [(True, EFFECT_MARKS[Effect.REFUSE]), (False, "✓")])
@@ -299,54 +186,6 @@ async def test_a_terminal_made_tiny_and_large_again_shows_all(console: Opener) -
         await open_console.shows("STOP")
 
 
-async def test_a_megabyte_pasted_breaks_nothing(console: Opener) -> None:
-    from textual.events import Paste
-
-    async with console(profile=None) as open_console:
-        await open_console.press("n")
-        await open_console.shows("New patient")
-        for text in ("x" * 1_000_000, "line\n" * 200_000, "\x1b[2J😀" * 1000):
-            open_console.app.screen.query_one("#identifier").post_message(Paste(text))
-            await open_console.pilot.pause()
-        await open_console.press("ctrl+s")
-        await open_console.tells("Not saved")
-        assert open_console.app.store.list(archived=True).profiles == (DEMO_PATIENT,)
-
-
-@pytest.mark.parametrize("typed", ["abc", "", "-1", "9" * 10_000, "😀", "170 kg", "\x07\x1b]0;x\x07"])
-async def test_whatever_is_typed_the_form_says_what_is_wrong(console: Opener, typed: str) -> None:
-    async with console(profile=None) as open_console:
-        await open_console.press("n")
-        await open_console.shows("New patient")
-        _type(open_console.app, "identifier", "P-1")
-        for field in FIELDS:
-            if field.kind in (Kind.NUMBER, Kind.WHOLE):
-                _type(open_console.app, field.id, typed)
-        await open_console.shows("to mend")
-        await open_console.press("ctrl+s")
-        assert len(open_console.app.store.list().profiles) == 1
-
-
-async def test_a_broken_profile_is_named_in_the_list(console: Opener, home: Home) -> None:
-    home.profiles.mkdir(parents=True)
-    (home.profiles / "P-7.toml").write_text("stature_cm = 'tall'")
-    async with console(profile=None) as open_console:
-        await open_console.shows("mend that field")
-        await open_console.shows("demo")
-
-
-async def test_a_full_disk_loses_nothing_that_was_typed(console: Opener, home: Home) -> None:
-    home.root.mkdir(parents=True)
-    home.profiles.write_text("a file where the folder should be")
-    async with console(profile=None) as open_console:
-        await open_console.press("n")
-        await open_console.shows("New patient")
-        _type(open_console.app, "identifier", "P-9")
-        await open_console.press("ctrl+s")
-        await open_console.tells("mend the folder")
-        assert open_console.app.screen.query_one("#identifier", Input).value == "P-9"
-
-
 async def test_archived_patients_leave_the_list_and_are_found_by_search(console: Opener, home: Home) -> None:
     store = ProfileStore(home.profiles)
     from datetime import UTC, datetime
@@ -371,10 +210,6 @@ async def test_states_the_machine_can_be_in_are_all_drawn(console: Opener) -> No
             await open_console.shows(f"● {state_name(state)}")
 
 
-def _type(app: ConsoleApp, field: str, words: str) -> None:
-    app.screen.query_one(f"#{field}", Input).value = words
-
-
 async def _confirm_and_arm(open_console: Console) -> None:
     await open_console.until(lambda: open_console.app.live_state() and open_console.app.live_state().snapshot)  # type: ignore[union-attr]
     await open_console.press("c")
@@ -382,16 +217,3 @@ async def _confirm_and_arm(open_console: Console) -> None:
     await open_console.press("y")
     await open_console.press("a")
     await open_console.until(lambda: open_console.host.armed and open_console.host.confirmed)
-
-
-async def _choose_and_begin(open_console: Console) -> None:
-    await open_console.shows("demo")
-    await open_console.press("enter")
-    await open_console.shows("Begin (Enter)")
-    await open_console.press("enter")
-
-
-async def _sign_in(open_console: Console, name: str, pin: str) -> None:
-    _type(open_console.app, "name", name)
-    open_console.app.screen.query_one("#pin").focus()
-    await open_console.press(*pin, "enter")

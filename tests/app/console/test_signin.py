@@ -1,0 +1,125 @@
+"""Who may move legs: sign-in, lock and sign-out, over the host we own."""
+
+from __future__ import annotations
+
+from app.config import Config, JointsConfig
+from app.console.session.screen import SessionScreen
+from app.console.signin import SignInDialog
+from app.messages import OperatorKind
+from app.operators import Role, add_operator, load_store, save_store
+from app.paths import Home
+from tests.app.console.conftest import Console, Opener
+
+PIN = "483920"
+
+
+async def test_real_joints_need_a_sign_in_and_a_second_ctrl_c(console: Opener, home: Home) -> None:
+    store = add_operator(load_store(home.keys), "Ada", Role.ENGINEER, PIN)
+    save_store(home.keys, add_operator(store, "Rex", Role.REVIEWER, PIN))
+    config = Config(joints=JointsConfig(kind="can"))
+    async with console(profile=None, config=config) as open_console:
+        await _begin_as(open_console, "Ada", "000111")
+        await open_console.shows("Name or PIN is wrong")
+        await _sign_in(open_console, "Ada", PIN)
+        await open_console.until(lambda: isinstance(open_console.app.screen, SessionScreen))
+        assert open_console.app.operator == "Ada"
+        await open_console.until(lambda: open_console.app.live_state().snapshot)  # type: ignore[union-attr]
+        await open_console.press("t", "0")
+        await open_console.shows("standing")
+        await open_console.press("ctrl+c")
+        await open_console.shows("Quit with powered joints?")
+        assert not open_console.host.closed
+        await open_console.press("ctrl+c")
+        await open_console.until(lambda: open_console.host.closed)
+
+
+async def test_a_reviewer_may_not_move_anybody(console: Opener, home: Home) -> None:
+    store = add_operator(load_store(home.keys), "Ada", Role.ENGINEER, PIN)
+    save_store(home.keys, add_operator(store, "Rex", Role.REVIEWER, PIN))
+    async with console(profile=None, config=Config(joints=JointsConfig(kind="can"))) as open_console:
+        await _begin_as(open_console, "Rex", PIN)
+        await open_console.until(lambda: not isinstance(open_console.app.screen, SignInDialog))
+        assert open_console.app.live is None
+
+
+async def test_a_locked_console_opens_with_the_operators_pin_only(console: Opener, home: Home) -> None:
+    save_store(home.keys, add_operator(load_store(home.keys), "Ada", Role.ENGINEER, PIN))
+    async with console(profile=None, config=Config(joints=JointsConfig(kind="can"))) as open_console:
+        await _begin_as(open_console, "Ada", PIN)
+        await open_console.until(lambda: isinstance(open_console.app.screen, SessionScreen))
+        await open_console.press("ctrl+l")
+        await open_console.until(lambda: isinstance(open_console.app.screen, SignInDialog))
+        await open_console.press("escape")
+        assert isinstance(open_console.app.screen, SignInDialog)
+        await open_console.press("space")
+        await open_console.until(lambda: OperatorKind.STOP in open_console.host.kinds())
+        await _sign_in(open_console, "Ada", PIN)
+        await open_console.until(lambda: isinstance(open_console.app.screen, SessionScreen))
+
+
+async def test_the_next_therapist_signs_in_without_leaving_the_program(console: Opener, home: Home) -> None:
+    store = add_operator(load_store(home.keys), "Ada", Role.ENGINEER, PIN)
+    save_store(home.keys, add_operator(store, "Ben", Role.THERAPIST, PIN))
+    async with console(profile=None, config=Config(joints=JointsConfig(kind="can"))) as open_console:
+        await open_console.shows("demo")
+        await open_console.press("f4")
+        await open_console.tells("Nobody is signed in")
+        await _begin_as(open_console, "Ada", PIN)
+        await open_console.until(lambda: open_console.app.live_state() and open_console.app.live_state().snapshot)  # type: ignore[union-attr]
+        await open_console.press("f4")
+        await open_console.tells("The session is Ada's")
+        await open_console.app.close_session()
+        await open_console.press("f4")
+        await open_console.tells("Ada is signed out")
+        await _begin_as(open_console, "Ben", PIN)
+        await open_console.until(lambda: open_console.app.operator == "Ben")
+
+
+async def test_nobody_elses_pin_opens_a_locked_console_but_it_can_be_signed_out(console: Opener, home: Home) -> None:
+    store = add_operator(load_store(home.keys), "Ada", Role.ENGINEER, PIN)
+    save_store(home.keys, add_operator(store, "Rex", Role.REVIEWER, PIN))
+    async with console(profile=None, config=Config(joints=JointsConfig(kind="can"))) as open_console:
+        await _begin_as(open_console, "Ada", PIN)
+        await open_console.until(lambda: isinstance(open_console.app.screen, SessionScreen))
+        await open_console.press("ctrl+l")
+        await open_console.until(lambda: isinstance(open_console.app.screen, SignInDialog))
+        await _sign_in(open_console, "Rex", PIN)
+        await open_console.shows("locked by Ada")
+        await _sign_in(open_console, "Ada", PIN)
+        await open_console.until(lambda: isinstance(open_console.app.screen, SessionScreen))
+        await open_console.app.close_session()
+        await open_console.press("ctrl+l")
+        await open_console.until(lambda: isinstance(open_console.app.screen, SignInDialog))
+        await open_console.press("f4")
+        await open_console.until(lambda: not isinstance(open_console.app.screen, SignInDialog))
+        assert open_console.app.signed_in is None
+
+
+async def test_the_first_run_sets_up_its_engineer(console: Opener, home: Home) -> None:
+    async with console(profile=None, config=Config(joints=JointsConfig(kind="can"))) as open_console:
+        await _choose_and_begin(open_console)
+        await open_console.shows("set up the engineer")
+        await _sign_in(open_console, "Ada", "123456")
+        await open_console.shows("first one tried")
+        await _sign_in(open_console, "Ada", PIN)
+        await open_console.until(lambda: isinstance(open_console.app.screen, SessionScreen))
+        assert load_store(home.keys).find("ada")
+
+
+async def _choose_and_begin(open_console: Console) -> None:
+    await open_console.shows("demo")
+    await open_console.press("enter")
+    await open_console.shows("Begin (Enter)")
+    await open_console.press("enter")
+
+
+async def _begin_as(open_console: Console, name: str, pin: str) -> None:
+    await _choose_and_begin(open_console)
+    await open_console.until(lambda: isinstance(open_console.app.screen, SignInDialog))
+    await _sign_in(open_console, name, pin)
+
+
+async def _sign_in(open_console: Console, name: str, pin: str) -> None:
+    open_console.type("name", name)
+    open_console.app.screen.query_one("#pin").focus()
+    await open_console.press(*pin, "enter")
