@@ -134,8 +134,10 @@ class EmulatedDrive:
         return [frame, frame] if self.duplicate else [frame]
 
     def _note_host(self, frame: Frame) -> None:
+        if self.model.protocol is not WireProtocol.CYBERGEAR:
+            return
         identifier = cybergear.unpack_identifier(frame.arbitration_id)
-        if self.model.protocol is WireProtocol.CYBERGEAR and identifier.kind != cybergear.Kind.CONTROL:
+        if identifier.kind != cybergear.Kind.CONTROL:
             self._host = identifier.field & 0xFF
 
     def _answer_question(self, frame: Frame) -> list[Frame] | None:
