@@ -8,13 +8,15 @@ from typing import TypeVar
 import pytest
 
 from app.control.events import LINGER_NS, Event
+from app.control.follow import Mode
 from app.control.states import Effect
 from app.control.step import END_HOLD_NS
+from app.control.wishes import COMING_TO_REST
 from app.processes import TRIGGER
 from hal.joints.guard import Quantity, Refusal
 from hal.joints.joints import DriveState, Joint
 from logs import records
-from tests.app.control.moments import A, K, S, moving, now
+from tests.app.control.moments import SLACK_TICKS, A, K, S, moving, now
 from tests.app.control.rig import TICK_NS, Rig, standing
 
 B = TypeVar("B")
@@ -113,3 +115,59 @@ def test_torque_off_is_said_once_and_not_for_the_next_time_that_the_joints_give_
     rig.tick(1000)
     assert now(rig).effect is Effect.DAMP
     assert rig.joints.state is DriveState.ENABLED
+
+
+@pytest.mark.parametrize("joint", Joint)
+def test_the_joint_that_is_silent_is_named(joint: Joint) -> None:
+    rig = standing()
+    silent_since_ns = rig.now_ns
+    for _ in range(9):
+        feedback = rig.joints.feedback(rig.now_ns + TICK_NS)
+        feedback.measured_ns[joint] = silent_since_ns
+        rig.spoil["feedback"] = feedback
+        rig.tick()
+    (raised,) = (body for body in every(rig, records.EventRaised) if body.event == Event.JOINT_SILENT.value)
+    assert joint.name.lower().replace("_", " ") in raised.text
+
+
+def test_a_wish_while_the_legs_come_to_rest_is_told_to_wait() -> None:
+    rig = moving()
+    rig.say(K.STOP)
+    rig.tick()
+    rig.say(K.ACKNOWLEDGE)
+    rig.tick()
+    assert not now(rig).motion.resting
+    rig.say(K.ACT, A.INITIALISE)
+    rig.tick()
+    assert now(rig).refusal == COMING_TO_REST
+    assert now(rig).task is None
+    rig.settle()
+    rig.act(A.INITIALISE)
+    assert now(rig).gait.state is S.STANDING
+
+
+def test_giving_way_goes_on_from_the_command_that_left_when_one_is_refused() -> None:
+    rig = standing()
+    rig.say(K.STOP)
+    rig.say(K.STOP)
+    rig.tick(30)
+    left = rig.command
+    rig.spoil["guard_refusal"] = Refusal(joint=Joint.LEFT_KNEE, quantity=Quantity.SPEED, value=9.0, limit=4.0)
+    rig.tick()
+    assert now(rig).motion.mode is Mode.SLACK
+    assert now(rig).motion.origin is left
+    assert rig.command.stiffness_nm_rad.max() <= left.stiffness_nm_rad.max()
+    rig.tick(SLACK_TICKS + 1)
+    assert now(rig).motion.slack
+    assert rig.command.stiffness_nm_rad.max() == 0
+
+
+def test_asking_twice_for_the_end_does_not_put_it_off() -> None:
+    rig = standing()
+    rig.say(K.SHUT_DOWN)
+    rig.tick()
+    began_ns = now(rig).ending_ns
+    rig.tick(50)
+    rig.say(K.SHUT_DOWN)
+    rig.tick()
+    assert now(rig).ending_ns == began_ns
