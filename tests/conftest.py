@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from hypothesis import settings
+from hypothesis import HealthCheck, settings
 
 # A busy machine is slow, not wrong: time limits belong to `make bench`.
-settings.register_profile("rleex", deadline=None)
+settings.register_profile("rleex", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("rleex")
