@@ -143,7 +143,7 @@ class ConsoleApp(SessionFlow):
         screen = self.screen
         if isinstance(screen, (ConsoleScreen, Dialog)) and not isinstance(screen, HelpPage):
             words = page(screen.HELP_PAGE, screen.active_bindings, self)
-            self.push_kept(words, lambda: HelpPage(words))
+            self.push_kept(str(words), lambda: HelpPage(words))
 
     def action_next_theme(self) -> None:
         """Dark, light, high contrast, and around."""

@@ -61,16 +61,14 @@ class HelpPage(Dialog[None]):
 
     BINDINGS: ClassVar[list[BindingType]] = [("f1", "cancel", "bind.cancel")]
 
-    def __init__(self, markdown: str) -> None:
+    def __init__(self, words: Lines) -> None:
         super().__init__()
-        self._markdown = markdown
+        self._words = words
 
     def compose(self) -> ComposeResult:
-        from textual.widgets import Markdown  # its parser takes a tenth of a second to import: not before paint
-
         with VerticalScroll(classes="dialog page") as box:
             box.border_title = tr("help.title")
-            yield Markdown(self._markdown)
+            yield Static(content_of(self._words))  # a Markdown widget makes fifty, which take half a second
         yield from self.compose_bottom()
 
 

@@ -41,11 +41,16 @@ def _down(state: SessionState) -> bool:
     return any(not process.alive and process.exit_code is not None for process in state.processes)
 
 
+def _gone(state: SessionState, name: str) -> bool:
+    return any(process.name == name and not process.alive for process in state.processes)
+
+
 _Applies = Callable[[SessionState, ControlSnapshot | None], bool]
 _STEPS: tuple[tuple[_Applies, str, str], ...] = (
     (lambda state, _: bool(state.fault), "failed", "bold $error"),
     (lambda state, now: now is None and _down(state), "process_down", "bold $error"),
     (lambda _, now: now is None, "starting", "$text-muted"),
+    (lambda state, _: not state.snapshot_fresh and _gone(state, "guardian"), "nobody_stops", "bold $error"),
     (lambda state, _: not state.snapshot_fresh, "control_silent", "bold $error"),
     (lambda _, now: now is not None and now.effect is Effect.DAMP, "damped", "bold $error"),
     (lambda _, now: now is not None and now.effect is Effect.HOLD, "held", "bold $error"),

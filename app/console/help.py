@@ -6,18 +6,21 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 from app.console.language import knows, tr
+from app.console.session.panel import Lines, cells, padded, plain
 
 if TYPE_CHECKING:
     from textual.app import App
     from textual.binding import ActiveBinding
 
 
-def page(name: str, bindings: Mapping[str, ActiveBinding], app: App[None]) -> str:
-    """Markdown."""
+def page(name: str, bindings: Mapping[str, ActiveBinding], app: App[None]) -> Lines:
+    """What this screen is for, STOP, and a line a key."""
     words = tr(f"help.{name}") if knows(f"help.{name}") else tr("help.general")
-    rows = [
-        f"- `{app.get_key_display(active.binding)}` {active.binding.description}"
+    keys = [
+        (app.get_key_display(active.binding), active.binding.description)
         for active in bindings.values()
         if active.binding.id is not None and active.enabled
     ]
-    return "\n".join([words, "", tr("help.stop"), "", *rows])
+    width = max((cells(key) for key, _ in keys), default=0)
+    rows = [((f" {padded(key, width)}  ", "bold $accent"), (does, "")) for key, does in keys]
+    return (plain(words), plain(""), plain(tr("help.stop"), "bold"), plain(""), *rows)

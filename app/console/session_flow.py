@@ -205,6 +205,7 @@ class SessionFlow(App[None]):
         while isinstance(self.screen, Dialog):
             await self.pop_screen()
         if self.live is live:
+            self.clear_notifications()  # what the session said last would cover the summary
             self.switch_screen(AfterScreen(live.state))
 
     def _may_operate(self) -> bool:

@@ -7,8 +7,8 @@ from importlib import import_module
 
 from app.console.sentences import learn_events
 
-# numpy with the picture; the help page's parser; the messages of the palette.
-_LATER = ("app.console.halfblock", "markdown_it", "textual.widgets.markdown", "textual.fuzzy")
+# numpy with the picture; the messages of the palette.
+_LATER = ("app.console.halfblock", "textual.fuzzy")
 # Young, middle, old: a full collection, which stops all threads, comes some hundred times more rarely than by default.
 _RARELY = (5_000, 20, 50)
 _AS_USUAL = gc.get_threshold()

@@ -72,6 +72,7 @@ class FakeHost:
     camera_fault: str = ""
     press_zone: PressRange | None = None
     silent: bool = False
+    guardian_gone: bool = False
     rests_at_once: bool = True
     control_ended: bool = False
 
@@ -141,7 +142,9 @@ class FakeHost:
             ProcessStatus(
                 name=name,
                 pid=os.getpid(),
-                alive=self.started and not (name == "control" and self.control_ended),
+                alive=self.started
+                and not (name == "control" and self.control_ended)
+                and not (name == "guardian" and self.guardian_gone),
                 restarts=0,
                 exit_code=None,
             )

@@ -116,6 +116,9 @@ async def test_a_silent_control_is_told(console: Opener) -> None:
     async with console() as open_console:
         open_console.host.silent = True
         await open_console.shows("CONTROL SILENT")
+        await open_console.shows("the guardian makes the legs soft")
+        open_console.host.guardian_gone = True
+        await open_console.shows("press the emergency stop")
 
 
 async def test_an_observer_may_look_but_not_act(console: Opener) -> None:
