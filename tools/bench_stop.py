@@ -15,6 +15,7 @@ import signal
 import sys
 import tempfile
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -26,7 +27,7 @@ from rich.table import Table
 from app.config import JointsConfig
 from app.control.states import Action, Effect, GaitState
 from app.demo.emulation import emulated_drives
-from app.messages import OperatorKind
+from app.messages import ControlSnapshot, OperatorKind
 from hal.joints.device import load_exoskeleton
 
 sys.path.insert(0, str(Path(__file__).parent.parent))  # run as a script, `tools` is a folder of the tree
@@ -70,44 +71,74 @@ SITUATIONS = (
     Situation(during=_A.SIT_DOWN),
     Situation(after=(_A.SIT_DOWN,), during=_A.STAND_UP),
 )
+
+
+class InterlockError(Exception):
+    """The legs were held before STOP was pressed: a host that stood still."""
+
+
 WAYS_BACK = (_A.INITIALISE, _A.STAND_UP, _A.STEP_END, _A.STEP_RIGHT)  # to standing, the first that is allowed
 
 
-def stops(session: RealSession, presses: int) -> dict[str, list[float]]:
-    """From the key to the first changed joint command, ms, by situation; the two before there is power come first."""
-    times_ms: dict[str, list[float]] = {}
+@dataclass(slots=True)
+class Stops:
+    """From the key to the first changed joint command, ms, by situation; how often an interlock came before it."""
+
+    times_ms: dict[str, list[float]]
+    interlocks: int = 0
+
+
+def stops(session: RealSession, presses: int) -> Stops:
+    """STOP in every situation in turn; the two before there is power come first."""
     session.send(OperatorKind.CONFIRM_PATIENT)
     session.until(lambda s: s.patient_confirmed and bool(s.allowed), "readiness")
-    times_ms["unpowered"] = [press(session)]
-    acknowledge(session)
+    found = Stops({"unpowered": [press(session)]})
+    session.settle()
     session.send(OperatorKind.ACT, Action.INITIALISE)
-    session.until(lambda s: s.action is Action.INITIALISE and s.progress > MIDDLE, "the way to standing")
-    times_ms["during initialise"] = [press(session)]
-    acknowledge(session)
+    reach(session, lambda s: s.action is Action.INITIALISE and s.progress > MIDDLE, "the way to standing")
+    found.times_ms["during initialise"] = [press(session)]
     for number in track(range(max(0, presses - 2)), description="STOP", disable=not os.isatty(1)):
-        situation = SITUATIONS[number % len(SITUATIONS)]
-        stand(session)
-        go(session, situation)
-        times_ms.setdefault(situation.name, []).append(press(session))
-        acknowledge(session)
-    return times_ms
+        press_in(session, SITUATIONS[number % len(SITUATIONS)], found)
+    session.settle()
+    return found
+
+
+def press_in(session: RealSession, situation: Situation, found: Stops) -> None:
+    """From wherever the legs are into the situation, as often as an interlock comes between, and STOP there."""
+    while True:
+        try:
+            stand(session)
+            go(session, situation)
+        except InterlockError:
+            found.interlocks += 1
+        else:
+            found.times_ms.setdefault(situation.name, []).append(press(session))
+            return
 
 
 def go(session: RealSession, situation: Situation) -> None:
-    """From standing into the situation."""
+    """From standing into the situation. Raises InterlockError."""
     for action in situation.after:
         act(session, action)
     if situation.during is not None:
         session.send(OperatorKind.ACT, situation.during)
-        session.until(lambda s: s.action is situation.during and s.progress > MIDDLE, situation.name)
+        reach(session, lambda s: s.action is situation.during and s.progress > MIDDLE, situation.name)
 
 
 def act(session: RealSession, action: Action) -> None:
-    """Carry one action out to its end."""
-    session.until(lambda s: action in s.allowed, f"leave for {action.value}")
+    """Carry one action out to its end. Raises InterlockError."""
+    reach(session, lambda s: action in s.allowed, f"leave for {action.value}")
     session.send(OperatorKind.ACT, action)
-    session.until(lambda s: s.action is action, action.value)
-    session.until(lambda s: s.action is None and bool(s.allowed), f"the end of {action.value}")
+    reach(session, lambda s: s.action is action, action.value)
+    reach(session, lambda s: s.action is None and bool(s.allowed), f"the end of {action.value}")
+
+
+def reach(session: RealSession, wanted: Callable[[ControlSnapshot], bool], what: str) -> ControlSnapshot:
+    """Look until control says so. Raises InterlockError where the legs are held instead."""
+    now = session.until(lambda s: wanted(s) or s.effect >= Effect.HOLD, what)
+    if now.effect >= Effect.HOLD:
+        raise InterlockError(now.why_not)
+    return now
 
 
 def press(session: RealSession) -> float:
@@ -122,16 +153,12 @@ def stop_written(session: RealSession, pressed_ns: int) -> int:
     return session.until(lambda s: s.stop_command_ns > pressed_ns, "the stop").stop_command_ns
 
 
-def acknowledge(session: RealSession) -> None:
-    """When the legs are held."""
-    session.until(lambda s: s.effect >= Effect.HOLD and s.action is None, "the hold")
-    session.send(OperatorKind.ACKNOWLEDGE)
-    session.until(lambda s: s.effect < Effect.HOLD and bool(s.allowed), "acknowledgement")
-
-
 def stand(session: RealSession) -> None:
-    """From wherever the legs are back to standing; where the way back is refused, by torque off and on again."""
-    while (now := session.until(lambda s: bool(s.allowed), "leave to move")).state is not GaitState.STANDING:
+    """From wherever the legs are back to standing; where the way back is refused, by torque off and on again.
+
+    Raises InterlockError.
+    """
+    while (now := session.settle()).state is not GaitState.STANDING:
         back = next(action for action in WAYS_BACK if action in now.allowed)
         refused = now.refusal_count
         session.send(OperatorKind.ACT, back)
@@ -141,8 +168,8 @@ def stand(session: RealSession) -> None:
 
 def granted(session: RealSession, refusals: int) -> bool:
     """Whether the action just asked for is carried out, to its end; refusals: how many there had been."""
-    session.until(lambda s: s.action is not None or s.refusal_count > refusals, "an answer")
-    return session.until(lambda s: s.action is None, "the end of the action").refusal_count == refusals
+    reach(session, lambda s: s.action is not None or s.refusal_count > refusals, "an answer")
+    return reach(session, lambda s: s.action is None, "the end of the action").refusal_count == refusals
 
 
 def torque_off(session: RealSession) -> None:
@@ -196,10 +223,10 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder, load:
         home = Path(folder)
         with real_session(home, perception=not asked.no_perception) as session:
-            times_ms = stops(session, asked.presses)
+            found = stops(session, asked.presses)
         console_ms = [console_killed(home) for _ in range(asked.kills)]
         control_ms = [control_killed(home) for _ in range(asked.kills)]
-    every = np.concatenate(list(times_ms.values()))
+    every = np.concatenate(list(found.times_ms.values()))
     rows = {
         "stop_p50": float(np.percentile(every, 50)),
         "stop_p99": float(np.percentile(every, 99)),
@@ -210,9 +237,10 @@ def main() -> None:
             else {}
         ),
     }
-    show(times_ms, rows)
+    show(found, rows)
     if asked.json:
-        written = {"presses": len(every), **rows, "worst_by_state": {name: max(ms) for name, ms in times_ms.items()}}
+        worst = {name: max(ms) for name, ms in found.times_ms.items()}
+        written = {"presses": len(every), "interlocks": found.interlocks, **rows, "worst_by_state": worst}
         asked.json.write_text(json.dumps(written, indent=1) + "\n", encoding="utf-8")
 
 
@@ -227,11 +255,11 @@ def arguments() -> argparse.Namespace:
     return parser.parse_args()
 
 
-def show(times_ms: dict[str, list[float]], rows: dict[str, float]) -> None:
+def show(found: Stops, rows: dict[str, float]) -> None:
     """The figures beside their bounds, and the worst press of every state."""
     states = Table("STOP pressed", "times", "worst ms")
-    for name, found in times_ms.items():
-        states.add_row(name, str(len(found)), f"{max(found):.1f}")
+    for name, times_ms in found.times_ms.items():
+        states.add_row(name, str(len(times_ms)), f"{max(times_ms):.1f}")
     table = Table("measure", "ms", "bound")
     for name, value in rows.items():
         bound = LIMITS_MS.get(name)
@@ -239,6 +267,7 @@ def show(times_ms: dict[str, list[float]], rows: dict[str, float]) -> None:
     console = Console()
     console.print(states)
     console.print(table)
+    console.print(f"held by an interlock before the press, and begun again: {found.interlocks}")
 
 
 if __name__ == "__main__":

@@ -157,14 +157,24 @@ class RealSession:
 
         return self.until(towards, "walking")
 
-    def _towards_standing(self, now: ControlSnapshot) -> bool:
+    def settle(self) -> ControlSnapshot:
+        """Acknowledge whatever holds the legs, until a wish is heard again."""
+        return self.until(lambda now: not self._recovers(now) and now.action is None and bool(now.allowed), "rest")
+
+    def _recovers(self, now: ControlSnapshot) -> bool:
+        """Whether the legs are still held; then the key that a therapist would press next is pressed."""
         if now.effect is Effect.DAMP and now.enabled:  # the guardian took them: it watches again when they are off
             self._press(now, OperatorKind.TORQUE_OFF)
         elif now.action is None and now.effect >= Effect.HOLD:
             self._press(now, OperatorKind.ACKNOWLEDGE)
-        elif now.state is GaitState.STANDING and now.action is None:
+        return now.effect >= Effect.HOLD
+
+    def _towards_standing(self, now: ControlSnapshot) -> bool:
+        if self._recovers(now):
+            return False
+        if now.state is GaitState.STANDING and now.action is None:
             return True
-        elif now.action is None and Action.INITIALISE in now.allowed:
+        if now.action is None and Action.INITIALISE in now.allowed:
             self._press(now, OperatorKind.ACT, Action.INITIALISE)
         return False
 
