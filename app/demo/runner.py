@@ -22,6 +22,7 @@ ACCEPTANCE_S = 3.0
 ACTION_S = 60.0
 GREEN_S = 1.5
 GUARDIAN_S = 10.0  # it damps for seconds before it gives the joints back
+STILL_S = 1.5  # longer than a swinging leg is slow at its turning point
 LOOK_S = 0.01  # three looks a frame; control itself keeps the times that are reported
 DONE = ("completed", "stopped", "refused")
 
@@ -104,7 +105,7 @@ class CourseRunner:
         self._host.send(OperatorKind.TORQUE_OFF)
         off = self._until(lambda: not self._now.enabled, ACCEPTANCE_S)
         self._host.send(OperatorKind.ACKNOWLEDGE)
-        return off and self._until(lambda: self._now.effect < Effect.HOLD, ACCEPTANCE_S)
+        return off and self._until(lambda: self._now.effect < Effect.HOLD, ACCEPTANCE_S) and self._hang_still()
 
     def recover(self) -> bool:
         """As a therapist after an interlock held the legs: look, acknowledge; whether they may be brought back.
@@ -116,7 +117,7 @@ class CourseRunner:
         self._until(lambda: not any(e.present and e.effect >= Effect.HOLD for e in self._now.events), GUARDIAN_S)
         if self._now.effect >= Effect.HOLD:
             self._host.send(OperatorKind.ACKNOWLEDGE)
-        return self._until(self._ready_again, ACCEPTANCE_S)
+        return self._until(self._ready_again, ACCEPTANCE_S) and (self._now.enabled or self._hang_still())
 
     def unintended(self) -> int:
         """Actions that began without having been asked for."""
@@ -209,6 +210,18 @@ class CourseRunner:
             report=report,
             interrupted=interrupted,
         )
+
+    def _hang_still(self) -> bool:
+        """Wait as a therapist does: legs let go seem to rest at first, then sink into the harness and swing."""
+        since = time.monotonic()
+
+        def still() -> bool:
+            nonlocal since
+            if Action.INITIALISE not in self._now.allowed:
+                since = time.monotonic()
+            return time.monotonic() - since > STILL_S
+
+        return self._until(still, GUARDIAN_S)
 
     def _ready_again(self) -> bool:
         may_go_on = self.standing or Action.INITIALISE in self._now.allowed
