@@ -214,7 +214,7 @@ async def test_states_the_machine_can_be_in_are_all_drawn(console: Opener) -> No
 
 
 async def _confirm_and_arm(open_console: Console) -> None:
-    await open_console.until(lambda: open_console.app.live_state() and open_console.app.live_state().snapshot)  # type: ignore[union-attr]
+    await open_console.until(lambda: (state := open_console.app.live_state()) and state.snapshot)
     await open_console.press("c")
     await open_console.shows("Is this the patient?")
     await open_console.press("y")

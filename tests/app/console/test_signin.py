@@ -23,7 +23,7 @@ async def test_real_joints_need_a_sign_in_and_a_second_ctrl_c(console: Opener, h
         await _sign_in(open_console, "Ada", PIN)
         await open_console.until(lambda: isinstance(open_console.app.screen, SessionScreen))
         assert open_console.app.operator == "Ada"
-        await open_console.until(lambda: open_console.app.live_state().snapshot)  # type: ignore[union-attr]
+        await open_console.until(lambda: (state := open_console.app.live_state()) and state.snapshot)
         await open_console.press("t", "0")
         await open_console.shows("standing")
         await open_console.press("ctrl+c")
@@ -65,7 +65,7 @@ async def test_the_next_therapist_signs_in_without_leaving_the_program(console: 
         await open_console.press("f4")
         await open_console.tells("Nobody is signed in")
         await _begin_as(open_console, "Ada", PIN)
-        await open_console.until(lambda: open_console.app.live_state() and open_console.app.live_state().snapshot)  # type: ignore[union-attr]
+        await open_console.until(lambda: (state := open_console.app.live_state()) and state.snapshot)
         await open_console.press("f4")
         await open_console.tells("The session is Ada's")
         await open_console.app.close_session()
