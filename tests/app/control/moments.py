@@ -13,7 +13,7 @@ from app.control.task import Stage
 from app.messages import OperatorKind
 from hal.joints.joints import DriveState
 from logs import records
-from tests.app.control.rig import Rig, resting
+from tests.app.control.rig import Rig
 
 S, A, K = GaitState, Action, OperatorKind
 RESTS = (S.UNPOWERED, S.STANDING, S.SITTING, S.RIGHT_FORWARD, S.LEFT_FORWARD, S.BETWEEN)
@@ -25,8 +25,25 @@ GRANTED = {
     S.LEFT_FORWARD: {A.STEP_RIGHT},
     S.BETWEEN: {A.INITIALISE},
 }
+_WAYS: dict[GaitState, tuple[Action, ...]] = {
+    S.STANDING: (),
+    S.SITTING: (A.SIT_DOWN,),
+    S.RIGHT_FORWARD: (A.STEP_RIGHT_FIRST,),
+    S.LEFT_FORWARD: (A.STEP_RIGHT_FIRST, A.STEP_LEFT),
+    S.BETWEEN: (),
+}
 HOLD_TICKS = int(HOLD_S * TICK_HZ)
 SLACK_TICKS = int(GIVE_WAY_S * TICK_HZ)
+
+
+def resting(state: GaitState) -> Rig:
+    """A rig that rests in a state, settled; each call gives one of its own."""
+    return deepcopy(_resting(state))
+
+
+def standing() -> Rig:
+    """A rig that stands: patient confirmed, gestures armed."""
+    return resting(S.STANDING)
 
 
 def now(rig: Rig) -> Memory:
@@ -48,6 +65,35 @@ def drives(rig: Rig) -> DriveState:
 def moving(action: Action = A.STEP_RIGHT_FIRST, state: GaitState = S.STANDING) -> Rig:
     """A rig in the middle of an action."""
     return deepcopy(_moving(action, state))
+
+
+@cache
+def _resting(state: GaitState) -> Rig:
+    """By the table's ways from drives without power."""
+    rig = Rig()
+    rig.tick(2)
+    rig.say(K.CONFIRM_PATIENT)
+    rig.say(K.ARM)
+    if state is not S.UNPOWERED:
+        _reach(rig, state)
+    rig.tick(300)  # past the time in which the joints settle
+    rig.history.clear()
+    rig.audit.clear()
+    return rig
+
+
+def _reach(rig: Rig, state: GaitState) -> None:
+    for action in (A.INITIALISE, *_WAYS[state]):
+        rig.act(action)
+    if state is S.BETWEEN:
+        rig.say(K.ACT, A.STEP_RIGHT_FIRST)
+        rig.tick(100)
+        rig.say(K.STOP)
+        rig.settle()
+        rig.tick()
+        rig.say(K.ACKNOWLEDGE)
+        rig.tick()
+    assert now(rig).gait.state is state, now(rig)
 
 
 @cache

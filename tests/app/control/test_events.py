@@ -18,7 +18,8 @@ from hal.joints.guard import Quantity, Refusal
 from hal.joints.joints import BusFault, DriveFault, DriveState, Joint, JointArray
 from kgdfa.hand import Gesture
 from logs import records
-from tests.app.control.rig import Rig, standing
+from tests.app.control.moments import standing
+from tests.app.control.rig import Rig
 
 E = Event
 

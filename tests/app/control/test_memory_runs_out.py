@@ -17,7 +17,8 @@ import psutil
 import pytest
 
 from app.control.states import Effect
-from tools.real_session import PATIENCE_S, RealSession, real_session
+from tools.real_session import RealSession, real_session
+from tools.watched_session import PATIENCE_S
 
 ROOTS = (Path("/sys/fs/cgroup/memory"), Path("/sys/fs/cgroup"))  # versions 1 and 2 of the kernel's control groups
 LIMITS = ("memory.limit_in_bytes", "memory.max")

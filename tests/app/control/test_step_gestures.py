@@ -6,8 +6,7 @@ import pytest
 
 from kgdfa.hand import Gesture
 from logs import records
-from tests.app.control.moments import A, K, S, now, told
-from tests.app.control.rig import standing
+from tests.app.control.moments import A, K, S, now, standing, told
 
 
 def test_a_release_acts_once_however_often_it_is_told() -> None:

@@ -7,8 +7,7 @@ import pytest
 
 from app.control.states import GESTURE_OF, Action, GaitState, Source
 from logs import records
-from tests.app.control.moments import GRANTED, RESTS, A, K, S, moving, now, told, wish
-from tests.app.control.rig import resting
+from tests.app.control.moments import GRANTED, RESTS, A, K, S, moving, now, resting, told, wish
 
 
 @pytest.mark.parametrize("armed", [True, False])

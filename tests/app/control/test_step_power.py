@@ -11,8 +11,7 @@ from app.control.states import ACTION_OF, Action, Source
 from app.control.task import Stage
 from hal.joints.joints import DriveState
 from kgdfa.hand import Gesture
-from tests.app.control.moments import HOLD_TICKS, A, K, S, moving, now
-from tests.app.control.rig import resting, standing
+from tests.app.control.moments import HOLD_TICKS, A, K, S, moving, now, resting, standing
 
 
 def test_gesture_0_plans_enables_grips_and_only_then_moves() -> None:

@@ -18,7 +18,8 @@ from app.control.states import Action, GaitState, Source
 from app.messages import OperatorKind
 from hal.joints.joints import BusFault, DriveFault, DriveState
 from kgdfa.hand import Gesture
-from tests.app.control.rig import Rig, resting
+from tests.app.control.moments import resting
+from tests.app.control.rig import Rig
 
 REST_MS = 152  # a hold: 150 ms and the tick that sees it
 SILENT_MS = {"alive": 230, "watching": 200, "auditing": 400, "guarding": 250}

@@ -12,8 +12,21 @@ from app.control.task import Stage
 from hal.joints.joints import DriveState
 from kgdfa.hand import Gesture
 from logs import records
-from tests.app.control.moments import GRANTED, HOLD_TICKS, RESTS, SLACK_TICKS, A, K, S, drives, moving, now, told
-from tests.app.control.rig import resting, standing
+from tests.app.control.moments import (
+    GRANTED,
+    HOLD_TICKS,
+    RESTS,
+    SLACK_TICKS,
+    A,
+    K,
+    S,
+    drives,
+    moving,
+    now,
+    resting,
+    standing,
+    told,
+)
 
 MOVEMENTS = [
     (S.UNPOWERED, A.INITIALISE),

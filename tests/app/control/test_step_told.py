@@ -13,8 +13,7 @@ from app.control.memory import REPORTS_KEPT
 from app.control.task import Stage
 from kgdfa.hand import Gesture
 from logs import records
-from tests.app.control.moments import A, K, S, moving, now, told
-from tests.app.control.rig import standing
+from tests.app.control.moments import A, K, S, moving, now, standing, told
 
 
 def test_the_moments_of_an_action_are_in_order_and_true() -> None:

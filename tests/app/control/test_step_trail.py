@@ -16,8 +16,8 @@ from app.processes import TRIGGER
 from hal.joints.guard import Quantity, Refusal
 from hal.joints.joints import DriveState, Joint
 from logs import records
-from tests.app.control.moments import SLACK_TICKS, A, K, S, moving, now
-from tests.app.control.rig import TICK_NS, Rig, standing
+from tests.app.control.moments import SLACK_TICKS, A, K, S, moving, now, standing
+from tests.app.control.rig import TICK_NS, Rig
 
 B = TypeVar("B")
 

@@ -13,8 +13,7 @@ from app.control.plan import Phase
 from app.control.states import Source
 from app.control.task import Stage
 from kgdfa.hand import Gesture
-from tests.app.control.moments import A, K, S, moving, now, wish
-from tests.app.control.rig import standing
+from tests.app.control.moments import A, K, S, moving, now, standing, wish
 
 
 def test_a_walk_has_no_pause_and_no_jump_between_its_steps() -> None:
