@@ -22,6 +22,7 @@ import sys
 import tempfile
 import termios
 import time
+from collections.abc import Mapping
 from pathlib import Path
 
 import psutil
@@ -42,10 +43,10 @@ KEY, WORDS = b"s", b"Before arming"
 class Terminal:
     """A console in a pseudo terminal."""
 
-    def __init__(self, home: Path, columns: int, rows: int) -> None:
+    def __init__(self, home: Path, columns: int, rows: int, environment: Mapping[str, str] = os.environ) -> None:
         self.master, slave = pty.openpty()
         fcntl.ioctl(slave, termios.TIOCSWINSZ, struct.pack("HHHH", rows, columns, 0, 0))
-        environment = os.environ | {"TERM": "xterm-256color", "COLORTERM": "truecolor"}
+        environment = {**environment, "TERM": "xterm-256color", "COLORTERM": "truecolor"}
         self._lags = home / "lags.txt"
         probe = Path(__file__).with_name("loop_probe.py")
         words = [sys.executable, str(probe), str(self._lags), "run", "--home", str(home)]

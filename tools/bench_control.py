@@ -9,6 +9,7 @@ import os
 import sys
 import tempfile
 import time
+from collections import Counter
 from pathlib import Path
 
 import msgspec
@@ -21,38 +22,52 @@ from app.messages import ControlSnapshot, OperatorKind
 
 sys.path.insert(0, str(Path(__file__).parent.parent))  # run as a script, `tools` is a folder of the tree
 
-from tools.real_session import RealSession, real_session, saturated_cores
+from tools.console_session import ConsoleSession, console_session
+from tools.real_session import real_session, saturated_cores
+from tools.watched_session import WatchedSession
 
 BOUNDS_MS = {"p99_ms": 0.2, "p999_ms": 1.0}  # where SCHED_FIFO is allowed
 LEAST_FPS = 28.0
 
 
-def walk_for(session: RealSession, seconds: float) -> None:
-    """Keep the legs walking; an event that holds them ends the walk, and the ticks go on being counted."""
+def walk_for(session: WatchedSession, seconds: float) -> Counter[str]:
+    """Keep the legs walking, again after whatever held them; what that was, and how often."""
+    held: Counter[str] = Counter()
     session.walk()
     deadline = time.monotonic() + seconds
     for _ in track(range(int(seconds)), description="walking", disable=not os.isatty(1)):
         pause = min(time.monotonic() + 1.0, deadline)
         while time.monotonic() < pause:
             session.look()
+        now = session.snapshot
+        if now is not None and now.action is not Action.WALK and time.monotonic() < deadline:
+            held.update(event.name for event in now.events if not event.acknowledged)
+            session.walk()
+    return held
 
 
 def main() -> None:
     """Measure and print."""
     asked = arguments()
     load = saturated_cores() if asked.saturate else contextlib.nullcontext()
-    with (
-        tempfile.TemporaryDirectory() as folder,
-        real_session(Path(folder), perception=not asked.no_perception) as session,
-    ):
+    with tempfile.TemporaryDirectory() as folder, begun(asked, Path(folder)) as session:
         with load:
-            walk_for(session, asked.seconds)
+            held = walk_for(session, asked.seconds)
         session.send(OperatorKind.ACT, Action.WALK_END)
         snapshot = session.until(lambda s: s.action is None, "the end of the walk")
         fps = session.perception_fps()
-    show(snapshot, fps)
+        if isinstance(session, ConsoleSession):
+            Console().print(f"{session.keys} keys were typed at the console.")
+    show(snapshot, fps, held)
     if asked.json:
         asked.json.write_text(json.dumps(figures_of(snapshot, fps), indent=1) + "\n", encoding="utf-8")
+
+
+def begun(asked: argparse.Namespace, home: Path) -> contextlib.AbstractContextManager[WatchedSession]:
+    """The session to be measured."""
+    if asked.console:
+        return console_session(home)
+    return real_session(home, perception=not asked.no_perception)
 
 
 def arguments() -> argparse.Namespace:
@@ -60,12 +75,13 @@ def arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seconds", type=float, default=60.0, help="600 for the bound's ten minutes")
     parser.add_argument("--saturate", action="store_true", help="a process that never rests on every core meanwhile")
+    parser.add_argument("--console", action="store_true", help="under `rleex run` in a terminal, in use all the time")
     parser.add_argument("--no-perception", action="store_true")
     parser.add_argument("--json", type=Path)
     return parser.parse_args()
 
 
-def show(snapshot: ControlSnapshot, fps: float) -> None:
+def show(snapshot: ControlSnapshot, fps: float, held: Counter[str]) -> None:
     """The figures beside their bounds."""
     real_time = snapshot.real_time
     table = Table("lateness", "value", "bound")
@@ -75,6 +91,7 @@ def show(snapshot: ControlSnapshot, fps: float) -> None:
     got = f"{real_time.fifo} / {real_time.memory_locked} / {real_time.core} / {real_time.cores_awake}"
     table.add_row("SCHED_FIFO / locked / core / cores awake", got, "")
     table.add_row("steps walked", str(snapshot.steps), "")
+    table.add_row("what ended a walk", ", ".join(f"{name} {times}" for name, times in held.items()) or "nothing", "")
     if fps:
         table.add_row("perception fps", f"{fps:.1f}", f"≥ {LEAST_FPS:g} {'yes' if fps >= LEAST_FPS else 'NO'}")
     Console().print(table)

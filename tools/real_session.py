@@ -13,7 +13,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -22,22 +22,19 @@ import msgspec
 import psutil
 
 from app import host as hosting
-from app import processes
 from app.config import Config, JointsConfig
 from app.control.patient import patient_of
 from app.control.preflight import run_preflight
-from app.control.states import Action, Effect, GaitState
-from app.links import LatestReceiver, address
-from app.messages import ControlSnapshot, GuardianHealth, Heartbeat, OperatorKind, TriggerReport
+from app.control.states import Action
+from app.messages import OperatorKind
 from app.paths import Home, find_home
 from app.setup import SessionSetup
 from hal.joints.bus import open_bus
 from hal.joints.device import BusDevice, load_exoskeleton
 from profiles.schema import DEMO_PATIENT
+from tools.watched_session import PATIENCE_S, WatchedSession
 
-PATIENCE_S = 60.0  # a limit, not a measure: loading on a busy machine takes its time
 END = "end"
-KEY_NS = 500_000_000  # a key that did nothing is pressed again after this
 
 
 def run_console(setup: SessionSetup, words: Connection, perception: bool, group: Path | None) -> None:
@@ -62,8 +59,8 @@ def run_console(setup: SessionSetup, words: Connection, perception: bool, group:
     words.send(END)
 
 
-class RealSession:
-    """What a test or a bench sees of it."""
+class RealSession(WatchedSession):
+    """Its console's words go through a pipe."""
 
     def __init__(
         self, home: Path, joints: JointsConfig | None = None, *, perception: bool = False, group: Path | None = None
@@ -81,52 +78,11 @@ class RealSession:
         self._console.start()
         assert self._words.poll(PATIENCE_S), "the console did not start"
         self.pids: dict[str, int] = {**self._words.recv(), "console": self._console.pid or 0}
-        self._snapshots = LatestReceiver(address(self.setup.links, processes.SNAPSHOT.name), ControlSnapshot)
-        self._heartbeats = LatestReceiver(address(self.setup.links, processes.HEARTBEAT.name), Heartbeat)
-        self._guardian = LatestReceiver(address(self.setup.links, processes.GUARDIAN.name), GuardianHealth)
-        self._reports = LatestReceiver(address(self.setup.links, processes.TRIGGER.name), TriggerReport)
-        self.snapshot: ControlSnapshot | None = None
-        self.heartbeat: Heartbeat | None = None
-        self.guardian: GuardianHealth | None = None
-        self.effects: list[tuple[int, str]] = []  # when the effect became another one
-        self._pressed_ns = 0  # when the last key was
-        self._steps_before = 0  # the walk that runs
-        self.first_report: TriggerReport | None = None
-        self.report: TriggerReport | None = None
+        super().__init__(self.setup.links)
 
     def send(self, kind: OperatorKind, action: Action | None = None) -> None:
         """The operator's word."""
         self._words.send((kind, action))
-
-    def look(self, wait_s: float = 0.02) -> None:
-        """Take the newest of everything."""
-        self.heartbeat = self._heartbeats.receive() or self.heartbeat
-        self.guardian = self._guardian.receive() or self.guardian
-        report = self._reports.receive()
-        if report is not None:
-            self.report, self.first_report = report, self.first_report or report
-        snapshot = self._snapshots.receive(wait_s)
-        if snapshot is not None:
-            self.snapshot = snapshot
-            name = snapshot.effect.name
-            if not self.effects or self.effects[-1][1] != name:
-                self.effects.append((snapshot.at_ns, name))
-
-    def perception_fps(self) -> float:
-        """Frames a second that perception has judged since its first report, by their capture; 0 without perception."""
-        first, last = self.first_report, self.report
-        if first is None or last is None or last.captured_ns <= first.captured_ns:
-            return 0.0
-        return (last.sequence - first.sequence) / ((last.captured_ns - first.captured_ns) / 1e9)
-
-    def until(self, wanted: Callable[[ControlSnapshot], bool], what: str = "") -> ControlSnapshot:
-        """Look until control says so. Raises TimeoutError naming what did not come."""
-        deadline = time.monotonic() + PATIENCE_S
-        while time.monotonic() < deadline:
-            self.look()
-            if self.snapshot is not None and wanted(self.snapshot):
-                return self.snapshot
-        raise TimeoutError(f"{what or 'what was waited for'} did not come; {self.snapshot}")
 
     def until_ended(self, *names: str) -> None:
         """Look until these processes are gone. Raises TimeoutError naming those that are not."""
@@ -137,52 +93,6 @@ class RealSession:
                 self.look()  # the last words may have come after the look before
                 return
         raise TimeoutError(f"still there: {[name for name in names if _lives(self.pids[name])]}")
-
-    def stand(self) -> ControlSnapshot:
-        """Confirm, and bring the legs to standing by the therapist's keys, as often as a stalling host holds them."""
-        self.send(OperatorKind.CONFIRM_PATIENT)
-        return self.until(self._towards_standing, "standing")
-
-    def walk(self, steps: int = 2) -> ControlSnapshot:
-        """Stand, and walk at least so many steps at one go, as often as a stalling host holds the legs."""
-        self.stand()
-
-        def towards(now: ControlSnapshot) -> bool:
-            if now.action is Action.WALK:
-                return now.steps - self._steps_before >= steps
-            if self._towards_standing(now) and Action.WALK in now.allowed:
-                self._steps_before = now.steps
-                self._press(now, OperatorKind.ACT, Action.WALK)
-            return False
-
-        return self.until(towards, "walking")
-
-    def settle(self) -> ControlSnapshot:
-        """Acknowledge whatever holds the legs, until a wish is heard again."""
-        return self.until(lambda now: not self._recovers(now) and now.action is None and bool(now.allowed), "rest")
-
-    def _recovers(self, now: ControlSnapshot) -> bool:
-        """Whether the legs are still held; then the key that a therapist would press next is pressed."""
-        if now.effect is Effect.DAMP and now.enabled:  # the guardian took them: it watches again when they are off
-            self._press(now, OperatorKind.TORQUE_OFF)
-        elif now.action is None and now.effect >= Effect.HOLD:
-            self._press(now, OperatorKind.ACKNOWLEDGE)
-        return now.effect >= Effect.HOLD
-
-    def _towards_standing(self, now: ControlSnapshot) -> bool:
-        if self._recovers(now):
-            return False
-        if now.state is GaitState.STANDING and now.action is None:
-            return True
-        if now.action is None and Action.INITIALISE in now.allowed:
-            self._press(now, OperatorKind.ACT, Action.INITIALISE)
-        return False
-
-    def _press(self, now: ControlSnapshot, kind: OperatorKind, action: Action | None = None) -> None:
-        """A key, once in a while."""
-        if now.at_ns - self._pressed_ns > KEY_NS:
-            self._pressed_ns = now.at_ns
-            self.send(kind, action)
 
     def kill(self, name: str, number: signal.Signals = signal.SIGKILL) -> int:
         """Send a signal to one process; when it was sent, monotonic nanoseconds."""
@@ -205,8 +115,7 @@ class RealSession:
                 with suppress(ProcessLookupError):
                     os.kill(pid, signal.SIGCONT)
                     os.kill(pid, signal.SIGKILL)
-        for link in (self._snapshots, self._heartbeats, self._guardian, self._reports):
-            link.close()
+        self.close_links()
         self._words.close()
         shutil.rmtree(self.setup.links, ignore_errors=True)
 
