@@ -8,8 +8,9 @@ from typing import Any
 import pytest
 from msgspec.structs import replace
 
-from app.control.events import Event, advance
+from app.control.events import Event, advance, effect_of
 from app.control.facts import Facts
+from app.control.states import Effect
 
 CALM = Facts(now_ns=1_000, powered=True)
 E = Event
@@ -79,3 +80,14 @@ def test_what_has_latched_stays_so_when_the_power_goes() -> None:
     late = replace(CALM, late_ms=25.0)
     unpowered = advance(advance((), late), replace(late, powered=False))
     assert next(one for one in unpowered if one.event is E.TICK_STALLED).latched
+
+
+@pytest.mark.parametrize(("later_ns", "told"), [(999_999_999, True), (1_000_000_000, False), (1_500_000_000, False)])
+@pytest.mark.parametrize("since_ns", [1_000, 7_000_000_000])
+def test_what_has_passed_is_read_for_a_second_and_does_nothing_any_more(
+    since_ns: int, later_ns: int, *, told: bool
+) -> None:
+    gone = replace(CALM, now_ns=since_ns + later_ns)
+    after = advance(advance((), replace(CALM, now_ns=since_ns, audit_fault="disk full")), gone)
+    assert [one.event for one in after] == [E.AUDIT_FAULT] * told
+    assert effect_of(after) is Effect.NOTE

@@ -1,0 +1,205 @@
+"""How each row of the table of events is brought about in a rig, and how its condition goes away again."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import msgspec
+import numpy as np
+
+from app.control.events import Event
+from app.control.memory import Memory
+from app.control.states import Action, GaitState
+from app.messages import OperatorKind
+from hal.joints.guard import Quantity, Refusal
+from hal.joints.joints import BusFault, DriveFault, DriveState, Joint, JointArray
+from logs import records
+from tests.app.control.moments import standing
+from tests.app.control.rig import Rig
+
+E = Event
+
+
+@dataclass(frozen=True)
+class Cause:
+    """How an event is brought about in a standing rig (or a fresh one), and how its condition goes away again."""
+
+    make: Callable[[Rig], object]
+    cure: Callable[[Rig], object] = lambda _: None
+    ticks: int = 1
+    fresh: bool = False  # happens before the drives carry power
+
+
+def spoil(**fields: object) -> Callable[[Rig], None]:
+    """Fields of the inputs, for one tick."""
+    return lambda rig: rig.spoil.update(fields)
+
+
+def names_in(memory: Memory) -> set[str]:
+    """The events of a tick."""
+    return {one.event.value for one in memory.active}
+
+
+def joints(**fields: object) -> Callable[[Rig], None]:
+    """Fields of the joints, from now on."""
+
+    def change(rig: Rig) -> None:
+        for name, value in fields.items():
+            setattr(rig.joints, name, value)
+
+    return change
+
+
+def world(**fields: object) -> Callable[[Rig], None]:
+    """Fields of the rig, from now on."""
+
+    def change(rig: Rig) -> None:
+        for name, value in fields.items():
+            setattr(rig, name, value)
+
+    return change
+
+
+def fault(what: DriveFault) -> tuple[DriveFault, DriveFault, DriveFault, DriveFault]:
+    """In the third drive."""
+    return (DriveFault.NONE, DriveFault.NONE, what, DriveFault.NONE)
+
+
+def one(value: float, rest: float = 0.0) -> JointArray:
+    """(4,) with one joint different."""
+    values = np.full(4, rest)
+    values[Joint.LEFT_KNEE] = value
+    return values
+
+
+def lag(rad: float) -> Callable[[Rig], None]:
+    """The joints are stuck that far from where they are told to be."""
+
+    def change(rig: Rig) -> None:
+        rig.joints.stuck = True
+        rig.joints.position_rad = rig.joints.position_rad + one(rad)
+
+    return change
+
+
+def unlag(rig: Rig) -> None:
+    """They follow again."""
+    rig.joints.stuck = False
+
+
+def say(*kinds: OperatorKind) -> Callable[[Rig], None]:
+    """The operator's words."""
+
+    def speak(rig: Rig) -> None:
+        for kind in kinds:
+            rig.say(kind)
+
+    return speak
+
+
+def wish(action: Action) -> Callable[[Rig], None]:
+    """The therapist's key."""
+    return lambda rig: rig.say(OperatorKind.ACT, action)
+
+
+def walk_without_planner(rig: Rig) -> None:
+    """The planner dies while a step of a walk runs."""
+    rig.say(OperatorKind.ACT, Action.WALK)
+    rig.tick(4)
+    rig.planning = False
+    rig.tick(420)
+
+
+def never_answered(rig: Rig) -> None:
+    """The planner is still loading."""
+    assert rig.memory is not None
+    rig.memory = msgspec.structs.replace(rig.memory, planner_ready=False)
+
+
+def answered(rig: Rig) -> None:
+    """It has loaded."""
+    assert rig.memory is not None
+    rig.memory = msgspec.structs.replace(rig.memory, planner_ready=True)
+
+
+def pushed(rig: Rig) -> None:
+    """A finished step has left the legs in another state's pose."""
+    rig.settings = replace(rig.settings, poses={GaitState.STANDING: np.full(4, 0.5)})
+
+
+REFUSED = Refusal(joint=Joint.LEFT_HIP, quantity=Quantity.SPEED, value=9.0, limit=4.0)
+CALM = (DriveFault.NONE,) * 4
+SHUT = OperatorKind.SHUT_DOWN
+CAUSES: dict[Event, Cause] = {
+    E.STOP: Cause(say(OperatorKind.STOP)),
+    E.STOP_AGAIN: Cause(say(OperatorKind.STOP, OperatorKind.STOP)),
+    E.SHUTTING_DOWN: Cause(say(SHUT)),
+    E.GIVING_WAY: Cause(say(SHUT), ticks=230),
+    E.NOT_ARMED: Cause(say(OperatorKind.DISARM), say(OperatorKind.ARM)),
+    E.NO_PATIENT: Cause(lambda rig: rig.tick(), say(OperatorKind.CONFIRM_PATIENT), fresh=True),
+    E.NO_PREFLIGHT: Cause(lambda rig: (world(cleared=frozenset())(rig), wish(Action.WALK)(rig))),
+    E.NOT_HOMED: Cause(joints(position_rad=one(2.4)), joints(position_rad=np.zeros(4)), fresh=True),
+    E.LEGS_MOVING: Cause(joints(velocity_rad_s=one(-0.51)), joints(velocity_rad_s=one(0.49)), fresh=True),
+    E.FAR_FROM_POSE: Cause(pushed),
+    E.CAMERA_STALE: Cause(world(report={"camera_fault": "unplugged"}), world(report={}), ticks=40),
+    E.PERCEPTION_GONE: Cause(world(watching=False), world(watching=True), ticks=140),
+    E.CONSOLE_SILENT: Cause(world(alive=False), world(alive=True), ticks=140),
+    E.AUDIT_BEHIND: Cause(world(audit_health={"waiting": 2001}), world(audit_health={}), ticks=40),
+    E.AUDIT_FULL: Cause(spoil(audit_full=True)),
+    E.AUDIT_GONE: Cause(world(auditing=False), world(auditing=True), ticks=230),
+    E.AUDIT_FAULT: Cause(world(audit_health={"fault": "disk full"}), world(audit_health={}), ticks=40),
+    E.TICK_LATE: Cause(spoil(late_ns=2_100_000)),
+    E.TICK_STALLED: Cause(spoil(late_ns=20_100_000, missed_ticks=10)),
+    E.HOST_SLEPT: Cause(lambda rig: rig.spoil.update(boot_ns=rig.now_ns + 9_000_000_000)),
+    E.CLOCK_JUMP: Cause(lambda rig: rig.spoil.update(wall_ns=rig.now_ns + 7_000_000_000)),
+    E.JOINT_SILENT: Cause(joints(silent=True), joints(silent=False), ticks=9),
+    E.DRIVE_FAULT: Cause(joints(faults=fault(DriveFault.OVER_CURRENT)), joints(faults=CALM)),
+    E.DRIVE_ASTRAY: Cause(joints(faults=fault(DriveFault.ENCODER)), joints(faults=CALM)),
+    E.DRIVES_LOST: Cause(joints(state=DriveState.DISABLED)),
+    E.DRIVE_ORDER_FAILED: Cause(
+        lambda rig: (joints(refuse_enable="left hip is silent")(rig), wish(Action.INITIALISE)(rig)),
+        ticks=4,
+        fresh=True,
+    ),
+    E.OVER_TEMPERATURE_WARNING: Cause(joints(temperature_c=one(65.0, 30.0)), joints(temperature_c=np.full(4, 30.0))),
+    E.OVER_TEMPERATURE: Cause(joints(temperature_c=one(80.0, 30.0)), joints(temperature_c=np.full(4, 30.0))),
+    E.FOLLOWING_WARNING: Cause(lag(0.15), unlag),
+    E.FOLLOWING_LIMIT: Cause(lag(0.27), unlag),
+    E.OUT_OF_RANGE: Cause(lag(2.2), unlag),
+    E.OVER_SPEED: Cause(joints(velocity_rad_s=one(-5.8)), joints(velocity_rad_s=np.zeros(4))),
+    E.OVER_TORQUE: Cause(joints(torque_nm=one(-116.0)), joints(torque_nm=np.zeros(4))),
+    E.GUARD_REFUSAL: Cause(spoil(guard_refusal=REFUSED)),
+    E.BUS_FAULT: Cause(joints(bus=BusFault.BUS_OFF), joints(bus=BusFault.NONE)),
+    E.BUS_DISTURBED: Cause(joints(bus=BusFault.ERROR_FRAME), joints(bus=BusFault.NONE)),
+    E.UNEXPECTED_MOTION: Cause(joints(velocity_rad_s=one(0.61)), joints(velocity_rad_s=np.zeros(4))),
+    E.GUARDIAN_GONE: Cause(world(guarding=False), world(guarding=True), ticks=160),
+    E.GUARDIAN_ACTED: Cause(world(guardian_health={"acted": True}), world(guardian_health={}), ticks=40),
+    E.PLANNER_STARTING: Cause(never_answered, answered, fresh=True),
+    E.PLANNER_SILENT: Cause(lambda rig: (world(planning=False)(rig), wish(Action.WALK)(rig)), ticks=260),
+    E.WALK_BROKEN: Cause(walk_without_planner, world(planning=True)),
+    E.MESSAGE_REJECTED: Cause(spoil(rejected_messages=1)),
+}
+
+
+def rig_with(event: Event) -> Rig:
+    """A rig in which the event has just been brought about, and is in force or was in one of the last ticks."""
+    cause = CAUSES[event]
+    rig = Rig()
+    if cause.fresh:
+        rig.tick(2)
+        rig.say(OperatorKind.ARM)
+        if event is not E.NO_PATIENT:
+            rig.say(OperatorKind.CONFIRM_PATIENT)
+        rig.tick(20)
+    else:
+        rig = standing()
+        assert rig.events() == set()
+    cause.make(rig)
+    rig.tick(cause.ticks)
+    return rig
+
+
+def seen(rig: Rig, event: Event) -> list[records.EventRaised]:
+    """The trail's records of it."""
+    return [body for body in rig.audit if isinstance(body, records.EventRaised) and body.event == event.value]
