@@ -49,7 +49,7 @@ POSE = (
         effect=F.REFUSE,
         settles=True,  # a swinging leg is slow for a moment at each turning point
         present=lambda f: not f.powered and f.fastest_rad_s > STILL_RAD_S,
-        text="The legs are moving: power comes only when they are still. Wait, or hold them.",
+        text="The legs still sink or swing: power comes once they have been still for a second. Wait, or hold them.",
     ),
     Row(
         event=E.FAR_FROM_POSE,

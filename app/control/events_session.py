@@ -30,7 +30,7 @@ SESSION = (
     Row(
         event=E.GIVING_WAY,
         effect=F.DAMP,
-        present=lambda f: f.ending and f.ending_slack,
+        present=lambda f: f.ending_slack,
         text="The session ends: the joints give way slowly and are switched off.",
     ),
     Row(

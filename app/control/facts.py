@@ -33,7 +33,7 @@ class Facts(Struct, frozen=True, kw_only=True):
     uncleared: bool = False  # a wish of this tick lacks its pre-flight
     stop_presses: int = 0
     ending: bool = False
-    ending_slack: bool = False
+    ending_slack: bool = False  # it has been ending for so long that the joints give way
     picture_age_ms: float = 0.0
     camera_fault: str = ""
     perception_age_ms: float = 0.0

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 from msgspec.structs import replace
 
-from app.control.events import Event, advance, effect_of
+from app.control.events import ROW, Event, advance, effect_of, sentence
 from app.control.facts import Facts
 from app.control.states import Effect
 
@@ -59,6 +59,31 @@ def test_a_limit_may_be_reached_and_not_passed(event: Event, quantity: str, limi
 def test_the_clock_may_jump_either_way() -> None:
     assert E.CLOCK_JUMP in events_of(replace(CALM, clock_step_s=-0.6))
     assert E.CLOCK_JUMP not in events_of(replace(CALM, clock_step_s=-0.5))
+
+
+def test_a_second_press_of_stop_is_an_event_of_its_own() -> None:
+    assert events_of(replace(CALM, stop_presses=1)) == {E.STOP}
+    assert events_of(replace(CALM, stop_presses=2)) == {E.STOP_AGAIN}
+
+
+def test_the_operator_reads_the_numbers_where_there_are_some() -> None:
+    (with_numbers,) = advance((), replace(CALM, audit_waiting=2_001))
+    assert sentence(with_numbers) == f"{ROW[E.AUDIT_BEHIND].text} (2001 records)"
+    (without,) = advance((), replace(CALM, audit_full=True))
+    assert sentence(without) == ROW[E.AUDIT_FULL].text
+
+
+def test_an_acknowledgement_sent_as_an_event_was_raised_may_not_have_seen_it() -> None:
+    slept = advance((), replace(CALM, slept_s=9.0))
+    at_once, after = (advance(slept, CALM, CALM.now_ns + later_ns) for later_ns in (0, 1))
+    assert [one.event for one in at_once] == [E.HOST_SLEPT]
+    assert not after
+
+
+def test_what_waits_for_its_acknowledgement_tells_that_its_condition_has_gone() -> None:
+    slept = advance((), replace(CALM, slept_s=9.0))
+    assert [one.present for one in slept] == [True]
+    assert [one.present for one in advance(slept, CALM)] == [False]
 
 
 def test_legs_count_as_moving_only_before_they_carry_power() -> None:
