@@ -22,8 +22,8 @@ from app.config import Config
 from app.console import keys
 from app.console.base import ConsoleScreen, Dialog
 from app.console.commands import commands
-from app.console.dialogs import HelpPage, Question
-from app.console.help import page
+from app.console.dialogs import Question
+from app.console.help import HelpPage, page
 from app.console.host_protocol import HostFactory
 from app.console.idle import Idle
 from app.console.language import languages, tr, use_language
@@ -35,7 +35,7 @@ from app.console.stop import with_stop
 from app.console.themes import THEME_NAMES, THEMES
 from app.console.warm import load_rest
 from app.host import SessionHost
-from app.operators import needs_sign_in
+from app.operators import Permission, needs_sign_in
 from app.paths import Home
 from app.realtime import take_turn
 from logs.records import SignOut
@@ -93,6 +93,9 @@ class ConsoleApp(SessionFlow):
         self.set_keymap(self.config.keys)
         self._end_on_signals()
         self.set_interval(TICK_S, self._tick)
+        if self._profile is not None and self.read_only:
+            await self.begin_session(self._profile, self.config)  # who only watches moves nobody: no sign-in
+            return
         if self._profile is None or needs_sign_in(self.config):
             await self.push_screen(PatientsScreen())
             self.run_worker(asyncio.to_thread(load_rest))
@@ -174,9 +177,9 @@ class ConsoleApp(SessionFlow):
             self.push_screen(SignInDialog(unlock=self.signed_in.name))
 
     async def action_sign_out(self) -> None:
-        """Make room for the next therapist; a session belongs to its own to the end."""
+        """Sign in, or make room for the next one; a session belongs to its own to the end."""
         if self.signed_in is None:
-            self.notify(tr("sign_out.nobody"))
+            await self._sign_in()
         elif self.live is not None:
             self.notify(tr("sign_out.session", name=self.signed_in.name), severity="warning")
         else:
@@ -185,11 +188,25 @@ class ConsoleApp(SessionFlow):
             await self.show_patients()
             self.notify(tr("sign_out.done", name=name))
 
-    def calibrate(self, profile: Profile) -> None:
+    async def _sign_in(self) -> None:
+        """By key, before anything asks for it: a reviewer moves nobody, and signs comments."""
+        screen = self.screen
+        if self.read_only:
+            self.notify(tr("sign_out.watching"))
+        elif isinstance(screen, ConsoleScreen) and self.live is None:
+            with screen.told():
+                if await self.anybody_can_sign_in():
+                    self.ask_who(self.show_patients)
+                else:
+                    self.notify(tr("sign_out.nobody"))
+        else:
+            self.notify(tr("sign_out.nobody"))
+
+    async def calibrate(self, profile: Profile) -> None:
         """Calibrate a patient's palm; a running session has the camera."""
         from app.console.patients.calibration import CalibrationScreen
 
-        self.push_screen(CalibrationScreen(profile))
+        await self.permitted(Permission.CALIBRATE, lambda: self.push_screen(CalibrationScreen(profile)))
 
     def open_review(self) -> None:
         """Earlier sessions, by the reviewer's screen."""
@@ -244,5 +261,6 @@ def run_console(home: Home, config: Config, *, straight: bool = False, read_only
         app.run()
     finally:
         app.close_live()
+        app.trail.keep(home)
     if app.return_code:
         raise SystemExit(app.return_code)

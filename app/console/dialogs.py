@@ -1,4 +1,4 @@
-"""Small dialogs: a question with two answers, a page of help, the therapist's twelve actions."""
+"""Small dialogs: a question with two answers, the therapist's twelve actions, a list, a line to type."""
 
 from __future__ import annotations
 
@@ -54,22 +54,6 @@ class Question(Dialog[bool]):
     def action_answer(self, yes: bool) -> None:
         """Answer by key."""
         self.dismiss(yes)
-
-
-class HelpPage(Dialog[None]):
-    """One page of contextual help, and the keys of the screen below."""
-
-    BINDINGS: ClassVar[list[BindingType]] = [("f1", "cancel", "bind.cancel")]
-
-    def __init__(self, words: Lines) -> None:
-        super().__init__()
-        self._words = words
-
-    def compose(self) -> ComposeResult:
-        with VerticalScroll(classes="dialog page") as box:
-            box.border_title = tr("help.title")
-            yield Static(content_of(self._words))  # a Markdown widget makes fifty, which take half a second
-        yield from self.compose_bottom()
 
 
 class TherapistAct(Dialog[Action]):

@@ -1,4 +1,4 @@
-"""The next step in a sentence: what the therapist does now, so that nobody needs the manual."""
+"""The next step in a sentence, so that nobody needs the manual; who can only watch is told what is going on instead."""
 
 from __future__ import annotations
 
@@ -14,9 +14,11 @@ from app.messages import ControlSnapshot
 _LEGS_ASTRAY = (GaitState.UNPOWERED, GaitState.BETWEEN)
 
 
-def describe(state: SessionState, keys: dict[str, str]) -> Lines:
+def describe(state: SessionState, keys: dict[str, str], *, watching: bool = False) -> Lines:
     """One line; `keys` maps a key's name in the key table to how it is shown."""
     name, style = next_step(state)
+    if watching:
+        return (plain(f"· {tr(f'watch.{name}', **keys)}", style),)
     return (plain(f"▶ {tr(f'guide.{name}', **keys)}", style),)
 
 

@@ -86,7 +86,7 @@ class ObserverHost:
 
     def poll(self) -> Latest:
         """The newest of each stream."""
-        alive = _alive(self.setup.console_pid)
+        alive = self.setup.links.exists() and _alive(self.setup.console_pid)
         return Latest(
             snapshot=self._snapshots.receive(),
             report=self._reports.receive(),

@@ -21,6 +21,7 @@ from app.console.review_dialogs import ChooseSession, WriteComment
 from app.console.review_moment import about
 from app.console.review_session import ReviewedSession, open_session
 from app.console.review_timeline import Timeline
+from app.operators import Permission
 from app.paths import Home
 from logs.anchor import read_anchor
 from logs.errors import AuditError
@@ -166,11 +167,12 @@ class ReviewScreen(ConsoleScreen):
         """Show more or less time."""
         self.query_one(Timeline).zoom(factor)
 
-    def action_comment(self) -> None:
+    async def action_comment(self) -> None:
         """Write a signed comment on the record at the cursor."""
         if self._session is None or not isinstance(self._session.record(self._index), Record):
             return
-        self.app.push_screen(WriteComment(self._index), self._commented)
+        app, index = self.console_app, self._index
+        await app.permitted(Permission.REVIEW, lambda: app.push_screen(WriteComment(index), self._commented))
 
     @on(Timeline.Moved)
     def _moved(self, message: Timeline.Moved) -> None:

@@ -6,7 +6,6 @@ import asyncio
 from collections.abc import Callable
 from typing import Any, TypeVar
 
-from textual.app import App
 from textual.screen import Screen
 
 from app.config import Config
@@ -22,15 +21,14 @@ from app.console.patients.fit import fits
 from app.console.patients.screen import PatientsScreen
 from app.console.session.screen import SessionScreen
 from app.console.session.state import SessionState
-from app.console.signin import SignInDialog
+from app.console.signed_in import SignedInApp
 from app.console.stop import StopSwitch
-from app.console.trail import ConsoleTrail
 from app.console.training import TrainingScreen
 from app.console.warm import keep_loaded, load_rest
 from app.errors import AppError
 from app.host import make_setup
 from app.messages import OperatorKind
-from app.operators import Operator, Permission, needs_sign_in
+from app.operators import Permission
 from app.paths import Home
 from app.setup import SessionSetup
 from profiles.schema import DEMO_PATIENT, Profile
@@ -41,18 +39,13 @@ T = TypeVar("T")
 CONTROL_ENDS_S = 8.0  # hold, damp, disable; the host kills what takes longer
 
 
-class SessionFlow(App[None]):
+class SessionFlow(SignedInApp):
     """The one session, if any, and the way into and out of it."""
 
     def __init__(self, home: Home, config: Config, make_host: HostFactory, clock: Clock, *, read_only: bool) -> None:
-        super().__init__()
-        self.home = home
-        self.config = config
-        self.read_only = read_only
+        super().__init__(home, config, read_only=read_only)
         self.switch = StopSwitch()
         self.live: Live | None = None
-        self.signed_in: Operator | None = None
-        self.trail = ConsoleTrail()
         self.store = ProfileStore(home.profiles, (fits(config.joints),))
         self.sessions = SessionRecords(home.root / "sessions")
         self._make_host = make_host
@@ -70,27 +63,9 @@ class SessionFlow(App[None]):
         if dialog not in self.screen_stack:
             self.push_screen(dialog, then)
 
-    @property
-    def operator(self) -> str:
-        """Who is signed in; empty in simulation."""
-        return self.signed_in.name if self.signed_in else ""
-
     async def begin_signed_in(self, profile: Profile, config: Config) -> None:
         """Begin a session, after a sign-in where drives can move."""
-        if not needs_sign_in(config) or self._may_operate():
-            await self.begin_session(profile, config)
-            return
-
-        async def then(operator: Operator | None) -> None:
-            if operator is None:
-                return
-            self.signed_in = operator
-            if self._may_operate():
-                await self.begin_session(profile, config)
-            else:
-                self.notify(tr("sign_in.may_not", role=operator.role.value), severity="error")
-
-        self.push_screen(SignInDialog(), then)
+        await self.permitted(Permission.OPERATE, lambda: self.begin_session(profile, config), config)
 
     async def begin_session(self, profile: Profile, config: Config) -> None:
         """Start the processes for a patient, and show the live screen at once."""
@@ -207,6 +182,3 @@ class SessionFlow(App[None]):
         if self.live is live:
             self.clear_notifications()  # what the session said last would cover the summary
             self.switch_screen(AfterScreen(live.state))
-
-    def _may_operate(self) -> bool:
-        return self.signed_in is not None and self.signed_in.may(Permission.OPERATE)

@@ -1,8 +1,10 @@
-"""The console's own words in the audit trail; kept until a session with a trail runs."""
+"""The console's own words in the audit trail; kept until a session with a trail runs, or the program ends."""
 
 from __future__ import annotations
 
 from app.audit_sink import AuditSink
+from app.operator_journal import tell_operators_journal
+from app.paths import Home
 from app.setup import SessionSetup
 from logs.records import Body
 
@@ -29,6 +31,12 @@ class ConsoleTrail:
             self._sink.emit(body)
         elif len(self._waiting) < _MOST_WAITING:
             self._waiting.append(body)
+
+    def keep(self, home: Home) -> None:
+        """What no session took goes into the operators' journal. Raises AuditError when the disk refuses."""
+        waiting, self._waiting = self._waiting, []
+        for body in waiting:
+            tell_operators_journal(home, body)
 
     def close(self) -> None:
         """The session ends."""

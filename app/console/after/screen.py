@@ -16,6 +16,7 @@ from app.console.base import ConsoleScreen
 from app.console.language import tr
 from app.console.session.state import SessionState
 from app.console.session.words import action_name
+from app.operators import Permission
 from logs.records import Discomfort, Note
 from profiles.schema import DoseTargets, Profile
 
@@ -70,7 +71,8 @@ class AfterScreen(ConsoleScreen):
             yield Label(tr("after.note"), classes="section")
             yield Input(id="note", max_length=2000, compact=True)
             yield Label(tr("after.next"), classes="section")
-            yield Input(str(targets.steps), id="steps", type="integer", max_length=6, compact=True)
+            locked = not self.console_app.may(Permission.EDIT_PATIENTS)
+            yield Input(str(targets.steps), id="steps", type="integer", max_length=6, compact=True, disabled=locked)
             yield Label(tr("after.report", session=self._state.setup.session), classes="hint")
             yield Button(tr("after.save"), id="save", variant="primary")
         yield from self.compose_bottom()
@@ -99,7 +101,7 @@ class AfterScreen(ConsoleScreen):
     def _keep_targets(self) -> None:
         words = self.query_one("#steps", Input).value
         profile = self._state.setup.profile
-        if not words.isdigit() or int(words) == profile.dose.steps:
+        if self.query_one("#steps", Input).disabled or not words.isdigit() or int(words) == profile.dose.steps:
             return
         now = self.console_app.store.load(profile.identifier)
         dose = msgspec.structs.replace(now.dose, steps=int(words))

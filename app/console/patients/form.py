@@ -87,13 +87,13 @@ class PatientForm(ConsoleScreen):
             return
         self.dismiss()
 
-    def action_calibrate(self) -> None:
+    async def action_calibrate(self) -> None:
         """The saved patient before the camera; what is typed and not yet saved would be lost under it."""
         if self._new or self._typed != self._words:
             self.notify(tr("form.save_first"), severity="warning")
             return
         self.dismiss()
-        self.console_app.calibrate(self._base)
+        await self.console_app.calibrate(self._base)
 
     def action_leave_form(self) -> None:
         """Leave; ask first when something was typed."""

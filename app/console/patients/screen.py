@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import ClassVar
+from typing import ClassVar, TypeVar
 
 from textual.app import ComposeResult
 from textual.binding import BindingType
 from textual.containers import Horizontal, VerticalScroll
+from textual.screen import Screen
 from textual.widgets import DataTable, Input, Label, Static
 
 from app.console import keys
@@ -18,8 +20,12 @@ from app.console.language import tr
 from app.console.patients.details import describe as describe_details
 from app.console.patients.form import PatientForm
 from app.console.patients.history import History
+from app.console.session.state import SessionState
 from app.console.start import StartSession
+from app.operators import Permission
 from profiles.schema import Profile
+
+T = TypeVar("T")
 
 
 class PatientsScreen(ConsoleScreen):
@@ -32,6 +38,7 @@ class PatientsScreen(ConsoleScreen):
         super().__init__()
         self._profiles: dict[str, Profile] = {}
         self._search = ""
+        self._who = ""
 
     def compose(self) -> ComposeResult:
         yield Label(tr("patients.title"), id="title")
@@ -53,6 +60,14 @@ class PatientsScreen(ConsoleScreen):
     def on_screen_resume(self) -> None:
         if self._profiles:
             self.reload()
+
+    def show_session(self, state: SessionState | None) -> None:
+        super().show_session(state)
+        operator = self.console_app.signed_in
+        who = "" if operator is None else f" · {operator.name}, {tr(f'role.{operator.role.value}')}"
+        if who != self._who:
+            self._who = who
+            self.query_one("#title", Label).update(tr("patients.title") + who)
 
     def reload(self) -> None:
         """Read the folder again."""
@@ -86,31 +101,31 @@ class PatientsScreen(ConsoleScreen):
         if profile is not None:
             self.app.push_screen(StartSession(profile))
 
-    def action_new(self) -> None:
+    async def action_new(self) -> None:
         """A new patient."""
-        self.app.push_screen(PatientForm())
+        await self._edit(PatientForm)
 
-    def action_edit(self) -> None:
+    async def action_edit(self) -> None:
         """Change the patient under the cursor."""
         profile = self._chosen()
         if profile is not None:
-            self.app.push_screen(PatientForm(profile))
+            await self._edit(lambda: PatientForm(profile))
 
-    def action_duplicate(self) -> None:
+    async def action_duplicate(self) -> None:
         """A copy under another identifier."""
         profile = self._chosen()
         if profile is not None:
             words = tr("patients.duplicate_words", name=profile.identifier)
-            self.app.push_screen(AskText(tr("patients.duplicate_title"), words), self._duplicate)
+            await self._edit(lambda: AskText(tr("patients.duplicate_title"), words), self._duplicate)
 
-    def action_archive(self) -> None:
+    async def action_archive(self) -> None:
         """Out of the daily list, or back into it."""
         profile = self._chosen()
         if profile is None:
             return
         name = "unarchive" if profile.archived else "archive"
         title, words = tr(f"patients.{name}_title"), tr(f"patients.{name}_words", name=profile.identifier)
-        self.app.push_screen(Question(title, words), self._archive)
+        await self._edit(lambda: Question(title, words), self._archive)
 
     def action_history(self) -> None:
         """What changed, when, by whom."""
@@ -128,15 +143,15 @@ class PatientsScreen(ConsoleScreen):
             start = f"{profile.identifier}.toml"
             self.app.push_screen(AskText(tr("patients.export_title"), words, start), self._export)
 
-    def action_import_profile(self) -> None:
+    async def action_import_profile(self) -> None:
         """Take in an exported file."""
-        self.app.push_screen(AskText(tr("patients.import_title"), tr("patients.import_words")), self._import)
+        await self._edit(lambda: AskText(tr("patients.import_title"), tr("patients.import_words")), self._import)
 
-    def action_calibrate(self) -> None:
+    async def action_calibrate(self) -> None:
         """The patient's palm before the configured camera."""
         profile = self._chosen()
         if profile is not None:
-            self.console_app.calibrate(profile)
+            await self.console_app.calibrate(profile)
 
     async def action_training(self) -> None:
         """The guided tour with the digital hand."""
@@ -149,6 +164,11 @@ class PatientsScreen(ConsoleScreen):
     def action_search(self) -> None:
         """To the search field."""
         self.query_one("#search", Input).focus()
+
+    async def _edit(self, make: Callable[[], Screen[T]], then: Callable[[T | None], None] | None = None) -> None:
+        """Open what changes patients, for those who may."""
+        app = self.console_app
+        await app.permitted(Permission.EDIT_PATIENTS, lambda: app.push_screen(make(), then))
 
     def _chosen(self) -> Profile | None:
         table = self.query_one(DataTable)

@@ -15,6 +15,7 @@ from app.console.preflight import Preflight
 from app.console.session.distance import zone_words
 from app.console.session.panel import Lines
 from app.console.session.state import SessionState
+from app.operators import Permission
 from logs.records import Note
 
 _STYLES = {
@@ -70,15 +71,20 @@ class Checklist(Lists):
         setup = self.console_app.live_setup()
         self.app.push_screen(Preflight(setup.profile, setup.config))
 
-    def action_use_threshold(self) -> None:
+    async def action_use_threshold(self) -> None:
         """Put the threshold that suits this camera into the profile."""
         state = self.console_app.live_state()
         report = None if state is None else state.report
         if state is None or report is None or report.press_zone is None or not report.press_zone.possible:
             self.notify(tr("checks.no_threshold"), severity="warning")
             return
-        with self.told():
-            self._adopt(state, report.press_zone.threshold_m, report.camera)
+        threshold_m, camera = report.press_zone.threshold_m, report.camera
+
+        async def adopt() -> None:
+            with self.told():
+                self._adopt(state, threshold_m, camera)
+
+        await self.console_app.permitted(Permission.CALIBRATE, adopt)
 
     def _adopt(self, state: SessionState, threshold_m: float, camera: str) -> None:
         app, name = self.console_app, state.setup.profile.identifier

@@ -63,7 +63,9 @@ class SessionScreen(HandKeys):
         if state is None:
             return
         self.query_one("#status", Panel).show_lines(describe_status(state))
-        self.query_one("#guide", Panel).show_lines(describe_guide(state, self.console_app.key_names))
+        app = self.console_app
+        guide = describe_guide(state, app.key_names, watching=app.read_only)
+        self.query_one("#guide", Panel).show_lines(guide)
         self.query_one(Picture).show(state)
         for panel in self.query(StatePanel):
             panel.show(state)

@@ -3,24 +3,25 @@
 from __future__ import annotations
 
 from app.console.language import tr
-from app.console.session.panel import Lines
+from app.console.session.panel import Lines, Part
 from app.console.session.state import SessionState
 from app.console.session.words import EFFECT_STYLES, effect_name, state_name
 from app.control.states import Effect
+from app.messages import ControlSnapshot
 
 
 def describe(state: SessionState) -> Lines:
     """One line."""
     snapshot, config = state.snapshot, state.setup.config
+    operator = (f" {state.setup.operator} ", "$text-muted")
     parts = [
         (f" {state.setup.profile.identifier} ", "bold reverse $primary"),
+        *((operator,) if state.setup.operator else ()),
         (f" {tr(f'camera.{config.camera.kind}')} · {tr(f'joints.{config.joints.kind}')} ", "$text-muted"),
     ]
     if snapshot is None:
         return ((*parts, (tr("status.starting"), "$text-muted")),)
-    armed = (f" {tr('status.armed')} ", "bold reverse $success")
-    unarmed = (f" {tr('status.not_armed')} ", "reverse $warning")
-    parts.append(armed if snapshot.armed else unarmed)
+    parts.append(_arming(snapshot))
     parts.append((f" {state_name(snapshot.state)} ", "bold"))
     if snapshot.effect >= Effect.HOLD:
         parts.append((f" {effect_name(snapshot.effect).upper()} ", EFFECT_STYLES[Effect.DAMP]))
@@ -30,3 +31,12 @@ def describe(state: SessionState) -> Lines:
         took_ms = (snapshot.stop_command_ns - snapshot.stop_seen_ns) / 1e6
         parts.append((f" {tr('status.stop_took', ms=f'{took_ms:.0f}')}", "$text-muted"))
     return (tuple(parts),)
+
+
+def _arming(snapshot: ControlSnapshot) -> Part:
+    """Armed gestures stay armed through a STOP or a fault, but none acts until it is over or acknowledged."""
+    if not snapshot.armed:
+        return f" {tr('status.not_armed')} ", "reverse $warning"
+    if snapshot.effect >= Effect.REFUSE:
+        return f" {tr('status.waits')} ", "reverse $warning"
+    return f" {tr('status.armed')} ", "bold reverse $success"

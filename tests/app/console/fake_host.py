@@ -130,7 +130,6 @@ class FakeHost:
     def _stop(self) -> None:
         self.effect = Effect.HOLD if self.effect < Effect.HOLD else Effect.DAMP
         self.state = GaitState.BETWEEN
-        self.armed = False
         self.events = (event("stop", self.effect, "STOP: the legs are held.", self.clock()),)
 
     def _acknowledge(self) -> None:

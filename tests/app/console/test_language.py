@@ -17,6 +17,7 @@ from app.console.language import languages, tr, use_language, words_of
 from app.console.patients.fields import FIELDS, SECTIONS
 from app.control.states import Action, Effect, GaitState
 from app.errors import AppError
+from app.operators import Permission, Role
 from hal.joints.joints import Joint
 from kgdfa.gesture import Gesture
 
@@ -48,6 +49,11 @@ def test_every_word_of_the_tables_is_there(code: str) -> None:
     wanted += [f"form.section.{section.name}" for section in SECTIONS]
     wanted += [f"choice.{one.value}" for field in FIELDS for one in _members(field.choices)]
     wanted += [f"finger.{name}" for name in FINGER_NAMES] + [f"posture.{one.value}" for one in Posture]
+    wanted += [f"role.{role.value}" for role in Role]
+    asked_in_the_console = (Permission.OPERATE, Permission.EDIT_PATIENTS, Permission.CALIBRATE, Permission.REVIEW)
+    wanted += [f"permission.{one.name.lower()}" for one in asked_in_the_console]
+    guide = {name.removeprefix("guide.") for name in words if name.startswith("guide.")}
+    wanted += [f"watch.{name}" for name in guide]
     assert [name for name in wanted if name not in words] == []
 
 

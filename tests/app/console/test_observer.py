@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import shutil
 import time
 from pathlib import Path
 
@@ -69,8 +71,26 @@ def test_an_observer_hears_and_says_nothing(setup: SessionSetup) -> None:
             link.close()
 
 
+def test_an_ended_session_is_over_for_its_observer(setup: SessionSetup) -> None:
+    observer = ObserverHost(msgspec.structs.replace(setup, console_pid=os.getpid()))
+    try:
+        assert all(process.alive for process in observer.poll().processes)
+        shutil.rmtree(setup.links)
+        assert not any(process.alive for process in observer.poll().processes)
+    finally:
+        observer.close()
+
+
 async def test_the_bar_says_that_stop_is_elsewhere(console: Opener) -> None:
     async with console(read_only=True) as open_console:
         await open_console.shows("Only watching")
+        await open_console.shows("The therapist has not confirmed")
+        open_console.host.confirmed = True
+        await open_console.shows("Gestures are not armed")
+        open_console.host.armed = True
+        await open_console.shows("The legs wait to be led to standing")
+        open_console.host.send(OperatorKind.STOP)
+        await open_console.shows("until the therapist acknowledges")
+        open_console.host.sent.clear()
         await open_console.press("space")
         assert open_console.host.sent == []

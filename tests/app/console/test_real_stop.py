@@ -13,7 +13,8 @@ import app.console
 from app.console.after.screen import AfterScreen
 from app.console.base import ConsoleScreen, Dialog
 from app.console.compare import CompareScreen
-from app.console.dialogs import AskText, HelpPage, Question, TherapistAct
+from app.console.dialogs import AskText, Question, TherapistAct
+from app.console.help import HelpPage
 from app.console.patients.calibration import CalibrationScreen
 from app.console.patients.form import PatientForm
 from app.console.patients.history import History

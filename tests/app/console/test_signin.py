@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 from app.config import Config, JointsConfig
+from app.console.patients.form import PatientForm
+from app.console.patients.screen import PatientsScreen
 from app.console.session.screen import SessionScreen
 from app.console.signin import SignInDialog
 from app.messages import OperatorKind
 from app.operators import Role, add_operator, load_store, save_store
 from app.paths import Home
+from logs.journal import OPERATORS
+from logs.read import records
+from logs.records import SignIn
 from tests.app.console.conftest import Console, Opener
 
 PIN = "483920"
@@ -38,8 +43,47 @@ async def test_a_reviewer_may_not_move_anybody(console: Opener, home: Home) -> N
     save_store(home.keys, add_operator(store, "Rex", Role.REVIEWER, PIN))
     async with console(profile=None, config=Config(joints=JointsConfig(kind="can"))) as open_console:
         await _begin_as(open_console, "Rex", PIN)
-        await open_console.until(lambda: not isinstance(open_console.app.screen, SignInDialog))
+        await open_console.tells("The role reviewer may not move a patient")
         assert open_console.app.live is None
+
+
+async def test_a_reviewer_signs_in_by_key_and_changes_no_patient(console: Opener, home: Home) -> None:
+    store = add_operator(load_store(home.keys), "Ada", Role.ENGINEER, PIN)
+    save_store(home.keys, add_operator(store, "Rex", Role.REVIEWER, PIN))
+    async with console(profile=None, config=Config(joints=JointsConfig(kind="can"))) as open_console:
+        await open_console.shows("demo")
+        await open_console.press("f4")
+        await open_console.until(lambda: isinstance(open_console.app.screen, SignInDialog))
+        await _sign_in(open_console, "Rex", PIN)
+        await open_console.shows("Rex, reviewer")
+        await open_console.press("n")
+        await open_console.tells("may not create or change patients")
+        await open_console.press("c")
+        await open_console.tells("may not calibrate")
+        assert isinstance(open_console.app.screen, PatientsScreen)
+        open_console.app.trail.keep(home)
+    (signed_in,) = (one.body for one in records(home.logs / OPERATORS) if isinstance(one.body, SignIn))
+    assert signed_in == SignIn(name="Rex", role="reviewer", unlocked=False)
+
+
+async def test_a_patient_is_changed_by_who_signs_in_for_it(console: Opener, home: Home) -> None:
+    store = add_operator(load_store(home.keys), "Ada", Role.ENGINEER, PIN)
+    save_store(home.keys, add_operator(store, "Ben", Role.THERAPIST, PIN))
+    async with console(profile=None, config=Config(joints=JointsConfig(kind="can"))) as open_console:
+        await open_console.shows("demo")
+        await open_console.press("e")
+        await open_console.until(lambda: isinstance(open_console.app.screen, SignInDialog))
+        await _sign_in(open_console, "Ben", PIN)
+        await open_console.until(lambda: isinstance(open_console.app.screen, PatientForm))
+        assert open_console.app.operator == "Ben"
+
+
+async def test_who_only_watches_signs_nobody_in(console: Opener) -> None:
+    config = Config(joints=JointsConfig(kind="can"))
+    async with console(config=config, read_only=True) as open_console:
+        assert isinstance(open_console.app.screen, SessionScreen)
+        await open_console.press("f4")
+        await open_console.tells("needs no sign-in")
 
 
 async def test_a_locked_console_opens_with_the_operators_pin_only(console: Opener, home: Home) -> None:
@@ -62,8 +106,6 @@ async def test_the_next_therapist_signs_in_without_leaving_the_program(console: 
     save_store(home.keys, add_operator(store, "Ben", Role.THERAPIST, PIN))
     async with console(profile=None, config=Config(joints=JointsConfig(kind="can"))) as open_console:
         await open_console.shows("demo")
-        await open_console.press("f4")
-        await open_console.tells("Nobody is signed in")
         await _begin_as(open_console, "Ada", PIN)
         await open_console.until(lambda: (state := open_console.app.live_state()) and state.snapshot)
         await open_console.press("f4")
@@ -73,6 +115,13 @@ async def test_the_next_therapist_signs_in_without_leaving_the_program(console: 
         await open_console.tells("Ada is signed out")
         await _begin_as(open_console, "Ben", PIN)
         await open_console.until(lambda: open_console.app.operator == "Ben")
+
+
+async def test_simulation_without_operators_signs_nobody_in(console: Opener) -> None:
+    async with console(profile=None) as open_console:
+        await open_console.shows("demo")
+        await open_console.press("f4")
+        await open_console.tells("Nobody is signed in")
 
 
 async def test_nobody_elses_pin_opens_a_locked_console_but_it_can_be_signed_out(console: Opener, home: Home) -> None:

@@ -108,6 +108,16 @@ async def test_a_second_press_damps_and_leaving_takes_two_deliberate_keys(consol
         await open_console.until(lambda: OperatorKind.ACKNOWLEDGE in host.kinds())
 
 
+async def test_armed_gestures_wait_until_a_stop_is_acknowledged(console: Opener) -> None:
+    async with console() as open_console:
+        await open_console.press("c", "y", "a", "t", "0")
+        await open_console.shows(" ARMED  standing")
+        await open_console.press("space")
+        await open_console.shows("ARMED, WAITS")
+        await open_console.press("k", "y")
+        await open_console.shows(" ARMED  between states")
+
+
 async def test_a_key_held_down_stops_once(console: Opener) -> None:
     async with console() as open_console:
         for _ in range(20):  # as the terminal's thread does; a busy machine must not spread the repetitions
