@@ -6,6 +6,7 @@ import numpy as np
 from msgspec.structs import replace
 
 from app.control import follow, gait_machine
+from app.control.events import blocker, sentence
 from app.control.follow import HOLD_S, Mode
 from app.control.gait_machine import Gait
 from app.control.inputs import DriveOrder
@@ -89,9 +90,7 @@ def _following(gait: Gait) -> Phase:
 
 def _first_plan(tick: Tick, task: Task, plan: Plan) -> None:
     if not plan.check.ok:
-        wish = Wish(action=task.report.action, source=task.report.source)
-        refuse(tick, wish, plan.check.reason, task.report.number)
-        _give_up(tick, task, "refused", plan.check.reason)
+        _refuse(tick, task, plan.check.reason)
         return
     task = replace(task, plan=plan, report=replace(task.report, plan=plan_sentence(plan)))
     tick.memory = replace(tick.memory, task=task)
@@ -102,12 +101,27 @@ def _first_plan(tick: Tick, task: Task, plan: Plan) -> None:
 def _set_out(tick: Tick, task: Task) -> None:
     """There is a plan: power, then stiffness, then movement, as far as they are not there yet."""
     if not tick.memory.heard.powered:
-        tick.drives = DriveOrder.ENABLE
-        tick.memory = replace(tick.memory, task=replace(task, stage=Stage.ENABLING, asked_ns=tick.now_ns))
+        _power(tick, task)
     elif tick.memory.motion.mode in {Mode.SLACK, Mode.LIMP}:
         _grip(tick, task)
     else:
         _move(tick, task)
+
+
+def _power(tick: Tick, task: Task) -> None:
+    """Unless something forbids it by now: legs that rested when it was asked for may have begun to sink."""
+    event = blocker(tick.memory.active, task.report.source)
+    if event is not None:
+        _refuse(tick, task, sentence(event))
+        return
+    tick.drives = DriveOrder.ENABLE
+    tick.memory = replace(tick.memory, task=replace(task, stage=Stage.ENABLING, asked_ns=tick.now_ns))
+
+
+def _refuse(tick: Tick, task: Task, reason: str) -> None:
+    """What was granted can't be done after all."""
+    refuse(tick, Wish(action=task.report.action, source=task.report.source), reason, task.report.number)
+    _give_up(tick, task, "refused", reason)
 
 
 def _step_ahead(tick: Tick, task: Task, plan: Plan) -> None:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
-from app.control.events import Event
+from app.control.events import LINGER_NS, ROW, Event
 from app.control.follow import Mode
 from app.control.inputs import DriveOrder
 from app.control.states import ACTION_OF, Action, Source
@@ -12,6 +13,7 @@ from app.control.task import Stage
 from hal.joints.joints import DriveState
 from kgdfa.hand import Gesture
 from tests.app.control.moments import HOLD_TICKS, A, K, S, moving, now, resting, standing
+from tests.app.control.rig import TICK_NS
 
 
 def test_gesture_0_plans_enables_grips_and_only_then_moves() -> None:
@@ -40,6 +42,23 @@ def test_a_refused_way_to_standing_never_powers_the_drives() -> None:
     assert rig.joints.state is DriveState.PROBED
     assert now(rig).gait.state is S.UNPOWERED
     assert now(rig).reports[-1].outcome == "refused"
+
+
+def test_legs_that_begin_to_sink_before_power_comes_get_none() -> None:
+    rig = resting(S.UNPOWERED)
+    rig.answer_ticks = 10
+    rig.say(K.ACT, A.INITIALISE)
+    rig.tick(5)
+    assert now(rig).task is not None
+    rig.joints.velocity_rad_s = np.array([0.0, 0.6, 0.0, 0.0])
+    rig.tick(20)
+    assert rig.joints.state is DriveState.PROBED
+    assert now(rig).gait.state is S.UNPOWERED
+    assert (now(rig).reports[-1].outcome, now(rig).refusal) == ("refused", ROW[Event.LEGS_MOVING].text)
+    rig.joints.velocity_rad_s = np.zeros(4)
+    rig.tick(LINGER_NS // TICK_NS + 2)
+    rig.act(A.INITIALISE)
+    assert now(rig).gait.state is S.STANDING
 
 
 def test_legs_that_moved_while_the_drives_woke_are_planned_for_anew() -> None:
