@@ -120,7 +120,8 @@ def _keep(
     if wanted.video is not None:
         film(shown, patient.body, named(wanted.video, action.name, many=many))
     if wanted.norm is not None and len(shown.starts) > 4:
-        console.print(f"{action.value}: likeness to the very slow gait {likeness(shown, wanted.norm)}")
+        alike = ", ".join(f"{joint} {value:.3f}" for joint, value in likeness(shown, wanted.norm).items())
+        console.print(f"{action.value}: correlation with the very slow gait: {alike}")
 
 
 def _write(file: Path, rows: list[tuple[Profile, Verdict]]) -> None:

@@ -35,13 +35,20 @@ LIMITS = (
     (E.GUARDIAN_GONE, "guardian_age_ms", 250.0),
     (E.MESSAGE_REJECTED, "rejected_messages", 0),
 )
+REPORTED = (
+    (E.CAMERA_STALE, "camera_fault"),
+    (E.AUDIT_FAULT, "audit_fault"),
+    (E.GUARDIAN_GONE, "guardian_fault"),
+    (E.DRIVE_ORDER_FAILED, "drive_error"),
+    (E.GUARD_REFUSAL, "guard_refusal"),
+)
 
 
 def events_of(facts: Facts) -> set[Event]:
     return {one.event for one in advance((), facts)}
 
 
-def with_one(quantity: str, value: float) -> Facts:
+def with_one(quantity: str, value: float | str) -> Facts:
     changed: Any = {quantity: value}
     return replace(CALM, **changed)
 
@@ -54,6 +61,13 @@ def beyond(limit: float) -> float:
 def test_a_limit_may_be_reached_and_not_passed(event: Event, quantity: str, limit: float) -> None:
     assert event not in events_of(with_one(quantity, limit))
     assert event in events_of(with_one(quantity, beyond(limit)))
+
+
+@pytest.mark.parametrize(("event", "quantity"), REPORTED)
+def test_a_fault_that_somebody_reports_is_an_event_and_is_passed_on(event: Event, quantity: str) -> None:
+    (raised,) = advance((), with_one(quantity, "it broke"))
+    assert raised.event is event
+    assert sentence(raised) == f"{ROW[event].text} (it broke)"
 
 
 def test_the_clock_may_jump_either_way() -> None:
