@@ -21,19 +21,28 @@ TORQUE_MARGIN = 1.05
 SETTLED_NS = 500 * NS_PER_MS  # after a movement the joints settle; later motion while held is unexpected
 
 
-class Facts(Struct, frozen=True, kw_only=True):
-    """One tick's facts. Ages count from the last word; errors are 0 where nothing is held that could err."""
+class Session(Struct, frozen=True, kw_only=True):
+    """What the operator has said, and what has not been said or shown yet."""
 
-    now_ns: int
-    powered: bool
-    drives_lost: bool = False
-    answering: bool = True  # every joint has answered at least once
     armed: bool = True
     patient_confirmed: bool = True
     uncleared: bool = False  # a wish of this tick lacks its pre-flight
     stop_presses: int = 0
     ending: bool = False
     ending_slack: bool = False  # it has been ending for so long that the joints give way
+
+
+class Planning(Struct, frozen=True, kw_only=True):
+    """Whether the planner keeps up with what runs."""
+
+    ready: bool = True
+    silent: bool = False
+    walk_broken: bool = False
+
+
+class Programs(Struct, frozen=True, kw_only=True):
+    """The programs beside control; ages count from their last word."""
+
     picture_age_ms: float = 0.0
     camera_fault: str = ""
     perception_age_ms: float = 0.0
@@ -45,11 +54,24 @@ class Facts(Struct, frozen=True, kw_only=True):
     guardian_age_ms: float = 0.0
     guardian_acted: bool = False
     guardian_fault: str = ""
+    rejected_messages: int = 0
+
+
+class Clocks(Struct, frozen=True, kw_only=True):
+    """Control's own punctuality, and the computer's clocks."""
+
     late_ms: float = 0.0
     missed_ticks: int = 0
     slept_s: float = 0.0
-    clock_step_s: float = 0.0
-    joint_age_ms: float = 0.0
+    step_s: float = 0.0
+
+
+class Legs(Struct, frozen=True, kw_only=True):
+    """What joints, drives and bus report; errors are 0 where nothing is held that could err."""
+
+    answering: bool = True  # every joint has answered at least once
+    age_ms: float = 0.0
+    drives_lost: bool = False
     drive_faults: DriveFault = DriveFault.NONE
     drive_detail: str = ""
     drive_error: str = ""
@@ -65,10 +87,18 @@ class Facts(Struct, frozen=True, kw_only=True):
     beyond_speed: bool = False
     beyond_torque: bool = False
     guard_refusal: str = ""
-    planner_ready: bool = True
-    planner_silent: bool = False
-    walk_broken: bool = False
-    rejected_messages: int = 0
+
+
+class Facts(Struct, frozen=True, kw_only=True):
+    """One tick's facts."""
+
+    now_ns: int
+    powered: bool
+    session: Session = Session()
+    planning: Planning = Planning()
+    programs: Programs = Programs()
+    clocks: Clocks = Clocks()
+    legs: Legs = Legs()
 
 
 class Standing(Struct, frozen=True, kw_only=True):
@@ -77,35 +107,27 @@ class Standing(Struct, frozen=True, kw_only=True):
     gait: Gait
     motion: Motion
     still_since_ns: int  # since when the command has not moved; 0 while it moves
-    armed: bool
-    patient_confirmed: bool
-    stop_presses: int
-    uncleared: bool
-    ending: bool
-    ending_slack: bool
-    planner_ready: bool
-    planner_silent: bool
-    walk_broken: bool
+    session: Session
+    planning: Planning
 
 
 def gather(inputs: Inputs, heard: Heard, standing: Standing, settings: Settings) -> Facts:
-    """The facts of a tick: one list, because parts put together would copy all of it 500 times a second."""
-    now_ns, feedback, motion = inputs.now_ns, inputs.feedback, standing.motion
-    report, audit, guardian = heard.report, heard.audit, heard.guardian
-    oldest_ns = min(feedback.measured_ns.tolist())
-    temperatures_c = feedback.temperature_c.tolist()
-    limits = settings.limits
+    """The facts of a tick."""
     return Facts(
-        now_ns=now_ns,
+        now_ns=inputs.now_ns,
         powered=heard.powered,
-        drives_lost=motion.mode is not Mode.LIMP and not heard.powered,
-        answering=oldest_ns > 0,
-        armed=standing.armed,
-        patient_confirmed=standing.patient_confirmed,
-        uncleared=standing.uncleared,
-        stop_presses=standing.stop_presses,
-        ending=standing.ending,
-        ending_slack=standing.ending_slack,
+        session=standing.session,
+        planning=standing.planning,
+        programs=_programs(inputs, heard),
+        clocks=_clocks(inputs, heard),
+        legs=_legs(inputs, heard, standing, settings),
+    )
+
+
+def _programs(inputs: Inputs, heard: Heard) -> Programs:
+    now_ns = inputs.now_ns
+    report, audit, guardian = heard.report, heard.audit, heard.guardian
+    return Programs(
         picture_age_ms=_age_ms(now_ns, report.captured_ns if report else heard.report_ns),
         camera_fault=report.camera_fault if report else "",
         perception_age_ms=_age_ms(now_ns, heard.report_ns),
@@ -117,11 +139,27 @@ def gather(inputs: Inputs, heard: Heard, standing: Standing, settings: Settings)
         guardian_age_ms=_age_ms(now_ns, heard.guardian_ns),
         guardian_acted=guardian is not None and guardian.acted,
         guardian_fault=guardian.fault if guardian else "",
+        rejected_messages=inputs.rejected_messages,
+    )
+
+
+def _clocks(inputs: Inputs, heard: Heard) -> Clocks:
+    return Clocks(
         late_ms=inputs.late_ns / NS_PER_MS,
         missed_ticks=inputs.missed_ticks,
         slept_s=heard.slept_ns / 1e9,
-        clock_step_s=heard.clock_step_ns / 1e9,
-        joint_age_ms=_age_ms(now_ns - heard.unasked_ns, oldest_ns),
+        step_s=heard.clock_step_ns / 1e9,
+    )
+
+
+def _legs(inputs: Inputs, heard: Heard, standing: Standing, settings: Settings) -> Legs:
+    now_ns, feedback, motion, limits = inputs.now_ns, inputs.feedback, standing.motion, settings.limits
+    oldest_ns = min(feedback.measured_ns.tolist())
+    temperatures_c = feedback.temperature_c.tolist()
+    return Legs(
+        answering=oldest_ns > 0,
+        age_ms=_age_ms(now_ns - heard.unasked_ns, oldest_ns),
+        drives_lost=motion.mode is not Mode.LIMP and not heard.powered,
         drive_faults=_union(feedback.faults),
         drive_detail=feedback.detail or _silent(feedback),
         drive_error=inputs.drive_error,
@@ -137,10 +175,6 @@ def gather(inputs: Inputs, heard: Heard, standing: Standing, settings: Settings)
         beyond_speed=_any_beyond(feedback.velocity_rad_s.tolist(), SPEED_MARGIN, limits.speed_rad_s.tolist()),
         beyond_torque=_any_beyond(feedback.torque_nm.tolist(), TORQUE_MARGIN, limits.torque_nm.tolist()),
         guard_refusal=str(inputs.guard_refusal) if inputs.guard_refusal else "",
-        planner_ready=standing.planner_ready,
-        planner_silent=standing.planner_silent,
-        walk_broken=standing.walk_broken,
-        rejected_messages=inputs.rejected_messages,
     )
 
 

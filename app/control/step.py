@@ -11,7 +11,7 @@ from app.control import follow, gait_machine
 from app.control.carry import carry_on, planner_silent, stop_task, take_plans, try_planner, walk_broken
 from app.control.events import ROW, Active, Actives, Event, advance, blocker, displaced, sentence
 from app.control.events_programs import CLOCK_STEP_S
-from app.control.facts import Standing, gather
+from app.control.facts import Planning, Session, Standing, gather
 from app.control.follow import Mode
 from app.control.freshness import NS_PER_MS, listen, nothing_heard
 from app.control.inputs import DriveOrder, Inputs, Outputs
@@ -98,8 +98,8 @@ def _watch(tick: Tick) -> None:
             tick.audit.append(
                 records.EffectChanged(from_effect=effect_before.name.lower(), to_effect=tick.memory.effect.name.lower())
             )
-    if abs(facts.clock_step_s) > CLOCK_STEP_S:
-        tick.audit.append(records.ClockStep(step_s=facts.clock_step_s))
+    if abs(facts.clocks.step_s) > CLOCK_STEP_S:
+        tick.audit.append(records.ClockStep(step_s=facts.clocks.step_s))
 
 
 def _restrain(tick: Tick) -> None:
@@ -169,20 +169,25 @@ def _switch_off(tick: Tick) -> None:
 
 def _standing(tick: Tick) -> Standing:
     memory = tick.memory
-    ending_ns = memory.ending_ns
     return Standing(
         gait=memory.gait,
         motion=memory.motion,
         still_since_ns=memory.still_since_ns,
+        session=_session(tick),
+        planning=Planning(ready=memory.planner_ready, silent=planner_silent(tick), walk_broken=walk_broken(tick)),
+    )
+
+
+def _session(tick: Tick) -> Session:
+    memory = tick.memory
+    ending_ns = memory.ending_ns
+    return Session(
         armed=memory.armed_ns > 0,
         patient_confirmed=memory.patient_confirmed,
-        stop_presses=memory.stop_presses,
         uncleared=uncleared(tick),
+        stop_presses=memory.stop_presses,
         ending=ending_ns > 0,
         ending_slack=ending_ns > 0 and tick.now_ns - ending_ns > END_HOLD_NS,
-        planner_ready=memory.planner_ready,
-        planner_silent=planner_silent(tick),
-        walk_broken=walk_broken(tick),
     )
 
 

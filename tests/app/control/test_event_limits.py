@@ -16,31 +16,31 @@ CALM = Facts(now_ns=1_000, powered=True)
 E = Event
 # Written down a second time: docs/safety.md and the issue's bounds rest on these numbers.
 LIMITS = (
-    (E.STOP_AGAIN, "stop_presses", 1),
-    (E.FAR_FROM_POSE, "pose_error_rad", 0.21),
-    (E.CAMERA_STALE, "picture_age_ms", 200.0),
-    (E.PERCEPTION_GONE, "perception_age_ms", 200.0),
-    (E.CONSOLE_SILENT, "console_age_ms", 230.0),
-    (E.AUDIT_BEHIND, "audit_waiting", 2_000),
-    (E.AUDIT_GONE, "audit_age_ms", 400.0),
-    (E.TICK_LATE, "late_ms", 2.0),
-    (E.TICK_LATE, "missed_ticks", 0),
-    (E.TICK_STALLED, "late_ms", 20.0),
-    (E.HOST_SLEPT, "slept_s", 0.1),
-    (E.CLOCK_JUMP, "clock_step_s", 0.5),
-    (E.JOINT_SILENT, "joint_age_ms", 15.0),
-    (E.FOLLOWING_WARNING, "following_rad", 0.14),
-    (E.FOLLOWING_LIMIT, "following_rad", 0.26),
-    (E.UNEXPECTED_MOTION, "drift_rad_s", 0.6),
-    (E.GUARDIAN_GONE, "guardian_age_ms", 250.0),
-    (E.MESSAGE_REJECTED, "rejected_messages", 0),
+    (E.STOP_AGAIN, "session.stop_presses", 1),
+    (E.FAR_FROM_POSE, "legs.pose_error_rad", 0.21),
+    (E.CAMERA_STALE, "programs.picture_age_ms", 200.0),
+    (E.PERCEPTION_GONE, "programs.perception_age_ms", 200.0),
+    (E.CONSOLE_SILENT, "programs.console_age_ms", 230.0),
+    (E.AUDIT_BEHIND, "programs.audit_waiting", 2_000),
+    (E.AUDIT_GONE, "programs.audit_age_ms", 400.0),
+    (E.TICK_LATE, "clocks.late_ms", 2.0),
+    (E.TICK_LATE, "clocks.missed_ticks", 0),
+    (E.TICK_STALLED, "clocks.late_ms", 20.0),
+    (E.HOST_SLEPT, "clocks.slept_s", 0.1),
+    (E.CLOCK_JUMP, "clocks.step_s", 0.5),
+    (E.JOINT_SILENT, "legs.age_ms", 15.0),
+    (E.FOLLOWING_WARNING, "legs.following_rad", 0.14),
+    (E.FOLLOWING_LIMIT, "legs.following_rad", 0.26),
+    (E.UNEXPECTED_MOTION, "legs.drift_rad_s", 0.6),
+    (E.GUARDIAN_GONE, "programs.guardian_age_ms", 250.0),
+    (E.MESSAGE_REJECTED, "programs.rejected_messages", 0),
 )
 REPORTED = (
-    (E.CAMERA_STALE, "camera_fault"),
-    (E.AUDIT_FAULT, "audit_fault"),
-    (E.GUARDIAN_GONE, "guardian_fault"),
-    (E.DRIVE_ORDER_FAILED, "drive_error"),
-    (E.GUARD_REFUSAL, "guard_refusal"),
+    (E.CAMERA_STALE, "programs.camera_fault"),
+    (E.AUDIT_FAULT, "programs.audit_fault"),
+    (E.GUARDIAN_GONE, "programs.guardian_fault"),
+    (E.DRIVE_ORDER_FAILED, "legs.drive_error"),
+    (E.GUARD_REFUSAL, "legs.guard_refusal"),
 )
 
 
@@ -48,9 +48,12 @@ def events_of(facts: Facts) -> set[Event]:
     return {one.event for one in advance((), facts)}
 
 
-def with_one(quantity: str, value: float | str) -> Facts:
-    changed: Any = {quantity: value}
-    return replace(CALM, **changed)
+def with_one(quantity: str, value: object) -> Facts:
+    """A calm tick but for one quantity, named with its group."""
+    group, _, name = quantity.rpartition(".")
+    changed: dict[str, Any] = {name: value}
+    within: dict[str, Any] = {group: replace(getattr(CALM, group), **changed)}
+    return replace(CALM, **within)
 
 
 def beyond(limit: float) -> float:
@@ -71,44 +74,44 @@ def test_a_fault_that_somebody_reports_is_an_event_and_is_passed_on(event: Event
 
 
 def test_the_clock_may_jump_either_way() -> None:
-    assert E.CLOCK_JUMP in events_of(replace(CALM, clock_step_s=-0.6))
-    assert E.CLOCK_JUMP not in events_of(replace(CALM, clock_step_s=-0.5))
+    assert E.CLOCK_JUMP in events_of(with_one("clocks.step_s", -0.6))
+    assert E.CLOCK_JUMP not in events_of(with_one("clocks.step_s", -0.5))
 
 
 def test_a_second_press_of_stop_is_an_event_of_its_own() -> None:
-    assert events_of(replace(CALM, stop_presses=1)) == {E.STOP}
-    assert events_of(replace(CALM, stop_presses=2)) == {E.STOP_AGAIN}
+    assert events_of(with_one("session.stop_presses", 1)) == {E.STOP}
+    assert events_of(with_one("session.stop_presses", 2)) == {E.STOP_AGAIN}
 
 
 def test_the_operator_reads_the_numbers_where_there_are_some() -> None:
-    (with_numbers,) = advance((), replace(CALM, audit_waiting=2_001))
+    (with_numbers,) = advance((), with_one("programs.audit_waiting", 2_001))
     assert sentence(with_numbers) == f"{ROW[E.AUDIT_BEHIND].text} (2001 records)"
-    (without,) = advance((), replace(CALM, audit_full=True))
+    (without,) = advance((), with_one("programs.audit_full", True))
     assert sentence(without) == ROW[E.AUDIT_FULL].text
 
 
 def test_an_acknowledgement_sent_as_an_event_was_raised_may_not_have_seen_it() -> None:
-    slept = advance((), replace(CALM, slept_s=9.0))
+    slept = advance((), with_one("clocks.slept_s", 9.0))
     at_once, after = (advance(slept, CALM, CALM.now_ns + later_ns) for later_ns in (0, 1))
     assert [one.event for one in at_once] == [E.HOST_SLEPT]
     assert not after
 
 
 def test_what_waits_for_its_acknowledgement_tells_that_its_condition_has_gone() -> None:
-    slept = advance((), replace(CALM, slept_s=9.0))
+    slept = advance((), with_one("clocks.slept_s", 9.0))
     assert [one.present for one in slept] == [True]
     assert [one.present for one in advance(slept, CALM)] == [False]
 
 
 def test_legs_count_as_moving_only_before_they_carry_power() -> None:
-    slack = replace(CALM, powered=False)
-    assert E.LEGS_MOVING not in events_of(replace(slack, fastest_rad_s=0.5))
-    assert E.LEGS_MOVING in events_of(replace(slack, fastest_rad_s=beyond(0.5)))
-    assert E.LEGS_MOVING not in events_of(replace(CALM, fastest_rad_s=1.0))
+    at_limit, beyond_limit = (with_one("legs.fastest_rad_s", speed) for speed in (0.5, beyond(0.5)))
+    assert E.LEGS_MOVING not in events_of(replace(at_limit, powered=False))
+    assert E.LEGS_MOVING in events_of(replace(beyond_limit, powered=False))
+    assert E.LEGS_MOVING not in events_of(with_one("legs.fastest_rad_s", 1.0))
 
 
 def test_what_was_there_before_power_waits_for_an_acknowledgement_once_there_is_power() -> None:
-    late = replace(CALM, late_ms=25.0)
+    late = with_one("clocks.late_ms", 25.0)
     before = advance((), replace(late, powered=False))
     assert not next(one for one in before if one.event is E.TICK_STALLED).latched
     after = advance(before, late)
@@ -116,7 +119,7 @@ def test_what_was_there_before_power_waits_for_an_acknowledgement_once_there_is_
 
 
 def test_what_has_latched_stays_so_when_the_power_goes() -> None:
-    late = replace(CALM, late_ms=25.0)
+    late = with_one("clocks.late_ms", 25.0)
     unpowered = advance(advance((), late), replace(late, powered=False))
     assert next(one for one in unpowered if one.event is E.TICK_STALLED).latched
 
@@ -127,6 +130,7 @@ def test_what_has_passed_is_read_for_a_second_and_does_nothing_any_more(
     since_ns: int, later_ns: int, *, told: bool
 ) -> None:
     gone = replace(CALM, now_ns=since_ns + later_ns)
-    after = advance(advance((), replace(CALM, now_ns=since_ns, audit_fault="disk full")), gone)
+    faulty = replace(with_one("programs.audit_fault", "disk full"), now_ns=since_ns)
+    after = advance(advance((), faulty), gone)
     assert [one.event for one in after] == [E.AUDIT_FAULT] * told
     assert effect_of(after) is Effect.NOTE
