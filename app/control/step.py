@@ -5,6 +5,8 @@ Pure: values in, values out, time among the inputs. Read `step` from top to bott
 
 from __future__ import annotations
 
+from math import isfinite
+
 from msgspec.structs import replace
 
 from app.control import follow, gait_machine
@@ -67,8 +69,8 @@ def _observe(tick: Tick) -> None:
                 reason=str(refusal),
                 joint=refusal.joint.name.lower(),
                 quantity=refusal.quantity.value,
-                value=refusal.value if abs(refusal.value) < float("inf") else None,
-                limit=refusal.limit if refusal.limit < float("inf") else None,
+                value=refusal.value if isfinite(refusal.value) else None,
+                limit=refusal.limit if isfinite(refusal.limit) else None,
             )
         )
     if memory.stop_seen_ns and not memory.stop_command_ns:

@@ -124,10 +124,11 @@ def test_a_guard_refusal_holds_the_legs_with_the_last_command_that_passed() -> N
 
 def test_a_clock_step_is_told() -> None:
     rig = standing()
+    rig.tick(20)
     rig.spoil["wall_ns"] = rig.now_ns + 9_000_000_000
-    rig.tick()
+    rig.tick(20)
     steps = [b.step_s for b in told(rig, records.ClockStep) if isinstance(b, records.ClockStep)]
-    assert steps == [pytest.approx(4.0, abs=0.01)]
+    assert steps == [pytest.approx(4.0, abs=0.01), pytest.approx(-4.0, abs=0.01)], "forth, and back"
 
 
 def test_legs_that_are_not_where_their_state_says_lose_it() -> None:
