@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from app.control.gait_machine import TABLE, Row
+from app.control.gait_table import TABLE, Row
 from app.control.states import GESTURE_OF, Action
 
 

@@ -1,7 +1,8 @@
 """The gait machine: the paper's eight states and twelve transitions, and the state that a stop leads to.
 
 Rules:
-1. `TABLE` is the whole of it; the machine, its refusals and its diagram (`gait_diagram.py`) are made from it.
+1. The table in `gait_table.py` is the whole of it; the machine, its refusals and its diagram (`gait_diagram.py`) are
+   made from it.
 2. A movement begins in its row's `source`, passes `through` the state that the paper names for it (7, 8 and 9), and
    the legs are in `to` when it has been completed.
 3. Walking is a chain of steps. Gesture 6 is latched while it runs and carried out when the running step has ended.
@@ -23,41 +24,9 @@ from msgspec import Struct
 from msgspec.structs import replace
 from transitions import EventData, Machine, MachineError
 
+from app.control.gait_table import TABLE, Row
 from app.control.plan import Phase
 from app.control.states import Action, GaitState
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Row:
-    """One transition: which action leads from where, through what, to where."""
-
-    action: Action
-    source: GaitState
-    to: GaitState
-    through: GaitState | None = None
-    phase: Phase = Phase.WHOLE
-    chained: bool = False  # begins by itself when the step before has ended
-
-
-S, A, P = GaitState, Action, Phase
-TABLE = (
-    Row(action=A.INITIALISE, source=S.UNPOWERED, to=S.STANDING),
-    Row(action=A.INITIALISE, source=S.BETWEEN, to=S.STANDING),
-    Row(action=A.STAND_UP, source=S.SITTING, to=S.STANDING),
-    Row(action=A.SIT_DOWN, source=S.STANDING, to=S.SITTING),
-    Row(action=A.STEP_RIGHT_FIRST, source=S.STANDING, to=S.RIGHT_FORWARD),
-    Row(action=A.STEP_LEFT, source=S.RIGHT_FORWARD, to=S.LEFT_FORWARD),
-    Row(action=A.STEP_RIGHT, source=S.LEFT_FORWARD, to=S.RIGHT_FORWARD),
-    Row(action=A.STEP_END, source=S.RIGHT_FORWARD, to=S.STANDING),
-    Row(action=A.WALK, source=S.STANDING, to=S.LEFT_FORWARD, phase=P.WALK_START),
-    Row(action=A.WALK, source=S.LEFT_FORWARD, to=S.RIGHT_FORWARD, phase=P.WALK_RIGHT, chained=True),
-    Row(action=A.WALK, source=S.RIGHT_FORWARD, to=S.LEFT_FORWARD, phase=P.WALK_LEFT, chained=True),
-    Row(action=A.WALK_END, source=S.LEFT_FORWARD, to=S.STANDING, phase=P.WALK_CLOSE_RIGHT, chained=True),
-    Row(action=A.WALK_END, source=S.RIGHT_FORWARD, to=S.STANDING, phase=P.WALK_CLOSE_LEFT, chained=True),
-    Row(action=A.STAIR_UP, source=S.STANDING, through=S.RIGHT_HIGH_STEP, to=S.STANDING),
-    Row(action=A.STAIR_DOWN, source=S.STANDING, through=S.RIGHT_LOW_STEP, to=S.STANDING),
-    Row(action=A.OBSTACLE, source=S.STANDING, through=S.RIGHT_OBSTACLE, to=S.STANDING),
-)
 
 
 class Gait(Struct, frozen=True, kw_only=True):

@@ -29,7 +29,7 @@ from app.console.dialogs import Question
 from app.console.keys import GESTURE_KEYS
 from app.console.stop_bar import StopBar
 from app.control.events import Event
-from app.control.gait_machine import TABLE
+from app.control.gait_table import TABLE
 from app.control.plan import Phase
 from app.control.states import ACTION_OF, Action, Effect, GaitState
 from app.host import SessionHost

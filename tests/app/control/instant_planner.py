@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from app.control.gait_machine import TABLE
+from app.control.gait_table import TABLE
 from app.control.plan import TICK_HZ, Phase, Plan, PlanCheck, PlanRequest
 from app.control.states import Action, GaitState
 

@@ -8,7 +8,8 @@ import pytest
 
 from app.control import gait_machine
 from app.control.gait_diagram import mermaid
-from app.control.gait_machine import TABLE, Gait, Ignored, Latched, Refused, Started
+from app.control.gait_machine import Gait, Ignored, Latched, Refused, Started
+from app.control.gait_table import TABLE
 from app.control.plan import Phase
 from app.control.states import ACTION_OF, Action, GaitState
 from kgdfa.hand import Gesture
