@@ -9,7 +9,7 @@ import pytest
 
 from app.control.events import Event
 from app.control.follow import Mode
-from app.control.memory import REPORTS_KEPT
+from app.control.memory import REPORTS_KEPT, Memory
 from app.control.task import Stage
 from kgdfa.hand import Gesture
 from logs import records
@@ -24,12 +24,16 @@ def test_the_moments_of_an_action_are_in_order_and_true() -> None:
     start = rig.joints.position_rad.copy()
     command = rig.command
     first_ns = motion_ns = 0
-    while now(rig).task is not None:
-        rig.tick()
+
+    def watch(m: Memory) -> bool:
+        nonlocal first_ns, motion_ns
         if not first_ns and not np.array_equal(rig.command.position_rad, command.position_rad):
             first_ns = rig.now_ns + 1_000_000
         if not motion_ns and np.abs(rig.joints.position_rad - start).max() >= np.radians(0.5):
             motion_ns = rig.now_ns + 2_000_000
+        return m.task is None
+
+    rig.run_until(watch)
     report = now(rig).reports[-1]
     assert report.accepted_ns == accepted_ns
     assert report.released_ns < accepted_ns
