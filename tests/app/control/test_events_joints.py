@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
 from app.control.states import Effect
 from hal.joints.joints import BusFault, DriveFault
 from tests.app.control.causes import E, fault, names_in
-from tests.app.control.moments import standing
+from tests.app.control.moments import moving, standing
 from tests.app.control.rig import Rig
 
 
@@ -48,6 +49,16 @@ def test_missed_ticks_only_put_off_the_silence_of_a_drive(stalls: int) -> None:
         rig.tick(1)
     rig.tick(9 - stalls)
     assert E.JOINT_SILENT.value in rig.events()
+
+
+def test_joints_may_settle_for_half_a_second_after_a_movement() -> None:
+    rig = moving()
+    rig.run_until(lambda m: m.task is None)
+    rig.joints.velocity_rad_s = np.full(4, 0.7)
+    rig.tick(249)
+    assert E.UNEXPECTED_MOTION.value not in rig.events()
+    rig.tick(3)
+    assert E.UNEXPECTED_MOTION.value in rig.events()
 
 
 @pytest.mark.parametrize("what", [fault for fault in DriveFault if fault])

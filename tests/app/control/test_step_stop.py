@@ -116,6 +116,21 @@ def test_two_presses_in_one_tick_damp() -> None:
     assert [stop.effect for stop in told(rig, records.Stop) if isinstance(stop, records.Stop)] == ["hold", "damp"]
 
 
+@pytest.mark.parametrize(("presses", "reached"), [(1, S.STANDING), (2, S.BETWEEN)])
+def test_a_stop_before_the_plan_has_come_keeps_the_state_unless_the_joints_give_way(
+    presses: int, reached: GaitState
+) -> None:
+    rig = standing()
+    rig.answer_ticks = 10
+    rig.say(K.ACT, A.STEP_RIGHT_FIRST)
+    rig.tick(3)
+    for _ in range(presses):
+        rig.say(K.STOP)
+    rig.tick()
+    report = now(rig).reports[-1]
+    assert (report.outcome, report.to_state, now(rig).gait.state) == ("stopped", reached, reached)
+
+
 def test_stop_wins_over_a_wish_and_over_an_acknowledgement_of_the_same_tick() -> None:
     for words in ((K.ACT, K.STOP), (K.STOP, K.ACT)):
         rig = standing()
