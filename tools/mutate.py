@@ -3,7 +3,8 @@
 The order is random but always the same, so that a run that is cut short has judged a fair sample. Survivors are printed
 as they are found and the score as it goes; an interrupted run ends with its score. Tests that have noticed a change
 before are asked first, then the quick ones, and the first failure ends a mutant. Run from the copy of the tree that
-`tools/mutation` makes: `python tools/mutate.py SESSION MODULE TESTS [AT_MOST]`.
+`tools/mutation` makes: `python tools/mutate.py SESSION MODULE TESTS [FIRST [AT_MOST]]`; FIRST goes on where an earlier
+run of the same source was cut short.
 """
 
 from __future__ import annotations
@@ -13,10 +14,8 @@ import gc
 import importlib.abc
 import os
 import random
-import resource
 import signal
 import sys
-import time
 from collections import Counter
 from collections.abc import Iterable
 from contextlib import suppress
@@ -35,7 +34,7 @@ from cosmic_ray.work_item import MutationSpec
 from rich.console import Console
 from rich.progress import track
 
-CPU_FACTOR, CPU_LEAST_S = 4, 20  # a mutant that computes so much longer than the unchanged module never ends
+CPU_S = 20  # of one test; the longest takes a tenth of it, and a mutant that computes for longer never ends
 WALL_S = 3600  # one that waits instead of computing; at idle priority on a busy host a test waits long for its turn
 TOLD_EVERY = 20  # mutants; where nobody sees a progress bar
 SEED = 1
@@ -104,6 +103,11 @@ class Verdict:
     pipe: int
 
     @pytest.hookimpl(tryfirst=True)
+    def pytest_runtest_setup(self) -> None:
+        """Every test has its time; nothing in Python has to be awake when it is over."""
+        signal.setitimer(signal.ITIMER_PROF, CPU_S)
+
+    @pytest.hookimpl(tryfirst=True)
     def pytest_runtest_makereport(self, item: pytest.Item, call: pytest.CallInfo[None]) -> None:
         """Tells who noticed."""
         if call.excinfo is not None and not call.excinfo.errisinstance(pytest.skip.Exception):
@@ -124,15 +128,12 @@ class Jury:
     file: Path
     tests: list[str]
     order: Order = field(default_factory=Order)
-    cpu_s: int = WALL_S
     endless: int = 0  # mutants that were ended, not answered
 
     def prepare(self) -> None:
         """Run the tests once on the unchanged module. Raises SystemExit when they fail."""
-        began_s = time.process_time()
         if pytest.main([*OPTIONS, *self.tests], plugins=[self.order]):
             raise SystemExit("The tests do not pass without any change.")
-        self.cpu_s = CPU_LEAST_S + round(CPU_FACTOR * (time.process_time() - began_s))
         for name in [name for name in sys.modules if name.split(".")[0] in OURS]:
             del sys.modules[name]
         gc.collect()
@@ -150,14 +151,14 @@ class Jury:
         if noticed_by:
             self.order.noticed[noticed_by] += 1
         ended = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
-        self.endless += ended in {-signal.SIGALRM, -signal.SIGXCPU}
+        self.endless += ended in {-signal.SIGALRM, -signal.SIGPROF}
         return ended == 0
 
     def _judge(self, source: str, sending: int) -> None:
         """In the child, which ends here."""
         signal.signal(signal.SIGTERM, signal.SIG_DFL)
         signal.alarm(WALL_S)
-        resource.setrlimit(resource.RLIMIT_CPU, (self.cpu_s, self.cpu_s))
+        signal.setitimer(signal.ITIMER_PROF, CPU_S)
         null = os.open(os.devnull, os.O_WRONLY)
         os.dup2(null, 1)
         os.dup2(null, 2)
@@ -212,11 +213,11 @@ def tell(*lines: str) -> None:
     print(*lines, sep="\n", flush=True)
 
 
-def judge(jury: Jury, source: str, every: list[str], at_most: int) -> None:
+def judge(jury: Jury, source: str, every: list[str], wanted: slice) -> None:
     """Print each survivor and the score, however it ends."""
     judged = alive = 0
     try:
-        for code in watched(every[:at_most], jury.module):
+        for code in watched(every[wanted], jury.module):
             if jury.passes(code):
                 alive += 1
                 tell(*list(unified_diff(source.splitlines(), code.splitlines(), lineterm="", n=0))[2:])
@@ -228,7 +229,7 @@ def judge(jury: Jury, source: str, every: list[str], at_most: int) -> None:
         tell(f"{jury.module}: {told}; {len(every)} changes in all")
 
 
-def main(session: str, module: str, tests: str, at_most: str = "1000000") -> None:
+def main(session: str, module: str, tests: str, first: str = "0", at_most: str = "1000000") -> None:
     """Judge them, print the survivors and the score."""
     sys.path.insert(0, str(Path.cwd()))
     for number in (signal.SIGINT, signal.SIGTERM):  # in the background a shell has the first ignored
@@ -238,7 +239,7 @@ def main(session: str, module: str, tests: str, at_most: str = "1000000") -> Non
     jury = Jury(module=module, file=file, tests=tests.split())
     with suppress(KeyboardInterrupt):
         jury.prepare()
-        judge(jury, source, mutants(session, source), int(at_most))
+        judge(jury, source, mutants(session, source), slice(int(first), int(first) + int(at_most)))
 
 
 if __name__ == "__main__":
