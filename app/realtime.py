@@ -34,6 +34,7 @@ TURNS = MappingProxyType(
         "perception": Turn(nice=-10),  # the wearer's command must not wait for the screen, or for other programs
         "audit": Turn(nice=-10),  # needs little, but a trail that falls behind stops the legs
         "console": Turn(nice=-5),  # after perception, whose core it shares; before other programs
+        "observer": Turn(nice=5),  # another console on this host must not keep the therapist's waiting
         "rehearsal": Turn(nice=5),  # half a minute of physics, while somebody presses keys
         "bus log": Turn(nice=5),  # its socket holds a second's frames: it can wait, perception can't
     }

@@ -1,9 +1,9 @@
 """What the console costs, with the real processes running: first paint, key to reaction, loop lag, CPU, memory.
 
 `python tools/bench_console.py [--seconds 30] [--minutes 0] [--json FILE]`. It drives `rleex run` in a pseudo terminal
-of 80×24 as a person would: keys go in as bytes, reactions are bytes that come out and hold the words that the key must
-bring. The loop's lag is measured from the first picture on (`loop_probe.py`), while keys are pressed and while not.
-`--minutes`: afterwards leave it running, look at its memory once a minute, and print the slope.
+of 80×24 (`--columns`, `--rows`) as a person would: keys go in as bytes, reactions are bytes that come out and hold the
+words that the key must bring. The loop's lag is measured from the first picture on (`loop_probe.py`), while keys are
+pressed and while not. `--minutes`: afterwards leave it running, look at its memory once a minute, and print the slope.
 """
 
 from __future__ import annotations
@@ -126,9 +126,9 @@ def memory_once_a_minute(terminal: Terminal, console: psutil.Process, minutes: i
     return samples_mb
 
 
-def measure(home: Path, seconds: float, minutes: int = 0) -> dict[str, float]:
-    """All figures of one console of 80×24."""
-    terminal = Terminal(home, 80, 24)
+def measure(home: Path, seconds: float, minutes: int = 0, *, columns: int = 80, rows: int = 24) -> dict[str, float]:
+    """All figures of one console."""
+    terminal = Terminal(home, columns, rows)
     try:
         terminal.wait(b"STOP")
         first_paint_s = time.monotonic() - terminal.started_s
@@ -179,6 +179,8 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seconds", type=float, default=30.0)
     parser.add_argument("--minutes", type=int, default=0)
+    parser.add_argument("--columns", type=int, default=80)
+    parser.add_argument("--rows", type=int, default=24)
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()
     real = find_home()
@@ -186,7 +188,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         (Path(folder) / "config.toml").write_text(f'model = "{model}"\n')
         measure(Path(folder), 1.0)  # warm the caches
-        found = measure(Path(folder), options.seconds, options.minutes)
+        found = measure(Path(folder), options.seconds, options.minutes, columns=options.columns, rows=options.rows)
     table = Table("figure", "measured", "bound")
     bounds = {"first_paint_s": "1.0", "key_to_reaction_p95_ms": "50", "cpu_percent": "60", "first_picture_s": "3.0"}
     for name, value in found.items():

@@ -12,6 +12,7 @@ from app.control.states import Effect, GaitState
 from app.messages import ControlSnapshot
 
 _LEGS_ASTRAY = (GaitState.UNPOWERED, GaitState.BETWEEN)
+_ENDINGS = ("shutting down", "shutting down, giving way")  # control's events of these names, whose table brings numpy
 
 
 def describe(state: SessionState, keys: dict[str, str], *, watching: bool = False) -> Lines:
@@ -47,11 +48,17 @@ def _gone(state: SessionState, name: str) -> bool:
     return any(process.name == name and not process.alive for process in state.processes)
 
 
+def _ending(state: SessionState) -> bool:
+    """Control's last word was that it ends: its silence after that is no fault."""
+    return any(event.name in _ENDINGS for event in state.events)
+
+
 _Applies = Callable[[SessionState, ControlSnapshot | None], bool]
 _STEPS: tuple[tuple[_Applies, str, str], ...] = (
     (lambda state, _: bool(state.fault), "failed", "bold $error"),
     (lambda state, now: now is None and _down(state), "process_down", "bold $error"),
     (lambda _, now: now is None, "starting", "$text-muted"),
+    (lambda state, _: _ending(state) and not _gone(state, "audit"), "ending", "bold $warning"),
     (lambda state, _: not state.snapshot_fresh and _gone(state, "guardian"), "nobody_stops", "bold $error"),
     (lambda state, _: not state.snapshot_fresh, "control_silent", "bold $error"),
     (lambda _, now: now is not None and now.effect is Effect.DAMP, "damped", "bold $error"),

@@ -23,6 +23,7 @@ from app.messages import (
     TriggerReport,
 )
 from app.paths import Home
+from app.realtime import take_turn
 from app.setup import SessionSetup
 
 _SHARED = "session.msgpack"
@@ -103,6 +104,7 @@ def observe(home: Home, config: Config) -> None:
     """Show the running session of this home. Raises AppError when there is none."""
     from app.console.app import ConsoleApp
 
+    take_turn("observer")
     setup = shared(home)
 
     def make_host(made: SessionSetup) -> ObserverHost:

@@ -21,11 +21,10 @@ from app.console.session.panel import Lines, Panel, plain
 from app.console.session.picture import Picture
 from app.console.session.state import SessionState
 from app.console.session.words import action_of, gesture_name
-from app.messages import PerceptionCommand, TriggerReport
+from app.messages import TriggerReport
 from kgdfa.gesture import Gesture
 
 LESSONS = tuple(Gesture)
-PICTURE_HZ = 12.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -108,9 +107,7 @@ class TrainingScreen(HandKeys):
 
     def on_picture_resized(self, event: Picture.Resized) -> None:
         """Ask for a picture of just this size."""
-        self.console_app.live_host().tell_perception(
-            PerceptionCommand(preview_width_px=event.width_px, preview_hz=PICTURE_HZ)
-        )
+        self.console_app.live_host().tell_perception(event.wanted)
 
     def on_resize(self) -> None:
         self._drawn = ""  # draw anew

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import errno
+import os
+from io import FileIO
 from pathlib import Path
 
 import msgspec
@@ -43,11 +46,19 @@ class SessionRecords:
             raise AppError(f"The sessions in {path} can't be read: {error}; move the file away.") from error
 
     def add(self, record: SessionRecord) -> None:
-        """Keep one."""
+        """Keep one, or nothing of it."""
         path = self._folder / f"{record.patient}.jsonl"
         try:
             self._folder.mkdir(parents=True, exist_ok=True, mode=0o700)
-            with path.open("ab") as file:
-                file.write(msgspec.json.encode(record) + b"\n")
+            with path.open("ab", buffering=0) as file:
+                _append(file, msgspec.json.encode(record) + b"\n")
         except OSError as error:
             raise AppError(f"{path} can't be written: {error.strerror}; free space, then save again.") from error
+
+
+def _append(file: FileIO, line: bytes) -> None:
+    """The whole line; a full disk takes part of one, which would spoil what is read and appended later."""
+    before = file.tell()
+    if file.write(line) < len(line):
+        file.truncate(before)
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))

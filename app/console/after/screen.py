@@ -13,6 +13,7 @@ from textual.widgets import Button, Input, Label, Select, Static
 
 from app.console.after.records import SessionRecord
 from app.console.base import ConsoleScreen
+from app.console.dialogs import Question
 from app.console.language import tr
 from app.console.session.state import SessionState
 from app.console.session.words import action_name
@@ -51,12 +52,13 @@ class AfterScreen(ConsoleScreen):
     HELP_PAGE = "after"
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("ctrl+s", "save", "bind.after.save"),
-        Binding("escape", "save", "bind.after.save", show=False),
+        Binding("escape", "leave", "bind.form.leave", show=False),
     ]
 
     def __init__(self, state: SessionState) -> None:
         super().__init__()
         self._state = state
+        self._added = self._kept = self._ending = False
         self._record = summarise(state, datetime.now(UTC).isoformat(timespec="seconds"))
 
     def compose(self) -> ComposeResult:
@@ -84,19 +86,48 @@ class AfterScreen(ConsoleScreen):
         await self.action_save()
 
     async def action_save(self) -> None:
-        """Keep note, rating and targets, then end the session's last processes."""
-        note = self.query_one("#note", Input).value.strip()
-        chosen = self.query_one("#discomfort", Select).value
-        rating = chosen if isinstance(chosen, int) else None
+        """Keep note, rating and targets, then end the session's last processes; what can't be kept stays here."""
+        if self._keep():
+            await self._close()
+
+    async def action_leave(self) -> None:
+        """As saving does; where that fails, without it, after asking."""
+        if self._keep():
+            await self._close()
+            return
+
+        async def leave(yes: bool | None) -> None:
+            if yes:
+                await self._close()
+
+        self.app.push_screen(Question(tr("form.leave_title"), tr("form.leave_words")), leave)
+
+    def _keep(self) -> bool:
+        """Whether all is in the files."""
+        with self.told():
+            if not self._added:
+                note, rating = self._answers()
+                self.console_app.sessions.add(msgspec.structs.replace(self._record, note=note, discomfort=rating))
+                self._added = True
+            self._keep_targets()
+            self._kept = True
+        return self._kept
+
+    async def _close(self) -> None:
+        """Note and rating into the trail too, once; it may take seconds until its process has ended."""
+        if self._ending:
+            return
+        self._ending = True
+        note, rating = self._answers()
         if note:
             self.console_app.trail.emit(Note(text=note))
         if rating is not None:
             self.console_app.trail.emit(Discomfort(rating=rating))
-        with self.told():
-            record = msgspec.structs.replace(self._record, note=note, discomfort=rating)
-            self.console_app.sessions.add(record)
-            self._keep_targets()
         await self.console_app.close_session()
+
+    def _answers(self) -> tuple[str, int | None]:
+        chosen = self.query_one("#discomfort", Select).value
+        return self.query_one("#note", Input).value.strip(), chosen if isinstance(chosen, int) else None
 
     def _keep_targets(self) -> None:
         words = self.query_one("#steps", Input).value

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from app.console.language import tr
 from app.console.sentences import sentence
-from app.console.session.panel import Line, Lines, plain
+from app.console.session.panel import Line, Lines, cells, plain
 from app.console.session.push import PushNote
 from app.console.session.state import SessionState
 from app.console.session.state_panel import StatePanel
@@ -19,7 +19,7 @@ def describe(state: SessionState, width: int) -> Lines:
     report = state.report
     if report is None or not state.report_fresh:
         return (plain("–", "$text-muted"), plain(gauge(None, 0.0, 0.20, width)), _button(None, state.push))
-    return (_figure(report), _gauge_line(report, width), _button(report, state.push), *_zone(report.press_zone))
+    return (_figure(report, width), _gauge_line(report, width), _button(report, state.push), *_zone(report.press_zone))
 
 
 def gauge(distance_m: float | None, sd_m: float, threshold_m: float, width: int, blind_m: float = 0.0) -> str:
@@ -28,28 +28,28 @@ def gauge(distance_m: float | None, sd_m: float, threshold_m: float, width: int,
     blind_m: nearer the camera loses the hand (`╌`).
     """
 
-    def cell(metres: float) -> int:
+    def at(metres: float) -> int:
         return max(0, min(width - 1, round(metres / SCALE_M * (width - 1))))
 
-    cells = ["╌"] * min(width, cell(blind_m) if blind_m else 0)
-    cells += ["─"] * (width - len(cells))
+    drawn = ["╌"] * min(width, at(blind_m) if blind_m else 0)
+    drawn += ["─"] * (width - len(drawn))
     if distance_m is not None:
-        for index in range(cell(distance_m - 2 * sd_m), cell(distance_m + 2 * sd_m) + 1):
-            cells[index] = "░"
-    cells[cell(threshold_m)] = "┃"
+        for index in range(at(distance_m - 2 * sd_m), at(distance_m + 2 * sd_m) + 1):
+            drawn[index] = "░"
+    drawn[at(threshold_m)] = "┃"
     if distance_m is not None:
-        cells[cell(distance_m)] = "●"
-    return "".join(cells)
+        drawn[at(distance_m)] = "●"
+    return "".join(drawn)
 
 
-def _figure(report: TriggerReport) -> Line:
+def _figure(report: TriggerReport, width: int) -> Line:
     limit = tr("distance.threshold", cm=f"{report.threshold_m * 100:.0f}")
     if report.distance_m is None:
         return ((tr("distance.none"), "$text-muted"), (limit, "$text-muted"))
-    return (
-        (f"{report.distance_m * 100:5.1f} ± {report.distance_sd_m * 200:.1f} cm  ", "bold"),
-        (limit, "$text-muted"),
-    )
+    figure = f"{report.distance_m * 100:5.1f} ± {report.distance_sd_m * 200:.1f} cm  "
+    if cells(figure + limit) > width:
+        limit = f"< {report.threshold_m * 100:.0f}"  # a second line would push the button out of the panel
+    return ((figure, "bold"), (limit, "$text-muted"))
 
 
 def _gauge_line(report: TriggerReport, width: int) -> Line:

@@ -17,6 +17,8 @@ def describe(state: SessionState) -> Lines:
     """One line an event, then the newest refusal."""
     if state.snapshot is None:
         return (plain(tr("events.waiting"), "$text-muted"),)
+    if not state.snapshot_fresh:
+        return (plain(tr("events.silent"), "bold $error"), *(_line(event, state.now_ns) for event in state.events))
     lines = tuple(_line(event, state.now_ns) for event in state.events)
     if state.snapshot.refusal:
         lines = (*lines, plain(tr("events.refused", reason=sentence(state.snapshot.refusal)), "$warning"))

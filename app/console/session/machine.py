@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from app.console.language import tr
 from app.console.sentences import sentence
+from app.console.session.events import describe as describe_events
 from app.console.session.panel import Line, Lines, bar, cells, padded, plain
 from app.console.session.state import SessionState
 from app.console.session.state_panel import StatePanel
@@ -26,14 +27,17 @@ _ROWS: tuple[tuple[GaitState | Action, ...], ...] = (
 )
 
 
-def describe(state: SessionState, width: int, height: int) -> Lines:
-    """The drawing where there is room for it, else what is allowed as a list."""
+def describe(state: SessionState, width: int, height: int, *, alone: bool = False) -> Lines:
+    """The drawing where there is room for it, else what is allowed as a list; alone, with what the events would say."""
     snapshot = state.snapshot
     if snapshot is None:
         return (plain(state.fault or tr("machine.waiting"), "bold $error" if state.fault else "$text-muted"),)
+    if not state.snapshot_fresh:
+        return (_now(snapshot, width), plain(f" {tr('machine.silent')}", "bold $error"))
     drawn = height >= len(_ROWS) + 2 and width >= 72
-    body = tuple(_row(row, snapshot) for row in _ROWS) if drawn else _allowed(snapshot, width, height - 1)
-    return (_now(snapshot, width), *((plain(""),) if drawn else ()), *_why_not(snapshot), *body)
+    why = describe_events(state)[: max(1, height // 2)] if alone and state.events else _why_not(snapshot)
+    body = tuple(_row(row, snapshot) for row in _ROWS) if drawn else _allowed(snapshot, width, height - 1 - len(why))
+    return (_now(snapshot, width), *((plain(""),) if drawn else ()), *why, *body)
 
 
 def _now(snapshot: ControlSnapshot, width: int) -> Line:
@@ -49,7 +53,7 @@ def _why_not(snapshot: ControlSnapshot) -> Lines:
     """Why nothing is allowed, unless an event beside says the same."""
     if snapshot.allowed or snapshot.action is not None or not snapshot.why_not:
         return ()
-    told = any(event.present and event.text == snapshot.why_not for event in snapshot.events)
+    told = any(event.text == snapshot.why_not for event in snapshot.events)
     return () if told else (plain(f" {sentence(snapshot.why_not)}", "$warning"),)
 
 
@@ -102,4 +106,5 @@ class MachinePanel(StatePanel):
 
     def show(self, state: SessionState) -> None:
         """Draw the newest snapshot."""
-        self.show_lines(describe(state, self.content_size.width, self.content_size.height))
+        alone = self.screen.has_class("-narrow")  # the events have no panel there
+        self.show_lines(describe(state, self.content_size.width, self.content_size.height, alone=alone))

@@ -11,7 +11,20 @@ from textual.widget import Widget
 
 from app.console.language import tr
 from app.console.session.state import SessionState
-from app.messages import Preview
+from app.messages import PerceptionCommand, Preview
+
+PICTURE_HZ = 12.0  # half blocks at this rate cost a tenth of a core; sixels would cost a quarter
+# A third of a core: in the largest terminals twelve pictures a second leave no room for keys and the sign of life.
+CELLS_A_SECOND = 40_000
+ASPECT = 16 / 9  # of a picture that has not come yet
+
+
+def wanted(columns: int, rows: int) -> PerceptionCommand:
+    """The picture that so much room can show, as often as it can be drawn there."""
+    across = min(columns, rows * 4)  # two pixels a row: no picture is wider than twice its height
+    cells = max(1, across * min(rows, across / ASPECT / 2))
+    rate_hz = min(PICTURE_HZ, CELLS_A_SECOND / cells)
+    return PerceptionCommand(preview_width_px=max(32, across), preview_hz=rate_hz)
 
 
 class Picture(Widget):
@@ -20,11 +33,11 @@ class Picture(Widget):
     can_focus = False
 
     class Resized(Message):
-        """The picture can show this many pixels across."""
+        """There is other room for the picture."""
 
-        def __init__(self, width_px: int) -> None:
+        def __init__(self, wanted: PerceptionCommand) -> None:
             super().__init__()
-            self.width_px = width_px
+            self.wanted = wanted
 
     def __init__(self, id: str | None = None) -> None:  # noqa: A002 - Textual's own name
         super().__init__(id=id)
@@ -62,8 +75,9 @@ class Picture(Widget):
         return self.paused
 
     def render_lines(self, crop: Region) -> list[Strip]:
+        """The picture as it is: Textual's own way looks at the style of each of its cells once more."""
         self._background = self.rich_style  # costly: once a picture, not once a line
-        return super().render_lines(crop)
+        return [self.render_line(y).crop(crop.x, crop.right) for y in range(crop.y, crop.bottom)]
 
     def render_line(self, y: int) -> Strip:
         width, background = self.size.width, self._background
@@ -78,7 +92,7 @@ class Picture(Widget):
     def on_resize(self) -> None:
         self._sequence = -1
         self._strips = []
-        self.post_message(self.Resized(max(32, min(self.size.width, self.size.height * 4))))
+        self.post_message(self.Resized(wanted(self.size.width, self.size.height)))
 
     def _message(self, y: int, width: int, style: Style) -> Strip:
         if y != self.size.height - 1 and y != self.size.height // 2:

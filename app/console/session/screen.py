@@ -29,10 +29,7 @@ from app.console.session.state_panel import StatePanel
 from app.console.session.status import describe as describe_status
 from app.console.session.words import event_text
 from app.control.states import Action, Effect
-from app.messages import OperatorKind, PerceptionCommand
-
-PICTURE_HZ = 12.0  # half blocks at this rate cost a tenth of a core; sixels would cost a quarter
-
+from app.messages import OperatorKind
 
 _ACTS = {"confirm_patient", "toggle_armed", "acknowledge", "act", "torque_off"}
 
@@ -72,9 +69,7 @@ class SessionScreen(HandKeys):
 
     def on_picture_resized(self, event: Picture.Resized) -> None:
         """Ask perception for a picture of just the size that can be shown."""
-        self.console_app.live_host().tell_perception(
-            PerceptionCommand(preview_width_px=event.width_px, preview_hz=PICTURE_HZ)
-        )
+        self.console_app.live_host().tell_perception(event.wanted)
 
     def on_events_panel_clicked(self) -> None:
         self.action_acknowledge()

@@ -21,7 +21,7 @@ def describe(state: SessionState) -> Lines:
     ]
     if snapshot is None:
         return ((*parts, (tr("status.starting"), "$text-muted")),)
-    parts.append(_arming(snapshot))
+    parts.append(_arming(snapshot, fresh=state.snapshot_fresh))
     parts.append((f" {state_name(snapshot.state)} ", "bold"))
     if snapshot.effect >= Effect.HOLD:
         parts.append((f" {effect_name(snapshot.effect).upper()} ", EFFECT_STYLES[Effect.DAMP]))
@@ -33,10 +33,10 @@ def describe(state: SessionState) -> Lines:
     return (tuple(parts),)
 
 
-def _arming(snapshot: ControlSnapshot) -> Part:
+def _arming(snapshot: ControlSnapshot, *, fresh: bool) -> Part:
     """Armed gestures stay armed through a STOP or a fault, but none acts until it is over or acknowledged."""
     if not snapshot.armed:
         return f" {tr('status.not_armed')} ", "reverse $warning"
-    if snapshot.effect >= Effect.REFUSE:
+    if snapshot.effect >= Effect.REFUSE or not fresh:
         return f" {tr('status.waits')} ", "reverse $warning"
     return f" {tr('status.armed')} ", "bold reverse $success"

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import resource
+
 import pytest
 from textual.widgets import Input
 
+from app.console.after.records import SessionRecord, SessionRecords
 from app.console.patients.fields import FIELDS, Kind
+from app.errors import AppError
 from app.paths import Home
 from profiles.schema import DEMO_PATIENT
 from tests.app.console.conftest import Opener
@@ -45,6 +49,44 @@ async def test_a_broken_profile_is_named_in_the_list(console: Opener, home: Home
     async with console(profile=None) as open_console:
         await open_console.shows("mend that field")
         await open_console.shows("demo")
+
+
+async def test_a_note_that_cant_be_kept_stays_until_it_can(console: Opener, home: Home) -> None:
+    home.root.mkdir(parents=True, exist_ok=True)
+    in_the_way = home.root / "sessions"
+    in_the_way.write_text("a file where the folder should be")
+    async with console() as open_console:
+        await open_console.press("e")
+        await open_console.shows("After the session")
+        open_console.type("note", "walked well")
+        await open_console.press("ctrl+s")
+        await open_console.tells("can't be written")
+        assert open_console.app.screen.query_one("#note", Input).value == "walked well"
+        await open_console.press("escape")
+        await open_console.shows("Leave without saving?")
+        await open_console.press("n")
+        in_the_way.unlink()
+        await open_console.press("ctrl+s")
+        await open_console.until(lambda: open_console.host.closed)
+        (record,) = open_console.app.sessions.of("demo")
+        assert record.note == "walked well"
+
+
+def test_a_disk_that_takes_half_a_line_keeps_none_of_it(home: Home) -> None:
+    made = SessionRecords(home.root)
+    record = SessionRecord(
+        session="S", patient="P-1", at="", operator="", steps=1, distance_m=0.1, duration_s=1.0, refusals=0
+    )
+    made.add(record)
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, ((home.root / "P-1.jsonl").stat().st_size + 10, limits[1]))
+    try:
+        with pytest.raises(AppError, match="free space"):
+            made.add(record)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    made.add(record)
+    assert made.of("P-1") == (record, record)
 
 
 async def test_a_full_disk_loses_nothing_that_was_typed(console: Opener, home: Home) -> None:

@@ -117,6 +117,9 @@ async def test_a_silent_control_is_told(console: Opener) -> None:
         open_console.host.silent = True
         await open_console.shows("CONTROL SILENT")
         await open_console.shows("the guardian makes the legs soft")
+        await open_console.shows("control's last word")
+        await open_console.shows("Control reports nothing")
+        assert "power on and stand" not in open_console.text()
         open_console.host.guardian_gone = True
         await open_console.shows("press the emergency stop")
 

@@ -1,0 +1,72 @@
+"""The live screen where there is little room, and where there is much."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from app.console.guide import _ENDINGS
+from app.console.session.picture import CELLS_A_SECOND, PICTURE_HZ, wanted
+from app.control.events import Event
+from app.control.states import Effect
+from tests.app.console.conftest import Opener
+from tests.app.console.fake_host import event
+
+NARROW = (60, 20)
+
+
+async def test_the_button_stays_in_its_panel(console: Opener) -> None:
+    async with console(size=NARROW) as open_console:
+        await open_console.press("5")
+        await open_console.shows("RELEASED")
+        await open_console.shows("< 20")
+        open_console.host.pressed = True
+        await open_console.shows("PRESSED")
+
+
+async def test_without_a_panel_for_them_events_stand_beside_the_gait(console: Opener) -> None:
+    async with console(size=NARROW) as open_console:
+        open_console.host.events = (event("joint warm", Effect.NOTE, "A joint is getting warm: plan a pause."),)
+        await open_console.shows("A joint is getting warm")
+        await open_console.shows("power on and stand")
+
+
+async def test_the_next_step_is_readable_to_its_end(console: Opener) -> None:
+    async with console(size=NARROW) as open_console:
+        await open_console.press("space")
+        await open_console.shows("back, slowly.")
+
+
+async def test_every_action_can_be_seen_to_choose_from(console: Opener) -> None:
+    async with console(size=(60, 24)) as open_console:
+        await open_console.press("t")
+        await open_console.shows("stand up")
+
+
+async def test_a_session_that_ends_is_not_called_silent(console: Opener) -> None:
+    async with console() as open_console:
+        open_console.host.events = (event(Event.GIVING_WAY.value, Effect.DAMP, "The session ends."),)
+        await open_console.shows("The session ends: the joints")
+        open_console.host.silent = True
+        await open_console.shows("CONTROL SILENT")
+        await open_console.shows("The session ends: the joints")
+
+
+def test_control_ends_by_the_names_that_the_guide_knows() -> None:
+    assert set(_ENDINGS) == {Event.SHUTTING_DOWN.value, Event.GIVING_WAY.value}
+
+
+@given(st.integers(0, 500), st.integers(0, 200))
+def test_the_picture_is_never_asked_for_oftener_than_it_can_be_drawn(columns: int, rows: int) -> None:
+    command = wanted(columns, rows)
+    assert command.preview_width_px is not None
+    assert command.preview_hz is not None
+    drawn = min(columns, rows * 32 // 9, command.preview_width_px)
+    assert drawn * min(rows, drawn * 9 / 32) * command.preview_hz <= CELLS_A_SECOND * 1.01
+    assert 0 < command.preview_hz <= PICTURE_HZ
+
+
+@pytest.mark.parametrize(("columns", "rows"), [(40, 10), (136, 26)])
+def test_usual_terminals_get_the_full_rate(columns: int, rows: int) -> None:
+    assert wanted(columns, rows).preview_hz == PICTURE_HZ
