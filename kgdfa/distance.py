@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import statistics
 from dataclasses import dataclass
 from enum import Enum
 from typing import Protocol
@@ -275,13 +276,14 @@ class RobustRange:
         return bool((point_px >= 0).all() and (point_px <= 2 * self._centre_px).all())
 
     def _distance(self, now: Reading) -> Distance:
-        shown_m = float(np.median([one.shown_m for one in self._recent]))
-        far_m = float(np.median([one.far_m for one in self._recent]))
-        scatter_m = float(np.std([one.shown_m for one in self._recent]))
+        # The standard library's: of three numbers NumPy's cost a fifth of a millisecond.
+        shown_m = statistics.median(one.shown_m for one in self._recent)
+        far_m = statistics.median(one.far_m for one in self._recent)
+        scatter_m = statistics.pstdev(one.shown_m for one in self._recent)
         return Distance(
             shown_m=shown_m,
             # An outlier that is near is outvoted by the frames before it; a withdrawing hand is followed at once.
             safe_m=max(now.far_m, far_m),
-            sd_m=math.hypot(KEYPOINT_SD * shown_m, float(np.std(now.readings_m)), scatter_m),
+            sd_m=math.hypot(KEYPOINT_SD * shown_m, statistics.pstdev(now.readings_m), scatter_m),
             tilt_rad=now.tilt_rad,
         )

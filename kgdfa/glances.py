@@ -1,11 +1,12 @@
-"""Other views of a live picture while no hand is found: smaller, or turned. What finds one is kept until it is lost.
+"""How a live picture is shown to the tracker: a near hand smaller, and other views while no hand is found.
 
-A tracker looks for the hand near where it was, so that a push of 0.3 s leaves it behind. The frame that loses a hand is
-therefore looked at once more: with none to follow, the tracker looks everywhere.
+A tracker looks for the hand near where it was, at the size that it had, so that a push of 0.3 s leaves it behind. A
+near hand is therefore shown smaller, by as much as it is about to grow: on the view it stays where it was. The frame
+that loses a hand all the same is looked at again, smaller yet: with none to follow, the tracker looks everywhere.
 
 MediaPipe's palm detector misses some hands in plain sight, near ones and folded ones above all, and finds most of
 them in the same picture made smaller or turned by 25° (docs/gestures.md). A frame has time for one view only, so a
-search shows another one in each frame. A followed hand costs nothing when the plain picture found it.
+search shows another one in each frame. What finds a hand is kept until it is lost.
 """
 
 from __future__ import annotations
@@ -21,7 +22,14 @@ from kgdfa.images import Image
 from kgdfa.looks import on_picture
 
 PATIENCE_FRAMES = 2  # without a hand before the search begins, plainly: the plain picture finds most that come
-SHRUNK = 2  # a view has half the picture's pixels each way: warping all of them costs as much as the detector
+# Of the picture's height. A longer palm is shown smaller, at this size: an adult's nearer than 27 cm to the usual lens.
+LARGEST_PALM = 0.30
+SOUGHT_PALM = 0.22  # a lost hand's: the palm detector finds near hands at no larger size
+GROWING_AGAIN = 1.1  # from frame to frame, from the one size to the other
+STEADY_FROM = 0.95  # so little is not worth showing smaller
+MOST_GROWTH = 1.35  # from frame to frame: a push of 0.3 s from 36 cm, 30 pictures a second, makes it grow by 1.3
+_PALM = ((0, 5), (0, 9), (0, 17), (5, 17))
+SHRUNK = 2  # a view has half the picture's pixels each way: more cost time, and the landmark model sees 224
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -40,6 +48,7 @@ SEARCH = (
     Glance(scale=0.8, turn_deg=-25),
     Glance(scale=0.6),
 )
+_NEXT_TURN = {0.0: 25.0, 25.0: -25.0, -25.0: 0.0}
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,30 +74,93 @@ def glance_at(image_bgr: Image, glance: Glance) -> tuple[Image, FloatArray]:
     if glance == PLAIN:
         return image_bgr, np.eye(3)[:2]
     height, width = image_bgr.shape[:2]
+    size = (max(1, width // SHRUNK), max(1, height // SHRUNK))
+    return _turned(image_bgr, glance, size) if glance.turn_deg else _smaller(image_bgr, glance.scale, size)
+
+
+def _turned(image_bgr: Image, glance: Glance, size: tuple[int, int]) -> tuple[Image, FloatArray]:
+    height, width = image_bgr.shape[:2]
     transform: FloatArray = cv2.getRotationMatrix2D((width / 2, height / 2), glance.turn_deg, glance.scale) / SHRUNK
-    size = (width // SHRUNK, height // SHRUNK)
     shown = cv2.warpAffine(image_bgr, transform, size, borderMode=cv2.BORDER_REPLICATE)
     return np.asarray(shown, dtype=np.uint8), transform
 
 
+def _smaller(image_bgr: Image, scale: float, size: tuple[int, int]) -> tuple[Image, FloatArray]:
+    """In the middle of the view; without a turn this is several times as fast as warping."""
+    height, width = image_bgr.shape[:2]
+    wide, high = (max(1, round(scale * side)) for side in size)
+    left, top = (size[0] - wide) // 2, (size[1] - high) // 2
+    small = cv2.resize(image_bgr, (wide, high), interpolation=cv2.INTER_LINEAR)
+    right, bottom = size[0] - wide - left, size[1] - high - top
+    shown = cv2.copyMakeBorder(small, top, bottom, left, right, cv2.BORDER_REPLICATE)
+    x, y = wide / width, high / height
+    # Pixels are named by their middle, half a pixel from their edge.
+    transform = np.array([[x, 0, left + (x - 1) / 2], [0, y, top + (y - 1) / 2]])
+    return np.asarray(shown, dtype=np.uint8), transform
+
+
+@dataclass(frozen=True, slots=True)
+class Pace:
+    """How large a followed hand is, pixels, and how it grows from frame to frame. spread: of all its keypoints."""
+
+    palm_px: float
+    spread_px: float
+    growth: float = 1.0
+    shown: float = LARGEST_PALM  # length of the palm on the view, where it is shown smaller, of the picture's height
+
+    @classmethod
+    def of(cls, hand: Hand, before: Pace | None) -> Pace:
+        """Its growth since the frame before; none is known of a hand that has just come."""
+        middle = hand.image_px.mean(axis=0)
+        spread_px = max(float(np.sqrt(((hand.image_px - middle) ** 2).sum(axis=1).mean())), 1.0)
+        palm_px = max(1.0, *(float(np.linalg.norm(hand.image_px[a] - hand.image_px[b])) for a, b in _PALM))
+        if before is None:
+            return cls(palm_px, spread_px)
+        growth = min(MOST_GROWTH, max(1 / MOST_GROWTH, spread_px / before.spread_px))
+        return cls(palm_px, spread_px, growth, min(LARGEST_PALM, before.shown * GROWING_AGAIN))
+
+    def steadied(self, glance: Glance, height_px: int) -> Glance:
+        """The glance, made smaller where the hand would be too large in the next frame."""
+        scale = self.shown * height_px / (self.palm_px * self.growth)
+        return replace(glance, scale=scale) if scale < STEADY_FROM * glance.scale else glance
+
+
 class Searcher:
-    """Shows each frame to a tracker, `look`, and searches when it has lost the hand."""
+    """Shows each frame to a tracker, `look`: a near hand smaller, and in other ways when it has lost the hand."""
 
     def __init__(self, look: Callable[[Image, int], tuple[Hand, ...]]) -> None:
         self._look = look
         self._search = Search()
-        self._following = False
+        self._pace: Pace | None = None  # of the hand followed, or lost a moment ago
 
     def detect(self, image_bgr: Image, captured_ns: int) -> tuple[Hand, ...]:
         """The hands in the next frame, where its picture has them; () when there is none."""
+        followed = self._pace is not None and self._search.missing == 0
         hands = self._glance(image_bgr, captured_ns)
-        if not hands and self._following:
+        if not hands and self._pace is not None:
+            hands = self._look_again(image_bgr, captured_ns, followed)
+        self._search = after(self._search, found=bool(hands))
+        if hands:
+            self._pace = Pace.of(hands[0], self._pace)
+        elif self._search.missing >= PATIENCE_FRAMES:
+            self._pace = None
+        return hands
+
+    def _look_again(self, image_bgr: Image, captured_ns: int, followed: bool) -> tuple[Hand, ...]:
+        """Everywhere; and in the next view."""
+        assert self._pace is not None
+        self._pace = replace(self._pace, growth=1.0, shown=SOUGHT_PALM)
+        hands = self._glance(image_bgr, captured_ns) if followed else ()
+        if not hands:
+            turn_deg = _NEXT_TURN.get(self._search.glance.turn_deg, 0.0)
+            self._search = replace(self._search, glance=replace(self._search.glance, turn_deg=turn_deg))
             hands = self._glance(image_bgr, captured_ns)
-        self._following = bool(hands)
-        self._search = after(self._search, found=self._following)
         return hands
 
     def _glance(self, image_bgr: Image, captured_ns: int) -> tuple[Hand, ...]:
-        shown, transform = glance_at(image_bgr, self._search.glance)
+        glance = self._search.glance
+        if self._pace is not None:
+            glance = self._pace.steadied(glance, image_bgr.shape[0])
+        shown, transform = glance_at(image_bgr, glance)
         hands = self._look(shown, captured_ns)
         return hands if shown is image_bgr else tuple(on_picture(hand, transform) for hand in hands)

@@ -14,12 +14,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from numpy.typing import NDArray
+
 from kgdfa.button import ButtonPlace
 from kgdfa.distance import Distance, RobustRange
 from kgdfa.draw import draw
 from kgdfa.hand import FloatArray, Hand
 from kgdfa.images import Image
 from kgdfa.pipeline import Picture, Pipeline
+from kgdfa.preprocess import Prepare, as_needed
 from kgdfa.robust import RobustRules
 from kgdfa.verdict import Verdict
 
@@ -93,6 +96,14 @@ class _TimedRange:
         self.inner.reset()
 
 
+def _timed_preparation(watch: Stopwatch) -> Prepare:
+    def prepare(image_bgr: NDArray[Any]) -> Image:
+        with watch.running("preprocessing"):
+            return as_needed(image_bgr)
+
+    return prepare
+
+
 def measure_speed(
     images: list[Image], model: Path, *, focal_px: float, tell: Callable[[], None] = lambda: None
 ) -> SpeedFigures:
@@ -108,6 +119,7 @@ def measure_speed(
             rules=_TimedRules(RobustRules(), watch),
             range_finder=_TimedRange(RobustRange(focal_px=focal_px, anchor_m=ANCHOR_M), watch),
             place=place,
+            prepare=_timed_preparation(watch),
         )
         for number, image in enumerate([*images[:WARM_UP], *images]):
             if number == WARM_UP:

@@ -7,6 +7,7 @@ for those the machine's cores count. The figure of one worker is the single proc
 from __future__ import annotations
 
 import multiprocessing
+import os
 import time
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
@@ -22,6 +23,7 @@ from kgdfa.button import ButtonPlace
 from kgdfa.distance import RobustRange
 from kgdfa.images import Image
 from kgdfa.pipeline import Picture, Pipeline
+from kgdfa.preprocess import as_needed
 from kgdfa.robust import RobustRules
 
 START_S = 300.0  # within which every worker must have read its frames and loaded its model
@@ -53,6 +55,12 @@ def frames_for_speed(directory: Path | None, count: int) -> tuple[list[Image], f
     return images, camera.lens.fx_px
 
 
+def worker_counts(workers: int | None) -> list[int]:
+    """How many processes at once are timed: one, and so many; None: as many as this process has cores; 0: none."""
+    most = len(os.sched_getaffinity(0)) if workers is None else workers
+    return sorted({1, most}) if most else []
+
+
 def measure_throughput(directory: Path | None, count: int, model: Path, workers: int) -> Throughput:
     """`workers` processes at once, each over `count` frames. Raises AppError when one of them can't begin."""
     context = multiprocessing.get_context("spawn")
@@ -75,7 +83,7 @@ def _run(directory: Path | None, count: int, model: Path, together: Barrier) -> 
     place = ButtonPlace.in_the_middle(width, height, THRESHOLD_M)
     with live_detector(model) as detector:
         finder = RobustRange(focal_px=focal_px, anchor_m=ANCHOR_M)
-        pipeline = Pipeline(detector=detector, rules=RobustRules(), range_finder=finder, place=place)
+        pipeline = Pipeline(detector=detector, rules=RobustRules(), range_finder=finder, place=place, prepare=as_needed)
         start_s = 0.0
         for number, image in enumerate([*images[:WARM_UP], *images]):
             if number == min(WARM_UP, len(images)):

@@ -14,6 +14,7 @@ from kgdfa.button import RADIUS_SHARE, ButtonMode, ButtonPlace
 from kgdfa.depth import DepthRange
 from kgdfa.distance import PublishedRange, RangeFinder, RobustRange
 from kgdfa.pipeline import Detector, Pipeline
+from kgdfa.preprocess import as_needed
 from kgdfa.press_zone import press_zone
 from kgdfa.published import PublishedRules
 from kgdfa.robust import RobustRules
@@ -65,7 +66,15 @@ def make_pipeline(setup: SessionSetup, detector: Detector, frame: Frame, camera:
     rules: RuleSet = RULES[config.rules]()
     mode = ButtonMode(config.button.mode)
     depth = DepthRange(mode=config.button.mode) if frame.depth_m is not None else None
-    pipeline = Pipeline(detector=detector, rules=rules, range_finder=finder, place=place, mode=mode, depth_finder=depth)
+    pipeline = Pipeline(
+        detector=detector,
+        rules=rules,
+        range_finder=finder,
+        place=place,
+        mode=mode,
+        prepare=as_needed,
+        depth_finder=depth,
+    )
     return pipeline, place
 
 

@@ -4,16 +4,18 @@ from __future__ import annotations
 
 from itertools import pairwise
 
+import cv2
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kgdfa.glances import PATIENCE_FRAMES, PLAIN, SEARCH, Glance, Search, Searcher, after, glance_at
-from kgdfa.hand import Hand, Side
+from kgdfa.glances import LARGEST_PALM, PATIENCE_FRAMES, PLAIN, SEARCH, Glance, Search, Searcher, after, glance_at
+from kgdfa.hand import FloatArray, Hand, Side
 from kgdfa.images import Image
 from kgdfa.looks import on_picture
 
+PICTURE: Image = np.zeros((360, 640, 3), np.uint8)
 glances = st.builds(Glance, scale=st.floats(0.3, 1.0), turn_deg=st.floats(-90, 90))
 
 
@@ -86,36 +88,117 @@ class Follower:
 
     def __init__(self, finds: list[bool]) -> None:
         self.finds = iter(finds)
-        self.looks: list[tuple[tuple[int, ...], int]] = []
+        self.looks: list[tuple[Image, int]] = []
 
     def look(self, image_bgr: Image, captured_ns: int) -> tuple[Hand, ...]:
-        self.looks.append((image_bgr.shape, captured_ns))
+        self.looks.append((image_bgr, captured_ns))
         found = Hand(image_px=np.full((21, 2), 100.0), world_m=np.zeros((21, 3)), presence=0.9, side=Side.LEFT)
         return (found,) if next(self.finds) else ()
+
+    @property
+    def frames(self) -> list[int]:
+        return [frame for _, frame in self.looks]
 
 
 def watched(finds: list[bool], frames: int) -> tuple[list[bool], Follower]:
     """Whether each frame shows a hand, to a searcher whose looks find one as told."""
     follower = Follower(finds)
     searcher = Searcher(follower.look)
-    picture = np.zeros((360, 640, 3), np.uint8)
-    return [bool(searcher.detect(picture, frame)) for frame in range(frames)], follower
+    return [bool(searcher.detect(PICTURE, frame)) for frame in range(frames)], follower
 
 
 def test_the_frame_that_loses_a_hand_is_looked_at_once_more() -> None:
     shown, follower = watched([True, False, True, True], 3)
     assert shown == [True, True, True]
-    assert [frame for _, frame in follower.looks] == [0, 1, 1, 2]
+    assert follower.frames == [0, 1, 1, 2]
 
 
-def test_a_hand_that_is_gone_costs_one_look_more_and_an_empty_room_none() -> None:
-    shown, follower = watched([False, True, False, False, False], 4)
-    assert shown == [False, True, False, False]
-    assert [frame for _, frame in follower.looks] == [0, 1, 2, 2, 3]
+def test_a_hand_not_found_everywhere_is_looked_for_in_a_turned_view_and_kept_in_it() -> None:
+    shown, follower = watched([True, False, False, True, True], 3)
+    assert shown == [True, True, True]
+    assert follower.frames == [0, 1, 1, 1, 2]
+    assert [image is PICTURE for image, _ in follower.looks] == [True, True, True, False, False]
+
+
+def test_a_hand_that_is_gone_costs_three_looks_more_and_an_empty_room_none() -> None:
+    shown, follower = watched([False, True] + [False] * 7, 6)
+    assert shown == [False, True] + [False] * 4
+    assert follower.frames == [0, 1, 2, 2, 2, 3, 3, 4, 5]
 
 
 def test_a_hand_found_by_a_glance_is_followed_in_that_view() -> None:
     finds = [False] * (PATIENCE_FRAMES + 1) + [True, True]
     _, follower = watched(finds, len(finds))
-    shapes = [shape for shape, _ in follower.looks]
-    assert shapes == [(360, 640, 3)] * (PATIENCE_FRAMES + 1) + [(180, 320, 3)] * 2
+    assert [image is PICTURE for image, _ in follower.looks] == [True] * (PATIENCE_FRAMES + 1) + [False] * 2
+
+
+class DiscTracker:
+    """A tracker of ours for white discs: follows one while its size stays about what it was, and finds no large one."""
+
+    REACH = 0.2  # how much larger or smaller the disc may be from one look to the next
+    LARGEST = 0.3  # of the picture's height: the radius that is found anew
+
+    def __init__(self) -> None:
+        self.radius_px: float | None = None
+
+    def look(self, image_bgr: Image, captured_ns: int) -> tuple[Hand, ...]:
+        del captured_ns
+        white = np.argwhere(image_bgr[..., 0] > 128)
+        radius_px = float(np.sqrt(len(white) / np.pi))
+        if self.radius_px is None:
+            seen = 0 < radius_px < self.LARGEST * image_bgr.shape[0]
+        else:
+            seen = abs(radius_px / self.radius_px - 1) < self.REACH
+        self.radius_px = radius_px if seen else None
+        return (disc_hand(white.mean(axis=0)[::-1], radius_px),) if seen else ()
+
+
+def disc_hand(middle_px: FloatArray, radius_px: float) -> Hand:
+    """Keypoints around the disc, the palm about as long as it is wide."""
+    angles = np.arange(21) * (2 * np.pi / 30)
+    circle = np.column_stack([np.cos(angles), np.sin(angles)])
+    image_px = middle_px + radius_px * circle
+    return Hand(image_px=image_px, world_m=np.zeros((21, 3)), presence=0.9, side=Side.LEFT)
+
+
+def pushed_discs() -> list[tuple[float, Image]]:
+    """Radius and picture while a hand comes from 30 to 15 cm and withdraws, as a push of 0.3 s does."""
+    shares = [0.0] * 3 + [0.04, 0.32, 0.68, 0.96, 1.0, 0.9, 0.55, 0.2, 0.02] + [0.0] * 3
+    radii = [40 * 0.30 / (0.30 - 0.15 * share) for share in shares]
+    return [(radius, disc(radius)) for radius in radii]
+
+
+def disc(radius_px: float) -> Image:
+    black = np.zeros((240, 426, 3), np.uint8)
+    return np.asarray(cv2.circle(black, (213, 120), round(radius_px), (255, 255, 255), -1), np.uint8)
+
+
+def test_the_size_of_a_pushed_hand_outruns_a_tracker_that_sees_the_plain_picture() -> None:
+    tracker = DiscTracker()
+    assert not all(tracker.look(picture, frame) for frame, (_, picture) in enumerate(pushed_discs()))
+
+
+def test_a_near_hand_that_pushes_is_shown_smaller_and_told_where_and_how_large_it_is() -> None:
+    tracker = DiscTracker()
+    searcher = Searcher(tracker.look)
+    for frame, (radius, picture) in enumerate(pushed_discs()):
+        hands = searcher.detect(picture, frame)
+        assert hands, f"lost in frame {frame}"
+        assert hands[0].image_px == pytest.approx(disc_hand(np.array([213.0, 120.0]), radius).image_px, abs=2.5)
+        assert tracker.radius_px is not None
+        assert 2 * tracker.radius_px < 1.3 * LARGEST_PALM * picture.shape[0]
+
+
+def test_a_hand_that_is_not_near_is_shown_as_it_is() -> None:
+    follower = DiscTracker()
+    seen: list[Image] = []
+
+    def look(image_bgr: Image, captured_ns: int) -> tuple[Hand, ...]:
+        seen.append(image_bgr)
+        return follower.look(image_bgr, captured_ns)
+
+    searcher = Searcher(look)
+    picture = disc(30)
+    for frame in range(4):
+        searcher.detect(picture, frame)
+    assert all(image.shape == picture.shape and (image == picture).all() for image in seen)

@@ -5,7 +5,7 @@ import pytest
 
 from kgdfa.errors import KgdfaError
 from kgdfa.images import Image
-from kgdfa.preprocess import PREPARATIONS, denoise, find_preparation, sharpen
+from kgdfa.preprocess import PREPARATIONS, as_needed, denoise, find_preparation, grain, lighten, sharpen
 
 
 def edge(noise_sd: float) -> Image:
@@ -35,3 +35,30 @@ def test_every_preparation_takes_every_picture(name: str) -> None:
 def test_an_unknown_preparation_is_refused_by_name() -> None:
     with pytest.raises(KgdfaError, match=r"'blur'.*denoise\+sharpen"):
         find_preparation("blur")
+
+
+def test_grain_is_told_from_edges() -> None:
+    assert grain(edge(0)) < 0.01
+    assert grain(edge(30)) > 0.11
+
+
+@pytest.mark.parametrize("light", [1.0, 0.5])
+def test_a_good_picture_needs_nothing(light: float) -> None:
+    picture = (edge(2) * light).astype(np.uint8)
+    assert (as_needed(picture) == picture).all()
+
+
+def test_a_grainy_picture_is_denoised_as_needed() -> None:
+    grainy = edge(40)
+    assert (as_needed(grainy) == denoise(grainy)).all()
+
+
+def test_a_dark_picture_is_made_light_and_keeps_its_order() -> None:
+    dark = (edge(0) * 0.12).astype(np.uint8)
+    light = lighten(dark)
+    assert light.max() > 150
+    assert (np.diff(light[32, :, 0].astype(int)) >= 0).all()
+
+
+def test_a_black_picture_stays_black() -> None:
+    assert not lighten(np.zeros((6, 5, 3), np.uint8)).any()

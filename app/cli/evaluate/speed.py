@@ -26,8 +26,9 @@ def speed(
     ] = None,
     frames: Annotated[int, typer.Option(help="How many frames at most.", min=30)] = 300,
     workers: Annotated[
-        int, typer.Option(help="Time also 1 to N processes at once, each with a recording of its own.", min=0)
-    ] = 0,
+        int | None,
+        typer.Option(help="Time also 1 and N processes at once, each with a recording of its own [cores].", min=0),
+    ] = None,
     json_file: Json = None,
     home: Home = None,
 ) -> None:
@@ -38,7 +39,7 @@ def speed(
     from app.cli.progress import bar
     from app.evaluate.gesture_report import write_json
     from app.evaluate.speed import WARM_UP, measure_speed
-    from app.evaluate.throughput import frames_for_speed, measure_throughput
+    from app.evaluate.throughput import frames_for_speed, measure_throughput, worker_counts
 
     console, model = Console(), hand_model(home)
     images, focal_px = frames_for_speed(directory, frames)
@@ -46,7 +47,7 @@ def speed(
         figures = measure_speed(images, model, focal_px=focal_px, tell=tell)
     _print_speed(console, figures, images[0])
     offline = []
-    for count in range(1, workers + 1):
+    for count in worker_counts(workers):
         with console.status(f"{count} processes at once"):
             offline.append(measure_throughput(directory, frames, model, count))
         console.print(f"offline, {count} at once, a recording each: {offline[-1].fps:.0f} frames a second altogether")

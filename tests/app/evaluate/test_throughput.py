@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import cv2
@@ -9,7 +10,7 @@ import numpy as np
 import pytest
 
 from app.errors import AppError
-from app.evaluate.throughput import frames_for_speed
+from app.evaluate.throughput import frames_for_speed, worker_counts
 
 
 def test_without_a_recording_the_digital_hand_moves() -> None:
@@ -33,3 +34,12 @@ def test_a_recording_gives_its_first_frames_and_its_focal_length(tmp_path: Path)
 def test_a_recording_that_is_not_there_is_told_by_name(tmp_path: Path) -> None:
     with pytest.raises(AppError, match=r"frames\.csv can't be read"):
         frames_for_speed(tmp_path, 2)
+
+
+@pytest.mark.parametrize(("workers", "counts"), [(0, []), (1, [1]), (2, [1, 2]), (8, [1, 8])])
+def test_one_process_is_timed_beside_as_many_as_asked(workers: int, counts: list[int]) -> None:
+    assert worker_counts(workers) == counts
+
+
+def test_unless_told_otherwise_every_core_has_a_process() -> None:
+    assert worker_counts(None) == sorted({1, len(os.sched_getaffinity(0))})
