@@ -1,18 +1,15 @@
 """A therapist at a console over real processes, who copes with a host that stalls.
 
-A busy machine stands still for 40 ms now and then. Control then holds the legs, as it must, and a therapist
-acknowledges and begins again. So does `RealConsole`, no oftener than `PATIENCE` times a session; anything else that
-stops the legs is a failure. What can't be picked up in the same session (the guardian has given control up) is
-`HostStalled`, and `walked_again` walks the whole flow once more.
+A busy machine stands still for 40 ms now and then. Control then holds the legs, and a therapist acknowledges and begins
+again. So does `RealConsole`, at most `PATIENCE` times a session; any other stop is a failure (see also stalls.py).
 """
 
 from __future__ import annotations
 
-import functools
 import os
 import signal
 import time
-from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
+from collections.abc import AsyncIterator, Callable, Iterator
 from contextlib import asynccontextmanager
 from functools import partial
 from pathlib import Path
@@ -29,8 +26,6 @@ from app.console.dialogs import Question
 from app.console.keys import GESTURE_KEYS
 from app.console.stop_bar import StopBar
 from app.control.events import Event
-from app.control.gait_table import TABLE
-from app.control.plan import Phase
 from app.control.states import ACTION_OF, Action, Effect, GaitState
 from app.host import SessionHost
 from app.messages import ControlSnapshot, TriggerReport
@@ -39,55 +34,18 @@ from app.paths import Home, find_home
 from app.setup import SessionSetup
 from kgdfa.gesture import Gesture
 from profiles.schema import DEMO_PATIENT, Profile
-from tests.app.console.breakable import begin_breakable
 from tests.app.console.conftest import Console, wait_until
+from tests.app.console.stalls import AFTER_STALLS, STALLS, HostStalled
+from tests.app.console.ways import THROUGH, first_action
 
 LIMIT_S = 60.0  # five interpreters, the hand model, the physics and the legs, on a machine that tests other things too
 PATIENCE = 12  # times that a stalling host may interrupt a session
-SESSIONS = 5  # times that a flow may be begun because the guardian took the legs of a stalling host
 TRIES = 4 * PATIENCE  # looks and keys on the way to one goal
 PUSH_S = 4.0  # a push that was not seen is made again after this
-# What control says when the host stood still; nothing else makes it say so over simulated joints.
-STALLS = frozenset(
-    event.value
-    for event in (
-        Event.TICK_STALLED,
-        Event.HOST_SLEPT,
-        Event.JOINT_SILENT,
-        Event.CONSOLE_SILENT,
-        Event.PLANNER_SILENT,
-        Event.WALK_BROKEN,
-    )
-)
-# What may follow where a stall has held the legs in mid-movement.
-AFTER_STALLS = frozenset(event.value for event in (Event.FAR_FROM_POSE, Event.FOLLOWING_LIMIT, Event.UNEXPECTED_MOTION))
 KEY_OF = {ACTION_OF[gesture]: key for key, gesture in GESTURE_KEYS.items()}
-THROUGH = frozenset(row.through for row in TABLE if row.through is not None)
+
 
 AnyScreen = type[Screen[Any]]
-Flow = Callable[[Path], Awaitable[None]]
-
-
-class HostStalled(Exception):  # noqa: N818 - no error: the machine was busy
-    """The host stood still for so long that this session can't go on."""
-
-
-def walked_again(flow: Flow) -> Flow:
-    """A flow that begins anew, in a home of its own, when a stalling host has cost it its session."""
-
-    @functools.wraps(flow)
-    async def walk(tmp_path: Path) -> None:
-        told = []
-        for number in range(SESSIONS):
-            try:
-                await flow(tmp_path / str(number))
-            except HostStalled as stall:
-                told.append(str(stall))
-            else:
-                return
-        pytest.fail(f"the host stalled in every session: {told}")
-
-    return walk
 
 
 class RealConsole(Console):
@@ -181,7 +139,7 @@ class RealConsole(Console):
             if self.held:
                 await self.pick_up()
             elif self.snapshot.action is None:
-                await self.begin(_first_action(self.snapshot.state, goal))
+                await self.begin(first_action(self.snapshot.state, goal))
             else:
                 await self.until(lambda: self.snapshot.action is None or self.at(goal) or self.held)
 
@@ -314,28 +272,11 @@ async def stop_on(console: RealConsole, screen: AnyScreen) -> None:
     assert isinstance(console.app.screen, screen), screen
 
 
-def _first_action(state: GaitState, goal: GaitState) -> Action:
-    """The first action on the shortest way from one state to another, by the gait machine's own table."""
-    ways: list[tuple[GaitState, tuple[Action, ...]]] = [(state, ())]
-    for at, way in ways:  # it grows while it is walked through
-        for row in TABLE:
-            if row.source is at and row.phase is Phase.WHOLE and len(way) < len(GaitState):
-                if goal in {row.through, row.to}:
-                    return (*way, row.action)[0]
-                ways.append((row.to, (*way, row.action)))
-    pytest.fail(f"no action leads from {state} to {goal}")
-
-
 def real_config(**changes: object) -> Config:
     """Half the frames a second: whether the console works must not hang on how busy the machine is."""
     config = Config(model=str(find_model(find_home(), Config())), idle_lock_s=0)
     camera = msgspec.structs.replace(config.camera, rate_hz=15.0)
     return msgspec.structs.replace(config, camera=camera, **changes)
-
-
-def breakable_host(setup: SessionSetup) -> SessionHost:
-    """A session whose joint and camera can be broken."""
-    return SessionHost(setup, entry=begin_breakable)
 
 
 @asynccontextmanager

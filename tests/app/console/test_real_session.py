@@ -18,17 +18,25 @@ from app.control.patient import patient_of
 from app.control.preflight import run_preflight
 from app.control.states import Action, GaitState
 from app.demo.emulation import emulated_drives
+from app.host import SessionHost
 from app.operators import Role, add_operator, load_store, save_store
 from app.paths import Home
+from app.setup import SessionSetup
 from hal.joints.device import load_exoskeleton
 from kgdfa.gesture import Gesture
 from logs.read import session_paths
 from profiles.schema import DEMO_PATIENT
-from tests.app.console.breakable import BREAK, MEND, UNPLUGGED
-from tests.app.console.real import RealConsole, breakable_host, real_config, real_console, stop_on, walked_again
+from tests.app.console.breakable import BREAK, MEND, UNPLUGGED, begin_breakable
+from tests.app.console.real import RealConsole, real_config, real_console, stop_on
+from tests.app.console.stalls import walked_again
 
 PIN = "483920"
 AWAY_S = 0.3  # a tenth of what standing up takes: a console that locks while legs move is caught
+
+
+def breakable_host(setup: SessionSetup) -> SessionHost:
+    """A session whose joint and camera can be broken."""
+    return SessionHost(setup, entry=begin_breakable)
 
 
 @walked_again

@@ -30,7 +30,8 @@ from app.console.training import TrainingScreen
 from app.control.states import Effect, GaitState
 from logs.read import records, session_paths
 from logs.records import Stop
-from tests.app.console.real import AnyScreen, real_console, stop_on, walked_again
+from tests.app.console.real import AnyScreen, real_console, stop_on
+from tests.app.console.stalls import walked_again
 
 # In this order: the states that a movement passes through leave the legs in BETWEEN, which comes last.
 STATES = (
