@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from app.audit_sink import AuditSink
-from app.operator_journal import tell_operators_journal
 from app.paths import Home
 from app.setup import SessionSetup
 from logs.records import Body
@@ -34,6 +33,8 @@ class ConsoleTrail:
 
     def keep(self, home: Home) -> None:
         """What no session took goes into the operators' journal. Raises AuditError when the disk refuses."""
+        from app.operator_journal import tell_operators_journal  # brings cryptography: not before the first paint
+
         waiting, self._waiting = self._waiting, []
         for body in waiting:
             tell_operators_journal(home, body)
