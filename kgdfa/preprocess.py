@@ -17,11 +17,13 @@ Prepare = Callable[[NDArray[Any]], Image]
 _MEDIAN_PX = 3
 _BLUR_SD_PX = 1.5
 _SHARPNESS = 0.7  # how much of what a blur takes away is added again
-_GRAINY = 0.11  # noise relative to light: digital hands show up to 0.07, the same ones dark or grainy 0.15 and more
+_GRAINY = 0.11  # noise relative to light: digital hands show up to 0.09, the same ones dark or grainy 0.15 and more
 _DARK = 90.0  # grey level that the lightest twentieth of a picture reaches, below which it is dark
 _LIGHT = 200.0  # where a lightened picture's lightest twentieth is put,
 _MOST_GAIN = 8.0  # by no more than this: what is black shows noise only
-_STRIDE = 8  # of the pixels that tell how dark a picture is, and of those that tell how grainy, a middle ninth
+_STRIDE = 16  # of the pixels that tell how dark a picture is
+_MIDDLE = 5  # a picture's grain is told by the middle one of so many parts each way,
+_ROWS = 4  # by every fourth row of it
 _IMMERKAER = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], np.float32)  # blind to planes, edges and lines
 _IMMERKAER_GAIN = 6.0  # of noise
 _MEDIAN_OF_NORMAL = 0.6745  # median size of a normal draw, in sd
@@ -73,12 +75,13 @@ def grain(image_bgr: Image) -> float:
     so that edges don't count.
     """
     height, width = image_bgr.shape[:2]
-    middle = image_bgr[height // 3 : height - height // 3, width // 3 : width - width // 3, 1]
+    top, left = (_MIDDLE // 2) * height // _MIDDLE, (_MIDDLE // 2) * width // _MIDDLE
+    middle = image_bgr[top : height - top, left : width - left, 1]
     if middle.size == 0:
         return 0.0
-    rough = np.abs(cv2.filter2D(middle, cv2.CV_16S, _IMMERKAER)[::_STRIDE])
+    rough = np.abs(cv2.filter2D(middle, cv2.CV_16S, _IMMERKAER)[::_ROWS])
     noise_sd = float(np.median(rough)) / (_MEDIAN_OF_NORMAL * _IMMERKAER_GAIN)
-    return noise_sd / max(float(middle[::_STRIDE].mean()), 1.0)
+    return noise_sd / max(float(middle[::_ROWS].mean()), 1.0)
 
 
 PREPARATIONS: dict[str, Prepare] = {
