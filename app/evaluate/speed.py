@@ -22,7 +22,7 @@ from kgdfa.draw import draw
 from kgdfa.hand import FloatArray, Hand
 from kgdfa.images import Image
 from kgdfa.pipeline import Picture, Pipeline
-from kgdfa.preprocess import Prepare, as_needed
+from kgdfa.preprocess import AsNeeded, Prepare
 from kgdfa.robust import RobustRules
 from kgdfa.verdict import Verdict
 
@@ -97,6 +97,8 @@ class _TimedRange:
 
 
 def _timed_preparation(watch: Stopwatch) -> Prepare:
+    as_needed = AsNeeded()
+
     def prepare(image_bgr: NDArray[Any]) -> Image:
         with watch.running("preprocessing"):
             return as_needed(image_bgr)

@@ -23,7 +23,7 @@ from kgdfa.button import ButtonPlace
 from kgdfa.distance import RobustRange
 from kgdfa.images import Image
 from kgdfa.pipeline import Picture, Pipeline
-from kgdfa.preprocess import as_needed
+from kgdfa.preprocess import AsNeeded
 from kgdfa.robust import RobustRules
 
 START_S = 300.0  # within which every worker must have read its frames and loaded its model
@@ -83,7 +83,9 @@ def _run(directory: Path | None, count: int, model: Path, together: Barrier) -> 
     place = ButtonPlace.in_the_middle(width, height, THRESHOLD_M)
     with live_detector(model) as detector:
         finder = RobustRange(focal_px=focal_px, anchor_m=ANCHOR_M)
-        pipeline = Pipeline(detector=detector, rules=RobustRules(), range_finder=finder, place=place, prepare=as_needed)
+        pipeline = Pipeline(
+            detector=detector, rules=RobustRules(), range_finder=finder, place=place, prepare=AsNeeded()
+        )
         start_s = 0.0
         for number, image in enumerate([*images[:WARM_UP], *images]):
             if number == min(WARM_UP, len(images)):

@@ -14,7 +14,7 @@ from kgdfa.button import ButtonPlace
 from kgdfa.distance import RobustRange
 from kgdfa.hand import Gesture
 from kgdfa.pipeline import Picture, Pipeline, Report
-from kgdfa.preprocess import as_needed
+from kgdfa.preprocess import AsNeeded
 from kgdfa.verdict import RuleSet
 from kgdfa.vote import END_FRAMES, VOTE_FRAMES
 
@@ -45,7 +45,7 @@ def run_sequence(
     finder = RobustRange(focal_px=footage.focal_px, anchor_m=footage.anchor_m)
     reports = []
     with live_detector(model) as detector:
-        pipeline = Pipeline(detector=detector, rules=rules, range_finder=finder, place=PLACE, prepare=as_needed)
+        pipeline = Pipeline(detector=detector, rules=rules, range_finder=finder, place=PLACE, prepare=AsNeeded())
         for number, image in enumerate(footage.frames(), start=1):
             reports.append(pipeline.process(Picture(image_bgr=image, captured_ns=number * footage.period_ns)))
             tell()

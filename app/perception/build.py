@@ -14,7 +14,7 @@ from kgdfa.button import RADIUS_SHARE, ButtonMode, ButtonPlace
 from kgdfa.depth import DepthRange
 from kgdfa.distance import PublishedRange, RangeFinder, RobustRange
 from kgdfa.pipeline import Detector, Pipeline
-from kgdfa.preprocess import as_needed
+from kgdfa.preprocess import AsNeeded
 from kgdfa.press_zone import press_zone
 from kgdfa.published import PublishedRules
 from kgdfa.robust import RobustRules
@@ -72,7 +72,7 @@ def make_pipeline(setup: SessionSetup, detector: Detector, frame: Frame, camera:
         range_finder=finder,
         place=place,
         mode=mode,
-        prepare=as_needed,
+        prepare=AsNeeded(),
         depth_finder=depth,
     )
     return pipeline, place

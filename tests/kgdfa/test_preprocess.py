@@ -5,7 +5,17 @@ import pytest
 
 from kgdfa.errors import KgdfaError
 from kgdfa.images import Image
-from kgdfa.preprocess import PREPARATIONS, as_needed, denoise, find_preparation, grain, lighten, sharpen
+from kgdfa.preprocess import (
+    JUDGED_EVERY,
+    PREPARATIONS,
+    AsNeeded,
+    as_needed,
+    denoise,
+    find_preparation,
+    grain,
+    lighten,
+    sharpen,
+)
 
 
 def edge(noise_sd: float) -> Image:
@@ -62,3 +72,12 @@ def test_a_dark_picture_is_made_light_and_keeps_its_order() -> None:
 
 def test_a_black_picture_stays_black() -> None:
     assert not lighten(np.zeros((6, 5, 3), np.uint8)).any()
+
+
+def test_a_camera_that_becomes_grainy_is_denoised_within_ten_frames_and_no_longer_when_it_is_clear_again() -> None:
+    prepare, clear, grainy = AsNeeded(), edge(2), edge(40)
+    assert (prepare(clear) == clear).all()
+    last = [prepare(grainy) for _ in range(JUDGED_EVERY)][-1]
+    assert (last == denoise(grainy)).all()
+    last = [prepare(clear) for _ in range(JUDGED_EVERY)][-1]
+    assert (last == clear).all()
