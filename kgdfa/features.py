@@ -8,6 +8,7 @@ or a ratio of lengths, so neither distance, rotation in the picture nor left or 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from enum import Enum
 from itertools import accumulate, combinations, pairwise
@@ -70,6 +71,9 @@ FEATURES: tuple[Feature, ...] = (
     *_per_finger("end joint", Unit.DEGREES),
     *_per_finger("angle", Unit.DEGREES),
     *_between("splayed", _NEIGHBOURS, Unit.DEGREES),
+    *_per_finger("root joint in the picture", Unit.DEGREES),
+    *_per_finger("middle joint in the picture", Unit.DEGREES),
+    *_per_finger("end joint in the picture", Unit.DEGREES),
     *_per_finger("angle in the picture", Unit.DEGREES),
     *_between("splayed in the picture", _NEIGHBOURS, Unit.DEGREES),
     *_per_finger("straightness", Unit.SHARE),
@@ -87,6 +91,11 @@ FEATURES: tuple[Feature, ...] = (
     *_per_finger("reach off the palm", Unit.PALMS),
     Feature(text="thumb tip beyond the fingers' joints", group=Group.THUMB, unit=Unit.PALMS),
     Feature(text="thumb tip aside of the forefinger's joint", group=Group.THUMB, unit=Unit.PALMS),
+    *(
+        Feature(text=f"thumb {bone} bone {way} the palm", group=Group.THUMB, unit=Unit.SHARE)
+        for bone in ("middle", "end")
+        for way in ("along", "across", "off")
+    ),
     *_per_finger("tip beyond the outer hull", Unit.PALMS),
     *_per_finger("tip beyond the inner hull", Unit.PALMS),
 )
@@ -101,6 +110,7 @@ _CENTRE, _PICTURE = 21, 22
 _ARMS: _Lines = tuple((end, vertex) for vertex, *ends in ANGLE_POINTS.values() for end in ends)
 _REACHES: _Lines = tuple((chain[4], chain[1]) for chain in _CHAINS)
 _TIPS_APART: _Lines = tuple((TIPS[a], TIPS[b]) for a, b in _PAIRS)
+_BONES: _Lines = tuple((end, start) for chain in _CHAINS for start, end in pairwise(chain))
 _PALM: _Lines = ((5, 0), (9, 0), (17, 0), (5, 17))  # the longest is the palm's size: a tilt shortens it least
 
 
@@ -110,7 +120,7 @@ def _on_picture(lines: _Lines) -> _Lines:
 
 _BLOCKS: dict[str, _Lines] = {
     "palm": _PALM,
-    "bones": tuple((end, start) for chain in _CHAINS for start, end in pairwise(chain)),
+    "bones": _BONES,
     "arms": _ARMS,
     "reaches": _REACHES,
     "to wrist": tuple((tip, 0) for tip in TIPS),
@@ -118,6 +128,7 @@ _BLOCKS: dict[str, _Lines] = {
     "tips": _TIPS_APART,
     "thumb": tuple((4, target) for target in _THUMB_TARGETS),
     "seen palm": _on_picture(_PALM),  # from here on, on the picture
+    "seen bones": _on_picture(_BONES),
     "seen arms": _on_picture(_ARMS),
     "seen reaches": _on_picture(_REACHES),
     "seen tips": _on_picture(_TIPS_APART),
@@ -133,9 +144,14 @@ def _numbers(*names: str) -> list[int]:
     return [number for name in names for number in range(_OF[name].start, _OF[name].stop)]
 
 
-def _bones_of_fingers() -> list[list[int]]:
+def _bones_of_fingers(name: str) -> list[list[int]]:
     """Of each finger its four bones, from the wrist outwards."""
-    return [list(bones) for bones in zip(*[iter(_numbers("bones"))] * 4, strict=True)]
+    return [list(bones) for bones in zip(*[iter(_numbers(name))] * 4, strict=True)]
+
+
+def _joints(name: str) -> list[tuple[int, int]]:
+    """The bones that meet at each root joint, then at each middle joint, then at each end joint."""
+    return [(bones[k], bones[k + 1]) for k in range(3) for bones in _bones_of_fingers(name)]
 
 
 def _arm_pairs(name: str) -> list[tuple[int, int]]:
@@ -143,19 +159,25 @@ def _arm_pairs(name: str) -> list[tuple[int, int]]:
     return list(zip(arms[0::2], arms[1::2], strict=True))
 
 
-_JOINTS = 15  # angles between bones; they come first
 _NO_LENGTH = 1e-300  # changes no quotient but 0 / 0, which is to be 1
 _MEETING = np.array(
     [
-        *((bones[k], bones[k + 1]) for k in range(3) for bones in _bones_of_fingers()),
+        *_joints("bones"),
         *_arm_pairs("arms"),
         *pairwise(_numbers("reaches")),
+        *_joints("seen bones"),
         *_arm_pairs("seen arms"),
         *pairwise(_numbers("seen reaches")),
     ]
 ).T  # (2, angles)
-_OUTER_BONES = [(reach, *bones[1:]) for reach, bones in zip(_numbers("reaches"), _bones_of_fingers(), strict=True)]
-_PLACED = np.array([*_numbers("palm"), *_numbers("reaches"), *_numbers("thumb")[1::2]])  # the palm, and what it places
+# Where two bones meet, 180° is told for straight on: bones point outwards, with 0° between them
+_IS_JOINT = np.isin(_MEETING[0], [*_numbers("bones"), *_numbers("seen bones")])
+_FROM_DEG, _TURN = np.where(_IS_JOINT, 180.0, 0.0), np.where(_IS_JOINT, -1.0, 1.0)
+_BONES_OF_FINGERS = _bones_of_fingers("bones")
+_OUTER_BONES = [(reach, *bones[1:]) for reach, bones in zip(_numbers("reaches"), _BONES_OF_FINGERS, strict=True)]
+_THUMB_BONES = _BONES_OF_FINGERS[0][2:]
+# The palm, and what is told along its axes.
+_PLACED = np.array([*_numbers("palm"), *_numbers("reaches"), *_numbers("thumb")[1::2], *_THUMB_BONES])
 _in_palms = itemgetter(*_numbers("to wrist", "to centre", "tips", "thumb"))
 _in_seen_palms = itemgetter(*_numbers("seen reaches", "seen tips"))
 
@@ -171,7 +193,7 @@ def features(image_px: FloatArray, world_m: FloatArray) -> FloatArray:
     palm, seen_palm = (max(*lengths[_OF[name]], 1e-9) for name in ("palm", "seen palm"))
     _, to_middle, _, to_thumb_side, *placed = lines.take(_PLACED, axis=0).tolist()
     along, across, off = (
-        [(x * a + y * b + z * c) / palm for x, y, z in placed] for a, b, c in _palm_axes(to_middle, to_thumb_side)
+        [x * a + y * b + z * c for x, y, z in placed] for a, b, c in _palm_axes(to_middle, to_thumb_side)
     )
     values: FloatArray = np.array(
         [
@@ -179,11 +201,8 @@ def features(image_px: FloatArray, world_m: FloatArray) -> FloatArray:
             *[lengths[reach] / max(lengths[a] + lengths[b] + lengths[c], 1e-9) for reach, a, b, c in _OUTER_BONES],
             *[length / palm for length in _in_palms(lengths)],
             *[length / seen_palm for length in _in_seen_palms(lengths)],
-            *along[:5],
-            *across[:5],
-            *map(abs, off[:5]),
-            min(along[5:]),
-            across[5],
+            *[length / palm for length in (*along[:5], *across[:5], *map(abs, off[:5]), min(along[5:9]), across[5])],
+            *_directions(zip(along[9:], across[9:], off[9:], strict=True)),
             *(tip_depths(image_px, OUTER_HULL, INNER_HULL) / -seen_palm).ravel().tolist(),
         ]
     )
@@ -206,9 +225,16 @@ def _angles(lines: FloatArray, lengths: FloatArray) -> FloatArray:
     first, second = lines.take(_MEETING, axis=0)
     first_length, second_length = lengths.take(_MEETING)
     cosines = (np.vecdot(first, second) + _NO_LENGTH) / (first_length * second_length + _NO_LENGTH)
-    angles: FloatArray = np.degrees(np.arccos(np.minimum(np.maximum(cosines, -1.0), 1.0)))
-    angles[:_JOINTS] = 180.0 - angles[:_JOINTS]  # bones point outwards: straight on is 0° between them
+    between = np.degrees(np.arccos(np.minimum(np.maximum(cosines, -1.0), 1.0)))
+    angles: FloatArray = _FROM_DEG + _TURN * between
     return angles
+
+
+def _directions(bones: Iterable[_Vector]) -> Iterator[float]:
+    """Of each bone its shares along, across and off the palm; off it without the sign, which a mirror turns."""
+    for bone in bones:
+        along, across, off = _unit(*bone)
+        yield from (along, across, abs(off))
 
 
 def _palm_axes(to_middle: _Vector, to_thumb_side: _Vector) -> tuple[_Vector, _Vector, _Vector]:

@@ -23,9 +23,11 @@ GESTURES = tuple(Gesture)
 class RobustModel:
     """M perceptrons of one hidden layer with H units on F features, voting on K classes.
 
+    They vote by the mean of their log-odds, so side by side they are one perceptron of M x H units.
+
     classes: K names; the twelve gestures first, in the order of `Gesture`, then kinds of "none".
     centre, spread: (F,) of the training hands; a feature enters as tanh((value - centre) / spread).
-    weights_in (M, F, H), bias_in (M, 1, H), weights_out (M, H, K), bias_out (M, 1, K).
+    weights_in (F, M x H), bias_in (M x H,), weights_out (M x H, K), bias_out (K,).
     accept: (12,) confidence from which a gesture is accepted. tie: least lead over the next gesture.
     typical (K, F): each class's median hand. low, high (K, F): between them lie 94 % of its hands.
     """
@@ -49,17 +51,16 @@ class RobustModel:
         return squashed  # single precision, as the weights are: else those would be copied to be multiplied
 
     def probabilities(self, values: FloatArray) -> FloatArray:
-        """(n, F) features to (n, K): the mean of the members' class probabilities."""
+        """(n, F) features to (n, K): the class probabilities."""
         return self.weigh(self.squash(values))
 
     def weigh(self, squashed: FloatArray) -> FloatArray:
         """(n, F) squashed features to (n, K)."""
-        hidden = np.maximum(squashed @ self.weights_in + self.bias_in, 0.0)
-        logits = hidden @ self.weights_out + self.bias_out
-        powers = np.exp(logits - np.maximum.reduce(logits, axis=2, keepdims=True))
-        shares = powers / (np.add.reduce(powers, axis=2, keepdims=True) * len(powers))
-        mean: FloatArray = np.add.reduce(shares, axis=0)
-        return mean
+        hidden = squashed @ self.weights_in + self.bias_in
+        logits = np.maximum(hidden, 0.0, out=hidden) @ self.weights_out + self.bias_out
+        powers = np.exp(logits - np.maximum.reduce(logits, axis=1, keepdims=True))
+        shares: FloatArray = powers / np.add.reduce(powers, axis=1, keepdims=True)
+        return shares
 
 
 def save_model(model: RobustModel, path: Path) -> None:

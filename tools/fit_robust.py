@@ -18,7 +18,7 @@ from rich.table import Table
 
 from app.cli import USER_ERRORS
 from app.cli.evaluate.looking import looked_at, looked_at_digital_to_fit
-from app.evaluate.robust_fit import fit, look
+from app.evaluate.robust_fit import MEMBERS, fit, look
 from kgdfa.features import FEATURES
 from kgdfa.robust_model import GESTURES, RobustModel, save_model
 
@@ -56,10 +56,10 @@ def _print(console: Console, model: RobustModel) -> None:
         ranges = (f"{model.low[number, k]:.0f}–{model.high[number, k]:.0f}°" for k in angles)
         table.add_row(gesture.value, f"{model.accept[number]:.2f}", *ranges)
     console.print(table)
-    members, features, hidden = model.weights_in.shape
+    features, units = model.weights_in.shape
     console.print(
-        f"{members} perceptrons of {features} features, {hidden} hidden units and {len(model.classes)} classes; "
-        f"a lead of {model.tie:.2f} over the next; kinds of none: {', '.join(model.classes[len(GESTURES) :])}"
+        f"{MEMBERS} perceptrons of {features} features, {units // MEMBERS} hidden units each and {len(model.classes)} "
+        f"classes; a lead of {model.tie:.2f} over the next; kinds of none: {', '.join(model.classes[len(GESTURES) :])}"
     )
 
 

@@ -27,15 +27,19 @@ def judge_cross_validated(
     tell: Callable[[str], None],
     *,
     looks: int | None = None,
+    seed: int = 0,
 ) -> dict[str, list[Judged]]:
-    """Both rule sets; the robust one is fitted anew for each fold, on digital hands and the other photos."""
+    """Both rule sets; the robust one is fitted anew for each fold, on digital hands and the other photos.
+
+    Another seed draws other examples and noise: what figures differ by from seed to seed is chance.
+    """
     from app.evaluate.robust_fit import fit, folds, look
 
     looked = look([*seen, *digital])
     robust: list[Judged | None] = [None] * len(seen)
     for fold in folds(looked):
         tell(f"without {fold.name}")
-        judge = RobustJudge(RobustRules(fit(looked, fold.fit)), looks=looks)
+        judge = RobustJudge(RobustRules(fit(looked, fold.fit, seed=seed)), looks=looks)
         for number in map(int, np.flatnonzero(fold.measure)):
             robust[number] = judge_photo(seen[number], judge)
     published = PublishedJudge()

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 from sklearn.neural_network import MLPClassifier
+from threadpoolctl import threadpool_limits
 
 from app.evaluate.digital_hands import SOURCE as DIGITAL
 from app.evaluate.gesture_measures import GESTURE_NAMES
@@ -23,16 +24,18 @@ from kgdfa.features import features
 from kgdfa.hand import FloatArray, Side
 from kgdfa.robust_model import RobustModel
 
-MEMBERS = 3
+MEMBERS = 8  # figures of three swung from one draw of examples to the next
+JUDGING_MEMBERS = 4  # in the fits that only choose thresholds: they are many, and sources differ more than draws do
 HIDDEN = 64
 EPOCHS = 12
 PENALTY = 0.03  # L2
 DROPOUT = 0.1  # share of features blanked: no verdict shall hang on one of them
 WRONG_LABELS = 0.05  # share of examples given a label drawn at random: some labels are noise, and none shall be certain
-GRAFT_WEIGHT = 1.0  # of one grafted hand, the mean real look's being 1
+# Each member sees every second look, and grafts of its own: together they see more than one that sees all.
+LOOK_STEP = 2
+GRAFT_SHARE = 1 / 4
+GRAFT_WEIGHT = 2.0  # of one grafted hand, the mean real look's being 1
 THIRDS = 3
-INNER_GROUPS = 3  # of sources, each left out once in the fits that choose thresholds
-INNER_SHARE = 1 / 2  # of looks and grafts, in the fits that only choose thresholds: they are many
 NEAR_WEIGHT = {"none:natural_open": 3.0}  # of one look, the mean being 1: few photos show one, and it would walk
 TIE = 0.10  # lead over the next class below which it is a tie, and none
 RANGE_PERCENT = (3.0, 97.0)
@@ -98,37 +101,24 @@ def folds(looked: Looked, of: NDArray[np.bool_] | None = None) -> Iterator[Fold]
 
 
 def _inner_folds(looked: Looked, of: NDArray[np.bool_]) -> Iterator[Fold]:
-    """As `folds`, but a few sources at a time (many such fits are made only to choose thresholds), with a third of
-    the digital people left out of each, and by thirds for every label that no source outside the group shows: the
-    model that is to be judged has seen such hands, so one that hasn't would ask for thresholds too high.
+    """As `folds`, but each source once (many such fits are made only to choose thresholds), with its share of the
+    digital people left out besides, and by one third for every label that no other source shows: the model that is
+    to be judged has seen such hands, so one that hasn't would ask for thresholds too high.
     """
     labels, sources = looked.labels, looked.sources
     digital = of & (sources == DIGITAL)
     among = of & ~digital
+    names = sorted(set(sources[among]))
     third = _thirds(labels, sources)
-    people = {person: k % THIRDS for k, person in enumerate(sorted({one.photo.group for one in looked.photos}))}
-    person_third = np.array([people[one.photo.group] for one in looked.photos])
-    for part, group in enumerate(_even_groups(sources[among])):
-        here = among & np.isin(sources, group)
+    people = sorted({one.photo.group for one in looked.photos})
+    fold_of_person = {person: k % max(len(names), 1) for k, person in enumerate(people)}
+    person_fold = np.array([fold_of_person[one.photo.group] for one in looked.photos])
+    for number, source in enumerate(names):
+        here = among & (sources == source)
         only_here = sorted(set(labels[here]) - set(labels[among & ~here]))
-        kept = here & np.isin(labels, only_here) & (third != part)
-        aside = digital & (person_third == part)
-        yield Fold(
-            name=", ".join(group),
-            fit=(digital & ~aside) | (among & ~here) | kept,
-            measure=(here & ~kept) | aside,
-        )
-
-
-def _even_groups(sources: NDArray[np.str_]) -> list[list[str]]:
-    """The sources in `INNER_GROUPS` groups of about as many photos each."""
-    groups: list[list[str]] = [[] for _ in range(INNER_GROUPS)]
-    sizes = [0] * INNER_GROUPS
-    for source, count in Counter(sources.tolist()).most_common():
-        smallest = sizes.index(min(sizes))
-        groups[smallest].append(source)
-        sizes[smallest] += count
-    return [group for group in groups if group]
+        kept = here & np.isin(labels, only_here) & (third != number % THIRDS)
+        aside = digital & (person_fold == number)
+        yield Fold(name=source, fit=(digital & ~aside) | (among & ~here) | kept, measure=(here & ~kept) | aside)
 
 
 def _thirds(labels: NDArray[np.str_], sources: NDArray[np.str_]) -> NDArray[np.int64]:
@@ -140,11 +130,18 @@ def _thirds(labels: NDArray[np.str_], sources: NDArray[np.str_]) -> NDArray[np.i
     return third
 
 
-def fit(looked: Looked, among: NDArray[np.bool_], tell: Callable[[str], None] = lambda _: None) -> RobustModel:
-    """Fit on some photos: first the thresholds, by inner folds of these photos alone, then the members."""
-    thresholds = _choose_thresholds(looked, among, tell)
-    tell(f"{MEMBERS} members")
-    return replace(_fit_members(looked, among, MEMBERS), accept=thresholds)
+def fit(
+    looked: Looked, among: NDArray[np.bool_], tell: Callable[[str], None] = lambda _: None, *, seed: int = 0
+) -> RobustModel:
+    """Fit on some photos: first the thresholds, by inner folds of these photos alone, then the members.
+
+    Another seed draws other examples, grafts and noise: how far figures differ then is chance.
+    """
+    with threadpool_limits(1):  # small matrices: on a busy machine threads wait for each other forty times as long
+        judged = _inner_chances(looked, among, tell, seed)
+        tell(f"{MEMBERS} members")
+        model = _fit_members(looked, among, MEMBERS, seed)
+    return replace(model, accept=choose_thresholds(*judged))
 
 
 def photo_probabilities(model: RobustModel, looked: Looked, of: NDArray[np.bool_]) -> FloatArray:
@@ -157,40 +154,53 @@ def photo_probabilities(model: RobustModel, looked: Looked, of: NDArray[np.bool_
     return means
 
 
-def _choose_thresholds(looked: Looked, among: NDArray[np.bool_], tell: Callable[[str], None]) -> FloatArray:
-    """The thresholds that serve best on inner folds."""
-    labels, chances = inner_chances(looked, among, tell)
-    return choose_thresholds(labels, chances)
+def _inner_chances(
+    looked: Looked, among: NDArray[np.bool_], tell: Callable[[str], None], seed: int
+) -> tuple[NDArray[np.str_], FloatArray, FloatArray]:
+    """Labels, chances and weights of these photos and digital hands, each judged by a model fitted without its source.
 
-
-def inner_chances(
-    looked: Looked, among: NDArray[np.bool_], tell: Callable[[str], None]
-) -> tuple[NDArray[np.str_], FloatArray]:
-    """Labels of these photos and digital hands, and each one's chances by a model fitted without its source."""
+    Of those that one source alone shows a third is judged, and weighs three times.
+    """
     chances = np.zeros((len(looked.photos), len(GESTURE_NAMES)))
+    judged = np.zeros(len(looked.photos), dtype=bool)
     for fold in _inner_folds(looked, among):
         tell(f"thresholds, without {fold.name}")
-        model = _fit_members(looked, fold.fit, MEMBERS, share=INNER_SHARE)
+        model = _fit_members(looked, fold.fit, JUDGING_MEMBERS, seed)
         chances += photo_probabilities(model, looked, fold.measure)[:, : len(GESTURE_NAMES)]
-    return looked.labels[among], chances[among]
+        judged |= fold.measure
+    pairs = list(zip(looked.labels, looked.sources, strict=True))
+    given, counted = (Counter(pairs[k] for k in np.flatnonzero(some)) for some in (among, judged))
+    weights = np.array([given[pairs[k]] / counted[pairs[k]] for k in np.flatnonzero(judged)])
+    return looked.labels[judged], chances[judged], weights
 
 
-def _fit_members(looked: Looked, among: NDArray[np.bool_], members: int, share: float = 1.0) -> RobustModel:
-    values, labels, weights = _examples(looked, among, share)
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Examples:
+    """What one member is fitted on: features (n, F), labels (n,) and weights (n,)."""
+
+    values: FloatArray
+    labels: NDArray[np.str_]
+    weights: FloatArray
+
+
+def _fit_members(looked: Looked, among: NDArray[np.bool_], members: int, seed: int) -> RobustModel:
+    seeds = [seed * MEMBERS + k for k in range(members)]
+    drawn = [_examples(looked, among, one) for one in seeds]
+    labels = np.concatenate([one.labels for one in drawn])
     classes = [*GESTURE_NAMES, *sorted(set(labels) - set(GESTURE_NAMES))]
-    centre = np.median(values, axis=0)
-    spread = np.subtract(*np.percentile(values, [85, 15], axis=0)) + 1e-6
-    squashed = np.tanh((values - centre) / spread).astype(np.float32)  # as the model is stored, and twice as fast
-    fitted = [_member(squashed, labels, weights, classes, seed) for seed in range(members)]
+    centre = np.median(drawn[0].values, axis=0)
+    spread = np.subtract(*np.percentile(drawn[0].values, [85, 15], axis=0)) + 1e-6
+    fitted = [_member(one, classes, (centre, spread), member) for one, member in zip(drawn, seeds, strict=True)]
+    values = np.vstack([one.values for one in drawn])
     ranges = [np.percentile(values[labels == name], [*RANGE_PERCENT, 50], axis=0) for name in classes]
     return RobustModel(
         classes=tuple(classes),
         centre=centre,
         spread=spread,
-        weights_in=np.stack([one[0] for one in fitted]),
-        bias_in=np.stack([one[1] for one in fitted]),
-        weights_out=np.stack([one[2] for one in fitted]),
-        bias_out=np.stack([one[3] for one in fitted]),
+        weights_in=np.hstack([net.coefs_[0] for net in fitted]),
+        bias_in=np.hstack([net.intercepts_[0] for net in fitted]),
+        weights_out=np.vstack([net.coefs_[1] for net in fitted]) / members,
+        bias_out=np.mean([net.intercepts_[1] for net in fitted], axis=0),
         accept=np.full(len(GESTURE_NAMES), 0.5),
         tie=TIE,
         typical=np.array([one[2] for one in ranges]),
@@ -199,16 +209,13 @@ def _fit_members(looked: Looked, among: NDArray[np.bool_], members: int, share: 
     )
 
 
-def _examples(
-    looked: Looked, among: NDArray[np.bool_], share: float
-) -> tuple[FloatArray, NDArray[np.str_], FloatArray]:
-    """Features, labels and weights of every look at these photos and of hands grafted from them.
+def _examples(looked: Looked, among: NDArray[np.bool_], seed: int) -> _Examples:
+    """Every second look at these photos, and hands grafted from them.
 
     Rare pairs of label and source weigh more a look, by the root of their number; `NEAR_WEIGHT` comes on top.
     """
     shows_hand = looked.labels != "none:nohand"
-    rows = np.flatnonzero((among & shows_hand)[looked.owner])
-    rows = rows[:: round(1 / share)]
+    rows = np.flatnonzero((among & shows_hand)[looked.owner])[seed % LOOK_STEP :: LOOK_STEP]
     owners = looked.owner[rows]
     labels = looked.labels[owners]
     pairs = list(zip(labels, looked.sources[owners], strict=True))
@@ -216,29 +223,32 @@ def _examples(
     weights = np.array([often[pair] ** -0.5 for pair in pairs])
     weights /= weights.mean()
     weights *= [NEAR_WEIGHT.get(label, 1.0) for label in labels]
-    made, made_labels = _grafts(looked, np.unique(owners), share)
-    return (
-        np.vstack([looked.values[rows], made]),
-        np.concatenate([labels, made_labels]),
-        np.concatenate([weights, np.full(len(made), GRAFT_WEIGHT)]),
+    made, made_labels = _grafts(looked, np.unique(owners), seed)
+    return _Examples(
+        values=np.vstack([looked.values[rows], made]),
+        labels=np.concatenate([labels, made_labels]),
+        weights=np.concatenate([weights, np.full(len(made), GRAFT_WEIGHT)]),
     )
 
 
-def _grafts(looked: Looked, owners: NDArray[np.int64], share: float) -> tuple[FloatArray, list[str]]:
+def _grafts(looked: Looked, owners: NDArray[np.int64], seed: int) -> tuple[FloatArray, list[str]]:
     hands = [looked.photos[owner].hands[0] for owner in owners]
     grafter = Grafter(
         np.array([hand.world_m for hand in hands]),
         np.array([hand.side is Side.RIGHT for hand in hands]),
         [looked.photos[owner].photo.label for owner in owners],
-        seed=0,
+        seed,
     )
-    return grafter.make(share)
+    return grafter.make(GRAFT_SHARE)
 
 
 def _member(
-    squashed: FloatArray, labels: NDArray[np.str_], weights: FloatArray, classes: list[str], seed: int
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    examples: _Examples, classes: list[str], squashing: tuple[FloatArray, FloatArray], seed: int
+) -> MLPClassifier:
     """One perceptron, on examples drawn anew by their weights, with features blanked at random."""
+    centre, spread = squashing
+    squashed = np.tanh((examples.values - centre) / spread).astype(np.float32)  # as the model is stored; twice as fast
+    labels, weights = examples.labels, examples.weights
     random = np.random.default_rng(seed)
     drawn = random.choice(len(labels), len(labels), p=weights / weights.sum())
     seen = squashed[drawn] * (random.random(squashed.shape) >= DROPOUT)
@@ -252,10 +262,10 @@ def _member(
     net = MLPClassifier((HIDDEN,), alpha=PENALTY, max_iter=EPOCHS, batch_size=256, random_state=seed)
     net.n_iter_no_change = EPOCHS
     _fit_quietly(net, seen, wanted)
-    return net.coefs_[0], net.intercepts_[0][None], net.coefs_[1], net.intercepts_[1][None]
+    return net
 
 
-def _fit_quietly(net: MLPClassifier, seen: FloatArray, wanted: NDArray[np.int64]) -> None:
+def _fit_quietly(net: MLPClassifier, seen: NDArray[np.float32], wanted: NDArray[np.int64]) -> None:
     """The number of epochs is chosen, not waited for: sklearn's warning says just that."""
     import warnings
 

@@ -7,11 +7,12 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from kgdfa.features import FEATURES, Unit, features
-from kgdfa.fingers import Finger, apart, finger_angles_deg
+from kgdfa.fingers import Finger, angles_deg, apart, finger_angles_deg
 from kgdfa.hand import FloatArray, Keypoint
 from kgdfa.hulls import INNER_HULL, OUTER_HULL, TIPS, hull, tip_depths
 from tests.kgdfa.hands import drawn_hand, drawn_points
 
+JOINTS = ("root", "middle", "end")
 angle = st.floats(-np.pi, np.pi)
 shaken = arrays(np.float64, (21, 3), elements=st.floats(-0.01, 0.01))
 
@@ -81,6 +82,10 @@ def test_the_batch_measures_what_the_single_measures_say(shake: FloatArray) -> N
             f"{name} tip beyond the inner hull": inner[finger],
             f"{name} tip to wrist": apart(world, tip, Keypoint.WRIST) / palm,
         }
+        for where, points in (("", world), (" in the picture", picture)):
+            bones = np.diff(points[[0, *range(4 * finger + 1, 4 * finger + 5)]], axis=0)
+            bends = angles_deg(-bones[:-1], bones[1:])
+            said |= {f"{name} {joint} joint{where}": bend for joint, bend in zip(JOINTS, bends, strict=True)}
         for other in (other for other in Finger if other > finger):
             pair = f"{name} and {other.name.lower()} tips apart"
             said[pair] = apart(world, tip, TIPS[other]) / palm

@@ -39,6 +39,7 @@ def gestures(
     cross_validate: Annotated[
         bool, typer.Option("--cross-validate", help="Fit anew for each source of photos left out.")
     ] = False,
+    seed: Annotated[int, typer.Option(help="With --cross-validate: which examples and noise are drawn.", min=0)] = 0,
     keypoints: Annotated[
         Path | None, typer.Option(help="Keep the keypoints in this npz, and use it when it is there.")
     ] = None,
@@ -61,7 +62,7 @@ def gestures(
     else:
         seen = looked_at(console, _only(directory, digital), keypoints, home, step)
     if cross_validate:
-        judged = _cross_validated(console, seen, looked_at_digital_to_fit(console, keypoints, home), looks)
+        judged = _cross_validated(console, seen, looked_at_digital_to_fit(console, keypoints, home), looks, seed)
     else:
         judged = judge_as_shipped(seen, looks=looks)
     how = CROSS_VALIDATED if cross_validate else SHIPPED
@@ -79,12 +80,12 @@ def _only(directory: Path | None, digital: int) -> Path:
 
 
 def _cross_validated(
-    console: Console, seen: list[SeenPhoto], digital: list[SeenPhoto], looks: int | None
+    console: Console, seen: list[SeenPhoto], digital: list[SeenPhoto], looks: int | None, seed: int
 ) -> dict[str, list[Judged]]:
     from app.evaluate.gestures import judge_cross_validated
 
     with console.status("fitting") as status:
-        return judge_cross_validated(seen, digital, status.update, looks=looks)
+        return judge_cross_validated(seen, digital, status.update, looks=looks, seed=seed)
 
 
 def _tell(

@@ -46,6 +46,24 @@ def test_without_undefined_hands_every_gesture_keeps_its_best_f1() -> None:
     assert 0.6 < threshold <= 0.8
 
 
+def test_a_rare_confusion_raises_no_threshold_but_an_undefined_hand_does() -> None:
+    seen = (("1", ONE, 0.8, 300), ("5", ONE, 0.5, 2))
+    assert choose_thresholds(*hands(*seen))[ONE] == CANDIDATES[0]
+    assert choose_thresholds(*hands(*seen, ("none:ok", ONE, 0.5, 5)))[ONE] > 0.5
+
+
+def test_a_hand_that_counts_for_three_holds_the_threshold_down_as_three_would() -> None:
+    labels, chances = hands(("1", ONE, 0.5, 10), ("1", ONE, 0.9, 10), ("5", ONE, 0.5, 30))
+    thrice = np.where(labels == "1", 3.0, 1.0)
+    assert choose_thresholds(labels, chances)[ONE] > 0.5
+    assert choose_thresholds(labels, chances, thrice)[ONE] == CANDIDATES[0]
+
+
+def test_undefined_hands_count_as_a_little_surer_than_they_were_judged() -> None:
+    labels, chances = hands(("1", ONE, 0.7, 50), ("none:ok", ONE, 0.6, 5))
+    assert 0.66 < choose_thresholds(labels, chances)[ONE] <= 0.7
+
+
 def test_hands_near_the_gestures_are_labelled_and_shaped_as_they_say() -> None:
     scenes = list(near_scenes(people=1))
     labels = [photo.label for photo, _, _ in scenes]
