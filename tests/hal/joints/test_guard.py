@@ -96,8 +96,16 @@ def test_every_absolute_limit_at_its_boundary(
     assert refusal is not None
     assert (refusal.joint, refusal.quantity) == (joint, quantity)
     assert refusal.limit == pytest.approx(abs(limit[joint]) if quantity is not Quantity.POSITION else limit[joint])
+    assert repr(refusal.limit) != "-0.0", "nobody reads a minus zero"
     value = float(limit[joint]) + sign * EPSILON
     assert refusal.value == pytest.approx(abs(value) if quantity in MAGNITUDES else value)
+
+
+def test_of_several_reasons_the_first_is_told() -> None:
+    beyond = replace(STIFF, position_rad=LIMITS.high_rad + 1.0, torque_nm=LIMITS.torque_nm + 1.0)
+    refusal = check(beyond, beyond)
+    assert refusal is not None
+    assert (refusal.joint, refusal.quantity) == (Joint.LEFT_HIP, Quantity.POSITION)
 
 
 STEPS = [
