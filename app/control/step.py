@@ -53,8 +53,8 @@ def step(memory: Memory, inputs: Inputs, settings: Settings) -> tuple[Memory, Ou
     grant(tick)
     take_plans(tick)
     carry_on(tick)
-    _move(tick)
     _switch_off(tick)
+    _move(tick)
     return tick.memory, tick.outputs()
 
 
@@ -158,7 +158,10 @@ def _move(tick: Tick) -> None:
 
 
 def _switch_off(tick: Tick) -> None:
-    """Torque off on the operator's word or at the session's end, once the joints have given way."""
+    """Torque off on the operator's word or at the session's end, once the joints have been told to give way wholly.
+
+    Before the tick's own movement: while the last stiffness is on the drives, a neutral command would be a jump.
+    """
     memory = tick.memory
     wanted = memory.torque_off or memory.ending_ns
     if wanted and memory.motion.slack:

@@ -232,7 +232,7 @@ def test_after_a_damp_the_joints_are_gripped_where_they_sank_to() -> None:
 
 
 def test_torque_goes_off_only_on_the_operators_word_and_only_when_the_joints_have_given_way() -> None:
-    rig = standing()
+    rig = resting(S.SITTING)
     rig.say(K.TORQUE_OFF)
     rig.tick(3)
     assert rig.joints.state is DriveState.ENABLED
@@ -246,6 +246,9 @@ def test_torque_goes_off_only_on_the_operators_word_and_only_when_the_joints_hav
     rig.tick(SLACK_TICKS)
     assert drives(rig) is DriveState.DISABLED
     assert now(rig).gait.state is S.UNPOWERED
+    assert not [one for one in rig.audit if isinstance(one, records.GuardRefusal)], (
+        "for slack joints neutral is no jump"
+    )
     assert now(rig).motion.mode is Mode.LIMP
     assert Event.DRIVES_LOST.value not in rig.events()
     rig.say(K.ACKNOWLEDGE)
