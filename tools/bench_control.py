@@ -42,8 +42,16 @@ def walk_for(session: WatchedSession, seconds: float) -> Counter[str]:
         now = session.snapshot
         if now is not None and now.action is not Action.WALK and time.monotonic() < deadline:
             held.update(event.name for event in now.events if not event.acknowledged)
-            session.walk()
+            _walk_again(session, held)
     return held
+
+
+def _walk_again(session: WatchedSession, held: Counter[str]) -> None:
+    """If there is a way: legs that sank without power may be too low to be lifted by the drives."""
+    try:
+        session.walk()
+    except TimeoutError:
+        held["no way back to standing"] += 1
 
 
 def main() -> None:
