@@ -83,8 +83,9 @@ def arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seconds", type=float, default=60.0, help="600 for the bound's ten minutes")
     parser.add_argument("--saturate", action="store_true", help="a process that never rests on every core meanwhile")
-    parser.add_argument("--console", action="store_true", help="under `rleex run` in a terminal, in use all the time")
-    parser.add_argument("--no-perception", action="store_true")
+    under = parser.add_mutually_exclusive_group()
+    under.add_argument("--console", action="store_true", help="under `rleex run` in a terminal, in use all the time")
+    under.add_argument("--no-perception", action="store_true")
     parser.add_argument("--json", type=Path)
     return parser.parse_args()
 

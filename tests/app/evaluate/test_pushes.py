@@ -14,10 +14,10 @@ from app.evaluate.trigger import chain
 from app.evaluate.watcher import Watcher
 from hal.cameras.camera import Frame
 from hal.cameras.digital_hand import DigitalHandCamera
-from hal.cameras.hand_scene import keypoints_m, project_px
-from kgdfa.hand import Gesture, Hand, Side
+from kgdfa.hand import Gesture, Hand
 from kgdfa.images import Image
 from kgdfa.keypoints import HandDetector
+from tests.app.evaluate.seen_hands import seen_hand
 
 Blind = Callable[[float], bool]
 
@@ -43,17 +43,10 @@ class Knowing:
     def detect(self, image_bgr: Image, captured_ns: int) -> tuple[Hand, ...]:
         del image_bgr, captured_ns
         scene = self.camera.scene(self.camera.now_ns)
-        joints = keypoints_m(scene)
-        if joints is None or scene.place is None or self.blind(scene.place.position_m[2]):
+        hand = seen_hand(scene)
+        if hand is None or scene.place is None or self.blind(scene.place.position_m[2]):
             return ()
-        return (
-            Hand(
-                image_px=project_px(joints, scene.lens),
-                world_m=joints - joints.mean(axis=0),
-                presence=0.9,
-                side=Side.LEFT if scene.person.shape.left else Side.RIGHT,
-            ),
-        )
+        return (hand,)
 
 
 def made(gesture: Gesture = Gesture.FIVE, *, click_s: float = 0.3, blind: Blind = lambda _: False) -> tuple[Push, ...]:

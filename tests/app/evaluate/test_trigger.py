@@ -9,10 +9,10 @@ import pytest
 from app.evaluate.digital_scenes import CHANGES, FLIP, Moment
 from app.evaluate.trigger import CAMERAS, Change, Outcome, look_at
 from app.evaluate.watcher import BLANK, FRAME_NS, GAP_NS, Watcher
-from hal.cameras.hand_scene import keypoints_m, project_px
-from kgdfa.hand import Hand, Side
+from kgdfa.hand import Hand
 from kgdfa.images import Image
 from kgdfa.keypoints import HandDetector
+from tests.app.evaluate.seen_hands import seen_hand
 
 
 class Knowing:
@@ -26,18 +26,9 @@ class Knowing:
         self.seen_ns.append(captured_ns)
         if image_bgr is BLANK or not self.moments:
             return ()
-        scene = self.moments.pop(0).scene
-        joints = keypoints_m(scene)
-        assert joints is not None
-        return (
-            Hand(
-                image_px=project_px(joints, scene.lens),
-                world_m=joints - joints.mean(axis=0),
-                presence=0.9,
-                side=Side.LEFT if scene.person.shape.left else Side.RIGHT,
-                tracked=len(self.moments) > 0,
-            ),
-        )
+        hand = seen_hand(self.moments.pop(0).scene, tracked=len(self.moments) > 0)
+        assert hand is not None
+        return (hand,)
 
 
 def judged(change: Change, *, blind: bool = False) -> Outcome:
