@@ -100,7 +100,7 @@ def _smaller(image_bgr: Image, scale: float, size: tuple[int, int]) -> tuple[Ima
 
 
 @dataclass(frozen=True, slots=True)
-class Pace:
+class PeriodicTimer:
     """How large a followed hand is, pixels, and how it grows from frame to frame. spread: of all its keypoints."""
 
     palm_px: float
@@ -109,7 +109,7 @@ class Pace:
     shown: float = LARGEST_PALM  # length of the palm on the view, where it is shown smaller, of the picture's height
 
     @classmethod
-    def of(cls, hand: Hand, before: Pace | None) -> Pace:
+    def of(cls, hand: Hand, before: PeriodicTimer | None) -> PeriodicTimer:
         """Its growth since the frame before; none is known of a hand that has just come."""
         middle = hand.image_px.mean(axis=0)
         spread_px = max(float(np.sqrt(((hand.image_px - middle) ** 2).sum(axis=1).mean())), 1.0)
@@ -131,7 +131,7 @@ class Searcher:
     def __init__(self, look: Callable[[Image, int], tuple[Hand, ...]]) -> None:
         self._look = look
         self._search = Search()
-        self._pace: Pace | None = None  # of the hand followed, or lost a moment ago
+        self._pace: PeriodicTimer | None = None  # of the hand followed, or lost a moment ago
 
     def detect(self, image_bgr: Image, captured_ns: int) -> tuple[Hand, ...]:
         """The hands in the next frame, where its picture has them; () when there is none."""
@@ -141,7 +141,7 @@ class Searcher:
             hands = self._look_again(image_bgr, captured_ns, followed)
         self._search = after(self._search, found=bool(hands))
         if hands:
-            self._pace = Pace.of(hands[0], self._pace)
+            self._pace = PeriodicTimer.of(hands[0], self._pace)
         elif self._search.missing >= PATIENCE_FRAMES:
             self._pace = None
         return hands

@@ -9,7 +9,7 @@ from typing import Any
 from rich.table import Table
 from rich.text import Text
 
-from logs.plain import harmless
+from logs.plain import sanitize_terminal
 
 MOST_ROWS = 500  # on a screen; JSON has them all
 
@@ -20,7 +20,7 @@ def as_table(answer: Any) -> Table:
     rows = answer.slice(0, MOST_ROWS).to_pylist()
     for name in answer.column_names:
         numeric = any(isinstance(row[name], int | float) for row in rows)
-        table.add_column(Text(harmless(name)), justify="right" if numeric else "left")
+        table.add_column(Text(sanitize_terminal(name)), justify="right" if numeric else "left")
     for row in rows:
         table.add_row(*(Text(_cell(value)) for value in row.values()))
     if answer.num_rows > MOST_ROWS:
@@ -36,4 +36,4 @@ def as_json(answer: Any) -> Iterator[str]:
 def _cell(value: Any) -> str:
     if isinstance(value, float):
         return f"{value:.4g}"
-    return "–" if value is None else harmless(str(value))
+    return "–" if value is None else sanitize_terminal(str(value))

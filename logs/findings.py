@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from rich.text import Text
 
-from logs.plain import harmless
+from logs.plain import sanitize_terminal
 from logs.verify import Finding, Status
 
 _STYLE = {
@@ -20,20 +20,20 @@ def describe(finding: Finding) -> Text:
     """One finding: the word, the file, how much holds and is signed, where it breaks and why."""
     text = Text()
     text.append(f"{finding.status.value.upper():<10} ", _STYLE[finding.status])
-    text.append(harmless(str(finding.file)), "bold")
+    text.append(sanitize_terminal(str(finding.file)), "bold")
     text.append(f"\n  {summary(finding)}")
     if finding.last_hash.strip("0"):
         text.append(f"\n  newest hash that holds: {finding.last_hash}", "dim")
     for remark in finding.remarks:
-        text.append(f"\n  · {harmless(remark)}", "dim")
+        text.append(f"\n  · {sanitize_terminal(remark)}", "dim")
     return text
 
 
 def verdict(finding: Finding) -> Text:
     """One finding for the head of a screen that shows that file."""
     text = Text(f" {finding.status.value.upper()} ", f"{_STYLE[finding.status]} reverse")
-    text.append(f" {harmless(finding.file.stem)} ", "bold")
-    text.append(" ".join((summary(finding), *(f"· {harmless(remark)}" for remark in finding.remarks))))
+    text.append(f" {sanitize_terminal(finding.file.stem)} ", "bold")
+    text.append(" ".join((summary(finding), *(f"· {sanitize_terminal(remark)}" for remark in finding.remarks))))
     return text
 
 
@@ -43,7 +43,7 @@ def summary(finding: Finding) -> str:
     if not finding.reason:
         return f"{proof}."
     where = f"line {finding.line}: " if finding.line is not None and finding.status in _BROKEN else ""
-    return f"{where}{harmless(finding.reason)}. {proof}."
+    return f"{where}{sanitize_terminal(finding.reason)}. {proof}."
 
 
 _BROKEN = (Status.INCOMPLETE, Status.TAMPERED)

@@ -5,7 +5,7 @@ from __future__ import annotations
 _MOST = 10_000  # characters of one text; a person reads no more, a terminal chokes on it
 
 
-def harmless(text: str) -> str:
+def sanitize_terminal(text: str) -> str:
     """The text with every character that is not plainly visible spelled as its code, and cut when it is endless.
 
     Not visible: control and format characters (bidirectional overrides among them), lone surrogates, private and

@@ -9,7 +9,7 @@ from datetime import UTC, datetime
 import msgspec
 from rich.text import Text
 
-from logs.plain import harmless
+from logs.plain import sanitize_terminal
 from logs.read import Odd
 from logs.records import PatientChosen, Record
 from logs.words import WEIGHT, kind_of, sentence
@@ -60,14 +60,14 @@ class Sieve:
 def line_of(record: Record | Odd) -> Text:
     """One record for a terminal: harmless whatever its text."""
     if isinstance(record, Odd):
-        text = Text(f"{harmless(record.wall)[11:23]:<12} line {record.line:<6} ", "dim")
-        text.append(f"{harmless(record.kind)}: {harmless(record.text)}", "magenta")
+        text = Text(f"{sanitize_terminal(record.wall)[11:23]:<12} line {record.line:<6} ", "dim")
+        text.append(f"{sanitize_terminal(record.kind)}: {sanitize_terminal(record.text)}", "magenta")
         return text
     style = STYLE[WEIGHT.get(type(record.body), "")]
-    text = Text(f"{harmless(record.wall)[11:23]:<12} {record.sequence:>6} ", "dim")
-    text.append(f"{harmless(record.process):<10.10} {harmless(record.operator):<10.10} ", "dim")
+    text = Text(f"{sanitize_terminal(record.wall)[11:23]:<12} {record.sequence:>6} ", "dim")
+    text.append(f"{sanitize_terminal(record.process):<10.10} {sanitize_terminal(record.operator):<10.10} ", "dim")
     text.append(f"{kind_of(record.body):<17} ", style)
-    text.append(harmless(sentence(record.body)), style)
+    text.append(sanitize_terminal(sentence(record.body)), style)
     return text
 
 

@@ -15,14 +15,13 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from app.audit_process import run_audit
-from app.audit_sink import AuditSink
-from app.config import Config
+from app.audit.process import run_audit
+from app.audit.sink import AuditSink
 from app.console.review_session import open_session
-from app.links import LatestReceiver, address
-from app.messages import AuditHealth
-from app.processes import AUDIT_HEALTH
-from app.setup import SessionSetup
+from app.ipc.links import LatestReceiver, address
+from app.ipc.messages import AuditHealth
+from app.ipc.streams import AUDIT_HEALTH
+from app.system.config import Config, SessionSetup
 from logs.copies import CheckpointCopy
 from logs.disk import PosixDisk
 from logs.keys import by_fingerprint, known_keys, load_or_make_key

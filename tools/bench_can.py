@@ -18,21 +18,21 @@ from typing import NamedTuple
 
 import numpy as np
 
-from app.child import begin
-from app.config import Config, load_config
-from app.control.events_joints import JOINT_SILENT_MS
-from app.host import make_setup
-from app.links import LatestReceiver, address
-from app.messages import TriggerReport
-from app.paths import find_home
-from app.processes import TRIGGER
-from app.realtime import Pace, become_real_time, quiet_garbage
-from hal.joints.bus import with_bus
+from app.control.events.drives import JOINT_SILENT_MS
+from app.ipc.links import LatestReceiver, address
+from app.ipc.messages import TriggerReport
+from app.ipc.streams import TRIGGER
+from app.session.child import begin
+from app.session.host import make_setup
+from app.system.config import Config, load_config
+from app.system.paths import find_home
+from app.system.scheduling import PeriodicTimer, acquire_real_time, disable_gc
+from hal.joints.can.bus import with_bus
+from hal.joints.can.driver import SocketCanJoints
+from hal.joints.can.request_tracker import RequestTracker
 from hal.joints.device import load_exoskeleton
 from hal.joints.emulator import DriveEmulator, EmulatorThread, Fault
-from hal.joints.joints import BusFault, Joint, JointCommand, JointFeedback
-from hal.joints.ledger import Ledger
-from hal.joints.socketcan import SocketCanJoints
+from hal.joints.protocol import BusFault, Joint, JointCommand, JointFeedback
 from profiles.schema import DEMO_PATIENT
 
 PERIOD_NS = 2_000_000
@@ -93,7 +93,7 @@ class Run:
 
     def __init__(self, joints: SocketCanJoints, emulator: DriveEmulator) -> None:
         self.joints, self.emulator = joints, emulator
-        self.pace = Pace(period_ns=PERIOD_NS, next_ns=time.monotonic_ns() + PERIOD_NS)
+        self.pace = PeriodicTimer(period_ns=PERIOD_NS, next_ns=time.monotonic_ns() + PERIOD_NS)
         self.late_ms: list[float] = []
         self.cost_ms: list[float] = []
         self.age_ms: list[float] = []
@@ -140,7 +140,7 @@ class Tally(NamedTuple):
     under_way: int
 
     @classmethod
-    def of(cls, ledgers: list[Ledger]) -> Tally:
+    def of(cls, ledgers: list[RequestTracker]) -> Tally:
         """All drives' so far."""
         rows = [(book.sent, book.answered, book.late, book.missed, book.under_way) for book in ledgers]
         return cls(*(sum(column) for column in zip(*rows, strict=True)))
@@ -204,12 +204,12 @@ def fault_times(run: Run, fault: Fault) -> list[float]:
 def measure(seconds: float) -> bool:
     """Everything, on the virtual bus."""
     device = with_bus(load_exoskeleton(), "virtual", "bench")
-    real_time = become_real_time()
+    real_time = acquire_real_time()
     sys.setswitchinterval(0.0005)  # emulator and driver share an interpreter here; real drives do not
     print(f"real time        {'SCHED_FIFO' if real_time.fifo else 'no privilege'}")
     with EmulatorThread(DriveEmulator(device)) as emulator:
         run = Run(SocketCanJoints(device), emulator)
-        quiet_garbage()
+        disable_gc()
         run.start()
         well = steady(run, seconds)
         for fault in ACTED_ON:

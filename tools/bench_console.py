@@ -29,9 +29,9 @@ import psutil
 from rich.console import Console
 from rich.table import Table
 
-from app.config import load_config
-from app.model import set_up_model
-from app.paths import find_home
+from app.system.config import load_config
+from app.system.hand_model import set_up_model
+from app.system.paths import find_home
 
 LIMIT_S = 60.0
 PRESSES = 40

@@ -17,8 +17,8 @@ from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
-from app.control.states import Action
-from app.messages import ControlSnapshot, OperatorKind
+from app.ipc.messages import ControlSnapshot, OperatorKind
+from app.ipc.states import Action
 
 sys.path.insert(0, str(Path(__file__).parent.parent))  # run as a script, `tools` is a folder of the tree
 

@@ -16,7 +16,7 @@ import numpy as np
 import psutil
 import typer
 
-from app.realtime import keep_cores_awake
+from app.system.scheduling import request_low_wake_latency
 
 TICK_NS = 2_000_000
 PRIORITY = 80  # above all that the project asks for
@@ -44,7 +44,7 @@ def main(seconds: float = 40.0, let_sleep: bool = False) -> None:
         privilege = "SCHED_FIFO"
     except PermissionError:
         privilege = "no real-time privilege"
-    awake = not let_sleep and keep_cores_awake()
+    awake = not let_sleep and request_low_wake_latency()
     gc.disable()
     stolen_before_s = psutil.cpu_times().steal
     late_ms = np.array(wake(seconds))

@@ -27,11 +27,10 @@ from rich.console import Console
 from rich.progress import track
 from textual.pilot import Pilot
 
-from app.config import Config
 from app.console.app import TICK_S, ConsoleApp
-from app.control.states import Effect, GaitState
-from app.paths import Home
-from app.setup import SessionSetup
+from app.ipc.states import Effect, GaitState
+from app.system.config import Config, SessionSetup
+from app.system.paths import Home
 from kgdfa.gesture import Gesture
 from profiles.schema import DEMO_PATIENT
 from tests.app.console.fake_host import FakeHost, event, gradient

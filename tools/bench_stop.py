@@ -24,10 +24,10 @@ from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
-from app.config import JointsConfig
-from app.control.states import Action, Effect, GaitState
 from app.demo.emulation import emulated_drives
-from app.messages import ControlSnapshot, OperatorKind
+from app.ipc.messages import ControlSnapshot, OperatorKind
+from app.ipc.states import Action, Effect, GaitState
+from app.system.config import JointsConfig
 from hal.joints.device import load_exoskeleton
 
 sys.path.insert(0, str(Path(__file__).parent.parent))  # run as a script, `tools` is a folder of the tree

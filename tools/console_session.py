@@ -14,12 +14,12 @@ from contextlib import contextmanager
 from itertools import cycle
 from pathlib import Path
 
-from app.config import load_config
 from app.console.keys import GESTURE_KEYS
-from app.control.states import ACTION_OF, Action
-from app.messages import OperatorKind
-from app.model import find_model
-from app.paths import find_home
+from app.ipc.messages import OperatorKind
+from app.ipc.states import ACTION_OF, Action
+from app.system.config import load_config
+from app.system.hand_model import find_model
+from app.system.paths import find_home
 from tools.bench_console import Terminal
 from tools.watched_session import PATIENCE_S, WatchedSession
 

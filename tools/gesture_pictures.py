@@ -9,13 +9,13 @@ import cv2
 import numpy as np
 import typer
 
-from app.config import load_config
 from app.evaluate.digital_hands import HELD_FRAMES
 from app.evaluate.sequence import PERIOD_NS
-from app.model import find_model
-from app.paths import find_home
-from hal.cameras.hand_poses import GESTURES, LOOK_ALIKES, Pose
-from hal.cameras.hand_scene import person_of, posed, render
+from app.system.config import load_config
+from app.system.hand_model import find_model
+from app.system.paths import find_home
+from hal.cameras.digital_hand.poses import GESTURES, LOOK_ALIKES, Pose
+from hal.cameras.digital_hand.scene import person_of, posed, render
 from kgdfa.draw import caption, draw_hand
 from kgdfa.hand import Hand
 from kgdfa.images import Image

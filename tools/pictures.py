@@ -17,12 +17,12 @@ import msgspec
 from rich.console import Console
 from textual.pilot import Pilot
 
-from app.config import Config, load_config
 from app.console.app import ConsoleApp
-from app.control.states import Action, Effect, GaitState
-from app.messages import ControlSnapshot
-from app.model import set_up_model
-from app.paths import Home, find_home
+from app.ipc.messages import ControlSnapshot
+from app.ipc.states import Action, Effect, GaitState
+from app.system.config import Config, load_config
+from app.system.hand_model import set_up_model
+from app.system.paths import Home, find_home
 from kgdfa.hand import Gesture
 from profiles.schema import DEMO_PATIENT
 

@@ -21,15 +21,14 @@ from pathlib import Path
 import msgspec
 import psutil
 
-from app import host as hosting
-from app.config import Config, JointsConfig
-from app.control.patient import patient_of
-from app.control.preflight import run_preflight
-from app.control.states import Action
-from app.messages import OperatorKind
-from app.paths import Home, find_home
-from app.setup import SessionSetup
-from hal.joints.bus import open_bus
+from app.ipc.messages import OperatorKind
+from app.ipc.states import Action
+from app.motion.patient import patient_of
+from app.motion.preflight import run_preflight
+from app.session import host as hosting
+from app.system.config import Config, JointsConfig, SessionSetup
+from app.system.paths import Home, find_home
+from hal.joints.can.bus import open_bus
 from hal.joints.device import BusDevice, load_exoskeleton
 from profiles.schema import DEMO_PATIENT
 from tools.watched_session import PATIENCE_S, WatchedSession

@@ -8,9 +8,9 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from app.control.events import TABLE, Latch, Row
-from app.control.gait_diagram import mermaid
-from app.control.states import Source
+from app.control.events.table import TABLE, Latch, Row
+from app.control.gait.table import mermaid
+from app.ipc.states import Source
 
 DOCUMENT = Path(__file__).parent.parent / "docs" / "safety.md"
 _LATCH = {

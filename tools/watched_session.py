@@ -7,10 +7,10 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable
 from pathlib import Path
 
-from app import processes
-from app.control.states import Action, Effect, GaitState
-from app.links import LatestReceiver, address
-from app.messages import ControlSnapshot, GuardianHealth, Heartbeat, OperatorKind, TriggerReport
+from app.ipc import streams as processes
+from app.ipc.links import LatestReceiver, address
+from app.ipc.messages import ControlSnapshot, GuardianHealth, Heartbeat, OperatorKind, TriggerReport
+from app.ipc.states import Action, Effect, GaitState
 
 PATIENCE_S = 60.0  # a limit, not a measure: loading on a busy machine takes its time
 KEY_NS = 500_000_000  # a key that did nothing is pressed again after this

@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from typing import TYPE_CHECKING
 
-from app.errors import AppError
+from app.system.errors import AppError
 from hal.errors import HardwareError
 from kgdfa.errors import KgdfaError
 from logs.errors import AuditError

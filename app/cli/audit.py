@@ -29,7 +29,7 @@ def verify(
     home: HomeOption = None,
 ) -> None:
     """Prove that nothing was changed, cut or added. Exit status: 0 sound, 1 tampered or cut, 2 unreadable."""
-    from app.paths import find_home
+    from app.system.paths import find_home
     from logs.verify import exit_status
     from logs.verify import verify as judge
 
@@ -49,7 +49,7 @@ def key(
     home: HomeOption = None,
 ) -> None:
     """Export the console's public key (PEM), with which anybody can check its signatures."""
-    from app.paths import find_home
+    from app.system.paths import find_home
     from logs.keys import PUBLIC_FILE, load_public_key
 
     pem = load_public_key(find_home(home).keys / PUBLIC_FILE).pem
@@ -76,7 +76,7 @@ def show(
     home: HomeOption = None,
 ) -> None:
     """Print a session's records, one a line."""
-    from app.paths import find_home
+    from app.system.paths import find_home
     from logs.read import find_session, session_paths
     from logs.show import Filter, Sieve
 
@@ -103,7 +103,7 @@ def report(
     home: HomeOption = None,
 ) -> None:
     """Write one self-contained page about a session, for reading and for printing."""
-    from app.paths import find_home
+    from app.system.paths import find_home
     from logs.read import find_session
     from logs.report.page import report as make
 
@@ -122,7 +122,7 @@ def query(
     home: HomeOption = None,
 ) -> None:
     """Ask many sessions, of one site or several, at once."""
-    from app.paths import find_home
+    from app.system.paths import find_home
     from logs.answers import as_json, as_table
     from logs.query import QUESTIONS, connect
     from logs.query import ask as ask_sql
@@ -149,7 +149,7 @@ def export(
     home: HomeOption = None,
 ) -> None:
     """Write all records as one Parquet table; patients' pseudonyms stay."""
-    from app.paths import find_home
+    from app.system.paths import find_home
     from logs.query import export as write
 
     rows = write(at or [find_home(home).logs], parquet, drop_operators=drop_operators)
@@ -170,9 +170,9 @@ def list_sessions(home: HomeOption = None) -> None:
     from rich.console import Console
     from rich.table import Table
 
-    from app.paths import find_home
+    from app.system.paths import find_home
     from logs.outline import outline
-    from logs.plain import harmless
+    from logs.plain import sanitize_terminal
     from logs.read import session_paths
 
     table = Table(box=None, collapse_padding=True)
@@ -182,7 +182,7 @@ def list_sessions(home: HomeOption = None) -> None:
         told = outline(path)
         texts = (path.stem, told.patient, told.operator, told.began[:19])
         numbers = (f"{told.duration_s / 60:.1f}", told.records, told.actions, told.stops)
-        table.add_row(*(harmless(text) for text in texts), *(str(number) for number in numbers))
+        table.add_row(*(sanitize_terminal(text) for text in texts), *(str(number) for number in numbers))
     Console(highlight=False, markup=False).print(table)
 
 
@@ -210,7 +210,7 @@ def _print_records(path: Path, sieve: Sieve, *, follow: bool, as_json: bool) -> 
 
 def _evidence(paths: list[Path], given: list[Path] | None, copies: Path | None, home: Path | None) -> Evidence:
     """The keys given; else those of the home; else those of the console beside whose keys the trail lies."""
-    from app.paths import find_home
+    from app.system.paths import find_home
     from logs.anchor import read_anchor
     from logs.keys import by_fingerprint, known_keys, load_public_key
     from logs.verify import Evidence

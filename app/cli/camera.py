@@ -10,8 +10,8 @@ import typer
 if TYPE_CHECKING:
     from collections.abc import Generator
 
-    from app.config import CameraConfig
-    from app.paths import Home
+    from app.system.config import CameraConfig
+    from app.system.paths import Home
     from hal.cameras.camera import Camera, Frame, ImageArray
     from hal.cameras.chessboard import Board, Corners
 
@@ -29,7 +29,7 @@ def list_cameras(home: HomeOption = None) -> None:
     from rich.console import Console
     from rich.table import Table
 
-    from app.paths import find_home
+    from app.system.paths import find_home
     from hal.cameras.webcam import list_webcams
 
     table = Table(box=None)
@@ -53,7 +53,7 @@ def show(
     """Open a camera or recording, and tell its resolution, rate, intrinsics and what is wrong with its picture."""
     from rich.console import Console
 
-    from app.paths import find_home
+    from app.system.paths import find_home
     from hal.cameras.exposure import hint
 
     camera = _open(source, find_home(home))
@@ -86,7 +86,7 @@ def calibrate(
     """Measure a camera's intrinsics on a chessboard, and keep them for this camera."""
     from rich.console import Console
 
-    from app.paths import find_home
+    from app.system.paths import find_home
     from hal.cameras.chessboard import Board
     from hal.cameras.chessboard import calibrate as solve
     from hal.cameras.intrinsics import save
@@ -165,7 +165,7 @@ def _live_pictures(camera: Camera) -> Generator[ImageArray, None, None]:
 
 def _open(source: str, home: Home) -> Camera:
     """A source as people name it, with the configuration's settings."""
-    from app.config import load_config
+    from app.system.config import load_config
     from hal.cameras.factory import open_camera
 
     settings: CameraConfig = load_config(home.config).camera

@@ -19,7 +19,7 @@ Motors = Annotated[Path | None, typer.Option(help="A TOML that extends the motor
 
 
 def _device(device: Path | None, interface: str, channel: str) -> Exoskeleton:
-    from hal.joints.bus import with_bus
+    from hal.joints.can.bus import with_bus
     from hal.joints.device import DEFAULT_DEVICE, load_exoskeleton
 
     return with_bus(load_exoskeleton(device or DEFAULT_DEVICE), interface, channel)
@@ -37,9 +37,9 @@ def scan(
     from rich.table import Table
 
     from hal.errors import HardwareError
-    from hal.joints.bus import open_bus
-    from hal.joints.scan import listen
-    from hal.joints.scan import scan as scan_bus
+    from hal.joints.can.bus import open_bus
+    from hal.joints.can.scan import listen
+    from hal.joints.can.scan import scan as scan_bus
 
     console = Console()
     table = Table("bus", "ID", "protocol", "answers", "detail", box=None)
@@ -73,7 +73,7 @@ def monitor(
     from rich.live import Live
 
     from app.cli.drive_table import monitor_table
-    from hal.joints.monitor import BusMonitor
+    from hal.joints.can.monitor import BusMonitor
 
     console = Console()
     watched = BusMonitor(_device(device, interface, channel), motors)
@@ -100,8 +100,8 @@ def doctor(
     """Why the bus or a drive is silent, and what mends it; ends 0 when all is well."""
     from rich.console import Console
 
-    from app.can_doctor import examine
-    from app.findings import show
+    from app.diagnostics.can_doctor import examine
+    from app.diagnostics.findings import show
 
     console = Console()
     with console.status("Examining the buses …"):
@@ -123,8 +123,8 @@ def decode(
     from rich.console import Console
 
     from app.cli.drive_table import summary_table
-    from hal.joints.bus_log import Decoder, LogSummary, messages_of, open_log
-    from hal.joints.monitor import stations_of
+    from hal.joints.can.candump import Decoder, LogSummary, messages_of, open_log
+    from hal.joints.can.monitor import stations_of
 
     decoder = Decoder(stations_of(_device(device, "", ""), motors))
     wanted = joint.lower().replace("_", " ")
@@ -151,7 +151,7 @@ def record(
 
     from rich.console import Console
 
-    from hal.joints.recorder import BusRecorder
+    from hal.joints.can.recorder import BusRecorder
 
     console = Console()
     recorder = BusRecorder(_device(device, interface, channel), file)
@@ -179,9 +179,9 @@ def zero(
     import time
 
     from hal.errors import HardwareError
-    from hal.joints.joints import Joint
-    from hal.joints.socketcan import SocketCanJoints
-    from hal.joints.zeroing import ask_zero, set_zero
+    from hal.joints.can.driver import SocketCanJoints
+    from hal.joints.can.zeroing import ask_zero, set_zero
+    from hal.joints.protocol import Joint
 
     if joint.upper() not in Joint.__members__:
         raise HardwareError(f"There is no joint {joint}: use left_hip, left_knee, right_hip or right_knee.")

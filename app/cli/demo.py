@@ -24,14 +24,14 @@ def demo(
     import json
 
     from app.cli.progress import spinner, wide_console
-    from app.config import load_config
     from app.demo.course import ALL_TWELVE
     from app.demo.drives import joints_for
     from app.demo.session import demo_config, run_session
     from app.demo.table import print_result
-    from app.lock import hold_home
-    from app.model import set_up_model
-    from app.paths import find_home
+    from app.session.lock import hold_home
+    from app.system.config import load_config
+    from app.system.hand_model import set_up_model
+    from app.system.paths import find_home
 
     console = wide_console()
     place = find_home(home)

@@ -15,8 +15,8 @@ def doctor(home: Annotated[Path | None, typer.Option(help="Data directory.")] = 
     """Is this machine fit for a session? Each finding with the command that mends it; ends 0 when nothing is bad."""
     from rich.console import Console
 
-    from app.doctor import examine
-    from app.findings import show
-    from app.paths import find_home
+    from app.diagnostics.doctor import examine
+    from app.diagnostics.findings import show
+    from app.system.paths import find_home
 
     raise typer.Exit(0 if show(Console(), examine(find_home(home))) else 1)

@@ -7,11 +7,11 @@ import time
 import numpy as np
 from rich.table import Table
 
-from hal.joints.bus_log import Decoded, LogSummary
+from hal.joints.can.candump import Decoded, LogSummary
+from hal.joints.can.monitor import BusMonitor
 from hal.joints.codecs.wire import Reply, SetPoint
 from hal.joints.emulator import DriveEmulator
-from hal.joints.joints import DriveFault, Joint
-from hal.joints.monitor import BusMonitor
+from hal.joints.protocol import DriveFault, Joint
 
 
 def joint_name(joint: Joint) -> str:

@@ -32,7 +32,7 @@ def emulate_drives(
     """Four emulated drives on a CAN bus, so that everything can be tried against a virtual exoskeleton."""
     from functools import partial
 
-    from hal.joints.bus import with_bus
+    from hal.joints.can.bus import with_bus
     from hal.joints.device import DEFAULT_DEVICE, load_exoskeleton
     from hal.joints.emulator import read_schedule, run_emulator
 
@@ -69,8 +69,8 @@ def _watched(described: Exoskeleton, run: Callable[..., None], seconds: float) -
 
 
 def _body(patient: str, home: Path | None) -> Body:
-    from app.control.patient import body_of
-    from app.paths import find_home
+    from app.motion.patient import body_of
+    from app.system.paths import find_home
     from profiles.schema import DEMO_PATIENT
     from profiles.store import ProfileStore
 

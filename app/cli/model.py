@@ -17,9 +17,9 @@ def model(
     quiet: Annotated[bool, typer.Option("--quiet", help="Say nothing when all is well.")] = False,
 ) -> None:
     """Find the hand model, or fetch and build it (36 MB, once)."""
-    from app.config import load_config
-    from app.model import MODEL_NAME, set_up_model
-    from app.paths import find_home
+    from app.system.config import load_config
+    from app.system.hand_model import MODEL_NAME, set_up_model
+    from app.system.paths import find_home
 
     place = find_home(home)
     if again:

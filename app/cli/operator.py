@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 if TYPE_CHECKING:
-    from app.operators import OperatorStore, Role
-    from app.paths import Home
+    from app.system.operators import OperatorStore, Role
+    from app.system.paths import Home
     from logs.records import Body
 
 cli = typer.Typer(no_args_is_help=True)
@@ -25,8 +25,8 @@ def add(
     home: HomeOption = None,
 ) -> None:
     """Add an operator; asks for the PIN. An engineer signs in first, unless there is nobody yet."""
-    from app.operators import add_operator, load_store
-    from app.paths import find_home
+    from app.system.operators import add_operator, load_store
+    from app.system.paths import find_home
 
     place = find_home(home)
     wanted = _role(role)
@@ -42,8 +42,8 @@ def add(
 @cli.command()
 def disable(name: NameArgument, home: HomeOption = None) -> None:
     """Keep an operator from signing in; the name stays in the trails. An engineer signs in first."""
-    from app.operators import disable_operator, load_store
-    from app.paths import find_home
+    from app.system.operators import disable_operator, load_store
+    from app.system.paths import find_home
 
     place = find_home(home)
     store, by = _engineer(place, load_store(place.keys))
@@ -56,8 +56,8 @@ def disable(name: NameArgument, home: HomeOption = None) -> None:
 @cli.command()
 def pin(name: NameArgument, home: HomeOption = None) -> None:
     """Give an operator another PIN (and let a disabled one in again). An engineer signs in first."""
-    from app.operators import change_pin, load_store
-    from app.paths import find_home
+    from app.system.operators import change_pin, load_store
+    from app.system.paths import find_home
 
     place = find_home(home)
     store, by = _engineer(place, load_store(place.keys))
@@ -74,16 +74,16 @@ def list_operators(home: HomeOption = None) -> None:
     from rich.table import Table
     from rich.text import Text
 
-    from app.operators import PERMISSIONS, Permission, Role, load_store
-    from app.paths import find_home
-    from logs.plain import harmless
+    from app.system.operators import PERMISSIONS, Permission, Role, load_store
+    from app.system.paths import find_home
+    from logs.plain import sanitize_terminal
 
     console = Console()
     store = load_store(find_home(home).keys)
     people = Table("operator", "role", "", title="Operators")
     for operator in store.operators:
         state = "" if operator.enabled else "disabled"
-        people.add_row(Text(harmless(operator.name)), operator.role.value, state)
+        people.add_row(Text(sanitize_terminal(operator.name)), operator.role.value, state)
     console.print(people if store.operators else "Nobody yet: `rleex operator add NAME --role engineer`.")
     table = Table("may", *(role.value for role in Role), title="Roles")
     for permission in Permission:
@@ -92,8 +92,8 @@ def list_operators(home: HomeOption = None) -> None:
 
 
 def _role(text: str) -> Role:
-    from app.errors import AppError
-    from app.operators import Role
+    from app.system.errors import AppError
+    from app.system.operators import Role
 
     try:
         return Role(text)
@@ -108,8 +108,8 @@ def _new_pin(name: str) -> str:
 
 def _engineer(place: Home, store: OperatorStore) -> tuple[OperatorStore, str]:
     """An engineer's sign-in; a refused one is slowed down and recorded."""
-    from app.errors import AppError
-    from app.operators import Permission, save_store, sign_in
+    from app.system.errors import AppError
+    from app.system.operators import Permission, save_store, sign_in
     from logs.records import SignInFailed
 
     if not store.operators:
@@ -134,13 +134,13 @@ def _change(name: str, role: str, change: str) -> Body:
 
 def _keep(place: Home, store: OperatorStore, body: Body, by: str) -> None:
     """The trail first: a change that it doesn't hold is not made."""
-    from app.operators import save_store
+    from app.system.operators import save_store
 
     _tell(place, body, by)
     save_store(place.keys, store)
 
 
 def _tell(place: Home, body: Body, by: str) -> None:
-    from app.operator_journal import tell_operators_journal
+    from app.system.operators import tell_operators_journal
 
     tell_operators_journal(place, body, by)

@@ -13,7 +13,7 @@ cli = typer.Typer()
 @cli.command()
 def locate(home: Annotated[Path | None, typer.Option(help="Data directory.")] = None) -> None:
     """Tell where everything is kept."""
-    from app.paths import find_home
+    from app.system.paths import find_home
 
     place = find_home(home)
     for what, path in (

@@ -22,9 +22,9 @@ ByOption = Annotated[str, typer.Option("--by", help="Who makes the change; your 
 
 
 def _store(home: Path | None) -> ProfileStore:
-    from app.config import load_config
-    from app.control.feasibility import refuse_unfit
-    from app.paths import find_home
+    from app.motion.preflight import refuse_unfit
+    from app.system.config import load_config
+    from app.system.paths import find_home
     from hal.joints.device import DEFAULT_DEVICE, load_exoskeleton
     from profiles.store import ProfileStore
 
@@ -150,8 +150,8 @@ def calibrate(
 
     from rich.console import Console
 
-    from app.errors import AppError
     from app.perception.palm_calibration import WANTED_SAMPLES, sample_palm
+    from app.system.errors import AppError
     from profiles.calibration import with_calibration
     from profiles.palm import anchor
 
@@ -177,9 +177,9 @@ def calibrate(
 @contextmanager
 def _watching(home: Path | None) -> Iterator[tuple[Camera, HandDetector]]:
     """The configured camera, open, and a hand detector."""
-    from app.config import load_config
-    from app.model import set_up_model
-    from app.paths import find_home
+    from app.system.config import load_config
+    from app.system.hand_model import set_up_model
+    from app.system.paths import find_home
     from hal.cameras.factory import open_camera
     from kgdfa.keypoints import HandDetector
 

@@ -33,9 +33,9 @@ def run(
     serve: Annotated[bool, typer.Option("--serve", help="Watch in a browser on this machine, read-only.")] = False,
 ) -> None:
     """Open the therapist's console."""
-    from app.config import load_config, with_choices
-    from app.lock import hold_home
-    from app.paths import find_home
+    from app.session.lock import hold_home
+    from app.system.config import load_config, with_choices
+    from app.system.paths import find_home
 
     place = find_home(home)
     config = with_choices(load_config(place.config), camera=camera, joints=joints, patient=patient)
@@ -46,7 +46,7 @@ def run(
         return
     with no_collections():
         from app.console.app import run_console
-    from app.model import set_up_model
+    from app.system.hand_model import set_up_model
 
     if read_only:
         run_console(place, config, read_only=True)

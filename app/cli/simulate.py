@@ -12,12 +12,12 @@ import typer
 if TYPE_CHECKING:  # numpy and MuJoCo are only loaded when something is rehearsed
     from rich.console import Console
 
-    from app.control.patient import Patient
-    from app.control.rehearsal import Rehearsal
-    from app.control.rehearsal_verdict import Verdict
-    from app.control.states import Action
     from app.evaluate.simulate import Norm
-    from app.paths import Home
+    from app.ipc.states import Action
+    from app.motion.patient import Patient
+    from app.motion.rehearsal import Rehearsal
+    from app.motion.rehearsal_checks import Verdict
+    from app.system.paths import Home
     from hal.joints.device import Exoskeleton
     from profiles.schema import Profile
 
@@ -37,9 +37,9 @@ def simulate(
 ) -> None:
     """Rehearse an action in simulation through planner, follower and guard; exit status 1 when it does not pass."""
     from app.cli.progress import wide_console
-    from app.config import load_config
     from app.evaluate.simulate import profile_named, read_norm, verdict_table
-    from app.paths import find_home
+    from app.system.config import load_config
+    from app.system.paths import find_home
     from hal.joints.device import DEFAULT_DEVICE, load_exoskeleton
 
     console = wide_console()
@@ -72,8 +72,8 @@ class _Wanted:
 
 def _at_the_corners(console: Console, device: Exoskeleton) -> list[tuple[Profile, Verdict]]:
     from app.cli.progress import bar
-    from app.control.states import Action
     from app.evaluate.simulate import corner_profiles, corners
+    from app.ipc.states import Action
 
     with bar(console, "corners", len(list(corner_profiles())) * len(Action)) as step:
         return corners(device, lambda _: step())
@@ -84,9 +84,9 @@ def _rehearsed(
 ) -> Iterator[Verdict]:
     """The verdicts of one patient's actions, one after the other."""
     from app.cli.progress import bar
-    from app.control.patient import patient_of
-    from app.control.rehearsal import rehearse
     from app.evaluate.simulate import actions_named
+    from app.motion.patient import patient_of
+    from app.motion.rehearsal import rehearse
 
     patient = patient_of(wearer, device)
     actions = actions_named(action)
@@ -109,9 +109,9 @@ def _keep(
     many: bool,
 ) -> None:
     """Pre-flight, plot, film and likeness, as far as they are wanted."""
-    from app.control.preflight import keep_verdict
     from app.evaluate.simulate import likeness
     from app.evaluate.simulate_plot import film, plot
+    from app.motion.preflight import keep_verdict
 
     if wanted.preflight is not None:
         keep_verdict(wanted.preflight, patient, device, action, shown.verdict)

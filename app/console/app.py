@@ -18,7 +18,6 @@ from textual.css.query import NoMatches
 from textual.driver import Driver
 from textual.screen import Screen
 
-from app.config import Config
 from app.console import keys
 from app.console.base import ConsoleScreen, Dialog
 from app.console.commands import commands
@@ -34,10 +33,11 @@ from app.console.signin import LockScreen, SignInDialog
 from app.console.stop import with_stop
 from app.console.themes import THEME_NAMES, THEMES
 from app.console.warm import load_rest
-from app.host import SessionHost
-from app.operators import Permission, needs_sign_in
-from app.paths import Home
-from app.realtime import take_turn
+from app.session.host import SessionHost
+from app.system.config import Config
+from app.system.operators import Permission, needs_sign_in
+from app.system.paths import Home
+from app.system.scheduling import set_scheduling
 from logs.records import SignOut
 from profiles.schema import Profile
 
@@ -256,7 +256,7 @@ def run_console(home: Home, config: Config, *, straight: bool = False, read_only
     simulated = config.joints.kind == "simulated"
     profile = ProfileStore(home.profiles).load(config.patient) if straight or simulated else None
     app = ConsoleApp(home, config, profile=profile)
-    take_turn("console")
+    set_scheduling("console")
     try:
         app.run()
     finally:

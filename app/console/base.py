@@ -18,7 +18,7 @@ from app.console.key_bar import KeyBar
 from app.console.language import tr
 from app.console.session.state import SessionState
 from app.console.stop_bar import StopBar
-from app.errors import AppError
+from app.system.errors import AppError
 from hal.errors import HardwareError
 from logs.errors import AuditError
 from profiles.errors import ProfileError

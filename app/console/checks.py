@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from enum import Enum
 
 from app.console.session.state import SessionState
-from app.control.states import Effect
+from app.ipc.states import Effect
 
 _JOINT_STALE_MS = 100.0
 _PATIENCE_S = 8.0  # starting the processes and loading the hand model

@@ -12,8 +12,8 @@ from textual.screen import Screen
 from app.console.language import languages, tr
 from app.console.session.words import action_name, gesture_of
 from app.console.themes import THEME_NAMES
-from app.control.states import Action
-from app.messages import OperatorKind
+from app.ipc.messages import OperatorKind
+from app.ipc.states import Action
 
 if TYPE_CHECKING:
     from app.console.app import ConsoleApp

@@ -15,7 +15,7 @@ from app.console.session.distance import gauge
 from app.console.session.panel import Lines, Panel, plain
 from app.console.session.picture import Picture
 from app.console.session.state import SessionState
-from app.messages import TriggerReport
+from app.ipc.messages import TriggerReport
 
 
 @dataclass(frozen=True, slots=True)

@@ -18,7 +18,7 @@ from app.console.language import tr
 from app.console.session.panel import Lines, content_of
 from app.console.session.state import SessionState
 from app.console.session.words import FINGERS, action_name
-from app.control.states import ACTION_OF, GESTURE_OF, Action
+from app.ipc.states import ACTION_OF, GESTURE_OF, Action
 
 MAX_ANSWER = 4096  # a path
 

@@ -8,8 +8,8 @@ from app.console.checks import ready
 from app.console.language import tr
 from app.console.session.panel import Lines, plain
 from app.console.session.state import SessionState
-from app.control.states import Effect, GaitState
-from app.messages import ControlSnapshot
+from app.ipc.messages import ControlSnapshot
+from app.ipc.states import Effect, GaitState
 
 _LEGS_ASTRAY = (GaitState.UNPOWERED, GaitState.BETWEEN)
 _ENDINGS = ("shutting down", "shutting down, giving way")  # control's events of these names, whose table brings numpy

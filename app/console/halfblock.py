@@ -11,7 +11,7 @@ from rich.segment import Segment
 from rich.style import Style
 from textual.strip import Strip
 
-from app.messages import Preview
+from app.ipc.messages import Preview
 
 Pixels = NDArray[np.uint8]  # (height, width, 3) RGB
 

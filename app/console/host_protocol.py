@@ -1,14 +1,14 @@
-"""What the console needs of a session's host; `app.host.SessionHost` is the real one, tests own a small other."""
+"""What the console needs of a session's host; `app.session.host.SessionHost` is the real one, tests own one."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from typing import Protocol
 
-from app.control.states import Action
-from app.host import Latest
-from app.messages import HandCommand, OperatorKind, PerceptionCommand
-from app.setup import SessionSetup
+from app.ipc.messages import HandCommand, OperatorKind, PerceptionCommand
+from app.ipc.states import Action
+from app.session.host import Latest
+from app.system.config import SessionSetup
 
 
 class Host(Protocol):

@@ -6,8 +6,8 @@ from collections.abc import Iterable, Mapping
 
 from textual.binding import Binding
 
-from app.errors import AppError
-from app.messages import HandCommand
+from app.ipc.messages import HandCommand
+from app.system.errors import AppError
 from kgdfa.gesture import Gesture
 
 

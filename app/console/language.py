@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
 
-from app.errors import AppError
+from app.system.errors import AppError
 
 _LOCALES = Path(__file__).with_name("locales")
 _current: dict[str, str] = {}

@@ -10,7 +10,7 @@ from app.console.host_protocol import Host
 from app.console.session.state import SessionState, fold
 from app.console.stop import StopSwitch
 from app.console.warm import collect_rarely, let_go
-from app.messages import OperatorKind
+from app.ipc.messages import OperatorKind
 
 Clock = Callable[[], int]
 

@@ -7,13 +7,9 @@ from pathlib import Path
 
 import msgspec
 
-from app import processes
-from app.config import Config
-from app.control.states import Action
-from app.errors import AppError
-from app.host import Latest, ProcessStatus
-from app.links import LatestReceiver, address
-from app.messages import (
+from app.ipc import streams as processes
+from app.ipc.links import LatestReceiver, address
+from app.ipc.messages import (
     AuditHealth,
     ControlSnapshot,
     HandCommand,
@@ -22,9 +18,12 @@ from app.messages import (
     Preview,
     TriggerReport,
 )
-from app.paths import Home
-from app.realtime import take_turn
-from app.setup import SessionSetup
+from app.ipc.states import Action
+from app.session.host import Latest, ProcessStatus
+from app.system.config import Config, SessionSetup
+from app.system.errors import AppError
+from app.system.paths import Home
+from app.system.scheduling import set_scheduling
 
 _SHARED = "session.msgpack"
 
@@ -104,7 +103,7 @@ def observe(home: Home, config: Config) -> None:
     """Show the running session of this home. Raises AppError when there is none."""
     from app.console.app import ConsoleApp
 
-    take_turn("observer")
+    set_scheduling("observer")
     setup = shared(home)
 
     def make_host(made: SessionSetup) -> ObserverHost:

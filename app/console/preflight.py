@@ -10,7 +10,6 @@ from textual.binding import BindingType
 from textual.containers import Vertical
 from textual.widgets import Static
 
-from app.config import Config
 from app.console.base import Dialog
 from app.console.language import tr
 from app.console.preflight_child import Word, rehearse_all
@@ -18,7 +17,8 @@ from app.console.sentences import sentence
 from app.console.session.panel import bar
 from app.console.session.state import SessionState
 from app.console.session.words import action_name
-from app.control.states import Action
+from app.ipc.states import Action
+from app.system.config import Config
 from profiles.schema import Profile
 
 BAR_CELLS = 40

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from multiprocessing.connection import Connection
 from pathlib import Path
 
-from app.config import Config
-from app.control.states import Action
-from app.paths import Home
+from app.ipc.states import Action
+from app.system.config import Config
+from app.system.paths import Home
 from profiles.schema import Profile
 
 # What comes through the pipe: an action that begins; at the end the reasons why actions failed, or an error's words.
@@ -17,12 +17,12 @@ Word = Action | tuple[str, ...] | str
 
 def rehearse_all(words: Connection, home: Path, config: Config, profile: Profile, actions: Sequence[Action]) -> None:
     """Rehearse what is not on record yet, keep the verdicts, tell of each."""
-    from app.control.patient import patient_of
-    from app.control.preflight import cleared_actions, run_preflight
-    from app.realtime import take_turn
+    from app.motion.patient import patient_of
+    from app.motion.preflight import cleared_actions, run_preflight
+    from app.system.scheduling import set_scheduling
     from hal.joints.device import DEFAULT_DEVICE, load_exoskeleton
 
-    take_turn("rehearsal")
+    set_scheduling("rehearsal")
     place = Home(home)
     device = load_exoskeleton(Path(config.joints.device) if config.joints.device else DEFAULT_DEVICE)
     patient = patient_of(profile, device)

@@ -21,14 +21,14 @@ from app.console.review_dialogs import ChooseSession, WriteComment
 from app.console.review_moment import about
 from app.console.review_session import ReviewedSession, open_session
 from app.console.review_timeline import Timeline
-from app.operators import Permission
-from app.paths import Home
+from app.system.operators import Permission
+from app.system.paths import Home
 from logs.anchor import read_anchor
 from logs.errors import AuditError
 from logs.findings import verdict
 from logs.keys import by_fingerprint, known_keys
 from logs.manifest import Moment
-from logs.plain import harmless
+from logs.plain import sanitize_terminal
 from logs.read import find_session, session_paths
 from logs.records import Comment, Record
 from logs.show import line_of
@@ -120,13 +120,13 @@ class ReviewScreen(ConsoleScreen):
 
     @work(exclusive=True)
     async def _load(self, path: Path) -> None:
-        self.query_one("#verdict", Static).update(tr("reviewing.opens", session=harmless(path.stem)))
+        self.query_one("#verdict", Static).update(tr("reviewing.opens", session=sanitize_terminal(path.stem)))
         with self.told():
             self._session = await asyncio.to_thread(open_session, path)
             self._comments = await asyncio.to_thread(comments_on, path)
             self.query_one(Timeline).show(self._session)
             self._go_to(0)
-            self.query_one("#verdict", Static).update(f"{harmless(path.stem)}: {tr('reviewing.verifying')}")
+            self.query_one("#verdict", Static).update(f"{sanitize_terminal(path.stem)}: {tr('reviewing.verifying')}")
             (finding,) = await asyncio.to_thread(verify, [path], self._evidence())
             self.query_one("#verdict", Static).update(verdict(finding))
 

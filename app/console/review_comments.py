@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from app.paths import Home
+from app.system.paths import Home
 from logs.journal import COMMENTS, append_signed
 from logs.keys import load_or_make_key
 from logs.manifest import Moment

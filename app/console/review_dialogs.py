@@ -12,7 +12,7 @@ from textual.widgets.option_list import Option
 
 from app.console.base import Dialog
 from app.console.language import tr
-from logs.plain import harmless
+from logs.plain import sanitize_terminal
 
 
 class ChooseSession(Dialog[Path]):
@@ -25,7 +25,7 @@ class ChooseSession(Dialog[Path]):
     def compose(self) -> ComposeResult:
         with Vertical(classes="dialog") as box:
             box.border_title = tr("reviewing.choose")
-            yield OptionList(*(Option(Text(harmless(path.stem))) for path in self._paths))
+            yield OptionList(*(Option(Text(sanitize_terminal(path.stem))) for path in self._paths))
         yield from self.compose_bottom()
 
     def on_option_list_option_selected(self, event: OptionList.OptionSelected) -> None:

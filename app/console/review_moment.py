@@ -8,7 +8,7 @@ from rich.text import Text
 
 from app.console.language import tr
 from app.console.review_session import Instant
-from logs.plain import harmless
+from logs.plain import sanitize_terminal
 from logs.records import Comment, Record
 from logs.show import line_of
 
@@ -28,13 +28,13 @@ def about(instant: Instant, comments: list[Comment]) -> Text:
     )
     for name, value in rows:
         text.append(f"{tr(f'reviewing.{name}')}: ", "dim")
-        text.append(f"{harmless(value) or '–'}\n")
+        text.append(f"{sanitize_terminal(value) or '–'}\n")
     if instant.joints is not None:
         _add_joints(text, instant)
     text.append("\n")
     text.append(_fields(instant))
     for comment in comments:
-        text.append(f"\n✎ {harmless(comment.text)}", "italic")
+        text.append(f"\n✎ {sanitize_terminal(comment.text)}", "italic")
     return text
 
 
@@ -61,9 +61,9 @@ def _fields(instant: Instant) -> Text:
     record = instant.record
     if not isinstance(record, Record):
         return line_of(record)
-    text = Text(f"#{record.sequence} {record.process} {harmless(record.operator)}\n", "bold")
+    text = Text(f"#{record.sequence} {record.process} {sanitize_terminal(record.operator)}\n", "bold")
     for name in record.body.__struct_fields__:
         text.append(f"{name}: ", "dim")
-        text.append(f"{harmless(str(getattr(record.body, name)))}\n")
+        text.append(f"{sanitize_terminal(str(getattr(record.body, name)))}\n")
     text.append(f"hash {record.hash[:16]}…\n", "dim")
     return text

@@ -13,7 +13,7 @@ from textual.widget import Widget
 
 from app.console.language import tr
 from app.console.review_session import ReviewedSession, Span, visible
-from logs.plain import harmless
+from logs.plain import sanitize_terminal
 
 LABEL_WIDTH = 9
 BARS = "▁▂▃▄▅▆▇█"
@@ -154,7 +154,7 @@ class Timeline(Widget):
             first = max(self._column(span.begin_s), 0)
             last = min(self._column(span.end_s), self._columns - 1)
             style = Style(color=text_colour, bgcolor=shades[number % 2])
-            label = harmless(span.label)
+            label = sanitize_terminal(span.label)
             for column in range(first, last + 1):
                 place = column - first
                 row[column] = (label[place] if place < len(label) else " ", style)

@@ -16,7 +16,7 @@ from functools import cache, lru_cache
 from pathlib import Path
 
 from app.console.language import code, tr
-from app.control.states import Action, GaitState
+from app.ipc.states import Action, GaitState
 from kgdfa.gesture import Gesture
 
 _FOLDER = Path(__file__).with_name("locales") / "sentences"
@@ -115,6 +115,6 @@ def _held(name: str) -> str:
 
 @cache
 def _event_names() -> dict[str, str]:
-    from app.control.events import TABLE  # its facts bring numpy: only for who needs it
+    from app.control.events.table import TABLE  # its facts bring numpy: only for who needs it
 
     return {row.text: row.event.value for row in TABLE}

@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 
 from app.console.observer import shared
-from app.paths import Home
+from app.system.paths import Home
 
 LOOPBACK = "127.0.0.1"
 PORT = 8730

@@ -8,7 +8,6 @@ from typing import Any, TypeVar
 
 from textual.screen import Screen
 
-from app.config import Config
 from app.console.after.records import SessionRecords
 from app.console.after.screen import AfterScreen
 from app.console.base import USER_ERRORS, Dialog
@@ -25,12 +24,12 @@ from app.console.signed_in import SignedInApp
 from app.console.stop import StopSwitch
 from app.console.training import TrainingScreen
 from app.console.warm import keep_loaded, load_rest
-from app.errors import AppError
-from app.host import make_setup
-from app.messages import OperatorKind
-from app.operators import Permission
-from app.paths import Home
-from app.setup import SessionSetup
+from app.ipc.messages import OperatorKind
+from app.session.host import make_setup
+from app.system.config import Config, SessionSetup
+from app.system.errors import AppError
+from app.system.operators import Permission
+from app.system.paths import Home
 from profiles.schema import DEMO_PATIENT, Profile
 from profiles.store import ProfileStore
 

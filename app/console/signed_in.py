@@ -7,12 +7,12 @@ from collections.abc import Awaitable, Callable
 
 from textual.app import App
 
-from app.config import Config
 from app.console.language import tr
 from app.console.signin import SignInDialog
 from app.console.trail import ConsoleTrail
-from app.operators import Operator, Permission, load_store, needs_sign_in
-from app.paths import Home
+from app.system.config import Config
+from app.system.operators import Operator, Permission, load_store, needs_sign_in
+from app.system.paths import Home
 
 
 class SignedInApp(App[None]):

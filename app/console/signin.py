@@ -13,8 +13,8 @@ from textual.widgets import Input, Static
 
 from app.console.base import Dialog
 from app.console.language import tr
-from app.errors import AppError
-from app.operators import Attempt, Operator, Role, add_operator, load_store, save_store, sign_in
+from app.system.errors import AppError
+from app.system.operators import Attempt, Operator, Role, add_operator, load_store, save_store, sign_in
 from logs.records import SignIn, SignInFailed
 
 

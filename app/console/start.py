@@ -10,11 +10,11 @@ from textual.binding import Binding, BindingType
 from textual.containers import VerticalScroll
 from textual.widgets import Button, Input, Label, Select, Static
 
-from app.config import Config
 from app.console.base import ConsoleScreen
 from app.console.language import tr
 from app.console.patients.details import identity
 from app.console.preflight import Preflight
+from app.system.config import Config
 from profiles.schema import Profile
 
 CAMERAS = ("digital-hand", "webcam", "realsense", "recording")

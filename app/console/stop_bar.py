@@ -7,7 +7,7 @@ from textual.widget import Widget
 
 from app.console.language import knows, tr
 from app.console.stop import StopSwitch
-from app.control.states import Effect
+from app.ipc.states import Effect
 
 _WORDS = {
     Effect.NOTE: "stop.ready",

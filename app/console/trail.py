@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from app.audit_sink import AuditSink
-from app.paths import Home
-from app.setup import SessionSetup
+from app.audit.sink import AuditSink
+from app.system.config import SessionSetup
+from app.system.paths import Home
 from logs.records import Body
 
 _MOST_WAITING = 1000  # sign-ins before a session; a person types no more
@@ -33,7 +33,7 @@ class ConsoleTrail:
 
     def keep(self, home: Home) -> None:
         """What no session took goes into the operators' journal. Raises AuditError when the disk refuses."""
-        from app.operator_journal import tell_operators_journal  # brings cryptography: not before the first paint
+        from app.system.operators import tell_operators_journal  # brings cryptography: not before the first paint
 
         waiting, self._waiting = self._waiting, []
         for body in waiting:

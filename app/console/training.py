@@ -21,7 +21,7 @@ from app.console.session.panel import Lines, Panel, plain
 from app.console.session.picture import Picture
 from app.console.session.state import SessionState
 from app.console.session.words import action_of, gesture_name
-from app.messages import TriggerReport
+from app.ipc.messages import TriggerReport
 from kgdfa.gesture import Gesture
 
 LESSONS = tuple(Gesture)

@@ -9,19 +9,18 @@ from typing import Protocol, runtime_checkable
 
 import numpy as np
 
-from app.control import follow
-from app.control.absent import AbsentJoints
-from app.control.follow import Mode, Motion
 from app.control.inputs import DriveOrder
-from app.control.plan import TICK_HZ
-from app.control.settings import Gains
-from app.control.states import Action
+from app.ipc.states import Action
+from app.motion import follower as follow
+from app.motion.follower import Mode, Motion
+from app.motion.plan import TICK_HZ
+from app.motion.settings import Gains
 from hal.errors import HardwareError
 from hal.joints.guard import Guard, Limits, Refusal
-from hal.joints.joints import DriveState, JointCommand, JointFeedback, Joints
+from hal.joints.protocol import DriveFault, DriveState, JointCommand, JointFeedback, Joints
 from hal.joints.scene import Scene
 
-_TROUBLE_TICKS = int((follow.GIVE_WAY_S + 0.05) * TICK_HZ)
+_TROUBLE_TICKS = int((follow.DAMPING_RAMP_S + 0.05) * TICK_HZ)
 
 
 @runtime_checkable
@@ -83,7 +82,7 @@ class Drives:
         if scene is not None and isinstance(self._joints, Staged):
             self._joints.stage(scene)
 
-    def obey(self, order: DriveOrder, now_ns: int) -> bool:
+    def execute(self, order: DriveOrder, now_ns: int) -> bool:
         """Carry out an order; whether there was one (it takes its time, the drives' answers are waited for)."""
         self.error = ""
         if order is DriveOrder.NONE:
@@ -125,7 +124,7 @@ class Drives:
 
     def _damp(self, last: JointCommand, beat: Callable[[bool], None]) -> None:
         """The process is in trouble: from the last command to damping, by the clock, without anybody's step."""
-        motion = follow.give_way(Motion(mode=Mode.STIFF, command=last))
+        motion = follow.ramp_to_damping(Motion(mode=Mode.STIFF, command=last))
         for _ in range(_TROUBLE_TICKS):
             motion = follow.advance(motion, self._gains, hold=True)
             now_ns = time.monotonic_ns()
@@ -137,3 +136,41 @@ class Drives:
 def at_rest(command: JointCommand) -> JointCommand:
     """The same command without its speed."""
     return replace(command, velocity_rad_s=np.zeros(4))
+
+
+_UNKNOWN = np.full(4, np.nan)
+_NEVER_NS = np.zeros(4, dtype=np.int64)
+
+
+class AbsentJoints:
+    """Stands in for a driver that refused to open, until the next try."""
+
+    def __init__(self, reason: str) -> None:
+        self._reason = reason
+
+    def open(self, now_ns: int) -> None:  # noqa: ARG002 - the Protocol's
+        """Raises HardwareError: that is why it stands here."""
+        raise HardwareError(self._reason)
+
+    def enable(self, now_ns: int) -> None:  # noqa: ARG002 - the Protocol's
+        """Raises HardwareError."""
+        raise HardwareError(self._reason)
+
+    def write(self, command: JointCommand, now_ns: int) -> None:
+        """Nobody is there to be told."""
+
+    def read(self, now_ns: int) -> JointFeedback:  # noqa: ARG002 - the Protocol's
+        """No joint has ever answered, nothing is known of any."""
+        return JointFeedback(
+            measured_ns=_NEVER_NS,
+            position_rad=_UNKNOWN,
+            velocity_rad_s=_UNKNOWN,
+            torque_nm=_UNKNOWN,
+            temperature_c=_UNKNOWN,
+            faults=(DriveFault.NONE,) * 4,
+            state=DriveState.UNCONFIGURED,
+            detail=self._reason,
+        )
+
+    def close(self, now_ns: int) -> None:
+        """Nothing is open."""

@@ -7,16 +7,16 @@ from dataclasses import dataclass
 from msgspec import Struct
 
 from app.control.inputs import Inputs
-from app.control.states import ACTION_OF, Action
-from app.messages import AuditHealth, GuardianHealth, TriggerReport
-from app.processes import TRIGGER
-from hal.joints.joints import DriveState
+from app.ipc.messages import AuditHealth, GuardianHealth, TriggerReport
+from app.ipc.states import ACTION_OF, Action
+from app.ipc.streams import TRIGGER
+from hal.joints.protocol import DriveState
 
 NS_PER_MS = 1_000_000
 _FUTURE_NS = 50 * NS_PER_MS  # a capture time that lies ahead of now by more than this is nonsense
 
 
-class Heard(Struct, frozen=True, kw_only=True):
+class StreamState(Struct, frozen=True, kw_only=True):
     """The newest of each stream, and the clocks of the tick before. Times are monotonic; before the first word of a
     stream its age counts from the start."""
 
@@ -46,10 +46,10 @@ class Release:
     captured_ns: int
 
 
-def nothing_heard(inputs: Inputs) -> Heard:
+def initial_streams(inputs: Inputs) -> StreamState:
     """Before the first tick."""
     now_ns = inputs.now_ns
-    return Heard(
+    return StreamState(
         report_ns=now_ns,
         alive_ns=now_ns,
         audit_ns=now_ns,
@@ -59,11 +59,11 @@ def nothing_heard(inputs: Inputs) -> Heard:
     )
 
 
-def listen(heard: Heard, inputs: Inputs) -> Heard:
+def update_streams(heard: StreamState, inputs: Inputs) -> StreamState:
     """What has been heard after a tick."""
     now_ns = inputs.now_ns
     offset_ns, sleep_ns = inputs.wall_ns - now_ns, inputs.boot_ns - now_ns
-    return Heard(
+    return StreamState(
         report=inputs.report or heard.report,
         report_ns=now_ns if inputs.report else heard.report_ns,
         alive_ns=max(heard.alive_ns, *(command.sent_ns for command in inputs.commands), 0),
@@ -82,14 +82,14 @@ def listen(heard: Heard, inputs: Inputs) -> Heard:
     )
 
 
-def _unasked_ns(heard: Heard, inputs: Inputs) -> int:
+def _unasked_ns(heard: StreamState, inputs: Inputs) -> int:
     """Drives answer commands: while control misses ticks, their silence is not theirs. It counts on afterwards."""
     all_since_resumed = int(inputs.feedback.measured_ns.min()) > heard.resumed_ns
     before_ns = 0 if all_since_resumed else heard.unasked_ns
     return before_ns + (inputs.late_ns if inputs.missed_ticks else 0)
 
 
-def release_in(heard: Heard, report: TriggerReport | None, now_ns: int) -> Release | None:
+def release_in(heard: StreamState, report: TriggerReport | None, now_ns: int) -> Release | None:
     """The release that this report tells for the first time, while its frame is fresh.
 
     heard: as it was before this report. A count that grew acts once, in a perception that restarted from nothing; a

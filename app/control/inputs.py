@@ -6,11 +6,11 @@ from enum import Enum
 
 from msgspec import Struct
 
-from app.control.plan import Plan, PlanRequest
-from app.control.states import Action
-from app.messages import AuditHealth, GuardianHealth, OperatorCommand, TriggerReport
+from app.ipc.messages import AuditHealth, GuardianHealth, OperatorCommand, TriggerReport
+from app.ipc.states import Action
+from app.motion.plan import Plan, PlanRequest
 from hal.joints.guard import Refusal
-from hal.joints.joints import JointCommand, JointFeedback
+from hal.joints.protocol import JointCommand, JointFeedback
 from logs.records import Body
 
 

@@ -9,11 +9,9 @@ from typing import TypeVar
 
 import msgspec
 
-from app import processes
-from app.control.plan import Plan, PlanRequest
-from app.control.plan_wire import PlanMessage, pack_request, unpack_plan
-from app.links import LatestReceiver, OrderedReceiver, OrderedSender, Publisher, address
-from app.messages import (
+from app.ipc import streams as processes
+from app.ipc.links import LatestReceiver, OrderedReceiver, OrderedSender, Publisher, address
+from app.ipc.messages import (
     AuditHealth,
     ControlSnapshot,
     GuardianHealth,
@@ -21,6 +19,7 @@ from app.messages import (
     OperatorCommand,
     TriggerReport,
 )
+from app.motion.plan import Plan, PlanMessage, PlanRequest, pack_request, unpack_plan
 
 _M = TypeVar("_M", bound=msgspec.Struct)
 
@@ -30,7 +29,7 @@ COMMANDS_A_TICK = 32  # a flood of words must not make a tick late
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Heard:
+class StreamState:
     """What has arrived since the tick before."""
 
     report: TriggerReport | None
@@ -58,12 +57,12 @@ class ControlLinks:
         self._snapshots = Publisher(at(processes.SNAPSHOT))
         self._rejected = 0
 
-    def receive(self, tick: int, *, planning: bool) -> Heard:
+    def receive(self, tick: int, *, planning: bool) -> StreamState:
         """Everything new. planning: a plan is awaited and looked for in every tick."""
         rare = tick % RARE_TICKS == 0
         commands = tuple(_up_to(COMMANDS_A_TICK, self._operator))
         plans = self._take_plans() if planning or rare else ()
-        return Heard(
+        return StreamState(
             report=self._reports.receive(),
             commands=commands,
             plans=plans,

@@ -11,21 +11,20 @@ import time
 
 from msgspec.structs import replace as with_fields
 
-from app import processes
-from app.audit_sink import AuditSink
-from app.control.assemble import cleared_of, drives_of, settings_of
+from app.audit.sink import AuditSink
+from app.control.assembly import cleared_of, drives_of, settings_of
 from app.control.inputs import DriveOrder, Inputs, Outputs
-from app.control.lateness import Histogram
 from app.control.links import ControlLinks
-from app.control.memory import Memory
-from app.control.plan import TICK_HZ, Phase
 from app.control.snapshot import Shell, snapshot
-from app.control.statistics import JointSecond
+from app.control.state import ControlState
+from app.control.statistics import Histogram, JointSecond
 from app.control.step import begin, step
-from app.messages import Heartbeat, RealTime
-from app.realtime import Pace, become_real_time, quiet_garbage, take_core
-from app.setup import SessionSetup
-from hal.joints.joints import DriveState
+from app.ipc import streams as processes
+from app.ipc.messages import Heartbeat, RealTime
+from app.motion.plan import TICK_HZ, Phase
+from app.system.config import SessionSetup
+from app.system.scheduling import PeriodicTimer, acquire_real_time, disable_gc, pin_to_control_core
+from hal.joints.protocol import DriveState
 from logs import records
 
 TICK_NS = 1_000_000_000 // TICK_HZ
@@ -38,7 +37,7 @@ LATENESS_TICKS = 60 * TICK_HZ
 
 def run_control(setup: SessionSetup) -> None:
     """Run until the session ends: SHUT_DOWN, a signal, or the console's death."""
-    control = Control(setup, become_real_time())
+    control = Control(setup, acquire_real_time())
     for number in (signal.SIGTERM, signal.SIGHUP, signal.SIGINT):
         signal.signal(number, lambda *_: control.end())
     try:
@@ -66,7 +65,7 @@ class Control:
         self._must_end = False
         self._audit_full = False
         self._drive_state = DriveState.UNCONFIGURED
-        self._memory: Memory | None = None
+        self._memory: ControlState | None = None
 
     def end(self) -> None:
         """Bring the legs to rest and end, as if the console had asked for it."""
@@ -75,11 +74,11 @@ class Control:
     def run(self) -> None:
         """Tick until the step says that it is finished."""
         self._sink.emit(records.ProcessStart(pid=os.getpid()))
-        self._real_time = with_fields(self._real_time, core=take_core())
+        self._real_time = with_fields(self._real_time, core=pin_to_control_core())
         self._sink.emit(_privilege(self._real_time))
         self._drives.open(time.monotonic_ns())
-        quiet_garbage()
-        pace = Pace(period_ns=TICK_NS, next_ns=time.monotonic_ns() + TICK_NS)
+        disable_gc()
+        pace = PeriodicTimer(period_ns=TICK_NS, next_ns=time.monotonic_ns() + TICK_NS)
         finished = False
         while not finished:
             now_ns, late_ns, missed = pace.wait()
@@ -90,7 +89,7 @@ class Control:
             self._publish(self._memory, inputs, outputs)
             if outputs.drives is DriveOrder.DISABLE:
                 self._beat(False)  # slack already; their answers may take longer than the guardian's patience
-            if self._drives.obey(outputs.drives, now_ns):
+            if self._drives.execute(outputs.drives, now_ns):
                 pace.next_ns = time.monotonic_ns() + TICK_NS  # the drives' answers were waited for
             finished = outputs.finished
             self._tick += 1
@@ -139,7 +138,7 @@ class Control:
             cleared=self._cleared,
         )
 
-    def _publish(self, memory: Memory, inputs: Inputs, outputs: Outputs) -> None:
+    def _publish(self, memory: ControlState, inputs: Inputs, outputs: Outputs) -> None:
         self._links.ask(outputs.requests)
         for request in outputs.requests:
             if request.phase in {Phase.WHOLE, Phase.WALK_START}:
@@ -150,7 +149,7 @@ class Control:
             self._links.show(snapshot(memory, inputs, self._shell()))
         self._record(memory, inputs, outputs)
 
-    def _record(self, memory: Memory, inputs: Inputs, outputs: Outputs) -> None:
+    def _record(self, memory: ControlState, inputs: Inputs, outputs: Outputs) -> None:
         bodies = list(outputs.audit)
         feedback = inputs.feedback
         if feedback.state is not self._drive_state:

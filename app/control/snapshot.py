@@ -4,21 +4,21 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from app.control import gait_machine
-from app.control.events import ROW, Active, blocker, sentence
+from app.control.events.table import ROW, Active, blocker, sentence
 from app.control.freshness import NS_PER_MS
+from app.control.gait import machine as gait_machine
 from app.control.inputs import Inputs
-from app.control.memory import Memory
-from app.control.states import Action, Source
-from app.control.wishes import COMING_TO_REST
-from app.messages import (
+from app.control.requests import COMING_TO_REST
+from app.control.state import ControlState
+from app.ipc.messages import (
     ActiveEvent,
     ControlSnapshot,
     JointSnapshot,
     Lateness,
     RealTime,
 )
-from hal.joints.joints import DriveFault, Joint
+from app.ipc.states import Action, Source
+from hal.joints.protocol import DriveFault, Joint
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -32,7 +32,7 @@ class Shell:
     real_time: RealTime
 
 
-def snapshot(memory: Memory, inputs: Inputs, shell: Shell) -> ControlSnapshot:
+def snapshot(memory: ControlState, inputs: Inputs, shell: Shell) -> ControlSnapshot:
     """Everything a screen shows of control."""
     gait, task, report = memory.gait, memory.task, memory.heard.report
     allowed, why_not = _allowed(memory)
@@ -69,7 +69,7 @@ def snapshot(memory: Memory, inputs: Inputs, shell: Shell) -> ControlSnapshot:
     )
 
 
-def _allowed(memory: Memory) -> tuple[tuple[Action, ...], str]:
+def _allowed(memory: ControlState) -> tuple[tuple[Action, ...], str]:
     """What the therapist's keys may do now; the table of events has its say before the gait table."""
     forbidden = blocker(memory.active, Source.THERAPIST)
     if forbidden is not None:
@@ -92,12 +92,12 @@ def _event(one: Active) -> ActiveEvent:
     )
 
 
-def _joints(memory: Memory, inputs: Inputs) -> tuple[JointSnapshot, JointSnapshot, JointSnapshot, JointSnapshot]:
+def _joints(memory: ControlState, inputs: Inputs) -> tuple[JointSnapshot, JointSnapshot, JointSnapshot, JointSnapshot]:
     left_hip, left_knee, right_hip, right_knee = (_joint(memory, inputs, joint) for joint in Joint)
     return left_hip, left_knee, right_hip, right_knee
 
 
-def _joint(memory: Memory, inputs: Inputs, joint: Joint) -> JointSnapshot:
+def _joint(memory: ControlState, inputs: Inputs, joint: Joint) -> JointSnapshot:
     feedback, command = inputs.feedback, memory.motion.command
     fault = feedback.faults[joint]
     stiff = command.stiffness_nm_rad[joint] > 0

@@ -9,20 +9,28 @@ from math import isfinite
 
 from msgspec.structs import replace
 
-from app.control import follow, gait_machine
-from app.control.carry import carry_on, planner_silent, stop_task, take_plans, try_planner, walk_broken
-from app.control.events import ROW, Active, Actives, Event, advance, blocker, displaced, sentence
-from app.control.events_programs import CLOCK_STEP_S
-from app.control.facts import Planning, Session, Standing, gather
-from app.control.follow import Mode
-from app.control.freshness import NS_PER_MS, listen, nothing_heard
+from app.control.diagnostics import MotionDiagnostics, Planning, Session, collect_diagnostics
+from app.control.events.programs import CLOCK_STEP_S
+from app.control.events.table import ROW, Active, Actives, Event, advance, blocker, displaced, sentence
+from app.control.executor import (
+    accept_plans,
+    advance_action,
+    planner_timed_out,
+    probe_planner,
+    stop_action,
+    walk_plan_missing,
+)
+from app.control.freshness import NS_PER_MS, initial_streams, update_streams
+from app.control.gait import machine as gait_machine
 from app.control.inputs import DriveOrder, Inputs, Outputs
-from app.control.memory import Memory, Tick
-from app.control.settings import Settings
-from app.control.states import Effect
-from app.control.task import Stage, measure, note_command
-from app.control.wishes import grant, look, obey, uncleared
-from app.processes import AUDIT_HEALTH, GUARDIAN, OPERATOR, TRIGGER
+from app.control.requests import arbitrate, handle_gesture, handle_operator_commands, uncleared
+from app.control.running_action import Stage, measure, note_command
+from app.control.state import ControlState, Tick
+from app.ipc.states import Effect
+from app.ipc.streams import AUDIT_HEALTH, GUARDIAN, OPERATOR, TRIGGER
+from app.motion import follower as follow
+from app.motion.follower import Mode
+from app.motion.settings import Settings
 from logs import records
 
 # What the trail calls the loss of a stream's sign of life.
@@ -35,24 +43,24 @@ STREAM_OF = {
 END_HOLD_NS = 400 * NS_PER_MS  # a session that ends holds first, longer than a hold takes; then it gives way
 
 
-def begin(inputs: Inputs) -> Memory:
+def begin(inputs: Inputs) -> ControlState:
     """The memory before the first tick; what is not heard from then on is counted as silent."""
-    return Memory(heard=nothing_heard(inputs))
+    return ControlState(heard=initial_streams(inputs))
 
 
-def step(memory: Memory, inputs: Inputs, settings: Settings) -> tuple[Memory, Outputs]:
+def step(memory: ControlState, inputs: Inputs, settings: Settings) -> tuple[ControlState, Outputs]:
     """The memory after one tick, and what the shell has to do."""
     tick = Tick(memory=memory, inputs=inputs, settings=settings)
     _observe(tick)
-    obey(tick)
-    look(tick)
-    tick.memory = replace(tick.memory, heard=listen(tick.memory.heard, inputs))
+    handle_operator_commands(tick)
+    handle_gesture(tick)
+    tick.memory = replace(tick.memory, heard=update_streams(tick.memory.heard, inputs))
     _watch(tick)
     _restrain(tick)
-    try_planner(tick)
-    grant(tick)
-    take_plans(tick)
-    carry_on(tick)
+    probe_planner(tick)
+    arbitrate(tick)
+    accept_plans(tick)
+    advance_action(tick)
     _switch_off(tick)
     _move(tick)
     return tick.memory, tick.outputs()
@@ -90,7 +98,7 @@ def _observe(tick: Tick) -> None:
 def _watch(tick: Tick) -> None:
     """Which events are in force now."""
     before = tick.memory.active
-    facts = gather(tick.inputs, tick.memory.heard, _standing(tick), tick.settings)
+    facts = collect_diagnostics(tick.inputs, tick.memory.heard, _standing(tick), tick.settings)
     after = advance(before, facts, tick.acknowledged_ns)
     if after is not before:
         effect_before = tick.memory.effect
@@ -107,11 +115,11 @@ def _watch(tick: Tick) -> None:
 def _restrain(tick: Tick) -> None:
     """What the events in force do to the legs, before anybody's wish is heard."""
     effect = tick.memory.effect
-    if tick.memory.motion.mode is not Mode.LIMP and not tick.memory.heard.powered:
+    if tick.memory.motion.mode is not Mode.DISABLED and not tick.memory.heard.powered:
         _let_go(tick, _strongest(tick))
     elif effect is Effect.DAMP:
         _interrupt(tick)
-        tick.memory = replace(tick.memory, motion=follow.give_way(tick.memory.motion))
+        tick.memory = replace(tick.memory, motion=follow.ramp_to_damping(tick.memory.motion))
     elif effect is Effect.HOLD and tick.memory.gait.running is not None:
         _interrupt(tick)
     elif displaced(tick.memory.active) and tick.memory.gait.running is None:
@@ -124,18 +132,18 @@ def _interrupt(tick: Tick) -> None:
     """Whatever runs is over; where the legs rest they keep their state unless they will give way."""
     memory = tick.memory
     planning = memory.task is not None and memory.task.stage is Stage.PLANNING
-    if memory.motion.mode is Mode.LIMP or (planning and memory.effect is Effect.HOLD):
+    if memory.motion.mode is Mode.DISABLED or (planning and memory.effect is Effect.HOLD):
         tick.reach(gait_machine.abandon(memory.gait))  # nothing has moved yet
     else:
         tick.reach(gait_machine.interrupt(memory.gait))
-    stop_task(tick, _strongest(tick))
+    stop_action(tick, _strongest(tick))
 
 
 def _let_go(tick: Tick, reason: str) -> None:
     """The drives carry nothing any more."""
     tick.reach(gait_machine.power_off(tick.memory.gait))
-    tick.memory = replace(tick.memory, motion=follow.limp(tick.memory.motion), torque_off=False)
-    stop_task(tick, reason)
+    tick.memory = replace(tick.memory, motion=follow.disabled_motion(tick.memory.motion), torque_off=False)
+    stop_action(tick, reason)
 
 
 def _end_walk(tick: Tick) -> None:
@@ -167,19 +175,21 @@ def _switch_off(tick: Tick) -> None:
     if wanted and memory.motion.slack:
         tick.drives = DriveOrder.DISABLE
         _let_go(tick, "torque off")
-    if memory.ending_ns and tick.memory.motion.mode is Mode.LIMP:
+    if memory.ending_ns and tick.memory.motion.mode is Mode.DISABLED:
         tick.drives = DriveOrder.DISABLE
         tick.finished = True
 
 
-def _standing(tick: Tick) -> Standing:
+def _standing(tick: Tick) -> MotionDiagnostics:
     memory = tick.memory
-    return Standing(
+    return MotionDiagnostics(
         gait=memory.gait,
         motion=memory.motion,
         still_since_ns=memory.still_since_ns,
         session=_session(tick),
-        planning=Planning(ready=memory.planner_ready, silent=planner_silent(tick), walk_broken=walk_broken(tick)),
+        planning=Planning(
+            ready=memory.planner_ready, silent=planner_timed_out(tick), walk_plan_missing=walk_plan_missing(tick)
+        ),
     )
 
 

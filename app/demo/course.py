@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from app.control.states import GaitState
+from app.ipc.states import GaitState
 from kgdfa.gesture import Gesture
 
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from app.config import Config, JointsConfig
-from app.errors import AppError
+from app.system.config import Config, JointsConfig
+from app.system.errors import AppError
 
 
 @contextmanager

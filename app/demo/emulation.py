@@ -10,9 +10,9 @@ from pathlib import Path
 
 import msgspec
 
-from app.config import JointsConfig
-from app.control.patient import body_of
-from app.errors import AppError
+from app.motion.patient import body_of
+from app.system.config import JointsConfig
+from app.system.errors import AppError
 from hal.joints.device import DEFAULT_DEVICE, load_exoskeleton
 from hal.joints.emulator import ScheduledFault, run_emulator
 from profiles.schema import DEMO_PATIENT, Profile

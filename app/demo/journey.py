@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Protocol
 
-from app.control.states import GaitState
 from app.demo.course import Leg
 from app.demo.trial import Trial
+from app.ipc.states import GaitState
 from kgdfa.gesture import Gesture
 
 INTERRUPTIONS = 3  # of one course; more than that is no mishap any more

@@ -9,12 +9,12 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 
-from app.control.states import ACTION_OF, Action, Effect, GaitState
 from app.demo.course import Leg
 from app.demo.trial import Trial, moment_of_command
-from app.errors import AppError
-from app.host import SessionHost
-from app.messages import ActionReport, ControlSnapshot, HandCommand, HandPose, OperatorKind, TriggerReport
+from app.ipc.messages import ActionReport, ControlSnapshot, HandCommand, HandPose, OperatorKind, TriggerReport
+from app.ipc.states import ACTION_OF, Action, Effect, GaitState
+from app.session.host import SessionHost
+from app.system.errors import AppError
 
 START_S = 30.0  # the hand model's first load on a slow disk
 RECOGNITION_S = 6.0

@@ -8,17 +8,16 @@ from typing import Any
 
 import msgspec
 
-from app.config import CameraConfig, Config, JointsConfig
-from app.control.states import Action
 from app.demo.course import Leg
 from app.demo.journey import run_course
 from app.demo.runner import CourseRunner
 from app.demo.trial import Trial
-from app.host import SessionHost, make_setup
-from app.messages import Lateness
-from app.paths import Home
-from app.setup import SessionSetup
-from hal.cameras.hand_scene import person_of
+from app.ipc.messages import Lateness
+from app.ipc.states import Action
+from app.session.host import SessionHost, make_setup
+from app.system.config import CameraConfig, Config, JointsConfig, SessionSetup
+from app.system.paths import Home
+from hal.cameras.digital_hand.scene import person_of
 from profiles.schema import DEMO_PATIENT, Palm, Profile
 
 
@@ -118,9 +117,9 @@ def run_session(
 
 def rehearse_missing(setup: SessionSetup, watch: Callable[[str], None]) -> None:
     """The pre-flight of every action that this patient has not passed yet in this device: hardware asks for it."""
-    from app.control.assemble import cleared_of, device_of
-    from app.control.patient import patient_of
-    from app.control.preflight import run_preflight
+    from app.control.assembly import cleared_of, device_of
+    from app.motion.patient import patient_of
+    from app.motion.preflight import run_preflight
 
     watch("pre-flight simulation of the actions (once)")
     missing = [action for action in Action if action not in (cleared_of(setup) or ())]

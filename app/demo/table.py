@@ -7,10 +7,10 @@ from collections.abc import Sequence
 from rich.console import Console
 from rich.table import Table
 
-from app.control.states import ACTION_OF
 from app.demo.course import Leg
 from app.demo.session import SessionResult
 from app.demo.trial import Trial, spread
+from app.ipc.states import ACTION_OF
 
 
 def print_result(console: Console, result: SessionResult, course: Sequence[Leg]) -> None:

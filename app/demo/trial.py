@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from app.control.states import Action, GaitState
-from app.messages import ActionReport
+from app.ipc.messages import ActionReport
+from app.ipc.states import Action, GaitState
 from kgdfa.gesture import Gesture
 
 

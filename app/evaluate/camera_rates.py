@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from app.evaluate.digital_scenes import Moment, take
 from hal.cameras.camera import ImageArray
-from hal.cameras.hand_depth import DepthCamera
+from hal.cameras.digital_hand.depth import DepthCamera
 from hal.cameras.realsense import DEPTH_SIZE, RealSenseCamera
 from hal.cameras.software_realsense import SoftwareRealSense
 from kgdfa.pipeline import Picture, Pipeline

@@ -10,8 +10,8 @@ import numpy as np
 
 from app.evaluate.gesture_photos import NONE_PREFIX, Photo, SeenPhoto
 from app.evaluate.sequence import PERIOD_NS
-from hal.cameras.hand_poses import GESTURES, POSES
-from hal.cameras.hand_scene import Scene, keypoints_m, person_of, posed, render
+from hal.cameras.digital_hand.poses import GESTURES, POSES
+from hal.cameras.digital_hand.scene import Scene, keypoints_m, person_of, posed, render
 from kgdfa.glances import PATIENCE_FRAMES
 from kgdfa.hand import FloatArray, Hand
 from kgdfa.images import Image, as_bgr8

@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hal.cameras.camera import DepthArray, ImageArray, Intrinsics
-from hal.cameras.hand_depth import DepthCamera
-from hal.cameras.hand_poses import find_pose
-from hal.cameras.hand_scene import WALL_M, Person, Scene, keypoints_m, posed, render
-from hal.cameras.hand_skeleton import HandPlace
+from hal.cameras.digital_hand.depth import DepthCamera
+from hal.cameras.digital_hand.poses import find_pose
+from hal.cameras.digital_hand.scene import WALL_M, Person, Scene, keypoints_m, posed, render
+from hal.cameras.digital_hand.skeleton import HandPlace
 
 FloatArray = NDArray[np.float64]
 

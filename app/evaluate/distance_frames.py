@@ -12,8 +12,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from app.errors import AppError
 from app.evaluate.distance_measures import DistanceFigures, FloatArray, figures
+from app.system.errors import AppError
 from kgdfa.distance import Distance, PublishedRange, RangeFinder, RobustRange
 from kgdfa.hand import Hand
 from kgdfa.keypoints import HandDetector

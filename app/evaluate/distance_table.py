@@ -19,8 +19,8 @@ from app.evaluate.distance_measures import DistanceFigures, FloatArray, figures
 from app.evaluate.distance_results import Table5, Table5Row, TiltRow
 from app.evaluate.watcher import Watcher, spread
 from hal.cameras.camera import Intrinsics
-from hal.cameras.hand_depth import DepthCamera
-from hal.cameras.hand_scene import Person, lens_for, person_of
+from hal.cameras.digital_hand.depth import DepthCamera
+from hal.cameras.digital_hand.scene import Person, lens_for, person_of
 from kgdfa.depth import DepthRange
 from kgdfa.distance import Distance, PublishedRange, RangeFinder, RobustRange
 from profiles.calibration import calibrate

@@ -14,9 +14,9 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from app.errors import AppError
 from app.evaluate.gesture_photos import check_label
 from app.evaluate.sequence import PERIOD_NS, SKIP, pictures, read_frames
+from app.system.errors import AppError
 from hal.cameras.intrinsics import ASSUMED_FOCAL_PER_WIDTH
 from kgdfa.images import Image
 

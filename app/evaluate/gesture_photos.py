@@ -13,7 +13,7 @@ from pathlib import Path
 
 import cv2
 
-from app.errors import AppError
+from app.system.errors import AppError
 from kgdfa.errors import KgdfaError
 from kgdfa.hand import Gesture, Hand
 from kgdfa.images import as_bgr8

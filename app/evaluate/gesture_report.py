@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table
 
-from app.errors import AppError
 from app.evaluate.gesture_measures import CLASSES, Figures, Judged
 from app.evaluate.gesture_photos import SeenPhoto
+from app.system.errors import AppError
 from kgdfa.draw import caption, draw_hand
 from kgdfa.errors import KgdfaError
 from kgdfa.images import Image, as_bgr8

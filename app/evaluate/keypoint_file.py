@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from app.errors import AppError
 from app.evaluate.gesture_photos import Photo, SeenPhoto
+from app.system.errors import AppError
 from kgdfa.hand import Hand, Side
 
 

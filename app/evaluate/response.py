@@ -15,12 +15,12 @@ from typing import Any, Protocol
 import msgspec
 from rich.table import Table
 
-from app.config import Config
-from app.control.states import ACTION_OF, Action
 from app.demo.course import ALL_TWELVE, Leg
 from app.demo.session import SessionResult, demo_config, demo_patient, run_session
 from app.demo.trial import Spread, Trial, spread, success
-from app.paths import Home
+from app.ipc.states import ACTION_OF, Action
+from app.system.config import Config
+from app.system.paths import Home
 from kgdfa.hand import Gesture
 from profiles.schema import Profile
 

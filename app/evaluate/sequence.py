@@ -9,8 +9,8 @@ from pathlib import Path
 
 import cv2
 
-from app.errors import AppError
 from app.evaluate.gesture_photos import check_label
+from app.system.errors import AppError
 from kgdfa.images import Image
 
 SKIP = "skip"  # between gestures: any verdict is right

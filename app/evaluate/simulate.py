@@ -12,14 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 from rich.table import Table
 
-from app.control.patient import patient_of
-from app.control.rehearsal import Rehearsal, rehearse
-from app.control.rehearsal_verdict import Verdict
-from app.control.states import Action
-from app.errors import AppError
-from app.paths import Home
+from app.ipc.states import Action
+from app.motion.patient import patient_of
+from app.motion.rehearsal import Rehearsal, rehearse
+from app.motion.rehearsal_checks import Verdict
+from app.system.errors import AppError
+from app.system.paths import Home
 from hal.joints.device import Exoskeleton
-from hal.joints.joints import Joint
+from hal.joints.protocol import Joint
 from profiles.schema import GaitParameters, Profile, Sex
 
 STATURES_M = (1.45, 1.95)

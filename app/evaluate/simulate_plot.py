@@ -10,13 +10,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from app.control.plan import TICK_HZ
-from app.control.rehearsal import TRUTH_TICKS, Rehearsal
-from app.errors import AppError
 from app.evaluate.simulate import Norm, gait_cycle
+from app.motion.plan import TICK_HZ
+from app.motion.rehearsal import TRUTH_TICKS, Rehearsal
+from app.system.errors import AppError
 from hal.joints.body import TRUNK_COM_OF_STATURE, Body
-from hal.joints.joints import Joint
-from hal.joints.wearer import Truth
+from hal.joints.protocol import Joint
+from hal.joints.simulated.wearer import Truth
 
 WIDTH_PX, HEIGHT_PX = 960, 640
 PX_M = 260.0
@@ -118,7 +118,7 @@ def _frame(rehearsal: Rehearsal, body: Body, first: Truth, truth: Truth) -> NDAr
 
 def _leg(body: Body, truth: Truth, side: int) -> list[tuple[float, float]]:
     """Hip, knee, ankle, heel, toe."""
-    from app.control import kinematics
+    from app.motion import kinematics
 
     thigh = float(truth.joints_rad[2 * side]) - truth.lean_rad
     shank = thigh - float(truth.joints_rad[2 * side + 1])

@@ -16,9 +16,9 @@ from threading import Barrier, BrokenBarrierError
 
 import cv2
 
-from app.errors import AppError
 from app.evaluate.sequence import PERIOD_NS, pictures, read_frames
 from app.evaluate.speed import ANCHOR_M, THRESHOLD_M, WARM_UP
+from app.system.errors import AppError
 from kgdfa.button import ButtonPlace
 from kgdfa.distance import RobustRange
 from kgdfa.images import Image
@@ -43,8 +43,8 @@ def frames_for_speed(directory: Path | None, count: int) -> tuple[list[Image], f
     if directory is not None:
         listed = read_frames(directory)[:count]
         return list(pictures(listed)), listed[0].focal_px
-    from hal.cameras.digital_hand import DigitalHandCamera
-    from hal.cameras.hand_poses import GESTURES
+    from hal.cameras.digital_hand.camera import DigitalHandCamera
+    from hal.cameras.digital_hand.poses import GESTURES
 
     camera = DigitalHandCamera(clock_ns=lambda: 0)
     images = []

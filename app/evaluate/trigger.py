@@ -16,8 +16,8 @@ from app.evaluate.camera_rates import FRAME_NS, CameraRates, depth_fps, monocula
 from app.evaluate.digital_scenes import CHANGES, Moment, approach_and_change, take
 from app.evaluate.watcher import Watcher, spread
 from hal.cameras.camera import Intrinsics
-from hal.cameras.hand_depth import DepthCamera
-from hal.cameras.hand_scene import Person, lens_for, person_of
+from hal.cameras.digital_hand.depth import DepthCamera
+from hal.cameras.digital_hand.scene import Person, lens_for, person_of
 from kgdfa.button import ButtonMode, ButtonPlace
 from kgdfa.depth import DepthRange
 from kgdfa.distance import PublishedRange, RobustRange

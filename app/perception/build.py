@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from app.messages import PressRange
-from app.model import find_model
-from app.paths import Home
-from app.setup import SessionSetup
+from app.ipc.messages import PressRange
+from app.system.config import SessionSetup
+from app.system.hand_model import find_model
+from app.system.paths import Home
 from hal.cameras.camera import Camera, Frame
 from hal.cameras.factory import open_camera
 from kgdfa.button import RADIUS_SHARE, ButtonMode, ButtonPlace

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from app.messages import HandCommand
+from app.ipc.messages import HandCommand
 from hal.cameras.camera import Camera
-from hal.cameras.digital_hand import DigitalHandCamera
+from hal.cameras.digital_hand.camera import DigitalHandCamera
 
 
 def steer(camera: Camera, command: HandCommand) -> None:

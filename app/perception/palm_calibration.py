@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import datetime
 
-from app.errors import AppError
+from app.system.errors import AppError
 from hal.cameras.camera import Camera, Frame, Intrinsics
 from kgdfa.distance import RobustRange
 from kgdfa.pipeline import Detector

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from app.messages import PerceptionCommand, Preview
+from app.ipc.messages import PerceptionCommand, Preview
 
 Image = NDArray[np.uint8]
 

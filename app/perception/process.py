@@ -11,10 +11,10 @@ import signal
 import time
 from collections import deque
 
-from app import processes
-from app.audit_sink import AuditSink
-from app.links import OrderedReceiver, Publisher, address
-from app.messages import HandCommand, PerceptionCommand, PressRange
+from app.audit.sink import AuditSink
+from app.ipc import streams as processes
+from app.ipc.links import OrderedReceiver, Publisher, address
+from app.ipc.messages import HandCommand, PerceptionCommand, PressRange
 from app.perception import build
 from app.perception.camera_keeper import CameraKeeper
 from app.perception.detector_loader import Loading
@@ -23,8 +23,8 @@ from app.perception.hints import PictureHints
 from app.perception.preview import PreviewPacer
 from app.perception.reporting import FPS_WINDOW, Surroundings, frames_per_second, records_between, to_message
 from app.perception.session_recorder import SessionRecorder
-from app.realtime import leave_core_to_control, spare_the_living, take_turn
-from app.setup import SessionSetup
+from app.system.config import SessionSetup
+from app.system.scheduling import avoid_control_core, gc_freeze, set_scheduling
 from hal.cameras.camera import Frame
 from kgdfa.button import ButtonPlace
 from kgdfa.draw import draw
@@ -38,8 +38,8 @@ LOADING = "The hand model is loading."
 def run_perception(setup: SessionSetup) -> None:
     """Run until the session ends, the console dies, or SIGTERM."""
     # Both before any thread starts: they inherit it.
-    take_turn("perception")
-    leave_core_to_control()
+    set_scheduling("perception")
+    avoid_control_core()
     perception = Perception(setup)
     signal.signal(signal.SIGTERM, lambda *_: perception.end())
     try:
@@ -114,7 +114,7 @@ class Perception:
                 steer(self._camera.camera, wish)
             else:
                 self._pacer.configure(wish)
-                self._recorder.obey(wish)
+                self._recorder.handle(wish)
 
     def _see(self, frame: Frame) -> None:
         self._last_captured_ns = frame.captured_ns
@@ -144,7 +144,7 @@ class Perception:
             self._pipeline, self._place = build.make_pipeline(self._setup, detector, frame, camera.name)
             for record in build.camera_records(self._setup, camera, frame):
                 self._sink.emit(record)
-            spare_the_living()
+            gc_freeze()
         picture = Picture(image_bgr=frame.image_bgr, captured_ns=frame.captured_ns, depth_m=frame.depth_m)
         return self._pipeline.process(picture)
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import msgspec
 
-from app.messages import PressRange, TriggerReport
+from app.ipc.messages import PressRange, TriggerReport
 from kgdfa.pipeline import Report
 from logs.records import Body, Cancel, GestureOnset, Press, Release
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import time
 
-from app.audit_sink import AuditSink
-from app.messages import PerceptionCommand
-from app.paths import Home
-from app.setup import SessionSetup
+from app.audit.sink import AuditSink
+from app.ipc.messages import PerceptionCommand
+from app.system.config import SessionSetup
+from app.system.paths import Home
 from hal.cameras.camera import Frame
 from hal.cameras.recording import Recorder
 from hal.errors import HardwareError
@@ -23,7 +23,7 @@ class SessionRecorder:
         self._camera = camera
         self._recorder: Recorder | None = None
 
-    def obey(self, wish: PerceptionCommand) -> None:
+    def handle(self, wish: PerceptionCommand) -> None:
         """Begin or end recording. To begin is to state that the patient has consented (the console asks)."""
         if wish.record is True and self._recorder is None:
             self._begin()

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from hal.errors import HardwareError
 from hal.joints.device import Exoskeleton
-from hal.joints.joints import Joints
+from hal.joints.protocol import Joints
 
 if TYPE_CHECKING:
     from hal.joints.body import Body
@@ -29,9 +29,9 @@ def make_joints(
     Raises HardwareError for an unknown kind, a missing body or a device that the motor table can't serve.
     """
     if kind == "can":
-        from hal.joints.bus import with_bus
+        from hal.joints.can.bus import with_bus
+        from hal.joints.can.driver import SocketCanJoints
         from hal.joints.emulator.scenes import StagedCanJoints, may_be_emulated
-        from hal.joints.socketcan import SocketCanJoints
 
         device = with_bus(device, interface, channel)
         driver = StagedCanJoints if may_be_emulated(device) else SocketCanJoints
@@ -39,7 +39,7 @@ def make_joints(
     if kind == "simulated":
         if body is None:
             raise HardwareError("Simulated joints need a body to move: choose a patient profile.")
-        from hal.joints.simulated import SimulatedJoints
+        from hal.joints.simulated.driver import SimulatedJoints
 
         return SimulatedJoints(device, body)
     raise HardwareError(f"There are no joints of kind {kind}: use one of {', '.join(KINDS)}.")

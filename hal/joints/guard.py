@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from hal.errors import HardwareError
 from hal.joints.device import Exoskeleton
-from hal.joints.joints import Joint, JointArray, JointCommand
+from hal.joints.protocol import Joint, JointArray, JointCommand
 
 TICK_S = 0.002
 STIFFNESS_RAMP_S = 0.05  # no faster from nothing to the device's full stiffness, nor back

@@ -15,7 +15,7 @@ import msgspec
 from msgspec import Meta, Struct
 
 from hal.errors import HardwareError
-from hal.joints.joints import DriveFault
+from hal.joints.protocol import DriveFault
 
 BUILT_IN_TABLE = Path(__file__).with_name("motors.toml")
 

@@ -11,8 +11,8 @@ from collections.abc import Callable, Sequence
 from markupsafe import Markup, escape
 
 from logs.outline import Outline
-from logs.plain import harmless
-from logs.report.facts import Band, Facts, JointTrace, Spread
+from logs.plain import sanitize_terminal
+from logs.report.facts import Band, Diagnostics, JointTrace, Spread
 
 WIDTH = 960.0
 LEFT = 84.0  # of the lanes' names
@@ -21,7 +21,7 @@ RIGHT = 26.0  # half a tick's text
 MOST_POINTS = 480  # of a line: two pixels each
 
 
-def timeline(facts: Facts) -> Markup:
+def timeline(facts: Diagnostics) -> Markup:
     """States, gestures, presses and events over the whole session."""
     shades = {state: f"state s{number % SHADES}" for number, (state, _) in enumerate(facts.time_in_state)}
     lanes: tuple[tuple[str, Sequence[Band], Callable[[int, Band], str]], ...] = (
@@ -127,7 +127,7 @@ def clock(at_s: float) -> str:
     return f"{int(at_s // 60)}:{at_s % 60:04.1f}"
 
 
-def _event_bands(facts: Facts) -> list[Band]:
+def _event_bands(facts: Diagnostics) -> list[Band]:
     return [
         Band(begin_s=event.at_s, end_s=event.at_s + (event.lasted_s or 0.0), label=f"{event.event} ({event.effect})")
         for event in facts.events
@@ -147,11 +147,11 @@ def _vertical(low: float, high: float, height: float) -> Callable[[float], float
 def _band(band: Band, x: Callable[[float], float], top: float, style: str) -> Markup:
     left, right = x(band.begin_s), x(band.end_s)
     width = max(right - left, 1.5)
-    title = f"{harmless(band.label)}, {clock(band.begin_s)} to {clock(band.end_s)}"
+    title = f"{sanitize_terminal(band.label)}, {clock(band.begin_s)} to {clock(band.end_s)}"
     shape = Markup('<rect class="{}" x="{:.1f}" y="{:.1f}" width="{:.1f}" height="20"><title>{}</title></rect>').format(
         style, left, top, width, title
     )
-    label = harmless(band.label)
+    label = sanitize_terminal(band.label)
     if width < 7.0 * len(label):
         return shape
     return shape + _text(left + 3, top + 14, label, "inside", "start")
@@ -193,11 +193,11 @@ def _path(points: Sequence[tuple[float, float]], x: Callable[[float], float], y:
 
 def _text(x: float, y: float, text: str, style: str, anchor: str) -> Markup:
     return Markup('<text class="{}" x="{:.1f}" y="{:.1f}" text-anchor="{}">{}</text>').format(
-        style, x, y, anchor, harmless(text)
+        style, x, y, anchor, sanitize_terminal(text)
     )
 
 
 def _svg(parts: Sequence[Markup], height: float, title: str) -> Markup:
     return Markup('<svg viewBox="0 0 {:.0f} {:.0f}" role="img"><title>{}</title>{}</svg>').format(
-        WIDTH, height, escape(harmless(title)), Markup("").join(parts)
+        WIDTH, height, escape(sanitize_terminal(title)), Markup("").join(parts)
     )

@@ -73,7 +73,7 @@ class JointTrace:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Facts:
+class Diagnostics:
     """Everything on the page."""
 
     outline: Outline
@@ -100,13 +100,13 @@ class Facts:
     silences: tuple[tuple[str, int], ...]
 
 
-def facts_of(outline: Outline, found: Sequence[Record]) -> Facts:
+def facts_of(outline: Outline, found: Sequence[Record]) -> Diagnostics:
     """The facts of a session."""
     timed = Timed(found)
     states = _states(timed, outline.duration_s)
     events = events_of(timed)
     felt = tuple(event for event in events if event.effect != NOTED)
-    return Facts(
+    return Diagnostics(
         outline=outline,
         start=_first(timed.of(SessionStart)),
         patient=_first(timed.of(PatientChosen)),

@@ -11,11 +11,11 @@ from markupsafe import Markup
 from logs.findings import summary
 from logs.journal import COMMENTS
 from logs.outline import Outline, outline, outline_of
-from logs.plain import harmless
+from logs.plain import sanitize_terminal
 from logs.read import records, session_paths
 from logs.records import Comment, Record
 from logs.report import charts
-from logs.report.facts import Facts, facts_of
+from logs.report.facts import Diagnostics, facts_of
 from logs.verify import Evidence, Finding, verify
 
 FEW_EVENTS = 12  # beyond, they are summed up, too
@@ -32,7 +32,7 @@ def report(path: Path, evidence: Evidence) -> str:
     return render(facts, finding, _comments(path), _earlier(path, this))
 
 
-def render(facts: Facts, finding: Finding, comments: list[Record], earlier: list[Outline]) -> str:
+def render(facts: Diagnostics, finding: Finding, comments: list[Record], earlier: list[Outline]) -> str:
     """The page from its facts."""
     return (
         _environment()
@@ -58,7 +58,7 @@ def render(facts: Facts, finding: Finding, comments: list[Record], earlier: list
     )
 
 
-def _numbers(facts: Facts) -> tuple[tuple[str, str], ...]:
+def _numbers(facts: Diagnostics) -> tuple[tuple[str, str], ...]:
     this = facts.outline
     return (
         (str(this.steps), "steps"),
@@ -96,7 +96,7 @@ def _environment() -> jinja2.Environment:
 
 
 def _finally(value: Any) -> Any:
-    return harmless(value) if isinstance(value, str) and not isinstance(value, Markup) else value
+    return sanitize_terminal(value) if isinstance(value, str) and not isinstance(value, Markup) else value
 
 
 def _ms(value: float | None) -> str:

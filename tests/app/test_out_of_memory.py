@@ -8,13 +8,11 @@ from pathlib import Path
 
 import pytest
 
-from app.child import ENTRIES
-from app.out_of_memory import SCORES
+from app.session.child import ENTRIES
+from app.system.scheduling import SCORES
 
 OWN = Path("/proc/self/oom_score_adj")
-TELL = (
-    "from app.out_of_memory import stand_in_line; stand_in_line({!r}); print(open('/proc/self/oom_score_adj').read())"
-)
+TELL = "from app.system.scheduling import set_oom_score_adj; set_oom_score_adj({!r}); print(open('/proc/self/oom_score_adj').read())"  # noqa: E501
 
 pytestmark = pytest.mark.skipif(not OWN.exists(), reason="no Linux: the kernel has no such order")
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from app.realtime import TURNS, core_of_control, keep_cores_awake
+from app.system.scheduling import SCHEDULING, control_core, request_low_wake_latency
 
 ASK = "import os; from app import realtime; {}; print(*sorted(os.sched_getaffinity(0)))"
 
@@ -33,24 +33,24 @@ def test_perception_leaves_control_its_core_unless_there_is_only_one(cores: int)
 
 
 def test_the_core_is_one_of_those_allowed() -> None:
-    core = core_of_control()
+    core = control_core()
     assert core is None or core in os.sched_getaffinity(0)
 
 
 def test_who_keeps_the_legs_safe_comes_first() -> None:
-    fifo = [turn.fifo for name in ("guardian", "control", "planner", "sign of life") if (turn := TURNS[name]).fifo]
+    fifo = [turn.fifo for name in ("guardian", "control", "planner", "sign of life") if (turn := SCHEDULING[name]).fifo]
     assert fifo == sorted(fifo, reverse=True)
     assert all(0 < priority < 99 for priority in fifo)
     assert len(fifo) == 4
 
 
-@pytest.mark.parametrize("name", list(TURNS))
+@pytest.mark.parametrize("name", list(SCHEDULING))
 def test_a_turn_is_taken_or_told_to_be_refused(name: str) -> None:
     told = subprocess.run(
         [
             sys.executable,
             "-c",
-            "import os; from app.realtime import take_turn; "
+            "import os; from app.system.scheduling import take_turn; "
             f"print(take_turn({name!r}), os.sched_getscheduler(0) == os.SCHED_FIFO, os.nice(0))",
         ],
         capture_output=True,
@@ -58,7 +58,7 @@ def test_a_turn_is_taken_or_told_to_be_refused(name: str) -> None:
         check=True,
         timeout=60,
     ).stdout.split()
-    turn = TURNS[name]
+    turn = SCHEDULING[name]
     allowed = [str(turn.fifo is not None), str(turn.nice)]
     assert told in (["True", *allowed], ["False", "False", str(os.nice(0))])
 
@@ -66,7 +66,7 @@ def test_a_turn_is_taken_or_told_to_be_refused(name: str) -> None:
 def test_the_request_to_stay_awake_is_held_and_says_no_microsecond(tmp_path: Path) -> None:
     interface = tmp_path / "cpu_dma_latency"
     interface.touch()
-    assert keep_cores_awake(interface)
+    assert request_low_wake_latency(interface)
     assert interface.read_bytes() == bytes(4)
     held = [link for link in Path("/proc/self/fd").iterdir() if link.exists() and link.samefile(interface)]
     (request,) = held
@@ -74,4 +74,4 @@ def test_the_request_to_stay_awake_is_held_and_says_no_microsecond(tmp_path: Pat
 
 
 def test_a_system_without_the_request_is_told(tmp_path: Path) -> None:
-    assert not keep_cores_awake(tmp_path / "absent")
+    assert not request_low_wake_latency(tmp_path / "absent")

@@ -11,14 +11,13 @@ from pathlib import Path
 
 import pytest
 
-from app.audit_process import run_audit
-from app.audit_sink import AuditSink
-from app.config import Config
-from app.links import LatestReceiver, address
-from app.messages import AuditHealth
-from app.paths import Home
-from app.processes import AUDIT_HEALTH
-from app.setup import SessionSetup
+from app.audit.process import run_audit
+from app.audit.sink import AuditSink
+from app.ipc.links import LatestReceiver, address
+from app.ipc.messages import AuditHealth
+from app.ipc.streams import AUDIT_HEALTH
+from app.system.config import Config, SessionSetup
+from app.system.paths import Home
 from logs.anchor import read_anchor
 from logs.keys import by_fingerprint, known_keys
 from logs.records import Command, Note, Record, RecordsLost, SessionEnd, SessionStart

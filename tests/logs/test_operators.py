@@ -10,11 +10,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from typer.testing import CliRunner
 
-from app import operators
 from app.cli import cli
-from app.config import Config, JointsConfig
-from app.errors import AppError
-from app.operators import (
+from app.system import operators
+from app.system.config import Config, JointsConfig
+from app.system.errors import AppError
+from app.system.operators import (
     FREE_FAILURES,
     LONGEST_WAIT_S,
     PERMISSIONS,

@@ -18,7 +18,7 @@ from logs.disk import PosixDisk
 from logs.errors import AuditError
 from logs.keys import ConsoleKey, by_fingerprint
 from logs.outline import outline
-from logs.plain import harmless
+from logs.plain import sanitize_terminal
 from logs.read import Odd, find_session, read, records, session_paths
 from logs.report.page import report
 from logs.show import Filter, Sieve, json_of, line_of
@@ -67,13 +67,13 @@ class Tags(HTMLParser):
 
 @given(st.text(max_size=500))
 def test_harmless_text_is_visible_or_spelled_out(text: str) -> None:
-    shown = harmless(text)
+    shown = sanitize_terminal(text)
     assert shown.isprintable()
     assert all(character in shown for character in text if character.isprintable())
 
 
 def test_plain_text_stays_as_it_is() -> None:
-    assert harmless("Größe 語 – 74° > 53°") == "Größe 語 – 74° > 53°"
+    assert sanitize_terminal("Größe 語 – 74° > 53°") == "Größe 語 – 74° > 53°"
 
 
 def test_hostile_text_steers_no_terminal(hostile: Path) -> None:

@@ -10,14 +10,14 @@ from pathlib import Path
 import pytest
 from textual.pilot import Pilot
 
-from app.config import Config
 from app.console.app import ConsoleApp
 from app.console.patients.screen import PatientsScreen
 from app.console.review import ReviewScreen
 from app.console.review_comments import comments_on, comments_path
 from app.console.review_dialogs import ChooseSession, WriteComment
 from app.console.review_session import ReviewedSession, open_session
-from app.paths import Home
+from app.system.config import Config
+from app.system.paths import Home
 from logs.errors import AuditError
 from logs.keys import by_fingerprint, known_keys
 from logs.records import EventRaised, Note, Record

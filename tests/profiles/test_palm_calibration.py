@@ -5,8 +5,8 @@ from datetime import UTC, datetime
 import numpy as np
 import pytest
 
-from app.errors import AppError
 from app.perception.palm_calibration import WANTED_SAMPLES, PalmSampler, sample_palm
+from app.system.errors import AppError
 from hal.cameras.camera import Frame, Intrinsics, IntrinsicsSource
 from kgdfa.hand import Hand, Side
 from kgdfa.images import Image

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from app.config import Config
-from app.model import find_model
-from app.paths import Home, find_home
+from app.system.config import Config
+from app.system.hand_model import find_model
+from app.system.paths import Home, find_home
 
 
 @pytest.fixture(scope="session")

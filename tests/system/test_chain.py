@@ -9,12 +9,12 @@ import msgspec
 import psutil
 import pytest
 
-from app.config import Config, JointsConfig
 from app.demo.course import ALL_TWELVE, Leg
 from app.demo.runner import CourseRunner
 from app.demo.session import SessionResult, demo_config, demo_patient, run_session
-from app.host import SessionHost, make_setup
-from app.paths import Home
+from app.session.host import SessionHost, make_setup
+from app.system.config import Config, JointsConfig
+from app.system.paths import Home
 from kgdfa.hand import Gesture
 
 SOME = (Gesture.ZERO, Gesture.LOVE, Gesture.ROCK, Gesture.FIVE, Gesture.SIX)

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from app.config import Config, load_config, with_choices
-from app.errors import AppError
+from app.system.config import Config, load_config, with_choices
+from app.system.errors import AppError
 
 
 def test_no_file_means_defaults(tmp_path: Path) -> None:

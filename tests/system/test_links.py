@@ -10,8 +10,8 @@ import msgspec
 import pytest
 import zmq
 
-from app.links import LatestReceiver, OrderedReceiver, OrderedSender, Publisher, address
-from app.messages import HandCommand, Heartbeat
+from app.ipc.links import LatestReceiver, OrderedReceiver, OrderedSender, Publisher, address
+from app.ipc.messages import HandCommand, Heartbeat
 
 
 def beat(at_ns: int) -> Heartbeat:

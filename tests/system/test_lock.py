@@ -8,11 +8,13 @@ from pathlib import Path
 
 import pytest
 
-from app.errors import AppError
-from app.lock import hold_home
-from app.paths import Home
+from app.session.lock import hold_home
+from app.system.errors import AppError
+from app.system.paths import Home
 
-HOLD = "import sys; from pathlib import Path; from app.lock import hold_home; from app.paths import Home\n"
+HOLD = (
+    "import sys; from pathlib import Path; from app.session.lock import hold_home; from app.system.paths import Home\n"
+)
 HOLD += "with hold_home(Home(Path(sys.argv[1]))): print('held', flush=True); sys.stdin.read()"
 
 

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from app.config import Config
-from app.errors import AppError
-from app.model import build_bundle, find_model, set_up_model
-from app.paths import Home
+from app.system.config import Config
+from app.system.errors import AppError
+from app.system.hand_model import build_bundle, find_model, set_up_model
+from app.system.paths import Home
 
 
 def test_missing_model_names_path_and_remedy(tmp_path: Path) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from itertools import pairwise
 
-from app.supervision import BACK_OFF_S, FIRST_REPORT_S, SILENCE_S, Supervisor
+from app.session.child import BACK_OFF_S, FIRST_REPORT_S, SILENCE_S, Supervisor
 
 
 def test_a_living_reporting_perception_is_left_alone() -> None:

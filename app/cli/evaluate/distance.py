@@ -119,7 +119,7 @@ def press_zone(
     from app.evaluate.distance_tables import zone_table
     from app.evaluate.press_zone import LENSES_PX, evaluate_press_zone, steps, zone_of
     from app.evaluate.watcher import processes
-    from hal.cameras.hand_scene import Person, lens_for
+    from hal.cameras.digital_hand.scene import Person, lens_for
 
     console, model = Console(), _model(home)
     for focal_px in LENSES_PX:
@@ -181,9 +181,9 @@ def _detector(home: Path | None) -> Iterator[HandDetector]:
 
 
 def _model(home: Path | None) -> Path:
-    from app.config import load_config
-    from app.model import set_up_model
-    from app.paths import find_home
+    from app.system.config import load_config
+    from app.system.hand_model import set_up_model
+    from app.system.paths import find_home
 
     place = find_home(home)
     return set_up_model(place, load_config(place.config))

@@ -72,7 +72,7 @@ def gestures(
 
 def _only(directory: Path | None, digital: int) -> Path:
     """The folder, when nothing else was asked for."""
-    from app.errors import AppError
+    from app.system.errors import AppError
 
     if directory is None or digital:
         raise AppError("Give a folder with labels.csv, or --digital N, and not both.")

@@ -16,9 +16,9 @@ FIT_DIGITAL = 40  # digital hands a pose that a fit sees beside the photos
 
 def hand_model(home: Path | None) -> Path:
     """Where the hand model is, fetched first if it must be. Raises AppError when it can't be had."""
-    from app.config import load_config
-    from app.model import set_up_model
-    from app.paths import find_home
+    from app.system.config import load_config
+    from app.system.hand_model import set_up_model
+    from app.system.paths import find_home
 
     place = find_home(home)
     return set_up_model(place, load_config(place.config))
@@ -51,7 +51,7 @@ def looked_at_digital(console: Console, per_pose: int, home: Path | None, prepar
     """So many digital hands a pose that measure, found and tracked as before a camera."""
     from app.cli.progress import bar
     from app.evaluate.digital_hands import MEASURE_SEEDS, digital_scenes, see_digital
-    from hal.cameras.hand_poses import POSES
+    from hal.cameras.digital_hand.poses import POSES
 
     with bar(console, "looking at digital hands", per_pose * len(POSES)) as tell:
         return see_digital(hand_model(home), digital_scenes(per_pose, MEASURE_SEEDS), tell, prepare)

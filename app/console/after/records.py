@@ -10,7 +10,7 @@ from pathlib import Path
 import msgspec
 from msgspec import Struct
 
-from app.errors import AppError
+from app.system.errors import AppError
 
 
 class SessionRecord(Struct, frozen=True, kw_only=True):

@@ -17,7 +17,7 @@ from app.console.dialogs import Question
 from app.console.language import tr
 from app.console.session.state import SessionState
 from app.console.session.words import action_name
-from app.operators import Permission
+from app.system.operators import Permission
 from logs.records import Discomfort, Note
 from profiles.schema import DoseTargets, Profile
 

@@ -23,8 +23,8 @@ from app.console.sentences import sentence
 from app.console.session.panel import bar
 from app.console.session.picture import Picture
 from app.console.session.state import SessionState
-from app.host import make_setup
-from app.messages import Preview
+from app.ipc.messages import Preview
+from app.session.host import make_setup
 from logs.records import Calibration as CalibrationRecord
 from profiles.calibration import Calibrated, with_calibration
 from profiles.schema import Profile

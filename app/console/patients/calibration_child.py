@@ -8,7 +8,7 @@ from datetime import UTC, datetime
 from multiprocessing.connection import Connection
 from typing import TYPE_CHECKING, NamedTuple
 
-from app.setup import SessionSetup
+from app.system.config import SessionSetup
 from hal.errors import HardwareError
 from kgdfa.errors import KgdfaError
 
@@ -31,7 +31,7 @@ class Progress(NamedTuple):
 def calibrate_palm(words: Connection, setup: SessionSetup, distance_m: float) -> None:
     """Open the configured camera, sample the palm, solve; ends with a `Calibrated` or an error's sentence."""
     _quiet()
-    from app.errors import AppError
+    from app.system.errors import AppError
     from profiles.errors import ProfileError
 
     try:
@@ -65,7 +65,7 @@ def _sample(words: Connection, setup: SessionSetup, distance_m: float) -> Calibr
 
 def _show_palm(camera: object) -> None:
     """The digital hand has nobody to ask: it opens by itself."""
-    from hal.cameras.digital_hand import DigitalHandCamera
+    from hal.cameras.digital_hand.camera import DigitalHandCamera
 
     if isinstance(camera, DigitalHandCamera):
         camera.command(gesture="5")

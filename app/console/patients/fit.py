@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from app.config import JointsConfig
+from app.system.config import JointsConfig
 from hal.joints.device import DEFAULT_DEVICE, load_exoskeleton
 from profiles.errors import ProfileError
 from profiles.schema import Profile
@@ -15,7 +15,7 @@ def fits(joints: JointsConfig) -> Check:
     """A check for the store: raises ProfileError with the first action that can't be, its joint and numbers."""
 
     def check(profile: Profile) -> None:
-        from app.control.feasibility import check_profile  # the planner: not before the first paint
+        from app.motion.preflight import check_profile  # the planner: not before the first paint
 
         if profile.archived:
             return

@@ -22,7 +22,7 @@ from app.console.patients.form import PatientForm
 from app.console.patients.history import History
 from app.console.session.state import SessionState
 from app.console.start import StartSession
-from app.operators import Permission
+from app.system.operators import Permission
 from profiles.schema import Profile
 
 T = TypeVar("T")

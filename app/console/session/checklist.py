@@ -15,7 +15,7 @@ from app.console.preflight import Preflight
 from app.console.session.distance import zone_words
 from app.console.session.panel import Lines
 from app.console.session.state import SessionState
-from app.operators import Permission
+from app.system.operators import Permission
 from logs.records import Note
 
 _STYLES = {

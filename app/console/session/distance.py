@@ -9,7 +9,7 @@ from app.console.session.push import PushNote
 from app.console.session.state import SessionState
 from app.console.session.state_panel import StatePanel
 from app.console.session.words import gesture_name
-from app.messages import PressRange, TriggerReport
+from app.ipc.messages import PressRange, TriggerReport
 
 SCALE_M = 0.70  # the paper's farthest
 

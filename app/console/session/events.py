@@ -10,7 +10,7 @@ from app.console.session.panel import Line, Lines, plain
 from app.console.session.state import SessionState
 from app.console.session.state_panel import StatePanel
 from app.console.session.words import EFFECT_MARKS, EFFECT_STYLES, effect_name, event_text
-from app.messages import ActiveEvent
+from app.ipc.messages import ActiveEvent
 
 
 def describe(state: SessionState) -> Lines:

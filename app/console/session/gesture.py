@@ -8,7 +8,7 @@ from app.console.session.panel import Lines, bar, plain
 from app.console.session.state import SessionState
 from app.console.session.state_panel import StatePanel
 from app.console.session.words import FINGERS, action_of, gesture_name
-from app.messages import TriggerReport
+from app.ipc.messages import TriggerReport
 
 VOTES_NEEDED = 3  # the paper's vote
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from app.console import keys
 from app.console.base import ConsoleScreen
-from app.messages import HandCommand, HandPose
+from app.ipc.messages import HandCommand, HandPose
 from kgdfa.gesture import Gesture
 
 

@@ -10,7 +10,7 @@ from app.console.language import tr
 from app.console.session.panel import Line, Lines, cells, plain
 from app.console.session.state import SessionState
 from app.console.session.state_panel import StatePanel
-from app.messages import JointSnapshot
+from app.ipc.messages import JointSnapshot
 from hal.joints.device import JointDevice, load_exoskeleton
 from hal.joints.names import Joint
 

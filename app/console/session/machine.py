@@ -9,8 +9,8 @@ from app.console.session.panel import Line, Lines, bar, cells, padded, plain
 from app.console.session.state import SessionState
 from app.console.session.state_panel import StatePanel
 from app.console.session.words import FINGERS, action_name, gesture_of, state_name
-from app.control.states import GESTURE_OF, Action, GaitState
-from app.messages import ControlSnapshot
+from app.ipc.messages import ControlSnapshot
+from app.ipc.states import GESTURE_OF, Action, GaitState
 
 G = GaitState
 A = Action

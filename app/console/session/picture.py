@@ -11,7 +11,7 @@ from textual.widget import Widget
 
 from app.console.language import tr
 from app.console.session.state import SessionState
-from app.messages import PerceptionCommand, Preview
+from app.ipc.messages import PerceptionCommand, Preview
 
 PICTURE_HZ = 12.0  # half blocks at this rate cost a tenth of a core; sixels would cost a quarter
 # A third of a core: in the largest terminals twelve pictures a second leave no room for keys and the sign of life.

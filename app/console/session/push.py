@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from app.messages import TriggerReport
+from app.ipc.messages import TriggerReport
 
 READABLE_NS = 5_000_000_000
 

@@ -28,8 +28,8 @@ from app.console.session.state import SessionState
 from app.console.session.state_panel import StatePanel
 from app.console.session.status import describe as describe_status
 from app.console.session.words import event_text
-from app.control.states import Action, Effect
-from app.messages import OperatorKind
+from app.ipc.messages import OperatorKind
+from app.ipc.states import Action, Effect
 
 _ACTS = {"confirm_patient", "toggle_armed", "acknowledge", "act", "torque_off"}
 

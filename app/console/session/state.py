@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from app.console.session.push import NOTHING_PUSHED, PushNote, note
-from app.control.states import Effect
-from app.host import Latest, ProcessStatus
-from app.messages import ActiveEvent, AuditHealth, ControlSnapshot, Preview, TriggerReport
-from app.processes import SNAPSHOT, TRIGGER
-from app.setup import SessionSetup
+from app.ipc.messages import ActiveEvent, AuditHealth, ControlSnapshot, Preview, TriggerReport
+from app.ipc.states import Effect
+from app.ipc.streams import SNAPSHOT, TRIGGER
+from app.session.host import Latest, ProcessStatus
+from app.system.config import SessionSetup
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

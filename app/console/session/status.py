@@ -6,8 +6,8 @@ from app.console.language import tr
 from app.console.session.panel import Lines, Part
 from app.console.session.state import SessionState
 from app.console.session.words import EFFECT_STYLES, effect_name, state_name
-from app.control.states import Effect
-from app.messages import ControlSnapshot
+from app.ipc.messages import ControlSnapshot
+from app.ipc.states import Effect
 
 
 def describe(state: SessionState) -> Lines:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from app.console.language import tr
 from app.console.sentences import event_words
-from app.control.states import ACTION_OF, GESTURE_OF, Action, Effect, GaitState
-from app.messages import ActiveEvent
+from app.ipc.messages import ActiveEvent
+from app.ipc.states import ACTION_OF, GESTURE_OF, Action, Effect, GaitState
 from kgdfa.gesture import Gesture
 
 # ○ a fist, ☝ and so on would need wide characters, which terminals measure differently: fingers as strokes,

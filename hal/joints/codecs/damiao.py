@@ -13,8 +13,8 @@ from typing import NamedTuple
 from hal.joints.codecs.mit import pack_set_point, pack_state, special_frame, special_order, unpack_set_point
 from hal.joints.codecs.mit import unpack_state as unpack_mit_state
 from hal.joints.codecs.wire import MIT_BITS, Frame, Order, Reply, Scales, SetPoint
-from hal.joints.joints import DriveFault
 from hal.joints.motors import MotorModel
+from hal.joints.protocol import DriveFault
 
 REGISTER_ID = 0x7FF
 READ, WRITE, STORE, REFRESH = 0x33, 0x55, 0xAA, 0xCC

@@ -6,8 +6,8 @@ from dataclasses import dataclass, field
 from enum import Enum
 from typing import NamedTuple, Protocol
 
-from hal.joints.joints import DriveFault
 from hal.joints.motors import MotorModel
+from hal.joints.protocol import DriveFault
 
 
 class Frame(NamedTuple):

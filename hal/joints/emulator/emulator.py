@@ -12,16 +12,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from hal.joints.bus import CAN_ERR_ACK, CAN_ERR_BUSOFF, TICK_HZ, open_bus
-from hal.joints.bus_port import BusPort
+from hal.joints.can.bus import CAN_ERR_ACK, CAN_ERR_BUSOFF, TICK_HZ, open_bus
+from hal.joints.can.bus_port import BusPort
+from hal.joints.can.transmission import Transmission
 from hal.joints.codecs.wire import Frame
 from hal.joints.device import Exoskeleton
 from hal.joints.emulator.faults import DEFAULT_VALUE, Fault, ScheduledFault
 from hal.joints.emulator.firmware import EmulatedDrive, MotorState
 from hal.joints.emulator.plant import FreeLegs, Plant
-from hal.joints.joints import Joint, JointCommand
 from hal.joints.motors import load_motors
-from hal.joints.transmission import Transmission
+from hal.joints.protocol import Joint, JointCommand
 
 TICK_NS = int(1e9 / TICK_HZ)
 _EARLY_NS = TICK_NS // 2  # having answered, the body may move so much before its time: one awakening does for both

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from enum import Enum
 
 from hal.errors import HardwareError
-from hal.joints.joints import Joint
+from hal.joints.protocol import Joint
 
 
 class Fault(Enum):

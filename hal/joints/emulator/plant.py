@@ -5,15 +5,15 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, NamedTuple, Protocol
 
-from hal.joints.bus import TICK_HZ
+from hal.joints.can.bus import TICK_HZ
 from hal.joints.codecs.wire import SetPoint
 from hal.joints.device import Exoskeleton, JointDevice
-from hal.joints.joints import JointArray, JointCommand
+from hal.joints.protocol import JointArray, JointCommand
 from hal.joints.scene import Scene
 
 if TYPE_CHECKING:
     from hal.joints.body import Body
-    from hal.joints.simulated import SimulatedJoints
+    from hal.joints.simulated.driver import SimulatedJoints
 
 ROOM_C = 25.0
 _SUBSTEPS = 4
@@ -116,7 +116,7 @@ class WornExoskeleton:
     """The simulated exoskeleton with its wearer; without its sensors' noise and quanta, the drives have their own."""
 
     def __init__(self, device: Exoskeleton, body: Body) -> None:
-        from hal.joints.simulated import SimulatedJoints
+        from hal.joints.simulated.driver import SimulatedJoints
 
         self._joints: SimulatedJoints = SimulatedJoints(device, body, noisy=False, quantised=False)
         self._joints.open(0)

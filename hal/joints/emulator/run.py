@@ -12,7 +12,7 @@ from multiprocessing.synchronize import Event
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from hal.joints.bus import with_bus
+from hal.joints.can.bus import with_bus
 from hal.joints.device import Exoskeleton
 from hal.joints.emulator.emulator import DriveEmulator
 from hal.joints.emulator.faults import ScheduledFault

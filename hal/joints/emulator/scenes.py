@@ -8,9 +8,9 @@ from contextlib import suppress
 import msgspec
 
 from hal.errors import HardwareError
+from hal.joints.can.driver import SocketCanJoints
 from hal.joints.device import Exoskeleton
 from hal.joints.scene import Scene
-from hal.joints.socketcan import SocketCanJoints
 
 _EMULATED = ("local", "udp_multicast", "virtual")
 

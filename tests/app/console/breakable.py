@@ -5,16 +5,16 @@ from __future__ import annotations
 import signal
 from collections.abc import Callable
 
-from app.child import begin
-from app.control import assemble
+from app.control import assembly as assemble
 from app.perception import build
-from app.setup import SessionSetup
+from app.session.child import begin
+from app.system.config import SessionSetup
 from hal.cameras.camera import Camera, Frame
-from hal.cameras.digital_hand import DigitalHandCamera
-from hal.cameras.hand_scene import lens_for
+from hal.cameras.digital_hand.camera import DigitalHandCamera
+from hal.cameras.digital_hand.scene import lens_for
 from hal.errors import HardwareError
-from hal.joints.joints import DriveFault, Joint, Joints
-from hal.joints.simulated import SimulatedJoints
+from hal.joints.protocol import DriveFault, Joint, Joints
+from hal.joints.simulated.driver import SimulatedJoints
 
 BREAK, MEND = signal.SIGUSR1, signal.SIGUSR2
 UNPLUGGED = "The digital hand was unplugged: plug it in again."
@@ -45,7 +45,7 @@ class UnpluggableHand(DigitalHandCamera):
 
 
 def begin_breakable(name: str, setup: SessionSetup) -> None:
-    """One process of a session, as `app.child.begin` runs it, ready to be broken."""
+    """One process of a session, as `app.session.child.begin` runs it, ready to be broken."""
     PREPARE.get(name, lambda: None)()
     begin(name, setup)
 

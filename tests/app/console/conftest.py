@@ -12,11 +12,10 @@ from textual.app import App
 from textual.pilot import Pilot
 from textual.widgets import Input
 
-from app.config import Config
 from app.console.app import ConsoleApp
 from app.console.language import use_language
-from app.paths import Home
-from app.setup import SessionSetup
+from app.system.config import Config, SessionSetup
+from app.system.paths import Home
 from profiles.schema import DEMO_PATIENT, Profile
 from tests.app.console.fake_host import FakeHost
 

@@ -8,9 +8,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from app.control.states import ACTION_OF, Action, Effect, GaitState
-from app.host import Latest, ProcessStatus
-from app.messages import (
+from app.ipc.messages import (
     ActiveEvent,
     AuditHealth,
     ControlSnapshot,
@@ -23,7 +21,9 @@ from app.messages import (
     RealTime,
     TriggerReport,
 )
-from app.setup import SessionSetup
+from app.ipc.states import ACTION_OF, Action, Effect, GaitState
+from app.session.host import Latest, ProcessStatus
+from app.system.config import SessionSetup
 from kgdfa.gesture import Gesture
 
 ALLOWED_STANDING = (

@@ -20,18 +20,17 @@ import pytest
 from textual.pilot import Pilot
 from textual.screen import Screen
 
-from app.config import Config
 from app.console.app import ConsoleApp
 from app.console.dialogs import Question
 from app.console.keys import GESTURE_KEYS
 from app.console.stop_bar import StopBar
-from app.control.events import Event
-from app.control.states import ACTION_OF, Action, Effect, GaitState
-from app.host import SessionHost
-from app.messages import ControlSnapshot, TriggerReport
-from app.model import find_model
-from app.paths import Home, find_home
-from app.setup import SessionSetup
+from app.control.events.table import Event
+from app.ipc.messages import ControlSnapshot, TriggerReport
+from app.ipc.states import ACTION_OF, Action, Effect, GaitState
+from app.session.host import SessionHost
+from app.system.config import Config, SessionSetup
+from app.system.hand_model import find_model
+from app.system.paths import Home, find_home
 from kgdfa.gesture import Gesture
 from profiles.schema import DEMO_PATIENT, Profile
 from tests.app.console.conftest import Console, wait_until

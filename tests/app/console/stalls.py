@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from app.control.events import Event
+from app.control.events.table import Event
 
 SESSIONS = 5  # times that a flow may be begun because the guardian took the legs of a stalling host
 # What control says when the host stood still; nothing else makes it say so over simulated joints.

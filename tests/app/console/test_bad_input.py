@@ -9,8 +9,8 @@ from textual.widgets import Input
 
 from app.console.after.records import SessionRecord, SessionRecords
 from app.console.patients.fields import FIELDS, Kind
-from app.errors import AppError
-from app.paths import Home
+from app.system.errors import AppError
+from app.system.paths import Home
 from profiles.schema import DEMO_PATIENT
 from tests.app.console.conftest import Opener
 

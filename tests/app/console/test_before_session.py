@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import pytest
 
-from app.config import Config, JointsConfig
 from app.console.patients.calibration import CalibrationScreen
 from app.console.preflight import Preflight
 from app.console.session.screen import SessionScreen
-from app.control.patient import patient_of
-from app.control.preflight import preflight_passed
-from app.control.states import Action
-from app.messages import PressRange
-from app.model import find_model
-from app.operators import OperatorStore, Role, add_operator
-from app.paths import Home, find_home
+from app.ipc.messages import PressRange
+from app.ipc.states import Action
+from app.motion.patient import patient_of
+from app.motion.preflight import preflight_passed
+from app.system.config import Config, JointsConfig
+from app.system.hand_model import find_model
+from app.system.operators import OperatorStore, Role, add_operator
+from app.system.paths import Home, find_home
 from hal.joints.device import load_exoskeleton
 from profiles.schema import DEMO_PATIENT
 from profiles.store import ProfileStore

@@ -5,8 +5,8 @@ from __future__ import annotations
 import msgspec
 import pytest
 
-from app.config import JointsConfig
 from app.console.patients.fit import fits
+from app.system.config import JointsConfig
 from profiles.errors import ProfileError
 from profiles.schema import DEMO_PATIENT
 

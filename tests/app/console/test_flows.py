@@ -9,9 +9,9 @@ from textual.widgets import Input, Select
 from app.console.after.records import SessionRecords
 from app.console.language import tr
 from app.console.session.words import EFFECT_MARKS, effect_name
-from app.control.states import Action, Effect, GaitState
-from app.messages import OperatorKind
-from app.paths import Home
+from app.ipc.messages import OperatorKind
+from app.ipc.states import Action, Effect, GaitState
+from app.system.paths import Home
 from profiles.schema import DEMO_PATIENT
 from profiles.store import ProfileStore
 from tests.app.console.conftest import Console, Opener

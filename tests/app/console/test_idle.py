@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import pytest
 
-from app.config import Config
 from app.console.idle import Idle
 from app.console.signin import LockScreen
-from app.messages import OperatorKind
+from app.ipc.messages import OperatorKind
+from app.system.config import Config
 from tests.app.console.conftest import Opener
 
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import pytest
 
-from app.config import Config
 from app.console import keys
-from app.errors import AppError
-from app.messages import OperatorKind
+from app.ipc.messages import OperatorKind
+from app.system.config import Config
+from app.system.errors import AppError
 from kgdfa.gesture import Gesture
 from tests.app.console.conftest import Opener
 

@@ -15,10 +15,10 @@ from app.console.checks import CHECKS
 from app.console.hand_drawing import FINGER_NAMES, Posture
 from app.console.language import languages, tr, use_language, words_of
 from app.console.patients.fields import FIELDS, SECTIONS
-from app.control.states import Action, Effect, GaitState
-from app.errors import AppError
-from app.operators import Permission, Role
-from hal.joints.joints import Joint
+from app.ipc.states import Action, Effect, GaitState
+from app.system.errors import AppError
+from app.system.operators import Permission, Role
+from hal.joints.protocol import Joint
 from kgdfa.gesture import Gesture
 
 CODES = tuple(languages())

@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 
 from app.console.guide import _ENDINGS
 from app.console.session.picture import CELLS_A_SECOND, PICTURE_HZ, wanted
-from app.control.events import Event
-from app.control.states import Effect
+from app.control.events.table import Event
+from app.ipc.states import Effect
 from tests.app.console.conftest import Opener
 from tests.app.console.fake_host import event
 

@@ -10,15 +10,14 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from app import processes
-from app.config import Config
 from app.console.observer import ObserverHost, share, shared, unshare
-from app.errors import AppError
-from app.host import make_setup
-from app.links import OrderedReceiver, Publisher, address
-from app.messages import HandCommand, OperatorCommand, OperatorKind, TriggerReport
-from app.paths import Home
-from app.setup import SessionSetup
+from app.ipc import streams as processes
+from app.ipc.links import OrderedReceiver, Publisher, address
+from app.ipc.messages import HandCommand, OperatorCommand, OperatorKind, TriggerReport
+from app.session.host import make_setup
+from app.system.config import Config, SessionSetup
+from app.system.errors import AppError
+from app.system.paths import Home
 from profiles.schema import DEMO_PATIENT
 from tests.app.console.conftest import Opener
 

@@ -6,22 +6,21 @@ import signal
 import time
 from pathlib import Path
 
-from app.config import JointsConfig
 from app.console.after.screen import AfterScreen
 from app.console.idle import Idle
 from app.console.patients.screen import PatientsScreen
 from app.console.preflight import Preflight
 from app.console.session.screen import SessionScreen
 from app.console.signin import LockScreen, SignInDialog
-from app.control.events import Event
-from app.control.patient import patient_of
-from app.control.preflight import run_preflight
-from app.control.states import Action, GaitState
+from app.control.events.table import Event
 from app.demo.emulation import emulated_drives
-from app.host import SessionHost
-from app.operators import Role, add_operator, load_store, save_store
-from app.paths import Home
-from app.setup import SessionSetup
+from app.ipc.states import Action, GaitState
+from app.motion.patient import patient_of
+from app.motion.preflight import run_preflight
+from app.session.host import SessionHost
+from app.system.config import JointsConfig, SessionSetup
+from app.system.operators import Role, add_operator, load_store, save_store
+from app.system.paths import Home
 from hal.joints.device import load_exoskeleton
 from kgdfa.gesture import Gesture
 from logs.read import session_paths

@@ -27,7 +27,7 @@ from app.console.session.screen import SessionScreen
 from app.console.signin import LockScreen, SignInDialog
 from app.console.start import StartSession
 from app.console.training import TrainingScreen
-from app.control.states import Effect, GaitState
+from app.ipc.states import Effect, GaitState
 from logs.read import records, session_paths
 from logs.records import Stop
 from tests.app.console.real import AnyScreen, real_console, stop_on

@@ -12,8 +12,8 @@ import pytest
 from app.console.language import use_language
 from app.console.sentences import event_words, sentence
 from app.console.session.push import NOTHING_PUSHED, READABLE_NS, note
-from app.control.events import Event
-from app.messages import TriggerReport
+from app.control.events.table import Event
+from app.ipc.messages import TriggerReport
 from kgdfa import button
 from kgdfa.features import FEATURES, Feature
 

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from app.config import Config, JointsConfig
 from app.console.patients.form import PatientForm
 from app.console.patients.screen import PatientsScreen
 from app.console.session.screen import SessionScreen
 from app.console.signin import SignInDialog
-from app.messages import OperatorKind
-from app.operators import Role, add_operator, load_store, save_store
-from app.paths import Home
+from app.ipc.messages import OperatorKind
+from app.system.config import Config, JointsConfig
+from app.system.operators import Role, add_operator, load_store, save_store
+from app.system.paths import Home
 from logs.journal import OPERATORS
 from logs.read import records
 from logs.records import SignIn

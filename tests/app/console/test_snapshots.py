@@ -15,12 +15,11 @@ from syrupy.extensions.single_file import SingleFileSnapshotExtension, WriteMode
 from textual.pilot import Pilot
 from textual.strip import Strip
 
-from app.config import Config
 from app.console.after.screen import AfterScreen
 from app.console.app import ConsoleApp
 from app.console.themes import THEME_NAMES
-from app.paths import Home
-from app.setup import SessionSetup
+from app.system.config import Config, SessionSetup
+from app.system.paths import Home
 from profiles.schema import DEMO_PATIENT
 from tests.app.console.conftest import wait_until
 from tests.app.console.fake_host import FakeHost, flat

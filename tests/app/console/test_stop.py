@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from app.console.stop import REPEAT_BEGINS_NS, REPEAT_GAP_NS, Press, StopKeyState, press
-from app.messages import OperatorKind
+from app.ipc.messages import OperatorKind
 from tests.app.console.conftest import Opener
 
 MS = 1_000_000

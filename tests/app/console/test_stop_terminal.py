@@ -13,10 +13,10 @@ from pathlib import Path
 STUCK = """
 import sys, time
 from pathlib import Path
-from app.config import Config
+from app.system.config import Config
 from app.console.app import ConsoleApp
-from app.messages import OperatorKind
-from app.paths import Home
+from app.ipc.messages import OperatorKind
+from app.system.paths import Home
 from profiles.schema import DEMO_PATIENT
 from tests.app.console.fake_host import FakeHost
 

@@ -6,7 +6,7 @@ import pytest
 
 from app.console.hand_drawing import POSTURES, Posture, differences, draw_hand
 from app.console.training import LESSONS, Lesson, advance, feedback
-from app.messages import OperatorKind, TriggerReport
+from app.ipc.messages import OperatorKind, TriggerReport
 from kgdfa.gesture import Gesture
 from tests.app.console.conftest import Opener
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from app.control.gait_table import TABLE
-from app.control.plan import Phase
-from app.control.states import Action, GaitState
+from app.control.gait.table import TABLE
+from app.ipc.states import Action, GaitState
+from app.motion.plan import Phase
 
 THROUGH = frozenset(row.through for row in TABLE if row.through is not None)
 

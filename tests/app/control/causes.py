@@ -8,12 +8,12 @@ from dataclasses import dataclass, replace
 import msgspec
 import numpy as np
 
-from app.control.events import Event
-from app.control.memory import Memory
-from app.control.states import Action, GaitState
-from app.messages import OperatorKind
+from app.control.events.table import Event
+from app.control.state import ControlState
+from app.ipc.messages import OperatorKind
+from app.ipc.states import Action, GaitState
 from hal.joints.guard import Quantity, Refusal
-from hal.joints.joints import BusFault, DriveFault, DriveState, Joint, JointArray
+from hal.joints.protocol import BusFault, DriveFault, DriveState, Joint, JointArray
 from logs import records
 from tests.app.control.moments import standing
 from tests.app.control.rig import Rig
@@ -36,7 +36,7 @@ def spoil(**fields: object) -> Callable[[Rig], None]:
     return lambda rig: rig.spoil.update(fields)
 
 
-def names_in(memory: Memory) -> set[str]:
+def names_in(memory: ControlState) -> set[str]:
     """The events of a tick."""
     return {one.event.value for one in memory.active}
 

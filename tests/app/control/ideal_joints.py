@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from hal.joints.joints import BusFault, DriveFault, DriveState, JointArray, JointCommand, JointFeedback
+from hal.joints.protocol import BusFault, DriveFault, DriveState, JointArray, JointCommand, JointFeedback
 
 
 @dataclass

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from app.control.gait_table import TABLE
-from app.control.plan import TICK_HZ, Phase, Plan, PlanCheck, PlanRequest
-from app.control.states import Action, GaitState
+from app.control.gait.table import TABLE
+from app.ipc.states import Action, GaitState
+from app.motion.plan import TICK_HZ, Phase, Plan, PlanCheck, PlanRequest
 
 POSES = {
     GaitState.STANDING: np.zeros(4),

@@ -5,13 +5,13 @@ from __future__ import annotations
 from copy import deepcopy
 from functools import cache
 
-from app.control.follow import GIVE_WAY_S, HOLD_S
-from app.control.memory import Memory
-from app.control.plan import TICK_HZ
-from app.control.states import GESTURE_OF, Action, GaitState, Source
-from app.control.task import Stage
-from app.messages import OperatorKind
-from hal.joints.joints import DriveState
+from app.control.running_action import Stage
+from app.control.state import ControlState
+from app.ipc.messages import OperatorKind
+from app.ipc.states import GESTURE_OF, Action, GaitState, Source
+from app.motion.follower import DAMPING_RAMP_S, HOLD_S
+from app.motion.plan import TICK_HZ
+from hal.joints.protocol import DriveState
 from logs import records
 from tests.app.control.rig import Rig
 
@@ -33,7 +33,7 @@ _WAYS: dict[GaitState, tuple[Action, ...]] = {
     S.BETWEEN: (),
 }
 HOLD_TICKS = int(HOLD_S * TICK_HZ)
-SLACK_TICKS = int(GIVE_WAY_S * TICK_HZ)
+SLACK_TICKS = int(DAMPING_RAMP_S * TICK_HZ)
 
 
 def resting(state: GaitState) -> Rig:
@@ -46,7 +46,7 @@ def standing() -> Rig:
     return resting(S.STANDING)
 
 
-def now(rig: Rig) -> Memory:
+def now(rig: Rig) -> ControlState:
     """The rig's memory."""
     assert rig.memory is not None
     return rig.memory

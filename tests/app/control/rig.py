@@ -10,15 +10,15 @@ import msgspec
 import numpy as np
 
 from app.control.inputs import DriveOrder, Inputs, Outputs
-from app.control.memory import Memory
-from app.control.plan import TICK_HZ, Plan, PlanRequest
-from app.control.settings import Settings, gains_of
-from app.control.states import Action
+from app.control.state import ControlState
 from app.control.step import begin, step
-from app.messages import AuditHealth, GuardianHealth, OperatorCommand, OperatorKind, TriggerReport
+from app.ipc.messages import AuditHealth, GuardianHealth, OperatorCommand, OperatorKind, TriggerReport
+from app.ipc.states import Action
+from app.motion.plan import TICK_HZ, Plan, PlanRequest
+from app.motion.settings import Settings, gains_of
 from hal.joints.device import load_exoskeleton
 from hal.joints.guard import Guard, Refusal, limits_of
-from hal.joints.joints import (
+from hal.joints.protocol import (
     DriveState,
     JointCommand,
     JointFeedback,
@@ -47,7 +47,7 @@ class Rig:
     settings: Settings = SETTINGS
     now_ns: int = 1_000_000_000
     joints: IdealJoints = field(default_factory=IdealJoints)
-    memory: Memory | None = None
+    memory: ControlState | None = None
     outputs: Outputs | None = None
     guard: Guard = field(default_factory=lambda: Guard(SETTINGS.limits))
     alive: bool = True  # the console speaks
@@ -59,7 +59,7 @@ class Rig:
     answer_ticks: int = 1
     refuse_plans: str = ""
     audit: list[Body] = field(default_factory=list)
-    history: list[tuple[Memory, Outputs]] = field(default_factory=list)
+    history: list[tuple[ControlState, Outputs]] = field(default_factory=list)
     spoil: dict[str, Any] = field(default_factory=dict)  # fields of the next tick's Inputs
     report: dict[str, Any] = field(default_factory=dict)  # fields of every report
     audit_health: dict[str, Any] = field(default_factory=dict)
@@ -93,14 +93,14 @@ class Rig:
         self.incarnation += 1
         self._releases, self._released, self._released_ns, self._reports = 0, None, 0, 0
 
-    def tick(self, times: int = 1) -> Memory:
+    def tick(self, times: int = 1) -> ControlState:
         """So many ticks."""
         for _ in range(times):
             self._one()
         assert self.memory is not None
         return self.memory
 
-    def run_until(self, wanted: Callable[[Memory], bool], limit: int = 2500) -> Memory:
+    def run_until(self, wanted: Callable[[ControlState], bool], limit: int = 2500) -> ControlState:
         """Ticks until `wanted(memory)` holds; fails when it never does."""
         for _ in range(limit):
             if wanted(self.tick()):
@@ -108,11 +108,11 @@ class Rig:
                 return self.memory
         raise AssertionError(f"not reached in {limit} ticks")
 
-    def settle(self) -> Memory:
+    def settle(self) -> ControlState:
         """Ticks until nothing runs and nothing moves."""
         return self.run_until(lambda m: m.task is None and m.motion.resting)
 
-    def act(self, action: Action) -> Memory:
+    def act(self, action: Action) -> ControlState:
         """By the therapist's key, to its end."""
         self.say(OperatorKind.ACT, action)
         self.tick(2)

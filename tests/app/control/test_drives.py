@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 
-from app.control import follow
 from app.control.drives import Drives
 from app.control.inputs import DriveOrder
-from app.control.patient import body_of
-from app.control.settings import gains_of
+from app.motion import follower as follow
+from app.motion.patient import body_of
+from app.motion.settings import gains_of
 from hal.joints.device import load_exoskeleton
 from hal.joints.guard import limits_of
-from hal.joints.joints import DriveState, JointCommand
-from hal.joints.simulated import SimulatedJoints
+from hal.joints.protocol import DriveState, JointCommand
+from hal.joints.simulated.driver import SimulatedJoints
 from profiles.schema import DEMO_PATIENT
 
 DEVICE = load_exoskeleton()
@@ -32,7 +32,7 @@ def powered() -> tuple[CountingJoints, Drives]:
     joints = CountingJoints(DEVICE, body_of(DEMO_PATIENT))
     drives = Drives(joints, limits_of(DEVICE), gains_of(DEVICE, 1.0, 1.0))
     drives.open(1)
-    drives.obey(DriveOrder.ENABLE, 2)
+    drives.execute(DriveOrder.ENABLE, 2)
     feedback = drives.read(3)
     drives.write(follow.NEUTRAL, feedback, 3)
     assert drives.powered
@@ -41,7 +41,7 @@ def powered() -> tuple[CountingJoints, Drives]:
 
 def test_drives_told_off_are_off_at_once() -> None:
     joints, drives = powered()
-    assert drives.obey(DriveOrder.DISABLE, 4)
+    assert drives.execute(DriveOrder.DISABLE, 4)
     assert not drives.powered
     before = joints.writes
     assert drives.close() == ""

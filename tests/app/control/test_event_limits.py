@@ -8,11 +8,11 @@ from typing import Any
 import pytest
 from msgspec.structs import replace
 
-from app.control.events import ROW, Event, advance, effect_of, sentence
-from app.control.facts import Facts
-from app.control.states import Effect
+from app.control.diagnostics import Diagnostics
+from app.control.events.table import ROW, Event, advance, effect_of, sentence
+from app.ipc.states import Effect
 
-CALM = Facts(now_ns=1_000, powered=True)
+CALM = Diagnostics(now_ns=1_000, powered=True)
 E = Event
 # Written down a second time: docs/safety.md and the issue's bounds rest on these numbers.
 LIMITS = (
@@ -44,11 +44,11 @@ REPORTED = (
 )
 
 
-def events_of(facts: Facts) -> set[Event]:
+def events_of(facts: Diagnostics) -> set[Event]:
     return {one.event for one in advance((), facts)}
 
 
-def with_one(quantity: str, value: object) -> Facts:
+def with_one(quantity: str, value: object) -> Diagnostics:
     """A calm tick but for one quantity, named with its group."""
     group, _, name = quantity.rpartition(".")
     changed: dict[str, Any] = {name: value}

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from app.control.events import LINGER_NS, ROW, TABLE, Event, Latch
-from app.control.follow import Mode
-from app.control.states import Action, Effect, GaitState, Source
-from app.messages import OperatorKind
+from app.control.events.table import LINGER_NS, ROW, TABLE, Event, Latch
+from app.ipc.messages import OperatorKind
+from app.ipc.states import Action, Effect, GaitState, Source
+from app.motion.follower import Mode
 from kgdfa.hand import Gesture
 from logs import records
 from tests.app.control.causes import CAUSES, Cause, E, rig_with, seen
@@ -53,7 +53,7 @@ def test_what_holds_or_damps_stops_every_wish_and_stays_until_acknowledged(event
     still = rig.command
     rig.say(OperatorKind.ACKNOWLEDGE)
     rig.tick(100)
-    if event is not E.STOP_AGAIN and row.effect < Effect.DAMP and rig.memory.motion.mode is not Mode.LIMP:
+    if event is not E.STOP_AGAIN and row.effect < Effect.DAMP and rig.memory.motion.mode is not Mode.DISABLED:
         assert np.array_equal(rig.command.position_rad, still.position_rad), "acknowledging moves nothing"
     assert event.value not in rig.events()
     assert rig.memory.gait.running is None

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from app.control.events import ROW
-from app.control.states import Effect
-from app.messages import OperatorKind
+from app.control.events.table import ROW
+from app.ipc.messages import OperatorKind
+from app.ipc.states import Effect
 from tests.app.control.causes import CAUSES, E, rig_with
 
 

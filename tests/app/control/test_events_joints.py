@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from app.control.states import Effect
-from hal.joints.joints import BusFault, DriveFault
+from app.ipc.states import Effect
+from hal.joints.protocol import BusFault, DriveFault
 from tests.app.control.causes import E, fault, names_in
 from tests.app.control.moments import moving, standing
 from tests.app.control.rig import Rig

@@ -6,12 +6,11 @@ from itertools import product
 
 import pytest
 
-from app.control import gait_machine
-from app.control.gait_diagram import mermaid
-from app.control.gait_machine import Gait, Ignored, Latched, Refused, Started
-from app.control.gait_table import TABLE
-from app.control.plan import Phase
-from app.control.states import ACTION_OF, Action, GaitState
+from app.control.gait import machine as gait_machine
+from app.control.gait.machine import Gait, Ignored, Latched, Refused, Started
+from app.control.gait.table import TABLE, mermaid
+from app.ipc.states import ACTION_OF, Action, GaitState
+from app.motion.plan import Phase
 from kgdfa.hand import Gesture
 
 S, G = GaitState, Gesture

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from app.guardian import DAMP_NS, ENDING_DAMP_NS, OFF_NS, Doing, Watch, look
-from app.messages import Heartbeat
+from app.ipc.messages import Heartbeat
+from app.session.guardian import DAMP_NS, ENDING_DAMP_NS, OFF_NS, Doing, Watch, look
 
 MS = 1_000_000
 LOOK = 4 * MS

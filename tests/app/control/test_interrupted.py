@@ -5,21 +5,22 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from app.control import follow, gait_machine
+from app.control.diagnostics import SPEED_MARGIN, TORQUE_MARGIN
 from app.control.drives import Drives
-from app.control.events_joints import FOLLOWING_LIMIT_RAD, POSE_LIMIT_RAD
-from app.control.facts import SPEED_MARGIN, TORQUE_MARGIN
-from app.control.follow import Mode, Motion
-from app.control.gait_machine import Gait, Started
+from app.control.events.drives import FOLLOWING_LIMIT_RAD, POSE_LIMIT_RAD
+from app.control.gait import machine as gait_machine
+from app.control.gait.machine import Gait, Started
 from app.control.inputs import DriveOrder
-from app.control.patient import patient_of
-from app.control.plan import TICK_HZ, Phase, PlanRequest
-from app.control.settings import gains_of
-from app.control.states import Action, GaitState
-from app.control.trajectory import RECIPES, nominal_pose, path_of, plan, scene_of
+from app.ipc.states import Action, GaitState
+from app.motion import follower as follow
+from app.motion.follower import Mode, Motion
+from app.motion.patient import patient_of
+from app.motion.plan import TICK_HZ, Phase, PlanRequest
+from app.motion.settings import gains_of
+from app.motion.trajectory import RECIPES, nominal_pose, path_of, plan, scene_of
 from hal.joints.device import load_exoskeleton
 from hal.joints.guard import limits_of
-from hal.joints.simulated import SimulatedJoints
+from hal.joints.simulated.driver import SimulatedJoints
 from profiles.schema import DEMO_PATIENT
 
 TICK_NS = 1_000_000_000 // TICK_HZ
@@ -57,7 +58,7 @@ class Legs:
         self.now_ns = TICK_NS
         self.joints.place(nominal_pose(GaitState.STANDING, PATIENT))
         self.drives.open(self.now_ns)
-        self.drives.obey(DriveOrder.ENABLE, self.now_ns)
+        self.drives.execute(DriveOrder.ENABLE, self.now_ns)
         self.motion = follow.grip(self.tick(hold=False), self.gains)
         while self.motion.mode is not Mode.STIFF:
             self.tick(hold=False)

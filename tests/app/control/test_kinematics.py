@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from app.control import kinematics
+from app.motion import kinematics
 from hal.joints.body import average_body
 
 statures = st.floats(1.2, 2.2)

@@ -1,6 +1,6 @@
-"""Memory really runs out while the legs walk: in a control group of its own, so that nobody else on the host is asked.
+"""Memory really runs out while the legs walk: in a control group of its own, alone in it.
 
-The kernel chooses whom to end by the order in `app/out_of_memory.py`; control and guardian stay, and the legs are held.
+The kernel ends processes by the order in `app/system/scheduling.py`; control and guardian stay, and the legs are held.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from pathlib import Path
 import psutil
 import pytest
 
-from app.control.states import Effect
+from app.ipc.states import Effect
 from tools.real_session import RealSession, real_session
 from tools.watched_session import PATIENCE_S
 

@@ -5,14 +5,12 @@ from __future__ import annotations
 import multiprocessing
 from pathlib import Path
 
-from app.config import Config
-from app.control.plan import Phase, PlanRequest
-from app.control.plan_wire import PlanMessage, pack_request, unpack_plan
-from app.control.planner import run_planner
-from app.control.states import Action, GaitState
-from app.links import OrderedReceiver, OrderedSender, address
-from app.processes import PLAN_REPLY, PLAN_REQUEST
-from app.setup import SessionSetup
+from app.ipc.links import OrderedReceiver, OrderedSender, address
+from app.ipc.states import Action, GaitState
+from app.ipc.streams import PLAN_REPLY, PLAN_REQUEST
+from app.motion.plan import Phase, PlanMessage, PlanRequest, pack_request, unpack_plan
+from app.motion.planner import run_planner
+from app.system.config import Config, SessionSetup
 from profiles.schema import DEMO_PATIENT
 
 LIMIT_S = 60.0

@@ -11,10 +11,10 @@ from pathlib import Path
 
 import pytest
 
-from app.config import JointsConfig
-from app.control.states import Action, Effect, GaitState
 from app.demo.emulation import emulated_drives
-from app.messages import OperatorKind
+from app.ipc.messages import OperatorKind
+from app.ipc.states import Action, Effect, GaitState
+from app.system.config import JointsConfig
 from hal.joints.device import load_exoskeleton
 from tools.real_session import RealSession, Sniffer, real_session
 

@@ -7,13 +7,12 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from app.control.feasibility import check_profile, refuse_unfit
-from app.control.patient import Patient, patient_of
-from app.control.preflight import cleared_actions, keep_verdict, preflight_passed
-from app.control.rehearsal import rehearse
-from app.control.rehearsal_verdict import Verdict
-from app.control.states import Action
-from app.paths import Home
+from app.ipc.states import Action
+from app.motion.patient import Patient, patient_of
+from app.motion.preflight import check_profile, cleared_actions, keep_verdict, preflight_passed, refuse_unfit
+from app.motion.rehearsal import rehearse
+from app.motion.rehearsal_checks import Verdict
+from app.system.paths import Home
 from hal.joints.device import load_exoskeleton
 from profiles.errors import ProfileError
 from profiles.schema import DEMO_PATIENT, Profile

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from app.control.events import TABLE
+from app.control.events.table import TABLE
 from tools import safety_tables
 
 

@@ -12,13 +12,13 @@ import pytest
 from typer.testing import CliRunner
 
 from app.cli import cli
-from app.control.patient import patient_of
-from app.control.preflight import cleared_actions
-from app.control.rehearsal_verdict import Verdict, objections
-from app.control.states import Action
-from app.errors import AppError
 from app.evaluate.simulate import actions_named, corner_profiles, read_norm
-from app.paths import Home
+from app.ipc.states import Action
+from app.motion.patient import patient_of
+from app.motion.preflight import cleared_actions
+from app.motion.rehearsal_checks import Verdict, objections
+from app.system.errors import AppError
+from app.system.paths import Home
 from hal.joints.device import load_exoskeleton
 from profiles.files import encode
 from profiles.schema import DEMO_PATIENT

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from app.control.states import GESTURE_OF, Action, GaitState, Source
+from app.ipc.states import GESTURE_OF, Action, GaitState, Source
 from logs import records
 from tests.app.control.moments import GRANTED, RESTS, A, K, S, moving, now, resting, told, wish
 

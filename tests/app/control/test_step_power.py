@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from app.control.events import LINGER_NS, ROW, Event
-from app.control.follow import Mode
+from app.control.events.table import LINGER_NS, ROW, Event
 from app.control.inputs import DriveOrder
-from app.control.states import ACTION_OF, Action, Source
-from app.control.task import Stage
-from hal.joints.joints import DriveState
+from app.control.running_action import Stage
+from app.ipc.states import ACTION_OF, Action, Source
+from app.motion.follower import Mode
+from hal.joints.protocol import DriveState
 from kgdfa.hand import Gesture
 from tests.app.control.moments import HOLD_TICKS, A, K, S, moving, now, resting, standing
 from tests.app.control.rig import TICK_NS
@@ -137,7 +137,7 @@ def test_when_the_drives_lose_power_the_state_says_so() -> None:
     rig.joints.state = DriveState.DISABLED
     rig.tick()
     assert now(rig).gait.state is S.UNPOWERED
-    assert now(rig).motion.mode is Mode.LIMP
+    assert now(rig).motion.mode is Mode.DISABLED
     assert now(rig).reports[-1].outcome == "stopped"
     rig.tick(50)
     assert rig._refusal is None, "nothing that the guard would refuse is sent to drives that are off"
@@ -166,7 +166,7 @@ def test_the_end_holds_gives_way_switches_off_and_finishes(asked: str) -> None:
         if rig.outputs.finished:
             break
     order = [mode for i, mode in enumerate(modes) if i == 0 or modes[i - 1] is not mode]
-    assert order == [Mode.MOVE, Mode.STIFF, Mode.SLACK, Mode.LIMP]
+    assert order == [Mode.MOVE, Mode.STIFF, Mode.DAMPED, Mode.DISABLED]
     assert rig.joints.state is DriveState.DISABLED
     assert now(rig).gait.state is S.UNPOWERED
 

@@ -13,10 +13,10 @@ from hypothesis import HealthCheck, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
 
-from app.control.follow import Mode
-from app.control.states import Action, GaitState, Source
-from app.messages import OperatorKind
-from hal.joints.joints import BusFault, DriveFault, DriveState
+from app.ipc.messages import OperatorKind
+from app.ipc.states import Action, GaitState, Source
+from app.motion.follower import Mode
+from hal.joints.protocol import BusFault, DriveFault, DriveState
 from kgdfa.hand import Gesture
 from tests.app.control.moments import resting
 from tests.app.control.rig import Rig

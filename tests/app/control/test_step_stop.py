@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from app.control.events import Event
-from app.control.follow import Mode
-from app.control.states import Action, Effect, GaitState
-from app.control.task import Stage
-from hal.joints.joints import DriveState
+from app.control.events.table import Event
+from app.control.running_action import Stage
+from app.ipc.states import Action, Effect, GaitState
+from app.motion.follower import Mode
+from hal.joints.protocol import DriveState
 from kgdfa.hand import Gesture
 from logs import records
 from tests.app.control.moments import (
@@ -220,7 +220,7 @@ def test_after_a_damp_the_joints_are_gripped_where_they_sank_to() -> None:
     rig.joints.position_rad = np.array([0.4, 0.8, 0.5, 0.7])
     rig.say(K.ACKNOWLEDGE)
     rig.tick(5)
-    assert now(rig).motion.mode is Mode.SLACK, "acknowledging does not grip"
+    assert now(rig).motion.mode is Mode.DAMPED, "acknowledging does not grip"
     rig.say(K.ACT, A.INITIALISE)
     rig.run_until(lambda m: m.motion.mode is Mode.GRIP)
     assert rig.command.position_rad == pytest.approx(np.array([0.4, 0.8, 0.5, 0.7]))
@@ -249,7 +249,7 @@ def test_torque_goes_off_only_on_the_operators_word_and_only_when_the_joints_hav
     assert not [one for one in rig.audit if isinstance(one, records.GuardRefusal)], (
         "for slack joints neutral is no jump"
     )
-    assert now(rig).motion.mode is Mode.LIMP
+    assert now(rig).motion.mode is Mode.DISABLED
     assert Event.DRIVES_LOST.value not in rig.events()
     rig.say(K.ACKNOWLEDGE)
     rig.tick()

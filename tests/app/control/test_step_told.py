@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from app.control.events import Event
-from app.control.follow import Mode
-from app.control.memory import REPORTS_KEPT, Memory
-from app.control.task import Stage
+from app.control.events.table import Event
+from app.control.running_action import Stage
+from app.control.state import REPORTS_KEPT, ControlState
+from app.motion.follower import Mode
 from kgdfa.hand import Gesture
 from logs import records
 from tests.app.control.moments import A, K, S, moving, now, standing, told
@@ -25,7 +25,7 @@ def test_the_moments_of_an_action_are_in_order_and_true() -> None:
     command = rig.command
     first_ns = motion_ns = 0
 
-    def watch(m: Memory) -> bool:
+    def watch(m: ControlState) -> bool:
         nonlocal first_ns, motion_ns
         if not first_ns and not np.array_equal(rig.command.position_rad, command.position_rad):
             first_ns = rig.now_ns + 1_000_000

@@ -7,14 +7,14 @@ from typing import TypeVar
 
 import pytest
 
-from app.control.events import LINGER_NS, Event
-from app.control.follow import Mode
-from app.control.states import Effect
+from app.control.events.table import LINGER_NS, Event
+from app.control.requests import COMING_TO_REST
 from app.control.step import END_HOLD_NS
-from app.control.wishes import COMING_TO_REST
-from app.processes import TRIGGER
+from app.ipc.states import Effect
+from app.ipc.streams import TRIGGER
+from app.motion.follower import Mode
 from hal.joints.guard import Quantity, Refusal
-from hal.joints.joints import DriveState, Joint
+from hal.joints.protocol import DriveState, Joint
 from logs import records
 from tests.app.control.moments import SLACK_TICKS, A, K, S, moving, now, standing
 from tests.app.control.rig import TICK_NS, Rig
@@ -154,7 +154,7 @@ def test_giving_way_goes_on_from_the_command_that_left_when_one_is_refused() -> 
     left = rig.command
     rig.spoil["guard_refusal"] = Refusal(joint=Joint.LEFT_KNEE, quantity=Quantity.SPEED, value=9.0, limit=4.0)
     rig.tick()
-    assert now(rig).motion.mode is Mode.SLACK
+    assert now(rig).motion.mode is Mode.DAMPED
     assert now(rig).motion.origin is left
     assert rig.command.stiffness_nm_rad.max() <= left.stiffness_nm_rad.max()
     rig.tick(SLACK_TICKS + 1)

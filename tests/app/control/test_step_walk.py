@@ -7,11 +7,11 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from app.control.events import Event
-from app.control.follow import Mode
-from app.control.plan import Phase
-from app.control.states import Source
-from app.control.task import Stage
+from app.control.events.table import Event
+from app.control.running_action import Stage
+from app.ipc.states import Source
+from app.motion.follower import Mode
+from app.motion.plan import Phase
 from kgdfa.hand import Gesture
 from tests.app.control.moments import A, K, S, moving, now, standing, wish
 

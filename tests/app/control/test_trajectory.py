@@ -12,13 +12,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from app.control.patient import Patient, patient_of
-from app.control.plan import TICK_HZ, Phase, Plan, PlanRequest
-from app.control.plan_wire import pack_plan, pack_request, unpack_plan, unpack_request
-from app.control.rehearsal import STARTS, WALK_PHASES
-from app.control.states import Action, GaitState
-from app.control.task import VISIBLE_RAD
-from app.control.trajectory import FAR_RAD, RECIPES, nominal_pose, plan
+from app.control.running_action import VISIBLE_RAD
+from app.ipc.states import Action, GaitState
+from app.motion.patient import Patient, patient_of
+from app.motion.plan import TICK_HZ, Phase, Plan, PlanRequest, pack_plan, pack_request, unpack_plan, unpack_request
+from app.motion.rehearsal import STARTS, WALK_PHASES
+from app.motion.trajectory import FAR_RAD, RECIPES, nominal_pose, plan
 from hal.joints.device import load_exoskeleton
 from profiles.schema import GaitParameters, Profile, Sex
 

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from app.demo.session import SessionResult
 from app.demo.trial import Trial
-from app.messages import Lateness
+from app.ipc.messages import Lateness
 
 
 def session_of(trials: Sequence[Trial]) -> SessionResult:

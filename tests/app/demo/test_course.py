@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from app.control.gait_machine import Gait, Latched, Started, ask, complete
-from app.control.states import ACTION_OF, Action, GaitState
+from app.control.gait.machine import Gait, Latched, Started, ask, complete
 from app.demo.course import ALL_TWELVE
+from app.ipc.states import ACTION_OF, Action, GaitState
 
 
 def test_course_asks_for_every_action_once() -> None:

@@ -7,11 +7,11 @@ from dataclasses import replace
 
 import pytest
 
-from app.control.gait_machine import Gait, Latched, Started, ask, complete, interrupt
-from app.control.states import ACTION_OF, GaitState
+from app.control.gait.machine import Gait, Latched, Started, ask, complete, interrupt
 from app.demo.course import ALL_TWELVE, Leg
 from app.demo.journey import INTERRUPTIONS, run_course
 from app.demo.trial import Trial
+from app.ipc.states import ACTION_OF, GaitState
 from tests.app.demo.sessions import session_of
 
 Fate = Callable[[int, Leg], str]  # of the trial with that number: "" done, "held", "misread"

@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from app.control.states import Action, GaitState, Source
 from app.demo.trial import Trial, spread, success
-from app.messages import ActionReport
+from app.ipc.messages import ActionReport
+from app.ipc.states import Action, GaitState, Source
 from kgdfa.hand import Gesture
 
 

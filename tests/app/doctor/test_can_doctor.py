@@ -7,12 +7,12 @@ from typing import Any
 import msgspec
 import pytest
 
-from app.can_doctor import examine, judge_drives, judge_link
-from app.findings import Finding, Grade
-from hal.joints.bus import with_bus
+from app.diagnostics.can_doctor import examine, judge_drives, judge_link
+from app.diagnostics.findings import Finding, Grade
+from hal.joints.can.bus import with_bus
+from hal.joints.can.scan import Found
 from hal.joints.device import BusDevice, Exoskeleton, load_exoskeleton
 from hal.joints.emulator import DriveEmulator, EmulatorThread
-from hal.joints.scan import Found
 
 CAN0 = BusDevice()
 MIT = "MIT (AK V1/V2, bgkatz)"

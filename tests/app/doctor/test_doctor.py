@@ -9,11 +9,11 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from app import doctor
 from app.cli import cli
-from app.config import CameraConfig, Config, JointsConfig
-from app.findings import Finding, Grade
-from app.paths import Home
+from app.diagnostics import doctor
+from app.diagnostics.findings import Finding, Grade
+from app.system.config import CameraConfig, Config, JointsConfig
+from app.system.paths import Home
 
 
 def one(findings: Iterator[Finding]) -> Finding:

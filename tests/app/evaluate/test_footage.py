@@ -6,8 +6,8 @@ import cv2
 import numpy as np
 import pytest
 
-from app.errors import AppError
 from app.evaluate.footage import read_footage
+from app.system.errors import AppError
 
 
 @pytest.fixture(scope="module")

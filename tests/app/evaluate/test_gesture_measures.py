@@ -6,12 +6,12 @@ import cv2
 import numpy as np
 import pytest
 
-from app.errors import AppError
 from app.evaluate.gesture_judge import PublishedJudge, judge_all
 from app.evaluate.gesture_measures import CLASSES, GESTURE_NAMES, Judged, measure
 from app.evaluate.gesture_photos import Photo, SeenPhoto, read_labels
 from app.evaluate.gesture_report import PAPER_TABLE_3, as_json, write_confusion, write_errors
 from app.evaluate.keypoint_file import load_seen, save_seen
+from app.system.errors import AppError
 from kgdfa.hand import Gesture
 from kgdfa.verdict import Verdict
 from tests.kgdfa.hands import STATES, drawn_hand

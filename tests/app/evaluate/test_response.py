@@ -6,11 +6,11 @@ from collections.abc import Callable
 
 import pytest
 
-from app.control.states import ACTION_OF, Action, GaitState, Source
 from app.demo.course import ALL_TWELVE, Leg
 from app.demo.trial import Trial
 from app.evaluate.response import ATTEMPTS, PAPER, ResponseResult, Rounds, response_table, shared, wearer
-from app.messages import ActionReport
+from app.ipc.messages import ActionReport
+from app.ipc.states import ACTION_OF, Action, GaitState, Source
 from kgdfa.hand import Gesture
 from tests.app.demo.sessions import session_of
 

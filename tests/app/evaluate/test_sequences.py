@@ -4,9 +4,9 @@ from pathlib import Path
 
 import pytest
 
-from app.errors import AppError
 from app.evaluate.sequence import read_frames
 from app.evaluate.video import measure_sequence
+from app.system.errors import AppError
 
 HEADER = "path,label,distance_cm,anchor_cm,fx,fy,cx,cy\n"
 

@@ -9,8 +9,8 @@ import cv2
 import numpy as np
 import pytest
 
-from app.errors import AppError
 from app.evaluate.throughput import frames_for_speed, worker_counts
+from app.system.errors import AppError
 
 
 def test_without_a_recording_the_digital_hand_moves() -> None:

@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from app.messages import PerceptionCommand
+from app.ipc.messages import PerceptionCommand
 from app.perception.preview import PreviewPacer
 
 

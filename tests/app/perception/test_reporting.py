@@ -8,7 +8,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from app.messages import PressRange
+from app.ipc.messages import PressRange
 from app.perception.reporting import Surroundings, frames_per_second, records_between, to_message
 from kgdfa.button import ButtonState
 from kgdfa.distance import Distance

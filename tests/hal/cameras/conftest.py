@@ -10,9 +10,9 @@ import cv2
 import pytest
 
 from hal.cameras.camera import Camera
-from hal.cameras.digital_hand import DigitalHandCamera
+from hal.cameras.digital_hand.camera import DigitalHandCamera
+from hal.cameras.digital_hand.scene import lens_for
 from hal.cameras.factory import open_camera
-from hal.cameras.hand_scene import lens_for
 from hal.cameras.recording import Recorder
 from tests.hal.cameras import software_realsense
 

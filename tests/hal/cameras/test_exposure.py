@@ -6,8 +6,8 @@ import cv2
 import numpy as np
 import pytest
 
+from hal.cameras.digital_hand.scene import person_of, posed, render
 from hal.cameras.exposure import BLURRED, BRIGHT, DARK, hint
-from hal.cameras.hand_scene import person_of, posed, render
 
 
 @pytest.fixture(scope="module", params=range(1, 9))

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from hal.cameras.camera import Frame
-from hal.cameras.hand_depth import LEAST_M
+from hal.cameras.digital_hand.depth import LEAST_M
 from hal.cameras.realsense import RealSenseCamera, clean_depth
 from hal.cameras.software_realsense import SoftwareRealSense
 from hal.errors import HardwareError

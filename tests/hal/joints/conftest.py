@@ -8,9 +8,9 @@ from contextlib import ExitStack, suppress
 import pytest
 
 from hal.errors import HardwareError
+from hal.joints.can.driver import SocketCanJoints
 from hal.joints.device import Exoskeleton
 from hal.joints.emulator import DriveEmulator, EmulatorThread
-from hal.joints.socketcan import SocketCanJoints
 from tests.hal.joints.rig import CanRig, MakeRig
 
 

@@ -16,10 +16,10 @@ from typing import Protocol
 import msgspec
 import numpy as np
 
-from hal.joints.bus import with_bus
+from hal.joints.can.bus import with_bus
 from hal.joints.device import Exoskeleton, JointDevice, load_exoskeleton
 from hal.joints.emulator import DriveEmulator
-from hal.joints.joints import JointArray, JointCommand, JointFeedback, Joints
+from hal.joints.protocol import JointArray, JointCommand, JointFeedback, Joints
 
 LIMIT_S = float(os.environ.get("RLEEX_TEST_LIMIT_S", "5"))  # a failure, not a duration: all takes milliseconds
 TICK_S = 0.002

@@ -13,11 +13,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hal.joints.bus import ERROR_FRAMES, bus_load, fault_of, frame_bits, meaning_of, message_of, open_bus
-from hal.joints.bus_port import BusPort
+from hal.joints.can.bus import ERROR_FRAMES, bus_load, fault_of, frame_bits, meaning_of, message_of, open_bus
+from hal.joints.can.bus_port import BusPort
 from hal.joints.codecs.wire import Frame
 from hal.joints.device import BusDevice
-from hal.joints.joints import BusFault
+from hal.joints.protocol import BusFault
 
 FRAME = Frame(1, b"\x01")
 

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 
 from hal.joints.codecs import codec_of, cybergear, damiao, mit
 from hal.joints.codecs.wire import NEUTRAL, Frame, Order, Reply, Scale, SetPoint
-from hal.joints.joints import DriveFault
 from hal.joints.motors import MotorModel, ReplyLayout, WireProtocol, load_motors
+from hal.joints.protocol import DriveFault
 
 TABLE = load_motors()
 MOTORS = tuple(TABLE.entries.values())

@@ -11,8 +11,8 @@ from hal.joints.codecs.wire import NEUTRAL, Frame, Order, SetPoint
 from hal.joints.device import load_exoskeleton
 from hal.joints.emulator import Fault, read_schedule
 from hal.joints.emulator.firmware import EmulatedDrive, MotorState
-from hal.joints.joints import DriveFault, Joint
 from hal.joints.motors import Silence, Watchdog, load_motors
+from hal.joints.protocol import DriveFault, Joint
 
 MS = 1_000_000
 HOUR_NS = 3_600_000 * MS

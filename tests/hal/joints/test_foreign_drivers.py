@@ -14,8 +14,8 @@ from hal.joints.codecs import codec_of
 from hal.joints.codecs.wire import Frame, SetPoint
 from hal.joints.device import load_exoskeleton
 from hal.joints.emulator.firmware import EmulatedDrive, MotorState
-from hal.joints.joints import DriveFault
 from hal.joints.motors import load_motors
+from hal.joints.protocol import DriveFault
 
 # What a driver sends, and what the drive says to it, in the order of a session.
 SESSIONS = {

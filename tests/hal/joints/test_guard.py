@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from hal.errors import HardwareError
 from hal.joints.device import load_exoskeleton
 from hal.joints.guard import ENGAGE_RAD, Guard, Quantity, Refusal, limits_of
-from hal.joints.joints import Joint, JointArray, JointCommand
+from hal.joints.protocol import Joint, JointArray, JointCommand
 
 DEVICE = load_exoskeleton()
 LIMITS = limits_of(DEVICE)

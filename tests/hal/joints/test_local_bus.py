@@ -14,12 +14,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hal.errors import HardwareError
-from hal.joints.bus import frame_of, open_bus
-from hal.joints.bus_port import BusPort
+from hal.joints.can.bus import frame_of, open_bus
+from hal.joints.can.bus_port import BusPort
+from hal.joints.can.local_bus import GROUP, LocalBus
 from hal.joints.codecs.wire import Frame
 from hal.joints.device import BusDevice
-from hal.joints.joints import BusFault
-from hal.joints.local_bus import GROUP, LocalBus
+from hal.joints.protocol import BusFault
 
 WAIT_S = 10.0
 

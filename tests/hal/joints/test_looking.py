@@ -14,15 +14,15 @@ from rich.console import Console
 
 from app.cli.drive_table import monitor_table
 from hal.errors import HardwareError
-from hal.joints import zeroing
-from hal.joints.bus import open_bus
-from hal.joints.bus_log import Decoder, LogSummary, messages_of, open_log
+from hal.joints.can import zeroing
+from hal.joints.can.bus import open_bus
+from hal.joints.can.candump import Decoder, LogSummary, messages_of, open_log
+from hal.joints.can.driver import SocketCanJoints
+from hal.joints.can.monitor import BusMonitor, stations_of
+from hal.joints.can.recorder import BusRecorder
+from hal.joints.can.scan import listen, scan
 from hal.joints.emulator import Fault
-from hal.joints.joints import DriveFault, Joint
-from hal.joints.monitor import BusMonitor, stations_of
-from hal.joints.recorder import BusRecorder
-from hal.joints.scan import listen, scan
-from hal.joints.socketcan import SocketCanJoints
+from hal.joints.protocol import DriveFault, Joint
 from tests.hal.joints.rig import CanRig, MakeRig, command, small_gear, with_motor
 
 PATIENT_S = 0.4  # emulated drives share this machine's processors

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from hal.errors import HardwareError
-from hal.joints.joints import DriveFault
 from hal.joints.motors import load_motors
+from hal.joints.protocol import DriveFault
 
 ENTRY = """
 [[motor]]

@@ -11,8 +11,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hal.joints.joints import DriveFault
-from hal.joints.plausibility import RangeWatch
+from hal.joints.can.range_check import RangeCheck
+from hal.joints.protocol import DriveFault
 
 TICK_NS = 2_000_000
 SECONDS = 6.0  # of motion; twice as long as the slowest verdict below takes
@@ -95,7 +95,7 @@ LOST = st.lists(st.sampled_from((False, False, False, True)), min_size=1, max_si
 def test_right_ranges_are_never_told_wrong(
     leg: Swing, beside: list[Swing], stalls: list[Trouble], jitter_ns: list[int], lost: list[bool]
 ) -> None:
-    watch = RangeWatch()
+    watch = RangeCheck()
     for angle, speed, at_ns in replies([leg, *beside], stalls, jitter_ns, lost):
         assert watch.judge(angle, speed, at_ns) is DriveFault.NONE
 
@@ -108,14 +108,14 @@ def test_wrong_ranges_are_always_told(leg: Swing, share: float, jitter_ns: list[
         Trouble(tuple(Stall)[number % 4], begin_ns + number * 1_000_000_000, 60_000_000)
         for number in range(int(SECONDS))
     ]
-    watch = RangeWatch()
+    watch = RangeCheck()
     coming = replies([leg], stalls, jitter_ns, [False])
     assert any(watch.judge(angle, share * speed, at_ns) is DriveFault.WRONG_RANGE for angle, speed, at_ns in coming)
 
 
 def judged(*, share: float, silent_ms: float = 0.0, seconds: float = 3.0) -> DriveFault:
     """A leg swings ±0.3 rad at 3 Hz; velocities come scaled by `share`, and in every 50 ms there is a silence."""
-    watch, verdict = RangeWatch(), DriveFault.NONE
+    watch, verdict = RangeCheck(), DriveFault.NONE
     for now_ns in range(0, int(seconds * 1e9), TICK_NS):
         if now_ns % 50_000_000 < silent_ms * 1e6:
             continue
@@ -138,7 +138,7 @@ def test_wrong_ranges_are_found_within_half_a_second_of_brisk_motion(share: floa
 
 def test_an_old_angle_with_a_fresh_time_after_each_silence_is_no_wrong_range() -> None:
     """Drives that stood still for 30 ms, emulated ones or a host's, answer first with where the leg was."""
-    watch = RangeWatch()
+    watch = RangeCheck()
     for number in range(60):
         for now_ms in range(0, 100, 2):
             at_ms = number * 130 + now_ms
@@ -147,6 +147,6 @@ def test_an_old_angle_with_a_fresh_time_after_each_silence_is_no_wrong_range() -
 
 
 def test_a_leg_at_rest_proves_nothing() -> None:
-    watch = RangeWatch()
+    watch = RangeCheck()
     verdicts = {watch.judge(0.1, 0.02, now_ns) for now_ns in range(0, 2_000_000_000, TICK_NS)}
     assert verdicts == {DriveFault.NONE}

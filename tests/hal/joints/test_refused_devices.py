@@ -6,8 +6,8 @@ import msgspec
 import pytest
 
 from hal.errors import HardwareError
+from hal.joints.can.driver import SocketCanJoints
 from hal.joints.device import Exoskeleton, load_exoskeleton
-from hal.joints.socketcan import SocketCanJoints
 from tests.hal.joints.rig import with_motor
 
 

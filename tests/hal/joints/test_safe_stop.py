@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from hal.errors import HardwareError
+from hal.joints.can.safe_stop import SafeStop
 from hal.joints.device import load_exoskeleton
 from hal.joints.emulator import Fault
-from hal.joints.joints import Joint
-from hal.joints.safe_stop import SafeStop
+from hal.joints.protocol import Joint
 from tests.hal.joints.rig import CanRig, MakeRig, command, small_gear, until, with_motor
 
 DEVICES = {

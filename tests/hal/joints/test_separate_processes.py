@@ -12,16 +12,16 @@ import numpy as np
 import pytest
 
 from hal.errors import HardwareError
-from hal.joints.bus import frame_of, open_bus, with_bus
+from hal.joints.can.bus import frame_of, open_bus, with_bus
+from hal.joints.can.drive import Station
+from hal.joints.can.driver import SocketCanJoints
+from hal.joints.can.safe_stop import SafeStop
 from hal.joints.device import Exoskeleton, load_exoskeleton
 from hal.joints.emulator import run_emulator
 from hal.joints.emulator.scenes import SceneReceiver, StagedCanJoints
 from hal.joints.factory import make_joints
-from hal.joints.joints import JointCommand
-from hal.joints.safe_stop import SafeStop
+from hal.joints.protocol import JointCommand
 from hal.joints.scene import Block, BlockKind, Scene
-from hal.joints.socketcan import SocketCanJoints
-from hal.joints.station import Station
 
 LIMIT_S = 30.0  # three interpreters start on a busy machine
 
@@ -85,7 +85,7 @@ class Ear:
     """Listens to the drives' own words."""
 
     def __init__(self, device: Exoskeleton) -> None:
-        from hal.joints.monitor import stations_of
+        from hal.joints.can.monitor import stations_of
 
         self._stations: tuple[Station, ...] = stations_of(device)
         self._bus = open_bus(device.buses[0])

@@ -8,9 +8,9 @@ import pytest
 from hal.errors import HardwareError
 from hal.joints.body import average_body
 from hal.joints.device import load_exoskeleton
-from hal.joints.joints import BusFault, DriveFault, DriveState, Joint, JointArray, JointCommand
+from hal.joints.protocol import BusFault, DriveFault, DriveState, Joint, JointArray, JointCommand
 from hal.joints.scene import Block, BlockKind, Scene
-from hal.joints.simulated import SimulatedJoints
+from hal.joints.simulated.driver import SimulatedJoints
 
 TICK_NS = 2_000_000
 STANDING = np.radians([4.0, 8.0, 4.0, 8.0])

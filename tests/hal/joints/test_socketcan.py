@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from hal.errors import HardwareError
-from hal.joints.bus import CAN_ERR_LOSTARB
+from hal.joints.can.bus import CAN_ERR_LOSTARB
+from hal.joints.can.driver import SocketCanJoints
 from hal.joints.device import Exoskeleton, load_exoskeleton
 from hal.joints.emulator import Fault
-from hal.joints.joints import BusFault, DriveFault, DriveState, Joint, JointFeedback
-from hal.joints.socketcan import SocketCanJoints
+from hal.joints.protocol import BusFault, DriveFault, DriveState, Joint, JointFeedback
 from tests.hal.joints.rig import LOOKS, CanRig, MakeRig, command, each_joint, on_test_bus, with_motor
 
 HOLD = command(0.1, stiffness=150.0)

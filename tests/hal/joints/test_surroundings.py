@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from hal.joints.scene import LEVEL_FLOOR, Block, BlockKind, Scene
-from hal.joints.surroundings import Surroundings, around_next
+from hal.joints.scene import LEVEL_FLOOR, Block, BlockKind, Scene, Surroundings, around_next
 
 FEET = (2.0, 2.0)
 

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from hal.errors import HardwareError
 from hal.joints.codecs import codec_of
 from hal.joints.codecs.wire import NEUTRAL, Frame, Order, Reply
-from hal.joints.joints import DriveFault
 from hal.joints.motors import MotorModel, WireProtocol, load_motors
+from hal.joints.protocol import DriveFault
 
 TABLE = load_motors()
 UPLOADING = (WireProtocol.AK_V3, WireProtocol.SERVO)

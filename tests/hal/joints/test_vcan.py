@@ -17,10 +17,10 @@ import can
 import pytest
 
 from hal.errors import HardwareError
-from hal.joints.bus import with_bus
+from hal.joints.can.bus import with_bus
+from hal.joints.can.recorder import BusRecorder
 from hal.joints.emulator import Fault
-from hal.joints.joints import BusFault, DriveState
-from hal.joints.recorder import BusRecorder
+from hal.joints.protocol import BusFault, DriveState
 from tests.hal.joints.rig import CanRig, MakeRig, bus_of_test, command, until, with_motor
 
 pytestmark = pytest.mark.skipif(

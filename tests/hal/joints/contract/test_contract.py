@@ -11,7 +11,7 @@ import pytest
 from hal.errors import HardwareError
 from hal.joints.device import load_exoskeleton
 from hal.joints.factory import make_joints
-from hal.joints.joints import (
+from hal.joints.protocol import (
     BusFault,
     DriveFault,
     DriveState,

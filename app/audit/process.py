@@ -1,0 +1,214 @@
+"""The audit process: receives every process's records, writes them, and tells how far it is.
+
+It ends last: asked by SIGTERM when the others are gone, or by itself when the console has died and nobody has said
+anything for a while.
+"""
+
+from __future__ import annotations
+
+import os
+import platform
+import signal
+import sys
+import threading
+import time
+from hashlib import sha256
+from importlib.metadata import version
+from pathlib import Path
+from types import FrameType
+
+import msgspec
+
+from app.ipc.links import OrderedReceiver, Publisher, address
+from app.ipc.messages import AuditHealth
+from app.ipc.streams import AUDIT, AUDIT_HEALTH
+from app.system.config import SessionSetup
+from app.system.hand_model import MODEL_NAME
+from app.system.paths import Home
+from app.system.scheduling import set_scheduling
+from logs.copies import CheckpointCopy
+from logs.disk import PosixDisk
+from logs.keys import ConsoleKey, load_or_make_key
+from logs.manifest import Moment
+from logs.records import Body, Entry, EventRaised, PatientChosen, RecordsLost, SessionStart, SignIn
+from logs.writer import SessionWriter
+
+LIBRARIES = ("rleex", "mediapipe", "mujoco", "numpy", "opencv-python-headless", "python-can", "textual", "pyzmq")
+BATCH = 4096  # messages between two looks at the disk and the clock
+TURN_S = 0.01
+QUIET_S = 0.2  # asked to end: nothing has come for so long
+ORPHAN_QUIET_S = 3.0  # console dead: control holds, damps, disables within this silence
+GIVE_UP_S = 10.0  # trying to write the end on a disk that refuses
+SILENT_DISK_S = 2.0  # a disk that spins up, or a burst of other programs, is not a fault yet
+
+
+def run_audit(setup: SessionSetup) -> None:
+    """Write one session's trail from its first record to its signed end."""
+    set_scheduling("audit")
+    home = Home(setup.home)
+    home.logs.mkdir(parents=True, exist_ok=True, mode=0o700)
+    key = load_or_make_key(home.keys)
+    writer = SessionWriter(home.logs, setup.session, key, PosixDisk(), CheckpointCopy(setup.config.checkpoint_copy))
+    receiver = OrderedReceiver(address(setup.links, AUDIT.name), Entry)
+    shell = _Shell(setup, writer, receiver)
+    signal.signal(signal.SIGTERM, shell.on_term)
+    with _HealthTeller(setup, shell):
+        shell.begin(key)
+        shell.run()
+        done = shell.end()
+    receiver.close()
+    writer.close()
+    if not done:
+        sys.stderr.write(f"{writer.fault}\n")
+        sys.exit(1)
+
+
+class _Shell:
+    """Clocks, queue and ending, around the writer."""
+
+    def __init__(self, setup: SessionSetup, writer: SessionWriter, receiver: OrderedReceiver[Entry]) -> None:
+        self.writer = writer
+        self.turned_ns = time.monotonic_ns()  # when the loop last came round
+        self._setup = setup
+        self._receiver = receiver
+        self._rejected = 0
+        self._ending = False
+        self._heard_ns = self.turned_ns
+        self._copy_fault = ""
+
+    def on_term(self, _number: int, _frame: FrameType | None) -> None:
+        """Asked to end: finish what is queued first."""
+        self._ending = True
+
+    def begin(self, key: ConsoleKey) -> None:
+        """The first records: what runs, for whom, and what earlier crashes left."""
+        found = self.writer.begin(_start(self._setup), self._now())
+        patient = self._setup.profile
+        self._say(
+            PatientChosen(
+                patient=patient.identifier,
+                profile_sha256=sha256(msgspec.json.encode(patient)).hexdigest(),
+                parameters=_parameters(self._setup),
+            )
+        )
+        if self._setup.operator:
+            self._say(SignIn(name=self._setup.operator, role=self._setup.role))
+        for text in found:
+            self._say(EventRaised(event="earlier trail found unclosed", effect="note", text=text))
+        if key.was_exposed:
+            text = "Others could read the signing key; its permissions have been mended. Consider a new key."
+            self._say(EventRaised(event="signing key was exposed", effect="note", text=text))
+
+    def run(self) -> None:
+        """Until it is time to end: take, settle, come round."""
+        while not self._must_end():
+            self.turned_ns = time.monotonic_ns()
+            if self.writer.is_full:
+                time.sleep(TURN_S)
+            else:
+                self._take_waiting()
+            self.writer.settle_when_due(time.monotonic_ns())
+
+    def end(self) -> bool:
+        """The signed end; tries again for a while when the disk refuses."""
+        reason = "ended by the console" if self._ending else "the console is gone"
+        self.writer.end(reason, self._now())
+        deadline = time.monotonic() + GIVE_UP_S
+        while not self.writer.finish(self._now()):
+            if time.monotonic() > deadline:
+                return False
+            self.turned_ns = time.monotonic_ns()
+            time.sleep(0.1)
+        return True
+
+    def _take_waiting(self) -> None:
+        entry = self._receiver.receive(TURN_S)
+        taken = 0
+        while entry is not None:
+            self.writer.take(entry)
+            taken += 1
+            entry = self._receiver.receive() if taken < BATCH else None
+        if taken:
+            self._heard_ns = time.monotonic_ns()
+        self._tell_rejected()
+        self._tell_copy_fault()
+
+    def _tell_rejected(self) -> None:
+        lost, self._rejected = self._receiver.rejected - self._rejected, self._receiver.rejected
+        if lost:
+            self._say(RecordsLost(count=lost, reason="a message was not an audit record"))
+
+    def _tell_copy_fault(self) -> None:
+        fault = self.writer.copy_fault
+        if fault and fault != self._copy_fault:
+            self._say(EventRaised(event="checkpoint copy failed", effect="note", text=fault))
+        self._copy_fault = fault
+
+    def _must_end(self) -> bool:
+        quiet_s = (time.monotonic_ns() - self._heard_ns) / 1e9
+        if self._ending:
+            return quiet_s > QUIET_S
+        orphan = self._setup.console_pid != 0 and os.getppid() != self._setup.console_pid
+        return orphan and quiet_s > ORPHAN_QUIET_S
+
+    def _say(self, body: Body) -> None:
+        now = self._now()
+        self.writer.take(now.entry(body))
+
+    def _now(self) -> Moment:
+        return Moment(wall_ns=time.time_ns(), monotonic_ns=time.monotonic_ns(), operator=self._setup.operator)
+
+
+class _HealthTeller:
+    """Publishes the health from a thread of its own, so that a disk that takes its time is told, not taken for dead."""
+
+    def __init__(self, setup: SessionSetup, shell: _Shell) -> None:
+        self._where = address(setup.links, AUDIT_HEALTH.name)
+        self._shell = shell
+        self._ended = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="audit-health", daemon=True)
+
+    def __enter__(self) -> None:
+        self._thread.start()
+
+    def __exit__(self, *_: object) -> None:
+        self._ended.set()
+        self._thread.join()
+
+    def _run(self) -> None:
+        publisher = Publisher(self._where)
+        while not self._ended.wait(1.0 / AUDIT_HEALTH.rate_hz):
+            publisher.send(health(self._shell.writer, self._shell.turned_ns, time.monotonic_ns()))
+        publisher.close()
+
+
+def health(writer: SessionWriter, turned_ns: int, now_ns: int) -> AuditHealth:
+    """How far the writer is; a fault when the disk refuses or has not answered for a while."""
+    fault = writer.fault
+    silent_s = (now_ns - turned_ns) / 1e9
+    if not fault and silent_s > SILENT_DISK_S:
+        fault = f"The disk of the audit trail has not answered for {silent_s:.0f} s; mend or free it."
+    return AuditHealth(at_ns=now_ns, written=writer.written, waiting=writer.waiting, fault=fault)
+
+
+def _start(setup: SessionSetup) -> SessionStart:
+    return SessionStart(
+        versions=_versions(setup),
+        configuration=msgspec.to_builtins(setup.config),
+        simulated=setup.config.joints.kind == "simulated",
+        role=setup.role,
+    )
+
+
+def _versions(setup: SessionSetup) -> dict[str, str]:
+    found = {name: version(name) for name in LIBRARIES}
+    model = Path(setup.config.model) if setup.config.model else Home(setup.home).models / MODEL_NAME
+    if model.is_file():
+        found["hand model, SHA-256"] = sha256(model.read_bytes()).hexdigest()
+    return found | {"python": platform.python_version(), "system": platform.platform()}
+
+
+def _parameters(setup: SessionSetup) -> dict[str, object]:
+    """Everything that shapes the motion; never the free note, which may hold a name."""
+    everything: dict[str, object] = msgspec.to_builtins(setup.profile)
+    return {name: value for name, value in everything.items() if name not in ("note", "identifier")}

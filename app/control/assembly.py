@@ -1,0 +1,81 @@
+"""From a session's setup to control's settings and joints."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from app.control.drives import Drives
+from app.ipc.states import Action, GaitState
+from app.motion.patient import body_of, patient_of
+from app.motion.preflight import cleared_actions
+from app.motion.settings import Settings, gains_of
+from app.motion.trajectory import nominal_pose, scene_of
+from app.system.config import SessionSetup
+from app.system.paths import Home
+from hal.joints.device import DEFAULT_DEVICE, Exoskeleton, load_exoskeleton
+from hal.joints.factory import make_joints
+from hal.joints.guard import limits_of
+from hal.joints.protocol import Joints
+from hal.joints.scene import Scene
+
+POSED_STATES = (
+    GaitState.STANDING,
+    GaitState.SITTING,
+    GaitState.RIGHT_FORWARD,
+    GaitState.LEFT_FORWARD,
+)
+
+
+def device_of(setup: SessionSetup) -> Exoskeleton:
+    """The device that the configuration names. Raises HardwareError."""
+    path = setup.config.joints.device
+    return load_exoskeleton(Path(path) if path else DEFAULT_DEVICE)
+
+
+def settings_of(setup: SessionSetup) -> Settings:
+    """Limits, gains and poses of this patient in this device. Raises HardwareError."""
+    device, profile = device_of(setup), setup.profile
+    patient = patient_of(profile, device)
+    return Settings(
+        limits=limits_of(device, profile.hip_max_rad, profile.knee_max_rad),
+        gains=gains_of(device, profile.gait.assist_left, profile.gait.assist_right),
+        poses={state: nominal_pose(state, patient) for state in POSED_STATES},
+        warn_c=np.array([joint.warn_c for joint in device.joints]),
+        limit_c=np.array([joint.limit_c for joint in device.joints]),
+        patient=profile.identifier,
+        simulated=setup.config.joints.kind == "simulated",
+    )
+
+
+def joints_of(setup: SessionSetup) -> Joints:
+    """The joints that the configuration names, not open yet. Raises HardwareError."""
+    chosen = setup.config.joints
+    return make_joints(
+        chosen.kind,
+        device_of(setup),
+        body_of(setup.profile),
+        motors=Path(chosen.motors) if chosen.motors else None,
+        interface=chosen.interface,
+        channel=chosen.channel,
+    )
+
+
+def drives_of(setup: SessionSetup, settings: Settings) -> Drives:
+    """The door to the joints, not open yet."""
+    return Drives(joints_of(setup), settings.limits, settings.gains, scenes_of(setup))  # only simulated feet are staged
+
+
+def cleared_of(setup: SessionSetup) -> frozenset[Action] | None:
+    """The actions whose pre-flight this patient has passed in this device; None where none is needed (simulated)."""
+    if setup.config.joints.kind == "simulated":
+        return None
+    device = device_of(setup)
+    return cleared_actions(Home(setup.home), patient_of(setup.profile, device), device)
+
+
+def scenes_of(setup: SessionSetup) -> dict[Action, Scene]:
+    """What simulated feet find around them as each action starts: stairs, obstacle, chair."""
+    patient = patient_of(setup.profile, device_of(setup))
+    return {action: scene_of(action, patient) for action in Action}

@@ -1,0 +1,241 @@
+"""What is true in this tick, in the plain quantities that the table of events compares with its limits."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from math import inf, isnan, nan, radians
+
+import numpy as np
+from msgspec import Struct
+
+from app.control.freshness import NS_PER_MS, StreamState
+from app.control.gait.machine import Gait
+from app.control.inputs import Inputs
+from app.motion.follower import Mode, Motion
+from app.motion.settings import Settings
+from hal.joints.protocol import BusFault, DriveFault, Joint, JointFeedback
+
+RANGE_MARGIN_RAD = radians(2.0)  # of the measured angle over the device's range: encoder noise and a soft stop
+SPEED_MARGIN = 1.1
+TORQUE_MARGIN = 1.05
+SETTLED_NS = 500 * NS_PER_MS  # after a movement the joints settle; later motion while held is unexpected
+
+
+class Session(Struct, frozen=True, kw_only=True):
+    """What the operator has said, and what has not been said or shown yet."""
+
+    armed: bool = True
+    patient_confirmed: bool = True
+    uncleared: bool = False  # a wish of this tick lacks its pre-flight
+    stop_presses: int = 0
+    ending: bool = False
+    ending_slack: bool = False  # it has been ending for so long that the joints give way
+
+
+class Planning(Struct, frozen=True, kw_only=True):
+    """Whether the planner keeps up with what runs."""
+
+    ready: bool = True
+    silent: bool = False
+    walk_plan_missing: bool = False
+
+
+class Programs(Struct, frozen=True, kw_only=True):
+    """The programs beside control; ages count from their last word."""
+
+    picture_age_ms: float = 0.0
+    camera_fault: str = ""
+    perception_age_ms: float = 0.0
+    console_age_ms: float = 0.0
+    audit_age_ms: float = 0.0
+    audit_waiting: int = 0
+    audit_fault: str = ""
+    audit_full: bool = False
+    guardian_age_ms: float = 0.0
+    guardian_acted: bool = False
+    guardian_fault: str = ""
+    rejected_messages: int = 0
+
+
+class Clocks(Struct, frozen=True, kw_only=True):
+    """Control's own punctuality, and the computer's clocks."""
+
+    late_ms: float = 0.0
+    missed_ticks: int = 0
+    slept_s: float = 0.0
+    step_s: float = 0.0
+
+
+class Legs(Struct, frozen=True, kw_only=True):
+    """What joints, drives and bus report; errors are 0 where nothing is held that could err."""
+
+    answering: bool = True  # every joint has answered at least once
+    age_ms: float = 0.0
+    drives_lost: bool = False
+    drive_faults: DriveFault = DriveFault.NONE
+    drive_detail: str = ""
+    drive_error: str = ""
+    bus: BusFault = BusFault.NONE
+    hottest_c: float = nan
+    warm: bool = False
+    hot: bool = False
+    following_rad: float = 0.0
+    pose_error_rad: float = 0.0
+    drift_rad_s: float = 0.0
+    fastest_rad_s: float = 0.0  # of the four joints
+    beyond_range: bool = False
+    beyond_speed: bool = False
+    beyond_torque: bool = False
+    guard_refusal: str = ""
+
+
+class Diagnostics(Struct, frozen=True, kw_only=True):
+    """One tick's facts."""
+
+    now_ns: int
+    powered: bool
+    session: Session = Session()
+    planning: Planning = Planning()
+    programs: Programs = Programs()
+    clocks: Clocks = Clocks()
+    legs: Legs = Legs()
+
+
+class MotionDiagnostics(Struct, frozen=True, kw_only=True):
+    """What control itself knows and the streams don't tell."""
+
+    gait: Gait
+    motion: Motion
+    still_since_ns: int  # since when the command has not moved; 0 while it moves
+    session: Session
+    planning: Planning
+
+
+def collect_diagnostics(
+    inputs: Inputs, heard: StreamState, standing: MotionDiagnostics, settings: Settings
+) -> Diagnostics:
+    """The facts of a tick."""
+    return Diagnostics(
+        now_ns=inputs.now_ns,
+        powered=heard.powered,
+        session=standing.session,
+        planning=standing.planning,
+        programs=_programs(inputs, heard),
+        clocks=_clocks(inputs, heard),
+        legs=_legs(inputs, heard, standing, settings),
+    )
+
+
+def _programs(inputs: Inputs, heard: StreamState) -> Programs:
+    now_ns = inputs.now_ns
+    report, audit, guardian = heard.report, heard.audit, heard.guardian
+    return Programs(
+        picture_age_ms=_age_ms(now_ns, report.captured_ns if report else heard.report_ns),
+        camera_fault=report.camera_fault if report else "",
+        perception_age_ms=_age_ms(now_ns, heard.report_ns),
+        console_age_ms=_age_ms(now_ns, heard.alive_ns),
+        audit_age_ms=_age_ms(now_ns, heard.audit_ns),
+        audit_waiting=audit.waiting if audit else 0,
+        audit_fault=audit.fault if audit else "",
+        audit_full=inputs.audit_full,
+        guardian_age_ms=_age_ms(now_ns, heard.guardian_ns),
+        guardian_acted=guardian is not None and guardian.acted,
+        guardian_fault=guardian.fault if guardian else "",
+        rejected_messages=inputs.rejected_messages,
+    )
+
+
+def _clocks(inputs: Inputs, heard: StreamState) -> Clocks:
+    return Clocks(
+        late_ms=inputs.late_ns / NS_PER_MS,
+        missed_ticks=inputs.missed_ticks,
+        slept_s=heard.slept_ns / 1e9,
+        step_s=heard.clock_step_ns / 1e9,
+    )
+
+
+def _legs(inputs: Inputs, heard: StreamState, standing: MotionDiagnostics, settings: Settings) -> Legs:
+    now_ns, feedback, motion, limits = inputs.now_ns, inputs.feedback, standing.motion, settings.limits
+    oldest_ns = min(feedback.measured_ns.tolist())
+    temperatures_c = feedback.temperature_c.tolist()
+    return Legs(
+        answering=oldest_ns > 0,
+        age_ms=_age_ms(now_ns - heard.unasked_ns, oldest_ns),
+        drives_lost=motion.mode is not Mode.DISABLED and not heard.powered,
+        drive_faults=_union(feedback.faults),
+        drive_detail=feedback.detail or _silent(feedback),
+        drive_error=inputs.drive_error,
+        bus=feedback.bus,
+        hottest_c=max(temperatures_c, key=lambda c: -inf if isnan(c) else c),
+        warm=_any_above(temperatures_c, settings.warn_c.tolist()),
+        hot=_any_above(temperatures_c, settings.limit_c.tolist()),
+        following_rad=_following_rad(motion, feedback),
+        pose_error_rad=_pose_error_rad(standing, feedback, settings),
+        drift_rad_s=_drift_rad_s(standing, feedback, now_ns),
+        fastest_rad_s=max(map(abs, feedback.velocity_rad_s.tolist())),
+        beyond_range=_beyond_range(feedback.position_rad.tolist(), settings),
+        beyond_speed=_any_beyond(feedback.velocity_rad_s.tolist(), SPEED_MARGIN, limits.speed_rad_s.tolist()),
+        beyond_torque=_any_beyond(feedback.torque_nm.tolist(), TORQUE_MARGIN, limits.torque_nm.tolist()),
+        guard_refusal=str(inputs.guard_refusal) if inputs.guard_refusal else "",
+    )
+
+
+def _age_ms(now_ns: int, then_ns: int) -> float:
+    return (now_ns - then_ns) / NS_PER_MS
+
+
+def _silent(feedback: JointFeedback) -> str:
+    """Which joint has been silent the longest; nothing when none is."""
+    oldest = int(feedback.measured_ns.argmin())
+    newest_ns = int(feedback.measured_ns.max())
+    if newest_ns - int(feedback.measured_ns[oldest]) < 10 * NS_PER_MS:
+        return ""
+    return Joint(oldest).name.lower().replace("_", " ")
+
+
+def _union(faults: Iterable[DriveFault]) -> DriveFault:
+    union = DriveFault.NONE
+    for fault in faults:
+        if fault is not DriveFault.NONE:
+            union |= fault
+    return union
+
+
+def _any_above(values: list[float], limits: list[float]) -> bool:
+    """A quantity that is not measured (NaN) is above nothing."""
+    return any(value >= limit for value, limit in zip(values, limits, strict=True))
+
+
+def _any_beyond(values: list[float], margin: float, limits: list[float]) -> bool:
+    return any(abs(value) > margin * limit for value, limit in zip(values, limits, strict=True))
+
+
+def _beyond_range(values: list[float], settings: Settings) -> bool:
+    low, high = settings.limits.low_rad.tolist(), settings.limits.high_rad.tolist()
+    return any(
+        not least - RANGE_MARGIN_RAD <= value <= most + RANGE_MARGIN_RAD
+        for value, least, most in zip(values, low, high, strict=True)
+    )
+
+
+def _following_rad(motion: Motion, feedback: JointFeedback) -> float:
+    """The largest distance of a stiff joint from its target."""
+    if motion.mode not in {Mode.STIFF, Mode.MOVE}:
+        return 0.0
+    return float(np.abs(motion.command.position_rad - feedback.position_rad).max())
+
+
+def _pose_error_rad(standing: MotionDiagnostics, feedback: JointFeedback, settings: Settings) -> float:
+    """The largest distance of a resting, stiff joint from its state's pose."""
+    pose = settings.poses.get(standing.gait.state)
+    if pose is None or standing.gait.running is not None or standing.motion.mode is not Mode.STIFF:
+        return 0.0
+    return float(np.abs(pose - feedback.position_rad).max())
+
+
+def _drift_rad_s(standing: MotionDiagnostics, feedback: JointFeedback, now_ns: int) -> float:
+    """The largest speed of a joint that has been told to stay for a while."""
+    still_ns = now_ns - standing.still_since_ns
+    if standing.motion.mode is not Mode.STIFF or not standing.still_since_ns or still_ns < SETTLED_NS:
+        return 0.0
+    return float(np.abs(feedback.velocity_rad_s).max())

@@ -1,0 +1,133 @@
+"""Everything that can forbid or stop motion, as one table: event → effect, operator text, latched or not.
+
+Adding a fault is adding a row. The strongest effect wins. An event that latches stays in force until the operator
+acknowledges it, and an acknowledgement never restarts motion. Unless its row says ALWAYS, an event latches only
+while the drives carry power: before that there is nothing that it would have stopped.
+"""
+
+from __future__ import annotations
+
+from msgspec import Struct
+from msgspec.structs import replace
+
+from app.control.diagnostics import Diagnostics
+from app.control.events.drives import DRIVES, POSE
+from app.control.events.programs import CLOCKS, HELPERS, STREAMS
+from app.control.events.row import Event, Latch, Row
+from app.control.events.session import SESSION
+from app.ipc.states import Effect, Source
+
+__all__ = [
+    "ROW",
+    "TABLE",
+    "Active",
+    "Actives",
+    "Event",
+    "Latch",
+    "Row",
+    "advance",
+    "blocker",
+    "displaced",
+    "effect_of",
+    "sentence",
+]
+
+LINGER_NS = 1_000_000_000  # a passing event stays to be read; it has no effect any more, unless it `settles`
+
+# Among events of the same effect the earlier one is told first and names the refusal.
+TABLE = (*SESSION, *POSE, *STREAMS, *CLOCKS, *DRIVES, *HELPERS)
+ROW = {row.event: row for row in TABLE}
+ORDER = {row.event: place for place, row in enumerate(TABLE)}
+
+
+class Active(Struct, frozen=True, kw_only=True):
+    """An event in force, or one that has just gone and is shown a little longer."""
+
+    event: Event
+    since_ns: int
+    last_ns: int  # when its condition held last
+    latched: bool
+    present: bool = True
+    acknowledged: bool = False
+    detail: str = ""
+
+    @property
+    def in_force(self) -> bool:
+        """Its condition holds, or held so lately that it may again, or it waits for its acknowledgement."""
+        return self.present or ROW[self.event].settles or (self.latched and not self.acknowledged)
+
+
+Actives = tuple[Active, ...]
+
+
+def advance(active: Actives, facts: Diagnostics, acknowledged_ns: int = 0) -> Actives:
+    """The events after a tick, strongest first.
+
+    acknowledged_ns: when the operator acknowledged, 0 if not in this tick; it covers only what was raised before.
+    """
+    present = [row for row in TABLE if row.present(facts)]
+    if not present and not active:
+        return active
+    raised = {row.event for row in present}
+    kept = [_updated(one, facts, acknowledged_ns, present=one.event in raised) for one in active]
+    known = {one.event for one in kept if one is not None}
+    new = (_raised(row, facts) for row in present if row.event not in known)
+    return tuple(sorted((one for one in (*kept, *new) if one is not None), key=_place))
+
+
+def effect_of(active: Actives) -> Effect:
+    """What all events in force together do: the strongest wins."""
+    return max((ROW[one.event].effect for one in active if one.in_force), default=Effect.NOTE)
+
+
+def blocker(active: Actives, source: Source) -> Active | None:
+    """The strongest event in force that refuses this source's wishes."""
+    return next((one for one in active if one.in_force and _blocks(ROW[one.event], source)), None)
+
+
+def displaced(active: Actives) -> bool:
+    """Whether the legs may be anywhere."""
+    return any(one.in_force and ROW[one.event].displaces for one in active)
+
+
+def sentence(one: Active) -> str:
+    """For the operator: what happened, what to do, and the numbers."""
+    return f"{ROW[one.event].text} ({one.detail})" if one.detail else ROW[one.event].text
+
+
+def _blocks(row: Row, source: Source) -> bool:
+    return row.effect >= Effect.REFUSE and source in row.blocks
+
+
+def _place(one: Active) -> tuple[int, int]:
+    return (-ROW[one.event].effect, ORDER[one.event])
+
+
+def _latches(row: Row, facts: Diagnostics) -> bool:
+    return row.latch is Latch.ALWAYS or (row.latch is Latch.POWERED and facts.powered)
+
+
+def _raised(row: Row, facts: Diagnostics) -> Active:
+    return Active(
+        event=row.event,
+        since_ns=facts.now_ns,
+        last_ns=facts.now_ns,
+        latched=_latches(row, facts),
+        detail=row.detail(facts),
+    )
+
+
+def _updated(one: Active, facts: Diagnostics, acknowledged_ns: int, *, present: bool) -> Active | None:
+    """The event a tick later; None when it is over."""
+    acknowledged = one.acknowledged or (one.latched and acknowledged_ns > one.since_ns)
+    if present:
+        return replace(
+            one,
+            present=True,
+            last_ns=facts.now_ns,
+            latched=one.latched or _latches(ROW[one.event], facts),
+            acknowledged=acknowledged,
+        )
+    if one.latched:
+        return None if acknowledged else replace(one, present=False)
+    return replace(one, present=False) if facts.now_ns - one.last_ns < LINGER_NS else None

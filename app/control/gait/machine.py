@@ -1,0 +1,270 @@
+"""The gait machine: the paper's eight states and twelve transitions, and the state that a stop leads to.
+
+Rules:
+1. The table in `gait_table.py` is the whole of it; the machine, its refusals and its diagram (`gait_diagram.py`) are
+   made from it.
+2. A movement begins in its row's `source`, passes `through` the state that the paper names for it (7, 8 and 9), and
+   the legs are in `to` when it has been completed.
+3. Walking is a chain of steps. Gesture 6 is latched while it runs and carried out when the running step has ended.
+4. Every other wish during a movement is ignored. Every wish that no row names is refused with its reason.
+5. A stop in the middle of a movement leads to BETWEEN, and only gesture 0 leads out of there.
+
+Values in, values out: a `Gait` is all that is known, every function answers with a new one. The library's machine
+keeps nothing from one question to the next; it belongs to the one thread that runs control.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+from msgspec import Struct
+from msgspec.structs import replace
+from transitions import EventData, Machine, MachineError
+
+from app.control.gait.table import TABLE, Row
+from app.ipc.states import Action, GaitState
+from app.motion.plan import Phase
+
+
+class Gait(Struct, frozen=True, kw_only=True):
+    """Where the legs are in the table; `running` is None while they rest."""
+
+    state: GaitState = GaitState.UNPOWERED
+    running: Action | None = None
+    phase: Phase = Phase.WHOLE
+    closing: bool = False  # gesture 6 is latched
+
+    @property
+    def walking(self) -> bool:
+        """In the chain of steps that gesture 6 ends."""
+        return self.running is Action.WALK
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Started:
+    """The wish is granted: plan it and run it."""
+
+    gait: Gait
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Latched:
+    """Gesture 6 is granted, and carried out when the running step has ended."""
+
+    gait: Gait
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Ignored:
+    """A movement is running: the wish is counted and forgotten."""
+
+    reason: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Refused:
+    """No row allows it here; the reason is for a therapist."""
+
+    reason: str
+
+
+Answer = Started | Latched | Ignored | Refused
+
+
+def ask(gait: Gait, action: Action) -> Answer:
+    """What the table says to a wish, here and now."""
+    after = _fire(gait, action.name)
+    if after is not None:
+        return Latched(gait=after) if action is Action.WALK_END else Started(gait=after)
+    if gait.running is not None:
+        return Ignored(reason=f"“{gait.running.value}” is running; wait for its end.")
+    return Refused(reason=_why_not(gait.state, action))
+
+
+@cache
+def allowed(gait: Gait) -> tuple[Action, ...]:
+    """The actions that would be granted now, in the order of the gestures."""
+    return tuple(action for action in Action if _fire(gait, action.name) is not None)
+
+
+def close_walk(gait: Gait) -> Gait:
+    """Let a walk end with its running step though nobody asked; anything but a walk stays as it is."""
+    return _fire(gait, Action.WALK_END.name) or gait
+
+
+def complete(gait: Gait) -> Gait:
+    """The running movement has reached its end; in a walk the next step begins. Raises ValueError at rest."""
+    after = _fire(gait, "complete")
+    if after is None:
+        raise ValueError(f"nothing runs that could be completed: {gait}")
+    return after
+
+
+def abandon(gait: Gait) -> Gait:
+    """The movement was given up before its first tick: the legs rest where it would have begun."""
+    return _fire(gait, "abandon") or gait
+
+
+def interrupt(gait: Gait) -> Gait:
+    """The legs stopped in the middle, or are no longer where their state says."""
+    return _fire(gait, "interrupt") or gait
+
+
+def power_off(gait: Gait) -> Gait:
+    """The drives carry nothing any more; whatever ran is over."""
+    return _fire(gait, "power_off") or gait
+
+
+def following_phases(gait: Gait) -> tuple[Phase, ...]:
+    """In a walk, the steps that may follow the running one: the next step, and the one that ends the walk."""
+    if not gait.walking:
+        return ()
+    lands = _row_of(gait).to
+    return tuple(row.phase for row in TABLE if row.chained and row.source is lands)
+
+
+def action_of(phase: Phase) -> Action:
+    """The action that a step of a walk belongs to."""
+    return next(row.action for row in TABLE if row.phase is phase)
+
+
+def _why_not(state: GaitState, action: Action) -> str:
+    if action is Action.WALK_END:
+        return "There is no walk to end."
+    if state is GaitState.UNPOWERED:
+        return "The joints have no power: gesture 0 switches them on and stands up."
+    if state is GaitState.BETWEEN:
+        return "The legs stopped between two states: gesture 0 brings them back to standing, slowly."
+    sources = " or ".join(row.source.value for row in TABLE if row.action is action and not row.chained)
+    return f"“{action.value}” starts from {sources}; the legs are now: {state.value}."
+
+
+def _row_of(gait: Gait) -> Row:
+    """The row that is running."""
+    return next(
+        row
+        for row in TABLE
+        if (row.action, row.phase) == (gait.running, gait.phase) and gait.state in {row.source, row.through}
+    )
+
+
+# --- the library's machine, made from the table -------------------------------------------------------------------
+
+
+class _Legs:
+    """The library's model: loaded with a `Gait` before a trigger, read off after it."""
+
+    state: GaitState
+    trigger: Callable[[str], bool]
+
+    def __init__(self) -> None:
+        self.gait = Gait()
+
+
+Condition = Callable[[EventData], bool]
+Callback = Callable[[EventData], None]
+
+
+def _gait(event: EventData) -> Gait:
+    assert isinstance(event.model, _Legs)
+    return event.model.gait
+
+
+def _where(**wanted: object) -> Condition:
+    """A condition on fields of the gait."""
+    return lambda event: all(getattr(_gait(event), name) == value for name, value in wanted.items())
+
+
+def _becomes(**changes: Any) -> Callback:
+    """A change of the gait; the state itself is the library's."""
+
+    def change(event: EventData) -> None:
+        _legs.gait = replace(_gait(event), **changes)
+
+    return change
+
+
+_REST: dict[str, Any] = {"running": None, "phase": Phase.WHOLE, "closing": False}
+
+
+def _begin(row: Row) -> dict[str, Any]:
+    return {
+        "trigger": row.action.name,
+        "source": row.source,
+        "dest": row.through or row.source,
+        "conditions": _where(running=None),
+        "after": _becomes(running=row.action, phase=row.phase),
+    }
+
+
+def _end(row: Row) -> dict[str, Any]:
+    return {
+        "trigger": "complete",
+        "source": row.through or row.source,
+        "dest": row.to,
+        "conditions": _where(running=row.action, phase=row.phase),
+        "after": _becomes(**_REST),
+    }
+
+
+def _give_up(row: Row) -> dict[str, Any]:
+    return _end(row) | {"trigger": "abandon", "dest": row.source}
+
+
+def _link(row: Row, following: Row) -> dict[str, Any]:
+    """The running step of a walk has ended and `following` begins."""
+    closing = following.action is Action.WALK_END
+    return _end(row) | {
+        "conditions": _where(running=row.action, phase=row.phase, closing=closing),
+        "after": _becomes(running=following.action, phase=following.phase, closing=False),
+    }
+
+
+def _latch(row: Row) -> dict[str, Any]:
+    return {
+        "trigger": Action.WALK_END.name,
+        "source": row.source,
+        "dest": None,
+        "conditions": _where(running=Action.WALK, phase=row.phase, closing=False),
+        "after": _becomes(closing=True),
+    }
+
+
+def _machine_rows() -> list[dict[str, Any]]:
+    walk = [row for row in TABLE if row.action is Action.WALK]
+    chained = [row for row in TABLE if row.chained]
+    return [
+        *(_begin(row) for row in TABLE if not row.chained),
+        *(_latch(row) for row in walk),
+        *(_link(row, following) for row in walk for following in chained if following.source is row.to),
+        *(_end(row) for row in TABLE if row.action is not Action.WALK),
+        *(_give_up(row) for row in TABLE),
+        {"trigger": "interrupt", "source": "*", "dest": GaitState.BETWEEN, "after": _becomes(**_REST)},
+        {"trigger": "power_off", "source": "*", "dest": GaitState.UNPOWERED, "after": _becomes(**_REST)},
+    ]
+
+
+_legs = _Legs()
+_machine = Machine(
+    model=_legs,
+    states=GaitState,
+    initial=GaitState.UNPOWERED,
+    transitions=_machine_rows(),
+    auto_transitions=False,
+    send_event=True,
+    queued=False,
+)
+
+
+def _fire(gait: Gait, trigger: str) -> Gait | None:
+    """The gait after the trigger, or None where no row answers to it."""
+    _legs.gait = gait
+    _machine.set_state(gait.state, _legs)
+    try:
+        fired = _legs.trigger(trigger)
+    except MachineError:
+        return None
+    return replace(_legs.gait, state=_legs.state) if fired else None

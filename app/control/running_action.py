@@ -1,0 +1,194 @@
+"""The action that is running: its stage, its plans, and what is measured of it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import Enum
+from math import radians, sqrt
+
+import numpy as np
+from msgspec import Struct
+from msgspec.structs import replace
+
+from app.ipc.messages import ActionReport
+from app.ipc.states import GESTURE_OF, Action, GaitState, Source
+from app.motion.plan import Phase, Plan, PlanRequest
+from hal.joints.protocol import JointArray, JointCommand
+from logs import records
+
+VISIBLE_RAD = radians(0.5)
+NO_SWING_M = 0.9  # the planner's figure for a movement in which no foot leaves the ground
+
+
+class Stage(Enum):
+    """How far the running action has come."""
+
+    PLANNING = "planning"
+    ENABLING = "enabling"
+    GRIPPING = "gripping"
+    MOVING = "moving"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ActionRequest:
+    """An action that somebody wants; moments are 0 where there was no gesture."""
+
+    action: Action
+    source: Source
+    recognised_ns: int = 0
+    released_ns: int = 0
+
+
+class RunningAction(Struct, frozen=True, kw_only=True):
+    """One running action."""
+
+    report: ActionReport
+    stage: Stage = Stage.PLANNING
+    asked_ns: int  # when the awaited plan was asked for
+    awaited: frozenset[int]  # numbers of plan requests without an answer yet
+    plan: Plan | None = None
+    ahead: Mapping[Phase, Plan] = {}  # steps of a walk, planned while one runs
+    ending: ActionReport | None = None  # gesture 6's own report while it is latched
+    before: JointCommand  # the command when the action was accepted
+    start_rad: JointArray  # measured then
+    commanded: bool = False  # a command differs from `before`
+    squares_rad2: float = 0.0
+    samples: int = 0
+
+    def waits_too_long(self, now_ns: int, limit_ms: float) -> bool:
+        """Whether the plan that it can't go on without is overdue."""
+        waiting = self.stage is Stage.PLANNING or (self.stage is Stage.GRIPPING and bool(self.awaited))
+        return waiting and now_ns - self.asked_ns > limit_ms * 1e6
+
+
+def new_report(wish: ActionRequest, number: int, state: GaitState, now_ns: int) -> ActionReport:
+    """The report of a wish that has just been granted."""
+    return ActionReport(
+        number=number,
+        action=wish.action,
+        source=wish.source,
+        from_state=state,
+        recognised_ns=wish.recognised_ns,
+        released_ns=wish.released_ns,
+        accepted_ns=now_ns,
+    )
+
+
+def measure(
+    task: RunningAction, command: JointCommand, measured_rad: JointArray, written_ns: int, now_ns: int
+) -> RunningAction:
+    """What the tick before has shown: its command left at `written_ns`, the joints are read at `now_ns`."""
+    report = task.report
+    if task.commanded and not report.first_command_ns:
+        report = replace(report, first_command_ns=written_ns)
+    moved = float(np.abs(measured_rad - task.start_rad).max()) >= VISIBLE_RAD
+    if moved and report.first_command_ns and not report.first_motion_ns:
+        report = replace(report, first_motion_ns=now_ns)
+    if task.stage is not Stage.MOVING:
+        return task if report is task.report else replace(task, report=report)
+    error = measured_rad - command.position_rad
+    return replace(
+        task,
+        report=report,
+        squares_rad2=task.squares_rad2 + float(error @ error) / 4,
+        samples=task.samples + 1,
+    )
+
+
+def note_command(task: RunningAction, command: JointCommand) -> RunningAction:
+    """Remember that the joints are being told something new for this action."""
+    if task.commanded or command is task.before or _same(command, task.before):
+        return task
+    return replace(task, commanded=True)
+
+
+def ended(
+    task: RunningAction, outcome: str, to_state: GaitState, now_ns: int, reason: str = ""
+) -> tuple[ActionReport, ...]:
+    """The final reports of an action, and of the gesture 6 that was latched in it."""
+    rms = sqrt(task.squares_rad2 / task.samples) if task.samples else 0.0
+    return tuple(
+        replace(report, outcome=outcome, to_state=to_state, ended_ns=now_ns, reason=reason, tracking_rms_rad=rms)
+        for report in (task.report, task.ending)
+        if report is not None
+    )
+
+
+def plan_sentence(plan: Plan) -> str:
+    """The plan's check, for people."""
+    check = plan.check
+    peaks = f"{plan.duration_s:.1f} s, peak {np.degrees(max(check.peak_speed_rad_s)):.0f}°/s, "
+    effort = f"{max(check.peak_torque_nm):.0f} Nm"
+    swings = check.min_clearance_m < NO_SWING_M
+    return peaks + effort + (f", clearance {100 * check.min_clearance_m:.1f} cm" if swings else "")
+
+
+def command_record(report: ActionReport) -> records.Command:
+    """An accepted action for the audit trail."""
+    by_gesture = report.source is Source.GESTURE
+    return records.Command(
+        number=report.number,
+        action=report.action.value,
+        source=report.source.value,
+        state=report.from_state.value,
+        gesture=GESTURE_OF[report.action].value if by_gesture else None,
+        recognised_ns=report.recognised_ns,
+        released_ns=report.released_ns,
+        accepted_ns=report.accepted_ns,
+    )
+
+
+def plan_record(plan: Plan) -> records.PlanChecked:
+    """A plan's check for the audit trail."""
+    return records.PlanChecked(
+        number=plan.number,
+        action=plan.action.value,
+        phase=plan.phase.value,
+        ok=plan.check.ok,
+        reason=plan.check.reason,
+        duration_s=plan.duration_s if plan.check.ok else 0.0,
+        peak_speed_rad_s=plan.check.peak_speed_rad_s,
+        peak_torque_nm=plan.check.peak_torque_nm,
+        min_clearance_m=plan.check.min_clearance_m,
+        steps=plan.steps,
+        advance_m=plan.advance_m,
+    )
+
+
+def end_record(report: ActionReport, steps: int, distance_m: float) -> records.ActionEnd:
+    """An ended action for the audit trail."""
+    return records.ActionEnd(
+        number=report.number,
+        action=report.action.value,
+        source=report.source.value,
+        from_state=report.from_state.value,
+        to_state=report.to_state.value if report.to_state else None,
+        outcome=report.outcome,
+        reason=report.reason,
+        recognised_ns=report.recognised_ns,
+        released_ns=report.released_ns,
+        accepted_ns=report.accepted_ns,
+        first_command_ns=report.first_command_ns,
+        first_motion_ns=report.first_motion_ns,
+        ended_ns=report.ended_ns,
+        tracking_rms_rad=report.tracking_rms_rad,
+        steps=steps,
+        distance_m=distance_m,
+    )
+
+
+def request(number: int, action: Action, phase: Phase, state: GaitState, start_rad: JointArray) -> PlanRequest:
+    """Ask the planner for one movement."""
+    pose = (float(start_rad[0]), float(start_rad[1]), float(start_rad[2]), float(start_rad[3]))
+    return PlanRequest(number=number, action=action, phase=phase, from_state=state, start_rad=pose)
+
+
+def _same(one: JointCommand, other: JointCommand) -> bool:
+    return (
+        np.array_equal(one.position_rad, other.position_rad)
+        and np.array_equal(one.velocity_rad_s, other.velocity_rad_s)
+        and np.array_equal(one.stiffness_nm_rad, other.stiffness_nm_rad)
+        and np.array_equal(one.damping_nm_s_rad, other.damping_nm_s_rad)
+        and np.array_equal(one.torque_nm, other.torque_nm)
+    )

@@ -1,0 +1,108 @@
+"""What control carries from tick to tick, and the draft of a tick that the stages of `step` work on."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from msgspec import Struct
+from msgspec.structs import replace
+
+from app.control.events.table import Actives, effect_of
+from app.control.freshness import StreamState
+from app.control.gait.machine import Gait
+from app.control.inputs import DriveOrder, Inputs, Outputs
+from app.control.running_action import ActionRequest, RunningAction
+from app.ipc.messages import ActionReport
+from app.ipc.states import Effect
+from app.motion.follower import Motion
+from app.motion.plan import PlanRequest
+from app.motion.settings import Settings
+from logs import records
+from logs.records import Body
+
+REPORTS_KEPT = 24
+
+
+class ControlState(Struct, frozen=True, kw_only=True):
+    """Everything that outlives a tick."""
+
+    heard: StreamState
+    gait: Gait = Gait()
+    motion: Motion = Motion()
+    active: Actives = ()
+    task: RunningAction | None = None
+    armed_ns: int = 0  # since when; 0: not armed
+    patient_confirmed: bool = False
+    stop_presses: int = 0  # since the last acknowledgement
+    stop_ns: int = 0  # when the newest STOP was sent
+    stop_seen_ns: int = 0
+    stop_command_ns: int = 0  # when the first command after a STOP was written
+    torque_off: bool = False  # the operator's word, until the joints have given way
+    ending_ns: int = 0  # since when the session is being ended; 0: it is not
+    still_since_ns: int = 0  # since when the command has not moved; 0: it moves
+    sequence: int = 0  # of the newest OperatorCommand
+    number: int = 0  # of the newest action
+    plan_number: int = 0  # of the newest plan request
+    planner_ready: bool = False  # it has answered once
+    reports: tuple[ActionReport, ...] = ()
+    refusal: str = ""
+    refusal_count: int = 0
+    ignored_count: int = 0
+    steps: int = 0
+    distance_walked_m: float = 0.0
+
+    @property
+    def effect(self) -> Effect:
+        """Of all events in force."""
+        return effect_of(self.active)
+
+
+@dataclass(slots=True, kw_only=True)
+class Tick:
+    """A tick being made: `step` begins one, its stages complete it, and nobody sees it but they."""
+
+    memory: ControlState
+    inputs: Inputs
+    settings: Settings
+    wishes: list[ActionRequest] = field(default_factory=list)
+    acknowledged_ns: int = 0
+    drives: DriveOrder = DriveOrder.NONE
+    requests: list[PlanRequest] = field(default_factory=list)
+    audit: list[Body] = field(default_factory=list)
+    finished: bool = False
+
+    @property
+    def now_ns(self) -> int:
+        """The tick's time."""
+        return self.inputs.now_ns
+
+    def keep(self, *reports: ActionReport) -> None:
+        """Show these reports in place of older ones of the same number."""
+        numbers = {report.number for report in reports}
+        older = (report for report in self.memory.reports if report.number not in numbers)
+        self.memory = replace(self.memory, reports=(*older, *reports)[-REPORTS_KEPT:])
+
+    def reach(self, gait: Gait) -> None:
+        """Change the gait, and tell the trail when the state is another one."""
+        before = self.memory.gait
+        if gait.state is not before.state:
+            action = gait.running or before.running
+            self.audit.append(
+                records.Transition(
+                    from_state=before.state.value,
+                    to_state=gait.state.value,
+                    action=action.value if action else None,
+                    number=self.memory.number,
+                )
+            )
+        self.memory = replace(self.memory, gait=gait)
+
+    def outputs(self) -> Outputs:
+        """What the shell has to do."""
+        return Outputs(
+            command=self.memory.motion.command,
+            drives=self.drives,
+            requests=tuple(self.requests),
+            audit=tuple(self.audit),
+            finished=self.finished,
+        )

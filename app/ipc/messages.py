@@ -1,0 +1,253 @@
+"""Every message between processes: frozen, validated on arrival, units in the names.
+
+Latest-only messages survive conflation: they carry counts (`release_count`, `action_count`), so a lost one
+loses no command and a repeated one repeats none. A sender that restarts starts a new `incarnation`.
+"""
+
+from __future__ import annotations
+
+from enum import Enum
+
+from msgspec import Struct
+
+from app.ipc.states import Action, Effect, GaitState, Source
+from kgdfa.gesture import Gesture
+
+Quad = tuple[float, float, float, float]  # in the order of hal.joints.protocol.Joint
+
+
+class PressRange(Struct, frozen=True, kw_only=True):
+    """Where a press works for this patient before this camera, metres from the camera.
+
+    followed_from_m: nearer, the hand is lost. whole_from_m: nearer, fingertips are out of the picture. seen_to_m:
+    farther, the hand is too small. threshold_m: proposed; rest_beyond_m: where the hand rests with it. fits: whether
+    the patient's own threshold works here. sentence: all of it for people.
+    """
+
+    followed_from_m: float
+    whole_from_m: float
+    seen_to_m: float
+    threshold_m: float
+    rest_beyond_m: float
+    possible: bool
+    fits: bool
+    sentence: str
+
+
+class TriggerReport(Struct, frozen=True, kw_only=True, tag="trigger"):
+    """Perception to control and console, one a frame. "No hand" is sent, so absence differs from silence."""
+
+    incarnation: int
+    sequence: int
+    captured_ns: int  # monotonic, when the frame was captured
+    sent_ns: int
+    hand: bool
+    gesture: Gesture | None  # voted
+    recognised_ns: int = 0  # capture of the frame whose vote made `gesture` what it is
+    raw_gesture: Gesture | None = None  # of this frame alone
+    confidence: float = 0.0
+    explanation: str = ""
+    votes: int = 0
+    distance_m: float | None = None  # as shown
+    distance_sd_m: float = 0.0
+    safe_distance_m: float | None = None  # as the button uses it: may read far, never near
+    threshold_m: float = 0.20
+    pressed: bool = False
+    release_count: int = 0
+    released_gesture: Gesture | None = None
+    released_recognised_ns: int = 0
+    released_captured_ns: int = 0  # capture of the frame that released
+    cancel_count: int = 0
+    cancel_reason: str = ""
+    press_hint: str = ""  # why a hand that is near does not press
+    fps: float = 0.0
+    camera: str = ""
+    camera_fault: str = ""  # a sentence while the camera gives nothing
+    hint: str = ""  # for the therapist: dark, blurred, too near
+    detector_ready: bool = True  # False while the hand model is loading
+    depth_distance_m: float | None = None  # a depth camera's own word, for comparison
+    depth_pressed: bool = False
+    press_zone: PressRange | None = None  # None until a picture has told the lens
+
+
+class Preview(Struct, frozen=True, kw_only=True, tag="preview"):
+    """Perception to console, latest only: a small picture with everything drawn in."""
+
+    sequence: int
+    captured_ns: int
+    width_px: int
+    height_px: int
+    rgb: bytes
+
+
+class HandPose(Enum):
+    """What the digital hand does between gestures."""
+
+    REST = "rest"  # relaxed, open
+    AWAY = "none"  # out of the picture
+
+
+class HandCommand(Struct, frozen=True, kw_only=True, tag="hand"):
+    """Console or demo to perception: moves the digital hand; None leaves a thing as it is."""
+
+    gesture: Gesture | None = None
+    pose: HandPose | None = None  # instead of a gesture
+    press: bool | None = None  # push towards the camera (True), draw back (False)
+    click_s: float | None = None  # press and withdraw within this time
+    move_x_m: float = 0.0
+    move_y_m: float = 0.0
+    move_z_m: float = 0.0
+
+
+class PerceptionCommand(Struct, frozen=True, kw_only=True, tag="perception"):
+    """Console to perception: what the picture looks like. None leaves a thing as it is."""
+
+    preview_width_px: int | None = None
+    preview_hz: float | None = None
+    record: bool | None = None
+
+
+class OperatorKind(Enum):
+    """What the operator can ask of control."""
+
+    ALIVE = "alive"  # the console's sign of life, ten a second
+    STOP = "stop"  # hold; a second one damps
+    ACKNOWLEDGE = "acknowledge"
+    ARM = "arm"
+    DISARM = "disarm"
+    ACT = "act"  # the therapist's key for one of the twelve actions
+    TORQUE_OFF = "torque off"  # after damp: the joints off, on the operator's word
+    CONFIRM_PATIENT = "confirm patient"
+    SHUT_DOWN = "shut down"  # damp, disable, end the process
+
+
+class OperatorCommand(Struct, frozen=True, kw_only=True, tag="operator"):
+    """Console to control, ordered; control acknowledges the sequence in its snapshot."""
+
+    sequence: int
+    kind: OperatorKind
+    sent_ns: int
+    operator: str = ""
+    action: Action | None = None  # with ACT
+    note: str = ""
+
+
+class JointSnapshot(Struct, frozen=True, kw_only=True):
+    """One joint as the screen shows it."""
+
+    angle_rad: float
+    target_rad: float
+    speed_rad_s: float
+    torque_nm: float
+    temperature_c: float
+    age_ms: float
+    fault: str = ""
+
+
+class ActiveEvent(Struct, frozen=True, kw_only=True):
+    """An event in force, or waiting for its acknowledgement."""
+
+    name: str
+    effect: Effect
+    text: str  # for the operator: what happened and what to do
+    since_ns: int
+    present: bool  # the condition still holds
+    acknowledged: bool
+
+
+class ActionReport(Struct, frozen=True, kw_only=True):
+    """One action from recognition to its end; 0 where a moment has not come (or there was no gesture)."""
+
+    number: int
+    action: Action
+    source: Source
+    from_state: GaitState
+    to_state: GaitState | None = None
+    outcome: str = "running"  # running, completed, refused, stopped
+    reason: str = ""
+    recognised_ns: int = 0
+    released_ns: int = 0
+    accepted_ns: int = 0
+    first_command_ns: int = 0
+    first_motion_ns: int = 0
+    ended_ns: int = 0
+    tracking_rms_rad: float = 0.0
+    plan: str = ""  # the plan's check in a sentence
+
+
+class Lateness(Struct, frozen=True, kw_only=True):
+    """How late ticks began, over the session."""
+
+    ticks: int = 0
+    missed: int = 0
+    p50_ms: float = 0.0
+    p99_ms: float = 0.0
+    p999_ms: float = 0.0
+    max_ms: float = 0.0
+
+
+class RealTime(Struct, frozen=True, kw_only=True):
+    """Which real-time privileges control got."""
+
+    fifo: bool = False
+    memory_locked: bool = False
+    cores_awake: bool = False
+    core: int | None = None
+
+
+class ControlSnapshot(Struct, frozen=True, kw_only=True, tag="control"):
+    """Control to console and demo, 20 Hz, latest only."""
+
+    incarnation: int
+    sequence: int
+    at_ns: int
+    state: GaitState
+    effect: Effect
+    armed: bool
+    patient_confirmed: bool
+    enabled: bool  # the drives are powered
+    action: Action | None = None
+    progress: float = 0.0  # of the running plan, 0-1
+    pending: Action | None = None  # gesture 6, latched
+    allowed: tuple[Action, ...] = ()
+    why_not: str = ""  # why nothing is allowed, when nothing is
+    joints: tuple[JointSnapshot, JointSnapshot, JointSnapshot, JointSnapshot]
+    events: tuple[ActiveEvent, ...] = ()
+    reports: tuple[ActionReport, ...] = ()  # the newest few, oldest first
+    refusal: str = ""  # the newest refusal, for people
+    refusal_count: int = 0
+    ignored_count: int = 0
+    acknowledged_sequence: int = 0  # newest OperatorCommand seen
+    stop_seen_ns: int = 0
+    stop_command_ns: int = 0
+    steps: int = 0
+    distance_walked_m: float = 0.0
+    lateness: Lateness = Lateness()
+    real_time: RealTime = RealTime()
+    report_age_ms: float = 0.0
+    simulated: bool = True
+
+
+class Heartbeat(Struct, frozen=True, kw_only=True, tag="heartbeat"):
+    """Control to guardian, 250 a second: alive, and whether the drives are powered."""
+
+    at_ns: int
+    enabled: bool
+    last: bool = False  # control ends in good order
+
+
+class AuditHealth(Struct, frozen=True, kw_only=True, tag="audit-health"):
+    """Audit to control and console, ten a second: how far it is, and whether it can still write."""
+
+    at_ns: int
+    written: int
+    waiting: int
+    fault: str = ""
+
+
+class GuardianHealth(Struct, frozen=True, kw_only=True, tag="guardian-health"):
+    """Guardian to control, ten a second."""
+
+    at_ns: int
+    acted: bool = False
+    fault: str = ""  # why it can't reach the drives

@@ -1,0 +1,216 @@
+"""A whole path against the patient and the device: reach, ranges, speed, torque, clearance; refusals with numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+
+from app.ipc.messages import Quad
+from app.motion.curves import Array
+from app.motion.outline import LEFT, RIGHT, Foot, Path, clearances
+from app.motion.patient import Patient
+from app.motion.plan import TICK_HZ, PlanCheck
+from hal.joints.body import (
+    ANKLE_DORSIFLEXION_NM_RAD,
+    ANKLE_PLANTARFLEXION_NM_RAD,
+    ANKLE_REST_RAD,
+    COM_OF_SHANK,
+    COM_OF_THIGH,
+    DEVICE_ON_SHANK,
+    DEVICE_ON_THIGH,
+    GYRATION_OF_SHANK,
+    GYRATION_OF_THIGH,
+    TRUNK_COM_OF_STATURE,
+    Body,
+)
+from hal.joints.protocol import Joint
+
+LEAST_CLEARANCE_M = 0.02
+NOT_SWINGING_M = 1.0  # clearance that is told of a movement without a swing
+
+
+def check_path(patient: Patient, path: Path, velocity_rad_s: Array, torque_nm: Array) -> PlanCheck:
+    """Everything about a path; (n, 4) velocity and torque. `reason` holds the first thing that is wrong."""
+    if np.isnan(path.joints_rad).any():
+        return refusal(_reach(path))
+    clearance = mid_swing_clearance(patient, path)
+    speed, torque = np.abs(velocity_rad_s).max(axis=0), np.abs(torque_nm).max(axis=0)
+    reason = next(_objections(patient, path, speed, torque, clearance), "")
+    return PlanCheck(
+        ok=not reason,
+        reason=reason,
+        peak_speed_rad_s=_quad(speed),
+        peak_torque_nm=_quad(torque),
+        min_clearance_m=clearance,
+    )
+
+
+def refusal(reason: str) -> PlanCheck:
+    """A check that failed before there was a path."""
+    nothing = (0.0, 0.0, 0.0, 0.0)
+    return PlanCheck(ok=False, reason=reason, peak_speed_rad_s=nothing, peak_torque_nm=nothing, min_clearance_m=0.0)
+
+
+def mid_swing_clearance(patient: Patient, path: Path) -> float:
+    """The least distance of a foot in mid-swing from floor and scene, metres."""
+    least = NOT_SWINGING_M
+    for side in (LEFT, RIGHT):
+        over = path.feet[side].mid_swing
+        if over.any():
+            least = min(least, float(clearances(patient.body, path, side)[over].min()))
+    return least
+
+
+def _objections(patient: Patient, path: Path, speed: Array, torque: Array, clearance: float) -> Iterator[str]:
+    lowest, highest = path.joints_rad.min(axis=0), path.joints_rad.max(axis=0)
+    for joint in Joint:
+        name = joint.name.lower().replace("_", " ")
+        if highest[joint] > patient.high_rad[joint]:
+            yield _degrees(f"The {name} would have to bend to", highest[joint], patient.high_rad[joint])
+        if lowest[joint] < patient.low_rad[joint]:
+            yield _degrees(f"The {name} would have to stretch to", lowest[joint], patient.low_rad[joint])
+        if speed[joint] > patient.speed_rad_s[joint]:
+            yield _degrees(f"The {name} would turn at", speed[joint], patient.speed_rad_s[joint], "°/s")
+        if torque[joint] > patient.torque_nm[joint]:
+            yield (
+                f"The {name} would need {torque[joint]:.0f} Nm, its limit is {patient.torque_nm[joint]:.0f} Nm; "
+                "more body-weight support or a smaller movement lowers it."
+            )
+    if clearance < LEAST_CLEARANCE_M:
+        yield f"A foot would pass at {100 * clearance:.1f} cm, at least {100 * LEAST_CLEARANCE_M:.0f} cm are needed."
+
+
+def _degrees(what: str, value: float, limit: float, unit: str = "°") -> str:
+    return f"{what} {np.degrees(value):.0f}{unit}, its limit is {np.degrees(limit):.0f}{unit}."
+
+
+def _reach(path: Path) -> str:
+    lost = np.isnan(path.joints_rad)
+    side = "left" if lost[:, 1].any() else "right"
+    share = np.argmax(lost.any(axis=1)) / len(lost)
+    return f"The {side} leg is too short for this movement ({100 * share:.0f} % into it); shorten the step or lower it."
+
+
+def _quad(values: Array) -> Quad:
+    return (float(values[0]), float(values[1]), float(values[2]), float(values[3]))
+
+
+GRAVITY_M_S2 = 9.81
+_UP = np.array([0.0, 1.0])
+
+
+class _Segment(NamedTuple):
+    """A moving mass: place and acceleration with gravity (n, 2), angular acceleration (n,)."""
+
+    mass_kg: float
+    inertia_kgm2: float
+    place_m: Array
+    pull_m_s2: Array  # acceleration less that of a falling body
+    turn_rad_s2: Array
+
+
+def joint_torques(patient: Patient, path: Path) -> Array:
+    """Torque of each joint along a path, (n, 4) Nm, flexing positive; drives' own inertia and friction not included."""
+    legs = [_leg(patient, path, side) for side in (LEFT, RIGHT)]
+    ground = _ground_force(patient, path, legs)
+    torques = [_leg_torques(patient.body, path, side, legs[side], ground) for side in (LEFT, RIGHT)]
+    return np.concatenate(torques, axis=1)
+
+
+def ankle_moment(dorsiflexion_rad: Array) -> Array:
+    """The passive ankle's moment on the foot, (n,) Nm, toe-down positive when dorsiflexed."""
+    bent = dorsiflexion_rad - ANKLE_REST_RAD
+    moment: Array = np.where(bent > 0, ANKLE_DORSIFLEXION_NM_RAD, ANKLE_PLANTARFLEXION_NM_RAD) * bent
+    return moment
+
+
+def _leg(patient: Patient, path: Path, side: int) -> list[_Segment]:
+    """Thigh, shank, foot."""
+    body, foot = patient.body, path.feet[side]
+    thigh = path.joints_rad[:, 2 * side] - path.lean_rad
+    shank = thigh - path.joints_rad[:, 2 * side + 1]
+    knee = path.hip_m + body.thigh_m * _along(thigh)
+    return [
+        _segment(
+            body.thigh_kg + DEVICE_ON_THIGH * patient.device_kg,
+            GYRATION_OF_THIGH * body.thigh_m,
+            path.hip_m + COM_OF_THIGH * body.thigh_m * _along(thigh),
+            thigh,
+        ),
+        _segment(
+            body.shank_kg + DEVICE_ON_SHANK * patient.device_kg,
+            GYRATION_OF_SHANK * body.shank_m,
+            knee + COM_OF_SHANK * body.shank_m * _along(shank),
+            shank,
+        ),
+        _segment(body.foot_kg, 0.0, foot.ankle_m, shank),
+    ]
+
+
+def _ground_force(patient: Patient, path: Path, legs: list[list[_Segment]]) -> Array:
+    """Of both feet together, (n, 2) newtons."""
+    body = patient.body
+    trunk_kg = body.trunk_kg + (1 - 2 * DEVICE_ON_THIGH - 2 * DEVICE_ON_SHANK) * patient.device_kg
+    height = TRUNK_COM_OF_STATURE * body.stature_m
+    place = path.hip_m + height * np.stack([np.sin(path.lean_rad), np.cos(path.lean_rad)], axis=-1)
+    segments = [_segment(trunk_kg, 0.0, place, path.lean_rad), *legs[LEFT], *legs[RIGHT]]
+    total = sum(segment.mass_kg for segment in segments)
+    force = np.sum([segment.mass_kg * segment.pull_m_s2 for segment in segments], axis=0)
+    carried = body.body_weight_support * total * GRAVITY_M_S2
+    on_ground: Array = (force - carried * _UP) * (1 - path.seat_share)[:, None]
+    return on_ground
+
+
+def _leg_torques(body: Body, path: Path, side: int, leg: list[_Segment], ground_n: Array) -> Array:
+    thigh, shank, foot = leg
+    knee = path.hip_m + (thigh.place_m - path.hip_m) / COM_OF_THIGH
+    force = ground_n * path.feet[side].share[:, None]
+    at_ankle = _foot_moment(body, path, side, path.feet[side], force)
+    hip = _needed(path.hip_m, [thigh, shank, foot]) - _cross(foot.place_m - path.hip_m, force) - at_ankle
+    knee_torque = _cross(foot.place_m - knee, force) + at_ankle - _needed(knee, [shank, foot])
+    return np.stack([hip, knee_torque], axis=-1)
+
+
+def _foot_moment(body: Body, path: Path, side: int, foot: Foot, force: Array) -> Array:
+    """Of the ground's force about the ankle: as much as the passive ankle holds, and the sole can carry; (n,) Nm."""
+    shank = path.joints_rad[:, 2 * side] - path.lean_rad - path.joints_rad[:, 2 * side + 1]
+    held = ankle_moment(foot.pitch_rad - shank)
+    down = np.maximum(force[:, 1], 0.0)
+    moment: Array = np.clip(held, -body.heel_m * down, body.toe_m * down)
+    return moment
+
+
+def _needed(about_m: Array, segments: list[_Segment]) -> Array:
+    """Moment about a place that moves and carries these segments, (n,) Nm."""
+    moment: Array = np.sum(
+        [
+            segment.mass_kg * _cross(segment.place_m - about_m, segment.pull_m_s2)
+            + segment.inertia_kgm2 * segment.turn_rad_s2
+            for segment in segments
+        ],
+        axis=0,
+    )
+    return moment
+
+
+def _segment(mass_kg: float, gyration_m: float, place_m: Array, angle_rad: Array) -> _Segment:
+    return _Segment(
+        mass_kg, mass_kg * gyration_m**2, place_m, _second(place_m) + GRAVITY_M_S2 * _UP, _second(angle_rad)
+    )
+
+
+def _along(angle: Array) -> Array:
+    return np.stack([np.sin(angle), -np.cos(angle)], axis=-1)
+
+
+def _cross(arm: Array, force: Array) -> Array:
+    turned: Array = arm[:, 0] * force[:, 1] - arm[:, 1] * force[:, 0]
+    return turned
+
+
+def _second(values: Array) -> Array:
+    """Second derivative by central differences, the ends repeated."""
+    inner = (values[2:] - 2 * values[1:-1] + values[:-2]) * TICK_HZ**2
+    return np.concatenate([inner[:1], inner, inner[-1:]])

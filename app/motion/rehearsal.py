@@ -1,0 +1,220 @@
+"""An action rehearsed in simulation through the same planner, follower and guard as on the device, and judged.
+
+Pure but for MuJoCo's stepping: no clock, no files. Pre-flight, `rleex simulate` and the tests use it alike.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from math import pi
+
+import numpy as np
+from msgspec import structs
+from numpy.typing import NDArray
+
+from app.ipc.messages import Quad
+from app.ipc.states import Action, GaitState
+from app.motion import follower as follow
+from app.motion.follower import Mode, Motion
+from app.motion.patient import Patient
+from app.motion.plan import TICK_HZ, Phase, Plan, PlanRequest
+from app.motion.rehearsal_checks import Verdict, least_clearance, most_slide, objections, stride_m
+from app.motion.settings import Gains, gains_of
+from app.motion.trajectory import nominal_pose, plan, scene_of
+from hal.joints.device import Exoskeleton
+from hal.joints.guard import Guard, Refusal, limits_of
+from hal.joints.protocol import JointCommand
+from hal.joints.scene import Scene
+from hal.joints.simulated.driver import SimulatedJoints
+from hal.joints.simulated.wearer import Truth
+
+TICK_NS = 1_000_000_000 // TICK_HZ
+TRUTH_TICKS = 5  # between looks at everything that can be known
+SETTLE_TICKS = 250  # stand still before and after
+GRIP_LIMIT_TICKS = 500
+
+A, P, S = Action, Phase, GaitState
+STARTS: dict[Action, GaitState] = {
+    A.STEP_LEFT: S.RIGHT_FORWARD,
+    A.STEP_RIGHT: S.LEFT_FORWARD,
+    A.STEP_END: S.RIGHT_FORWARD,
+    A.STAND_UP: S.SITTING,
+}
+WALK_PHASES = (
+    (A.WALK, P.WALK_START),
+    *[(A.WALK, P.WALK_RIGHT), (A.WALK, P.WALK_LEFT)] * 2,
+    (A.WALK_END, P.WALK_CLOSE_RIGHT),
+)
+SEQUENCES: dict[Action, tuple[tuple[Action, Phase], ...]] = {A.WALK: WALK_PHASES, A.WALK_END: WALK_PHASES}
+CROUCH_RAD = np.array([0.35, 0.6, 0.35, 0.6])  # where a wearer is before gesture 0, for the rehearsal
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Rehearsal:
+    """Everything that happened; ticks (n, 4), truths every TRUTH_TICKS of them."""
+
+    verdict: Verdict
+    target_rad: NDArray[np.float64]
+    angle_rad: NDArray[np.float64]
+    speed_rad_s: NDArray[np.float64]
+    torque_nm: NDArray[np.float64]
+    truths: tuple[Truth, ...]
+    scene: Scene
+    starts: tuple[int, ...]  # ticks at which a plan began
+
+
+def rehearse(
+    patient: Patient, device: Exoskeleton, action: Action, watch: Callable[[], None] = lambda: None
+) -> Rehearsal:
+    """Carry out one action (walking: seven steps) in simulation from its state's pose; `watch` is called as it goes."""
+    stage = _Stage(patient, device, action)
+    refusal = stage.run(watch)
+    return stage.judged(refusal)
+
+
+class _Stage:
+    """One rehearsal while it runs."""
+
+    def __init__(self, patient: Patient, device: Exoskeleton, action: Action) -> None:
+        self.patient, self.device, self.action = patient, device, action
+        gait = patient.gait
+        self.gains: Gains = gains_of(device, gait.assist_left, gait.assist_right)
+        self.guard = Guard(limits_of(device, patient.hip_max_rad, patient.knee_max_rad))
+        self.joints = SimulatedJoints(device, patient.body)
+        self.scene = scene_of(action, patient)
+        self.motion = Motion()
+        self.previous: JointCommand | None = None
+        self.now_ns = TICK_NS
+        self.rows: list[tuple[NDArray[np.float64], ...]] = []
+        self.truths: list[Truth] = []
+        self.starts: list[int] = []
+        self.moving = np.zeros(0, dtype=bool)
+        self.moving_ticks = 0
+        self.final_rad: NDArray[np.float64] | None = None
+        self.advance_m = 0.0
+
+    def run(self, watch: Callable[[], None]) -> str:
+        """Why it could not be carried out, or ""."""
+        start = STARTS.get(self.action, S.STANDING)
+        pose = CROUCH_RAD if self.action is A.INITIALISE else nominal_pose(start, self.patient)
+        if not np.isfinite(pose).all():
+            return "This patient does not fit the chair."
+        self.joints.place(pose)
+        self.joints.stage(self.scene)
+        self.joints.open(self.now_ns)
+        self.joints.enable(self.now_ns)
+        if reason := self._hold_on():
+            return reason
+        watch()
+        for number, (part, phase) in enumerate(SEQUENCES.get(self.action, ((self.action, P.WHOLE),))):
+            measured = self.joints.read(self.now_ns).position_rad
+            quad = (float(measured[0]), float(measured[1]), float(measured[2]), float(measured[3]))
+            made = plan(
+                PlanRequest(number=number, action=part, phase=phase, from_state=start, start_rad=quad), self.patient
+            )
+            if not made.check.ok:
+                return made.check.reason
+            if reason := self._follow(made):
+                return reason
+            watch()
+            start = made.to_state
+        self.motion = follow.stay(self.motion)
+        return next((str(refused) for refused in (self._tick() for _ in range(SETTLE_TICKS)) if refused), "")
+
+    def _hold_on(self) -> str:
+        self._tick()
+        self.motion = follow.grip(self.joints.read(self.now_ns).position_rad, self.gains)
+        for _ in range(GRIP_LIMIT_TICKS):
+            if refused := self._tick():
+                return str(refused)
+        return "" if self.motion.mode is Mode.STIFF else "The joints could not be gripped."
+
+    def _follow(self, made: Plan) -> str:
+        self.starts.append(len(self.rows))
+        self.motion = follow.start(self.motion, made)
+        self.final_rad = made.position_rad[-1]
+        self.advance_m += made.advance_m
+        while not self.motion.arrived:
+            if refused := self._tick():
+                return str(refused)
+            self.moving_ticks += 1
+        return ""
+
+    def _tick(self) -> Refusal | None:
+        self.now_ns += TICK_NS
+        feedback = self.joints.read(self.now_ns)
+        self.motion = follow.advance(self.motion, self.gains, hold=False)
+        command = self.motion.command
+        refusal = self.guard.check(command, self.previous, feedback.position_rad)
+        if refusal is not None:
+            return refusal
+        self.joints.write(command, self.now_ns)
+        self.previous = command
+        wearer = self.joints.wearer
+        self.rows.append(
+            (command.position_rad, wearer.joints_rad.copy(), wearer.speeds_rad_s.copy(), self.joints.torque_nm)
+        )
+        if len(self.rows) % TRUTH_TICKS == 0:
+            self.truths.append(self.joints.truth())
+        return None
+
+    def judged(self, refusal: str) -> Rehearsal:
+        """Figures and verdict."""
+        if not self.rows or not self.starts:
+            self.rows = self.rows or [(np.zeros(4),) * 4]
+            return self._as(Verdict(action=self.action.value, passed=False, reasons=(refusal,)))
+        target, angle, speed, torque = (np.array(column) for column in zip(*self.rows, strict=True))
+        first = self.starts[0]
+        span = slice(first, first + self.moving_ticks)
+        error = angle[span] - target[span]
+        verdict = Verdict(
+            action=self.action.value,
+            passed=True,
+            reasons=(),
+            duration_s=self.moving_ticks / TICK_HZ,
+            peak_torque_nm=_quad(np.abs(torque[first:]).max(axis=0)),
+            torque_limit_nm=_quad(np.array([joint.max_torque_nm for joint in self.device.joints])),
+            peak_speed_deg_s=_quad(np.degrees(np.abs(speed[first:]).max(axis=0))),
+            speed_limit_deg_s=_quad(np.array([joint.max_speed_deg_s for joint in self.device.joints])),
+            tracking_rms_deg=_quad(np.degrees(np.sqrt((error**2).mean(axis=0)))),
+            clearance_m=least_clearance(self.patient.body, self._seen(), self.scene),
+            slide_m=most_slide(self.patient.body, self._seen()),
+            penetration_m=max(truth.deepest_m for truth in self._seen()),
+            contact_peak_n=max(float(truth.contact_n.max()) for truth in self._seen()),
+            stride_m=stride_m(self._seen()) if self.action in SEQUENCES else self.advance_m,
+            energy_j=float(np.clip(torque[span] * speed[span], 0, None).sum() / TICK_HZ),
+            temperature_c=float(self.joints.read(self.now_ns).temperature_c.max()),
+            balance_peak_nm=max(abs(truth.balance_nm) for truth in self._seen()),
+            hold_peak_n=max(abs(truth.hold_n) for truth in self._seen()),
+        )
+        reasons = (refusal,) if refusal else objections(verdict, self._missed_rad(), struck=self._struck())
+        return self._as(structs.replace(verdict, passed=not reasons, reasons=reasons))
+
+    def _seen(self) -> list[Truth]:
+        """Truths from the first plan on."""
+        return self.truths[self.starts[0] // TRUTH_TICKS :] or self.truths[-1:]
+
+    def _struck(self) -> bool:
+        return any(truth.struck for truth in self._seen())
+
+    def _missed_rad(self) -> float:
+        """How far the farthest joint is from where the last plan ends."""
+        return pi if self.final_rad is None else float(np.abs(self.joints.wearer.joints_rad - self.final_rad).max())
+
+    def _as(self, verdict: Verdict) -> Rehearsal:
+        target, angle, speed, torque = (np.array(column) for column in zip(*self.rows, strict=True))
+        return Rehearsal(
+            verdict=verdict,
+            target_rad=target,
+            angle_rad=angle,
+            speed_rad_s=speed,
+            torque_nm=torque,
+            truths=tuple(self.truths),
+            scene=self.scene,
+            starts=tuple(self.starts),
+        )
+
+
+def _quad(values: NDArray[np.float64]) -> Quad:
+    return (float(values[0]), float(values[1]), float(values[2]), float(values[3]))

@@ -1,0 +1,231 @@
+"""A session: its five processes, their links, and what the console or the demo sees of them.
+
+The host decides nothing about legs. It starts the processes in the order in which they are needed, passes the
+operator's words on, gives the newest of each stream, restarts a perception that died or froze, and brings all to an
+end in the order in which they may go: control first (hold, damp, disable), the audit trail last.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import secrets
+import shutil
+import tempfile
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TypeVar
+
+import msgspec
+
+from app.ipc import streams as processes
+from app.ipc.links import LatestReceiver, OrderedSender, address
+from app.ipc.messages import (
+    AuditHealth,
+    ControlSnapshot,
+    HandCommand,
+    OperatorCommand,
+    OperatorKind,
+    PerceptionCommand,
+    Preview,
+    TriggerReport,
+)
+from app.ipc.states import Action
+from app.session.child import Supervisor, begin
+from app.system.config import Config, SessionSetup
+from app.system.paths import Home
+from app.system.scheduling import set_scheduling
+from profiles.schema import Profile
+
+M = TypeVar("M", bound=msgspec.Struct)
+
+START_ORDER: tuple[str, ...] = ("audit", "perception", "guardian", "planner", "control")
+# Control holds (0.15 s), damps and disables; then the others have nothing left to say.
+END_PATIENCE_S = {"control": 6.0, "perception": 2.0, "planner": 2.0, "guardian": 2.0, "bus-log": 2.0, "audit": 5.0}
+# The event loop may be busy for a moment without the legs stopping; STOP itself does not pass through it.
+EVENT_LOOP_TIMEOUT_S = 1.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ProcessStatus:
+    """One process of the session as the host sees it."""
+
+    name: str
+    pid: int
+    alive: bool
+    restarts: int
+    exit_code: int | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Latest:
+    """The newest of each stream; None where nothing new came since the last look."""
+
+    snapshot: ControlSnapshot | None
+    report: TriggerReport | None
+    preview: Preview | None
+    audit: AuditHealth | None
+    processes: tuple[ProcessStatus, ...]
+
+
+def make_setup(home: Home, config: Config, profile: Profile, operator: str, role: str = "therapist") -> SessionSetup:
+    """Name a session and give it its private directory of sockets."""
+    stamp = datetime.now(UTC).strftime("%Y%m%dT%H%M%SZ")
+    return SessionSetup(
+        session=f"{stamp}-{secrets.token_hex(2)}",
+        home=home.root,
+        links=Path(tempfile.mkdtemp(prefix="rleex-")),  # 0700; short enough for a socket's name
+        config=config,
+        profile=profile,
+        operator=operator,
+        role=role,
+        console_pid=os.getpid(),
+    )
+
+
+def _start_order(config: Config) -> tuple[str, ...]:
+    """Joints on CAN have their buses recorded from the first frame on."""
+    return (*START_ORDER[:1], "bus-log", *START_ORDER[1:]) if config.joints.kind == "can" else START_ORDER
+
+
+class SessionHost:
+    """Starts, feeds, watches and ends one session. `send` may be called from any thread."""
+
+    def __init__(self, setup: SessionSetup, *, entry: Callable[[str, SessionSetup], None] = begin) -> None:
+        """entry: what each process runs with its name and the setup; importable, for it is spawned."""
+        self.setup = setup
+        self._entry = entry
+        self._children: dict[str, multiprocessing.process.BaseProcess] = {}
+        self._supervisor = Supervisor()
+        self._operator = OrderedSender(address(setup.links, processes.OPERATOR.name))
+        self._perception = OrderedSender(address(setup.links, processes.TO_PERCEPTION.name))
+        self._lock = threading.Lock()
+        self._sequence = 0
+        self._beaten_at = time.monotonic()
+        self._ending = threading.Event()
+        self._pulse = threading.Thread(target=self._send_heartbeats, name="operator-pulse", daemon=True)
+        self._snapshots = self._listen(processes.SNAPSHOT.name, ControlSnapshot)
+        self._reports = self._listen(processes.TRIGGER.name, TriggerReport)
+        self._previews = self._listen(processes.PREVIEW.name, Preview)
+        self._audit = self._listen(processes.AUDIT_HEALTH.name, AuditHealth)
+
+    def start(self) -> None:
+        """Start every process; returns at once, the streams tell when each is there."""
+        for name in _start_order(self.setup.config):
+            self._spawn(name)
+        self._pulse.start()
+
+    def close(self) -> None:
+        """Bring the legs to rest and every process to its end; harmless when done twice."""
+        if self._ending.is_set():
+            return
+        self.send(OperatorKind.SHUT_DOWN)
+        self._end("control")
+        self._ending.set()
+        for name in ("perception", "planner", "guardian", "bus-log", "audit"):
+            self._end(name)
+        for link in (
+            self._operator,
+            self._perception,
+            self._snapshots,
+            self._reports,
+            self._previews,
+            self._audit,
+        ):
+            link.close()
+        shutil.rmtree(self.setup.links, ignore_errors=True)
+
+    def send(self, kind: OperatorKind, action: Action | None = None, note: str = "") -> int:
+        """Send the operator's word to control; returns its sequence, which control acknowledges."""
+        with self._lock:
+            self._sequence += 1
+            self._operator.send(
+                OperatorCommand(
+                    sequence=self._sequence,
+                    kind=kind,
+                    sent_ns=time.monotonic_ns(),
+                    operator=self.setup.operator,
+                    action=action,
+                    note=note,
+                )
+            )
+            return self._sequence
+
+    def beat(self) -> None:
+        """The console's event loop is alive; without it the sign of life to control ends."""
+        self._beaten_at = time.monotonic()
+
+    def move_hand(self, command: HandCommand) -> None:
+        """Move the digital hand, where the camera is one."""
+        with self._lock:
+            self._perception.send(command)
+
+    def tell_perception(self, command: PerceptionCommand) -> None:
+        """Change the picture's size or rate, or recording."""
+        with self._lock:
+            self._perception.send(command)
+
+    def poll(self) -> Latest:
+        """The newest of each stream, without waiting."""
+        report = self._reports.receive()
+        self._watch_perception(reported=report is not None)
+        return Latest(
+            snapshot=self._snapshots.receive(),
+            report=report,
+            preview=self._previews.receive(),
+            audit=self._audit.receive(),
+            processes=self.processes(),
+        )
+
+    def processes(self) -> tuple[ProcessStatus, ...]:
+        """Each process and whether it lives."""
+        return tuple(
+            ProcessStatus(
+                name=name,
+                pid=child.pid or 0,
+                alive=child.is_alive(),
+                restarts=self._supervisor.restarts if name == "perception" else 0,
+                exit_code=child.exitcode,
+            )
+            for name, child in self._children.items()
+        )
+
+    def _spawn(self, name: str) -> None:
+        child = multiprocessing.get_context("spawn").Process(
+            target=self._entry, args=(name, self.setup), daemon=True, name=f"rleex-{name}"
+        )
+        child.start()  # daemon: a console that dies by an exception still asks it to end (SIGTERM)
+        self._children = {**self._children, name: child}  # anew: another thread may be going through the old one
+
+    def _watch_perception(self, *, reported: bool) -> None:
+        child = self._children.get("perception")
+        if child is None or self._ending.is_set():
+            return
+        if self._supervisor.must_restart(time.monotonic(), alive=child.is_alive(), reported=reported):
+            child.kill()  # a driver frozen in the kernel's hands hears no softer word
+            child.join(1.0)
+            self._spawn("perception")
+
+    def _end(self, name: str) -> None:
+        child = self._children.get(name)
+        if child is None:
+            return
+        if name != "control":  # control was asked by SHUT_DOWN, and needs its time
+            child.terminate()
+        child.join(END_PATIENCE_S[name])
+        if child.is_alive():
+            child.kill()
+            child.join(1.0)
+
+    def _send_heartbeats(self) -> None:
+        set_scheduling("sign of life")
+        while not self._ending.wait(1.0 / processes.OPERATOR.rate_hz):
+            if time.monotonic() - self._beaten_at < EVENT_LOOP_TIMEOUT_S:
+                self.send(OperatorKind.ALIVE)
+
+    def _listen(self, name: str, kind: type[M]) -> LatestReceiver[M]:
+        return LatestReceiver(address(self.setup.links, name), kind)

@@ -1,0 +1,102 @@
+"""The configuration: what a lab sets once. Read from `config.toml`; absent means these defaults."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+import msgspec
+from msgspec import Meta, Struct
+
+from app.system.errors import AppError
+from profiles.schema import Profile
+
+CameraKind = Literal["digital-hand", "webcam", "realsense", "recording"]
+JointsKind = Literal["simulated", "can"]
+
+
+class CameraConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Which camera, and what is known of it."""
+
+    kind: CameraKind = "digital-hand"
+    device: str = ""  # webcam: name or index; recording: path; realsense: serial or path of a recording
+    width_px: Annotated[int, Meta(ge=160, le=4096)] = 1280
+    height_px: Annotated[int, Meta(ge=120, le=2160)] = 720
+    rate_hz: Annotated[float, Meta(gt=0, le=120)] = 30.0
+    focal_px: Annotated[float, Meta(gt=0)] | None = None
+    mirrored: bool = False
+    seed: int = 1  # digital hand: which person
+    depth: bool = False  # digital hand: give a D435i's depth as well, to compare
+
+
+class JointsConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Which joints."""
+
+    kind: JointsKind = "simulated"
+    device: str = ""  # path of an exoskeleton.toml; empty: the built-in description
+    motors: str = ""  # path of a TOML that extends the motor table
+    interface: str = ""  # overrides the device's bus, e.g. udp_multicast
+    channel: str = ""
+
+
+class ButtonConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """The virtual button on the picture, as shares of width and height."""
+
+    x: Annotated[float, Meta(ge=0, le=1)] = 0.5
+    y: Annotated[float, Meta(ge=0, le=1)] = 0.5
+    mode: Literal["robust", "published"] = "robust"
+
+
+class Config(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Everything a lab sets once."""
+
+    camera: CameraConfig = CameraConfig()
+    joints: JointsConfig = JointsConfig()
+    button: ButtonConfig = ButtonConfig()
+    rules: Literal["robust", "published"] = "robust"
+    model: str = ""  # path of a hand_landmarker.task; empty: the one set up into models/
+    patient: str = "demo"
+    language: str = "en"
+    theme: str = "dark"
+    idle_lock_s: Annotated[float, Meta(ge=0)] = 600.0
+    keys: dict[str, str] = {}  # console action → key
+    checkpoint_copy: str = ""  # a second place for signed checkpoints
+
+
+def load_config(path: Path) -> Config:
+    """The configuration in a file, or the defaults when there is none. Raises AppError naming the field."""
+    if not path.exists():
+        return Config()
+    try:
+        return msgspec.toml.decode(path.read_bytes(), type=Config)
+    except (OSError, msgspec.DecodeError, msgspec.ValidationError) as error:
+        raise AppError(
+            f"The configuration {path} can't be used: {error}; mend the field or remove the file."
+        ) from error
+
+
+def with_choices(config: Config, *, camera: str | None, joints: str | None, patient: str | None) -> Config:
+    """The configuration with what the command line chose instead. Raises AppError naming the choices there are."""
+    built = msgspec.to_builtins(config)
+    for name, chosen in (("camera", camera), ("joints", joints)):
+        if chosen is not None:
+            built[name]["kind"] = chosen
+    if patient is not None:
+        built["patient"] = patient
+    try:
+        return msgspec.convert(built, type=Config)
+    except msgspec.ValidationError as error:
+        raise AppError(f"That choice does not exist: {error}; `rleex run --help` lists what there is.") from error
+
+
+class SessionSetup(Struct, frozen=True, kw_only=True):
+    """Everything the processes of one session need to know at their start."""
+
+    session: str  # name of the session, sortable: 20261121T093000Z-1a2b
+    home: Path
+    links: Path  # private directory of the sockets, 0700
+    config: Config
+    profile: Profile
+    operator: str
+    role: str = "therapist"
+    console_pid: int = 0

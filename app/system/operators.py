@@ -1,0 +1,263 @@
+"""Who may use the console: names, roles and PINs, and the one table of what each role may do.
+
+Pure: a store goes in, a changed store comes out, time is an argument. Only `load_store` and `save_store` touch the
+disk. There is no default PIN; the first operator of a home is an engineer whom the first run sets up. Simulation and
+training need no sign-in.
+"""
+
+from __future__ import annotations
+
+import os
+import time
+import unicodedata
+from enum import Enum
+from itertools import pairwise
+from pathlib import Path
+
+import argon2
+import msgspec
+from msgspec import Struct
+
+from app.system.config import Config
+from app.system.errors import AppError
+from app.system.paths import Home
+from logs.journal import OPERATORS, append_signed
+from logs.keys import load_or_make_key
+from logs.manifest import Moment
+from logs.records import Body
+
+STORE_FILE = "operators.json"
+
+
+class Role(Enum):
+    """What an operator is to the device."""
+
+    THERAPIST = "therapist"
+    ENGINEER = "engineer"
+    REVIEWER = "reviewer"
+
+
+class Permission(Enum):
+    """What can be allowed."""
+
+    OPERATE = "move a patient: arm, act, acknowledge, torque off"
+    EDIT_PATIENTS = "create and change patients"
+    CALIBRATE = "calibrate camera and palm"
+    CONFIGURE = "change the configuration, scan and zero the drives"
+    MANAGE_OPERATORS = "add and disable operators"
+    REVIEW = "read, comment and export audit trails"
+    WRITE_NOTES = "write notes and ratings in a session"
+
+
+# STOP stands in no table: everybody may always stop.
+PERMISSIONS: dict[Role, frozenset[Permission]] = {
+    Role.THERAPIST: frozenset(
+        {
+            Permission.OPERATE,
+            Permission.EDIT_PATIENTS,
+            Permission.CALIBRATE,
+            Permission.WRITE_NOTES,
+            Permission.REVIEW,
+        }
+    ),
+    Role.ENGINEER: frozenset(
+        {
+            Permission.OPERATE,
+            Permission.CALIBRATE,
+            Permission.CONFIGURE,
+            Permission.MANAGE_OPERATORS,
+            Permission.WRITE_NOTES,
+            Permission.REVIEW,
+        }
+    ),
+    Role.REVIEWER: frozenset({Permission.REVIEW}),
+}
+
+
+class Operator(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """One person; the PIN only as its argon2 hash."""
+
+    name: str
+    role: Role
+    pin_hash: str
+    enabled: bool = True
+    failures: int = 0  # wrong PINs since the last right one
+    wait_until_s: float = 0.0  # wall clock, so that a restart shortens no wait
+
+    def may(self, permission: Permission) -> bool:
+        """Whether the role allows it."""
+        return permission in PERMISSIONS[self.role]
+
+
+class OperatorStore(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Everybody, and the attempts under names that don't exist."""
+
+    schema: int = 1
+    operators: tuple[Operator, ...] = ()
+    stranger_failures: int = 0
+    stranger_wait_until_s: float = 0.0
+
+    def find(self, name: str) -> Operator | None:
+        """By name, whatever its case."""
+        wanted = _key(name)
+        return next((operator for operator in self.operators if _key(operator.name) == wanted), None)
+
+
+class Attempt(Struct, frozen=True, kw_only=True):
+    """What came of trying to sign in; `store` is to be saved in every case."""
+
+    store: OperatorStore
+    operator: Operator | None
+    reason: str = ""  # for the screen and the trail, when it was refused
+    failures: int = 0
+    wait_s: float = 0.0  # before the next attempt is looked at
+
+
+MIN_DIGITS, MAX_DIGITS = 6, 12
+MAX_NAME = 60
+FREE_FAILURES = 2  # typing errors
+LONGEST_WAIT_S = 300.0
+_WRONG = "Name or PIN is wrong."
+_hasher = argon2.PasswordHasher()  # the library's defaults, RFC 9106's second recommendation
+
+
+def sign_in(store: OperatorStore, name: str, pin: str, now_s: float) -> Attempt:
+    """Try a name and a PIN at a wall-clock time in seconds. A name that doesn't exist costs the same time."""
+    operator = store.find(name)
+    wait_s = (operator.wait_until_s if operator else store.stranger_wait_until_s) - now_s
+    failures = operator.failures if operator else store.stranger_failures
+    if wait_s > 0:
+        wait_s = min(wait_s, LONGEST_WAIT_S)  # a clock set back must not lock anybody out for years
+        reason = f"Too many wrong attempts; wait {wait_s:.0f} s."
+        return Attempt(store=store, operator=None, reason=reason, failures=failures, wait_s=wait_s)
+    matches = _matches(operator.pin_hash if operator else _STRANGER_HASH, pin)
+    if operator is not None and operator.enabled and matches:
+        fresh = msgspec.structs.replace(operator, failures=0, wait_until_s=0.0)
+        return Attempt(store=_with(store, fresh), operator=fresh)
+    return _failed(store, operator, failures + 1, now_s)
+
+
+def wait_after(failures: int) -> float:
+    """Seconds before the next attempt: none for typing errors, then doubling to five minutes."""
+    return 0.0 if failures <= FREE_FAILURES else min(2.0 ** min(failures - FREE_FAILURES, 20), LONGEST_WAIT_S)
+
+
+def needs_sign_in(config: Config) -> bool:
+    """Whether an operator must sign in: only where drives can move."""
+    return config.joints.kind != "simulated"
+
+
+def add_operator(store: OperatorStore, name: str, role: Role, pin: str) -> OperatorStore:
+    """A store with one more. Raises AppError on an unusable name or PIN, or when the first is no engineer."""
+    name = _checked_name(name)
+    if store.find(name) is not None:
+        raise AppError(f"There is an operator {name} already; choose another name.")
+    if not store.operators and role is not Role.ENGINEER:
+        raise AppError("The first operator must be an engineer, who can add the others.")
+    added = Operator(name=name, role=role, pin_hash=_hasher.hash(_checked_pin(pin)))
+    return msgspec.structs.replace(store, operators=(*store.operators, added))
+
+
+def disable_operator(store: OperatorStore, name: str) -> OperatorStore:
+    """A store in which nobody can sign in by that name. Raises AppError for strangers and the last engineer."""
+    operator = _existing(store, name)
+    left = [other for other in store.operators if other.enabled and _key(other.name) != _key(name)]
+    if operator.role is Role.ENGINEER and not any(other.role is Role.ENGINEER for other in left):
+        raise AppError(f"{operator.name} is the last engineer; add another one before disabling this one.")
+    return _with(store, msgspec.structs.replace(operator, enabled=False))
+
+
+def change_pin(store: OperatorStore, name: str, pin: str) -> OperatorStore:
+    """A store with another PIN for an operator, who is enabled by it. Raises AppError."""
+    operator = _existing(store, name)
+    pin_hash = _hasher.hash(_checked_pin(pin))
+    return _with(
+        store,
+        msgspec.structs.replace(operator, pin_hash=pin_hash, enabled=True, failures=0, wait_until_s=0.0),
+    )
+
+
+def load_store(folder: Path) -> OperatorStore:
+    """The operators kept in a home's key folder; an empty store before the first run. Raises AppError."""
+    path = folder / STORE_FILE
+    try:
+        return msgspec.json.decode(path.read_bytes(), type=OperatorStore)
+    except FileNotFoundError:
+        return OperatorStore()
+    except (OSError, msgspec.MsgspecError) as error:
+        raise AppError(f"The operators in {path} can't be read: {error}; restore the file.") from error
+
+
+def save_store(folder: Path, store: OperatorStore) -> None:
+    """Replace the kept operators at once, readable by the owner alone. Raises AppError; the old ones then stay."""
+    path = folder / STORE_FILE
+    partial = path.with_suffix(".partial")
+    try:
+        folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+        handle = os.open(partial, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC, 0o600)
+        with os.fdopen(handle, "wb") as file:
+            file.write(msgspec.json.encode(store))
+            file.flush()
+            os.fsync(file.fileno())
+        partial.replace(path)
+    except OSError as error:
+        raise AppError(f"The operators can't be saved in {path}: {error.strerror}; free or mend it.") from error
+
+
+def _failed(store: OperatorStore, operator: Operator | None, failures: int, now_s: float) -> Attempt:
+    wait_s = wait_after(failures)
+    until_s = now_s + wait_s if wait_s else 0.0
+    if operator is None:
+        changed = msgspec.structs.replace(store, stranger_failures=failures, stranger_wait_until_s=until_s)
+    else:
+        changed = _with(store, msgspec.structs.replace(operator, failures=failures, wait_until_s=until_s))
+    return Attempt(store=changed, operator=None, reason=_WRONG, failures=failures, wait_s=wait_s)
+
+
+def _matches(pin_hash: str, pin: str) -> bool:
+    try:
+        return _hasher.verify(pin_hash, pin.encode("utf-8", "replace"))
+    except (argon2.exceptions.VerificationError, argon2.exceptions.InvalidHashError):
+        return False
+
+
+def _with(store: OperatorStore, changed: Operator) -> OperatorStore:
+    operators = tuple(changed if _key(each.name) == _key(changed.name) else each for each in store.operators)
+    return msgspec.structs.replace(store, operators=operators)
+
+
+def _existing(store: OperatorStore, name: str) -> Operator:
+    operator = store.find(name)
+    if operator is None:
+        raise AppError(f"There is no operator {name.strip()!r}; `rleex operator list` names them.")
+    return operator
+
+
+def _key(name: str) -> str:
+    return unicodedata.normalize("NFKC", name).strip().casefold()
+
+
+def _checked_name(name: str) -> str:
+    name = unicodedata.normalize("NFC", name).strip()
+    if not name or len(name) > MAX_NAME or not name.isprintable():
+        raise AppError(f"An operator's name has 1 to {MAX_NAME} visible characters; {name[:80]!r} has not.")
+    return name
+
+
+def _checked_pin(pin: str) -> str:
+    if not (pin.isascii() and pin.isdigit() and MIN_DIGITS <= len(pin) <= MAX_DIGITS):
+        raise AppError(f"A PIN has {MIN_DIGITS} to {MAX_DIGITS} digits and nothing else.")
+    steps = {int(after) - int(before) for before, after in pairwise(pin)}
+    if len(steps) == 1 and steps <= {-1, 0, 1}:
+        raise AppError("That PIN would be the first one tried; choose digits that neither repeat nor count.")
+    return pin
+
+
+# Hashed with the same cost as everybody's, so that a stranger's name is not betrayed by a quick answer.
+_STRANGER_HASH = "$argon2id$v=19$m=65536,t=3,p=4$AAAAAAAAAAAAAAAAAAAAAA$AAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAA"
+
+
+def tell_operators_journal(home: Home, body: Body, operator: str = "") -> None:
+    """Record it for good, or raise AuditError: who may not be recorded may not be let in."""
+    now = Moment(wall_ns=time.time_ns(), monotonic_ns=time.monotonic_ns(), operator=operator)
+    append_signed(home.logs / OPERATORS, "operators", [body], load_or_make_key(home.keys), now)

@@ -1,0 +1,185 @@
+"""What makes Linux processes punctual: whose turn comes first, memory that stays, a core; each where it is allowed."""
+
+from __future__ import annotations
+
+import ctypes
+import gc
+import os
+import resource
+import struct
+import time
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from types import MappingProxyType
+
+from app.ipc.messages import RealTime
+
+
+@dataclass(frozen=True, slots=True)
+class SchedPolicy:
+    """When a process runs: before everything usual by a SCHED_FIFO priority, or among it by a niceness."""
+
+    fifo: int | None = None
+    nice: int = 0
+
+
+# FIFO stays below the kernel's own threads at 99.
+SCHEDULING = MappingProxyType(
+    {
+        "guardian": SchedPolicy(fifo=70),  # a control that spins must not keep the guardian from a core
+        "control": SchedPolicy(fifo=60),
+        "planner": SchedPolicy(fifo=30),  # a step waits for its short work
+        "sign of life": SchedPolicy(fifo=20),  # a busy machine must not look like a dead console
+        "perception": SchedPolicy(nice=-10),  # the wearer's command must not wait for the screen, or for other programs
+        "audit": SchedPolicy(nice=-10),  # needs little, but a trail that falls behind stops the legs
+        "console": SchedPolicy(nice=-5),  # after perception, whose core it shares; before other programs
+        "observer": SchedPolicy(nice=5),  # another console on this host must not keep the therapist's waiting
+        "rehearsal": SchedPolicy(nice=5),  # half a minute of physics, while somebody presses keys
+        "bus log": SchedPolicy(nice=5),  # its socket holds a second's frames: it can wait, perception can't
+    }
+)
+_MCL_CURRENT, _MCL_FUTURE = 1, 2
+_PR_SET_TIMERSLACK = 29
+WAKE_LATENCY = Path("/dev/cpu_dma_latency")  # the kernel's PM QoS interface: an int32, the longest wake-up in µs
+_ISOLATED = Path("/sys/devices/system/cpu/isolated")
+
+
+def acquire_real_time() -> RealTime:
+    """Take what the system allows, and tell what it was. Call before threads are started: they inherit it."""
+    return RealTime(fifo=_fifo(), memory_locked=_lock_memory(), cores_awake=request_low_wake_latency(), core=None)
+
+
+def set_scheduling(name: str) -> bool:
+    """Give this thread, and those it starts later, the turn of that name in `SCHEDULING`; whether that was allowed."""
+    turn = SCHEDULING[name]
+    try:
+        if turn.fifo is not None:
+            os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(turn.fifo))
+        os.setpriority(os.PRIO_PROCESS, 0, turn.nice)  # not `nice`: a child inherits its parent's
+    except PermissionError:
+        return False
+    return True
+
+
+def request_low_wake_latency(wake_latency: Path = WAKE_LATENCY) -> bool:
+    """Let no idle core fall asleep while this process lives; whether that was allowed.
+
+    A core asleep is late for its tick, most of all a virtual machine's, which its host lends to others meanwhile. The
+    file is never closed: that would end the request.
+    """
+    try:
+        request = os.open(wake_latency, os.O_WRONLY)
+    except OSError:
+        return False
+    return os.write(request, struct.pack("@i", 0)) > 0
+
+
+def pin_to_control_core() -> int | None:
+    """The core that this thread has from now on, None where it shares all.
+
+    Call after threads are started: a link's thread on the same core would send the heartbeat only between two ticks.
+    """
+    core = control_core()
+    if core is None:
+        return None
+    try:
+        os.sched_setaffinity(0, {core})
+    except OSError:
+        return None
+    return core
+
+
+def avoid_control_core() -> None:
+    """For perception: one core of several is control's, whose every tick would put a running look at a hand off."""
+    core = control_core()
+    others = os.sched_getaffinity(0) - {core}
+    if core is not None and others:
+        with suppress(OSError):
+            os.sched_setaffinity(0, others)
+
+
+def control_core() -> int | None:
+    """A core set apart by the administrator, else the last of several; None where there is but one."""
+    allowed = sorted(os.sched_getaffinity(0))
+    isolated = [core for core in _isolated_cores() if core in allowed]
+    return isolated[-1] if isolated else allowed[-1] if len(allowed) > 1 else None
+
+
+def gc_freeze() -> None:
+    """Leave what lives now out of every later collection: a whole one took perception 50 ms, and 200 on a busy core."""
+    gc.collect()
+    gc.freeze()
+
+
+def disable_gc() -> None:
+    """No collection in the loop at all, which makes no cycles."""
+    gc_freeze()
+    gc.disable()
+
+
+@dataclass(slots=True)
+class PeriodicTimer:
+    """Absolute deadlines at a fixed period: a late tick shifts no later one, whole missed periods are left out."""
+
+    period_ns: int
+    next_ns: int
+
+    def wait(self) -> tuple[int, int, int]:
+        """Sleep until the next deadline: (now_ns, late_ns, periods left out)."""
+        ahead_ns = self.next_ns - time.monotonic_ns()
+        if ahead_ns > 0:
+            time.sleep(ahead_ns / 1e9)
+        now_ns = time.monotonic_ns()
+        late_ns = max(0, now_ns - self.next_ns)
+        missed = late_ns // self.period_ns
+        self.next_ns += (missed + 1) * self.period_ns
+        return now_ns, late_ns, missed
+
+
+def _fifo() -> bool:
+    allowed = set_scheduling("control")
+    if not allowed:  # the kernel may then delay a sleeper by its timer slack of 50 µs on top of everything else
+        ctypes.CDLL(None).prctl(_PR_SET_TIMERSLACK, 1)
+    return allowed
+
+
+def _lock_memory() -> bool:
+    """Only without a limit: with one, MCL_FUTURE would make a later allocation fail instead of being late."""
+    limit, _ = resource.getrlimit(resource.RLIMIT_MEMLOCK)
+    if limit != resource.RLIM_INFINITY and os.geteuid() != 0:
+        return False
+    return bool(ctypes.CDLL(None).mlockall(_MCL_CURRENT | _MCL_FUTURE) == 0)
+
+
+def _isolated_cores() -> list[int]:
+    """From the kernel's list, e.g. `2-3,7`."""
+    try:
+        text = _ISOLATED.read_text(encoding="ascii").strip()
+    except OSError:
+        return []
+    cores: list[int] = []
+    for part in filter(None, text.split(",")):
+        first, _, last = part.partition("-")
+        cores.extend(range(int(first), int(last or first) + 1))
+    return cores
+
+
+# Linux's oom_score_adj, −1000 to 1000. Higher ones may be taken by anybody, lower ones only with the privilege.
+SCORES = {
+    "perception": 700,  # the largest, and started again: the running action ends, no further one by gesture
+    "planner": 500,
+    "bus-log": 400,
+    "audit": 200,
+    "guardian": -900,
+    "control": -900,
+}
+_MINE = Path("/proc/self/oom_score_adj")
+
+
+def set_oom_score_adj(name: str) -> None:
+    """Take this process's place; without the privilege the two that hold the legs keep the place they were born to."""
+    score = SCORES.get(name)
+    if score is not None:
+        with suppress(OSError):
+            _MINE.write_text(f"{score}\n", encoding="ascii")

@@ -1,0 +1,164 @@
+"""The digital hand: a camera that sees a hand which isn't there, and knows the truth about it."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from hal.cameras.camera import Frame, Intrinsics
+from hal.cameras.digital_hand import motion as hand_motion
+from hal.cameras.digital_hand.depth import DepthCamera
+from hal.cameras.digital_hand.scene import Person, Scene, keypoints_m, lens_for, person_of, project_px, render
+from hal.cameras.digital_hand.skeleton import FloatArray
+from hal.errors import HardwareError
+
+REST_M = 0.36
+PRESS_M = 0.145  # well under the 20 cm threshold, and the fingertips still in the picture of the default lens
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Truth:
+    """What is so at one moment, exactly.
+
+    gesture: as asked for; "none" when the hand is sent away. settled: it has that shape (no morph under way).
+    keypoints_px: (21, 2), may lie outside the picture. keypoints_m: (21, 3) in the camera's frame.
+    distance_m: of keypoint 21 from the camera, along its axis. All but the gesture are None without a hand.
+    """
+
+    gesture: str
+    settled: bool
+    keypoints_px: FloatArray | None
+    keypoints_m: FloatArray | None
+    distance_m: float | None
+    tilt_rad: float | None
+
+
+class DigitalHandCamera:
+    """A Camera whose hand moves by `command`. `render` and `truth` are pure in time, given the commands so far."""
+
+    def __init__(
+        self,
+        *,
+        seed: int = 1,
+        lens: Intrinsics | None = None,
+        rate_hz: float = 30.0,
+        person: Person | None = None,
+        depth: bool = False,
+        rest_m: float = REST_M,
+        press_m: float = PRESS_M,
+        gesture: str = hand_motion.SETTLED,
+        clock_ns: Callable[[], int] = time.monotonic_ns,
+    ) -> None:
+        """seed chooses person, room and lamp; `person` overrides it. Raises HardwareError for a bad rate."""
+        if not 0 < rate_hz <= 240:
+            raise HardwareError(f"The digital hand can't run at {rate_hz:g} frames a second: choose up to 240.")
+        self.person = person or person_of(seed)
+        self.lens = lens or lens_for()
+        self._period_ns = round(1e9 / rate_hz)
+        self._seed = seed
+        self._depth = DepthCamera(seed) if depth else None
+        self._clock_ns = clock_ns
+        self._movement = hand_motion.begin(self.person, rest_m=rest_m, press_m=press_m, gesture=gesture)
+        self._opened_ns: int | None = None
+        self._sequence = 0
+
+    @property
+    def name(self) -> str:
+        """What the operator calls it."""
+        return f"digital hand {self._seed}"
+
+    def open(self) -> None:
+        """Begin the frames. The first is due at once."""
+        self._opened_ns = self._clock_ns()
+        self._sequence = 0
+        self.render(self._opened_ns)  # paints the room, which later frames re-use
+
+    def close(self) -> None:
+        """End the frames."""
+        self._opened_ns = None
+
+    def read(self, timeout_s: float) -> Frame | None:
+        """The newest due frame not yet given, waiting up to timeout_s. Raises HardwareError when not open."""
+        if self._opened_ns is None:
+            raise HardwareError("The digital hand is not open: open it before reading.")
+        now_ns = self._clock_ns()
+        due = max(self._sequence + 1, (now_ns - self._opened_ns) // self._period_ns)
+        due_ns = self._opened_ns + due * self._period_ns
+        wait_s = (due_ns - now_ns) / 1e9
+        if wait_s > timeout_s:
+            time.sleep(timeout_s)
+            return None
+        if wait_s > 0:
+            time.sleep(wait_s)
+        self._sequence = due
+        return self.render(due_ns, sequence=due)
+
+    def command(
+        self,
+        *,
+        gesture: str | None = None,
+        press: bool | None = None,
+        click_s: float | None = None,
+        move_m: tuple[float, float, float] | None = None,
+        at_ns: int | None = None,
+    ) -> None:
+        """Move the hand from now (or at_ns) on; None leaves a thing as it is.
+
+        gesture: a name of `hand_poses.POSES`, or "none" to leave the picture. press: push (True) or draw back.
+        click_s: push and draw back within this time. move_m: shift right, down, away.
+        Raises HardwareError for a gesture or a time that does not exist.
+        """
+        now_ns = self._clock_ns() if at_ns is None else at_ns
+        movement = self._movement
+        if gesture is not None:
+            movement = hand_motion.sign(movement, gesture, now_ns)
+        if move_m is not None:
+            movement = hand_motion.shift(movement, move_m, now_ns)
+        if press is not None:
+            movement = hand_motion.push(movement, press, now_ns)
+        if click_s is not None:
+            if not 0 < click_s <= 10:
+                raise HardwareError(f"A click of {click_s:g} s is not possible: give 0 to 10 seconds.")
+            movement = hand_motion.click(movement, click_s, now_ns)
+        self._movement = movement
+
+    def scene(self, captured_ns: int) -> Scene:
+        """What the camera sees at a moment."""
+        return Scene(
+            person=self.person,
+            lens=self.lens,
+            angles_deg=self._movement.angles_deg(captured_ns),
+            place=self._movement.place(captured_ns),
+        )
+
+    def render(self, captured_ns: int, *, sequence: int = 0) -> Frame:
+        """The frame of a moment; the same moment gives the same picture, bit for bit."""
+        noise_seed = (captured_ns // 1_000_000 + 7919 * self._seed) % (1 << 31)
+        seen = render(self.scene(captured_ns), noise_seed, depth=self._depth is not None)
+        depth_m = None
+        if self._depth is not None and seen.surface_m is not None:
+            depth_m = self._depth.measure(seen.surface_m, noise_seed, self._turning(captured_ns))
+        return Frame(
+            image_bgr=seen.image_bgr,
+            captured_ns=captured_ns,
+            sequence=sequence,
+            intrinsics=self.lens,
+            depth_m=depth_m,
+        )
+
+    def truth(self, captured_ns: int) -> Truth:
+        """What is so at a moment of the last minute."""
+        scene = self.scene(captured_ns)
+        joints = keypoints_m(scene)
+        return Truth(
+            gesture=self._movement.gesture(captured_ns),
+            settled=self._movement.settled(captured_ns),
+            keypoints_px=None if joints is None else project_px(joints, self.lens),
+            keypoints_m=joints,
+            distance_m=None if scene.place is None else scene.place.position_m[2],
+            tilt_rad=None if scene.place is None else scene.place.tilt_rad,
+        )
+
+    def _turning(self, captured_ns: int) -> bool:
+        return not self._movement.settled(captured_ns)

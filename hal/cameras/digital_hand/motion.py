@@ -1,0 +1,198 @@
+"""How the digital hand moves: keyframed tracks with minimum-jerk runs between them. Pure; time is an argument.
+
+Commands only add to what was; so the pose of any past moment of the last minute stays known exactly.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from hal.cameras.digital_hand.poses import AWAY, find_pose
+from hal.cameras.digital_hand.scene import Person
+from hal.cameras.digital_hand.skeleton import FloatArray, HandPlace, joints_m, placed_m
+
+MORPH_S = 0.22  # one hand shape to the next
+PRESS_S = 0.30  # a push, or a withdrawal
+SHIFT_S = 0.15
+LEAVE_S = 0.25
+LEAVE_M = 0.60  # how far below the picture a hand waits that isn't there
+KEEP_NS = 60_000_000_000
+SETTLED = "rest"
+# The limits within which keys may move the hand, metres in the camera's frame.
+_REACH_M = ((-0.25, 0.25), (-0.15, 0.20), (0.08, 0.80))
+# A living hand trembles: amplitude in metres and radians, and unrelated frequencies in Hz.
+TREMOR_M = 0.0007
+TREMOR_RAD = math.radians(0.4)
+_TREMOR_HZ = np.array([1.3, 1.7, 0.9, 1.1, 1.5, 0.7])
+
+
+@dataclass(frozen=True, slots=True)
+class Run:
+    """From wherever the track is at start_ns to `target`, arriving at end_ns."""
+
+    start_ns: int
+    end_ns: int
+    origin: FloatArray
+    target: FloatArray
+
+    def at(self, now_ns: int) -> FloatArray:
+        """Minimum-jerk position (Flash and Hogan 1985): the way hands reach."""
+        share = min(1.0, (now_ns - self.start_ns) / max(1, self.end_ns - self.start_ns))
+        eased = share**3 * (10 - 15 * share + 6 * share**2)
+        value: FloatArray = self.origin + eased * (self.target - self.origin)
+        return value
+
+
+@dataclass(frozen=True, slots=True)
+class Track:
+    """A value over time: where it began, and the runs since, each beginning after the one before it."""
+
+    initial: FloatArray
+    runs: tuple[Run, ...] = ()
+
+    def at(self, now_ns: int) -> FloatArray:
+        """The value at a moment."""
+        for run in reversed(self.runs):
+            if run.start_ns <= now_ns:
+                return run.at(now_ns)
+        return self.initial
+
+    def towards(self, target: FloatArray, start_ns: int, duration_s: float) -> Track:
+        """Forget what was planned from start_ns on, and run to the target from there."""
+        past = tuple(run for run in self.runs if run.start_ns < start_ns)
+        origin = Track(self.initial, past).at(start_ns)
+        run = Run(start_ns, start_ns + int(duration_s * 1e9), origin, target)
+        return self._pruned((*past, run), start_ns)
+
+    def goal(self) -> FloatArray:
+        """Where it ends."""
+        return self.runs[-1].target if self.runs else self.initial
+
+    def moving(self, now_ns: int) -> bool:
+        """Whether a run is under way."""
+        return any(run.start_ns <= now_ns < run.end_ns for run in self.runs)
+
+    def _pruned(self, runs: tuple[Run, ...], now_ns: int) -> Track:
+        old = [run for run in runs if run.end_ns < now_ns - KEEP_NS]
+        if not old:
+            return Track(self.initial, runs)
+        return Track(old[-1].target, runs[len(old) :])
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Movement:
+    """What one hand did, does and is going to do.
+
+    Tracks: shape (36,), see `_shape`; aside (2,); depth (1,); away (1,).
+    """
+
+    person: Person
+    rest_m: float
+    press_m: float
+    shape: Track
+    aside: Track
+    depth: Track
+    away: Track
+    named: tuple[tuple[int, str], ...]  # since when which gesture is asked for
+
+    def gesture(self, now_ns: int) -> str:
+        """The gesture asked for at that moment, `none` when the hand is sent away."""
+        return next((name for since_ns, name in reversed(self.named) if since_ns <= now_ns), self.named[0][1])
+
+    def settled(self, now_ns: int) -> bool:
+        """Whether the hand has taken the shape that was asked for."""
+        return not (self.shape.moving(now_ns) or self.away.moving(now_ns))
+
+    def angles_deg(self, now_ns: int) -> FloatArray:
+        """(5, 6) joint angles."""
+        return self.shape.at(now_ns)[:30].reshape(5, 6)
+
+    def place(self, now_ns: int) -> HandPlace | None:
+        """Where the hand is; None when it is away."""
+        away = float(self.away.at(now_ns)[0])
+        if away >= 1.0:
+            return None
+        shape = self.shape.at(now_ns)
+        x, y, z = np.append(self.aside.at(now_ns), self.depth.at(now_ns)) + shape[33:]
+        tremble = np.sin(2 * np.pi * _TREMOR_HZ * (now_ns / 1e9) + np.arange(6))
+        position = np.array([x, y + away * LEAVE_M, z]) + TREMOR_M * tremble[:3]
+        turn = np.radians(shape[30:33]) + TREMOR_RAD * tremble[3:]
+        return HandPlace(
+            position_m=(float(position[0]), float(position[1]), float(position[2])),
+            turn_rad=(float(turn[0]), float(turn[1]), float(turn[2])),
+        )
+
+
+def begin(person: Person, *, rest_m: float, press_m: float, gesture: str = SETTLED) -> Movement:
+    """A hand at rest before the camera."""
+    return Movement(
+        person=person,
+        rest_m=rest_m,
+        press_m=press_m,
+        shape=Track(_shape(gesture, person)),
+        aside=Track(np.zeros(2)),
+        depth=Track(np.array([rest_m])),
+        away=Track(np.array([0.0])),
+        named=((0, gesture),),
+    )
+
+
+def sign(movement: Movement, gesture: str, now_ns: int) -> Movement:
+    """Take another shape, or leave the picture. Raises HardwareError for a gesture that doesn't exist."""
+    named = (*[entry for entry in movement.named if entry[0] >= now_ns - KEEP_NS][-200:], (now_ns, gesture))
+    if named[0][0] > now_ns - KEEP_NS:
+        named = (movement.named[0], *named) if movement.named[0] not in named else named
+    if gesture == AWAY:
+        return replace(movement, named=named, away=movement.away.towards(np.array([1.0]), now_ns, LEAVE_S))
+    absent = float(movement.away.at(now_ns)[0]) >= 1.0
+    shape = movement.shape.towards(_shape(gesture, movement.person), now_ns, 0.0 if absent else MORPH_S)
+    away = movement.away
+    if float(away.goal()[0]) > 0:
+        away = away.towards(np.array([0.0]), now_ns, LEAVE_S)
+    return replace(movement, named=named, shape=shape, away=away)
+
+
+def push(movement: Movement, pressed: bool, now_ns: int, duration_s: float = PRESS_S) -> Movement:
+    """Reach towards the camera, or draw back."""
+    goal = movement.press_m if pressed else movement.rest_m
+    return replace(movement, depth=movement.depth.towards(np.array([goal]), now_ns, duration_s))
+
+
+def click(movement: Movement, duration_s: float, now_ns: int) -> Movement:
+    """Push and draw back within the given time."""
+    there = push(movement, True, now_ns, duration_s / 2)
+    turn_ns = now_ns + int(duration_s * 1e9 / 2)
+    return push(there, False, turn_ns, duration_s / 2)
+
+
+def shift(movement: Movement, by_m: tuple[float, float, float], now_ns: int) -> Movement:
+    """Move by keys, within reach; moving nearer or farther also moves the place to draw back to."""
+    x, y, z = (
+        float(np.clip(start + by, *reach))
+        for start, by, reach in zip((*movement.aside.goal(), movement.rest_m), by_m, _REACH_M, strict=True)
+    )
+    moved = replace(movement, aside=movement.aside.towards(np.array([x, y]), now_ns, SHIFT_S))
+    if by_m[2] == 0.0:
+        return moved
+    return push(replace(moved, rest_m=z), False, now_ns, SHIFT_S)
+
+
+def _shape(gesture: str, person: Person) -> FloatArray:
+    """(36,): 30 joint angles, 3 of the turn, and where keypoint 21 is when the hand is centred, metres."""
+    pose = find_pose(SETTLED if gesture == AWAY else gesture)
+    mirror = -1.0 if person.shape.left else 1.0
+    turn = np.asarray(pose.turn_deg) * (1.0, mirror, mirror)
+    centring = _centring(pose.angles_deg, turn, person)
+    return np.concatenate([pose.angles_deg.ravel(), turn, centring])
+
+
+def _centring(angles_deg: FloatArray, turn_deg: FloatArray, person: Person) -> FloatArray:
+    """People aim and reach with the middle of what they show, not with keypoint 21; (3,) metres."""
+    pitch, yaw, roll = np.radians(turn_deg)
+    turned = HandPlace(position_m=(0.0, 0.0, 0.0), turn_rad=(pitch, yaw, roll))
+    joints = placed_m(joints_m(person.shape, angles_deg), turned)
+    middle: FloatArray = np.append((joints.min(axis=0) + joints.max(axis=0))[:2] / 2, joints[:, 2].mean())
+    return -middle

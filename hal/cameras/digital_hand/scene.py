@@ -1,0 +1,202 @@
+"""A person's hand in a room, and the picture a camera takes of it: a pure function of its arguments."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from hal.cameras.camera import DepthArray, ImageArray, Intrinsics, IntrinsicsSource
+from hal.cameras.digital_hand.flesh import flesh
+from hal.cameras.digital_hand.poses import find_pose
+from hal.cameras.digital_hand.raycast import Grid, cast, grid_over
+from hal.cameras.digital_hand.room import room_bgr
+from hal.cameras.digital_hand.shading import Light, Painted, paint
+from hal.cameras.digital_hand.skeleton import FloatArray, HandPlace, HandShape, joints_m, placed_m
+
+DEFAULT_FOCAL_PX = 650.0  # at 1280 pixels of width: wide enough to hold the fingertips at 15 cm
+CELLS_PER_M = 700.0  # of the coarse grid on the hand; finer shows no difference to the detector
+WALL_M = 1.2  # what a depth camera sees beside the hand
+NOISE_BANK = 4
+
+# Skin in BGR under a white lamp, from very light to very dark.
+TONES_BGR = (
+    (178, 200, 238), (158, 184, 228), (138, 166, 214), (116, 146, 198),
+    (98, 126, 180), (76, 104, 158), (60, 82, 132), (48, 64, 104),
+)  # fmt: skip
+
+
+def lens_for(width_px: int = 1280, height_px: int = 720, focal_px: float | None = None) -> Intrinsics:
+    """Pinhole intrinsics of the digital camera; the default lens is 650 px for 1280, scaled with the width."""
+    focal = focal_px or DEFAULT_FOCAL_PX * width_px / 1280
+    return Intrinsics(
+        width_px=width_px,
+        height_px=height_px,
+        fx_px=focal,
+        fy_px=focal,
+        cx_px=(width_px - 1) / 2,
+        cy_px=(height_px - 1) / 2,
+        source=IntrinsicsSource.GIVEN,
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Person:
+    """Everything about the picture that does not move: hand, skin, light, room, the sensor's noise."""
+
+    shape: HandShape = field(default_factory=HandShape)
+    tone_bgr: tuple[float, float, float] = TONES_BGR[2]
+    light: Light = field(default_factory=Light)
+    room_seed: int = 1
+    noise_sd: float = 3.0  # grey levels
+
+
+def person_of(seed: int) -> Person:
+    """One of endlessly many people, rooms and lamps; the same for the same seed."""
+    draw = np.random.default_rng([seed, 0x6861_6E64])
+    side, height = draw.uniform(-0.7, 0.7), draw.uniform(0.2, 0.8)
+    lamp = np.array([side, -height, -0.8])
+    warmth = draw.uniform(-0.08, 0.08)
+    return Person(
+        shape=HandShape(palm_width_m=round(float(draw.uniform(0.072, 0.090)), 4), left=bool(draw.random() < 0.5)),
+        tone_bgr=TONES_BGR[int(draw.integers(len(TONES_BGR)))],
+        light=Light(
+            towards=tuple(lamp / np.linalg.norm(lamp)),
+            lamp=float(draw.uniform(0.5, 0.85)),
+            ambient=float(draw.uniform(0.35, 0.6)),
+            tint_bgr=(1.0 - warmth, 1.0, 1.0 + warmth),
+        ),
+        room_seed=seed,
+        noise_sd=float(draw.uniform(1.5, 4.5)),
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Scene:
+    """One moment. angles_deg: (5, 6) joint angles as `hand_skeleton.joints_m` takes them; place None: no hand."""
+
+    person: Person = field(default_factory=Person)
+    lens: Intrinsics = field(default_factory=lens_for)
+    angles_deg: FloatArray
+    place: HandPlace | None
+
+
+def posed(
+    gesture: str,
+    *,
+    person: Person | None = None,
+    lens: Intrinsics | None = None,
+    position_m: tuple[float, float, float] = (0.0, 0.02, 0.35),
+    turn_rad: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    natural_turn: bool = True,
+) -> Scene:
+    """A scene with one of the named gestures. turn_rad is added to how people turn that gesture, if asked.
+
+    Raises HardwareError for a gesture that the digital hand doesn't know.
+    """
+    pose, person = find_pose(gesture), person or Person()
+    mirror = -1.0 if person.shape.left else 1.0
+    natural = np.radians(pose.turn_deg) * (1.0, mirror, mirror) if natural_turn else np.zeros(3)
+    turn = tuple(float(part) for part in natural + np.asarray(turn_rad))
+    place = HandPlace(position_m=position_m, turn_rad=(turn[0], turn[1], turn[2]))
+    return Scene(person=person, lens=lens or lens_for(), angles_deg=pose.angles_deg, place=place)
+
+
+@dataclass(frozen=True, slots=True)
+class Rendered:
+    """A scene as the camera takes it, before depth is spoilt. surface_m: (h, w) float32 true depth, hand and wall."""
+
+    image_bgr: ImageArray
+    surface_m: DepthArray | None
+
+
+def keypoints_m(scene: Scene) -> FloatArray | None:
+    """(21, 3) joints in the camera's frame, metres; None without a hand."""
+    if scene.place is None:
+        return None
+    return placed_m(joints_m(scene.person.shape, scene.angles_deg), scene.place)
+
+
+def project_px(points_m: FloatArray, lens: Intrinsics) -> FloatArray:
+    """(n, 3) points in the camera's frame to (n, 2) pixels; they may lie outside the picture."""
+    z = np.maximum(points_m[:, 2:3], 1e-6)
+    pixels: FloatArray = points_m[:, :2] / z * (lens.fx_px, lens.fy_px) + (lens.cx_px, lens.cy_px)
+    return pixels
+
+
+def render(scene: Scene, noise_seed: int = 0, *, depth: bool = False) -> Rendered:
+    """The picture, and the true depth if asked. The same arguments give the same picture, bit for bit."""
+    lens, person = scene.lens, scene.person
+    rooms = _noisy_rooms(person.room_seed, person.light, person.noise_sd, lens.width_px, lens.height_px)
+    image = rooms[noise_seed % NOISE_BANK].copy()
+    surface = np.full(image.shape[:2], WALL_M, np.float32) if depth else None
+    joints = keypoints_m(scene)
+    if joints is None:
+        return Rendered(image, surface)
+    body = flesh(joints, person.shape)
+    distance_m = max(0.08, float(joints[:, 2].mean()))
+    grid = grid_over(body, lens, CELLS_PER_M, distance_m)
+    if grid is None:
+        return Rendered(image, surface)
+    hand_m = cast(body, grid, lens)
+    cell_m = grid.width / grid.columns * distance_m / lens.fx_px
+    _lay(image, paint(hand_m, cell_m, person.tone_bgr, person.light), grid)
+    _grain(image, grid, person.noise_sd, noise_seed)
+    if surface is not None:
+        _sink(surface, hand_m, grid)
+    return Rendered(image, surface)
+
+
+def scaled(person: Person, **changes: float) -> Person:
+    """The same person under another lamp: lamp, ambient, noise_sd."""
+    light = replace(
+        person.light,
+        lamp=changes.get("lamp", person.light.lamp),
+        ambient=changes.get("ambient", person.light.ambient),
+    )
+    return replace(person, light=light, noise_sd=changes.get("noise_sd", person.noise_sd))
+
+
+def _lay(image: ImageArray, painted: Painted, grid: Grid) -> None:
+    """Put the painted hand onto the picture, in place."""
+    size = (grid.width, grid.height)
+    part = image[grid.top : grid.top + grid.height, grid.left : grid.left + grid.width]
+    colour = cv2.resize(painted.colour_bgr, size, interpolation=cv2.INTER_LINEAR)
+    cover = cv2.resize(painted.cover, size, interpolation=cv2.INTER_LINEAR)
+    part[:] = cv2.blendLinear(colour, np.ascontiguousarray(part), cover, np.float32(1.0) - cover)
+
+
+def _grain(image: ImageArray, grid: Grid, noise_sd: float, seed: int) -> None:
+    """The sensor's noise on the hand; the room has its own already."""
+    bank = _noise(noise_sd)
+    draw = np.random.default_rng(seed)
+    part = image[grid.top : grid.top + grid.height, grid.left : grid.left + grid.width]
+    top = int(draw.integers(bank.shape[0] - grid.height + 1)) if grid.height <= bank.shape[0] else 0
+    left = int(draw.integers(bank.shape[1] - grid.width + 1)) if grid.width <= bank.shape[1] else 0
+    noise = bank[top : top + grid.height, left : left + grid.width]
+    if noise.shape == part.shape:
+        part[:] = cv2.add(part, noise, dtype=cv2.CV_8U)
+
+
+def _sink(surface_m: DepthArray, hand_m: NDArray[np.float32], grid: Grid) -> None:
+    part = surface_m[grid.top : grid.top + grid.height, grid.left : grid.left + grid.width]
+    fine = cv2.resize(hand_m, (grid.width, grid.height), interpolation=cv2.INTER_NEAREST)
+    np.minimum(part, fine, out=part)
+
+
+@lru_cache(maxsize=4)
+def _noisy_rooms(seed: int, light: Light, noise_sd: float, width_px: int, height_px: int) -> tuple[ImageArray, ...]:
+    room = room_bgr(seed, light, width_px, height_px)
+    draw = np.random.default_rng([seed, 1])
+    return tuple(
+        cv2.add(room, draw.normal(0, noise_sd, room.shape).astype(np.int16), dtype=cv2.CV_8U) for _ in range(NOISE_BANK)
+    )
+
+
+@lru_cache(maxsize=4)
+def _noise(noise_sd: float) -> NDArray[np.int16]:
+    draw = np.random.default_rng(7)
+    return draw.normal(0, noise_sd, (800, 1360, 3)).astype(np.int16)

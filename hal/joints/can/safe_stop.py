@@ -1,0 +1,91 @@
+"""The guardian's own way to the drives: damping, then off. It shares nothing with the driver but the codecs.
+
+Drives that hold their last command for ever go on pushing when control is gone; these two frames a drive are what
+saves the wearer. So everything is packed when the socket is opened, and sending needs nothing but the socket.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import can
+
+from hal.joints.can.bus import frame_of, message_of, open_bus
+from hal.joints.can.transmission import Transmission
+from hal.joints.codecs import codec_of
+from hal.joints.codecs.wire import Order, SetPoint
+from hal.joints.device import Exoskeleton, JointDevice
+from hal.joints.motors import MotorModel, load_motors
+
+
+class SafeStop:
+    """Puts all four drives to damping, or off. `damp` and `exit` answer whether every frame left; neither raises."""
+
+    def __init__(self, device: Exoskeleton, motors: Path | None = None) -> None:
+        table = load_motors(motors)
+        self._device = device
+        models = [table.find(joint.motor) for joint in device.joints]
+        pairs = list(zip(device.joints, models, strict=True))
+        self._damp = [(joint.can_bus, [_damping(joint, model)]) for joint, model in pairs]
+        self._exit = [(joint.can_bus, _off(joint, model)) for joint, model in pairs]
+        self._buses: list[can.BusABC] = []
+        self._ears = [(joint.can_bus, codec_of(model), joint.can_id) for joint, model in pairs]
+
+    def open(self) -> None:
+        """Open the bus sockets. Raises HardwareError with the command that mends it."""
+        self._buses = [open_bus(bus) for bus in self._device.buses]
+
+    def damp(self) -> bool:
+        """Command pure damping; repeat it while control stays away, for drives that limp on silence."""
+        return self._send(self._damp)
+
+    def exit(self) -> bool:
+        """Take the torque off."""
+        return self._send(self._exit)
+
+    def answered(self) -> tuple[bool, ...]:
+        """Which drives have replied since the last call: the proof that the frames took effect."""
+        heard: set[tuple[int, int]] = set()
+        for number, bus in enumerate(self._buses):
+            heard.update((number, drive) for drive in self._listen(bus, number))
+        return tuple((bus, drive) in heard for bus, _, drive in self._ears)
+
+    def close(self) -> None:
+        """Release the sockets; harmless when done twice."""
+        for bus in self._buses:
+            bus.shutdown()
+        self._buses = []
+
+    def _listen(self, bus: can.BusABC, number: int) -> list[int]:
+        heard = []
+        for _ in range(256):
+            try:
+                message = bus.recv(0)
+            except (can.CanError, OSError):
+                break
+            if message is None:
+                break
+            heard += [
+                drive for on, codec, drive in self._ears if on == number and codec.replier(frame_of(message)) == drive
+            ]
+        return heard
+
+    def _send(self, frames: list[tuple[int, list[can.Message]]]) -> bool:
+        left = bool(self._buses)
+        for number, messages in frames:
+            for message in messages:
+                try:
+                    self._buses[number].send(message, 0)
+                except (can.CanError, OSError, IndexError):
+                    left = False
+        return left
+
+
+def _damping(joint: JointDevice, model: MotorModel) -> can.Message:
+    target = Transmission.of(joint).to_motor(SetPoint(0.0, 0.0, 0.0, joint.damp_nm_s_rad, 0.0))
+    neutral_position = target._replace(position_rad=0.0)
+    return message_of(codec_of(model).command(joint.can_id, neutral_position))
+
+
+def _off(joint: JointDevice, model: MotorModel) -> list[can.Message]:
+    return [message_of(frame) for frame in codec_of(model).order(joint.can_id, Order.DISABLE)]

@@ -1,0 +1,269 @@
+"""Simulated joints: the drives' impedance law on a simulated wearer, stepped by the control tick, never by a clock.
+
+One write is one tick of 2 ms. Drives saturate, lose torque with speed, rub, warm up, report with noise and in the
+wire's quanta; each fault that real ones have can be injected.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import copysign, isfinite, radians
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hal.errors import HardwareError
+from hal.joints.body import Body
+from hal.joints.device import Exoskeleton, JointDevice
+from hal.joints.protocol import BusFault, DriveFault, DriveState, Joint, JointArray, JointCommand, JointFeedback
+from hal.joints.scene import Scene
+from hal.joints.simulated.mjcf import TIMESTEP_S
+from hal.joints.simulated.thermal import at_rest, thermal_model, warm
+from hal.joints.simulated.wearer import Posture, Truth, Wearer
+
+TICK_S = 0.002
+SUBSTEPS = round(TICK_S / TIMESTEP_S)
+THERMAL_TICKS = 25  # windings follow within seconds
+ROOM_C = 25.0
+FULL_TORQUE_SPEED = 0.5  # share of the no-load speed up to which a drive gives its full torque
+
+# Quanta of the AK80-64's reply at a direct joint: 16 bit over ±12.5 rad, 12 bit over ±8 rad/s and ±144 Nm.
+QUANTA = np.array([[25.0 / 65535], [16.0 / 4095], [288.0 / 4095]])
+NOISE = np.array([[2e-4], [0.01], [0.2]])  # rad, rad/s, Nm; standard deviations
+
+
+@dataclass(slots=True)
+class Faults:
+    """What has been injected, by joint; the methods of SimulatedJoints set it."""
+
+    silent: NDArray[np.bool_]
+    stuck: NDArray[np.bool_]
+    lost_share: float = 0.0
+    bits: list[DriveFault] | None = None
+    bus: BusFault = BusFault.NONE
+    temperature_c: JointArray | None = None
+    drag_nm: JointArray | None = None
+
+
+class SimulatedJoints:
+    """Implements hal.joints.protocol.Joints on a simulated wearer.
+
+    seed: of the sensors' noise; noisy False gives true values; quantised False leaves out the wire's quanta.
+    """
+
+    def __init__(
+        self, device: Exoskeleton, body: Body, *, seed: int = 0, noisy: bool = True, quantised: bool = True
+    ) -> None:
+        self.wearer = Wearer(device, body)
+        self._device = device
+        self._thermal = thermal_model(device)
+        self._temperatures = at_rest(ROOM_C)
+        self._random = np.random.default_rng(seed)
+        self._noisy, self._quantised = noisy, quantised
+        self._state = DriveState.UNCONFIGURED
+        self._torque = [0.0] * 4
+        self._square, self._ticks = np.zeros(4), 0
+        self._stuck_at = np.zeros(4)
+        self._last = JointFeedback(
+            measured_ns=np.zeros(4, dtype=np.int64),
+            position_rad=np.zeros(4),
+            velocity_rad_s=np.zeros(4),
+            torque_nm=np.zeros(4),
+            temperature_c=np.full(4, ROOM_C),
+            faults=(DriveFault.NONE,) * 4,
+            state=DriveState.UNCONFIGURED,
+        )
+        self.faults = Faults(silent=np.zeros(4, dtype=bool), stuck=np.zeros(4, dtype=bool))
+
+    def open(self, now_ns: int) -> None:
+        """Probe: raises HardwareError naming the joints that are silent."""
+        missing = [Joint(int(number)).name.lower().replace("_", " ") for number in np.flatnonzero(self.faults.silent)]
+        if missing:
+            raise HardwareError(f"No answer from {', '.join(missing)}: check its power and its cable.")
+        self._state = DriveState.PROBED
+        self._measure(now_ns)
+
+    def enable(self, now_ns: int) -> None:
+        """Switch the drives on; raises HardwareError when they aren't open or a fault is present."""
+        if self._state not in {DriveState.PROBED, DriveState.DISABLED}:
+            raise HardwareError(f"The drives can't be enabled while they are {self._state.value}; open them first.")
+        if self.faults.bits and any(self.faults.bits):
+            raise HardwareError("A drive reports a fault and can't be enabled; mend it and open the joints again.")
+        self._state = DriveState.ENABLED
+        self._measure(now_ns)
+
+    def write(self, command: JointCommand, now_ns: int) -> None:  # noqa: ARG002 - the tick is the time here
+        """One tick of physics under this command; without power the wearer hangs in the harness."""
+        powered = self._state is DriveState.ENABLED
+        posture = None
+        if powered and command.stiffness_nm_rad.any() and np.isfinite(command.position_rad).all():
+            posture = Posture(self.wearer.body, command.position_rad, command.velocity_rad_s)
+        for _ in range(SUBSTEPS):
+            self._torque = self._drives(command) if powered else [0.0] * 4
+            self.wearer.advance(self._at_joint(self._torque), posture)
+            self._square += np.square(self._torque)
+        self._ticks += 1
+        if self._ticks % THERMAL_TICKS == 0:
+            square = self._square / (THERMAL_TICKS * SUBSTEPS)
+            self._temperatures = warm(self._thermal, self._temperatures, square, ROOM_C, THERMAL_TICKS * TICK_S)
+            self._square = np.zeros(4)
+
+    def read(self, now_ns: int) -> JointFeedback:
+        """What the drives report now; silent ones keep their last word and its time."""
+        if self._state is not DriveState.UNCONFIGURED:
+            self._measure(now_ns)
+        bus, self.faults.bus = self.faults.bus, BusFault.NONE
+        last = self._last
+        return JointFeedback(
+            measured_ns=last.measured_ns.copy(),
+            position_rad=last.position_rad.copy(),
+            velocity_rad_s=last.velocity_rad_s.copy(),
+            torque_nm=last.torque_nm.copy(),
+            temperature_c=last.temperature_c.copy(),
+            faults=_four(self.faults.bits),
+            state=self._reported_state(),
+            bus=bus,
+        )
+
+    def close(self, now_ns: int) -> None:
+        """Switch the drives off."""
+        if self._state is not DriveState.UNCONFIGURED:
+            self._state = DriveState.DISABLED
+            self._torque = [0.0] * 4
+            self._measure(now_ns)
+
+    def stage(self, scene: Scene) -> None:
+        """Put the scene of the coming action around the feet."""
+        self.wearer.stage(scene)
+
+    def place(self, joints_rad: JointArray) -> None:
+        """Put the wearer at rest in a pose (4,), the harness tight."""
+        self.wearer.place(joints_rad)
+
+    @property
+    def torque_nm(self) -> JointArray:
+        """What the drives really give, (4,)."""
+        return np.array(self._torque)
+
+    def truth(self) -> Truth:
+        """Where everything really is."""
+        return self.wearer.truth()
+
+    def warm_to(self, joint: Joint, temperature_c: float) -> None:
+        """Fault: this winding has this temperature from now on, whatever it does."""
+        temperature = np.full(4, np.nan) if self.faults.temperature_c is None else self.faults.temperature_c
+        temperature[joint] = temperature_c
+        self.faults.temperature_c = temperature
+
+    def silence(self, joint: Joint) -> None:
+        """Fault: this drive does not answer any more; it goes on doing what it was told."""
+        self.faults.silent[joint] = True
+
+    def raise_fault(self, joint: Joint, fault: DriveFault) -> None:
+        """Fault: this drive reports a fault bit and gives no torque."""
+        bits = list(_four(self.faults.bits))
+        bits[joint] = fault
+        self.faults.bits = bits
+
+    def jam(self, joint: Joint) -> None:
+        """Fault: this joint is stuck where it is."""
+        self.faults.stuck[joint] = True
+        self._stuck_at = np.where(self.faults.stuck, self.wearer.joints_rad, self._stuck_at)
+
+    def drag(self, joint: Joint, torque_nm: float) -> None:
+        """Fault: something holds this joint back with this torque: its following error grows."""
+        dragged = np.zeros(4) if self.faults.drag_nm is None else self.faults.drag_nm
+        dragged[joint] = torque_nm
+        self.faults.drag_nm = dragged
+
+    def lose_frames(self, share: float) -> None:
+        """Fault: this share of the drives' answers, 0 to 1, never arrives."""
+        self.faults.lost_share = share
+
+    def disturb_bus(self, fault: BusFault) -> None:
+        """Fault: the next read tells this of the bus."""
+        self.faults.bus |= fault
+
+    def mend(self) -> None:
+        """All injected faults end."""
+        self.faults = Faults(silent=np.zeros(4, dtype=bool), stuck=np.zeros(4, dtype=bool))
+
+    def _drives(self, command: JointCommand) -> list[float]:
+        """Motor torques of the impedance law, saturated, four; plain numbers, because arrays of four cost more."""
+        rows = zip(
+            command.position_rad.tolist(),
+            command.velocity_rad_s.tolist(),
+            command.stiffness_nm_rad.tolist(),
+            command.damping_nm_s_rad.tolist(),
+            command.torque_nm.tolist(),
+            self.wearer.joints_rad.tolist(),
+            self.wearer.speeds_rad_s.tolist(),
+            self._device.joints,
+            strict=True,
+        )
+        torques = [
+            _saturated(joint, kp * (target - at) + kd * (target_speed - speed) + forward, speed)
+            for target, target_speed, kp, kd, forward, at, speed, joint in rows
+        ]
+        if self.faults.bits:
+            return [0.0 if bit else torque for bit, torque in zip(self.faults.bits, torques, strict=True)]
+        return torques
+
+    def _at_joint(self, motor_nm: list[float]) -> Sequence[float]:
+        faults = self.faults
+        if faults.drag_nm is None and not faults.stuck.any():
+            return motor_nm
+        torque = np.array(motor_nm)
+        speeds = self.wearer.speeds_rad_s
+        if faults.drag_nm is not None:
+            torque -= faults.drag_nm * np.tanh(speeds / 0.02)
+        held = -10_000.0 * (self.wearer.joints_rad - self._stuck_at) - 100.0 * speeds
+        blocked: list[float] = np.where(faults.stuck, held, torque).tolist()
+        return blocked
+
+    def _measure(self, now_ns: int) -> None:
+        wearer = self.wearer
+        values = np.stack([wearer.joints_rad, wearer.speeds_rad_s, self._torque])
+        if self._noisy:
+            values += NOISE * self._random.standard_normal((3, 4))
+        if self._state is not DriveState.ENABLED:
+            values[2] = 0.0
+        if self._quantised:
+            values = np.rint(values / QUANTA) * QUANTA
+        temperature = self._temperatures.winding_c
+        if self.faults.temperature_c is not None:
+            temperature = np.where(np.isnan(self.faults.temperature_c), temperature, self.faults.temperature_c)
+        heard = self._heard()
+        last = self._last
+        last.measured_ns[heard] = now_ns
+        last.position_rad[heard] = values[0, heard]
+        last.velocity_rad_s[heard] = values[1, heard]
+        last.torque_nm[heard] = values[2, heard]
+        last.temperature_c[heard] = temperature[heard]
+
+    def _heard(self) -> NDArray[np.bool_] | slice:
+        """Whose answers arrive."""
+        if not self.faults.silent.any() and not self.faults.lost_share:
+            return slice(None)
+        arrived: NDArray[np.bool_] = ~self.faults.silent & (self._random.random(4) >= self.faults.lost_share)
+        return arrived
+
+    def _reported_state(self) -> DriveState:
+        faulted = self.faults.bits is not None and any(self.faults.bits) and self._state is DriveState.ENABLED
+        return DriveState.FAULTED if faulted else self._state
+
+
+def _saturated(joint: JointDevice, wish_nm: float, speed_rad_s: float) -> float:
+    """What the drive gives of a wished torque: less the faster it turns with it, all of it against it."""
+    if not isfinite(wish_nm):
+        return 0.0
+    with_torque = copysign(speed_rad_s, wish_nm * speed_rad_s) / radians(joint.no_load_speed_deg_s)
+    limit = joint.max_torque_nm * min(max((1 - with_torque) / (1 - FULL_TORQUE_SPEED), 0.0), 1.0)
+    return min(max(wish_nm, -limit), limit)
+
+
+def _four(bits: list[DriveFault] | None) -> tuple[DriveFault, DriveFault, DriveFault, DriveFault]:
+    if bits is None:
+        return (DriveFault.NONE, DriveFault.NONE, DriveFault.NONE, DriveFault.NONE)
+    return (bits[0], bits[1], bits[2], bits[3])
