@@ -17,7 +17,7 @@ from pathlib import Path
 
 from app.audit.process import run_audit
 from app.audit.sink import AuditSink
-from app.console.review_session import open_session
+from app.console.review_data import open_session
 from app.ipc.links import LatestReceiver, address
 from app.ipc.messages import AuditHealth
 from app.ipc.streams import AUDIT_HEALTH

@@ -19,25 +19,24 @@ from textual.driver import Driver
 from textual.screen import Screen
 
 from app.console import keys
-from app.console.base import ConsoleScreen, Dialog
-from app.console.commands import commands
-from app.console.dialogs import Question
-from app.console.help import HelpPage, page
-from app.console.host_protocol import HostFactory
-from app.console.idle import Idle
-from app.console.language import languages, tr, use_language
-from app.console.live import Clock
-from app.console.patients.screen import PatientsScreen
+from app.console.keys import commands
+from app.console.live import Clock, HostFactory
+from app.console.operator import Idle
+from app.console.preload import load_rest
+from app.console.screens.base import ConsoleScreen, Dialog
+from app.console.screens.dialogs import Question
+from app.console.screens.help import HelpPage, page
+from app.console.screens.patients import PatientsScreen
+from app.console.screens.signin import LockScreen, SignInDialog
 from app.console.session_flow import SessionFlow
-from app.console.signin import LockScreen, SignInDialog
 from app.console.stop import with_stop
 from app.console.themes import THEME_NAMES, THEMES
-from app.console.warm import load_rest
 from app.session.host import SessionHost
 from app.system.config import Config
 from app.system.operators import Permission, needs_sign_in
 from app.system.paths import Home
 from app.system.scheduling import set_scheduling
+from app.text.catalogue import languages, tr, use_language
 from logs.records import SignOut
 from profiles.schema import Profile
 
@@ -204,13 +203,13 @@ class ConsoleApp(SessionFlow):
 
     async def calibrate(self, profile: Profile) -> None:
         """Calibrate a patient's palm; a running session has the camera."""
-        from app.console.patients.calibration import CalibrationScreen
+        from app.console.screens.calibration import CalibrationScreen
 
         await self.permitted(Permission.CALIBRATE, lambda: self.push_screen(CalibrationScreen(profile)))
 
     def open_review(self) -> None:
         """Earlier sessions, by the reviewer's screen."""
-        from app.console.review import ReviewScreen
+        from app.console.screens.review import ReviewScreen
 
         self.push_screen(ReviewScreen(self.home))
 
@@ -247,7 +246,7 @@ def run_console(home: Home, config: Config, *, straight: bool = False, read_only
     straight: begin with the configured patient's session; so does a console that only simulates, because then
     nothing can happen to anybody. Raises AppError or ProfileError for what configuration or profile gets wrong.
     """
-    from app.console.observer import observe
+    from app.console.screens.observer import observe
     from profiles.store import ProfileStore
 
     if read_only:

@@ -3,11 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from functools import partial
+from typing import TYPE_CHECKING
 
+from textual.app import SystemCommand
 from textual.binding import Binding
+from textual.screen import Screen
 
-from app.ipc.messages import HandCommand
+from app.console.terms import action_name, gesture_of
+from app.console.themes import THEME_NAMES
+from app.ipc.messages import HandCommand, OperatorKind
+from app.ipc.states import Action
 from app.system.errors import AppError
+from app.text.catalogue import languages, tr
 from kgdfa.gesture import Gesture
 
 
@@ -109,3 +117,26 @@ def _check_once(place: Iterable[Binding], keymap: Mapping[str, str]) -> None:
 def hand_move(x: int, y: int, z: int) -> HandCommand:
     """A step of the digital hand: right, down, away from the camera."""
     return HandCommand(move_x_m=x * HAND_STEP_M, move_y_m=y * HAND_STEP_M, move_z_m=z * HAND_STEP_M)
+
+
+if TYPE_CHECKING:
+    from app.console.app import ConsoleApp
+
+
+def commands(app: ConsoleApp, screen: Screen[object]) -> Iterable[SystemCommand]:
+    """The keys of the screen, the twelve actions, themes and languages."""
+    for active in screen.active_bindings.values():
+        binding = active.binding
+        if active.enabled and binding.id is not None:
+            where = app if active.node is app else screen
+            words = tr("palette.key", key=app.get_key_display(binding))
+            yield SystemCommand(binding.description, words, partial(app.run_action, binding.action, where))
+    if app.live is not None and not app.read_only:
+        for action in Action:
+            words = tr("palette.act", gesture=gesture_of(action))
+            act = partial(app.live.host.send, OperatorKind.ACT, action)
+            yield SystemCommand(action_name(action), words, act)
+    for theme in THEME_NAMES:
+        yield SystemCommand(tr(f"theme.{theme}"), tr("palette.theme"), partial(setattr, app, "theme", theme))
+    for code, name in languages().items():
+        yield SystemCommand(name, tr("palette.language"), partial(app.call_later, app.speak, code))

@@ -5,12 +5,15 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Protocol
 
-from app.console.host_protocol import Host
-from app.console.session.state import SessionState, fold
+from app.console.preload import collect_rarely, let_go
+from app.console.state import SessionState, fold
 from app.console.stop import StopSwitch
-from app.console.warm import collect_rarely, let_go
-from app.ipc.messages import OperatorKind
+from app.ipc.messages import HandCommand, OperatorKind, PerceptionCommand
+from app.ipc.states import Action
+from app.session.host import Latest
+from app.system.config import SessionSetup
 
 Clock = Callable[[], int]
 
@@ -64,3 +67,40 @@ class Live:
     def _connect(self, send: Callable[[], object] | None) -> None:
         if self._switch is not None:
             self._switch.connect(send)
+
+
+class Host(Protocol):
+    """Processes and links of one session. `send` may be called from any thread."""
+
+    setup: SessionSetup
+
+    def start(self) -> None:
+        """Start the processes; may take a second."""
+        ...
+
+    def close(self) -> None:
+        """Bring the legs to rest and the processes to their end; harmless when done twice."""
+        ...
+
+    def send(self, kind: OperatorKind, action: Action | None = None, note: str = "") -> int:
+        """The operator's word to control; its sequence comes back in the snapshot."""
+        ...
+
+    def beat(self) -> None:
+        """The event loop is alive."""
+        ...
+
+    def move_hand(self, command: HandCommand) -> None:
+        """Move the digital hand."""
+        ...
+
+    def tell_perception(self, command: PerceptionCommand) -> None:
+        """Change what the picture looks like."""
+        ...
+
+    def poll(self) -> Latest:
+        """The newest of each stream, without waiting."""
+        ...
+
+
+HostFactory = Callable[[SessionSetup], Host]

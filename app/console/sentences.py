@@ -15,8 +15,8 @@ from enum import Enum
 from functools import cache, lru_cache
 from pathlib import Path
 
-from app.console.language import code, tr
 from app.ipc.states import Action, GaitState
+from app.text.catalogue import language, tr
 from kgdfa.gesture import Gesture
 
 _FOLDER = Path(__file__).with_name("locales") / "sentences"
@@ -43,7 +43,7 @@ def learn_events() -> None:
 
 def event_words(name: str, said: str) -> str:
     """An event by its name; the numbers in brackets at the end of what control said are kept."""
-    words = _catalogue(code()).events.get(name)
+    words = _catalogue(language()).events.get(name)
     if words is None:
         return said
     detail = _DETAIL.search(said)
@@ -52,7 +52,7 @@ def event_words(name: str, said: str) -> str:
 
 def sentence(said: str) -> str:
     """A refusal, a hint, a reason: in the therapist's language where it is known."""
-    return _said_in(code(), said)
+    return _said_in(language(), said)
 
 
 @lru_cache(maxsize=1024)  # the panels ask for the same few twenty times a second
@@ -82,16 +82,12 @@ def _term(name: str, value: str) -> str:
         return sentence(value)
     if name.startswith("finger"):
         return tr(f"finger.{_FINGERS[value]}")
-    terms: tuple[tuple[type[Enum], str, str], ...] = (
-        (Action, "action", "action.{}"),
-        (GaitState, "state", "state.{}"),
-        (Gesture, "gesture", "gesture.{}.name"),
-    )
-    for kind, prefix, key in terms:
+    terms: tuple[tuple[type[Enum], str], ...] = ((Action, "action"), (GaitState, "state"), (Gesture, "gesture"))
+    for kind, prefix in terms:
         if name.startswith(prefix):
             for one in kind:
                 if one.value == value:
-                    return tr(key.format(one.name.lower()))
+                    return tr(one)
     return value
 
 

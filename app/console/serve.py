@@ -6,7 +6,7 @@ import shlex
 import sys
 from pathlib import Path
 
-from app.console.observer import shared
+from app.console.screens.observer import shared
 from app.system.paths import Home
 
 LOOPBACK = "127.0.0.1"

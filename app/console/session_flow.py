@@ -8,28 +8,27 @@ from typing import Any, TypeVar
 
 from textual.screen import Screen
 
-from app.console.after.records import SessionRecords
-from app.console.after.screen import AfterScreen
-from app.console.base import USER_ERRORS, Dialog
-from app.console.dialogs import Question
-from app.console.host_protocol import Host, HostFactory
-from app.console.language import tr
-from app.console.live import Clock, Live
-from app.console.observer import share, unshare
-from app.console.patients.fit import fits
-from app.console.patients.screen import PatientsScreen
-from app.console.session.screen import SessionScreen
-from app.console.session.state import SessionState
-from app.console.signed_in import SignedInApp
+from app.console.live import Clock, Host, HostFactory, Live
+from app.console.operator import SignedInApp
+from app.console.patient_fields import fits
+from app.console.preload import keep_loaded, load_rest
+from app.console.screens.after import AfterScreen
+from app.console.screens.base import USER_ERRORS, Dialog
+from app.console.screens.dialogs import Question
+from app.console.screens.observer import share, unshare
+from app.console.screens.patients import PatientsScreen
+from app.console.screens.session import SessionScreen
+from app.console.screens.training import TrainingScreen
+from app.console.session_index import SessionRecords
+from app.console.state import SessionState
 from app.console.stop import StopSwitch
-from app.console.training import TrainingScreen
-from app.console.warm import keep_loaded, load_rest
 from app.ipc.messages import OperatorKind
 from app.session.host import make_setup
 from app.system.config import Config, SessionSetup
 from app.system.errors import AppError
 from app.system.operators import Permission
 from app.system.paths import Home
+from app.text.catalogue import tr
 from profiles.schema import DEMO_PATIENT, Profile
 from profiles.store import ProfileStore
 

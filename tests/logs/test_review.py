@@ -11,11 +11,9 @@ import pytest
 from textual.pilot import Pilot
 
 from app.console.app import ConsoleApp
-from app.console.patients.screen import PatientsScreen
-from app.console.review import ReviewScreen
-from app.console.review_comments import comments_on, comments_path
-from app.console.review_dialogs import ChooseSession, WriteComment
-from app.console.review_session import ReviewedSession, open_session
+from app.console.review_data import ReviewedSession, comments_on, comments_path, open_session
+from app.console.screens.patients import PatientsScreen
+from app.console.screens.review import ChooseSession, ReviewScreen, WriteComment
 from app.system.config import Config
 from app.system.paths import Home
 from logs.errors import AuditError

@@ -13,9 +13,9 @@ from textual.pilot import Pilot
 from textual.widgets import Input
 
 from app.console.app import ConsoleApp
-from app.console.language import use_language
 from app.system.config import Config, SessionSetup
 from app.system.paths import Home
+from app.text.catalogue import use_language
 from profiles.schema import DEMO_PATIENT, Profile
 from tests.app.console.fake_host import FakeHost
 

@@ -21,9 +21,9 @@ from textual.pilot import Pilot
 from textual.screen import Screen
 
 from app.console.app import ConsoleApp
-from app.console.dialogs import Question
 from app.console.keys import GESTURE_KEYS
-from app.console.stop_bar import StopBar
+from app.console.screens.dialogs import Question
+from app.console.widgets.bars import StopBar
 from app.control.events.table import Event
 from app.ipc.messages import ControlSnapshot, TriggerReport
 from app.ipc.states import ACTION_OF, Action, Effect, GaitState

@@ -7,8 +7,8 @@ import resource
 import pytest
 from textual.widgets import Input
 
-from app.console.after.records import SessionRecord, SessionRecords
-from app.console.patients.fields import FIELDS, Kind
+from app.console.patient_fields import FIELDS, Kind
+from app.console.session_index import SessionRecord, SessionRecords
 from app.system.errors import AppError
 from app.system.paths import Home
 from profiles.schema import DEMO_PATIENT

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from app.console.patients.calibration import CalibrationScreen
-from app.console.preflight import Preflight
-from app.console.session.screen import SessionScreen
+from app.console.screens.calibration import CalibrationScreen
+from app.console.screens.preflight import Preflight
+from app.console.screens.session import SessionScreen
 from app.ipc.messages import PressRange
 from app.ipc.states import Action
 from app.motion.patient import patient_of

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from app.console.patients.fields import FIELDS, Kind, parse, shown
+from app.console.patient_fields import FIELDS, Kind, parse, shown
 from profiles.ranges import violations
 from profiles.schema import DEMO_PATIENT, HandUsed, Palm
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import msgspec
 import pytest
 
-from app.console.patients.fit import fits
+from app.console.patient_fields import fits
 from app.system.config import JointsConfig
 from profiles.errors import ProfileError
 from profiles.schema import DEMO_PATIENT

@@ -6,12 +6,12 @@ import msgspec
 import pytest
 from textual.widgets import Input, Select
 
-from app.console.after.records import SessionRecords
-from app.console.language import tr
-from app.console.session.words import EFFECT_MARKS, effect_name
+from app.console.session_index import SessionRecords
+from app.console.terms import EFFECT_MARKS, effect_name
 from app.ipc.messages import OperatorKind
 from app.ipc.states import Action, Effect, GaitState
 from app.system.paths import Home
+from app.text.catalogue import tr
 from profiles.schema import DEMO_PATIENT
 from profiles.store import ProfileStore
 from tests.app.console.conftest import Console, Opener
@@ -211,7 +211,7 @@ async def test_states_the_machine_can_be_in_are_all_drawn(console: Opener) -> No
     async with console(size=(200, 50)) as open_console:
         for state in GaitState:
             open_console.host.state = state
-            from app.console.session.words import state_name
+            from app.console.terms import state_name
 
             await open_console.shows(f"● {state_name(state)}")
 

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from app.console.halfblock import fit, resample, to_letters, to_strips
+from app.console.widgets.halfblock import fit, resample, to_letters, to_strips
 
 PIXELS = np.random.default_rng(1).integers(0, 256, (54, 96, 3), dtype=np.uint8)
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from app.console.idle import Idle
-from app.console.signin import LockScreen
+from app.console.operator import Idle
+from app.console.screens.signin import LockScreen
 from app.ipc.messages import OperatorKind
 from app.system.config import Config
 from tests.app.console.conftest import Opener

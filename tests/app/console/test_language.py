@@ -11,47 +11,44 @@ import pytest
 
 import app.console
 from app.console import keys
-from app.console.checks import CHECKS
-from app.console.hand_drawing import FINGER_NAMES, Posture
-from app.console.language import languages, tr, use_language, words_of
-from app.console.patients.fields import FIELDS, SECTIONS
+from app.console.patient_fields import FIELDS, SECTIONS
+from app.console.screens.checks import CHECKS
+from app.console.widgets.hand_drawing import FINGER_NAMES, Posture
 from app.ipc.states import Action, Effect, GaitState
 from app.system.errors import AppError
 from app.system.operators import Permission, Role
+from app.text.catalogue import key_of, languages, tr, use_language
+from app.text.compile import entries
 from hal.joints.protocol import Joint
 from kgdfa.gesture import Gesture
 
 CODES = tuple(languages())
 
 
-def fields_of(words: str) -> set[str]:
-    return {name for _, name, _, _ in string.Formatter().parse(words) if name}
+def fields_of(*forms: str) -> set[str]:
+    """A plural form may leave the count out."""
+    return {name for text in forms for _, name, _, _ in string.Formatter().parse(text) if name}
 
 
 @pytest.mark.parametrize("code", CODES)
 def test_each_language_has_the_same_names_and_gaps(code: str) -> None:
-    english, other = words_of("en"), words_of(code)
+    english, other = entries("en"), entries(code)
     assert set(english) == set(other)
-    assert {name for name in english if fields_of(english[name]) != fields_of(other[name])} == set()
+    assert {name for name in english if fields_of(*english[name]) != fields_of(*other[name])} == set()
 
 
 @pytest.mark.parametrize("code", CODES)
 def test_every_word_of_the_tables_is_there(code: str) -> None:
-    words = words_of(code)
-    wanted = [f"state.{state.name.lower()}" for state in GaitState]
-    wanted += [f"action.{action.name.lower()}" for action in Action]
-    wanted += [f"effect.{effect.name.lower()}" for effect in Effect]
-    wanted += [f"gesture.{gesture.name.lower()}.name" for gesture in Gesture]
-    wanted += [f"joint.{joint.name.lower()}" for joint in Joint]
+    words = entries(code)
+    wanted = [key_of(member) for kind in (GaitState, Action, Effect, Gesture, Joint, Role) for member in kind]
     wanted += [f"bind.{binding.id}" for binding in keys.ALL]
     wanted += [f"check.{check.name}.{part}" for check in CHECKS for part in ("name", "remedy")]
     wanted += [f"field.{field.path}" for field in FIELDS]
     wanted += [f"form.section.{section.name}" for section in SECTIONS]
     wanted += [f"choice.{one.value}" for field in FIELDS for one in _members(field.choices)]
     wanted += [f"finger.{name}" for name in FINGER_NAMES] + [f"posture.{one.value}" for one in Posture]
-    wanted += [f"role.{role.value}" for role in Role]
     asked_in_the_console = (Permission.OPERATE, Permission.EDIT_PATIENTS, Permission.CALIBRATE, Permission.REVIEW)
-    wanted += [f"permission.{one.name.lower()}" for one in asked_in_the_console]
+    wanted += [key_of(one) for one in asked_in_the_console]
     guide = {name.removeprefix("guide.") for name in words if name.startswith("guide.")}
     wanted += [f"watch.{name}" for name in guide]
     assert [name for name in wanted if name not in words] == []
@@ -63,7 +60,7 @@ def test_every_word_that_the_console_asks_for_is_there() -> None:
     sources = [path for path in folder.rglob("*.py") if not path.name.startswith("review")]
     asked = {name for path in sources for name in re.findall(r'\btr\("([a-z0-9_.]+)"', path.read_text())}
     assert asked
-    assert asked - set(words_of("en")) == set()
+    assert asked - set(entries("en")) == set()
 
 
 def test_an_unknown_language_names_those_that_exist() -> None:

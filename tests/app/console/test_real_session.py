@@ -6,12 +6,12 @@ import signal
 import time
 from pathlib import Path
 
-from app.console.after.screen import AfterScreen
-from app.console.idle import Idle
-from app.console.patients.screen import PatientsScreen
-from app.console.preflight import Preflight
-from app.console.session.screen import SessionScreen
-from app.console.signin import LockScreen, SignInDialog
+from app.console.operator import Idle
+from app.console.screens.after import AfterScreen
+from app.console.screens.patients import PatientsScreen
+from app.console.screens.preflight import Preflight
+from app.console.screens.session import SessionScreen
+from app.console.screens.signin import LockScreen, SignInDialog
 from app.control.events.table import Event
 from app.demo.emulation import emulated_drives
 from app.ipc.states import Action, GaitState

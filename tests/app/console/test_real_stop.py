@@ -10,23 +10,22 @@ from pathlib import Path
 from textual.command import CommandPalette
 
 import app.console
-from app.console.after.screen import AfterScreen
-from app.console.base import ConsoleScreen, Dialog
-from app.console.compare import CompareScreen
-from app.console.dialogs import AskText, Question, TherapistAct
-from app.console.help import HelpPage
-from app.console.patients.calibration import CalibrationScreen
-from app.console.patients.form import PatientForm
-from app.console.patients.history import History
-from app.console.patients.screen import PatientsScreen
-from app.console.preflight import Preflight
-from app.console.review import ReviewScreen
-from app.console.review_dialogs import ChooseSession, WriteComment
-from app.console.session.checklist import Checklist
-from app.console.session.screen import SessionScreen
-from app.console.signin import LockScreen, SignInDialog
-from app.console.start import StartSession
-from app.console.training import TrainingScreen
+from app.console.screens.after import AfterScreen
+from app.console.screens.base import ConsoleScreen, Dialog
+from app.console.screens.calibration import CalibrationScreen
+from app.console.screens.compare import CompareScreen
+from app.console.screens.dialogs import AskText, Question, TherapistAct
+from app.console.screens.help import HelpPage
+from app.console.screens.patient_form import PatientForm
+from app.console.screens.patient_history import History
+from app.console.screens.patients import PatientsScreen
+from app.console.screens.preflight import Preflight
+from app.console.screens.review import ChooseSession, ReviewScreen, WriteComment
+from app.console.screens.session import SessionScreen
+from app.console.screens.signin import LockScreen, SignInDialog
+from app.console.screens.start import StartSession
+from app.console.screens.training import TrainingScreen
+from app.console.widgets.checklist import Checklist
 from app.ipc.states import Effect, GaitState
 from logs.read import records, session_paths
 from logs.records import Stop

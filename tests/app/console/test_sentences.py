@@ -9,11 +9,11 @@ from types import ModuleType
 
 import pytest
 
-from app.console.language import use_language
 from app.console.sentences import event_words, sentence
-from app.console.session.push import NOTHING_PUSHED, READABLE_NS, note
+from app.console.state import NOTHING_PUSHED, READABLE_NS, note
 from app.control.events.table import Event
 from app.ipc.messages import TriggerReport
+from app.text.catalogue import use_language
 from kgdfa import button
 from kgdfa.features import FEATURES, Feature
 

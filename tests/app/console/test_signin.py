@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from app.console.patients.form import PatientForm
-from app.console.patients.screen import PatientsScreen
-from app.console.session.screen import SessionScreen
-from app.console.signin import SignInDialog
+from app.console.screens.patient_form import PatientForm
+from app.console.screens.patients import PatientsScreen
+from app.console.screens.session import SessionScreen
+from app.console.screens.signin import SignInDialog
 from app.ipc.messages import OperatorKind
 from app.system.config import Config, JointsConfig
 from app.system.operators import Role, add_operator, load_store, save_store

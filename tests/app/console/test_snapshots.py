@@ -15,8 +15,8 @@ from syrupy.extensions.single_file import SingleFileSnapshotExtension, WriteMode
 from textual.pilot import Pilot
 from textual.strip import Strip
 
-from app.console.after.screen import AfterScreen
 from app.console.app import ConsoleApp
+from app.console.screens.after import AfterScreen
 from app.console.themes import THEME_NAMES
 from app.system.config import Config, SessionSetup
 from app.system.paths import Home

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from app.console.hand_drawing import POSTURES, Posture, differences, draw_hand
-from app.console.training import LESSONS, Lesson, advance, feedback
+from app.console.screens.training import LESSONS, Lesson, advance, feedback
+from app.console.widgets.hand_drawing import POSTURES, Posture, differences, draw_hand
 from app.ipc.messages import OperatorKind, TriggerReport
 from kgdfa.gesture import Gesture
 from tests.app.console.conftest import Opener

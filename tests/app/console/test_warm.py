@@ -9,7 +9,7 @@ from collections.abc import Iterator
 import pytest
 from textual._styles_cache import StylesCache
 
-from app.console.warm import collect_rarely, keep_loaded, let_go
+from app.console.preload import collect_rarely, keep_loaded, let_go
 from tests.app.console.conftest import Opener
 
 

@@ -1,1 +1,0 @@
-"""After the session: summary, note, discomfort, next targets."""

@@ -1,0 +1,84 @@
+"""Who sits at the console, and what they may do: name and PIN are asked for only where drives can move."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Awaitable, Callable
+from dataclasses import dataclass, replace
+
+from textual.app import App
+
+from app.console.screens.signin import SignInDialog
+from app.console.trail import ConsoleTrail
+from app.system.config import Config
+from app.system.operators import Operator, Permission, load_store, needs_sign_in
+from app.system.paths import Home
+from app.text.catalogue import tr
+
+
+class SignedInApp(App[None]):
+    """The one who is signed in, if anybody, measured by the table of roles."""
+
+    def __init__(self, home: Home, config: Config, *, read_only: bool) -> None:
+        super().__init__()
+        self.home = home
+        self.config = config
+        self.read_only = read_only
+        self.signed_in: Operator | None = None
+        self.trail = ConsoleTrail()
+
+    @property
+    def operator(self) -> str:
+        """Who is signed in; empty in simulation."""
+        return self.signed_in.name if self.signed_in else ""
+
+    def may(self, permission: Permission, config: Config | None = None) -> bool:
+        """Whether the table of roles allows it; with simulated joints everybody may everything."""
+        if not needs_sign_in(config or self.config):
+            return True
+        return self.signed_in is not None and self.signed_in.may(permission)
+
+    async def permitted(
+        self, permission: Permission, then: Callable[[], Awaitable[object]], config: Config | None = None
+    ) -> None:
+        """Do it if they may; ask who it is where nobody is signed in, tell whose role does not allow it."""
+        if self.may(permission, config):
+            await then()
+        elif self.signed_in is not None:
+            role = tr(self.signed_in.role)
+            may_not = tr(permission)
+            self.notify(tr("sign_in.may_not", role=role, what=may_not), severity="error", timeout=15)
+        else:
+            self.ask_who(lambda: self.permitted(permission, then, config))
+
+    def ask_who(self, then: Callable[[], Awaitable[object]]) -> None:
+        """Ask for name and PIN, and go on with whoever gives them."""
+
+        async def signed_in(operator: Operator | None) -> None:
+            if operator is not None:
+                self.signed_in = operator
+                await then()
+
+        self.push_screen(SignInDialog(), signed_in)
+
+    async def anybody_can_sign_in(self) -> bool:
+        """Whether this home has operators, or needs its first one. Raises AppError where they can't be read."""
+        if needs_sign_in(self.config):
+            return True
+        return bool((await asyncio.to_thread(load_store, self.home.keys)).operators)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Idle:
+    """The last touch; `limit_s` 0: never lock."""
+
+    touched_s: float
+    limit_s: float
+
+    def touched(self, now_s: float) -> Idle:
+        """After a key or a click."""
+        return replace(self, touched_s=now_s)
+
+    def must_lock(self, now_s: float, *, moving: bool) -> bool:
+        """Whether to lock now; motion counts as being watched."""
+        return self.limit_s > 0 and not moving and now_s - self.touched_s >= self.limit_s

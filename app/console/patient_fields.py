@@ -1,0 +1,225 @@
+"""The form's fields as a table, and their words turned into a profile or into sentences that help. Pure."""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass
+from enum import Enum
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from app.system.config import JointsConfig
+from app.text.catalogue import tr
+from hal.joints.device import DEFAULT_DEVICE, load_exoskeleton
+from profiles.errors import ProfileError
+from profiles.ranges import violations
+from profiles.schema import HandUsed, Population, Profile, Sex
+from profiles.store import Check
+from profiles.units import file_key, to_file, unit_of
+
+MAX_SHOWN = 30  # characters of a wrong value that are quoted back
+
+
+class Kind(Enum):
+    """How a field is typed."""
+
+    TEXT = "text"
+    NUMBER = "number"
+    OPTIONAL = "optional number"  # empty: not measured
+    WHOLE = "whole number"
+    CHOICE = "choice"
+
+
+@dataclass(frozen=True, slots=True)
+class Field:
+    """One row of the form; `path` is the profile's dotted SI name."""
+
+    path: str
+    kind: Kind = Kind.NUMBER
+    choices: type[Enum] | None = None
+
+    @property
+    def id(self) -> str:
+        """As a widget's id."""
+        return self.path.replace(".", "-")
+
+    @property
+    def unit(self) -> str:
+        """As people see it."""
+        return unit_of(self.path)
+
+
+@dataclass(frozen=True, slots=True)
+class Section:
+    """Fields that belong together."""
+
+    name: str
+    fields: tuple[Field, ...]
+
+
+SECTIONS = (
+    Section(
+        "person",
+        (
+            Field("identifier", Kind.TEXT),
+            Field("sex", Kind.CHOICE, Sex),
+            Field("stature_m"),
+            Field("mass_kg"),
+            Field("hand", Kind.CHOICE, HandUsed),
+            Field("note", Kind.TEXT),
+        ),
+    ),
+    Section(
+        "palm",
+        (
+            Field("palm.population", Kind.CHOICE, Population),
+            Field("palm.measured_width_m", Kind.OPTIONAL),
+            Field("press_threshold_m"),
+        ),
+    ),
+    Section(
+        "gait",
+        (
+            Field("gait.step_length_m"),
+            Field("gait.swing_clearance_m"),
+            Field("gait.step_time_s"),
+            Field("gait.stair_rise_m"),
+            Field("gait.stair_tread_m"),
+            Field("gait.obstacle_height_m"),
+            Field("gait.obstacle_depth_m"),
+            Field("gait.chair_height_m"),
+            Field("gait.transfer_time_s"),
+            Field("gait.body_weight_support"),
+            Field("gait.assist_left"),
+            Field("gait.assist_right"),
+        ),
+    ),
+    Section("dose", (Field("dose.steps", Kind.WHOLE), Field("dose.distance_m"), Field("dose.duration_s"))),
+    Section(
+        "legs",
+        (
+            Field("thigh_length_m", Kind.OPTIONAL),
+            Field("shank_length_m", Kind.OPTIONAL),
+            Field("hip_max_rad", Kind.OPTIONAL),
+            Field("knee_max_rad", Kind.OPTIONAL),
+        ),
+    ),
+)
+FIELDS = tuple(field for section in SECTIONS for field in section.fields)
+
+# What people may type behind a number, as a factor to the unit that the field is shown in.
+_UNITS: dict[str, dict[str, float]] = {
+    "cm": {"cm": 1.0, "mm": 0.1, "m": 100.0},
+    "m": {"m": 1.0, "cm": 0.01},
+    "°": {"°": 1.0, "deg": 1.0, "rad": math.degrees(1.0)},
+    "kg": {"kg": 1.0, "g": 0.001},
+    "s": {"s": 1.0, "ms": 0.001, "min": 60.0, "h": 3600.0},
+    "": {"%": 0.01},
+}
+_NUMBER = re.compile(r"([+-]?(?:\d+(?:[.,]\d*)?|[.,]\d+)(?:[eE][+-]?\d{1,3})?)\s*(\D*)")
+
+
+@dataclass(frozen=True, slots=True)
+class Parsed:
+    """The profile that the words make, and for each field that is wrong a sentence (then profile is None)."""
+
+    profile: Profile | None
+    errors: dict[str, str]
+
+
+def shown(profile: Profile) -> dict[str, str]:
+    """Each field's words, in people's units."""
+    table = to_file(profile)
+    return {field.path: _words(_dig(table, file_key(field.path)[0])) for field in FIELDS}
+
+
+def parse(words: dict[str, str], base: Profile) -> Parsed:
+    """Words to a profile; what the form has not (calibrations, archived) comes from `base`."""
+    built = msgspec.to_builtins(base)
+    errors: dict[str, str] = {}
+    for field in FIELDS:
+        try:
+            _put(built, field.path, _value(field, words.get(field.path, "").strip()))
+        except ValueError as error:
+            errors[field.path] = str(error)
+    if errors:
+        return Parsed(None, errors)
+    profile = msgspec.convert(built, type=Profile)
+    wrong = {_path_of(one.field): one.text for one in reversed(violations(profile))}
+    return Parsed(None if wrong else profile, wrong)
+
+
+def _value(field: Field, words: str) -> Any:
+    if field.kind in (Kind.TEXT, Kind.CHOICE):
+        return words
+    if not words:
+        if field.kind is Kind.OPTIONAL:
+            return None
+        raise ValueError(tr("form.empty"))
+    number = _number(words, field.unit)
+    if field.kind is Kind.WHOLE:
+        if number != int(number):
+            raise ValueError(tr("form.whole", words=_quoted(words)))
+        return int(number)
+    return number / file_key(field.path)[1]
+
+
+def _number(words: str, unit: str) -> float:
+    found = _NUMBER.fullmatch(words)
+    if found is None:
+        raise ValueError(tr("form.no_number", words=_quoted(words), unit=unit or "–"))
+    typed = found[2].strip()
+    factors = _UNITS[unit]
+    if typed and typed not in factors:
+        raise ValueError(tr("form.wrong_unit", typed=_quoted(typed), known=", ".join(factors)))
+    number = float(found[1].replace(",", ".")) * (factors[typed] if typed else 1.0)
+    if not math.isfinite(number):
+        raise ValueError(tr("form.no_number", words=_quoted(words), unit=unit or "–"))
+    return number
+
+
+def _quoted(words: str) -> str:
+    seen = "".join(char if char.isprintable() else "?" for char in words[: MAX_SHOWN + 1])
+    return seen if len(words) <= MAX_SHOWN else seen[:MAX_SHOWN] + "…"
+
+
+def _words(value: Any) -> str:
+    if value is None:
+        return ""
+    return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+def _dig(table: dict[str, Any], path: str) -> Any:
+    held: Any = table
+    for name in path.split("."):
+        held = held.get(name) if isinstance(held, dict) else None
+    return held
+
+
+def _put(built: dict[str, Any], path: str, value: Any) -> None:
+    *parents, last = path.split(".")
+    for name in parents:
+        built = built[name]
+    built[last] = value
+
+
+def _path_of(key: str) -> str:
+    return next((field.path for field in FIELDS if file_key(field.path)[0] == key), key)
+
+
+def fits(joints: JointsConfig) -> Check:
+    """A check for the store: raises ProfileError with the first action that can't be, its joint and numbers."""
+
+    def check(profile: Profile) -> None:
+        from app.motion.preflight import check_profile  # the planner: not before the first paint
+
+        if profile.archived:
+            return
+        device = load_exoskeleton(Path(joints.device) if joints.device else DEFAULT_DEVICE)
+        for sentence in check_profile(profile, device):
+            raise ProfileError(sentence)
+
+    return check

@@ -1,0 +1,279 @@
+"""A session as the review screen looks at it: read once, then asked for moments and stretches of time.
+
+A long session is mostly joint statistics. They are located at once and decoded only when looked at, so that two
+hundred thousand records open within a moment.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_left, bisect_right
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field
+from functools import lru_cache, partial
+from pathlib import Path
+
+from app.system.paths import Home
+from logs.errors import AuditError
+from logs.journal import COMMENTS, append_signed
+from logs.keys import load_or_make_key
+from logs.line import MAX_LINE
+from logs.manifest import Moment
+from logs.read import Odd, records, understand
+from logs.records import (
+    Acknowledgement,
+    Body,
+    Cancel,
+    Command,
+    Comment,
+    EffectChanged,
+    EventCleared,
+    EventRaised,
+    GestureOnset,
+    JointStatistics,
+    Press,
+    Record,
+    Refusal,
+    Release,
+    Stop,
+    Transition,
+)
+
+_JOINTS = b'"kind":"joints"'
+_MONOTONIC = b'"monotonic_ns":'
+LANDMARKS = (EventRaised, Stop, Refusal, Cancel, Acknowledgement, Command)  # what a jump stops at
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Span:
+    """Something that held from one time to another, in seconds from the session's first record."""
+
+    begin_s: float
+    end_s: float
+    label: str
+    weight: str = ""  # as in logs.words
+
+
+@dataclass(slots=True, kw_only=True)
+class Lanes:
+    """The session as bands of time."""
+
+    state: list[Span] = field(default_factory=list)
+    gesture: list[Span] = field(default_factory=list)
+    press: list[Span] = field(default_factory=list)
+    effect: list[Span] = field(default_factory=list)
+    event: list[Span] = field(default_factory=list)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Instant:
+    """Everything about one moment."""
+
+    at_s: float
+    index: int  # of the newest record at that time
+    record: Record | Odd
+    state: str
+    gesture: str
+    pressed: bool
+    effect: str
+    events: tuple[str, ...]
+    joints: JointStatistics | None
+
+
+class ReviewedSession:
+    """One session, in the order of its file."""
+
+    def __init__(self, path: Path, lines: list[bytes]) -> None:
+        self.path = path
+        self._lines = lines
+        self._times: list[float] = []
+        self._joints: list[int] = []  # indices of joint statistics
+        self._landmarks: list[int] = []
+        self._understood = lru_cache(maxsize=4096)(self._understand)
+        self.lanes = self._read()
+
+    def __len__(self) -> int:
+        """Number of records."""
+        return len(self._lines)
+
+    @property
+    def duration_s(self) -> float:
+        """From the first record to the last."""
+        return self._times[-1] if self._times else 0.0
+
+    def record(self, index: int) -> Record | Odd:
+        """One record."""
+        return self._understood(index)
+
+    def time(self, index: int) -> float:
+        """When a record was made, seconds from the first; never before its predecessor in the file."""
+        return self._times[index]
+
+    def index_at(self, at_s: float) -> int:
+        """The newest record at a time."""
+        return max(bisect_right(self._times, at_s) - 1, 0)
+
+    def around(self, index: int, before: int, after: int) -> range:
+        """Indices near a record, for a list."""
+        return range(max(index - before, 0), min(index + after + 1, len(self)))
+
+    def landmark_after(self, index: int) -> int | None:
+        """The next record worth stopping at."""
+        place = bisect_right(self._landmarks, index)
+        return self._landmarks[place] if place < len(self._landmarks) else None
+
+    def landmark_before(self, index: int) -> int | None:
+        """The one before."""
+        place = bisect_left(self._landmarks, index) - 1
+        return self._landmarks[place] if place >= 0 else None
+
+    def joints_at(self, at_s: float) -> JointStatistics | None:
+        """The newest joint statistics at a time."""
+        place = bisect_right(self._joints, self.index_at(at_s)) - 1
+        if place < 0:
+            return None
+        record = self.record(self._joints[place])
+        return record.body if isinstance(record, Record) and isinstance(record.body, JointStatistics) else None
+
+    def instant(self, index: int) -> Instant:
+        """Everything about the moment of a record."""
+        at_s = self._times[index]
+        return Instant(
+            at_s=at_s,
+            index=index,
+            record=self.record(index),
+            state=_label(self.lanes.state, at_s),
+            gesture=_label(self.lanes.gesture, at_s),
+            pressed=bool(_label(self.lanes.press, at_s)),
+            effect=_label(self.lanes.effect, at_s),
+            events=tuple(span.label for span in self.lanes.event if span.begin_s <= at_s <= span.end_s),
+            joints=self.joints_at(at_s),
+        )
+
+    def _understand(self, index: int) -> Record | Odd:
+        return understand(self._lines[index], index + 1)
+
+    def _read(self) -> Lanes:
+        weaver = _Weaver()
+        began, newest = None, 0.0
+        for index, line in enumerate(self._lines):
+            moment_ns = _moment_ns(line)
+            if moment_ns is not None:
+                began = moment_ns if began is None else began
+                newest = max(newest, (moment_ns - began) / 1e9)
+            self._times.append(newest)
+            if _JOINTS in line:
+                self._joints.append(index)
+            else:
+                self._weave(index, newest, weaver)
+        return weaver.finish(newest)
+
+    def _weave(self, index: int, at_s: float, weaver: _Weaver) -> None:
+        record = self.record(index)
+        if isinstance(record, Record):
+            weaver.take(record.body, at_s)
+            if isinstance(record.body, LANDMARKS):
+                self._landmarks.append(index)
+
+
+class _Weaver:
+    """Turns records that say "now" into bands that say "from, to"."""
+
+    def __init__(self) -> None:
+        self._lanes = Lanes()
+        self._open: dict[str, tuple[float, str]] = {}
+        self._events: dict[str, tuple[float, str]] = {}
+
+    def take(self, body: Body, at_s: float) -> None:
+        match body:
+            case Transition(from_state=before, to_state=after):
+                self._open.setdefault("state", (0.0, before))
+                self._change("state", after, at_s)
+            case Command(state=state):
+                self._open.setdefault("state", (0.0, state))
+            case GestureOnset(gesture=gesture):
+                self._change("gesture", gesture or "", at_s)
+            case Press(gesture=gesture):
+                self._change("press", gesture or "pressed", at_s)
+            case Release() | Cancel():
+                self._change("press", "", at_s)
+            case EffectChanged(to_effect=effect):
+                self._change("effect", "" if effect == "note" else effect, at_s)
+            case EventRaised(event=event, effect=effect):
+                self._events.setdefault(event, (at_s, effect))
+            case EventCleared(event=event):
+                self._end_event(event, at_s)
+            case Stop():
+                self._lanes.event.append(Span(begin_s=at_s, end_s=at_s, label="STOP", weight="grave"))
+
+    def finish(self, at_s: float) -> Lanes:
+        for lane in list(self._open):
+            self._change(lane, "", at_s)
+        for event in list(self._events):
+            self._end_event(event, at_s)
+        self._lanes.event.sort(key=lambda span: span.begin_s)
+        return self._lanes
+
+    def _change(self, lane: str, label: str, at_s: float) -> None:
+        begun = self._open.pop(lane, None)
+        if begun is not None and begun[1]:
+            getattr(self._lanes, lane).append(Span(begin_s=begun[0], end_s=at_s, label=begun[1]))
+        self._open[lane] = (at_s, label)
+
+    def _end_event(self, event: str, at_s: float) -> None:
+        begun = self._events.pop(event, None)
+        if begun is not None:
+            weight = "caution" if begun[1] in ("note", "refuse") else "grave"
+            self._lanes.event.append(Span(begin_s=begun[0], end_s=at_s, label=event, weight=weight))
+
+
+def open_session(path: Path) -> ReviewedSession:
+    """Read a session. Raises AuditError when the file can't be read or holds nothing."""
+    try:
+        with path.open("rb") as file:
+            lines = list(iter(partial(file.readline, MAX_LINE), b""))
+    except OSError as error:
+        raise AuditError(f"The session {path} can't be read: {error.strerror}.") from error
+    if not lines:
+        raise AuditError(f"The session {path} holds no records.")
+    return ReviewedSession(path, lines)
+
+
+def _moment_ns(line: bytes) -> int | None:
+    """The monotonic time of a canonical line, found without decoding it; quotes in text are escaped."""
+    place = line.rfind(_MONOTONIC)
+    digits = line[place + len(_MONOTONIC) : place + len(_MONOTONIC) + 20].split(b",", 1)[0]
+    return int(digits) if place >= 0 and digits.isdigit() else None
+
+
+def visible(spans: Iterable[Span], begin_s: float, end_s: float) -> Iterator[Span]:
+    """Those of a lane that touch a stretch of time."""
+    return (span for span in spans if span.end_s >= begin_s and span.begin_s <= end_s)
+
+
+def _label(spans: list[Span], at_s: float) -> str:
+    place = bisect_right(spans, at_s, key=lambda span: span.begin_s) - 1
+    if place < 0 or spans[place].end_s < at_s:
+        return ""
+    return spans[place].label
+
+
+def comments_path(session: Path) -> Path:
+    """Where the comments on a session are kept."""
+    return session.with_name(session.stem + COMMENTS)
+
+
+def comments_on(session: Path) -> dict[int, list[Comment]]:
+    """The comments on a session by the record that they are about. Raises AuditError when they can't be read."""
+    path = comments_path(session)
+    found: dict[int, list[Comment]] = {}
+    for record in records(path) if path.exists() else []:
+        if isinstance(record.body, Comment):
+            found.setdefault(record.body.about_sequence, []).append(record.body)
+    return found
+
+
+def write_comment(home: Home, session: Path, about: Record, text: str, now: Moment) -> None:
+    """Sign a comment with the console's key and keep it. Raises AuditError when the disk refuses."""
+    key = load_or_make_key(home.keys)
+    comment = Comment(about_sequence=about.sequence, about_hash=about.hash, text=text, key=key.public.fingerprint)
+    append_signed(comments_path(session), f"comments {about.session}", [comment], key, now)

@@ -1,0 +1,152 @@
+"""After the session: what it came to, the therapist's note, the patient's discomfort, the next targets."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime
+from typing import ClassVar
+
+import msgspec
+from textual.app import ComposeResult
+from textual.binding import Binding, BindingType
+from textual.containers import VerticalScroll
+from textual.widgets import Button, Input, Label, Select, Static
+
+from app.console.screens.base import ConsoleScreen
+from app.console.screens.dialogs import Question
+from app.console.session_index import SessionRecord
+from app.console.state import SessionState
+from app.console.terms import action_name
+from app.system.operators import Permission
+from app.text.catalogue import tr
+from logs.records import Discomfort, Note
+from profiles.schema import DoseTargets, Profile
+
+GROWTH = 1.1  # the next target after one that was reached: a tenth more; a proposal that the therapist may change
+
+
+def summarise(state: SessionState, at: str) -> SessionRecord:
+    """The session in figures."""
+    snapshot = state.snapshot
+    return SessionRecord(
+        session=state.setup.session,
+        patient=state.setup.profile.identifier,
+        at=at,
+        operator=state.setup.operator,
+        steps=snapshot.steps if snapshot else 0,
+        distance_m=snapshot.distance_walked_m if snapshot else 0.0,
+        duration_s=state.elapsed_s,
+        refusals=snapshot.refusal_count if snapshot else 0,
+    )
+
+
+def next_targets(dose: DoseTargets, record: SessionRecord) -> DoseTargets:
+    """A tenth more where the target was reached, the same where it was not."""
+    steps = round(dose.steps * GROWTH) if record.steps >= dose.steps else dose.steps
+    metres = round(dose.distance_m * GROWTH, 1) if record.distance_m >= dose.distance_m else dose.distance_m
+    return DoseTargets(steps=steps, distance_m=metres, duration_s=dose.duration_s)
+
+
+class AfterScreen(ConsoleScreen):
+    """The joints are off; the trail is still open, so that note and rating are part of it."""
+
+    HELP_PAGE = "after"
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("ctrl+s", "save", "bind.after.save"),
+        Binding("escape", "leave", "bind.form.leave", show=False),
+    ]
+
+    def __init__(self, state: SessionState) -> None:
+        super().__init__()
+        self._state = state
+        self._added = self._kept = self._ending = False
+        self._record = summarise(state, datetime.now(UTC).isoformat(timespec="seconds"))
+
+    def compose(self) -> ComposeResult:
+        profile = self._state.setup.profile
+        targets = next_targets(profile.dose, self._record)
+        yield Label(tr("after.title", name=profile.identifier), id="title")
+        with VerticalScroll(id="after"):
+            yield Static(self._figures(profile), markup=False)
+            yield Label(tr("after.discomfort"), classes="section")
+            ratings = [(tr(f"rating.{rating}"), rating) for rating in range(11)]
+            yield Select(ratings, prompt=tr("after.not_asked"), id="discomfort", compact=True)
+            yield Label(tr("after.note"), classes="section")
+            yield Input(id="note", max_length=2000, compact=True)
+            yield Label(tr("after.next"), classes="section")
+            locked = not self.console_app.may(Permission.EDIT_PATIENTS)
+            yield Input(str(targets.steps), id="steps", type="integer", max_length=6, compact=True, disabled=locked)
+            yield Label(tr("after.report", session=self._state.setup.session), classes="hint")
+            yield Button(tr("after.save"), id="save", variant="primary")
+        yield from self.compose_bottom()
+
+    def on_mount(self) -> None:
+        self.query_one("#note").focus()
+
+    async def on_button_pressed(self) -> None:
+        await self.action_save()
+
+    async def action_save(self) -> None:
+        """Keep note, rating and targets, then end the session's last processes; what can't be kept stays here."""
+        if self._keep():
+            await self._close()
+
+    async def action_leave(self) -> None:
+        """As saving does; where that fails, without it, after asking."""
+        if self._keep():
+            await self._close()
+            return
+
+        async def leave(yes: bool | None) -> None:
+            if yes:
+                await self._close()
+
+        self.app.push_screen(Question(tr("form.leave_title"), tr("form.leave_words")), leave)
+
+    def _keep(self) -> bool:
+        """Whether all is in the files."""
+        with self.told():
+            if not self._added:
+                note, rating = self._answers()
+                self.console_app.sessions.add(msgspec.structs.replace(self._record, note=note, discomfort=rating))
+                self._added = True
+            self._keep_targets()
+            self._kept = True
+        return self._kept
+
+    async def _close(self) -> None:
+        """Note and rating into the trail too, once; it may take seconds until its process has ended."""
+        if self._ending:
+            return
+        self._ending = True
+        note, rating = self._answers()
+        if note:
+            self.console_app.trail.emit(Note(text=note))
+        if rating is not None:
+            self.console_app.trail.emit(Discomfort(rating=rating))
+        await self.console_app.close_session()
+
+    def _answers(self) -> tuple[str, int | None]:
+        chosen = self.query_one("#discomfort", Select).value
+        return self.query_one("#note", Input).value.strip(), chosen if isinstance(chosen, int) else None
+
+    def _keep_targets(self) -> None:
+        words = self.query_one("#steps", Input).value
+        profile = self._state.setup.profile
+        if self.query_one("#steps", Input).disabled or not words.isdigit() or int(words) == profile.dose.steps:
+            return
+        now = self.console_app.store.load(profile.identifier)
+        dose = msgspec.structs.replace(now.dose, steps=int(words))
+        changed = msgspec.structs.replace(now, dose=dose)
+        self.console_app.store.save(changed, by=self.console_app.operator, at=datetime.now(UTC), why=tr("after.why"))
+
+    def _figures(self, profile: Profile) -> str:
+        record, dose = self._record, profile.dose
+        lines = [
+            tr("after.steps", done=record.steps, target=dose.steps),
+            tr("after.way", done=f"{record.distance_m:.1f}", target=f"{dose.distance_m:.0f}"),
+            tr("after.time", done=f"{record.duration_s / 60:.0f}", target=f"{dose.duration_s / 60:.0f}"),
+            tr("after.refusals", count=record.refusals),
+        ]
+        reports = self._state.snapshot.reports if self._state.snapshot else ()
+        lines += [f"  {action_name(one.action)}: {tr(f'outcome.{one.outcome}')}" for one in reports[-5:]]
+        return "\n".join(lines)

@@ -1,0 +1,136 @@
+"""What every screen of the console has: translated footer, STOP bar, the same breakpoints."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from typing import TYPE_CHECKING, ClassVar, Generic, TypeVar, cast
+
+from textual import events, on
+from textual._styles_cache import StylesCache
+from textual.app import ComposeResult
+from textual.binding import ActiveBinding, BindingType
+from textual.geometry import Size
+from textual.screen import ModalScreen, Screen
+
+from app.console.state import SessionState
+from app.console.widgets.bars import KeyBar, StopBar
+from app.system.errors import AppError
+from app.text.catalogue import knows, tr
+from hal.errors import HardwareError
+from logs.errors import AuditError
+from profiles.errors import ProfileError
+
+USER_ERRORS = (AppError, HardwareError, AuditError, ProfileError, OSError)
+
+if TYPE_CHECKING:
+    from app.console.app import ConsoleApp
+
+T = TypeVar("T")
+
+
+class _Console(Screen[T], Generic[T]):
+    """Common ground of screens and dialogs."""
+
+    HELP_PAGE = ""  # name of the contextual help in the language files
+    composed = False  # its widgets are there
+    _styled_for = ""  # the theme that its widgets' styles were made for
+
+    @on(events.Compose)
+    def _reach_breakpoints(self) -> None:
+        """Set the breakpoints' classes; Textual does so after the first layout, and then styles and paints again."""
+        for name in self._breakpoints(self.app.size):
+            self.add_class(name, update=False)
+        self._styled_for = self.app.theme
+
+    @on(events.ScreenResume)
+    def _keep_styles(self, event: events.ScreenResume) -> None:
+        """Make the styles anew only for another theme: a tenth of what opening or closing a dialog costs."""
+        event.refresh_styles = self._styled_for != self.app.theme
+        self._styled_for = self.app.theme
+
+    def on_mount(self) -> None:
+        """Textual calls this beside a subclass's own."""
+        self.composed = True
+
+    @on(events.Resize)
+    def _skip_known_size(self, event: events.Resize) -> None:
+        """Textual sends a size that is laid out already; without this it lays out again, the screens below too."""
+        if event.size == self.size and all(map(self.has_class, self._breakpoints(event.size))):
+            event.prevent_default()
+            event.stop()
+
+    def on_unmount(self) -> None:
+        """Let go of its widgets' drawings: Textual keeps them, 0.5 MB a page of help, as keys of a cache of colours."""
+        StylesCache.get_inner_outer.cache_clear()
+
+    @property
+    def console_app(self) -> ConsoleApp:
+        """The application, by its own type."""
+        return cast("ConsoleApp", self.app)
+
+    @property
+    def active_bindings(self) -> dict[str, ActiveBinding]:
+        """The keys in force, described in the therapist's language."""
+        return {
+            key: active._replace(
+                binding=replace(active.binding, description=_text_of(active.binding.description)),
+                tooltip=_text_of(active.tooltip),
+            )
+            for key, active in super().active_bindings.items()
+        }
+
+    def show_session(self, state: SessionState | None) -> None:
+        """Take the session's newest state, twenty times a second; None: no session."""
+        for stop_bar in self.query(StopBar):
+            stop_bar.show(None if state is None else state.effect)
+
+    @contextmanager
+    def told(self) -> Iterator[None]:
+        """Tell the operator in a sentence what went wrong in the body; nothing typed is lost."""
+        try:
+            yield
+        except USER_ERRORS as error:
+            self.notify(str(error), severity="error", timeout=15, markup=False)
+
+    def _breakpoints(self, size: Size) -> tuple[str, str]:
+        """The classes that a screen of this size has."""
+        across, down = self.app.HORIZONTAL_BREAKPOINTS, self.app.VERTICAL_BREAKPOINTS
+        return _reached(across, size.width), _reached(down, size.height)
+
+    def compose_bottom(self) -> ComposeResult:
+        """The STOP bar and the keys."""
+        yield StopBar(self.console_app.switch, watching=self.console_app.read_only)
+        yield KeyBar()
+
+
+def _reached(breakpoints: list[tuple[int, str]] | None, cells: int) -> str:
+    """The class of the largest breakpoint that so many columns or rows reach."""
+    return max((least, name) for least, name in breakpoints or [(0, "-any")] if cells >= least)[1]
+
+
+class ConsoleScreen(_Console[None]):
+    """A screen of the console."""
+
+
+class Dialog(_Console[T], ModalScreen[T]):
+    """A question over a screen; STOP works through it."""
+
+    BINDINGS: ClassVar[list[BindingType]] = [("escape", "cancel", "bind.cancel")]
+
+    @on(events.ScreenResume)
+    def _show_newest(self) -> None:
+        """One that is opened again must not show what was, not even until the next beat."""
+        if self.composed:
+            self.show_session(self.console_app.live_state())
+            self.refresh_bindings()
+
+    def action_cancel(self) -> None:
+        """Close without an answer."""
+        self.dismiss(None)
+
+
+def _text_of(key: str) -> str:
+    """Ours by the catalogue; Textual's own bindings bring their text along."""
+    return tr(key) if knows(key) else key

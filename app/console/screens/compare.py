@@ -1,0 +1,91 @@
+"""Compare: both ways to measure, side by side on the same pictures, as in the paper's Tables 5 and 6."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from textual.app import ComposeResult
+from textual.binding import Binding, BindingType
+from textual.containers import Horizontal
+
+from app.console.screens.base import ConsoleScreen
+from app.console.state import SessionState
+from app.console.widgets.distance import gauge
+from app.console.widgets.panel import Lines, Panel, plain
+from app.console.widgets.picture import Picture
+from app.ipc.messages import TriggerReport
+from app.text.catalogue import tr
+
+
+@dataclass(frozen=True, slots=True)
+class Tally:
+    """Presses counted since the view was opened."""
+
+    pressed: bool = False
+    presses: int = 0
+
+    def after(self, pressed: bool) -> Tally:
+        """The tally after a report."""
+        return Tally(pressed, self.presses + (pressed and not self.pressed))
+
+
+def describe(report: TriggerReport, tally: Tally, width: int, *, depth: bool) -> Lines:
+    """One camera's column."""
+    distance_m = report.depth_distance_m if depth else report.distance_m
+    sd_m = 0.0 if depth else report.distance_sd_m
+    pressed = report.depth_pressed if depth else report.pressed
+    shown = tr("compare.no_measurement") if distance_m is None else f"{distance_m * 100:.1f} cm"
+    word = tr("button.pressed") if pressed else tr("button.released")
+    return (
+        plain(tr("compare.depth") if depth else tr("compare.monocular"), "bold $primary"),
+        plain(shown, "bold"),
+        plain(gauge(distance_m, sd_m, report.threshold_m, width)),
+        plain(f"{'◉' if pressed else '○'} {word}", "bold $success" if pressed else "bold $error"),
+        plain(tr("compare.presses", count=tally.presses)),
+        plain(tr("compare.fps", fps=f"{report.fps:.0f}")),
+    )
+
+
+class CompareScreen(ConsoleScreen):
+    """Opened over a session, which goes on beneath."""
+
+    HELP_PAGE = "compare"
+    BINDINGS: ClassVar[list[BindingType]] = [Binding("escape,v", "back", "bind.cancel")]
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._sequence = -1
+        self._tallies = (Tally(), Tally())
+
+    def compose(self) -> ComposeResult:
+        yield Panel(id="status")
+        yield Picture(id="picture")
+        with Horizontal(id="columns"):
+            yield Panel(id="monocular", title=tr("compare.monocular"))
+            yield Panel(id="depth", title=tr("compare.depth"))
+        yield from self.compose_bottom()
+
+    def show_session(self, state: SessionState | None) -> None:
+        super().show_session(state)
+        if state is None:
+            return
+        self.query_one("#status", Panel).show_lines((plain(tr("compare.words"), "$text-muted"),))
+        self.query_one(Picture).show(state)
+        if state.report is not None and state.report.sequence != self._sequence:
+            self._sequence = state.report.sequence
+            self._show(state.report)
+
+    def action_back(self) -> None:
+        """To the session."""
+        self.dismiss()
+
+    def _show(self, report: TriggerReport) -> None:
+        left, right = self._tallies
+        self._tallies = left.after(report.pressed), right.after(report.depth_pressed)
+        for id_, tally, depth in (("monocular", left, False), ("depth", right, True)):
+            panel = self.query_one(f"#{id_}", Panel)
+            if depth and report.depth_distance_m is None and not right.presses:
+                panel.show_lines((plain(tr("compare.no_depth"), "$text-muted"),))
+            else:
+                panel.show_lines(describe(report, tally, max(10, panel.content_size.width), depth=depth))

@@ -1,0 +1,159 @@
+"""Small dialogs: a question with two answers, the therapist's twelve actions, a list, a line to type."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+from textual import events
+from textual.app import ComposeResult
+from textual.binding import BindingType
+from textual.containers import Horizontal, Vertical, VerticalScroll
+from textual.content import Content
+from textual.widgets import Button, Input, OptionList, Static
+from textual.widgets.option_list import Option
+
+from app.console.keys import GESTURE_KEYS
+from app.console.screens.base import Dialog
+from app.console.state import SessionState
+from app.console.terms import FINGERS, action_name
+from app.console.widgets.panel import Lines, content_of
+from app.ipc.states import ACTION_OF, GESTURE_OF, Action
+from app.text.catalogue import tr
+
+MAX_ANSWER = 4096  # a path
+
+
+class Question(Dialog[bool]):
+    """Asks; only `y` or its button says yes."""
+
+    BINDINGS: ClassVar[list[BindingType]] = [
+        ("y", "answer(True)", "bind.yes"),
+        ("n", "answer(False)", "bind.no"),
+    ]
+
+    def __init__(self, title: str, words: str, *, yes: str = "", no: str = "") -> None:
+        super().__init__()
+        self._title = title
+        self._words = words
+        self._yes = yes or tr("dialog.yes")
+        self._no = no or tr("dialog.no")
+
+    def compose(self) -> ComposeResult:
+        with Vertical(classes="dialog") as box:
+            box.border_title = self._title
+            with VerticalScroll(classes="dialog-text", can_focus=False):
+                yield Static(self._words, markup=False)
+            with Horizontal(classes="dialog-buttons"):
+                yield Button(f"{self._no} (n)", id="no")
+                yield Button(f"{self._yes} (y)", id="yes", variant="primary")
+        yield from self.compose_bottom()
+
+    def on_button_pressed(self, event: Button.Pressed) -> None:
+        self.dismiss(event.button.id == "yes")
+
+    def action_answer(self, yes: bool) -> None:
+        """Answer by key."""
+        self.dismiss(yes)
+
+
+class TherapistAct(Dialog[Action]):
+    """The twelve actions by key; those that the machine allows now stand out."""
+
+    def __init__(self, allowed: tuple[Action, ...]) -> None:
+        super().__init__()
+        self._allowed = allowed
+
+    def compose(self) -> ComposeResult:
+        with Vertical(classes="dialog") as box:
+            box.border_title = tr("act.title")
+            yield Static(tr("act.words"), markup=False)
+            yield OptionList(*self._options())
+        yield from self.compose_bottom()
+
+    def show_session(self, state: SessionState | None) -> None:
+        super().show_session(state)
+        allowed = state.snapshot.allowed if state is not None and state.snapshot is not None else ()
+        if allowed != self._allowed:
+            self._allowed = allowed
+            options = self.query_one(OptionList)
+            at = options.highlighted
+            options.clear_options()
+            options.add_options(self._options())
+            options.highlighted = at
+
+    def on_screen_resume(self) -> None:
+        """Enter alone must choose nothing, least of all what was chosen last."""
+        self.query_one(OptionList).highlighted = None
+
+    def on_key(self, event: events.Key) -> None:
+        if event.key in GESTURE_KEYS:
+            event.stop()
+            self.dismiss(ACTION_OF[GESTURE_KEYS[event.key]])
+
+    def on_option_list_option_selected(self, event: OptionList.OptionSelected) -> None:
+        self.dismiss(Action[str(event.option_id)])
+
+    def _options(self) -> list[Option]:
+        return [Option(self._describe(action), id=action.name) for action in Action]
+
+    def _describe(self, action: Action) -> Content:
+        gesture = GESTURE_OF[action]
+        allowed = action in self._allowed
+        return Content.assemble(
+            (f" {gesture.value[0]}  ", "bold"),
+            (f"{FINGERS[gesture]}  ", ""),
+            (action_name(action), "bold $success" if allowed else "$text-muted"),
+            ("" if allowed else f"  {tr('act.not_now')}", "$text-muted"),
+        )
+
+
+class Lists(Dialog[None]):
+    """Lines that keep themselves up to date, there with the first paint: the checks, a patient's history."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._lines: Lines = ()
+
+    def title_and_words(self) -> tuple[str, str]:
+        """What stands in the border, and above the lines."""
+        raise NotImplementedError
+
+    def lines_of(self, state: SessionState | None) -> Lines:
+        """What to show; None: no session."""
+        raise NotImplementedError
+
+    def compose(self) -> ComposeResult:
+        self._lines = self.lines_of(self.console_app.live_state())
+        title, words = self.title_and_words()
+        with VerticalScroll(classes="dialog") as box:
+            box.border_title = title
+            yield Static(words, markup=False, id="words")
+            yield Static(content_of(self._lines), id="lines")
+        yield from self.compose_bottom()
+
+    def show_session(self, state: SessionState | None) -> None:
+        super().show_session(state)
+        lines = self.lines_of(state)
+        if lines != self._lines:
+            self._lines = lines
+            self.query_one("#lines", Static).update(content_of(lines))
+
+
+class AskText(Dialog[str]):
+    """Asks for one line; Enter gives it, Escape gives nothing."""
+
+    def __init__(self, title: str, words: str, start: str = "") -> None:
+        super().__init__()
+        self._title = title
+        self._words = words
+        self._start = start
+
+    def compose(self) -> ComposeResult:
+        with Vertical(classes="dialog") as box:
+            box.border_title = self._title
+            yield Static(self._words, markup=False)
+            yield Input(self._start, id="answer", max_length=MAX_ANSWER)
+        yield from self.compose_bottom()
+
+    def on_input_submitted(self, event: Input.Submitted) -> None:
+        self.dismiss(event.value.strip())

@@ -1,0 +1,172 @@
+"""New and edit: every field checked while it is typed, the palm estimate and the step drawn beside it."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime
+from typing import ClassVar
+
+import msgspec
+from textual.app import ComposeResult
+from textual.binding import Binding, BindingType
+from textual.containers import Horizontal, Vertical, VerticalScroll
+from textual.widgets import Input, Label, Select, Static
+
+from app.console.patient_fields import FIELDS, SECTIONS, Field, Kind, Parsed, parse, shown
+from app.console.screens.base import ConsoleScreen
+from app.console.screens.dialogs import Question
+from app.console.widgets.step_drawing import draw_step
+from app.text.catalogue import tr
+from profiles.anthropometry import estimate_palm
+from profiles.errors import ProfileError
+from profiles.schema import Profile, Sex
+
+MAX_TYPED = 20_000  # a paste beyond it is refused by the field itself
+
+NEW_PATIENT = Profile(identifier="new", sex=Sex.FEMALE, stature_m=1.65, mass_kg=65.0)
+
+
+class PatientForm(ConsoleScreen):
+    """One patient's profile. Ctrl-S saves, Escape leaves, asking when something would be lost."""
+
+    HELP_PAGE = "form"
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("ctrl+s", "save", "bind.form.save"),
+        Binding("f6", "calibrate", "bind.form.calibrate"),
+        Binding("escape", "leave_form", "bind.form.leave"),
+    ]
+
+    def __init__(self, profile: Profile | None = None) -> None:
+        super().__init__()
+        self._new = profile is None
+        self._base = profile or NEW_PATIENT
+        self._words = shown(self._base)
+        if self._new:
+            self._words["identifier"] = ""
+        self._typed = dict(self._words)
+
+    def compose(self) -> ComposeResult:
+        yield Label(tr("form.title_new") if self._new else tr("form.title", name=self._base.identifier), id="title")
+        with Horizontal(id="form"):
+            with VerticalScroll(id="fields", can_focus=False):
+                for section in SECTIONS:
+                    yield Label(tr(f"form.section.{section.name}"), classes="section")
+                    for field in section.fields:
+                        yield from self._row(field)
+            with Vertical(id="beside"):
+                yield Static(id="verdict", markup=False)
+                yield Static(id="drawing", markup=False)
+                yield Static(id="estimate", markup=False)
+        yield from self.compose_bottom()
+
+    def on_mount(self) -> None:
+        self._check()
+        self.query_one("#stature_m" if not self._new else "#identifier").focus()
+
+    def on_resize(self) -> None:
+        self.call_after_refresh(self._check)
+
+    def on_input_changed(self, event: Input.Changed) -> None:
+        self._take(event.input.id, event.value)
+
+    def on_select_changed(self, event: Select.Changed) -> None:
+        self._take(event.select.id, str(event.value))
+
+    def action_save(self) -> None:
+        """Save when everything is right; else say what is not."""
+        parsed = parse(self._typed, self._base)
+        if parsed.profile is None:
+            self._show(parsed)
+            first = next(field for field in FIELDS if field.path in parsed.errors)
+            self.query_one(f"#{first.id}").focus()
+            self.notify(tr("form.not_saved"), severity="error")
+            return
+        try:
+            self._save(parsed.profile)
+        except ProfileError as error:
+            self.notify(str(error), severity="error", timeout=15)
+            return
+        self.dismiss()
+
+    async def action_calibrate(self) -> None:
+        """The saved patient before the camera; what is typed and not yet saved would be lost under it."""
+        if self._new or self._typed != self._words:
+            self.notify(tr("form.save_first"), severity="warning")
+            return
+        self.dismiss()
+        await self.console_app.calibrate(self._base)
+
+    def action_leave_form(self) -> None:
+        """Leave; ask first when something was typed."""
+        if self._typed == self._words:
+            self.dismiss()
+            return
+        self.app.push_screen(Question(tr("form.leave_title"), tr("form.leave_words")), self._leave_if)
+
+    def _row(self, field: Field) -> ComposeResult:
+        with Horizontal(classes="row"):
+            unit = f" ({field.unit})" if field.unit else ""
+            yield Label(tr(f"field.{field.path}") + unit, classes="name")
+            yield self._control(field)
+        yield Label("", id=f"{field.id}-error", classes="error", markup=False)
+
+    def _control(self, field: Field) -> Input | Select[str]:
+        words = self._words[field.path]
+        if field.kind is Kind.CHOICE:
+            assert field.choices is not None
+            options = [(tr(f"choice.{one.value}"), str(one.value)) for one in field.choices]
+            return Select(options, value=words, allow_blank=False, id=field.id, compact=True)
+        locked = field.path == "identifier" and not self._new
+        return Input(words, id=field.id, compact=True, max_length=MAX_TYPED, disabled=locked)
+
+    def _take(self, widget: str | None, value: str) -> None:
+        field = next((one for one in FIELDS if one.id == widget), None)
+        if field is not None and self._typed[field.path] != value:
+            self._typed[field.path] = value
+            self._check()
+
+    def _check(self) -> None:
+        self._show(parse(self._typed, self._base))
+
+    def _show(self, parsed: Parsed) -> None:
+        for field in FIELDS:
+            label = self.query_one(f"#{field.id}-error", Label)
+            sentence = parsed.errors.get(field.path, "")
+            label.display = bool(sentence)
+            label.update(f"✗ {sentence}" if sentence else "")
+        verdict = tr("form.good") if parsed.profile else tr("form.wrong", count=len(parsed.errors))
+        self.query_one("#verdict", Static).update(verdict)
+        drawable = parse({**self._typed, "identifier": NEW_PATIENT.identifier, "note": ""}, self._base)
+        if drawable.profile is not None:
+            self._show_profile(drawable.profile)
+
+    def _show_profile(self, profile: Profile) -> None:
+        palm = estimate_palm(profile.sex, profile.stature_m, profile.palm.population)
+        words = tr(
+            "form.estimate",
+            width=f"{palm.width_m * 100:.1f}",
+            sd=f"{palm.sd_m * 1000:.0f}",
+            error=f"{palm.distance_error * 100:.0f}",
+        )
+        if profile.palm.measured_width_m is not None:
+            words += "\n" + tr("form.measured", width=f"{profile.palm.measured_width_m * 100:.1f}")
+        if profile.calibrations:
+            words += "\n" + tr("form.calibrated", camera=profile.calibrations[-1].camera)
+        self.query_one("#estimate", Static).update(words)
+        self.query_one("#drawing", Static).update(draw_step(profile, *self._room()))
+
+    def _room(self) -> tuple[int, int]:
+        """Columns and rows for the drawing, whose parts need about four to one."""
+        columns = max(20, min(60, self.query_one("#beside").content_size.width))
+        return columns, max(5, columns // 4)
+
+    def _save(self, profile: Profile) -> None:
+        store, now = self.console_app.store, datetime.now(UTC)
+        by = self.console_app.operator
+        if self._new:
+            store.create(profile, by=by, at=now)
+        else:
+            store.save(msgspec.structs.replace(profile, archived=self._base.archived), by=by, at=now)
+
+    def _leave_if(self, yes: bool | None) -> None:
+        if yes:
+            self.dismiss()

@@ -1,0 +1,255 @@
+"""The review screen: a session as lanes over time, everything about one moment, its proof, and comments on it."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from pathlib import Path
+from typing import ClassVar
+
+from rich.text import Text
+from textual import on, work
+from textual.app import ComposeResult
+from textual.binding import Binding, BindingType
+from textual.containers import Horizontal, Vertical, VerticalScroll
+from textual.widgets import Input, OptionList, Static
+from textual.widgets.option_list import Option
+
+from app.console.review_data import ReviewedSession, comments_on, open_session, write_comment
+from app.console.screens.base import ConsoleScreen, Dialog
+from app.console.widgets.moment import about
+from app.console.widgets.timeline import Timeline
+from app.system.operators import Permission
+from app.system.paths import Home
+from app.text.catalogue import tr
+from logs.anchor import read_anchor
+from logs.errors import AuditError
+from logs.findings import verdict
+from logs.keys import by_fingerprint, known_keys
+from logs.manifest import Moment
+from logs.plain import sanitize_terminal
+from logs.read import find_session, session_paths
+from logs.records import Comment, Record
+from logs.show import line_of
+from logs.verify import Evidence, verify
+
+
+class ReviewScreen(ConsoleScreen):
+    """Opens one session, or asks which."""
+
+    HELP_PAGE = "review"
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("escape", "close", "reviewing.close", id="review.close"),
+        Binding("left", "turn(-1)", "reviewing.left", id="review.left"),
+        Binding("right", "turn(1)", "reviewing.right", id="review.right"),
+        Binding("up", "step(-1)", "reviewing.up", id="review.up"),
+        Binding("down", "step(1)", "reviewing.down", id="review.down"),
+        Binding("n", "jump(1)", "reviewing.next", id="review.next"),
+        Binding("p", "jump(-1)", "reviewing.previous", id="review.previous"),
+        Binding("plus,equals_sign", "zoom(0.5)", "reviewing.zoom_in", id="review.zoom_in"),
+        Binding("minus", "zoom(2.0)", "reviewing.zoom_out", id="review.zoom_out"),
+        Binding("home", "go(0)", "reviewing.begin", id="review.begin"),
+        Binding("end", "go(-1)", "reviewing.end", id="review.end"),
+        Binding("c", "comment", "reviewing.write", id="review.write"),
+    ]
+    CSS = """
+    ReviewScreen #verdict { height: auto; max-height: 4; background: $panel; }
+    ReviewScreen #below { height: 1fr; }
+    ReviewScreen #records { width: 2fr; height: 100%; text-wrap: nowrap; text-overflow: ellipsis; }
+    ReviewScreen #moment { width: 1fr; height: 100%; border-left: solid $secondary; padding: 0 1; }
+    ReviewScreen.-narrow #moment { display: none; }
+    """
+
+    def __init__(self, home: Home, session: str | None = None) -> None:
+        """session: a path, a name or its beginning, or "last"; None: ask."""
+        super().__init__()
+        self._home = home
+        self._wanted = session
+        self._session: ReviewedSession | None = None
+        self._index = 0
+        self._comments: dict[int, list[Comment]] = {}
+
+    def compose(self) -> ComposeResult:
+        yield Static("", id="verdict", markup=False)
+        yield Timeline()
+        with Horizontal(id="below"):
+            yield Static("", id="records", markup=False)
+            with VerticalScroll(id="moment", can_focus=False):
+                yield Static("", id="instant", markup=False)
+        yield from self.compose_bottom()
+
+    def on_mount(self) -> None:
+        """Open the session asked for, or ask."""
+        super().on_mount()
+        if self._wanted is None:
+            self._ask()
+        else:
+            self._open_named(self._wanted)
+
+    @property
+    def is_open(self) -> bool:
+        """Whether a session is on the screen."""
+        return self._session is not None
+
+    @property
+    def index(self) -> int:
+        """The record at the cursor."""
+        return self._index
+
+    def _ask(self) -> None:
+        paths = session_paths(self._home.logs)
+        if not paths:
+            self.notify(tr("reviewing.none"))
+            self.call_later(self.action_close)
+            return
+        self.app.push_screen(ChooseSession(paths), self._chosen)
+
+    def _chosen(self, path: Path | None) -> None:
+        if path is None:
+            self.action_close()
+        else:
+            self._load(path)
+
+    def _open_named(self, name: str) -> None:
+        try:
+            self._load(find_session(self._home.logs, name))
+        except AuditError as error:
+            self.notify(str(error), severity="error", markup=False)
+            self.call_later(self.action_close)
+
+    @work(exclusive=True)
+    async def _load(self, path: Path) -> None:
+        self.query_one("#verdict", Static).update(tr("reviewing.opens", session=sanitize_terminal(path.stem)))
+        with self.told():
+            self._session = await asyncio.to_thread(open_session, path)
+            self._comments = await asyncio.to_thread(comments_on, path)
+            self.query_one(Timeline).show(self._session)
+            self._go_to(0)
+            self.query_one("#verdict", Static).update(f"{sanitize_terminal(path.stem)}: {tr('reviewing.verifying')}")
+            (finding,) = await asyncio.to_thread(verify, [path], self._evidence())
+            self.query_one("#verdict", Static).update(verdict(finding))
+
+    def _evidence(self) -> Evidence:
+        keys = by_fingerprint(known_keys(self._home.keys))
+        return Evidence(keys=keys, anchor=read_anchor(self._home.keys))
+
+    def action_close(self) -> None:
+        """Leave."""
+        self.dismiss(None)
+
+    def action_turn(self, columns: int) -> None:
+        """Move by columns of the timeline."""
+        if self._session is not None:
+            at_s = self._session.time(self._index) + columns * self.query_one(Timeline).column_s
+            index = self._session.index_at(at_s)
+            self._go_to(index if index != self._index else self._index + columns)
+
+    def action_step(self, records: int) -> None:
+        """Move by records."""
+        self._go_to(self._index + records)
+
+    def action_jump(self, direction: int) -> None:
+        """To the next event, STOP, refusal, cancel, acknowledgement or command, or the one before."""
+        if self._session is None:
+            return
+        find = self._session.landmark_after if direction > 0 else self._session.landmark_before
+        index = find(self._index)
+        if index is not None:
+            self._go_to(index)
+
+    def action_go(self, end: int) -> None:
+        """To the first record (0) or the last (-1)."""
+        if self._session is not None:
+            self._go_to(0 if end == 0 else len(self._session) - 1)
+
+    def action_zoom(self, factor: float) -> None:
+        """Show more or less time."""
+        self.query_one(Timeline).zoom(factor)
+
+    async def action_comment(self) -> None:
+        """Write a signed comment on the record at the cursor."""
+        if self._session is None or not isinstance(self._session.record(self._index), Record):
+            return
+        app, index = self.console_app, self._index
+        await app.permitted(Permission.REVIEW, lambda: app.push_screen(WriteComment(index), self._commented))
+
+    @on(Timeline.Moved)
+    def _moved(self, message: Timeline.Moved) -> None:
+        if self._session is not None:
+            self._go_to(self._session.index_at(message.at_s))
+
+    def on_resize(self) -> None:
+        """The list takes what room there is."""
+        if self._session is not None:
+            self._go_to(self._index)
+
+    async def _commented(self, text: str | None) -> None:
+        session = self._session
+        if session is None or not text:
+            return
+        record = session.record(self._index)
+        if not isinstance(record, Record):
+            return
+        operator = self.console_app.operator
+        now = Moment(wall_ns=time.time_ns(), monotonic_ns=time.monotonic_ns(), operator=operator)
+        with self.told():
+            await asyncio.to_thread(write_comment, self._home, session.path, record, text, now)
+            self._comments = await asyncio.to_thread(comments_on, session.path)
+            self._go_to(self._index)
+
+    def _go_to(self, index: int) -> None:
+        if self._session is None:
+            return
+        self._index = min(max(index, 0), len(self._session) - 1)
+        instant = self._session.instant(self._index)
+        self.query_one(Timeline).put_cursor(instant.at_s)
+        self.query_one("#records", Static).update(self._list(self._session))
+        self.query_one("#instant", Static).update(about(instant, self._comments.get(self._index, [])))
+
+    def _list(self, session: ReviewedSession) -> Text:
+        height = max(self.query_one("#records", Static).size.height, 3)
+        before = height // 2
+        lines = []
+        for index in session.around(self._index, before, height - before - 1):
+            line = Text("✎" if index in self._comments else " ", "bold")
+            line.append_text(line_of(session.record(index)))
+            if index == self._index:
+                line.stylize("reverse")
+            lines.append(line)
+        return Text("\n").join(lines)
+
+
+class ChooseSession(Dialog[Path]):
+    """Which session to open, the newest on top."""
+
+    def __init__(self, paths: list[Path]) -> None:
+        super().__init__()
+        self._paths = list(reversed(paths))
+
+    def compose(self) -> ComposeResult:
+        with Vertical(classes="dialog") as box:
+            box.border_title = tr("reviewing.choose")
+            yield OptionList(*(Option(Text(sanitize_terminal(path.stem))) for path in self._paths))
+        yield from self.compose_bottom()
+
+    def on_option_list_option_selected(self, event: OptionList.OptionSelected) -> None:
+        """Open it."""
+        self.dismiss(self._paths[event.option_index])
+
+
+class WriteComment(Dialog[str]):
+    """A reviewer's comment on one record."""
+
+    def __init__(self, number: int) -> None:
+        super().__init__()
+        self._number = number
+
+    def compose(self) -> ComposeResult:
+        with Vertical(classes="dialog") as box:
+            box.border_title = tr("reviewing.comment", number=self._number)
+            yield Input(max_length=4000)
+        yield from self.compose_bottom()
+
+    def on_input_submitted(self, event: Input.Submitted) -> None:
+        """Keep it."""
+        self.dismiss(event.value.strip())

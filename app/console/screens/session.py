@@ -1,0 +1,191 @@
+"""The live session: everything that matters at a glance, every order one key away."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+from textual.app import ComposeResult
+from textual.binding import BindingType
+from textual.containers import Container, Horizontal, Vertical
+
+from app.console import keys
+from app.console.screens.base import ConsoleScreen
+from app.console.screens.compare import CompareScreen
+from app.console.screens.dialogs import Question, TherapistAct
+from app.console.state import SessionState
+from app.console.terms import event_text
+from app.console.widgets.checklist import Checklist
+from app.console.widgets.distance import DistancePanel
+from app.console.widgets.events import EventsPanel
+from app.console.widgets.gait import MachinePanel
+from app.console.widgets.gesture import GesturePanel
+from app.console.widgets.guide import describe as describe_guide
+from app.console.widgets.health import HealthPanel
+from app.console.widgets.joints import JointsPanel
+from app.console.widgets.panel import Panel, StatePanel
+from app.console.widgets.patient_details import identity
+from app.console.widgets.picture import Picture
+from app.console.widgets.status import describe as describe_status
+from app.ipc.messages import HandCommand, HandPose, OperatorKind
+from app.ipc.states import Action, Effect
+from app.text.catalogue import tr
+from kgdfa.gesture import Gesture
+
+
+class HandKeys(ConsoleScreen):
+    """Turns keys into movements of the digital hand; with another camera the keys do not exist."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._pressing = False
+
+    def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:  # noqa: ARG002
+        """Hand keys need a digital hand, and somebody who may do more than look."""
+        if not action.startswith("hand_"):
+            return True
+        return self.console_app.has_digital_hand and not self.console_app.read_only
+
+    def action_hand_sign(self, sign: str) -> None:
+        """The digital hand shows a gesture, rests, or leaves."""
+        if sign == "rest":
+            self._move(HandCommand(pose=HandPose.REST))
+        elif sign == "none":
+            self._move(HandCommand(pose=HandPose.AWAY))
+        else:
+            self._move(HandCommand(gesture=Gesture(sign)))
+
+    def action_hand_click(self) -> None:
+        """Push to the camera and draw back."""
+        self._move(HandCommand(click_s=keys.CLICK_S))
+
+    def action_hand_press(self) -> None:
+        """Push and stay, or draw back."""
+        self._pressing = not self._pressing
+        self._move(HandCommand(press=self._pressing))
+
+    def action_hand_move(self, x: int, y: int, z: int) -> None:
+        """Move the digital hand a step."""
+        self._move(keys.hand_move(x, y, z))
+
+    def _move(self, command: HandCommand) -> None:
+        self.console_app.live_host().move_hand(command)
+
+
+_ACTS = {"confirm_patient", "toggle_armed", "acknowledge", "act", "torque_off"}
+
+
+class SessionScreen(HandKeys):
+    """Draws the session's state and turns keys into orders; decides nothing itself."""
+
+    HELP_PAGE = "session"
+    BINDINGS: ClassVar[list[BindingType]] = [*keys.SESSION, *keys.HAND]
+
+    def compose(self) -> ComposeResult:
+        yield Panel(id="status")
+        with Horizontal(id="top"):
+            yield Picture(id="picture")
+            with Vertical(id="side"):
+                yield GesturePanel(id="gesture", title=tr("panel.gesture"))
+                yield DistancePanel(id="distance", title=tr("panel.distance"))
+                yield HealthPanel(id="health", title=tr("panel.health"))
+        yield Panel(id="guide")
+        with Container(id="middle"):
+            yield MachinePanel(id="machine", title=tr("panel.machine"))
+            yield EventsPanel(id="events", title=tr("panel.events"))
+        yield JointsPanel(id="joints", title=tr("panel.joints"))
+        yield from self.compose_bottom()
+
+    def show_session(self, state: SessionState | None) -> None:
+        super().show_session(state)
+        if state is None:
+            return
+        self.query_one("#status", Panel).show_lines(describe_status(state))
+        app = self.console_app
+        guide = describe_guide(state, app.key_names, watching=app.read_only)
+        self.query_one("#guide", Panel).show_lines(guide)
+        self.query_one(Picture).show(state)
+        for panel in self.query(StatePanel):
+            panel.show(state)
+
+    def on_picture_resized(self, event: Picture.Resized) -> None:
+        """Ask perception for a picture of just the size that can be shown."""
+        self.console_app.live_host().tell_perception(event.wanted)
+
+    def on_events_panel_clicked(self) -> None:
+        self.action_acknowledge()
+
+    def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
+        """An observer may look, not act."""
+        return super().check_action(action, parameters) and not (self.console_app.read_only and action in _ACTS)
+
+    def action_confirm_patient(self) -> None:
+        """The patient before the camera is the one of the profile."""
+        profile = self.console_app.live_setup().profile
+        self.app.push_screen(Question(tr("confirm.title"), identity(profile)), self._confirmed)
+
+    def action_toggle_armed(self) -> None:
+        """Arm or disarm gestures."""
+        state = self.console_app.live_state()
+        armed = state is not None and state.snapshot is not None and state.snapshot.armed
+        self._send(OperatorKind.DISARM if armed else OperatorKind.ARM)
+
+    def action_acknowledge(self) -> None:
+        """Ask before an event is acknowledged: leaving a stop takes two deliberate keys."""
+        state = self.console_app.live_state()
+        waiting = [event for event in state.events if not event.acknowledged] if state else []
+        if not waiting:
+            self.notify(tr("acknowledge.nothing"))
+            return
+        words = "\n".join(f"• {event_text(event)}" for event in waiting)
+        self.app.push_screen(
+            Question(tr("acknowledge.title"), f"{words}\n\n{tr('acknowledge.words')}"), self._acknowledged
+        )
+
+    def action_act(self) -> None:
+        """One of the twelve actions, by the therapist's key."""
+        state = self.console_app.live_state()
+        allowed = state.snapshot.allowed if state is not None and state.snapshot is not None else ()
+        self.console_app.push_kept("act", lambda: TherapistAct(allowed), self._chosen)
+
+    def action_torque_off(self) -> None:
+        """After a damping: the joints off, on the operator's word."""
+        state = self.console_app.live_state()
+        if state is None or state.effect is not Effect.DAMP:
+            self.notify(tr("torque_off.only_damped"), severity="warning")
+            return
+        self.app.push_screen(Question(tr("torque_off.title"), tr("torque_off.words")), self._torque_off)
+
+    def action_checks(self) -> None:
+        """Show the checks."""
+        self.console_app.push_kept("checks", Checklist)
+
+    def action_compare(self) -> None:
+        """Both cameras side by side."""
+        self.app.push_screen(CompareScreen())
+
+    def action_pause_picture(self) -> None:
+        """Freeze the picture on the screen only."""
+        self.query_one(Picture).toggle_pause()
+
+    async def action_end_session(self) -> None:
+        """End the session, after asking while drives are powered."""
+        await self.console_app.end_session_asking()
+
+    def _send(self, kind: OperatorKind, action: Action | None = None) -> None:
+        self.console_app.live_host().send(kind, action)
+
+    def _confirmed(self, yes: bool | None) -> None:
+        if yes:
+            self._send(OperatorKind.CONFIRM_PATIENT)
+
+    def _acknowledged(self, yes: bool | None) -> None:
+        if yes:
+            self._send(OperatorKind.ACKNOWLEDGE)
+
+    def _torque_off(self, yes: bool | None) -> None:
+        if yes:
+            self._send(OperatorKind.TORQUE_OFF)
+
+    def _chosen(self, action: Action | None) -> None:
+        if action is not None:
+            self._send(OperatorKind.ACT, action)

@@ -1,0 +1,109 @@
+"""Sign-in by name and PIN; the first one of a home sets up its engineer. Also unlocks a locked console."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from typing import ClassVar
+
+from textual.app import ComposeResult
+from textual.binding import BindingType
+from textual.containers import Vertical
+from textual.widgets import Input, Static
+
+from app.console.screens.base import Dialog
+from app.system.errors import AppError
+from app.system.operators import Attempt, Operator, Role, add_operator, load_store, save_store, sign_in
+from app.text.catalogue import tr
+from logs.records import SignIn, SignInFailed
+
+
+class SignInDialog(Dialog[Operator]):
+    """Gives the operator, or None when left with Escape."""
+
+    HELP_PAGE = "sign_in"
+
+    def __init__(self, *, unlock: str = "") -> None:
+        """unlock: the operator whose console this is; nobody else's PIN opens it, and Escape doesn't leave it."""
+        super().__init__()
+        self._unlock = unlock
+        self._first = False
+
+    def compose(self) -> ComposeResult:
+        reason = ""
+        try:
+            self._first = not self._unlock and not load_store(self.console_app.home.keys).operators
+        except AppError as error:
+            reason = f"✗ {error}"
+        words = "first_words" if self._first else "unlock_words" if self._unlock else "words"
+        title = "first" if self._first else "unlock" if self._unlock else "title"
+        with Vertical(classes="dialog") as box:
+            box.border_title = tr(f"sign_in.{title}")
+            yield Static(tr(f"sign_in.{words}", **self.console_app.key_names), markup=False)
+            yield Input(self._unlock, placeholder=tr("sign_in.name"), id="name", max_length=60)
+            yield Input(placeholder=tr("sign_in.pin"), id="pin", password=True, max_length=12)
+            yield Static(reason, id="reason", markup=False)
+        yield from self.compose_bottom()
+
+    def on_mount(self) -> None:
+        self.query_one("#pin" if self._unlock else "#name").focus()
+
+    async def on_input_submitted(self, event: Input.Submitted) -> None:
+        """Enter in the name goes on to the PIN; Enter in the PIN tries."""
+        if event.input.id == "name":
+            self.query_one("#pin").focus()
+            return
+        name, pin = self.query_one("#name", Input).value, event.value
+        event.input.value = ""
+        try:
+            operator = await asyncio.to_thread(self._set_up if self._first else self._try, name, pin)
+        except AppError as error:
+            self.query_one("#reason", Static).update(f"✗ {error}")
+            return
+        self.dismiss(operator)
+
+    def action_cancel(self) -> None:
+        if not self._unlock:
+            self.dismiss(None)
+
+    def _set_up(self, name: str, pin: str) -> Operator:
+        keys = self.console_app.home.keys
+        store = add_operator(load_store(keys), name, Role.ENGINEER, pin)
+        save_store(keys, store)
+        return store.operators[-1]
+
+    def _try(self, name: str, pin: str) -> Operator:
+        keys = self.console_app.home.keys
+        attempt: Attempt = sign_in(load_store(keys), name, pin, time.time())
+        save_store(keys, attempt.store)
+        if attempt.operator is None:
+            failed = SignInFailed(name=name, reason=attempt.reason, failures=attempt.failures, wait_s=attempt.wait_s)
+            self.console_app.trail.emit(failed)
+            raise AppError(attempt.reason)
+        operator = attempt.operator
+        if self._unlock and operator.name != self._unlock:
+            failed = SignInFailed(name=operator.name, reason=f"locked by {self._unlock}", failures=0, wait_s=0.0)
+            self.console_app.trail.emit(failed)
+            raise AppError(tr("sign_in.not_yours", name=self._unlock))
+        self.console_app.trail.emit(SignIn(name=operator.name, role=operator.role.value, unlocked=bool(self._unlock)))
+        return operator
+
+
+class LockScreen(Dialog[bool]):
+    """Nobody is signed in: Enter unlocks. STOP works as ever."""
+
+    BINDINGS: ClassVar[list[BindingType]] = [("enter", "unlock", "bind.unlock")]
+    HELP_PAGE = "lock"
+
+    def compose(self) -> ComposeResult:
+        with Vertical(classes="dialog") as box:
+            box.border_title = tr("lock.title")
+            yield Static(tr("lock.words"), markup=False)
+        yield from self.compose_bottom()
+
+    def action_unlock(self) -> None:
+        """Go on."""
+        self.dismiss(True)
+
+    def action_cancel(self) -> None:
+        """Escape is too easily hit to unlock."""

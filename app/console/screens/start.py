@@ -1,0 +1,86 @@
+"""Between the list and the live screen: is this the patient, which camera, which joints."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import msgspec
+from textual.app import ComposeResult
+from textual.binding import Binding, BindingType
+from textual.containers import VerticalScroll
+from textual.widgets import Button, Input, Label, Select, Static
+
+from app.console.screens.base import ConsoleScreen
+from app.console.screens.preflight import Preflight
+from app.console.widgets.patient_details import identity
+from app.system.config import Config
+from app.text.catalogue import tr
+from profiles.schema import Profile
+
+CAMERAS = ("digital-hand", "webcam", "realsense", "recording")
+JOINTS = ("simulated", "can")
+
+
+def choose(config: Config, camera: str, device: str, joints: str) -> Config:
+    """The configuration with these choices, validated like one from a file."""
+    built = msgspec.to_builtins(config)
+    built["camera"] |= {"kind": camera, "device": device}
+    built["joints"] |= {"kind": joints}
+    return msgspec.convert(built, type=Config)
+
+
+class StartSession(ConsoleScreen):
+    """Everything is set as last time: Enter goes on."""
+
+    HELP_PAGE = "start"
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("ctrl+s", "begin", "bind.start.begin"),
+        Binding("f5", "preflight", "bind.checklist.preflight"),
+        Binding("escape", "back", "bind.start.back"),
+    ]
+
+    def __init__(self, profile: Profile) -> None:
+        super().__init__()
+        self._profile = profile
+
+    def compose(self) -> ComposeResult:
+        config = self.console_app.config
+        yield Label(tr("start.title", name=self._profile.identifier), id="title")
+        with VerticalScroll(id="start"):
+            yield Static(identity(self._profile), markup=False, classes="dialog-text")
+            yield Label(tr("start.camera"), classes="section")
+            cameras = [(tr(f"camera.{kind}"), kind) for kind in CAMERAS]
+            yield Select(cameras, value=config.camera.kind, allow_blank=False, id="camera", compact=True)
+            yield Input(config.camera.device, placeholder=tr("start.device"), id="device", compact=True)
+            yield Label(tr("start.joints"), classes="section")
+            joints = [(tr(f"joints.{kind}"), kind) for kind in JOINTS]
+            yield Select(joints, value=config.joints.kind, allow_blank=False, id="joints-kind", compact=True)
+            yield Label(tr("start.preflight"), classes="hint")
+            yield Button(tr("start.begin"), id="begin", variant="primary")
+        yield from self.compose_bottom()
+
+    def on_mount(self) -> None:
+        self.query_one("#begin").focus()
+
+    async def on_button_pressed(self) -> None:
+        await self.action_begin()
+
+    async def action_begin(self) -> None:
+        """Start the processes with what is chosen."""
+        await self.console_app.begin_signed_in(self._profile, self._chosen())
+
+    def action_preflight(self) -> None:
+        """Rehearse every action for this patient."""
+        self.app.push_screen(Preflight(self._profile, self._chosen()))
+
+    def action_back(self) -> None:
+        """To the list."""
+        self.dismiss()
+
+    def _chosen(self) -> Config:
+        return choose(
+            self.console_app.config,
+            str(self.query_one("#camera", Select).value),
+            self.query_one("#device", Input).value.strip(),
+            str(self.query_one("#joints-kind", Select).value),
+        )

@@ -1,1 +1,0 @@
-"""The live session screen, one file a widget."""

@@ -1,0 +1,134 @@
+"""Text in the language in use: gettext catalogues, one a room, looked up by code and filled with values.
+
+Messages have keys as msgid (`Refusal.NOT_ARMED`, `stop.idle`), so English is a catalogue like any other. Values are
+SI; a message converts them by its format: `{angle_rad:deg}`, `{distance_m:cm.1}`, `{share:percent}`. A message with a
+plural form is chosen by its value `count`.
+"""
+
+from __future__ import annotations
+
+import gettext
+from enum import Enum
+from functools import cache
+from math import degrees
+from pathlib import Path
+from string import Formatter
+
+from app.system.errors import AppError
+from logs.reason import Reason, key_of, reason_of
+
+__all__ = ["be_strict", "key_of", "knows", "language", "languages", "load", "render", "tr", "use_language"]
+
+LOCALES = Path(__file__).with_name("locales")
+# Of each unit a message may ask for: from SI, and the digits shown unless it says otherwise.
+_UNITS = {
+    "deg": (degrees, 0),
+    "cm": (lambda m: m * 100, 0),
+    "mm": (lambda m: m * 1000, 0),
+    "percent": (lambda x: x * 100, 0),
+}
+
+
+class MissingTextError(LookupError):
+    """A key that no catalogue has. Raised only while `strict` is set, as the tests do."""
+
+
+class _State:
+    language = "en"
+    strict = False
+
+
+@cache
+def languages() -> dict[str, str]:
+    """Code → the language's own name, of every catalogue."""
+    return {folder.name: load(folder.name).gettext("language.name") for folder in sorted(LOCALES.iterdir())}
+
+
+def use_language(wanted: str) -> None:
+    """Speak this language from now on. Raises AppError naming those that exist."""
+    if wanted not in languages():
+        known = ", ".join(languages())
+        raise AppError(f"There is no language {wanted!r}; set `language` in the configuration to one of {known}.")
+    _State.language = wanted
+
+
+def language() -> str:
+    """The code of the language in use."""
+    return _State.language
+
+
+def be_strict(on: bool = True) -> None:
+    """Raise for a missing key instead of showing it: a gap fails a test, never a session."""
+    _State.strict = on
+
+
+def knows(key: str) -> bool:
+    """Whether the language in use has this key."""
+    return load(_State.language).gettext(key) != key
+
+
+def tr(key: str | Enum, /, **values: object) -> str:
+    """The text of a key, or of an Enum member, with values put in."""
+    wanted = key_of(key) if isinstance(key, Enum) else key
+    catalogue = load(_State.language)
+    count = values.get("count")
+    text = catalogue.ngettext(wanted, wanted, count) if isinstance(count, int) else wanted
+    text = catalogue.gettext(wanted) if text == wanted else text  # no plural form
+    if text == wanted:
+        return _missing(wanted, values)
+    return _FORMATTER.vformat(text, (), values) if values or "{" in text else text
+
+
+def render(what: Reason | BaseException) -> str:
+    """A reason, or an error of ours, as a sentence."""
+    found = what if isinstance(what, Reason) else reason_of(what)
+    return tr(found.code, **found.values)
+
+
+@cache
+def load(code: str) -> gettext.NullTranslations:
+    """All catalogues of a language as one. Raises AppError when none was compiled."""
+    files = sorted((LOCALES / code / "LC_MESSAGES").glob("*.mo"))
+    if not files:
+        raise AppError(f"The catalogues of {code!r} are not compiled: run `make`, or `python -m app.text.compile`.")
+    first, *others = (_read(file) for file in files)
+    for other in others:
+        first.add_fallback(other)
+    return first
+
+
+def _read(file: Path) -> gettext.GNUTranslations:
+    with file.open("rb") as opened:
+        return gettext.GNUTranslations(opened)
+
+
+def _missing(key: str, values: dict[str, object]) -> str:
+    if _State.strict:
+        raise MissingTextError(f"{key} {values} in {_State.language}")
+    return " ".join([key, *(f"{name}={_text(value)}" for name, value in values.items())])
+
+
+def _text(value: object) -> str:
+    if isinstance(value, Reason | BaseException):
+        return render(value)
+    if isinstance(value, Enum):
+        return tr(value)
+    if isinstance(value, tuple | list):
+        return tr("list.separator").join(_text(each) for each in value)
+    return str(value)
+
+
+class _Units(Formatter):
+    """`str.format` with units, and with codes inside."""
+
+    def format_field(self, value: object, format_spec: str) -> str:
+        unit, _, digits = format_spec.partition(".")
+        if unit in _UNITS and isinstance(value, int | float):
+            convert, usual = _UNITS[unit]
+            return f"{convert(value):.{int(digits or usual)}f}"
+        if isinstance(value, int | float) and not isinstance(value, Enum):
+            return format(value, format_spec)
+        return format(_text(value), format_spec)
+
+
+_FORMATTER = _Units()

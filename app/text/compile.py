@@ -1,0 +1,43 @@
+"""Compiles the catalogues (.po) to what gettext reads (.mo), where they are newer: `python -m app.text.compile`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from babel.messages.mofile import write_mo
+from babel.messages.pofile import read_po
+
+LOCALES = Path(__file__).with_name("locales")
+
+
+def compile_catalogues(folder: Path = LOCALES) -> list[Path]:
+    """Write each .mo that is missing or older than its .po; which ones were written."""
+    written = []
+    for source in sorted(folder.glob("*/LC_MESSAGES/*.po")):
+        target = source.with_suffix(".mo")
+        if target.exists() and target.stat().st_mtime >= source.stat().st_mtime:
+            continue
+        with source.open("rb") as file:
+            catalogue = read_po(file, locale=source.parts[-3], domain=source.stem)
+        partial = target.with_suffix(".mo.partial")
+        with partial.open("wb") as file:
+            write_mo(file, catalogue)
+        partial.replace(target)
+        written.append(target)
+    return written
+
+
+def entries(language: str, folder: Path = LOCALES) -> dict[str, tuple[str, ...]]:
+    """Every key of a language with its text, one for each plural form: for tests and tools."""
+    found: dict[str, tuple[str, ...]] = {}
+    for source in sorted((folder / language / "LC_MESSAGES").glob("*.po")):
+        with source.open("rb") as file:
+            for message in read_po(file, locale=language, domain=source.stem):
+                key = message.id if isinstance(message.id, str) else message.id[0]
+                if key:
+                    found[key] = (message.string,) if isinstance(message.string, str) else tuple(message.string)
+    return found
+
+
+if __name__ == "__main__":
+    compile_catalogues()

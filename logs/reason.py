@@ -1,0 +1,54 @@
+"""A reason as it travels and as it is recorded: a code with its values, never a sentence.
+
+The text is rendered where people read it (`app/text`), in their language. The key is `ClassName.MEMBER` of the Enum
+that defines the code, and is the msgid in the catalogues: searching for it finds definition, use and wording.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from enum import Enum
+from typing import Union
+
+from msgspec import Struct
+
+Value = Union[int, float, str, "Reason", tuple["Reason", ...]]  # units stand in the values' names: `angle_rad`
+
+
+class Reason(Struct, frozen=True):
+    """A code and its values, SI units. A value that is itself a code (an action, a joint) is a Reason again."""
+
+    code: str
+    values: dict[str, Value] = {}
+
+
+def reason(code: Enum, **values: object) -> Reason:
+    """The reason with this code. Enum members, exceptions with a code, and sequences of them become reasons."""
+    return Reason(key_of(code), {name: _value(value) for name, value in values.items()})
+
+
+def reason_of(error: BaseException) -> Reason:
+    """The code and values of an error of ours (`CodedError`'s shape); any other is told by its type and text."""
+    code = getattr(error, "code", None)
+    if isinstance(code, Enum):
+        return reason(code, **getattr(error, "values", {}))
+    return Reason("Error.UNEXPECTED", {"kind": type(error).__name__, "text": str(error)})
+
+
+def key_of(code: Enum) -> str:
+    """The catalogue's key of an Enum member."""
+    return f"{type(code).__name__}.{code.name}"
+
+
+def _value(value: object) -> Value:
+    if isinstance(value, Reason):
+        return value
+    if isinstance(value, Enum):
+        return Reason(key_of(value))
+    if isinstance(value, BaseException):
+        return reason_of(value)
+    if isinstance(value, int | float | str):
+        return value
+    if isinstance(value, Sequence):
+        return tuple(each if isinstance(each, Reason) else Reason(key_of(each)) for each in value)
+    return str(value)
