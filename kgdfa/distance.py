@@ -262,7 +262,8 @@ class RobustRange:
             return (hand.image_px - hand.palm_centre_px) / self._focal_px, 1.0
         flat = (hand.image_px - self._centre_px) / self._focal_px
         if self._distortion is not None:
-            flat = cv2.undistortPoints(flat.reshape(-1, 1, 2), np.eye(3), self._distortion).reshape(-1, 2)
+            undistorted = cv2.undistortPoints(flat.reshape(-1, 1, 2), np.eye(3), self._distortion)
+            flat = np.asarray(undistorted, np.float64).reshape(-1, 2)
         rays = np.column_stack([flat, np.ones(len(flat))])
         middle = (rays[Keypoint.INDEX_MCP] + rays[Keypoint.PINKY_MCP]) / 2
         forward = middle / np.linalg.norm(middle)

@@ -31,5 +31,4 @@ def tip_depths(points_px: FloatArray, *hulls: tuple[int, ...]) -> FloatArray:
 
 def _corners(points: NDArray[np.float32], members: tuple[int, ...]) -> NDArray[np.float32]:
     """(m, 1, 2), as OpenCV has it."""
-    corners: NDArray[np.float32] = cv2.convexHull(points.take(_ROWS[members], axis=0))
-    return corners
+    return np.asarray(cv2.convexHull(points.take(_ROWS[members], axis=0)), np.float32)

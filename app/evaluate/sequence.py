@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
+import numpy as np
 
 from app.evaluate.gesture_photos import check_label
 from app.system.errors import AppError
@@ -64,4 +65,4 @@ def pictures(frames: list[LabelledFrame]) -> Iterator[Image]:
         image = cv2.imread(str(frame.path))
         if image is None:
             raise AppError(f"{frame.path} is no picture, or can't be read: mend the recording.")
-        yield image
+        yield np.asarray(image, np.uint8)

@@ -35,7 +35,7 @@ def entries(language: str, folder: Path = LOCALES) -> dict[str, tuple[str, ...]]
             for message in read_po(file, locale=language, domain=source.stem):
                 key = message.id if isinstance(message.id, str) else message.id[0]
                 if key:
-                    found[key] = (message.string,) if isinstance(message.string, str) else tuple(message.string)
+                    found[key] = (message.string,) if isinstance(message.string, str) else tuple(message.string or ())
     return found
 
 

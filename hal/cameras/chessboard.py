@@ -51,8 +51,7 @@ def find_corners(image_bgr: ImageArray, board: Board) -> Corners | None:
     found, corners = cv2.findChessboardCorners(grey, (board.columns, board.rows), flags=flags)
     if not found:
         return None
-    refined: Corners = cv2.cornerSubPix(grey, corners, (5, 5), (-1, -1), _REFINED)
-    return refined
+    return np.asarray(cv2.cornerSubPix(grey, corners, (5, 5), (-1, -1), _REFINED), np.float32)
 
 
 def calibrate(corners: Iterable[Corners], board: Board, width_px: int, height_px: int) -> Calibration:

@@ -91,7 +91,7 @@ class PlaybackCamera:
         self._look_ahead()
         self._sequence += 1
         return Frame(
-            image_bgr=cv2.flip(moment.image_bgr, 1) if self._mirrored else moment.image_bgr,
+            image_bgr=np.asarray(cv2.flip(moment.image_bgr, 1), np.uint8) if self._mirrored else moment.image_bgr,
             captured_ns=due_ns,
             sequence=self._sequence,
             intrinsics=self._intrinsics,
@@ -132,7 +132,7 @@ def video_moments(path: Path) -> Moments:
                 there, image = capture.read()
                 if not there:
                     return
-                yield Moment(offset_ns=round(number * period_ns), image_bgr=image)
+                yield Moment(offset_ns=round(number * period_ns), image_bgr=np.asarray(image, np.uint8))
                 number += 1
         finally:
             capture.release()

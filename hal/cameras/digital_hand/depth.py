@@ -48,8 +48,7 @@ class DepthCamera:
 def _noise(height: int, width: int, draw: np.random.Generator) -> NDArray[np.float32]:
     """Noise of a stereo matcher is as wide as its window: drawn coarse, scaled up."""
     coarse = draw.standard_normal((max(2, height // 4), max(2, width // 4)), dtype=np.float32)
-    fine: NDArray[np.float32] = cv2.resize(coarse, (width, height), interpolation=cv2.INTER_LINEAR)
-    return fine
+    return np.asarray(cv2.resize(coarse, (width, height), interpolation=cv2.INTER_LINEAR), np.float32)
 
 
 def _shadows(surface_m: DepthArray) -> NDArray[np.bool_]:

@@ -191,9 +191,8 @@ def _sink(surface_m: DepthArray, hand_m: NDArray[np.float32], grid: Grid) -> Non
 def _noisy_rooms(seed: int, light: Light, noise_sd: float, width_px: int, height_px: int) -> tuple[ImageArray, ...]:
     room = room_bgr(seed, light, width_px, height_px)
     draw = np.random.default_rng([seed, 1])
-    return tuple(
-        cv2.add(room, draw.normal(0, noise_sd, room.shape).astype(np.int16), dtype=cv2.CV_8U) for _ in range(NOISE_BANK)
-    )
+    noises = (draw.normal(0, noise_sd, room.shape).astype(np.int16) for _ in range(NOISE_BANK))
+    return tuple(np.asarray(cv2.add(room, noise, dtype=cv2.CV_8U), np.uint8) for noise in noises)
 
 
 @lru_cache(maxsize=4)

@@ -39,7 +39,7 @@ def paint(depth_m: Float32Array, cell_m: float, tone_bgr: tuple[float, float, fl
     met = np.isfinite(depth_m)
     cover = _outline(met)
     filled = _fill(depth_m, met)
-    lit = _lambert(cv2.GaussianBlur(filled, (0, 0), 1.0), cell_m, light)
+    lit = _lambert(np.asarray(cv2.GaussianBlur(filled, (0, 0), 1.0), np.float32), cell_m, light)
     shade = lit * _creases(filled, met, cell_m)
     return Painted(_skin(shade, tone_bgr, light), cover)
 
