@@ -2,22 +2,10 @@
 
 from __future__ import annotations
 
-from enum import IntEnum
-
 import numpy as np
 
+from kgdfa.gesture import Finger
 from kgdfa.hand import FloatArray, Keypoint
-
-
-class Finger(IntEnum):
-    """In the order of every (5,) array of this package; the names are the paper's."""
-
-    THUMB = 0
-    FORE = 1
-    MIDDLE = 2
-    RING = 3
-    PINKY = 4
-
 
 # Vertex and the two ends of its arms. Fingers: at the PIP joint, to MCP and to the tip. Thumb: at keypoint 2,
 # to its tip and along the added link 2-5. The text leaves Fig. 2(c) open; this reading fits its thresholds.

@@ -11,7 +11,8 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from kgdfa.fingers import Finger, apart, finger_angles_deg
+from kgdfa.fingers import apart, finger_angles_deg
+from kgdfa.gesture import Finger, FingerState, fingers_in
 from kgdfa.hand import FloatArray, Gesture, Hand, Keypoint
 from kgdfa.hulls import INNER_HULL, OUTER_HULL, TIPS, tip_depths
 from kgdfa.verdict import Verdict
@@ -81,20 +82,31 @@ class Checks:
         return scores
 
 
-_T, _F, _M, _R, _P = Finger
+def _row(gesture: Gesture, fore_deg: float = 160.0, extra: Extra = Extra.NONE) -> Row:
+    """A line of Table 2; what the fingers do stands in `gesture`."""
+    tips_out = fingers_in(gesture, FingerState.OPEN, FingerState.HOOKED, FingerState.PINCHED)
+    return Row(
+        gesture=gesture,
+        outside=tips_out or None,
+        opened=fingers_in(gesture, FingerState.OPEN, FingerState.PINCHED),
+        fore_deg=fore_deg,
+        extra=extra,
+    )
+
+
 TABLE_2: tuple[Row, ...] = (
-    Row(gesture=Gesture.ZERO, outside=None, opened=()),
-    Row(gesture=Gesture.ONE, outside=(_F,), opened=(_F,), fore_deg=160.0),
-    Row(gesture=Gesture.TWO, outside=(_F, _M), opened=(_F, _M), fore_deg=160.0),
-    Row(gesture=Gesture.THREE, outside=(_F, _M, _R), opened=(_F, _M, _R), fore_deg=160.0),
-    Row(gesture=Gesture.FOUR, outside=(_F, _M, _R, _P), opened=(_F, _M, _R, _P), fore_deg=160.0),
-    Row(gesture=Gesture.FIVE, outside=(_T, _F, _M, _R, _P), opened=(_T, _F, _M, _R, _P), fore_deg=170.0),
-    Row(gesture=Gesture.SIX, outside=(_T, _P), opened=(_T, _P), extra=Extra.SPREAD_PINKY),
-    Row(gesture=Gesture.SEVEN, outside=(_T, _F, _M), opened=(_T, _F, _M), fore_deg=160.0, extra=Extra.PINCH),
-    Row(gesture=Gesture.EIGHT, outside=(_T, _F), opened=(_T, _F), fore_deg=160.0, extra=Extra.SPREAD_FORE),
-    Row(gesture=Gesture.NINE, outside=(_F,), opened=(), fore_deg=120.0),
-    Row(gesture=Gesture.LOVE, outside=(_T, _F, _P), opened=(_T, _F, _P), fore_deg=160.0),
-    Row(gesture=Gesture.ROCK, outside=(_F, _P), opened=(_F, _P), fore_deg=160.0),
+    _row(Gesture.ZERO, BENT_DEG[Finger.FORE]),
+    _row(Gesture.ONE),
+    _row(Gesture.TWO),
+    _row(Gesture.THREE),
+    _row(Gesture.FOUR),
+    _row(Gesture.FIVE, 170.0),
+    _row(Gesture.SIX, BENT_DEG[Finger.FORE], Extra.SPREAD_PINKY),
+    _row(Gesture.SEVEN, extra=Extra.PINCH),
+    _row(Gesture.EIGHT, extra=Extra.SPREAD_FORE),
+    _row(Gesture.NINE, 120.0),
+    _row(Gesture.LOVE),
+    _row(Gesture.ROCK),
 )
 
 

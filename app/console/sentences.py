@@ -17,14 +17,16 @@ from pathlib import Path
 
 from app.ipc.states import Action, GaitState
 from app.text.catalogue import language, tr
-from kgdfa.gesture import Gesture
+from kgdfa.gesture import Finger, Gesture
 
 _FOLDER = Path(__file__).with_name("locales") / "sentences"
 _HOLE = re.compile(r"\\\{(\w+)\\\}")
-# The perception's names of the fingers, and the language files'.
-_FINGERS = {"thumb": "thumb", "fore": "index", "middle": "middle", "ring": "ring", "pinky": "pinky"}
 # What a hole may hold, by how its name begins; any other holds anything.
-_HOLES = {"number": r"[-+]?[\d.]+°?", "finger": "|".join(_FINGERS), "gesture": "|".join(one.value for one in Gesture)}
+_HOLES = {
+    "number": r"[-+]?[\d.]+°?",
+    "finger": "|".join(one.name.lower() for one in Finger),
+    "gesture": "|".join(one.value for one in Gesture),
+}
 _DETAIL = re.compile(r"\s*\(([^()]*)\)$")
 
 
@@ -81,7 +83,7 @@ def _term(name: str, value: str) -> str:
     if name.startswith("said"):
         return sentence(value)
     if name.startswith("finger"):
-        return tr(f"finger.{_FINGERS[value]}")
+        return tr(Finger[value.upper()])
     terms: tuple[tuple[type[Enum], str], ...] = ((Action, "action"), (GaitState, "state"), (Gesture, "gesture"))
     for kind, prefix in terms:
         if name.startswith(prefix):

@@ -6,23 +6,18 @@ from app.console.sentences import event_words
 from app.ipc.messages import ActiveEvent
 from app.ipc.states import ACTION_OF, GESTURE_OF, Action, Effect, GaitState
 from app.text.catalogue import tr
-from kgdfa.gesture import Gesture
+from kgdfa.gesture import FINGER_STATES, Finger, FingerState, Gesture
 
-# ○ a fist, ☝ and so on would need wide characters, which terminals measure differently: fingers as strokes,
-# thumb first, up is open, low is folded, ? is hooked.
-FINGERS: dict[Gesture, str] = {
-    Gesture.ZERO: "·····",
-    Gesture.ONE: "·|···",
-    Gesture.TWO: "·||··",
-    Gesture.THREE: "·|||·",
-    Gesture.FOUR: "·||||",
-    Gesture.FIVE: "\\||||",
-    Gesture.SIX: "\\···|",
-    Gesture.SEVEN: ">||··",
-    Gesture.EIGHT: "\\|···",
-    Gesture.NINE: "·?···",
-    Gesture.LOVE: "\\|··|",
-    Gesture.ROCK: "·|··|",
+# Fingers as strokes, thumb first: hand emoji are wide characters, which terminals measure differently.
+_STROKES = {
+    FingerState.FOLDED: "··",
+    FingerState.OPEN: "\\|",
+    FingerState.HOOKED: "??",
+    FingerState.PINCHED: ">|",
+}
+FINGERS = {
+    gesture: "".join(_STROKES[state][finger != Finger.THUMB] for finger, state in zip(Finger, states, strict=True))
+    for gesture, states in FINGER_STATES.items()
 }
 EFFECT_MARKS = {Effect.NOTE: "i", Effect.REFUSE: "-", Effect.HOLD: "!", Effect.DAMP: "‼"}
 EFFECT_STYLES = {

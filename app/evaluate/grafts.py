@@ -13,21 +13,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kgdfa.features import features
+from kgdfa.gesture import FINGER_STATES, FingerState
 from kgdfa.hand import FloatArray
+
+PINCHED = "7"  # its three tips touch, so thumb, fore and middle are never taken apart
+_LETTER = {FingerState.OPEN: "o", FingerState.FOLDED: "f", FingerState.HOOKED: "h", FingerState.PINCHED: "p"}
+
+
+def _letters(states: tuple[FingerState, ...]) -> str:
+    """An open forefinger must be straight."""
+    thumb, fore, *others = (_LETTER[state] for state in states)
+    return "".join([thumb, fore.replace("o", "s"), *others])
+
 
 # Each label's fingers, thumb to pinky: o open, f folded, s straight, h hooked, x of no use.
 FINGERS_OF: dict[str, str] = {
-    "0": "fffff",
-    "1": "fsfff",
-    "2": "fsoff",
-    "3": "fsoof",
-    "4": "fsooo",
-    "5": "osooo",
-    "6": "offfo",
-    "8": "osfff",
-    "9": "fhfff",
-    "love": "osffo",
-    "rock": "fsffo",
+    **{one.value: _letters(states) for one, states in FINGER_STATES.items() if one.value != PINCHED},
     "none:good": "offff",
     "none:gun": "osoff",
     "none:index_middle_pinky": "fsofo",
@@ -37,7 +38,6 @@ FINGERS_OF: dict[str, str] = {
     "none:ok": "xxooo",
 }
 GESTURE_OF = {fingers: label for label, fingers in FINGERS_OF.items() if not label.startswith("none:")}
-PINCHED = "7"  # its three tips touch, so thumb, fore and middle are never taken apart
 GRAFTED_NONE = "none:grafted"
 _ROOTS = np.array([1, 5, 9, 13, 17])
 _THUMB_TIP, _MIDDLE_JOINTS = 4, np.array([6, 10, 14, 18])

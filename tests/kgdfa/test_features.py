@@ -7,7 +7,8 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from kgdfa.features import FEATURES, Unit, features
-from kgdfa.fingers import Finger, angles_deg, apart, finger_angles_deg
+from kgdfa.fingers import angles_deg, apart, finger_angles_deg
+from kgdfa.gesture import Finger
 from kgdfa.hand import FloatArray, Keypoint
 from kgdfa.hulls import INNER_HULL, OUTER_HULL, TIPS, hull, tip_depths
 from tests.kgdfa.hands import drawn_hand, drawn_points

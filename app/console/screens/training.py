@@ -62,7 +62,7 @@ def feedback(lesson: Lesson, report: TriggerReport | None) -> Lines:
     if report.raw_gesture is None or report.raw_gesture is target:
         return (plain(sentence(report.explanation) or tr("training.hold"), "$warning"),)
     wrong = differences(target, report.raw_gesture)
-    return tuple(plain(f"✗ {tr(f'finger.{name}')}: {tr(f'posture.{want.value}')}", "$warning") for name, want in wrong)
+    return tuple(plain(f"✗ {tr(finger)}: {tr(f'training.{want.value}')}", "$warning") for finger, want in wrong)
 
 
 class TrainingScreen(HandKeys):

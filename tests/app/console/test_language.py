@@ -13,14 +13,13 @@ import app.console
 from app.console import keys
 from app.console.patient_fields import FIELDS, SECTIONS
 from app.console.screens.checks import CHECKS
-from app.console.widgets.hand_drawing import FINGER_NAMES, Posture
 from app.ipc.states import Action, Effect, GaitState
 from app.system.errors import AppError
 from app.system.operators import Permission, Role
 from app.text.catalogue import key_of, languages, tr, use_language
 from app.text.compile import entries
 from hal.joints.protocol import Joint
-from kgdfa.gesture import Gesture
+from kgdfa.gesture import Finger, FingerState, Gesture
 
 CODES = tuple(languages())
 
@@ -40,13 +39,13 @@ def test_each_language_has_the_same_names_and_gaps(code: str) -> None:
 @pytest.mark.parametrize("code", CODES)
 def test_every_word_of_the_tables_is_there(code: str) -> None:
     words = entries(code)
-    wanted = [key_of(member) for kind in (GaitState, Action, Effect, Gesture, Joint, Role) for member in kind]
+    wanted = [key_of(member) for kind in (GaitState, Action, Effect, Gesture, Finger, Joint, Role) for member in kind]
     wanted += [f"bind.{binding.id}" for binding in keys.ALL]
     wanted += [f"check.{check.name}.{part}" for check in CHECKS for part in ("name", "remedy")]
     wanted += [f"field.{field.path}" for field in FIELDS]
     wanted += [f"form.section.{section.name}" for section in SECTIONS]
     wanted += [f"choice.{one.value}" for field in FIELDS for one in _members(field.choices)]
-    wanted += [f"finger.{name}" for name in FINGER_NAMES] + [f"posture.{one.value}" for one in Posture]
+    wanted += [f"training.{one.value}" for one in FingerState]
     asked_in_the_console = (Permission.OPERATE, Permission.EDIT_PATIENTS, Permission.CALIBRATE, Permission.REVIEW)
     wanted += [key_of(one) for one in asked_in_the_console]
     guide = {name.removeprefix("guide.") for name in words if name.startswith("guide.")}

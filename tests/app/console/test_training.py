@@ -5,9 +5,9 @@ from __future__ import annotations
 import pytest
 
 from app.console.screens.training import LESSONS, Lesson, advance, feedback
-from app.console.widgets.hand_drawing import POSTURES, Posture, differences, draw_hand
+from app.console.widgets.hand_drawing import differences, draw_hand
 from app.ipc.messages import OperatorKind, TriggerReport
-from kgdfa.gesture import Gesture
+from kgdfa.gesture import FINGER_STATES, Finger, FingerState, Gesture
 from tests.app.console.conftest import Opener
 
 
@@ -22,7 +22,7 @@ def report(**values: object) -> TriggerReport:
 
 
 def test_no_two_gestures_are_taught_alike() -> None:
-    assert len(set(POSTURES.values())) == len(Gesture)
+    assert len(set(FINGER_STATES.values())) == len(Gesture)
     assert len({draw_hand(gesture, 30, 18) for gesture in Gesture}) == len(Gesture)
 
 
@@ -52,7 +52,7 @@ def test_all_twelve_come_to_an_end() -> None:
 
 
 def test_the_wrong_finger_is_named() -> None:
-    assert differences(Gesture.FOUR, Gesture.FIVE) == (("thumb", Posture.FOLDED),)
+    assert differences(Gesture.FOUR, Gesture.FIVE) == ((Finger.THUMB, FingerState.FOLDED),)
     lesson = Lesson(done=LESSONS.index(Gesture.FOUR))
     said = feedback(lesson, report(raw_gesture=Gesture.FIVE))
     assert said[0][0][0] == "✗ thumb: fold it in"
