@@ -13,11 +13,10 @@ from app.control.inputs import DriveOrder
 from app.ipc.states import Action
 from app.motion import follower as follow
 from app.motion.follower import Mode, Motion
-from app.motion.plan import TICK_HZ
 from app.motion.settings import Gains
 from hal.errors import HardwareError
 from hal.joints.guard import Guard, Limits, Refusal
-from hal.joints.protocol import DriveFault, DriveState, JointCommand, JointFeedback, Joints
+from hal.joints.protocol import TICK_HZ, DriveFault, DriveState, JointCommand, JointFeedback, Joints, carries_power
 from hal.joints.scene import Scene
 
 _TROUBLE_TICKS = int((follow.DAMPING_RAMP_S + 0.05) * TICK_HZ)
@@ -63,8 +62,7 @@ class Drives:
     def read(self, now_ns: int) -> JointFeedback:
         """What the joints report."""
         feedback = self._joints.read(now_ns)
-        faulted = self.powered and feedback.state is DriveState.FAULTED
-        self.powered = feedback.state is DriveState.ENABLED or faulted
+        self.powered = carries_power(feedback.state, self.powered)
         return feedback
 
     def write(self, command: JointCommand, feedback: JointFeedback, now_ns: int) -> None:

@@ -25,7 +25,8 @@ from app.ipc.states import Action, GaitState
 from app.ipc.streams import PLAN_REPLY
 from app.motion import follower as follow
 from app.motion.follower import HOLD_S, Mode
-from app.motion.plan import TICK_HZ, Phase, Plan
+from app.motion.plan import Phase, Plan
+from hal.joints.protocol import TICK_HZ
 
 ENABLE_LIMIT_MS = 3_000  # four drives, one after the other, with their confirmations
 # A hold covers half of its time on the path at full pace; with fewer rows left the step could not be stopped on it.

@@ -10,7 +10,7 @@ from app.control.inputs import Inputs
 from app.ipc.messages import AuditHealth, GuardianHealth, TriggerReport
 from app.ipc.states import ACTION_OF, Action
 from app.ipc.streams import TRIGGER
-from hal.joints.protocol import DriveState
+from hal.joints.protocol import carries_power
 
 NS_PER_MS = 1_000_000
 _FUTURE_NS = 50 * NS_PER_MS  # a capture time that lies ahead of now by more than this is nonsense
@@ -78,7 +78,7 @@ def update_streams(heard: StreamState, inputs: Inputs) -> StreamState:
         clock_step_ns=offset_ns - heard.clock_offset_ns,
         slept_ns=sleep_ns - heard.sleep_ns,
         was_powered=heard.powered,
-        powered=_powered(heard.powered, inputs.feedback.state),
+        powered=carries_power(inputs.feedback.state, heard.powered),
     )
 
 
@@ -110,8 +110,3 @@ def _first_told(before: TriggerReport | None, report: TriggerReport) -> bool:
     if before is None or before.incarnation != report.incarnation:
         return report.release_count > 0
     return report.release_count > before.release_count
-
-
-def _powered(before: bool, state: DriveState) -> bool:
-    """A drive that faulted carries no power, but the three beside it do."""
-    return state is DriveState.ENABLED or (before and state is DriveState.FAULTED)

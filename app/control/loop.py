@@ -21,13 +21,12 @@ from app.control.statistics import Histogram, JointSecond
 from app.control.step import begin, step
 from app.ipc import streams as processes
 from app.ipc.messages import Heartbeat, RealTime
-from app.motion.plan import TICK_HZ, Phase
+from app.motion.plan import Phase
 from app.system.config import SessionSetup
 from app.system.scheduling import PeriodicTimer, acquire_real_time, disable_gc, pin_to_control_core
-from hal.joints.protocol import DriveState
+from hal.joints.protocol import TICK_HZ, TICK_NS, DriveState
 from logs import records
 
-TICK_NS = 1_000_000_000 // TICK_HZ
 HEARTBEAT_TICKS = TICK_HZ // int(processes.HEARTBEAT.rate_hz)
 SNAPSHOT_TICKS = TICK_HZ // int(processes.SNAPSHOT.rate_hz)
 PARENT_TICKS = 25  # 50 ms

@@ -11,11 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.evaluate.simulate import Norm, gait_cycle
-from app.motion.plan import TICK_HZ
 from app.motion.rehearsal import TRUTH_TICKS, Rehearsal
 from app.system.errors import AppError
 from hal.joints.body import TRUNK_COM_OF_STATURE, Body
-from hal.joints.protocol import Joint
+from hal.joints.protocol import TICK_HZ, Joint
 from hal.joints.simulated.wearer import Truth
 
 WIDTH_PX, HEIGHT_PX = 960, 640

@@ -9,15 +9,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hal.joints.body import Body
+from hal.minimum_jerk import minimum_jerk
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 
 def smoothstep(time_s: Array, start_s: float, end_s: float) -> Array:
-    """0 before start, 1 after end, between them the minimum-jerk polynomial 10s³ − 15s⁴ + 6s⁵; (n,) like the time."""
+    """0 before start, 1 after end, between them minimum jerk; (n,) like the time."""
     s = np.clip((time_s - start_s) / (end_s - start_s), 0.0, 1.0)
-    return s * s * s * (10 - 15 * s + 6 * s * s)
+    return minimum_jerk(s)
 
 
 def ramp(time_s: Array, start_s: float, end_s: float) -> Array:

@@ -13,9 +13,10 @@ import numpy as np
 from msgspec import Struct
 from msgspec.structs import replace
 
-from app.motion.plan import TICK_HZ, Plan
+from app.motion.plan import Plan
 from app.motion.settings import Gains
-from hal.joints.protocol import JointArray, JointCommand
+from hal.joints.protocol import TICK_HZ, JointArray, JointCommand
+from hal.minimum_jerk import minimum_jerk, minimum_jerk_rate
 
 HOLD_S = 0.150  # architecture: slow down along the path within this
 STIFFNESS_RAMP_S = 0.3  # from slack to full stiffness
@@ -194,14 +195,12 @@ def _at(table: JointArray, row: float) -> JointArray:
 
 
 def _fade(row: float, last: int) -> tuple[float, float]:
-    """How much of the offset is left, and its rate per second: 1 − (6s⁵ − 15s⁴ + 10s³), C² at both ends."""
+    """How much of the offset is left, and its rate per second: 1 − minimum jerk, C² at both ends."""
     span = min(FADE_S * TICK_HZ, last)
     s = row / span
     if s >= 1:
         return 0.0, 0.0
-    left = 1 - s**3 * (10 - 15 * s + 6 * s * s)
-    rate = -30 * s * s * (1 - s) ** 2 * TICK_HZ / span
-    return left, rate
+    return 1 - minimum_jerk(s), -minimum_jerk_rate(s) * TICK_HZ / span
 
 
 def _slewed(now_nm: JointArray, wanted_nm: JointArray) -> JointArray:

@@ -9,8 +9,8 @@ import numpy as np
 
 from app.motion import kinematics
 from app.motion.curves import Array, Mask, Swing, displacement, heel_rise, hump, landing_pitch, progress
-from app.motion.plan import TICK_HZ
 from hal.joints.body import ANKLE_REST_RAD, Body, trunk_lean
+from hal.joints.protocol import TICK_HZ
 from hal.joints.scene import LEVEL_FLOOR, Scene
 
 LEFT, RIGHT = 0, 1

@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 
 from app.ipc.messages import Quad
 from app.ipc.states import Action, GaitState
-
-TICK_HZ = 500
+from hal.joints.protocol import TICK_HZ
 
 
 class Phase(Enum):

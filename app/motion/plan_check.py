@@ -11,7 +11,7 @@ from app.ipc.messages import Quad
 from app.motion.curves import Array
 from app.motion.outline import LEFT, RIGHT, Foot, Path, clearances
 from app.motion.patient import Patient
-from app.motion.plan import TICK_HZ, PlanCheck
+from app.motion.plan import PlanCheck
 from hal.joints.body import (
     ANKLE_DORSIFLEXION_NM_RAD,
     ANKLE_PLANTARFLEXION_NM_RAD,
@@ -25,7 +25,7 @@ from hal.joints.body import (
     TRUNK_COM_OF_STATURE,
     Body,
 )
-from hal.joints.protocol import Joint
+from hal.joints.protocol import TICK_HZ, Joint
 
 LEAST_CLEARANCE_M = 0.02
 NOT_SWINGING_M = 1.0  # clearance that is told of a movement without a swing

@@ -18,18 +18,17 @@ from app.ipc.states import Action, GaitState
 from app.motion import follower as follow
 from app.motion.follower import Mode, Motion
 from app.motion.patient import Patient
-from app.motion.plan import TICK_HZ, Phase, Plan, PlanRequest
+from app.motion.plan import Phase, Plan, PlanRequest
 from app.motion.rehearsal_checks import Verdict, least_clearance, most_slide, objections, stride_m
 from app.motion.settings import Gains, gains_of
 from app.motion.trajectory import nominal_pose, plan, scene_of
 from hal.joints.device import Exoskeleton
 from hal.joints.guard import Guard, Refusal, limits_of
-from hal.joints.protocol import JointCommand
+from hal.joints.protocol import TICK_HZ, TICK_NS, JointCommand
 from hal.joints.scene import Scene
 from hal.joints.simulated.driver import SimulatedJoints
 from hal.joints.simulated.wearer import Truth
 
-TICK_NS = 1_000_000_000 // TICK_HZ
 TRUTH_TICKS = 5  # between looks at everything that can be known
 SETTLE_TICKS = 250  # stand still before and after
 GRIP_LIMIT_TICKS = 500

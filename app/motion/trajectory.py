@@ -32,11 +32,11 @@ from app.motion.level import (
 )
 from app.motion.outline import LEFT, RIGHT, Outline, Path, lifted, reaching, sample
 from app.motion.patient import Patient
-from app.motion.plan import TICK_HZ, Phase, Plan, PlanCheck, PlanRequest
+from app.motion.plan import Phase, Plan, PlanCheck, PlanRequest
 from app.motion.plan_check import check_path, joint_torques, refusal
 from app.motion.terrain import Crossing, crossing_outline, obstacle, stair_down, stair_up
 from app.motion.transfer import recovery_path, seated_joints, transfer_outline
-from hal.joints.protocol import JointArray
+from hal.joints.protocol import TICK_HZ, JointArray
 from hal.joints.scene import LEVEL_FLOOR, Scene
 
 FADE_S = 0.6  # a difference between measured and nominal pose fades within this

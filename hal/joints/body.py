@@ -12,6 +12,8 @@ from math import radians
 import numpy as np
 from numpy.typing import NDArray
 
+from hal.minimum_jerk import minimum_jerk
+
 THIGH_OF_STATURE = 0.245
 SHANK_OF_STATURE = 0.246
 ANKLE_HEIGHT_OF_STATURE = 0.039
@@ -111,11 +113,10 @@ def trunk_lean_of(left_knee_rad: float, right_knee_rad: float) -> float:
         min(max((knee - LEAN_KNEE_FROM_RAD) / (LEAN_KNEE_TO_RAD - LEAN_KNEE_FROM_RAD), 0.0), 1.0)
         for knee in (left_knee_rad, right_knee_rad)
     ]
-    left, right = (s * s * s * (10 - 15 * s + 6 * s * s) for s in bent)
+    left, right = (minimum_jerk(s) for s in bent)
     return LEAN_MOST_RAD * 4 * left * right * (1 - left * right)
 
 
 def _bent(knee_rad: NDArray[np.float64]) -> NDArray[np.float64]:
     s = np.clip((knee_rad - LEAN_KNEE_FROM_RAD) / (LEAN_KNEE_TO_RAD - LEAN_KNEE_FROM_RAD), 0.0, 1.0)
-    bent: NDArray[np.float64] = s * s * s * (10 - 15 * s + 6 * s * s)
-    return bent
+    return minimum_jerk(s)

@@ -15,9 +15,8 @@ from numpy.typing import NDArray
 
 from hal.errors import HardwareError
 from hal.joints.device import Exoskeleton
-from hal.joints.protocol import Joint, JointArray, JointCommand
+from hal.joints.protocol import TICK_S, Joint, JointArray, JointCommand
 
-TICK_S = 0.002
 STIFFNESS_RAMP_S = 0.05  # no faster from nothing to the device's full stiffness, nor back
 TORQUE_RAMP_S = 0.05  # likewise for the feed-forward torque
 ENGAGE_RAD = radians(3.0)  # a joint that was slack is gripped no farther from where it is than this

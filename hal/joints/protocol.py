@@ -18,6 +18,11 @@ from hal.joints.names import Joint as Joint  # noqa: PLC0414 - exported again: e
 JointArray = NDArray[np.float64]  # (4,), in the order of Joint
 
 
+TICK_HZ = 500  # control's rate: limits per tick, the bus's load and the simulation's step follow from it
+TICK_S = 1 / TICK_HZ
+TICK_NS = 1_000_000_000 // TICK_HZ
+
+
 class DriveState(Enum):
     """Life cycle of the drives as the driver last confirmed it."""
 
@@ -26,6 +31,14 @@ class DriveState(Enum):
     ENABLED = "enabled"
     DISABLED = "disabled"
     FAULTED = "faulted"
+
+
+def carries_power(state: DriveState, before: bool) -> bool:
+    """Whether the drives count as powered; before: whether they did at the last feedback.
+
+    A drive that faulted carries no power, but the three beside it do.
+    """
+    return state is DriveState.ENABLED or (before and state is DriveState.FAULTED)
 
 
 class DriveFault(Flag):

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from hal.minimum_jerk import minimum_jerk
 from kgdfa.button import GAP_FRAMES
 from kgdfa.distance import ANCHOR_HOLDS_M, HALF_PALM_M, Distance, PublishedRange, RobustRange
 from kgdfa.errors import KgdfaError
@@ -203,7 +204,7 @@ def test_the_fastest_push_is_no_jump(phase: float) -> None:
     guard = JumpGuard()
     for frame in range(12):
         share = 1 - abs(min(2.0, max(0.0, (frame + phase - 1) * FRAME_NS / 0.15e9)) - 1)
-        distance_m = 0.36 - 0.215 * share**3 * (10 - 15 * share + 6 * share**2)
+        distance_m = 0.36 - 0.215 * minimum_jerk(share)
         guard, believed = accept(guard, distance_m, (frame + 1) * FRAME_NS)
         assert believed
 

@@ -13,6 +13,7 @@ import numpy as np
 from hal.cameras.digital_hand.poses import AWAY, find_pose
 from hal.cameras.digital_hand.scene import Person
 from hal.cameras.digital_hand.skeleton import FloatArray, HandPlace, joints_m, placed_m
+from hal.minimum_jerk import minimum_jerk
 
 MORPH_S = 0.22  # one hand shape to the next
 PRESS_S = 0.30  # a push, or a withdrawal
@@ -39,10 +40,9 @@ class Run:
     target: FloatArray
 
     def at(self, now_ns: int) -> FloatArray:
-        """Minimum-jerk position (Flash and Hogan 1985): the way hands reach."""
+        """Minimum-jerk position, as hands reach."""
         share = min(1.0, (now_ns - self.start_ns) / max(1, self.end_ns - self.start_ns))
-        eased = share**3 * (10 - 15 * share + 6 * share**2)
-        value: FloatArray = self.origin + eased * (self.target - self.origin)
+        value: FloatArray = self.origin + minimum_jerk(share) * (self.target - self.origin)
         return value
 
 

@@ -15,9 +15,8 @@ from hal.errors import HardwareError
 from hal.joints.can.local_bus import LocalBus
 from hal.joints.codecs.wire import Frame
 from hal.joints.device import BusDevice, Exoskeleton
-from hal.joints.protocol import BusFault
+from hal.joints.protocol import TICK_HZ, BusFault
 
-TICK_HZ = 500.0
 LOAD_LIMIT = 0.80
 
 # linux/can/error.h: bits of an error frame's identifier

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from hal.joints.can.bus import CAN_ERR_ACK, CAN_ERR_BUSOFF, TICK_HZ, open_bus
+from hal.joints.can.bus import CAN_ERR_ACK, CAN_ERR_BUSOFF, open_bus
 from hal.joints.can.bus_port import BusPort
 from hal.joints.can.transmission import Transmission
 from hal.joints.codecs.wire import Frame
@@ -21,9 +21,8 @@ from hal.joints.emulator.faults import DEFAULT_VALUE, Fault, ScheduledFault
 from hal.joints.emulator.firmware import EmulatedDrive, MotorState
 from hal.joints.emulator.plant import FreeLegs, Plant
 from hal.joints.motors import load_motors
-from hal.joints.protocol import Joint, JointCommand
+from hal.joints.protocol import TICK_NS, Joint, JointCommand
 
-TICK_NS = int(1e9 / TICK_HZ)
 _EARLY_NS = TICK_NS // 2  # having answered, the body may move so much before its time: one awakening does for both
 _CATCH_UP_NS = 20_000_000  # behind by more, the body loses time: racing after it would keep the drives from answering
 _UPLOAD_TICKS = 5

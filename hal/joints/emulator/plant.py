@@ -5,10 +5,9 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, NamedTuple, Protocol
 
-from hal.joints.can.bus import TICK_HZ
 from hal.joints.codecs.wire import SetPoint
 from hal.joints.device import Exoskeleton, JointDevice
-from hal.joints.protocol import JointArray, JointCommand
+from hal.joints.protocol import TICK_HZ, JointArray, JointCommand
 from hal.joints.scene import Scene
 
 if TYPE_CHECKING:

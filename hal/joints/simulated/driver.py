@@ -16,13 +16,12 @@ from numpy.typing import NDArray
 from hal.errors import HardwareError
 from hal.joints.body import Body
 from hal.joints.device import Exoskeleton, JointDevice
-from hal.joints.protocol import BusFault, DriveFault, DriveState, Joint, JointArray, JointCommand, JointFeedback
+from hal.joints.protocol import TICK_S, BusFault, DriveFault, DriveState, Joint, JointArray, JointCommand, JointFeedback
 from hal.joints.scene import Scene
 from hal.joints.simulated.mjcf import TIMESTEP_S
 from hal.joints.simulated.thermal import at_rest, thermal_model, warm
 from hal.joints.simulated.wearer import Posture, Truth, Wearer
 
-TICK_S = 0.002
 SUBSTEPS = round(TICK_S / TIMESTEP_S)
 THERMAL_TICKS = 25  # windings follow within seconds
 ROOM_C = 25.0

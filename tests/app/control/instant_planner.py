@@ -6,7 +6,9 @@ import numpy as np
 
 from app.control.gait.table import TABLE
 from app.ipc.states import Action, GaitState
-from app.motion.plan import TICK_HZ, Phase, Plan, PlanCheck, PlanRequest
+from app.motion.plan import Phase, Plan, PlanCheck, PlanRequest
+from hal.joints.protocol import TICK_HZ
+from hal.minimum_jerk import minimum_jerk, minimum_jerk_rate
 
 POSES = {
     GaitState.STANDING: np.zeros(4),
@@ -33,7 +35,7 @@ def make_plan(request: PlanRequest, duration_s: float = 0.4) -> Plan:
     start_rad, end_rad = np.array(request.start_rad), POSES[to_state]
     duration_s = max(duration_s, 1.875 * float(np.abs(end_rad - start_rad).max()) / FASTEST_RAD_S)
     s = np.linspace(0.0, 1.0, int(duration_s * TICK_HZ) + 1)[:, None]
-    shape, rate = s**3 * (10 - 15 * s + 6 * s * s), 30 * s * s * (1 - s) ** 2 / duration_s
+    shape, rate = minimum_jerk(s), minimum_jerk_rate(s) / duration_s
     bump = np.array([0.1, 0.2, 0.1, 0.2]) * np.sin(np.pi * s) ** 2
     bump_rate = np.array([0.1, 0.2, 0.1, 0.2]) * np.pi / duration_s * np.sin(2 * np.pi * s)
     return Plan(

@@ -10,8 +10,7 @@ from app.control.state import ControlState
 from app.ipc.messages import OperatorKind
 from app.ipc.states import GESTURE_OF, Action, GaitState, Source
 from app.motion.follower import DAMPING_RAMP_S, HOLD_S
-from app.motion.plan import TICK_HZ
-from hal.joints.protocol import DriveState
+from hal.joints.protocol import TICK_HZ, DriveState
 from logs import records
 from tests.app.control.rig import Rig
 

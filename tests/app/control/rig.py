@@ -14,11 +14,12 @@ from app.control.state import ControlState
 from app.control.step import begin, step
 from app.ipc.messages import AuditHealth, GuardianHealth, OperatorCommand, OperatorKind, TriggerReport
 from app.ipc.states import Action
-from app.motion.plan import TICK_HZ, Plan, PlanRequest
+from app.motion.plan import Plan, PlanRequest
 from app.motion.settings import Settings, gains_of
 from hal.joints.device import load_exoskeleton
 from hal.joints.guard import Guard, Refusal, limits_of
 from hal.joints.protocol import (
+    TICK_HZ,
     DriveState,
     JointCommand,
     JointFeedback,

@@ -15,11 +15,12 @@ from app.ipc.states import Action, GaitState
 from app.motion import follower as follow
 from app.motion.follower import Mode, Motion
 from app.motion.patient import patient_of
-from app.motion.plan import TICK_HZ, Phase, PlanRequest
+from app.motion.plan import Phase, PlanRequest
 from app.motion.settings import gains_of
 from app.motion.trajectory import RECIPES, nominal_pose, path_of, plan, scene_of
 from hal.joints.device import load_exoskeleton
 from hal.joints.guard import limits_of
+from hal.joints.protocol import TICK_HZ
 from hal.joints.simulated.driver import SimulatedJoints
 from profiles.schema import DEMO_PATIENT
 

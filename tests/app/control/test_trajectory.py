@@ -15,10 +15,11 @@ from hypothesis import strategies as st
 from app.control.running_action import VISIBLE_RAD
 from app.ipc.states import Action, GaitState
 from app.motion.patient import Patient, patient_of
-from app.motion.plan import TICK_HZ, Phase, Plan, PlanRequest, pack_plan, pack_request, unpack_plan, unpack_request
+from app.motion.plan import Phase, Plan, PlanRequest, pack_plan, pack_request, unpack_plan, unpack_request
 from app.motion.rehearsal import STARTS, WALK_PHASES
 from app.motion.trajectory import FAR_RAD, RECIPES, nominal_pose, plan
 from hal.joints.device import load_exoskeleton
+from hal.joints.protocol import TICK_HZ
 from profiles.schema import GaitParameters, Profile, Sex
 
 DEVICE = load_exoskeleton()
