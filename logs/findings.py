@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from rich.text import Text
 
-from logs.plain import sanitize_terminal
+from logs.sanitize import sanitize_terminal
 from logs.verify import Finding, Status
 
 _STYLE = {

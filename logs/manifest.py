@@ -12,11 +12,11 @@ from pathlib import Path
 
 import msgspec
 
-from logs.anchor import Anchor, write_anchor
-from logs.disk import Disk, is_being_written
-from logs.keys import ConsoleKey, PublicKey, by_fingerprint
-from logs.line import GENESIS, MAX_LINE
-from logs.records import Body, Entry, LogClosed, LogOpened, LogRecovered, Record
+from logs.disk import Disk, PosixDisk, is_being_written
+from logs.errors import AuditError
+from logs.keys import Anchor, ConsoleKey, PublicKey, by_fingerprint, write_anchor
+from logs.line import GENESIS, MAX_LINE, SIGNED_KINDS
+from logs.records import Body, Checkpoint, Entry, LogClosed, LogOpened, LogRecovered, Record
 from logs.scan import Scan, scan_file
 from logs.trail import Chain, Trail, open_logger
 
@@ -213,3 +213,36 @@ def _how(scan: Scan) -> str:
     if scan.is_torn:
         return f"ended without closing after {scan.records} records, with a torn tail of {scan.torn_bytes} bytes"
     return f"damaged at line {scan.fault.line}: {scan.fault.reason}"
+
+
+OPERATORS = "operators.jsonl"
+COMMENTS = ".comments.jsonl"
+
+
+def append_signed(
+    path: Path, session: str, bodies: list[Body], key: ConsoleKey, now: Moment, *, disk: Disk | None = None
+) -> None:
+    """Append records to a journal and sign them; returns when they are on the disk.
+
+    Raises AuditError when the disk refuses, or when the journal was changed and must be looked at first.
+    """
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
+        trail, chain, scan = resume(path, session, key, disk or PosixDisk())
+    except OSError as error:
+        raise AuditError(f"The journal {path} can't be read: {error.strerror}.") from error
+    if scan is not None and scan.fault is not None and not scan.is_torn:
+        raise AuditError(f"The journal {path} was changed at line {scan.fault.line}; keep it aside for the reviewer.")
+    logger = open_logger(trail, chain)
+    if scan is not None and scan.torn_bytes:
+        logger.record(now.entry(found_torn(path.name, scan, key)))
+    for body in bodies:
+        logger.record(now.entry(body))
+    if type(bodies[-1]).__struct_config__.tag not in SIGNED_KINDS:
+        seal = Checkpoint(records=chain.sequence, closing=False, key=key.public.fingerprint)
+        logger.record(now.entry(seal))
+    try:
+        if not trail.settle():
+            raise AuditError(trail.fault)
+    finally:
+        trail.close()

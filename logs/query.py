@@ -1,23 +1,25 @@
-"""Questions over many sessions: one flat table of records, asked in SQL or by ready expressions, on any Ibis backend.
+"""Questions over many sessions: one flat table of records in embedded DuckDB, asked in SQL.
 
-Embedded DuckDB reads the JSON Lines as they are, or Parquet. A cluster engine is named by its Ibis address
-(`pyspark://…`) and reads the Parquet that `export` wrote; the ready questions are the same expressions there.
+DuckDB reads the JSON Lines as they are, or the Parquet that `export` wrote. The ready questions use standard SQL only,
+so that another engine can answer them over the same Parquet.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import json
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import duckdb
-import ibis
-from ibis import _
+from rich.table import Table
+from rich.text import Text
 
 from logs.errors import AuditError
 from logs.line import MAX_LINE
 from logs.read import session_paths
+from logs.sanitize import sanitize_terminal
 
 # Columns taken out of the body; `body` holds all of it as JSON text. DuckDB's type names.
 BODY_COLUMNS: dict[str, str] = {
@@ -51,48 +53,98 @@ BODY_COLUMNS: dict[str, str] = {
     "p99_ms": "DOUBLE",
     "max_ms": "DOUBLE",
 }
-TABLE = "records"
+MOST_ROWS = 500  # on a screen; JSON has them all
 _ENVELOPE = (
     "body: 'JSON', monotonic_ns: 'BIGINT', operator: 'VARCHAR', process: 'VARCHAR', "
     "schema: 'BIGINT', sequence: 'BIGINT', session: 'VARCHAR', wall: 'VARCHAR'"
 )
-_NAMES = {"sign-in", "sign-out", "sign-in-failed", "operator-changed"}  # kinds whose body names operators
+_NAMES = ("sign-in", "sign-out", "sign-in-failed", "operator-changed")  # kinds whose body names operators
 
 
-def connect(paths: Sequence[Path], backend: str = "") -> tuple[Any, Any]:
-    """An Ibis connection and its table of records. Raises AuditError when there is nothing to read.
+@dataclass(frozen=True, slots=True)
+class Question:
+    """A question that is asked often, as standard SQL over the table of records."""
 
-    paths: folders or files of trails (JSON Lines), or Parquet files. backend: "" for embedded DuckDB over any of
-    them, else an Ibis address; such an engine reads Parquet.
+    text: str
+    sql: str
+
+
+QUESTIONS: dict[str, Question] = {
+    "unintended": Question(
+        "actions that somebody stopped before their end, a session",
+        """
+        SELECT session, patient, count(*) AS actions,
+               sum(CASE WHEN outcome = 'stopped' THEN 1 ELSE 0 END) AS stopped,
+               avg(CASE WHEN outcome = 'stopped' THEN 1.0 ELSE 0.0 END) AS share
+        FROM records WHERE kind = 'action-end' GROUP BY session, patient ORDER BY session
+        """,
+    ),
+    "refusals": Question(
+        "how often each gesture is refused",
+        """
+        SELECT gesture, count(*) AS requests,
+               sum(CASE WHEN kind = 'refusal' THEN 1 ELSE 0 END) AS refused,
+               avg(CASE WHEN kind = 'refusal' THEN 1.0 ELSE 0.0 END) AS rate
+        FROM records WHERE kind IN ('command', 'refusal') AND gesture IS NOT NULL
+        GROUP BY gesture ORDER BY rate DESC, gesture
+        """,
+    ),
+    "response": Question(
+        "release to first joint command, day by day",
+        """
+        SELECT substr(wall, 1, 10) AS day, count(*) AS actions,
+               avg((first_command_ns - released_ns) / 1e6) AS mean_ms,
+               max((first_command_ns - released_ns) / 1e6) AS longest_ms
+        FROM records WHERE kind = 'action-end' AND released_ns > 0 AND first_command_ns > 0
+        GROUP BY substr(wall, 1, 10) ORDER BY day
+        """,
+    ),
+    "faults": Question(
+        "events that held or damped the legs, a device-hour",
+        """
+        WITH lengths AS (
+            SELECT (max(monotonic_ns) - min(monotonic_ns)) / 3.6e12 AS hours FROM records GROUP BY file
+        ),
+        total AS (SELECT sum(hours) AS device_hours FROM lengths),
+        faults AS (
+            SELECT event, effect, count(*) AS times
+            FROM records WHERE kind = 'event-raised' AND effect IN ('hold', 'damp') GROUP BY event, effect
+        )
+        SELECT event, effect, times, device_hours, times / device_hours AS per_hour
+        FROM faults CROSS JOIN total ORDER BY times DESC, event
+        """,
+    ),
+}
+
+
+def connect(paths: Sequence[Path]) -> duckdb.DuckDBPyConnection:
+    """A database with the view `records` over folders or files of trails, or Parquet files.
+
+    Raises AuditError when there is nothing to read.
     """
-    parquet = [path for path in paths if path.suffix == ".parquet"]
-    if backend:
-        return _elsewhere(backend, parquet)
-    connection = ibis.duckdb.connect()
-    files = [str(path) for path in parquet] or [str(path) for path in _trails(paths)]
+    parquet = [str(path) for path in paths if path.suffix == ".parquet"]
+    files = parquet or [str(path) for path in _trails(paths)]
     if not files:
         raise AuditError(f"There are no trails in {', '.join(str(path) for path in paths)}; name others.")
-    if parquet:
-        connection.read_parquet(files, table_name=TABLE)
-    else:
-        connection.raw_sql(_view(files))
-    return connection, connection.table(TABLE)
+    connection = duckdb.connect()
+    listed = ", ".join(map(_quoted, files))
+    source = f"SELECT * FROM read_parquet([{listed}])" if parquet else _trails_sql(listed)
+    try:
+        connection.execute(f"CREATE VIEW records AS {source}")
+    except duckdb.Error as error:
+        raise AuditError(f"{files[0]} can't be read: {_first_line(error)}") from error
+    return connection
 
 
-def ask(connection: Any, sql: str) -> Any:
+def ask(connection: duckdb.DuckDBPyConnection, sql: str) -> Any:
     """The answer to one SQL question as a pyarrow table. Raises AuditError with the engine's own words."""
     try:
-        if connection.name == "duckdb":  # Ibis 12 asks DuckDB 2 for a method that it no longer has
-            return _answered(connection.con.sql(sql))
-        return connection.sql(sql).to_pyarrow()
-    except (duckdb.Error, ibis.common.exceptions.IbisError) as error:
-        raise AuditError(f"The question can't be answered: {str(error).strip().splitlines()[0]}") from error
-
-
-def _answered(relation: Any) -> Any:
-    if relation is None:
-        raise AuditError("That is no question; ask with SELECT.")
-    return relation.to_arrow_table()
+        relation = connection.sql(sql)
+        if relation is None:
+            raise AuditError("That is no question; ask with SELECT.")
+        return relation.to_arrow_table()
+    except duckdb.Error as error:
+        raise AuditError(f"The question can't be answered: {_first_line(error)}") from error
 
 
 def export(paths: Sequence[Path], output: Path, *, drop_operators: bool) -> int:
@@ -100,76 +152,48 @@ def export(paths: Sequence[Path], output: Path, *, drop_operators: bool) -> int:
 
     Pseudonyms of patients stay. Without operators, their names leave the column and every body that names one.
     """
-    connection, table = connect(paths)
-    if drop_operators:
-        table = table.mutate(
-            operator=ibis.literal(""), body=_.kind.isin(sorted(_NAMES)).ifelse(ibis.literal("{}"), _.body)
-        )
+    names = ", ".join(map(_quoted, _NAMES))
+    cleared = f"REPLACE ('' AS operator, CASE WHEN kind IN ({names}) THEN '{{}}' ELSE body END AS body)"
+    columns = f"* {cleared}" if drop_operators else "*"
     try:
-        table.to_parquet(output)
+        copy = f"COPY (SELECT {columns} FROM records) TO {_quoted(str(output))} (FORMAT parquet)"
+        (count,) = connect(paths).execute(copy).fetchone() or (0,)
     except (duckdb.Error, OSError) as error:
-        raise AuditError(f"{output} can't be written: {str(error).splitlines()[0]}") from error
-    count: int = connection.read_parquet(output).count().to_pyarrow().as_py()
-    return count
+        raise AuditError(f"{output} can't be written: {_first_line(error)}") from error
+    return int(count)
 
 
-@dataclass(frozen=True, slots=True)
-class Question:
-    """A question that is asked often, as an expression over the table of records."""
-
-    text: str
-    expression: Callable[[Any], Any]
-
-
-def _unintended(records: Any) -> Any:
-    ends = records.filter(_.kind == "action-end")
-    stopped = (_.outcome == "stopped").cast("int64").sum()
-    table = ends.group_by(_.session, _.patient).aggregate(actions=_.count(), stopped=stopped)
-    return table.mutate(share=_.stopped / _.actions).order_by(_.session)
-
-
-def _refusals(records: Any) -> Any:
-    wishes = records.filter(_.kind.isin(["command", "refusal"]), _.gesture.notnull())
-    refused = (_.kind == "refusal").cast("int64").sum()
-    table = wishes.group_by(_.gesture).aggregate(wishes=_.count(), refused=refused)
-    return table.mutate(rate=_.refused / _.wishes).order_by(ibis.desc("rate"), _.gesture)
+def as_table(answer: Any) -> Table:
+    """The first rows of a pyarrow table, numbers to the right, safe for a terminal."""
+    table = Table(box=None)
+    rows = answer.slice(0, MOST_ROWS).to_pylist()
+    for name in answer.column_names:
+        numeric = any(isinstance(row[name], int | float) for row in rows)
+        table.add_column(Text(sanitize_terminal(name)), justify="right" if numeric else "left")
+    for row in rows:
+        table.add_row(*(Text(_cell(value)) for value in row.values()))
+    if answer.num_rows > MOST_ROWS:
+        table.caption = f"{answer.num_rows} rows; --json gives them all"
+    return table
 
 
-def _response(records: Any) -> Any:
-    ends = records.filter(_.kind == "action-end", _.released_ns > 0, _.first_command_ns > 0)
-    timed = ends.mutate(response_ms=(_.first_command_ns - _.released_ns) / 1e6, day=_.wall.substr(0, 10))
-    return (
-        timed.group_by(_.day)
-        .aggregate(actions=_.count(), mean_ms=_.response_ms.mean(), longest_ms=_.response_ms.max())
-        .order_by(_.day)
-    )
+def as_json(answer: Any) -> Iterator[str]:
+    """Every row of a pyarrow table as an object in pure ASCII."""
+    return (json.dumps(row, default=str) for row in answer.to_pylist())
 
 
-def _faults(records: Any) -> Any:
-    lengths = records.group_by(_.file).aggregate(hours=(_.monotonic_ns.max() - _.monotonic_ns.min()) / 3.6e12)
-    hours = lengths.aggregate(device_hours=_.hours.sum())
-    faults = records.filter(_.kind == "event-raised", _.effect.isin(["hold", "damp"]))
-    counted = faults.group_by(_.event, _.effect).aggregate(times=_.count()).cross_join(hours)
-    return counted.mutate(per_hour=_.times / _.device_hours).order_by(ibis.desc("times"), _.event)
+def _cell(value: Any) -> str:
+    if isinstance(value, float):
+        return f"{value:.4g}"
+    return "–" if value is None else sanitize_terminal(str(value))
 
 
-QUESTIONS: dict[str, Question] = {
-    "unintended": Question("actions that somebody stopped before their end, a session", _unintended),
-    "refusals": Question("how often each gesture is refused", _refusals),
-    "response": Question("release to first joint command, day by day", _response),
-    "faults": Question("events that held or damped the legs, a device-hour", _faults),
-}
+def _quoted(text: str) -> str:
+    return "'" + text.replace("'", "''") + "'"
 
 
-def _elsewhere(backend: str, parquet: list[Path]) -> tuple[Any, Any]:
-    if not parquet:
-        raise AuditError("A cluster engine reads Parquet; write it with `rleex audit export` and name that file.")
-    try:
-        connection = ibis.connect(backend)
-        return connection, connection.read_parquet(str(parquet[0]), table_name=TABLE)
-    except (ImportError, AttributeError, ValueError, ibis.common.exceptions.IbisError) as error:
-        first = str(error).splitlines()[0]
-        raise AuditError(f"The engine {backend!r} can't be used: {first}; install its Ibis backend.") from error
+def _first_line(error: Exception) -> str:
+    return str(error).strip().splitlines()[0]
 
 
 def _trails(paths: Sequence[Path]) -> list[Path]:
@@ -182,12 +206,10 @@ def _trails(paths: Sequence[Path]) -> list[Path]:
     return [path for path in found if path.stat().st_size]
 
 
-def _view(files: Sequence[str]) -> str:
+def _trails_sql(listed: str) -> str:
     """The flat table over JSON Lines. A line that is no JSON (a torn tail) becomes no row."""
-    listed = ", ".join("'" + file.replace("'", "''") + "'" for file in files)
     columns = ", ".join(f"TRY_CAST(body->>'$.{name}' AS {kind}) AS {name}" for name, kind in BODY_COLUMNS.items())
     return f"""
-        CREATE VIEW {TABLE} AS
         WITH raw AS (
             SELECT * FROM read_json([{listed}], format='newline_delimited', ignore_errors=true, filename='file',
                                     maximum_object_size={MAX_LINE}, columns={{{_ENVELOPE}}})

@@ -7,103 +7,423 @@ A quantity that was not measured (NaN, or a drive that does not tell) is null.
 
 from __future__ import annotations
 
-from msgspec import Struct
+from typing import Annotated, Any
 
-from logs.bodies.control import (
-    Acknowledgement,
-    ActionEnd,
-    Arming,
-    Command,
-    EffectChanged,
-    EventCleared,
-    EventRaised,
-    GuardRefusal,
-    PlanChecked,
-    Refusal,
-    Stop,
-    Transition,
-)
-from logs.bodies.machine import (
-    ClockStep,
-    Drives,
-    HeartbeatFound,
-    HeartbeatLost,
-    JointStatistics,
-    RealTimePrivilege,
-    RecordsLost,
-    TickLateness,
-)
-from logs.bodies.perception import Calibration, Camera, Cancel, GestureOnset, Press, Recording, Release
-from logs.bodies.proof import Checkpoint, Comment, LogClosed, LogOpened, LogRecovered
-from logs.bodies.session import (
-    Discomfort,
-    Note,
-    OperatorChanged,
-    PatientChosen,
-    PatientConfirmed,
-    ProcessEnd,
-    ProcessStart,
-    SessionEnd,
-    SessionStart,
-    SignIn,
-    SignInFailed,
-    SignOut,
-)
-from logs.bodies.values import Hex, Measured, Quad
+import msgspec
+from msgspec import Meta, Struct
 
-__all__ = [
-    "SCHEMA",
-    "Acknowledgement",
-    "ActionEnd",
-    "Arming",
-    "Body",
-    "Calibration",
-    "Camera",
-    "Cancel",
-    "Checkpoint",
-    "ClockStep",
-    "Command",
-    "Comment",
-    "Discomfort",
-    "Drives",
-    "EffectChanged",
-    "Entry",
-    "EventCleared",
-    "EventRaised",
-    "GestureOnset",
-    "GuardRefusal",
-    "HeartbeatFound",
-    "HeartbeatLost",
-    "Hex",
-    "JointStatistics",
-    "LogClosed",
-    "LogOpened",
-    "LogRecovered",
-    "Measured",
-    "Note",
-    "OperatorChanged",
-    "PatientChosen",
-    "PatientConfirmed",
-    "PlanChecked",
-    "Press",
-    "ProcessEnd",
-    "ProcessStart",
-    "Quad",
-    "RealTimePrivilege",
-    "Record",
-    "Recording",
-    "RecordsLost",
-    "Refusal",
-    "Release",
-    "SessionEnd",
-    "SessionStart",
-    "SignIn",
-    "SignInFailed",
-    "SignOut",
-    "Stop",
-    "TickLateness",
-    "Transition",
-]
+Measured = float | None  # null: not measured
+Quad = tuple[Measured, Measured, Measured, Measured]  # left hip, left knee, right hip, right knee
+Hex = Annotated[str, Meta(pattern="^[0-9a-f]*$")]
+
+
+class Command(Struct, frozen=True, kw_only=True, tag_field="kind", tag="command"):
+    """An action was accepted; `source` is whose wish it was."""
+
+    number: int
+    action: str
+    source: str
+    state: str
+    gesture: str | None = None
+    recognised_ns: int = 0
+    released_ns: int = 0
+    accepted_ns: int = 0
+
+
+class Refusal(Struct, frozen=True, kw_only=True, tag_field="kind", tag="refusal"):
+    """A wish was refused, with the reason that the operator saw."""
+
+    reason: str
+    source: str
+    state: str = ""
+    action: str | None = None
+    gesture: str | None = None
+    number: int = 0
+
+
+class GuardRefusal(Struct, frozen=True, kw_only=True, tag_field="kind", tag="guard-refusal"):
+    """The guard before the drives refused a joint command."""
+
+    reason: str
+    joint: str = ""
+    quantity: str = ""
+    value: Measured = None
+    limit: Measured = None
+
+
+class PlanChecked(Struct, frozen=True, kw_only=True, tag_field="kind", tag="plan"):
+    """A planned motion and the check that it passed or failed as a whole."""
+
+    number: int
+    action: str
+    phase: str
+    ok: bool
+    reason: str
+    duration_s: float
+    peak_speed_rad_s: Quad = (None, None, None, None)
+    peak_torque_nm: Quad = (None, None, None, None)
+    min_clearance_m: Measured = None
+    steps: int = 0
+    advance_m: float = 0.0
+
+
+class Transition(Struct, frozen=True, kw_only=True, tag_field="kind", tag="transition"):
+    """The gait state changed."""
+
+    from_state: str
+    to_state: str
+    action: str | None = None
+    number: int = 0
+
+
+class ActionEnd(Struct, frozen=True, kw_only=True, tag_field="kind", tag="action-end"):
+    """An action ended; moments that never came are 0."""
+
+    number: int
+    action: str
+    source: str
+    from_state: str
+    to_state: str | None
+    outcome: str  # completed, refused, stopped
+    reason: str = ""
+    recognised_ns: int = 0
+    released_ns: int = 0
+    accepted_ns: int = 0
+    first_command_ns: int = 0
+    first_motion_ns: int = 0
+    ended_ns: int = 0
+    tracking_rms_rad: Measured = None
+    steps: int = 0
+    distance_m: float = 0.0
+
+
+class EventRaised(Struct, frozen=True, kw_only=True, tag_field="kind", tag="event-raised"):
+    """A row of the table of events came into force."""
+
+    event: str
+    effect: str
+    text: str
+
+
+class EventCleared(Struct, frozen=True, kw_only=True, tag_field="kind", tag="event-cleared"):
+    """The condition of an event is gone; its effect may stay until acknowledged."""
+
+    event: str
+    effect: str
+    lasted_s: float = 0.0
+
+
+class EffectChanged(Struct, frozen=True, kw_only=True, tag_field="kind", tag="effect"):
+    """What all active events together do to the legs has changed."""
+
+    from_effect: str
+    to_effect: str
+
+
+class Acknowledgement(Struct, frozen=True, kw_only=True, tag_field="kind", tag="acknowledgement"):
+    """The operator acknowledged what was held or damped."""
+
+    events: tuple[str, ...]
+    waited_s: float = 0.0  # since the oldest of them was raised
+    accepted: bool = True
+    reason: str = ""
+
+
+class Stop(Struct, frozen=True, kw_only=True, tag_field="kind", tag="stop"):
+    """STOP was pressed."""
+
+    state: str
+    effect: str
+    sent_ns: int = 0
+    seen_ns: int = 0
+    command_ns: int = 0  # first joint command that it changed
+
+
+class Arming(Struct, frozen=True, kw_only=True, tag_field="kind", tag="arming"):
+    """The operator armed or disarmed the device."""
+
+    armed: bool
+    reason: str = ""
+
+
+class Camera(Struct, frozen=True, kw_only=True, tag_field="kind", tag="camera"):
+    """A camera was opened, with the intrinsics in use."""
+
+    camera: str
+    camera_kind: str = ""
+    width_px: int
+    height_px: int
+    rate_hz: float
+    focal_px: float
+    intrinsics_source: str
+    mirrored: bool = False
+
+
+class Calibration(Struct, frozen=True, kw_only=True, tag_field="kind", tag="calibration"):
+    """The palm anchor in use and where it comes from."""
+
+    method: str
+    anchor_m: float
+    focal_px: float
+    residual_m: Measured = None
+    text: str = ""
+
+
+class Recording(Struct, frozen=True, kw_only=True, tag_field="kind", tag="recording"):
+    """Recording of the camera's frames began or ended, and whether the patient's consent was noted."""
+
+    on: bool
+    consent: bool
+    path: str = ""
+
+
+class GestureOnset(Struct, frozen=True, kw_only=True, tag_field="kind", tag="gesture"):
+    """The voted gesture became another one; null is none of the twelve."""
+
+    gesture: str | None
+    confidence: float = 0.0
+    explanation: str = ""
+    votes: int = 0
+    captured_ns: int = 0
+    distance_m: Measured = None
+
+
+class Press(Struct, frozen=True, kw_only=True, tag_field="kind", tag="press"):
+    """The virtual button went down."""
+
+    gesture: str | None
+    captured_ns: int
+    distance_m: Measured = None
+    threshold_m: Measured = None
+
+
+class Cancel(Struct, frozen=True, kw_only=True, tag_field="kind", tag="cancel"):
+    """A press ended without a command."""
+
+    reason: str
+    gesture: str | None = None
+    captured_ns: int = 0
+
+
+class Release(Struct, frozen=True, kw_only=True, tag_field="kind", tag="release"):
+    """A press ended by withdrawal: the wearer's wish."""
+
+    gesture: str | None
+    recognised_ns: int
+    captured_ns: int
+    distance_m: Measured = None
+    number: int = 0  # release count of the perception process
+
+
+class SessionStart(Struct, frozen=True, kw_only=True, tag_field="kind", tag="session-start"):
+    """First record of a session: what runs, how it is set up, and where the console's history stood."""
+
+    versions: dict[str, str]  # program, Python, operating system, libraries, models' SHA-256
+    configuration: dict[str, Any]
+    simulated: bool
+    role: str = ""
+    history_entries: int = 0  # entries of the console's manifest before this session
+    history_hash: Hex = ""  # hash of its newest entry
+
+
+class SessionEnd(Struct, frozen=True, kw_only=True, tag_field="kind", tag="session-end"):
+    """The session ends in good order."""
+
+    reason: str = ""
+
+
+class ProcessStart(Struct, frozen=True, kw_only=True, tag_field="kind", tag="process-start"):
+    """A process of the session has started; the envelope names it."""
+
+    pid: int
+
+
+class ProcessEnd(Struct, frozen=True, kw_only=True, tag_field="kind", tag="process-end"):
+    """A process ended, told by itself or by who found it gone."""
+
+    pid: int
+    reason: str = ""
+    ended: str = ""  # the process, when somebody else tells
+
+
+class PatientChosen(Struct, frozen=True, kw_only=True, tag_field="kind", tag="patient"):
+    """Which patient, by pseudonym alone, and with which profile."""
+
+    patient: str
+    profile_sha256: Hex = ""
+    parameters: dict[str, Any] = {}  # gait parameters and limits as used; never a name
+
+
+class PatientConfirmed(Struct, frozen=True, kw_only=True, tag_field="kind", tag="patient-confirmed"):
+    """The operator has confirmed who sits in the device."""
+
+    patient: str
+
+
+class SignIn(Struct, frozen=True, kw_only=True, tag_field="kind", tag="sign-in"):
+    """An operator signed in or unlocked the console."""
+
+    name: str
+    role: str
+    unlocked: bool = False
+
+
+class SignOut(Struct, frozen=True, kw_only=True, tag_field="kind", tag="sign-out"):
+    """An operator signed out, or the console locked itself."""
+
+    name: str
+    reason: str = ""
+
+
+class SignInFailed(Struct, frozen=True, kw_only=True, tag_field="kind", tag="sign-in-failed"):
+    """A refused attempt to sign in."""
+
+    name: str
+    reason: str
+    failures: int
+    wait_s: float
+
+
+class OperatorChanged(Struct, frozen=True, kw_only=True, tag_field="kind", tag="operator-changed"):
+    """An operator was added, disabled or given another PIN."""
+
+    name: str
+    role: str
+    change: str
+
+
+class Note(Struct, frozen=True, kw_only=True, tag_field="kind", tag="note"):
+    """What the therapist wrote."""
+
+    text: str
+
+
+class Discomfort(Struct, frozen=True, kw_only=True, tag_field="kind", tag="discomfort"):
+    """The patient's rating, 0 (none) to 10 (worst)."""
+
+    rating: Annotated[int, Meta(ge=0, le=10)]
+    text: str = ""
+
+
+class Drives(Struct, frozen=True, kw_only=True, tag_field="kind", tag="drives"):
+    """The drives' life cycle as the driver confirmed it."""
+
+    state: str
+    detail: str = ""
+
+
+class JointStatistics(Struct, frozen=True, kw_only=True, tag_field="kind", tag="joints"):
+    """A second of the four joints."""
+
+    period_s: float
+    angle_min_rad: Quad
+    angle_mean_rad: Quad
+    angle_max_rad: Quad
+    target_mean_rad: Quad
+    torque_min_nm: Quad
+    torque_mean_nm: Quad
+    torque_max_nm: Quad
+    temperature_c: Quad
+    tracking_rms_rad: Quad = (None, None, None, None)
+    state: str = ""
+
+
+class TickLateness(Struct, frozen=True, kw_only=True, tag_field="kind", tag="lateness"):
+    """How late control's ticks began, since the session's start."""
+
+    ticks: int
+    missed: int
+    p50_ms: float
+    p99_ms: float
+    p999_ms: float
+    max_ms: float
+
+
+class RealTimePrivilege(Struct, frozen=True, kw_only=True, tag_field="kind", tag="real-time"):
+    """Which real-time privileges control got."""
+
+    fifo: bool
+    memory_locked: bool
+    core: int | None = None
+    cores_awake: bool = False
+
+
+class HeartbeatLost(Struct, frozen=True, kw_only=True, tag_field="kind", tag="heartbeat-lost"):
+    """A stream's sign of life is overdue."""
+
+    stream: str
+    age_ms: float
+
+
+class HeartbeatFound(Struct, frozen=True, kw_only=True, tag_field="kind", tag="heartbeat-found"):
+    """A stream's sign of life is back."""
+
+    stream: str
+    silent_ms: float
+
+
+class ClockStep(Struct, frozen=True, kw_only=True, tag_field="kind", tag="clock-step"):
+    """The wall clock was moved against the monotonic one."""
+
+    step_s: float
+
+
+class RecordsLost(Struct, frozen=True, kw_only=True, tag_field="kind", tag="records-lost"):
+    """Records that a full queue or a malformed message kept from the trail: their number is known, at least."""
+
+    count: int
+    reason: str
+
+
+class Checkpoint(Struct, frozen=True, kw_only=True, tag_field="kind", tag="checkpoint"):
+    """The console's signature over everything before it in this file."""
+
+    records: int
+    closing: bool
+    key: Hex  # SHA-256 of the public key's DER
+    signature: Hex = ""
+
+
+class LogOpened(Struct, frozen=True, kw_only=True, tag_field="kind", tag="log-opened"):
+    """Manifest: a session's file was begun."""
+
+    file: str
+    key: Hex
+    signature: Hex = ""
+
+
+class LogClosed(Struct, frozen=True, kw_only=True, tag_field="kind", tag="log-closed"):
+    """Manifest: a session's file was closed in good order."""
+
+    file: str
+    records: int
+    last_hash: Hex
+    key: Hex
+    signature: Hex = ""
+
+
+class LogRecovered(Struct, frozen=True, kw_only=True, tag_field="kind", tag="log-recovered"):
+    """Manifest: a file was found unclosed at the next start; how it was found, torn tail included."""
+
+    file: str
+    records: int
+    last_hash: Hex
+    torn_bytes: int
+    torn_sha256: Hex
+    text: str
+    key: Hex
+    signature: Hex = ""
+
+
+class Comment(Struct, frozen=True, kw_only=True, tag_field="kind", tag="comment"):
+    """A reviewer's comment on one record of a session, in a signed file of its own."""
+
+    about_sequence: int
+    about_hash: Hex
+    text: str
+    key: Hex
+    signature: Hex = ""
+
 
 SCHEMA = 1  # raised whenever an older reader could misread a newer record
 
@@ -178,3 +498,18 @@ class Record(Struct, frozen=True, kw_only=True):
     session: str
     wall: str  # UTC, ISO 8601 with microseconds
     hash: Hex
+
+
+def json_schema() -> dict[str, Any]:
+    """The schema of one line of a trail."""
+    schema: dict[str, Any] = msgspec.json.schema(Record)
+    return {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "title": f"rleex audit record, schema {SCHEMA}",
+        **schema,
+    }
+
+
+def schema_text() -> str:
+    """As it stands in the documents."""
+    return msgspec.json.format(msgspec.json.encode(json_schema()), indent=1).decode() + "\n"

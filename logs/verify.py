@@ -1,17 +1,239 @@
-"""The judgement on files and folders of a trail: each file by itself, then the folder and the copies elsewhere."""
+"""Verification of a trail: each file by itself, then against its manifest, the folder and the mirror."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from enum import Enum
 from pathlib import Path
 
-from logs.copies import SUFFIX
+import msgspec
+
 from logs.disk import is_being_written
-from logs.judgement import Evidence, Finding, Status, exit_status, is_appended, judge
-from logs.manifest import manifest_paths, read_listings
-from logs.scan import Progress, scan_file
-from logs.second_place import copied, copied_files, differing
+from logs.keys import Anchor, PublicKey
+from logs.line import GENESIS, MAX_LINE
+from logs.manifest import COMMENTS, OPERATORS, Listing, manifest_paths, read_listings
+from logs.mirror import SUFFIX, copied, copied_files, differing
+from logs.records import SCHEMA, LogClosed, LogRecovered, Record, SessionStart
+from logs.scan import Progress, Scan, scan_file
+
+_RECORD_BEGINS = b'{"body":{'
+
+
+class Status(Enum):
+    """What became of a file; only the first two are good."""
+
+    SOUND = "sound"
+    RUNNING = "running"  # its session is still being written
+    INCOMPLETE = "incomplete"  # its end is neither signed nor recorded by a later start: a crash, or a cut
+    TAMPERED = "tampered"
+    UNREADABLE = "unreadable"
+
+
+EXIT_STATUS = {
+    Status.SOUND: 0,
+    Status.RUNNING: 0,
+    Status.INCOMPLETE: 1,
+    Status.TAMPERED: 1,
+    Status.UNREADABLE: 2,
+}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Finding:
+    """The judgement on one file. `line` and `sequence` name the first bad record, where there is one."""
+
+    file: Path
+    status: Status
+    reason: str = ""
+    line: int | None = None
+    sequence: int | None = None
+    records: int = 0
+    proven: int = 0  # records covered by a signature that a known key confirms
+    last_hash: str = ""
+    remarks: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Evidence:
+    """What a verification may use beside the files."""
+
+    keys: Mapping[str, PublicKey] = field(default_factory=dict)  # by fingerprint
+    copies: Path | None = None  # the second place of the checkpoints
+    anchor: Anchor | None = None  # what the console remembers of its manifest
+
+
+def exit_status(findings: Sequence[Finding]) -> int:
+    """0 when all is sound, 1 when anything was changed, cut or added, else 2 when something can't be read."""
+    statuses = {EXIT_STATUS[finding.status] for finding in findings}
+    return 1 if 1 in statuses else max(statuses, default=2)
+
+
+def judge(path: Path, scan: Scan, evidence: Evidence, *, running: bool) -> Finding:
+    """What became of a file that was scanned; `running`: its session is still being written."""
+    finding = Finding(
+        file=path,
+        status=Status.SOUND,
+        records=scan.records,
+        proven=scan.proven,
+        last_hash=scan.last_hash,
+        remarks=_remarks(scan, evidence),
+    )
+    if _is_foreign(path, scan, evidence):
+        return replace(finding, status=Status.UNREADABLE, reason="it is no audit trail of this program")
+    if scan.unknown_keys and evidence.keys:
+        names = ", ".join(sorted(_short(key) for key in scan.unknown_keys))
+        return replace(finding, status=Status.TAMPERED, reason=f"signed by key {names}, which is not a known one")
+    if is_appended(path):
+        return _judge_appended(finding, scan, evidence)
+    return _judge_session(finding, scan, evidence, running=running)
+
+
+def _is_foreign(path: Path, scan: Scan, evidence: Evidence) -> bool:
+    """Nothing in it looks like a record, and no manifest claims it: binary, another encoding, another program's."""
+    if scan.records or not scan.is_torn or scan.fault_is_sealed:
+        return False
+    with path.open("rb") as file:
+        if file.read(len(_RECORD_BEGINS)) == _RECORD_BEGINS:
+            return False
+    return path.name not in read_listings(path.parent, evidence.keys).opened
+
+
+def is_appended(path: Path) -> bool:
+    """A file that grows over many starts and therefore has no closing checkpoint: each entry is signed."""
+    return path.name == OPERATORS or path.name.startswith("manifest") or path.name.endswith(COMMENTS)
+
+
+def _judge_appended(finding: Finding, scan: Scan, evidence: Evidence) -> Finding:
+    if scan.fault is None and (forgotten := _forgotten(finding, scan, evidence)):
+        return _bad(finding, scan, Status.TAMPERED, forgotten)
+    if scan.fault is None and (scan.proven == scan.records or not evidence.keys):
+        return finding
+    if scan.fault is None:
+        return _bad(finding, scan, Status.INCOMPLETE, "its newest records are not signed: the end was cut off")
+    if scan.is_torn:
+        return _bad(finding, scan, Status.INCOMPLETE, "torn tail of {bytes} bytes, not yet explained by a later start")
+    return _bad(finding, scan, Status.TAMPERED, scan.fault.reason)
+
+
+def _forgotten(finding: Finding, scan: Scan, evidence: Evidence) -> str:
+    """Why the manifest lacks the entry that the console remembers, if it does."""
+    anchor = evidence.anchor
+    if anchor is None or anchor.file != finding.file.name:
+        return ""
+    if anchor.hash in read_listings(finding.file.parent, evidence.keys).hashes:
+        return ""
+    return f"the console remembers {anchor.entries} entries, here are {scan.records}: its end was cut or replaced"
+
+
+def _judge_session(finding: Finding, scan: Scan, evidence: Evidence, *, running: bool) -> Finding:
+    if scan.fault is not None and not scan.is_torn:
+        return _bad(finding, scan, Status.TAMPERED, scan.fault.reason)
+    folder = finding.file.parent
+    if not manifest_paths(folder):
+        return _by_itself(finding, scan, running=running)
+    return _against_manifest(finding, scan, read_listings(folder, evidence.keys), running=running)
+
+
+def _by_itself(finding: Finding, scan: Scan, *, running: bool) -> Finding:
+    remark = "there is no manifest beside it: whether other sessions are missing can't be told"
+    finding = replace(finding, remarks=(*finding.remarks, remark))
+    if scan.closed:
+        return finding
+    return _unfinished(finding, scan, running=running)
+
+
+def _unfinished(finding: Finding, scan: Scan, *, running: bool) -> Finding:
+    if running:
+        return replace(finding, status=Status.RUNNING, reason="the session is still being written")
+    tail = "with a torn tail of {bytes} bytes " if scan.torn_bytes else ""
+    text = f"it ends {tail}without its closing signature: the program died, or the end was cut off"
+    return _bad(finding, scan, Status.INCOMPLETE, text)
+
+
+def _against_manifest(finding: Finding, scan: Scan, listing: Listing, *, running: bool) -> Finding:
+    if finding.file.name not in listing.opened:
+        return _unnamed(finding, scan)
+    if (wrong := _wrong_history(finding.file, scan, listing)) is not None:
+        return replace(finding, status=Status.TAMPERED, reason=wrong, line=1, sequence=0)
+    match listing.ended.get(finding.file.name):
+        case LogClosed() as end:
+            return _against_close(finding, scan, end)
+        case LogRecovered() as end:
+            return _against_recovery(finding, scan, end)
+        case None if scan.closed and not running:
+            text = "closed and signed, but the manifest lacks that: the program died just then, or it was cut"
+            return _bad(finding, scan, Status.INCOMPLETE, text)
+        case _:
+            return _unfinished(finding, scan, running=running)
+
+
+def _unnamed(finding: Finding, scan: Scan) -> Finding:
+    if scan.size == 0:
+        return replace(finding, remarks=("empty: the program died before its first record",))
+    return replace(finding, status=Status.TAMPERED, reason="the manifest does not name it: it was added")
+
+
+def _against_close(finding: Finding, scan: Scan, end: LogClosed) -> Finding:
+    if (scan.records, scan.last_hash, scan.torn_bytes) == (end.records, end.last_hash, 0) and scan.closed:
+        return finding
+    text = f"the manifest closed it with {end.records} records, here are {scan.records}: it was cut or replaced"
+    return _bad(finding, scan, Status.TAMPERED, text)
+
+
+def _against_recovery(finding: Finding, scan: Scan, end: LogRecovered) -> Finding:
+    as_found = (end.records, end.last_hash, end.torn_bytes, end.torn_sha256)
+    if (scan.records, scan.last_hash, scan.torn_bytes, scan.torn_sha256) != as_found:
+        text = f"it is not as the next start found it, with {end.records} records: it was changed since"
+        return _bad(finding, scan, Status.TAMPERED, text)
+    remark = f"a later start found it so and signed that: {end.text}"
+    return replace(finding, remarks=(*finding.remarks, remark))
+
+
+def _wrong_history(path: Path, scan: Scan, listing: Listing) -> str | None:
+    """The first record names the newest entry that the manifest had: it must still be there."""
+    if scan.records == 0:
+        return None
+    with path.open("rb") as file:
+        try:
+            body = msgspec.json.decode(file.readline(MAX_LINE), type=Record).body
+        except msgspec.MsgspecError:
+            return None  # of another version: the chain alone speaks
+    if not isinstance(body, SessionStart) or body.history_hash in ("", GENESIS):
+        return None
+    if body.history_hash in listing.hashes:
+        return None
+    return "the manifest entry that it names at its start is not there: the manifest was cut or replaced"
+
+
+def _bad(finding: Finding, scan: Scan, status: Status, reason: str) -> Finding:
+    return replace(
+        finding,
+        status=status,
+        reason=reason.replace("{bytes}", str(scan.torn_bytes)),
+        line=scan.fault.line if scan.fault else scan.records + 1,
+        sequence=scan.fault.sequence if scan.fault else None,
+    )
+
+
+def _remarks(scan: Scan, evidence: Evidence) -> tuple[str, ...]:
+    remarks = []
+    if scan.newer_schema:
+        remarks.append(
+            f"written by a newer version (schema {scan.newer_schema}, here {SCHEMA}): "
+            "the chain is checked, not what its records mean"
+        )
+    if scan.explained_tears:
+        remarks.append(f"{scan.explained_tears} torn tails, each explained by the signed entry behind it")
+    if scan.unknown_keys and not evidence.keys:
+        names = ", ".join(sorted(_short(key) for key in scan.unknown_keys))
+        remarks.append(f"signed by key {names}, which could not be checked: give the public key with --key")
+    return tuple(remarks)
+
+
+def _short(fingerprint: str) -> str:
+    return fingerprint[:12] if fingerprint.isalnum() else "without a name"
+
 
 __all__ = ["Evidence", "Finding", "Status", "exit_status", "is_session", "verify"]
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from logs.copies import CheckpointCopy
 from logs.disk import Disk
 from logs.keys import ConsoleKey
 from logs.manifest import Manifest, Moment
+from logs.mirror import CheckpointCopy
 from logs.records import (
     Acknowledgement,
     ActionEnd,

@@ -14,10 +14,10 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from logs import records as r
-from logs.copies import CheckpointCopy
 from logs.disk import PosixDisk
 from logs.keys import load_or_make_key
 from logs.manifest import Moment
+from logs.mirror import CheckpointCopy
 from logs.writer import SessionWriter
 
 COURSE = (

@@ -22,10 +22,10 @@ from app.ipc.links import LatestReceiver, address
 from app.ipc.messages import AuditHealth
 from app.ipc.streams import AUDIT_HEALTH
 from app.system.config import Config, SessionSetup
-from logs.copies import CheckpointCopy
 from logs.disk import PosixDisk
 from logs.keys import by_fingerprint, known_keys, load_or_make_key
 from logs.manifest import Moment
+from logs.mirror import CheckpointCopy
 from logs.records import Note, SessionStart
 from logs.report.page import report
 from logs.verify import Evidence, exit_status, verify

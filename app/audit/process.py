@@ -26,10 +26,10 @@ from app.system.config import SessionSetup
 from app.system.hand_model import MODEL_NAME
 from app.system.paths import Home
 from app.system.scheduling import set_scheduling
-from logs.copies import CheckpointCopy
 from logs.disk import PosixDisk
 from logs.keys import ConsoleKey, load_or_make_key
 from logs.manifest import Moment
+from logs.mirror import CheckpointCopy
 from logs.records import Body, Entry, EventRaised, PatientChosen, RecordsLost, SessionStart, SignIn
 from logs.writer import SessionWriter
 

@@ -117,21 +117,18 @@ def query(
     sql: Annotated[str, typer.Argument(help="SQL over the table `records`; see --ask for ready questions.")] = "",
     ask: Annotated[str, typer.Option(help="A ready question: unintended, refusals, response, faults.")] = "",
     at: Annotated[list[Path] | None, typer.Option(help="Folders, trails or Parquet; none: the home's.")] = None,
-    backend: Annotated[str, typer.Option(help="Ibis address of a cluster engine, e.g. pyspark://.")] = "",
     json: Annotated[bool, typer.Option("--json", help="One JSON object a row.")] = False,
     home: HomeOption = None,
 ) -> None:
     """Ask many sessions, of one site or several, at once."""
     from app.system.paths import find_home
-    from logs.answers import as_json, as_table
-    from logs.query import QUESTIONS, connect
+    from logs.query import QUESTIONS, as_json, as_table, connect
     from logs.query import ask as ask_sql
 
     if bool(sql) == bool(ask) or (ask and ask not in QUESTIONS):
         ready = "; ".join(f"{name}: {question.text}" for name, question in QUESTIONS.items())
         raise typer.BadParameter(f"give SQL or --ask one of these. {ready}")
-    connection, table = connect(at or [find_home(home).logs], backend)
-    answer = ask_sql(connection, sql) if sql else QUESTIONS[ask].expression(table).to_pyarrow()
+    answer = ask_sql(connect(at or [find_home(home).logs]), sql or QUESTIONS[ask].sql)
     if json:
         for line in as_json(answer):
             typer.echo(line)
@@ -159,7 +156,7 @@ def export(
 @cli.command()
 def schema() -> None:
     """Print the records' JSON Schema."""
-    from logs.schema import schema_text
+    from logs.records import schema_text
 
     typer.echo(schema_text(), nl=False)
 
@@ -171,9 +168,8 @@ def list_sessions(home: HomeOption = None) -> None:
     from rich.table import Table
 
     from app.system.paths import find_home
-    from logs.outline import outline
-    from logs.plain import sanitize_terminal
-    from logs.read import session_paths
+    from logs.read import outline, session_paths
+    from logs.sanitize import sanitize_terminal
 
     table = Table(box=None, collapse_padding=True)
     for column in ("session", "patient", "operator", "began (UTC)", "minutes", "records", "actions", "STOPs"):
@@ -211,8 +207,7 @@ def _print_records(path: Path, sieve: Sieve, *, follow: bool, as_json: bool) -> 
 def _evidence(paths: list[Path], given: list[Path] | None, copies: Path | None, home: Path | None) -> Evidence:
     """The keys given; else those of the home; else those of the console beside whose keys the trail lies."""
     from app.system.paths import find_home
-    from logs.anchor import read_anchor
-    from logs.keys import by_fingerprint, known_keys, load_public_key
+    from logs.keys import by_fingerprint, known_keys, load_public_key, read_anchor
     from logs.verify import Evidence
 
     beside = _logs_folder(paths[0]).parent / "keys"

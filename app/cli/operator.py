@@ -76,7 +76,7 @@ def list_operators(home: HomeOption = None) -> None:
 
     from app.system.operators import PERMISSIONS, Permission, Role, load_store
     from app.system.paths import find_home
-    from logs.plain import sanitize_terminal
+    from logs.sanitize import sanitize_terminal
 
     console = Console()
     store = load_store(find_home(home).keys)

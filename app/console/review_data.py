@@ -14,10 +14,9 @@ from pathlib import Path
 
 from app.system.paths import Home
 from logs.errors import AuditError
-from logs.journal import COMMENTS, append_signed
 from logs.keys import load_or_make_key
 from logs.line import MAX_LINE
-from logs.manifest import Moment
+from logs.manifest import COMMENTS, Moment, append_signed
 from logs.read import Odd, records, understand
 from logs.records import (
     Acknowledgement,
@@ -50,7 +49,7 @@ class Span:
     begin_s: float
     end_s: float
     label: str
-    weight: str = ""  # as in logs.words
+    weight: str = ""  # as in logs.show
 
 
 @dataclass(slots=True, kw_only=True)

@@ -21,9 +21,8 @@ from msgspec import Struct
 from app.system.config import Config
 from app.system.errors import AppError
 from app.system.paths import Home
-from logs.journal import OPERATORS, append_signed
 from logs.keys import load_or_make_key
-from logs.manifest import Moment
+from logs.manifest import OPERATORS, Moment, append_signed
 from logs.records import Body
 
 STORE_FILE = "operators.json"

@@ -10,9 +10,9 @@ from collections.abc import Callable, Sequence
 
 from markupsafe import Markup, escape
 
-from logs.outline import Outline
-from logs.plain import sanitize_terminal
+from logs.read import Outline
 from logs.report.facts import Band, Diagnostics, JointTrace, Spread
+from logs.sanitize import sanitize_terminal
 
 WIDTH = 960.0
 LEFT = 84.0  # of the lanes' names

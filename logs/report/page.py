@@ -9,13 +9,12 @@ import jinja2
 from markupsafe import Markup
 
 from logs.findings import summary
-from logs.journal import COMMENTS
-from logs.outline import Outline, outline, outline_of
-from logs.plain import sanitize_terminal
-from logs.read import records, session_paths
+from logs.manifest import COMMENTS
+from logs.read import Outline, outline, outline_of, records, session_paths
 from logs.records import Comment, Record
 from logs.report import charts
 from logs.report.facts import Diagnostics, facts_of
+from logs.sanitize import sanitize_terminal
 from logs.verify import Evidence, Finding, verify
 
 FEW_EVENTS = 12  # beyond, they are summed up, too

@@ -18,8 +18,7 @@ from app.ipc.messages import AuditHealth
 from app.ipc.streams import AUDIT_HEALTH
 from app.system.config import Config, SessionSetup
 from app.system.paths import Home
-from logs.anchor import read_anchor
-from logs.keys import by_fingerprint, known_keys
+from logs.keys import by_fingerprint, known_keys, read_anchor
 from logs.records import Command, Note, Record, RecordsLost, SessionEnd, SessionStart
 from logs.scan import scan_file
 from logs.verify import Evidence, exit_status, verify

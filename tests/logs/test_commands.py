@@ -11,9 +11,9 @@ import pytest
 from typer.testing import CliRunner
 
 from app.cli import cli
-from logs.copies import SUFFIX, CheckpointCopy
 from logs.disk import PosixDisk
 from logs.keys import load_or_make_key, load_public_key
+from logs.mirror import SUFFIX, CheckpointCopy
 from logs.read import follow
 from logs.records import Note, Record
 from logs.writer import SessionWriter

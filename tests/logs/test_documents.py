@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from logs.schema import schema_text
+from logs.records import schema_text
 from tests.logs.trails import Trail
 
 DOCS = Path(__file__).parents[2] / "docs"

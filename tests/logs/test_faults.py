@@ -8,11 +8,10 @@ from pathlib import Path
 
 import pytest
 
-from logs.anchor import read_anchor
-from logs.copies import CheckpointCopy
 from logs.disk import PosixDisk
-from logs.journal import append_signed
-from logs.keys import ConsoleKey, by_fingerprint, load_or_make_key
+from logs.keys import ConsoleKey, by_fingerprint, load_or_make_key, read_anchor
+from logs.manifest import append_signed
+from logs.mirror import CheckpointCopy
 from logs.records import Note
 from logs.scan import scan_file
 from logs.verify import Evidence, Status, exit_status, verify

@@ -17,13 +17,11 @@ from logs import records as r
 from logs.disk import PosixDisk
 from logs.errors import AuditError
 from logs.keys import ConsoleKey, by_fingerprint
-from logs.outline import outline
-from logs.plain import sanitize_terminal
-from logs.read import Odd, find_session, read, records, session_paths
+from logs.read import Odd, find_session, outline, read, records, session_paths
 from logs.report.page import report
-from logs.show import Filter, Sieve, json_of, line_of
+from logs.sanitize import sanitize_terminal
+from logs.show import SENTENCES, Filter, Sieve, json_of, line_of, sentence
 from logs.verify import Evidence
-from logs.words import SENTENCES, sentence
 from tests.logs.trails import Trail, write_session
 from tools.audit_sample import write_sample
 

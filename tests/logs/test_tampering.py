@@ -10,9 +10,8 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from logs.anchor import read_anchor
 from logs.disk import PosixDisk
-from logs.keys import ConsoleKey, load_or_make_key
+from logs.keys import ConsoleKey, load_or_make_key, read_anchor
 from logs.line import GENESIS, Payload, canonical, seal, signed_message, unseal
 from logs.records import Checkpoint, Note
 from logs.scan import Scan, scan_stream

@@ -9,10 +9,10 @@ from pathlib import Path
 
 from textual.app import App
 
-from logs.copies import CheckpointCopy
 from logs.disk import PosixDisk
 from logs.keys import ConsoleKey, PublicKey, by_fingerprint
 from logs.manifest import Moment
+from logs.mirror import CheckpointCopy
 from logs.records import Body, Command, EventRaised, Note, SessionStart, Stop, Transition
 from logs.writer import SessionWriter
 

@@ -22,14 +22,13 @@ from app.console.widgets.timeline import Timeline
 from app.system.operators import Permission
 from app.system.paths import Home
 from app.text.catalogue import tr
-from logs.anchor import read_anchor
 from logs.errors import AuditError
 from logs.findings import verdict
-from logs.keys import by_fingerprint, known_keys
+from logs.keys import by_fingerprint, known_keys, read_anchor
 from logs.manifest import Moment
-from logs.plain import sanitize_terminal
 from logs.read import find_session, session_paths
 from logs.records import Comment, Record
+from logs.sanitize import sanitize_terminal
 from logs.show import line_of
 from logs.verify import Evidence, verify
 

@@ -8,8 +8,8 @@ from rich.text import Text
 
 from app.console.review_data import Instant
 from app.text.catalogue import tr
-from logs.plain import sanitize_terminal
 from logs.records import Comment, Record
+from logs.sanitize import sanitize_terminal
 from logs.show import line_of
 
 JOINTS = ("L hip", "L knee", "R hip", "R knee")

@@ -13,7 +13,7 @@ from textual.widget import Widget
 
 from app.console.review_data import ReviewedSession, Span, visible
 from app.text.catalogue import tr
-from logs.plain import sanitize_terminal
+from logs.sanitize import sanitize_terminal
 
 LABEL_WIDTH = 9
 BARS = "▁▂▃▄▅▆▇█"
