@@ -20,7 +20,7 @@ test: check model
 check: $(STAMP)
 	@$(BIN)/ruff check .
 	@$(BIN)/ruff format --check .
-	@$(BIN)/mypy app hal kgdfa logs profiles tests tools
+	@$(BIN)/mypy app hal kgdfa logs profiles testing tests tools
 	@$(BIN)/lint-imports --no-logo
 
 test-can: model

@@ -31,7 +31,7 @@ from logs.report.page import report
 from logs.verify import Evidence, exit_status, verify
 from logs.writer import SessionWriter
 from profiles.schema import DEMO_PATIENT
-from tools.audit_sample import joints, write_sample
+from testing.trails import joints, write_sample
 
 TICK_S = 0.002
 

@@ -22,9 +22,8 @@ from app.ipc.states import Action
 
 sys.path.insert(0, str(Path(__file__).parent.parent))  # run as a script, `tools` is a folder of the tree
 
+from testing.session import WatchedSession, real_session, saturated_cores
 from tools.console_session import ConsoleSession, console_session
-from tools.real_session import real_session, saturated_cores
-from tools.watched_session import WatchedSession
 
 BOUNDS_MS = {"p99_ms": 0.2, "p999_ms": 1.0}  # where SCHED_FIFO is allowed
 LEAST_FPS = 28.0

@@ -33,7 +33,7 @@ from app.system.config import Config, SessionSetup
 from app.system.paths import Home
 from kgdfa.gesture import Gesture
 from profiles.schema import DEMO_PATIENT
-from tests.app.console.fake_host import FakeHost, event, gradient
+from testing.fake_host import FakeHost, event, gradient
 
 LOOKS = 60
 WARM_SHARE = 6  # one in so many looks is left out at the start

@@ -32,7 +32,7 @@ from hal.joints.device import load_exoskeleton
 
 sys.path.insert(0, str(Path(__file__).parent.parent))  # run as a script, `tools` is a folder of the tree
 
-from tools.real_session import RealSession, Sniffer, real_session, saturated_cores
+from testing.session import RealSession, Sniffer, real_session, saturated_cores
 
 MIDDLE = 0.3  # of a movement: STOP is pressed beyond it
 LIMITS_MS = {"stop_p99": 25.0, "console_killed_to_hold": 250.0, "control_killed_to_damping": 50.0}

@@ -20,8 +20,8 @@ from app.ipc.states import ACTION_OF, Action
 from app.system.config import load_config
 from app.system.hand_model import find_model
 from app.system.paths import find_home
+from testing.session import PATIENCE_S, WatchedSession
 from tools.bench_console import Terminal
-from tools.watched_session import PATIENCE_S, WatchedSession
 
 ESCAPE = b"\x1b"
 KEYS = {

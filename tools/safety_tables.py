@@ -1,11 +1,12 @@
 """Writes the generated parts of docs/safety.md: the gait diagram and the table of events, from the code itself.
 
-`python tools/safety_tables.py` rewrites them; a test checks that they are current.
+`python tools/safety_tables.py` rewrites them; with --check it only says whether they are current, which a test asks.
 """
 
 from __future__ import annotations
 
 import re
+import sys
 from pathlib import Path
 
 from app.control.events.table import TABLE, Latch, Row
@@ -48,4 +49,7 @@ def _line(row: Row) -> str:
 
 
 if __name__ == "__main__":
-    DOCUMENT.write_text(current(DOCUMENT.read_text(encoding="utf-8")), encoding="utf-8")
+    written = DOCUMENT.read_text(encoding="utf-8")
+    if "--check" in sys.argv:
+        sys.exit(current(written) != written and "docs/safety.md is not current: run python tools/safety_tables.py")
+    DOCUMENT.write_text(current(written), encoding="utf-8")

@@ -11,7 +11,7 @@ from logs import records as r
 from logs.errors import AuditError
 from logs.query import QUESTIONS, ask, connect, export
 from logs.read import records, session_paths
-from tools.audit_sample import write_sample
+from testing.trails import write_sample
 
 
 @pytest.fixture(scope="module")

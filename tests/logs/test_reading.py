@@ -22,8 +22,8 @@ from logs.report.page import report
 from logs.sanitize import sanitize_terminal
 from logs.show import SENTENCES, Filter, Sieve, json_of, line_of, sentence
 from logs.verify import Evidence
+from testing.trails import write_sample
 from tests.logs.trails import Trail, write_session
-from tools.audit_sample import write_sample
 
 HOSTILE = "\x1b]0;owned\x07\x1b[2J\u202e\u0085\x9b31m<script>alert(1)</script>\"'&{{7*7}}[bold]x[/]\r\n\x00"
 

@@ -20,8 +20,8 @@ from logs.errors import AuditError
 from logs.keys import by_fingerprint, known_keys
 from logs.records import EventRaised, Note, Record
 from logs.verify import Evidence, exit_status, verify
+from testing.trails import write_sample
 from tests.logs.trails import screen_text
-from tools.audit_sample import write_sample
 
 
 @pytest.fixture

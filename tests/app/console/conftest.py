@@ -17,7 +17,7 @@ from app.system.config import Config, SessionSetup
 from app.system.paths import Home
 from app.text.catalogue import use_language
 from profiles.schema import DEMO_PATIENT, Profile
-from tests.app.console.fake_host import FakeHost
+from testing.fake_host import FakeHost
 
 Opener = Callable[..., AbstractAsyncContextManager["Console"]]
 LIMIT_S = 120.0  # a busy machine is slow, not wrong

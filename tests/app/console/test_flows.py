@@ -14,8 +14,8 @@ from app.system.paths import Home
 from app.text.catalogue import tr
 from profiles.schema import DEMO_PATIENT
 from profiles.store import ProfileStore
+from testing.fake_host import event
 from tests.app.console.conftest import Console, Opener
-from tests.app.console.fake_host import event
 
 
 async def test_a_first_patient_is_made_and_walks(console: Opener, home: Home) -> None:

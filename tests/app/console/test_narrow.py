@@ -10,8 +10,8 @@ from app.console.widgets.guide import _ENDINGS
 from app.console.widgets.picture import CELLS_A_SECOND, PICTURE_HZ, wanted
 from app.control.events.table import Event
 from app.ipc.states import Effect
+from testing.fake_host import event
 from tests.app.console.conftest import Opener
-from tests.app.console.fake_host import event
 
 NARROW = (60, 20)
 

@@ -21,8 +21,8 @@ from app.console.themes import THEME_NAMES
 from app.system.config import Config, SessionSetup
 from app.system.paths import Home
 from profiles.schema import DEMO_PATIENT
+from testing.fake_host import FakeHost, flat
 from tests.app.console.conftest import wait_until
-from tests.app.console.fake_host import FakeHost, flat
 
 SIZES = ((80, 24), (130, 40), (200, 50))
 NOW_NS = 1_000_000_000_000

@@ -18,7 +18,7 @@ from app.console.app import ConsoleApp
 from app.ipc.messages import OperatorKind
 from app.system.paths import Home
 from profiles.schema import DEMO_PATIENT
-from tests.app.console.fake_host import FakeHost
+from testing.fake_host import FakeHost
 
 report = Path(sys.argv[2])
 

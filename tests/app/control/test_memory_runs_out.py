@@ -17,8 +17,7 @@ import psutil
 import pytest
 
 from app.ipc.states import Effect
-from tools.real_session import RealSession, real_session
-from tools.watched_session import PATIENCE_S
+from testing.session import PATIENCE_S, RealSession, real_session
 
 ROOTS = (Path("/sys/fs/cgroup/memory"), Path("/sys/fs/cgroup"))  # versions 1 and 2 of the kernel's control groups
 LIMITS = ("memory.limit_in_bytes", "memory.max")

@@ -16,7 +16,7 @@ from app.ipc.messages import OperatorKind
 from app.ipc.states import Action, Effect, GaitState
 from app.system.config import JointsConfig
 from hal.joints.device import load_exoskeleton
-from tools.real_session import RealSession, Sniffer, real_session
+from testing.session import RealSession, Sniffer, real_session
 
 EVERYBODY = ("control", "planner", "guardian", "audit")
 DEVICE = load_exoskeleton()

@@ -1,4 +1,4 @@
-"""A made-up but whole session's trail, for measuring and for looking at: `python tools/audit_sample.py FOLDER`.
+"""A made-up but whole session's trail, for measuring and for looking at: `python -m testing.trails FOLDER`.
 
 Everything in it is written by the same writer as a real session; only the walking is invented.
 """

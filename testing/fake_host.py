@@ -1,4 +1,4 @@
-"""A host we own: no processes, a control that knows just enough manners to test screens with."""
+"""A host we own: no processes, a control that answers commands well enough to test screens with."""
 
 from __future__ import annotations
 

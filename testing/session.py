@@ -1,0 +1,288 @@
+"""Real sessions for tests and benches.
+
+`WatchedSession` receives what a session's processes publish and operates the legs as a therapist does.
+`RealSession` starts the processes; its console is a process of its own, so that it can be killed as well. Perception is
+left out unless asked for: operator commands drive the legs.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import threading
+import time
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from multiprocessing.connection import Connection
+from pathlib import Path
+
+import msgspec
+import psutil
+
+from app.ipc import streams as processes
+from app.ipc.links import LatestReceiver, address
+from app.ipc.messages import ControlSnapshot, GuardianHealth, Heartbeat, OperatorKind, TriggerReport
+from app.ipc.states import Action, Effect, GaitState
+from app.motion.patient import patient_of
+from app.motion.preflight import run_preflight
+from app.session import host as hosting
+from app.system.config import Config, JointsConfig, SessionSetup
+from app.system.paths import Home, find_home
+from hal.joints.can.bus import open_bus
+from hal.joints.device import BusDevice, load_exoskeleton
+from profiles.schema import DEMO_PATIENT
+
+PATIENCE_S = 60.0  # a limit, not a measure: loading on a busy machine takes its time
+KEY_NS = 500_000_000  # a key that did nothing is pressed again after this
+
+
+class WatchedSession(ABC):
+    """The newest message of every process of a session, from its links."""
+
+    def __init__(self, links: Path) -> None:
+        """links: the session's directory of sockets."""
+        self._snapshots = LatestReceiver(address(links, processes.SNAPSHOT.name), ControlSnapshot)
+        self._heartbeats = LatestReceiver(address(links, processes.HEARTBEAT.name), Heartbeat)
+        self._guardian = LatestReceiver(address(links, processes.GUARDIAN.name), GuardianHealth)
+        self._reports = LatestReceiver(address(links, processes.TRIGGER.name), TriggerReport)
+        self.snapshot: ControlSnapshot | None = None
+        self.heartbeat: Heartbeat | None = None
+        self.guardian: GuardianHealth | None = None
+        self.effects: list[tuple[int, str]] = []  # when the effect became another one
+        self._pressed_ns = 0  # when the last key was
+        self._steps_before = 0  # the walk that runs
+        self.first_report: TriggerReport | None = None
+        self.report: TriggerReport | None = None
+
+    @abstractmethod
+    def send(self, kind: OperatorKind, action: Action | None = None) -> None:
+        """Send an operator command."""
+
+    def close_links(self) -> None:
+        """Close the links."""
+        for link in (self._snapshots, self._heartbeats, self._guardian, self._reports):
+            link.close()
+
+    def look(self, wait_s: float = 0.02) -> None:
+        """Take the newest of everything."""
+        self.heartbeat = self._heartbeats.receive() or self.heartbeat
+        self.guardian = self._guardian.receive() or self.guardian
+        report = self._reports.receive()
+        if report is not None:
+            self.report, self.first_report = report, self.first_report or report
+        snapshot = self._snapshots.receive(wait_s)
+        if snapshot is not None:
+            self.snapshot = snapshot
+            name = snapshot.effect.name
+            if not self.effects or self.effects[-1][1] != name:
+                self.effects.append((snapshot.at_ns, name))
+
+    def perception_fps(self) -> float:
+        """Frames a second that perception has judged since its first report, by their capture; 0 without perception."""
+        first, last = self.first_report, self.report
+        if first is None or last is None or last.captured_ns <= first.captured_ns:
+            return 0.0
+        return (last.sequence - first.sequence) / ((last.captured_ns - first.captured_ns) / 1e9)
+
+    def until(self, wanted: Callable[[ControlSnapshot], bool], what: str = "") -> ControlSnapshot:
+        """Look until control says so. Raises TimeoutError naming what did not come."""
+        deadline = time.monotonic() + PATIENCE_S
+        while time.monotonic() < deadline:
+            self.look()
+            if self.snapshot is not None and wanted(self.snapshot):
+                return self.snapshot
+        raise TimeoutError(f"{what or 'what was waited for'} did not come; {self.snapshot}")
+
+    def stand(self) -> ControlSnapshot:
+        """Confirm, and bring the legs to standing by the therapist's keys, as often as a stalling host holds them."""
+        self.send(OperatorKind.CONFIRM_PATIENT)
+        return self.until(self._towards_standing, "standing")
+
+    def walk(self, steps: int = 2) -> ControlSnapshot:
+        """Stand, and walk at least so many steps at one go, as often as a stalling host holds the legs."""
+        self.stand()
+
+        def towards(now: ControlSnapshot) -> bool:
+            if now.action is Action.WALK:
+                return now.steps - self._steps_before >= steps
+            if self._towards_standing(now) and Action.WALK in now.allowed:
+                self._steps_before = now.steps
+                self._press(now, OperatorKind.ACT, Action.WALK)
+            return False
+
+        return self.until(towards, "walking")
+
+    def settle(self) -> ControlSnapshot:
+        """Acknowledge whatever holds the legs, until actions are allowed again."""
+        return self.until(lambda now: not self._recovers(now) and now.action is None and bool(now.allowed), "rest")
+
+    def _recovers(self, now: ControlSnapshot) -> bool:
+        """Whether the legs are still held; then the key that a therapist would press next is pressed."""
+        if now.effect is Effect.DAMP and now.enabled:  # the guardian took them: it watches again when they are off
+            self._press(now, OperatorKind.TORQUE_OFF)
+        elif now.action is None and now.effect >= Effect.HOLD:
+            self._press(now, OperatorKind.ACKNOWLEDGE)
+        return now.effect >= Effect.HOLD
+
+    def _towards_standing(self, now: ControlSnapshot) -> bool:
+        if self._recovers(now):
+            return False
+        if now.state is GaitState.STANDING and now.action is None:
+            return True
+        if now.action is None and Action.INITIALISE in now.allowed:
+            self._press(now, OperatorKind.ACT, Action.INITIALISE)
+        return False
+
+    def _press(self, now: ControlSnapshot, kind: OperatorKind, action: Action | None = None) -> None:
+        """A key, once in a while."""
+        if now.at_ns - self._pressed_ns > KEY_NS:
+            self._pressed_ns = now.at_ns
+            self.send(kind, action)
+
+
+END = "end"
+
+
+def run_console(setup: SessionSetup, commands: Connection, perception: bool, group: Path | None) -> None:
+    """The console process: joins the control group, starts the processes, sends heartbeats, forwards commands."""
+    if group is not None:
+        (group / "cgroup.procs").write_text("0", encoding="ascii")  # its children are born there
+    if not perception:
+        hosting.START_ORDER = tuple(name for name in hosting.START_ORDER if name != "perception")
+    setup = msgspec.structs.replace(setup, console_pid=os.getpid())
+    host = hosting.SessionHost(setup)
+    host.start()
+    commands.send({one.name: one.pid for one in host.processes()})
+    while True:
+        host.beat()
+        if not commands.poll(0.01):
+            continue
+        command = commands.recv()
+        if command == END:
+            break
+        host.send(*command)
+    host.close()
+    commands.send(END)
+
+
+class RealSession(WatchedSession):
+    """Its operator commands go through a pipe."""
+
+    def __init__(
+        self, home: Path, joints: JointsConfig | None = None, *, perception: bool = False, group: Path | None = None
+    ) -> None:
+        """group: the kernel's control group that all its processes are to be in."""
+        model = str(find_home().models / "hand_landmarker.task") if perception else ""
+        config = Config(joints=joints or JointsConfig(), model=model)
+        if config.joints.kind == "can":
+            device = load_exoskeleton()
+            run_preflight(Home(home), patient_of(DEMO_PATIENT, device), device, (Action.INITIALISE,))
+        self.setup = hosting.make_setup(Home(home), config, DEMO_PATIENT, "bench")
+        context = multiprocessing.get_context("spawn")
+        self._commands, theirs = context.Pipe()
+        self._console = context.Process(target=run_console, args=(self.setup, theirs, perception, group))
+        self._console.start()
+        assert self._commands.poll(PATIENCE_S), "the console did not start"
+        self.pids: dict[str, int] = {**self._commands.recv(), "console": self._console.pid or 0}
+        super().__init__(self.setup.links)
+
+    def send(self, kind: OperatorKind, action: Action | None = None) -> None:
+        """Send an operator command."""
+        self._commands.send((kind, action))
+
+    def until_ended(self, *names: str) -> None:
+        """Look until these processes are gone. Raises TimeoutError naming those that are not."""
+        deadline = time.monotonic() + PATIENCE_S
+        while time.monotonic() < deadline:
+            self.look()
+            if not [name for name in names if _lives(self.pids[name])]:
+                self.look()  # the last messages may have come after the previous look
+                return
+        raise TimeoutError(f"still there: {[name for name in names if _lives(self.pids[name])]}")
+
+    def kill(self, name: str, number: signal.Signals = signal.SIGKILL) -> int:
+        """Send a signal to one process; when it was sent, monotonic nanoseconds."""
+        now_ns = time.monotonic_ns()
+        os.kill(self.pids[name], number)
+        return now_ns
+
+    def finish(self) -> None:
+        """Let the console end the session in good order."""
+        if self._console.is_alive():
+            with suppress(OSError):
+                self._commands.send(END)
+            self._console.join(25.0)
+
+    def end(self) -> None:
+        """Bring everything to its end, killed or not."""
+        self.finish()
+        for pid in self.pids.values():
+            if _lives(pid):
+                with suppress(ProcessLookupError):
+                    os.kill(pid, signal.SIGCONT)
+                    os.kill(pid, signal.SIGKILL)
+        self.close_links()
+        self._commands.close()
+        shutil.rmtree(self.setup.links, ignore_errors=True)
+
+
+@contextmanager
+def real_session(
+    home: Path, joints: JointsConfig | None = None, *, perception: bool = False, group: Path | None = None
+) -> Iterator[RealSession]:
+    """A session that is ended whatever happens."""
+    session = RealSession(home, joints, perception=perception, group=group)
+    try:
+        yield session
+    finally:
+        session.end()
+
+
+class Sniffer:
+    """An independent witness on the drives' bus: every frame with its time of arrival."""
+
+    def __init__(self, interface: str, channel: str) -> None:
+        self.frames: list[tuple[int, int, bytes]] = []  # monotonic ns, identifier, data
+        self._bus = open_bus(BusDevice(interface=interface, channel=channel))
+        self._ending = threading.Event()
+        self._thread = threading.Thread(target=self._listen, daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        """Stop listening."""
+        self._ending.set()
+        self._thread.join()
+        self._bus.shutdown()
+
+    def _listen(self) -> None:
+        while not self._ending.is_set():
+            message = self._bus.recv(0.05)
+            if message is not None:
+                # the kernel's time of arrival: this thread may be late on a busy machine
+                age_ns = max(0, time.time_ns() - int(message.timestamp * 1e9))
+                self.frames.append((time.monotonic_ns() - age_ns, message.arbitration_id, bytes(message.data)))
+
+
+@contextmanager
+def saturated_cores() -> Iterator[None]:
+    """Every core kept busy by a process that does nothing else, at a user's ordinary priority."""
+    burn = [sys.executable, "-c", "while True: pass"]
+    burners = [subprocess.Popen(burn) for _ in range(os.cpu_count() or 1)]
+    try:
+        yield
+    finally:
+        for burner in burners:
+            burner.kill()
+            burner.wait()
+
+
+def _lives(pid: int) -> bool:
+    try:
+        return psutil.Process(pid).status() != psutil.STATUS_ZOMBIE
+    except psutil.NoSuchProcess:
+        return False
