@@ -40,7 +40,7 @@ def run(
     place = find_home(home)
     config = with_choices(load_config(place.config), camera=camera, joints=joints, patient=patient)
     if serve:
-        from app.console.serve import serve_console
+        from app.console.observer import serve_console
 
         serve_console(place)
         return

@@ -20,9 +20,8 @@ from textual.screen import Screen
 
 from app.console import keys
 from app.console.keys import commands
-from app.console.live import Clock, HostFactory
+from app.console.live import Clock, HostFactory, preload_modules
 from app.console.operator import Idle
-from app.console.preload import load_rest
 from app.console.screens.base import ConsoleScreen, Dialog
 from app.console.screens.dialogs import Question
 from app.console.screens.help import HelpPage, page
@@ -97,7 +96,7 @@ class ConsoleApp(SessionFlow):
             return
         if self._profile is None or needs_sign_in(self.config):
             await self.push_screen(PatientsScreen())
-            self.run_worker(asyncio.to_thread(load_rest))
+            self.run_worker(asyncio.to_thread(preload_modules))
         if self._profile is not None:
             await self.begin_signed_in(self._profile, self.config)
 
@@ -246,7 +245,7 @@ def run_console(home: Home, config: Config, *, straight: bool = False, read_only
     straight: begin with the configured patient's session; so does a console that only simulates, because then
     nothing can happen to anybody. Raises AppError or ProfileError for what configuration or profile gets wrong.
     """
-    from app.console.screens.observer import observe
+    from app.console.observer import observe
     from profiles.store import ProfileStore
 
     if read_only:

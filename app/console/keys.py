@@ -10,10 +10,9 @@ from textual.app import SystemCommand
 from textual.binding import Binding
 from textual.screen import Screen
 
-from app.console.terms import action_name, gesture_of
 from app.console.themes import THEME_NAMES
 from app.ipc.messages import HandCommand, OperatorKind
-from app.ipc.states import Action
+from app.ipc.states import GESTURE_OF, Action
 from app.system.errors import AppError
 from app.text.catalogue import languages, tr
 from kgdfa.gesture import Gesture
@@ -133,9 +132,9 @@ def commands(app: ConsoleApp, screen: Screen[object]) -> Iterable[SystemCommand]
             yield SystemCommand(binding.description, words, partial(app.run_action, binding.action, where))
     if app.live is not None and not app.read_only:
         for action in Action:
-            words = tr("palette.act", gesture=gesture_of(action))
+            words = tr("palette.act", gesture=tr(GESTURE_OF[action]))
             act = partial(app.live.host.send, OperatorKind.ACT, action)
-            yield SystemCommand(action_name(action), words, act)
+            yield SystemCommand(tr(action), words, act)
     for theme in THEME_NAMES:
         yield SystemCommand(tr(f"theme.{theme}"), tr("palette.theme"), partial(setattr, app, "theme", theme))
     for code, name in languages().items():

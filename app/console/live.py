@@ -1,13 +1,15 @@
-"""The running session as the application holds it: host, folded state, STOP."""
+"""The running session as the application holds it: host, folded state, STOP, garbage collection."""
 
 from __future__ import annotations
 
+import gc
 import time
 from collections.abc import Callable
 from dataclasses import replace
+from importlib import import_module
 from typing import Protocol
 
-from app.console.preload import collect_rarely, let_go
+from app.console.sentences import learn_events
 from app.console.state import SessionState, fold
 from app.console.stop import StopSwitch
 from app.ipc.messages import HandCommand, OperatorKind, PerceptionCommand
@@ -18,7 +20,7 @@ from app.system.config import SessionSetup
 Clock = Callable[[], int]
 
 
-class Live:
+class LiveSession:
     """One session from start to end; an observer's has no switch. `start` and `close` may take seconds: in a thread."""
 
     def __init__(self, host: Host, switch: StopSwitch | None, clock: Clock = time.monotonic_ns) -> None:
@@ -38,7 +40,7 @@ class Live:
 
     def start(self) -> None:
         """Start the processes; collections of garbage, which stop the sign of life too, come rarely from now on."""
-        collect_rarely()
+        reduce_gc()
         self.host.start()
 
     def failed(self, why: str) -> None:
@@ -62,7 +64,7 @@ class Live:
         self.closed = True
         self._connect(None)
         self.host.close()
-        let_go()
+        restore_gc()
 
     def _connect(self, send: Callable[[], object] | None) -> None:
         if self._switch is not None:
@@ -104,3 +106,38 @@ class Host(Protocol):
 
 
 HostFactory = Callable[[SessionSetup], Host]
+
+
+# numpy with the picture; the messages of the palette.
+_LATER = ("app.console.widgets.picture", "textual.fuzzy")
+# Young, middle, old: a full collection, which stops all threads, comes some hundred times more rarely than by default.
+_RARELY = (5_000, 20, 50)
+_AS_USUAL = gc.get_threshold()
+
+
+def reduce_gc() -> None:
+    """Look for garbage some hundred times more rarely. Undone by `restore_gc`."""
+    gc.set_threshold(*_RARELY)
+
+
+def gc_freeze() -> None:
+    """Leave what is in use by now out of every later collection of garbage; what no longer is, is freed first.
+
+    A full one would otherwise stop all threads for 0.1 to 0.2 s every few seconds, the sign of life and STOP among
+    them. Undone by `restore_gc`.
+    """
+    gc.collect()
+    gc.freeze()
+
+
+def restore_gc() -> None:
+    """The session has ended: all may be collected again, as often as before."""
+    gc.unfreeze()
+    gc.set_threshold(*_AS_USUAL)
+
+
+def preload_modules() -> None:
+    """Load all that a key may need; takes up to a second."""
+    for name in _LATER:
+        import_module(name)
+    learn_events()

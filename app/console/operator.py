@@ -1,4 +1,4 @@
-"""Who sits at the console, and what they may do: name and PIN are asked for only where drives can move."""
+"""The signed-in operator: permissions, idle lock, and the console's records in the audit trail."""
 
 from __future__ import annotations
 
@@ -8,12 +8,13 @@ from dataclasses import dataclass, replace
 
 from textual.app import App
 
+from app.audit.sink import AuditSink
 from app.console.screens.signin import SignInDialog
-from app.console.trail import ConsoleTrail
-from app.system.config import Config
+from app.system.config import Config, SessionSetup
 from app.system.operators import Operator, Permission, load_store, needs_sign_in
 from app.system.paths import Home
 from app.text.catalogue import tr
+from logs.records import Body
 
 
 class SignedInApp(App[None]):
@@ -82,3 +83,42 @@ class Idle:
     def must_lock(self, now_s: float, *, moving: bool) -> bool:
         """Whether to lock now; motion counts as being watched."""
         return self.limit_s > 0 and not moving and now_s - self.touched_s >= self.limit_s
+
+
+_MOST_WAITING = 1000  # sign-ins before a session; a person types no more
+
+
+class ConsoleTrail:
+    """Queues records; sends them on as soon as there is a session to keep them in."""
+
+    def __init__(self) -> None:
+        self._sink: AuditSink | None = None
+        self._waiting: list[Body] = []
+
+    def open(self, setup: SessionSetup) -> None:
+        """A session's audit process will listen."""
+        self._sink = AuditSink(setup.links, "console", setup.operator)
+        waiting, self._waiting = self._waiting, []
+        for body in waiting:
+            self.emit(body)
+
+    def emit(self, body: Body) -> None:
+        """Put one record in the trail."""
+        if self._sink is not None:
+            self._sink.emit(body)
+        elif len(self._waiting) < _MOST_WAITING:
+            self._waiting.append(body)
+
+    def keep(self, home: Home) -> None:
+        """What no session took goes into the operators' journal. Raises AuditError when the disk refuses."""
+        from app.system.operators import tell_operators_journal  # brings cryptography: not before the first paint
+
+        waiting, self._waiting = self._waiting, []
+        for body in waiting:
+            tell_operators_journal(home, body)
+
+    def close(self) -> None:
+        """The session ends."""
+        if self._sink is not None:
+            self._sink.close()
+            self._sink = None

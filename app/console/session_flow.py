@@ -8,14 +8,13 @@ from typing import Any, TypeVar
 
 from textual.screen import Screen
 
-from app.console.live import Clock, Host, HostFactory, Live
+from app.console.live import Clock, Host, HostFactory, LiveSession, gc_freeze, preload_modules
+from app.console.observer import share, unshare
 from app.console.operator import SignedInApp
 from app.console.patient_fields import fits
-from app.console.preload import keep_loaded, load_rest
 from app.console.screens.after import AfterScreen
 from app.console.screens.base import USER_ERRORS, Dialog
 from app.console.screens.dialogs import Question
-from app.console.screens.observer import share, unshare
 from app.console.screens.patients import PatientsScreen
 from app.console.screens.session import SessionScreen
 from app.console.screens.training import TrainingScreen
@@ -43,7 +42,7 @@ class SessionFlow(SignedInApp):
     def __init__(self, home: Home, config: Config, make_host: HostFactory, clock: Clock, *, read_only: bool) -> None:
         super().__init__(home, config, read_only=read_only)
         self.switch = StopSwitch()
-        self.live: Live | None = None
+        self.live: LiveSession | None = None
         self.store = ProfileStore(home.profiles, (fits(config.joints),))
         self.sessions = SessionRecords(home.root / "sessions")
         self._make_host = make_host
@@ -152,23 +151,23 @@ class SessionFlow(SignedInApp):
         role = self.signed_in.role.value if self.signed_in else "therapist"
         setup = make_setup(self.home, config, profile, operator=self.operator, role=role)
         switch = None if self.read_only else self.switch
-        live = self.live = Live(self._make_host(setup), switch, self._clock)
+        live = self.live = LiveSession(self._make_host(setup), switch, self._clock)
         await self.push_screen(screen)
         self.run_worker(self._start(live))
 
-    async def _start(self, live: Live) -> None:
+    async def _start(self, live: LiveSession) -> None:
         try:
             await asyncio.to_thread(live.start)
             if not self.read_only and self.live is live:  # it may have been closed meanwhile
                 self.trail.open(live.host.setup)
                 share(self.home, live.host.setup)
-            await asyncio.to_thread(load_rest)
+            await asyncio.to_thread(preload_modules)
             if self.live is live:
-                keep_loaded()
+                gc_freeze()
         except USER_ERRORS as error:
             live.failed(str(error))
 
-    async def _after_rest(self, live: Live) -> None:
+    async def _after_rest(self, live: LiveSession) -> None:
         loop = asyncio.get_running_loop()
         limit = loop.time() + CONTROL_ENDS_S
         while live.control_alive and loop.time() < limit:

@@ -15,7 +15,6 @@ from app.console.screens.base import ConsoleScreen
 from app.console.screens.dialogs import Question
 from app.console.session_index import SessionRecord
 from app.console.state import SessionState
-from app.console.terms import action_name
 from app.system.operators import Permission
 from app.text.catalogue import tr
 from logs.records import Discomfort, Note
@@ -148,5 +147,5 @@ class AfterScreen(ConsoleScreen):
             tr("after.refusals", count=record.refusals),
         ]
         reports = self._state.snapshot.reports if self._state.snapshot else ()
-        lines += [f"  {action_name(one.action)}: {tr(f'outcome.{one.outcome}')}" for one in reports[-5:]]
+        lines += [f"  {tr(one.action)}: {tr(f'outcome.{one.outcome}')}" for one in reports[-5:]]
         return "\n".join(lines)

@@ -1,108 +1,210 @@
-"""The checks before a session is armed: each turns green by itself, or says what mends it."""
+"""The checks before arming as a list, and the pre-flight of every action in the background."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
-from enum import Enum
+import multiprocessing
+from collections.abc import Sequence
+from datetime import UTC, datetime
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import ClassVar
 
+import msgspec
+from textual.app import ComposeResult
+from textual.binding import BindingType
+from textual.containers import Vertical
+from textual.widgets import Static
+
+from app.console.guidance import Light, results
+from app.console.screens.base import Dialog
+from app.console.screens.dialogs import Lists
+from app.console.sentences import sentence
 from app.console.state import SessionState
-from app.ipc.states import Effect
+from app.console.widgets.gesture import zone_words
+from app.console.widgets.panel import Lines, bar
+from app.ipc.states import Action
+from app.system.config import Config
+from app.system.operators import Permission
+from app.system.paths import Home
+from app.text.catalogue import tr
+from logs.records import Note
+from profiles.schema import Profile
 
-_JOINT_STALE_MS = 100.0
-_PATIENCE_S = 8.0  # starting the processes and loading the hand model
-
-
-class Light(Enum):
-    """How a check stands: shape, and a colour that only repeats it."""
-
-    GREEN = "✓"
-    WAITING = "…"
-    AMBER = "!"
-    RED = "✗"
-
-
-@dataclass(frozen=True, slots=True)
-class Check:
-    """A name of the language file, and the test; `must` ones keep the session from being armed."""
-
-    name: str
-    passes: Callable[[SessionState], bool]
-    must: bool = True
-    operator: bool = False  # waits for the operator, not for a machine
+_STYLES = {
+    Light.GREEN: "bold $success",
+    Light.WAITING: "$text-muted",
+    Light.AMBER: "bold $warning",
+    Light.RED: "bold $error",
+}
 
 
-@dataclass(frozen=True, slots=True)
-class Result:
-    """One line of the list."""
-
-    name: str
-    light: Light
-
-
-def _processes(state: SessionState) -> bool:
-    return len(state.processes) >= 5 and all(process.alive for process in state.processes)
-
-
-def _audit(state: SessionState) -> bool:
-    return state.audit is not None and not state.audit.fault
-
-
-def _joints(state: SessionState) -> bool:
-    return state.snapshot is not None and all(
-        joint.age_ms < _JOINT_STALE_MS and not joint.fault for joint in state.snapshot.joints
-    )
-
-
-def _camera(state: SessionState) -> bool:
-    return state.report_fresh and state.report is not None and not state.report.camera_fault
-
-
-def _clear(state: SessionState) -> bool:
-    return state.snapshot is not None and state.snapshot.effect < Effect.HOLD
-
-
-def _real_time(state: SessionState) -> bool:
-    return state.snapshot is not None and state.snapshot.real_time.fifo
-
-
-def _press_zone(state: SessionState) -> bool:
+def check_lines(state: SessionState) -> Lines:
+    """Two lines a check that is not green, one that is."""
+    lines: list[tuple[tuple[str, str], ...]] = []
+    for result in results(state):
+        lines.append(((f" {result.light.value} ", _STYLES[result.light]), (tr(f"check.{result.name}.name"), "bold")))
+        if result.light is not Light.GREEN:
+            lines.append(((f"   {tr(f'check.{result.name}.remedy')}", "$text-muted"),))
     zone = None if state.report is None else state.report.press_zone
-    return zone is None or zone.fits
+    if zone is not None:
+        lines.append(((f" {zone_words(zone)}", "$text-muted"),))
+    if state.fault:
+        lines.append(((state.fault, "bold $error"),))
+    return tuple(lines)
 
 
-def _confirmed(state: SessionState) -> bool:
-    return state.snapshot is not None and state.snapshot.patient_confirmed
+class Checklist(Lists):
+    """Closed with Escape; stays true while it is open. What the console can mend itself is a key away."""
+
+    HELP_PAGE = "checks"
+    BINDINGS: ClassVar[list[BindingType]] = [
+        ("u", "use_threshold", "bind.checklist.use_threshold"),
+        ("p", "preflight", "bind.checklist.preflight"),
+    ]
+
+    def title_and_words(self) -> tuple[str, str]:
+        """In the language of now."""
+        return tr("checks.title"), tr("checks.words")
+
+    def lines_of(self, state: SessionState | None) -> Lines:
+        """Every check as it stands."""
+        return () if state is None else check_lines(state)
+
+    def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:  # noqa: ARG002
+        """Rehearsals are for real joints; an observer changes nothing."""
+        live = self.console_app.live
+        if action == "preflight":
+            real = live is not None and live.host.setup.config.joints.kind != "simulated"
+            return real and not self.console_app.read_only
+        return action != "use_threshold" or not self.console_app.read_only
+
+    def action_preflight(self) -> None:
+        """Rehearse every action for this patient."""
+        setup = self.console_app.live_setup()
+        self.app.push_screen(Preflight(setup.profile, setup.config))
+
+    async def action_use_threshold(self) -> None:
+        """Put the threshold that suits this camera into the profile."""
+        state = self.console_app.live_state()
+        report = None if state is None else state.report
+        if state is None or report is None or report.press_zone is None or not report.press_zone.possible:
+            self.notify(tr("checks.no_threshold"), severity="warning")
+            return
+        threshold_m, camera = report.press_zone.threshold_m, report.camera
+
+        async def adopt() -> None:
+            with self.told():
+                self._adopt(state, threshold_m, camera)
+
+        await self.console_app.permitted(Permission.CALIBRATE, adopt)
+
+    def _adopt(self, state: SessionState, threshold_m: float, camera: str) -> None:
+        app, name = self.console_app, state.setup.profile.identifier
+        now = app.store.load(name)
+        if abs(now.press_threshold_m - threshold_m) < 1e-9:
+            self.notify(tr("checks.threshold_kept", cm=f"{threshold_m * 100:.0f}"))
+            return
+        changed = msgspec.structs.replace(now, press_threshold_m=threshold_m)
+        app.store.save(changed, by=app.operator, at=datetime.now(UTC), why=f"press zone of {camera}")
+        app.trail.emit(Note(text=f"press threshold of {name} set to {threshold_m:.2f} m for {camera}"))
+        self.notify(tr("checks.threshold_set", cm=f"{threshold_m * 100:.0f}"))
 
 
-CHECKS = (
-    Check("processes", _processes),
-    Check("audit", _audit),
-    Check("control", lambda state: state.snapshot_fresh),
-    Check("joints", _joints),
-    Check("camera", _camera),
-    Check("clear", _clear),
-    Check("press_zone", _press_zone, must=False),
-    Check("real_time", _real_time, must=False),
-    Check("patient", _confirmed, operator=True),
-)
+BAR_CELLS = 40
 
 
-def results(state: SessionState) -> tuple[Result, ...]:
-    """Every check as it stands now."""
-    return tuple(Result(check.name, _light(check, state)) for check in CHECKS)
+class Preflight(Dialog[bool]):
+    """Gives True when every action has passed; Escape stops it and keeps what has passed so far."""
+
+    HELP_PAGE = "preflight"
+    BINDINGS: ClassVar[list[BindingType]] = [("enter", "close_if_done", "bind.cancel")]
+
+    def __init__(self, profile: Profile, config: Config, actions: tuple[Action, ...] = tuple(Action)) -> None:
+        super().__init__()
+        self._profile = profile
+        self._config = config
+        self._actions = actions
+        self._ended = False
+        self._passed = False
+
+    def compose(self) -> ComposeResult:
+        with Vertical(classes="dialog") as box:
+            box.border_title = tr("preflight.title", name=self._profile.identifier)
+            yield Static(tr("preflight.words"), markup=False)
+            yield Static(tr("preflight.starting"), id="progress", markup=False)
+        yield from self.compose_bottom()
+
+    def on_mount(self) -> None:
+        context = multiprocessing.get_context("spawn")
+        self._words, theirs = context.Pipe(duplex=False)
+        home = self.console_app.home.root
+        given = (theirs, home, self._config, self._profile, self._actions)
+        self._child = context.Process(target=rehearse_all, args=given, daemon=True)
+        self._child.start()
+        theirs.close()
+
+    def on_unmount(self) -> None:
+        self._child.kill()
+        self._child.join()
+        self._words.close()
+
+    def show_session(self, state: SessionState | None) -> None:
+        super().show_session(state)
+        try:
+            while not self._ended and self._words.poll():
+                self._take(self._words.recv())
+        except EOFError:
+            self._end(tr("preflight.died"))
+
+    def action_cancel(self) -> None:
+        self.dismiss(self._passed)
+
+    def action_close_if_done(self) -> None:
+        """Enter closes once it is over."""
+        if self._ended:
+            self.dismiss(self._passed)
+
+    def _take(self, word: Word) -> None:
+        if isinstance(word, Action):
+            at = self._actions.index(word)
+            drawn = bar(at / len(self._actions), BAR_CELLS)
+            self._show(f"{drawn} {at + 1}/{len(self._actions)}\n{tr(word)} …")
+        elif isinstance(word, str):
+            self._end(f"✗ {sentence(word)}")
+        else:
+            self._passed = not word
+            said = "\n".join(f"✗ {sentence(reason)}" for reason in word)
+            self._end(said or tr("preflight.passed"))
+
+    def _end(self, said: str) -> None:
+        self._ended = True
+        hint = tr("preflight.next_session") if self._passed and self.console_app.live is not None else ""
+        self._show("\n".join(part for part in (said, hint) if part))
+
+    def _show(self, said: str) -> None:
+        self.query_one("#progress", Static).update(said)
 
 
-def ready(state: SessionState) -> bool:
-    """Whether everything that must be green is."""
-    return all(check.passes(state) for check in CHECKS if check.must)
+# What comes through the pipe: an action that begins; at the end the reasons why actions failed, or an error's words.
+Word = Action | tuple[str, ...] | str
 
 
-def _light(check: Check, state: SessionState) -> Light:
-    if check.passes(state):
-        return Light.GREEN
-    if not check.must and state.snapshot is not None:
-        return Light.AMBER
-    if check.operator or (state.elapsed_s < _PATIENCE_S and not state.fault):
-        return Light.WAITING
-    return Light.RED
+def rehearse_all(words: Connection, home: Path, config: Config, profile: Profile, actions: Sequence[Action]) -> None:
+    """Rehearse what is not on record yet, keep the verdicts, tell of each."""
+    from app.motion.patient import patient_of
+    from app.motion.preflight import cleared_actions, run_preflight
+    from app.system.scheduling import set_scheduling
+    from hal.joints.device import DEFAULT_DEVICE, load_exoskeleton
+
+    set_scheduling("rehearsal")
+    place = Home(home)
+    device = load_exoskeleton(Path(config.joints.device) if config.joints.device else DEFAULT_DEVICE)
+    patient = patient_of(profile, device)
+    done = cleared_actions(place, patient, device)
+    wanted = [action for action in actions if action not in done]
+    try:
+        results = run_preflight(place, patient, device, wanted, watch=words.send)
+    except OSError as error:
+        words.send(f"The rehearsals can't be kept in {home}: {error.strerror}; free space, then rehearse again.")
+        return
+    words.send(tuple(result.reason for result in results if not result.passed))

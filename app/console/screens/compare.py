@@ -11,7 +11,7 @@ from textual.containers import Horizontal
 
 from app.console.screens.base import ConsoleScreen
 from app.console.state import SessionState
-from app.console.widgets.distance import gauge
+from app.console.widgets.gesture import gauge
 from app.console.widgets.panel import Lines, Panel, plain
 from app.console.widgets.picture import Picture
 from app.ipc.messages import TriggerReport
@@ -30,7 +30,7 @@ class Tally:
         return Tally(pressed, self.presses + (pressed and not self.pressed))
 
 
-def describe(report: TriggerReport, tally: Tally, width: int, *, depth: bool) -> Lines:
+def measurement_lines(report: TriggerReport, tally: Tally, width: int, *, depth: bool) -> Lines:
     """One camera's column."""
     distance_m = report.depth_distance_m if depth else report.distance_m
     sd_m = 0.0 if depth else report.distance_sd_m
@@ -88,4 +88,4 @@ class CompareScreen(ConsoleScreen):
             if depth and report.depth_distance_m is None and not right.presses:
                 panel.show_lines((plain(tr("compare.no_depth"), "$text-muted"),))
             else:
-                panel.show_lines(describe(report, tally, max(10, panel.content_size.width), depth=depth))
+                panel.show_lines(measurement_lines(report, tally, max(10, panel.content_size.width), depth=depth))

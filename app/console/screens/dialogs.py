@@ -15,7 +15,7 @@ from textual.widgets.option_list import Option
 from app.console.keys import GESTURE_KEYS
 from app.console.screens.base import Dialog
 from app.console.state import SessionState
-from app.console.terms import FINGERS, action_name
+from app.console.widgets.gesture import FINGERS
 from app.console.widgets.panel import Lines, content_of
 from app.ipc.states import ACTION_OF, GESTURE_OF, Action
 from app.text.catalogue import tr
@@ -102,7 +102,7 @@ class TherapistAct(Dialog[Action]):
         return Content.assemble(
             (f" {gesture.value[0]}  ", "bold"),
             (f"{FINGERS[gesture]}  ", ""),
-            (action_name(action), "bold $success" if allowed else "$text-muted"),
+            (tr(action), "bold $success" if allowed else "$text-muted"),
             ("" if allowed else f"  {tr('act.not_now')}", "$text-muted"),
         )
 

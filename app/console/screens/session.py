@@ -9,23 +9,20 @@ from textual.binding import BindingType
 from textual.containers import Container, Horizontal, Vertical
 
 from app.console import keys
+from app.console.guidance import guidance_line
 from app.console.screens.base import ConsoleScreen
+from app.console.screens.checks import Checklist
 from app.console.screens.compare import CompareScreen
 from app.console.screens.dialogs import Question, TherapistAct
+from app.console.sentences import event_words
 from app.console.state import SessionState
-from app.console.terms import event_text
-from app.console.widgets.checklist import Checklist
-from app.console.widgets.distance import DistancePanel
-from app.console.widgets.events import EventsPanel
 from app.console.widgets.gait import MachinePanel
-from app.console.widgets.gesture import GesturePanel
-from app.console.widgets.guide import describe as describe_guide
-from app.console.widgets.health import HealthPanel
+from app.console.widgets.gesture import DistancePanel, GesturePanel
 from app.console.widgets.joints import JointsPanel
 from app.console.widgets.panel import Panel, StatePanel
 from app.console.widgets.patient_details import identity
 from app.console.widgets.picture import Picture
-from app.console.widgets.status import describe as describe_status
+from app.console.widgets.status import EventsPanel, HealthPanel, status_line
 from app.ipc.messages import HandCommand, HandPose, OperatorKind
 from app.ipc.states import Action, Effect
 from app.text.catalogue import tr
@@ -99,9 +96,9 @@ class SessionScreen(HandKeys):
         super().show_session(state)
         if state is None:
             return
-        self.query_one("#status", Panel).show_lines(describe_status(state))
+        self.query_one("#status", Panel).show_lines(status_line(state))
         app = self.console_app
-        guide = describe_guide(state, app.key_names, watching=app.read_only)
+        guide = guidance_line(state, app.key_names, watching=app.read_only)
         self.query_one("#guide", Panel).show_lines(guide)
         self.query_one(Picture).show(state)
         for panel in self.query(StatePanel):
@@ -136,7 +133,7 @@ class SessionScreen(HandKeys):
         if not waiting:
             self.notify(tr("acknowledge.nothing"))
             return
-        words = "\n".join(f"• {event_text(event)}" for event in waiting)
+        words = "\n".join(f"• {event_words(event.name, event.text)}" for event in waiting)
         self.app.push_screen(
             Question(tr("acknowledge.title"), f"{words}\n\n{tr('acknowledge.words')}"), self._acknowledged
         )

@@ -11,7 +11,7 @@ from textual.containers import VerticalScroll
 from textual.widgets import Button, Input, Label, Select, Static
 
 from app.console.screens.base import ConsoleScreen
-from app.console.screens.preflight import Preflight
+from app.console.screens.checks import Preflight
 from app.console.widgets.patient_details import identity
 from app.system.config import Config
 from app.text.catalogue import tr

@@ -14,13 +14,12 @@ from app.console import keys
 from app.console.screens.session import HandKeys
 from app.console.sentences import sentence
 from app.console.state import SessionState
-from app.console.terms import action_of, gesture_name
-from app.console.widgets.distance import DistancePanel
-from app.console.widgets.gesture import GesturePanel
+from app.console.widgets.gesture import DistancePanel, GesturePanel
 from app.console.widgets.hand_drawing import differences, draw_hand
 from app.console.widgets.panel import Lines, Panel, plain
 from app.console.widgets.picture import Picture
 from app.ipc.messages import TriggerReport
+from app.ipc.states import ACTION_OF
 from app.text.catalogue import tr
 from kgdfa.gesture import Gesture
 
@@ -54,7 +53,7 @@ def feedback(lesson: Lesson, report: TriggerReport | None) -> Lines:
     if target is None:
         return (plain(tr("training.finished"), "bold $success"),)
     if report is None or not report.hand:
-        return (plain(tr("training.show", gesture=gesture_name(target)), "bold $primary"),)
+        return (plain(tr("training.show", gesture=tr(target)), "bold $primary"),)
     if report.gesture is target and report.pressed:
         return (plain(tr("training.withdraw"), "bold $success"),)
     if report.gesture is target:
@@ -128,7 +127,7 @@ class TrainingScreen(HandKeys):
         self._drawn = target
         title = tr("training.title", done=self._lesson.done, all=len(LESSONS))
         if target is not None:
-            title += "  " + tr("training.lesson", gesture=gesture_name(target), action=action_of(target))
+            title += "  " + tr("training.lesson", gesture=tr(target), action=tr(ACTION_OF[target]))
         self.query_one("#title", Label).update(title)
         hand = self.query_one("#hand", Static)
         rows = max(6, min(18, self.size.height - 9))

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from app.console.sentences import sentence
 from app.console.state import SessionState
-from app.console.terms import FINGERS, action_name, gesture_of, state_name
-from app.console.widgets.events import describe as describe_events
+from app.console.widgets.gesture import FINGERS
 from app.console.widgets.panel import Line, Lines, StatePanel, bar, cells, padded, plain
+from app.console.widgets.status import event_lines
 from app.ipc.messages import ControlSnapshot
 from app.ipc.states import GESTURE_OF, Action, GaitState
 from app.text.catalogue import tr
@@ -26,7 +26,7 @@ _ROWS: tuple[tuple[GaitState | Action, ...], ...] = (
 )
 
 
-def describe(state: SessionState, width: int, height: int, *, alone: bool = False) -> Lines:
+def gait_lines(state: SessionState, width: int, height: int, *, alone: bool = False) -> Lines:
     """The drawing where there is room for it, else what is allowed as a list; alone, with what the events would say."""
     snapshot = state.snapshot
     if snapshot is None:
@@ -34,18 +34,18 @@ def describe(state: SessionState, width: int, height: int, *, alone: bool = Fals
     if not state.snapshot_fresh:
         return (_now(snapshot, width), plain(f" {tr('machine.silent')}", "bold $error"))
     drawn = height >= len(_ROWS) + 2 and width >= 72
-    why = describe_events(state)[: max(1, height // 2)] if alone and state.events else _why_not(snapshot)
+    why = event_lines(state)[: max(1, height // 2)] if alone and state.events else _why_not(snapshot)
     body = tuple(_row(row, snapshot) for row in _ROWS) if drawn else _allowed(snapshot, width, height - 1 - len(why))
     return (_now(snapshot, width), *((plain(""),) if drawn else ()), *why, *body)
 
 
 def _now(snapshot: ControlSnapshot, width: int) -> Line:
-    head = (f" ● {state_name(snapshot.state)} ", "bold reverse $primary")
+    head = (f" ● {tr(snapshot.state)} ", "bold reverse $primary")
     if snapshot.action is None:
         return (head,)
     share = bar(snapshot.progress, max(6, min(20, width - 50)))
-    latched = f"  {tr('machine.pending', action=action_name(snapshot.pending))}" if snapshot.pending else ""
-    return (head, (f" ▸ {action_name(snapshot.action)} ", "bold $accent"), (share, "$accent"), (latched, "$warning"))
+    latched = f"  {tr('machine.pending', action=tr(snapshot.pending))}" if snapshot.pending else ""
+    return (head, (f" ▸ {tr(snapshot.action)} ", "bold $accent"), (share, "$accent"), (latched, "$warning"))
 
 
 def _why_not(snapshot: ControlSnapshot) -> Lines:
@@ -67,7 +67,7 @@ def _allowed(snapshot: ControlSnapshot, width: int, height: int) -> Lines:
 
 def _item(action: Action, *, fingers: bool) -> str:
     drawn = f" {FINGERS[GESTURE_OF[action]]}" if fingers else ""
-    return f"{gesture_of(action):>4}{drawn} {action_name(action)}"
+    return f"{tr(GESTURE_OF[action]):>4}{drawn} {tr(action)}"
 
 
 def _columns(items: list[str], width: int) -> list[str]:
@@ -89,15 +89,15 @@ def _row(row: tuple[GaitState | Action, ...], snapshot: ControlSnapshot) -> Line
 
 def _state(state: GaitState, snapshot: ControlSnapshot) -> tuple[str, str]:
     here = state is snapshot.state
-    return (f"{'●' if here else '○'} {state_name(state)}", "bold $primary" if here else "$text-muted")
+    return (f"{'●' if here else '○'} {tr(state)}", "bold $primary" if here else "$text-muted")
 
 
 def _arrow(action: Action, snapshot: ControlSnapshot) -> tuple[str, str]:
     if action is snapshot.action:
-        return (f" ━━{gesture_of(action)}━▶ ", "bold $accent")
+        return (f" ━━{tr(GESTURE_OF[action])}━▶ ", "bold $accent")
     if action in snapshot.allowed:
-        return (f" ━━{gesture_of(action)}━▶ ", "bold $success")
-    return (f" ──{gesture_of(action)}─▷ ", "$text-muted")
+        return (f" ━━{tr(GESTURE_OF[action])}━▶ ", "bold $success")
+    return (f" ──{tr(GESTURE_OF[action])}─▷ ", "$text-muted")
 
 
 class MachinePanel(StatePanel):
@@ -106,4 +106,4 @@ class MachinePanel(StatePanel):
     def show(self, state: SessionState) -> None:
         """Draw the newest snapshot."""
         alone = self.screen.has_class("-narrow")  # the events have no panel there
-        self.show_lines(describe(state, self.content_size.width, self.content_size.height, alone=alone))
+        self.show_lines(gait_lines(state, self.content_size.width, self.content_size.height, alone=alone))

@@ -1,18 +1,30 @@
-"""The gesture panel: what the hand says, how sure, how many votes, and when none, why."""
+"""What perception measures: gesture with votes and reason, distance gauge, virtual button."""
 
 from __future__ import annotations
 
 from app.console.sentences import sentence
-from app.console.state import SessionState
-from app.console.terms import FINGERS, action_of, gesture_name
-from app.console.widgets.panel import Lines, StatePanel, bar, plain
-from app.ipc.messages import TriggerReport
+from app.console.state import PushNote, SessionState
+from app.console.widgets.panel import Line, Lines, StatePanel, bar, cells, plain
+from app.ipc.messages import PressRange, TriggerReport
+from app.ipc.states import ACTION_OF
 from app.text.catalogue import tr
+from kgdfa.gesture import FINGER_STATES, Finger, FingerState
 
+# Fingers as strokes, thumb first: hand emoji are wide characters, which terminals measure differently.
+_STROKES = {
+    FingerState.FOLDED: "··",
+    FingerState.OPEN: "\\|",
+    FingerState.HOOKED: "??",
+    FingerState.PINCHED: ">|",
+}
+FINGERS = {
+    gesture: "".join(_STROKES[state][finger != Finger.THUMB] for finger, state in zip(Finger, states, strict=True))
+    for gesture, states in FINGER_STATES.items()
+}
 VOTES_NEEDED = 3  # the paper's vote
 
 
-def describe(state: SessionState) -> Lines:
+def gesture_lines(state: SessionState) -> Lines:
     """Four lines; the last two are the reason."""
     report = state.report
     if report is None:
@@ -27,18 +39,18 @@ def describe(state: SessionState) -> Lines:
 
 def _headline(report: TriggerReport) -> tuple[tuple[str, str], ...]:
     if report.gesture is not None:
-        name = gesture_name(report.gesture)
+        name = tr(report.gesture)
         return (
             (f" {name} ", "bold reverse $primary"),
             (f" {FINGERS[report.gesture]} ", "bold"),
-            (action_of(report.gesture), "bold $primary"),
+            (tr(ACTION_OF[report.gesture]), "bold $primary"),
         )
     return plain(tr("gesture.none") if report.hand else tr("gesture.no_hand"), "bold $text-muted")
 
 
 def _votes(report: TriggerReport) -> tuple[tuple[str, str], ...]:
     votes = min(report.votes, VOTES_NEEDED)
-    raw = gesture_name(report.raw_gesture) if report.raw_gesture else "–"
+    raw = tr(report.raw_gesture) if report.raw_gesture else "–"
     return (
         (tr("gesture.votes", raw=raw), ""),
         (" ●" * votes + " ○" * (VOTES_NEEDED - votes) + "  ", "$primary"),
@@ -52,4 +64,94 @@ class GesturePanel(StatePanel):
 
     def show(self, state: SessionState) -> None:
         """Draw the newest report."""
-        self.show_lines(describe(state))
+        self.show_lines(gesture_lines(state))
+
+
+SCALE_M = 0.70  # the paper's farthest
+
+
+def distance_lines(state: SessionState, width: int) -> Lines:
+    """The figure, the gauge, and the button."""
+    report = state.report
+    if report is None or not state.report_fresh:
+        return (plain("–", "$text-muted"), plain(gauge(None, 0.0, 0.20, width)), _button(None, state.push))
+    return (_figure(report, width), _gauge_line(report, width), _button(report, state.push), *_zone(report.press_zone))
+
+
+def gauge(distance_m: float | None, sd_m: float, threshold_m: float, width: int, blind_m: float = 0.0) -> str:
+    """A scale from the camera (left) to SCALE_M: `┃` threshold, `●` hand, `░` its uncertainty (±2 sd).
+
+    blind_m: nearer the camera loses the hand (`╌`).
+    """
+
+    def at(metres: float) -> int:
+        return max(0, min(width - 1, round(metres / SCALE_M * (width - 1))))
+
+    drawn = ["╌"] * min(width, at(blind_m) if blind_m else 0)
+    drawn += ["─"] * (width - len(drawn))
+    if distance_m is not None:
+        for index in range(at(distance_m - 2 * sd_m), at(distance_m + 2 * sd_m) + 1):
+            drawn[index] = "░"
+    drawn[at(threshold_m)] = "┃"
+    if distance_m is not None:
+        drawn[at(distance_m)] = "●"
+    return "".join(drawn)
+
+
+def _figure(report: TriggerReport, width: int) -> Line:
+    limit = tr("distance.threshold", cm=f"{report.threshold_m * 100:.0f}")
+    if report.distance_m is None:
+        return ((tr("distance.none"), "$text-muted"), (limit, "$text-muted"))
+    figure = f"{report.distance_m * 100:5.1f} ± {report.distance_sd_m * 200:.1f} cm  "
+    if cells(figure + limit) > width:
+        limit = f"< {report.threshold_m * 100:.0f}"  # a second line would push the button out of the panel
+    return ((figure, "bold"), (limit, "$text-muted"))
+
+
+def _gauge_line(report: TriggerReport, width: int) -> Line:
+    style = "$success" if report.pressed else "$primary"
+    blind_m = report.press_zone.followed_from_m if report.press_zone else 0.0
+    return plain(gauge(report.distance_m, report.distance_sd_m, report.threshold_m, width, blind_m), style)
+
+
+def _button(report: TriggerReport | None, push: PushNote) -> Line:
+    if report is not None and report.pressed:
+        name = tr(report.gesture) if report.gesture else ""
+        return (
+            (f" ◉ {tr('button.pressed')} ", "bold reverse $success"),
+            (" " + tr("button.withdraw", gesture=name), "$success"),
+        )
+    return (
+        (f" ○ {tr('button.released')} ", "bold reverse $error"),
+        (f" {_why(push)}" if push.said else "", "$warning"),
+    )
+
+
+def _why(push: PushNote) -> str:
+    said = sentence(push.said)
+    return tr("button.cancelled", reason=said) if push.cancelled else said
+
+
+def _zone(zone: PressRange | None) -> Lines:
+    """Where a press works before this camera; it stands below the button, where there is room for it."""
+    if zone is None:
+        return ()
+    style = "$text-muted" if zone.fits else "bold $warning"
+    return (plain(zone_words(zone), style),)
+
+
+def zone_words(zone: PressRange) -> str:
+    """Where a press works, in a line."""
+    if not zone.possible:
+        return tr("distance.zone_impossible", near=f"{zone.followed_from_m * 100:.0f}")
+    near, proposed = f"{zone.followed_from_m * 100:.0f}", f"{zone.threshold_m * 100:.0f}"
+    words = tr("distance.zone", near=near, far=f"{zone.seen_to_m * 100:.0f}")
+    return words if zone.fits else f"{words} · {tr('distance.proposed', cm=proposed)}"
+
+
+class DistancePanel(StatePanel):
+    """Distance, gauge and button."""
+
+    def show(self, state: SessionState) -> None:
+        """Draw the newest report."""
+        self.show_lines(distance_lines(state, max(10, self.content_size.width)))

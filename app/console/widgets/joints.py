@@ -18,7 +18,7 @@ _SPARKS = "▁▂▃▄▅▆▇█"
 _HISTORY = 40  # a quarter of a second each: ten seconds
 
 
-def describe(state: SessionState, width: int, past: tuple[tuple[float, ...], ...]) -> Lines:
+def joint_lines(state: SessionState, width: int, past: tuple[tuple[float, ...], ...]) -> Lines:
     """One line a joint."""
     if state.snapshot is None:
         return (plain(tr("joints.waiting"), "$text-muted"),)
@@ -95,4 +95,4 @@ class JointsPanel(StatePanel):
             self._noted_ns = state.now_ns
             for joint in Joint:
                 self._past[joint].append(state.snapshot.joints[joint].angle_rad)
-        self.show_lines(describe(state, self.content_size.width, tuple(tuple(p) for p in self._past)))
+        self.show_lines(joint_lines(state, self.content_size.width, tuple(tuple(p) for p in self._past)))

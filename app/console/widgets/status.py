@@ -1,16 +1,26 @@
-"""The line on top: patient, operator, hardware or simulation, armed or not, state."""
+"""The status line on top, the dose and health panel, and the list of events."""
 
 from __future__ import annotations
 
+from textual.message import Message
+
+from app.console.sentences import event_words, sentence
 from app.console.state import SessionState
-from app.console.terms import EFFECT_STYLES, effect_name, state_name
-from app.console.widgets.panel import Lines, Part
-from app.ipc.messages import ControlSnapshot
+from app.console.widgets.panel import Line, Lines, Part, StatePanel, bar, cells, plain
+from app.ipc.messages import ActiveEvent, ControlSnapshot
 from app.ipc.states import Effect
 from app.text.catalogue import tr
 
+EFFECT_MARKS = {Effect.NOTE: "i", Effect.REFUSE: "-", Effect.HOLD: "!", Effect.DAMP: "‼"}
+EFFECT_STYLES = {
+    Effect.NOTE: "$text-muted",
+    Effect.REFUSE: "$warning",
+    Effect.HOLD: "bold $error",
+    Effect.DAMP: "bold reverse $error",
+}
 
-def describe(state: SessionState) -> Lines:
+
+def status_line(state: SessionState) -> Lines:
     """One line."""
     snapshot, config = state.snapshot, state.setup.config
     operator = (f" {state.setup.operator} ", "$text-muted")
@@ -22,9 +32,9 @@ def describe(state: SessionState) -> Lines:
     if snapshot is None:
         return ((*parts, (tr("status.starting"), "$text-muted")),)
     parts.append(_arming(snapshot, fresh=state.snapshot_fresh))
-    parts.append((f" {state_name(snapshot.state)} ", "bold"))
+    parts.append((f" {tr(snapshot.state)} ", "bold"))
     if snapshot.effect >= Effect.HOLD:
-        parts.append((f" {effect_name(snapshot.effect).upper()} ", EFFECT_STYLES[Effect.DAMP]))
+        parts.append((f" {tr(snapshot.effect).upper()} ", EFFECT_STYLES[Effect.DAMP]))
     if not state.snapshot_fresh:
         parts.append((f" {tr('status.silent')} ", EFFECT_STYLES[Effect.DAMP]))
     if snapshot.stop_seen_ns and snapshot.stop_command_ns:
@@ -40,3 +50,100 @@ def _arming(snapshot: ControlSnapshot, *, fresh: bool) -> Part:
     if snapshot.effect >= Effect.REFUSE or not fresh:
         return f" {tr('status.waits')} ", "reverse $warning"
     return f" {tr('status.armed')} ", "bold reverse $success"
+
+
+def event_lines(state: SessionState) -> Lines:
+    """One line an event, then the newest refusal."""
+    if state.snapshot is None:
+        return (plain(tr("events.waiting"), "$text-muted"),)
+    if not state.snapshot_fresh:
+        return (plain(tr("events.silent"), "bold $error"), *(_line(event, state.now_ns) for event in state.events))
+    lines = tuple(_line(event, state.now_ns) for event in state.events)
+    if state.snapshot.refusal:
+        lines = (*lines, plain(tr("events.refused", reason=sentence(state.snapshot.refusal)), "$warning"))
+    return lines or (plain(tr("events.none"), "$text-muted"),)
+
+
+def _line(event: ActiveEvent, now_ns: int) -> Line:
+    settled = event.acknowledged and not event.present  # what is still there still acts, seen or not
+    style = "$text-muted" if settled else EFFECT_STYLES[event.effect]
+    seen = "✓" if settled else EFFECT_MARKS[event.effect]
+    gone = "" if event.present else tr("events.gone")
+    age = f"{max(0, now_ns - event.since_ns) // 1_000_000_000} s"
+    return (
+        (f"{seen} {tr(event.effect)} ", style),
+        (event_words(event.name, event.text), ""),
+        (f" {gone}{age}", "$text-muted"),
+    )
+
+
+class EventsPanel(StatePanel):
+    """A click asks for the acknowledgement."""
+
+    class Clicked(Message):
+        """The list was clicked."""
+
+    def show(self, state: SessionState) -> None:
+        """Draw the newest snapshot."""
+        self.show_lines(event_lines(state))
+
+    def on_click(self) -> None:
+        self.post_message(self.Clicked())
+
+
+def health_lines(state: SessionState, width: int) -> Lines:
+    """Dose against target, then latency, pictures and lateness."""
+    if state.snapshot is None:
+        return (plain(tr("health.waiting"), "$text-muted"),)
+    dose, snapshot = state.setup.profile.dose, state.snapshot
+    return (
+        _dose(tr("health.steps"), snapshot.steps, dose.steps, f"{snapshot.steps}/{dose.steps}", width),
+        _dose(
+            tr("health.distance"),
+            snapshot.distance_walked_m,
+            dose.distance_m,
+            f"{snapshot.distance_walked_m:.1f}/{dose.distance_m:.0f} m",
+            width,
+        ),
+        _dose(
+            tr("health.time"),
+            state.elapsed_s,
+            dose.duration_s,
+            f"{_minutes(state.elapsed_s)}/{_minutes(dose.duration_s)}",
+            width,
+        ),
+        _chain(state),
+        _ticks(state),
+    )
+
+
+def _minutes(seconds: float) -> str:
+    return f"{int(seconds) // 60}:{int(seconds) % 60:02d}"
+
+
+def _dose(name: str, done: float, target: float, figures: str, width: int) -> Line:
+    room = max(4, min(24, width - cells(name) - cells(figures) - 3))
+    return ((f"{name} ", ""), (bar(done / target if target else 1.0, room), "$primary"), (f" {figures}", "bold"))
+
+
+def _chain(state: SessionState) -> Line:
+    report, snapshot = state.report, state.snapshot
+    fps = f"{report.fps:.0f}" if report is not None and state.report_fresh else "–"
+    age = f"{snapshot.report_age_ms:.0f}" if snapshot is not None else "–"
+    return plain(tr("health.chain", fps=fps, age=age))
+
+
+def _ticks(state: SessionState) -> Line:
+    assert state.snapshot is not None
+    late, real_time = state.snapshot.lateness, state.snapshot.real_time
+    words = tr("health.ticks", p99=f"{late.p99_ms:.2f}", worst=f"{late.max_ms:.1f}", missed=late.missed)
+    privilege = "" if real_time.fifo else f" {tr('health.no_fifo')}"
+    return ((words, "$warning" if late.missed else ""), (privilege, "$warning"))
+
+
+class HealthPanel(StatePanel):
+    """Dose and health of the chain."""
+
+    def show(self, state: SessionState) -> None:
+        """Draw the newest state."""
+        self.show_lines(health_lines(state, self.content_size.width))

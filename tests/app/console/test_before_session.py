@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from app.console.screens.calibration import CalibrationScreen
-from app.console.screens.preflight import Preflight
+from app.console.screens.checks import Preflight
 from app.console.screens.session import SessionScreen
 from app.ipc.messages import PressRange
 from app.ipc.states import Action

@@ -7,7 +7,7 @@ import pytest
 from textual.widgets import Input, Select
 
 from app.console.session_index import SessionRecords
-from app.console.terms import EFFECT_MARKS, effect_name
+from app.console.widgets.status import EFFECT_MARKS
 from app.ipc.messages import OperatorKind
 from app.ipc.states import Action, Effect, GaitState
 from app.system.paths import Home
@@ -84,7 +84,7 @@ async def test_what_is_still_there_is_not_ticked_off(console: Opener, present: b
     async with console(size=(130, 40)) as open_console:
         stale = event("camera stale", Effect.REFUSE, "The camera gives no fresh picture.")
         open_console.host.events = (msgspec.structs.replace(stale, present=present, acknowledged=True),)
-        await open_console.shows(f"{mark} {effect_name(Effect.REFUSE)} The camera")
+        await open_console.shows(f"{mark} {tr(Effect.REFUSE)} The camera")
 
 
 async def test_an_event_is_on_top_until_it_is_acknowledged(console: Opener) -> None:
@@ -211,9 +211,8 @@ async def test_states_the_machine_can_be_in_are_all_drawn(console: Opener) -> No
     async with console(size=(200, 50)) as open_console:
         for state in GaitState:
             open_console.host.state = state
-            from app.console.terms import state_name
 
-            await open_console.shows(f"● {state_name(state)}")
+            await open_console.shows(f"● {tr(state)}")
 
 
 async def _confirm_and_arm(open_console: Console) -> None:

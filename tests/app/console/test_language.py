@@ -11,8 +11,8 @@ import pytest
 
 import app.console
 from app.console import keys
+from app.console.guidance import CHECKS
 from app.console.patient_fields import FIELDS, SECTIONS
-from app.console.screens.checks import CHECKS
 from app.ipc.states import Action, Effect, GaitState
 from app.system.errors import AppError
 from app.system.operators import Permission, Role

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from app.console.widgets.guide import _ENDINGS
+from app.console.guidance import _ENDINGS
 from app.console.widgets.picture import CELLS_A_SECOND, PICTURE_HZ, wanted
 from app.control.events.table import Event
 from app.ipc.states import Effect

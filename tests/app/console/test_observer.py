@@ -10,7 +10,7 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from app.console.screens.observer import ObserverHost, share, shared, unshare
+from app.console.observer import ObserverHost, share, shared, unshare
 from app.ipc import streams as processes
 from app.ipc.links import OrderedReceiver, Publisher, address
 from app.ipc.messages import HandCommand, OperatorCommand, OperatorKind, TriggerReport

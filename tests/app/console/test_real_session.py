@@ -8,8 +8,8 @@ from pathlib import Path
 
 from app.console.operator import Idle
 from app.console.screens.after import AfterScreen
+from app.console.screens.checks import Preflight
 from app.console.screens.patients import PatientsScreen
-from app.console.screens.preflight import Preflight
 from app.console.screens.session import SessionScreen
 from app.console.screens.signin import LockScreen, SignInDialog
 from app.control.events.table import Event

@@ -13,19 +13,18 @@ import app.console
 from app.console.screens.after import AfterScreen
 from app.console.screens.base import ConsoleScreen, Dialog
 from app.console.screens.calibration import CalibrationScreen
+from app.console.screens.checks import Checklist, Preflight
 from app.console.screens.compare import CompareScreen
 from app.console.screens.dialogs import AskText, Question, TherapistAct
 from app.console.screens.help import HelpPage
 from app.console.screens.patient_form import PatientForm
 from app.console.screens.patient_history import History
 from app.console.screens.patients import PatientsScreen
-from app.console.screens.preflight import Preflight
 from app.console.screens.review import ChooseSession, ReviewScreen, WriteComment
 from app.console.screens.session import SessionScreen
 from app.console.screens.signin import LockScreen, SignInDialog
 from app.console.screens.start import StartSession
 from app.console.screens.training import TrainingScreen
-from app.console.widgets.checklist import Checklist
 from app.ipc.states import Effect, GaitState
 from logs.read import records, session_paths
 from logs.records import Stop

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 import pytest
 from textual._styles_cache import StylesCache
 
-from app.console.preload import collect_rarely, keep_loaded, let_go
+from app.console.live import gc_freeze, reduce_gc, restore_gc
 from tests.app.console.conftest import Opener
 
 
@@ -24,12 +24,12 @@ class Node:
 def as_before() -> Iterator[None]:
     """Whatever a test does, the next one's garbage is collected."""
     yield
-    let_go()
+    restore_gc()
 
 
 def test_garbage_is_freed_before_the_rest_is_kept() -> None:
     gone = weakref.ref(Node())
-    keep_loaded()
+    gc_freeze()
     assert gone() is None
     assert gc.get_freeze_count() > 0
 
@@ -38,13 +38,13 @@ def test_what_was_kept_is_let_go_and_collected_as_often_as_before() -> None:
     usual = gc.get_threshold()
     kept = Node()
     gone = weakref.ref(kept)
-    collect_rarely()
+    reduce_gc()
     assert gc.get_threshold() > usual
-    keep_loaded()
+    gc_freeze()
     del kept
     gc.collect()
     assert gone() is not None, "kept things are left out of collections"
-    let_go()
+    restore_gc()
     gc.collect()
     assert gone() is None
     assert gc.get_threshold() == usual

@@ -1,8 +1,10 @@
-"""A console that only looks: it listens to a running session's streams and sends nothing."""
+"""A console that only watches a running session: how it finds the streams, and how a browser shows it."""
 
 from __future__ import annotations
 
 import os
+import shlex
+import sys
 from pathlib import Path
 
 import msgspec
@@ -135,3 +137,17 @@ def _encode(value: object) -> object:
 
 def _decode(kind: type, value: object) -> object:
     return Path(str(value)) if issubclass(kind, Path) else value
+
+
+LOOPBACK = "127.0.0.1"
+PORT = 8730
+
+
+def serve_console(home: Home, port: int = PORT) -> None:
+    """Serve until Ctrl-C. Raises AppError when no session runs."""
+    from textual_serve.server import Server
+
+    shared(home)
+    rleex = Path(sys.executable).with_name("rleex")
+    words = [str(rleex), "run", "--read-only", "--home", str(home.root)]
+    Server(shlex.join(words), host=LOOPBACK, port=port, title="rleex (read-only)").serve()

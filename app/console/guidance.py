@@ -1,0 +1,171 @@
+"""Guidance for the operator: the checks before arming, and the next step in one sentence."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import Enum
+
+from app.console.state import SessionState
+from app.console.widgets.panel import Lines, plain
+from app.ipc.messages import ControlSnapshot
+from app.ipc.states import Effect, GaitState
+from app.text.catalogue import tr
+
+_JOINT_STALE_MS = 100.0
+_PATIENCE_S = 8.0  # starting the processes and loading the hand model
+
+
+class Light(Enum):
+    """How a check stands: shape, and a colour that only repeats it."""
+
+    GREEN = "✓"
+    WAITING = "…"
+    AMBER = "!"
+    RED = "✗"
+
+
+@dataclass(frozen=True, slots=True)
+class Check:
+    """A name of the language file, and the test; `must` ones keep the session from being armed."""
+
+    name: str
+    passes: Callable[[SessionState], bool]
+    must: bool = True
+    operator: bool = False  # waits for the operator, not for a machine
+
+
+@dataclass(frozen=True, slots=True)
+class Result:
+    """One line of the list."""
+
+    name: str
+    light: Light
+
+
+def _processes(state: SessionState) -> bool:
+    return len(state.processes) >= 5 and all(process.alive for process in state.processes)
+
+
+def _audit(state: SessionState) -> bool:
+    return state.audit is not None and not state.audit.fault
+
+
+def _joints(state: SessionState) -> bool:
+    return state.snapshot is not None and all(
+        joint.age_ms < _JOINT_STALE_MS and not joint.fault for joint in state.snapshot.joints
+    )
+
+
+def _camera(state: SessionState) -> bool:
+    return state.report_fresh and state.report is not None and not state.report.camera_fault
+
+
+def _clear(state: SessionState) -> bool:
+    return state.snapshot is not None and state.snapshot.effect < Effect.HOLD
+
+
+def _real_time(state: SessionState) -> bool:
+    return state.snapshot is not None and state.snapshot.real_time.fifo
+
+
+def _press_zone(state: SessionState) -> bool:
+    zone = None if state.report is None else state.report.press_zone
+    return zone is None or zone.fits
+
+
+def _confirmed(state: SessionState) -> bool:
+    return state.snapshot is not None and state.snapshot.patient_confirmed
+
+
+CHECKS = (
+    Check("processes", _processes),
+    Check("audit", _audit),
+    Check("control", lambda state: state.snapshot_fresh),
+    Check("joints", _joints),
+    Check("camera", _camera),
+    Check("clear", _clear),
+    Check("press_zone", _press_zone, must=False),
+    Check("real_time", _real_time, must=False),
+    Check("patient", _confirmed, operator=True),
+)
+
+
+def results(state: SessionState) -> tuple[Result, ...]:
+    """Every check as it stands now."""
+    return tuple(Result(check.name, _light(check, state)) for check in CHECKS)
+
+
+def ready(state: SessionState) -> bool:
+    """Whether everything that must be green is."""
+    return all(check.passes(state) for check in CHECKS if check.must)
+
+
+def _light(check: Check, state: SessionState) -> Light:
+    if check.passes(state):
+        return Light.GREEN
+    if not check.must and state.snapshot is not None:
+        return Light.AMBER
+    if check.operator or (state.elapsed_s < _PATIENCE_S and not state.fault):
+        return Light.WAITING
+    return Light.RED
+
+
+_LEGS_ASTRAY = (GaitState.UNPOWERED, GaitState.BETWEEN)
+_ENDINGS = ("shutting down", "shutting down, giving way")  # control's events of these names, whose table brings numpy
+
+
+def guidance_line(state: SessionState, keys: dict[str, str], *, watching: bool = False) -> Lines:
+    """One line; `keys` maps a key's name in the key table to how it is shown."""
+    name, style = next_step(state)
+    if watching:
+        return (plain(f"· {tr(f'watch.{name}', **keys)}", style),)
+    return (plain(f"▶ {tr(f'guide.{name}', **keys)}", style),)
+
+
+def next_step(state: SessionState) -> tuple[str, str]:
+    """Name of the words, and their style: the first row that applies."""
+    for applies, name, style in _STEPS:
+        if applies(state, state.snapshot):
+            return name, style
+    return _hand_step(state)
+
+
+def _hand_step(state: SessionState) -> tuple[str, str]:
+    report = state.report
+    if report is not None and report.pressed:
+        return "withdraw", "bold $success"
+    if report is not None and report.gesture is not None:
+        return "push", "bold $primary"
+    return "sign", "$primary"
+
+
+def _down(state: SessionState) -> bool:
+    return any(not process.alive and process.exit_code is not None for process in state.processes)
+
+
+def _gone(state: SessionState, name: str) -> bool:
+    return any(process.name == name and not process.alive for process in state.processes)
+
+
+def _ending(state: SessionState) -> bool:
+    """Control's last word was that it ends: its silence after that is no fault."""
+    return any(event.name in _ENDINGS for event in state.events)
+
+
+_Applies = Callable[[SessionState, ControlSnapshot | None], bool]
+_STEPS: tuple[tuple[_Applies, str, str], ...] = (
+    (lambda state, _: bool(state.fault), "failed", "bold $error"),
+    (lambda state, now: now is None and _down(state), "process_down", "bold $error"),
+    (lambda _, now: now is None, "starting", "$text-muted"),
+    (lambda state, _: _ending(state) and not _gone(state, "audit"), "ending", "bold $warning"),
+    (lambda state, _: not state.snapshot_fresh and _gone(state, "guardian"), "nobody_stops", "bold $error"),
+    (lambda state, _: not state.snapshot_fresh, "control_silent", "bold $error"),
+    (lambda _, now: now is not None and now.effect is Effect.DAMP, "damped", "bold $error"),
+    (lambda _, now: now is not None and now.effect is Effect.HOLD, "held", "bold $error"),
+    (lambda _, now: now is not None and not now.patient_confirmed, "confirm", "bold $accent"),
+    (lambda state, _: not ready(state), "checks", "bold $warning"),
+    (lambda _, now: now is not None and not now.armed, "arm", "bold $accent"),
+    (lambda _, now: now is not None and now.action is not None, "moving", "bold $accent"),
+    (lambda _, now: now is not None and now.state in _LEGS_ASTRAY, "initialise", "bold $accent"),
+)
