@@ -70,7 +70,7 @@ def monitor(
     import time
 
     from rich.console import Console
-    from rich.live import LiveSession
+    from rich.live import Live
 
     from app.cli.drive_table import monitor_table
     from hal.joints.can.monitor import BusMonitor
@@ -79,7 +79,7 @@ def monitor(
     watched = BusMonitor(_device(device, interface, channel), motors)
     end_s = time.monotonic() + seconds if seconds else float("inf")
     try:
-        with LiveSession(console=console, auto_refresh=False) as live:
+        with Live(console=console, auto_refresh=False) as live:
             while time.monotonic() < end_s:
                 watched.look(0.2)
                 live.update(monitor_table(watched), refresh=True)

@@ -47,7 +47,7 @@ def _watched(described: Exoskeleton, run: Callable[..., None], seconds: float) -
     import time
 
     from rich.console import Console
-    from rich.live import LiveSession
+    from rich.live import Live
 
     from app.cli.drive_table import emulated_drives_table
 
@@ -55,7 +55,7 @@ def _watched(described: Exoskeleton, run: Callable[..., None], seconds: float) -
     where = ", ".join(f"{bus.channel} ({bus.interface})" for bus in described.buses)
     console.print(f"Emulating {described.name} on {where}; Ctrl-C ends it.")
     end_s = time.monotonic() + seconds if seconds else float("inf")
-    with LiveSession(console=console, auto_refresh=False, transient=True) as live:
+    with Live(console=console, auto_refresh=False, transient=True) as live:
 
         def look(emulator: DriveEmulator) -> None:
             live.update(emulated_drives_table(emulator), refresh=True)
