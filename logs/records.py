@@ -1,8 +1,9 @@
 """What the audit trail can say: one frozen struct a kind of record, and the envelope that chains them.
 
-Values are plain types with units in their names. States, actions, gestures, effects and events stand as the
-strings that the rest of the program uses, because a trail must outlive the program's enumerations.
-A quantity that was not measured (NaN, or a drive that does not tell) is null.
+Values are plain types with units in their names. States, actions, gestures, effects and events are recorded as the
+values of the program's enumerations (those of former versions: `logs/legacy.py`), reasons as a code with values
+(`logs/reason.py`): text for people is made when a trail is read. A quantity that was not measured (NaN, or a drive
+that does not report it) is null.
 """
 
 from __future__ import annotations
@@ -12,13 +13,16 @@ from typing import Annotated, Any
 import msgspec
 from msgspec import Meta, Struct
 
+from logs.reason import Reason
+
 Measured = float | None  # null: not measured
 Quad = tuple[Measured, Measured, Measured, Measured]  # left hip, left knee, right hip, right knee
+Cause = Reason | str | None  # a code with values; text as schema 1 recorded it; null: none
 Hex = Annotated[str, Meta(pattern="^[0-9a-f]*$")]
 
 
 class Command(Struct, frozen=True, kw_only=True, tag_field="kind", tag="command"):
-    """An action was accepted; `source` is whose wish it was."""
+    """An action was accepted; `source` is who requested it."""
 
     number: int
     action: str
@@ -31,9 +35,9 @@ class Command(Struct, frozen=True, kw_only=True, tag_field="kind", tag="command"
 
 
 class Refusal(Struct, frozen=True, kw_only=True, tag_field="kind", tag="refusal"):
-    """A wish was refused, with the reason that the operator saw."""
+    """A request was refused, with the reason that the operator saw."""
 
-    reason: str
+    reason: Cause
     source: str
     state: str = ""
     action: str | None = None
@@ -44,7 +48,7 @@ class Refusal(Struct, frozen=True, kw_only=True, tag_field="kind", tag="refusal"
 class GuardRefusal(Struct, frozen=True, kw_only=True, tag_field="kind", tag="guard-refusal"):
     """The guard before the drives refused a joint command."""
 
-    reason: str
+    reason: Cause
     joint: str = ""
     quantity: str = ""
     value: Measured = None
@@ -58,7 +62,7 @@ class PlanChecked(Struct, frozen=True, kw_only=True, tag_field="kind", tag="plan
     action: str
     phase: str
     ok: bool
-    reason: str
+    reason: Cause
     duration_s: float
     peak_speed_rad_s: Quad = (None, None, None, None)
     peak_torque_nm: Quad = (None, None, None, None)
@@ -85,7 +89,7 @@ class ActionEnd(Struct, frozen=True, kw_only=True, tag_field="kind", tag="action
     from_state: str
     to_state: str | None
     outcome: str  # completed, refused, stopped
-    reason: str = ""
+    reason: Cause = None
     recognised_ns: int = 0
     released_ns: int = 0
     accepted_ns: int = 0
@@ -102,7 +106,7 @@ class EventRaised(Struct, frozen=True, kw_only=True, tag_field="kind", tag="even
 
     event: str
     effect: str
-    text: str
+    text: Cause
 
 
 class EventCleared(Struct, frozen=True, kw_only=True, tag_field="kind", tag="event-cleared"):
@@ -126,7 +130,7 @@ class Acknowledgement(Struct, frozen=True, kw_only=True, tag_field="kind", tag="
     events: tuple[str, ...]
     waited_s: float = 0.0  # since the oldest of them was raised
     accepted: bool = True
-    reason: str = ""
+    reason: Cause = None
 
 
 class Stop(Struct, frozen=True, kw_only=True, tag_field="kind", tag="stop"):
@@ -143,7 +147,7 @@ class Arming(Struct, frozen=True, kw_only=True, tag_field="kind", tag="arming"):
     """The operator armed or disarmed the device."""
 
     armed: bool
-    reason: str = ""
+    reason: Cause = None
 
 
 class Camera(Struct, frozen=True, kw_only=True, tag_field="kind", tag="camera"):
@@ -166,7 +170,7 @@ class Calibration(Struct, frozen=True, kw_only=True, tag_field="kind", tag="cali
     anchor_m: float
     focal_px: float
     residual_m: Measured = None
-    text: str = ""
+    text: Cause = None
 
 
 class Recording(Struct, frozen=True, kw_only=True, tag_field="kind", tag="recording"):
@@ -182,7 +186,7 @@ class GestureOnset(Struct, frozen=True, kw_only=True, tag_field="kind", tag="ges
 
     gesture: str | None
     confidence: float = 0.0
-    explanation: str = ""
+    explanation: Cause = None
     votes: int = 0
     captured_ns: int = 0
     distance_m: Measured = None
@@ -200,13 +204,13 @@ class Press(Struct, frozen=True, kw_only=True, tag_field="kind", tag="press"):
 class Cancel(Struct, frozen=True, kw_only=True, tag_field="kind", tag="cancel"):
     """A press ended without a command."""
 
-    reason: str
+    reason: Cause
     gesture: str | None = None
     captured_ns: int = 0
 
 
 class Release(Struct, frozen=True, kw_only=True, tag_field="kind", tag="release"):
-    """A press ended by withdrawal: the wearer's wish."""
+    """A press ended by withdrawal: the wearer's command."""
 
     gesture: str | None
     recognised_ns: int
@@ -229,7 +233,7 @@ class SessionStart(Struct, frozen=True, kw_only=True, tag_field="kind", tag="ses
 class SessionEnd(Struct, frozen=True, kw_only=True, tag_field="kind", tag="session-end"):
     """The session ends in good order."""
 
-    reason: str = ""
+    reason: Cause = None
 
 
 class ProcessStart(Struct, frozen=True, kw_only=True, tag_field="kind", tag="process-start"):
@@ -239,15 +243,15 @@ class ProcessStart(Struct, frozen=True, kw_only=True, tag_field="kind", tag="pro
 
 
 class ProcessEnd(Struct, frozen=True, kw_only=True, tag_field="kind", tag="process-end"):
-    """A process ended, told by itself or by who found it gone."""
+    """A process ended, reported by itself or by who found it gone."""
 
     pid: int
-    reason: str = ""
-    ended: str = ""  # the process, when somebody else tells
+    reason: Cause = None
+    ended: str = ""  # the process, when another one reports it
 
 
 class PatientChosen(Struct, frozen=True, kw_only=True, tag_field="kind", tag="patient"):
-    """Which patient, by pseudonym alone, and with which profile."""
+    """Which patient, by pseudonym only, and with which profile."""
 
     patient: str
     profile_sha256: Hex = ""
@@ -272,14 +276,14 @@ class SignOut(Struct, frozen=True, kw_only=True, tag_field="kind", tag="sign-out
     """An operator signed out, or the console locked itself."""
 
     name: str
-    reason: str = ""
+    reason: Cause = None
 
 
 class SignInFailed(Struct, frozen=True, kw_only=True, tag_field="kind", tag="sign-in-failed"):
     """A refused attempt to sign in."""
 
     name: str
-    reason: str
+    reason: Cause
     failures: int
     wait_s: float
 
@@ -293,9 +297,9 @@ class OperatorChanged(Struct, frozen=True, kw_only=True, tag_field="kind", tag="
 
 
 class Note(Struct, frozen=True, kw_only=True, tag_field="kind", tag="note"):
-    """What the therapist wrote."""
+    """What the therapist wrote, or what a process reports."""
 
-    text: str
+    text: Reason | str
 
 
 class Discomfort(Struct, frozen=True, kw_only=True, tag_field="kind", tag="discomfort"):
@@ -309,7 +313,7 @@ class Drives(Struct, frozen=True, kw_only=True, tag_field="kind", tag="drives"):
     """The drives' life cycle as the driver confirmed it."""
 
     state: str
-    detail: str = ""
+    detail: Cause = None
 
 
 class JointStatistics(Struct, frozen=True, kw_only=True, tag_field="kind", tag="joints"):
@@ -349,14 +353,14 @@ class RealTimePrivilege(Struct, frozen=True, kw_only=True, tag_field="kind", tag
 
 
 class HeartbeatLost(Struct, frozen=True, kw_only=True, tag_field="kind", tag="heartbeat-lost"):
-    """A stream's sign of life is overdue."""
+    """A stream's heartbeat is overdue."""
 
     stream: str
     age_ms: float
 
 
 class HeartbeatFound(Struct, frozen=True, kw_only=True, tag_field="kind", tag="heartbeat-found"):
-    """A stream's sign of life is back."""
+    """A stream's heartbeat is back."""
 
     stream: str
     silent_ms: float
@@ -372,7 +376,7 @@ class RecordsLost(Struct, frozen=True, kw_only=True, tag_field="kind", tag="reco
     """Records that a full queue or a malformed message kept from the trail: their number is known, at least."""
 
     count: int
-    reason: str
+    reason: Cause
 
 
 class Checkpoint(Struct, frozen=True, kw_only=True, tag_field="kind", tag="checkpoint"):
@@ -410,7 +414,7 @@ class LogRecovered(Struct, frozen=True, kw_only=True, tag_field="kind", tag="log
     last_hash: Hex
     torn_bytes: int
     torn_sha256: Hex
-    text: str
+    text: Cause
     key: Hex
     signature: Hex = ""
 
@@ -425,7 +429,7 @@ class Comment(Struct, frozen=True, kw_only=True, tag_field="kind", tag="comment"
     signature: Hex = ""
 
 
-SCHEMA = 1  # raised whenever an older reader could misread a newer record
+SCHEMA = 2  # 2: reasons are codes with values. Raised whenever an older reader could misread a newer record
 
 Body = (
     SessionStart

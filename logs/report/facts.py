@@ -9,11 +9,13 @@ from dataclasses import dataclass
 from typing import TypeVar
 
 from logs.read import Outline
+from logs.reason import Reason
 from logs.records import (
     Acknowledgement,
     ActionEnd,
     Body,
     Cancel,
+    Cause,
     Discomfort,
     EventCleared,
     EventRaised,
@@ -103,7 +105,7 @@ def _event(
         at_s=at_s,
         event=body.event,
         effect=body.effect,
-        text=body.text,
+        text=_text(body.text),
         lasted_s=None if gone is None else gone - at_s,
         acknowledged_after_s=None if answer is None else answer[0] - at_s,
         by="" if answer is None else answer[1],
@@ -211,8 +213,8 @@ def facts_of(outline: Outline, found: Sequence[Record]) -> Diagnostics:
         time_in_state=_time_in(states),
         latencies=_latencies([end for _, end in timed.of(ActionEnd)]),
         joints=tuple(_trace(timed.of(JointStatistics), joint) for joint in range(len(JOINTS))),
-        refusals=_counted(body.reason for _, body in timed.of(Refusal)),
-        cancels=_counted(body.reason for _, body in timed.of(Cancel)),
+        refusals=_counted(_text(body.reason) for _, body in timed.of(Refusal)),
+        cancels=_counted(_text(body.reason) for _, body in timed.of(Cancel)),
         events=felt,
         kinds_of_events=summed(felt),
         remarks=_counted(event.event for event in events if event.effect == NOTED),
@@ -224,6 +226,10 @@ def facts_of(outline: Outline, found: Sequence[Record]) -> Diagnostics:
         lost_records=sum(body.count for _, body in timed.of(RecordsLost)),
         silences=_counted(body.stream for _, body in timed.of(HeartbeatLost)),
     )
+
+
+def _text(cause: Cause) -> str:
+    return cause.code if isinstance(cause, Reason) else cause or ""
 
 
 def _first(found: Sequence[tuple[float, B]]) -> B | None:
@@ -315,7 +321,7 @@ def _degrees(value: float | None) -> float:
 
 def _notes(timed: Timed) -> tuple[tuple[float, str, str], ...]:
     def text(body: Note | Discomfort) -> str:
-        return body.text if isinstance(body, Note) else f"Discomfort {body.rating}/10. {body.text}"
+        return _text(body.text) if isinstance(body, Note) else f"Discomfort {body.rating}/10. {body.text}"
 
     return tuple(
         (timed.at_s(record), record.operator, text(record.body))

@@ -173,4 +173,4 @@ def test_what_can_not_be_written_is_said(start: Callable[[str], Session]) -> Non
     session.wait_until(lambda health: health.written >= 5)
     assert session.end() == 0
     lost = [body for body in bodies(session.home.logs / "s1.jsonl") if isinstance(body, RecordsLost)]
-    assert ["Note can't" in lost[0].reason, "too long" in lost[1].reason] == [True, True]
+    assert ["Note can't" in str(lost[0].reason), "too long" in str(lost[1].reason)] == [True, True]

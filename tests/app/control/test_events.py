@@ -28,7 +28,7 @@ def test_the_event_happens_with_its_effect_and_is_told(event: Event) -> None:
     raised = seen(rig, event)
     assert raised, rig.events()
     assert raised[0].effect == row.effect.name.lower()
-    assert raised[0].text.startswith(row.text)
+    assert str(raised[0].text).startswith(row.text)
     at_its_time = [memory for memory, _ in rig.history if any(one.event is event for one in memory.active)]
     assert at_its_time
     assert at_its_time[0].effect >= row.effect

@@ -127,7 +127,7 @@ def test_the_joint_that_is_silent_is_named(joint: Joint) -> None:
         rig.spoil["feedback"] = feedback
         rig.tick()
     (raised,) = (body for body in every(rig, records.EventRaised) if body.event == Event.JOINT_SILENT.value)
-    assert joint.name.lower().replace("_", " ") in raised.text
+    assert joint.name.lower().replace("_", " ") in str(raised.text)
 
 
 def test_a_wish_while_the_legs_come_to_rest_is_told_to_wait() -> None:
