@@ -14,10 +14,9 @@ from enum import Enum
 import numpy as np
 from numpy.typing import NDArray
 
-from kgdfa.distance import HALF_PALM_M, Distance, DistanceSource
+from kgdfa.distance import HALF_PALM_M, Distance, DistanceSource, JumpGuard, accept
 from kgdfa.errors import KgdfaError
 from kgdfa.hand import Hand
-from kgdfa.jumps import JumpGuard, accept
 
 DepthMap = NDArray[np.float32]
 

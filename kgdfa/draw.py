@@ -7,10 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kgdfa.button import ButtonPlace, ButtonState
-from kgdfa.hand import FloatArray, Hand
-from kgdfa.hulls import INNER_HULL, OUTER_HULL, hull
-from kgdfa.images import Image
+from kgdfa.hand import INNER_HULL, OUTER_HULL, FloatArray, Hand, hull
 from kgdfa.pipeline import Report
+from kgdfa.preprocess import Image
 
 Colour = tuple[int, int, int]  # BGR
 

@@ -16,9 +16,7 @@ from operator import itemgetter
 
 import numpy as np
 
-from kgdfa.fingers import ANGLE_POINTS
-from kgdfa.hand import FloatArray
-from kgdfa.hulls import INNER_HULL, OUTER_HULL, TIPS, tip_depths
+from kgdfa.hand import ANGLE_POINTS, INNER_HULL, OUTER_HULL, TIPS, FloatArray, tip_depths
 
 
 class Unit(Enum):

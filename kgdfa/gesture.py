@@ -1,4 +1,4 @@
-"""The twelve gestures by name and by finger. Apart from the hand: naming a gesture needs no arrays.
+"""The twelve gestures by finger, the verdict on one hand, the vote over frames. Needs no arrays.
 
 The one home of what each finger does (Tables 1 and 2). Derived from it: Table 2 as rules, the drawings of the console,
 the labels of synthetic hands. The digital hand may not import this package; a test compares its poses.
@@ -6,7 +6,12 @@ the labels of synthetic hands. The digital hand may not import this package; a t
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
 from enum import Enum, IntEnum
+from typing import TYPE_CHECKING, Protocol
+
+if TYPE_CHECKING:
+    from kgdfa.hand import FloatArray, Hand
 
 
 class Gesture(Enum):
@@ -65,3 +70,70 @@ FINGER_STATES: dict[Gesture, tuple[FingerState, FingerState, FingerState, Finger
 def fingers_in(gesture: Gesture, *states: FingerState) -> tuple[Finger, ...]:
     """The fingers of a gesture that are in one of these states."""
     return tuple(finger for finger in Finger if FINGER_STATES[gesture][finger] in states)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Verdict:
+    """A gesture or none, with the constraint that decided it.
+
+    confidence: in [0, 1]; of the named gesture, or of the best one where the verdict is none.
+    nearest: the gesture that came closest, also when it was refused.
+    explanation: one sentence for people, such as "not 4: thumb open, 74° > 53°".
+    """
+
+    gesture: Gesture | None
+    confidence: float
+    nearest: Gesture | None
+    explanation: str
+
+
+class RuleSet(Protocol):
+    """A named way to judge a hand: `published` or `robust`."""
+
+    name: str
+
+    def judge(self, hand: Hand) -> Verdict:
+        """The verdict on one hand, from its keypoints alone."""
+        ...
+
+    def score(self, hand: Hand) -> FloatArray:
+        """Confidence in each gesture, (12,) in the order of `Gesture`, each in [0, 1]."""
+        ...
+
+
+VOTE_FRAMES = 3  # paper, gait state machine: "across three consecutive frames"
+# During a press the hand is so near that fingertips leave the picture and fists blur: the gesture was voted before,
+# so that only another one seen for a fifth of a second, or half a second of nothing, takes it away.
+PRESS_CHANGE_FRAMES = 6
+PRESS_END_FRAMES = 15
+END_FRAMES = 5  # a held gesture ends at the fifth frame in a row that doesn't support it
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Vote:
+    """The vote after a frame. `gesture` is in force since the frame captured at `recognised_ns`."""
+
+    gesture: Gesture | None = None
+    recognised_ns: int = 0
+    candidate: Gesture | None = None
+    count: int = 0  # frames in a row for `candidate`, capped at PRESS_CHANGE_FRAMES
+    unsupported: int = 0  # frames in a row that don't support `gesture`
+
+
+def cast(vote: Vote, verdict: Verdict | None, captured_ns: int, *, pressing: bool = False) -> Vote:
+    """The vote after one more frame; None: no hand seen. pressing: the virtual button is down."""
+    said = verdict.gesture if verdict else None
+    count = 0 if said is None else vote.count + 1 if said is vote.candidate else 1
+    counted = replace(vote, candidate=said, count=min(count, PRESS_CHANGE_FRAMES))
+    needed = PRESS_CHANGE_FRAMES if pressing else VOTE_FRAMES
+    if said is not None and count >= needed and said is not vote.gesture:
+        return replace(counted, gesture=said, recognised_ns=captured_ns, unsupported=0)
+    return _keep_or_end(counted, PRESS_END_FRAMES if pressing else END_FRAMES)
+
+
+def _keep_or_end(vote: Vote, end_frames: int) -> Vote:
+    if vote.gesture is None or vote.candidate is vote.gesture:
+        return replace(vote, unsupported=0)
+    if vote.unsupported + 1 >= end_frames:
+        return replace(vote, gesture=None, recognised_ns=0, unsupported=0)
+    return replace(vote, unsupported=vote.unsupported + 1)

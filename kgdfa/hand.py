@@ -5,10 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import Enum, IntEnum
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from kgdfa.gesture import Gesture as Gesture  # noqa: PLC0414 - exported again: everybody looks for it here
+from kgdfa.gesture import Finger
 
 FloatArray = NDArray[np.float64]
 
@@ -100,3 +101,63 @@ class Hand:
             right_px=float(high[0]),
             bottom_px=float(high[1]),
         )
+
+
+# Vertex and the two ends of its arms. Fingers: at the PIP joint, to MCP and to the tip. Thumb: at keypoint 2,
+# to its tip and along the added link 2-5. The text leaves Fig. 2(c) open; this reading fits its thresholds.
+ANGLE_POINTS: dict[Finger, tuple[Keypoint, Keypoint, Keypoint]] = {
+    Finger.THUMB: (Keypoint.THUMB_MCP, Keypoint.THUMB_TIP, Keypoint.INDEX_MCP),
+    Finger.FORE: (Keypoint.INDEX_PIP, Keypoint.INDEX_MCP, Keypoint.INDEX_TIP),
+    Finger.MIDDLE: (Keypoint.MIDDLE_PIP, Keypoint.MIDDLE_MCP, Keypoint.MIDDLE_TIP),
+    Finger.RING: (Keypoint.RING_PIP, Keypoint.RING_MCP, Keypoint.RING_TIP),
+    Finger.PINKY: (Keypoint.PINKY_PIP, Keypoint.PINKY_MCP, Keypoint.PINKY_TIP),
+}
+_VERTEX, _FIRST, _SECOND = (list(column) for column in zip(*ANGLE_POINTS.values(), strict=True))
+
+
+def finger_angles_deg(points: FloatArray) -> FloatArray:
+    """Eq. 1 for each finger: (21, 2) or (21, 3) points to (5,) degrees in [0, 180]; 180 is straight.
+
+    An arm of zero length gives 0: a finger seen end on counts as bent.
+    """
+    return angles_deg(points[_FIRST] - points[_VERTEX], points[_SECOND] - points[_VERTEX])
+
+
+def angles_deg(first: FloatArray, second: FloatArray) -> FloatArray:
+    """The angle between rows: (n, d) and (n, d) to (n,) degrees; 0 where a row has no length."""
+    lengths = np.linalg.norm(first, axis=-1) * np.linalg.norm(second, axis=-1)
+    dots = np.sum(first * second, axis=-1)
+    cosines = np.divide(dots, lengths, out=np.ones_like(dots), where=lengths > 0)
+    angles: FloatArray = np.degrees(np.arccos(np.clip(cosines, -1.0, 1.0)))
+    return angles
+
+
+def apart(points: FloatArray, first: Keypoint, second: Keypoint) -> float:
+    """P(first, second): the distance between two keypoints, in the points' unit (Eq. 2)."""
+    return float(np.linalg.norm(points[first] - points[second]))
+
+
+INNER_HULL = (0, 1, 2, 5, 9, 13, 17)
+OUTER_HULL = (0, 1, 2, 3, 6, 10, 14, 18, 17)
+TIPS = (Keypoint.THUMB_TIP, Keypoint.INDEX_TIP, Keypoint.MIDDLE_TIP, Keypoint.RING_TIP, Keypoint.PINKY_TIP)
+
+
+_ROWS: dict[tuple[int, ...], NDArray[np.int64]] = {members: np.array(members) for members in (INNER_HULL, OUTER_HULL)}
+_TIP_ROWS = np.array(TIPS)
+
+
+def hull(points_px: FloatArray, members: tuple[int, ...]) -> FloatArray:
+    """The convex hull of some keypoints: (21, 2) pixels and their numbers to (m, 2) corner points."""
+    return np.asarray(_corners(points_px.astype(np.float32), members)[:, 0, :], dtype=np.float64)
+
+
+def tip_depths(points_px: FloatArray, *hulls: tuple[int, ...]) -> FloatArray:
+    """How deep each fingertip lies in each hull: (hulls, 5) pixels, thumb to pinky, negative outside, 0 on the edge."""
+    points, tips = points_px.astype(np.float32), points_px.take(_TIP_ROWS, axis=0).tolist()
+    corners = [_corners(points, members) for members in hulls]
+    return np.array([[cv2.pointPolygonTest(polygon, tip, True) for tip in tips] for polygon in corners])
+
+
+def _corners(points: NDArray[np.float32], members: tuple[int, ...]) -> NDArray[np.float32]:
+    """(m, 1, 2), as OpenCV has it."""
+    return np.asarray(cv2.convexHull(points.take(_ROWS[members], axis=0)), np.float32)

@@ -25,9 +25,9 @@ from mediapipe.tasks.python import BaseOptions
 from mediapipe.tasks.python.vision import HandLandmarker, HandLandmarkerOptions, RunningMode
 
 from kgdfa.errors import KgdfaError
-from kgdfa.glances import Searcher
 from kgdfa.hand import FloatArray, Hand, Side
-from kgdfa.images import Image, as_bgr8
+from kgdfa.preprocess import Image, as_bgr8
+from kgdfa.redetection import Searcher
 
 # The model names hands as a mirror shows them; our pictures are unmirrored.
 _SIDES = {"Left": Side.RIGHT, "Right": Side.LEFT}

@@ -14,10 +14,11 @@ import cv2
 import numpy as np
 
 from kgdfa.button import HYSTERESIS
-from kgdfa.distance import UPRIGHT_FACTOR, check_range_finder
+from kgdfa.distance import check_range_finder
 from kgdfa.errors import KgdfaError
 from kgdfa.hand import Hand
-from kgdfa.images import Image, as_bgr8
+from kgdfa.preprocess import Image, as_bgr8
+from kgdfa.robust_distance import UPRIGHT_FACTOR
 
 PALM_OF_ANCHOR = 4 / 3  # the paper: the anchor is three quarters of the palm's width
 HAND_OF_PALM = 2.4  # upright hand, wrist crease to middle fingertip, in palm widths (digital hand; ANSUR II: 2.2)

@@ -11,11 +11,8 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from kgdfa.fingers import apart, finger_angles_deg
-from kgdfa.gesture import Finger, FingerState, fingers_in
-from kgdfa.hand import FloatArray, Gesture, Hand, Keypoint
-from kgdfa.hulls import INNER_HULL, OUTER_HULL, TIPS, tip_depths
-from kgdfa.verdict import Verdict
+from kgdfa.gesture import Finger, FingerState, Gesture, Verdict, fingers_in
+from kgdfa.hand import INNER_HULL, OUTER_HULL, TIPS, FloatArray, Hand, Keypoint, apart, finger_angles_deg, tip_depths
 
 SPREAD_PX = 100.0  # Table 2, gestures 6 and 8
 PINCH_RATIO = 2.0  # Eq. 3, gesture 7

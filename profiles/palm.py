@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
+import statistics
+from collections.abc import Sequence
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from enum import Enum
 
+import msgspec
+
 from profiles.anthropometry import PalmEstimate, estimate_palm
+from profiles.errors import ProfileError
 from profiles.schema import Calibration, Profile
 
 ANCHOR_OF_PALM = 0.75  # palm width less one finger, a finger being a quarter of it (paper, text at Eq. 4)
@@ -81,3 +87,98 @@ def _calibrated(calibration: Calibration, focal_px: float, width_px: int) -> Anc
     length_m = calibration.focal_anchor_px_m / focal_then_px
     relative_sd = max(CALIBRATED_SD, calibration.residual)
     return Anchor(length_m=length_m, sd_m=relative_sd * length_m, source=AnchorSource.CALIBRATED)
+
+
+MIN_SAMPLES = 20
+MAX_RESIDUAL = 0.05  # a hand held still before a good camera scatters by 1 to 2 %
+MAX_DEVIATION_SD = 3.0  # from what is known of the palm otherwise
+DISTANCE_RANGE_M = (0.15, 0.80)
+_MAD_TO_SD = 1.4826
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Calibrated:
+    """A calibration, and what is to be thought of it. doubt: a sentence, "" when it is plausible."""
+
+    calibration: Calibration
+    anchor_m: float
+    expected: Anchor
+    doubt: str
+
+
+def calibrate(
+    profile: Profile,
+    *,
+    camera: str,
+    focal_px: float,
+    width_px: int,
+    distance_m: float,
+    measured_m: Sequence[float],
+    provisional_anchor_m: float,
+    at: datetime,
+) -> Calibrated:
+    """Solve f·H from distances measured with a provisional anchor while the palm was `distance_m` away.
+
+    Raises ProfileError when there are too few samples, they scatter too much, or the distance is out of range.
+    """
+    _check_samples(distance_m, measured_m)
+    middle_m = statistics.median(measured_m)
+    residual = _MAD_TO_SD * statistics.median(abs(one - middle_m) for one in measured_m) / middle_m
+    if residual > MAX_RESIDUAL:
+        raise ProfileError(
+            f"The samples scatter by {residual * 100:.1f} %, at most {MAX_RESIDUAL * 100:g} % will do: "
+            "hold the palm flat and still towards the camera, in good light, and calibrate again."
+        )
+    anchor_m = provisional_anchor_m * distance_m / middle_m
+    calibration = Calibration(
+        camera=camera,
+        focal_anchor_px_m=focal_px * anchor_m,
+        focal_px=focal_px,
+        distance_m=distance_m,
+        residual=residual,
+        calibrated_at=at.astimezone(UTC).isoformat(timespec="seconds"),
+        width_px=width_px,
+    )
+    expected = anchor(profile)
+    return Calibrated(
+        calibration=calibration, anchor_m=anchor_m, expected=expected, doubt=_doubt(profile, anchor_m, expected)
+    )
+
+
+def with_calibration(profile: Profile, calibration: Calibration) -> Profile:
+    """The profile with this calibration in place of an earlier one for the same camera."""
+    others = tuple(one for one in profile.calibrations if one.camera != calibration.camera)
+    return msgspec.structs.replace(profile, calibrations=(*others, calibration))
+
+
+def _check_samples(distance_m: float, measured_m: Sequence[float]) -> None:
+    low, high = DISTANCE_RANGE_M
+    if not low <= distance_m <= high:
+        raise ProfileError(
+            f"Calibration distance {distance_m * 100:g} cm: hold the palm {low * 100:g} to {high * 100:g} cm "
+            "from the camera's front; 30 cm is best."
+        )
+    if len(measured_m) < MIN_SAMPLES:
+        raise ProfileError(
+            f"Only {len(measured_m)} of at least {MIN_SAMPLES} samples: show the whole hand to the camera, "
+            "in good light, and calibrate again."
+        )
+
+
+def _doubt(profile: Profile, anchor_m: float, expected: Anchor) -> str:
+    off_sd = abs(anchor_m - expected.length_m) / expected.sd_m
+    # An estimate that a measured palm backs is tight: leave room for the focal length and keypoint bias.
+    allowed_sd = MAX_DEVIATION_SD if expected.source is AnchorSource.ESTIMATED else 8.0
+    if off_sd <= allowed_sd:
+        return ""
+    return (
+        f"This makes the palm {anchor_m / ANCHOR_OF_PALM * 100:.1f} cm wide, while {_source(profile, expected)}: "
+        "check the distance, the camera's focal length and the patient's stature."
+    )
+
+
+def _source(profile: Profile, expected: Anchor) -> str:
+    if expected.source is AnchorSource.MEASURED:
+        return f"{expected.length_m / ANCHOR_OF_PALM * 100:.1f} cm were measured"
+    estimate = palm_estimate(profile)
+    return f"sex and stature say {estimate.width_m * 100:.1f} ± {estimate.sd_m * 100:.1f} cm"

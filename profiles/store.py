@@ -14,10 +14,9 @@ import msgspec
 from msgspec import Struct
 
 from profiles.errors import ProfileError
+from profiles.fields import IDENTIFIER, check, to_file
 from profiles.files import decode, encode, read_text, replace_files
-from profiles.ranges import IDENTIFIER, check
 from profiles.schema import DEMO_PATIENT, Profile
-from profiles.units import to_file
 
 SUFFIX = ".toml"
 Check = Callable[[Profile], None]

@@ -20,7 +20,7 @@ from app.cli import USER_ERRORS
 from app.cli.evaluate.looking import looked_at, looked_at_digital_to_fit
 from app.evaluate.robust_fit import MEMBERS, fit, look
 from kgdfa.features import FEATURES
-from kgdfa.robust_model import GESTURES, RobustModel, save_model
+from kgdfa.robust import GESTURES, RobustModel, save_model
 
 SHIPPED = Path(__file__).resolve().parents[1] / "kgdfa" / "robust.npz"
 

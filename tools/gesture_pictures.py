@@ -18,8 +18,8 @@ from hal.cameras.digital_hand.poses import GESTURES, LOOK_ALIKES, Pose
 from hal.cameras.digital_hand.scene import person_of, posed, render
 from kgdfa.draw import caption, draw_hand
 from kgdfa.hand import Hand
-from kgdfa.images import Image
 from kgdfa.keypoints import HandDetector
+from kgdfa.preprocess import Image
 from kgdfa.robust import RobustRules
 
 PICTURES = Path(__file__).resolve().parents[1] / "docs" / "pictures"

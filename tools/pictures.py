@@ -23,7 +23,7 @@ from app.ipc.states import Action, Effect, GaitState
 from app.system.config import Config, load_config
 from app.system.hand_model import set_up_model
 from app.system.paths import Home, find_home
-from kgdfa.hand import Gesture
+from kgdfa.gesture import Gesture
 from profiles.schema import DEMO_PATIENT
 
 FOLDER = Path(__file__).parent.parent / "docs" / "pictures"

@@ -99,7 +99,7 @@ def new(
     """A new patient; everything else has sensible defaults that `set` changes."""
     from datetime import UTC, datetime
 
-    from profiles.edit import edit, parse_assignments
+    from profiles.files import edit, parse_assignments
     from profiles.palm import anchor
     from profiles.schema import Profile, Sex
 
@@ -121,7 +121,7 @@ def set_fields(
     """Change fields, in the names and units that `show` shows; `none` takes an optional value away."""
     from datetime import UTC, datetime
 
-    from profiles.edit import edit, parse_assignments
+    from profiles.files import edit, parse_assignments
 
     store = _store(home)
     profile = edit(store.load(patient), parse_assignments(changes))
@@ -152,8 +152,7 @@ def calibrate(
 
     from app.perception.palm_calibration import WANTED_SAMPLES, sample_palm
     from app.system.errors import AppError
-    from profiles.calibration import with_calibration
-    from profiles.palm import anchor
+    from profiles.palm import anchor, with_calibration
 
     store, console = _store(home), Console(soft_wrap=True)
     profile = store.load(patient)

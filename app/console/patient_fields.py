@@ -15,10 +15,9 @@ from app.system.config import JointsConfig
 from app.text.catalogue import tr
 from hal.joints.device import DEFAULT_DEVICE, load_exoskeleton
 from profiles.errors import ProfileError
-from profiles.ranges import violations
+from profiles.fields import file_key, to_file, unit_of, violations
 from profiles.schema import HandUsed, Population, Profile, Sex
 from profiles.store import Check
-from profiles.units import file_key, to_file, unit_of
 
 MAX_SHOWN = 30  # characters of a wrong value that are quoted back
 

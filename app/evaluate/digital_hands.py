@@ -12,10 +12,9 @@ from app.evaluate.gesture_photos import NONE_PREFIX, Photo, SeenPhoto
 from app.evaluate.sequence import PERIOD_NS
 from hal.cameras.digital_hand.poses import GESTURES, POSES
 from hal.cameras.digital_hand.scene import Scene, keypoints_m, person_of, posed, render
-from kgdfa.glances import PATIENCE_FRAMES
 from kgdfa.hand import FloatArray, Hand
-from kgdfa.images import Image, as_bgr8
-from kgdfa.preprocess import Prepare
+from kgdfa.preprocess import Image, Prepare, as_bgr8
+from kgdfa.redetection import PATIENCE_FRAMES
 
 SOURCE = "digital hand"
 MAX_TILT_RAD = np.radians(30.0)

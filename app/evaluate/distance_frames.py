@@ -14,9 +14,10 @@ import numpy as np
 
 from app.evaluate.distance_measures import DistanceFigures, FloatArray, figures
 from app.system.errors import AppError
-from kgdfa.distance import Distance, PublishedRange, RangeFinder, RobustRange
+from kgdfa.distance import Distance, PublishedRange, RangeFinder
 from kgdfa.hand import Hand
 from kgdfa.keypoints import HandDetector
+from kgdfa.robust_distance import RobustRange
 
 FRAME_NS = 33_333_333
 COLUMNS = ("path", "distance_cm", "anchor_cm", "fx", "cx", "cy")

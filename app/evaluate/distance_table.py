@@ -22,9 +22,9 @@ from hal.cameras.camera import Intrinsics
 from hal.cameras.digital_hand.depth import DepthCamera
 from hal.cameras.digital_hand.scene import Person, lens_for, person_of
 from kgdfa.depth import DepthRange
-from kgdfa.distance import Distance, PublishedRange, RangeFinder, RobustRange
-from profiles.calibration import calibrate
-from profiles.palm import ANCHOR_OF_PALM
+from kgdfa.distance import Distance, PublishedRange, RangeFinder
+from kgdfa.robust_distance import RobustRange
+from profiles.palm import ANCHOR_OF_PALM, calibrate
 from profiles.schema import Profile, Sex
 
 MODES = ("published", "robust")

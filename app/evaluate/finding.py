@@ -13,10 +13,10 @@ import numpy as np
 from app.evaluate.digital_hands import digital_scenes, picture
 from app.evaluate.gesture_photos import Photo
 from hal.cameras.digital_hand.scene import keypoints_m, project_px
-from kgdfa.glances import SEARCH, Glance, glance_at
+from kgdfa.augmentation import StillDetector, on_picture
 from kgdfa.hand import FloatArray, Hand
-from kgdfa.images import Image, as_bgr8
-from kgdfa.looks import StillDetector, on_picture
+from kgdfa.preprocess import Image, as_bgr8
+from kgdfa.redetection import SEARCH, Glance, glance_at
 
 NO_HAND = "none:nohand"
 EDGE_ON = 0.6  # a palm seen edge on is taken to be this share of its length wide

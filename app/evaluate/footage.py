@@ -18,7 +18,7 @@ from app.evaluate.gesture_photos import check_label
 from app.evaluate.sequence import PERIOD_NS, SKIP, pictures, read_frames
 from app.system.errors import AppError
 from hal.cameras.intrinsics import ASSUMED_FOCAL_PER_WIDTH
-from kgdfa.images import Image
+from kgdfa.preprocess import Image
 
 _COLUMNS = ["frame", "label"]
 _PALM_WIDTH_M = 0.0825  # between the two populations' means; gestures don't depend on it, only where a press is

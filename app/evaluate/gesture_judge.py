@@ -9,10 +9,10 @@ import numpy as np
 
 from app.evaluate.gesture_measures import GESTURE_NAMES, Judged
 from app.evaluate.gesture_photos import SeenPhoto
+from kgdfa.gesture import Verdict
 from kgdfa.hand import FloatArray, Hand
 from kgdfa.published import PublishedRules
 from kgdfa.robust import RobustRules
-from kgdfa.verdict import Verdict
 
 
 class PhotoJudge(Protocol):

@@ -22,8 +22,8 @@ from sklearn.metrics import (
 )
 
 from app.evaluate.gesture_photos import Photo
-from kgdfa.hand import FloatArray, Gesture
-from kgdfa.verdict import Verdict
+from kgdfa.gesture import Gesture, Verdict
+from kgdfa.hand import FloatArray
 
 NONE = "none"
 CLASSES = [*(gesture.value for gesture in Gesture), NONE]

@@ -14,11 +14,11 @@ from pathlib import Path
 import cv2
 
 from app.system.errors import AppError
+from kgdfa.augmentation import SECOND_THRESHOLD, StillDetector, see_photo
 from kgdfa.errors import KgdfaError
-from kgdfa.hand import Gesture, Hand
-from kgdfa.images import as_bgr8
-from kgdfa.looks import SECOND_THRESHOLD, StillDetector, see_photo
-from kgdfa.preprocess import Prepare
+from kgdfa.gesture import Gesture
+from kgdfa.hand import Hand
+from kgdfa.preprocess import Prepare, as_bgr8
 
 NONE_PREFIX = "none:"
 _COLUMNS = ["path", "label", "source", "group"]

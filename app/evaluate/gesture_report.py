@@ -19,7 +19,7 @@ from app.evaluate.gesture_photos import SeenPhoto
 from app.system.errors import AppError
 from kgdfa.draw import caption, draw_hand
 from kgdfa.errors import KgdfaError
-from kgdfa.images import Image, as_bgr8
+from kgdfa.preprocess import Image, as_bgr8
 
 # Table 3 of the paper, %: Pre, Re, IoU, F1, AP.
 PAPER_TABLE_3: dict[str, tuple[float, float, float, float, float]] = {

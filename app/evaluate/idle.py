@@ -20,9 +20,9 @@ from hal.cameras.camera import Intrinsics
 from hal.cameras.digital_hand.scene import Scene, keypoints_m, lens_for, person_of, posed, project_px
 from kgdfa.button import ButtonState
 from kgdfa.hand import Hand, Keypoint, Side
-from kgdfa.images import Image
 from kgdfa.keypoints import HandDetector
 from kgdfa.pipeline import Picture
+from kgdfa.preprocess import Image
 
 FRAME_NS = 33_333_333
 CLIP_FRAMES = 90

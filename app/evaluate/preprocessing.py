@@ -19,9 +19,8 @@ from app.evaluate.digital_hands import digital_scenes, picture
 from app.evaluate.gesture_judge import RobustJudge, judge_photo
 from app.evaluate.gesture_measures import NONE, Judged
 from app.evaluate.gesture_photos import Photo, SeenPhoto
-from kgdfa.images import Image, as_bgr8
-from kgdfa.looks import FIRST_LOOKS, Look, StillDetector, see
-from kgdfa.preprocess import PREPARATIONS, Prepare
+from kgdfa.augmentation import FIRST_LOOKS, Look, StillDetector, see
+from kgdfa.preprocess import PREPARATIONS, Image, Prepare, as_bgr8
 
 Spoil = Callable[[Image, int], Image]
 

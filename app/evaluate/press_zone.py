@@ -16,10 +16,11 @@ from app.evaluate.watcher import FRAME_NS, Watcher, spread
 from hal.cameras.camera import ImageArray, Intrinsics
 from hal.cameras.digital_hand.scene import Person, lens_for, person_of, posed
 from kgdfa.button import ButtonState
-from kgdfa.distance import UPRIGHT_FACTOR
-from kgdfa.hand import Gesture, Hand
+from kgdfa.gesture import Gesture
+from kgdfa.hand import Hand
 from kgdfa.pipeline import Picture
 from kgdfa.press_zone import PressZone, SquaredDetector, press_zone
+from kgdfa.robust_distance import UPRIGHT_FACTOR
 
 LENSES_PX = (650.0, 950.0)
 APPROACH_M = tuple(float(z) for z in np.round(np.arange(0.40, 0.075, -0.01), 3))

@@ -20,7 +20,7 @@ from app.evaluate.watcher import Watcher, spread
 from hal.cameras.digital_hand.camera import DigitalHandCamera
 from hal.cameras.digital_hand.motion import SETTLED
 from kgdfa.button import ButtonState
-from kgdfa.hand import Gesture
+from kgdfa.gesture import Gesture
 from kgdfa.pipeline import Picture, Pipeline, Report
 
 FRAME_NS = 33_333_333

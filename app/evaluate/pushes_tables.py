@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from rich.table import Table
 
 from app.evaluate.pushes import Push
-from kgdfa.hand import Gesture
+from kgdfa.gesture import Gesture
 
 
 def pushes_by_gesture(pushes: Sequence[Push]) -> Table:

@@ -21,7 +21,7 @@ from app.demo.trial import Spread, Trial, spread, success
 from app.ipc.states import ACTION_OF, Action
 from app.system.config import Config
 from app.system.paths import Home
-from kgdfa.hand import Gesture
+from kgdfa.gesture import Gesture
 from profiles.schema import Profile
 
 # Table 7: success %, mean response s, of 3 people × 50 trials a gesture

@@ -22,7 +22,7 @@ from app.evaluate.grafts import Grafter
 from app.evaluate.thresholds import choose_thresholds
 from kgdfa.features import features
 from kgdfa.hand import FloatArray, Side
-from kgdfa.robust_model import RobustModel
+from kgdfa.robust import RobustModel
 
 MEMBERS = 8  # figures of three swung from one draw of examples to the next
 JUDGING_MEMBERS = 4  # in the fits that only choose thresholds: they are many, and sources differ more than draws do

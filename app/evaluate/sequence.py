@@ -12,7 +12,7 @@ import numpy as np
 
 from app.evaluate.gesture_photos import check_label
 from app.system.errors import AppError
-from kgdfa.images import Image
+from kgdfa.preprocess import Image
 
 SKIP = "skip"  # between gestures: any verdict is right
 RATE_HZ = 30.0  # of a recording that doesn't say

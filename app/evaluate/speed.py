@@ -17,14 +17,14 @@ from typing import Any
 from numpy.typing import NDArray
 
 from kgdfa.button import ButtonPlace
-from kgdfa.distance import Distance, RobustRange
+from kgdfa.distance import Distance
 from kgdfa.draw import draw
+from kgdfa.gesture import Verdict
 from kgdfa.hand import FloatArray, Hand
-from kgdfa.images import Image
 from kgdfa.pipeline import Picture, Pipeline
-from kgdfa.preprocess import AsNeeded, Prepare
+from kgdfa.preprocess import AsNeeded, Image, Prepare
 from kgdfa.robust import RobustRules
-from kgdfa.verdict import Verdict
+from kgdfa.robust_distance import RobustRange
 
 WARM_UP = 15  # frames before the clock runs
 ANCHOR_M, THRESHOLD_M = 0.065, 0.20  # of a usual palm, and the paper's: neither costs time

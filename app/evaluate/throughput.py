@@ -20,11 +20,10 @@ from app.evaluate.sequence import PERIOD_NS, pictures, read_frames
 from app.evaluate.speed import ANCHOR_M, THRESHOLD_M, WARM_UP
 from app.system.errors import AppError
 from kgdfa.button import ButtonPlace
-from kgdfa.distance import RobustRange
-from kgdfa.images import Image
 from kgdfa.pipeline import Picture, Pipeline
-from kgdfa.preprocess import AsNeeded
+from kgdfa.preprocess import AsNeeded, Image
 from kgdfa.robust import RobustRules
+from kgdfa.robust_distance import RobustRange
 
 START_S = 300.0  # within which every worker must have read its frames and loaded its model
 

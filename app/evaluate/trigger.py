@@ -20,12 +20,13 @@ from hal.cameras.digital_hand.depth import DepthCamera
 from hal.cameras.digital_hand.scene import Person, lens_for, person_of
 from kgdfa.button import ButtonMode, ButtonPlace
 from kgdfa.depth import DepthRange
-from kgdfa.distance import PublishedRange, RobustRange
+from kgdfa.distance import PublishedRange
 from kgdfa.hand import Hand
-from kgdfa.images import Image
 from kgdfa.pipeline import Detector, Picture, Pipeline, Report
+from kgdfa.preprocess import Image
 from kgdfa.published import PublishedRules
 from kgdfa.robust import RobustRules
+from kgdfa.robust_distance import RobustRange
 
 DISTANCES_CM = tuple(range(10, 75, 5))
 FRAMES = (6, 10, 14)  # showing, approaching, changing

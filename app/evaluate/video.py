@@ -11,12 +11,10 @@ from app.evaluate.footage import Footage
 from app.evaluate.gesture_measures import NONE
 from app.evaluate.sequence import SKIP
 from kgdfa.button import ButtonPlace
-from kgdfa.distance import RobustRange
-from kgdfa.hand import Gesture
+from kgdfa.gesture import END_FRAMES, VOTE_FRAMES, Gesture, RuleSet
 from kgdfa.pipeline import Picture, Pipeline, Report
 from kgdfa.preprocess import AsNeeded
-from kgdfa.verdict import RuleSet
-from kgdfa.vote import END_FRAMES, VOTE_FRAMES
+from kgdfa.robust_distance import RobustRange
 
 PLACE = ButtonPlace.in_the_middle(1280, 720, threshold_m=0.20)
 _NAMES = frozenset(gesture.value for gesture in Gesture)

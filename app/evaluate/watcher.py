@@ -15,8 +15,8 @@ import cv2
 import numpy as np
 
 from kgdfa.hand import Hand
-from kgdfa.images import Image
 from kgdfa.keypoints import HandDetector, live_detector
+from kgdfa.preprocess import Image
 
 FRAME_NS = 33_333_333
 GAP_NS = 1_000_000_000

@@ -8,10 +8,9 @@ from datetime import datetime
 
 from app.system.errors import AppError
 from hal.cameras.camera import Camera, Frame, Intrinsics
-from kgdfa.distance import RobustRange
 from kgdfa.pipeline import Detector
-from profiles.calibration import Calibrated, calibrate
-from profiles.palm import anchor
+from kgdfa.robust_distance import RobustRange
+from profiles.palm import Calibrated, anchor, calibrate
 from profiles.schema import Profile
 
 WANTED_SAMPLES = 45

@@ -15,14 +15,17 @@ from app.audit.sink import AuditSink
 from app.ipc import streams as processes
 from app.ipc.links import OrderedReceiver, Publisher, address
 from app.ipc.messages import HandCommand, PerceptionCommand, PressRange
-from app.perception import build
-from app.perception.camera_keeper import CameraKeeper
-from app.perception.detector_loader import Loading
-from app.perception.hand_control import steer
-from app.perception.hints import PictureHints
-from app.perception.preview import PreviewPacer
-from app.perception.reporting import FPS_WINDOW, Surroundings, frames_per_second, records_between, to_message
-from app.perception.session_recorder import SessionRecorder
+from app.perception import pipeline as build
+from app.perception.camera import CameraKeeper, PictureHints, SessionRecorder, steer
+from app.perception.pipeline import Loading
+from app.perception.reporting import (
+    FPS_WINDOW,
+    PreviewPacer,
+    Surroundings,
+    frames_per_second,
+    records_between,
+    to_message,
+)
 from app.system.config import SessionSetup
 from app.system.scheduling import avoid_control_core, gc_freeze, set_scheduling
 from hal.cameras.camera import Frame

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from kgdfa.hand import FloatArray, Gesture, Hand, Side
+from kgdfa.gesture import Gesture
+from kgdfa.hand import FloatArray, Hand, Side
 
 # A right hand's back, fingers up, about 100 px a palm; what no finger moves.
 _PALM: dict[int, tuple[float, float]] = {

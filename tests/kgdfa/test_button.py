@@ -19,7 +19,8 @@ from kgdfa.button import (
     ButtonState,
     advance,
 )
-from kgdfa.hand import Box, Gesture
+from kgdfa.gesture import Gesture
+from kgdfa.hand import Box
 
 FRAME_NS = 33_333_333
 PLACE = ButtonPlace(x_px=640, y_px=360, radius_px=40, threshold_m=0.20)

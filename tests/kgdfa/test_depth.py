@@ -8,10 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from kgdfa.depth import DepthFault, DepthMap, DepthRange, sample_palm
-from kgdfa.distance import HALF_PALM_M, Distance, DistanceSource
+from kgdfa.distance import CONFIRM_FRAMES, HALF_PALM_M, Distance, DistanceSource
 from kgdfa.errors import KgdfaError
 from kgdfa.hand import Hand, Side
-from kgdfa.jumps import CONFIRM_FRAMES
 
 FRAME_NS = 33_333_333
 MONOCULAR = Distance(shown_m=0.31, safe_m=0.34, sd_m=0.01)

@@ -9,11 +9,10 @@ from hypothesis import strategies as st
 
 from hal.minimum_jerk import minimum_jerk
 from kgdfa.button import GAP_FRAMES
-from kgdfa.distance import ANCHOR_HOLDS_M, HALF_PALM_M, Distance, PublishedRange, RobustRange
+from kgdfa.distance import CONFIRM_FRAMES, HALF_PALM_M, Distance, JumpGuard, PublishedRange, accept
 from kgdfa.errors import KgdfaError
 from kgdfa.hand import FloatArray, Hand, Side
-from kgdfa.jumps import CONFIRM_FRAMES, JumpGuard, accept
-from kgdfa.palm_shape import RIGID, SHAPE, view_palm
+from kgdfa.robust_distance import ANCHOR_HOLDS_M, RIGID, SHAPE, RobustRange, view_palm
 
 FOCAL_PX = 900.0
 CENTRE_PX = (640.0, 360.0)

@@ -7,10 +7,19 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from kgdfa.features import FEATURES, Unit, features
-from kgdfa.fingers import angles_deg, apart, finger_angles_deg
 from kgdfa.gesture import Finger
-from kgdfa.hand import FloatArray, Keypoint
-from kgdfa.hulls import INNER_HULL, OUTER_HULL, TIPS, hull, tip_depths
+from kgdfa.hand import (
+    INNER_HULL,
+    OUTER_HULL,
+    TIPS,
+    FloatArray,
+    Keypoint,
+    angles_deg,
+    apart,
+    finger_angles_deg,
+    hull,
+    tip_depths,
+)
 from tests.kgdfa.hands import drawn_hand, drawn_points
 
 JOINTS = ("root", "middle", "end")

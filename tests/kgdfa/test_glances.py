@@ -10,10 +10,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kgdfa.glances import LARGEST_PALM, PATIENCE_FRAMES, PLAIN, SEARCH, Glance, Search, Searcher, after, glance_at
+from kgdfa.augmentation import on_picture
 from kgdfa.hand import FloatArray, Hand, Side
-from kgdfa.images import Image
-from kgdfa.looks import on_picture
+from kgdfa.preprocess import Image
+from kgdfa.redetection import LARGEST_PALM, PATIENCE_FRAMES, PLAIN, SEARCH, Glance, Search, Searcher, after, glance_at
 
 PICTURE: Image = np.zeros((360, 640, 3), np.uint8)
 glances = st.builds(Glance, scale=st.floats(0.3, 1.0), turn_deg=st.floats(-90, 90))

@@ -3,10 +3,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from kgdfa.augmentation import FIRST_LOOKS, SECOND_LOOKS, Look, see, see_photo, take
 from kgdfa.errors import KgdfaError
 from kgdfa.hand import Hand, Side
-from kgdfa.images import Image, as_bgr8
-from kgdfa.looks import FIRST_LOOKS, SECOND_LOOKS, Look, see, see_photo, take
+from kgdfa.preprocess import Image, as_bgr8
 from tests.kgdfa.hands import drawn_hand
 
 

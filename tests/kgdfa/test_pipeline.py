@@ -6,12 +6,13 @@ from dataclasses import replace
 import numpy as np
 
 from kgdfa.button import ButtonPlace
-from kgdfa.distance import RobustRange
 from kgdfa.draw import draw
-from kgdfa.hand import Gesture, Hand, Side
-from kgdfa.images import Image
+from kgdfa.gesture import Gesture
+from kgdfa.hand import Hand, Side
 from kgdfa.pipeline import Picture, Pipeline, Report
+from kgdfa.preprocess import Image
 from kgdfa.published import PublishedRules
+from kgdfa.robust_distance import RobustRange
 from tests.kgdfa.hands import STATES, drawn_hand
 
 BLACK = np.zeros((720, 1280, 3), np.uint8)

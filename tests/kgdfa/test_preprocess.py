@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from kgdfa.errors import KgdfaError
-from kgdfa.images import Image
 from kgdfa.preprocess import (
     JUDGED_EVERY,
     PREPARATIONS,
     AsNeeded,
+    Image,
     as_needed,
     denoise,
     find_preparation,

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from kgdfa.errors import KgdfaError
 from kgdfa.hand import Hand, Side
-from kgdfa.images import Image
+from kgdfa.preprocess import Image
 from kgdfa.press_zone import LEAST_THRESHOLD_M, SquaredDetector, cut_off, press_zone
 
 

@@ -7,8 +7,8 @@ from itertools import product
 import numpy as np
 import pytest
 
-from kgdfa.gesture import Finger
-from kgdfa.hand import FloatArray, Gesture
+from kgdfa.gesture import Finger, Gesture
+from kgdfa.hand import FloatArray
 from kgdfa.published import BENT_DEG, PINCH_RATIO, SPREAD_PX, TABLE_2, Extra, Measures, PublishedRules, Row, check
 from tests.kgdfa.hands import STATES, drawn_hand
 

@@ -13,9 +13,9 @@ from hal.cameras.digital_hand.poses import GESTURES, LOOK_ALIKES
 from hal.cameras.digital_hand.scene import keypoints_m, lens_for, posed, project_px
 from kgdfa.errors import KgdfaError
 from kgdfa.features import FEATURES
-from kgdfa.hand import FloatArray, Gesture, Hand, Side
-from kgdfa.robust import RobustRules
-from kgdfa.robust_model import load_model, save_model
+from kgdfa.gesture import Gesture
+from kgdfa.hand import FloatArray, Hand, Side
+from kgdfa.robust import RobustRules, load_model, save_model
 
 RULES = RobustRules()
 shaken = arrays(np.float64, (21, 3), elements=st.floats(-1, 1))

@@ -3,7 +3,7 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kgdfa.track import EQUAL_CLAIM, LOST_FRAMES, Track, follow
+from kgdfa.pipeline import EQUAL_CLAIM, LOST_FRAMES, Track, follow
 from tests.kgdfa.hands import drawn_hand
 
 HERE = drawn_hand("ooooo")

@@ -3,9 +3,7 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kgdfa.hand import Gesture
-from kgdfa.verdict import Verdict
-from kgdfa.vote import END_FRAMES, VOTE_FRAMES, Vote, cast
+from kgdfa.gesture import END_FRAMES, VOTE_FRAMES, Gesture, Verdict, Vote, cast
 
 ONE, TWO = Gesture.ONE, Gesture.TWO
 spoken = st.lists(st.sampled_from([None, Gesture.ONE, Gesture.TWO, Gesture.FIVE]), max_size=60)

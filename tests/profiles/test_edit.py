@@ -2,8 +2,8 @@ from __future__ import annotations
 
 import pytest
 
-from profiles.edit import edit, parse_assignments
 from profiles.errors import ProfileError
+from profiles.files import edit, parse_assignments
 from profiles.schema import HandUsed, Profile
 
 

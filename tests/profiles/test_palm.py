@@ -15,9 +15,8 @@ from profiles.anthropometry import (
     limb_lengths,
     stature_percentile,
 )
-from profiles.calibration import Calibrated, calibrate, with_calibration
 from profiles.errors import ProfileError
-from profiles.palm import AnchorSource, anchor, palm_estimate
+from profiles.palm import AnchorSource, Calibrated, anchor, calibrate, palm_estimate, with_calibration
 from profiles.schema import Palm, Population, Profile, Sex
 
 AT = datetime(2026, 3, 1, tzinfo=UTC)

@@ -9,8 +9,8 @@ from app.perception.palm_calibration import WANTED_SAMPLES, PalmSampler, sample_
 from app.system.errors import AppError
 from hal.cameras.camera import Frame, Intrinsics, IntrinsicsSource
 from kgdfa.hand import Hand, Side
-from kgdfa.images import Image
-from kgdfa.palm_shape import RIGID, SHAPE
+from kgdfa.preprocess import Image
+from kgdfa.robust_distance import RIGID, SHAPE
 from profiles.errors import ProfileError
 from profiles.schema import Profile
 

@@ -10,11 +10,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from profiles.errors import ProfileError
+from profiles.fields import RANGES, check_value, file_key, violations
 from profiles.files import decode, encode
-from profiles.ranges import RANGES, check_value, violations
 from profiles.schema import DEMO_PATIENT, Calibration, GaitParameters, Palm, Profile, Sex
 from profiles.store import ProfileStore, differences
-from profiles.units import file_key
 
 AT = datetime(2026, 3, 1, tzinfo=UTC)
 

@@ -15,7 +15,7 @@ from app.demo.session import SessionResult, demo_config, demo_patient, run_sessi
 from app.session.host import SessionHost, make_setup
 from app.system.config import Config, JointsConfig
 from app.system.paths import Home
-from kgdfa.hand import Gesture
+from kgdfa.gesture import Gesture
 
 SOME = (Gesture.ZERO, Gesture.LOVE, Gesture.ROCK, Gesture.FIVE, Gesture.SIX)
 SESSIONS = 3

@@ -35,7 +35,7 @@ def looked_at(
     from app.cli.progress import bar
     from app.evaluate.gesture_photos import read_labels, see_all
     from app.evaluate.keypoint_file import load_seen, save_seen
-    from kgdfa.images import as_bgr8
+    from kgdfa.preprocess import as_bgr8
 
     photos = read_labels(directory)
     if keypoints is not None and keypoints.exists():

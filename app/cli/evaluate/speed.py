@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from app.evaluate.speed import SpeedFigures
-    from kgdfa.images import Image
+    from kgdfa.preprocess import Image
 
 cli = typer.Typer()
 

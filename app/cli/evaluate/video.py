@@ -31,9 +31,9 @@ def video(
     from app.evaluate.footage import read_footage
     from app.evaluate.gesture_report import write_json
     from app.evaluate.video import measure_sequence, run_sequence, said
+    from kgdfa.gesture import RuleSet
     from kgdfa.published import PublishedRules
     from kgdfa.robust import RobustRules
-    from kgdfa.verdict import RuleSet
 
     console, footage = Console(), read_footage(where, labels)
     figures = {}

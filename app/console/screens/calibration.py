@@ -30,7 +30,7 @@ from app.text.catalogue import tr
 from hal.errors import HardwareError
 from kgdfa.errors import KgdfaError
 from logs.records import Calibration as CalibrationRecord
-from profiles.calibration import Calibrated, with_calibration
+from profiles.palm import Calibrated, with_calibration
 from profiles.schema import Profile
 
 DEFAULT_CM = {"digital-hand": "36"}  # where the digital hand rests
@@ -175,7 +175,7 @@ def _result(made: Calibrated) -> str:
 
 if TYPE_CHECKING:
     from hal.cameras.camera import Frame
-    from profiles.calibration import Calibrated
+    from profiles.palm import Calibrated
 
 PREVIEW_PX = 160
 SHOWN_HZ = 10.0
@@ -202,9 +202,9 @@ def calibrate_palm(words: Connection, setup: SessionSetup, distance_m: float) ->
 
 
 def _sample(words: Connection, setup: SessionSetup, distance_m: float) -> Calibrated:
-    from app.perception import build
+    from app.perception import pipeline as build
     from app.perception.palm_calibration import WANTED_SAMPLES, PalmSampler, sample_palm
-    from app.perception.preview import PreviewPacer
+    from app.perception.reporting import PreviewPacer
 
     camera = build.make_camera(setup)
     pacer = PreviewPacer(width_px=PREVIEW_PX, rate_hz=SHOWN_HZ)

@@ -6,7 +6,7 @@ import signal
 from collections.abc import Callable
 
 from app.control import assembly as assemble
-from app.perception import build
+from app.perception import pipeline as build
 from app.session.child import begin
 from app.system.config import SessionSetup
 from hal.cameras.camera import Camera, Frame

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from app.console.patient_fields import FIELDS, Kind, parse, shown
-from profiles.ranges import violations
+from profiles.fields import violations
 from profiles.schema import DEMO_PATIENT, HandUsed, Palm
 
 NUMBERS = [field for field in FIELDS if field.kind in (Kind.NUMBER, Kind.OPTIONAL, Kind.WHOLE)]

@@ -24,7 +24,7 @@ from hal.joints.protocol import (
     JointCommand,
     JointFeedback,
 )
-from kgdfa.hand import Gesture
+from kgdfa.gesture import Gesture
 from logs.records import Body
 from tests.app.control.ideal_joints import IdealJoints
 from tests.app.control.instant_planner import CHECK, POSES, make_plan

@@ -9,7 +9,7 @@ from app.control.events.table import LINGER_NS, ROW, TABLE, Event, Latch
 from app.ipc.messages import OperatorKind
 from app.ipc.states import Action, Effect, GaitState, Source
 from app.motion.follower import Mode
-from kgdfa.hand import Gesture
+from kgdfa.gesture import Gesture
 from logs import records
 from tests.app.control.causes import CAUSES, Cause, E, rig_with, seen
 from tests.app.control.rig import Rig

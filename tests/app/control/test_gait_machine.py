@@ -11,7 +11,7 @@ from app.control.gait.machine import Gait, Ignored, Latched, Refused, Started
 from app.control.gait.table import TABLE, mermaid
 from app.ipc.states import ACTION_OF, Action, GaitState
 from app.motion.plan import Phase
-from kgdfa.hand import Gesture
+from kgdfa.gesture import Gesture
 
 S, G = GaitState, Gesture
 # The paper's twelve transitions (digest, gait state machine), and the way out of a stop.

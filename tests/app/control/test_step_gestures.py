@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from kgdfa.hand import Gesture
+from kgdfa.gesture import Gesture
 from logs import records
 from tests.app.control.moments import A, K, S, now, standing, told
 

@@ -11,7 +11,7 @@ from app.control.running_action import Stage
 from app.ipc.states import ACTION_OF, Action, Source
 from app.motion.follower import Mode
 from hal.joints.protocol import DriveState
-from kgdfa.hand import Gesture
+from kgdfa.gesture import Gesture
 from tests.app.control.moments import HOLD_TICKS, A, K, S, moving, now, resting, standing
 from tests.app.control.rig import TICK_NS
 

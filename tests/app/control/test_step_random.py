@@ -17,7 +17,7 @@ from app.ipc.messages import OperatorKind
 from app.ipc.states import Action, GaitState, Source
 from app.motion.follower import Mode
 from hal.joints.protocol import BusFault, DriveFault, DriveState
-from kgdfa.hand import Gesture
+from kgdfa.gesture import Gesture
 from tests.app.control.moments import resting
 from tests.app.control.rig import Rig
 

@@ -10,7 +10,7 @@ from app.control.running_action import Stage
 from app.ipc.states import Action, Effect, GaitState
 from app.motion.follower import Mode
 from hal.joints.protocol import DriveState
-from kgdfa.hand import Gesture
+from kgdfa.gesture import Gesture
 from logs import records
 from tests.app.control.moments import (
     GRANTED,

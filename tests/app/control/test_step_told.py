@@ -11,7 +11,7 @@ from app.control.events.table import Event
 from app.control.running_action import Stage
 from app.control.state import REPORTS_KEPT, ControlState
 from app.motion.follower import Mode
-from kgdfa.hand import Gesture
+from kgdfa.gesture import Gesture
 from logs import records
 from tests.app.control.moments import A, K, S, moving, now, standing, told
 

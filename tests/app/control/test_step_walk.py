@@ -12,7 +12,7 @@ from app.control.running_action import Stage
 from app.ipc.states import Source
 from app.motion.follower import Mode
 from app.motion.plan import Phase
-from kgdfa.hand import Gesture
+from kgdfa.gesture import Gesture
 from tests.app.control.moments import A, K, S, moving, now, standing, wish
 
 

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from app.demo.trial import Trial, spread, success
 from app.ipc.messages import ActionReport
 from app.ipc.states import Action, GaitState, Source
-from kgdfa.hand import Gesture
+from kgdfa.gesture import Gesture
 
 
 def trial(report: ActionReport | None, *, ok: bool = True) -> Trial:

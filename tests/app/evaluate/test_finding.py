@@ -9,9 +9,9 @@ import numpy as np
 
 from app.evaluate.finding import empty_rooms, measure_glances, missed_hands, photos_without_hand
 from app.evaluate.gesture_photos import Photo
-from kgdfa.glances import PLAIN, SEARCH
 from kgdfa.hand import Hand, Side
-from kgdfa.images import Image
+from kgdfa.preprocess import Image
+from kgdfa.redetection import PLAIN, SEARCH
 from tests.kgdfa.hands import drawn_points
 
 

@@ -12,8 +12,7 @@ from app.evaluate.gesture_photos import Photo, SeenPhoto, read_labels
 from app.evaluate.gesture_report import PAPER_TABLE_3, as_json, write_confusion, write_errors
 from app.evaluate.keypoint_file import load_seen, save_seen
 from app.system.errors import AppError
-from kgdfa.hand import Gesture
-from kgdfa.verdict import Verdict
+from kgdfa.gesture import Gesture, Verdict
 from tests.kgdfa.hands import STATES, drawn_hand
 
 

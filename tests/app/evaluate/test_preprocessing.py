@@ -5,10 +5,9 @@ import pytest
 
 from app.evaluate.gesture_photos import Photo
 from app.evaluate.preprocessing import SPOILS, cost_ms, measure_worth
+from kgdfa.augmentation import Look
 from kgdfa.hand import Hand
-from kgdfa.images import Image
-from kgdfa.looks import Look
-from kgdfa.preprocess import PREPARATIONS, denoise
+from kgdfa.preprocess import PREPARATIONS, Image, denoise
 from tests.kgdfa.hands import drawn_hand
 
 GREY = np.full((60, 80, 3), 120, np.uint8)

@@ -14,9 +14,10 @@ from app.evaluate.trigger import chain
 from app.evaluate.watcher import Watcher
 from hal.cameras.camera import Frame
 from hal.cameras.digital_hand.camera import DigitalHandCamera
-from kgdfa.hand import Gesture, Hand
-from kgdfa.images import Image
+from kgdfa.gesture import Gesture
+from kgdfa.hand import Hand
 from kgdfa.keypoints import HandDetector
+from kgdfa.preprocess import Image
 from tests.app.evaluate.seen_hands import seen_hand
 
 Blind = Callable[[float], bool]

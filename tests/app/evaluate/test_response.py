@@ -11,7 +11,7 @@ from app.demo.trial import Trial
 from app.evaluate.response import ATTEMPTS, PAPER, ResponseResult, Rounds, response_table, shared, wearer
 from app.ipc.messages import ActionReport
 from app.ipc.states import ACTION_OF, Action, GaitState, Source
-from kgdfa.hand import Gesture
+from kgdfa.gesture import Gesture
 from tests.app.demo.sessions import session_of
 
 MS = 1_000_000

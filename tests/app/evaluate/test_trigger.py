@@ -10,8 +10,8 @@ from app.evaluate.digital_scenes import CHANGES, FLIP, Moment
 from app.evaluate.trigger import CAMERAS, Change, Outcome, look_at
 from app.evaluate.watcher import BLANK, FRAME_NS, GAP_NS, Watcher
 from kgdfa.hand import Hand
-from kgdfa.images import Image
 from kgdfa.keypoints import HandDetector
+from kgdfa.preprocess import Image
 from tests.app.evaluate.seen_hands import seen_hand
 
 

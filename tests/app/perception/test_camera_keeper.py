@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from app.perception.camera_keeper import BACK_OFF_S, CameraKeeper
+from app.perception.camera import BACK_OFF_S, CameraKeeper
 from hal.cameras.camera import EndOfRecording, Frame, Intrinsics, IntrinsicsSource
 from hal.errors import HardwareError
 

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from app.ipc.messages import PerceptionCommand
-from app.perception.preview import PreviewPacer
+from app.perception.reporting import PreviewPacer
 
 
 @given(rate_hz=st.floats(1, 25), camera_hz=st.sampled_from([15, 30, 60]))

@@ -12,9 +12,9 @@ from app.ipc.messages import PressRange
 from app.perception.reporting import Surroundings, frames_per_second, records_between, to_message
 from kgdfa.button import ButtonState
 from kgdfa.distance import Distance
-from kgdfa.hand import Gesture, Hand, Side
+from kgdfa.gesture import Gesture, Verdict
+from kgdfa.hand import Hand, Side
 from kgdfa.pipeline import Report
-from kgdfa.verdict import Verdict
 from logs.records import Cancel, GestureOnset, Press, Release
 
 HAND = Hand(image_px=np.zeros((21, 2)), world_m=np.zeros((21, 3)), presence=0.9, side=Side.LEFT)

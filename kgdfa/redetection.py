@@ -17,9 +17,9 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
+from kgdfa.augmentation import on_picture
 from kgdfa.hand import FloatArray, Hand
-from kgdfa.images import Image
-from kgdfa.looks import on_picture
+from kgdfa.preprocess import Image
 
 PATIENCE_FRAMES = 2  # without a hand before the search begins, plainly: the plain picture finds most that come
 # Of the picture's height. A longer palm is shown smaller, at this size: an adult's nearer than 27 cm to the usual lens.
@@ -100,7 +100,7 @@ def _smaller(image_bgr: Image, scale: float, size: tuple[int, int]) -> tuple[Ima
 
 
 @dataclass(frozen=True, slots=True)
-class PeriodicTimer:
+class PalmGrowth:
     """How large a followed hand is, pixels, and how it grows from frame to frame. spread: of all its keypoints."""
 
     palm_px: float
@@ -109,7 +109,7 @@ class PeriodicTimer:
     shown: float = LARGEST_PALM  # length of the palm on the view, where it is shown smaller, of the picture's height
 
     @classmethod
-    def of(cls, hand: Hand, before: PeriodicTimer | None) -> PeriodicTimer:
+    def of(cls, hand: Hand, before: PalmGrowth | None) -> PalmGrowth:
         """Its growth since the frame before; none is known of a hand that has just come."""
         middle = hand.image_px.mean(axis=0)
         spread_px = max(float(np.sqrt(((hand.image_px - middle) ** 2).sum(axis=1).mean())), 1.0)
@@ -131,25 +131,25 @@ class Searcher:
     def __init__(self, look: Callable[[Image, int], tuple[Hand, ...]]) -> None:
         self._look = look
         self._search = Search()
-        self._pace: PeriodicTimer | None = None  # of the hand followed, or lost a moment ago
+        self._growth: PalmGrowth | None = None  # of the hand followed, or lost a moment ago
 
     def detect(self, image_bgr: Image, captured_ns: int) -> tuple[Hand, ...]:
         """The hands in the next frame, where its picture has them; () when there is none."""
-        followed = self._pace is not None and self._search.missing == 0
+        followed = self._growth is not None and self._search.missing == 0
         hands = self._glance(image_bgr, captured_ns)
-        if not hands and self._pace is not None:
+        if not hands and self._growth is not None:
             hands = self._look_again(image_bgr, captured_ns, followed)
         self._search = after(self._search, found=bool(hands))
         if hands:
-            self._pace = PeriodicTimer.of(hands[0], self._pace)
+            self._growth = PalmGrowth.of(hands[0], self._growth)
         elif self._search.missing >= PATIENCE_FRAMES:
-            self._pace = None
+            self._growth = None
         return hands
 
     def _look_again(self, image_bgr: Image, captured_ns: int, followed: bool) -> tuple[Hand, ...]:
         """Everywhere; and in the next view."""
-        assert self._pace is not None
-        self._pace = replace(self._pace, growth=1.0, shown=SOUGHT_PALM)
+        assert self._growth is not None
+        self._growth = replace(self._growth, growth=1.0, shown=SOUGHT_PALM)
         hands = self._glance(image_bgr, captured_ns) if followed else ()
         if not hands:
             turn_deg = _NEXT_TURN.get(self._search.glance.turn_deg, 0.0)
@@ -159,8 +159,8 @@ class Searcher:
 
     def _glance(self, image_bgr: Image, captured_ns: int) -> tuple[Hand, ...]:
         glance = self._search.glance
-        if self._pace is not None:
-            glance = self._pace.steadied(glance, image_bgr.shape[0])
+        if self._growth is not None:
+            glance = self._growth.steadied(glance, image_bgr.shape[0])
         shown, transform = glance_at(image_bgr, glance)
         hands = self._look(shown, captured_ns)
         return hands if shown is image_bgr else tuple(on_picture(hand, transform) for hand in hands)

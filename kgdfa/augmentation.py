@@ -15,8 +15,7 @@ import cv2
 import numpy as np
 
 from kgdfa.hand import FloatArray, Hand, Side
-from kgdfa.images import Image, as_bgr8
-from kgdfa.preprocess import brighten
+from kgdfa.preprocess import Image, as_bgr8, brighten
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

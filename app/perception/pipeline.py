@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+import threading
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Generic, TypeVar
 
 from app.ipc.messages import PressRange
 from app.system.config import SessionSetup
@@ -12,13 +14,14 @@ from hal.cameras.camera import Camera, Frame
 from hal.cameras.factory import open_camera
 from kgdfa.button import RADIUS_SHARE, ButtonMode, ButtonPlace
 from kgdfa.depth import DepthRange
-from kgdfa.distance import PublishedRange, RangeFinder, RobustRange
+from kgdfa.distance import PublishedRange, RangeFinder
+from kgdfa.gesture import RuleSet
 from kgdfa.pipeline import Detector, Pipeline
 from kgdfa.preprocess import AsNeeded
 from kgdfa.press_zone import press_zone
 from kgdfa.published import PublishedRules
 from kgdfa.robust import RobustRules
-from kgdfa.verdict import RuleSet
+from kgdfa.robust_distance import RobustRange
 from logs import records
 from profiles.palm import Anchor, anchor
 
@@ -143,3 +146,34 @@ def camera_records(setup: SessionSetup, camera: Camera, frame: Frame) -> tuple[r
             text=palm.sentence,
         ),
     )
+
+
+T = TypeVar("T")
+
+
+class Loading(Generic[T]):
+    """Something built in a thread from `begin` on. Its error, if any, is raised to whoever asks."""
+
+    def __init__(self, build: Callable[[], T]) -> None:
+        self._build = build
+        self._value: T | None = None
+        self._error: Exception | None = None
+        self._thread: threading.Thread | None = None
+
+    def begin(self) -> None:
+        """Start building; harmless when done again."""
+        if self._thread is None:
+            self._thread = threading.Thread(target=self._run, name="detector-loader", daemon=True)
+            self._thread.start()
+
+    def ready(self) -> T | None:
+        """The built thing, or None while it is being built. Raises what building raised."""
+        if self._error is not None:
+            raise self._error
+        return self._value
+
+    def _run(self) -> None:
+        try:
+            self._value = self._build()
+        except Exception as error:  # noqa: BLE001 - handed to the thread that asks
+            self._error = error

@@ -1,0 +1,257 @@
+"""Eq. 4 freed from the hand's tilt: the palm as a flat, rigid shape, and its distance fused from three readings.
+
+Tilting shortens lengths across the tilt's axis and leaves those along it as they are. So the largest stretch of
+the map from the palm's own plane to the picture (its first singular value) is that of a palm that faces the
+camera, whatever the tilt: Eq. 4 without its error. The ratio of the two singular values is the tilt's cosine.
+A mirrored map (left hand, back of the hand) has the same singular values.
+"""
+
+from __future__ import annotations
+
+import math
+import statistics
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from kgdfa.distance import HALF_PALM_M, MIN_ANCHOR_PX, Distance, JumpGuard, accept, check_range_finder
+from kgdfa.hand import FloatArray, Hand, Keypoint
+
+# The part of the palm that moves as one piece; the thumb's base is left out.
+RIGID = (Keypoint.WRIST, Keypoint.INDEX_MCP, Keypoint.MIDDLE_MCP, Keypoint.RING_MCP, Keypoint.PINKY_MCP)
+
+# Their places in the palm's plane in palm anchors from keypoint 21, as MediaPipe marks them on a flat palm that
+# faces the camera: median of six digital hands at 35 cm (`rleex evaluate distance` uses other hands).
+SHAPE = np.array([(0.016, 1.395), (0.477, -0.121), (0.139, -0.174), (-0.179, -0.082), (-0.477, 0.121)])
+_CENTRE = SHAPE.mean(axis=0)
+_SOLVER = np.linalg.pinv(SHAPE - _CENTRE)
+
+MAX_MISFIT = 0.16  # keypoints further from any flat palm are none: 99.9 % of well-seen hands are below 0.15
+KEYPOINT_SD = 0.03  # scatter that the keypoints' own places leave, digital hand facing the camera
+ANCHOR_HOLDS_M = 0.40  # where hands are held when anchors are measured or calibrated
+FORGET_NS = 200_000_000
+
+# How three readings become one (shares of a logarithm). `tools/fit_distance.py` prints what each of them does on
+# digital hands that no evaluation uses; docs/distance.md tells how they were chosen.
+LANDMARKS_SHARE = 0.4  # of the world landmarks' word against the palm shape's, where it is the nearer one
+LANDMARKS_HOLD = 0.18  # and by how much it may be nearer
+WRIST_HOLD = 0.1  # how far Eq. 4 may be from the shape where the wrist is out of the picture
+YAW_SHORTENS = 0.12  # MediaPipe draws the wrist of a palm turned about its length too near to the knuckles
+
+# The far side: what the button's distance adds for a palm that may be tilted, and for readings that disagree.
+MARGIN_TILT = 0.22  # a radian
+MARGIN_NEARER = 0.30  # of what the world landmarks say nearer than the shape
+MARGIN_FARTHER = 0.20  # of what they say farther
+MOST_DISAGREEMENT = 0.30
+# A tilt only shortens 5-17 on the picture, so Eq. 4 reads far or right, but for the scatter of its two keypoints.
+# The button's distance therefore stays above it, and needs no more than a scatter beyond it.
+FLOOR_OF_EQUATION = 1.03
+CEILING_OF_EQUATION = 1.10
+UPRIGHT_FACTOR = CEILING_OF_EQUATION  # so far at most the button reads a palm that Eq. 4 reads right
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PalmView:
+    """What a picture of the palm says. stretch: picture length of one palm anchor that lies across the view.
+
+    along: 0-1, whether that stretch runs along the palm (1, wrist to knuckles) or across it (0).
+    misfit: what no flat palm explains, as a share of the palm's size; about 0.05 for a hand well seen.
+    """
+
+    stretch: float
+    tilt_rad: float
+    along: float
+    misfit: float
+
+
+def view_palm(image: FloatArray) -> PalmView:
+    """Fit the palm's shape to (21, 2) keypoints, in any unit of length; the stretch has that unit."""
+    seen = image[list(RIGID)]
+    seen = seen - seen.mean(axis=0)
+    affine = _SOLVER @ seen
+    palm, (long, short), _ = np.linalg.svd(affine)
+    size = float(np.linalg.norm(seen))
+    misfit = float(np.linalg.norm((SHAPE - _CENTRE) @ affine - seen)) / size if size > 0 else math.inf
+    cosine = min(1.0, float(short / long)) if long > 0 else 0.0
+    return PalmView(stretch=float(long), tilt_rad=math.acos(cosine), along=float(palm[1, 0] ** 2), misfit=misfit)
+
+
+def centre_offset(world: FloatArray) -> float:
+    """How much farther keypoint 21 is from the camera than the middle of the rigid part, in palm anchors.
+
+    world: (21, 3) keypoints in any unit, z away from the camera.
+    """
+    anchor = float(np.linalg.norm(world[Keypoint.INDEX_MCP] - world[Keypoint.PINKY_MCP]))
+    middle = (world[Keypoint.INDEX_MCP, 2] + world[Keypoint.PINKY_MCP, 2]) / 2
+    return float(middle - world[list(RIGID), 2].mean()) / anchor if anchor > 0 else 0.0
+
+
+def _readings(seen: FloatArray, world_m: FloatArray, view: PalmView) -> tuple[float, float, float]:
+    """Distance of keypoint 21 in palm anchors: by the palm's shape, by 5-17 in perspective, by Eq. 4.
+
+    seen: (21, 2) as a camera looking at keypoint 21 sees them, world_m: (21, 3) as MediaPipe gives them.
+    """
+    by_shape = 1 / view.stretch + centre_offset(world_m)
+    by_equation = 1 / float(np.linalg.norm(seen[Keypoint.INDEX_MCP] - seen[Keypoint.PINKY_MCP]))
+    return by_shape, _by_perspective(seen, world_m), by_equation
+
+
+def _by_perspective(seen: FloatArray, world_m: FloatArray) -> float:
+    """Where 5 and 17, placed about keypoint 21 as in the world landmarks, are seen where they are.
+
+    Each is at (X + x, Y + y, Z + z) and seen at u = (X + x)/(Z + z): linear in X, Y, Z, solved for Z.
+    """
+    across = world_m[Keypoint.INDEX_MCP] - world_m[Keypoint.PINKY_MCP]
+    half = across / (2 * float(np.linalg.norm(across)))
+    fore, little = seen[Keypoint.INDEX_MCP], seen[Keypoint.PINKY_MCP]
+    apart = fore - little
+    wanted = 2 * half[:2] - (fore + little) * half[2]
+    return float(apart @ wanted / (apart @ apart))
+
+
+def _turn_to(forward: FloatArray) -> FloatArray:
+    """(3, 3): Rodrigues' rotation that brings the camera's axis onto a unit vector."""
+    turn = np.array([[0.0, 0.0, forward[0]], [0.0, 0.0, forward[1]], [-forward[0], -forward[1], 0.0]])
+    rotation: FloatArray = np.eye(3) + turn + turn @ turn / (1 + forward[2])
+    return rotation
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Reading:
+    """One frame's readings made one, metres: the best guess, and one that leans to the far side.
+
+    readings_m: by the palm's shape, by the world landmarks in perspective, by Eq. 4.
+    """
+
+    readings_m: tuple[float, float, float]
+    tilt_rad: float
+    shown_m: float
+    far_m: float
+
+
+def _fuse(view: PalmView, readings_m: tuple[float, float, float], wrist_seen: bool) -> Reading:
+    """Readings by shape, by perspective, by Eq. 4.
+
+    The landmarks miss tilts and then read far, so only their nearer word counts; the shape needs the wrist.
+    """
+    shape_m, perspective_m, equation_m = readings_m
+    landmarks = math.log(perspective_m / shape_m) if perspective_m > 0 else 0.0
+    moved = LANDMARKS_SHARE * min(0.0, max(-LANDMARKS_HOLD, landmarks))
+    moved -= YAW_SHORTENS * view.along * (1 - math.cos(view.tilt_rad))
+    if not wrist_seen:
+        moved = min(WRIST_HOLD, max(-WRIST_HOLD, math.log(equation_m / shape_m))) / 2
+    shown_m = shape_m * math.exp(moved)
+    nearer, farther = (min(MOST_DISAGREEMENT, max(0.0, one)) for one in (-landmarks, landmarks))
+    margin = MARGIN_TILT * view.tilt_rad + MARGIN_NEARER * nearer + MARGIN_FARTHER * farther
+    far_m = max(FLOOR_OF_EQUATION * equation_m, min(CEILING_OF_EQUATION * equation_m, shown_m * math.exp(margin)))
+    return Reading(readings_m=readings_m, tilt_rad=view.tilt_rad, shown_m=shown_m, far_m=far_m)
+
+
+def _under_the_skin(seen_m: float) -> float:
+    """The joints' distance from that of the skin, on which MediaPipe sees them.
+
+    The skin is nearer by half the palm's thickness, which magnifies near hands more than far ones. The anchor takes
+    up the share of it at ANCHOR_HOLDS_M; what is left is added nearer than that, and taken off farther away.
+    """
+    return seen_m + HALF_PALM_M * (1 - seen_m / ANCHOR_HOLDS_M)
+
+
+class RobustRange:
+    """Eq. 4 freed from the hand's tilt, steadied over three frames, with a distance that is safe to press by.
+
+    Three readings: the palm's shape (`palm_shape`), 5-17 placed in perspective by the world landmarks, and Eq. 4.
+    The shape sees every tilt; the landmarks miss some (40° of yaw to one side on the digital hand) and then read a
+    quarter too far. Shown is the shape's, drawn nearer by the landmarks; safe adds a margin that grows with the
+    tilt and with what the readings disagree by, and is held between 3 and 10 % beyond Eq. 4.
+    """
+
+    name = "robust"
+
+    def __init__(
+        self,
+        *,
+        focal_px: float,
+        anchor_m: float,
+        centre_px: tuple[float, float] | None = None,
+        distortion: tuple[float, float] = (0.0, 0.0),
+    ) -> None:
+        """focal_px: focal length for the picture's size; anchor_m: length of 5-17. Raises KgdfaError.
+
+        centre_px: the optical axis on the picture; with it, a hand off the axis is measured along its own ray, and
+        a lens's radial distortion (OpenCV's k1, k2) is taken out.
+        """
+        check_range_finder(focal_px, anchor_m)
+        self._focal_px = focal_px
+        self._anchor_m = anchor_m
+        self._centre_px = None if centre_px is None else np.asarray(centre_px, dtype=np.float64)
+        self._distortion = np.array([*distortion, 0.0, 0.0]) if any(distortion) else None
+        self._recent: tuple[Reading, ...] = ()
+        self._guard = JumpGuard()
+        self._last_ns = 0
+
+    def measure(self, hand: Hand, captured_ns: int) -> Distance | None:
+        """Tilt-corrected and steadied; None for keypoints that are no palm, or that jump as no hand can."""
+        now = self.explain(hand)
+        if now is None:
+            return None
+        self._guard, believed = accept(self._guard, now.shown_m, captured_ns)
+        if not believed:
+            return None
+        if not 0 <= captured_ns - self._last_ns <= FORGET_NS:
+            self._recent = ()
+        self._recent, self._last_ns = (*self._recent[-2:], now), captured_ns
+        return self._distance(now)
+
+    def explain(self, hand: Hand) -> Reading | None:
+        """What this frame alone says, without the past; None for keypoints that are no palm."""
+        if not (hand.anchor_px >= MIN_ANCHOR_PX and np.isfinite(hand.world_m).all()):
+            return None
+        seen, cosine = self._own_view(hand)
+        view = view_palm(seen)
+        if view.misfit > MAX_MISFIT:
+            return None
+        readings = _readings(seen, hand.world_m, view)
+        shape_m, perspective_m, equation_m = (_under_the_skin(self._anchor_m * cosine * one) for one in readings)
+        return _fuse(view, (shape_m, perspective_m, equation_m), self._shows(hand.image_px[Keypoint.WRIST]))
+
+    def reset(self) -> None:
+        """Forget the last frames."""
+        self._recent = ()
+        self._guard = JumpGuard()
+
+    def _own_view(self, hand: Hand) -> tuple[FloatArray, float]:
+        """(21, 2) keypoints as a camera looking straight at keypoint 21 sees them, one focal length away.
+
+        The world landmarks are seen so, too. And the cosine from that view's distance to one along the camera's axis.
+        """
+        if self._centre_px is None:
+            return (hand.image_px - hand.palm_centre_px) / self._focal_px, 1.0
+        flat = (hand.image_px - self._centre_px) / self._focal_px
+        if self._distortion is not None:
+            undistorted = cv2.undistortPoints(flat.reshape(-1, 1, 2), np.eye(3), self._distortion)
+            flat = np.asarray(undistorted, np.float64).reshape(-1, 2)
+        rays = np.column_stack([flat, np.ones(len(flat))])
+        middle = (rays[Keypoint.INDEX_MCP] + rays[Keypoint.PINKY_MCP]) / 2
+        forward = middle / np.linalg.norm(middle)
+        turned = rays @ _turn_to(forward)
+        return turned[:, :2] / turned[:, 2:], float(forward[2])
+
+    def _shows(self, point_px: FloatArray) -> bool:
+        """Whether the picture, whose middle is about the optical axis, shows the point."""
+        if self._centre_px is None:
+            return True
+        return bool((point_px >= 0).all() and (point_px <= 2 * self._centre_px).all())
+
+    def _distance(self, now: Reading) -> Distance:
+        # The standard library's: of three numbers NumPy's cost a fifth of a millisecond.
+        shown_m = statistics.median(one.shown_m for one in self._recent)
+        far_m = statistics.median(one.far_m for one in self._recent)
+        scatter_m = statistics.pstdev(one.shown_m for one in self._recent)
+        return Distance(
+            shown_m=shown_m,
+            # An outlier that is near is outvoted by the frames before it; a withdrawing hand is followed at once.
+            safe_m=max(now.far_m, far_m),
+            sd_m=math.hypot(KEYPOINT_SD * shown_m, statistics.pstdev(now.readings_m), scatter_m),
+            tilt_rad=now.tilt_rad,
+        )
