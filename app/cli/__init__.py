@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import sys
+from contextlib import suppress
+from itertools import pairwise
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from app.system.errors import AppError
@@ -18,14 +21,28 @@ USER_ERRORS = (AppError, HardwareError, KgdfaError, AuditError, ProfileError)
 
 
 def main() -> None:
-    """Run the command line; an error a user can cause ends with one sentence and exit status 2."""
+    """Run the command line; an error that a user can cause ends with its text and exit status 2."""
     from app.cli.tree import tree
 
+    use_configured_language(sys.argv[1:])
     try:
         tree(sys.argv[1:])()
     except USER_ERRORS as error:
-        sys.stderr.write(f"rleex: {error}\n")
+        from app.text.catalogue import render
+
+        sys.stderr.write(f"rleex: {render(error)}\n")
         raise SystemExit(2) from None
+
+
+def use_configured_language(arguments: list[str]) -> None:
+    """Render in the configuration's language where it can be read: English otherwise, the command reports why."""
+    from app.system.config import load_config
+    from app.system.paths import find_home
+    from app.text.catalogue import use_language
+
+    given = next((Path(after) for option, after in pairwise(arguments) if option == "--home"), None)
+    with suppress(AppError):
+        use_language(load_config(find_home(given).config).language)
 
 
 def __getattr__(name: str) -> typer.Typer:

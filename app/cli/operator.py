@@ -76,6 +76,7 @@ def list_operators(home: HomeOption = None) -> None:
 
     from app.system.operators import PERMISSIONS, Permission, Role, load_store
     from app.system.paths import find_home
+    from app.text.catalogue import tr
     from logs.sanitize import sanitize_terminal
 
     console = Console()
@@ -87,7 +88,7 @@ def list_operators(home: HomeOption = None) -> None:
     console.print(people if store.operators else "Nobody yet: `rleex operator add NAME --role engineer`.")
     table = Table("may", *(role.value for role in Role), title="Roles")
     for permission in Permission:
-        table.add_row(permission.value, *("✓" if permission in PERMISSIONS[role] else "–" for role in Role))
+        table.add_row(tr(permission), *("✓" if permission in PERMISSIONS[role] else "–" for role in Role))
     console.print(table)
 
 
@@ -110,6 +111,7 @@ def _engineer(place: Home, store: OperatorStore) -> tuple[OperatorStore, str]:
     """An engineer's sign-in; a refused one is slowed down and recorded."""
     from app.system.errors import AppError
     from app.system.operators import Permission, save_store, sign_in
+    from logs.reason import reason
     from logs.records import SignInFailed
 
     if not store.operators:
@@ -117,10 +119,12 @@ def _engineer(place: Home, store: OperatorStore) -> tuple[OperatorStore, str]:
     name: str = typer.prompt("Engineer")
     attempt = sign_in(store, name, typer.prompt("PIN", hide_input=True), time.time())
     if attempt.operator is None:
-        failed = SignInFailed(name=name, reason=attempt.reason, failures=attempt.failures, wait_s=attempt.wait_s)
+        assert attempt.fault is not None
+        cause = reason(attempt.fault)
+        failed = SignInFailed(name=name, reason=cause, failures=attempt.failures, wait_s=attempt.wait_s)
         save_store(place.keys, attempt.store)
         _tell(place, failed, "")
-        raise AppError(attempt.reason)
+        raise AppError(attempt.fault, wait_s=attempt.wait_s)
     if not attempt.operator.may(Permission.MANAGE_OPERATORS):
         raise AppError(f"{attempt.operator.name} is no engineer; only engineers manage operators.")
     return attempt.store, attempt.operator.name
@@ -141,6 +145,6 @@ def _keep(place: Home, store: OperatorStore, body: Body, by: str) -> None:
 
 
 def _tell(place: Home, body: Body, by: str) -> None:
-    from app.system.operators import tell_operators_journal
+    from app.system.operators import append_to_journal
 
-    tell_operators_journal(place, body, by)
+    append_to_journal(place, body, by)

@@ -111,11 +111,11 @@ class ConsoleTrail:
 
     def keep(self, home: Home) -> None:
         """What no session took goes into the operators' journal. Raises AuditError when the disk refuses."""
-        from app.system.operators import tell_operators_journal  # brings cryptography: not before the first paint
+        from app.system.operators import append_to_journal  # brings cryptography: not before the first paint
 
         waiting, self._waiting = self._waiting, []
         for body in waiting:
-            tell_operators_journal(home, body)
+            append_to_journal(home, body)
 
     def close(self) -> None:
         """The session ends."""

@@ -12,7 +12,7 @@ from typing import Any
 import msgspec
 
 from app.system.config import JointsConfig
-from app.text.catalogue import tr
+from app.text.catalogue import render, tr
 from hal.joints.device import DEFAULT_DEVICE, load_exoskeleton
 from profiles.errors import ProfileError
 from profiles.fields import file_key, to_file, unit_of, violations
@@ -143,7 +143,7 @@ def parse(words: dict[str, str], base: Profile) -> Parsed:
         try:
             _put(built, field.path, _value(field, words.get(field.path, "").strip()))
         except ValueError as error:
-            errors[field.path] = str(error)
+            errors[field.path] = render(error)
     if errors:
         return Parsed(None, errors)
     profile = msgspec.convert(built, type=Profile)

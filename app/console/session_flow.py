@@ -27,7 +27,7 @@ from app.system.config import Config, SessionSetup
 from app.system.errors import AppError
 from app.system.operators import Permission
 from app.system.paths import Home
-from app.text.catalogue import tr
+from app.text.catalogue import render, tr
 from profiles.schema import DEMO_PATIENT, Profile
 from profiles.store import ProfileStore
 
@@ -165,7 +165,7 @@ class SessionFlow(SignedInApp):
             if self.live is live:
                 gc_freeze()
         except USER_ERRORS as error:
-            live.failed(str(error))
+            live.failed(render(error))
 
     async def _after_rest(self, live: LiveSession) -> None:
         loop = asyncio.get_running_loop()

@@ -6,9 +6,17 @@ import fcntl
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
+from enum import Enum
 
 from app.system.errors import AppError
 from app.system.paths import Home
+
+
+class LockFault(Enum):
+    """Why a home can't be held."""
+
+    UNUSABLE = "unusable"
+    HELD = "held"
 
 
 @contextmanager
@@ -21,7 +29,7 @@ def hold_home(home: Home) -> Iterator[None]:
         home.root.mkdir(parents=True, exist_ok=True)
         handle = os.open(home.lock, os.O_RDWR | os.O_CREAT, 0o600)
     except OSError as error:
-        raise AppError(f"The home {home.root} can't be used ({error.strerror}); choose another with --home.") from error
+        raise AppError(LockFault.UNUSABLE, home=home.root, detail=error.strerror) from error
     try:
         _take(handle, home)
         os.ftruncate(handle, 0)
@@ -35,7 +43,5 @@ def _take(handle: int, home: Home) -> None:
     try:
         fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
-        holder = os.pread(handle, 32, 0).decode(errors="replace").strip() or "unknown"
-        raise AppError(
-            f"Another rleex console (process {holder}) already uses {home.root}; close it, or choose another --home."
-        ) from None
+        holder = os.pread(handle, 32, 0).decode(errors="replace").strip() or "?"
+        raise AppError(LockFault.HELD, pid=holder, home=home.root) from None

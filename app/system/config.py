@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from enum import Enum
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -13,6 +14,13 @@ from profiles.schema import Profile
 
 CameraKind = Literal["digital-hand", "webcam", "realsense", "recording"]
 JointsKind = Literal["simulated", "can"]
+
+
+class ConfigFault(Enum):
+    """What can be wrong with the configuration."""
+
+    UNREADABLE = "unreadable"
+    NO_SUCH_CHOICE = "no such choice"
 
 
 class CameraConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -70,9 +78,7 @@ def load_config(path: Path) -> Config:
     try:
         return msgspec.toml.decode(path.read_bytes(), type=Config)
     except (OSError, msgspec.DecodeError, msgspec.ValidationError) as error:
-        raise AppError(
-            f"The configuration {path} can't be used: {error}; mend the field or remove the file."
-        ) from error
+        raise AppError(ConfigFault.UNREADABLE, path=path, detail=error) from error
 
 
 def with_choices(config: Config, *, camera: str | None, joints: str | None, patient: str | None) -> Config:
@@ -86,7 +92,7 @@ def with_choices(config: Config, *, camera: str | None, joints: str | None, pati
     try:
         return msgspec.convert(built, type=Config)
     except msgspec.ValidationError as error:
-        raise AppError(f"That choice does not exist: {error}; `rleex run --help` lists what there is.") from error
+        raise AppError(ConfigFault.NO_SUCH_CHOICE, detail=error) from error
 
 
 class SessionSetup(Struct, frozen=True, kw_only=True):

@@ -13,6 +13,7 @@ import subprocess
 import sys
 import tempfile
 import zipfile
+from enum import Enum
 from pathlib import Path
 
 from app.system.config import Config
@@ -36,7 +37,17 @@ _NETWORKS = {
     ),
 }
 _EPOCH = (1980, 1, 1, 0, 0, 0)  # fixed times make the bundle the same bytes everywhere
-_REMEDY = "copy a hand_landmarker.task from a machine that has one and name it as `model` in config.toml"
+
+
+class ModelFault(Enum):
+    """Why there is no usable hand model."""
+
+    CONFIGURED_MISSING = "configured, missing"
+    MISSING = "missing"
+    DAMAGED = "damaged"
+    UNEXPECTED_NETWORK = "unexpected network"
+    NOT_IN_WHEEL = "not in the wheel"
+    NOT_DOWNLOADED = "not downloaded"
 
 
 def find_model(home: Home, config: Config) -> Path:
@@ -44,13 +55,13 @@ def find_model(home: Home, config: Config) -> Path:
     if config.model:
         path = Path(config.model).expanduser()
         if not path.is_file():
-            raise AppError(f"The hand model {path} (config.toml, `model`) does not exist; mend the path.")
+            raise AppError(ModelFault.CONFIGURED_MISSING, path=path)
         return path
     path = home.models / MODEL_NAME
     if not path.is_file():
-        raise AppError(f"The hand model {path} is missing; run `rleex model` to set it up, or {_REMEDY}.")
+        raise AppError(ModelFault.MISSING, path=path)
     if _sha256(path.read_bytes()) != BUNDLE_SHA256:
-        raise AppError(f"The hand model {path} is damaged; run `rleex model --again`.")
+        raise AppError(ModelFault.DAMAGED, path=path)
     return path
 
 
@@ -76,10 +87,10 @@ def build_bundle(wheel: Path) -> bytes:
             for name, (inside, expected) in _NETWORKS.items():
                 network = source.read(inside)
                 if _sha256(network) != expected:
-                    raise AppError(f"{inside} in {wheel.name} has an unexpected SHA-256; {_REMEDY}.")
+                    raise AppError(ModelFault.UNEXPECTED_NETWORK, file=inside, wheel=wheel.name)
                 out.writestr(zipfile.ZipInfo(name, _EPOCH), network)
     except (KeyError, OSError, zipfile.BadZipFile) as error:
-        raise AppError(f"{wheel.name} does not hold the hand model ({error}); {_REMEDY}.") from error
+        raise AppError(ModelFault.NOT_IN_WHEEL, wheel=wheel.name, detail=error) from error
     return target.read_bytes()
 
 
@@ -89,11 +100,8 @@ def _download(folder: Path) -> Path:
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     wheels = sorted(folder.glob("*.whl"))
     if done.returncode or not wheels:
-        reason = next((line for line in reversed(done.stderr.splitlines()) if "ERROR" in line), "no answer")
-        raise AppError(
-            f"The hand model needs the package {_REQUIREMENT} (36 MB) once, and pip could not fetch it "
-            f"({reason.removeprefix('ERROR: ')}); connect to the package index and try again, or {_REMEDY}."
-        )
+        detail = next((line for line in reversed(done.stderr.splitlines()) if "ERROR" in line), "-")
+        raise AppError(ModelFault.NOT_DOWNLOADED, package=_REQUIREMENT, detail=detail.removeprefix("ERROR: "))
     return wheels[0]
 
 

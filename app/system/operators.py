@@ -39,13 +39,29 @@ class Role(Enum):
 class Permission(Enum):
     """What can be allowed."""
 
-    OPERATE = "move a patient: arm, act, acknowledge, torque off"
-    EDIT_PATIENTS = "create and change patients"
-    CALIBRATE = "calibrate camera and palm"
-    CONFIGURE = "change the configuration, scan and zero the drives"
-    MANAGE_OPERATORS = "add and disable operators"
-    REVIEW = "read, comment and export audit trails"
-    WRITE_NOTES = "write notes and ratings in a session"
+    OPERATE = "operate"  # move a patient: arm, act, acknowledge, torque off
+    EDIT_PATIENTS = "edit patients"  # create and change patients
+    CALIBRATE = "calibrate"  # camera and palm
+    CONFIGURE = "configure"  # change the configuration, scan and zero the drives
+    MANAGE_OPERATORS = "manage operators"  # add and disable operators
+    REVIEW = "review"  # read, comment and export audit trails
+    WRITE_NOTES = "write notes"  # notes and ratings in a session
+
+
+class OperatorFault(Enum):
+    """Why an operator can't sign in, or can't be added, changed or kept."""
+
+    WRONG_NAME_OR_PIN = "wrong name or PIN"
+    TOO_MANY_ATTEMPTS = "too many attempts"
+    NAME_TAKEN = "name taken"
+    FIRST_NOT_ENGINEER = "first not an engineer"
+    LAST_ENGINEER = "last engineer"
+    UNKNOWN = "unknown"
+    BAD_NAME = "bad name"
+    BAD_PIN = "bad PIN"
+    GUESSABLE_PIN = "guessable PIN"
+    STORE_UNREADABLE = "store unreadable"
+    STORE_NOT_SAVED = "store not saved"
 
 
 # STOP stands in no table: everybody may always stop.
@@ -102,37 +118,36 @@ class OperatorStore(Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
         return next((operator for operator in self.operators if _key(operator.name) == wanted), None)
 
 
-class Attempt(Struct, frozen=True, kw_only=True):
-    """What came of trying to sign in; `store` is to be saved in every case."""
+class SignInResult(Struct, frozen=True, kw_only=True):
+    """What a sign-in gave; `store` is to be saved in every case."""
 
     store: OperatorStore
     operator: Operator | None
-    reason: str = ""  # for the screen and the trail, when it was refused
+    fault: OperatorFault | None = None  # why it was refused
     failures: int = 0
-    wait_s: float = 0.0  # before the next attempt is looked at
+    wait_s: float = 0.0  # until the next attempt is checked
 
 
 MIN_DIGITS, MAX_DIGITS = 6, 12
 MAX_NAME = 60
 FREE_FAILURES = 2  # typing errors
 LONGEST_WAIT_S = 300.0
-_WRONG = "Name or PIN is wrong."
 _hasher = argon2.PasswordHasher()  # the library's defaults, RFC 9106's second recommendation
 
 
-def sign_in(store: OperatorStore, name: str, pin: str, now_s: float) -> Attempt:
+def sign_in(store: OperatorStore, name: str, pin: str, now_s: float) -> SignInResult:
     """Try a name and a PIN at a wall-clock time in seconds. A name that doesn't exist costs the same time."""
     operator = store.find(name)
     wait_s = (operator.wait_until_s if operator else store.stranger_wait_until_s) - now_s
     failures = operator.failures if operator else store.stranger_failures
     if wait_s > 0:
         wait_s = min(wait_s, LONGEST_WAIT_S)  # a clock set back must not lock anybody out for years
-        reason = f"Too many wrong attempts; wait {wait_s:.0f} s."
-        return Attempt(store=store, operator=None, reason=reason, failures=failures, wait_s=wait_s)
+        fault = OperatorFault.TOO_MANY_ATTEMPTS
+        return SignInResult(store=store, operator=None, fault=fault, failures=failures, wait_s=wait_s)
     matches = _matches(operator.pin_hash if operator else _STRANGER_HASH, pin)
     if operator is not None and operator.enabled and matches:
         fresh = msgspec.structs.replace(operator, failures=0, wait_until_s=0.0)
-        return Attempt(store=_with(store, fresh), operator=fresh)
+        return SignInResult(store=_with(store, fresh), operator=fresh)
     return _failed(store, operator, failures + 1, now_s)
 
 
@@ -150,9 +165,9 @@ def add_operator(store: OperatorStore, name: str, role: Role, pin: str) -> Opera
     """A store with one more. Raises AppError on an unusable name or PIN, or when the first is no engineer."""
     name = _checked_name(name)
     if store.find(name) is not None:
-        raise AppError(f"There is an operator {name} already; choose another name.")
+        raise AppError(OperatorFault.NAME_TAKEN, name=name)
     if not store.operators and role is not Role.ENGINEER:
-        raise AppError("The first operator must be an engineer, who can add the others.")
+        raise AppError(OperatorFault.FIRST_NOT_ENGINEER)
     added = Operator(name=name, role=role, pin_hash=_hasher.hash(_checked_pin(pin)))
     return msgspec.structs.replace(store, operators=(*store.operators, added))
 
@@ -162,7 +177,7 @@ def disable_operator(store: OperatorStore, name: str) -> OperatorStore:
     operator = _existing(store, name)
     left = [other for other in store.operators if other.enabled and _key(other.name) != _key(name)]
     if operator.role is Role.ENGINEER and not any(other.role is Role.ENGINEER for other in left):
-        raise AppError(f"{operator.name} is the last engineer; add another one before disabling this one.")
+        raise AppError(OperatorFault.LAST_ENGINEER, name=operator.name)
     return _with(store, msgspec.structs.replace(operator, enabled=False))
 
 
@@ -184,7 +199,7 @@ def load_store(folder: Path) -> OperatorStore:
     except FileNotFoundError:
         return OperatorStore()
     except (OSError, msgspec.MsgspecError) as error:
-        raise AppError(f"The operators in {path} can't be read: {error}; restore the file.") from error
+        raise AppError(OperatorFault.STORE_UNREADABLE, path=path, detail=error) from error
 
 
 def save_store(folder: Path, store: OperatorStore) -> None:
@@ -200,17 +215,19 @@ def save_store(folder: Path, store: OperatorStore) -> None:
             os.fsync(file.fileno())
         partial.replace(path)
     except OSError as error:
-        raise AppError(f"The operators can't be saved in {path}: {error.strerror}; free or mend it.") from error
+        raise AppError(OperatorFault.STORE_NOT_SAVED, path=path, detail=error.strerror) from error
 
 
-def _failed(store: OperatorStore, operator: Operator | None, failures: int, now_s: float) -> Attempt:
+def _failed(store: OperatorStore, operator: Operator | None, failures: int, now_s: float) -> SignInResult:
     wait_s = wait_after(failures)
     until_s = now_s + wait_s if wait_s else 0.0
     if operator is None:
         changed = msgspec.structs.replace(store, stranger_failures=failures, stranger_wait_until_s=until_s)
     else:
         changed = _with(store, msgspec.structs.replace(operator, failures=failures, wait_until_s=until_s))
-    return Attempt(store=changed, operator=None, reason=_WRONG, failures=failures, wait_s=wait_s)
+    return SignInResult(
+        store=changed, operator=None, fault=OperatorFault.WRONG_NAME_OR_PIN, failures=failures, wait_s=wait_s
+    )
 
 
 def _matches(pin_hash: str, pin: str) -> bool:
@@ -228,7 +245,7 @@ def _with(store: OperatorStore, changed: Operator) -> OperatorStore:
 def _existing(store: OperatorStore, name: str) -> Operator:
     operator = store.find(name)
     if operator is None:
-        raise AppError(f"There is no operator {name.strip()!r}; `rleex operator list` names them.")
+        raise AppError(OperatorFault.UNKNOWN, name=name.strip())
     return operator
 
 
@@ -239,16 +256,16 @@ def _key(name: str) -> str:
 def _checked_name(name: str) -> str:
     name = unicodedata.normalize("NFC", name).strip()
     if not name or len(name) > MAX_NAME or not name.isprintable():
-        raise AppError(f"An operator's name has 1 to {MAX_NAME} visible characters; {name[:80]!r} has not.")
+        raise AppError(OperatorFault.BAD_NAME, longest=MAX_NAME, name=repr(name[:80]))
     return name
 
 
 def _checked_pin(pin: str) -> str:
     if not (pin.isascii() and pin.isdigit() and MIN_DIGITS <= len(pin) <= MAX_DIGITS):
-        raise AppError(f"A PIN has {MIN_DIGITS} to {MAX_DIGITS} digits and nothing else.")
+        raise AppError(OperatorFault.BAD_PIN, least=MIN_DIGITS, most=MAX_DIGITS)
     steps = {int(after) - int(before) for before, after in pairwise(pin)}
     if len(steps) == 1 and steps <= {-1, 0, 1}:
-        raise AppError("That PIN would be the first one tried; choose digits that neither repeat nor count.")
+        raise AppError(OperatorFault.GUESSABLE_PIN)
     return pin
 
 
@@ -256,7 +273,7 @@ def _checked_pin(pin: str) -> str:
 _STRANGER_HASH = "$argon2id$v=19$m=65536,t=3,p=4$AAAAAAAAAAAAAAAAAAAAAA$AAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAA"
 
 
-def tell_operators_journal(home: Home, body: Body, operator: str = "") -> None:
+def append_to_journal(home: Home, body: Body, operator: str = "") -> None:
     """Record it for good, or raise AuditError: who may not be recorded may not be let in."""
     now = Moment(wall_ns=time.time_ns(), monotonic_ns=time.monotonic_ns(), operator=operator)
     append_signed(home.logs / OPERATORS, "operators", [body], load_or_make_key(home.keys), now)

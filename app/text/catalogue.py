@@ -29,6 +29,13 @@ _UNITS = {
 }
 
 
+class TextFault(Enum):
+    """Why a language can't be used."""
+
+    NO_SUCH_LANGUAGE = "no such language"
+    NOT_COMPILED = "not compiled"
+
+
 class MissingTextError(LookupError):
     """A key that no catalogue has. Raised only while `strict` is set, as the tests do."""
 
@@ -47,8 +54,7 @@ def languages() -> dict[str, str]:
 def use_language(wanted: str) -> None:
     """Speak this language from now on. Raises AppError naming those that exist."""
     if wanted not in languages():
-        known = ", ".join(languages())
-        raise AppError(f"There is no language {wanted!r}; set `language` in the configuration to one of {known}.")
+        raise AppError(TextFault.NO_SUCH_LANGUAGE, language=wanted, known=", ".join(languages()))
     _State.language = wanted
 
 
@@ -81,6 +87,8 @@ def tr(key: str | Enum, /, **values: object) -> str:
 
 def render(what: Reason | BaseException) -> str:
     """A reason, or an error of ours, as a sentence."""
+    if isinstance(what, BaseException) and not isinstance(getattr(what, "code", None), Enum):
+        return str(what)  # until every error carries an Enum's member
     found = what if isinstance(what, Reason) else reason_of(what)
     return tr(found.code, **found.values)
 
@@ -90,7 +98,7 @@ def load(code: str) -> gettext.NullTranslations:
     """All catalogues of a language as one. Raises AppError when none was compiled."""
     files = sorted((LOCALES / code / "LC_MESSAGES").glob("*.mo"))
     if not files:
-        raise AppError(f"The catalogues of {code!r} are not compiled: run `make`, or `python -m app.text.compile`.")
+        raise AppError(TextFault.NOT_COMPILED, language=code)
     first, *others = (_read(file) for file in files)
     for other in others:
         first.add_fallback(other)

@@ -24,7 +24,7 @@ def test_second_console_is_refused_by_name(tmp_path: Path) -> None:
     ) as first:
         assert first.stdout is not None
         assert first.stdout.readline() == "held\n"
-        with pytest.raises(AppError, match=f"process {first.pid}"), hold_home(Home(tmp_path)):
+        with pytest.raises(AppError, match=f"HELD pid={first.pid}"), hold_home(Home(tmp_path)):
             pass
         first.kill()
     with hold_home(Home(tmp_path)):
@@ -34,5 +34,5 @@ def test_second_console_is_refused_by_name(tmp_path: Path) -> None:
 def test_home_that_cannot_be_made_ends_in_a_sentence(tmp_path: Path) -> None:
     blocked = tmp_path / "file"
     blocked.write_text("")
-    with pytest.raises(AppError, match="choose another with --home"), hold_home(Home(blocked)):
+    with pytest.raises(AppError, match="UNUSABLE"), hold_home(Home(blocked)):
         pass

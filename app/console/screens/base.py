@@ -17,7 +17,7 @@ from textual.screen import ModalScreen, Screen
 from app.console.state import SessionState
 from app.console.widgets.bars import KeyBar, StopBar
 from app.system.errors import AppError
-from app.text.catalogue import knows, tr
+from app.text.catalogue import knows, render, tr
 from hal.errors import HardwareError
 from logs.errors import AuditError
 from profiles.errors import ProfileError
@@ -92,7 +92,7 @@ class _Console(Screen[T], Generic[T]):
         try:
             yield
         except USER_ERRORS as error:
-            self.notify(str(error), severity="error", timeout=15, markup=False)
+            self.notify(render(error), severity="error", timeout=15, markup=False)
 
     def _breakpoints(self, size: Size) -> tuple[str, str]:
         """The classes that a screen of this size has."""

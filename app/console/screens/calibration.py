@@ -26,7 +26,7 @@ from app.console.widgets.picture import Picture
 from app.ipc.messages import Preview
 from app.session.host import make_setup
 from app.system.config import SessionSetup
-from app.text.catalogue import tr
+from app.text.catalogue import render, tr
 from hal.errors import HardwareError
 from kgdfa.errors import KgdfaError
 from logs.records import Calibration as CalibrationRecord
@@ -198,7 +198,7 @@ def calibrate_palm(words: Connection, setup: SessionSetup, distance_m: float) ->
     try:
         words.send(_sample(words, setup, distance_m))
     except (AppError, HardwareError, KgdfaError, ProfileError) as error:
-        words.send(str(error))
+        words.send(render(error))
 
 
 def _sample(words: Connection, setup: SessionSetup, distance_m: float) -> Calibrated:

@@ -15,7 +15,7 @@ from app.console.patient_fields import FIELDS, SECTIONS, Field, Kind, Parsed, pa
 from app.console.screens.base import ConsoleScreen
 from app.console.screens.dialogs import Question
 from app.console.widgets.step_drawing import draw_step
-from app.text.catalogue import tr
+from app.text.catalogue import render, tr
 from profiles.anthropometry import estimate_palm
 from profiles.errors import ProfileError
 from profiles.schema import Profile, Sex
@@ -83,7 +83,7 @@ class PatientForm(ConsoleScreen):
         try:
             self._save(parsed.profile)
         except ProfileError as error:
-            self.notify(str(error), severity="error", timeout=15)
+            self.notify(render(error), severity="error", timeout=15)
             return
         self.dismiss()
 

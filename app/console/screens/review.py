@@ -21,7 +21,7 @@ from app.console.widgets.moment import about
 from app.console.widgets.timeline import Timeline
 from app.system.operators import Permission
 from app.system.paths import Home
-from app.text.catalogue import tr
+from app.text.catalogue import render, tr
 from logs.errors import AuditError
 from logs.findings import verdict
 from logs.keys import by_fingerprint, known_keys, read_anchor
@@ -113,7 +113,7 @@ class ReviewScreen(ConsoleScreen):
         try:
             self._load(find_session(self._home.logs, name))
         except AuditError as error:
-            self.notify(str(error), severity="error", markup=False)
+            self.notify(render(error), severity="error", markup=False)
             self.call_later(self.action_close)
 
     @work(exclusive=True)

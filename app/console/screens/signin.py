@@ -13,8 +13,9 @@ from textual.widgets import Input, Static
 
 from app.console.screens.base import Dialog
 from app.system.errors import AppError
-from app.system.operators import Attempt, Operator, Role, add_operator, load_store, save_store, sign_in
-from app.text.catalogue import tr
+from app.system.operators import Operator, Role, SignInResult, add_operator, load_store, save_store, sign_in
+from app.text.catalogue import render, tr
+from logs.reason import reason
 from logs.records import SignIn, SignInFailed
 
 
@@ -34,7 +35,7 @@ class SignInDialog(Dialog[Operator]):
         try:
             self._first = not self._unlock and not load_store(self.console_app.home.keys).operators
         except AppError as error:
-            reason = f"✗ {error}"
+            reason = f"✗ {render(error)}"
         words = "first_words" if self._first else "unlock_words" if self._unlock else "words"
         title = "first" if self._first else "unlock" if self._unlock else "title"
         with Vertical(classes="dialog") as box:
@@ -58,7 +59,7 @@ class SignInDialog(Dialog[Operator]):
         try:
             operator = await asyncio.to_thread(self._set_up if self._first else self._try, name, pin)
         except AppError as error:
-            self.query_one("#reason", Static).update(f"✗ {error}")
+            self.query_one("#reason", Static).update(f"✗ {render(error)}")
             return
         self.dismiss(operator)
 
@@ -74,12 +75,14 @@ class SignInDialog(Dialog[Operator]):
 
     def _try(self, name: str, pin: str) -> Operator:
         keys = self.console_app.home.keys
-        attempt: Attempt = sign_in(load_store(keys), name, pin, time.time())
+        attempt: SignInResult = sign_in(load_store(keys), name, pin, time.time())
         save_store(keys, attempt.store)
         if attempt.operator is None:
-            failed = SignInFailed(name=name, reason=attempt.reason, failures=attempt.failures, wait_s=attempt.wait_s)
+            assert attempt.fault is not None
+            cause = reason(attempt.fault)
+            failed = SignInFailed(name=name, reason=cause, failures=attempt.failures, wait_s=attempt.wait_s)
             self.console_app.trail.emit(failed)
-            raise AppError(attempt.reason)
+            raise AppError(attempt.fault, wait_s=attempt.wait_s)
         operator = attempt.operator
         if self._unlock and operator.name != self._unlock:
             failed = SignInFailed(name=operator.name, reason=f"locked by {self._unlock}", failures=0, wait_s=0.0)
