@@ -29,9 +29,10 @@ from app.system.paths import find_home
 from app.system.scheduling import PeriodicTimer, acquire_real_time, disable_gc
 from hal.joints.can.bus import with_bus
 from hal.joints.can.driver import SocketCanJoints
-from hal.joints.can.request_tracker import RequestTracker
+from hal.joints.can.reply_checks import RequestTracker
 from hal.joints.device import load_exoskeleton
-from hal.joints.emulator import DriveEmulator, EmulatorThread, Fault
+from hal.joints.emulator.emulator import DriveEmulator, EmulatorThread
+from hal.joints.emulator.firmware import Fault
 from hal.joints.protocol import BusFault, Joint, JointCommand, JointFeedback
 from profiles.schema import DEMO_PATIENT
 

@@ -7,8 +7,8 @@ import time
 import cv2
 import numpy as np
 
-from hal.cameras.digital_hand.camera import DigitalHandCamera
-from hal.cameras.digital_hand.poses import GESTURES
+from hal.cameras.digital_hand.driver import DigitalHandCamera
+from hal.cameras.digital_hand.skeleton import GESTURES
 
 FRAMES = 60
 PERIOD_NS = 33_333_333

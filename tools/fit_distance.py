@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from app.evaluate.digital_scenes import GESTURES, held, take, tilted
 from app.evaluate.watcher import Watcher, processes, spread
-from hal.cameras.digital_hand.scene import lens_for, person_of
+from hal.cameras.digital_hand.render import lens_for, person_of
 from kgdfa.robust_distance import RobustRange
 
 TILTS_DEG = (0, 20, 40)

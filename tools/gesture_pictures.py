@@ -14,8 +14,8 @@ from app.evaluate.sequence import PERIOD_NS
 from app.system.config import load_config
 from app.system.hand_model import find_model
 from app.system.paths import find_home
-from hal.cameras.digital_hand.poses import GESTURES, LOOK_ALIKES, Pose
-from hal.cameras.digital_hand.scene import person_of, posed, render
+from hal.cameras.digital_hand.render import person_of, posed, render
+from hal.cameras.digital_hand.skeleton import GESTURES, LOOK_ALIKES, Pose
 from kgdfa.draw import caption, draw_hand
 from kgdfa.hand import Hand
 from kgdfa.keypoints import HandDetector

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from app.system.config import CameraConfig
     from app.system.paths import Home
     from hal.cameras.camera import Camera, Frame, ImageArray
-    from hal.cameras.chessboard import Board, Corners
+    from hal.cameras.intrinsics import Board, Corners
 
 cli = typer.Typer()
 
@@ -87,9 +87,8 @@ def calibrate(
     from rich.console import Console
 
     from app.system.paths import find_home
-    from hal.cameras.chessboard import Board
-    from hal.cameras.chessboard import calibrate as solve
-    from hal.cameras.intrinsics import save
+    from hal.cameras.intrinsics import Board, save
+    from hal.cameras.intrinsics import calibrate as solve
 
     place = find_home(home)
     board = Board(columns=columns, rows=rows, square_m=square_mm / 1000)
@@ -111,7 +110,7 @@ def _look_for(board: Board, pictures: Generator[ImageArray, None, None]) -> tupl
 
     from rich.progress import Progress
 
-    from hal.cameras.chessboard import find_corners
+    from hal.cameras.intrinsics import find_corners
     from hal.errors import HardwareError
 
     found: list[Corners] = []

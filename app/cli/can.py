@@ -73,7 +73,7 @@ def monitor(
     from rich.live import Live
 
     from app.cli.drive_table import monitor_table
-    from hal.joints.can.monitor import BusMonitor
+    from hal.joints.can.scan import BusMonitor
 
     console = Console()
     watched = BusMonitor(_device(device, interface, channel), motors)
@@ -124,7 +124,7 @@ def decode(
 
     from app.cli.drive_table import summary_table
     from hal.joints.can.candump import Decoder, LogSummary, messages_of, open_log
-    from hal.joints.can.monitor import stations_of
+    from hal.joints.can.scan import stations_of
 
     decoder = Decoder(stations_of(_device(device, "", ""), motors))
     wanted = joint.lower().replace("_", " ")
@@ -151,7 +151,7 @@ def record(
 
     from rich.console import Console
 
-    from hal.joints.can.recorder import BusRecorder
+    from hal.joints.can.candump import BusRecorder
 
     console = Console()
     recorder = BusRecorder(_device(device, interface, channel), file)
@@ -180,7 +180,7 @@ def zero(
 
     from hal.errors import HardwareError
     from hal.joints.can.driver import SocketCanJoints
-    from hal.joints.can.zeroing import ask_zero, set_zero
+    from hal.joints.can.lifecycle import ask_zero, set_zero
     from hal.joints.protocol import Joint
 
     if joint.upper() not in Joint.__members__:

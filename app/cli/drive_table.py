@@ -8,9 +8,9 @@ import numpy as np
 from rich.table import Table
 
 from hal.joints.can.candump import Decoded, LogSummary
-from hal.joints.can.monitor import BusMonitor
+from hal.joints.can.scan import BusMonitor
 from hal.joints.codecs.wire import Reply, SetPoint
-from hal.joints.emulator import DriveEmulator
+from hal.joints.emulator.emulator import DriveEmulator
 from hal.joints.protocol import DriveFault, Joint
 
 

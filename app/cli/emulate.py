@@ -11,7 +11,7 @@ import typer
 if TYPE_CHECKING:
     from hal.joints.body import Body
     from hal.joints.device import Exoskeleton
-    from hal.joints.emulator import DriveEmulator
+    from hal.joints.emulator.emulator import DriveEmulator
 
 cli = typer.Typer()
 
@@ -34,7 +34,8 @@ def emulate_drives(
 
     from hal.joints.can.bus import with_bus
     from hal.joints.device import DEFAULT_DEVICE, load_exoskeleton
-    from hal.joints.emulator import read_schedule, run_emulator
+    from hal.joints.emulator.emulator import run_emulator
+    from hal.joints.emulator.firmware import read_schedule
 
     described = with_bus(load_exoskeleton(device or DEFAULT_DEVICE), interface, channel)
     schedule = tuple(read_schedule(text) for text in fault or ())

@@ -14,7 +14,8 @@ from app.motion.patient import body_of
 from app.system.config import JointsConfig
 from app.system.errors import AppError
 from hal.joints.device import DEFAULT_DEVICE, load_exoskeleton
-from hal.joints.emulator import ScheduledFault, run_emulator
+from hal.joints.emulator.emulator import run_emulator
+from hal.joints.emulator.firmware import ScheduledFault
 from profiles.schema import DEMO_PATIENT, Profile
 
 INTERFACE = "local"  # needs no vcan, and costs less a frame than udp_multicast

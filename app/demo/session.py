@@ -17,7 +17,7 @@ from app.ipc.states import Action
 from app.session.host import SessionHost, make_setup
 from app.system.config import CameraConfig, Config, JointsConfig, SessionSetup
 from app.system.paths import Home
-from hal.cameras.digital_hand.scene import person_of
+from hal.cameras.digital_hand.render import person_of
 from profiles.schema import DEMO_PATIENT, Palm, Profile
 
 

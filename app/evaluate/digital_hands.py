@@ -10,8 +10,8 @@ import numpy as np
 
 from app.evaluate.gesture_photos import NONE_PREFIX, Photo, SeenPhoto
 from app.evaluate.sequence import PERIOD_NS
-from hal.cameras.digital_hand.poses import GESTURES, POSES
-from hal.cameras.digital_hand.scene import Scene, keypoints_m, person_of, posed, render
+from hal.cameras.digital_hand.render import Scene, keypoints_m, person_of, posed, render
+from hal.cameras.digital_hand.skeleton import GESTURES, POSES
 from kgdfa.hand import FloatArray, Hand
 from kgdfa.preprocess import Image, Prepare, as_bgr8
 from kgdfa.redetection import PATIENCE_FRAMES

@@ -14,8 +14,8 @@ from numpy.random import Generator
 
 from app.evaluate.digital_hands import SOURCE, centred, label_of, scene_of
 from app.evaluate.gesture_photos import Photo
-from hal.cameras.digital_hand.poses import GESTURES, LOOK_ALIKES, POSES
-from hal.cameras.digital_hand.scene import Scene
+from hal.cameras.digital_hand.render import Scene
+from hal.cameras.digital_hand.skeleton import GESTURES, LOOK_ALIKES, POSES
 from kgdfa.hand import FloatArray
 
 NEAR_SEEDS = 2_000_000  # people from here on are only fitted on

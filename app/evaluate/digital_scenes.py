@@ -11,9 +11,8 @@ from numpy.typing import NDArray
 
 from hal.cameras.camera import DepthArray, ImageArray, Intrinsics
 from hal.cameras.digital_hand.depth import DepthCamera
-from hal.cameras.digital_hand.poses import find_pose
-from hal.cameras.digital_hand.scene import WALL_M, Person, Scene, keypoints_m, posed, render
-from hal.cameras.digital_hand.skeleton import HandPlace
+from hal.cameras.digital_hand.render import WALL_M, Person, Scene, keypoints_m, posed, render
+from hal.cameras.digital_hand.skeleton import HandPlace, find_pose
 
 FloatArray = NDArray[np.float64]
 

@@ -20,7 +20,7 @@ from app.evaluate.distance_results import Table5, Table5Row, TiltRow
 from app.evaluate.watcher import Watcher, spread
 from hal.cameras.camera import Intrinsics
 from hal.cameras.digital_hand.depth import DepthCamera
-from hal.cameras.digital_hand.scene import Person, lens_for, person_of
+from hal.cameras.digital_hand.render import Person, lens_for, person_of
 from kgdfa.depth import DepthRange
 from kgdfa.distance import Distance, PublishedRange, RangeFinder
 from kgdfa.robust_distance import RobustRange

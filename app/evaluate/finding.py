@@ -12,7 +12,7 @@ import numpy as np
 
 from app.evaluate.digital_hands import digital_scenes, picture
 from app.evaluate.gesture_photos import Photo
-from hal.cameras.digital_hand.scene import keypoints_m, project_px
+from hal.cameras.digital_hand.render import keypoints_m, project_px
 from kgdfa.augmentation import StillDetector, on_picture
 from kgdfa.hand import FloatArray, Hand
 from kgdfa.preprocess import Image, as_bgr8

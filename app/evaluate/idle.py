@@ -17,7 +17,7 @@ import numpy as np
 from app.evaluate.digital_scenes import GESTURES, HEIGHT_M, FloatArray, smooth, take, tilted, walk
 from app.evaluate.trigger import THRESHOLD_M, replay_pipeline
 from hal.cameras.camera import Intrinsics
-from hal.cameras.digital_hand.scene import Scene, keypoints_m, lens_for, person_of, posed, project_px
+from hal.cameras.digital_hand.render import Scene, keypoints_m, lens_for, person_of, posed, project_px
 from kgdfa.button import ButtonState
 from kgdfa.hand import Hand, Keypoint, Side
 from kgdfa.keypoints import HandDetector

@@ -14,7 +14,7 @@ from app.evaluate.digital_scenes import GESTURES, Moment, smooth, take
 from app.evaluate.trigger import replay_pipeline
 from app.evaluate.watcher import FRAME_NS, Watcher, spread
 from hal.cameras.camera import ImageArray, Intrinsics
-from hal.cameras.digital_hand.scene import Person, lens_for, person_of, posed
+from hal.cameras.digital_hand.render import Person, lens_for, person_of, posed
 from kgdfa.button import ButtonState
 from kgdfa.gesture import Gesture
 from kgdfa.hand import Hand

@@ -17,8 +17,8 @@ from typing import Any
 from app.evaluate.response import APPROACH_M, THRESHOLD_M
 from app.evaluate.trigger import chain
 from app.evaluate.watcher import Watcher, spread
-from hal.cameras.digital_hand.camera import DigitalHandCamera
-from hal.cameras.digital_hand.motion import SETTLED
+from hal.cameras.digital_hand.driver import DigitalHandCamera
+from hal.cameras.digital_hand.movement import SETTLED
 from kgdfa.button import ButtonState
 from kgdfa.gesture import Gesture
 from kgdfa.pipeline import Picture, Pipeline, Report

@@ -42,8 +42,8 @@ def frames_for_speed(directory: Path | None, count: int) -> tuple[list[Image], f
     if directory is not None:
         listed = read_frames(directory)[:count]
         return list(pictures(listed)), listed[0].focal_px
-    from hal.cameras.digital_hand.camera import DigitalHandCamera
-    from hal.cameras.digital_hand.poses import GESTURES
+    from hal.cameras.digital_hand.driver import DigitalHandCamera
+    from hal.cameras.digital_hand.skeleton import GESTURES
 
     camera = DigitalHandCamera(clock_ns=lambda: 0)
     images = []

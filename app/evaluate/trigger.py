@@ -17,7 +17,7 @@ from app.evaluate.digital_scenes import CHANGES, Moment, approach_and_change, ta
 from app.evaluate.watcher import Watcher, spread
 from hal.cameras.camera import Intrinsics
 from hal.cameras.digital_hand.depth import DepthCamera
-from hal.cameras.digital_hand.scene import Person, lens_for, person_of
+from hal.cameras.digital_hand.render import Person, lens_for, person_of
 from kgdfa.button import ButtonMode, ButtonPlace
 from kgdfa.depth import DepthRange
 from kgdfa.distance import PublishedRange

@@ -11,7 +11,7 @@ from app.ipc.messages import HandCommand, PerceptionCommand
 from app.system.config import SessionSetup
 from app.system.paths import Home
 from hal.cameras.camera import Camera, EndOfRecording, Frame
-from hal.cameras.digital_hand.camera import DigitalHandCamera
+from hal.cameras.digital_hand.driver import DigitalHandCamera
 from hal.cameras.exposure import hint
 from hal.cameras.recording import Recorder
 from hal.errors import HardwareError

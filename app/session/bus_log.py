@@ -12,7 +12,7 @@ from app.system.paths import Home
 from app.system.scheduling import set_scheduling
 from hal.errors import HardwareError
 from hal.joints.can.bus import with_bus
-from hal.joints.can.recorder import BusRecorder
+from hal.joints.can.candump import BusRecorder
 from hal.joints.device import DEFAULT_DEVICE, load_exoskeleton
 from logs.records import Note, ProcessEnd, ProcessStart
 

@@ -62,8 +62,8 @@ def open_camera(
 
 
 def _digital_hand(wanted: Wanted) -> Camera:
-    from hal.cameras.digital_hand.camera import DigitalHandCamera
-    from hal.cameras.digital_hand.scene import lens_for
+    from hal.cameras.digital_hand.driver import DigitalHandCamera
+    from hal.cameras.digital_hand.render import lens_for
 
     lens = lens_for(wanted.width_px, wanted.height_px, wanted.focal_px)
     return DigitalHandCamera(seed=wanted.seed, lens=lens, rate_hz=wanted.rate_hz, depth=wanted.depth)

@@ -1,7 +1,8 @@
 """Intel RealSense D400 cameras, live or from a .bag or .db3: colour, and depth aligned to it.
 
-librealsense is imported only here and only when such a camera is opened. It is read in a thread: a driver that
-hangs ("Frame didn't arrive within 5000") is told within two seconds and opened anew.
+librealsense is imported only here and only when such a camera is opened. It is read in a thread: a driver that hangs
+("Frame didn't arrive within 5000") is reported within two seconds and opened anew. A software device can't be found by
+a pipeline since librealsense 2.55 (its issue 13819); its sensors are opened one by one and meet in the syncer.
 """
 
 from __future__ import annotations
@@ -11,15 +12,76 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
-from typing import Any
+from typing import Any, Protocol
 
 import cv2
 import numpy as np
 
-from hal.cameras.camera import DepthArray, EndOfRecording, Frame, ImageArray, Intrinsics, IntrinsicsSource
-from hal.cameras.newest import Newest
-from hal.cameras.realsense_streams import PipelineStreams, SensorStreams, Streams
+from hal.cameras.camera import DepthArray, EndOfRecording, Frame, ImageArray, Intrinsics, IntrinsicsSource, Newest
 from hal.errors import HardwareError
+
+
+class Streams(Protocol):
+    """A started source of frame sets. device: librealsense's; profiles: of its running streams."""
+
+    device: Any
+    profiles: list[Any]
+
+    def wait(self, timeout_ms: int) -> Any | None:
+        """The next frame set, None when none came in time. Raises RuntimeError, librealsense's, when lost."""
+        ...
+
+    def stop(self) -> None:
+        """End it. Raises RuntimeError, librealsense's, when it had not started."""
+        ...
+
+
+class PipelineStreams:
+    """A camera or a recording, as the configuration names it."""
+
+    def __init__(self, rs: ModuleType, config: Any, context: Any) -> None:
+        """Start it; RuntimeError when librealsense can't."""
+        self._pipeline = rs.pipeline(context) if context is not None else rs.pipeline()
+        profile = self._pipeline.start(config)
+        self.device = profile.get_device()
+        self.profiles = list(profile.get_streams())
+
+    def wait(self, timeout_ms: int) -> Any | None:
+        """The next frame set in time."""
+        there, frames = self._pipeline.try_wait_for_frames(timeout_ms)
+        return frames if there else None
+
+    def stop(self) -> None:
+        """End the streams."""
+        self._pipeline.stop()
+
+
+class SensorStreams:
+    """All streams of one device, opened sensor by sensor."""
+
+    def __init__(self, rs: ModuleType, device: Any) -> None:
+        """Start them; RuntimeError when librealsense can't."""
+        self.device = device
+        self.profiles = []
+        self._syncer = rs.syncer()
+        self._sensors = list(device.query_sensors())
+        for sensor in self._sensors:
+            profiles = sensor.get_stream_profiles()
+            sensor.open(profiles)
+            sensor.start(self._syncer)
+            self.profiles.extend(profiles)
+
+    def wait(self, timeout_ms: int) -> Any | None:
+        """The next frame set in time; the first may lack a stream, which counts as none."""
+        there, frames = self._syncer.try_wait_for_frames(timeout_ms)
+        return frames if there and frames.size() == len(self.profiles) else None
+
+    def stop(self) -> None:
+        """End the streams."""
+        for sensor in self._sensors:
+            sensor.stop()
+            sensor.close()
+
 
 RECORDINGS = frozenset({".bag", ".db3"})
 GRAB_MS = 200

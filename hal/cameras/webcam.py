@@ -10,9 +10,8 @@ from typing import Any
 
 import cv2
 
-from hal.cameras.camera import Frame, ImageArray, Intrinsics
+from hal.cameras.camera import Frame, ImageArray, Intrinsics, Newest
 from hal.cameras.intrinsics import choose
-from hal.cameras.newest import Newest
 from hal.errors import HardwareError
 
 SYSFS = Path("/sys/class/video4linux")

@@ -1,7 +1,8 @@
-"""The exoskeleton as a device: its drives, their transmission and the limits nobody may loosen (`exoskeleton.toml`)."""
+"""The exoskeleton as a device: joints, drives, transmission and the limits nobody may loosen (`exoskeleton.toml`)."""
 
 from __future__ import annotations
 
+from enum import IntEnum
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -9,6 +10,16 @@ import msgspec
 from msgspec import Meta, Struct
 
 from hal.errors import HardwareError
+
+
+class Joint(IntEnum):
+    """The four driven joints, and their index in every (4,) array."""
+
+    LEFT_HIP = 0
+    LEFT_KNEE = 1
+    RIGHT_HIP = 2
+    RIGHT_KNEE = 3
+
 
 DEFAULT_DEVICE = Path(__file__).with_name("exoskeleton.toml")
 

@@ -13,7 +13,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from hal.joints.names import Joint as Joint  # noqa: PLC0414 - exported again: everybody looks for it here
+from hal.joints.device import Joint as Joint  # noqa: PLC0414 - exported again: everybody looks for it here
 
 JointArray = NDArray[np.float64]  # (4,), in the order of Joint
 

@@ -9,8 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from hal.cameras.digital_hand.poses import GESTURES, LOOK_ALIKES
-from hal.cameras.digital_hand.scene import keypoints_m, lens_for, posed, project_px
+from hal.cameras.digital_hand.render import keypoints_m, lens_for, posed, project_px
+from hal.cameras.digital_hand.skeleton import GESTURES, LOOK_ALIKES
 from kgdfa.errors import KgdfaError
 from kgdfa.features import FEATURES
 from kgdfa.gesture import Gesture

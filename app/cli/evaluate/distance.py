@@ -119,7 +119,7 @@ def press_zone(
     from app.evaluate.distance_tables import zone_table
     from app.evaluate.press_zone import LENSES_PX, evaluate_press_zone, steps, zone_of
     from app.evaluate.watcher import processes
-    from hal.cameras.digital_hand.scene import Person, lens_for
+    from hal.cameras.digital_hand.render import Person, lens_for
 
     console, model = Console(), _model(home)
     for focal_px in LENSES_PX:

@@ -29,7 +29,7 @@ def finding(
     from app.cli.progress import bar
     from app.evaluate import finding as worth
     from app.evaluate.gesture_photos import read_labels
-    from hal.cameras.digital_hand.poses import POSES
+    from hal.cameras.digital_hand.skeleton import POSES
     from kgdfa.keypoints import HandDetector
 
     console, total = Console(), digital * len(POSES)

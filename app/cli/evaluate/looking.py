@@ -51,7 +51,7 @@ def looked_at_digital(console: Console, per_pose: int, home: Path | None, prepar
     """So many digital hands a pose that measure, found and tracked as before a camera."""
     from app.cli.progress import bar
     from app.evaluate.digital_hands import MEASURE_SEEDS, digital_scenes, see_digital
-    from hal.cameras.digital_hand.poses import POSES
+    from hal.cameras.digital_hand.skeleton import POSES
 
     with bar(console, "looking at digital hands", per_pose * len(POSES)) as tell:
         return see_digital(hand_model(home), digital_scenes(per_pose, MEASURE_SEEDS), tell, prepare)

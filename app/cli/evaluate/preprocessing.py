@@ -31,7 +31,7 @@ def preprocessing(
     from app.evaluate.digital_hands import MEASURE_SEEDS
     from app.evaluate.gesture_photos import read_labels
     from app.evaluate.gesture_report import write_json
-    from hal.cameras.digital_hand.poses import POSES
+    from hal.cameras.digital_hand.skeleton import POSES
     from kgdfa.keypoints import HandDetector
     from kgdfa.preprocess import PREPARATIONS
 

@@ -226,7 +226,7 @@ def _sample(words: Connection, setup: SessionSetup, distance_m: float) -> Calibr
 
 def _show_palm(camera: object) -> None:
     """The digital hand has nobody to ask: it opens by itself."""
-    from hal.cameras.digital_hand.camera import DigitalHandCamera
+    from hal.cameras.digital_hand.driver import DigitalHandCamera
 
     if isinstance(camera, DigitalHandCamera):
         camera.command(gesture="5")

@@ -10,8 +10,7 @@ from app.console.state import SessionState
 from app.console.widgets.panel import Line, Lines, StatePanel, cells, plain
 from app.ipc.messages import JointSnapshot
 from app.text.catalogue import tr
-from hal.joints.device import JointDevice, load_exoskeleton
-from hal.joints.names import Joint
+from hal.joints.device import Joint, JointDevice, load_exoskeleton
 
 _STALE_MS = 100.0
 _SPARKS = "▁▂▃▄▅▆▇█"

@@ -15,10 +15,8 @@ import numpy as np
 
 from hal.errors import HardwareError
 from hal.joints.can import lifecycle
-from hal.joints.can.bus import LOAD_LIMIT, bus_load, frame_bits, open_bus
-from hal.joints.can.bus_port import BusPort
-from hal.joints.can.drive import Station
-from hal.joints.can.routing import Routes
+from hal.joints.can.bus import LOAD_LIMIT, BusPort, bus_load, frame_bits, open_bus
+from hal.joints.can.drive import Routes, Station
 from hal.joints.codecs import damiao
 from hal.joints.codecs.wire import NEUTRAL, Frame, SetPoint
 from hal.joints.device import Exoskeleton

@@ -11,9 +11,8 @@ from pathlib import Path
 import can
 
 from hal.joints.can.bus import frame_of, message_of, open_bus
-from hal.joints.can.transmission import Transmission
 from hal.joints.codecs import codec_of
-from hal.joints.codecs.wire import Order, SetPoint
+from hal.joints.codecs.wire import Order, SetPoint, Transmission
 from hal.joints.device import Exoskeleton, JointDevice
 from hal.joints.motors import MotorModel, load_motors
 

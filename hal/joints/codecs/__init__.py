@@ -6,11 +6,10 @@ Every codec can speak both ends: the driver's (`command`, `order`, `read_reply`)
 
 from __future__ import annotations
 
-from hal.joints.codecs.ak_v3 import AkV3Codec
+from hal.joints.codecs.cubemars import AkV3Codec, ServoCodec
 from hal.joints.codecs.cybergear import CyberGearCodec
 from hal.joints.codecs.damiao import DamiaoCodec
 from hal.joints.codecs.mit import MitCodec
-from hal.joints.codecs.servo import ServoCodec
 from hal.joints.codecs.wire import Codec
 from hal.joints.motors import MotorModel, WireProtocol
 

@@ -1,11 +1,17 @@
-"""What every codec shares: frames, set-points, replies, and the exact fixed-point scaling of the drives' firmware."""
+"""What every codec shares: frames, set-points, replies, the firmware's exact fixed-point scaling, and the transmission.
+
+Transmission, between a motor's output and its joint: motor angle = direction · transmission · (joint angle − zero
+offset); powers are equal on both sides.
+"""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from enum import Enum
 from typing import NamedTuple, Protocol
 
+from hal.joints.device import JointDevice
 from hal.joints.motors import MotorModel
 from hal.joints.protocol import DriveFault
 
@@ -172,3 +178,48 @@ class Scales:
 
 
 MIT_BITS = (16, 12, 12, 12, 12)
+
+
+@dataclass(frozen=True, slots=True)
+class Transmission:
+    """One joint's conventions; `ratio` carries the sign."""
+
+    ratio: float
+    zero_offset_rad: float
+
+    @classmethod
+    def of(cls, joint: JointDevice) -> Transmission:
+        """As the device description has it."""
+        return cls(joint.direction * joint.transmission, math.radians(joint.zero_offset_deg))
+
+    def to_motor(self, at_joint: SetPoint) -> SetPoint:
+        """A set-point at the joint, seen from the motor."""
+        position, velocity, stiffness, damping, torque = at_joint
+        ratio = self.ratio
+        return SetPoint(
+            (position - self.zero_offset_rad) * ratio,
+            velocity * ratio,
+            stiffness / (ratio * ratio),
+            damping / (ratio * ratio),
+            torque / ratio,
+        )
+
+    def to_joint(self, at_motor: SetPoint) -> SetPoint:
+        """A set-point at the motor, seen from the joint."""
+        position, velocity, stiffness, damping, torque = at_motor
+        ratio = self.ratio
+        return SetPoint(
+            position / ratio + self.zero_offset_rad,
+            velocity / ratio,
+            stiffness * ratio * ratio,
+            damping * ratio * ratio,
+            torque * ratio,
+        )
+
+    def angle_to_joint(self, motor_rad: float) -> float:
+        """A motor angle as a joint angle."""
+        return motor_rad / self.ratio + self.zero_offset_rad
+
+    def angle_to_motor(self, joint_rad: float) -> float:
+        """A joint angle as a motor angle."""
+        return (joint_rad - self.zero_offset_rad) * self.ratio

@@ -10,8 +10,8 @@ from app.perception import pipeline as build
 from app.session.child import begin
 from app.system.config import SessionSetup
 from hal.cameras.camera import Camera, Frame
-from hal.cameras.digital_hand.camera import DigitalHandCamera
-from hal.cameras.digital_hand.scene import lens_for
+from hal.cameras.digital_hand.driver import DigitalHandCamera
+from hal.cameras.digital_hand.render import lens_for
 from hal.errors import HardwareError
 from hal.joints.protocol import DriveFault, Joint, Joints
 from hal.joints.simulated.driver import SimulatedJoints

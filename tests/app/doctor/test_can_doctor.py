@@ -12,7 +12,7 @@ from app.diagnostics.findings import Finding, Grade
 from hal.joints.can.bus import with_bus
 from hal.joints.can.scan import Found
 from hal.joints.device import BusDevice, Exoskeleton, load_exoskeleton
-from hal.joints.emulator import DriveEmulator, EmulatorThread
+from hal.joints.emulator.emulator import DriveEmulator, EmulatorThread
 
 CAN0 = BusDevice()
 MIT = "MIT (AK V1/V2, bgkatz)"

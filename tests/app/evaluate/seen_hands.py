@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from hal.cameras.digital_hand.scene import Scene, keypoints_m, project_px
+from hal.cameras.digital_hand.render import Scene, keypoints_m, project_px
 from kgdfa.hand import Hand, Side
 
 

@@ -13,7 +13,7 @@ from app.evaluate.response import APPROACH_M, THRESHOLD_M
 from app.evaluate.trigger import chain
 from app.evaluate.watcher import Watcher
 from hal.cameras.camera import Frame
-from hal.cameras.digital_hand.camera import DigitalHandCamera
+from hal.cameras.digital_hand.driver import DigitalHandCamera
 from kgdfa.gesture import Gesture
 from kgdfa.hand import Hand
 from kgdfa.keypoints import HandDetector

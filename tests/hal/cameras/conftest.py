@@ -10,11 +10,11 @@ import cv2
 import pytest
 
 from hal.cameras.camera import Camera
-from hal.cameras.digital_hand.camera import DigitalHandCamera
-from hal.cameras.digital_hand.scene import lens_for
+from hal.cameras.digital_hand.driver import DigitalHandCamera
+from hal.cameras.digital_hand.render import lens_for
 from hal.cameras.factory import open_camera
 from hal.cameras.recording import Recorder
-from tests.hal.cameras import software_realsense
+from tests.support import software_realsense
 
 WIDTH, HEIGHT, FRAMES = 320, 180, 8
 PERIOD_NS = 33_333_333

@@ -11,13 +11,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hal.cameras.digital_hand.camera import DigitalHandCamera
 from hal.cameras.digital_hand.depth import LEAST_M, DepthCamera
-from hal.cameras.digital_hand.flesh import Flesh, flesh
-from hal.cameras.digital_hand.poses import GESTURES, POSES
-from hal.cameras.digital_hand.raycast import cast, grid_over
-from hal.cameras.digital_hand.scene import Person, keypoints_m, lens_for, person_of, posed, project_px, render
-from hal.cameras.digital_hand.skeleton import HandPlace, HandShape, joints_m, placed_m
+from hal.cameras.digital_hand.driver import DigitalHandCamera
+from hal.cameras.digital_hand.raycast import Flesh, cast, flesh, grid_over
+from hal.cameras.digital_hand.render import Person, keypoints_m, lens_for, person_of, posed, project_px, render
+from hal.cameras.digital_hand.skeleton import GESTURES, POSES, HandPlace, HandShape, joints_m, placed_m
 from hal.errors import HardwareError
 
 LENS = lens_for(320, 180)

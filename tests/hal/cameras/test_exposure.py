@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from hal.cameras.digital_hand.scene import person_of, posed, render
+from hal.cameras.digital_hand.render import person_of, posed, render
 from hal.cameras.exposure import BLURRED, BRIGHT, DARK, hint
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from hal.cameras.digital_hand.poses import ACROSS_THUMB, GESTURES, OPEN_THUMB, OVER_THUMB, PINCH_THUMB, Finger, Pose
+from hal.cameras.digital_hand.skeleton import ACROSS_THUMB, GESTURES, OPEN_THUMB, OVER_THUMB, PINCH_THUMB, Finger, Pose
 from kgdfa.gesture import FINGER_STATES, FingerState, Gesture
 
 THUMBS = {

@@ -11,8 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hal.cameras.camera import ImageArray, Intrinsics, IntrinsicsSource
-from hal.cameras.chessboard import Board, Corners, calibrate, find_corners
-from hal.cameras.intrinsics import assumed, choose, load, pinhole, save
+from hal.cameras.intrinsics import Board, Corners, assumed, calibrate, choose, find_corners, load, pinhole, save
 from hal.cameras.intrinsics import given as stated
 from hal.errors import HardwareError
 

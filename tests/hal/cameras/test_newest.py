@@ -7,8 +7,7 @@ import threading
 
 import pytest
 
-from hal.cameras.camera import EndOfRecording
-from hal.cameras.newest import Newest
+from hal.cameras.camera import EndOfRecording, Newest
 from hal.errors import HardwareError
 
 

@@ -15,7 +15,7 @@ from hal.cameras.software_realsense import SoftwareRealSense
 from hal.errors import HardwareError
 from kgdfa.depth import DepthFault, DepthRange, read_published, sample_palm
 from kgdfa.hand import Hand, Side
-from tests.hal.cameras.software_realsense import HEIGHT, PERIOD_NS, WIDTH, a_hand, feed
+from tests.support.software_realsense import HEIGHT, PERIOD_NS, WIDTH, a_hand, feed
 
 LIMIT_S = 20.0
 

@@ -10,7 +10,7 @@ import pytest
 from hal.errors import HardwareError
 from hal.joints.can.driver import SocketCanJoints
 from hal.joints.device import Exoskeleton
-from hal.joints.emulator import DriveEmulator, EmulatorThread
+from hal.joints.emulator.emulator import DriveEmulator, EmulatorThread
 from tests.hal.joints.rig import CanRig, MakeRig
 
 

@@ -18,7 +18,7 @@ import numpy as np
 
 from hal.joints.can.bus import with_bus
 from hal.joints.device import Exoskeleton, JointDevice, load_exoskeleton
-from hal.joints.emulator import DriveEmulator
+from hal.joints.emulator.emulator import DriveEmulator
 from hal.joints.protocol import JointArray, JointCommand, JointFeedback, Joints
 
 LIMIT_S = float(os.environ.get("RLEEX_TEST_LIMIT_S", "5"))  # a failure, not a duration: all takes milliseconds

@@ -13,8 +13,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hal.joints.can.bus import ERROR_FRAMES, bus_load, fault_of, frame_bits, meaning_of, message_of, open_bus
-from hal.joints.can.bus_port import BusPort
+from hal.joints.can.bus import ERROR_FRAMES, BusPort, bus_load, fault_of, frame_bits, meaning_of, message_of, open_bus
 from hal.joints.codecs.wire import Frame
 from hal.joints.device import BusDevice
 from hal.joints.protocol import BusFault

@@ -9,8 +9,7 @@ from hal.errors import HardwareError
 from hal.joints.codecs import codec_of, cybergear, damiao
 from hal.joints.codecs.wire import NEUTRAL, Frame, Order, SetPoint
 from hal.joints.device import load_exoskeleton
-from hal.joints.emulator import Fault, read_schedule
-from hal.joints.emulator.firmware import EmulatedDrive, MotorState
+from hal.joints.emulator.firmware import EmulatedDrive, Fault, MotorState, read_schedule
 from hal.joints.motors import Silence, Watchdog, load_motors
 from hal.joints.protocol import DriveFault, Joint
 

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hal.joints.can.request_tracker import RequestTracker
+from hal.joints.can.reply_checks import RequestTracker
 
 TICK_NS = 2_000_000
 MS = 1_000_000

@@ -14,8 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hal.errors import HardwareError
-from hal.joints.can.bus import frame_of, open_bus
-from hal.joints.can.bus_port import BusPort
+from hal.joints.can.bus import BusPort, frame_of, open_bus
 from hal.joints.can.local_bus import GROUP, LocalBus
 from hal.joints.codecs.wire import Frame
 from hal.joints.device import BusDevice

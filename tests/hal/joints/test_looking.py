@@ -14,14 +14,12 @@ from rich.console import Console
 
 from app.cli.drive_table import monitor_table
 from hal.errors import HardwareError
-from hal.joints.can import zeroing
+from hal.joints.can import lifecycle as zeroing
 from hal.joints.can.bus import open_bus
-from hal.joints.can.candump import Decoder, LogSummary, messages_of, open_log
+from hal.joints.can.candump import BusRecorder, Decoder, LogSummary, messages_of, open_log
 from hal.joints.can.driver import SocketCanJoints
-from hal.joints.can.monitor import BusMonitor, stations_of
-from hal.joints.can.recorder import BusRecorder
-from hal.joints.can.scan import listen, scan
-from hal.joints.emulator import Fault
+from hal.joints.can.scan import BusMonitor, listen, scan, stations_of
+from hal.joints.emulator.firmware import Fault
 from hal.joints.protocol import DriveFault, Joint
 from tests.hal.joints.rig import CanRig, MakeRig, command, small_gear, with_motor
 

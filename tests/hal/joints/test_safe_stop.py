@@ -10,7 +10,7 @@ import pytest
 from hal.errors import HardwareError
 from hal.joints.can.safe_stop import SafeStop
 from hal.joints.device import load_exoskeleton
-from hal.joints.emulator import Fault
+from hal.joints.emulator.firmware import Fault
 from hal.joints.protocol import Joint
 from tests.hal.joints.rig import CanRig, MakeRig, command, small_gear, until, with_motor
 

@@ -17,7 +17,7 @@ from hal.joints.can.drive import Station
 from hal.joints.can.driver import SocketCanJoints
 from hal.joints.can.safe_stop import SafeStop
 from hal.joints.device import Exoskeleton, load_exoskeleton
-from hal.joints.emulator import run_emulator
+from hal.joints.emulator.emulator import run_emulator
 from hal.joints.emulator.scenes import SceneReceiver, StagedCanJoints
 from hal.joints.factory import make_joints
 from hal.joints.protocol import JointCommand
@@ -85,7 +85,7 @@ class Ear:
     """Listens to the drives' own words."""
 
     def __init__(self, device: Exoskeleton) -> None:
-        from hal.joints.can.monitor import stations_of
+        from hal.joints.can.scan import stations_of
 
         self._stations: tuple[Station, ...] = stations_of(device)
         self._bus = open_bus(device.buses[0])

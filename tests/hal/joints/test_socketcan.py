@@ -11,7 +11,7 @@ from hal.errors import HardwareError
 from hal.joints.can.bus import CAN_ERR_LOSTARB
 from hal.joints.can.driver import SocketCanJoints
 from hal.joints.device import Exoskeleton, load_exoskeleton
-from hal.joints.emulator import Fault
+from hal.joints.emulator.firmware import Fault
 from hal.joints.protocol import BusFault, DriveFault, DriveState, Joint, JointFeedback
 from tests.hal.joints.rig import LOOKS, CanRig, MakeRig, command, each_joint, on_test_bus, with_motor
 

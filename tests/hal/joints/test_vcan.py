@@ -18,8 +18,8 @@ import pytest
 
 from hal.errors import HardwareError
 from hal.joints.can.bus import with_bus
-from hal.joints.can.recorder import BusRecorder
-from hal.joints.emulator import Fault
+from hal.joints.can.candump import BusRecorder
+from hal.joints.emulator.firmware import Fault
 from hal.joints.protocol import BusFault, DriveState
 from tests.hal.joints.rig import CanRig, MakeRig, bus_of_test, command, until, with_motor
 

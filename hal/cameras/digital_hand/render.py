@@ -10,12 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hal.cameras.camera import DepthArray, ImageArray, Intrinsics, IntrinsicsSource
-from hal.cameras.digital_hand.flesh import flesh
-from hal.cameras.digital_hand.poses import find_pose
-from hal.cameras.digital_hand.raycast import Grid, cast, grid_over
-from hal.cameras.digital_hand.room import room_bgr
-from hal.cameras.digital_hand.shading import Light, Painted, paint
-from hal.cameras.digital_hand.skeleton import FloatArray, HandPlace, HandShape, joints_m, placed_m
+from hal.cameras.digital_hand.raycast import Grid, cast, flesh, grid_over
+from hal.cameras.digital_hand.shading import Light, Painted, paint, room_bgr
+from hal.cameras.digital_hand.skeleton import FloatArray, HandPlace, HandShape, find_pose, joints_m, placed_m
 
 DEFAULT_FOCAL_PX = 650.0  # at 1280 pixels of width: wide enough to hold the fingertips at 15 cm
 CELLS_PER_M = 700.0  # of the coarse grid on the hand; finer shows no difference to the detector

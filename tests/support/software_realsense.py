@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pyrealsense2 as rs
 
-from hal.cameras.digital_hand.camera import DigitalHandCamera
-from hal.cameras.digital_hand.scene import lens_for
+from hal.cameras.digital_hand.driver import DigitalHandCamera
+from hal.cameras.digital_hand.render import lens_for
 from hal.cameras.software_realsense import SoftwareRealSense
 
 WIDTH, HEIGHT = 320, 180

@@ -10,9 +10,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from hal.cameras.digital_hand.poses import AWAY, find_pose
-from hal.cameras.digital_hand.scene import Person
-from hal.cameras.digital_hand.skeleton import FloatArray, HandPlace, joints_m, placed_m
+from hal.cameras.digital_hand.render import Person
+from hal.cameras.digital_hand.skeleton import AWAY, FloatArray, HandPlace, find_pose, joints_m, placed_m
 from hal.minimum_jerk import minimum_jerk
 
 MORPH_S = 0.22  # one hand shape to the next
