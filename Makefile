@@ -2,7 +2,9 @@
 PY ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
+# What running needs, and what testing, evaluating and fitting need besides: one lock each.
 STAMP := $(VENV)/.installed
+DEV_STAMP := $(VENV)/.installed-dev
 DATA ?= ../shared/data
 export TF_CPP_MIN_LOG_LEVEL ?= 3
 
@@ -16,52 +18,63 @@ demo: model
 
 test: check model
 	@$(BIN)/python -m pytest -q
+	@tools/test-can
 
-check: $(STAMP)
+check: $(DEV_STAMP)
 	@$(BIN)/ruff check .
 	@$(BIN)/ruff format --check .
 	@$(BIN)/mypy app hal kgdfa logs profiles testing tests tools
 	@$(BIN)/lint-imports --no-logo
 
-test-can: model
+test-can: $(DEV_STAMP) model
 	@tools/test-can
 
-evaluate: model
+evaluate: $(DEV_STAMP) model
 	@$(BIN)/rleex evaluate gestures $(DATA)/gestures
 	@$(BIN)/rleex evaluate distance $(DATA)/distance
 	@$(BIN)/rleex evaluate trigger
 	@$(BIN)/rleex evaluate speed $(DATA)/distance
 
-bench: model
+bench: $(DEV_STAMP) model
 	@$(BIN)/python tools/bench.py
 
-coverage: $(STAMP)
+coverage: $(DEV_STAMP)
 	@$(BIN)/python -m pytest -q tests/app/control tests/hal/joints/test_guard.py --cov-branch --cov-report=term-missing \
 	    --cov=app.control --cov=hal.joints.guard
 
-mutation: $(STAMP)
+mutation: $(DEV_STAMP)
 	@tools/mutation
 
-pictures: model
+pictures: $(DEV_STAMP) model
 	@$(BIN)/python tools/pictures.py
 
-model: $(STAMP)
-	@$(BIN)/rleex model --quiet
-
-lock: $(STAMP)
-	@$(BIN)/uv pip compile pyproject.toml --extra realsense --extra dev --universal --python-version 3.11 \
-	    --overrides tools/overrides.txt --generate-hashes --no-emit-index-url --no-emit-find-links \
-	    --no-annotate --no-header -o requirements.lock
+LOCK := $(BIN)/uv pip compile pyproject.toml --universal --python-version 3.11 --overrides tools/overrides.txt \
+    --generate-hashes --no-emit-index-url --no-emit-find-links --no-annotate --no-header
+lock: $(DEV_STAMP)
+	@$(LOCK) --extra dev --extra realsense -o requirements-dev.lock
+	@$(LOCK) --extra build --extra realsense --constraint requirements-dev.lock -o requirements.lock
 
 system:
 	@tools/system-packages
 
+INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps
+
 $(STAMP): requirements.lock pyproject.toml | system
 	@test -x $(BIN)/python || $(PY) -m venv $(VENV)
 	@echo "Setting up $(VENV) (once) …"
-	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --require-hashes -r requirements.lock
-	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation -e .
+	@$(INSTALL) --require-hashes -r requirements.lock
+	@$(INSTALL) --no-build-isolation -e .
 	@touch $@
+
+$(DEV_STAMP): requirements-dev.lock $(STAMP)
+	@echo "Setting up what the tests need (once) …"
+	@$(INSTALL) --require-hashes -r requirements-dev.lock
+	@touch $@
+
+# The catalogues as gettext reads them.
+model: $(STAMP)
+	@$(BIN)/python -m app.text.compile
+	@$(BIN)/rleex model --quiet
 
 clean:
 	@rm -rf $(VENV) .mypy_cache .ruff_cache .pytest_cache .hypothesis mutants build dist
