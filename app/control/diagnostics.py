@@ -10,9 +10,8 @@ from msgspec import Struct
 
 from app.control.freshness import NS_PER_MS, StreamState
 from app.control.gait.machine import Gait
-from app.control.inputs import Inputs
+from app.control.inputs import Inputs, Settings
 from app.motion.follower import Mode, Motion
-from app.motion.settings import Settings
 from hal.joints.protocol import BusFault, DriveFault, Joint, JointFeedback
 
 RANGE_MARGIN_RAD = radians(2.0)  # of the measured angle over the device's range: encoder noise and a soft stop
@@ -220,7 +219,7 @@ def _beyond_range(values: list[float], settings: Settings) -> bool:
 
 def _following_rad(motion: Motion, feedback: JointFeedback) -> float:
     """The largest distance of a stiff joint from its target."""
-    if motion.mode not in {Mode.STIFF, Mode.MOVE}:
+    if motion.mode not in {Mode.HOLDING, Mode.MOVING}:
         return 0.0
     return float(np.abs(motion.command.position_rad - feedback.position_rad).max())
 
@@ -228,7 +227,7 @@ def _following_rad(motion: Motion, feedback: JointFeedback) -> float:
 def _pose_error_rad(standing: MotionDiagnostics, feedback: JointFeedback, settings: Settings) -> float:
     """The largest distance of a resting, stiff joint from its state's pose."""
     pose = settings.poses.get(standing.gait.state)
-    if pose is None or standing.gait.running is not None or standing.motion.mode is not Mode.STIFF:
+    if pose is None or standing.gait.running is not None or standing.motion.mode is not Mode.HOLDING:
         return 0.0
     return float(np.abs(pose - feedback.position_rad).max())
 
@@ -236,6 +235,6 @@ def _pose_error_rad(standing: MotionDiagnostics, feedback: JointFeedback, settin
 def _drift_rad_s(standing: MotionDiagnostics, feedback: JointFeedback, now_ns: int) -> float:
     """The largest speed of a joint that has been told to stay for a while."""
     still_ns = now_ns - standing.still_since_ns
-    if standing.motion.mode is not Mode.STIFF or not standing.still_since_ns or still_ns < SETTLED_NS:
+    if standing.motion.mode is not Mode.HOLDING or not standing.still_since_ns or still_ns < SETTLED_NS:
         return 0.0
     return float(np.abs(feedback.velocity_rad_s).max())

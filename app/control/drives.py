@@ -11,15 +11,14 @@ import numpy as np
 
 from app.control.inputs import DriveOrder
 from app.ipc.states import Action
-from app.motion import follower as follow
-from app.motion.follower import Mode, Motion
-from app.motion.settings import Gains
+from app.motion import follower
+from app.motion.follower import Gains, Mode, Motion
 from hal.errors import HardwareError
 from hal.joints.guard import Guard, Limits, Refusal
 from hal.joints.protocol import TICK_HZ, DriveFault, DriveState, JointCommand, JointFeedback, Joints, carries_power
 from hal.joints.scene import Scene
 
-_TROUBLE_TICKS = int((follow.DAMPING_RAMP_S + 0.05) * TICK_HZ)
+_TROUBLE_TICKS = int((follower.DAMPING_RAMP_S + 0.05) * TICK_HZ)
 
 
 @runtime_checkable
@@ -70,7 +69,7 @@ class Drives:
         previous = self.written if self.powered else None
         self.refusal = self._guard.check(command, previous, feedback.position_rad)
         if self.refusal is not None:
-            command = at_rest(previous or follow.NEUTRAL)
+            command = at_rest(previous or follower.NEUTRAL)
         self._joints.write(command, now_ns)
         self.written, self.written_ns = command, time.monotonic_ns()
 
@@ -122,9 +121,9 @@ class Drives:
 
     def _damp(self, last: JointCommand, beat: Callable[[bool], None]) -> None:
         """The process is in trouble: from the last command to damping, by the clock, without anybody's step."""
-        motion = follow.ramp_to_damping(Motion(mode=Mode.STIFF, command=last))
+        motion = follower.ramp_to_damping(Motion(mode=Mode.HOLDING, command=last))
         for _ in range(_TROUBLE_TICKS):
-            motion = follow.advance(motion, self._gains, hold=True)
+            motion = follower.advance(motion, self._gains, hold=True)
             now_ns = time.monotonic_ns()
             self.write(motion.command, self.read(now_ns), now_ns)
             beat(True)

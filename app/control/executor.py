@@ -23,7 +23,7 @@ from app.control.running_action import (
 from app.control.state import Tick
 from app.ipc.states import Action, GaitState
 from app.ipc.streams import PLAN_REPLY
-from app.motion import follower as follow
+from app.motion import follower
 from app.motion.follower import HOLD_S, Mode
 from app.motion.plan import Phase, Plan
 from hal.joints.protocol import TICK_HZ
@@ -42,7 +42,7 @@ def planner_timed_out(tick: Tick) -> bool:
 def walk_plan_missing(tick: Tick) -> bool:
     """Whether a walk runs out of path with no step after it."""
     memory = tick.memory
-    if memory.task is None or not memory.gait.walking or memory.motion.mode is not Mode.MOVE:
+    if memory.task is None or not memory.gait.walking or memory.motion.mode is not Mode.MOVING:
         return False
     return memory.motion.rows_left <= LAST_CALL_ROWS and _following(memory.gait) not in memory.task.ahead
 
@@ -80,7 +80,7 @@ def advance_action(tick: Tick) -> None:
         _give_up(tick, task, "refused", "The planner did not answer.")
     elif task.stage is Stage.ENABLING:
         _enabling(tick, task)
-    elif task.stage is Stage.GRIPPING and tick.memory.motion.mode is Mode.STIFF and not task.awaited:
+    elif task.stage is Stage.GRIPPING and tick.memory.motion.mode is Mode.HOLDING and not task.awaited:
         _move(tick, task)
     elif task.stage is Stage.MOVING and tick.memory.motion.arrived:
         _arrived(tick, task)
@@ -166,7 +166,7 @@ def _grip(tick: Tick, task: RunningAction) -> None:
     tick.requests.append(request(number, task.report.action, gait.phase, gait.state, measured_rad))
     tick.memory = replace(
         tick.memory,
-        motion=follow.grip(measured_rad, tick.settings.gains),
+        motion=follower.start_stiffening(measured_rad, tick.settings.gains),
         plan_number=number,
         task=replace(task, stage=Stage.GRIPPING, asked_ns=tick.now_ns, awaited=frozenset({number})),
     )
@@ -176,7 +176,7 @@ def _move(tick: Tick, task: RunningAction) -> None:
     assert task.plan is not None
     tick.memory = replace(
         tick.memory,
-        motion=follow.start(tick.memory.motion, task.plan),
+        motion=follower.start_plan(tick.memory.motion, task.plan),
         task=replace(task, stage=Stage.MOVING),
     )
     _ask_ahead(tick)
@@ -192,12 +192,12 @@ def _arrived(tick: Tick, task: RunningAction) -> None:
     )
     tick.reach(gait_machine.complete(memory.gait))
     if tick.memory.gait.running is None:
-        tick.memory = replace(tick.memory, motion=follow.stay(tick.memory.motion))
+        tick.memory = replace(tick.memory, motion=follower.hold(tick.memory.motion))
         _end(tick, task, "completed", "")
         return
     onward = task.ahead[tick.memory.gait.phase]  # `walk_plan_missing` has held the legs before it could be missing
     tick.memory = replace(
-        tick.memory, task=replace(task, plan=onward, ahead={}), motion=follow.start(tick.memory.motion, onward)
+        tick.memory, task=replace(task, plan=onward, ahead={}), motion=follower.start_plan(tick.memory.motion, onward)
     )
     _ask_ahead(tick)
 

@@ -2,16 +2,32 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import dataclass
 from enum import Enum
 
 from msgspec import Struct
 
 from app.ipc.messages import AuditHealth, GuardianHealth, OperatorCommand, TriggerReport
-from app.ipc.states import Action
+from app.ipc.states import Action, GaitState
+from app.motion.follower import Gains
 from app.motion.plan import Plan, PlanRequest
-from hal.joints.guard import Refusal
-from hal.joints.protocol import JointCommand, JointFeedback
+from hal.joints.guard import Limits, Refusal
+from hal.joints.protocol import JointArray, JointCommand, JointFeedback
 from logs.records import Body
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Settings:
+    """One session's constants; poses (4,) a state, radians."""
+
+    limits: Limits
+    gains: Gains
+    poses: Mapping[GaitState, JointArray]
+    warn_c: JointArray
+    limit_c: JointArray
+    patient: str
+    simulated: bool = True
 
 
 class Inputs(Struct, frozen=True, kw_only=True):

@@ -105,7 +105,7 @@ def _forbidden(tick: Tick, wish: ActionRequest) -> str:
     event = blocker(tick.memory.active, wish.source)
     if event is not None:
         return sentence(event)
-    if tick.memory.gait.running is None and not tick.memory.motion.resting:
+    if tick.memory.gait.running is None and not tick.memory.motion.settled:
         return COMING_TO_REST
     return ""
 

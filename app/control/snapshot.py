@@ -75,7 +75,7 @@ def _allowed(memory: ControlState) -> tuple[tuple[Action, ...], str]:
     if forbidden is not None:
         return (), sentence(forbidden)
     running = memory.gait.running
-    if running is None and not memory.motion.resting:
+    if running is None and not memory.motion.settled:
         return (), COMING_TO_REST
     allowed = gait_machine.allowed(memory.gait)
     return allowed, "" if allowed or running is None else f"“{running.value}” is running."

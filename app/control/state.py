@@ -10,13 +10,12 @@ from msgspec.structs import replace
 from app.control.events.table import Actives, effect_of
 from app.control.freshness import StreamState
 from app.control.gait.machine import Gait
-from app.control.inputs import DriveOrder, Inputs, Outputs
+from app.control.inputs import DriveOrder, Inputs, Outputs, Settings
 from app.control.running_action import ActionRequest, RunningAction
 from app.ipc.messages import ActionReport
 from app.ipc.states import Effect
 from app.motion.follower import Motion
 from app.motion.plan import PlanRequest
-from app.motion.settings import Settings
 from logs import records
 from logs.records import Body
 

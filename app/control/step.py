@@ -22,15 +22,14 @@ from app.control.executor import (
 )
 from app.control.freshness import NS_PER_MS, initial_streams, update_streams
 from app.control.gait import machine as gait_machine
-from app.control.inputs import DriveOrder, Inputs, Outputs
+from app.control.inputs import DriveOrder, Inputs, Outputs, Settings
 from app.control.requests import arbitrate, handle_gesture, handle_operator_commands, uncleared
 from app.control.running_action import Stage, measure, note_command
 from app.control.state import ControlState, Tick
 from app.ipc.states import Effect
 from app.ipc.streams import AUDIT_HEALTH, GUARDIAN, OPERATOR, TRIGGER
-from app.motion import follower as follow
+from app.motion import follower
 from app.motion.follower import Mode
-from app.motion.settings import Settings
 from logs import records
 
 # What the trail calls the loss of a stream's sign of life.
@@ -70,7 +69,7 @@ def _observe(tick: Tick) -> None:
     """What became of the command of the tick before."""
     memory, inputs = tick.memory, tick.inputs
     if inputs.guard_refusal is not None and inputs.written is not None:
-        memory = replace(memory, motion=follow.resume(memory.motion, inputs.written))
+        memory = replace(memory, motion=follower.resume_from(memory.motion, inputs.written))
         refusal = inputs.guard_refusal
         tick.audit.append(
             records.GuardRefusal(
@@ -119,7 +118,7 @@ def _restrain(tick: Tick) -> None:
         _let_go(tick, _strongest(tick))
     elif effect is Effect.DAMP:
         _interrupt(tick)
-        tick.memory = replace(tick.memory, motion=follow.ramp_to_damping(tick.memory.motion))
+        tick.memory = replace(tick.memory, motion=follower.ramp_to_damping(tick.memory.motion))
     elif effect is Effect.HOLD and tick.memory.gait.running is not None:
         _interrupt(tick)
     elif displaced(tick.memory.active) and tick.memory.gait.running is None:
@@ -142,7 +141,7 @@ def _interrupt(tick: Tick) -> None:
 def _let_go(tick: Tick, reason: str) -> None:
     """The drives carry nothing any more."""
     tick.reach(gait_machine.power_off(tick.memory.gait))
-    tick.memory = replace(tick.memory, motion=follow.disabled_motion(tick.memory.motion), torque_off=False)
+    tick.memory = replace(tick.memory, motion=follower.disable(tick.memory.motion), torque_off=False)
     stop_action(tick, reason)
 
 
@@ -156,10 +155,10 @@ def _end_walk(tick: Tick) -> None:
 def _move(tick: Tick) -> None:
     """The next command; what is not running any more slows down along its path and stays."""
     memory = tick.memory
-    motion = follow.advance(memory.motion, tick.settings.gains, hold=memory.gait.running is None)
+    motion = follower.advance(memory.motion, tick.settings.gains, hold=memory.gait.running is None)
     if motion.halted:
-        motion = follow.stay(motion)
-    moves = motion.mode is Mode.MOVE or motion.mode is not memory.motion.mode
+        motion = follower.hold(motion)
+    moves = motion.mode is Mode.MOVING or motion.mode is not memory.motion.mode
     still_since_ns = 0 if moves else memory.still_since_ns or tick.now_ns
     task = memory.task and note_command(memory.task, motion.command)
     tick.memory = replace(memory, motion=motion, still_since_ns=still_since_ns, task=task)
@@ -172,7 +171,7 @@ def _switch_off(tick: Tick) -> None:
     """
     memory = tick.memory
     wanted = memory.torque_off or memory.ending_ns
-    if wanted and memory.motion.slack:
+    if wanted and memory.motion.fully_damped:
         tick.drives = DriveOrder.DISABLE
         _let_go(tick, "torque off")
     if memory.ending_ns and tick.memory.motion.mode is Mode.DISABLED:

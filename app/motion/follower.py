@@ -1,12 +1,13 @@
-"""From a plan and an effect to one tick's joint command: move, hold, grip and give way, never with a jump.
+"""The trajectory follower: from a plan and an effect to one tick's joint command, never with a jump.
 
-Everything starts from the last *command*: feedback lags and is noisy, and a stop that takes its start from there
-drops the limb. The one exception is gripping a slack joint, which takes it where it is.
+Every ramp starts from the last *command*: feedback lags and is noisy, and a stop that starts from it drops the limb.
+The one exception is stiffening a damped joint, which starts from its measured angle.
 """
 
 from __future__ import annotations
 
 import dataclasses
+from dataclasses import dataclass
 from enum import Enum
 
 import numpy as np
@@ -14,25 +15,52 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from app.motion.plan import Plan
-from app.motion.settings import Gains
+from hal.joints.device import Exoskeleton
 from hal.joints.protocol import TICK_HZ, JointArray, JointCommand
 from hal.minimum_jerk import minimum_jerk, minimum_jerk_rate
 
 HOLD_S = 0.150  # architecture: slow down along the path within this
-STIFFNESS_RAMP_S = 0.3  # from slack to full stiffness
+STIFFNESS_RAMP_S = 0.3  # from damped to full stiffness
 DAMPING_RAMP_S = 0.3  # from the last command to pure damping
-FADE_S = 0.5  # a plan starts where the joint is, the command where it was told to be: the difference fades
+FADE_S = 0.5  # a plan starts from the measured pose, the command from the last one: the difference fades
 TORQUE_SLEW_NM = 1.0  # per tick; the feed-forward never steps
 
 
-class Mode(Enum):
-    """What the joints are being told."""
+STIFFNESS_SHARE = 0.8  # of the device's greatest; the rest is the guard's margin
+DAMPING_SHARE = 0.9
 
-    DISABLED = "limp"  # nothing: neutral commands, drives off or just enabled
-    GRIP = "grip"  # stiffness is growing about where the joints were
-    STIFF = "stiff"  # held
-    MOVE = "move"  # along a plan
-    DAMPED = "slack"  # giving way, at last pure damping
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Gains:
+    """The impedance of held and of damped joints, each (4,), SI at the joint."""
+
+    stiffness_nm_rad: JointArray
+    damping_nm_s_rad: JointArray
+    damped_nm_s_rad: JointArray  # in DAMPED, where damping acts alone
+    assist: JointArray  # share of the feed-forward torque, the weak side's scale
+
+
+def gains_of(device: Exoskeleton, assist_left: float, assist_right: float) -> Gains:
+    """Gains from the device's limits; the weak side's assist scales its stiffness and feed-forward torque."""
+    assist = np.array([assist_left, assist_left, assist_right, assist_right])
+    stiffest = np.array([joint.max_stiffness_nm_rad for joint in device.joints])
+    most_damped = np.array([joint.max_damping_nm_s_rad for joint in device.joints])
+    return Gains(
+        stiffness_nm_rad=STIFFNESS_SHARE * stiffest * assist,
+        damping_nm_s_rad=DAMPING_SHARE * most_damped,
+        damped_nm_s_rad=np.array([joint.damp_nm_s_rad for joint in device.joints]),
+        assist=assist,
+    )
+
+
+class Mode(Enum):
+    """What the joint commands do."""
+
+    DISABLED = "disabled"  # neutral commands; drives off or just enabled
+    STIFFENING = "stiffening"  # the stiffness ramps up about the measured angles
+    HOLDING = "holding"  # stiff at the last command
+    MOVING = "moving"  # along a plan
+    DAMPED = "damped"  # ramping to pure damping, then pure damping
 
 
 _ZERO = np.zeros(4)
@@ -42,16 +70,16 @@ NEUTRAL = JointCommand(
 
 
 class Motion(Struct, frozen=True, kw_only=True):
-    """What the joints were told last, and what is needed to tell them the next."""
+    """The follower's state: the last command, and what the next one is computed from."""
 
     mode: Mode = Mode.DISABLED
     command: JointCommand = NEUTRAL
     plan: Plan | None = None
-    row: float = 0.0  # place on the plan
-    pace: float = 1.0  # rows a tick; a hold brings it to 0
+    row: float = 0.0  # position in the plan
+    path_rate: float = 1.0  # rows a tick; a hold ramps it to 0
     offset_rad: JointArray | None = None  # of the command from the plan at its start
-    share: float = 0.0  # how far gripping or giving way has come
-    origin: JointCommand = NEUTRAL  # the command that giving way started from
+    ramp: float = 0.0  # of stiffening or damping, 0 to 1
+    origin: JointCommand = NEUTRAL  # the command at which the damping ramp started
 
     @property
     def progress(self) -> float:
@@ -66,65 +94,65 @@ class Motion(Struct, frozen=True, kw_only=True):
     @property
     def arrived(self) -> bool:
         """The plan's last row is the command."""
-        return self.mode is Mode.MOVE and self.rows_left <= 0
+        return self.mode is Mode.MOVING and self.rows_left <= 0
 
     @property
-    def resting(self) -> bool:
+    def settled(self) -> bool:
         """The command does not change any more."""
-        return self.mode in {Mode.DISABLED, Mode.STIFF} or self.slack
+        return self.mode in {Mode.DISABLED, Mode.HOLDING} or self.fully_damped
 
     @property
-    def slack(self) -> bool:
-        """The joints have given way."""
-        return self.mode is Mode.DAMPED and self.share >= 1
+    def fully_damped(self) -> bool:
+        """The damping ramp has ended."""
+        return self.mode is Mode.DAMPED and self.ramp >= 1
 
     @property
     def halted(self) -> bool:
-        """A hold has brought the movement to rest on its way."""
-        return self.mode is Mode.MOVE and self.pace <= 0
+        """A hold has stopped the movement on its path."""
+        return self.mode is Mode.MOVING and self.path_rate <= 0
 
 
-def disabled_motion(motion: Motion) -> Motion:
+def disable(motion: Motion) -> Motion:
     """Neutral commands."""
     return motion if motion.mode is Mode.DISABLED else Motion()
 
 
-def grip(measured_rad: JointArray, gains: Gains) -> Motion:
-    """Start to hold slack joints where they are."""
-    command = dataclasses.replace(NEUTRAL, position_rad=measured_rad, damping_nm_s_rad=gains.slack_damping_nm_s_rad)
-    return Motion(mode=Mode.GRIP, command=command)
+def start_stiffening(measured_rad: JointArray, gains: Gains) -> Motion:
+    """Start to hold damped or disabled joints at their measured angles, (4,) radians."""
+    command = dataclasses.replace(NEUTRAL, position_rad=measured_rad, damping_nm_s_rad=gains.damped_nm_s_rad)
+    return Motion(mode=Mode.STIFFENING, command=command)
 
 
-def start(motion: Motion, plan: Plan) -> Motion:
-    """Put the joints, held or arriving, on a plan."""
+def start_plan(motion: Motion, plan: Plan) -> Motion:
+    """Start to follow a plan, from holding or from the end of the plan before."""
     return replace(
         motion,
-        mode=Mode.MOVE,
+        mode=Mode.MOVING,
         plan=plan,
         row=0.0,
-        pace=1.0,
+        path_rate=1.0,
         offset_rad=motion.command.position_rad - plan.position_rad[0],
     )
 
 
-def stay(motion: Motion) -> Motion:
-    """Hold where the last command was."""
+def hold(motion: Motion) -> Motion:
+    """Hold at the last command."""
     return replace(
-        motion, mode=Mode.STIFF, plan=None, command=dataclasses.replace(motion.command, velocity_rad_s=_ZERO)
+        motion, mode=Mode.HOLDING, plan=None, command=dataclasses.replace(motion.command, velocity_rad_s=_ZERO)
     )
 
 
-def resume(motion: Motion, written: JointCommand) -> Motion:
-    """After a command was refused: go on from the one that really left, held there or giving way from there."""
+def resume_from(motion: Motion, written: JointCommand) -> Motion:
+    """After the guard refused a command: hold, or damp anew, from the command that was written."""
     if motion.mode is Mode.DISABLED:
         return motion
     if motion.mode is Mode.DAMPED:
-        return replace(motion, command=written, origin=written, share=0.0)
-    return stay(replace(motion, command=written))
+        return replace(motion, command=written, origin=written, ramp=0.0)
+    return hold(replace(motion, command=written))
 
 
 def ramp_to_damping(motion: Motion) -> Motion:
-    """Start to let go; harmless while it runs, and for limp joints."""
+    """Start the damping ramp; no change while it runs, and for disabled joints."""
     if motion.mode in {Mode.DAMPED, Mode.DISABLED}:
         return motion
     return Motion(mode=Mode.DAMPED, command=motion.command, origin=motion.command)
@@ -132,55 +160,55 @@ def ramp_to_damping(motion: Motion) -> Motion:
 
 def advance(motion: Motion, gains: Gains, *, hold: bool) -> Motion:
     """The next tick's motion and command; with `hold` a movement slows down along its path."""
-    if motion.mode is Mode.MOVE:
+    if motion.mode is Mode.MOVING:
         return _moving(motion, gains, hold=hold)
-    if motion.mode is Mode.GRIP:
+    if motion.mode is Mode.STIFFENING:
         return _ramping_to_stiffness(motion, gains)
     return _ramping_to_damping(motion, gains) if motion.mode is Mode.DAMPED else motion
 
 
 def _ramping_to_stiffness(motion: Motion, gains: Gains) -> Motion:
-    share = min(1.0, motion.share + 1 / (STIFFNESS_RAMP_S * TICK_HZ))
-    start_kd = gains.slack_damping_nm_s_rad
+    ramp = min(1.0, motion.ramp + 1 / (STIFFNESS_RAMP_S * TICK_HZ))
+    start_nm_s_rad = gains.damped_nm_s_rad
     command = dataclasses.replace(
         motion.command,
-        stiffness_nm_rad=share * gains.stiffness_nm_rad,
-        damping_nm_s_rad=start_kd + share * (gains.damping_nm_s_rad - start_kd),
+        stiffness_nm_rad=ramp * gains.stiffness_nm_rad,
+        damping_nm_s_rad=start_nm_s_rad + ramp * (gains.damping_nm_s_rad - start_nm_s_rad),
     )
-    mode = Mode.STIFF if share >= 1 else Mode.GRIP
-    return replace(motion, mode=mode, share=share, command=command)
+    mode = Mode.HOLDING if ramp >= 1 else Mode.STIFFENING
+    return replace(motion, mode=mode, ramp=ramp, command=command)
 
 
 def _moving(motion: Motion, gains: Gains, *, hold: bool) -> Motion:
     plan = motion.plan
     assert plan is not None
-    pace = max(0.0, motion.pace - 1 / (HOLD_S * TICK_HZ)) if hold else motion.pace
-    row = min(motion.row + pace, float(len(plan.position_rad) - 1))
+    rate = max(0.0, motion.path_rate - 1 / (HOLD_S * TICK_HZ)) if hold else motion.path_rate
+    row = min(motion.row + rate, float(len(plan.position_rad) - 1))
     fade, fade_speed = _fade(row, len(plan.position_rad) - 1)
     offset = _ZERO if motion.offset_rad is None else motion.offset_rad
     command = JointCommand(
         position_rad=_at(plan.position_rad, row) + fade * offset,
-        velocity_rad_s=pace * (_at(plan.velocity_rad_s, row) + fade_speed * offset),
+        velocity_rad_s=rate * (_at(plan.velocity_rad_s, row) + fade_speed * offset),
         stiffness_nm_rad=gains.stiffness_nm_rad,
         damping_nm_s_rad=gains.damping_nm_s_rad,
         torque_nm=_slewed(motion.command.torque_nm, gains.assist * _at(plan.torque_nm, row)),
     )
-    return replace(motion, row=row, pace=pace, command=command)
+    return replace(motion, row=row, path_rate=rate, command=command)
 
 
 def _ramping_to_damping(motion: Motion, gains: Gains) -> Motion:
-    if motion.share >= 1:
+    if motion.ramp >= 1:
         return motion
-    share = min(1.0, motion.share + 1 / (DAMPING_RAMP_S * TICK_HZ))
+    ramp = min(1.0, motion.ramp + 1 / (DAMPING_RAMP_S * TICK_HZ))
     origin = motion.origin
     command = JointCommand(
         position_rad=origin.position_rad,
-        velocity_rad_s=(1 - share) * origin.velocity_rad_s,
-        stiffness_nm_rad=(1 - share) * origin.stiffness_nm_rad,
-        damping_nm_s_rad=(1 - share) * origin.damping_nm_s_rad + share * gains.slack_damping_nm_s_rad,
-        torque_nm=(1 - share) * origin.torque_nm,
+        velocity_rad_s=(1 - ramp) * origin.velocity_rad_s,
+        stiffness_nm_rad=(1 - ramp) * origin.stiffness_nm_rad,
+        damping_nm_s_rad=(1 - ramp) * origin.damping_nm_s_rad + ramp * gains.damped_nm_s_rad,
+        torque_nm=(1 - ramp) * origin.torque_nm,
     )
-    return replace(motion, share=share, command=command)
+    return replace(motion, ramp=ramp, command=command)
 
 
 def _at(table: JointArray, row: float) -> JointArray:

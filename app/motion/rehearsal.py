@@ -15,12 +15,11 @@ from numpy.typing import NDArray
 
 from app.ipc.messages import Quad
 from app.ipc.states import Action, GaitState
-from app.motion import follower as follow
-from app.motion.follower import Mode, Motion
+from app.motion import follower
+from app.motion.follower import Gains, Mode, Motion, gains_of
 from app.motion.patient import Patient
 from app.motion.plan import Phase, Plan, PlanRequest
 from app.motion.rehearsal_checks import Verdict, least_clearance, most_slide, objections, stride_m
-from app.motion.settings import Gains, gains_of
 from app.motion.trajectory import nominal_pose, plan, scene_of
 from hal.joints.device import Exoskeleton
 from hal.joints.guard import Guard, Refusal, limits_of
@@ -31,7 +30,7 @@ from hal.joints.simulated.wearer import Truth
 
 TRUTH_TICKS = 5  # between looks at everything that can be known
 SETTLE_TICKS = 250  # stand still before and after
-GRIP_LIMIT_TICKS = 500
+STIFFENING_LIMIT_TICKS = 500
 
 A, P, S = Action, Phase, GaitState
 STARTS: dict[Action, GaitState] = {
@@ -103,7 +102,7 @@ class _Stage:
         self.joints.stage(self.scene)
         self.joints.open(self.now_ns)
         self.joints.enable(self.now_ns)
-        if reason := self._hold_on():
+        if reason := self._stiffen():
             return reason
         watch()
         for number, (part, phase) in enumerate(SEQUENCES.get(self.action, ((self.action, P.WHOLE),))):
@@ -118,20 +117,20 @@ class _Stage:
                 return reason
             watch()
             start = made.to_state
-        self.motion = follow.stay(self.motion)
+        self.motion = follower.hold(self.motion)
         return next((str(refused) for refused in (self._tick() for _ in range(SETTLE_TICKS)) if refused), "")
 
-    def _hold_on(self) -> str:
+    def _stiffen(self) -> str:
         self._tick()
-        self.motion = follow.grip(self.joints.read(self.now_ns).position_rad, self.gains)
-        for _ in range(GRIP_LIMIT_TICKS):
+        self.motion = follower.start_stiffening(self.joints.read(self.now_ns).position_rad, self.gains)
+        for _ in range(STIFFENING_LIMIT_TICKS):
             if refused := self._tick():
                 return str(refused)
-        return "" if self.motion.mode is Mode.STIFF else "The joints could not be gripped."
+        return "" if self.motion.mode is Mode.HOLDING else "The joints could not be stiffened."
 
     def _follow(self, made: Plan) -> str:
         self.starts.append(len(self.rows))
-        self.motion = follow.start(self.motion, made)
+        self.motion = follower.start_plan(self.motion, made)
         self.final_rad = made.position_rad[-1]
         self.advance_m += made.advance_m
         while not self.motion.arrived:
@@ -143,7 +142,7 @@ class _Stage:
     def _tick(self) -> Refusal | None:
         self.now_ns += TICK_NS
         feedback = self.joints.read(self.now_ns)
-        self.motion = follow.advance(self.motion, self.gains, hold=False)
+        self.motion = follower.advance(self.motion, self.gains, hold=False)
         command = self.motion.command
         refusal = self.guard.check(command, self.previous, feedback.position_rad)
         if refusal is not None:

@@ -9,13 +9,13 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from app.control.inputs import DriveOrder, Inputs, Outputs
+from app.control.inputs import DriveOrder, Inputs, Outputs, Settings
 from app.control.state import ControlState
 from app.control.step import begin, step
 from app.ipc.messages import AuditHealth, GuardianHealth, OperatorCommand, OperatorKind, TriggerReport
 from app.ipc.states import Action
+from app.motion.follower import gains_of
 from app.motion.plan import Plan, PlanRequest
-from app.motion.settings import Settings, gains_of
 from hal.joints.device import load_exoskeleton
 from hal.joints.guard import Guard, Refusal, limits_of
 from hal.joints.protocol import (
@@ -111,7 +111,7 @@ class Rig:
 
     def settle(self) -> ControlState:
         """Ticks until nothing runs and nothing moves."""
-        return self.run_until(lambda m: m.task is None and m.motion.resting)
+        return self.run_until(lambda m: m.task is None and m.motion.settled)
 
     def act(self, action: Action) -> ControlState:
         """By the therapist's key, to its end."""

@@ -6,9 +6,9 @@ import numpy as np
 
 from app.control.drives import Drives
 from app.control.inputs import DriveOrder
-from app.motion import follower as follow
+from app.motion import follower
+from app.motion.follower import gains_of
 from app.motion.patient import body_of
-from app.motion.settings import gains_of
 from hal.joints.device import load_exoskeleton
 from hal.joints.guard import limits_of
 from hal.joints.protocol import DriveState, JointCommand
@@ -34,7 +34,7 @@ def powered() -> tuple[CountingJoints, Drives]:
     drives.open(1)
     drives.execute(DriveOrder.ENABLE, 2)
     feedback = drives.read(3)
-    drives.write(follow.NEUTRAL, feedback, 3)
+    drives.write(follower.NEUTRAL, feedback, 3)
     assert drives.powered
     return joints, drives
 

@@ -12,11 +12,10 @@ from app.control.gait import machine as gait_machine
 from app.control.gait.machine import Gait, Started
 from app.control.inputs import DriveOrder
 from app.ipc.states import Action, GaitState
-from app.motion import follower as follow
-from app.motion.follower import Mode, Motion
+from app.motion import follower
+from app.motion.follower import Mode, Motion, gains_of
 from app.motion.patient import patient_of
 from app.motion.plan import Phase, PlanRequest
-from app.motion.settings import gains_of
 from app.motion.trajectory import RECIPES, nominal_pose, path_of, plan, scene_of
 from hal.joints.device import load_exoskeleton
 from hal.joints.guard import limits_of
@@ -60,19 +59,19 @@ class Legs:
         self.joints.place(nominal_pose(GaitState.STANDING, PATIENT))
         self.drives.open(self.now_ns)
         self.drives.execute(DriveOrder.ENABLE, self.now_ns)
-        self.motion = follow.grip(self.tick(hold=False), self.gains)
-        while self.motion.mode is not Mode.STIFF:
+        self.motion = follower.start_stiffening(self.tick(hold=False), self.gains)
+        while self.motion.mode is not Mode.HOLDING:
             self.tick(hold=False)
 
     def tick(self, *, hold: bool) -> np.ndarray:
         self.now_ns += TICK_NS
         feedback = self.drives.read(self.now_ns)
-        self.motion = follow.advance(self.motion, self.gains, hold=hold)
+        self.motion = follower.advance(self.motion, self.gains, hold=hold)
         self.drives.write(self.motion.command, feedback, self.now_ns)
         assert self.drives.refusal is None
         assert (np.abs(feedback.velocity_rad_s) <= SPEED_MARGIN * LIMITS.speed_rad_s).all()
         assert (np.abs(feedback.torque_nm) <= TORQUE_MARGIN * LIMITS.torque_nm).all()
-        if self.motion.mode in {Mode.STIFF, Mode.MOVE}:
+        if self.motion.mode in {Mode.HOLDING, Mode.MOVING}:
             assert np.abs(self.motion.command.position_rad - feedback.position_rad).max() <= FOLLOWING_LIMIT_RAD
         return feedback.position_rad.copy()
 
@@ -98,14 +97,14 @@ class Legs:
         )  # fmt: skip
         assert made.check.ok, made.check.reason
         self.drives.expect(action)
-        self.motion = follow.start(self.motion, made)
+        self.motion = follower.start_plan(self.motion, made)
 
     def carry_out(self, action: Action) -> None:
         """To its end, in the pose of the state that it leads to; of a walk the first step."""
         self.begin(action)
         while not self.motion.arrived:
             self.tick(hold=False)
-        self.motion = follow.stay(self.motion)
+        self.motion = follower.hold(self.motion)
         self.rest()
         if self.gait.phase is not Phase.WALK_START:
             self.gait = gait_machine.complete(self.gait)
@@ -118,7 +117,7 @@ class Legs:
             self.tick(hold=False)
         while not self.motion.halted:
             self.tick(hold=True)
-        self.motion = follow.stay(self.motion)
+        self.motion = follower.hold(self.motion)
         self.gait = gait_machine.interrupt(self.gait)
         self.rest()
 

@@ -83,7 +83,7 @@ def test_a_way_that_is_not_free_any_more_leaves_the_gripped_joints_held() -> Non
     rig.answer_ticks = 1
     rig.tick(300)
     assert now(rig).gait.state is S.BETWEEN
-    assert now(rig).motion.mode is Mode.STIFF
+    assert now(rig).motion.mode is Mode.HOLDING
     assert rig.joints.state is DriveState.ENABLED
 
 
@@ -166,7 +166,7 @@ def test_the_end_holds_gives_way_switches_off_and_finishes(asked: str) -> None:
         if rig.outputs.finished:
             break
     order = [mode for i, mode in enumerate(modes) if i == 0 or modes[i - 1] is not mode]
-    assert order == [Mode.MOVE, Mode.STIFF, Mode.DAMPED, Mode.DISABLED]
+    assert order == [Mode.MOVING, Mode.HOLDING, Mode.DAMPED, Mode.DISABLED]
     assert rig.joints.state is DriveState.DISABLED
     assert now(rig).gait.state is S.UNPOWERED
 

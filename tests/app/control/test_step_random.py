@@ -135,7 +135,7 @@ class Legs(RuleBasedStateMachine):
     @invariant()
     def a_movement_belongs_to_a_powered_state(self) -> None:
         memory = self.rig.memory
-        if memory is not None and memory.motion.mode in {Mode.MOVE, Mode.STIFF, Mode.GRIP}:
+        if memory is not None and memory.motion.mode in {Mode.MOVING, Mode.HOLDING, Mode.STIFFENING}:
             assert self.rig.joints.state is DriveState.ENABLED or memory.heard.powered
 
     def _tick(self) -> None:
@@ -169,7 +169,7 @@ class Legs(RuleBasedStateMachine):
         memory = self.rig.memory
         assert memory is not None
         command = self.rig.command
-        stiff = command.stiffness_nm_rad.min() > 0 and memory.motion.mode is not Mode.GRIP
+        stiff = command.stiffness_nm_rad.min() > 0 and memory.motion.mode is not Mode.STIFFENING
         if not stiff or np.array_equal(command.position_rad, self.position):
             return
         if memory.gait.running is None:

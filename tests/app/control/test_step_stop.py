@@ -57,10 +57,10 @@ def test_stop_brings_every_movement_to_rest_along_its_path(state: GaitState, act
     assert now(rig).effect is Effect.HOLD
     assert now(rig).gait.running is None
     assert now(rig).gait.state is S.BETWEEN
-    assert now(rig).motion.pace < 1, "the first command after it is another one"
+    assert now(rig).motion.path_rate < 1, "the first command after it is another one"
     first = now(rig).motion.row
     rig.tick(HOLD_TICKS + 1)
-    assert now(rig).motion.mode is Mode.STIFF
+    assert now(rig).motion.mode is Mode.HOLDING
     assert rig.command.velocity_rad_s.tolist() == [0.0] * 4
     assert rig.command.stiffness_nm_rad.min() > 0, "stiffly"
     held = rig.command
@@ -222,7 +222,7 @@ def test_after_a_damp_the_joints_are_gripped_where_they_sank_to() -> None:
     rig.tick(5)
     assert now(rig).motion.mode is Mode.DAMPED, "acknowledging does not grip"
     rig.say(K.ACT, A.INITIALISE)
-    rig.run_until(lambda m: m.motion.mode is Mode.GRIP)
+    rig.run_until(lambda m: m.motion.mode is Mode.STIFFENING)
     assert rig.command.position_rad == pytest.approx(np.array([0.4, 0.8, 0.5, 0.7]))
     stiffness = rig.command.stiffness_nm_rad.max()
     assert stiffness < 10

@@ -118,7 +118,7 @@ def test_a_guard_refusal_holds_the_legs_with_the_last_command_that_passed() -> N
     assert rig.command.position_rad == pytest.approx(before.position_rad)
     assert Event.GUARD_REFUSAL.value in rig.events()
     assert now(rig).gait.state is S.BETWEEN
-    assert now(rig).motion.mode is Mode.STIFF
+    assert now(rig).motion.mode is Mode.HOLDING
     refusals = told(rig, records.GuardRefusal)
     assert len(refusals) == 1, "once it is held, nothing is refused any more"
     assert isinstance(refusals[0], records.GuardRefusal)
@@ -140,7 +140,7 @@ def test_legs_that_are_not_where_their_state_says_lose_it() -> None:
     rig.settings = replace(rig.settings, poses={S.STANDING: np.full(4, 0.5)})
     rig.tick()
     assert now(rig).gait.state is S.BETWEEN
-    assert now(rig).motion.mode is Mode.STIFF
+    assert now(rig).motion.mode is Mode.HOLDING
     rig.settings = replace(rig.settings, poses={})
     rig.say(K.ACKNOWLEDGE)
     rig.tick(2)

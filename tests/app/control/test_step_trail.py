@@ -136,7 +136,7 @@ def test_a_wish_while_the_legs_come_to_rest_is_told_to_wait() -> None:
     rig.tick()
     rig.say(K.ACKNOWLEDGE)
     rig.tick()
-    assert not now(rig).motion.resting
+    assert not now(rig).motion.settled
     rig.say(K.ACT, A.INITIALISE)
     rig.tick()
     assert now(rig).refusal == COMING_TO_REST
@@ -158,7 +158,7 @@ def test_giving_way_goes_on_from_the_command_that_left_when_one_is_refused() -> 
     assert now(rig).motion.origin is left
     assert rig.command.stiffness_nm_rad.max() <= left.stiffness_nm_rad.max()
     rig.tick(SLACK_TICKS + 1)
-    assert now(rig).motion.slack
+    assert now(rig).motion.fully_damped
     assert rig.command.stiffness_nm_rad.max() == 0
 
 

@@ -62,7 +62,7 @@ def test_a_next_step_that_can_not_be_planned_ends_the_walk_before_it() -> None:
     # the closing step was refused as well: the legs are held on their way
     assert Event.WALK_BROKEN.value in rig.events()
     assert now(rig).gait.state is S.BETWEEN
-    assert now(rig).motion.mode is Mode.STIFF
+    assert now(rig).motion.mode is Mode.HOLDING
 
 
 def test_a_late_next_step_is_taken_as_long_as_it_comes_before_the_last_call() -> None:
