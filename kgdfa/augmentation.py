@@ -19,7 +19,7 @@ from kgdfa.preprocess import Image, as_bgr8, brighten
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Look:
+class Augmentation:
     """How to look: a border as a share of the longer side (edge pixels repeated), the longer side in pixels
     after scaling, a turn in degrees, mirrored or not, contrast spread or not (for dark pictures).
     """
@@ -31,27 +31,27 @@ class Look:
     brightened: bool = False
 
 
-FIRST_LOOKS = (
-    Look(),
-    Look(border=0.9, size_px=448),
-    Look(mirrored=True),
-    Look(border=0.6, turn_deg=20),
-    Look(border=0.6, turn_deg=-20),
-    Look(border=0.35, size_px=320),
+AUGMENTATIONS = (
+    Augmentation(),
+    Augmentation(border=0.9, size_px=448),
+    Augmentation(mirrored=True),
+    Augmentation(border=0.6, turn_deg=20),
+    Augmentation(border=0.6, turn_deg=-20),
+    Augmentation(border=0.35, size_px=320),
 )
 # For the few that the first look misses, with lower thresholds, in this order until one finds a hand.
-SECOND_LOOKS = (
-    Look(),
-    Look(border=1.0),
-    Look(border=0.25),
-    Look(border=0.9, size_px=768),
-    Look(border=1.5, size_px=512),
-    Look(border=0.6, turn_deg=60),
-    Look(border=0.6, turn_deg=-60),
-    Look(border=0.6, turn_deg=180),
-    Look(brightened=True),
+FALLBACK_AUGMENTATIONS = (
+    Augmentation(),
+    Augmentation(border=1.0),
+    Augmentation(border=0.25),
+    Augmentation(border=0.9, size_px=768),
+    Augmentation(border=1.5, size_px=512),
+    Augmentation(border=0.6, turn_deg=60),
+    Augmentation(border=0.6, turn_deg=-60),
+    Augmentation(border=0.6, turn_deg=180),
+    Augmentation(brightened=True),
 )
-SECOND_THRESHOLD = 0.2
+FALLBACK_THRESHOLD = 0.2
 
 
 class StillDetector(Protocol):
@@ -62,37 +62,39 @@ class StillDetector(Protocol):
         ...
 
 
-def take(image_bgr: Image, look: Look) -> tuple[Image, FloatArray]:
+def augment(image_bgr: Image, augmentation: Augmentation) -> tuple[Image, FloatArray]:
     """The picture as the look shows it, and the (2, 3) affine map from the picture's pixels to the look's."""
-    image = brighten(image_bgr) if look.brightened else image_bgr
-    border = round(look.border * max(image.shape[:2]))
+    image = brighten(image_bgr) if augmentation.brightened else image_bgr
+    border = round(augmentation.border * max(image.shape[:2]))
     image = np.asarray(cv2.copyMakeBorder(image, border, border, border, border, cv2.BORDER_REPLICATE))
-    scale = look.size_px / max(image.shape[:2])
+    scale = augmentation.size_px / max(image.shape[:2])
     smoothing = cv2.INTER_AREA if scale < 1 else cv2.INTER_CUBIC
     image = np.asarray(cv2.resize(image, None, fx=scale, fy=scale, interpolation=smoothing))
     transform = np.array([[scale, 0, scale * border], [0, scale, scale * border]])
     height, width = image.shape[:2]
-    if look.turn_deg:
-        turn = cv2.getRotationMatrix2D((width / 2, height / 2), look.turn_deg, 1)
+    if augmentation.turn_deg:
+        turn = cv2.getRotationMatrix2D((width / 2, height / 2), augmentation.turn_deg, 1)
         image = np.asarray(cv2.warpAffine(image, turn, (width, height), borderMode=cv2.BORDER_REPLICATE))
         transform = turn @ np.vstack([transform, [0, 0, 1]])
-    if look.mirrored:
+    if augmentation.mirrored:
         image = np.ascontiguousarray(image[:, ::-1])
         transform = np.array([[-1.0, 0, width - 1], [0, 1, 0]]) @ np.vstack([transform, [0, 0, 1]])
     return image.astype(np.uint8, copy=False), transform
 
 
-def see(detector: StillDetector, image_bgr: Image, look: Look) -> Hand | None:
+def detect_augmented(detector: StillDetector, image_bgr: Image, augmentation: Augmentation) -> Hand | None:
     """The largest hand that one look finds, as it is on the picture itself."""
-    shown, transform = take(image_bgr, look)
+    shown, transform = augment(image_bgr, augmentation)
     hands = detector.detect(shown)
     if not hands:
         return None
-    hand = on_picture(max(hands, key=lambda found: found.anchor_px), transform)
-    return replace(hand, side={Side.LEFT: Side.RIGHT, Side.RIGHT: Side.LEFT}[hand.side]) if look.mirrored else hand
+    hand = to_image(max(hands, key=lambda found: found.reference_px), transform)
+    return (
+        replace(hand, side={Side.LEFT: Side.RIGHT, Side.RIGHT: Side.LEFT}[hand.side]) if augmentation.mirrored else hand
+    )
 
 
-def on_picture(hand: Hand, transform: FloatArray) -> Hand:
+def to_image(hand: Hand, transform: FloatArray) -> Hand:
     """A hand as it is on the picture itself, and in its space, from where `transform`, (2, 3), has shown it."""
     back = np.linalg.inv(transform[:, :2])
     turn = np.eye(3)
@@ -100,16 +102,19 @@ def on_picture(hand: Hand, transform: FloatArray) -> Hand:
     return replace(hand, image_px=(hand.image_px - transform[:, 2]) @ back.T, world_m=hand.world_m @ turn.T)
 
 
-def see_photo(
-    detector: StillDetector, eager: StillDetector, image_bgr: Image, looks: Iterable[Look] = FIRST_LOOKS
+def detect_photo(
+    detector: StillDetector,
+    eager: StillDetector,
+    image_bgr: Image,
+    augmentations: Iterable[Augmentation] = AUGMENTATIONS,
 ) -> tuple[Hand, ...]:
     """One hand a look that found it, the plain look first; () when neither those nor the second looks do.
 
-    detector: at its usual thresholds; eager: at `SECOND_THRESHOLD`, asked only when the plain look is empty.
+    detector: at its usual thresholds; eager: at `FALLBACK_THRESHOLD`, asked only when the plain look is empty.
     """
     image = as_bgr8(image_bgr)
-    plain, *others = [see(detector, image, look) for look in looks]
+    plain, *others = [detect_augmented(detector, image, augmentation) for augmentation in augmentations]
     if plain is None:
-        second = (see(eager, image, look) for look in SECOND_LOOKS)
+        second = (detect_augmented(eager, image, augmentation) for augmentation in FALLBACK_AUGMENTATIONS)
         plain = next((hand for hand in second if hand is not None), None)
     return tuple(hand for hand in (plain, *others) if hand is not None) if plain is not None else ()

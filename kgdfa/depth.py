@@ -14,14 +14,14 @@ from enum import Enum
 import numpy as np
 from numpy.typing import NDArray
 
-from kgdfa.distance import HALF_PALM_M, Distance, DistanceSource, JumpGuard, accept
+from kgdfa.distance import HALF_PALM_M, Distance, DistanceSource, OutlierState, accept_distance
 from kgdfa.errors import KgdfaError
 from kgdfa.hand import Hand
 
 DepthMap = NDArray[np.float32]
 
 MAX_DEPTH_M = 10.0  # D435i data sheet: use range to about 10 m; 65.535 is its 16-bit saturation in millimetres
-WINDOW_ANCHORS = 0.25  # side of the neighbourhood, in palm anchors: on the palm at any tilt that counts
+WINDOW_REFERENCES = 0.25  # side of the neighbourhood, in palm anchors: on the palm at any tilt that counts
 MIN_VALID = 0.5  # share of the neighbourhood that must have measured
 MAX_SPREAD_M = 0.04  # between its quartiles: more is an edge, not a palm
 SENSOR_SD = 0.01  # D435i: about 1 % of distance in the near field, well inside its 2 % specification
@@ -72,11 +72,11 @@ def sample_palm(hand: Hand, depth_m: DepthMap) -> DepthSample:
     return DepthSample(depth_m=float(middle))
 
 
-def refuse_jump(guard: JumpGuard, sample: DepthSample, captured_ns: int) -> tuple[JumpGuard, DepthSample]:
+def reject_outlier(state: OutlierState, sample: DepthSample, captured_ns: int) -> tuple[OutlierState, DepthSample]:
     """Pass a sample that a moving hand can explain; hold back one that it can't until it has stayed."""
     if sample.depth_m is None:
-        return guard, sample
-    after, accepted = accept(guard, sample.depth_m, captured_ns)
+        return state, sample
+    after, accepted = accept_distance(state, sample.depth_m, captured_ns)
     return after, sample if accepted else DepthSample(depth_m=None, fault=DepthFault.JUMP)
 
 
@@ -97,7 +97,7 @@ class DepthRange:
             raise KgdfaError(f"There is no depth mode {mode!r}: choose published or robust.")
         self.name = mode
         self.fault = DepthFault.NONE
-        self._guard = JumpGuard()
+        self._outliers = OutlierState()
 
     def measure(self, depth_m: DepthMap, hand: Hand, monocular: Distance | None, captured_ns: int) -> Distance | None:
         """The palm's distance; `robust` gives `monocular`, marked as a fallback, where the map has none.
@@ -106,7 +106,7 @@ class DepthRange:
         """
         if self.name == "published":
             return read_published(depth_m, hand)
-        self._guard, sample = refuse_jump(self._guard, sample_palm(hand, depth_m), captured_ns)
+        self._outliers, sample = reject_outlier(self._outliers, sample_palm(hand, depth_m), captured_ns)
         self.fault = sample.fault
         if sample.depth_m is not None:
             joints_m, sd_m = sample.depth_m + HALF_PALM_M, SENSOR_SD * sample.depth_m
@@ -115,7 +115,7 @@ class DepthRange:
 
     def reset(self) -> None:
         """Forget what was accepted last: another hand, or a gap."""
-        self._guard = JumpGuard()
+        self._outliers = OutlierState()
 
 
 def _neighbourhood(hand: Hand, depth_m: DepthMap) -> DepthMap:
@@ -124,6 +124,6 @@ def _neighbourhood(hand: Hand, depth_m: DepthMap) -> DepthMap:
     height, width = depth_m.shape
     if not (0 <= x < width and 0 <= y < height):
         return np.empty(0, np.float32)
-    half = max(1, round(WINDOW_ANCHORS * hand.anchor_px / 2))
+    half = max(1, round(WINDOW_REFERENCES * hand.reference_px / 2))
     top, left = max(0, round(y) - half), max(0, round(x) - half)
     return depth_m[top : round(y) + half + 1, left : round(x) + half + 1].ravel()

@@ -10,8 +10,8 @@ from typing import Protocol
 from kgdfa.errors import KgdfaError
 from kgdfa.hand import Hand
 
-ANCHOR_RANGE_M = (0.03, 0.12)  # 5 to 17 of any hand, from a child's to the largest adult's, with room
-MIN_ANCHOR_PX = 2.0  # a shorter segment is no measurement
+REFERENCE_RANGE_M = (0.03, 0.12)  # 5 to 17 of any hand, from a child's to the largest adult's, with room
+MIN_REFERENCE_PX = 2.0  # a shorter segment is no measurement
 HALF_PALM_M = 0.012  # an adult's palm is about 25 mm thick at the knuckles
 
 # Distances that jump further than a hand can move are no measurements until they have stayed.
@@ -60,14 +60,14 @@ class RangeFinder(Protocol):
         ...
 
 
-def check_range_finder(focal_px: float, anchor_m: float) -> None:
+def check_range_finder(focal_px: float, reference_m: float) -> None:
     """Refuse what cannot be a camera or a palm. Raises KgdfaError naming the value and its range."""
     if not (math.isfinite(focal_px) and focal_px > 0):
         raise KgdfaError(f"Focal length {focal_px:g} px: it must be above 0; calibrate the camera or give its own.")
-    low, high = ANCHOR_RANGE_M
-    if not low <= anchor_m <= high:
+    low, high = REFERENCE_RANGE_M
+    if not low <= reference_m <= high:
         raise KgdfaError(
-            f"Palm anchor {anchor_m * 100:.3g} cm: it must lie in {low * 100:g} to {high * 100:g} cm "
+            f"Palm anchor {reference_m * 100:.3g} cm: it must lie in {low * 100:g} to {high * 100:g} cm "
             "(three quarters of the palm's width); measure the palm again."
         )
 
@@ -81,7 +81,7 @@ class PublishedRange:
         self,
         *,
         focal_px: float,
-        anchor_m: float,
+        reference_m: float,
         centre_px: tuple[float, float] | None = None,
         distortion: tuple[float, float] = (0.0, 0.0),
     ) -> None:
@@ -90,14 +90,14 @@ class PublishedRange:
         centre_px: the optical axis on the picture, distortion: the lens's; Eq. 4 uses neither.
         """
         del centre_px, distortion
-        check_range_finder(focal_px, anchor_m)
-        self._focal_anchor = focal_px * anchor_m
+        check_range_finder(focal_px, reference_m)
+        self._focal_reference = focal_px * reference_m
 
     def measure(self, hand: Hand, captured_ns: int) -> Distance | None:  # noqa: ARG002 - no memory, no time
         """D = f·H/h. The paper knows no safe distance and no uncertainty: both repeat D and 0."""
-        if not hand.anchor_px >= MIN_ANCHOR_PX:
+        if not hand.reference_px >= MIN_REFERENCE_PX:
             return None
-        distance_m = self._focal_anchor / hand.anchor_px
+        distance_m = self._focal_reference / hand.reference_px
         return Distance(shown_m=distance_m, safe_m=distance_m, sd_m=0.0)
 
     def reset(self) -> None:
@@ -105,7 +105,7 @@ class PublishedRange:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class JumpGuard:
+class OutlierState:
     """What was accepted last, and a candidate that differs too much to be believed at once."""
 
     last_m: float | None = None
@@ -114,18 +114,18 @@ class JumpGuard:
     count: int = 0
 
 
-def accept(guard: JumpGuard, distance_m: float, captured_ns: int) -> tuple[JumpGuard, bool]:
+def accept_distance(state: OutlierState, distance_m: float, captured_ns: int) -> tuple[OutlierState, bool]:
     """Whether a moving hand can explain this distance, or it has stayed for CONFIRM_FRAMES."""
-    accepted = JumpGuard(last_m=distance_m, last_ns=captured_ns)
-    elapsed_ns = captured_ns - guard.last_ns
-    if guard.last_m is None or not 0 <= elapsed_ns <= FORGET_JUMP_NS:
+    accepted = OutlierState(last_m=distance_m, last_ns=captured_ns)
+    elapsed_ns = captured_ns - state.last_ns
+    if state.last_m is None or not 0 <= elapsed_ns <= FORGET_JUMP_NS:
         return accepted, True
-    slack_m = max(SLACK_M, SLACK_SHARE * guard.last_m)
+    slack_m = max(SLACK_M, SLACK_SHARE * state.last_m)
     reach_m = slack_m + MAX_SPEED_M_S * elapsed_ns * 1e-9
-    if max(-reach_m, -MOST_NEARER * guard.last_m) <= distance_m - guard.last_m <= reach_m:
+    if max(-reach_m, -MOST_NEARER * state.last_m) <= distance_m - state.last_m <= reach_m:
         return accepted, True
-    stays = guard.count > 0 and abs(distance_m - guard.candidate_m) <= slack_m
-    count = guard.count + 1 if stays else 1
+    stays = state.count > 0 and abs(distance_m - state.candidate_m) <= slack_m
+    count = state.count + 1 if stays else 1
     if count >= CONFIRM_FRAMES:
         return accepted, True
-    return replace(guard, candidate_m=distance_m, count=count), False
+    return replace(state, candidate_m=distance_m, count=count), False

@@ -40,7 +40,7 @@ def draw(image_bgr: NDArray[np.uint8], report: Report, place: ButtonPlace) -> No
 
 def draw_hand(image_bgr: Image, hand: Hand) -> None:
     """Skeleton, inner and outer hull, bounding box, in place."""
-    width = max(1, round(hand.anchor_px / 40))
+    width = max(1, round(hand.reference_px / 40))
     points = hand.image_px
     for members, colour in ((INNER_HULL, INNER), (OUTER_HULL, OUTER)):
         cv2.polylines(image_bgr, [_fixed(hull(points, members))], True, colour, width, cv2.LINE_AA, _SHIFT)

@@ -92,11 +92,11 @@ class RuleSet(Protocol):
 
     name: str
 
-    def judge(self, hand: Hand) -> Verdict:
+    def classify(self, hand: Hand) -> Verdict:
         """The verdict on one hand, from its keypoints alone."""
         ...
 
-    def score(self, hand: Hand) -> FloatArray:
+    def predict_proba(self, hand: Hand) -> FloatArray:
         """Confidence in each gesture, (12,) in the order of `Gesture`, each in [0, 1]."""
         ...
 
@@ -120,14 +120,14 @@ class Vote:
     unsupported: int = 0  # frames in a row that don't support `gesture`
 
 
-def cast(vote: Vote, verdict: Verdict | None, captured_ns: int, *, pressing: bool = False) -> Vote:
+def update_vote(vote: Vote, verdict: Verdict | None, captured_ns: int, *, pressing: bool = False) -> Vote:
     """The vote after one more frame; None: no hand seen. pressing: the virtual button is down."""
-    said = verdict.gesture if verdict else None
-    count = 0 if said is None else vote.count + 1 if said is vote.candidate else 1
-    counted = replace(vote, candidate=said, count=min(count, PRESS_CHANGE_FRAMES))
+    current = verdict.gesture if verdict else None
+    count = 0 if current is None else vote.count + 1 if current is vote.candidate else 1
+    counted = replace(vote, candidate=current, count=min(count, PRESS_CHANGE_FRAMES))
     needed = PRESS_CHANGE_FRAMES if pressing else VOTE_FRAMES
-    if said is not None and count >= needed and said is not vote.gesture:
-        return replace(counted, gesture=said, recognised_ns=captured_ns, unsupported=0)
+    if current is not None and count >= needed and current is not vote.gesture:
+        return replace(counted, gesture=current, recognised_ns=captured_ns, unsupported=0)
     return _keep_or_end(counted, PRESS_END_FRAMES if pressing else END_FRAMES)
 
 

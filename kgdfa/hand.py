@@ -87,7 +87,7 @@ class Hand:
         return centre
 
     @property
-    def anchor_px(self) -> float:
+    def reference_px(self) -> float:
         """Length of the palm anchor, the segment from 5 to 17, pixels."""
         return float(np.linalg.norm(self.image_px[Keypoint.INDEX_MCP] - self.image_px[Keypoint.PINKY_MCP]))
 

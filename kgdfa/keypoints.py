@@ -27,12 +27,12 @@ from mediapipe.tasks.python.vision import HandLandmarker, HandLandmarkerOptions,
 from kgdfa.errors import KgdfaError
 from kgdfa.hand import FloatArray, Hand, Side
 from kgdfa.preprocess import Image, as_bgr8
-from kgdfa.redetection import Searcher
+from kgdfa.redetection import Redetector
 
 # The model names hands as a mirror shows them; our pictures are unmirrored.
 _SIDES = {"Left": Side.RIGHT, "Right": Side.LEFT}
-_SAME_HAND_ANCHORS = 2.0  # a hand this many palm anchors from where one was is the same, tracked
-RIVAL_LOOK_FRAMES = 10  # how often a contested picture is asked again for a second hand
+_SAME_HAND_REFERENCES = 2.0  # a hand this many palm anchors from where one was is the same, tracked
+RIVAL_CHECK_FRAMES = 10  # how often a contested picture is asked again for a second hand
 
 
 class HandDetector:
@@ -55,7 +55,7 @@ class HandDetector:
         in other ways (video only; see `glances`).
         """
         self._still = still
-        self._searcher = Searcher(self._seen) if search and not still else None
+        self._searcher = Redetector(self._seen) if search and not still else None
         self._last_ms = -1
         self._previous: tuple[Hand, ...] = ()
         self._contested_frames = 0
@@ -71,7 +71,7 @@ class HandDetector:
         Raises KgdfaError for a picture that can't be read (see `images.as_bgr8`).
         """
         image = as_bgr8(image_bgr)
-        hands = self._look(image, captured_ns)
+        hands = self._detect(image, captured_ns)
         if self._rival_look is not None and hands:
             hands = self._with_rival(image, hands)
         self._previous = hands
@@ -100,7 +100,7 @@ class HandDetector:
         self._last_ms = max(self._last_ms + 1, captured_ns // 1_000_000)  # MediaPipe wants growing time
         return self._landmarker.detect_for_video(picture, self._last_ms)
 
-    def _look(self, image: Image, captured_ns: int) -> tuple[Hand, ...]:
+    def _detect(self, image: Image, captured_ns: int) -> tuple[Hand, ...]:
         if self._still:
             return self._seen(image, captured_ns)
         hands = (self._searcher.detect if self._searcher else self._seen)(image, captured_ns)
@@ -112,7 +112,7 @@ class HandDetector:
     def _with_rival(self, image: Image, hands: tuple[Hand, ...]) -> tuple[Hand, ...]:
         """Ask for a second hand when this one is new, and again now and then while two were there."""
         self._contested_frames = self._contested_frames + 1 if len(self._previous) > 1 else 0
-        if hands[0].tracked and self._contested_frames % RIVAL_LOOK_FRAMES:
+        if hands[0].tracked and self._contested_frames % RIVAL_CHECK_FRAMES:
             return hands + self._previous[1:]
         if hands[0].tracked and not self._contested_frames:
             return hands
@@ -154,7 +154,7 @@ def _marked(hand: Hand, previous: tuple[Hand, ...]) -> Hand:
 
 
 def _same_place(hand: Hand, other: Hand) -> bool:
-    reach_px = _SAME_HAND_ANCHORS * max(hand.anchor_px, other.anchor_px)
+    reach_px = _SAME_HAND_REFERENCES * max(hand.reference_px, other.reference_px)
     return float(np.linalg.norm(hand.palm_centre_px - other.palm_centre_px)) < reach_px
 
 

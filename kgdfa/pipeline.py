@@ -11,14 +11,14 @@ from numpy.typing import NDArray
 
 from kgdfa.button import ButtonInput, ButtonMode, ButtonPlace, ButtonState, advance, is_near
 from kgdfa.distance import Distance, RangeFinder
-from kgdfa.gesture import VOTE_FRAMES, Gesture, RuleSet, Verdict, Vote, cast
+from kgdfa.gesture import VOTE_FRAMES, Gesture, RuleSet, Verdict, Vote, update_vote
 from kgdfa.hand import Hand
 from kgdfa.preprocess import Image, as_bgr8
 from kgdfa.press_zone import cut_off
 
 LOST_FRAMES = 5  # a hand gone this long is gone; fewer may be blur or the picture's edge
-REACH_ANCHORS = 1.5  # how far a hand may be from where it was a frame ago, in palm anchors: 3 m/s at 30 Hz
-REACH_GROWTH_ANCHORS = 0.5  # and how much farther for each frame without it
+REACH_REFERENCES = 1.5  # how far a hand may be from where it was a frame ago, in palm anchors: 3 m/s at 30 Hz
+REACH_GROWTH_REFERENCES = 0.5  # and how much farther for each frame without it
 EQUAL_CLAIM = 0.75  # a second hand this large, relative to the first, claims the command as well
 
 
@@ -33,11 +33,11 @@ class Track:
     contested: bool = False
 
 
-def follow(track: Track, hands: tuple[Hand, ...]) -> Track:
+def update_track(track: Track, hands: tuple[Hand, ...]) -> Track:
     """The track after one frame. A new hand is taken only when none is followed and none claims as well."""
     last = track.last
     if last is not None:
-        near = [hand for hand in hands if _reach(hand, last) <= REACH_ANCHORS + REACH_GROWTH_ANCHORS * track.lost]
+        near = [hand for hand in hands if _reach(hand, last) <= REACH_REFERENCES + REACH_GROWTH_REFERENCES * track.lost]
         if near:
             hand = min(near, key=lambda candidate: _reach(candidate, last))
             return replace(track, hand=hand, last=hand, lost=0, contested=False)
@@ -47,8 +47,8 @@ def follow(track: Track, hands: tuple[Hand, ...]) -> Track:
 
 
 def _acquire(track: Track, hands: tuple[Hand, ...]) -> Track:
-    by_size = sorted(hands, key=lambda hand: hand.anchor_px, reverse=True)
-    contested = len(by_size) > 1 and by_size[1].anchor_px >= EQUAL_CLAIM * by_size[0].anchor_px
+    by_size = sorted(hands, key=lambda hand: hand.reference_px, reverse=True)
+    contested = len(by_size) > 1 and by_size[1].reference_px >= EQUAL_CLAIM * by_size[0].reference_px
     if not by_size or contested:
         return Track(number=track.number, contested=contested)
     return Track(hand=by_size[0], last=by_size[0], number=track.number + 1)
@@ -57,7 +57,7 @@ def _acquire(track: Track, hands: tuple[Hand, ...]) -> Track:
 def _reach(hand: Hand, last: Hand) -> float:
     """How far the palm has moved, in units of the larger of the two palm anchors."""
     moved_px = float(np.linalg.norm(hand.palm_centre_px - last.palm_centre_px))
-    return moved_px / max(hand.anchor_px, last.anchor_px, 1.0)
+    return moved_px / max(hand.reference_px, last.reference_px, 1.0)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -141,9 +141,9 @@ class Pipeline:
         """One frame through the chain. Raises KgdfaError for a picture that can't be read."""
         now_ns = picture.captured_ns
         image = self._prepare(picture.image_bgr)
-        hand = self._follow(self._detector.detect(image, now_ns))
-        verdict = self._rules.judge(hand) if hand else None
-        self._vote = self._cast(hand, verdict, image, now_ns)
+        hand = self._update_track(self._detector.detect(image, now_ns))
+        verdict = self._rules.classify(hand) if hand else None
+        self._vote = self._update_vote(hand, verdict, image, now_ns)
         distance = self._range_finder.measure(hand, now_ns) if hand else None
         self._button = self._press(self._button, hand, distance, now_ns)
         depth_distance = self._measure_depth(picture, hand, distance)
@@ -161,17 +161,19 @@ class Pipeline:
             contested=self._track.contested,
         )
 
-    def _cast(self, hand: Hand | None, verdict: Verdict | None, image: Image, now_ns: int) -> Vote:
+    def _update_vote(self, hand: Hand | None, verdict: Verdict | None, image: Image, now_ns: int) -> Vote:
         """A hand that outgrows the picture on its way to the button keeps its gesture: cut off, it can't be judged."""
         cut = self._mode is ButtonMode.ROBUST and hand is not None and cut_off(hand, image.shape[1], image.shape[0])
         if cut and self._button.pressed:
             return self._vote
-        return cast(self._vote, None if cut else verdict, now_ns, pressing=is_near(self._button, self._place) or cut)
+        return update_vote(
+            self._vote, None if cut else verdict, now_ns, pressing=is_near(self._button, self._place) or cut
+        )
 
-    def _follow(self, hands: tuple[Hand, ...]) -> Hand | None:
+    def _update_track(self, hands: tuple[Hand, ...]) -> Hand | None:
         """The commanding hand; another one inherits neither votes nor a steadied distance."""
         before = self._track.number
-        self._track = follow(self._track, hands)
+        self._track = update_track(self._track, hands)
         if self._track.number != before:
             self._vote = Vote()
             self._range_finder.reset()

@@ -20,7 +20,7 @@ from kgdfa.hand import Hand
 from kgdfa.preprocess import Image, as_bgr8
 from kgdfa.robust_distance import UPRIGHT_FACTOR
 
-PALM_OF_ANCHOR = 4 / 3  # the paper: the anchor is three quarters of the palm's width
+PALM_OF_REFERENCE = 4 / 3  # the paper: the anchor is three quarters of the palm's width
 HAND_OF_PALM = 2.4  # upright hand, wrist crease to middle fingertip, in palm widths (digital hand; ANSUR II: 2.2)
 # A palm wider than this share of the picture's shorter side is not followed any more, whatever the gesture: in
 # `rleex evaluate press-zone` the first gesture is lost there.
@@ -28,7 +28,7 @@ TRACKED_SHARE = 0.55
 PUSH_ROOM_M = 0.03  # how far people overshoot the threshold when they push
 LEAST_THRESHOLD_M = 0.20  # the paper's
 MOST_THRESHOLD_M = 0.40  # beyond, a hand at rest would press
-SMALLEST_ANCHOR_PX = 25.0  # MediaPipe's palm detector works on 192 px pictures: less than 4 px there
+SMALLEST_REFERENCE_PX = 25.0  # MediaPipe's palm detector works on 192 px pictures: less than 4 px there
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -69,18 +69,18 @@ class PressZone:
         )
 
 
-def press_zone(*, focal_px: float, width_px: int, height_px: int, anchor_m: float) -> PressZone:
+def press_zone(*, focal_px: float, width_px: int, height_px: int, reference_m: float) -> PressZone:
     """The zone for a camera and a palm anchor. Raises KgdfaError for what is no camera or no palm."""
-    check_range_finder(focal_px, anchor_m)
+    check_range_finder(focal_px, reference_m)
     if min(width_px, height_px) <= 0:
         raise KgdfaError(f"A picture of {width_px}×{height_px} px: both must be above 0; mend the camera's settings.")
-    palm_m, side_px = PALM_OF_ANCHOR * anchor_m, min(width_px, height_px)
+    palm_m, side_px = PALM_OF_REFERENCE * reference_m, min(width_px, height_px)
     followed_m = focal_px * palm_m / (TRACKED_SHARE * side_px)
     threshold_m = math.ceil(max(LEAST_THRESHOLD_M, _least_threshold(followed_m)) * 100 - 1e-9) / 100
     return PressZone(
         followed_from_m=followed_m,
         whole_from_m=focal_px * HAND_OF_PALM * palm_m / height_px,
-        seen_to_m=focal_px * anchor_m / SMALLEST_ANCHOR_PX,
+        seen_to_m=focal_px * reference_m / SMALLEST_REFERENCE_PX,
         threshold_m=threshold_m,
         rest_beyond_m=threshold_m * (1 + HYSTERESIS),
     )

@@ -58,7 +58,7 @@ class Measures:
 
     depths_px: FloatArray
     angles_deg: FloatArray
-    anchor_px: float
+    reference_px: float
     lengths: FloatArray
 
 
@@ -125,7 +125,7 @@ def measure(hand: Hand) -> Measures:
     return Measures(
         depths_px=tip_depths(points, INNER_HULL, OUTER_HULL),
         angles_deg=finger_angles_deg(points),
-        anchor_px=hand.anchor_px,
+        reference_px=hand.reference_px,
         lengths=np.array([0.0, spread_pinky, spread_fore, ratio]),
     )
 
@@ -135,7 +135,7 @@ def check(measures: Measures) -> Checks:
     depths = measures.depths_px[_HULL]
     beyond_deg = measures.angles_deg - _LIMITS_DEG
     extra_holds, extra_margins = _check_extras(measures.lengths)
-    tip_scale = MARGIN_SHARE * max(measures.anchor_px, 1e-9)
+    tip_scale = MARGIN_SHARE * max(measures.reference_px, 1e-9)
     tips_hold, angles_hold = (depths < 0) == _OUTSIDE, (beyond_deg > 0) == _OPEN
     margins = [
         np.where(tips_hold, 1, -1) * np.abs(depths) / tip_scale,
@@ -179,11 +179,11 @@ class PublishedRules:
 
     name = "published"
 
-    def score(self, hand: Hand) -> FloatArray:
+    def predict_proba(self, hand: Hand) -> FloatArray:
         """Confidence in each gesture, (12,) in the order of `Gesture`; 0.5 and above: the line holds."""
         return check(measure(hand)).scores
 
-    def judge(self, hand: Hand) -> Verdict:
+    def classify(self, hand: Hand) -> Verdict:
         """The one line that holds, or none with the constraint that the nearest line fails by most."""
         measures = measure(hand)
         checks = check(measures)

@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
-from kgdfa.augmentation import on_picture
+from kgdfa.augmentation import to_image
 from kgdfa.hand import FloatArray, Hand
 from kgdfa.preprocess import Image
 
@@ -33,54 +33,54 @@ SHRUNK = 2  # a view has half the picture's pixels each way: more cost time, and
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Glance:
+class View:
     """How a picture is shown, in half its pixels each way: scaled and turned about its middle, edge pixels repeated."""
 
     scale: float = 1.0
     turn_deg: float = 0.0
 
 
-PLAIN = Glance()
-SEARCH = (
-    PLAIN,
-    Glance(scale=0.8),
-    Glance(scale=0.8, turn_deg=25),
-    Glance(scale=0.8, turn_deg=-25),
-    Glance(scale=0.6),
+FULL_VIEW = View()
+REDETECTION_VIEWS = (
+    FULL_VIEW,
+    View(scale=0.8),
+    View(scale=0.8, turn_deg=25),
+    View(scale=0.8, turn_deg=-25),
+    View(scale=0.6),
 )
 _NEXT_TURN = {0.0: 25.0, 25.0: -25.0, -25.0: 0.0}
 
 
 @dataclass(frozen=True, slots=True)
-class Search:
+class RedetectionState:
     """How the next frame is looked at, and how many in a row before it showed no hand."""
 
-    glance: Glance = PLAIN
+    view: View = FULL_VIEW
     missing: int = 0
 
 
-def after(search: Search, *, found: bool) -> Search:
+def next_state(search: RedetectionState, *, found: bool) -> RedetectionState:
     """The search after one more frame."""
     if found:
         return replace(search, missing=0)
     missing = search.missing + 1
     if missing < PATIENCE_FRAMES:
         return replace(search, missing=missing)
-    return Search(SEARCH[(missing - PATIENCE_FRAMES) % len(SEARCH)], missing)
+    return RedetectionState(REDETECTION_VIEWS[(missing - PATIENCE_FRAMES) % len(REDETECTION_VIEWS)], missing)
 
 
-def glance_at(image_bgr: Image, glance: Glance) -> tuple[Image, FloatArray]:
+def render_view(image_bgr: Image, view: View) -> tuple[Image, FloatArray]:
     """The picture as the glance shows it, and the (2, 3) affine map from the picture's pixels to the glance's."""
-    if glance == PLAIN:
+    if view == FULL_VIEW:
         return image_bgr, np.eye(3)[:2]
     height, width = image_bgr.shape[:2]
     size = (max(1, width // SHRUNK), max(1, height // SHRUNK))
-    return _turned(image_bgr, glance, size) if glance.turn_deg else _smaller(image_bgr, glance.scale, size)
+    return _turned(image_bgr, view, size) if view.turn_deg else _smaller(image_bgr, view.scale, size)
 
 
-def _turned(image_bgr: Image, glance: Glance, size: tuple[int, int]) -> tuple[Image, FloatArray]:
+def _turned(image_bgr: Image, view: View, size: tuple[int, int]) -> tuple[Image, FloatArray]:
     height, width = image_bgr.shape[:2]
-    transform: FloatArray = cv2.getRotationMatrix2D((width / 2, height / 2), glance.turn_deg, glance.scale) / SHRUNK
+    transform: FloatArray = cv2.getRotationMatrix2D((width / 2, height / 2), view.turn_deg, view.scale) / SHRUNK
     shown = cv2.warpAffine(image_bgr, transform, size, borderMode=cv2.BORDER_REPLICATE)
     return np.asarray(shown, dtype=np.uint8), transform
 
@@ -119,48 +119,48 @@ class PalmGrowth:
         growth = min(MOST_GROWTH, max(1 / MOST_GROWTH, spread_px / before.spread_px))
         return cls(palm_px, spread_px, growth, min(LARGEST_PALM, before.shown * GROWING_AGAIN))
 
-    def steadied(self, glance: Glance, height_px: int) -> Glance:
+    def steadied(self, view: View, height_px: int) -> View:
         """The glance, made smaller where the hand would be too large in the next frame."""
         scale = self.shown * height_px / (self.palm_px * self.growth)
-        return replace(glance, scale=scale) if scale < STEADY_FROM * glance.scale else glance
+        return replace(view, scale=scale) if scale < STEADY_FROM * view.scale else view
 
 
-class Searcher:
+class Redetector:
     """Shows each frame to a tracker, `look`: a near hand smaller, and in other ways when it has lost the hand."""
 
     def __init__(self, look: Callable[[Image, int], tuple[Hand, ...]]) -> None:
-        self._look = look
-        self._search = Search()
+        self._detect = look
+        self._search = RedetectionState()
         self._growth: PalmGrowth | None = None  # of the hand followed, or lost a moment ago
 
     def detect(self, image_bgr: Image, captured_ns: int) -> tuple[Hand, ...]:
         """The hands in the next frame, where its picture has them; () when there is none."""
         followed = self._growth is not None and self._search.missing == 0
-        hands = self._glance(image_bgr, captured_ns)
+        hands = self._detect_in_view(image_bgr, captured_ns)
         if not hands and self._growth is not None:
-            hands = self._look_again(image_bgr, captured_ns, followed)
-        self._search = after(self._search, found=bool(hands))
+            hands = self._redetect(image_bgr, captured_ns, followed)
+        self._search = next_state(self._search, found=bool(hands))
         if hands:
             self._growth = PalmGrowth.of(hands[0], self._growth)
         elif self._search.missing >= PATIENCE_FRAMES:
             self._growth = None
         return hands
 
-    def _look_again(self, image_bgr: Image, captured_ns: int, followed: bool) -> tuple[Hand, ...]:
+    def _redetect(self, image_bgr: Image, captured_ns: int, followed: bool) -> tuple[Hand, ...]:
         """Everywhere; and in the next view."""
         assert self._growth is not None
         self._growth = replace(self._growth, growth=1.0, shown=SOUGHT_PALM)
-        hands = self._glance(image_bgr, captured_ns) if followed else ()
+        hands = self._detect_in_view(image_bgr, captured_ns) if followed else ()
         if not hands:
-            turn_deg = _NEXT_TURN.get(self._search.glance.turn_deg, 0.0)
-            self._search = replace(self._search, glance=replace(self._search.glance, turn_deg=turn_deg))
-            hands = self._glance(image_bgr, captured_ns)
+            turn_deg = _NEXT_TURN.get(self._search.view.turn_deg, 0.0)
+            self._search = replace(self._search, view=replace(self._search.view, turn_deg=turn_deg))
+            hands = self._detect_in_view(image_bgr, captured_ns)
         return hands
 
-    def _glance(self, image_bgr: Image, captured_ns: int) -> tuple[Hand, ...]:
-        glance = self._search.glance
+    def _detect_in_view(self, image_bgr: Image, captured_ns: int) -> tuple[Hand, ...]:
+        view = self._search.view
         if self._growth is not None:
-            glance = self._growth.steadied(glance, image_bgr.shape[0])
-        shown, transform = glance_at(image_bgr, glance)
-        hands = self._look(shown, captured_ns)
-        return hands if shown is image_bgr else tuple(on_picture(hand, transform) for hand in hands)
+            view = self._growth.steadied(view, image_bgr.shape[0])
+        shown, transform = render_view(image_bgr, view)
+        hands = self._detect(shown, captured_ns)
+        return hands if shown is image_bgr else tuple(to_image(hand, transform) for hand in hands)

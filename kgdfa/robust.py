@@ -47,18 +47,18 @@ class RobustModel:
     low: FloatArray
     high: FloatArray
 
-    def squash(self, values: FloatArray) -> FloatArray:
+    def normalize(self, values: FloatArray) -> FloatArray:
         """(n, F) features as they enter the perceptrons."""
-        squashed: FloatArray = np.tanh((values - self.centre) / self.spread).astype(self.weights_in.dtype)
-        return squashed  # single precision, as the weights are: else those would be copied to be multiplied
+        normalized: FloatArray = np.tanh((values - self.centre) / self.spread).astype(self.weights_in.dtype)
+        return normalized  # single precision, as the weights are: else those would be copied to be multiplied
 
     def probabilities(self, values: FloatArray) -> FloatArray:
         """(n, F) features to (n, K): the class probabilities."""
-        return self.weigh(self.squash(values))
+        return self.predict_proba(self.normalize(values))
 
-    def weigh(self, squashed: FloatArray) -> FloatArray:
+    def predict_proba(self, normalized: FloatArray) -> FloatArray:
         """(n, F) squashed features to (n, K)."""
-        hidden = squashed @ self.weights_in + self.bias_in
+        hidden = normalized @ self.weights_in + self.bias_in
         logits = np.maximum(hidden, 0.0, out=hidden) @ self.weights_out + self.bias_out
         powers = np.exp(logits - np.maximum.reduce(logits, axis=1, keepdims=True))
         shares: FloatArray = powers / np.add.reduce(powers, axis=1, keepdims=True)
@@ -107,30 +107,30 @@ class RobustRules:
         self._model = model or load_model()
         self._explainer = _Explainer(self._model)
 
-    def score(self, hand: Hand) -> FloatArray:
+    def predict_proba(self, hand: Hand) -> FloatArray:
         """Confidence in each gesture, (12,) in the order of `Gesture`; together with none's they sum to 1."""
         return self.score_looks((hand,))
 
-    def judge(self, hand: Hand) -> Verdict:
+    def classify(self, hand: Hand) -> Verdict:
         """The most probable gesture if it is sure enough and no other is near, else none."""
         return self.judge_looks((hand,))
 
     def score_looks(self, hands: Sequence[Hand]) -> FloatArray:
-        """The mean of `score` over several looks at one hand."""
-        return self.weigh_looks(hands)[1]
+        """The mean of `predict_proba` over several looks at one hand."""
+        return self.classify_augmented(hands)[1]
 
     def judge_looks(self, hands: Sequence[Hand]) -> Verdict:
         """The verdict on several looks at one hand, the plain one first: the explanation is about that one."""
-        return self.weigh_looks(hands)[0]
+        return self.classify_augmented(hands)[0]
 
-    def weigh_looks(self, hands: Sequence[Hand]) -> tuple[Verdict, FloatArray]:
+    def classify_augmented(self, hands: Sequence[Hand]) -> tuple[Verdict, FloatArray]:
         """Both at once, from one measuring of the hands."""
         values = np.array([features(hand.image_px, hand.world_m) for hand in hands])
-        squashed = self._model.squash(values)
-        chances = np.add.reduce(self._model.weigh(squashed), axis=0) / len(hands)
-        return self._judge(values[0], squashed[0], chances.tolist()), chances[: len(GESTURES)]
+        normalized = self._model.normalize(values)
+        chances = np.add.reduce(self._model.predict_proba(normalized), axis=0) / len(hands)
+        return self._classify(values[0], normalized[0], chances.tolist()), chances[: len(GESTURES)]
 
-    def _judge(self, values: FloatArray, squashed: FloatArray, chances: list[float]) -> Verdict:
+    def _classify(self, values: FloatArray, normalized: FloatArray, chances: list[float]) -> Verdict:
         """The verdict from one look's features, (F,), and the class probabilities, K, of all looks at the hand."""
         nearest = max(range(len(GESTURES)), key=chances.__getitem__)
         sure = chances[nearest]
@@ -142,34 +142,34 @@ class RobustRules:
             gesture=gesture if accepted else None,
             confidence=sure,
             nearest=gesture,
-            explanation=explain(values, squashed, nearest, rival),
+            explanation=explain(values, normalized, nearest, rival),
         )
 
 
 class _Explainer:
-    """Says which constraint decided; `values` and `squashed` are one look's features, (F,)."""
+    """Says which constraint decided; `values` and `normalized` are one look's features, (F,)."""
 
     def __init__(self, model: RobustModel) -> None:
         self._model = model
-        self._typical = model.squash(model.typical)
+        self._typical = model.normalize(model.typical)
         self._low, self._high, self._spread = model.low.tolist(), model.high.tolist(), model.spread.tolist()
 
-    def accepted(self, values: FloatArray, squashed: FloatArray, nearest: int, rival: int) -> str:
+    def accepted(self, values: FloatArray, normalized: FloatArray, nearest: int, rival: int) -> str:
         """What keeps it from being the rival: the group whose exchange for the rival's costs the most."""
-        group = int(self._exchanged(squashed, rival)[:, nearest].argmin())
+        group = int(self._exchanged(normalized, rival)[:, nearest].argmin())
         measure = self._furthest(values, rival, group)
         names = f"{self._model.classes[nearest]}, not {self._say_class(rival)}"
         return f"{names}: {measure}" if measure else names
 
-    def refused(self, values: FloatArray, squashed: FloatArray, nearest: int, rival: int) -> str:
+    def refused(self, values: FloatArray, normalized: FloatArray, nearest: int, rival: int) -> str:
         """What keeps it from being accepted: the group whose mending for the gesture's own would win the most."""
-        group = int(self._exchanged(squashed, nearest)[:, nearest].argmax())
+        group = int(self._exchanged(normalized, nearest)[:, nearest].argmax())
         measure = self._furthest(values, nearest, group) or f"too near to {self._say_class(rival)}"
         return f"not {self._model.classes[nearest]}: {measure}"
 
-    def _exchanged(self, squashed: FloatArray, kind: int) -> FloatArray:
+    def _exchanged(self, normalized: FloatArray, kind: int) -> FloatArray:
         """The class probabilities, (groups, K), when one group at a time is as is typical of a class."""
-        return self._model.weigh(np.where(_GROUP_MASKS, self._typical[kind], squashed))
+        return self._model.predict_proba(np.where(_GROUP_MASKS, self._typical[kind], normalized))
 
     def _furthest(self, values: FloatArray, kind: int, group: int) -> str:
         """The measure of a group that lies furthest outside a class's range, in words; "" when all lie inside."""

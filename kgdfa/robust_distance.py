@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from kgdfa.distance import HALF_PALM_M, MIN_ANCHOR_PX, Distance, JumpGuard, accept, check_range_finder
+from kgdfa.distance import HALF_PALM_M, MIN_REFERENCE_PX, Distance, OutlierState, accept_distance, check_range_finder
 from kgdfa.hand import FloatArray, Hand, Keypoint
 
 # The part of the palm that moves as one piece; the thumb's base is left out.
@@ -29,7 +29,7 @@ _SOLVER = np.linalg.pinv(SHAPE - _CENTRE)
 
 MAX_MISFIT = 0.16  # keypoints further from any flat palm are none: 99.9 % of well-seen hands are below 0.15
 KEYPOINT_SD = 0.03  # scatter that the keypoints' own places leave, digital hand facing the camera
-ANCHOR_HOLDS_M = 0.40  # where hands are held when anchors are measured or calibrated
+REFERENCE_HOLDS_M = 0.40  # where hands are held when anchors are measured or calibrated
 FORGET_NS = 200_000_000
 
 # How three readings become one (shares of a logarithm). `tools/fit_distance.py` prints what each of them does on
@@ -154,7 +154,7 @@ def _under_the_skin(seen_m: float) -> float:
     The skin is nearer by half the palm's thickness, which magnifies near hands more than far ones. The anchor takes
     up the share of it at ANCHOR_HOLDS_M; what is left is added nearer than that, and taken off farther away.
     """
-    return seen_m + HALF_PALM_M * (1 - seen_m / ANCHOR_HOLDS_M)
+    return seen_m + HALF_PALM_M * (1 - seen_m / REFERENCE_HOLDS_M)
 
 
 class RobustRange:
@@ -172,7 +172,7 @@ class RobustRange:
         self,
         *,
         focal_px: float,
-        anchor_m: float,
+        reference_m: float,
         centre_px: tuple[float, float] | None = None,
         distortion: tuple[float, float] = (0.0, 0.0),
     ) -> None:
@@ -181,13 +181,13 @@ class RobustRange:
         centre_px: the optical axis on the picture; with it, a hand off the axis is measured along its own ray, and
         a lens's radial distortion (OpenCV's k1, k2) is taken out.
         """
-        check_range_finder(focal_px, anchor_m)
+        check_range_finder(focal_px, reference_m)
         self._focal_px = focal_px
-        self._anchor_m = anchor_m
+        self._reference_m = reference_m
         self._centre_px = None if centre_px is None else np.asarray(centre_px, dtype=np.float64)
         self._distortion = np.array([*distortion, 0.0, 0.0]) if any(distortion) else None
         self._recent: tuple[Reading, ...] = ()
-        self._guard = JumpGuard()
+        self._outliers = OutlierState()
         self._last_ns = 0
 
     def measure(self, hand: Hand, captured_ns: int) -> Distance | None:
@@ -195,7 +195,7 @@ class RobustRange:
         now = self.explain(hand)
         if now is None:
             return None
-        self._guard, believed = accept(self._guard, now.shown_m, captured_ns)
+        self._outliers, believed = accept_distance(self._outliers, now.shown_m, captured_ns)
         if not believed:
             return None
         if not 0 <= captured_ns - self._last_ns <= FORGET_NS:
@@ -205,20 +205,20 @@ class RobustRange:
 
     def explain(self, hand: Hand) -> Reading | None:
         """What this frame alone says, without the past; None for keypoints that are no palm."""
-        if not (hand.anchor_px >= MIN_ANCHOR_PX and np.isfinite(hand.world_m).all()):
+        if not (hand.reference_px >= MIN_REFERENCE_PX and np.isfinite(hand.world_m).all()):
             return None
         seen, cosine = self._own_view(hand)
         view = view_palm(seen)
         if view.misfit > MAX_MISFIT:
             return None
         readings = _readings(seen, hand.world_m, view)
-        shape_m, perspective_m, equation_m = (_under_the_skin(self._anchor_m * cosine * one) for one in readings)
+        shape_m, perspective_m, equation_m = (_under_the_skin(self._reference_m * cosine * one) for one in readings)
         return _fuse(view, (shape_m, perspective_m, equation_m), self._shows(hand.image_px[Keypoint.WRIST]))
 
     def reset(self) -> None:
         """Forget the last frames."""
         self._recent = ()
-        self._guard = JumpGuard()
+        self._outliers = OutlierState()
 
     def _own_view(self, hand: Hand) -> tuple[FloatArray, float]:
         """(21, 2) keypoints as a camera looking straight at keypoint 21 sees them, one focal length away.

@@ -196,8 +196,8 @@ def _calibration(calibration: Calibration) -> Iterator[Violation]:
         if wrong := _outside(field, _get(calibration, field), low, high):
             yield Violation(field=f"calibrations.{wrong.field}", text=f"calibrations.{wrong.text}")
     if calibration.focal_px > 0:
-        anchor_m = calibration.focal_anchor_px_m / calibration.focal_px
-        if wrong := _outside("anchor_m", anchor_m, 3, 12):
+        reference_m = calibration.focal_anchor_px_m / calibration.focal_px
+        if wrong := _outside("anchor_m", reference_m, 3, 12):
             text = f"calibrations.{wrong.text.removesuffix('.')}; calibrate again."
             yield Violation(field="calibrations.focal_anchor_px_cm", text=text)
 

@@ -14,12 +14,12 @@ from profiles.anthropometry import PalmEstimate, estimate_palm
 from profiles.errors import ProfileError
 from profiles.schema import Calibration, Profile
 
-ANCHOR_OF_PALM = 0.75  # palm width less one finger, a finger being a quarter of it (paper, text at Eq. 4)
+REFERENCE_OF_PALM = 0.75  # palm width less one finger, a finger being a quarter of it (paper, text at Eq. 4)
 MEASURED_SD_M = 0.001  # a ruler across the palm
 CALIBRATED_SD = 0.01  # a ruler to the palm: about 3 mm in 30 cm
 
 
-class AnchorSource(Enum):
+class ReferenceSource(Enum):
     """How the anchor is known."""
 
     CALIBRATED = "calibrated"
@@ -28,12 +28,12 @@ class AnchorSource(Enum):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Anchor:
+class ReferenceSegment:
     """The anchor for one patient before one camera. sd_m: its expected error."""
 
     length_m: float
     sd_m: float
-    source: AnchorSource
+    source: ReferenceSource
 
     @property
     def distance_error(self) -> float:
@@ -49,22 +49,24 @@ class Anchor:
         )
 
 
-def anchor(profile: Profile, *, camera: str = "", focal_px: float = 0.0, width_px: int = 0) -> Anchor:
+def reference_segment(
+    profile: Profile, *, camera: str = "", focal_px: float = 0.0, width_px: int = 0
+) -> ReferenceSegment:
     """The best anchor there is for this patient before the camera of that name, focal length and picture width."""
     calibration = calibration_for(profile, camera)
     if calibration is not None:
         return _calibrated(calibration, focal_px, width_px)
     if profile.palm.measured_width_m is not None:
-        return Anchor(
-            length_m=ANCHOR_OF_PALM * profile.palm.measured_width_m,
-            sd_m=ANCHOR_OF_PALM * MEASURED_SD_M,
-            source=AnchorSource.MEASURED,
+        return ReferenceSegment(
+            length_m=REFERENCE_OF_PALM * profile.palm.measured_width_m,
+            sd_m=REFERENCE_OF_PALM * MEASURED_SD_M,
+            source=ReferenceSource.MEASURED,
         )
     estimate = palm_estimate(profile)
-    return Anchor(
-        length_m=ANCHOR_OF_PALM * estimate.width_m,
-        sd_m=ANCHOR_OF_PALM * estimate.sd_m,
-        source=AnchorSource.ESTIMATED,
+    return ReferenceSegment(
+        length_m=REFERENCE_OF_PALM * estimate.width_m,
+        sd_m=REFERENCE_OF_PALM * estimate.sd_m,
+        source=ReferenceSource.ESTIMATED,
     )
 
 
@@ -79,14 +81,14 @@ def calibration_for(profile: Profile, camera: str) -> Calibration | None:
     return max(made, key=lambda one: one.calibrated_at) if camera and made else None
 
 
-def _calibrated(calibration: Calibration, focal_px: float, width_px: int) -> Anchor:
+def _calibrated(calibration: Calibration, focal_px: float, width_px: int) -> ReferenceSegment:
     """What was solved is f·H: with another focal length given for the same pictures, H follows."""
     focal_then_px = calibration.focal_px
     if focal_px > 0 and width_px > 0 and calibration.width_px > 0:
         focal_then_px = focal_px * calibration.width_px / width_px
     length_m = calibration.focal_anchor_px_m / focal_then_px
     relative_sd = max(CALIBRATED_SD, calibration.residual)
-    return Anchor(length_m=length_m, sd_m=relative_sd * length_m, source=AnchorSource.CALIBRATED)
+    return ReferenceSegment(length_m=length_m, sd_m=relative_sd * length_m, source=ReferenceSource.CALIBRATED)
 
 
 MIN_SAMPLES = 20
@@ -101,8 +103,8 @@ class Calibrated:
     """A calibration, and what is to be thought of it. doubt: a sentence, "" when it is plausible."""
 
     calibration: Calibration
-    anchor_m: float
-    expected: Anchor
+    reference_m: float
+    expected: ReferenceSegment
     doubt: str
 
 
@@ -114,7 +116,7 @@ def calibrate(
     width_px: int,
     distance_m: float,
     measured_m: Sequence[float],
-    provisional_anchor_m: float,
+    provisional_reference_m: float,
     at: datetime,
 ) -> Calibrated:
     """Solve f·H from distances measured with a provisional anchor while the palm was `distance_m` away.
@@ -129,19 +131,22 @@ def calibrate(
             f"The samples scatter by {residual * 100:.1f} %, at most {MAX_RESIDUAL * 100:g} % will do: "
             "hold the palm flat and still towards the camera, in good light, and calibrate again."
         )
-    anchor_m = provisional_anchor_m * distance_m / middle_m
+    reference_m = provisional_reference_m * distance_m / middle_m
     calibration = Calibration(
         camera=camera,
-        focal_anchor_px_m=focal_px * anchor_m,
+        focal_anchor_px_m=focal_px * reference_m,
         focal_px=focal_px,
         distance_m=distance_m,
         residual=residual,
         calibrated_at=at.astimezone(UTC).isoformat(timespec="seconds"),
         width_px=width_px,
     )
-    expected = anchor(profile)
+    expected = reference_segment(profile)
     return Calibrated(
-        calibration=calibration, anchor_m=anchor_m, expected=expected, doubt=_doubt(profile, anchor_m, expected)
+        calibration=calibration,
+        reference_m=reference_m,
+        expected=expected,
+        doubt=_doubt(profile, reference_m, expected),
     )
 
 
@@ -165,20 +170,20 @@ def _check_samples(distance_m: float, measured_m: Sequence[float]) -> None:
         )
 
 
-def _doubt(profile: Profile, anchor_m: float, expected: Anchor) -> str:
-    off_sd = abs(anchor_m - expected.length_m) / expected.sd_m
+def _doubt(profile: Profile, reference_m: float, expected: ReferenceSegment) -> str:
+    off_sd = abs(reference_m - expected.length_m) / expected.sd_m
     # An estimate that a measured palm backs is tight: leave room for the focal length and keypoint bias.
-    allowed_sd = MAX_DEVIATION_SD if expected.source is AnchorSource.ESTIMATED else 8.0
+    allowed_sd = MAX_DEVIATION_SD if expected.source is ReferenceSource.ESTIMATED else 8.0
     if off_sd <= allowed_sd:
         return ""
     return (
-        f"This makes the palm {anchor_m / ANCHOR_OF_PALM * 100:.1f} cm wide, while {_source(profile, expected)}: "
+        f"This makes the palm {reference_m / REFERENCE_OF_PALM * 100:.1f} cm wide, while {_source(profile, expected)}: "
         "check the distance, the camera's focal length and the patient's stature."
     )
 
 
-def _source(profile: Profile, expected: Anchor) -> str:
-    if expected.source is AnchorSource.MEASURED:
-        return f"{expected.length_m / ANCHOR_OF_PALM * 100:.1f} cm were measured"
+def _source(profile: Profile, expected: ReferenceSegment) -> str:
+    if expected.source is ReferenceSource.MEASURED:
+        return f"{expected.length_m / REFERENCE_OF_PALM * 100:.1f} cm were measured"
     estimate = palm_estimate(profile)
     return f"sex and stature say {estimate.width_m * 100:.1f} ± {estimate.sd_m * 100:.1f} cm"

@@ -43,7 +43,7 @@ def look_at(watcher: Watcher, seed: int) -> list[Row]:
             turn = tilted(math.radians(tilt_deg), direction * 2 * math.pi / DIRECTIONS)
             for gesture in ("5", GESTURES[int(draw.integers(12))]):
                 finder = RobustRange(
-                    focal_px=lens.fx_px, anchor_m=person.shape.anchor_m, centre_px=(lens.cx_px, lens.cy_px)
+                    focal_px=lens.fx_px, reference_m=person.shape.reference_m, centre_px=(lens.cx_px, lens.cy_px)
                 )
                 watcher.forget()
                 moments = held(gesture, person=person, lens=lens, distance_m=float(draw.uniform(0.2, 0.6)),

@@ -51,7 +51,7 @@ def _tile(pose: Pose, seed: int, detector: HandDetector, rules: RobustRules, fir
     why = "no hand found"
     if hands:
         draw_hand(drawn, hands[0])
-        why = rules.judge(hands[0]).explanation
+        why = rules.classify(hands[0]).explanation
     top, left = (image.shape[0] - SIDE_PX) // 2, (image.shape[1] - SIDE_PX) // 2
     square = drawn[top : top + SIDE_PX, left : left + SIDE_PX]
     return caption(np.asarray(cv2.resize(square, (TILE_PX, TILE_PX)), np.uint8), [f"shown: {pose.name}", why])

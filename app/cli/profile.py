@@ -49,12 +49,12 @@ def list_patients(
     from rich.console import Console
     from rich.table import Table
 
-    from profiles.palm import anchor
+    from profiles.palm import reference_segment
 
     listing = _store(home).list(archived=archived)
     table = Table("patient", "sex", "stature", "mass", "hand", "palm anchor", "note")
     for one in listing.profiles:
-        palm = anchor(one)
+        palm = reference_segment(one)
         table.add_row(
             one.identifier + (" (archived)" if one.archived else ""),
             one.sex.value,
@@ -77,12 +77,12 @@ def show(patient: Patient, home: HomeOption = None) -> None:
     from rich.console import Console
 
     from profiles.files import encode
-    from profiles.palm import anchor, palm_estimate
+    from profiles.palm import palm_estimate, reference_segment
 
     profile = _store(home).load(patient)
     console = Console()
     console.print(encode(profile), markup=False, highlight=True)
-    console.print(f"In use without a calibrated camera: {anchor(profile).sentence}.")
+    console.print(f"In use without a calibrated camera: {reference_segment(profile).sentence}.")
     console.print(f"By sex and stature: {palm_estimate(profile).sentence}.")
 
 
@@ -100,14 +100,14 @@ def new(
     from datetime import UTC, datetime
 
     from profiles.files import edit, parse_assignments
-    from profiles.palm import anchor
+    from profiles.palm import reference_segment
     from profiles.schema import Profile, Sex
 
     blank = Profile(identifier=patient, sex=Sex.FEMALE, stature_m=1.7, mass_kg=70.0)
     typed = {"sex": sex, "stature_cm": str(stature), "mass_kg": str(mass), **parse_assignments(more or [])}
     profile = edit(blank, typed)
     _store(home).create(profile, by=_who(by), at=datetime.now(UTC))
-    typer.echo(f"Patient {patient} is set up: {anchor(profile).sentence}.")
+    typer.echo(f"Patient {patient} is set up: {reference_segment(profile).sentence}.")
 
 
 @cli.command("set")
@@ -152,7 +152,7 @@ def calibrate(
 
     from app.perception.palm_calibration import WANTED_SAMPLES, sample_palm
     from app.system.errors import AppError
-    from profiles.palm import anchor, with_calibration
+    from profiles.palm import reference_segment, with_calibration
 
     store, console = _store(home), Console(soft_wrap=True)
     profile = store.load(patient)
@@ -169,7 +169,7 @@ def calibrate(
         raise AppError(f"Not kept: {made.doubt} --anyway keeps it.")
     known = with_calibration(profile, made.calibration)
     store.save(known, by=_who(by), at=datetime.now(UTC), why=f"calibrated with {camera.name}")
-    console.print(f"Kept for {camera.name}: {anchor(known, camera=camera.name).sentence};", highlight=False)
+    console.print(f"Kept for {camera.name}: {reference_segment(known, camera=camera.name).sentence};", highlight=False)
     console.print(f"samples scatter by {made.calibration.residual * 100:.1f} %. {made.doubt or 'Plausible.'}")
 
 

@@ -16,7 +16,7 @@ from hal.cameras.digital_hand.skeleton import HandPlace, find_pose
 
 FloatArray = NDArray[np.float64]
 
-ANCHOR_PAIR = (5, 17)
+REFERENCE_PAIR = (5, 17)
 HEIGHT_M = 0.015  # keypoint 21 below the picture's centre: fingers and wrist then have equal room
 GESTURES = ("0", "1", "2", "3", "4", "5", "6", "7", "8", "9", "love", "rock")
 FLIP, OPEN_CLOSE, EDGE, BACKGROUND = CHANGES = ("flip", "open and close", "edge", "background jump")
@@ -35,7 +35,7 @@ class Moment:
         """Distance of keypoint 21."""
         joints = keypoints_m(self.scene)
         assert joints is not None
-        return float(joints[list(ANCHOR_PAIR), 2].mean())
+        return float(joints[list(REFERENCE_PAIR), 2].mean())
 
 
 def take(moment: Moment, noise_seed: int, depth: DepthCamera | None = None) -> tuple[ImageArray, DepthArray | None]:

@@ -31,7 +31,7 @@ class LabelledFrame:
 
     path: Path
     distance_m: float
-    anchor_m: float
+    reference_m: float
     focal_px: float
     centre_px: tuple[float, float]
 
@@ -84,7 +84,7 @@ def _frame(folder: Path, row: dict[str, str], line: int) -> LabelledFrame:
     if not (distance > 0 and math.isfinite(distance)):
         raise AppError(f"{folder / 'frames.csv'}, line {line}: distance_cm {distance:g} must be above 0.")
     return LabelledFrame(
-        path=folder / row["path"], distance_m=distance / 100, anchor_m=anchor / 100, focal_px=focal, centre_px=(x, y)
+        path=folder / row["path"], distance_m=distance / 100, reference_m=anchor / 100, focal_px=focal, centre_px=(x, y)
     )
 
 
@@ -95,10 +95,10 @@ def measure_frames(frames: Sequence[LabelledFrame], detector: HandDetector, step
     unreadable = []
     made_for: tuple[float, float, tuple[float, float]] | None = None
     for index, frame in enumerate(frames):
-        wanted = (frame.focal_px, frame.anchor_m, frame.centre_px)
+        wanted = (frame.focal_px, frame.reference_m, frame.centre_px)
         if wanted != made_for:
             finders = {
-                name: make(focal_px=wanted[0], anchor_m=wanted[1], centre_px=wanted[2])
+                name: make(focal_px=wanted[0], reference_m=wanted[1], centre_px=wanted[2])
                 for name, make in FINDERS.items()
             }
             made_for = wanted

@@ -24,7 +24,7 @@ from hal.cameras.digital_hand.render import Person, lens_for, person_of
 from kgdfa.depth import DepthRange
 from kgdfa.distance import Distance, PublishedRange, RangeFinder
 from kgdfa.robust_distance import RobustRange
-from profiles.palm import ANCHOR_OF_PALM, calibrate
+from profiles.palm import REFERENCE_OF_PALM, calibrate
 from profiles.schema import Profile, Sex
 
 MODES = ("published", "robust")
@@ -48,14 +48,14 @@ class Subject:
     person: Person
     lens: Intrinsics
     seed: int
-    anchor_m: float  # as calibrated
+    reference_m: float  # as calibrated
 
     def finders(self) -> tuple[PublishedRange, RobustRange]:
         """Published with the palm as a ruler tells it, robust with the calibrated anchor."""
         focal_px, centre_px = self.lens.fx_px, (self.lens.cx_px, self.lens.cy_px)
         return (
-            PublishedRange(focal_px=focal_px, anchor_m=self.person.shape.anchor_m),
-            RobustRange(focal_px=focal_px, anchor_m=self.anchor_m, centre_px=centre_px),
+            PublishedRange(focal_px=focal_px, reference_m=self.person.shape.reference_m),
+            RobustRange(focal_px=focal_px, reference_m=self.reference_m, centre_px=centre_px),
         )
 
 
@@ -96,7 +96,7 @@ def evaluate_table_5(
 def _ruler(lens: Intrinsics, seed: int) -> Subject:
     """A person whose palm is known by ruler."""
     person = person_of(seed)
-    return Subject(person=person, lens=lens, seed=seed, anchor_m=person.shape.anchor_m)
+    return Subject(person=person, lens=lens, seed=seed, reference_m=person.shape.reference_m)
 
 
 def _measure(
@@ -115,17 +115,17 @@ def _measure(
 def _calibrated(watcher: Watcher, subject: Subject) -> Subject:
     """The subject calibrated as `rleex profile calibrate` does it."""
     patient = Profile(identifier="digital", sex=Sex.MALE, stature_m=1.7, mass_kg=70.0)
-    provisional_m, lens = ANCHOR_OF_PALM * PROVISIONAL_PALM_M, subject.lens
-    finder = RobustRange(focal_px=lens.fx_px, anchor_m=provisional_m, centre_px=(lens.cx_px, lens.cy_px))
+    provisional_m, lens = REFERENCE_OF_PALM * PROVISIONAL_PALM_M, subject.lens
+    finder = RobustRange(focal_px=lens.fx_px, reference_m=provisional_m, centre_px=(lens.cx_px, lens.cy_px))
     shown = held("5", person=subject.person, lens=lens, distance_m=CALIBRATED_AT_M, turn_rad=(0, 0),
                  seed=subject.seed, frames=CALIBRATION_FRAMES)  # fmt: skip
     (measured,) = _measure(watcher, [finder], shown)
     made = calibrate(
         patient, camera="digital hand", focal_px=lens.fx_px, width_px=lens.width_px, distance_m=CALIBRATED_AT_M,
-        measured_m=[one.shown_m for one in measured if one], provisional_anchor_m=provisional_m,
+        measured_m=[one.shown_m for one in measured if one], provisional_reference_m=provisional_m,
         at=datetime(2026, 1, 1, tzinfo=UTC),
     )  # fmt: skip
-    return replace(subject, anchor_m=made.anchor_m)
+    return replace(subject, reference_m=made.reference_m)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -13,10 +13,10 @@ import numpy as np
 from app.evaluate.digital_hands import digital_scenes, picture
 from app.evaluate.gesture_photos import Photo
 from hal.cameras.digital_hand.render import keypoints_m, project_px
-from kgdfa.augmentation import StillDetector, on_picture
+from kgdfa.augmentation import StillDetector, to_image
 from kgdfa.hand import FloatArray, Hand
 from kgdfa.preprocess import Image, as_bgr8
-from kgdfa.redetection import SEARCH, Glance, glance_at
+from kgdfa.redetection import REDETECTION_VIEWS, View, render_view
 
 NO_HAND = "none:nohand"
 EDGE_ON = 0.6  # a palm seen edge on is taken to be this share of its length wide
@@ -28,7 +28,7 @@ TIMED_RUNS = 15
 class GlanceWorth:
     """One glance: right and wrong hands among the pictures that the plain one missed, hands where there is none."""
 
-    glance: Glance
+    view: View
     right: int
     wrong: int
     false_hands: int
@@ -65,26 +65,26 @@ def measure_glances(
     detector: StillDetector, missed: list[tuple[Image, FloatArray]], empty: list[Image]
 ) -> list[GlanceWorth]:
     """Each glance of the search, in its order; the plain one, which is among them, finds none of the missed."""
-    return [_worth(detector, glance, missed, empty) for glance in SEARCH]
+    return [_worth(detector, view, missed, empty) for view in REDETECTION_VIEWS]
 
 
 def _worth(
-    detector: StillDetector, glance: Glance, missed: list[tuple[Image, FloatArray]], empty: list[Image]
+    detector: StillDetector, view: View, missed: list[tuple[Image, FloatArray]], empty: list[Image]
 ) -> GlanceWorth:
-    errors = [_error(hand, truth) for image, truth in missed if (hand := _glanced(detector, image, glance))]
+    errors = [_error(hand, truth) for image, truth in missed if (hand := _detected_in_view(detector, image, view))]
     return GlanceWorth(
-        glance=glance,
+        view=view,
         right=sum(error < RIGHT_ANCHORS for error in errors),
         wrong=sum(error >= RIGHT_ANCHORS for error in errors),
-        false_hands=sum(_glanced(detector, image, glance) is not None for image in empty),
-        cost_ms=_cost_ms(glance),
+        false_hands=sum(_detected_in_view(detector, image, view) is not None for image in empty),
+        cost_ms=_cost_ms(view),
     )
 
 
-def _glanced(detector: StillDetector, image: Image, glance: Glance) -> Hand | None:
-    shown, transform = glance_at(image, glance)
+def _detected_in_view(detector: StillDetector, image: Image, view: View) -> Hand | None:
+    shown, transform = render_view(image, view)
     hands = detector.detect(shown)
-    return on_picture(hands[0], transform) if hands else None
+    return to_image(hands[0], transform) if hands else None
 
 
 def _error(hand: Hand, truth_px: FloatArray) -> float:
@@ -93,11 +93,11 @@ def _error(hand: Hand, truth_px: FloatArray) -> float:
     return float(np.linalg.norm(hand.image_px - truth_px, axis=1).mean()) / max(across, EDGE_ON * along)
 
 
-def _cost_ms(glance: Glance) -> float:
+def _cost_ms(view: View) -> float:
     image = np.random.default_rng(0).integers(0, 255, (720, 1280, 3), dtype=np.uint8)
     spent = []
     for _ in range(TIMED_RUNS):
         start = time.perf_counter()
-        glance_at(image, glance)
+        render_view(image, view)
         spent.append(1000 * (time.perf_counter() - start))
     return float(np.median(spent))

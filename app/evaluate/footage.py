@@ -22,7 +22,7 @@ from kgdfa.preprocess import Image
 
 _COLUMNS = ["frame", "label"]
 _PALM_WIDTH_M = 0.0825  # between the two populations' means; gestures don't depend on it, only where a press is
-_ANCHOR_PER_PALM_WIDTH = 0.75  # the paper's H: palm width less one finger of a quarter of it
+_REFERENCE_OF_PALM = 0.75  # the paper's H: palm width less one finger of a quarter of it
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -31,7 +31,7 @@ class Footage:
 
     labels: tuple[str, ...]
     focal_px: float
-    anchor_m: float
+    reference_m: float
     period_ns: int
     frames: Callable[[], Iterator[Image]]
 
@@ -45,7 +45,7 @@ def read_footage(where: Path, labels: Path | None = None) -> Footage:
         return Footage(
             labels=tuple(frame.label for frame in listed),
             focal_px=listed[0].focal_px,
-            anchor_m=listed[0].anchor_m,
+            reference_m=listed[0].reference_m,
             period_ns=PERIOD_NS,
             frames=lambda: pictures(listed),
         )
@@ -57,7 +57,7 @@ def _read_video(where: Path, table: Path) -> Footage:
     return Footage(
         labels=_spread(table, _read_table(table), count),
         focal_px=ASSUMED_FOCAL_PER_WIDTH * width_px,
-        anchor_m=_ANCHOR_PER_PALM_WIDTH * _PALM_WIDTH_M,
+        reference_m=_REFERENCE_OF_PALM * _PALM_WIDTH_M,
         period_ns=round(1e9 / rate_hz) if rate_hz > 0 else PERIOD_NS,
         frames=lambda: _video_frames(where),
     )

@@ -35,7 +35,7 @@ class PublishedJudge:
 
     def judge(self, hands: Sequence[Hand]) -> tuple[Verdict, FloatArray]:
         """Table 2 on the first hand."""
-        return self._rules.judge(hands[0]), self._rules.score(hands[0])
+        return self._rules.classify(hands[0]), self._rules.predict_proba(hands[0])
 
 
 class RobustJudge:
@@ -49,7 +49,7 @@ class RobustJudge:
 
     def judge(self, hands: Sequence[Hand]) -> tuple[Verdict, FloatArray]:
         """The mean over the looks (the first `looks`, if said)."""
-        return self._rules.weigh_looks(hands[: self._looks])
+        return self._rules.classify_augmented(hands[: self._looks])
 
 
 def judge_all(seen: Sequence[SeenPhoto], judge: PhotoJudge) -> list[Judged]:

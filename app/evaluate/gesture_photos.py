@@ -14,7 +14,7 @@ from pathlib import Path
 import cv2
 
 from app.system.errors import AppError
-from kgdfa.augmentation import SECOND_THRESHOLD, StillDetector, see_photo
+from kgdfa.augmentation import FALLBACK_THRESHOLD, StillDetector, detect_photo
 from kgdfa.errors import KgdfaError
 from kgdfa.gesture import Gesture
 from kgdfa.hand import Hand
@@ -102,7 +102,7 @@ class PhotoLooker:
             return SeenPhoto(photo=photo, hands=(), error="no picture, or one that can't be read")
         detector, eager = self._detectors()
         try:
-            return SeenPhoto(photo=photo, hands=see_photo(detector, eager, self._prepare(image)))
+            return SeenPhoto(photo=photo, hands=detect_photo(detector, eager, self._prepare(image)))
         except KgdfaError as error:
             return SeenPhoto(photo=photo, hands=(), error=str(error))
 
@@ -110,7 +110,7 @@ class PhotoLooker:
         from kgdfa.keypoints import HandDetector
 
         if not hasattr(self._own, "pair"):
-            low = SECOND_THRESHOLD
+            low = FALLBACK_THRESHOLD
             eager = HandDetector(self._model, still=True, max_hands=2, min_detection=low, min_presence=low)
             plain = HandDetector(self._model, still=True, max_hands=2)
             self._own.pair = (plain, eager)

@@ -94,7 +94,7 @@ def _residual(hand: Hand, scene: Scene) -> tuple[FloatArray, FloatArray]:
     image_px, world_m, facing_px = _truth(scene)
     upright = _roll(image_px).T
     image = (hand.image_px - image_px) @ upright.T / facing_px
-    world = (hand.world_m - world_m) / scene.person.shape.anchor_m
+    world = (hand.world_m - world_m) / scene.person.shape.reference_m
     world[:, :2] = world[:, :2] @ upright.T
     return image, world
 
@@ -116,7 +116,7 @@ def _truth(scene: Scene) -> tuple[FloatArray, FloatArray, float]:
     joints = keypoints_m(scene)
     assert joints is not None
     away_m = float(joints[[Keypoint.INDEX_MCP, Keypoint.PINKY_MCP], 2].mean())
-    facing_px = scene.lens.fx_px * scene.person.shape.anchor_m / away_m
+    facing_px = scene.lens.fx_px * scene.person.shape.reference_m / away_m
     return project_px(joints, scene.lens), joints - joints.mean(axis=0), facing_px
 
 
@@ -163,7 +163,7 @@ def _noisy(scene: Scene, noise: NoiseClip, index: int) -> Hand | None:
     world[:, :2] = world[:, :2] @ turned.T
     return Hand(
         image_px=image_px + noise.image[row] @ turned.T * facing_px,
-        world_m=world_m + world * scene.person.shape.anchor_m,
+        world_m=world_m + world * scene.person.shape.reference_m,
         presence=0.9,
         side=Side.RIGHT,
         tracked=index > 0,

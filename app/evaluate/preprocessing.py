@@ -19,7 +19,7 @@ from app.evaluate.digital_hands import digital_scenes, picture
 from app.evaluate.gesture_judge import RobustJudge, judge_photo
 from app.evaluate.gesture_measures import NONE, Judged
 from app.evaluate.gesture_photos import Photo, SeenPhoto
-from kgdfa.augmentation import FIRST_LOOKS, Look, StillDetector, see
+from kgdfa.augmentation import AUGMENTATIONS, Augmentation, StillDetector, detect_augmented
 from kgdfa.preprocess import PREPARATIONS, Image, Prepare, as_bgr8
 
 Spoil = Callable[[Image, int], Image]
@@ -28,7 +28,7 @@ DARK_SHARE, DARK_SD = 0.12, 4.0  # of the light that is left, and the sensor's n
 NOISE_SD = 28.0  # grey levels, as at the highest gain of a webcam
 BLUR_SHARE = 0.06  # of the picture's longer side a moving hand is smeared over
 TIMED_SHAPE, TIMED_RUNS = (720, 1280, 3), 15
-_UNTURNED = Look(border=0.0, size_px=1280)  # the digital hand has room around it
+_UNTURNED = Augmentation(border=0.0, size_px=1280)  # the digital hand has room around it
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -74,22 +74,24 @@ def _noisy(image: NDArray[np.float32], seed: int, sd: float) -> Image:
 SPOILS: dict[str, Spoil] = {"as it is": _as_it_is, "dark": _dark, "noise": _grainy, "blur": _blurred}
 
 
-def photo_pictures(photos: Sequence[Photo], directory: Path) -> Iterator[tuple[Photo, Image, Look]]:
+def photo_pictures(photos: Sequence[Photo], directory: Path) -> Iterator[tuple[Photo, Image, Augmentation]]:
     """Photos that can be read, and how to look at them."""
     for photo in photos:
         image = cv2.imread(str(directory / photo.path), cv2.IMREAD_UNCHANGED)
         if image is not None:
-            yield photo, as_bgr8(image), FIRST_LOOKS[0]
+            yield photo, as_bgr8(image), AUGMENTATIONS[0]
 
 
-def digital_pictures(per_pose: int, first_seed: int) -> Iterator[tuple[Photo, Image, Look]]:
+def digital_pictures(per_pose: int, first_seed: int) -> Iterator[tuple[Photo, Image, Augmentation]]:
     """Digital hands, and how to look at them."""
     for photo, scene, seed in digital_scenes(per_pose, first_seed):
         yield photo, picture(scene, seed), _UNTURNED
 
 
 def measure_worth(
-    pictures: Iterator[tuple[Photo, Image, Look]], detector: StillDetector, tell: Callable[[], None] = lambda: None
+    pictures: Iterator[tuple[Photo, Image, Augmentation]],
+    detector: StillDetector,
+    tell: Callable[[], None] = lambda: None,
 ) -> list[Worth]:
     """Every way to spoil with every preparation; `tell` is called after each picture."""
     judge = RobustJudge()
@@ -98,7 +100,7 @@ def measure_worth(
         for bad, spoil in SPOILS.items():
             spoilt = spoil(image, seed)
             for good, prepare in PREPARATIONS.items():
-                hand = see(detector, prepare(spoilt), how)
+                hand = detect_augmented(detector, prepare(spoilt), how)
                 hands = () if hand is None else (hand,)
                 judged[bad, good].append(judge_photo(SeenPhoto(photo=photo, hands=hands), judge))
         tell()

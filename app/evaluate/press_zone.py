@@ -96,7 +96,7 @@ def steps(hands: int) -> int:
 def zone_of(person: Person, lens: Intrinsics) -> PressZone:
     """What the program would propose for this person and lens."""
     return press_zone(
-        focal_px=lens.fx_px, width_px=lens.width_px, height_px=lens.height_px, anchor_m=person.shape.anchor_m
+        focal_px=lens.fx_px, width_px=lens.width_px, height_px=lens.height_px, reference_m=person.shape.reference_m
     )
 
 
@@ -178,4 +178,4 @@ _LOOKS: dict[str, Callable[[Watcher, ImageArray], tuple[Hand, ...]]] = {
 
 def _ratio(hand: Hand, wanted: Approach, true_m: float) -> float:
     """Eq. 4 against the truth."""
-    return wanted.lens.fx_px * wanted.person.shape.anchor_m / max(hand.anchor_px, 1.0) / true_m
+    return wanted.lens.fx_px * wanted.person.shape.reference_m / max(hand.reference_px, 1.0) / true_m

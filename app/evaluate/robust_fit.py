@@ -247,18 +247,18 @@ def _member(
 ) -> MLPClassifier:
     """One perceptron, on examples drawn anew by their weights, with features blanked at random."""
     centre, spread = squashing
-    squashed = np.tanh((examples.values - centre) / spread).astype(np.float32)  # as the model is stored; twice as fast
+    normalized = np.tanh((examples.values - centre) / spread).astype(np.float32)  # as stored; twice as fast
     labels, weights = examples.labels, examples.weights
     random = np.random.default_rng(seed)
     drawn = random.choice(len(labels), len(labels), p=weights / weights.sum())
-    seen = squashed[drawn] * (random.random(squashed.shape) >= DROPOUT)
+    seen = normalized[drawn] * (random.random(normalized.shape) >= DROPOUT)
     wanted = np.array([classes.index(label) for label in labels[drawn]])
     noisy = random.random(len(wanted)) < WRONG_LABELS
     wanted[noisy] = random.integers(len(classes), size=int(noisy.sum()))
     missing = sorted(set(range(len(classes))) - set(wanted))
     if missing:  # a class so rare that it was never drawn: show it once
         first = [int(np.flatnonzero(labels == classes[k])[0]) for k in missing]
-        seen, wanted = np.vstack([seen, squashed[first]]), np.concatenate([wanted, missing])
+        seen, wanted = np.vstack([seen, normalized[first]]), np.concatenate([wanted, missing])
     net = MLPClassifier((HIDDEN,), alpha=PENALTY, max_iter=EPOCHS, batch_size=256, random_state=seed)
     net.n_iter_no_change = EPOCHS
     _fit_quietly(net, seen, wanted)

@@ -26,7 +26,7 @@ class LabelledFrame:
     path: Path
     label: str
     focal_px: float
-    anchor_m: float
+    reference_m: float
 
 
 def read_frames(where: Path) -> list[LabelledFrame]:
@@ -50,7 +50,7 @@ def _frame(file: Path, number: int, row: dict[str, str]) -> LabelledFrame:
             path=file.parent / row["path"],
             label=label,
             focal_px=float(row["fx"]),
-            anchor_m=float(row["anchor_cm"]) / 100,
+            reference_m=float(row["anchor_cm"]) / 100,
         )
     except (KeyError, TypeError, ValueError) as error:
         raise AppError(f"{where}: path, label, anchor_cm and fx are due, and numbers where numbers are.") from error

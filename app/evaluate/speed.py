@@ -27,7 +27,7 @@ from kgdfa.robust import RobustRules
 from kgdfa.robust_distance import RobustRange
 
 WARM_UP = 15  # frames before the clock runs
-ANCHOR_M, THRESHOLD_M = 0.065, 0.20  # of a usual palm, and the paper's: neither costs time
+REFERENCE_M, THRESHOLD_M = 0.065, 0.20  # of a usual palm, and the paper's: neither costs time
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -74,12 +74,12 @@ class _TimedRules:
     watch: Stopwatch
     name: str = RobustRules.name
 
-    def judge(self, hand: Hand) -> Verdict:
+    def classify(self, hand: Hand) -> Verdict:
         with self.watch.running("rules and explanation"):
-            return self.inner.judge(hand)
+            return self.inner.classify(hand)
 
-    def score(self, hand: Hand) -> FloatArray:
-        return self.inner.score(hand)
+    def predict_proba(self, hand: Hand) -> FloatArray:
+        return self.inner.predict_proba(hand)
 
 
 @dataclass(slots=True)
@@ -119,7 +119,7 @@ def measure_speed(
         pipeline = Pipeline(
             detector=_TimedDetector(detector, watch),
             rules=_TimedRules(RobustRules(), watch),
-            range_finder=_TimedRange(RobustRange(focal_px=focal_px, anchor_m=ANCHOR_M), watch),
+            range_finder=_TimedRange(RobustRange(focal_px=focal_px, reference_m=REFERENCE_M), watch),
             place=place,
             prepare=_timed_preparation(watch),
         )

@@ -17,7 +17,7 @@ from threading import Barrier, BrokenBarrierError
 import cv2
 
 from app.evaluate.sequence import PERIOD_NS, pictures, read_frames
-from app.evaluate.speed import ANCHOR_M, THRESHOLD_M, WARM_UP
+from app.evaluate.speed import REFERENCE_M, THRESHOLD_M, WARM_UP
 from app.system.errors import AppError
 from kgdfa.button import ButtonPlace
 from kgdfa.pipeline import Picture, Pipeline
@@ -81,7 +81,7 @@ def _run(directory: Path | None, count: int, model: Path, together: Barrier) -> 
     height, width = images[0].shape[:2]
     place = ButtonPlace.in_the_middle(width, height, THRESHOLD_M)
     with live_detector(model) as detector:
-        finder = RobustRange(focal_px=focal_px, anchor_m=ANCHOR_M)
+        finder = RobustRange(focal_px=focal_px, reference_m=REFERENCE_M)
         pipeline = Pipeline(
             detector=detector, rules=RobustRules(), range_finder=finder, place=place, prepare=AsNeeded()
         )

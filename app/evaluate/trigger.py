@@ -214,12 +214,12 @@ def chain(
     mode: str, person: Person, lens: Intrinsics, detector: Detector, threshold_m: float = THRESHOLD_M
 ) -> Pipeline:
     """The mode's whole chain for a person whose palm is known by ruler."""
-    anchor_m, centre_px = person.shape.anchor_m, (lens.cx_px, lens.cy_px)
+    reference_m, centre_px = person.shape.reference_m, (lens.cx_px, lens.cy_px)
     finder = PublishedRange if mode == "published" else RobustRange
     return Pipeline(
         detector=detector,
         rules=PublishedRules() if mode == "published" else RobustRules(),
-        range_finder=finder(focal_px=lens.fx_px, anchor_m=anchor_m, centre_px=centre_px),
+        range_finder=finder(focal_px=lens.fx_px, reference_m=reference_m, centre_px=centre_px),
         place=ButtonPlace.in_the_middle(lens.width_px, lens.height_px, threshold_m),
         mode=ButtonMode(mode),
         depth_finder=DepthRange(mode=mode),

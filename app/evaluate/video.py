@@ -40,7 +40,7 @@ def run_sequence(
     """The whole chain over labelled footage, at its own rate."""
     from kgdfa.keypoints import live_detector
 
-    finder = RobustRange(focal_px=footage.focal_px, anchor_m=footage.anchor_m)
+    finder = RobustRange(focal_px=footage.focal_px, reference_m=footage.reference_m)
     reports = []
     with live_detector(model) as detector:
         pipeline = Pipeline(detector=detector, rules=rules, range_finder=finder, place=PLACE, prepare=AsNeeded())

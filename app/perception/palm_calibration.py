@@ -10,7 +10,7 @@ from app.system.errors import AppError
 from hal.cameras.camera import Camera, Frame, Intrinsics
 from kgdfa.pipeline import Detector
 from kgdfa.robust_distance import RobustRange
-from profiles.palm import Calibrated, anchor, calibrate
+from profiles.palm import Calibrated, calibrate, reference_segment
 from profiles.schema import Profile
 
 WANTED_SAMPLES = 45
@@ -31,9 +31,9 @@ class PalmSampler:
     _lens: Intrinsics | None = None
 
     @property
-    def provisional_anchor_m(self) -> float:
+    def provisional_reference_m(self) -> float:
         """What the profile knows of the palm without this camera."""
-        return anchor(self.profile).length_m
+        return reference_segment(self.profile).length_m
 
     @property
     def enough(self) -> bool:
@@ -46,7 +46,7 @@ class PalmSampler:
             self._lens = frame.intrinsics
             self._finder = RobustRange(
                 focal_px=self._lens.fx_px,
-                anchor_m=self.provisional_anchor_m,
+                reference_m=self.provisional_reference_m,
                 centre_px=(self._lens.cx_px, self._lens.cy_px),
                 distortion=(self._lens.k1, self._lens.k2),
             )
@@ -70,7 +70,7 @@ class PalmSampler:
             width_px=self._lens.width_px if self._lens else 0,
             distance_m=distance_m,
             measured_m=self.samples_m,
-            provisional_anchor_m=self.provisional_anchor_m,
+            provisional_reference_m=self.provisional_reference_m,
             at=at,
         )
 

@@ -23,7 +23,7 @@ from kgdfa.published import PublishedRules
 from kgdfa.robust import RobustRules
 from kgdfa.robust_distance import RobustRange
 from logs import records
-from profiles.palm import Anchor, anchor
+from profiles.palm import ReferenceSegment, reference_segment
 
 if TYPE_CHECKING:
     from kgdfa.keypoints import HandDetector
@@ -62,7 +62,7 @@ def make_pipeline(setup: SessionSetup, detector: Detector, frame: Frame, camera:
     config = setup.config
     finder: RangeFinder = RANGES[config.button.mode](
         focal_px=frame.intrinsics.fx_px,
-        anchor_m=anchor_for(setup, frame, camera).length_m,
+        reference_m=reference_for(setup, frame, camera).length_m,
         centre_px=(frame.intrinsics.cx_px, frame.intrinsics.cy_px),
         distortion=(frame.intrinsics.k1, frame.intrinsics.k2),
     )
@@ -92,10 +92,10 @@ def make_place(setup: SessionSetup, frame: Frame) -> ButtonPlace:
     )
 
 
-def anchor_for(setup: SessionSetup, frame: Frame, camera: str) -> Anchor:
+def reference_for(setup: SessionSetup, frame: Frame, camera: str) -> ReferenceSegment:
     """The patient's palm anchor before this camera."""
     seen = frame.intrinsics
-    return anchor(setup.profile, camera=camera, focal_px=seen.fx_px, width_px=seen.width_px)
+    return reference_segment(setup.profile, camera=camera, focal_px=seen.fx_px, width_px=seen.width_px)
 
 
 def press_range(setup: SessionSetup, frame: Frame, camera: str) -> PressRange:
@@ -105,7 +105,7 @@ def press_range(setup: SessionSetup, frame: Frame, camera: str) -> PressRange:
         focal_px=seen.fx_px,
         width_px=seen.width_px,
         height_px=seen.height_px,
-        anchor_m=anchor_for(setup, frame, camera).length_m,
+        reference_m=reference_for(setup, frame, camera).length_m,
     )
     return PressRange(
         followed_from_m=zone.followed_from_m,
@@ -126,7 +126,7 @@ def zone_hint(setup: SessionSetup, zone: PressRange) -> str:
 
 def camera_records(setup: SessionSetup, camera: Camera, frame: Frame) -> tuple[records.Camera, records.Calibration]:
     """What the trail must know of the camera and of the anchor in use."""
-    seen, palm = frame.intrinsics, anchor_for(setup, frame, camera.name)
+    seen, palm = frame.intrinsics, reference_for(setup, frame, camera.name)
     return (
         records.Camera(
             camera=camera.name,

@@ -9,14 +9,14 @@ from hypothesis import strategies as st
 
 from hal.minimum_jerk import minimum_jerk
 from kgdfa.button import GAP_FRAMES
-from kgdfa.distance import CONFIRM_FRAMES, HALF_PALM_M, Distance, JumpGuard, PublishedRange, accept
+from kgdfa.distance import CONFIRM_FRAMES, HALF_PALM_M, Distance, OutlierState, PublishedRange, accept_distance
 from kgdfa.errors import KgdfaError
 from kgdfa.hand import FloatArray, Hand, Side
-from kgdfa.robust_distance import ANCHOR_HOLDS_M, RIGID, SHAPE, RobustRange, view_palm
+from kgdfa.robust_distance import REFERENCE_HOLDS_M, RIGID, SHAPE, RobustRange, view_palm
 
 FOCAL_PX = 900.0
 CENTRE_PX = (640.0, 360.0)
-ANCHOR_M = 0.06
+REFERENCE_M = 0.06
 FRAME_NS = 33_333_333
 
 
@@ -30,7 +30,7 @@ def palm_m(left: bool = False) -> FloatArray:
     flat[0, :2] = SHAPE[0]
     for joint in range(1, 5):
         flat[joint, :2] = (0.4 + 0.15 * joint, 1.2 - 0.25 * joint)
-    return flat * (-ANCHOR_M if left else ANCHOR_M, ANCHOR_M, ANCHOR_M)
+    return flat * (-REFERENCE_M if left else REFERENCE_M, REFERENCE_M, REFERENCE_M)
 
 
 def turned(pitch: float, yaw: float, roll: float) -> FloatArray:
@@ -68,8 +68,8 @@ def seen(
     )
 
 
-def robust(anchor_m: float = ANCHOR_M) -> RobustRange:
-    return RobustRange(focal_px=FOCAL_PX, anchor_m=anchor_m, centre_px=CENTRE_PX)
+def robust(reference_m: float = REFERENCE_M) -> RobustRange:
+    return RobustRange(focal_px=FOCAL_PX, reference_m=reference_m, centre_px=CENTRE_PX)
 
 
 def measured(finder: RobustRange | PublishedRange, hand: Hand, at_ns: int = FRAME_NS) -> Distance:
@@ -80,12 +80,12 @@ def measured(finder: RobustRange | PublishedRange, hand: Hand, at_ns: int = FRAM
 
 def skin_m(joints_m: float) -> float:
     """Where an anchor that holds at ANCHOR_HOLDS_M sees the skin of a palm whose joints are that far."""
-    return (joints_m - HALF_PALM_M) / (1 - HALF_PALM_M / ANCHOR_HOLDS_M)
+    return (joints_m - HALF_PALM_M) / (1 - HALF_PALM_M / REFERENCE_HOLDS_M)
 
 
 @given(distance_m=st.floats(0.1, 1.0))
 def test_a_facing_palm_is_measured_by_both(distance_m: float) -> None:
-    published = PublishedRange(focal_px=FOCAL_PX, anchor_m=ANCHOR_M)
+    published = PublishedRange(focal_px=FOCAL_PX, reference_m=REFERENCE_M)
     assert measured(published, seen(distance_m)).shown_m == pytest.approx(distance_m, rel=0.02)
     assert measured(robust(), seen(skin_m(distance_m))).shown_m == pytest.approx(distance_m, rel=0.02)
 
@@ -120,7 +120,7 @@ def test_a_hand_off_the_axis_is_measured_along_its_ray(pitch: float, x: float, y
 
 
 def test_published_reads_a_tilted_hand_far_as_the_paper_says() -> None:
-    published = PublishedRange(focal_px=FOCAL_PX, anchor_m=ANCHOR_M)
+    published = PublishedRange(focal_px=FOCAL_PX, reference_m=REFERENCE_M)
     near_cosine = measured(published, seen(0.4, turn=(0.0, math.radians(40), 0.0)))
     assert near_cosine.shown_m == pytest.approx(0.4 / math.cos(math.radians(40)), rel=0.02)
 
@@ -161,7 +161,7 @@ def test_a_bent_lens_costs_nothing_once_its_distortion_is_known(x: float, k1: fl
         image_px=flat * (1 + k1 * (flat**2).sum(axis=1, keepdims=True)) * FOCAL_PX + CENTRE_PX,
         world_m=straight.world_m, presence=0.9, side=Side.RIGHT,
     )  # fmt: skip
-    knowing = RobustRange(focal_px=FOCAL_PX, anchor_m=ANCHOR_M, centre_px=CENTRE_PX, distortion=(k1, 0.0))
+    knowing = RobustRange(focal_px=FOCAL_PX, reference_m=REFERENCE_M, centre_px=CENTRE_PX, distortion=(k1, 0.0))
     assert measured(knowing, bent).shown_m == pytest.approx(measured(robust(), straight).shown_m, rel=0.003)
 
 
@@ -200,11 +200,11 @@ def test_a_jump_that_no_hand_can_make_is_no_measurement_until_it_has_stayed(befo
 @given(st.floats(0.0, 1.0))
 def test_the_fastest_push_is_no_jump(phase: float) -> None:
     """0.3 s from 36 cm to 14.5 and back, minimum jerk, sampled at any phase of the camera."""
-    guard = JumpGuard()
+    state = OutlierState()
     for frame in range(12):
         share = 1 - abs(min(2.0, max(0.0, (frame + phase - 1) * FRAME_NS / 0.15e9)) - 1)
         distance_m = 0.36 - 0.215 * minimum_jerk(share)
-        guard, believed = accept(guard, distance_m, (frame + 1) * FRAME_NS)
+        state, believed = accept_distance(state, distance_m, (frame + 1) * FRAME_NS)
         assert believed
 
 
@@ -253,10 +253,10 @@ def test_keypoints_that_are_no_palm_give_no_distance() -> None:
     ],
 )
 def test_what_is_no_camera_or_no_palm_is_refused_by_name(
-    make: type[PublishedRange] | type[RobustRange], focal_px: float, anchor_m: float, says: str
+    make: type[PublishedRange] | type[RobustRange], focal_px: float, reference_m: float, says: str
 ) -> None:
     with pytest.raises(KgdfaError, match=says):
-        make(focal_px=focal_px, anchor_m=anchor_m)
+        make(focal_px=focal_px, reference_m=reference_m)
 
 
 @given(tilt=st.floats(0, 1.0), roll=st.floats(-3, 3), stretch=st.floats(0.05, 5))

@@ -33,7 +33,7 @@ def run(frames: Sequence[tuple[Hand, ...]]) -> list[Report]:
     pipeline = Pipeline(
         detector=Told(frames),
         rules=PublishedRules(),
-        range_finder=RobustRange(focal_px=650.0, anchor_m=0.065),
+        range_finder=RobustRange(focal_px=650.0, reference_m=0.065),
         place=PLACE,
     )
     pictures = [Picture(image_bgr=BLACK, captured_ns=(k + 1) * 33_000_000) for k in range(len(frames))]

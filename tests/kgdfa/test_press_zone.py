@@ -30,8 +30,8 @@ class Marker:
 
 
 def test_the_issue_s_two_lenses() -> None:
-    wide = press_zone(focal_px=650, width_px=1280, height_px=720, anchor_m=0.0615)
-    narrow = press_zone(focal_px=950, width_px=1280, height_px=720, anchor_m=0.0615)
+    wide = press_zone(focal_px=650, width_px=1280, height_px=720, reference_m=0.0615)
+    narrow = press_zone(focal_px=950, width_px=1280, height_px=720, reference_m=0.0615)
     assert wide.threshold_m == LEAST_THRESHOLD_M
     assert narrow.threshold_m > LEAST_THRESHOLD_M
     assert narrow.possible
@@ -40,9 +40,9 @@ def test_the_issue_s_two_lenses() -> None:
     assert "proposed threshold 20 cm" in wide.sentence
 
 
-@given(focal_px=st.floats(200, 3000), anchor_m=st.floats(0.03, 0.12), height_px=st.integers(240, 2160))
-def test_the_proposed_threshold_leaves_room_on_both_sides(focal_px: float, anchor_m: float, height_px: int) -> None:
-    zone = press_zone(focal_px=focal_px, width_px=4000, height_px=height_px, anchor_m=anchor_m)
+@given(focal_px=st.floats(200, 3000), reference_m=st.floats(0.03, 0.12), height_px=st.integers(240, 2160))
+def test_the_proposed_threshold_leaves_room_on_both_sides(focal_px: float, reference_m: float, height_px: int) -> None:
+    zone = press_zone(focal_px=focal_px, width_px=4000, height_px=height_px, reference_m=reference_m)
     assert zone.threshold_m > zone.followed_from_m
     assert zone.rest_beyond_m > zone.threshold_m
     assert zone.whole_from_m > zone.followed_from_m
@@ -50,7 +50,7 @@ def test_the_proposed_threshold_leaves_room_on_both_sides(focal_px: float, ancho
 
 
 def test_a_lens_too_long_for_any_press_is_told() -> None:
-    zone = press_zone(focal_px=2500, width_px=1280, height_px=720, anchor_m=0.0615)
+    zone = press_zone(focal_px=2500, width_px=1280, height_px=720, reference_m=0.0615)
     assert not zone.possible
     assert "wider lens" in zone.sentence
 
@@ -58,9 +58,9 @@ def test_a_lens_too_long_for_any_press_is_told() -> None:
 @pytest.mark.parametrize(
     ("focal_px", "width_px", "anchor_m"), [(0, 1280, 0.06), (900, 0, 0.06), (900, -1, 0.06), (900, 1280, 0.2)]
 )
-def test_what_is_no_camera_or_palm_is_refused(focal_px: float, width_px: int, anchor_m: float) -> None:
+def test_what_is_no_camera_or_palm_is_refused(focal_px: float, width_px: int, reference_m: float) -> None:
     with pytest.raises(KgdfaError):
-        press_zone(focal_px=focal_px, width_px=width_px, height_px=720, anchor_m=anchor_m)
+        press_zone(focal_px=focal_px, width_px=width_px, height_px=720, reference_m=reference_m)
 
 
 def test_a_hand_is_cut_off_when_any_keypoint_is_out() -> None:

@@ -25,7 +25,7 @@ def satisfying(row: Row) -> Measures:
     return Measures(
         depths_px=np.stack([depths if row.outside is None else np.full(5, -20.0), depths]),
         angles_deg=np.where(opened, limits + 5, limits - 5),
-        anchor_px=100.0,
+        reference_px=100.0,
         lengths=np.array([0.0, 150.0, 150.0, 1.5]),
     )
 
@@ -42,7 +42,7 @@ def holds(measures: Measures, row: Row) -> bool:
 
 @pytest.mark.parametrize("gesture", list(Gesture))
 def test_every_row_accepts_its_own_drawn_hand(gesture: Gesture) -> None:
-    verdict = RULES.judge(drawn_hand(STATES[gesture]))
+    verdict = RULES.classify(drawn_hand(STATES[gesture]))
     assert verdict.gesture is gesture
     assert verdict.confidence >= 0.5
     assert verdict.explanation.startswith(f"{gesture.value}: ")
@@ -50,7 +50,7 @@ def test_every_row_accepts_its_own_drawn_hand(gesture: Gesture) -> None:
 
 def test_every_other_combination_of_fingers_is_none() -> None:
     for fingers in map("".join, product("of", repeat=5)):
-        verdict = RULES.judge(drawn_hand(fingers))
+        verdict = RULES.classify(drawn_hand(fingers))
         named = {states: gesture for gesture, states in STATES.items()}
         assert verdict.gesture is named.get(fingers), fingers
 
@@ -107,13 +107,13 @@ def test_the_explanation_names_the_constraint_that_failed() -> None:
             broken = replace(measures, angles_deg=changed(measures.angles_deg, int(finger), wrong))
             held = check(broken).holds[ROW[row.gesture]]
             assert [int(column) for column in np.flatnonzero(~held)] == [5 + finger]
-    thumb = RULES.judge(drawn_hand("fofff"))
+    thumb = RULES.classify(drawn_hand("fofff"))
     assert re.search(r"1: closest call \w+", thumb.explanation)
 
 
 def test_pixels_are_literal_so_a_distant_hand_is_no_eight() -> None:
-    assert RULES.judge(drawn_hand("oofff")).gesture is Gesture.EIGHT
-    far = RULES.judge(drawn_hand("oofff", scale=0.4))
+    assert RULES.classify(drawn_hand("oofff")).gesture is Gesture.EIGHT
+    far = RULES.classify(drawn_hand("oofff", scale=0.4))
     assert far.gesture is None
     assert far.explanation.startswith("not 8: tips 4 and 8 apart")
     assert "≤ 100 px" in far.explanation

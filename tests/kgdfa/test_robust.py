@@ -35,13 +35,13 @@ def true_hand(pose: str, turn_rad: tuple[float, float, float] = (0.0, 0.0, 0.0))
 
 @pytest.mark.parametrize("gesture", [pose.name for pose in GESTURES])
 def test_every_gesture_of_the_digital_hand_is_told(gesture: str) -> None:
-    verdict = RULES.judge(true_hand(gesture))
+    verdict = RULES.classify(true_hand(gesture))
     assert verdict.gesture is Gesture(gesture), verdict
 
 
 @pytest.mark.parametrize("pose", [pose.name for pose in LOOK_ALIKES])
 def test_look_alikes_are_refused_with_a_reason(pose: str) -> None:
-    verdict = RULES.judge(true_hand(pose))
+    verdict = RULES.classify(true_hand(pose))
     assert verdict.gesture is None, verdict
     assert verdict.nearest is not None
     assert verdict.explanation.startswith(f"not {verdict.nearest.value}: ")
@@ -56,7 +56,7 @@ def test_whatever_the_hand_confidence_is_a_share_and_a_reason_is_given(shake: Fl
         presence=1.0,
         side=Side.LEFT,
     )
-    verdict, scores = RULES.judge(odd), RULES.score(odd)
+    verdict, scores = RULES.classify(odd), RULES.predict_proba(odd)
     assert 0 <= verdict.confidence <= 1
     assert verdict.explanation
     assert scores.shape == (12,)
@@ -73,15 +73,15 @@ def test_the_verdict_does_not_depend_on_the_mirror() -> None:
             presence=1.0,
             side=Side.LEFT,
         )
-        assert RULES.judge(mirrored).gesture is RULES.judge(hand).gesture
+        assert RULES.classify(mirrored).gesture is RULES.classify(hand).gesture
 
 
 def test_a_threshold_never_reached_refuses_everything() -> None:
     model = load_model()
     strict = RobustRules(replace(model, accept=np.full(12, 1.01)))
-    assert all(strict.judge(true_hand(pose.name)).gesture is None for pose in GESTURES)
+    assert all(strict.classify(true_hand(pose.name)).gesture is None for pose in GESTURES)
     torn = RobustRules(replace(model, tie=1.01))
-    assert all(torn.judge(true_hand(pose.name)).gesture is None for pose in GESTURES)
+    assert all(torn.classify(true_hand(pose.name)).gesture is None for pose in GESTURES)
 
 
 def test_a_model_survives_its_file_and_others_are_refused(tmp_path: Path) -> None:

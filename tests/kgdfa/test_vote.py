@@ -3,7 +3,7 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kgdfa.gesture import END_FRAMES, VOTE_FRAMES, Gesture, Verdict, Vote, cast
+from kgdfa.gesture import END_FRAMES, VOTE_FRAMES, Gesture, Verdict, Vote, update_vote
 
 ONE, TWO = Gesture.ONE, Gesture.TWO
 spoken = st.lists(st.sampled_from([None, Gesture.ONE, Gesture.TWO, Gesture.FIVE]), max_size=60)
@@ -18,7 +18,7 @@ def verdict(gesture: Gesture | None) -> Verdict | None:
 def votes(gestures: list[Gesture | None]) -> list[Vote]:
     vote, out = Vote(), []
     for number, gesture in enumerate(gestures):
-        vote = cast(vote, verdict(gesture), number)
+        vote = update_vote(vote, verdict(gesture), number)
         out.append(vote)
     return out
 

@@ -16,7 +16,7 @@ from profiles.anthropometry import (
     stature_percentile,
 )
 from profiles.errors import ProfileError
-from profiles.palm import AnchorSource, Calibrated, anchor, calibrate, palm_estimate, with_calibration
+from profiles.palm import Calibrated, ReferenceSource, calibrate, palm_estimate, reference_segment, with_calibration
 from profiles.schema import Palm, Population, Profile, Sex
 
 AT = datetime(2026, 3, 1, tzinfo=UTC)
@@ -32,7 +32,7 @@ def calibrated(
         width_px=1280,
         distance_m=true_m,
         measured_m=measured_m,
-        provisional_anchor_m=anchor(patient).length_m,
+        provisional_reference_m=reference_segment(patient).length_m,
         at=AT,
     )
 
@@ -65,21 +65,23 @@ def test_ansur2_is_the_published_regression() -> None:
 
 
 def test_measured_wins_over_estimate_and_calibration_over_both(patient: Profile) -> None:
-    assert anchor(patient).source is AnchorSource.ESTIMATED
+    assert reference_segment(patient).source is ReferenceSource.ESTIMATED
     measured = msgspec.structs.replace(patient, palm=Palm(measured_width_m=0.084))
-    assert anchor(measured).length_m == pytest.approx(0.75 * 0.084)
-    assert anchor(measured).source is AnchorSource.MEASURED
+    assert reference_segment(measured).length_m == pytest.approx(0.75 * 0.084)
+    assert reference_segment(measured).source is ReferenceSource.MEASURED
     made = calibrated(measured, measured_m=[0.31] * 30).calibration
     both = with_calibration(measured, made)
-    assert anchor(both, camera="cam").source is AnchorSource.CALIBRATED
-    assert anchor(both, camera="another").source is AnchorSource.MEASURED
-    assert anchor(both, camera="cam").sd_m < anchor(measured).sd_m < anchor(patient).sd_m
+    assert reference_segment(both, camera="cam").source is ReferenceSource.CALIBRATED
+    assert reference_segment(both, camera="another").source is ReferenceSource.MEASURED
+    assert (
+        reference_segment(both, camera="cam").sd_m < reference_segment(measured).sd_m < reference_segment(patient).sd_m
+    )
 
 
 def test_calibration_makes_the_distance_right(patient: Profile) -> None:
     made = calibrated(patient, measured_m=[0.33, 0.34, 0.32] * 10, true_m=0.30)
-    assert made.anchor_m == pytest.approx(anchor(patient).length_m * 0.30 / 0.33)
-    assert made.calibration.focal_anchor_px_m == pytest.approx(950 * made.anchor_m)
+    assert made.reference_m == pytest.approx(reference_segment(patient).length_m * 0.30 / 0.33)
+    assert made.calibration.focal_anchor_px_m == pytest.approx(950 * made.reference_m)
     assert made.calibration.residual > 0.01
 
 
@@ -91,10 +93,10 @@ def test_a_new_calibration_takes_the_place_of_the_old_one(patient: Profile) -> N
 
 def test_a_calibration_holds_for_another_resolution_and_another_word_on_the_focal_length(patient: Profile) -> None:
     known = with_calibration(patient, calibrated(patient, measured_m=[0.30] * 30).calibration)
-    length_m = anchor(known, camera="cam").length_m
-    half = anchor(known, camera="cam", focal_px=475.0, width_px=640)
+    length_m = reference_segment(known, camera="cam").length_m
+    half = reference_segment(known, camera="cam", focal_px=475.0, width_px=640)
     assert half.length_m == pytest.approx(length_m)
-    corrected = anchor(known, camera="cam", focal_px=1000.0, width_px=1280)
+    corrected = reference_segment(known, camera="cam", focal_px=1000.0, width_px=1280)
     assert corrected.length_m * 1000 == pytest.approx(length_m * 950)
 
 

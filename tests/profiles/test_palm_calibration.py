@@ -17,14 +17,14 @@ from profiles.schema import Profile
 LENS = Intrinsics(
     width_px=1280, height_px=720, fx_px=900, fy_px=900, cx_px=640, cy_px=360, source=IntrinsicsSource.GIVEN
 )
-TRUE_ANCHOR_M, TRUE_M = 0.065, 0.30
+TRUE_REFERENCE_M, TRUE_M = 0.065, 0.30
 AT = datetime(2026, 3, 1, tzinfo=UTC)
 
 
 def palm(yaw_rad: float = 0.0, lens: Intrinsics = LENS) -> Hand:
     """A flat palm at the true distance, exactly seen."""
     flat = np.zeros((21, 3))
-    flat[list(RIGID), :2] = SHAPE * TRUE_ANCHOR_M
+    flat[list(RIGID), :2] = SHAPE * TRUE_REFERENCE_M
     flat = flat * (np.cos(yaw_rad), 1, 1)
     image_px = flat[:, :2] / TRUE_M * lens.fx_px + (lens.cx_px, lens.cy_px)
     return Hand(image_px=image_px, world_m=flat, presence=1, side=Side.RIGHT)
@@ -63,7 +63,7 @@ def test_a_palm_held_still_is_calibrated(patient: Profile) -> None:
     sampler = sample_palm(patient, Frames(500), Shown(palm()), lambda *_: None)
     assert len(sampler.samples_m) == WANTED_SAMPLES
     made = sampler.solve("grey", TRUE_M, AT)
-    assert made.anchor_m == pytest.approx(TRUE_ANCHOR_M, rel=0.02)
+    assert made.reference_m == pytest.approx(TRUE_REFERENCE_M, rel=0.02)
     assert made.calibration.width_px == 1280
     assert not made.doubt
 

@@ -44,5 +44,5 @@ def finding(
         table.add_column(head, justify="right")
     for one in measured:
         figures = (one.right, one.wrong, one.false_hands, f"{one.cost_ms:.1f}")
-        table.add_row(f"{one.glance.scale:g}", f"{one.glance.turn_deg:g}°", *map(str, figures))
+        table.add_row(f"{one.view.scale:g}", f"{one.view.turn_deg:g}°", *map(str, figures))
     console.print(table)

@@ -143,9 +143,9 @@ class CalibrationScreen(ConsoleScreen):
             app.trail.emit(
                 CalibrationRecord(
                     method="calibrated",
-                    anchor_m=made.anchor_m,
+                    anchor_m=made.reference_m,
                     focal_px=made.calibration.focal_px,
-                    residual_m=made.calibration.residual * made.anchor_m,
+                    residual_m=made.calibration.residual * made.reference_m,
                     text=f"{self._profile.identifier} with {made.calibration.camera}",
                 )
             )
@@ -165,7 +165,7 @@ class CalibrationScreen(ConsoleScreen):
 
 def _result(made: Calibrated) -> str:
     lines = [
-        tr("calibration.anchor", cm=f"{made.anchor_m * 100:.2f}", expected=f"{made.expected.length_m * 100:.2f}"),
+        tr("calibration.anchor", cm=f"{made.reference_m * 100:.2f}", expected=f"{made.expected.length_m * 100:.2f}"),
         tr("calibration.residual", percent=f"{made.calibration.residual * 100:.1f}"),
         f"! {made.doubt}" if made.doubt else tr("calibration.plausible"),
         tr("calibration.keep"),

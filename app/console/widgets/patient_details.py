@@ -7,7 +7,7 @@ from textual.content import Content
 from app.console.session_index import SessionRecord
 from app.console.widgets.panel import Line, plain
 from app.text.catalogue import tr
-from profiles.palm import anchor
+from profiles.palm import reference_segment
 from profiles.schema import Profile
 from profiles.store import Change
 
@@ -26,7 +26,7 @@ def describe(profile: Profile, changes: tuple[Change, ...], sessions: tuple[Sess
 
 def _figures(profile: Profile) -> list[Line]:
     gait, dose = profile.gait, profile.dose
-    known = anchor(profile)
+    known = reference_segment(profile)
     return [
         plain(""),
         plain(

@@ -20,7 +20,7 @@ from hal.errors import HardwareError
 FloatArray = NDArray[np.float64]
 
 JOINTS = 21
-ANCHOR_PER_PALM_WIDTH = 0.75  # the paper's H: palm width less one finger of a quarter of it
+REFERENCE_OF_PALM = 0.75  # the paper's H: palm width less one finger of a quarter of it
 PALM_WIDTH_RANGE_M = (0.05, 0.12)
 FINGER_NAMES = ("index", "middle", "ring", "pinky")
 
@@ -30,7 +30,7 @@ _THUMB_CMC = (0.023, -0.070, 0.009)
 _FINGER_MCP = np.array([(0.031, 0.003, 0.0), (0.0105, 0.007, 0.001), (-0.0095, 0.002, 0.001), (-0.029, -0.010, 0.0)])
 _FINGER_BONES = np.array([(0.043, 0.026, 0.023), (0.047, 0.030, 0.024), (0.043, 0.029, 0.024), (0.034, 0.020, 0.021)])
 _THUMB_BONES = np.array([0.044, 0.034, 0.027])
-_REFERENCE_PALM_M = float(np.linalg.norm(_FINGER_MCP[0] - _FINGER_MCP[3])) / ANCHOR_PER_PALM_WIDTH
+_REFERENCE_PALM_M = float(np.linalg.norm(_FINGER_MCP[0] - _FINGER_MCP[3])) / REFERENCE_OF_PALM
 # A finger's rest direction fans out from the middle one, degrees towards the thumb.
 _FAN_DEG = np.array([4.0, 0.0, -4.0, -9.0])
 
@@ -43,9 +43,9 @@ class HandShape:
     left: bool = False
 
     @property
-    def anchor_m(self) -> float:
+    def reference_m(self) -> float:
         """Length of segment 5-17, exactly three quarters of the palm width."""
-        return ANCHOR_PER_PALM_WIDTH * self.palm_width_m
+        return REFERENCE_OF_PALM * self.palm_width_m
 
     @property
     def scale(self) -> float:

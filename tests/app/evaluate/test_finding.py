@@ -11,7 +11,7 @@ from app.evaluate.finding import empty_rooms, measure_glances, missed_hands, pho
 from app.evaluate.gesture_photos import Photo
 from kgdfa.hand import Hand, Side
 from kgdfa.preprocess import Image
-from kgdfa.redetection import PLAIN, SEARCH
+from kgdfa.redetection import FULL_VIEW, REDETECTION_VIEWS
 from tests.kgdfa.hands import drawn_points
 
 
@@ -46,11 +46,11 @@ def test_hands_in_their_place_elsewhere_and_where_there_is_none_are_counted_apar
     points = drawn_points("ooooo")
     there = points - points[0] + (640, 400)
     missed = [(room(spot=True), there), (room(spot=True), there + np.array([500, 0])), (room(spot=False), there)]
-    measured = {one.glance: one for one in measure_glances(BrightSpot(), missed, [room(spot=True), room(spot=False)])}
-    plain = measured[PLAIN]
+    measured = {one.view: one for one in measure_glances(BrightSpot(), missed, [room(spot=True), room(spot=False)])}
+    plain = measured[FULL_VIEW]
     assert (plain.right, plain.wrong) == (1, 1)
     assert plain.false_hands == 1
-    assert list(measured) == list(SEARCH)
+    assert list(measured) == list(REDETECTION_VIEWS)
 
 
 def test_every_digital_hand_is_missed_by_the_blind_and_its_rooms_are_empty_without_it() -> None:

@@ -5,7 +5,7 @@ import pytest
 
 from app.evaluate.gesture_photos import Photo
 from app.evaluate.preprocessing import SPOILS, cost_ms, measure_worth
-from kgdfa.augmentation import Look
+from kgdfa.augmentation import Augmentation
 from kgdfa.hand import Hand
 from kgdfa.preprocess import PREPARATIONS, Image, denoise
 from tests.kgdfa.hands import drawn_hand
@@ -40,7 +40,10 @@ def test_spoiling_does_what_it_says() -> None:
 
 def test_every_way_to_spoil_is_judged_with_every_preparation() -> None:
     pictures = iter(
-        [(Photo(path="a", label="5"), GREY, Look()), (Photo(path="b", label="none:nohand"), GREY * 0, Look())]
+        [
+            (Photo(path="a", label="5"), GREY, Augmentation()),
+            (Photo(path="b", label="none:nohand"), GREY * 0, Augmentation()),
+        ]
     )
     told: list[int] = []
     found = measure_worth(pictures, NotInTheDark(), lambda: told.append(1))

@@ -3,7 +3,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from kgdfa.augmentation import FIRST_LOOKS, SECOND_LOOKS, Look, see, see_photo, take
+from kgdfa.augmentation import (
+    AUGMENTATIONS,
+    FALLBACK_AUGMENTATIONS,
+    Augmentation,
+    augment,
+    detect_augmented,
+    detect_photo,
+)
 from kgdfa.errors import KgdfaError
 from kgdfa.hand import Hand, Side
 from kgdfa.preprocess import Image, as_bgr8
@@ -58,15 +65,16 @@ def spotted() -> Image:
     return image
 
 
-@pytest.mark.parametrize("look", [*FIRST_LOOKS, *SECOND_LOOKS], ids=str)
-def test_what_any_look_finds_is_told_on_the_picture_itself(look: Look) -> None:
-    hand = see(SpotDetector(), spotted(), look)
+@pytest.mark.parametrize("look", [*AUGMENTATIONS, *FALLBACK_AUGMENTATIONS], ids=str)
+def test_what_any_look_finds_is_told_on_the_picture_itself(augmentation: Augmentation) -> None:
+    hand = detect_augmented(SpotDetector(), spotted(), augmentation)
     assert hand is not None
     assert hand.image_px[0] == pytest.approx((53, 83), abs=4)
 
 
 def test_a_mirrored_look_tells_the_other_side_and_mirrors_space() -> None:
-    plain, mirrored = see(SpotDetector(), spotted(), Look()), see(SpotDetector(), spotted(), Look(mirrored=True))
+    plain = detect_augmented(SpotDetector(), spotted(), Augmentation())
+    mirrored = detect_augmented(SpotDetector(), spotted(), Augmentation(mirrored=True))
     assert plain is not None
     assert mirrored is not None
     assert (plain.side, mirrored.side) == (Side.LEFT, Side.RIGHT)
@@ -75,14 +83,14 @@ def test_a_mirrored_look_tells_the_other_side_and_mirrors_space() -> None:
 
 def test_second_looks_are_taken_only_where_the_first_is_empty() -> None:
     eager = SpotDetector()
-    assert len(see_photo(SpotDetector(), eager, spotted())) == len(FIRST_LOOKS)
+    assert len(detect_photo(SpotDetector(), eager, spotted())) == len(AUGMENTATIONS)
     assert eager.asked == 0
-    assert len(see_photo(SpotDetector(blind=True), eager, spotted())) == 1
+    assert len(detect_photo(SpotDetector(blind=True), eager, spotted())) == 1
     assert eager.asked == 1
-    assert see_photo(SpotDetector(blind=True), SpotDetector(blind=True), spotted()) == ()
+    assert detect_photo(SpotDetector(blind=True), SpotDetector(blind=True), spotted()) == ()
 
 
 def test_a_look_has_the_size_it_says() -> None:
-    shown, transform = take(spotted(), Look(border=0.5, size_px=300))
+    shown, transform = augment(spotted(), Augmentation(border=0.5, size_px=300))
     assert max(shown.shape[:2]) == 300
     assert transform.shape == (2, 3)

@@ -10,19 +10,29 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kgdfa.augmentation import on_picture
+from kgdfa.augmentation import to_image
 from kgdfa.hand import FloatArray, Hand, Side
 from kgdfa.preprocess import Image
-from kgdfa.redetection import LARGEST_PALM, PATIENCE_FRAMES, PLAIN, SEARCH, Glance, Search, Searcher, after, glance_at
+from kgdfa.redetection import (
+    FULL_VIEW,
+    LARGEST_PALM,
+    PATIENCE_FRAMES,
+    REDETECTION_VIEWS,
+    RedetectionState,
+    Redetector,
+    View,
+    next_state,
+    render_view,
+)
 
 PICTURE: Image = np.zeros((360, 640, 3), np.uint8)
-glances = st.builds(Glance, scale=st.floats(0.3, 1.0), turn_deg=st.floats(-90, 90))
+glances = st.builds(View, scale=st.floats(0.3, 1.0), turn_deg=st.floats(-90, 90))
 
 
-def fold(seen: list[bool]) -> list[Search]:
-    states = [Search()]
+def fold(seen: list[bool]) -> list[RedetectionState]:
+    states = [RedetectionState()]
     for found in seen:
-        states.append(after(states[-1], found=found))
+        states.append(next_state(states[-1], found=found))
     return states
 
 
@@ -30,7 +40,7 @@ def fold(seen: list[bool]) -> list[Search]:
 def test_a_glance_changes_only_after_patience_without_a_hand(seen: list[bool]) -> None:
     states = fold(seen)
     for number, (before, now) in enumerate(pairwise(states)):
-        if now.glance != before.glance:
+        if now.view != before.view:
             assert number + 1 >= PATIENCE_FRAMES
             assert not any(seen[number + 1 - PATIENCE_FRAMES : number + 1])
 
@@ -40,38 +50,38 @@ def test_what_found_a_hand_is_kept_while_it_is_found(before: list[bool], frames:
     start = fold(before)[-1]
     held = start
     for _ in range(frames):
-        held = after(held, found=True)
-    assert (held.glance, held.missing) == (start.glance, 0)
+        held = next_state(held, found=True)
+    assert (held.view, held.missing) == (start.view, 0)
 
 
 def test_an_empty_room_is_seen_in_every_way_and_plainly_again() -> None:
-    states = fold([False] * (PATIENCE_FRAMES + 2 * len(SEARCH)))
-    shown = [state.glance for state in states[PATIENCE_FRAMES:]]
-    assert shown[: len(SEARCH)] == list(SEARCH)
-    assert shown[len(SEARCH) : 2 * len(SEARCH)] == list(SEARCH)
-    assert PLAIN in SEARCH
+    states = fold([False] * (PATIENCE_FRAMES + 2 * len(REDETECTION_VIEWS)))
+    shown = [state.view for state in states[PATIENCE_FRAMES:]]
+    assert shown[: len(REDETECTION_VIEWS)] == list(REDETECTION_VIEWS)
+    assert shown[len(REDETECTION_VIEWS) : 2 * len(REDETECTION_VIEWS)] == list(REDETECTION_VIEWS)
+    assert FULL_VIEW in REDETECTION_VIEWS
 
 
-@given(glance=glances, x=st.floats(250, 390), y=st.floats(120, 240))
-def test_a_hand_found_in_a_glance_is_told_where_the_picture_has_it(glance: Glance, x: float, y: float) -> None:
-    _, transform = glance_at(np.zeros((360, 640, 3), np.uint8), glance)
+@given(view=glances, x=st.floats(250, 390), y=st.floats(120, 240))
+def test_a_hand_found_in_a_glance_is_told_where_the_picture_has_it(view: View, x: float, y: float) -> None:
+    _, transform = render_view(np.zeros((360, 640, 3), np.uint8), view)
     on_glance = np.tile((x, y), (21, 1)) @ transform[:, :2].T + transform[:, 2]
     hand = Hand(image_px=on_glance, world_m=np.zeros((21, 3)), presence=0.9, side=Side.LEFT)
-    assert on_picture(hand, transform).image_px == pytest.approx(np.tile((x, y), (21, 1)), abs=1e-6)
+    assert to_image(hand, transform).image_px == pytest.approx(np.tile((x, y), (21, 1)), abs=1e-6)
 
 
-@pytest.mark.parametrize("glance", SEARCH, ids=str)
-def test_a_glance_shows_the_picture_where_its_map_says(glance: Glance) -> None:
+@pytest.mark.parametrize("glance", REDETECTION_VIEWS, ids=str)
+def test_a_glance_shows_the_picture_where_its_map_says(view: View) -> None:
     image = np.zeros((360, 640, 3), np.uint8)
     image[195:206, 345:356] = 255
-    shown, transform = glance_at(image, glance)
-    assert shown.shape == (image.shape if glance == PLAIN else (180, 320, 3))
+    shown, transform = render_view(image, view)
+    assert shown.shape == (image.shape if view == FULL_VIEW else (180, 320, 3))
     spot = np.argwhere(shown[..., 0] > 128).mean(axis=0)[::-1]
     assert spot == pytest.approx(transform[:, :2] @ (350, 200) + transform[:, 2], abs=0.6)
 
 
 def test_a_turned_hand_is_turned_back_in_space() -> None:
-    _, transform = glance_at(np.zeros((360, 640, 3), np.uint8), Glance(scale=0.5, turn_deg=90))
+    _, transform = render_view(np.zeros((360, 640, 3), np.uint8), View(scale=0.5, turn_deg=90))
     world = np.zeros((21, 3))
     world[12] = (0.0, -0.08, 0.02)  # fingers up on the picture
     turned = Hand(
@@ -80,7 +90,7 @@ def test_a_turned_hand_is_turned_back_in_space() -> None:
         presence=1,
         side=Side.LEFT,
     )
-    assert on_picture(turned, transform).world_m[12] == pytest.approx((0.0, -0.08, 0.02))
+    assert to_image(turned, transform).world_m[12] == pytest.approx((0.0, -0.08, 0.02))
 
 
 class Follower:
@@ -103,7 +113,7 @@ class Follower:
 def watched(finds: list[bool], frames: int) -> tuple[list[bool], Follower]:
     """Whether each frame shows a hand, to a searcher whose looks find one as told."""
     follower = Follower(finds)
-    searcher = Searcher(follower.look)
+    searcher = Redetector(follower.look)
     return [bool(searcher.detect(PICTURE, frame)) for frame in range(frames)], follower
 
 
@@ -180,7 +190,7 @@ def test_the_size_of_a_pushed_hand_outruns_a_tracker_that_sees_the_plain_picture
 
 def test_a_near_hand_that_pushes_is_shown_smaller_and_told_where_and_how_large_it_is() -> None:
     tracker = DiscTracker()
-    searcher = Searcher(tracker.look)
+    searcher = Redetector(tracker.look)
     for frame, (radius, picture) in enumerate(pushed_discs()):
         hands = searcher.detect(picture, frame)
         assert hands, f"lost in frame {frame}"
@@ -197,7 +207,7 @@ def test_a_hand_that_is_not_near_is_shown_as_it_is() -> None:
         seen.append(image_bgr)
         return follower.look(image_bgr, captured_ns)
 
-    searcher = Searcher(look)
+    searcher = Redetector(look)
     picture = disc(30)
     for frame in range(4):
         searcher.detect(picture, frame)
