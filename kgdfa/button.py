@@ -67,7 +67,7 @@ class ButtonState:
     release_count: int = 0
     released_gesture: Gesture | None = None
     released_recognised_ns: int = 0
-    released_captured_ns: int = 0
+    released_ns: int = 0
     cancel_count: int = 0
     cancel_reason: str = ""
     ready: bool = False  # the hand has been seen outside the threshold since the last release or cancel
@@ -188,7 +188,7 @@ def _release(state: ButtonState, seen: ButtonInput, gesture: Gesture | None) -> 
         release_count=state.release_count + 1,
         released_gesture=gesture,
         released_recognised_ns=state.pressed_recognised_ns or seen.recognised_ns,
-        released_captured_ns=seen.captured_ns,
+        released_ns=seen.captured_ns,
     )
 
 

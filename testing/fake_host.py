@@ -21,10 +21,11 @@ from app.ipc.messages import (
     RealTime,
     TriggerReport,
 )
-from app.ipc.states import ACTION_OF, Action, Effect, GaitState
+from app.ipc.states import ACTION_OF, Action, Effect, Event, GaitState
 from app.session.host import Latest, ProcessStatus
 from app.system.config import SessionSetup
 from kgdfa.gesture import Gesture
+from logs.reason import Value, plain
 
 ALLOWED_STANDING = (
     Action.STEP_RIGHT_FIRST,
@@ -130,7 +131,7 @@ class FakeHost:
     def _stop(self) -> None:
         self.effect = Effect.HOLD if self.effect < Effect.HOLD else Effect.DAMP
         self.state = GaitState.BETWEEN
-        self.events = (event("stop", self.effect, "STOP: the legs are held.", self.clock()),)
+        self.events = (event(Event.STOP, self.effect, self.clock()),)
 
     def _acknowledge(self) -> None:
         self.effect, self.events = Effect.NOTE, ()
@@ -178,18 +179,18 @@ class FakeHost:
             gesture=self.gesture,
             raw_gesture=self.gesture,
             confidence=0.93 if self.gesture else 0.0,
-            explanation="no hand in the picture" if self.gesture is None else "",
+            explanation=plain("no hand in the picture") if self.gesture is None else None,
             votes=3 if self.gesture else 0,
             distance_m=0.31,
             distance_sd_m=0.004,
             pressed=self.pressed,
             fps=30.0,
             camera="digital hand",
-            camera_fault=self.camera_fault,
+            camera_fault=plain(self.camera_fault),
             press_zone=self.press_zone,
         )
 
 
-def event(name: str, effect: Effect, text: str, since_ns: int = 0) -> ActiveEvent:
+def event(event: Event, effect: Effect, since_ns: int = 0, **detail: Value) -> ActiveEvent:
     """An unacknowledged event, present now."""
-    return ActiveEvent(name=name, effect=effect, text=text, since_ns=since_ns, present=True, acknowledged=False)
+    return ActiveEvent(event=event, effect=effect, detail=detail, since_ns=since_ns, present=True, acknowledged=False)

@@ -40,7 +40,7 @@ def walk_for(session: WatchedSession, seconds: float) -> Counter[str]:
             session.look()
         now = session.snapshot
         if now is not None and now.action is not Action.WALK and time.monotonic() < deadline:
-            held.update(event.name for event in now.events if not event.acknowledged)
+            held.update(event.event.value for event in now.events if not event.acknowledged)
             _walk_again(session, held)
     return held
 

@@ -28,7 +28,7 @@ from rich.progress import track
 from textual.pilot import Pilot
 
 from app.console.app import TICK_S, ConsoleApp
-from app.ipc.states import Effect, GaitState
+from app.ipc.states import Effect, Event, GaitState
 from app.system.config import Config, SessionSetup
 from app.system.paths import Home
 from kgdfa.gesture import Gesture
@@ -51,7 +51,7 @@ def advance(host: FakeHost, beat: int) -> None:
     host.state = STATES[beat // 60 % len(STATES)]
     host.gesture = (None, *Gesture)[beat // 25 % (1 + len(Gesture))]
     host.pressed = beat // 10 % 4 == 0
-    note = event(f"event {beat // 100 % 7}", Effect.NOTE, f"What happened at {beat // 100}.", host.clock())
+    note = event(Event.OVER_TEMPERATURE_WARNING, Effect.NOTE, host.clock(), temperature_c=beat // 100 / 7)
     host.events = (note,) if beat // 50 % 2 else ()
 
 

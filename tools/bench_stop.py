@@ -28,6 +28,7 @@ from app.demo.emulation import emulated_drives
 from app.ipc.messages import ControlSnapshot, OperatorKind
 from app.ipc.states import Action, Effect, GaitState
 from app.system.config import JointsConfig
+from app.text.catalogue import render
 from hal.joints.device import load_exoskeleton
 
 sys.path.insert(0, str(Path(__file__).parent.parent))  # run as a script, `tools` is a folder of the tree
@@ -137,7 +138,7 @@ def reach(session: RealSession, wanted: Callable[[ControlSnapshot], bool], what:
     """Look until control says so. Raises InterlockError where the legs are held instead."""
     now = session.until(lambda s: wanted(s) or s.effect >= Effect.HOLD, what)
     if now.effect >= Effect.HOLD:
-        raise InterlockError(now.why_not)
+        raise InterlockError(render(now.why_not) if now.why_not else "")
     return now
 
 

@@ -9,9 +9,11 @@ import re
 import sys
 from pathlib import Path
 
-from app.control.events.table import TABLE, Latch, Row
+from app.control.events.row import Latch, Row
+from app.control.events.table import TABLE
 from app.control.gait.table import mermaid
-from app.ipc.states import Source
+from app.ipc.states import Event, Source
+from app.text.catalogue import key_of, load
 
 DOCUMENT = Path(__file__).parent.parent / "docs" / "safety.md"
 _LATCH = {
@@ -45,7 +47,13 @@ def current(text: str) -> str:
 def _line(row: Row) -> str:
     whose = "everybody" if row.blocks == frozenset(Source) else " and ".join(one.value + "s" for one in row.blocks)
     refuses = whose if row.effect > 0 else "–"
-    return f"| {row.event.value} | {row.effect.name.lower()} | {_LATCH[row.latch]} | {refuses} | {row.text} |"
+    return f"| {row.event.value} | {row.effect.name.lower()} | {_LATCH[row.latch]} | {refuses} | {_text(row.event)} |"
+
+
+def _text(event: Event) -> str:
+    """The wording without its values."""
+    text = re.sub(r"\{\w+:in_brackets\}", "", load("en").gettext(key_of(event)))
+    return re.sub(r"\{\w+(:[^}]*)?\}", "…", text)
 
 
 if __name__ == "__main__":

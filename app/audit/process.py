@@ -30,6 +30,7 @@ from logs.disk import PosixDisk
 from logs.keys import ConsoleKey, load_or_make_key
 from logs.manifest import Moment
 from logs.mirror import CheckpointCopy
+from logs.reason import plain
 from logs.records import Body, Entry, EventRaised, PatientChosen, RecordsLost, SessionStart, SignIn
 from logs.writer import SessionWriter
 
@@ -188,7 +189,7 @@ def health(writer: SessionWriter, turned_ns: int, now_ns: int) -> AuditHealth:
     silent_s = (now_ns - turned_ns) / 1e9
     if not fault and silent_s > SILENT_DISK_S:
         fault = f"The disk of the audit trail has not answered for {silent_s:.0f} s; mend or free it."
-    return AuditHealth(at_ns=now_ns, written=writer.written, waiting=writer.waiting, fault=fault)
+    return AuditHealth(at_ns=now_ns, written=writer.written, waiting=writer.waiting, fault=plain(fault))
 
 
 def _start(setup: SessionSetup) -> SessionStart:

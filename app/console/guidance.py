@@ -9,7 +9,7 @@ from enum import Enum
 from app.console.state import SessionState
 from app.console.widgets.panel import Lines, plain
 from app.ipc.messages import ControlSnapshot
-from app.ipc.states import Effect, GaitState
+from app.ipc.states import Effect, Event, GaitState
 from app.text.catalogue import tr
 
 _JOINT_STALE_MS = 100.0
@@ -53,7 +53,7 @@ def _audit(state: SessionState) -> bool:
 
 def _joints(state: SessionState) -> bool:
     return state.snapshot is not None and all(
-        joint.age_ms < _JOINT_STALE_MS and not joint.fault for joint in state.snapshot.joints
+        joint.age_ms < _JOINT_STALE_MS and not joint.faults for joint in state.snapshot.joints
     )
 
 
@@ -112,7 +112,7 @@ def _light(check: Check, state: SessionState) -> Light:
 
 
 _LEGS_ASTRAY = (GaitState.UNPOWERED, GaitState.BETWEEN)
-_ENDINGS = ("shutting down", "shutting down, giving way")  # control's events of these names, whose table brings numpy
+_ENDINGS = {Event.SHUTTING_DOWN, Event.SHUTDOWN_DAMPING}
 
 
 def guidance_line(state: SessionState, keys: dict[str, str], *, watching: bool = False) -> Lines:
@@ -150,7 +150,7 @@ def _gone(state: SessionState, name: str) -> bool:
 
 def _ending(state: SessionState) -> bool:
     """Control's last word was that it ends: its silence after that is no fault."""
-    return any(event.name in _ENDINGS for event in state.events)
+    return any(event.event in _ENDINGS for event in state.events)
 
 
 _Applies = Callable[[SessionState, ControlSnapshot | None], bool]

@@ -9,7 +9,6 @@ from dataclasses import replace
 from importlib import import_module
 from typing import Protocol
 
-from app.console.sentences import learn_events
 from app.console.state import SessionState, fold
 from app.console.stop import StopSwitch
 from app.ipc.messages import HandCommand, OperatorKind, PerceptionCommand
@@ -140,4 +139,3 @@ def preload_modules() -> None:
     """Load all that a key may need; takes up to a second."""
     for name in _LATER:
         import_module(name)
-    learn_events()

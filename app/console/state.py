@@ -9,6 +9,7 @@ from app.ipc.states import Effect
 from app.ipc.streams import SNAPSHOT, TRIGGER
 from app.session.host import Latest, ProcessStatus
 from app.system.config import SessionSetup
+from app.text.catalogue import render
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -95,10 +96,14 @@ def note(before: PushNote, report: TriggerReport, now_ns: int) -> PushNote:
         return PushNote(incarnation=report.incarnation, cancel_count=report.cancel_count)
     if report.cancel_count > before.cancel_count:
         return replace(
-            before, said=report.cancel_reason, cancelled=True, since_ns=now_ns, cancel_count=report.cancel_count
+            before,
+            said=render(report.cancel_reason) if report.cancel_reason else "",
+            cancelled=True,
+            since_ns=now_ns,
+            cancel_count=report.cancel_count,
         )
     if report.press_hint and not report.pressed:
-        return replace(before, said=report.press_hint, cancelled=False, since_ns=now_ns)
+        return replace(before, said=render(report.press_hint), cancelled=False, since_ns=now_ns)
     if report.pressed or now_ns - before.since_ns > READABLE_NS:
         return replace(before, said="", cancelled=False)
     return before

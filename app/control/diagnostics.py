@@ -12,7 +12,9 @@ from app.control.freshness import NS_PER_MS, StreamState
 from app.control.gait.machine import Gait
 from app.control.inputs import Inputs, Settings
 from app.motion.follower import Mode, Motion
+from hal.joints.guard import Refusal
 from hal.joints.protocol import BusFault, DriveFault, Joint, JointFeedback
+from logs.reason import Reason
 
 RANGE_MARGIN_RAD = radians(2.0)  # of the measured angle over the device's range: encoder noise and a soft stop
 SPEED_MARGIN = 1.1
@@ -43,16 +45,16 @@ class Programs(Struct, frozen=True, kw_only=True):
     """The programs beside control; ages count from their last word."""
 
     picture_age_ms: float = 0.0
-    camera_fault: str = ""
+    camera_fault: Reason | None = None
     perception_age_ms: float = 0.0
     console_age_ms: float = 0.0
     audit_age_ms: float = 0.0
     audit_waiting: int = 0
-    audit_fault: str = ""
+    audit_fault: Reason | None = None
     audit_full: bool = False
     guardian_age_ms: float = 0.0
     guardian_acted: bool = False
-    guardian_fault: str = ""
+    guardian_fault: Reason | None = None
     rejected_messages: int = 0
 
 
@@ -73,7 +75,8 @@ class Legs(Struct, frozen=True, kw_only=True):
     drives_lost: bool = False
     drive_faults: DriveFault = DriveFault.NONE
     drive_detail: str = ""
-    drive_error: str = ""
+    silent_joint: Joint | None = None
+    drive_error: Reason | None = None
     bus: BusFault = BusFault.NONE
     hottest_c: float = nan
     warm: bool = False
@@ -85,7 +88,7 @@ class Legs(Struct, frozen=True, kw_only=True):
     beyond_range: bool = False
     beyond_speed: bool = False
     beyond_torque: bool = False
-    guard_refusal: str = ""
+    guard_refusal: Refusal | None = None
 
 
 class Diagnostics(Struct, frozen=True, kw_only=True):
@@ -130,16 +133,16 @@ def _programs(inputs: Inputs, heard: StreamState) -> Programs:
     report, audit, guardian = heard.report, heard.audit, heard.guardian
     return Programs(
         picture_age_ms=_age_ms(now_ns, report.captured_ns if report else heard.report_ns),
-        camera_fault=report.camera_fault if report else "",
+        camera_fault=report.camera_fault if report else None,
         perception_age_ms=_age_ms(now_ns, heard.report_ns),
         console_age_ms=_age_ms(now_ns, heard.alive_ns),
         audit_age_ms=_age_ms(now_ns, heard.audit_ns),
         audit_waiting=audit.waiting if audit else 0,
-        audit_fault=audit.fault if audit else "",
+        audit_fault=audit.fault if audit else None,
         audit_full=inputs.audit_full,
         guardian_age_ms=_age_ms(now_ns, heard.guardian_ns),
         guardian_acted=guardian is not None and guardian.acted,
-        guardian_fault=guardian.fault if guardian else "",
+        guardian_fault=guardian.fault if guardian else None,
         rejected_messages=inputs.rejected_messages,
     )
 
@@ -162,7 +165,8 @@ def _legs(inputs: Inputs, heard: StreamState, standing: MotionDiagnostics, setti
         age_ms=_age_ms(now_ns - heard.unasked_ns, oldest_ns),
         drives_lost=motion.mode is not Mode.DISABLED and not heard.powered,
         drive_faults=_union(feedback.faults),
-        drive_detail=feedback.detail or _silent(feedback),
+        drive_detail=feedback.detail,
+        silent_joint=_silent(feedback),
         drive_error=inputs.drive_error,
         bus=feedback.bus,
         hottest_c=max(temperatures_c, key=lambda c: -inf if isnan(c) else c),
@@ -175,7 +179,7 @@ def _legs(inputs: Inputs, heard: StreamState, standing: MotionDiagnostics, setti
         beyond_range=_beyond_range(feedback.position_rad.tolist(), settings),
         beyond_speed=_any_beyond(feedback.velocity_rad_s.tolist(), SPEED_MARGIN, limits.speed_rad_s.tolist()),
         beyond_torque=_any_beyond(feedback.torque_nm.tolist(), TORQUE_MARGIN, limits.torque_nm.tolist()),
-        guard_refusal=str(inputs.guard_refusal) if inputs.guard_refusal else "",
+        guard_refusal=inputs.guard_refusal,
     )
 
 
@@ -183,13 +187,13 @@ def _age_ms(now_ns: int, then_ns: int) -> float:
     return (now_ns - then_ns) / NS_PER_MS
 
 
-def _silent(feedback: JointFeedback) -> str:
-    """Which joint has been silent the longest; nothing when none is."""
+def _silent(feedback: JointFeedback) -> Joint | None:
+    """The joint without an answer for the longest time; None when all answer."""
     oldest = int(feedback.measured_ns.argmin())
     newest_ns = int(feedback.measured_ns.max())
     if newest_ns - int(feedback.measured_ns[oldest]) < 10 * NS_PER_MS:
-        return ""
-    return Joint(oldest).name.lower().replace("_", " ")
+        return None
+    return Joint(oldest)
 
 
 def _union(faults: Iterable[DriveFault]) -> DriveFault:

@@ -17,6 +17,7 @@ from hal.errors import HardwareError
 from hal.joints.guard import Guard, Limits, Refusal
 from hal.joints.protocol import TICK_HZ, DriveFault, DriveState, JointCommand, JointFeedback, Joints, carries_power
 from hal.joints.scene import Scene
+from logs.reason import Reason, reason_of
 
 _TROUBLE_TICKS = int((follower.DAMPING_RAMP_S + 0.05) * TICK_HZ)
 
@@ -42,7 +43,7 @@ class Drives:
         self._gains = gains
         self._scenes = scenes or {}
         self.powered = False
-        self.error = ""  # why the last order failed
+        self.error: Reason | None = None  # why the last order failed
         self.written: JointCommand | None = None  # what left last
         self.written_ns = 0
         self.refusal: Refusal | None = None  # of the last command
@@ -53,8 +54,8 @@ class Drives:
         try:
             joints.open(now_ns)
         except HardwareError as error:
-            self.error = str(error)
-            self._joints, self._closed = AbsentJoints(self.error), joints
+            self.error = reason_of(error)
+            self._joints, self._closed = AbsentJoints(error), joints
         else:
             self._joints, self._closed = joints, None
 
@@ -81,7 +82,7 @@ class Drives:
 
     def execute(self, order: DriveOrder, now_ns: int) -> bool:
         """Carry out an order; whether there was one (it takes its time, the drives' answers are waited for)."""
-        self.error = ""
+        self.error = None
         if order is DriveOrder.NONE:
             return False
         try:
@@ -91,7 +92,7 @@ class Drives:
                 self._joints.close(now_ns)
                 self.powered = False  # confirmed: nothing is left to damp, and no silence to guard
         except HardwareError as error:
-            self.error = str(error)
+            self.error = reason_of(error)
         return True
 
     def close(self, beat: Callable[[bool], None] = lambda _: None) -> str:
@@ -142,16 +143,16 @@ _NEVER_NS = np.zeros(4, dtype=np.int64)
 class AbsentJoints:
     """Stands in for a driver that refused to open, until the next try."""
 
-    def __init__(self, reason: str) -> None:
-        self._reason = reason
+    def __init__(self, error: HardwareError) -> None:
+        self._error = error
 
     def open(self, now_ns: int) -> None:  # noqa: ARG002 - the Protocol's
         """Raises HardwareError: that is why it stands here."""
-        raise HardwareError(self._reason)
+        raise self._error
 
     def enable(self, now_ns: int) -> None:  # noqa: ARG002 - the Protocol's
         """Raises HardwareError."""
-        raise HardwareError(self._reason)
+        raise self._error
 
     def write(self, command: JointCommand, now_ns: int) -> None:
         """Nobody is there to be told."""
@@ -166,7 +167,7 @@ class AbsentJoints:
             temperature_c=_UNKNOWN,
             faults=(DriveFault.NONE,) * 4,
             state=DriveState.UNCONFIGURED,
-            detail=self._reason,
+            detail=str(self._error),
         )
 
     def close(self, now_ns: int) -> None:

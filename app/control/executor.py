@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from msgspec.structs import replace
 
-from app.control.events.table import blocker, sentence
+from app.control.events.table import blocker
 from app.control.gait import machine as gait_machine
 from app.control.gait.machine import Gait
 from app.control.inputs import DriveOrder
@@ -17,16 +17,16 @@ from app.control.running_action import (
     end_record,
     ended,
     plan_record,
-    plan_sentence,
     request,
 )
 from app.control.state import Tick
-from app.ipc.states import Action, GaitState
+from app.ipc.states import Action, GaitState, Outcome, RequestRefusal
 from app.ipc.streams import PLAN_REPLY
 from app.motion import follower
 from app.motion.follower import HOLD_S, Mode
 from app.motion.plan import Phase, Plan
 from hal.joints.protocol import TICK_HZ
+from logs.reason import Reason, reason
 
 ENABLE_LIMIT_MS = 3_000  # four drives, one after the other, with their confirmations
 # A hold covers half of its time on the path at full pace; with fewer rows left the step could not be stopped on it.
@@ -77,7 +77,7 @@ def advance_action(tick: Tick) -> None:
     if task is None:
         return
     if planner_timed_out(tick):
-        _give_up(tick, task, "refused", "The planner did not answer.")
+        _give_up(tick, task, Outcome.REFUSED, reason(RequestRefusal.PLANNER_TIMEOUT))
     elif task.stage is Stage.ENABLING:
         _enabling(tick, task)
     elif task.stage is Stage.GRIPPING and tick.memory.motion.mode is Mode.HOLDING and not task.awaited:
@@ -86,11 +86,11 @@ def advance_action(tick: Tick) -> None:
         _arrived(tick, task)
 
 
-def stop_action(tick: Tick, reason: str) -> None:
+def stop_action(tick: Tick, why: Reason | None) -> None:
     """End the running action where it is, if one runs; the gait is set by whoever stops it."""
     task = tick.memory.task
     if task is not None:
-        _end(tick, task, "stopped", reason)
+        _end(tick, task, Outcome.STOPPED, why)
 
 
 def _following(gait: Gait) -> Phase:
@@ -101,9 +101,9 @@ def _following(gait: Gait) -> Phase:
 
 def _first_plan(tick: Tick, task: RunningAction, plan: Plan) -> None:
     if not plan.check.ok:
-        _refuse(tick, task, plan.check.reason)
+        _refuse(tick, task, Reason("Text.PLAIN", {"text": plan.check.reason}))
         return
-    task = replace(task, plan=plan, report=replace(task.report, plan=plan_sentence(plan)))
+    task = replace(task, plan=plan)
     tick.memory = replace(tick.memory, task=task)
     if task.stage is Stage.PLANNING:
         _set_out(tick, task)
@@ -123,16 +123,16 @@ def _power(tick: Tick, task: RunningAction) -> None:
     """Unless something forbids it by now: legs that rested when it was asked for may have begun to sink."""
     event = blocker(tick.memory.active, task.report.source)
     if event is not None:
-        _refuse(tick, task, sentence(event))
+        _refuse(tick, task, event.reason)
         return
     tick.drives = DriveOrder.ENABLE
     tick.memory = replace(tick.memory, task=replace(task, stage=Stage.ENABLING, asked_ns=tick.now_ns))
 
 
-def _refuse(tick: Tick, task: RunningAction, reason: str) -> None:
+def _refuse(tick: Tick, task: RunningAction, why: Reason) -> None:
     """What was granted can't be done after all."""
-    refuse(tick, ActionRequest(action=task.report.action, source=task.report.source), reason, task.report.number)
-    _give_up(tick, task, "refused", reason)
+    refuse(tick, ActionRequest(action=task.report.action, source=task.report.source), why, task.report.number)
+    _give_up(tick, task, Outcome.REFUSED, why)
 
 
 def _step_ahead(tick: Tick, task: RunningAction, plan: Plan) -> None:
@@ -148,15 +148,14 @@ def _enabling(tick: Tick, task: RunningAction) -> None:
     if tick.memory.heard.powered:
         _grip(tick, task)
     elif tick.inputs.drive_error or overdue:
-        reason = tick.inputs.drive_error or "The drives did not confirm that they carry power."
-        _give_up(tick, task, "stopped", reason)
+        _give_up(tick, task, Outcome.STOPPED, tick.inputs.drive_error or reason(RequestRefusal.ENABLE_TIMEOUT))
 
 
-def _give_up(tick: Tick, task: RunningAction, outcome: str, reason: str) -> None:
+def _give_up(tick: Tick, task: RunningAction, outcome: Outcome, why: Reason) -> None:
     """Before the first row of the plan: joints that had to be gripped stay held where they were found."""
     gripped = task.stage is Stage.GRIPPING
     tick.reach((gait_machine.interrupt if gripped else gait_machine.abandon)(tick.memory.gait))
-    _end(tick, task, outcome, reason)
+    _end(tick, task, outcome, why)
 
 
 def _grip(tick: Tick, task: RunningAction) -> None:
@@ -193,7 +192,7 @@ def _arrived(tick: Tick, task: RunningAction) -> None:
     tick.reach(gait_machine.complete(memory.gait))
     if tick.memory.gait.running is None:
         tick.memory = replace(tick.memory, motion=follower.hold(tick.memory.motion))
-        _end(tick, task, "completed", "")
+        _end(tick, task, Outcome.COMPLETED, None)
         return
     onward = task.ahead[tick.memory.gait.phase]  # `walk_plan_missing` has held the legs before it could be missing
     tick.memory = replace(
@@ -221,9 +220,9 @@ def _ask_ahead(tick: Tick) -> None:
     )
 
 
-def _end(tick: Tick, task: RunningAction, outcome: str, reason: str) -> None:
+def _end(tick: Tick, task: RunningAction, outcome: Outcome, why: Reason | None) -> None:
     memory = tick.memory
-    reports = ended(task, outcome, memory.gait.state, tick.now_ns, reason)
+    reports = ended(task, outcome, memory.gait.state, tick.now_ns, why)
     tick.audit.extend(end_record(report, memory.steps, memory.distance_walked_m) for report in reports)
     tick.memory = replace(memory, task=None)
     tick.keep(*reports)

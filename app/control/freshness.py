@@ -97,12 +97,12 @@ def release_in(heard: StreamState, report: TriggerReport | None, now_ns: int) ->
     """
     if report is None or report.released_gesture is None or not _first_told(heard.report, report):
         return None
-    if not -_FUTURE_NS <= now_ns - report.released_captured_ns <= TRIGGER.stale_ms * NS_PER_MS:
+    if not -_FUTURE_NS <= now_ns - report.released_ns <= TRIGGER.stale_ms * NS_PER_MS:
         return None
     return Release(
         action=ACTION_OF[report.released_gesture],
         recognised_ns=report.released_recognised_ns,
-        captured_ns=report.released_captured_ns,
+        captured_ns=report.released_ns,
     )
 
 

@@ -14,6 +14,7 @@ from app.motion.follower import Gains
 from app.motion.plan import Plan, PlanRequest
 from hal.joints.guard import Limits, Refusal
 from hal.joints.protocol import JointArray, JointCommand, JointFeedback
+from logs.reason import Reason
 from logs.records import Body
 
 
@@ -49,7 +50,7 @@ class Inputs(Struct, frozen=True, kw_only=True):
     guard_refusal: Refusal | None = None  # of the command of the tick before
     audit_full: bool = False  # a record of the tick before found the queue full
     rejected_messages: int = 0  # since the tick before
-    drive_error: str = ""  # why the order of the tick before to the drives failed
+    drive_error: Reason | None = None  # why the order of the tick before to the drives failed
     must_end: bool = False  # the console is gone, or a signal asked for the end
     cleared: frozenset[Action] | None = None  # passed the pre-flight; None: none is needed (simulated joints)
 

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 from msgspec.structs import replace
 
-from app.control.events.table import blocker, sentence
+from app.control.events.table import blocker
 from app.control.freshness import NS_PER_MS, release_in
 from app.control.gait import machine as gait_machine
 from app.control.gait.machine import Ignored, Latched, Refused, Started
@@ -14,11 +14,11 @@ from app.control.inputs import DriveOrder
 from app.control.running_action import ActionRequest, RunningAction, command_record, new_report, request
 from app.control.state import Tick
 from app.ipc.messages import ActionReport, OperatorCommand, OperatorKind
-from app.ipc.states import GESTURE_OF, Action, Effect, Source
+from app.ipc.states import GESTURE_OF, Action, Effect, RequestRefusal, Source
 from app.motion.follower import Mode
 from logs import records
+from logs.reason import Reason, reason
 
-COMING_TO_REST = "The legs are still coming to rest: try again in a moment."
 ACT_STALE_MS = 500  # a key pressed longer ago is no wish any more; STOP never grows old
 
 
@@ -45,7 +45,7 @@ def handle_gesture(tick: Tick) -> None:
         released_ns=release.captured_ns,
     )
     if release.captured_ns < memory.armed_ns:
-        refuse(tick, wish, "The gesture was made before gestures were armed: make it again.")
+        refuse(tick, wish, reason(RequestRefusal.RELEASED_BEFORE_ARMING))
     else:
         tick.wishes.append(wish)  # one that nobody armed is refused by its event
 
@@ -64,8 +64,8 @@ def arbitrate(tick: Tick) -> None:
         answer = gait_machine.ask(tick.memory.gait, wish.action)
         if isinstance(answer, Ignored):
             _ignore(tick, wish, answer.reason)
-        elif reason := _forbidden(tick, wish):
-            refuse(tick, wish, reason)
+        elif forbidden := _forbidden(tick, wish):
+            refuse(tick, wish, forbidden)
         elif isinstance(answer, Refused):
             refuse(tick, wish, answer.reason)
         elif isinstance(answer, Latched):
@@ -74,23 +74,23 @@ def arbitrate(tick: Tick) -> None:
             _begin(tick, wish, answer)
 
 
-def refuse(tick: Tick, wish: ActionRequest, reason: str, number: int = 0) -> None:
+def refuse(tick: Tick, wish: ActionRequest, why: Reason, number: int = 0) -> None:
     """Tell the operator and the trail why a wish is not granted."""
     memory = tick.memory
-    tick.memory = replace(memory, refusal=reason, refusal_count=memory.refusal_count + 1)
-    _record_refusal(tick, wish, reason, number)
+    tick.memory = replace(memory, refusal=why, refusal_count=memory.refusal_count + 1)
+    _record_refusal(tick, wish, why, number)
 
 
-def _ignore(tick: Tick, wish: ActionRequest, reason: str) -> None:
+def _ignore(tick: Tick, wish: ActionRequest, why: Reason) -> None:
     tick.memory = replace(tick.memory, ignored_count=tick.memory.ignored_count + 1)
-    _record_refusal(tick, wish, reason, 0)
+    _record_refusal(tick, wish, why, 0)
 
 
-def _record_refusal(tick: Tick, wish: ActionRequest, reason: str, number: int) -> None:
+def _record_refusal(tick: Tick, wish: ActionRequest, why: Reason, number: int) -> None:
     by_gesture = wish.source is Source.GESTURE
     tick.audit.append(
         records.Refusal(
-            reason=reason,
+            reason=why,
             source=wish.source.value,
             state=tick.memory.gait.state.value,
             action=wish.action.value,
@@ -100,14 +100,14 @@ def _record_refusal(tick: Tick, wish: ActionRequest, reason: str, number: int) -
     )
 
 
-def _forbidden(tick: Tick, wish: ActionRequest) -> str:
-    """Why the wish can't be granted whatever the table says; empty when it can."""
+def _forbidden(tick: Tick, wish: ActionRequest) -> Reason | None:
+    """Why the wish can't be granted whatever the gait table says; None when it can."""
     event = blocker(tick.memory.active, wish.source)
     if event is not None:
-        return sentence(event)
+        return event.reason
     if tick.memory.gait.running is None and not tick.memory.motion.settled:
-        return COMING_TO_REST
-    return ""
+        return reason(RequestRefusal.COMING_TO_REST)
+    return None
 
 
 def _latch(tick: Tick, wish: ActionRequest, answer: Latched) -> None:
@@ -201,7 +201,7 @@ def _act(tick: Tick, command: OperatorCommand) -> None:
         return
     wish = ActionRequest(action=command.action, source=Source.THERAPIST)
     if tick.now_ns - command.sent_ns > ACT_STALE_MS * NS_PER_MS:
-        refuse(tick, wish, "The key was pressed too long ago: press it again.")
+        refuse(tick, wish, reason(RequestRefusal.KEY_EXPIRED))
     else:
         tick.wishes.append(wish)
 
@@ -215,7 +215,7 @@ def _torque_off(tick: Tick, _: OperatorCommand) -> None:
     else:
         tick.memory = replace(
             tick.memory,
-            refusal="Torque off only after STOP twice, when the joints have given way.",
+            refusal=reason(RequestRefusal.TORQUE_OFF_NEEDS_DAMPING),
             refusal_count=tick.memory.refusal_count + 1,
         )
 

@@ -12,13 +12,13 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from app.ipc.messages import ActionReport
-from app.ipc.states import GESTURE_OF, Action, GaitState, Source
+from app.ipc.states import GESTURE_OF, Action, GaitState, Outcome, Source
 from app.motion.plan import Phase, Plan, PlanRequest
 from hal.joints.protocol import JointArray, JointCommand
 from logs import records
+from logs.reason import Reason
 
 VISIBLE_RAD = radians(0.5)
-NO_SWING_M = 0.9  # the planner's figure for a movement in which no foot leaves the ground
 
 
 class Stage(Enum):
@@ -104,24 +104,15 @@ def note_command(task: RunningAction, command: JointCommand) -> RunningAction:
 
 
 def ended(
-    task: RunningAction, outcome: str, to_state: GaitState, now_ns: int, reason: str = ""
+    task: RunningAction, outcome: Outcome, to_state: GaitState, now_ns: int, why: Reason | None = None
 ) -> tuple[ActionReport, ...]:
     """The final reports of an action, and of the gesture 6 that was latched in it."""
     rms = sqrt(task.squares_rad2 / task.samples) if task.samples else 0.0
     return tuple(
-        replace(report, outcome=outcome, to_state=to_state, ended_ns=now_ns, reason=reason, tracking_rms_rad=rms)
+        replace(report, outcome=outcome, to_state=to_state, ended_ns=now_ns, reason=why, tracking_rms_rad=rms)
         for report in (task.report, task.ending)
         if report is not None
     )
-
-
-def plan_sentence(plan: Plan) -> str:
-    """The plan's check, for people."""
-    check = plan.check
-    peaks = f"{plan.duration_s:.1f} s, peak {np.degrees(max(check.peak_speed_rad_s)):.0f}°/s, "
-    effort = f"{max(check.peak_torque_nm):.0f} Nm"
-    swings = check.min_clearance_m < NO_SWING_M
-    return peaks + effort + (f", clearance {100 * check.min_clearance_m:.1f} cm" if swings else "")
 
 
 def command_record(report: ActionReport) -> records.Command:
@@ -164,8 +155,8 @@ def end_record(report: ActionReport, steps: int, distance_m: float) -> records.A
         source=report.source.value,
         from_state=report.from_state.value,
         to_state=report.to_state.value if report.to_state else None,
-        outcome=report.outcome,
-        reason=report.reason,
+        outcome=report.outcome.value,
+        reason=report.reason or "",
         recognised_ns=report.recognised_ns,
         released_ns=report.released_ns,
         accepted_ns=report.accepted_ns,

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from app.control.events.table import ROW, Active, blocker, sentence
+from app.control.events.table import ROW, Active, blocker
 from app.control.freshness import NS_PER_MS
 from app.control.gait import machine as gait_machine
 from app.control.inputs import Inputs
-from app.control.requests import COMING_TO_REST
 from app.control.state import ControlState
 from app.ipc.messages import (
     ActiveEvent,
@@ -17,8 +16,9 @@ from app.ipc.messages import (
     Lateness,
     RealTime,
 )
-from app.ipc.states import Action, Source
-from hal.joints.protocol import DriveFault, Joint
+from app.ipc.states import Action, RequestRefusal, Source
+from hal.joints.protocol import Joint
+from logs.reason import Reason, reason
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -69,23 +69,23 @@ def snapshot(memory: ControlState, inputs: Inputs, shell: Shell) -> ControlSnaps
     )
 
 
-def _allowed(memory: ControlState) -> tuple[tuple[Action, ...], str]:
+def _allowed(memory: ControlState) -> tuple[tuple[Action, ...], Reason | None]:
     """What the therapist's keys may do now; the table of events has its say before the gait table."""
     forbidden = blocker(memory.active, Source.THERAPIST)
     if forbidden is not None:
-        return (), sentence(forbidden)
+        return (), forbidden.reason
     running = memory.gait.running
     if running is None and not memory.motion.settled:
-        return (), COMING_TO_REST
+        return (), reason(RequestRefusal.COMING_TO_REST)
     allowed = gait_machine.allowed(memory.gait)
-    return allowed, "" if allowed or running is None else f"“{running.value}” is running."
+    return allowed, None if allowed or running is None else reason(RequestRefusal.ACTION_RUNNING, action=running)
 
 
 def _event(one: Active) -> ActiveEvent:
     return ActiveEvent(
-        name=one.event.value,
+        event=one.event,
+        detail=one.detail,
         effect=ROW[one.event].effect,
-        text=sentence(one),
         since_ns=one.since_ns,
         present=one.present,
         acknowledged=one.acknowledged or not one.latched,
@@ -109,5 +109,5 @@ def _joint(memory: ControlState, inputs: Inputs, joint: Joint) -> JointSnapshot:
         torque_nm=float(feedback.torque_nm[joint]),
         temperature_c=float(feedback.temperature_c[joint]),
         age_ms=(inputs.now_ns - int(feedback.measured_ns[joint])) / NS_PER_MS,
-        fault="" if fault is DriveFault.NONE else str(fault.name or fault).lower().replace("_", " "),
+        faults=tuple(reason(each) for each in fault),
     )

@@ -17,6 +17,7 @@ from app.ipc.states import Effect
 from app.motion.follower import Motion
 from app.motion.plan import PlanRequest
 from logs import records
+from logs.reason import Reason
 from logs.records import Body
 
 REPORTS_KEPT = 24
@@ -44,7 +45,7 @@ class ControlState(Struct, frozen=True, kw_only=True):
     plan_number: int = 0  # of the newest plan request
     planner_ready: bool = False  # it has answered once
     reports: tuple[ActionReport, ...] = ()
-    refusal: str = ""
+    refusal: Reason | None = None
     refusal_count: int = 0
     ignored_count: int = 0
     steps: int = 0

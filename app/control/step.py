@@ -11,7 +11,7 @@ from msgspec.structs import replace
 
 from app.control.diagnostics import MotionDiagnostics, Planning, Session, collect_diagnostics
 from app.control.events.programs import CLOCK_STEP_S
-from app.control.events.table import ROW, Active, Actives, Event, advance, blocker, displaced, sentence
+from app.control.events.table import ROW, Active, Actives, advance, blocker, displaced
 from app.control.executor import (
     accept_plans,
     advance_action,
@@ -26,18 +26,19 @@ from app.control.inputs import DriveOrder, Inputs, Outputs, Settings
 from app.control.requests import arbitrate, handle_gesture, handle_operator_commands, uncleared
 from app.control.running_action import Stage, measure, note_command
 from app.control.state import ControlState, Tick
-from app.ipc.states import Effect
+from app.ipc.states import Effect, Event, RequestRefusal
 from app.ipc.streams import AUDIT_HEALTH, GUARDIAN, OPERATOR, TRIGGER
 from app.motion import follower
 from app.motion.follower import Mode
 from logs import records
+from logs.reason import Reason, reason
 
 # What the trail calls the loss of a stream's sign of life.
 STREAM_OF = {
-    Event.PERCEPTION_GONE: TRIGGER,
-    Event.CONSOLE_SILENT: OPERATOR,
-    Event.AUDIT_GONE: AUDIT_HEALTH,
-    Event.GUARDIAN_GONE: GUARDIAN,
+    Event.PERCEPTION_TIMEOUT: TRIGGER,
+    Event.CONSOLE_TIMEOUT: OPERATOR,
+    Event.AUDIT_TIMEOUT: AUDIT_HEALTH,
+    Event.GUARDIAN_TIMEOUT: GUARDIAN,
 }
 END_HOLD_NS = 400 * NS_PER_MS  # a session that ends holds first, longer than a hold takes; then it gives way
 
@@ -138,11 +139,11 @@ def _interrupt(tick: Tick) -> None:
     stop_action(tick, _strongest(tick))
 
 
-def _let_go(tick: Tick, reason: str) -> None:
+def _let_go(tick: Tick, why: Reason | None) -> None:
     """The drives carry nothing any more."""
     tick.reach(gait_machine.power_off(tick.memory.gait))
     tick.memory = replace(tick.memory, motion=follower.disable(tick.memory.motion), torque_off=False)
-    stop_action(tick, reason)
+    stop_action(tick, why)
 
 
 def _end_walk(tick: Tick) -> None:
@@ -173,7 +174,7 @@ def _switch_off(tick: Tick) -> None:
     wanted = memory.torque_off or memory.ending_ns
     if wanted and memory.motion.fully_damped:
         tick.drives = DriveOrder.DISABLE
-        _let_go(tick, "torque off")
+        _let_go(tick, reason(RequestRefusal.TORQUE_OFF))
     if memory.ending_ns and tick.memory.motion.mode is Mode.DISABLED:
         tick.drives = DriveOrder.DISABLE
         tick.finished = True
@@ -205,8 +206,8 @@ def _session(tick: Tick) -> Session:
     )
 
 
-def _strongest(tick: Tick) -> str:
-    return next((sentence(one) for one in tick.memory.active if one.in_force), "")
+def _strongest(tick: Tick) -> Reason | None:
+    return next((one.reason for one in tick.memory.active if one.in_force), None)
 
 
 def _news(before: Actives, after: Actives, now_ns: int) -> list[records.Body]:
@@ -214,7 +215,7 @@ def _news(before: Actives, after: Actives, now_ns: int) -> list[records.Body]:
     was = {one.event: one for one in before}
     still = {one.event for one in after}
     raised: list[records.Body] = [
-        records.EventRaised(event=one.event.value, effect=ROW[one.event].effect.name.lower(), text=sentence(one))
+        records.EventRaised(event=one.event.value, effect=ROW[one.event].effect.name.lower(), text=one.reason)
         for one in after
         if one.event not in was
     ]

@@ -12,9 +12,11 @@ from collections.abc import Callable
 from app.demo.course import Leg
 from app.demo.trial import Trial, moment_of_command
 from app.ipc.messages import ActionReport, ControlSnapshot, HandCommand, HandPose, OperatorKind, TriggerReport
-from app.ipc.states import ACTION_OF, Action, Effect, GaitState
+from app.ipc.states import ACTION_OF, Action, Effect, GaitState, Outcome
 from app.session.host import SessionHost
 from app.system.errors import AppError
+from app.text.catalogue import render
+from logs.reason import Reason
 
 START_S = 30.0  # the hand model's first load on a slow disk
 RECOGNITION_S = 6.0
@@ -24,7 +26,7 @@ GREEN_S = 1.5
 GUARDIAN_S = 10.0  # it damps for seconds before it gives the joints back
 STILL_S = 1.5  # longer than a swinging leg is slow at its turning point
 LOOK_S = 0.01  # three looks a frame; control itself keeps the times that are reported
-DONE = ("completed", "stopped", "refused")
+DONE = {Outcome.COMPLETED, Outcome.STOPPED, Outcome.REFUSED}
 
 
 class CourseRunner:
@@ -64,7 +66,9 @@ class CourseRunner:
         self._host.send(OperatorKind.CONFIRM_PATIENT)
         self._host.send(OperatorKind.ARM)
         if not self._until(lambda: self._now.armed, ACCEPTANCE_S):
-            raise AppError(f"Control did not arm: {self._now.why_not or 'no answer'}; see the session's audit trail.")
+            raise AppError(
+                f"Control did not arm: {_text(self._now.why_not) or 'no answer'}; see the session's audit trail."
+            )
 
     def run(self, leg: Leg) -> Trial:
         """Sign, press, and wait until the legs have done it (or walked far enough)."""
@@ -73,7 +77,7 @@ class CourseRunner:
         start = self._now.state
         self._until(lambda: action in self._now.allowed or self._astray(leg), ACTION_S)
         if action not in self._now.allowed:
-            why = f"not allowed: {self._now.why_not}"
+            why = f"not allowed: {_text(self._now.why_not)}"
             return self._trial(leg, start, recognised=False, reason=why, interrupted=self._astray(leg))
         self._host.move_hand(HandCommand(gesture=leg.gesture))
         if not self._until(lambda: self._seen(leg), RECOGNITION_S):
@@ -142,9 +146,9 @@ class CourseRunner:
         self._asked.add(number)
         self._until(lambda: self._finished(leg, number), ACTION_S)
         report = self.actions[number]
-        reached = self._now.state is leg.end or (leg.steps > 0 and report.outcome == "running")
-        ok = reached and report.outcome != "stopped" and moment_of_command(report) > 0
-        reason = "" if ok else f"{report.outcome} too early: {report.reason or self._now.why_not}"
+        reached = self._now.state is leg.end or (leg.steps > 0 and report.outcome is Outcome.RUNNING)
+        ok = reached and report.outcome is not Outcome.STOPPED and moment_of_command(report) > 0
+        reason = "" if ok else f"{report.outcome.value} too early: {_text(report.reason or self._now.why_not)}"
         return self._trial(
             leg, start, pressed=pressed, presses=made, report=report, reason=reason, ok=ok, interrupted=not ok
         )
@@ -167,9 +171,9 @@ class CourseRunner:
 
     def _why_no_action(self, pressed: bool) -> str:
         if pressed:
-            return self._now.refusal or "released, and control did not act"
+            return _text(self._now.refusal) or "released, and control did not act"
         if self.report is not None and self.report.cancel_reason:
-            return f"not pressed: {self.report.cancel_reason}"
+            return f"not pressed: {_text(self.report.cancel_reason)}"
         return "not pressed: the hand did not come near enough with its gesture"
 
     def _finished(self, leg: Leg, number: int) -> bool:
@@ -247,7 +251,9 @@ class CourseRunner:
     def _why_unseen(self) -> str:
         if self.report is None:
             return "no report"
-        return self.report.camera_fault or self.report.explanation or ("no hand found" if not self.report.hand else "")
+        return _text(self.report.camera_fault or self.report.explanation) or (
+            "no hand found" if not self.report.hand else ""
+        )
 
     def _who_is_missing(self) -> str:
         dead = [status.name for status in self._host.processes() if not status.alive]
@@ -273,3 +279,7 @@ class CourseRunner:
         if latest.snapshot is not None:
             self.snapshot = latest.snapshot
             self.actions.update({report.number: report for report in latest.snapshot.reports})
+
+
+def _text(why: Reason | None) -> str:
+    return render(why) if why else ""

@@ -1,4 +1,6 @@
-"""Every message between processes: frozen, validated on arrival, units in the names.
+"""Every message between processes: frozen, validated on arrival, units in the names. Rates: `app/ipc/streams.py`.
+
+A reason is a code with values, rendered where it is shown.
 
 Latest-only messages survive conflation: they carry counts (`release_count`, `action_count`), so a lost one
 loses no command and a repeated one repeats none. A sender that restarts starts a new `incarnation`.
@@ -10,8 +12,9 @@ from enum import Enum
 
 from msgspec import Struct
 
-from app.ipc.states import Action, Effect, GaitState, Source
+from app.ipc.states import Action, Effect, Event, GaitState, Outcome, Source
 from kgdfa.gesture import Gesture
+from logs.reason import Reason, Value, key_of
 
 Quad = tuple[float, float, float, float]  # in the order of hal.joints.protocol.Joint
 
@@ -21,7 +24,7 @@ class PressRange(Struct, frozen=True, kw_only=True):
 
     followed_from_m: nearer, the hand is lost. whole_from_m: nearer, fingertips are out of the picture. seen_to_m:
     farther, the hand is too small. threshold_m: proposed; rest_beyond_m: where the hand rests with it. fits: whether
-    the patient's own threshold works here. sentence: all of it for people.
+    the patient's own threshold works here. assessment: all of it as one reason.
     """
 
     followed_from_m: float
@@ -31,11 +34,11 @@ class PressRange(Struct, frozen=True, kw_only=True):
     rest_beyond_m: float
     possible: bool
     fits: bool
-    sentence: str
+    assessment: Reason
 
 
 class TriggerReport(Struct, frozen=True, kw_only=True, tag="trigger"):
-    """Perception to control and console, one a frame. "No hand" is sent, so absence differs from silence."""
+    """Perception to control and console, one per frame. "No hand" is sent, so absence differs from silence."""
 
     incarnation: int
     sequence: int
@@ -46,7 +49,7 @@ class TriggerReport(Struct, frozen=True, kw_only=True, tag="trigger"):
     recognised_ns: int = 0  # capture of the frame whose vote made `gesture` what it is
     raw_gesture: Gesture | None = None  # of this frame alone
     confidence: float = 0.0
-    explanation: str = ""
+    explanation: Reason | None = None
     votes: int = 0
     distance_m: float | None = None  # as shown
     distance_sd_m: float = 0.0
@@ -56,22 +59,22 @@ class TriggerReport(Struct, frozen=True, kw_only=True, tag="trigger"):
     release_count: int = 0
     released_gesture: Gesture | None = None
     released_recognised_ns: int = 0
-    released_captured_ns: int = 0  # capture of the frame that released
+    released_ns: int = 0  # capture of the frame that released
     cancel_count: int = 0
-    cancel_reason: str = ""
-    press_hint: str = ""  # why a hand that is near does not press
+    cancel_reason: Reason | None = None
+    press_hint: Reason | None = None  # why a hand that is near does not press
     fps: float = 0.0
     camera: str = ""
-    camera_fault: str = ""  # a sentence while the camera gives nothing
-    hint: str = ""  # for the therapist: dark, blurred, too near
+    camera_fault: Reason | None = None  # while the camera delivers nothing
+    hint: Reason | None = None  # for the therapist: dark, blurred, too near
     detector_ready: bool = True  # False while the hand model is loading
-    depth_distance_m: float | None = None  # a depth camera's own word, for comparison
+    depth_distance_m: float | None = None  # measured by a depth camera, for comparison
     depth_pressed: bool = False
-    press_zone: PressRange | None = None  # None until a picture has told the lens
+    press_zone: PressRange | None = None  # None until a frame has told the focal length
 
 
 class Preview(Struct, frozen=True, kw_only=True, tag="preview"):
-    """Perception to console, latest only: a small picture with everything drawn in."""
+    """Perception to console: a small picture with everything drawn in."""
 
     sequence: int
     captured_ns: int
@@ -110,19 +113,19 @@ class PerceptionCommand(Struct, frozen=True, kw_only=True, tag="perception"):
 class OperatorKind(Enum):
     """What the operator can ask of control."""
 
-    ALIVE = "alive"  # the console's sign of life, ten a second
+    ALIVE = "alive"  # the console's heartbeat
     STOP = "stop"  # hold; a second one damps
     ACKNOWLEDGE = "acknowledge"
     ARM = "arm"
     DISARM = "disarm"
     ACT = "act"  # the therapist's key for one of the twelve actions
-    TORQUE_OFF = "torque off"  # after damp: the joints off, on the operator's word
+    TORQUE_OFF = "torque off"  # after damp: the joints off, on the operator's command
     CONFIRM_PATIENT = "confirm patient"
     SHUT_DOWN = "shut down"  # damp, disable, end the process
 
 
 class OperatorCommand(Struct, frozen=True, kw_only=True, tag="operator"):
-    """Console to control, ordered; control acknowledges the sequence in its snapshot."""
+    """Console to control; control acknowledges the sequence in its snapshot."""
 
     sequence: int
     kind: OperatorKind
@@ -141,18 +144,23 @@ class JointSnapshot(Struct, frozen=True, kw_only=True):
     torque_nm: float
     temperature_c: float
     age_ms: float
-    fault: str = ""
+    faults: tuple[Reason, ...] = ()
 
 
 class ActiveEvent(Struct, frozen=True, kw_only=True):
     """An event in force, or waiting for its acknowledgement."""
 
-    name: str
+    event: Event
+    detail: dict[str, Value] = {}  # when it was raised; units in the names
     effect: Effect
-    text: str  # for the operator: what happened and what to do
     since_ns: int
     present: bool  # the condition still holds
     acknowledged: bool
+
+    @property
+    def reason(self) -> Reason:
+        """The event with its values, to be rendered."""
+        return Reason(key_of(self.event), self.detail)
 
 
 class ActionReport(Struct, frozen=True, kw_only=True):
@@ -163,8 +171,8 @@ class ActionReport(Struct, frozen=True, kw_only=True):
     source: Source
     from_state: GaitState
     to_state: GaitState | None = None
-    outcome: str = "running"  # running, completed, refused, stopped
-    reason: str = ""
+    outcome: Outcome = Outcome.RUNNING
+    reason: Reason | None = None
     recognised_ns: int = 0
     released_ns: int = 0
     accepted_ns: int = 0
@@ -172,7 +180,6 @@ class ActionReport(Struct, frozen=True, kw_only=True):
     first_motion_ns: int = 0
     ended_ns: int = 0
     tracking_rms_rad: float = 0.0
-    plan: str = ""  # the plan's check in a sentence
 
 
 class Lateness(Struct, frozen=True, kw_only=True):
@@ -196,7 +203,7 @@ class RealTime(Struct, frozen=True, kw_only=True):
 
 
 class ControlSnapshot(Struct, frozen=True, kw_only=True, tag="control"):
-    """Control to console and demo, 20 Hz, latest only."""
+    """Control to console and demo."""
 
     incarnation: int
     sequence: int
@@ -210,11 +217,11 @@ class ControlSnapshot(Struct, frozen=True, kw_only=True, tag="control"):
     progress: float = 0.0  # of the running plan, 0-1
     pending: Action | None = None  # gesture 6, latched
     allowed: tuple[Action, ...] = ()
-    why_not: str = ""  # why nothing is allowed, when nothing is
+    why_not: Reason | None = None  # why nothing is allowed, when nothing is
     joints: tuple[JointSnapshot, JointSnapshot, JointSnapshot, JointSnapshot]
     events: tuple[ActiveEvent, ...] = ()
     reports: tuple[ActionReport, ...] = ()  # the newest few, oldest first
-    refusal: str = ""  # the newest refusal, for people
+    refusal: Reason | None = None  # the newest
     refusal_count: int = 0
     ignored_count: int = 0
     acknowledged_sequence: int = 0  # newest OperatorCommand seen
@@ -229,7 +236,7 @@ class ControlSnapshot(Struct, frozen=True, kw_only=True, tag="control"):
 
 
 class Heartbeat(Struct, frozen=True, kw_only=True, tag="heartbeat"):
-    """Control to guardian, 250 a second: alive, and whether the drives are powered."""
+    """Control to guardian: alive, and whether the drives are powered."""
 
     at_ns: int
     enabled: bool
@@ -237,17 +244,17 @@ class Heartbeat(Struct, frozen=True, kw_only=True, tag="heartbeat"):
 
 
 class AuditHealth(Struct, frozen=True, kw_only=True, tag="audit-health"):
-    """Audit to control and console, ten a second: how far it is, and whether it can still write."""
+    """Audit to control and console: how many records are written, and whether it can still write."""
 
     at_ns: int
     written: int
     waiting: int
-    fault: str = ""
+    fault: Reason | None = None
 
 
 class GuardianHealth(Struct, frozen=True, kw_only=True, tag="guardian-health"):
-    """Guardian to control, ten a second."""
+    """Guardian to control."""
 
     at_ns: int
     acted: bool = False
-    fault: str = ""  # why it can't reach the drives
+    fault: Reason | None = None  # why it can't reach the drives

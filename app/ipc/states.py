@@ -1,4 +1,4 @@
-"""The words control speaks: gait states, actions, effects, sources. Tables that use them live beside them."""
+"""Codes that several processes share: gait states, actions, effects, events, outcomes, refusals."""
 
 from __future__ import annotations
 
@@ -64,8 +64,82 @@ class Effect(IntEnum):
     DAMP = 3  # pure damping, ramped from the last command
 
 
+class Event(Enum):
+    """What can forbid or stop motion: the rows of control's table of events. The value stands in the audit trail."""
+
+    STOP = "stop"
+    STOP_AGAIN = "stop-again"
+    SHUTTING_DOWN = "shutting-down"
+    SHUTDOWN_DAMPING = "shutdown-damping"
+    NOT_ARMED = "not-armed"
+    NO_PATIENT = "no-patient"
+    NO_PREFLIGHT = "no-preflight"
+    NOT_HOMED = "not-homed"
+    LEGS_MOVING = "legs-moving"
+    FAR_FROM_POSE = "far-from-pose"
+    CAMERA_STALE = "camera-stale"
+    PERCEPTION_TIMEOUT = "perception-timeout"
+    CONSOLE_TIMEOUT = "console-timeout"
+    AUDIT_BACKLOG = "audit-backlog"
+    AUDIT_QUEUE_FULL = "audit-queue-full"
+    AUDIT_TIMEOUT = "audit-timeout"
+    AUDIT_WRITE_FAILED = "audit-write-failed"
+    TICK_LATE = "tick-late"
+    CONTROL_STALLED = "control-stalled"
+    HOST_SUSPENDED = "host-suspended"
+    CLOCK_JUMP = "clock-jump"
+    JOINT_TIMEOUT = "joint-timeout"
+    DRIVE_FAULT = "drive-fault"
+    DRIVE_UNTRUSTED = "drive-untrusted"
+    DRIVES_POWER_LOST = "drives-power-lost"
+    DRIVE_ORDER_FAILED = "drive-order-failed"
+    OVER_TEMPERATURE_WARNING = "over-temperature-warning"
+    OVER_TEMPERATURE = "over-temperature"
+    FOLLOWING_WARNING = "following-warning"
+    FOLLOWING_LIMIT = "following-limit"
+    OUT_OF_RANGE = "out-of-range"
+    OVER_SPEED = "over-speed"
+    OVER_TORQUE = "over-torque"
+    GUARD_REFUSAL = "guard-refusal"
+    BUS_FAULT = "bus-fault"
+    BUS_ERRORS = "bus-errors"
+    UNEXPECTED_MOTION = "unexpected-motion"
+    GUARDIAN_TIMEOUT = "guardian-timeout"
+    GUARDIAN_ACTED = "guardian-acted"
+    PLANNER_STARTING = "planner-starting"
+    PLANNER_TIMEOUT = "planner-timeout"
+    NEXT_STEP_MISSING = "next-step-missing"
+    MESSAGE_REJECTED = "message-rejected"
+
+
+class Outcome(Enum):
+    """What became of an accepted action."""
+
+    RUNNING = "running"
+    COMPLETED = "completed"
+    REFUSED = "refused"  # its plan was not possible, or no plan came
+    STOPPED = "stopped"
+
+
+class RequestRefusal(Enum):
+    """Why control refuses a request that no event forbids; values of each are in the catalogue's message."""
+
+    COMING_TO_REST = "coming-to-rest"
+    RELEASED_BEFORE_ARMING = "released-before-arming"
+    KEY_EXPIRED = "key-expired"
+    TORQUE_OFF_NEEDS_DAMPING = "torque-off-needs-damping"
+    NO_WALK = "no-walk"
+    UNPOWERED = "unpowered"
+    BETWEEN_STATES = "between-states"
+    WRONG_STATE = "wrong-state"
+    ACTION_RUNNING = "action-running"
+    PLANNER_TIMEOUT = "planner-timeout"
+    ENABLE_TIMEOUT = "enable-timeout"
+    TORQUE_OFF = "torque-off"
+
+
 class Source(Enum):
-    """Whose wish an action was."""
+    """Who requested an action."""
 
     GESTURE = "gesture"
     THERAPIST = "therapist"

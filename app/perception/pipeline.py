@@ -23,6 +23,7 @@ from kgdfa.published import PublishedRules
 from kgdfa.robust import RobustRules
 from kgdfa.robust_distance import RobustRange
 from logs import records
+from logs.reason import Reason
 from profiles.palm import ReferenceSegment, reference_segment
 
 if TYPE_CHECKING:
@@ -115,13 +116,17 @@ def press_range(setup: SessionSetup, frame: Frame, camera: str) -> PressRange:
         rest_beyond_m=zone.rest_beyond_m,
         possible=zone.possible,
         fits=zone.fits(setup.profile.press_threshold_m),
-        sentence=zone.sentence,
+        assessment=Reason("Text.PLAIN", {"text": zone.sentence}),
     )
 
 
 def zone_hint(setup: SessionSetup, zone: PressRange) -> str:
     """What to tell the therapist when the patient's press threshold does not suit this camera; "" when it does."""
-    return "" if zone.fits else f"Threshold {setup.profile.press_threshold_m * 100:.0f} cm: {zone.sentence}"
+    return (
+        ""
+        if zone.fits
+        else f"Threshold {setup.profile.press_threshold_m * 100:.0f} cm: {zone.assessment.values['text']}"
+    )
 
 
 def camera_records(setup: SessionSetup, camera: Camera, frame: Frame) -> tuple[records.Camera, records.Calibration]:

@@ -32,6 +32,7 @@ from hal.cameras.camera import Frame
 from kgdfa.button import ButtonPlace
 from kgdfa.draw import draw
 from kgdfa.pipeline import Picture, Pipeline, Report
+from logs.reason import plain
 from logs.records import EventRaised, ProcessEnd, ProcessStart
 
 FRAME_TIMEOUT_S = 0.1
@@ -160,8 +161,8 @@ class Perception:
             camera=self._camera.camera.name,
             threshold_m=self._setup.profile.press_threshold_m,
             fps=frames_per_second(list(self._captures)),
-            camera_fault=self._camera.fault,
-            hint=self._hint,
+            camera_fault=plain(self._camera.fault),
+            hint=plain(self._hint),
             detector_ready=self._ready,
             press_zone=self._zone,
         )

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from app.ipc.messages import PerceptionCommand, PressRange, Preview, TriggerReport
 from kgdfa.pipeline import Report
+from logs.reason import Reason, plain
 from logs.records import Body, Cancel, GestureOnset, Press, Release
 
 FPS_WINDOW = 30  # frames
@@ -27,8 +28,8 @@ class Surroundings:
     camera: str
     threshold_m: float
     fps: float
-    camera_fault: str = ""
-    hint: str = ""
+    camera_fault: Reason | None = None
+    hint: Reason | None = None
     detector_ready: bool = True
     press_zone: PressRange | None = None
 
@@ -67,7 +68,7 @@ def _with_hand(message: TriggerReport, report: Report) -> TriggerReport:
         recognised_ns=report.recognised_ns,
         raw_gesture=verdict.gesture if verdict else None,
         confidence=verdict.confidence if verdict else 0.0,
-        explanation=verdict.explanation if verdict else "",
+        explanation=plain(verdict.explanation) if verdict else None,
         votes=report.votes,
         distance_m=distance.shown_m if distance else None,
         distance_sd_m=distance.sd_m if distance else 0.0,
@@ -84,10 +85,10 @@ def _with_button(message: TriggerReport, report: Report) -> TriggerReport:
         release_count=button.release_count,
         released_gesture=button.released_gesture,
         released_recognised_ns=button.released_recognised_ns,
-        released_captured_ns=button.released_captured_ns,
+        released_ns=button.released_ns,
         cancel_count=button.cancel_count,
-        cancel_reason=button.cancel_reason,
-        press_hint=button.hint,
+        cancel_reason=plain(button.cancel_reason),
+        press_hint=plain(button.hint),
         depth_pressed=report.depth_button.pressed if report.depth_button else False,
     )
 
@@ -113,7 +114,7 @@ def records_between(before: Report | None, now: Report) -> Iterator[Body]:
         yield Release(
             gesture=button.released_gesture.value if button.released_gesture else None,
             recognised_ns=button.released_recognised_ns,
-            captured_ns=button.released_captured_ns,
+            captured_ns=button.released_ns,
             distance_m=distance_m,
             number=button.release_count,
         )

@@ -23,6 +23,7 @@ from hal.errors import HardwareError
 from hal.joints.can.bus import with_bus
 from hal.joints.can.safe_stop import SafeStop
 from hal.joints.device import DEFAULT_DEVICE, load_exoskeleton
+from logs.reason import plain
 from logs.records import HeartbeatLost, Note, ProcessEnd, ProcessStart
 
 LOOK_S = 0.004  # twice, after the stale limit of 35 ms: the joints are damped before 50 ms are over
@@ -183,7 +184,7 @@ class Guardian:
 
     def _told(self, now_ns: int) -> GuardianHealth:
         acted = self._watch.doing is not Doing.WATCH
-        return GuardianHealth(at_ns=now_ns, acted=acted, fault=self._fault)
+        return GuardianHealth(at_ns=now_ns, acted=acted, fault=plain(self._fault))
 
     def _tell_loss(self, now_ns: int) -> None:
         heartbeat = self._watch.heartbeat

@@ -127,9 +127,12 @@ def _text(value: object) -> str:
 
 
 class _Units(Formatter):
-    """`str.format` with units, and with codes inside."""
+    """`str.format` with units, with codes inside, and `{detail:in_brackets}` for what may be empty."""
 
     def format_field(self, value: object, format_spec: str) -> str:
+        if format_spec == "in_brackets":
+            text = _text(value)
+            return f" ({text})" if text else ""
         unit, _, digits = format_spec.partition(".")
         if unit in _UNITS and isinstance(value, int | float):
             convert, usual = _UNITS[unit]

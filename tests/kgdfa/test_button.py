@@ -64,7 +64,7 @@ def test_a_push_and_a_withdrawal_command_once() -> None:
     assert (state.pressed, state.pressed_gesture, state.release_count) == (True, Gesture.FIVE, 0)
     state = run([Seen(BETWEEN), Seen(FAR), Seen(FAR)], state=state)
     assert (state.pressed, state.release_count, state.released_gesture) == (False, 1, Gesture.FIVE)
-    assert state.released_captured_ns == 5 * FRAME_NS
+    assert state.released_ns == 5 * FRAME_NS
     assert state.released_recognised_ns == 7
     again = run([Seen(d, Gesture.SIX) for d in (FAR, NEAR, NEAR, FAR)], state=state)
     assert (again.release_count, again.released_gesture) == (2, Gesture.SIX)

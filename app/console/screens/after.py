@@ -147,5 +147,5 @@ class AfterScreen(ConsoleScreen):
             tr("after.refusals", count=record.refusals),
         ]
         reports = self._state.snapshot.reports if self._state.snapshot else ()
-        lines += [f"  {tr(one.action)}: {tr(f'outcome.{one.outcome}')}" for one in reports[-5:]]
+        lines += [f"  {tr(one.action)}: {tr(one.outcome)}" for one in reports[-5:]]
         return "\n".join(lines)

@@ -14,7 +14,6 @@ from app.console.screens.base import ConsoleScreen
 from app.console.screens.checks import Checklist
 from app.console.screens.compare import CompareScreen
 from app.console.screens.dialogs import Question, TherapistAct
-from app.console.sentences import event_words
 from app.console.state import SessionState
 from app.console.widgets.gait import MachinePanel
 from app.console.widgets.gesture import DistancePanel, GesturePanel
@@ -25,7 +24,7 @@ from app.console.widgets.picture import Picture
 from app.console.widgets.status import EventsPanel, HealthPanel, status_line
 from app.ipc.messages import HandCommand, HandPose, OperatorKind
 from app.ipc.states import Action, Effect
-from app.text.catalogue import tr
+from app.text.catalogue import render, tr
 from kgdfa.gesture import Gesture
 
 
@@ -133,7 +132,7 @@ class SessionScreen(HandKeys):
         if not waiting:
             self.notify(tr("acknowledge.nothing"))
             return
-        words = "\n".join(f"• {event_words(event.name, event.text)}" for event in waiting)
+        words = "\n".join(f"• {render(event.reason)}" for event in waiting)
         self.app.push_screen(
             Question(tr("acknowledge.title"), f"{words}\n\n{tr('acknowledge.words')}"), self._acknowledged
         )

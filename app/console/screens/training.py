@@ -20,7 +20,7 @@ from app.console.widgets.panel import Lines, Panel, plain
 from app.console.widgets.picture import Picture
 from app.ipc.messages import TriggerReport
 from app.ipc.states import ACTION_OF
-from app.text.catalogue import tr
+from app.text.catalogue import render, tr
 from kgdfa.gesture import Gesture
 
 LESSONS = tuple(Gesture)
@@ -59,7 +59,8 @@ def feedback(lesson: Lesson, report: TriggerReport | None) -> Lines:
     if report.gesture is target:
         return (plain(tr("training.push"), "bold $success"),)
     if report.raw_gesture is None or report.raw_gesture is target:
-        return (plain(sentence(report.explanation) or tr("training.hold"), "$warning"),)
+        why = sentence(render(report.explanation)) if report.explanation else tr("training.hold")
+        return (plain(why, "$warning"),)
     wrong = differences(target, report.raw_gesture)
     return tuple(plain(f"✗ {tr(finger)}: {tr(f'training.{want.value}')}", "$warning") for finger, want in wrong)
 

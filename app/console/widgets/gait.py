@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from app.console.sentences import sentence
 from app.console.state import SessionState
 from app.console.widgets.gesture import FINGERS
 from app.console.widgets.panel import Line, Lines, StatePanel, bar, cells, padded, plain
 from app.console.widgets.status import event_lines
 from app.ipc.messages import ControlSnapshot
 from app.ipc.states import GESTURE_OF, Action, GaitState
-from app.text.catalogue import tr
+from app.text.catalogue import render, tr
 
 G = GaitState
 A = Action
@@ -52,8 +51,8 @@ def _why_not(snapshot: ControlSnapshot) -> Lines:
     """Why nothing is allowed, unless an event beside says the same."""
     if snapshot.allowed or snapshot.action is not None or not snapshot.why_not:
         return ()
-    told = any(event.text == snapshot.why_not for event in snapshot.events)
-    return () if told else (plain(f" {sentence(snapshot.why_not)}", "$warning"),)
+    told = any(event.reason == snapshot.why_not for event in snapshot.events)
+    return () if told else (plain(f" {render(snapshot.why_not)}", "$warning"),)
 
 
 def _allowed(snapshot: ControlSnapshot, width: int, height: int) -> Lines:

@@ -7,7 +7,7 @@ from app.console.state import PushNote, SessionState
 from app.console.widgets.panel import Line, Lines, StatePanel, bar, cells, plain
 from app.ipc.messages import PressRange, TriggerReport
 from app.ipc.states import ACTION_OF
-from app.text.catalogue import tr
+from app.text.catalogue import render, tr
 from kgdfa.gesture import FINGER_STATES, Finger, FingerState
 
 # Fingers as strokes, thumb first: hand emoji are wide characters, which terminals measure differently.
@@ -32,9 +32,9 @@ def gesture_lines(state: SessionState) -> Lines:
     if not state.report_fresh:
         return (plain(tr("gesture.stale"), "bold $error"),)
     if report.camera_fault:
-        return (plain(tr("gesture.no_picture"), "bold $error"), plain(sentence(report.camera_fault)))
-    why = report.hint or (report.explanation if report.gesture is None else "")
-    return (_headline(report), _votes(report), plain(sentence(why), "$text-muted"))
+        return (plain(tr("gesture.no_picture"), "bold $error"), plain(sentence(render(report.camera_fault))))
+    why = report.hint or (report.explanation if report.gesture is None else None)
+    return (_headline(report), _votes(report), plain(sentence(render(why)) if why else "", "$text-muted"))
 
 
 def _headline(report: TriggerReport) -> tuple[tuple[str, str], ...]:

@@ -9,7 +9,7 @@ from functools import cache
 from app.console.state import SessionState
 from app.console.widgets.panel import Line, Lines, StatePanel, cells, plain
 from app.ipc.messages import JointSnapshot
-from app.text.catalogue import tr
+from app.text.catalogue import render, tr
 from hal.joints.device import Joint, JointDevice, load_exoskeleton
 
 _STALE_MS = 100.0
@@ -38,8 +38,8 @@ def _figures(now: JointSnapshot) -> str:
 
 
 def _tail(now: JointSnapshot, device: JointDevice) -> tuple[str, str]:
-    if now.fault:
-        return (f" ‼ {now.fault}", "bold $error")
+    if now.faults:
+        return (f" ‼ {tr('list.separator').join(render(each) for each in now.faults)}", "bold $error")
     if now.age_ms > _STALE_MS:
         return (f" ‼ {tr('joints.silent')}", "bold $error")
     if math.isnan(now.temperature_c):

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from textual.message import Message
 
-from app.console.sentences import event_words, sentence
 from app.console.state import SessionState
 from app.console.widgets.panel import Line, Lines, Part, StatePanel, bar, cells, plain
 from app.ipc.messages import ActiveEvent, ControlSnapshot
 from app.ipc.states import Effect
-from app.text.catalogue import tr
+from app.text.catalogue import render, tr
 
 EFFECT_MARKS = {Effect.NOTE: "i", Effect.REFUSE: "-", Effect.HOLD: "!", Effect.DAMP: "‼"}
 EFFECT_STYLES = {
@@ -60,7 +59,7 @@ def event_lines(state: SessionState) -> Lines:
         return (plain(tr("events.silent"), "bold $error"), *(_line(event, state.now_ns) for event in state.events))
     lines = tuple(_line(event, state.now_ns) for event in state.events)
     if state.snapshot.refusal:
-        lines = (*lines, plain(tr("events.refused", reason=sentence(state.snapshot.refusal)), "$warning"))
+        lines = (*lines, plain(tr("events.refused", reason=render(state.snapshot.refusal)), "$warning"))
     return lines or (plain(tr("events.none"), "$text-muted"),)
 
 
@@ -72,7 +71,7 @@ def _line(event: ActiveEvent, now_ns: int) -> Line:
     age = f"{max(0, now_ns - event.since_ns) // 1_000_000_000} s"
     return (
         (f"{seen} {tr(event.effect)} ", style),
-        (event_words(event.name, event.text), ""),
+        (render(event.reason), ""),
         (f" {gone}{age}", "$text-muted"),
     )
 

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from enum import Flag
-from math import degrees
 
-from app.control.events.row import Event, Latch, Row
-from app.ipc.states import Effect
+from app.control.diagnostics import Diagnostics
+from app.control.events.row import Latch, Row
+from app.ipc.states import Effect, Event
 from hal.joints.protocol import BusFault, DriveFault
+from logs.reason import Value, plain, reason
 
 JOINT_SILENT_MS = 15.0  # with a tick and its margin the effect comes within 20 ms
 FOLLOWING_WARN_RAD = 0.14  # 8°, four times the tracking that the plans are checked for
@@ -36,20 +37,24 @@ def _any_of(flags: Flag, wanted: Flag) -> bool:
     return flags.value & wanted.value != 0
 
 
+def _drive_detail(facts: Diagnostics) -> dict[str, Value]:
+    """What the driver reports; where it reports nothing, the joint without an answer."""
+    joint = facts.legs.silent_joint
+    return {"detail": plain(facts.legs.drive_detail) or ("" if joint is None else reason(joint))}
+
+
 E, F = Event, Effect
 POSE = (
     Row(
         event=E.NOT_HOMED,
         effect=F.REFUSE,
         present=lambda f: not f.powered and f.legs.answering and f.legs.beyond_range,
-        text="A joint reads an angle that it can't have: check its zero before power is switched on.",
     ),
     Row(
         event=E.LEGS_MOVING,
         effect=F.REFUSE,
         settles=True,  # a swinging leg is slow for a moment at each turning point
         present=lambda f: not f.powered and f.legs.fastest_rad_s > STILL_RAD_S,
-        text="The legs still sink or swing: power comes once they have been still for a second. Wait, or hold them.",
     ),
     Row(
         event=E.FAR_FROM_POSE,
@@ -57,130 +62,113 @@ POSE = (
         latch=Latch.POWERED,
         displaces=True,
         present=lambda f: f.legs.pose_error_rad > POSE_LIMIT_RAD,
-        text="The legs are not where their state says: acknowledge, then gesture 0 brings them back slowly.",
-        detail=lambda f: f"{degrees(f.legs.pose_error_rad):.0f}°",
+        detail=lambda f: {"angle_rad": f.legs.pose_error_rad},
     ),
 )
 DRIVES = (
     Row(
-        event=E.JOINT_SILENT,
+        event=E.JOINT_TIMEOUT,
         effect=F.HOLD,
         latch=Latch.POWERED,
         present=lambda f: f.legs.age_ms > JOINT_SILENT_MS if f.powered else not f.legs.answering,
-        text="A joint does not answer: the legs are held. Check its cable and supply.",
-        detail=lambda f: f.legs.drive_detail,
+        detail=_drive_detail,
     ),
     Row(
         event=E.DRIVE_FAULT,
         effect=F.HOLD,
         latch=Latch.POWERED,
         present=lambda f: _any_of(f.legs.drive_faults, HELD_FAULTS),
-        text="A drive reports a fault: the other joints hold. Support the wearer.",
-        detail=lambda f: f.legs.drive_detail,
+        detail=_drive_detail,
     ),
     Row(
-        event=E.DRIVE_ASTRAY,
+        event=E.DRIVE_UNTRUSTED,
         effect=F.DAMP,
         latch=Latch.POWERED,
         present=lambda f: _any_of(f.legs.drive_faults, DAMPED_FAULTS),
-        text="A drive can't be trusted: the joints give way slowly. Support the wearer.",
-        detail=lambda f: f.legs.drive_detail,
+        detail=_drive_detail,
     ),
     Row(
-        event=E.DRIVES_LOST,
+        event=E.DRIVES_POWER_LOST,
         effect=F.HOLD,
         latch=Latch.ALWAYS,
         present=lambda f: f.legs.drives_lost,
-        text="The drives lost power: support the wearer. Acknowledge, then gesture 0 powers them again.",
-        detail=lambda f: f.legs.drive_detail,
+        detail=_drive_detail,
     ),
     Row(
         event=E.DRIVE_ORDER_FAILED,
         effect=F.REFUSE,
         latch=Latch.ALWAYS,
-        present=lambda f: f.legs.drive_error != "",
-        text="The drives did not do what they were told.",
-        detail=lambda f: f.legs.drive_error,
+        present=lambda f: f.legs.drive_error is not None,
+        detail=lambda f: {"detail": f.legs.drive_error or ""},
     ),
     Row(
         event=E.OVER_TEMPERATURE_WARNING,
         effect=F.NOTE,
         present=lambda f: f.legs.warm,
-        text="A joint is getting warm: plan a pause.",
-        detail=lambda f: f"{f.legs.hottest_c:.0f} °C",
+        detail=lambda f: {"temperature_c": f.legs.hottest_c},
     ),
     Row(
         event=E.OVER_TEMPERATURE,
         effect=F.HOLD,
         latch=Latch.POWERED,
         present=lambda f: f.legs.hot,
-        text="A joint is too hot: the legs are held. Support the wearer, STOP twice and let it cool.",
-        detail=lambda f: f"{f.legs.hottest_c:.0f} °C",
+        detail=lambda f: {"temperature_c": f.legs.hottest_c},
     ),
     Row(
         event=E.FOLLOWING_WARNING,
         effect=F.NOTE,
         present=lambda f: f.legs.following_rad > FOLLOWING_WARN_RAD,
-        text="A joint lags behind its target: is something in the way, or the wearer tense?",
-        detail=lambda f: f"{degrees(f.legs.following_rad):.0f}°",
+        detail=lambda f: {"angle_rad": f.legs.following_rad},
     ),
     Row(
         event=E.FOLLOWING_LIMIT,
         effect=F.HOLD,
         latch=Latch.POWERED,
         present=lambda f: f.legs.following_rad > FOLLOWING_LIMIT_RAD,
-        text="A joint can't follow: the legs are held. Something is in the way.",
-        detail=lambda f: f"{degrees(f.legs.following_rad):.0f}°",
+        detail=lambda f: {"angle_rad": f.legs.following_rad},
     ),
     Row(
         event=E.OUT_OF_RANGE,
         effect=F.HOLD,
         latch=Latch.POWERED,
         present=lambda f: f.powered and f.legs.beyond_range,
-        text="A joint went beyond its range: the legs are held.",
     ),
     Row(
         event=E.OVER_SPEED,
         effect=F.DAMP,
         latch=Latch.POWERED,
         present=lambda f: f.powered and f.legs.beyond_speed,
-        text="A joint moved faster than it may: the joints give way slowly. Support the wearer.",
     ),
     Row(
         event=E.OVER_TORQUE,
         effect=F.DAMP,
         latch=Latch.POWERED,
         present=lambda f: f.powered and f.legs.beyond_torque,
-        text="A joint pushed harder than it may: the joints give way slowly. Support the wearer.",
     ),
     Row(
         event=E.GUARD_REFUSAL,
         effect=F.HOLD,
         latch=Latch.POWERED,
-        present=lambda f: f.legs.guard_refusal != "",
-        text="The guard refused a joint command: the legs are held. Tell the engineer.",
-        detail=lambda f: f.legs.guard_refusal,
+        present=lambda f: f.legs.guard_refusal is not None,
+        detail=lambda f: {"detail": plain(str(f.legs.guard_refusal)) or ""},
     ),
     Row(
         event=E.BUS_FAULT,
         effect=F.HOLD,
         latch=Latch.POWERED,
         present=lambda f: _any_of(f.legs.bus, HELD_BUS_FAULTS),
-        text="The bus to the drives fails: the legs are held as far as commands arrive.",
-        detail=lambda f: f.legs.drive_detail,
+        detail=_drive_detail,
     ),
     Row(
-        event=E.BUS_DISTURBED,
+        event=E.BUS_ERRORS,
         effect=F.NOTE,
         present=lambda f: _any_of(f.legs.bus, NOTED_BUS_FAULTS),
-        text="The bus to the drives is disturbed: check termination and plugs.",
-        detail=lambda f: f.legs.drive_detail,
+        detail=_drive_detail,
     ),
     Row(
         event=E.UNEXPECTED_MOTION,
         effect=F.DAMP,
         latch=Latch.POWERED,
         present=lambda f: f.legs.drift_rad_s > DRIFT_RAD_S,
-        text="A joint moved while it was held: the joints give way slowly. Support the wearer.",
     ),
 )

@@ -1,4 +1,4 @@
-"""Everything that can forbid or stop motion, as one table: event → effect, operator text, latched or not.
+"""Everything that can forbid or stop motion, as one table: event → effect, latched or not.
 
 Adding a fault is adding a row. The strongest effect wins. An event that latches stays in force until the operator
 acknowledges it, and an acknowledgement never restarts motion. Unless its row says ALWAYS, an event latches only
@@ -13,24 +13,10 @@ from msgspec.structs import replace
 from app.control.diagnostics import Diagnostics
 from app.control.events.drives import DRIVES, POSE
 from app.control.events.programs import CLOCKS, HELPERS, STREAMS
-from app.control.events.row import Event, Latch, Row
+from app.control.events.row import Latch, Row
 from app.control.events.session import SESSION
-from app.ipc.states import Effect, Source
-
-__all__ = [
-    "ROW",
-    "TABLE",
-    "Active",
-    "Actives",
-    "Event",
-    "Latch",
-    "Row",
-    "advance",
-    "blocker",
-    "displaced",
-    "effect_of",
-    "sentence",
-]
+from app.ipc.states import Effect, Event, Source
+from logs.reason import Reason, Value, key_of
 
 LINGER_NS = 1_000_000_000  # a passing event stays to be read; it has no effect any more, unless it `settles`
 
@@ -49,7 +35,12 @@ class Active(Struct, frozen=True, kw_only=True):
     latched: bool
     present: bool = True
     acknowledged: bool = False
-    detail: str = ""
+    detail: dict[str, Value] = {}
+
+    @property
+    def reason(self) -> Reason:
+        """The event with its values, to be rendered."""
+        return Reason(key_of(self.event), self.detail)
 
     @property
     def in_force(self) -> bool:
@@ -88,11 +79,6 @@ def blocker(active: Actives, source: Source) -> Active | None:
 def displaced(active: Actives) -> bool:
     """Whether the legs may be anywhere."""
     return any(one.in_force and ROW[one.event].displaces for one in active)
-
-
-def sentence(one: Active) -> str:
-    """For the operator: what happened, what to do, and the numbers."""
-    return f"{ROW[one.event].text} ({one.detail})" if one.detail else ROW[one.event].text
 
 
 def _blocks(row: Row, source: Source) -> bool:

@@ -25,8 +25,9 @@ from msgspec.structs import replace
 from transitions import EventData, Machine, MachineError
 
 from app.control.gait.table import TABLE, Row
-from app.ipc.states import Action, GaitState
+from app.ipc.states import Action, GaitState, RequestRefusal
 from app.motion.plan import Phase
+from logs.reason import Reason, reason
 
 
 class Gait(Struct, frozen=True, kw_only=True):
@@ -61,14 +62,14 @@ class Latched:
 class Ignored:
     """A movement is running: the wish is counted and forgotten."""
 
-    reason: str
+    reason: Reason
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Refused:
-    """No row allows it here; the reason is for a therapist."""
+    """No row allows it here; the reason is shown to the therapist."""
 
-    reason: str
+    reason: Reason
 
 
 Answer = Started | Latched | Ignored | Refused
@@ -80,7 +81,7 @@ def ask(gait: Gait, action: Action) -> Answer:
     if after is not None:
         return Latched(gait=after) if action is Action.WALK_END else Started(gait=after)
     if gait.running is not None:
-        return Ignored(reason=f"“{gait.running.value}” is running; wait for its end.")
+        return Ignored(reason=reason(RequestRefusal.ACTION_RUNNING, action=gait.running))
     return Refused(reason=_why_not(gait.state, action))
 
 
@@ -131,15 +132,15 @@ def action_of(phase: Phase) -> Action:
     return next(row.action for row in TABLE if row.phase is phase)
 
 
-def _why_not(state: GaitState, action: Action) -> str:
+def _why_not(state: GaitState, action: Action) -> Reason:
     if action is Action.WALK_END:
-        return "There is no walk to end."
+        return reason(RequestRefusal.NO_WALK)
     if state is GaitState.UNPOWERED:
-        return "The joints have no power: gesture 0 switches them on and stands up."
+        return reason(RequestRefusal.UNPOWERED)
     if state is GaitState.BETWEEN:
-        return "The legs stopped between two states: gesture 0 brings them back to standing, slowly."
-    sources = " or ".join(row.source.value for row in TABLE if row.action is action and not row.chained)
-    return f"“{action.value}” starts from {sources}; the legs are now: {state.value}."
+        return reason(RequestRefusal.BETWEEN_STATES)
+    sources = [row.source for row in TABLE if row.action is action and not row.chained]
+    return reason(RequestRefusal.WRONG_STATE, action=action, sources=sources, state=state)
 
 
 def _row_of(gait: Gait) -> Row:

@@ -24,9 +24,8 @@ from app.console.app import ConsoleApp
 from app.console.keys import GESTURE_KEYS
 from app.console.screens.dialogs import Question
 from app.console.widgets.bars import StopBar
-from app.control.events.table import Event
 from app.ipc.messages import ControlSnapshot, TriggerReport
-from app.ipc.states import ACTION_OF, Action, Effect, GaitState
+from app.ipc.states import ACTION_OF, Action, Effect, Event, GaitState, Outcome
 from app.session.host import SessionHost
 from app.system.config import Config, SessionSetup
 from app.system.hand_model import find_model
@@ -71,12 +70,12 @@ class RealConsole(Console):
         return state.report
 
     @property
-    def waiting(self) -> frozenset[tuple[str, int]]:
+    def waiting(self) -> frozenset[tuple[Event, int]]:
         """What keeps the legs from going on until it is acknowledged: names, and since when."""
         return frozenset(
-            (event.name, event.since_ns)
+            (event.event, event.since_ns)
             for event in self.snapshot.events
-            if not event.acknowledged and (event.effect >= Effect.HOLD or event.name in STALLS | AFTER_STALLS)
+            if not event.acknowledged and (event.effect >= Effect.HOLD or event.event in STALLS | AFTER_STALLS)
         )
 
     @property
@@ -86,7 +85,7 @@ class RealConsole(Console):
 
     def in_force(self, event: Event) -> bool:
         """Whether this event is there, or waits for its acknowledgement."""
-        return any(one.name == event.value and (one.present or not one.acknowledged) for one in self.snapshot.events)
+        return any(one.event is event and (one.present or not one.acknowledged) for one in self.snapshot.events)
 
     def pid(self, name: str) -> int:
         """The process of this name."""
@@ -150,7 +149,7 @@ class RealConsole(Console):
             await self.begin(action)
             await self.until(lambda: self.snapshot.action is None or self.held)
             report = next((one for one in self.snapshot.reports if one.number > number), None)
-            if report is not None and report.outcome == "completed":
+            if report is not None and report.outcome is Outcome.COMPLETED:
                 return
 
     def at(self, goal: GaitState) -> bool:
@@ -209,7 +208,7 @@ class RealConsole(Console):
         end_s = time.monotonic() + PUSH_S
         await self.until(lambda: condition() or time.monotonic() > end_s)
 
-    def _has_moved_on(self, waiting: frozenset[tuple[str, int]]) -> bool:
+    def _has_moved_on(self, waiting: frozenset[tuple[Event, int]]) -> bool:
         return not self.held or self.waiting != waiting
 
     def _has_walked(self, steps: int) -> bool:
@@ -236,10 +235,11 @@ class RealConsole(Console):
 
     async def pick_up(self, why: str = "") -> None:
         """Acknowledge what a stalling host has done; fail for anything else."""
-        names = {name for name, _ in self.waiting}
-        if not why and not names <= STALLS and not (names <= STALLS | AFTER_STALLS and self.interruptions):
-            pytest.fail(self._tell(f"the legs were stopped by {sorted(names)}"))
-        self._note(why or f"held: {sorted(names)}")
+        found = {event for event, _ in self.waiting}
+        names = sorted(event.value for event in found)
+        if not why and not found <= STALLS and not (found <= STALLS | AFTER_STALLS and self.interruptions):
+            pytest.fail(self._tell(f"the legs were stopped by {names}"))
+        self._note(why or f"held: {names}")
         await self.acknowledge()
 
     def _tries(self, what: str) -> Iterator[int]:

@@ -8,23 +8,22 @@ from pathlib import Path
 
 import pytest
 
-from app.control.events.table import Event
+from app.ipc.states import Event
 
 SESSIONS = 5  # times that a flow may be begun because the guardian took the legs of a stalling host
 # What control says when the host stood still; nothing else makes it say so over simulated joints.
 STALLS = frozenset(
-    event.value
-    for event in (
-        Event.TICK_STALLED,
-        Event.HOST_SLEPT,
-        Event.JOINT_SILENT,
-        Event.CONSOLE_SILENT,
-        Event.PLANNER_SILENT,
-        Event.WALK_BROKEN,
-    )
+    {
+        Event.CONTROL_STALLED,
+        Event.HOST_SUSPENDED,
+        Event.JOINT_TIMEOUT,
+        Event.CONSOLE_TIMEOUT,
+        Event.PLANNER_TIMEOUT,
+        Event.NEXT_STEP_MISSING,
+    }
 )
 # What may follow where a stall has held the legs in mid-movement.
-AFTER_STALLS = frozenset(event.value for event in (Event.FAR_FROM_POSE, Event.FOLLOWING_LIMIT, Event.UNEXPECTED_MOTION))
+AFTER_STALLS = frozenset({Event.FAR_FROM_POSE, Event.FOLLOWING_LIMIT, Event.UNEXPECTED_MOTION})
 
 Flow = Callable[[Path], Awaitable[None]]
 

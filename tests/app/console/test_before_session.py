@@ -16,6 +16,7 @@ from app.system.hand_model import find_model
 from app.system.operators import OperatorStore, Role, add_operator
 from app.system.paths import Home, find_home
 from hal.joints.device import load_exoskeleton
+from logs.reason import Reason
 from profiles.schema import DEMO_PATIENT
 from profiles.store import ProfileStore
 from tests.app.console.conftest import Console, Opener, wait_until
@@ -122,7 +123,7 @@ async def test_the_threshold_that_suits_the_camera_is_one_key_away(console: Open
         rest_beyond_m=0.34,
         possible=True,
         fits=False,
-        sentence="",
+        assessment=Reason("Text.PLAIN", {"text": ""}),
     )
     async with console(size=(130, 40)) as open_console:
         open_console.host.press_zone = zone

@@ -9,7 +9,7 @@ from textual.widgets import Input, Select
 from app.console.session_index import SessionRecords
 from app.console.widgets.status import EFFECT_MARKS
 from app.ipc.messages import OperatorKind
-from app.ipc.states import Action, Effect, GaitState
+from app.ipc.states import Action, Effect, Event, GaitState
 from app.system.paths import Home
 from app.text.catalogue import tr
 from profiles.schema import DEMO_PATIENT
@@ -82,7 +82,7 @@ async def test_leaving_a_simulation_takes_one_key(console: Opener, key: str) -> 
 @pytest.mark.parametrize(("present", "mark"), [(True, EFFECT_MARKS[Effect.REFUSE]), (False, "✓")])
 async def test_what_is_still_there_is_not_ticked_off(console: Opener, present: bool, mark: str) -> None:
     async with console(size=(130, 40)) as open_console:
-        stale = event("camera stale", Effect.REFUSE, "The camera gives no fresh picture.")
+        stale = event(Event.CAMERA_STALE, Effect.REFUSE, detail="")
         open_console.host.events = (msgspec.structs.replace(stale, present=present, acknowledged=True),)
         await open_console.shows(f"{mark} {tr(Effect.REFUSE)} The camera")
 
@@ -90,9 +90,9 @@ async def test_what_is_still_there_is_not_ticked_off(console: Opener, present: b
 async def test_an_event_is_on_top_until_it_is_acknowledged(console: Opener) -> None:
     async with console(size=(130, 40)) as open_console:
         host = open_console.host
-        host.events = (event("over-temperature", Effect.HOLD, "Left knee 81 °C: let it cool."),)
+        host.events = (event(Event.OVER_TEMPERATURE, Effect.HOLD, temperature_c=81.0),)
         host.effect = Effect.HOLD
-        await open_console.shows("Left knee 81 °C")
+        await open_console.shows("A joint is too hot: 81 °C")
         await open_console.press("k")
         await open_console.shows("An acknowledgement never starts motion")
         await open_console.press("n")

@@ -6,10 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from app.console.guidance import _ENDINGS
 from app.console.widgets.picture import CELLS_A_SECOND, PICTURE_HZ, wanted
-from app.control.events.table import Event
-from app.ipc.states import Effect
+from app.ipc.states import Effect, Event
 from testing.fake_host import event
 from tests.app.console.conftest import Opener
 
@@ -27,8 +25,8 @@ async def test_the_button_stays_in_its_panel(console: Opener) -> None:
 
 async def test_without_a_panel_for_them_events_stand_beside_the_gait(console: Opener) -> None:
     async with console(size=NARROW) as open_console:
-        open_console.host.events = (event("joint warm", Effect.NOTE, "A joint is getting warm: plan a pause."),)
-        await open_console.shows("A joint is getting warm")
+        open_console.host.events = (event(Event.OVER_TEMPERATURE_WARNING, Effect.NOTE, temperature_c=61.0),)
+        await open_console.shows("A joint is at 61 °C")
         await open_console.shows("power on and stand")
 
 
@@ -46,15 +44,11 @@ async def test_every_action_can_be_seen_to_choose_from(console: Opener) -> None:
 
 async def test_a_session_that_ends_is_not_called_silent(console: Opener) -> None:
     async with console() as open_console:
-        open_console.host.events = (event(Event.GIVING_WAY.value, Effect.DAMP, "The session ends."),)
+        open_console.host.events = (event(Event.SHUTDOWN_DAMPING, Effect.DAMP),)
         await open_console.shows("The session ends: the joints")
         open_console.host.silent = True
         await open_console.shows("CONTROL SILENT")
         await open_console.shows("The session ends: the joints")
-
-
-def test_control_ends_by_the_names_that_the_guide_knows() -> None:
-    assert set(_ENDINGS) == {Event.SHUTTING_DOWN.value, Event.GIVING_WAY.value}
 
 
 @given(st.integers(0, 500), st.integers(0, 200))

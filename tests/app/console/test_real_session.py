@@ -12,15 +12,15 @@ from app.console.screens.checks import Preflight
 from app.console.screens.patients import PatientsScreen
 from app.console.screens.session import SessionScreen
 from app.console.screens.signin import LockScreen, SignInDialog
-from app.control.events.table import Event
 from app.demo.emulation import emulated_drives
-from app.ipc.states import Action, GaitState
+from app.ipc.states import Action, Event, GaitState
 from app.motion.patient import patient_of
 from app.motion.preflight import run_preflight
 from app.session.host import SessionHost
 from app.system.config import JointsConfig, SessionSetup
 from app.system.operators import Role, add_operator, load_store, save_store
 from app.system.paths import Home
+from app.text.catalogue import render
 from hal.joints.device import load_exoskeleton
 from kgdfa.gesture import Gesture
 from logs.read import session_paths
@@ -80,7 +80,9 @@ async def test_a_camera_is_lost_and_found_and_a_perception_that_dies_comes_back(
         await console.confirm_and_arm()
         console.signal("perception", BREAK)
         await console.shows("✗ The camera gives no picture")
-        await console.until(lambda: console.report.camera_fault == UNPLUGGED)
+        await console.until(
+            lambda: console.report.camera_fault is not None and render(console.report.camera_fault) == UNPLUGGED
+        )
         await console.until(lambda: console.in_force(Event.CAMERA_STALE))
         await console.bring(GaitState.STANDING)  # the therapist's keys still act
         console.signal("perception", MEND)
@@ -91,9 +93,9 @@ async def test_a_camera_is_lost_and_found_and_a_perception_that_dies_comes_back(
         console.signal("perception", signal.SIGKILL)
         await console.until(lambda: console.pid("perception") != dead)
         await console.until(lambda: console.report.incarnation != first and console.report.hand)
-        await console.until(lambda: not console.in_force(Event.PERCEPTION_GONE))
+        await console.until(lambda: not console.in_force(Event.PERCEPTION_TIMEOUT))
         assert console.snapshot.reports[-1].action is Action.INITIALISE, "something moved meanwhile"
-    assert f'"event":"{Event.PERCEPTION_GONE.value}"' in trail_of(tmp_path)
+    assert f'"event":"{Event.PERCEPTION_TIMEOUT.value}"' in trail_of(tmp_path)
 
 
 @walked_again

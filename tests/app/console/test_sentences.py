@@ -9,13 +9,13 @@ from types import ModuleType
 
 import pytest
 
-from app.console.sentences import event_words, sentence
+from app.console.sentences import sentence
 from app.console.state import NOTHING_PUSHED, READABLE_NS, note
-from app.control.events.table import Event
 from app.ipc.messages import TriggerReport
 from app.text.catalogue import use_language
 from kgdfa import button
 from kgdfa.features import FEATURES, Feature
+from logs.reason import plain
 
 _LETTERS = re.compile("[A-Za-z]{2,}")
 
@@ -31,30 +31,6 @@ def _said_by(module: ModuleType) -> set[str]:
         if isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in docs | parts
         if len(node.value.split()) >= 4
     } | {f"the {what} during the press" for what in ("hand was lost", "distance was lost")}
-
-
-@pytest.mark.parametrize("event", Event)
-def test_every_event_is_said_in_chinese(event: Event) -> None:
-    use_language("zh")
-    assert event_words(event.value, "An English sentence.") != "An English sentence."
-
-
-def test_an_events_numbers_are_kept() -> None:
-    use_language("zh")
-    assert event_words("joint warm", "A joint is getting warm: plan a pause. (61 °C)").endswith("(61 °C)")
-
-
-@pytest.mark.parametrize(
-    ("said", "wanted"),
-    [
-        ("“walk” starts from standing; the legs are now: sitting.", "“连续行走”从站立开始；腿现在：坐。"),
-        ("“step: right leg” is running; wait for its end.", "“迈步，右腿”正在进行；请等它结束。"),
-        ("2.7 ms late, 1 left out", "迟 2.7 ms，丢 1"),
-    ],
-)
-def test_a_sentence_takes_its_terms_and_numbers_along(said: str, wanted: str) -> None:
-    use_language("zh")
-    assert sentence(said) == wanted
 
 
 @pytest.mark.parametrize("feature", FEATURES, ids=lambda feature: feature.text)
@@ -103,15 +79,15 @@ def _report(**more: object) -> TriggerReport:
 
 def test_a_hint_stays_to_be_read_until_time_or_a_press_wipes_it_out() -> None:
     seen = note(NOTHING_PUSHED, _report(), 0)
-    told = note(seen, _report(press_hint="push steadily"), 10)
+    told = note(seen, _report(press_hint=plain("push steadily")), 10)
     assert note(told, _report(), READABLE_NS).said == "push steadily"
     assert note(told, _report(), READABLE_NS + 11).said == ""
     assert note(told, _report(pressed=True), 20).said == ""
 
 
 def test_a_cancel_is_told_once_and_an_old_one_of_before_is_not() -> None:
-    seen = note(NOTHING_PUSHED, _report(cancel_count=3, cancel_reason="old"), 0)
+    seen = note(NOTHING_PUSHED, _report(cancel_count=3, cancel_reason=plain("old")), 0)
     assert seen.said == ""
-    told = note(seen, _report(cancel_count=4, cancel_reason="the hand was lost"), 10)
+    told = note(seen, _report(cancel_count=4, cancel_reason=plain("the hand was lost")), 10)
     assert (told.said, told.cancelled) == ("the hand was lost", True)
-    assert note(told, _report(cancel_count=4, cancel_reason="the hand was lost"), READABLE_NS + 20).said == ""
+    assert note(told, _report(cancel_count=4, cancel_reason=plain("the hand was lost")), READABLE_NS + 20).said == ""

@@ -8,13 +8,13 @@ from dataclasses import dataclass, replace
 import msgspec
 import numpy as np
 
-from app.control.events.table import Event
 from app.control.state import ControlState
 from app.ipc.messages import OperatorKind
-from app.ipc.states import Action, GaitState
+from app.ipc.states import Action, Event, GaitState
 from hal.joints.guard import Quantity, Refusal
 from hal.joints.protocol import BusFault, DriveFault, DriveState, Joint, JointArray
 from logs import records
+from logs.reason import plain
 from tests.app.control.moments import standing
 from tests.app.control.rig import Rig
 
@@ -135,28 +135,28 @@ CAUSES: dict[Event, Cause] = {
     E.STOP: Cause(say(OperatorKind.STOP)),
     E.STOP_AGAIN: Cause(say(OperatorKind.STOP, OperatorKind.STOP)),
     E.SHUTTING_DOWN: Cause(say(SHUT)),
-    E.GIVING_WAY: Cause(say(SHUT), ticks=230),
+    E.SHUTDOWN_DAMPING: Cause(say(SHUT), ticks=230),
     E.NOT_ARMED: Cause(say(OperatorKind.DISARM), say(OperatorKind.ARM)),
     E.NO_PATIENT: Cause(lambda rig: rig.tick(), say(OperatorKind.CONFIRM_PATIENT), fresh=True),
     E.NO_PREFLIGHT: Cause(lambda rig: (world(cleared=frozenset())(rig), wish(Action.WALK)(rig))),
     E.NOT_HOMED: Cause(joints(position_rad=one(2.4)), joints(position_rad=np.zeros(4)), fresh=True),
     E.LEGS_MOVING: Cause(joints(velocity_rad_s=one(-0.51)), joints(velocity_rad_s=one(0.49)), fresh=True),
     E.FAR_FROM_POSE: Cause(pushed),
-    E.CAMERA_STALE: Cause(world(report={"camera_fault": "unplugged"}), world(report={}), ticks=40),
-    E.PERCEPTION_GONE: Cause(world(watching=False), world(watching=True), ticks=140),
-    E.CONSOLE_SILENT: Cause(world(alive=False), world(alive=True), ticks=140),
-    E.AUDIT_BEHIND: Cause(world(audit_health={"waiting": 2001}), world(audit_health={}), ticks=40),
-    E.AUDIT_FULL: Cause(spoil(audit_full=True)),
-    E.AUDIT_GONE: Cause(world(auditing=False), world(auditing=True), ticks=230),
-    E.AUDIT_FAULT: Cause(world(audit_health={"fault": "disk full"}), world(audit_health={}), ticks=40),
+    E.CAMERA_STALE: Cause(world(report={"camera_fault": plain("unplugged")}), world(report={}), ticks=40),
+    E.PERCEPTION_TIMEOUT: Cause(world(watching=False), world(watching=True), ticks=140),
+    E.CONSOLE_TIMEOUT: Cause(world(alive=False), world(alive=True), ticks=140),
+    E.AUDIT_BACKLOG: Cause(world(audit_health={"waiting": 2001}), world(audit_health={}), ticks=40),
+    E.AUDIT_QUEUE_FULL: Cause(spoil(audit_full=True)),
+    E.AUDIT_TIMEOUT: Cause(world(auditing=False), world(auditing=True), ticks=230),
+    E.AUDIT_WRITE_FAILED: Cause(world(audit_health={"fault": plain("disk full")}), world(audit_health={}), ticks=40),
     E.TICK_LATE: Cause(spoil(late_ns=2_100_000)),
-    E.TICK_STALLED: Cause(spoil(late_ns=20_100_000, missed_ticks=10)),
-    E.HOST_SLEPT: Cause(lambda rig: rig.spoil.update(boot_ns=rig.now_ns + 9_000_000_000)),
+    E.CONTROL_STALLED: Cause(spoil(late_ns=20_100_000, missed_ticks=10)),
+    E.HOST_SUSPENDED: Cause(lambda rig: rig.spoil.update(boot_ns=rig.now_ns + 9_000_000_000)),
     E.CLOCK_JUMP: Cause(lambda rig: rig.spoil.update(wall_ns=rig.now_ns + 7_000_000_000)),
-    E.JOINT_SILENT: Cause(joints(silent=True), joints(silent=False), ticks=9),
+    E.JOINT_TIMEOUT: Cause(joints(silent=True), joints(silent=False), ticks=9),
     E.DRIVE_FAULT: Cause(joints(faults=fault(DriveFault.OVER_CURRENT)), joints(faults=CALM)),
-    E.DRIVE_ASTRAY: Cause(joints(faults=fault(DriveFault.ENCODER)), joints(faults=CALM)),
-    E.DRIVES_LOST: Cause(joints(state=DriveState.DISABLED)),
+    E.DRIVE_UNTRUSTED: Cause(joints(faults=fault(DriveFault.ENCODER)), joints(faults=CALM)),
+    E.DRIVES_POWER_LOST: Cause(joints(state=DriveState.DISABLED)),
     E.DRIVE_ORDER_FAILED: Cause(
         lambda rig: (joints(refuse_enable="left hip is silent")(rig), wish(Action.INITIALISE)(rig)),
         ticks=4,
@@ -171,13 +171,13 @@ CAUSES: dict[Event, Cause] = {
     E.OVER_TORQUE: Cause(joints(torque_nm=one(-116.0)), joints(torque_nm=np.zeros(4))),
     E.GUARD_REFUSAL: Cause(spoil(guard_refusal=REFUSED)),
     E.BUS_FAULT: Cause(joints(bus=BusFault.BUS_OFF), joints(bus=BusFault.NONE)),
-    E.BUS_DISTURBED: Cause(joints(bus=BusFault.ERROR_FRAME), joints(bus=BusFault.NONE)),
+    E.BUS_ERRORS: Cause(joints(bus=BusFault.ERROR_FRAME), joints(bus=BusFault.NONE)),
     E.UNEXPECTED_MOTION: Cause(joints(velocity_rad_s=one(0.61)), joints(velocity_rad_s=np.zeros(4))),
-    E.GUARDIAN_GONE: Cause(world(guarding=False), world(guarding=True), ticks=160),
+    E.GUARDIAN_TIMEOUT: Cause(world(guarding=False), world(guarding=True), ticks=160),
     E.GUARDIAN_ACTED: Cause(world(guardian_health={"acted": True}), world(guardian_health={}), ticks=40),
     E.PLANNER_STARTING: Cause(never_answered, answered, fresh=True),
-    E.PLANNER_SILENT: Cause(lambda rig: (world(planning=False)(rig), wish(Action.WALK)(rig)), ticks=260),
-    E.WALK_BROKEN: Cause(walk_without_planner, world(planning=True)),
+    E.PLANNER_TIMEOUT: Cause(lambda rig: (world(planning=False)(rig), wish(Action.WALK)(rig)), ticks=260),
+    E.NEXT_STEP_MISSING: Cause(walk_without_planner, world(planning=True)),
     E.MESSAGE_REJECTED: Cause(spoil(rejected_messages=1)),
 }
 

@@ -25,6 +25,7 @@ from hal.joints.protocol import (
     JointFeedback,
 )
 from kgdfa.gesture import Gesture
+from logs.reason import Reason, plain
 from logs.records import Body
 from tests.app.control.ideal_joints import IdealJoints
 from tests.app.control.instant_planner import CHECK, POSES, make_plan
@@ -76,7 +77,7 @@ class Rig:
     _asked: list[tuple[int, PlanRequest]] = field(default_factory=list)
     _written: JointCommand | None = None
     _refusal: Refusal | None = None
-    _error: str = ""
+    _error: Reason | None = None
 
     def say(self, kind: OperatorKind, action: Action | None = None, age_ms: float = 0.0) -> None:
         """The operator's word, heard in the next tick."""
@@ -177,7 +178,7 @@ class Rig:
             "gesture": None,
             "release_count": self._releases,
             "released_gesture": self._released,
-            "released_captured_ns": self._released_ns,
+            "released_ns": self._released_ns,
         }
         return TriggerReport(**(fields | self.report))
 
@@ -209,9 +210,9 @@ class Rig:
         self.joints.take(self._written)
 
     def _obey(self, order: DriveOrder) -> None:
-        self._error = ""
+        self._error = None
         if order is DriveOrder.ENABLE and self.joints.refuse_enable:
-            self._error = self.joints.refuse_enable
+            self._error = plain(self.joints.refuse_enable)
         elif order is DriveOrder.ENABLE:
             self.joints.state = DriveState.ENABLED
         elif order is DriveOrder.DISABLE:

@@ -9,8 +9,10 @@ import pytest
 from msgspec.structs import replace
 
 from app.control.diagnostics import Diagnostics
-from app.control.events.table import ROW, Event, advance, effect_of, sentence
-from app.ipc.states import Effect
+from app.control.events.table import advance, effect_of
+from app.ipc.states import Effect, Event
+from app.text.catalogue import render
+from logs.reason import plain, reason
 
 CALM = Diagnostics(now_ns=1_000, powered=True)
 E = Event
@@ -19,28 +21,27 @@ LIMITS = (
     (E.STOP_AGAIN, "session.stop_presses", 1),
     (E.FAR_FROM_POSE, "legs.pose_error_rad", 0.21),
     (E.CAMERA_STALE, "programs.picture_age_ms", 200.0),
-    (E.PERCEPTION_GONE, "programs.perception_age_ms", 200.0),
-    (E.CONSOLE_SILENT, "programs.console_age_ms", 230.0),
-    (E.AUDIT_BEHIND, "programs.audit_waiting", 2_000),
-    (E.AUDIT_GONE, "programs.audit_age_ms", 400.0),
+    (E.PERCEPTION_TIMEOUT, "programs.perception_age_ms", 200.0),
+    (E.CONSOLE_TIMEOUT, "programs.console_age_ms", 230.0),
+    (E.AUDIT_BACKLOG, "programs.audit_waiting", 2_000),
+    (E.AUDIT_TIMEOUT, "programs.audit_age_ms", 400.0),
     (E.TICK_LATE, "clocks.late_ms", 2.0),
     (E.TICK_LATE, "clocks.missed_ticks", 0),
-    (E.TICK_STALLED, "clocks.late_ms", 20.0),
-    (E.HOST_SLEPT, "clocks.slept_s", 0.1),
+    (E.CONTROL_STALLED, "clocks.late_ms", 20.0),
+    (E.HOST_SUSPENDED, "clocks.slept_s", 0.1),
     (E.CLOCK_JUMP, "clocks.step_s", 0.5),
-    (E.JOINT_SILENT, "legs.age_ms", 15.0),
+    (E.JOINT_TIMEOUT, "legs.age_ms", 15.0),
     (E.FOLLOWING_WARNING, "legs.following_rad", 0.14),
     (E.FOLLOWING_LIMIT, "legs.following_rad", 0.26),
     (E.UNEXPECTED_MOTION, "legs.drift_rad_s", 0.6),
-    (E.GUARDIAN_GONE, "programs.guardian_age_ms", 250.0),
+    (E.GUARDIAN_TIMEOUT, "programs.guardian_age_ms", 250.0),
     (E.MESSAGE_REJECTED, "programs.rejected_messages", 0),
 )
 REPORTED = (
     (E.CAMERA_STALE, "programs.camera_fault"),
-    (E.AUDIT_FAULT, "programs.audit_fault"),
-    (E.GUARDIAN_GONE, "programs.guardian_fault"),
+    (E.AUDIT_WRITE_FAILED, "programs.audit_fault"),
+    (E.GUARDIAN_TIMEOUT, "programs.guardian_fault"),
     (E.DRIVE_ORDER_FAILED, "legs.drive_error"),
-    (E.GUARD_REFUSAL, "legs.guard_refusal"),
 )
 
 
@@ -68,9 +69,10 @@ def test_a_limit_may_be_reached_and_not_passed(event: Event, quantity: str, limi
 
 @pytest.mark.parametrize(("event", "quantity"), REPORTED)
 def test_a_fault_that_somebody_reports_is_an_event_and_is_passed_on(event: Event, quantity: str) -> None:
-    (raised,) = advance((), with_one(quantity, "it broke"))
+    (raised,) = advance((), with_one(quantity, plain("it broke")))
     assert raised.event is event
-    assert sentence(raised) == f"{ROW[event].text} (it broke)"
+    assert raised.detail == {"detail": plain("it broke")}
+    assert "(it broke)" in render(raised.reason)
 
 
 def test_the_clock_may_jump_either_way() -> None:
@@ -85,15 +87,15 @@ def test_a_second_press_of_stop_is_an_event_of_its_own() -> None:
 
 def test_the_operator_reads_the_numbers_where_there_are_some() -> None:
     (with_numbers,) = advance((), with_one("programs.audit_waiting", 2_001))
-    assert sentence(with_numbers) == f"{ROW[E.AUDIT_BEHIND].text} (2001 records)"
+    assert (with_numbers.event, with_numbers.detail) == (E.AUDIT_BACKLOG, {"count": 2_001})
     (without,) = advance((), with_one("programs.audit_full", True))
-    assert sentence(without) == ROW[E.AUDIT_FULL].text
+    assert without.reason == reason(E.AUDIT_QUEUE_FULL)
 
 
 def test_an_acknowledgement_sent_as_an_event_was_raised_may_not_have_seen_it() -> None:
     slept = advance((), with_one("clocks.slept_s", 9.0))
     at_once, after = (advance(slept, CALM, CALM.now_ns + later_ns) for later_ns in (0, 1))
-    assert [one.event for one in at_once] == [E.HOST_SLEPT]
+    assert [one.event for one in at_once] == [E.HOST_SUSPENDED]
     assert not after
 
 
@@ -113,15 +115,15 @@ def test_legs_count_as_moving_only_before_they_carry_power() -> None:
 def test_what_was_there_before_power_waits_for_an_acknowledgement_once_there_is_power() -> None:
     late = with_one("clocks.late_ms", 25.0)
     before = advance((), replace(late, powered=False))
-    assert not next(one for one in before if one.event is E.TICK_STALLED).latched
+    assert not next(one for one in before if one.event is E.CONTROL_STALLED).latched
     after = advance(before, late)
-    assert next(one for one in after if one.event is E.TICK_STALLED).latched
+    assert next(one for one in after if one.event is E.CONTROL_STALLED).latched
 
 
 def test_what_has_latched_stays_so_when_the_power_goes() -> None:
     late = with_one("clocks.late_ms", 25.0)
     unpowered = advance(advance((), late), replace(late, powered=False))
-    assert next(one for one in unpowered if one.event is E.TICK_STALLED).latched
+    assert next(one for one in unpowered if one.event is E.CONTROL_STALLED).latched
 
 
 @pytest.mark.parametrize(("later_ns", "told"), [(999_999_999, True), (1_000_000_000, False), (1_500_000_000, False)])
@@ -130,7 +132,7 @@ def test_what_has_passed_is_read_for_a_second_and_does_nothing_any_more(
     since_ns: int, later_ns: int, *, told: bool
 ) -> None:
     gone = replace(CALM, now_ns=since_ns + later_ns)
-    faulty = replace(with_one("programs.audit_fault", "disk full"), now_ns=since_ns)
+    faulty = replace(with_one("programs.audit_fault", plain("disk full")), now_ns=since_ns)
     after = advance(advance((), faulty), gone)
-    assert [one.event for one in after] == [E.AUDIT_FAULT] * told
+    assert [one.event for one in after] == [E.AUDIT_WRITE_FAILED] * told
     assert effect_of(after) is Effect.NOTE

@@ -46,7 +46,7 @@ def test_an_event_that_comes_back_has_to_be_acknowledged_again() -> None:
 def test_the_strongest_event_stands_first() -> None:
     rig = rig_with(E.TICK_LATE)
     rig.say(OperatorKind.STOP)
-    CAUSES[E.DRIVE_ASTRAY].make(rig)
+    CAUSES[E.DRIVE_UNTRUSTED].make(rig)
     rig.tick()
     assert rig.memory is not None
     effects = [ROW[one.event].effect for one in rig.memory.active]

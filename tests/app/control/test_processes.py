@@ -13,7 +13,7 @@ import pytest
 
 from app.demo.emulation import emulated_drives
 from app.ipc.messages import OperatorKind
-from app.ipc.states import Action, Effect, GaitState
+from app.ipc.states import Action, Effect, Event, GaitState
 from app.system.config import JointsConfig
 from hal.joints.device import load_exoskeleton
 from testing.session import RealSession, Sniffer, real_session
@@ -100,7 +100,7 @@ def test_a_closed_terminal_ends_control_in_good_order(session: RealSession) -> N
 def test_without_a_guardian_nothing_new_begins(session: RealSession) -> None:
     session.stand()
     session.kill("guardian")
-    session.until(lambda s: "guardian gone" in {event.name for event in s.events}, "its event")
+    session.until(lambda s: Event.GUARDIAN_TIMEOUT in {event.event for event in s.events}, "its event")
     session.send(OperatorKind.ACT, Action.WALK)
     refused = session.until(lambda s: s.refusal_count > 0, "refusal")
     assert refused.action is None
@@ -131,7 +131,7 @@ def test_a_control_that_was_frozen_comes_back_damped_and_may_go_on_when_it_is_ac
     assert any(gains(data)[0] == 0 for _, _, data in commands_after(sniffer, stopped_ns))
     session.kill("control", signal.SIGCONT)
     back = session.until(lambda s: s.effect is Effect.DAMP, "damping")
-    assert "guardian acted" in {event.name for event in back.events}
+    assert Event.GUARDIAN_ACTED in {event.event for event in back.events}
     assert back.state in {GaitState.BETWEEN, GaitState.UNPOWERED}
     session.send(OperatorKind.TORQUE_OFF)
     session.until(lambda s: not s.enabled, "torque off")

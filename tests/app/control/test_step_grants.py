@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from app.ipc.states import GESTURE_OF, Action, GaitState, Source
+from app.ipc.states import GESTURE_OF, Action, GaitState, Outcome, Source
 from logs import records
 from tests.app.control.moments import GRANTED, RESTS, A, K, S, moving, now, resting, told, wish
 
@@ -36,7 +36,7 @@ def test_at_rest_the_table_and_the_arming_decide(state: GaitState, action: Actio
             rig.say(K.ACT, A.WALK_END)
         done = rig.settle()
         assert done.gait.state is not state or action in {A.WALK, A.STAIR_UP, A.STAIR_DOWN, A.OBSTACLE}
-        assert done.reports[-1].outcome == "completed"
+        assert done.reports[-1].outcome is Outcome.COMPLETED
     else:
         assert now(rig).refusal
         assert told(rig, records.Refusal)
@@ -53,7 +53,7 @@ def test_during_a_movement_only_the_end_of_a_walk_is_heard(running: Action, acti
     if (running, action) == (A.WALK, A.WALK_END):
         assert now(rig).gait.closing
         assert rig.settle().gait.state is S.STANDING
-        assert [report.outcome for report in now(rig).reports[-2:]] == ["completed", "completed"]
+        assert [report.outcome for report in now(rig).reports[-2:]] == ["completed", Outcome.COMPLETED]
     else:
         assert now(rig).gait.running is running
         assert now(rig).ignored_count == 1

@@ -5,13 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from app.control.events.table import LINGER_NS, ROW, Event
+from app.control.events.table import LINGER_NS
 from app.control.inputs import DriveOrder
 from app.control.running_action import Stage
-from app.ipc.states import ACTION_OF, Action, Source
+from app.ipc.states import ACTION_OF, Action, Event, Outcome, RequestRefusal, Source
 from app.motion.follower import Mode
 from hal.joints.protocol import DriveState
 from kgdfa.gesture import Gesture
+from logs.reason import plain, reason
 from tests.app.control.moments import HOLD_TICKS, A, K, S, moving, now, resting, standing
 from tests.app.control.rig import TICK_NS
 
@@ -41,7 +42,7 @@ def test_a_refused_way_to_standing_never_powers_the_drives() -> None:
     rig.tick(10)
     assert rig.joints.state is DriveState.PROBED
     assert now(rig).gait.state is S.UNPOWERED
-    assert now(rig).reports[-1].outcome == "refused"
+    assert now(rig).reports[-1].outcome is Outcome.REFUSED
 
 
 def test_legs_that_begin_to_sink_before_power_comes_get_none() -> None:
@@ -54,7 +55,7 @@ def test_legs_that_begin_to_sink_before_power_comes_get_none() -> None:
     rig.tick(20)
     assert rig.joints.state is DriveState.PROBED
     assert now(rig).gait.state is S.UNPOWERED
-    assert (now(rig).reports[-1].outcome, now(rig).refusal) == ("refused", ROW[Event.LEGS_MOVING].text)
+    assert (now(rig).reports[-1].outcome, now(rig).refusal) == (Outcome.REFUSED, reason(Event.LEGS_MOVING))
     rig.joints.velocity_rad_s = np.zeros(4)
     rig.tick(LINGER_NS // TICK_NS + 2)
     rig.act(A.INITIALISE)
@@ -93,7 +94,7 @@ def test_drives_that_do_not_wake_end_the_action_with_their_reason() -> None:
     rig.say(K.ACT, A.INITIALISE)
     rig.tick(6)
     assert now(rig).task is None
-    assert now(rig).reports[-1].reason == "left hip does not answer: check its cable"
+    assert now(rig).reports[-1].reason == plain("left hip does not answer: check its cable")
     assert now(rig).gait.state is S.UNPOWERED
     assert Event.DRIVE_ORDER_FAILED.value in rig.events()
 
@@ -105,7 +106,7 @@ def test_drives_that_never_say_that_they_woke_are_given_up() -> None:
     rig.joints.state = DriveState.PROBED
     rig.tick(1502)
     assert now(rig).task is None
-    assert "did not confirm" in now(rig).reports[-1].reason
+    assert now(rig).reports[-1].reason == reason(RequestRefusal.ENABLE_TIMEOUT)
 
 
 def test_a_stop_while_the_drives_wake_leaves_them_neutral() -> None:
@@ -138,7 +139,7 @@ def test_when_the_drives_lose_power_the_state_says_so() -> None:
     rig.tick()
     assert now(rig).gait.state is S.UNPOWERED
     assert now(rig).motion.mode is Mode.DISABLED
-    assert now(rig).reports[-1].outcome == "stopped"
+    assert now(rig).reports[-1].outcome is Outcome.STOPPED
     rig.tick(50)
     assert rig._refusal is None, "nothing that the guard would refuse is sent to drives that are off"
 

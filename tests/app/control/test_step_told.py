@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from app.control.events.table import Event
 from app.control.running_action import Stage
 from app.control.state import REPORTS_KEPT, ControlState
+from app.ipc.states import Event
 from app.motion.follower import Mode
 from kgdfa.gesture import Gesture
 from logs import records

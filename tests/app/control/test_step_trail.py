@@ -7,15 +7,15 @@ from typing import TypeVar
 
 import pytest
 
-from app.control.events.table import LINGER_NS, Event
-from app.control.requests import COMING_TO_REST
+from app.control.events.table import LINGER_NS
 from app.control.step import END_HOLD_NS
-from app.ipc.states import Effect
+from app.ipc.states import Effect, Event, RequestRefusal
 from app.ipc.streams import TRIGGER
 from app.motion.follower import Mode
 from hal.joints.guard import Quantity, Refusal
 from hal.joints.protocol import DriveState, Joint
 from logs import records
+from logs.reason import reason
 from tests.app.control.moments import SLACK_TICKS, A, K, S, moving, now, standing
 from tests.app.control.rig import TICK_NS, Rig
 
@@ -74,13 +74,13 @@ def test_an_event_that_is_over_tells_how_long_it_was_there() -> None:
 def test_a_stream_that_was_silent_tells_for_how_long() -> None:
     rig = standing()
     rig.watching = False
-    rig.run_until(lambda _: Event.PERCEPTION_GONE.value in rig.events())
+    rig.run_until(lambda _: Event.PERCEPTION_TIMEOUT.value in rig.events())
     lost = only(rig, records.HeartbeatLost)
     assert (lost.stream, lost.age_ms) == (TRIGGER.name, TRIGGER.stale_ms)
     lost_ns = rig.now_ns
     rig.tick(250)
     rig.watching = True
-    rig.run_until(lambda _: Event.PERCEPTION_GONE.value not in rig.events())
+    rig.run_until(lambda _: Event.PERCEPTION_TIMEOUT.value not in rig.events())
     heard_ns = rig.now_ns
     rig.tick(LINGER_NS // TICK_NS + 10)
     found = only(rig, records.HeartbeatFound)
@@ -126,8 +126,8 @@ def test_the_joint_that_is_silent_is_named(joint: Joint) -> None:
         feedback.measured_ns[joint] = silent_since_ns
         rig.spoil["feedback"] = feedback
         rig.tick()
-    (raised,) = (body for body in every(rig, records.EventRaised) if body.event == Event.JOINT_SILENT.value)
-    assert joint.name.lower().replace("_", " ") in str(raised.text)
+    (raised,) = (body for body in every(rig, records.EventRaised) if body.event == Event.JOINT_TIMEOUT.value)
+    assert raised.text == reason(Event.JOINT_TIMEOUT, detail=joint)
 
 
 def test_a_wish_while_the_legs_come_to_rest_is_told_to_wait() -> None:
@@ -139,7 +139,7 @@ def test_a_wish_while_the_legs_come_to_rest_is_told_to_wait() -> None:
     assert not now(rig).motion.settled
     rig.say(K.ACT, A.INITIALISE)
     rig.tick()
-    assert now(rig).refusal == COMING_TO_REST
+    assert now(rig).refusal == reason(RequestRefusal.COMING_TO_REST)
     assert now(rig).task is None
     rig.settle()
     rig.act(A.INITIALISE)

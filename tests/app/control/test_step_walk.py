@@ -7,9 +7,8 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from app.control.events.table import Event
 from app.control.running_action import Stage
-from app.ipc.states import Source
+from app.ipc.states import Event, Outcome, Source
 from app.motion.follower import Mode
 from app.motion.plan import Phase
 from kgdfa.gesture import Gesture
@@ -60,7 +59,7 @@ def test_a_next_step_that_can_not_be_planned_ends_the_walk_before_it() -> None:
     assert now(rig).gait.closing
     rig.tick(800)
     # the closing step was refused as well: the legs are held on their way
-    assert Event.WALK_BROKEN.value in rig.events()
+    assert Event.NEXT_STEP_MISSING.value in rig.events()
     assert now(rig).gait.state is S.BETWEEN
     assert now(rig).motion.mode is Mode.HOLDING
 
@@ -79,13 +78,13 @@ def test_when_perception_goes_a_walk_of_the_wearer_ends_and_the_therapists_goes_
     rig.run_until(lambda m: m.gait.phase is Phase.WALK_LEFT)
     rig.watching = False
     rig.tick(150)
-    assert Event.PERCEPTION_GONE.value in rig.events()
+    assert Event.PERCEPTION_TIMEOUT.value in rig.events()
     if source is Source.THERAPIST:
         assert not now(rig).gait.closing
         return
     assert now(rig).gait.running is not None, "the running step is carried out"
     assert rig.settle().gait.state is S.STANDING
-    assert now(rig).reports[-1].outcome == "completed"
+    assert now(rig).reports[-1].outcome is Outcome.COMPLETED
     rig.release(Gesture.FIVE)
     rig.tick(100)
     assert now(rig).task is None
@@ -95,6 +94,6 @@ def test_when_the_trail_stops_any_walk_ends_normally() -> None:
     rig = moving(A.WALK)
     rig.auditing = False
     rig.tick(250)
-    assert Event.AUDIT_GONE.value in rig.events()
+    assert Event.AUDIT_TIMEOUT.value in rig.events()
     assert rig.settle().gait.state is S.STANDING
-    assert now(rig).reports[-1].outcome == "completed"
+    assert now(rig).reports[-1].outcome is Outcome.COMPLETED

@@ -15,6 +15,7 @@ from kgdfa.distance import Distance
 from kgdfa.gesture import Gesture, Verdict
 from kgdfa.hand import Hand, Side
 from kgdfa.pipeline import Report
+from logs.reason import Reason, plain
 from logs.records import Cancel, GestureOnset, Press, Release
 
 HAND = Hand(image_px=np.zeros((21, 2)), world_m=np.zeros((21, 3)), presence=0.9, side=Side.LEFT)
@@ -34,9 +35,9 @@ AROUND = Surroundings(incarnation=1, sequence=2, sent_ns=9, camera="c", threshol
 
 
 def test_no_report_is_said_as_no_hand_with_its_reason() -> None:
-    message = to_message(None, replace(AROUND, camera_fault="unplugged"), captured_ns=3)
+    message = to_message(None, replace(AROUND, camera_fault=plain("unplugged")), captured_ns=3)
     assert (message.hand, message.gesture, message.pressed, message.release_count) == (False, None, False, 0)
-    assert (message.camera_fault, message.captured_ns) == ("unplugged", 3)
+    assert (message.camera_fault, message.captured_ns) == (plain("unplugged"), 3)
 
 
 def test_message_carries_the_safe_distance_beside_the_shown_one() -> None:
@@ -77,7 +78,7 @@ def test_rate_of_too_few_frames_is_zero() -> None:
 
 def test_the_message_tells_where_a_press_works_with_a_hand_and_without() -> None:
     zone = PressRange(followed_from_m=0.13, whole_from_m=0.18, seen_to_m=1.6, threshold_m=0.2, rest_beyond_m=0.24,
-                      possible=True, fits=True, sentence="from 13 cm")  # fmt: skip
+                      possible=True, fits=True, assessment=Reason("Text.PLAIN", {"text": "from 13 cm"}))  # fmt: skip
     around = replace(AROUND, press_zone=zone)
     assert to_message(REPORT, around, captured_ns=5).press_zone == zone
     assert to_message(None, around, captured_ns=5).press_zone == zone
