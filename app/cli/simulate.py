@@ -16,7 +16,7 @@ if TYPE_CHECKING:  # numpy and MuJoCo are only loaded when something is rehearse
     from app.ipc.states import Action
     from app.motion.patient import Patient
     from app.motion.rehearsal import Rehearsal
-    from app.motion.rehearsal_checks import Verdict
+    from app.motion.rehearsal_checks import RehearsalVerdict
     from app.system.paths import Home
     from hal.joints.device import Exoskeleton
     from profiles.schema import Profile
@@ -70,7 +70,7 @@ class _Wanted:
     preflight: Home | None  # where the verdict is kept
 
 
-def _at_the_corners(console: Console, device: Exoskeleton) -> list[tuple[Profile, Verdict]]:
+def _at_the_corners(console: Console, device: Exoskeleton) -> list[tuple[Profile, RehearsalVerdict]]:
     from app.cli.progress import bar
     from app.evaluate.simulate import corner_profiles, corners
     from app.ipc.states import Action
@@ -81,7 +81,7 @@ def _at_the_corners(console: Console, device: Exoskeleton) -> list[tuple[Profile
 
 def _rehearsed(
     console: Console, wearer: Profile, device: Exoskeleton, action: str, wanted: _Wanted
-) -> Iterator[Verdict]:
+) -> Iterator[RehearsalVerdict]:
     """The verdicts of one patient's actions, one after the other."""
     from app.cli.progress import bar
     from app.evaluate.simulate import actions_named
@@ -124,7 +124,7 @@ def _keep(
         console.print(f"{action.value}: correlation with the very slow gait: {alike}")
 
 
-def _write(file: Path, rows: list[tuple[Profile, Verdict]]) -> None:
+def _write(file: Path, rows: list[tuple[Profile, RehearsalVerdict]]) -> None:
     import json
 
     import msgspec

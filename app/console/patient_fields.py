@@ -14,7 +14,6 @@ import msgspec
 from app.system.config import JointsConfig
 from app.text.catalogue import render, tr
 from hal.joints.device import DEFAULT_DEVICE, load_exoskeleton
-from profiles.errors import ProfileError
 from profiles.fields import file_key, to_file, unit_of, violations
 from profiles.schema import HandUsed, Population, Profile, Sex
 from profiles.store import Check
@@ -213,12 +212,11 @@ def fits(joints: JointsConfig) -> Check:
     """A check for the store: raises ProfileError with the first action that can't be, its joint and numbers."""
 
     def check(profile: Profile) -> None:
-        from app.motion.preflight import check_profile  # the planner: not before the first paint
+        from app.motion.preflight import refuse_unfit  # the planner: not before the first paint
 
         if profile.archived:
             return
         device = load_exoskeleton(Path(joints.device) if joints.device else DEFAULT_DEVICE)
-        for sentence in check_profile(profile, device):
-            raise ProfileError(sentence)
+        refuse_unfit(device)(profile)
 
     return check

@@ -100,8 +100,8 @@ def _following(gait: Gait) -> Phase:
 
 
 def _first_plan(tick: Tick, task: RunningAction, plan: Plan) -> None:
-    if not plan.check.ok:
-        _refuse(tick, task, Reason("Text.PLAIN", {"text": plan.check.reason}))
+    if plan.check.reason is not None:
+        _refuse(tick, task, plan.check.reason)
         return
     task = replace(task, plan=plan)
     tick.memory = replace(tick.memory, task=task)

@@ -19,7 +19,7 @@ from app.ipc.messages import (
     OperatorCommand,
     TriggerReport,
 )
-from app.motion.plan import Plan, PlanMessage, PlanRequest, pack_request, unpack_plan
+from app.motion.plan import Plan, PlanRequest, decode_table
 
 _M = TypeVar("_M", bound=msgspec.Struct)
 
@@ -48,7 +48,7 @@ class ControlLinks:
             return address(directory, stream.name)
 
         self._operator = OrderedReceiver(at(processes.OPERATOR), OperatorCommand)
-        self._plans = OrderedReceiver(at(processes.PLAN_REPLY), PlanMessage)
+        self._plans = OrderedReceiver(at(processes.PLAN_REPLY), Plan, dec_hook=decode_table)
         self._requests = OrderedSender(at(processes.PLAN_REQUEST))
         self._reports = LatestReceiver(at(processes.TRIGGER), TriggerReport)
         self._audit = LatestReceiver(at(processes.AUDIT_HEALTH), AuditHealth)
@@ -74,7 +74,7 @@ class ControlLinks:
     def ask(self, requests: Iterable[PlanRequest]) -> None:
         """Send requests to the planner; one that a full queue refuses is noticed as a silent planner."""
         for request in requests:
-            self._requests.send(pack_request(request))
+            self._requests.send(request)
 
     def heartbeat(self, beat: Heartbeat) -> None:
         """To the guardian."""
@@ -99,13 +99,7 @@ class ControlLinks:
         self._heartbeats.close(linger_s=LAST_WORD_S)
 
     def _take_plans(self) -> tuple[Plan, ...]:
-        plans = []
-        for message in _up_to(4, self._plans):
-            try:
-                plans.append(unpack_plan(message))
-            except msgspec.ValidationError:
-                self._plans.rejected += 1
-        return tuple(plans)
+        return tuple(_up_to(4, self._plans))
 
     def _newly_rejected(self) -> int:
         links = (self._operator, self._plans, self._reports, self._audit, self._guardian)

@@ -15,9 +15,10 @@ from rich.table import Table
 from app.ipc.states import Action
 from app.motion.patient import patient_of
 from app.motion.rehearsal import Rehearsal, rehearse
-from app.motion.rehearsal_checks import Verdict
+from app.motion.rehearsal_checks import RehearsalVerdict
 from app.system.errors import AppError
 from app.system.paths import Home
+from app.text.catalogue import render
 from hal.joints.device import Exoskeleton
 from hal.joints.protocol import Joint
 from profiles.schema import GaitParameters, Profile, Sex
@@ -51,7 +52,7 @@ def corner_profiles() -> Iterator[Profile]:
         )
 
 
-def corners(device: Exoskeleton, watch: Callable[[str], None]) -> list[tuple[Profile, Verdict]]:
+def corners(device: Exoskeleton, watch: Callable[[str], None]) -> list[tuple[Profile, RehearsalVerdict]]:
     """Every action at every corner."""
     found = []
     for profile in corner_profiles():
@@ -62,14 +63,14 @@ def corners(device: Exoskeleton, watch: Callable[[str], None]) -> list[tuple[Pro
     return found
 
 
-def verdict_table(rows: list[tuple[Profile, Verdict]]) -> Table:
+def verdict_table(rows: list[tuple[Profile, RehearsalVerdict]]) -> Table:
     """Figures for people."""
     table = Table("patient", "action", "", "rms °", "peak Nm", "peak °/s", "clearance cm", "slide cm", "load N", "°C")
     for profile, verdict in rows:
         table.add_row(
             profile.identifier,
-            verdict.action,
-            "passed" if verdict.passed else " ".join(verdict.reasons),
+            verdict.action.value,
+            "passed" if verdict.passed else " ".join(map(render, verdict.reasons)),
             f"{max(verdict.tracking_rms_deg):.1f}",
             f"{max(verdict.peak_torque_nm):.0f} of {max(verdict.torque_limit_nm):.0f}",
             f"{max(verdict.peak_speed_deg_s):.0f}",

@@ -52,7 +52,7 @@ def plot(rehearsal: Rehearsal, file: Path, norm: Norm | None = None) -> None:
         axes.set_ylabel(title)
         axes.legend(loc="upper right", fontsize=8)
         axes.grid(alpha=0.3)
-    figure.suptitle(f"{rehearsal.verdict.action}: " + ("passed" if rehearsal.verdict.passed else "failed"))
+    figure.suptitle(f"{rehearsal.verdict.action.value}: " + ("passed" if rehearsal.verdict.passed else "failed"))
     try:
         figure.savefig(file, dpi=110)
     except (OSError, ValueError) as error:
@@ -110,7 +110,7 @@ def _frame(rehearsal: Rehearsal, body: Body, first: Truth, truth: Truth) -> NDAr
     cv2.line(picture, at(*hip), at(*shoulder), TRUNK, 9, cv2.LINE_AA)
     head = shoulder + 0.12 * body.stature_m * np.array([sin(truth.lean_rad), cos(truth.lean_rad)])
     cv2.circle(picture, at(*head), round(0.06 * body.stature_m * PX_M), TRUNK, -1, cv2.LINE_AA)
-    caption = f"{rehearsal.verdict.action}  {truth.time_s:5.2f} s"
+    caption = f"{rehearsal.verdict.action.value}  {truth.time_s:5.2f} s"
     cv2.putText(picture, caption, (20, 36), cv2.FONT_HERSHEY_SIMPLEX, 0.8, TRUNK, 2, cv2.LINE_AA)
     return picture
 

@@ -6,9 +6,10 @@ queue is told to the sender, never a silent drop). Receiving never blocks unless
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from types import UnionType
-from typing import Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 import msgspec
 import zmq
@@ -89,7 +90,8 @@ class LatestReceiver(_Link, Generic[M]):
 class OrderedSender(_Link):
     """Sends everything, in order, to one receiver; connects, or binds when it is the fixed end."""
 
-    def __init__(self, where: str, *, bind: bool = False) -> None:
+    def __init__(self, where: str, *, bind: bool = False, enc_hook: Callable[[Any], Any] | None = None) -> None:
+        """enc_hook: msgspec's, for types that it does not know."""
         super().__init__(zmq.PUSH)
         self._socket.setsockopt(zmq.SNDHWM, _ORDERED_QUEUE)
         self._socket.setsockopt(zmq.RECONNECT_IVL, 20)
@@ -97,7 +99,7 @@ class OrderedSender(_Link):
             self._socket.bind(where)
         else:
             self._socket.connect(where)
-        self._encode = msgspec.msgpack.Encoder().encode
+        self._encode = msgspec.msgpack.Encoder(enc_hook=enc_hook).encode
 
     def send(self, message: msgspec.Struct) -> bool:
         """Queue it; False when the queue is full, and then the caller must act on it."""
@@ -115,14 +117,22 @@ class OrderedSender(_Link):
 class OrderedReceiver(_Link, Generic[M]):
     """Receives everything, in order; binds, or connects when the sender is the fixed end."""
 
-    def __init__(self, where: str, kind: type[M] | UnionType, *, bind: bool = True) -> None:
+    def __init__(
+        self,
+        where: str,
+        kind: type[M] | UnionType,
+        *,
+        bind: bool = True,
+        dec_hook: Callable[[type, Any], Any] | None = None,
+    ) -> None:
+        """dec_hook: msgspec's, for types that it does not know."""
         super().__init__(zmq.PULL)
         self._socket.setsockopt(zmq.RCVHWM, _ORDERED_QUEUE)
         if bind:
             self._socket.bind(where)
         else:
             self._socket.connect(where)
-        self._decoder: msgspec.msgpack.Decoder[M] = msgspec.msgpack.Decoder(kind)
+        self._decoder: msgspec.msgpack.Decoder[M] = msgspec.msgpack.Decoder(kind, dec_hook=dec_hook)
 
     def receive(self, timeout_s: float = 0.0) -> M | None:
         """The next message, or None. A malformed one is counted in `rejected` and skipped."""

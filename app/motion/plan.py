@@ -1,4 +1,4 @@
-"""A planned motion as a table of samples at the tick rate, checked whole before its first tick.
+"""What is asked of the planner and what it gives: a motion as a table of samples at the tick rate, and its check.
 
 Planning takes milliseconds, a tick has two: plans are made in the planner process and arrive as arrays, so that
 the tick only looks up its row. Walking is a chain of one-step plans, each asked for while the one before runs.
@@ -6,10 +6,8 @@ the tick only looks up its row. Walking is a chain of one-step plans, each asked
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from enum import Enum
 
-import msgspec
 import numpy as np
 from msgspec import Struct
 from numpy.typing import NDArray
@@ -17,6 +15,10 @@ from numpy.typing import NDArray
 from app.ipc.messages import Quad
 from app.ipc.states import Action, GaitState
 from hal.joints.protocol import TICK_HZ
+from logs.reason import Reason
+
+Array = NDArray[np.float64]
+ROW_BYTES = 4 * 8  # four joints, float64
 
 
 class Phase(Enum):
@@ -30,52 +32,22 @@ class Phase(Enum):
     WALK_CLOSE_LEFT = "walk close left"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PlanRequest:
-    """What control asks of the planner; the pose is the measured one, (4,) radians."""
+class PlanFault(Enum):
+    """Why a movement can't be planned for this patient in this device."""
 
-    number: int
-    action: Action
-    phase: Phase
-    from_state: GaitState
-    start_rad: tuple[float, float, float, float]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PlanCheck:
-    """The whole plan against the patient and the device; `ok` is False with the reason and its numbers."""
-
-    ok: bool
-    reason: str
-    peak_speed_rad_s: tuple[float, float, float, float]
-    peak_torque_nm: tuple[float, float, float, float]
-    min_clearance_m: float
+    TOO_FAR_FROM_STATE = "too far from the state's pose"
+    BEYOND_FLEXION = "beyond the joint's flexion"
+    BEYOND_EXTENSION = "beyond the joint's extension"
+    TOO_FAST = "too fast"
+    TOO_MUCH_TORQUE = "too much torque"
+    TOO_LITTLE_CLEARANCE = "too little clearance"
+    LEFT_LEG_TOO_SHORT = "left leg too short"
+    RIGHT_LEG_TOO_SHORT = "right leg too short"
+    CHAIR_DOES_NOT_FIT = "chair does not fit"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Plan:
-    """Samples at TICK_HZ, each (n, 4) in the order of hal's Joint; torque is the feed-forward estimate."""
-
-    number: int
-    action: Action
-    phase: Phase
-    from_state: GaitState
-    to_state: GaitState
-    position_rad: NDArray[np.float64]
-    velocity_rad_s: NDArray[np.float64]
-    torque_nm: NDArray[np.float64]
-    check: PlanCheck
-    steps: int = 0
-    advance_m: float = 0.0
-
-    @property
-    def duration_s(self) -> float:
-        """From the first sample to the last."""
-        return (len(self.position_rad) - 1) / TICK_HZ
-
-
-class PlanRequestMessage(Struct, frozen=True, kw_only=True, tag="plan-request"):
-    """Control to planner, ordered."""
+class PlanRequest(Struct, frozen=True, kw_only=True, tag="plan-request"):
+    """Control to planner, ordered; the pose is the measured one, (4,) radians."""
 
     number: int
     action: Action
@@ -84,106 +56,61 @@ class PlanRequestMessage(Struct, frozen=True, kw_only=True, tag="plan-request"):
     start_rad: Quad
 
 
-class PlanCheckMessage(Struct, frozen=True, kw_only=True):
-    """As PlanCheck."""
+class PlanCheck(Struct, frozen=True, kw_only=True):
+    """The whole plan against the patient and the device."""
 
-    ok: bool
-    reason: str
-    peak_speed_rad_s: Quad
-    peak_torque_nm: Quad
-    min_clearance_m: float
+    reason: Reason | None = None  # why it is refused
+    peak_speed_rad_s: Quad = (0.0, 0.0, 0.0, 0.0)
+    peak_torque_nm: Quad = (0.0, 0.0, 0.0, 0.0)
+    min_clearance_m: float = 0.0
+
+    @property
+    def ok(self) -> bool:
+        """Whether the plan may run."""
+        return self.reason is None
 
 
-class PlanMessage(Struct, frozen=True, kw_only=True, tag="plan"):
-    """Planner to control, ordered; position, velocity and torque are (n, 4) in bytes."""
+class Plan(Struct, frozen=True, kw_only=True, eq=False, tag="plan"):
+    """Planner to control, ordered: samples at TICK_HZ, each (n, 4) in the order of hal's Joint.
+
+    torque_nm is the feed-forward estimate. Raises ValueError when the tables differ in length.
+    """
 
     number: int
     action: Action
     phase: Phase
     from_state: GaitState
     to_state: GaitState
-    position_rad: bytes
-    velocity_rad_s: bytes
-    torque_nm: bytes
-    check: PlanCheckMessage
-    steps: int
-    advance_m: float
+    position_rad: Array
+    velocity_rad_s: Array
+    torque_nm: Array
+    check: PlanCheck
+    steps: int = 0
+    advance_m: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not self.position_rad.shape == self.velocity_rad_s.shape == self.torque_nm.shape:
+            raise ValueError("a plan's tables differ in length")
+
+    @property
+    def duration_s(self) -> float:
+        """From the first sample to the last."""
+        return (len(self.position_rad) - 1) / TICK_HZ
 
 
-def pack_request(request: PlanRequest) -> PlanRequestMessage:
-    """For the link."""
-    return PlanRequestMessage(
-        number=request.number,
-        action=request.action,
-        phase=request.phase,
-        from_state=request.from_state,
-        start_rad=request.start_rad,
-    )
+def encode_array(value: object) -> bytes:
+    """msgspec's enc_hook for plans: a table as its bytes."""
+    assert isinstance(value, np.ndarray)
+    return value.tobytes()
 
 
-def unpack_request(message: PlanRequestMessage) -> PlanRequest:
-    """From the link."""
-    return PlanRequest(
-        number=message.number,
-        action=message.action,
-        phase=message.phase,
-        from_state=message.from_state,
-        start_rad=message.start_rad,
-    )
-
-
-def pack_plan(plan: Plan) -> PlanMessage:
-    """For the link."""
-    check = plan.check
-    return PlanMessage(
-        number=plan.number,
-        action=plan.action,
-        phase=plan.phase,
-        from_state=plan.from_state,
-        to_state=plan.to_state,
-        position_rad=plan.position_rad.tobytes(),
-        velocity_rad_s=plan.velocity_rad_s.tobytes(),
-        torque_nm=plan.torque_nm.tobytes(),
-        check=PlanCheckMessage(
-            ok=check.ok,
-            reason=check.reason,
-            peak_speed_rad_s=check.peak_speed_rad_s,
-            peak_torque_nm=check.peak_torque_nm,
-            min_clearance_m=check.min_clearance_m,
-        ),
-        steps=plan.steps,
-        advance_m=plan.advance_m,
-    )
-
-
-def unpack_plan(message: PlanMessage) -> Plan:
-    """From the link; raises msgspec.ValidationError when the tables do not fit one another."""
-    tables = [_table(raw) for raw in (message.position_rad, message.velocity_rad_s, message.torque_nm)]
-    if len({table.shape for table in tables}) != 1:
-        raise msgspec.ValidationError("A plan's tables differ in length")
-    check = message.check
-    return Plan(
-        number=message.number,
-        action=message.action,
-        phase=message.phase,
-        from_state=message.from_state,
-        to_state=message.to_state,
-        position_rad=tables[0],
-        velocity_rad_s=tables[1],
-        torque_nm=tables[2],
-        check=PlanCheck(
-            ok=check.ok,
-            reason=check.reason,
-            peak_speed_rad_s=check.peak_speed_rad_s,
-            peak_torque_nm=check.peak_torque_nm,
-            min_clearance_m=check.min_clearance_m,
-        ),
-        steps=message.steps,
-        advance_m=message.advance_m,
-    )
-
-
-def _table(raw: bytes) -> NDArray[np.float64]:
-    if not raw or len(raw) % 32:
-        raise msgspec.ValidationError("A plan's table is not rows of four")
+def decode_table(_: type, raw: bytes) -> Array:
+    """msgspec's dec_hook for plans: bytes as a table (n, 4). Raises ValueError when they are no rows of four."""
+    if not raw or len(raw) % ROW_BYTES:
+        raise ValueError("a plan's table is not rows of four")
     return np.frombuffer(raw).reshape(-1, 4)
+
+
+def quad(values: Array) -> Quad:
+    """Four values as plain floats, in the order of hal's Joint."""
+    return (float(values[0]), float(values[1]), float(values[2]), float(values[3]))

@@ -7,11 +7,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from app.ipc.messages import Quad
 from app.motion.curves import Array
 from app.motion.outline import LEFT, RIGHT, Foot, Path, clearances
 from app.motion.patient import Patient
-from app.motion.plan import PlanCheck
+from app.motion.plan import PlanCheck, PlanFault, quad
 from hal.joints.body import (
     ANKLE_DORSIFLEXION_NM_RAD,
     ANKLE_PLANTARFLEXION_NM_RAD,
@@ -26,31 +25,24 @@ from hal.joints.body import (
     Body,
 )
 from hal.joints.protocol import TICK_HZ, Joint
+from logs.reason import Reason, reason
 
 LEAST_CLEARANCE_M = 0.02
-NOT_SWINGING_M = 1.0  # clearance that is told of a movement without a swing
+NOT_SWINGING_M = 1.0  # clearance reported for a movement without a swing
 
 
 def check_path(patient: Patient, path: Path, velocity_rad_s: Array, torque_nm: Array) -> PlanCheck:
     """Everything about a path; (n, 4) velocity and torque. `reason` holds the first thing that is wrong."""
     if np.isnan(path.joints_rad).any():
-        return refusal(_reach(path))
+        return PlanCheck(reason=_out_of_reach(path))
     clearance = mid_swing_clearance(patient, path)
     speed, torque = np.abs(velocity_rad_s).max(axis=0), np.abs(torque_nm).max(axis=0)
-    reason = next(_objections(patient, path, speed, torque, clearance), "")
     return PlanCheck(
-        ok=not reason,
-        reason=reason,
-        peak_speed_rad_s=_quad(speed),
-        peak_torque_nm=_quad(torque),
+        reason=next(_faults(patient, path, speed, torque, clearance), None),
+        peak_speed_rad_s=quad(speed),
+        peak_torque_nm=quad(torque),
         min_clearance_m=clearance,
     )
-
-
-def refusal(reason: str) -> PlanCheck:
-    """A check that failed before there was a path."""
-    nothing = (0.0, 0.0, 0.0, 0.0)
-    return PlanCheck(ok=False, reason=reason, peak_speed_rad_s=nothing, peak_torque_nm=nothing, min_clearance_m=0.0)
 
 
 def mid_swing_clearance(patient: Patient, path: Path) -> float:
@@ -63,38 +55,28 @@ def mid_swing_clearance(patient: Patient, path: Path) -> float:
     return least
 
 
-def _objections(patient: Patient, path: Path, speed: Array, torque: Array, clearance: float) -> Iterator[str]:
+def _faults(patient: Patient, path: Path, speed: Array, torque: Array, clearance: float) -> Iterator[Reason]:
     lowest, highest = path.joints_rad.min(axis=0), path.joints_rad.max(axis=0)
     for joint in Joint:
-        name = joint.name.lower().replace("_", " ")
-        if highest[joint] > patient.high_rad[joint]:
-            yield _degrees(f"The {name} would have to bend to", highest[joint], patient.high_rad[joint])
-        if lowest[joint] < patient.low_rad[joint]:
-            yield _degrees(f"The {name} would have to stretch to", lowest[joint], patient.low_rad[joint])
-        if speed[joint] > patient.speed_rad_s[joint]:
-            yield _degrees(f"The {name} would turn at", speed[joint], patient.speed_rad_s[joint], "°/s")
-        if torque[joint] > patient.torque_nm[joint]:
-            yield (
-                f"The {name} would need {torque[joint]:.0f} Nm, its limit is {patient.torque_nm[joint]:.0f} Nm; "
-                "more body-weight support or a smaller movement lowers it."
-            )
+        low, high = float(patient.low_rad[joint]), float(patient.high_rad[joint])
+        if highest[joint] > high:
+            yield reason(PlanFault.BEYOND_FLEXION, joint=joint, angle_rad=float(highest[joint]), limit_rad=high)
+        if lowest[joint] < low:
+            yield reason(PlanFault.BEYOND_EXTENSION, joint=joint, angle_rad=float(lowest[joint]), limit_rad=low)
+        fastest = float(patient.speed_rad_s[joint])
+        if speed[joint] > fastest:
+            yield reason(PlanFault.TOO_FAST, joint=joint, speed_rad_s=float(speed[joint]), limit_rad_s=fastest)
+        strongest = float(patient.torque_nm[joint])
+        if torque[joint] > strongest:
+            yield reason(PlanFault.TOO_MUCH_TORQUE, joint=joint, torque_nm=float(torque[joint]), limit_nm=strongest)
     if clearance < LEAST_CLEARANCE_M:
-        yield f"A foot would pass at {100 * clearance:.1f} cm, at least {100 * LEAST_CLEARANCE_M:.0f} cm are needed."
+        yield reason(PlanFault.TOO_LITTLE_CLEARANCE, clearance_m=clearance, limit_m=LEAST_CLEARANCE_M)
 
 
-def _degrees(what: str, value: float, limit: float, unit: str = "°") -> str:
-    return f"{what} {np.degrees(value):.0f}{unit}, its limit is {np.degrees(limit):.0f}{unit}."
-
-
-def _reach(path: Path) -> str:
+def _out_of_reach(path: Path) -> Reason:
     lost = np.isnan(path.joints_rad)
-    side = "left" if lost[:, 1].any() else "right"
-    share = np.argmax(lost.any(axis=1)) / len(lost)
-    return f"The {side} leg is too short for this movement ({100 * share:.0f} % into it); shorten the step or lower it."
-
-
-def _quad(values: Array) -> Quad:
-    return (float(values[0]), float(values[1]), float(values[2]), float(values[3]))
+    fault = PlanFault.LEFT_LEG_TOO_SHORT if lost[:, 1].any() else PlanFault.RIGHT_LEG_TOO_SHORT
+    return reason(fault, share=float(np.argmax(lost.any(axis=1)) / len(lost)))
 
 
 GRAVITY_M_S2 = 9.81

@@ -9,13 +9,13 @@ from app.ipc.links import OrderedReceiver, OrderedSender, address
 from app.ipc.states import GaitState
 from app.ipc.streams import PLAN_REPLY, PLAN_REQUEST
 from app.motion.patient import Patient, patient_of
-from app.motion.plan import PlanRequest, PlanRequestMessage, pack_plan, unpack_request
+from app.motion.plan import PlanRequest, encode_array
 from app.motion.trajectory import RECIPES, plan
 from app.system.config import SessionSetup
 from app.system.scheduling import gc_freeze, set_scheduling
 from hal.joints.device import DEFAULT_DEVICE, load_exoskeleton
 
-WAIT_S = 0.2  # between looks at whether the console still lives
+WAIT_S = 0.2  # between checks that the console still runs
 
 
 def run_planner(setup: SessionSetup) -> None:
@@ -23,21 +23,21 @@ def run_planner(setup: SessionSetup) -> None:
     parent = os.getppid()
     device = load_exoskeleton(Path(setup.config.joints.device) if setup.config.joints.device else DEFAULT_DEVICE)
     patient = patient_of(setup.profile, device)
-    requests = OrderedReceiver(address(setup.links, PLAN_REQUEST.name), PlanRequestMessage)
-    replies = OrderedSender(address(setup.links, PLAN_REPLY.name))
+    requests = OrderedReceiver(address(setup.links, PLAN_REQUEST.name), PlanRequest)
+    replies = OrderedSender(address(setup.links, PLAN_REPLY.name), enc_hook=encode_array)
     warm_up(patient)
     gc_freeze()
     set_scheduling("planner")
     while os.getppid() == parent:
-        message = requests.receive(WAIT_S)
-        if message is not None:
-            replies.send(pack_plan(plan(unpack_request(message), patient)))
+        request = requests.receive(WAIT_S)
+        if request is not None:
+            replies.send(plan(request, patient))
     requests.close()
     replies.close()
 
 
 def warm_up(patient: Patient) -> None:
-    """Plan every movement once, so that what is solved once for a patient is known before the first request."""
+    """Plan every movement once: fills the caches before the first request."""
     for action, phase in RECIPES:
         request = PlanRequest(
             number=0, action=action, phase=phase, from_state=GaitState.STANDING, start_rad=(0.0, 0.0, 0.0, 0.0)

@@ -1,13 +1,14 @@
 """Pre-flight: before an action first moves a patient in the real device, its rehearsal must have passed.
 
 A result holds for exactly the parameters it was made with: body, gait, ranges, device and program version together
-name its file in the home. Whatever changes, the rehearsal is asked for anew.
+name its file in the home. Whatever changes, a new rehearsal is due.
 """
 
 from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Iterable
+from enum import Enum
 from importlib.metadata import version
 from pathlib import Path
 
@@ -17,24 +18,40 @@ from msgspec import Struct
 
 from app.ipc.states import Action, GaitState
 from app.motion.patient import Patient, patient_of
-from app.motion.plan import Phase, PlanRequest
+from app.motion.plan import Phase, PlanRequest, quad
 from app.motion.rehearsal import SEQUENCES, STARTS, WALK_PHASES, rehearse
-from app.motion.rehearsal_checks import Verdict
+from app.motion.rehearsal_checks import RehearsalVerdict
 from app.motion.trajectory import nominal_pose, plan
 from app.system.paths import Home
 from hal.errors import HardwareError
 from hal.joints.device import Exoskeleton
 from hal.joints.guard import limits_of
+from logs.reason import Reason, reason, reason_of
 from profiles.errors import ProfileError
 from profiles.schema import Profile
 
 
 class PreflightResult(Struct, frozen=True, kw_only=True):
-    """Whether an action may move this patient in this device, and the sentence that says why not."""
+    """Whether an action may move this patient in this device."""
 
     action: Action
-    passed: bool
-    reason: str = ""
+    reason: Reason | None = None  # why not
+
+    @property
+    def passed(self) -> bool:
+        """Whether it may."""
+        return self.reason is None
+
+
+class PreflightFault(Enum):
+    """Why an action may not move this patient."""
+
+    MISSING = "missing"
+    UNREADABLE = "unreadable"
+    OTHER_ACTION = "record of another action"
+    FAILED = "failed"
+    NOT_PLANNABLE = "not plannable"
+    PROFILE_REFUSED = "profile refused"
 
 
 def preflight_key(patient: Patient, device: Exoskeleton, action: Action) -> str:
@@ -49,17 +66,19 @@ def preflight_passed(home: Home, patient: Patient, device: Exoskeleton, action: 
     """What is on record for an action with exactly these parameters."""
     record = _record(home, patient, device, action)
     try:
-        verdict = msgspec.json.decode(record.read_bytes(), type=Verdict)
+        verdict = msgspec.json.decode(record.read_bytes(), type=RehearsalVerdict)
     except FileNotFoundError:
-        reason = f"{action.value}: no pre-flight with these parameters yet; run `rleex simulate all --preflight`."
-        return PreflightResult(action=action, passed=False, reason=reason)
+        return PreflightResult(action=action, reason=reason(PreflightFault.MISSING, action=action))
     except (OSError, msgspec.MsgspecError) as error:
-        reason = f"{action.value}: the pre-flight on record can't be read ({error}); run it again."
-        return PreflightResult(action=action, passed=False, reason=reason)
-    if verdict.action != action.value:
-        return PreflightResult(action=action, passed=False, reason=f"{action.value}: the record is another action's.")
-    reason = "" if verdict.passed else f"{action.value}: the pre-flight failed. {' '.join(verdict.reasons)}"
-    return PreflightResult(action=action, passed=verdict.passed, reason=reason)
+        return PreflightResult(
+            action=action, reason=reason(PreflightFault.UNREADABLE, action=action, detail=str(error))
+        )
+    if verdict.action is not action:
+        return PreflightResult(action=action, reason=reason(PreflightFault.OTHER_ACTION, action=action))
+    if not verdict.passed:
+        why = reason(PreflightFault.FAILED, action=action, reasons=verdict.reasons)
+        return PreflightResult(action=action, reason=why)
+    return PreflightResult(action=action)
 
 
 def cleared_actions(home: Home, patient: Patient, device: Exoskeleton) -> frozenset[Action]:
@@ -83,7 +102,7 @@ def run_preflight(
     return tuple(results)
 
 
-def keep_verdict(home: Home, patient: Patient, device: Exoskeleton, action: Action, verdict: Verdict) -> None:
+def keep_verdict(home: Home, patient: Patient, device: Exoskeleton, action: Action, verdict: RehearsalVerdict) -> None:
     """Put a verdict on record, whole or not at all."""
     record = _record(home, patient, device, action)
     record.parent.mkdir(parents=True, exist_ok=True)
@@ -99,29 +118,29 @@ def _record(home: Home, patient: Patient, device: Exoskeleton, action: Action) -
 CHECKED = tuple(action for action in Action if action not in {Action.INITIALISE, Action.WALK_END})
 
 
-def check_profile(profile: Profile, device: Exoskeleton) -> list[str]:
-    """One sentence for each action that can't be planned, with the joint and its numbers; [] when all can.
+def check_profile(profile: Profile, device: Exoskeleton) -> list[Reason]:
+    """A reason for each action that can't be planned; [] when all can.
 
     Also refuses ranges that would loosen the device's.
     """
     try:
         limits_of(device, profile.hip_max_rad, profile.knee_max_rad)
     except HardwareError as error:
-        return [str(error)]
+        return [reason_of(error)]
     patient = patient_of(profile, device)
     found = []
     for action in CHECKED:
         start = STARTS.get(action, GaitState.STANDING)
         pose = nominal_pose(start, patient)
         pose = np.where(np.isfinite(pose), pose, 0.0)
-        quad = (float(pose[0]), float(pose[1]), float(pose[2]), float(pose[3]))
         phases = WALK_PHASES[:2] if action in SEQUENCES else ((action, Phase.WHOLE),)
-        for number, (part, phase) in enumerate(phases):
-            request = PlanRequest(number=number, action=part, phase=phase, from_state=start, start_rad=quad)
-            check = plan(request, patient).check
-            if not check.ok:
-                found.append(f"{action.value}: {check.reason}")
-                break
+        requests = [
+            PlanRequest(number=number, action=part, phase=phase, from_state=start, start_rad=quad(pose))
+            for number, (part, phase) in enumerate(phases)
+        ]
+        why = next(filter(None, (plan(request, patient).check.reason for request in requests)), None)
+        if why is not None:
+            found.append(reason(PreflightFault.NOT_PLANNABLE, action=action, reason=why))
     return found
 
 
@@ -129,7 +148,7 @@ def refuse_unfit(device: Exoskeleton) -> Callable[[Profile], None]:
     """A check for the profile store: raises ProfileError with the first action that this leg can't do."""
 
     def check(profile: Profile) -> None:
-        for reason in check_profile(profile, device)[:1]:
-            raise ProfileError(f"{profile.identifier} can't be saved: {reason}")
+        for why in check_profile(profile, device)[:1]:
+            raise ProfileError(PreflightFault.PROFILE_REFUSED, profile=profile.identifier, reason=why)
 
     return check

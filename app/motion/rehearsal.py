@@ -1,4 +1,4 @@
-"""An action rehearsed in simulation through the same planner, follower and guard as on the device, and judged.
+"""An action rehearsed in simulation through the same planner, follower and guard as on the device, and evaluated.
 
 Pure but for MuJoCo's stepping: no clock, no files. Pre-flight, `rleex simulate` and the tests use it alike.
 """
@@ -13,22 +13,29 @@ import numpy as np
 from msgspec import structs
 from numpy.typing import NDArray
 
-from app.ipc.messages import Quad
 from app.ipc.states import Action, GaitState
 from app.motion import follower
 from app.motion.follower import Gains, Mode, Motion, gains_of
 from app.motion.patient import Patient
-from app.motion.plan import Phase, Plan, PlanRequest
-from app.motion.rehearsal_checks import Verdict, least_clearance, most_slide, objections, stride_m
+from app.motion.plan import Phase, Plan, PlanFault, PlanRequest, quad
+from app.motion.rehearsal_checks import (
+    RehearsalFault,
+    RehearsalVerdict,
+    faults_of,
+    least_clearance,
+    most_slide,
+    stride_m,
+)
 from app.motion.trajectory import nominal_pose, plan, scene_of
 from hal.joints.device import Exoskeleton
-from hal.joints.guard import Guard, Refusal, limits_of
+from hal.joints.guard import Guard, limits_of
 from hal.joints.protocol import TICK_HZ, TICK_NS, JointCommand
 from hal.joints.scene import Scene
 from hal.joints.simulated.driver import SimulatedJoints
 from hal.joints.simulated.wearer import Truth
+from logs.reason import Reason, reason
 
-TRUTH_TICKS = 5  # between looks at everything that can be known
+TRUTH_TICKS = 5  # between two samples of the ground truth
 SETTLE_TICKS = 250  # stand still before and after
 STIFFENING_LIMIT_TICKS = 500
 
@@ -52,7 +59,7 @@ CROUCH_RAD = np.array([0.35, 0.6, 0.35, 0.6])  # where a wearer is before gestur
 class Rehearsal:
     """Everything that happened; ticks (n, 4), truths every TRUTH_TICKS of them."""
 
-    verdict: Verdict
+    verdict: RehearsalVerdict
     target_rad: NDArray[np.float64]
     angle_rad: NDArray[np.float64]
     speed_rad_s: NDArray[np.float64]
@@ -66,12 +73,12 @@ def rehearse(
     patient: Patient, device: Exoskeleton, action: Action, watch: Callable[[], None] = lambda: None
 ) -> Rehearsal:
     """Carry out one action (walking: seven steps) in simulation from its state's pose; `watch` is called as it goes."""
-    stage = _Stage(patient, device, action)
-    refusal = stage.run(watch)
-    return stage.judged(refusal)
+    running = _Run(patient, device, action)
+    refusal = running.run(watch)
+    return running.evaluated(refusal)
 
 
-class _Stage:
+class _Run:
     """One rehearsal while it runs."""
 
     def __init__(self, patient: Patient, device: Exoskeleton, action: Action) -> None:
@@ -92,61 +99,64 @@ class _Stage:
         self.final_rad: NDArray[np.float64] | None = None
         self.advance_m = 0.0
 
-    def run(self, watch: Callable[[], None]) -> str:
-        """Why it could not be carried out, or ""."""
+    def run(self, watch: Callable[[], None]) -> Reason | None:
+        """Why it could not be carried out; None: it was."""
         start = STARTS.get(self.action, S.STANDING)
         pose = CROUCH_RAD if self.action is A.INITIALISE else nominal_pose(start, self.patient)
         if not np.isfinite(pose).all():
-            return "This patient does not fit the chair."
+            gait, body = self.patient.gait, self.patient.body
+            return reason(PlanFault.CHAIR_DOES_NOT_FIT, chair_m=gait.chair_height_m, thigh_m=body.thigh_m)
         self.joints.place(pose)
         self.joints.stage(self.scene)
         self.joints.open(self.now_ns)
         self.joints.enable(self.now_ns)
-        if reason := self._stiffen():
-            return reason
+        if refused := self._stiffen():
+            return refused
         watch()
         for number, (part, phase) in enumerate(SEQUENCES.get(self.action, ((self.action, P.WHOLE),))):
             measured = self.joints.read(self.now_ns).position_rad
-            quad = (float(measured[0]), float(measured[1]), float(measured[2]), float(measured[3]))
-            made = plan(
-                PlanRequest(number=number, action=part, phase=phase, from_state=start, start_rad=quad), self.patient
-            )
-            if not made.check.ok:
-                return made.check.reason
-            if reason := self._follow(made):
-                return reason
+            request = PlanRequest(number=number, action=part, phase=phase, from_state=start, start_rad=quad(measured))
+            made = plan(request, self.patient)
+            if refused := made.check.reason or self._follow(made):
+                return refused
             watch()
             start = made.to_state
         self.motion = follower.hold(self.motion)
-        return next((str(refused) for refused in (self._tick() for _ in range(SETTLE_TICKS)) if refused), "")
+        return next(filter(None, (self._tick() for _ in range(SETTLE_TICKS))), None)
 
-    def _stiffen(self) -> str:
+    def _stiffen(self) -> Reason | None:
         self._tick()
         self.motion = follower.start_stiffening(self.joints.read(self.now_ns).position_rad, self.gains)
         for _ in range(STIFFENING_LIMIT_TICKS):
             if refused := self._tick():
-                return str(refused)
-        return "" if self.motion.mode is Mode.HOLDING else "The joints could not be stiffened."
+                return refused
+        return None if self.motion.mode is Mode.HOLDING else reason(RehearsalFault.NOT_STIFFENED)
 
-    def _follow(self, made: Plan) -> str:
+    def _follow(self, made: Plan) -> Reason | None:
         self.starts.append(len(self.rows))
         self.motion = follower.start_plan(self.motion, made)
         self.final_rad = made.position_rad[-1]
         self.advance_m += made.advance_m
         while not self.motion.arrived:
             if refused := self._tick():
-                return str(refused)
+                return refused
             self.moving_ticks += 1
-        return ""
+        return None
 
-    def _tick(self) -> Refusal | None:
+    def _tick(self) -> Reason | None:
         self.now_ns += TICK_NS
         feedback = self.joints.read(self.now_ns)
         self.motion = follower.advance(self.motion, self.gains, hold=False)
         command = self.motion.command
         refusal = self.guard.check(command, self.previous, feedback.position_rad)
         if refusal is not None:
-            return refusal
+            return reason(
+                RehearsalFault.GUARD_REFUSED,
+                joint=refusal.joint,
+                quantity=refusal.quantity,
+                value=refusal.value,
+                limit=refusal.limit,
+            )
         self.joints.write(command, self.now_ns)
         self.previous = command
         wearer = self.joints.wearer
@@ -157,50 +167,51 @@ class _Stage:
             self.truths.append(self.joints.truth())
         return None
 
-    def judged(self, refusal: str) -> Rehearsal:
+    def evaluated(self, refusal: Reason | None) -> Rehearsal:
         """Figures and verdict."""
         if not self.rows or not self.starts:
             self.rows = self.rows or [(np.zeros(4),) * 4]
-            return self._as(Verdict(action=self.action.value, passed=False, reasons=(refusal,)))
+            assert refusal is not None
+            return self._as(RehearsalVerdict(action=self.action, passed=False, reasons=(refusal,)))
         target, angle, speed, torque = (np.array(column) for column in zip(*self.rows, strict=True))
         first = self.starts[0]
         span = slice(first, first + self.moving_ticks)
         error = angle[span] - target[span]
-        verdict = Verdict(
-            action=self.action.value,
+        verdict = RehearsalVerdict(
+            action=self.action,
             passed=True,
             reasons=(),
             duration_s=self.moving_ticks / TICK_HZ,
-            peak_torque_nm=_quad(np.abs(torque[first:]).max(axis=0)),
-            torque_limit_nm=_quad(np.array([joint.max_torque_nm for joint in self.device.joints])),
-            peak_speed_deg_s=_quad(np.degrees(np.abs(speed[first:]).max(axis=0))),
-            speed_limit_deg_s=_quad(np.array([joint.max_speed_deg_s for joint in self.device.joints])),
-            tracking_rms_deg=_quad(np.degrees(np.sqrt((error**2).mean(axis=0)))),
-            clearance_m=least_clearance(self.patient.body, self._seen(), self.scene),
-            slide_m=most_slide(self.patient.body, self._seen()),
-            penetration_m=max(truth.deepest_m for truth in self._seen()),
-            contact_peak_n=max(float(truth.contact_n.max()) for truth in self._seen()),
-            stride_m=stride_m(self._seen()) if self.action in SEQUENCES else self.advance_m,
+            peak_torque_nm=quad(np.abs(torque[first:]).max(axis=0)),
+            torque_limit_nm=quad(np.array([joint.max_torque_nm for joint in self.device.joints])),
+            peak_speed_deg_s=quad(np.degrees(np.abs(speed[first:]).max(axis=0))),
+            speed_limit_deg_s=quad(np.array([joint.max_speed_deg_s for joint in self.device.joints])),
+            tracking_rms_deg=quad(np.degrees(np.sqrt((error**2).mean(axis=0)))),
+            clearance_m=least_clearance(self.patient.body, self._moving_truths(), self.scene),
+            slide_m=most_slide(self.patient.body, self._moving_truths()),
+            penetration_m=max(truth.deepest_m for truth in self._moving_truths()),
+            contact_peak_n=max(float(truth.contact_n.max()) for truth in self._moving_truths()),
+            stride_m=stride_m(self._moving_truths()) if self.action in SEQUENCES else self.advance_m,
             energy_j=float(np.clip(torque[span] * speed[span], 0, None).sum() / TICK_HZ),
             temperature_c=float(self.joints.read(self.now_ns).temperature_c.max()),
-            balance_peak_nm=max(abs(truth.balance_nm) for truth in self._seen()),
-            hold_peak_n=max(abs(truth.hold_n) for truth in self._seen()),
+            balance_peak_nm=max(abs(truth.balance_nm) for truth in self._moving_truths()),
+            hold_peak_n=max(abs(truth.hold_n) for truth in self._moving_truths()),
         )
-        reasons = (refusal,) if refusal else objections(verdict, self._missed_rad(), struck=self._struck())
+        reasons = (refusal,) if refusal else tuple(faults_of(verdict, self._end_error_rad(), struck=self._struck()))
         return self._as(structs.replace(verdict, passed=not reasons, reasons=reasons))
 
-    def _seen(self) -> list[Truth]:
+    def _moving_truths(self) -> list[Truth]:
         """Truths from the first plan on."""
         return self.truths[self.starts[0] // TRUTH_TICKS :] or self.truths[-1:]
 
     def _struck(self) -> bool:
-        return any(truth.struck for truth in self._seen())
+        return any(truth.struck for truth in self._moving_truths())
 
-    def _missed_rad(self) -> float:
+    def _end_error_rad(self) -> float:
         """How far the farthest joint is from where the last plan ends."""
         return pi if self.final_rad is None else float(np.abs(self.joints.wearer.joints_rad - self.final_rad).max())
 
-    def _as(self, verdict: Verdict) -> Rehearsal:
+    def _as(self, verdict: RehearsalVerdict) -> Rehearsal:
         target, angle, speed, torque = (np.array(column) for column in zip(*self.rows, strict=True))
         return Rehearsal(
             verdict=verdict,
@@ -212,7 +223,3 @@ class _Stage:
             scene=self.scene,
             starts=tuple(self.starts),
         )
-
-
-def _quad(values: NDArray[np.float64]) -> Quad:
-    return (float(values[0]), float(values[1]), float(values[2]), float(values[3]))

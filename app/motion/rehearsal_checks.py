@@ -1,34 +1,54 @@
-"""What a rehearsal is judged by: its figures, their limits, and what is said of those that pass them."""
+"""The figures of a rehearsal, their limits, and the faults where a limit is exceeded."""
 
 from __future__ import annotations
 
-from math import degrees, radians
+from collections.abc import Iterator
+from enum import Enum
+from math import radians
 
 import numpy as np
 from msgspec import Struct
 from numpy.typing import NDArray
 
 from app.ipc.messages import Quad
+from app.ipc.states import Action
 from app.motion import kinematics
 from app.motion.outline import MID_SWING, outside
+from app.motion.plan import Array
+from app.motion.plan_check import LEAST_CLEARANCE_M
 from hal.joints.body import Body
 from hal.joints.scene import Scene
 from hal.joints.simulated.wearer import Truth
+from logs.reason import Reason, reason
 
 RMS_LIMIT_RAD = radians(2.0)
-CLEARANCE_LIMIT_M = 0.02
 SLIDE_LIMIT_M = 0.02
 PENETRATION_LIMIT_M = 0.005  # contacts in the simulation are a little soft
-FALLEN_RAD = radians(10.0)  # of a joint from the pose it should end in
-ALL_IT_HAS_NM = 1e-6  # a drive this near its limit was held there
+END_POSE_LIMIT_RAD = radians(10.0)  # of a joint from the pose it should end in: farther, the wearer has fallen
+SATURATION_NM = 1e-6  # a drive this near its limit was held there
 
 
-class Verdict(Struct, frozen=True, kw_only=True):
+class RehearsalFault(Enum):
+    """Why a rehearsal failed."""
+
+    NOT_STIFFENED = "not stiffened"
+    GUARD_REFUSED = "guard refused"
+    WRONG_END_POSE = "wrong end pose"
+    TRACKING_ERROR = "tracking error"
+    TOO_FAST = "too fast"
+    SATURATED = "saturated"
+    TOO_LITTLE_CLEARANCE = "too little clearance"
+    FOOT_SLIDES = "foot slides"
+    PENETRATION = "penetration"
+    STRIKES_OBSTACLE = "strikes the obstacle"
+
+
+class RehearsalVerdict(Struct, frozen=True, kw_only=True):
     """One rehearsed action in figures; joints in the order of hal's Joint."""
 
-    action: str
+    action: Action
     passed: bool
-    reasons: tuple[str, ...]
+    reasons: tuple[Reason, ...]
     duration_s: float = 0.0
     peak_torque_nm: Quad = (0.0, 0.0, 0.0, 0.0)
     torque_limit_nm: Quad = (0.0, 0.0, 0.0, 0.0)
@@ -46,43 +66,34 @@ class Verdict(Struct, frozen=True, kw_only=True):
     hold_peak_n: float = 0.0
 
 
-def objections(verdict: Verdict, missed_rad: float, *, struck: bool) -> tuple[str, ...]:
+def faults_of(verdict: RehearsalVerdict, end_error_rad: float, *, struck: bool) -> Iterator[Reason]:
     """Everything that is wrong with it.
 
-    missed_rad: the farthest joint's distance from the pose that it should end in; struck: a leg met the obstacle.
+    end_error_rad: the farthest joint's distance from the pose that it should end in; struck: a leg met the obstacle.
     """
-    worst_rms = max(verdict.tracking_rms_deg)
+    worst_rad = radians(max(verdict.tracking_rms_deg))
     clearance_m = verdict.clearance_m
-    found = [
-        (missed_rad > FALLEN_RAD, f"It ends {degrees(missed_rad):.0f}° from where it should."),
-        (worst_rms > degrees(RMS_LIMIT_RAD), f"Tracking error {worst_rms:.1f}° rms, at most 2° are allowed."),
-        (
-            _any_above(verdict.peak_speed_deg_s, verdict.speed_limit_deg_s),
-            f"A joint turns at {max(verdict.peak_speed_deg_s):.0f}°/s, beyond its limit.",
-        ),
-        (
-            _any_above(verdict.peak_torque_nm, verdict.torque_limit_nm, by=-ALL_IT_HAS_NM),
-            f"A drive gives all it has, {max(verdict.peak_torque_nm):.0f} Nm.",
-        ),
-        (
-            clearance_m is not None and clearance_m < CLEARANCE_LIMIT_M,
-            f"A swinging foot passes at {100 * (clearance_m or 0):.1f} cm, at least 2 cm are needed.",
-        ),
-        (verdict.slide_m > SLIDE_LIMIT_M, f"A standing foot slides {100 * verdict.slide_m:.1f} cm."),
-        (
-            verdict.penetration_m > PENETRATION_LIMIT_M,
-            f"Something sinks {1000 * verdict.penetration_m:.0f} mm into something.",
-        ),
-        (struck, "A leg strikes the obstacle."),
-    ]
-    return tuple(text for wrong, text in found if wrong)
+    if end_error_rad > END_POSE_LIMIT_RAD:
+        yield reason(RehearsalFault.WRONG_END_POSE, angle_rad=end_error_rad)
+    if worst_rad > RMS_LIMIT_RAD:
+        yield reason(RehearsalFault.TRACKING_ERROR, angle_rad=worst_rad, limit_rad=RMS_LIMIT_RAD)
+    if _any_above(verdict.peak_speed_deg_s, verdict.speed_limit_deg_s):
+        yield reason(RehearsalFault.TOO_FAST, speed_rad_s=radians(max(verdict.peak_speed_deg_s)))
+    if _any_above(verdict.peak_torque_nm, verdict.torque_limit_nm, by=-SATURATION_NM):
+        yield reason(RehearsalFault.SATURATED, torque_nm=max(verdict.peak_torque_nm))
+    if clearance_m is not None and clearance_m < LEAST_CLEARANCE_M:
+        yield reason(RehearsalFault.TOO_LITTLE_CLEARANCE, clearance_m=clearance_m, limit_m=LEAST_CLEARANCE_M)
+    if verdict.slide_m > SLIDE_LIMIT_M:
+        yield reason(RehearsalFault.FOOT_SLIDES, slide_m=verdict.slide_m)
+    if verdict.penetration_m > PENETRATION_LIMIT_M:
+        yield reason(RehearsalFault.PENETRATION, depth_m=verdict.penetration_m)
+    if struck:
+        yield reason(RehearsalFault.STRIKES_OBSTACLE)
 
 
 def _any_above(values: Quad, limits: Quad, by: float = 0.0) -> bool:
     return any(value > limit + by for value, limit in zip(values, limits, strict=True))
 
-
-Array = NDArray[np.float64]
 
 AIRBORNE_N = 1.0  # a foot with less under it swings
 STANDING_N = 60.0  # one with more stands

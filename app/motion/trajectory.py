@@ -32,12 +32,14 @@ from app.motion.level import (
 )
 from app.motion.outline import LEFT, RIGHT, Outline, Path, lifted, reaching, sample
 from app.motion.patient import Patient
-from app.motion.plan import Phase, Plan, PlanCheck, PlanRequest
-from app.motion.plan_check import check_path, joint_torques, refusal
+from app.motion.plan import Phase, Plan, PlanCheck, PlanFault, PlanRequest
+from app.motion.plan_check import check_path, joint_torques
 from app.motion.terrain import Crossing, crossing_outline, obstacle, stair_down, stair_up
 from app.motion.transfer import recovery_path, seated_joints, transfer_outline
+from app.system.errors import AppError
 from hal.joints.protocol import TICK_HZ, JointArray
 from hal.joints.scene import LEVEL_FLOOR, Scene
+from logs.reason import reason, reason_of
 
 FADE_S = 0.6  # a difference between measured and nominal pose fades within this
 FAR_RAD = radians(12)  # farther than this from its state's pose no action starts
@@ -103,8 +105,8 @@ def plan(request: PlanRequest, patient: Patient) -> Plan:
     """The checked plan for a request; one that can't be done has `check.ok` False, the reason, and one row."""
     try:
         return _planned(request, patient)
-    except ValueError as error:
-        return _refused(request, refusal(str(error)))
+    except AppError as error:
+        return _refused(request, PlanCheck(reason=reason_of(error)))
 
 
 def nominal_pose(state: GaitState, patient: Patient) -> JointArray:
@@ -116,7 +118,7 @@ def nominal_pose(state: GaitState, patient: Patient) -> JointArray:
     if state is S.SITTING:
         try:
             return np.array(seated_joints(patient) * 2)
-        except ValueError:
+        except AppError:
             return np.full(4, np.nan)
     if state in {S.RIGHT_FORWARD, S.LEFT_FORWARD}:
         half = patient.gait.step_length_m / 2
@@ -138,15 +140,15 @@ def scene_of(action: Action, patient: Patient) -> Scene:
         return LEVEL_FLOOR
     try:
         return recipe.build(patient, 1.0).scene
-    except ValueError:
+    except AppError:
         return LEVEL_FLOOR
 
 
 @lru_cache(maxsize=64)
 def path_of(action: Action, phase: Phase, patient: Patient) -> Path:
-    """The nominal path of a movement, slow enough for every joint; raises ValueError for one that can't be made.
+    """The nominal path of a movement, slow enough for every joint; raises AppError for one that can't be made.
 
-    Kept once made: it asks for most of a plan's time, and the wearer waits for it between release and first command.
+    Cached: it takes most of a plan's time, and the wearer waits for it between release and first command.
     """
     recipe = RECIPES[action, phase]
     return sample(patient.body, _outline(recipe.build, patient, _stretch(recipe, patient)))
@@ -163,7 +165,10 @@ def _planned(request: PlanRequest, patient: Patient) -> Plan:
     if not recipe.chained:
         far = np.abs(start - path.joints_rad[0])
         if request.action is not A.INITIALISE and not (far <= FAR_RAD).all():
-            return _refused(request, refusal(_far_sentence(request, far)))
+            why = reason(
+                PlanFault.TOO_FAR_FROM_STATE, angle_rad=float(far.max()), state=request.from_state, limit_rad=FAR_RAD
+            )
+            return _refused(request, PlanCheck(reason=why))
         path = replace(path, joints_rad=path.joints_rad + _fading(path.time_s, start - path.joints_rad[0]))
     velocity = np.gradient(path.joints_rad, 1 / TICK_HZ, axis=0, edge_order=2)
     torque = joint_torques(patient, path)
@@ -197,13 +202,6 @@ def _refused(request: PlanRequest, check: PlanCheck) -> Plan:
         velocity_rad_s=np.zeros_like(start),
         torque_nm=np.zeros_like(start),
         check=check,
-    )
-
-
-def _far_sentence(request: PlanRequest, far_rad: Array) -> str:
-    return (
-        f"The joints are {np.degrees(far_rad.max()):.0f}° from where {request.from_state.value} has them, "
-        f"at most {np.degrees(FAR_RAD):.0f}° are allowed; bring them back with gesture 0."
     )
 
 

@@ -12,6 +12,8 @@ from app.motion.curves import Array, Swing, SwingShape, cruise, smoothstep
 from app.motion.level import SOFT_KNEE_RAD, standing_hip_m, standing_segments
 from app.motion.outline import LEFT, RIGHT, Outline, Path, lifted, path_of_joints, sample, ticks
 from app.motion.patient import Patient
+from app.motion.plan import PlanFault
+from app.system.errors import AppError
 from hal.joints.body import BUTTOCK_M, Body, trunk_lean
 from hal.joints.scene import Block, BlockKind, Scene
 
@@ -41,12 +43,12 @@ class Seat:
 
 
 def seat_of(patient: Patient) -> Seat:
-    """The legs on this patient's chair, the feet flat before it. Raises ValueError when the chair is too high."""
+    """The legs on this patient's chair, the feet flat before it. Raises AppError when the chair is too high."""
     body, chair = patient.body, patient.gait.chair_height_m
     knee = body.ankle_height_m + body.shank_m * cos(SEATED_SHANK_RAD)
     drop = (knee - chair - BUTTOCK_M) / body.thigh_m  # of the hip under the knee, as a share of the thigh
     if abs(drop) >= 1:
-        raise ValueError(f"The chair's {100 * chair:.0f} cm do not fit a thigh of {100 * body.thigh_m:.0f} cm.")
+        raise AppError(PlanFault.CHAIR_DOES_NOT_FIT, chair_m=chair, thigh_m=body.thigh_m)
     return Seat(thigh_rad=pi / 2 + asin(drop), shank_rad=SEATED_SHANK_RAD)
 
 

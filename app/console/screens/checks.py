@@ -26,7 +26,7 @@ from app.ipc.states import Action
 from app.system.config import Config
 from app.system.operators import Permission
 from app.system.paths import Home
-from app.text.catalogue import tr
+from app.text.catalogue import render, tr
 from logs.records import Note
 from profiles.schema import Profile
 
@@ -207,4 +207,4 @@ def rehearse_all(words: Connection, home: Path, config: Config, profile: Profile
     except OSError as error:
         words.send(f"The rehearsals can't be kept in {home}: {error.strerror}; free space, then rehearse again.")
         return
-    words.send(tuple(result.reason for result in results if not result.passed))
+    words.send(tuple(render(result.reason) for result in results if result.reason))

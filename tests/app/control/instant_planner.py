@@ -16,7 +16,7 @@ POSES = {
     GaitState.RIGHT_FORWARD: np.array([-0.15, 0.1, 0.3, 0.2]),
     GaitState.LEFT_FORWARD: np.array([0.3, 0.2, -0.15, 0.1]),
 }
-CHECK = PlanCheck(ok=True, reason="", peak_speed_rad_s=(1.0,) * 4, peak_torque_nm=(30.0,) * 4, min_clearance_m=0.05)
+CHECK = PlanCheck(peak_speed_rad_s=(1.0,) * 4, peak_torque_nm=(30.0,) * 4, min_clearance_m=0.05)
 FASTEST_RAD_S = 2.5
 
 

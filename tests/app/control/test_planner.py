@@ -8,7 +8,7 @@ from pathlib import Path
 from app.ipc.links import OrderedReceiver, OrderedSender, address
 from app.ipc.states import Action, GaitState
 from app.ipc.streams import PLAN_REPLY, PLAN_REQUEST
-from app.motion.plan import Phase, PlanMessage, PlanRequest, pack_request, unpack_plan
+from app.motion.plan import Phase, Plan, PlanRequest, decode_table
 from app.motion.planner import run_planner
 from app.system.config import Config, SessionSetup
 from profiles.schema import DEMO_PATIENT
@@ -20,7 +20,7 @@ def test_requests_are_answered_in_order(tmp_path: Path) -> None:
     setup = SessionSetup(
         session="s", home=tmp_path, links=tmp_path, config=Config(), profile=DEMO_PATIENT, operator="tester"
     )
-    replies = OrderedReceiver(address(tmp_path, PLAN_REPLY.name), PlanMessage)
+    replies = OrderedReceiver(address(tmp_path, PLAN_REPLY.name), Plan, dec_hook=decode_table)
     planner = multiprocessing.get_context("spawn").Process(target=run_planner, args=(setup,), daemon=True)
     planner.start()
     requests = OrderedSender(address(tmp_path, PLAN_REQUEST.name))
@@ -33,13 +33,13 @@ def test_requests_are_answered_in_order(tmp_path: Path) -> None:
                 from_state=GaitState.UNPOWERED,
                 start_rad=(0.1, 0.2, 0.1, 0.2),
             )
-            assert requests.send(pack_request(request))
+            assert requests.send(request)
         answers = [replies.receive(LIMIT_S), replies.receive(LIMIT_S)]
     finally:
         planner.kill()
         planner.join()
         requests.close()
         replies.close()
-    plans = [unpack_plan(answer) for answer in answers if answer is not None]
+    plans = [answer for answer in answers if answer is not None]
     assert [plan.number for plan in plans] == [1, 2]
     assert all(plan.check.ok and plan.to_state is GaitState.STANDING for plan in plans)

@@ -9,11 +9,21 @@ import pytest
 
 from app.ipc.states import Action
 from app.motion.patient import Patient, patient_of
-from app.motion.preflight import check_profile, cleared_actions, keep_verdict, preflight_passed, refuse_unfit
+from app.motion.plan import PlanFault
+from app.motion.preflight import (
+    PreflightFault,
+    check_profile,
+    cleared_actions,
+    keep_verdict,
+    preflight_passed,
+    refuse_unfit,
+)
 from app.motion.rehearsal import rehearse
-from app.motion.rehearsal_checks import Verdict
+from app.motion.rehearsal_checks import RehearsalFault, RehearsalVerdict
 from app.system.paths import Home
+from app.text.catalogue import render
 from hal.joints.device import load_exoskeleton
+from logs.reason import key_of, reason
 from profiles.errors import ProfileError
 from profiles.schema import DEMO_PATIENT, Profile
 
@@ -49,11 +59,14 @@ def test_what_cannot_be_planned_fails_with_its_reason() -> None:
     gait = msgspec.structs.replace(DEMO_PATIENT.gait, stair_rise_m=0.25, body_weight_support=0.0)
     verdict = rehearse(patient(msgspec.structs.replace(DEMO_PATIENT, gait=gait)), DEVICE, Action.STAIR_UP).verdict
     assert not verdict.passed
-    assert "Nm" in verdict.reasons[0]
+    assert verdict.reasons[0].code == key_of(PlanFault.TOO_MUCH_TORQUE)
 
 
-def verdict(action: Action, *, passed: bool) -> Verdict:
-    return Verdict(action=action.value, passed=passed, reasons=() if passed else ("A leg strikes the obstacle.",))
+STRIKES = reason(RehearsalFault.STRIKES_OBSTACLE)
+
+
+def verdict(action: Action, *, passed: bool) -> RehearsalVerdict:
+    return RehearsalVerdict(action=action, passed=passed, reasons=() if passed else (STRIKES,))
 
 
 def test_a_preflight_is_kept_for_exactly_its_parameters(tmp_path: Path) -> None:
@@ -73,7 +86,8 @@ def test_a_failed_preflight_tells_why(tmp_path: Path) -> None:
     keep_verdict(home, patient(), DEVICE, Action.OBSTACLE, verdict(Action.OBSTACLE, passed=False))
     result = preflight_passed(home, patient(), DEVICE, Action.OBSTACLE)
     assert not result.passed
-    assert "strikes the obstacle" in result.reason
+    assert result.reason == reason(PreflightFault.FAILED, action=Action.OBSTACLE, reasons=(STRIKES,))
+    assert "strikes the obstacle" in render(result.reason)
 
 
 def test_a_damaged_record_does_not_clear(tmp_path: Path) -> None:
@@ -82,8 +96,8 @@ def test_a_damaged_record_does_not_clear(tmp_path: Path) -> None:
     for record in (tmp_path / "preflight").iterdir():
         record.write_bytes(record.read_bytes()[:-3])
     result = preflight_passed(home, patient(), DEVICE, Action.WALK)
-    assert not result.passed
-    assert "run it again" in result.reason
+    assert result.reason is not None
+    assert result.reason.code == key_of(PreflightFault.UNREADABLE)
 
 
 def test_the_demo_patient_can_be_saved() -> None:
@@ -94,10 +108,10 @@ def test_stairs_that_a_leg_cannot_climb_are_refused_when_saved_with_joint_and_nu
     steep = msgspec.structs.replace(
         DEMO_PATIENT, knee_max_rad=1.0, gait=msgspec.structs.replace(DEMO_PATIENT.gait, stair_rise_m=0.25)
     )
-    with pytest.raises(ProfileError, match=r"knee .*°"):
+    with pytest.raises(ProfileError, match=r"BEYOND_FLEXION.*KNEE"):
         refuse_unfit(DEVICE)(steep)
 
 
 def test_a_range_beyond_the_devices_is_refused() -> None:
     loose = msgspec.structs.replace(DEMO_PATIENT, knee_max_rad=2.4)
-    assert "beyond the device's" in check_profile(loose, DEVICE)[0]
+    assert [found.code for found in check_profile(loose, DEVICE)] != []

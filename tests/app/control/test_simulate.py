@@ -15,16 +15,19 @@ from app.cli import cli
 from app.evaluate.simulate import actions_named, corner_profiles, read_norm
 from app.ipc.states import Action
 from app.motion.patient import patient_of
+from app.motion.plan import PlanFault
 from app.motion.preflight import cleared_actions
-from app.motion.rehearsal_checks import Verdict, objections
+from app.motion.rehearsal_checks import RehearsalFault, RehearsalVerdict, faults_of
 from app.system.errors import AppError
 from app.system.paths import Home
+from app.text.catalogue import render
 from hal.joints.device import load_exoskeleton
+from logs.reason import key_of, reason
 from profiles.files import encode
 from profiles.schema import DEMO_PATIENT
 
-GOOD = Verdict(
-    action="walk",
+GOOD = RehearsalVerdict(
+    action=Action.WALK,
     passed=True,
     reasons=(),
     peak_torque_nm=(50.0, 50.0, 50.0, 50.0),
@@ -36,29 +39,32 @@ GOOD = Verdict(
     slide_m=0.01,
     penetration_m=0.002,
 )
-BAD: dict[str, dict[str, Any]] = {
-    "2.1° rms": {"tracking_rms_deg": (1.0, 2.1, 1.0, 1.0)},
-    "201°/s": {"peak_speed_deg_s": (90.0, 90.0, 201.0, 90.0)},
-    "100 Nm": {"peak_torque_nm": (100.0, 50.0, 50.0, 50.0)},
-    "1.9 cm": {"clearance_m": 0.019},
-    "slides 2.1 cm": {"slide_m": 0.021},
-    "sinks 6 mm": {"penetration_m": 0.006},
+F = RehearsalFault
+BAD: dict[RehearsalFault, dict[str, Any]] = {
+    F.TRACKING_ERROR: {"tracking_rms_deg": (1.0, 2.1, 1.0, 1.0)},
+    F.TOO_FAST: {"peak_speed_deg_s": (90.0, 90.0, 201.0, 90.0)},
+    F.SATURATED: {"peak_torque_nm": (100.0, 50.0, 50.0, 50.0)},
+    F.TOO_LITTLE_CLEARANCE: {"clearance_m": 0.019},
+    F.FOOT_SLIDES: {"slide_m": 0.021},
+    F.PENETRATION: {"penetration_m": 0.006},
 }
 
 
-@pytest.mark.parametrize("said", BAD)
-def test_each_figure_beyond_its_limit_is_the_only_objection(said: str) -> None:
-    (objection,) = objections(msgspec.structs.replace(GOOD, **BAD[said]), 0.0, struck=False)
-    assert said in objection
+@pytest.mark.parametrize("fault", BAD)
+def test_each_figure_beyond_its_limit_is_the_only_fault(fault: RehearsalFault) -> None:
+    (found,) = faults_of(msgspec.structs.replace(GOOD, **BAD[fault]), 0.0, struck=False)
+    assert found.code == key_of(fault)
+    assert render(found)
 
 
 def test_a_good_rehearsal_passes_and_where_no_foot_swings_none_comes_too_near() -> None:
-    assert objections(GOOD, 0.1, struck=False) == ()
-    assert objections(msgspec.structs.replace(GOOD, clearance_m=None), 0.0, struck=False) == ()
+    assert list(faults_of(GOOD, 0.1, struck=False)) == []
+    assert list(faults_of(msgspec.structs.replace(GOOD, clearance_m=None), 0.0, struck=False)) == []
 
 
 def test_a_struck_obstacle_and_a_wrong_end_are_told() -> None:
-    assert objections(GOOD, 0.2, struck=True) == ("It ends 11° from where it should.", "A leg strikes the obstacle.")
+    found = list(faults_of(GOOD, 0.2, struck=True))
+    assert found == [reason(F.WRONG_END_POSE, angle_rad=0.2), reason(F.STRIKES_OBSTACLE)]
 
 
 def test_an_action_is_rehearsed_drawn_filmed_and_kept(tmp_path: Path) -> None:
@@ -89,7 +95,7 @@ def test_an_action_that_does_not_pass_is_told_by_the_exit_status(tmp_path: Path)
     assert result.exit_code == 1, result.output
     (told,) = json.loads(figures.read_text(encoding="utf-8"))
     assert not told["passed"]
-    assert "chair" in told["reasons"][0]
+    assert told["reasons"][0]["code"] == key_of(PlanFault.CHAIR_DOES_NOT_FIT)
 
 
 def test_an_unknown_action_is_answered_with_the_names() -> None:
