@@ -1,5 +1,41 @@
-"""What the audit trail refuses, in sentences a user can act on."""
+"""What the audit trail refuses, as a code with values; the wording is in the catalogues."""
+
+from __future__ import annotations
+
+from enum import Enum, auto
+
+
+class AuditFault(Enum):
+    """Why an audit file or key can't be used."""
+
+    TRAIL_UNREADABLE = auto()  # path, detail
+    TRAIL_MISSING = auto()  # path
+    TRAIL_EMPTY = auto()  # path
+    NO_TRAILS = auto()  # places
+    NO_SESSION = auto()  # name, folder
+    AMBIGUOUS_SESSION = auto()  # name, matches, folder
+    JOURNAL_UNREADABLE = auto()  # path, detail
+    JOURNAL_CHANGED = auto()  # path, line
+    JOURNAL_NOT_WRITTEN = auto()  # cause
+    ANCHOR_DAMAGED = auto()  # path, detail
+    KEY_UNUSABLE = auto()  # path, detail
+    KEY_DAMAGED = auto()  # path
+    KEY_NOT_ED25519 = auto()  # path
+    PUBLIC_KEY_UNREADABLE = auto()  # path, detail
+    PUBLIC_KEY_NOT_PEM = auto()  # path
+    PUBLIC_KEY_NOT_ED25519 = auto()  # path
+    UNANSWERABLE = auto()  # detail, in the query engine's words
+    NOT_A_QUESTION = auto()
+    UNWRITABLE = auto()  # path, detail
 
 
 class AuditError(Exception):
-    """An audit file or key that cannot be used; the text says what, where and what to do."""
+    """An audit file or key that can't be used. `str()` is for engineers; users read the rendered code."""
+
+    def __init__(self, code: Enum, **values: object) -> None:
+        super().__init__(code.name, values)
+        self.code = code
+        self.values = values
+
+    def __str__(self) -> str:
+        return " ".join([self.code.name, *(f"{name}={value}" for name, value in self.values.items())])

@@ -1,11 +1,88 @@
-"""A verifier's findings in words for people, and as plain values for programs."""
+"""What a verification found: a status, a reason and remarks as codes; as text for people and values for programs."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from enum import Enum, auto
+from pathlib import Path
+
 from rich.text import Text
 
+from logs.reason import Reason, Render, reason, text_of
 from logs.sanitize import sanitize_terminal
-from logs.verify import Finding, Status
+
+
+class Status(Enum):
+    """What became of a file; only the first two are good."""
+
+    SOUND = "sound"
+    RUNNING = "running"  # its session is still being written
+    INCOMPLETE = "incomplete"  # its end is neither signed nor recorded by a later start: a crash, or a cut
+    TAMPERED = "tampered"
+    UNREADABLE = "unreadable"
+
+
+class Verdict(Enum):
+    """Why a file has its status, beyond a line that breaks the chain (`logs.scan.Break`)."""
+
+    STILL_WRITTEN = auto()
+    NOT_CLOSED = auto()
+    NOT_CLOSED_TORN = auto()  # size_bytes
+    END_NOT_SIGNED = auto()
+    TORN = auto()  # size_bytes
+    CLOSE_NOT_IN_MANIFEST = auto()
+    NOT_IN_MANIFEST = auto()
+    NOT_AS_CLOSED = auto()  # closed, found
+    NOT_AS_RECOVERED = auto()  # recovered
+    HISTORY_MISSING = auto()
+    MANIFEST_CUT = auto()  # remembered, found
+    MANIFEST_MISSING = auto()
+    MISSING_BY_MANIFEST = auto()
+    MISSING_BY_MIRROR = auto()
+    CHECKPOINT_MISSING = auto()  # checkpoint
+    KEY_NOT_KNOWN = auto()  # keys
+    NOT_A_TRAIL = auto()
+    NO_TRAIL_HERE = auto()
+    CAN_NOT_BE_READ = auto()  # detail
+
+
+class Remark(Enum):
+    """What a reader should know beside the status."""
+
+    NO_MANIFEST = auto()
+    EMPTY = auto()
+    RECOVERED = auto()  # how
+    NO_MIRROR = auto()
+    MIRROR_AGREES = auto()  # checkpoints
+    NEWER_SCHEMA = auto()  # schema, known
+    TEARS_EXPLAINED = auto()  # tears
+    KEY_NOT_CHECKED = auto()  # keys
+
+
+class Summary(Enum):
+    """How a finding is put together as text."""
+
+    PROOF = auto()  # records, proven
+    PROOF_ALONE = auto()  # proof
+    WITH_REASON = auto()  # reason, proof
+    AT_LINE = auto()  # line, reason, proof
+    NEWEST_HASH = auto()  # hash
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Finding:
+    """The judgement on one file. `line` and `sequence` name the first bad record, where there is one."""
+
+    file: Path
+    status: Status
+    reason: Reason | None = None
+    line: int | None = None
+    sequence: int | None = None
+    records: int = 0
+    proven: int = 0  # records covered by a signature that a known key confirms
+    last_hash: str = ""
+    remarks: tuple[Reason, ...] = ()
+
 
 _STYLE = {
     Status.SOUND: "green",
@@ -14,43 +91,45 @@ _STYLE = {
     Status.TAMPERED: "bold red",
     Status.UNREADABLE: "bold magenta",
 }
-
-
-def describe(finding: Finding) -> Text:
-    """One finding: the word, the file, how much holds and is signed, where it breaks and why."""
-    text = Text()
-    text.append(f"{finding.status.value.upper():<10} ", _STYLE[finding.status])
-    text.append(sanitize_terminal(str(finding.file)), "bold")
-    text.append(f"\n  {summary(finding)}")
-    if finding.last_hash.strip("0"):
-        text.append(f"\n  newest hash that holds: {finding.last_hash}", "dim")
-    for remark in finding.remarks:
-        text.append(f"\n  · {sanitize_terminal(remark)}", "dim")
-    return text
-
-
-def verdict(finding: Finding) -> Text:
-    """One finding for the head of a screen that shows that file."""
-    text = Text(f" {finding.status.value.upper()} ", f"{_STYLE[finding.status]} reverse")
-    text.append(f" {sanitize_terminal(finding.file.stem)} ", "bold")
-    text.append(" ".join((summary(finding), *(f"· {sanitize_terminal(remark)}" for remark in finding.remarks))))
-    return text
-
-
-def summary(finding: Finding) -> str:
-    """The judgement in a sentence."""
-    proof = f"{finding.records} records hold, {finding.proven} of them under a checked signature"
-    if not finding.reason:
-        return f"{proof}."
-    where = f"line {finding.line}: " if finding.line is not None and finding.status in _BROKEN else ""
-    return f"{where}{sanitize_terminal(finding.reason)}. {proof}."
-
-
 _BROKEN = (Status.INCOMPLETE, Status.TAMPERED)
 
 
-def as_plain(finding: Finding) -> dict[str, object]:
-    """For JSON."""
+def describe(finding: Finding, render: Render) -> Text:
+    """One finding: the status, the file, how much holds and is signed, where it breaks and why."""
+    text = Text()
+    text.append(f"{render(reason(finding.status)):<10} ", _STYLE[finding.status])
+    text.append(sanitize_terminal(str(finding.file)), "bold")
+    text.append(f"\n  {summary(finding, render)}")
+    if finding.last_hash.strip("0"):
+        text.append(f"\n  {render(reason(Summary.NEWEST_HASH, hash=finding.last_hash))}", "dim")
+    for remark in finding.remarks:
+        text.append(f"\n  · {sanitize_terminal(text_of(remark, render))}", "dim")
+    return text
+
+
+def verdict(finding: Finding, render: Render) -> Text:
+    """One finding for the head of a screen that shows that file."""
+    text = Text(f" {render(reason(finding.status))} ", f"{_STYLE[finding.status]} reverse")
+    text.append(f" {sanitize_terminal(finding.file.stem)} ", "bold")
+    remarks = (f"· {sanitize_terminal(text_of(remark, render))}" for remark in finding.remarks)
+    text.append(" ".join((summary(finding, render), *remarks)))
+    return text
+
+
+def summary(finding: Finding, render: Render) -> str:
+    """The judgement as one line of text, safe for a terminal."""
+    proof = reason(Summary.PROOF, records=finding.records, proven=finding.proven)
+    if finding.reason is None:
+        whole = reason(Summary.PROOF_ALONE, proof=proof)
+    elif finding.line is not None and finding.status in _BROKEN:
+        whole = reason(Summary.AT_LINE, line=finding.line, reason=finding.reason, proof=proof)
+    else:
+        whole = reason(Summary.WITH_REASON, reason=finding.reason, proof=proof)
+    return sanitize_terminal(text_of(whole, render))
+
+
+def as_plain(finding: Finding, render: Render) -> dict[str, object]:
+    """For JSON: `code` and `values` are for programs, `reason` and `remarks` for people."""
     return {
         "file": str(finding.file),
         "status": finding.status.value,
@@ -58,7 +137,10 @@ def as_plain(finding: Finding) -> dict[str, object]:
         "proven": finding.proven,
         "line": finding.line,
         "sequence": finding.sequence,
-        "reason": finding.reason,
+        "reason": text_of(finding.reason, render),
+        "code": finding.reason.code if finding.reason else "",
+        "values": finding.reason.values if finding.reason else {},
         "last_hash": finding.last_hash,
-        "remarks": list(finding.remarks),
+        "remarks": [text_of(remark, render) for remark in finding.remarks],
+        "remark_codes": [remark.code for remark in finding.remarks],
     }

@@ -24,7 +24,7 @@ from cryptography.hazmat.primitives.serialization import (
 from msgspec import Struct
 
 from logs.disk import Disk, PosixDisk
-from logs.errors import AuditError
+from logs.errors import AuditError, AuditFault
 
 ANCHOR_FILE = "history.json"
 
@@ -38,25 +38,25 @@ class Anchor(Struct, frozen=True, kw_only=True):
 
 
 def read_anchor(folder: Path) -> Anchor | None:
-    """What a console's key folder remembers; None where there is none. Raises AuditError when it is damaged."""
+    """The anchor in a console's key folder; None where there is none. Raises AuditError when it is damaged."""
     path = folder / ANCHOR_FILE
     try:
         return msgspec.json.decode(path.read_bytes(), type=Anchor)
     except (FileNotFoundError, NotADirectoryError):
         return None
     except (OSError, msgspec.MsgspecError) as error:
-        raise AuditError(f"{path}, the memory of the manifest, can't be read: {error}.") from error
+        raise AuditError(AuditFault.ANCHOR_DAMAGED, path=path, detail=str(error)) from error
 
 
 def write_anchor(folder: Path, anchor: Anchor, disk: Disk) -> None:
-    """Replace the memory at once. Raises OSError; the former one then stays."""
+    """Replace the anchor at once. Raises OSError; the former one then stays."""
     replace_file(folder / ANCHOR_FILE, msgspec.json.encode(anchor), disk)
 
 
 def replace_file(path: Path, data: bytes, disk: Disk) -> None:
     """Put a whole new file in the place of an old one, 0600. Raises OSError; the old one then stays."""
     partial = path.with_name(path.name + ".partial")
-    partial.unlink(missing_ok=True)  # of an attempt that failed; it was never in use
+    partial.unlink(missing_ok=True)  # of an attempt that failed; it was never used
     handle = disk.create(partial)
     try:
         offset = 0
@@ -104,7 +104,7 @@ class ConsoleKey:
     key: Ed25519PrivateKey
     public: PublicKey
     folder: Path
-    was_exposed: bool = False  # others could read the file; its mode has been mended
+    was_exposed: bool = False  # others could read the file; its mode has been corrected
 
     def sign(self, message: bytes) -> str:
         """The signature in lower-case hex."""
@@ -126,7 +126,7 @@ def load_or_make_key(folder: Path, disk: Disk | None = None) -> ConsoleKey:
             _make(folder, disk or PosixDisk())
         return _load(path)
     except OSError as error:
-        raise AuditError(f"The signing key {path} can't be used: {error.strerror}; mend the folder.") from error
+        raise AuditError(AuditFault.KEY_UNUSABLE, path=path, detail=error.strerror) from error
 
 
 def load_public_key(path: Path) -> PublicKey:
@@ -134,11 +134,11 @@ def load_public_key(path: Path) -> PublicKey:
     try:
         key = load_pem_public_key(path.read_bytes())
     except OSError as error:
-        raise AuditError(f"The public key {path} can't be read: {error.strerror}.") from error
+        raise AuditError(AuditFault.PUBLIC_KEY_UNREADABLE, path=path, detail=error.strerror) from error
     except (ValueError, UnsupportedAlgorithm) as error:
-        raise AuditError(f"{path} is no public key in PEM form; export one with `rleex audit key`.") from error
+        raise AuditError(AuditFault.PUBLIC_KEY_NOT_PEM, path=path) from error
     if not isinstance(key, Ed25519PublicKey):
-        raise AuditError(f"{path} is no Ed25519 key; export the console's with `rleex audit key`.")
+        raise AuditError(AuditFault.PUBLIC_KEY_NOT_ED25519, path=path)
     return public_key(key)
 
 
@@ -174,7 +174,7 @@ def _load(path: Path) -> ConsoleKey:
     try:
         key = load_pem_private_key(path.read_bytes(), password=None)
     except (ValueError, TypeError, UnsupportedAlgorithm) as error:
-        raise AuditError(f"The signing key {path} is damaged; restore it, or move it away for a new one.") from error
+        raise AuditError(AuditFault.KEY_DAMAGED, path=path) from error
     if not isinstance(key, Ed25519PrivateKey):
-        raise AuditError(f"The signing key {path} is no Ed25519 key; move it away for a new one.")
+        raise AuditError(AuditFault.KEY_NOT_ED25519, path=path)
     return ConsoleKey(key, public_key(key.public_key()), path.parent, exposed)

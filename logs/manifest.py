@@ -1,40 +1,53 @@
 """The manifest: a signed chain of its own that names every session file a console ever began, and how each ended.
 
 A file that was cut, replaced, removed or slipped in disagrees with it. A damaged manifest is left as it is and a
-new one begun, whose first entry says so.
+new one begun, whose first entry records that.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from enum import Enum, auto
 from pathlib import Path
 
 import msgspec
 
 from logs.disk import Disk, PosixDisk, is_being_written
-from logs.errors import AuditError
+from logs.errors import AuditError, AuditFault
 from logs.keys import Anchor, ConsoleKey, PublicKey, by_fingerprint, write_anchor
 from logs.line import GENESIS, MAX_LINE, SIGNED_KINDS
+from logs.reason import Reason, reason
 from logs.records import Body, Checkpoint, Entry, LogClosed, LogOpened, LogRecovered, Record
 from logs.scan import Scan, scan_file
-from logs.trail import Chain, Trail, open_logger
+from logs.trail import Chain, DiskFault, Trail, open_logger
 
 MANIFEST_SESSION = "manifest"
+
+
+class Found(Enum):
+    """How a later start found a file that has no end."""
+
+    MISSING = auto()
+    NOT_CLOSED = auto()  # records
+    TORN = auto()  # records, size_bytes
+    DAMAGED = auto()  # line, why
+
+
 _LogEntry = LogOpened | LogClosed | LogRecovered
 _decode = msgspec.json.Decoder(Record).decode
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Moment:
-    """Both clocks and who is asking: what an entry needs beside its body."""
+    """Both clocks and the operator: what an entry needs beside its body."""
 
     wall_ns: int
     monotonic_ns: int
     operator: str = ""
 
     def entry(self, body: Body) -> Entry:
-        """The audit process's own word at this moment."""
+        """A record of the audit process at this moment."""
         return Entry(
             process="audit",
             operator=self.operator,
@@ -46,7 +59,7 @@ class Moment:
 
 @dataclass(slots=True, kw_only=True)
 class Listing:
-    """What a manifest says of the session files beside it."""
+    """The entries of a manifest about the session files beside it."""
 
     opened: set[str] = field(default_factory=set)
     ended: dict[str, LogClosed | LogRecovered] = field(default_factory=dict)
@@ -65,7 +78,7 @@ def manifest_paths(folder: Path) -> list[Path]:
 
 
 def read_listings(folder: Path, keys: Mapping[str, PublicKey]) -> Listing:
-    """What the sound parts of all manifests of a folder say together."""
+    """The entries of the sound parts of all manifests of a folder."""
     listing = Listing()
     for path in manifest_paths(folder):
         _read_into(listing, path, scan_file(path, keys).records)
@@ -93,15 +106,15 @@ def _note(listing: Listing, record: Record) -> None:
             listing.ended[file] = record.body
 
 
-def resume(path: Path, session: str, key: ConsoleKey, disk: Disk) -> tuple[Trail, Chain, Scan | None]:
-    """Open a chain for appending, or a new one. A torn tail gets a line end behind it; telling it is the caller's."""
+def resume(path: Path, key: ConsoleKey, disk: Disk) -> tuple[Trail, Chain, Scan | None]:
+    """Open a chain for appending, or a new one. A torn tail gets a line end behind it; the caller records it."""
     if not path.exists():
-        return Trail(path, disk), Chain(session, key), None
+        return Trail(path, disk), Chain(key), None
     scan = scan_file(path, by_fingerprint([key.public]))
     trail = Trail(path, disk, exists=True, offset=scan.size)
     if scan.torn_bytes:
         trail.prepend_line_end()
-    return trail, Chain(session, key, scan.records, scan.last_hash), scan
+    return trail, Chain(key, scan.records, scan.last_hash), scan
 
 
 class Manifest:
@@ -111,11 +124,11 @@ class Manifest:
         self._folder = folder
         self._key = key
         self._disk = disk
-        self._anchored = ""  # hash of the newest entry that the key folder remembers
-        self.fault = ""
+        self._anchored = ""  # hash of the newest entry that the anchor has
+        self.fault: Reason | None = None
         path, damaged = _current(folder, key)
-        self._trail, self._chain, scan = resume(path, MANIFEST_SESSION, key, disk)
-        self._logger = open_logger(self._trail, self._chain)
+        self._trail, self._chain, scan = resume(path, key, disk)
+        self._logger = open_logger(self._trail, self._chain, MANIFEST_SESSION)
         self._listing = read_listings(folder, by_fingerprint([key.public]))
         for former, former_scan in damaged:
             self._add(found_torn(former.name, former_scan, key), now)
@@ -134,7 +147,7 @@ class Manifest:
 
     def recover(self, now: Moment) -> list[LogRecovered]:
         """Record how every file was found that a crash left without an end. Returns what was recorded."""
-        found = [self._look(name) for name in self._listing.unfinished]
+        found = [self._inspect(name) for name in self._listing.unfinished]
         recovered = [entry for entry in found if entry is not None]
         for entry in recovered:
             self._add(entry, now)
@@ -149,35 +162,35 @@ class Manifest:
         self._add(LogClosed(file=file, records=records, last_hash=last_hash, key=self._key.public.fingerprint), now)
 
     def settle(self) -> bool:
-        """Bring every entry to the disk and its memory beside the key; False, with `fault`, when the disk refuses."""
+        """Bring every entry to the disk and the anchor up to date; False, with `fault`, when the disk refuses."""
         if not self._trail.settle():
             self.fault = self._trail.fault
             return False
-        self.fault = ""
+        self.fault = None
         if self._anchored != self.head:
-            self._remember()
-        return not self.fault
+            self._anchor()
+        return self.fault is None
 
     def close(self) -> None:
         """Release the file."""
         self._trail.close()
 
-    def _remember(self) -> None:
+    def _anchor(self) -> None:
         try:
             anchor = Anchor(file=self._trail.path.name, entries=self.entries, hash=self.head)
             write_anchor(self._key.folder, anchor, self._disk)
             self._anchored = self.head
         except OSError as error:
-            self.fault = f"The memory of the manifest in {self._key.folder} can't be written: {error.strerror}."
+            self.fault = reason(DiskFault.ANCHOR_NOT_WRITTEN, folder=self._key.folder, detail=error.strerror)
 
     def _add(self, body: _LogEntry, now: Moment) -> None:
         self._logger.record(now.entry(body))
 
-    def _look(self, name: str) -> LogRecovered | None:
+    def _inspect(self, name: str) -> LogRecovered | None:
         path = self._folder / name
         if not path.exists():
             missing = Scan(last_hash=GENESIS)
-            return found_torn(name, missing, self._key, "the file is missing")
+            return found_torn(name, missing, self._key, reason(Found.MISSING))
         if is_being_written(path):
             return None
         return found_torn(name, scan_file(path, by_fingerprint([self._key.public])), self._key)
@@ -194,25 +207,25 @@ def _current(folder: Path, key: ConsoleKey) -> tuple[Path, list[tuple[Path, Scan
     return folder / f"manifest-{len(paths) + 1}.jsonl", [(paths[-1], scan)]
 
 
-def found_torn(name: str, scan: Scan, key: ConsoleKey, text: str = "") -> LogRecovered:
-    """The entry that says how a file was found at a later start, torn tail and all."""
+def found_torn(name: str, scan: Scan, key: ConsoleKey, how: Reason | None = None) -> LogRecovered:
+    """The entry on how a file was found at a later start, torn tail included."""
     return LogRecovered(
         file=name,
         records=scan.records,
         last_hash=scan.last_hash,
         torn_bytes=scan.torn_bytes,
         torn_sha256=scan.torn_sha256,
-        text=text or _how(scan),
+        text=how or _how(scan),
         key=key.public.fingerprint,
     )
 
 
-def _how(scan: Scan) -> str:
+def _how(scan: Scan) -> Reason:
     if scan.fault is None:
-        return f"ended without closing after {scan.records} records"
+        return reason(Found.NOT_CLOSED, records=scan.records)
     if scan.is_torn:
-        return f"ended without closing after {scan.records} records, with a torn tail of {scan.torn_bytes} bytes"
-    return f"damaged at line {scan.fault.line}: {scan.fault.reason}"
+        return reason(Found.TORN, records=scan.records, size_bytes=scan.torn_bytes)
+    return reason(Found.DAMAGED, line=scan.fault.line, why=scan.fault.reason)
 
 
 OPERATORS = "operators.jsonl"
@@ -228,12 +241,12 @@ def append_signed(
     """
     try:
         path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
-        trail, chain, scan = resume(path, session, key, disk or PosixDisk())
+        trail, chain, scan = resume(path, key, disk or PosixDisk())
     except OSError as error:
-        raise AuditError(f"The journal {path} can't be read: {error.strerror}.") from error
+        raise AuditError(AuditFault.JOURNAL_UNREADABLE, path=path, detail=error.strerror) from error
     if scan is not None and scan.fault is not None and not scan.is_torn:
-        raise AuditError(f"The journal {path} was changed at line {scan.fault.line}; keep it aside for the reviewer.")
-    logger = open_logger(trail, chain)
+        raise AuditError(AuditFault.JOURNAL_CHANGED, path=path, line=scan.fault.line)
+    logger = open_logger(trail, chain, session)
     if scan is not None and scan.torn_bytes:
         logger.record(now.entry(found_torn(path.name, scan, key)))
     for body in bodies:
@@ -243,6 +256,6 @@ def append_signed(
         logger.record(now.entry(seal))
     try:
         if not trail.settle():
-            raise AuditError(trail.fault)
+            raise AuditError(AuditFault.JOURNAL_NOT_WRITTEN, cause=trail.fault)
     finally:
         trail.close()

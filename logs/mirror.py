@@ -1,7 +1,6 @@
-"""Checkpoints in a second place, out of reach of who can rewrite the first: a directory or the system's log.
+"""The mirror: copies of checkpoints in a directory or the system's log, out of reach of who can rewrite the trail.
 
-A slow or absent second place never holds up the trail: a thread of its own does the copying, and a failure is a
-sentence for the operator.
+A slow or absent mirror never delays the trail: a thread of its own copies, and a failure is reported as a code.
 """
 
 from __future__ import annotations
@@ -11,10 +10,12 @@ import os
 import queue
 import threading
 from collections.abc import Collection, Iterator, Mapping
+from enum import Enum, auto
 from logging.handlers import SysLogHandler
 from pathlib import Path
 
 from logs.line import unseal
+from logs.reason import Reason, reason
 from logs.scan import Head, head_of
 
 SYSLOG = "syslog"
@@ -22,11 +23,18 @@ SUFFIX = ".checkpoints"
 _WAITING = 1000  # checkpoints; hours of a session
 
 
+class MirrorFault(Enum):
+    """Why checkpoints don't reach the mirror."""
+
+    BEHIND = auto()  # target
+    NOT_COPIED = auto()  # target, detail
+
+
 class CheckpointCopy:
     """Copies checkpoint lines to `target`: "" for nowhere, "syslog", or a directory."""
 
     def __init__(self, target: str) -> None:
-        self.fault = ""  # one sentence while the second place can't be reached
+        self.fault: Reason | None = None  # while the mirror can't be reached
         self._target = target
         self._queue: queue.Queue[tuple[str, bytes] | None] = queue.Queue(_WAITING)
         self._thread: threading.Thread | None = None
@@ -41,7 +49,7 @@ class CheckpointCopy:
         try:
             self._queue.put_nowait((file, line))
         except queue.Full:
-            self.fault = f"Checkpoints can't keep up with the second place {self._target}."
+            self.fault = reason(MirrorFault.BEHIND, target=self._target)
 
     def close(self, patience_s: float = 2.0) -> None:
         """Finish copying, for up to `patience_s`."""
@@ -54,9 +62,9 @@ class CheckpointCopy:
         while (item := self._queue.get()) is not None:
             try:
                 self._copy(*item)
-                self.fault = ""
+                self.fault = None
             except OSError as error:
-                self.fault = f"Checkpoints can't be copied to {self._target}: {error.strerror or error}."
+                self.fault = reason(MirrorFault.NOT_COPIED, target=self._target, detail=error.strerror or str(error))
 
     def _copy(self, file: str, line: bytes) -> None:
         if self._target == SYSLOG:
@@ -100,7 +108,7 @@ def differing(path: Path, expected: Mapping[int, str]) -> int | None:
 
 
 def copied_files(copies: Path | None, known: Collection[str]) -> list[str]:
-    """Files of which the second place holds a checkpoint by a known key; other consoles may use it, too."""
+    """Files of which the mirror holds a checkpoint by a known key; other consoles may use it, too."""
     found = copies.glob("*" + SUFFIX) if copies is not None else ()
     return [
         copy.name.removesuffix(SUFFIX)

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -16,9 +15,10 @@ import duckdb
 from rich.table import Table
 from rich.text import Text
 
-from logs.errors import AuditError
+from logs.errors import AuditError, AuditFault
 from logs.line import MAX_LINE
 from logs.read import session_paths
+from logs.reason import Reason, Render
 from logs.sanitize import sanitize_terminal
 
 # Columns taken out of the body; `body` holds all of it as JSON text. DuckDB's type names.
@@ -61,47 +61,29 @@ _ENVELOPE = (
 _NAMES = ("sign-in", "sign-out", "sign-in-failed", "operator-changed")  # kinds whose body names operators
 
 
-@dataclass(frozen=True, slots=True)
-class Question:
-    """A question that is asked often, as standard SQL over the table of records."""
-
-    text: str
-    sql: str
-
-
-QUESTIONS: dict[str, Question] = {
-    "unintended": Question(
-        "actions that somebody stopped before their end, a session",
-        """
+# The ready questions: standard SQL over the table of records. Their wording: `question.<name>` in the catalogues.
+QUESTIONS: dict[str, str] = {
+    "unintended": """
         SELECT session, patient, count(*) AS actions,
                sum(CASE WHEN outcome = 'stopped' THEN 1 ELSE 0 END) AS stopped,
                avg(CASE WHEN outcome = 'stopped' THEN 1.0 ELSE 0.0 END) AS share
         FROM records WHERE kind = 'action-end' GROUP BY session, patient ORDER BY session
         """,
-    ),
-    "refusals": Question(
-        "how often each gesture is refused",
-        """
+    "refusals": """
         SELECT gesture, count(*) AS requests,
                sum(CASE WHEN kind = 'refusal' THEN 1 ELSE 0 END) AS refused,
                avg(CASE WHEN kind = 'refusal' THEN 1.0 ELSE 0.0 END) AS rate
         FROM records WHERE kind IN ('command', 'refusal') AND gesture IS NOT NULL
         GROUP BY gesture ORDER BY rate DESC, gesture
         """,
-    ),
-    "response": Question(
-        "release to first joint command, day by day",
-        """
+    "response": """
         SELECT substr(wall, 1, 10) AS day, count(*) AS actions,
                avg((first_command_ns - released_ns) / 1e6) AS mean_ms,
                max((first_command_ns - released_ns) / 1e6) AS longest_ms
         FROM records WHERE kind = 'action-end' AND released_ns > 0 AND first_command_ns > 0
         GROUP BY substr(wall, 1, 10) ORDER BY day
         """,
-    ),
-    "faults": Question(
-        "events that held or damped the legs, a device-hour",
-        """
+    "faults": """
         WITH lengths AS (
             SELECT (max(monotonic_ns) - min(monotonic_ns)) / 3.6e12 AS hours FROM records GROUP BY file
         ),
@@ -113,7 +95,6 @@ QUESTIONS: dict[str, Question] = {
         SELECT event, effect, times, device_hours, times / device_hours AS per_hour
         FROM faults CROSS JOIN total ORDER BY times DESC, event
         """,
-    ),
 }
 
 
@@ -125,14 +106,14 @@ def connect(paths: Sequence[Path]) -> duckdb.DuckDBPyConnection:
     parquet = [str(path) for path in paths if path.suffix == ".parquet"]
     files = parquet or [str(path) for path in _trails(paths)]
     if not files:
-        raise AuditError(f"There are no trails in {', '.join(str(path) for path in paths)}; name others.")
+        raise AuditError(AuditFault.NO_TRAILS, places=", ".join(map(str, paths)))
     connection = duckdb.connect()
     listed = ", ".join(map(_quoted, files))
     source = f"SELECT * FROM read_parquet([{listed}])" if parquet else _trails_sql(listed)
     try:
         connection.execute(f"CREATE VIEW records AS {source}")
     except duckdb.Error as error:
-        raise AuditError(f"{files[0]} can't be read: {_first_line(error)}") from error
+        raise AuditError(AuditFault.TRAIL_UNREADABLE, path=files[0], detail=_first_line(error)) from error
     return connection
 
 
@@ -141,10 +122,10 @@ def ask(connection: duckdb.DuckDBPyConnection, sql: str) -> Any:
     try:
         relation = connection.sql(sql)
         if relation is None:
-            raise AuditError("That is no question; ask with SELECT.")
+            raise AuditError(AuditFault.NOT_A_QUESTION)
         return relation.to_arrow_table()
     except duckdb.Error as error:
-        raise AuditError(f"The question can't be answered: {_first_line(error)}") from error
+        raise AuditError(AuditFault.UNANSWERABLE, detail=_first_line(error)) from error
 
 
 def export(paths: Sequence[Path], output: Path, *, drop_operators: bool) -> int:
@@ -159,12 +140,12 @@ def export(paths: Sequence[Path], output: Path, *, drop_operators: bool) -> int:
         copy = f"COPY (SELECT {columns} FROM records) TO {_quoted(str(output))} (FORMAT parquet)"
         (count,) = connect(paths).execute(copy).fetchone() or (0,)
     except (duckdb.Error, OSError) as error:
-        raise AuditError(f"{output} can't be written: {_first_line(error)}") from error
+        raise AuditError(AuditFault.UNWRITABLE, path=output, detail=_first_line(error)) from error
     return int(count)
 
 
-def as_table(answer: Any) -> Table:
-    """The first rows of a pyarrow table, numbers to the right, safe for a terminal."""
+def as_table(answer: Any, render: Render) -> Table:
+    """The first rows of a pyarrow table, numbers to the right, safe for a terminal. Known columns get their name."""
     table = Table(box=None)
     rows = answer.slice(0, MOST_ROWS).to_pylist()
     for name in answer.column_names:
@@ -173,7 +154,7 @@ def as_table(answer: Any) -> Table:
     for row in rows:
         table.add_row(*(Text(_cell(value)) for value in row.values()))
     if answer.num_rows > MOST_ROWS:
-        table.caption = f"{answer.num_rows} rows; --json gives them all"
+        table.caption = render(Reason("query.more", {"rows": answer.num_rows, "shown": MOST_ROWS}))
     return table
 
 
@@ -202,7 +183,7 @@ def _trails(paths: Sequence[Path]) -> list[Path]:
         found += session_paths(path) if path.is_dir() else [path]
     missing = [path for path in found if not path.exists()]
     if missing:
-        raise AuditError(f"The trail {missing[0]} is not there; `rleex audit list` names what is.")
+        raise AuditError(AuditFault.TRAIL_MISSING, path=missing[0])
     return [path for path in found if path.stat().st_size]
 
 

@@ -1,4 +1,4 @@
-"""Reading trails for people: whatever can be understood as a record, the rest as what it is."""
+"""Reading trails for people: records, lines that are none, and a session in a line."""
 
 from __future__ import annotations
 
@@ -10,12 +10,14 @@ from pathlib import Path
 
 import msgspec
 
-from logs.errors import AuditError
+from logs.errors import AuditError, AuditFault
 from logs.line import MAX_LINE
 from logs.records import ActionEnd, Command, EventRaised, PatientChosen, Record, Refusal, Stop
 from logs.verify import is_session
 
 _decode = msgspec.json.Decoder(Record).decode
+NOT_A_RECORD = "not-a-record"  # kinds of what is none
+NOT_UNDERSTOOD = "not-understood"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -36,7 +38,7 @@ def read(path: Path) -> Iterator[Record | Odd]:
                 if line != b"\n":
                     yield understand(line, number)
     except OSError as error:
-        raise AuditError(f"The trail {path} can't be read: {error.strerror}.") from error
+        raise AuditError(AuditFault.TRAIL_UNREADABLE, path=path, detail=error.strerror) from error
 
 
 def records(path: Path) -> list[Record]:
@@ -48,7 +50,7 @@ def understand(line: bytes, number: int) -> Record | Odd:
     """One line."""
     try:
         return _decode(line)
-    except (msgspec.MsgspecError, UnicodeDecodeError) as error:
+    except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
         return _odd(line, number, str(error))
 
 
@@ -57,7 +59,7 @@ def follow(path: Path, is_over: Callable[[], bool], pause_s: float = 0.2) -> Ite
     number, rest = 0, b""
     with path.open("rb") as file:
         while True:
-            over = is_over()  # asked first, so that what was added meanwhile is still read
+            over = is_over()  # first, so that what was added meanwhile is still read
             for line in iter(partial(file.readline, MAX_LINE), b""):
                 rest += line
                 if not line.endswith(b"\n"):
@@ -87,21 +89,21 @@ def find_session(folder: Path, name: str) -> Path:
     if len(found) == 1:
         return found[0]
     if not found:
-        raise AuditError(f"There is no session {name!r} in {folder}; `rleex audit list` names them.")
-    raise AuditError(f"{name!r} begins {len(found)} sessions in {folder}; write more of the name.")
+        raise AuditError(AuditFault.NO_SESSION, name=name, folder=folder)
+    raise AuditError(AuditFault.AMBIGUOUS_SESSION, name=name, matches=len(found), folder=folder)
 
 
 def _odd(line: bytes, number: int, why: str) -> Odd:
     try:
-        told = msgspec.json.decode(line)
-    except (msgspec.MsgspecError, UnicodeDecodeError):
-        return Odd(line=number, kind="not a record", wall="", text=line[:200].decode("utf-8", "replace"))
-    if not isinstance(told, dict):
-        return Odd(line=number, kind="not a record", wall="", text=str(told)[:200])
-    body = told.get("body")
+        decoded = msgspec.json.decode(line)
+    except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError):
+        return Odd(line=number, kind=NOT_A_RECORD, wall="", text=line[:200].decode("utf-8", "replace"))
+    if not isinstance(decoded, dict):
+        return Odd(line=number, kind=NOT_A_RECORD, wall="", text=str(decoded)[:200])
+    body = decoded.get("body")
     kind = body.get("kind") if isinstance(body, dict) else None
     text = f"{why}: {msgspec.json.encode(body)[:300].decode('utf-8', 'replace')}"
-    return Odd(line=number, kind=str(kind or "not understood"), wall=str(told.get("wall", "")), text=text)
+    return Odd(line=number, kind=str(kind or NOT_UNDERSTOOD), wall=str(decoded.get("wall", "")), text=text)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -6,7 +6,7 @@ that defines the code, and is the msgid in the catalogues: searching for it find
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from enum import Enum
 from typing import Union
 
@@ -20,6 +20,9 @@ class Reason(Struct, frozen=True):
 
     code: str
     values: dict[str, Value] = {}
+
+
+Render = Callable[[Reason], str]  # a reason as text for people; the catalogues are the application's
 
 
 def reason(code: Enum, **values: object) -> Reason:
@@ -57,3 +60,13 @@ def _value(value: object) -> Value:
     if isinstance(value, Sequence):
         return tuple(each if isinstance(each, Reason) else Reason(key_of(each)) for each in value)
     return str(value)
+
+
+def text_of(cause: Reason | str | None, render: Render) -> str:
+    """A recorded reason as text, whichever version or hand wrote it: values that do not fit the wording are listed."""
+    if not isinstance(cause, Reason):
+        return cause or ""
+    try:
+        return render(cause).strip()
+    except (KeyError, ValueError, TypeError, IndexError, AttributeError, RecursionError):
+        return " ".join([cause.code, *(f"{name}={value}" for name, value in cause.values.items())])

@@ -8,6 +8,7 @@ that does not report it) is null.
 
 from __future__ import annotations
 
+from enum import Enum, auto
 from typing import Annotated, Any
 
 import msgspec
@@ -370,6 +371,15 @@ class ClockStep(Struct, frozen=True, kw_only=True, tag_field="kind", tag="clock-
     """The wall clock was moved against the monotonic one."""
 
     step_s: float
+
+
+class Loss(Enum):
+    """Why records are not in the trail."""
+
+    QUEUE_FULL = auto()
+    NOT_A_RECORD = auto()
+    NOT_ENCODABLE = auto()  # kind, detail
+    TOO_LONG = auto()  # kind, size_bytes
 
 
 class RecordsLost(Struct, frozen=True, kw_only=True, tag_field="kind", tag="records-lost"):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from enum import Enum, auto
 from functools import partial
 from hashlib import sha256
 from pathlib import Path
@@ -14,10 +15,26 @@ from msgspec import Struct
 
 from logs.keys import PublicKey
 from logs.line import GENESIS, MAX_LINE, SEAL_LENGTH, SIGNED_KINDS, signed_message, unseal
+from logs.reason import Reason, reason
 from logs.records import SCHEMA
 
 Progress = Callable[[int], None]
 _PROGRESS_LINES = 20_000
+
+
+class Break(Enum):
+    """Why a line breaks the chain."""
+
+    CHANGED = auto()  # its content does not match its hash
+    NO_RECORD = auto()
+    OUT_OF_SEQUENCE = auto()  # found, expected
+    NOT_LINKED = auto()  # it does not follow the record before
+    OTHER_SESSION = auto()
+    BAD_SIGNATURE = auto()  # key
+    TOO_LONG = auto()  # size_bytes
+    CUT_OFF = auto()  # size_bytes
+    TOO_SHORT = auto()
+    NOT_SEALED = auto()
 
 
 class BodyHead(Struct, frozen=True, kw_only=True):
@@ -47,7 +64,7 @@ class Fault:
 
     line: int
     sequence: int | None
-    reason: str
+    reason: Reason
 
 
 @dataclass(slots=True, kw_only=True)
@@ -82,7 +99,7 @@ def scan_file(path: Path, keys: Mapping[str, PublicKey], progress: Progress | No
 
 
 def scan_stream(file: BinaryIO, keys: Mapping[str, PublicKey], progress: Progress | None = None) -> Scan:
-    """As scan_file, for anything that reads bytes. `progress` is told the bytes read so far, now and then."""
+    """As scan_file, for anything that reads bytes. `progress` gets the bytes read so far, now and then."""
     scan = Scan()
     tear: _Tear | None = None
     for number, line in enumerate(iter(partial(file.readline, MAX_LINE), b""), start=1):
@@ -124,11 +141,11 @@ class _Tear:
             self._whole_line_behind = True
 
     def is_explained_by(self, scan: Scan, line: bytes, number: int, keys: Mapping[str, PublicKey]) -> bool:
-        """Whether this line is the next record and its signed text tells this very stretch of bytes."""
+        """Whether this line is the next record and its signed text describes exactly these bytes."""
         if self._last != b"\n" or (head := head_of(line)) is None:
             return False
-        told = (head.body.torn_bytes, head.body.torn_sha256)
-        if head.body.kind != "log-recovered" or told != (self._size - 1, self._hash.hexdigest()):
+        described = (head.body.torn_bytes, head.body.torn_sha256)
+        if head.body.kind != "log-recovered" or described != (self._size - 1, self._hash.hexdigest()):
             return False
         if _take(scan, line, number, keys) is not None:
             return False
@@ -145,7 +162,7 @@ class _Tear:
 
 
 def head_of(line: bytes) -> Head | None:
-    """What a line says of itself; None when it is no record."""
+    """The head of a line; None when it is no record."""
     try:
         return _decode(line)
     except (msgspec.MsgspecError, UnicodeDecodeError):
@@ -153,19 +170,19 @@ def head_of(line: bytes) -> Head | None:
 
 
 def _take(scan: Scan, line: bytes, number: int, keys: Mapping[str, PublicKey]) -> Fault | None:
-    """Count one good record, or tell what is wrong with it."""
+    """Count one good record, or return what is wrong with it."""
     parts = unseal(line)
     if parts is None:
         return Fault(line=number, sequence=None, reason=_shapeless(line))
     payload, claimed = parts
     if sha256(payload).hexdigest() != claimed:
-        return Fault(line=number, sequence=None, reason="its content does not match its hash: it was changed")
+        return Fault(line=number, sequence=None, reason=reason(Break.CHANGED))
     head = head_of(line)
     if head is None:
-        return Fault(line=number, sequence=None, reason="it is sealed but no audit record")
-    reason = _out_of_chain(scan, head) or _badly_signed(scan, head, payload, keys)
-    if reason:
-        return Fault(line=number, sequence=head.sequence, reason=reason)
+        return Fault(line=number, sequence=None, reason=reason(Break.NO_RECORD))
+    wrong = _out_of_chain(scan, head) or _badly_signed(scan, head, payload, keys)
+    if wrong is not None:
+        return Fault(line=number, sequence=head.sequence, reason=wrong)
     _count(scan, head, claimed)
     return None
 
@@ -180,33 +197,34 @@ def _count(scan: Scan, head: Head, digest: str) -> None:
         scan.newer_schema = max(scan.newer_schema, head.schema)
 
 
-def _shapeless(line: bytes) -> str:
+def _shapeless(line: bytes) -> Reason:
     if not line.endswith(b"\n"):
-        return f"longer than {MAX_LINE} bytes" if len(line) >= MAX_LINE else f"cut off after {len(line)} bytes"
+        too_long = len(line) >= MAX_LINE
+        return reason(Break.TOO_LONG if too_long else Break.CUT_OFF, size_bytes=len(line))
     if len(line) <= SEAL_LENGTH:
-        return "too short for a sealed record"
-    return "not a sealed record"
+        return reason(Break.TOO_SHORT)
+    return reason(Break.NOT_SEALED)
 
 
-def _out_of_chain(scan: Scan, head: Head) -> str:
+def _out_of_chain(scan: Scan, head: Head) -> Reason | None:
     if head.sequence != scan.records:
-        return f"record {head.sequence} stands where {scan.records} is due: one was removed, added or moved"
+        return reason(Break.OUT_OF_SEQUENCE, found=head.sequence, expected=scan.records)
     if head.previous != scan.last_hash:
-        return "it does not follow the record before it: one of them was replaced"
+        return reason(Break.NOT_LINKED)
     if scan.records and head.session != scan.session:
-        return "it belongs to another session"
-    return ""
+        return reason(Break.OTHER_SESSION)
+    return None
 
 
-def _badly_signed(scan: Scan, head: Head, payload: bytes, keys: Mapping[str, PublicKey]) -> str:
+def _badly_signed(scan: Scan, head: Head, payload: bytes, keys: Mapping[str, PublicKey]) -> Reason | None:
     if head.body.kind not in SIGNED_KINDS:
-        return ""
+        return None
     key = keys.get(head.body.key)
     if key is None:
         scan.unknown_keys.add(head.body.key)
-        return ""
+        return None
     if not key.verifies(head.body.signature, signed_message(payload)):
-        return f"its signature is not by key {head.body.key[:8]}: it was forged or changed"
+        return reason(Break.BAD_SIGNATURE, key=head.body.key[:8])
     scan.signatures += 1
     scan.proven = scan.records + 1
-    return ""
+    return None

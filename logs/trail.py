@@ -1,6 +1,6 @@
-"""A file of chained records that only grows: structlog turns an entry into its line, `settle` makes it last.
+"""A file of chained records that only grows: structlog turns an entry into its line, `settle` makes it durable.
 
-Nothing is taken for written before the disk has confirmed it. A write or fsync that fails leaves the bytes waiting;
+Nothing counts as written before the disk has confirmed it. A write or fsync that fails leaves the bytes waiting;
 the next `settle` writes the very same bytes at the very same place, which also covers an fsync that failed after
 the kernel had dropped the pages.
 """
@@ -8,68 +8,77 @@ the kernel had dropped the pages.
 from __future__ import annotations
 
 from collections.abc import Callable
+from enum import Enum, auto
 from pathlib import Path
 from typing import Any
 
 import msgspec
 import structlog
-from structlog.typing import EventDict
+from structlog.typing import EventDict, Processor
 
 from logs.disk import Disk
 from logs.keys import ConsoleKey
 from logs.line import GENESIS, MAX_LINE, SIGNED_KINDS, Payload, canonical, seal, signed_message, wall_text
-from logs.records import SCHEMA, Entry, RecordsLost
+from logs.reason import Reason, reason
+from logs.records import SCHEMA, Entry, Loss, RecordsLost
 
-# A minute of the heaviest traffic; beyond it the reader stops reading and the senders' queues tell them.
+# A minute of the heaviest traffic; beyond it the reader stops and the senders' queues fill.
 MAX_WAITING_BYTES = 64 << 20
 
 
-class Chain:
-    """structlog's processor: gives an entry its place in the chain and ends it as the bytes of one line."""
+class DiskFault(Enum):
+    """Why the trail is not on the disk."""
 
-    def __init__(self, session: str, key: ConsoleKey, sequence: int = 0, previous: str = GENESIS) -> None:
+    NOT_WRITTEN = auto()  # path, detail, waiting
+    NOT_ANSWERING = auto()  # silent_s
+    ANCHOR_NOT_WRITTEN = auto()  # folder, detail
+
+
+class Chain:
+    """The end of the pipeline: gives a record its place in the chain, signs and seals it as the bytes of one line."""
+
+    def __init__(self, key: ConsoleKey, sequence: int = 0, previous: str = GENESIS) -> None:
         self.sequence = sequence  # of the next record
         self.previous = previous  # hash of the newest record
-        self._session = session
         self._key = key
 
-    def __call__(self, _logger: object, _method: str, event: EventDict) -> tuple[tuple[bytes], dict[str, Any]]:
-        """The line, as the one argument of the logger's method."""
-        payload = self._signed(self._place(event["entry"]))
+    def link(self, _logger: object, _method: str, event: EventDict) -> EventDict:
+        """Processor: the place in the chain."""
+        event["sequence"], event["previous"] = self.sequence, self.previous
+        return event
+
+    def sign(self, _logger: object, _method: str, event: EventDict) -> EventDict:
+        """Processor: the console's signature in the body of the kinds that carry one."""
+        body: Any = event["body"]
+        if type(body).__struct_config__.tag in SIGNED_KINDS:
+            message = signed_message(canonical(Payload(**event)))
+            event["body"] = msgspec.structs.replace(body, signature=self._key.sign(message))
+        return event
+
+    def seal(self, _logger: object, _method: str, event: EventDict) -> tuple[tuple[bytes], dict[str, Any]]:
+        """Last processor: the line with its hash, as the one argument of the file's method."""
+        payload = canonical(Payload(**event))
         if len(payload) > MAX_LINE - 100:
-            payload = canonical(self._place(_too_long(event["entry"], len(payload))))
+            kind = type(event["body"]).__name__
+            lost = RecordsLost(count=1, reason=reason(Loss.TOO_LONG, kind=kind, size_bytes=len(payload)))
+            payload = canonical(Payload(**{**event, "body": lost}))
         line, self.previous = seal(payload)
         self.sequence += 1
         return (line,), {}
 
-    def _place(self, entry: Entry) -> Payload:
-        return Payload(
-            body=entry.body,
-            monotonic_ns=entry.monotonic_ns,
-            operator=entry.operator,
-            previous=self.previous,
-            process=entry.process,
-            schema=SCHEMA,
-            sequence=self.sequence,
-            session=self._session,
-            wall=wall_text(entry.wall_ns),
-        )
 
-    def _signed(self, payload: Payload) -> bytes:
-        plain = canonical(payload)
-        body: Any = payload.body
-        if type(body).__struct_config__.tag not in SIGNED_KINDS:
-            return plain
-        signature = self._key.sign(signed_message(plain))
-        return canonical(msgspec.structs.replace(payload, body=msgspec.structs.replace(body, signature=signature)))
+def stamp(_logger: object, _method: str, event: EventDict) -> EventDict:
+    """Processor: the wall clock as the trail writes it."""
+    event["wall"] = wall_text(event.pop("wall_ns"))
+    return event
 
 
 class TrailLogger(structlog.BoundLoggerBase):
-    """structlog's front door to a trail."""
+    """structlog's bound logger of a trail; the session is bound, each entry brings its process and operator."""
 
     def record(self, entry: Entry) -> None:
         """Chain an entry and queue its line."""
-        self._proxy_to_logger("append", None, entry=entry)
+        self._proxy_to_logger("append", None, **msgspec.structs.asdict(entry))
 
 
 class Trail:
@@ -77,7 +86,7 @@ class Trail:
 
     def __init__(self, path: Path, disk: Disk, *, exists: bool = False, offset: int = 0) -> None:
         self.path = path
-        self.fault = ""  # one sentence while the disk refuses
+        self.fault: Reason | None = None  # while the disk refuses
         self.settled_records = 0  # on the medium, of those queued here
         self.newest_line = b""
         self._disk = disk
@@ -88,7 +97,7 @@ class Trail:
         self._waiting_records = 0
 
     def append(self, line: bytes) -> None:
-        """Queue one line; `settle` makes it last."""
+        """Queue one line; `settle` makes it durable."""
         self.newest_line = line
         self._waiting += line
         self._waiting_records += 1
@@ -108,23 +117,21 @@ class Trail:
         return len(self._waiting) > MAX_WAITING_BYTES
 
     def create(self) -> bool:
-        """Have the file there, lasting, though still empty; False, with `fault` saying why, when the disk refuses."""
+        """Create the file durably, still empty; False, with `fault`, when the disk refuses."""
         return self._try(self._open)
 
     def settle(self) -> bool:
-        """Bring everything queued to the medium; False, with `fault` saying why, when the disk refuses."""
+        """Bring everything queued to the medium; False, with `fault`, when the disk refuses."""
         return self._try(self._settle)
 
     def _try(self, operation: Callable[[], object]) -> bool:
         try:
             operation()
         except OSError as error:
-            self.fault = (
-                f"The audit trail {self.path} can't be written: {error.strerror or error}; "
-                f"{self._waiting_records} records wait. Free space or mend the disk."
-            )
+            detail = error.strerror or str(error)
+            self.fault = reason(DiskFault.NOT_WRITTEN, path=self.path, detail=detail, waiting=self._waiting_records)
             return False
-        self.fault = ""
+        self.fault = None
         return True
 
     def close(self) -> None:
@@ -158,12 +165,10 @@ class Trail:
         return self._handle
 
 
-def open_logger(trail: Trail, chain: Chain) -> TrailLogger:
-    """A structlog logger whose records end in the trail."""
-    logger: TrailLogger = structlog.wrap_logger(trail, processors=[chain], wrapper_class=TrailLogger).bind()
+def open_logger(trail: Trail, chain: Chain, session: str) -> TrailLogger:
+    """A structlog logger whose pipeline ends in the hash chain and the trail's file."""
+    pipeline: list[Processor] = [stamp, chain.link, chain.sign, chain.seal]
+    logger: TrailLogger = structlog.wrap_logger(
+        trail, processors=pipeline, wrapper_class=TrailLogger, session=session, schema=SCHEMA
+    ).bind()
     return logger
-
-
-def _too_long(entry: Entry, length: int) -> Entry:
-    lost = RecordsLost(count=1, reason=f"a {type(entry.body).__name__} of {length} bytes was too long")
-    return msgspec.structs.replace(entry, body=lost)

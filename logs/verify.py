@@ -4,30 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from enum import Enum
 from pathlib import Path
 
 import msgspec
 
 from logs.disk import is_being_written
+from logs.findings import Finding, Remark, Status, Verdict
 from logs.keys import Anchor, PublicKey
 from logs.line import GENESIS, MAX_LINE
 from logs.manifest import COMMENTS, OPERATORS, Listing, manifest_paths, read_listings
 from logs.mirror import SUFFIX, copied, copied_files, differing
+from logs.reason import Reason, reason
 from logs.records import SCHEMA, LogClosed, LogRecovered, Record, SessionStart
 from logs.scan import Progress, Scan, scan_file
 
+__all__ = ["Evidence", "Finding", "Status", "exit_status", "is_session", "verify"]
+
 _RECORD_BEGINS = b'{"body":{'
-
-
-class Status(Enum):
-    """What became of a file; only the first two are good."""
-
-    SOUND = "sound"
-    RUNNING = "running"  # its session is still being written
-    INCOMPLETE = "incomplete"  # its end is neither signed nor recorded by a later start: a crash, or a cut
-    TAMPERED = "tampered"
-    UNREADABLE = "unreadable"
 
 
 EXIT_STATUS = {
@@ -40,26 +33,11 @@ EXIT_STATUS = {
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Finding:
-    """The judgement on one file. `line` and `sequence` name the first bad record, where there is one."""
-
-    file: Path
-    status: Status
-    reason: str = ""
-    line: int | None = None
-    sequence: int | None = None
-    records: int = 0
-    proven: int = 0  # records covered by a signature that a known key confirms
-    last_hash: str = ""
-    remarks: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class Evidence:
     """What a verification may use beside the files."""
 
     keys: Mapping[str, PublicKey] = field(default_factory=dict)  # by fingerprint
-    copies: Path | None = None  # the second place of the checkpoints
+    copies: Path | None = None  # the mirror of the checkpoints
     anchor: Anchor | None = None  # what the console remembers of its manifest
 
 
@@ -80,10 +58,9 @@ def judge(path: Path, scan: Scan, evidence: Evidence, *, running: bool) -> Findi
         remarks=_remarks(scan, evidence),
     )
     if _is_foreign(path, scan, evidence):
-        return replace(finding, status=Status.UNREADABLE, reason="it is no audit trail of this program")
+        return replace(finding, status=Status.UNREADABLE, reason=reason(Verdict.NOT_A_TRAIL))
     if scan.unknown_keys and evidence.keys:
-        names = ", ".join(sorted(_short(key) for key in scan.unknown_keys))
-        return replace(finding, status=Status.TAMPERED, reason=f"signed by key {names}, which is not a known one")
+        return replace(finding, status=Status.TAMPERED, reason=reason(Verdict.KEY_NOT_KNOWN, keys=_keys(scan)))
     if is_appended(path):
         return _judge_appended(finding, scan, evidence)
     return _judge_session(finding, scan, evidence, running=running)
@@ -110,20 +87,20 @@ def _judge_appended(finding: Finding, scan: Scan, evidence: Evidence) -> Finding
     if scan.fault is None and (scan.proven == scan.records or not evidence.keys):
         return finding
     if scan.fault is None:
-        return _bad(finding, scan, Status.INCOMPLETE, "its newest records are not signed: the end was cut off")
+        return _bad(finding, scan, Status.INCOMPLETE, reason(Verdict.END_NOT_SIGNED))
     if scan.is_torn:
-        return _bad(finding, scan, Status.INCOMPLETE, "torn tail of {bytes} bytes, not yet explained by a later start")
+        return _bad(finding, scan, Status.INCOMPLETE, reason(Verdict.TORN, size_bytes=scan.torn_bytes))
     return _bad(finding, scan, Status.TAMPERED, scan.fault.reason)
 
 
-def _forgotten(finding: Finding, scan: Scan, evidence: Evidence) -> str:
+def _forgotten(finding: Finding, scan: Scan, evidence: Evidence) -> Reason | None:
     """Why the manifest lacks the entry that the console remembers, if it does."""
     anchor = evidence.anchor
     if anchor is None or anchor.file != finding.file.name:
-        return ""
+        return None
     if anchor.hash in read_listings(finding.file.parent, evidence.keys).hashes:
-        return ""
-    return f"the console remembers {anchor.entries} entries, here are {scan.records}: its end was cut or replaced"
+        return None
+    return reason(Verdict.MANIFEST_CUT, remembered=anchor.entries, found=scan.records)
 
 
 def _judge_session(finding: Finding, scan: Scan, evidence: Evidence, *, running: bool) -> Finding:
@@ -136,8 +113,7 @@ def _judge_session(finding: Finding, scan: Scan, evidence: Evidence, *, running:
 
 
 def _by_itself(finding: Finding, scan: Scan, *, running: bool) -> Finding:
-    remark = "there is no manifest beside it: whether other sessions are missing can't be told"
-    finding = replace(finding, remarks=(*finding.remarks, remark))
+    finding = replace(finding, remarks=(*finding.remarks, reason(Remark.NO_MANIFEST)))
     if scan.closed:
         return finding
     return _unfinished(finding, scan, running=running)
@@ -145,10 +121,9 @@ def _by_itself(finding: Finding, scan: Scan, *, running: bool) -> Finding:
 
 def _unfinished(finding: Finding, scan: Scan, *, running: bool) -> Finding:
     if running:
-        return replace(finding, status=Status.RUNNING, reason="the session is still being written")
-    tail = "with a torn tail of {bytes} bytes " if scan.torn_bytes else ""
-    text = f"it ends {tail}without its closing signature: the program died, or the end was cut off"
-    return _bad(finding, scan, Status.INCOMPLETE, text)
+        return replace(finding, status=Status.RUNNING, reason=reason(Verdict.STILL_WRITTEN))
+    torn = reason(Verdict.NOT_CLOSED_TORN, size_bytes=scan.torn_bytes)
+    return _bad(finding, scan, Status.INCOMPLETE, torn if scan.torn_bytes else reason(Verdict.NOT_CLOSED))
 
 
 def _against_manifest(finding: Finding, scan: Scan, listing: Listing, *, running: bool) -> Finding:
@@ -162,35 +137,32 @@ def _against_manifest(finding: Finding, scan: Scan, listing: Listing, *, running
         case LogRecovered() as end:
             return _against_recovery(finding, scan, end)
         case None if scan.closed and not running:
-            text = "closed and signed, but the manifest lacks that: the program died just then, or it was cut"
-            return _bad(finding, scan, Status.INCOMPLETE, text)
+            return _bad(finding, scan, Status.INCOMPLETE, reason(Verdict.CLOSE_NOT_IN_MANIFEST))
         case _:
             return _unfinished(finding, scan, running=running)
 
 
 def _unnamed(finding: Finding, scan: Scan) -> Finding:
     if scan.size == 0:
-        return replace(finding, remarks=("empty: the program died before its first record",))
-    return replace(finding, status=Status.TAMPERED, reason="the manifest does not name it: it was added")
+        return replace(finding, remarks=(reason(Remark.EMPTY),))
+    return replace(finding, status=Status.TAMPERED, reason=reason(Verdict.NOT_IN_MANIFEST))
 
 
 def _against_close(finding: Finding, scan: Scan, end: LogClosed) -> Finding:
     if (scan.records, scan.last_hash, scan.torn_bytes) == (end.records, end.last_hash, 0) and scan.closed:
         return finding
-    text = f"the manifest closed it with {end.records} records, here are {scan.records}: it was cut or replaced"
-    return _bad(finding, scan, Status.TAMPERED, text)
+    return _bad(finding, scan, Status.TAMPERED, reason(Verdict.NOT_AS_CLOSED, closed=end.records, found=scan.records))
 
 
 def _against_recovery(finding: Finding, scan: Scan, end: LogRecovered) -> Finding:
     as_found = (end.records, end.last_hash, end.torn_bytes, end.torn_sha256)
     if (scan.records, scan.last_hash, scan.torn_bytes, scan.torn_sha256) != as_found:
-        text = f"it is not as the next start found it, with {end.records} records: it was changed since"
-        return _bad(finding, scan, Status.TAMPERED, text)
-    remark = f"a later start found it so and signed that: {end.text}"
+        return _bad(finding, scan, Status.TAMPERED, reason(Verdict.NOT_AS_RECOVERED, recovered=end.records))
+    remark = reason(Remark.RECOVERED, how=end.text or "")
     return replace(finding, remarks=(*finding.remarks, remark))
 
 
-def _wrong_history(path: Path, scan: Scan, listing: Listing) -> str | None:
+def _wrong_history(path: Path, scan: Scan, listing: Listing) -> Reason | None:
     """The first record names the newest entry that the manifest had: it must still be there."""
     if scan.records == 0:
         return None
@@ -203,39 +175,32 @@ def _wrong_history(path: Path, scan: Scan, listing: Listing) -> str | None:
         return None
     if body.history_hash in listing.hashes:
         return None
-    return "the manifest entry that it names at its start is not there: the manifest was cut or replaced"
+    return reason(Verdict.HISTORY_MISSING)
 
 
-def _bad(finding: Finding, scan: Scan, status: Status, reason: str) -> Finding:
+def _bad(finding: Finding, scan: Scan, status: Status, why: Reason) -> Finding:
     return replace(
         finding,
         status=status,
-        reason=reason.replace("{bytes}", str(scan.torn_bytes)),
+        reason=why,
         line=scan.fault.line if scan.fault else scan.records + 1,
         sequence=scan.fault.sequence if scan.fault else None,
     )
 
 
-def _remarks(scan: Scan, evidence: Evidence) -> tuple[str, ...]:
+def _remarks(scan: Scan, evidence: Evidence) -> tuple[Reason, ...]:
     remarks = []
     if scan.newer_schema:
-        remarks.append(
-            f"written by a newer version (schema {scan.newer_schema}, here {SCHEMA}): "
-            "the chain is checked, not what its records mean"
-        )
+        remarks.append(reason(Remark.NEWER_SCHEMA, schema=scan.newer_schema, known=SCHEMA))
     if scan.explained_tears:
-        remarks.append(f"{scan.explained_tears} torn tails, each explained by the signed entry behind it")
+        remarks.append(reason(Remark.TEARS_EXPLAINED, tears=scan.explained_tears))
     if scan.unknown_keys and not evidence.keys:
-        names = ", ".join(sorted(_short(key) for key in scan.unknown_keys))
-        remarks.append(f"signed by key {names}, which could not be checked: give the public key with --key")
+        remarks.append(reason(Remark.KEY_NOT_CHECKED, keys=_keys(scan)))
     return tuple(remarks)
 
 
-def _short(fingerprint: str) -> str:
-    return fingerprint[:12] if fingerprint.isalnum() else "without a name"
-
-
-__all__ = ["Evidence", "Finding", "Status", "exit_status", "is_session", "verify"]
+def _keys(scan: Scan) -> str:
+    return ", ".join(sorted(key[:12] if key.isalnum() else "?" for key in scan.unknown_keys))
 
 
 def verify(paths: Sequence[Path], evidence: Evidence, progress: Progress | None = None) -> list[Finding]:
@@ -255,12 +220,11 @@ def _verify_folder(folder: Path, evidence: Evidence, progress: Progress | None) 
     if not manifest_paths(folder):
         return findings + _no_manifest(folder, files, evidence)
     listing = read_listings(folder, evidence.keys)
-    told = listing.opened | ({evidence.anchor.file} if evidence.anchor else set())
-    named = dict.fromkeys(copied_files(evidence.copies, evidence.keys), "the second place") | dict.fromkeys(
-        told, "the manifest"
-    )
+    listed = listing.opened | ({evidence.anchor.file} if evidence.anchor else set())
+    named = dict.fromkeys(copied_files(evidence.copies, evidence.keys), Verdict.MISSING_BY_MIRROR)
+    named |= dict.fromkeys(listed, Verdict.MISSING_BY_MANIFEST)
     return findings + [
-        Finding(file=folder / name, status=Status.TAMPERED, reason=f"the file is missing: {witness} names it")
+        Finding(file=folder / name, status=Status.TAMPERED, reason=reason(witness))
         for name, witness in sorted(named.items())
         if not (folder / name).exists()
     ]
@@ -269,10 +233,10 @@ def _verify_folder(folder: Path, evidence: Evidence, progress: Progress | None) 
 def _no_manifest(folder: Path, files: list[Path], evidence: Evidence) -> list[Finding]:
     if evidence.anchor is not None or not all(is_appended(path) for path in files):
         path = folder / "manifest.jsonl"
-        return [Finding(file=path, status=Status.TAMPERED, reason="the manifest is missing")]
+        return [Finding(file=path, status=Status.TAMPERED, reason=reason(Verdict.MANIFEST_MISSING))]
     if files:
         return []
-    return [Finding(file=folder, status=Status.UNREADABLE, reason="there is no audit trail in this folder")]
+    return [Finding(file=folder, status=Status.UNREADABLE, reason=reason(Verdict.NO_TRAIL_HERE))]
 
 
 def _verify_one(path: Path, evidence: Evidence, progress: Progress | None) -> Finding:
@@ -282,7 +246,11 @@ def _verify_one(path: Path, evidence: Evidence, progress: Progress | None) -> Fi
         finding = judge(path, scan, evidence, running=running)
         return _with_copies(path, finding, evidence)
     except OSError as error:
-        return Finding(file=path, status=Status.UNREADABLE, reason=f"it can't be read: {error.strerror}")
+        return Finding(
+            file=path,
+            status=Status.UNREADABLE,
+            reason=reason(Verdict.CAN_NOT_BE_READ, detail=error.strerror or str(error)),
+        )
 
 
 def is_session(path: Path) -> bool:
@@ -295,13 +263,13 @@ def _with_copies(path: Path, finding: Finding, evidence: Evidence) -> Finding:
         return finding
     copy = evidence.copies / (path.name + SUFFIX)
     if not copy.exists():
-        return replace(finding, remarks=(*finding.remarks, "no checkpoint of it in the second place"))
+        return replace(finding, remarks=(*finding.remarks, reason(Remark.NO_MIRROR)))
     expected = copied(copy)
     wrong = next((number for number in sorted(expected) if number >= finding.records), None)
     if wrong is None:
         wrong = differing(path, expected)
     if wrong is None:
-        remark = f"{len(expected)} checkpoints agree with the second place"
+        remark = reason(Remark.MIRROR_AGREES, checkpoints=len(expected))
         return replace(finding, remarks=(*finding.remarks, remark))
-    text = f"checkpoint {wrong} of the second place is not in it: it was cut or rewritten"
-    return replace(finding, status=Status.TAMPERED, reason=text, sequence=wrong, line=wrong + 1)
+    why = reason(Verdict.CHECKPOINT_MISSING, checkpoint=wrong)
+    return replace(finding, status=Status.TAMPERED, reason=why, sequence=wrong, line=wrong + 1)

@@ -1,4 +1,4 @@
-"""A session's trail as it is written: when it must be on the disk, when it is signed, what the manifest learns."""
+"""A session's trail as it is written: when it must be on the disk, when it is signed, what enters the manifest."""
 
 from __future__ import annotations
 
@@ -8,10 +8,12 @@ from logs.disk import Disk
 from logs.keys import ConsoleKey
 from logs.manifest import Manifest, Moment
 from logs.mirror import CheckpointCopy
+from logs.reason import Reason
 from logs.records import (
     Acknowledgement,
     ActionEnd,
     Arming,
+    Cause,
     Checkpoint,
     ClockStep,
     Command,
@@ -19,6 +21,7 @@ from logs.records import (
     Entry,
     EventCleared,
     EventRaised,
+    LogRecovered,
     Press,
     RecordsLost,
     Refusal,
@@ -39,6 +42,7 @@ AT_ONCE = (
     Command,
     Transition,
     EventRaised,
+    LogRecovered,
     EventCleared,
     EffectChanged,
     Acknowledgement,
@@ -48,6 +52,7 @@ AT_ONCE = (
     Release,
     ActionEnd,
     Arming,
+    Cause,
     SignIn,
     SignInFailed,
     RecordsLost,
@@ -71,25 +76,25 @@ class SessionWriter:
         self._copy = copy
         self._manifest: Manifest | None = None
         self._trail = Trail(self.path, disk)
-        self._chain = Chain(session, key)
-        self._logger = open_logger(self._trail, self._chain)
+        self._chain = Chain(key)
+        self._logger = open_logger(self._trail, self._chain, session)
         self._urgent = False
         self._oldest_ns = 0  # monotonic, of what waits
         self._tried_ns = 0
         self._checkpoint_at = 0  # sequence of the newest checkpoint
         self._checkpoint_ns = 0
         self._clock_offset_ns: int | None = None
-        self._told_closed = False
-        self._unsent: list[bytes] = []  # checkpoints for the second place, once they have settled
+        self._entered_close = False
+        self._unsent: list[bytes] = []  # checkpoints for the mirror, once they have settled
 
     @property
-    def fault(self) -> str:
-        """One sentence while the disk refuses."""
-        return self._trail.fault or (self._manifest.fault if self._manifest else "")
+    def fault(self) -> Reason | None:
+        """Why the disk refuses, while it does."""
+        return self._trail.fault or (self._manifest.fault if self._manifest else None)
 
     @property
-    def copy_fault(self) -> str:
-        """One sentence while the second place can't be reached."""
+    def copy_fault(self) -> Reason | None:
+        """Why the mirror can't be reached, while it can't."""
         return self._copy.fault
 
     @property
@@ -107,13 +112,13 @@ class SessionWriter:
         """Whether nothing more should be handed over until the disk answers."""
         return self._trail.is_full
 
-    def begin(self, start: SessionStart, now: Moment) -> list[str]:
-        """Create the file, tell the manifest, write the first record. Returns what was found of earlier crashes.
+    def begin(self, start: SessionStart, now: Moment) -> list[LogRecovered]:
+        """Create the file, enter it in the manifest, write the first record. Returns what was found of earlier crashes.
 
         Raises OSError when an earlier file can't even be read; a disk that can't be written becomes `fault`.
         """
         self._manifest = Manifest(self._folder, self._key, self._disk, now)
-        found = [f"{entry.file}: {entry.text}" for entry in self._manifest.recover(now)]
+        found = self._manifest.recover(now)
         self._manifest.opened(self.path.name, now)
         self._append(now.entry(_with_history(start, self._manifest)))
         self.settle(now.monotonic_ns)
@@ -150,19 +155,19 @@ class SessionWriter:
             self._unsent.clear()
         return good
 
-    def end(self, reason: str, now: Moment) -> bool:
-        """Write the last record, sign it all, tell the manifest; False when the disk refuses: `finish` again then."""
-        self._append(now.entry(SessionEnd(reason=reason)))
+    def end(self, cause: Cause, now: Moment) -> bool:
+        """Write the last record and sign all; False when the disk refuses: call `finish` again then."""
+        self._append(now.entry(SessionEnd(reason=cause)))
         self._checkpoint(now, closing=True)
         return self.settle(now.monotonic_ns)
 
     def finish(self, now: Moment) -> bool:
-        """Once everything has settled, the manifest's word that the file is whole. False while the disk refuses."""
+        """Once everything has settled, enter in the manifest that the file is whole. False while the disk refuses."""
         if self._manifest is None or not self.settle(now.monotonic_ns):
             return False
-        if not self._told_closed:
+        if not self._entered_close:
             self._manifest.closed(self.path.name, self._chain.sequence, self._chain.previous, now)
-            self._told_closed = True
+            self._entered_close = True
         return self._manifest.settle()
 
     def close(self) -> None:

@@ -22,6 +22,7 @@ from app.ipc.links import LatestReceiver, address
 from app.ipc.messages import AuditHealth
 from app.ipc.streams import AUDIT_HEALTH
 from app.system.config import Config, SessionSetup
+from app.text.recorded import render_recorded
 from logs.disk import PosixDisk
 from logs.keys import by_fingerprint, known_keys, load_or_make_key
 from logs.manifest import Moment
@@ -164,7 +165,7 @@ def bench_reading(home: Path) -> None:
     half_hour = write_sample(home, minutes=30)
     for seed in range(2, 6):
         write_sample(home, minutes=30, seed=seed)
-    wall, cpu = timed(lambda: report(half_hour, evidence(home)))
+    wall, cpu = timed(lambda: report(half_hour, evidence(home), render_recorded))
     say("report of a 30 min session, s", f"{wall:.2f} wall, {cpu:.2f} CPU")
     long = write_sample(home, minutes=240, seed=9, per_second=20)
     session = open_session(long)

@@ -12,6 +12,7 @@ import signal
 import sys
 import threading
 import time
+from enum import Enum, auto
 from hashlib import sha256
 from importlib.metadata import version
 from pathlib import Path
@@ -30,8 +31,9 @@ from logs.disk import PosixDisk
 from logs.keys import ConsoleKey, load_or_make_key
 from logs.manifest import Moment
 from logs.mirror import CheckpointCopy
-from logs.reason import plain
-from logs.records import Body, Entry, EventRaised, PatientChosen, RecordsLost, SessionStart, SignIn
+from logs.reason import Reason, reason
+from logs.records import Body, Entry, EventRaised, Loss, PatientChosen, RecordsLost, SessionStart, SignIn
+from logs.trail import DiskFault
 from logs.writer import SessionWriter
 
 LIBRARIES = ("rleex", "mediapipe", "mujoco", "numpy", "opencv-python-headless", "python-can", "textual", "pyzmq")
@@ -64,6 +66,21 @@ def run_audit(setup: SessionSetup) -> None:
         sys.exit(1)
 
 
+class Notice(Enum):
+    """What the audit process notes in the trail; the value is the event's name there."""
+
+    EARLIER_TRAIL_NOT_CLOSED = "earlier-trail-not-closed"  # file, how
+    KEY_WAS_EXPOSED = "key-was-exposed"
+    CHECKPOINT_COPY_FAILED = "checkpoint-copy-failed"  # cause
+
+
+class EndCause(Enum):
+    """Why a session's trail ends."""
+
+    BY_CONSOLE = auto()
+    CONSOLE_GONE = auto()
+
+
 class _Shell:
     """Clocks, queue and ending, around the writer."""
 
@@ -75,7 +92,7 @@ class _Shell:
         self._rejected = 0
         self._ending = False
         self._heard_ns = self.turned_ns
-        self._copy_fault = ""
+        self._copy_fault: Reason | None = None
 
     def on_term(self, _number: int, _frame: FrameType | None) -> None:
         """Asked to end: finish what is queued first."""
@@ -94,11 +111,10 @@ class _Shell:
         )
         if self._setup.operator:
             self._say(SignIn(name=self._setup.operator, role=self._setup.role))
-        for text in found:
-            self._say(EventRaised(event="earlier trail found unclosed", effect="note", text=text))
+        for entry in found:
+            self._notice(Notice.EARLIER_TRAIL_NOT_CLOSED, file=entry.file, how=entry.text)
         if key.was_exposed:
-            text = "Others could read the signing key; its permissions have been mended. Consider a new key."
-            self._say(EventRaised(event="signing key was exposed", effect="note", text=text))
+            self._notice(Notice.KEY_WAS_EXPOSED)
 
     def run(self) -> None:
         """Until it is time to end: take, settle, come round."""
@@ -112,8 +128,8 @@ class _Shell:
 
     def end(self) -> bool:
         """The signed end; tries again for a while when the disk refuses."""
-        reason = "ended by the console" if self._ending else "the console is gone"
-        self.writer.end(reason, self._now())
+        cause = EndCause.BY_CONSOLE if self._ending else EndCause.CONSOLE_GONE
+        self.writer.end(reason(cause), self._now())
         deadline = time.monotonic() + GIVE_UP_S
         while not self.writer.finish(self._now()):
             if time.monotonic() > deadline:
@@ -137,12 +153,12 @@ class _Shell:
     def _tell_rejected(self) -> None:
         lost, self._rejected = self._receiver.rejected - self._rejected, self._receiver.rejected
         if lost:
-            self._say(RecordsLost(count=lost, reason="a message was not an audit record"))
+            self._say(RecordsLost(count=lost, reason=reason(Loss.NOT_A_RECORD)))
 
     def _tell_copy_fault(self) -> None:
         fault = self.writer.copy_fault
-        if fault and fault != self._copy_fault:
-            self._say(EventRaised(event="checkpoint copy failed", effect="note", text=fault))
+        if fault is not None and fault != self._copy_fault:
+            self._notice(Notice.CHECKPOINT_COPY_FAILED, cause=fault)
         self._copy_fault = fault
 
     def _must_end(self) -> bool:
@@ -151,6 +167,9 @@ class _Shell:
             return quiet_s > QUIET_S
         orphan = self._setup.console_pid != 0 and os.getppid() != self._setup.console_pid
         return orphan and quiet_s > ORPHAN_QUIET_S
+
+    def _notice(self, notice: Notice, **values: object) -> None:
+        self._say(EventRaised(event=notice.value, effect="note", text=reason(notice, **values)))
 
     def _say(self, body: Body) -> None:
         now = self._now()
@@ -187,9 +206,9 @@ def health(writer: SessionWriter, turned_ns: int, now_ns: int) -> AuditHealth:
     """How far the writer is; a fault when the disk refuses or has not answered for a while."""
     fault = writer.fault
     silent_s = (now_ns - turned_ns) / 1e9
-    if not fault and silent_s > SILENT_DISK_S:
-        fault = f"The disk of the audit trail has not answered for {silent_s:.0f} s; mend or free it."
-    return AuditHealth(at_ns=now_ns, written=writer.written, waiting=writer.waiting, fault=plain(fault))
+    if fault is None and silent_s > SILENT_DISK_S:
+        fault = reason(DiskFault.NOT_ANSWERING, silent_s=silent_s)
+    return AuditHealth(at_ns=now_ns, written=writer.written, waiting=writer.waiting, fault=fault)
 
 
 def _start(setup: SessionSetup) -> SessionStart:

@@ -1,4 +1,4 @@
-"""The way into the audit trail for every process: queue a record, never wait, never lose one unsaid."""
+"""The way into the audit trail for every process: queue a record, never wait, never lose one unreported."""
 
 from __future__ import annotations
 
@@ -7,7 +7,8 @@ from pathlib import Path
 
 from app.ipc.links import OrderedSender, address
 from app.ipc.streams import AUDIT
-from logs.records import Body, Entry, RecordsLost
+from logs.reason import reason
+from logs.records import Body, Entry, Loss, RecordsLost
 
 
 class AuditSink:
@@ -15,13 +16,13 @@ class AuditSink:
 
     def __init__(self, links: Path, process: str, operator: str = "") -> None:
         self.operator = operator
-        self.lost = 0  # refused by a full queue and not yet told to the trail
+        self.lost = 0  # refused by a full queue and not yet recorded
         self._process = process
         self._sender = OrderedSender(address(links, AUDIT.name))
 
     def emit(self, body: Body) -> bool:
         """Queue one record with both clocks of now; False when the queue is full and it could not be taken."""
-        if self.lost and self._send(RecordsLost(count=self.lost, reason="the audit queue was full")):
+        if self.lost and self._send(RecordsLost(count=self.lost, reason=reason(Loss.QUEUE_FULL))):
             self.lost = 0
         if self._send(body):
             return True
@@ -36,8 +37,8 @@ class AuditSink:
         try:
             return self._sender.send(self._entry(body))
         except (UnicodeEncodeError, OverflowError) as error:  # half a surrogate pair, an integer beyond 64 bits
-            said = RecordsLost(count=1, reason=f"{type(body).__name__} can't be written: {error}")
-            return self._sender.send(self._entry(said))
+            why = reason(Loss.NOT_ENCODABLE, kind=type(body).__name__, detail=repr(error))
+            return self._sender.send(self._entry(RecordsLost(count=1, reason=why)))
 
     def _entry(self, body: Body) -> Entry:
         return Entry(

@@ -104,11 +104,14 @@ def report(
 ) -> None:
     """Write one self-contained page about a session, for reading and for printing."""
     from app.system.paths import find_home
+    from app.text import catalogue
+    from app.text.recorded import render_recorded
     from logs.read import find_session
     from logs.report.page import report as make
 
     path = find_session(find_home(home).logs, session)
-    _write(output, make(path, _evidence([path], key, None, home)).encode())
+    page = make(path, _evidence([path], key, None, home), render_recorded, catalogue.language())
+    _write(output, page.encode())
     typer.echo(f"{output}: the report of {path.stem}")
 
 
@@ -122,20 +125,22 @@ def query(
 ) -> None:
     """Ask many sessions, of one site or several, at once."""
     from app.system.paths import find_home
+    from app.text.catalogue import tr
+    from app.text.recorded import render_recorded
     from logs.query import QUESTIONS, as_json, as_table, connect
     from logs.query import ask as ask_sql
 
     if bool(sql) == bool(ask) or (ask and ask not in QUESTIONS):
-        ready = "; ".join(f"{name}: {question.text}" for name, question in QUESTIONS.items())
+        ready = "; ".join(f"{name}: {tr(f'question.{name}')}" for name in QUESTIONS)
         raise typer.BadParameter(f"give SQL or --ask one of these. {ready}")
-    answer = ask_sql(connect(at or [find_home(home).logs]), sql or QUESTIONS[ask].sql)
+    answer = ask_sql(connect(at or [find_home(home).logs]), sql or QUESTIONS[ask])
     if json:
         for line in as_json(answer):
             typer.echo(line)
     else:
         from rich.console import Console
 
-        Console(highlight=False, markup=False).print(as_table(answer))
+        Console(highlight=False, markup=False).print(as_table(answer, render_recorded))
 
 
 @cli.command()
@@ -185,6 +190,7 @@ def list_sessions(home: HomeOption = None) -> None:
 def _print_records(path: Path, sieve: Sieve, *, follow: bool, as_json: bool) -> None:
     from rich.console import Console
 
+    from app.text.recorded import render_recorded
     from logs.disk import is_being_written
     from logs.read import follow as follow_file
     from logs.read import read
@@ -199,7 +205,7 @@ def _print_records(path: Path, sieve: Sieve, *, follow: bool, as_json: bool) -> 
             if as_json:
                 typer.echo(json_of(record))
             else:
-                console.print(line_of(record))
+                console.print(line_of(record, render_recorded))
     except KeyboardInterrupt:
         return
 
@@ -238,26 +244,28 @@ def _reading_progress(paths: list[Path]) -> Iterator[Callable[[int], None]]:
 def _print_findings(findings: list[Finding]) -> None:
     from rich.console import Console
 
+    from app.text.recorded import render_recorded
     from logs.findings import describe
 
     console = Console(soft_wrap=True, highlight=False)
     for finding in findings:
-        console.print(describe(finding))
+        console.print(describe(finding, render_recorded))
 
 
 def _write_findings(path: Path, findings: list[Finding], status: int) -> None:
     import msgspec
 
+    from app.text.recorded import render_recorded
     from logs.findings import as_plain
 
-    told = {"files": [as_plain(finding) for finding in findings], "exit": status}
+    told = {"files": [as_plain(finding, render_recorded) for finding in findings], "exit": status}
     _write(path, msgspec.json.format(msgspec.json.encode(told)) + b"\n")
 
 
 def _write(path: Path, data: bytes) -> None:
-    from logs.errors import AuditError
+    from logs.errors import AuditError, AuditFault
 
     try:
         path.write_bytes(data)
     except OSError as error:
-        raise AuditError(f"{path} can't be written: {error.strerror}; choose another place.") from error
+        raise AuditError(AuditFault.UNWRITABLE, path=path, detail=error.strerror) from error

@@ -13,7 +13,7 @@ from functools import lru_cache, partial
 from pathlib import Path
 
 from app.system.paths import Home
-from logs.errors import AuditError
+from logs.errors import AuditError, AuditFault
 from logs.keys import load_or_make_key
 from logs.line import MAX_LINE
 from logs.manifest import COMMENTS, Moment, append_signed
@@ -231,9 +231,9 @@ def open_session(path: Path) -> ReviewedSession:
         with path.open("rb") as file:
             lines = list(iter(partial(file.readline, MAX_LINE), b""))
     except OSError as error:
-        raise AuditError(f"The session {path} can't be read: {error.strerror}.") from error
+        raise AuditError(AuditFault.TRAIL_UNREADABLE, path=path, detail=error.strerror) from error
     if not lines:
-        raise AuditError(f"The session {path} holds no records.")
+        raise AuditError(AuditFault.TRAIL_EMPTY, path=path)
     return ReviewedSession(path, lines)
 
 

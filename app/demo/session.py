@@ -127,9 +127,10 @@ def rehearse_missing(setup: SessionSetup, watch: Callable[[str], None]) -> None:
 
 
 def _verify(home: Home, session: str) -> tuple[bool, str]:
+    from app.text.recorded import render_recorded
     from logs.findings import summary
     from logs.keys import by_fingerprint, known_keys
     from logs.verify import Evidence, exit_status, verify
 
     findings = verify([home.logs / f"{session}.jsonl"], Evidence(keys=by_fingerprint(known_keys(home.keys))))
-    return exit_status(findings) == 0, "; ".join(summary(finding) for finding in findings)
+    return exit_status(findings) == 0, "; ".join(summary(finding, render_recorded) for finding in findings)

@@ -139,7 +139,7 @@ class _Units(Formatter):
             return f"{convert(value):.{int(digits or usual)}f}"
         if isinstance(value, int | float) and not isinstance(value, Enum):
             return format(value, format_spec)
-        return format(_text(value), format_spec)
+        return _text(value)  # formats are for numbers: what was not measured is shown as it is
 
 
 _FORMATTER = _Units()

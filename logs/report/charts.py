@@ -14,6 +14,7 @@ from logs.read import Outline
 from logs.report.facts import Band, Diagnostics, JointTrace, Spread
 from logs.sanitize import sanitize_terminal
 
+Wording = Callable[..., str]  # a key of the catalogues, with values, as text
 WIDTH = 960.0
 LEFT = 84.0  # of the lanes' names
 SHADES = 6  # of states, the longest first; the style sheet names them
@@ -21,7 +22,7 @@ RIGHT = 26.0  # half a tick's text
 MOST_POINTS = 480  # of a line: two pixels each
 
 
-def timeline(facts: Diagnostics) -> Markup:
+def timeline(facts: Diagnostics, t: Wording) -> Markup:
     """States, gestures, presses and events over the whole session."""
     shades = {state: f"state s{number % SHADES}" for number, (state, _) in enumerate(facts.time_in_state)}
     lanes: tuple[tuple[str, Sequence[Band], Callable[[int, Band], str]], ...] = (
@@ -34,16 +35,20 @@ def timeline(facts: Diagnostics) -> Markup:
     parts = [_axis(facts.duration_s, x, 4 * 28.0 + 6)]
     for row, (name, bands, style) in enumerate(lanes):
         top = row * 28.0 + 4
-        parts.append(_text(LEFT - 8, top + 14, name, "lane", "end"))
-        parts += [_band(band, x, top, style(number, band)) for number, band in enumerate(bands)]
+        parts.append(_text(LEFT - 8, top + 14, t(f"report.{name}"), "lane", "end"))
+        for number, band in enumerate(bands):
+            label = t("report.state_name", state=band.label) if name == "state" else band.label
+            parts.append(_band(band, label, x, top, style(number, band)))
     parts += [
-        Markup('<path class="stop" d="M{0:.1f} 0v116"><title>STOP at {1}</title></path>').format(x(at_s), clock(at_s))
+        Markup('<path class="stop" d="M{0:.1f} 0v116"><title>{1}</title></path>').format(
+            x(at_s), t("report.stop_at", at=clock(at_s))
+        )
         for at_s in facts.stops_s
     ]
-    return _svg(parts, 4 * 28.0 + 28, "Timeline of states, gestures, presses and events")
+    return _svg(parts, 4 * 28.0 + 28, t("report.timeline_title"))
 
 
-def joint(trace: JointTrace, duration_s: float) -> Markup:
+def joint(trace: JointTrace, duration_s: float, t: Wording) -> Markup:
     """One joint's angle (band from lowest to highest of each second, line of the mean) against its target."""
     if not trace.at_s:
         return Markup("")
@@ -60,15 +65,15 @@ def joint(trace: JointTrace, duration_s: float) -> Markup:
         _axis(duration_s, x, height + 6),
         _text(LEFT - 8, 14, f"{high:.0f}°", "tick", "end"),
         _text(LEFT - 8, height, f"{low:.0f}°", "tick", "end"),
-        _text(LEFT - 8, height / 2 + 5, trace.name, "lane", "end"),
+        _text(LEFT - 8, height / 2 + 5, t(trace.name), "lane", "end"),
         Markup('<path class="range" d="{}Z"/>').format(_path(outline, x, y)),
         Markup('<path class="target" d="{}"/>').format(_path(_thin(trace.at_s, trace.target_deg), x, y)),
         Markup('<path class="mean" d="{}"/>').format(_path(_thin(trace.at_s, trace.mean_deg), x, y)),
     ]
-    return _svg(parts, height + 26, f"{trace.name}: angle against target")
+    return _svg(parts, height + 26, t("report.joint_title", joint=t(trace.name)))
 
 
-def spreads(found: Sequence[Spread]) -> Markup:
+def spreads(found: Sequence[Spread], t: Wording) -> Markup:
     """Each latency as a row of strokes with its median marked."""
     longest = max((value for spread in found for value in spread.values_ms), default=0.0)
     if longest <= 0:
@@ -81,7 +86,7 @@ def spreads(found: Sequence[Spread]) -> Markup:
     parts = []
     for row, spread in enumerate(found):
         top = row * 30.0 + 6
-        parts.append(_text(left - 10, top + 15, spread.name, "lane", "end"))
+        parts.append(_text(left - 10, top + 15, t(spread.name), "lane", "end"))
         strokes = "".join(f"M{x(value):.1f} {top:.0f}v18" for value in spread.values_ms)
         parts.append(Markup('<path class="strokes" d="{}"/>').format(strokes))
         if (median := spread.share(0.5)) is not None:
@@ -89,15 +94,15 @@ def spreads(found: Sequence[Spread]) -> Markup:
     bottom = len(found) * 30.0 + 18
     ticks = [value for value in _nice_steps(longest) if value <= longest]
     parts += [_text(x(value), bottom, f"{value:g} ms", "tick", "middle") for value in ticks]
-    return _svg(parts, bottom + 8, "Latencies")
+    return _svg(parts, bottom + 8, t("report.latencies_title"))
 
 
-def earlier(sessions: Sequence[Outline]) -> Markup:
+def earlier(sessions: Sequence[Outline], t: Wording) -> Markup:
     """Steps, distance and refusals of this patient's sessions, the newest at the right."""
     rows: tuple[tuple[str, Callable[[Outline], float], str], ...] = (
-        ("steps", lambda each: float(each.steps), "{:.0f}"),
-        ("metres", lambda each: each.distance_m, "{:.1f}"),
-        ("refusals", lambda each: float(each.refusals), "{:.0f}"),
+        (t("report.steps"), lambda each: float(each.steps), "{:.0f}"),
+        (t("report.metres"), lambda each: each.distance_m, "{:.1f}"),
+        (t("report.refusals"), lambda each: float(each.refusals), "{:.0f}"),
     )
     slot = (WIDTH - LEFT) / max(len(sessions), 1)
     bar = min(slot * 0.6, 60)
@@ -119,7 +124,7 @@ def earlier(sessions: Sequence[Outline]) -> Markup:
             parts.append(_text(centre, base - height - 4, form.format(value), "tick", "middle"))
     for place, each in enumerate(sessions):
         parts.append(_text(LEFT + slot * (place + 0.5), 256, each.began[5:10], "tick", "middle"))
-    return _svg(parts, 264, "This session against the patient's earlier ones")
+    return _svg(parts, 264, t("report.earlier_title"))
 
 
 def clock(at_s: float) -> str:
@@ -144,14 +149,14 @@ def _vertical(low: float, high: float, height: float) -> Callable[[float], float
     return lambda value: 4 + (high - value) / span * (height - 8)
 
 
-def _band(band: Band, x: Callable[[float], float], top: float, style: str) -> Markup:
+def _band(band: Band, text: str, x: Callable[[float], float], top: float, style: str) -> Markup:
     left, right = x(band.begin_s), x(band.end_s)
     width = max(right - left, 1.5)
-    title = f"{sanitize_terminal(band.label)}, {clock(band.begin_s)} to {clock(band.end_s)}"
+    label = sanitize_terminal(text)
+    title = f"{label}, {clock(band.begin_s)} – {clock(band.end_s)}"
     shape = Markup('<rect class="{}" x="{:.1f}" y="{:.1f}" width="{:.1f}" height="20"><title>{}</title></rect>').format(
         style, left, top, width, title
     )
-    label = sanitize_terminal(band.label)
     if width < 7.0 * len(label):
         return shape
     return shape + _text(left + 3, top + 14, label, "inside", "start")

@@ -9,13 +9,12 @@ from dataclasses import dataclass
 from typing import TypeVar
 
 from logs.read import Outline
-from logs.reason import Reason
+from logs.reason import Render, text_of
 from logs.records import (
     Acknowledgement,
     ActionEnd,
     Body,
     Cancel,
-    Cause,
     Discomfort,
     EventCleared,
     EventRaised,
@@ -35,6 +34,7 @@ from logs.records import (
     TickLateness,
     Transition,
 )
+from logs.show import UNKNOWN, sentence
 
 B = TypeVar("B", bound=Body)
 
@@ -82,7 +82,7 @@ class EventSum:
     longest_unacknowledged_s: float | None
 
 
-def events_of(timed: Timed) -> tuple[EventFact, ...]:
+def events_of(timed: Timed, render: Render) -> tuple[EventFact, ...]:
     """Every event of a session, in order."""
     cleared = timed.of(EventCleared)
     answers = [
@@ -90,7 +90,7 @@ def events_of(timed: Timed) -> tuple[EventFact, ...]:
         for record in timed.records
         if isinstance(record.body, Acknowledgement) and record.body.accepted
     ]
-    return tuple(_event(at_s, body, cleared, answers) for at_s, body in timed.of(EventRaised))
+    return tuple(_event(at_s, body, cleared, answers, render) for at_s, body in timed.of(EventRaised))
 
 
 def _event(
@@ -98,6 +98,7 @@ def _event(
     body: EventRaised,
     cleared: list[tuple[float, EventCleared]],
     answers: list[tuple[float, str, Acknowledgement]],
+    render: Render,
 ) -> EventFact:
     gone = next((when for when, other in cleared if when >= at_s and other.event == body.event), None)
     answer = next((a for a in answers if a[0] >= at_s and body.event in a[2].events), None)
@@ -105,7 +106,7 @@ def _event(
         at_s=at_s,
         event=body.event,
         effect=body.effect,
-        text=_text(body.text),
+        text=text_of(body.text, render),
         lasted_s=None if gone is None else gone - at_s,
         acknowledged_after_s=None if answer is None else answer[0] - at_s,
         by="" if answer is None else answer[1],
@@ -130,7 +131,7 @@ def summed(events: Iterable[EventFact]) -> tuple[EventSum, ...]:
     return tuple(sorted(sums, key=lambda each: -each.times))
 
 
-JOINTS = ("left hip", "left knee", "right hip", "right knee")
+JOINTS = ("Joint.LEFT_HIP", "Joint.LEFT_KNEE", "Joint.RIGHT_HIP", "Joint.RIGHT_KNEE")  # keys of the wording
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -144,7 +145,7 @@ class Band:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Spread:
-    """Milliseconds of a kind of latency over a session."""
+    """Milliseconds of a kind of latency over a session; the name is a key of the wording."""
 
     name: str
     values_ms: tuple[float, ...]
@@ -196,11 +197,11 @@ class Diagnostics:
     silences: tuple[tuple[str, int], ...]
 
 
-def facts_of(outline: Outline, found: Sequence[Record]) -> Diagnostics:
-    """The facts of a session."""
+def facts_of(outline: Outline, found: Sequence[Record], render: Render) -> Diagnostics:
+    """The facts of a session; recorded reasons become text by `render`."""
     timed = Timed(found)
     states = _states(timed, outline.duration_s)
-    events = events_of(timed)
+    events = events_of(timed, render)
     felt = tuple(event for event in events if event.effect != NOTED)
     return Diagnostics(
         outline=outline,
@@ -213,23 +214,19 @@ def facts_of(outline: Outline, found: Sequence[Record]) -> Diagnostics:
         time_in_state=_time_in(states),
         latencies=_latencies([end for _, end in timed.of(ActionEnd)]),
         joints=tuple(_trace(timed.of(JointStatistics), joint) for joint in range(len(JOINTS))),
-        refusals=_counted(_text(body.reason) for _, body in timed.of(Refusal)),
-        cancels=_counted(_text(body.reason) for _, body in timed.of(Cancel)),
+        refusals=_counted(text_of(body.reason, render) for _, body in timed.of(Refusal)),
+        cancels=_counted(text_of(body.reason, render) for _, body in timed.of(Cancel)),
         events=felt,
         kinds_of_events=summed(felt),
         remarks=_counted(event.event for event in events if event.effect == NOTED),
         stops_s=tuple(at_s for at_s, _ in timed.of(Stop)),
-        notes=_notes(timed),
+        notes=_notes(timed, render),
         actions=_actions([end for _, end in timed.of(ActionEnd)]),
         lateness=_last(timed.of(TickLateness)),
         real_time=_first(timed.of(RealTimePrivilege)),
         lost_records=sum(body.count for _, body in timed.of(RecordsLost)),
         silences=_counted(body.stream for _, body in timed.of(HeartbeatLost)),
     )
-
-
-def _text(cause: Cause) -> str:
-    return cause.code if isinstance(cause, Reason) else cause or ""
 
 
 def _first(found: Sequence[tuple[float, B]]) -> B | None:
@@ -261,7 +258,7 @@ def _gestures(timed: Timed, end_s: float) -> tuple[Band, ...]:
 
 
 def _presses(timed: Timed, end_s: float) -> tuple[Band, ...]:
-    marks = [(at_s, body.gesture or "pressed") for at_s, body in timed.of(Press)]
+    marks = [(at_s, body.gesture or UNKNOWN) for at_s, body in timed.of(Press)]
     marks += [(at_s, "") for at_s, _ in timed.of(Release)] + [(at_s, "") for at_s, _ in timed.of(Cancel)]
     marks.sort()
     bands = _bands([at_s for at_s, _ in marks], [label for _, label in marks], end_s)
@@ -286,9 +283,9 @@ def _time_in(bands: Iterable[Band]) -> tuple[tuple[str, float], ...]:
 def _latencies(ends: list[ActionEnd]) -> tuple[Spread, ...]:
     """From the paper's moments: recognition, release, first changed command, first visible motion (0.5°)."""
     pairs = (
-        ("release → first joint command", "released_ns", "first_command_ns"),
-        ("recognition → first joint command", "recognised_ns", "first_command_ns"),
-        ("recognition → visible motion", "recognised_ns", "first_motion_ns"),
+        ("report.release_to_command", "released_ns", "first_command_ns"),
+        ("report.recognition_to_command", "recognised_ns", "first_command_ns"),
+        ("report.recognition_to_motion", "recognised_ns", "first_motion_ns"),
     )
     return tuple(
         Spread(name=name, values_ms=tuple(value for end in ends if (value := _between(end, begin, until)) is not None))
@@ -319,9 +316,9 @@ def _degrees(value: float | None) -> float:
     return math.nan if value is None else math.degrees(value)
 
 
-def _notes(timed: Timed) -> tuple[tuple[float, str, str], ...]:
+def _notes(timed: Timed, render: Render) -> tuple[tuple[float, str, str], ...]:
     def text(body: Note | Discomfort) -> str:
-        return _text(body.text) if isinstance(body, Note) else f"Discomfort {body.rating}/10. {body.text}"
+        return text_of(body.text, render) if isinstance(body, Note) else sentence(body, render)
 
     return tuple(
         (timed.at_s(record), record.operator, text(record.body))

@@ -1,4 +1,4 @@
-"""The report as one HTML page: nothing is fetched, nothing runs, every text is made harmless and escaped."""
+"""The report as one HTML page: nothing is fetched, nothing runs, every text is made safe and escaped."""
 
 from __future__ import annotations
 
@@ -11,28 +11,29 @@ from markupsafe import Markup
 from logs.findings import summary
 from logs.manifest import COMMENTS
 from logs.read import Outline, outline, outline_of, records, session_paths
+from logs.reason import Reason, Render, reason, text_of
 from logs.records import Comment, Record
 from logs.report import charts
 from logs.report.facts import Diagnostics, facts_of
 from logs.sanitize import sanitize_terminal
-from logs.verify import Evidence, Finding, verify
+from logs.verify import Evidence, verify
 
-FEW_EVENTS = 12  # beyond, they are summed up, too
-MOST_EVENTS = 100  # that anybody reads one by one
+FEW_EVENTS = 12  # beyond, a table sums them up
+MOST_EVENTS = 100  # listed one by one
 MOST_EARLIER = 11  # sessions to compare with
 
 
-def report(path: Path, evidence: Evidence) -> str:
-    """The page of a session. Raises AuditError when the file can't be read or holds no records."""
+def report(path: Path, evidence: Evidence, render: Render, language: str = "en") -> str:
+    """The page of a session, its text made by `render`. Raises AuditError when the file can't be read."""
     (finding,) = verify([path], evidence)
     found = records(path)
     this = outline_of(path, found)
-    facts = facts_of(this, found)
-    return render(facts, finding, _comments(path), _earlier(path, this))
+    facts = facts_of(this, found, render)
+    earlier = _earlier(path, this)
 
+    def t(key: str, **values: Any) -> str:
+        return render(Reason(key, values))
 
-def render(facts: Diagnostics, finding: Finding, comments: list[Record], earlier: list[Outline]) -> str:
-    """The page from its facts."""
     return (
         _environment()
         .get_template("page.html.j2")
@@ -40,32 +41,36 @@ def render(facts: Diagnostics, finding: Finding, comments: list[Record], earlier
             name=finding.file.stem,
             facts=facts,
             finding=finding,
-            proof_word=finding.status.value.capitalize() + ".",
-            proof=summary(finding),
+            t=t,
+            language=language,
+            status=render(reason(finding.status)),
+            proof=summary(finding, render),
+            remarks=[text_of(remark, render) for remark in finding.remarks],
             numbers=_numbers(facts),
             shades=charts.SHADES,
             few=FEW_EVENTS,
             most=MOST_EVENTS,
-            comments=comments,
+            comments=_comments(path),
             charts={
-                "timeline": charts.timeline(facts),
-                "joints": [charts.joint(trace, facts.duration_s) for trace in facts.joints],
-                "spreads": charts.spreads(facts.latencies),
-                "earlier": charts.earlier([*earlier, facts.outline]) if earlier else Markup(""),
+                "timeline": charts.timeline(facts, t),
+                "joints": [charts.joint(trace, facts.duration_s, t) for trace in facts.joints],
+                "spreads": charts.spreads(facts.latencies, t),
+                "earlier": charts.earlier([*earlier, facts.outline], t) if earlier else Markup(""),
             },
         )
     )
 
 
 def _numbers(facts: Diagnostics) -> tuple[tuple[str, str], ...]:
+    """(value, key of its label)."""
     this = facts.outline
     return (
-        (str(this.steps), "steps"),
-        (f"{this.distance_m:.1f} m", "walked"),
-        (f"{this.completed}/{this.actions}", "actions completed"),
-        (str(this.refusals), "refusals"),
-        (str(this.events), "events"),
-        (str(this.stops), "STOPs"),
+        (str(this.steps), "report.steps"),
+        (f"{this.distance_m:.1f} m", "report.walked"),
+        (f"{this.completed}/{this.actions}", "report.completed"),
+        (str(this.refusals), "report.refusals"),
+        (str(this.events), "report.events"),
+        (str(this.stops), "report.stops"),
     )
 
 

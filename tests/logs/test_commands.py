@@ -11,11 +11,15 @@ import pytest
 from typer.testing import CliRunner
 
 from app.cli import cli
+from app.text.catalogue import render
 from logs.disk import PosixDisk
+from logs.errors import AuditError
 from logs.keys import load_or_make_key, load_public_key
-from logs.mirror import SUFFIX, CheckpointCopy
+from logs.mirror import SUFFIX, CheckpointCopy, MirrorFault
 from logs.read import follow
+from logs.reason import key_of
 from logs.records import Note, Record
+from logs.scan import Break
 from logs.writer import SessionWriter
 from tests.logs.trails import START, moment, write_session
 
@@ -31,7 +35,8 @@ def home(tmp_path: Path) -> Path:
 
 def audit(*arguments: str) -> tuple[int, str]:
     result = CliRunner().invoke(cli, ["audit", *arguments])
-    return result.exit_code, result.output + str(result.exception or "")
+    failed = isinstance(result.exception, AuditError)
+    return result.exit_code, result.output + (render(result.exception) if result.exception and failed else "")
 
 
 def test_verify_ends_with_0_1_or_2(home: Path) -> None:
@@ -43,6 +48,7 @@ def test_verify_ends_with_0_1_or_2(home: Path) -> None:
     assert (status, "line 5" in said) == (1, True)
     told = json.loads((home / "findings.json").read_text())
     assert (told["exit"], told["files"][0]["status"], told["files"][0]["line"]) == (1, "tampered", 5)
+    assert told["files"][0]["code"] == key_of(Break.CHANGED)
     assert audit("verify", str(home / "nothing.jsonl"))[0] == 2
     assert audit("verify", "--home", str(home / "keys"))[0] == 2
 
@@ -105,7 +111,8 @@ def test_checkpoints_reach_the_second_place_and_its_failure_is_a_sentence(home: 
     blocked = CheckpointCopy(str(home / "blocked" / "x"))
     blocked.put("s3.jsonl", b"line\n")
     blocked.close()
-    assert "can't be copied" in blocked.fault
+    assert blocked.fault is not None
+    assert blocked.fault.code == key_of(MirrorFault.NOT_COPIED)
 
 
 def test_following_gives_what_is_added_even_in_halves(tmp_path: Path, home: Path) -> None:

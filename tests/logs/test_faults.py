@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 import errno
+import os
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
 from logs.disk import PosixDisk
+from logs.findings import Remark
 from logs.keys import ConsoleKey, by_fingerprint, load_or_make_key, read_anchor
-from logs.manifest import append_signed
+from logs.manifest import Found, append_signed
 from logs.mirror import CheckpointCopy
+from logs.reason import reason
 from logs.records import Note
 from logs.scan import scan_file
+from logs.trail import DiskFault
 from logs.verify import Evidence, Status, exit_status, verify
 from logs.writer import SessionWriter
 from tests.logs.trails import BODIES, START, Crash, FaultyDisk, moment, write_session
@@ -85,13 +89,16 @@ def test_a_disk_that_refuses_and_recovers_loses_nothing(
     assert sound(folder, key)
 
 
-def test_while_the_disk_refuses_a_sentence_says_so_and_nothing_counts_as_written(folder: Path, key: ConsoleKey) -> None:
+def test_while_the_disk_refuses_its_fault_is_reported_and_nothing_counts_as_written(
+    folder: Path, key: ConsoleKey
+) -> None:
     disk = FaultyDisk(0, times=10_000)
     writer = SessionWriter(folder, "s", key, disk, CheckpointCopy(""))
     writer.begin(START, moment(0))
     writer.take(moment(1).entry(Note(text="kept")))
     assert not writer.settle(moment(2).monotonic_ns)
-    assert "No space left" in writer.fault
+    detail = os.strerror(errno.ENOSPC)
+    assert writer.fault == reason(DiskFault.NOT_WRITTEN, path=writer.path, detail=detail, waiting=writer.waiting)
     assert (writer.written, writer.waiting > 0) == (0, True)
 
 
@@ -115,7 +122,7 @@ def test_a_crash_at_any_operation_keeps_what_was_acknowledged_and_the_next_sessi
     assert exit_status(after) == 0, after
 
 
-def test_a_torn_tail_is_kept_and_told_by_the_next_start(folder: Path, key: ConsoleKey) -> None:
+def test_a_torn_tail_is_kept_and_recorded_by_the_next_start(folder: Path, key: ConsoleKey) -> None:
     torn = folder / "s.jsonl"
     writer = next(steps(folder, key, PosixDisk()))
     writer.close()
@@ -124,7 +131,8 @@ def test_a_torn_tail_is_kept_and_told_by_the_next_start(folder: Path, key: Conso
     write_session(folder, "after", key, PosixDisk())
     (finding,) = verify([torn], Evidence(keys=by_fingerprint([key.public])))
     assert finding.status is Status.SOUND
-    assert any("torn tail of 19 bytes" in remark for remark in finding.remarks)
+    found = reason(Found.TORN, records=whole.count(b"\n"), size_bytes=19)
+    assert reason(Remark.RECOVERED, how=found) in finding.remarks
     assert torn.read_bytes() == whole + b'{"body":{"kind":"no'
 
 

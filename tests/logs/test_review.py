@@ -16,8 +16,9 @@ from app.console.screens.patients import PatientsScreen
 from app.console.screens.review import ChooseSession, ReviewScreen, WriteComment
 from app.system.config import Config
 from app.system.paths import Home
-from logs.errors import AuditError
+from logs.errors import AuditError, AuditFault
 from logs.keys import by_fingerprint, known_keys
+from logs.read import NOT_A_RECORD
 from logs.records import EventRaised, Note, Record
 from logs.verify import Evidence, exit_status, verify
 from testing.trails import write_sample
@@ -87,13 +88,14 @@ def test_lines_that_are_no_records_are_shown_as_such(tmp_path: Path) -> None:
     path.write_bytes(b'\x00\xff\x1b[2J\n{"body":{"kind":"from-the-future"},"monotonic_ns":5,"wall":"x"}\n[]\n')
     session = open_session(path)
     assert [getattr(session.record(i), "kind", "") for i in range(3)] == [
-        "not a record",
+        NOT_A_RECORD,
         "from-the-future",
-        "not a record",
+        NOT_A_RECORD,
     ]
     (tmp_path / "empty.jsonl").touch()
-    with pytest.raises(AuditError, match="holds no records"):
+    with pytest.raises(AuditError) as raised:
         open_session(tmp_path / "empty.jsonl")
+    assert raised.value.code is AuditFault.TRAIL_EMPTY
 
 
 @pytest.mark.parametrize("size", [(80, 24), (200, 50)])

@@ -22,6 +22,7 @@ from app.console.widgets.timeline import Timeline
 from app.system.operators import Permission
 from app.system.paths import Home
 from app.text.catalogue import render, tr
+from app.text.recorded import render_recorded
 from logs.errors import AuditError
 from logs.findings import verdict
 from logs.keys import by_fingerprint, known_keys, read_anchor
@@ -126,7 +127,7 @@ class ReviewScreen(ConsoleScreen):
             self._go_to(0)
             self.query_one("#verdict", Static).update(f"{sanitize_terminal(path.stem)}: {tr('reviewing.verifying')}")
             (finding,) = await asyncio.to_thread(verify, [path], self._evidence())
-            self.query_one("#verdict", Static).update(verdict(finding))
+            self.query_one("#verdict", Static).update(verdict(finding, render_recorded))
 
     def _evidence(self) -> Evidence:
         keys = by_fingerprint(known_keys(self._home.keys))
@@ -211,7 +212,7 @@ class ReviewScreen(ConsoleScreen):
         lines = []
         for index in session.around(self._index, before, height - before - 1):
             line = Text("✎" if index in self._comments else " ", "bold")
-            line.append_text(line_of(session.record(index)))
+            line.append_text(line_of(session.record(index), render_recorded))
             if index == self._index:
                 line.stylize("reverse")
             lines.append(line)

@@ -8,6 +8,7 @@ from rich.text import Text
 
 from app.console.review_data import Instant
 from app.text.catalogue import tr
+from app.text.recorded import render_recorded
 from logs.records import Comment, Record
 from logs.sanitize import sanitize_terminal
 from logs.show import line_of
@@ -60,7 +61,7 @@ def _fields(instant: Instant) -> Text:
     """The record at the cursor, field by field."""
     record = instant.record
     if not isinstance(record, Record):
-        return line_of(record)
+        return line_of(record, render_recorded)
     text = Text(f"#{record.sequence} {record.process} {sanitize_terminal(record.operator)}\n", "bold")
     for name in record.body.__struct_fields__:
         text.append(f"{name}: ", "dim")

@@ -1,0 +1,34 @@
+"""Records of the trail as text: values of enumerations (an action, a state) get their name in the language in use."""
+
+from __future__ import annotations
+
+from enum import Enum
+
+from app.ipc.states import Action, Effect, GaitState, Source
+from app.text.catalogue import key_of, knows, tr
+from kgdfa.gesture import Gesture
+from logs.reason import Reason
+
+# Field of a record → the enumeration whose member's value, or name in lower case, it holds.
+_ENUMERATIONS: dict[str, type[Enum]] = {
+    "action": Action,
+    "effect": Effect,
+    "from_effect": Effect,
+    "to_effect": Effect,
+    "gesture": Gesture,
+    "source": Source,
+    "from_state": GaitState,
+    "state": GaitState,
+    "to_state": GaitState,
+}
+
+
+def render_recorded(what: Reason) -> str:
+    """The text of a recorded reason, or of a record of `logs.show`. Raises when values do not fit the wording."""
+    return tr(what.code, **{name: _named(name, value) for name, value in what.values.items()})
+
+
+def _named(field: str, value: object) -> object:
+    members = _ENUMERATIONS.get(field, ())
+    member = next((each for each in members if value in (each.value, each.name.lower())), None)
+    return member if member is not None and knows(key_of(member)) else value
