@@ -1,4 +1,4 @@
-"""The form's fields as a table, and their words turned into a profile or into sentences that help. Pure."""
+"""The patient form's fields as one table; what is typed becomes a profile, or a coded fault of a field. Pure."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from typing import Any
 import msgspec
 
 from app.system.config import JointsConfig
-from app.text.catalogue import render, tr
 from hal.joints.device import DEFAULT_DEVICE, load_exoskeleton
+from logs.reason import Reason, reason
 from profiles.fields import file_key, to_file, unit_of, violations
 from profiles.schema import HandUsed, Population, Profile, Sex
 from profiles.store import Check
@@ -29,6 +29,15 @@ class Kind(Enum):
     OPTIONAL = "optional number"  # empty: not measured
     WHOLE = "whole number"
     CHOICE = "choice"
+
+
+class FieldFault(Enum):
+    """Why a field's text is no value."""
+
+    EMPTY = "empty"
+    NOT_A_NUMBER = "not a number"
+    NOT_WHOLE = "not whole"
+    UNKNOWN_UNIT = "unknown unit"
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,79 +131,79 @@ _NUMBER = re.compile(r"([+-]?(?:\d+(?:[.,]\d*)?|[.,]\d+)(?:[eE][+-]?\d{1,3})?)\s
 
 @dataclass(frozen=True, slots=True)
 class Parsed:
-    """The profile that the words make, and for each field that is wrong a sentence (then profile is None)."""
+    """The profile that was typed, or by path what is wrong with each field (then profile is None)."""
 
     profile: Profile | None
-    errors: dict[str, str]
+    errors: dict[str, Reason | str]
 
 
-def shown(profile: Profile) -> dict[str, str]:
-    """Each field's words, in people's units."""
+def to_texts(profile: Profile) -> dict[str, str]:
+    """Each field's text by path, in the units of the form."""
     table = to_file(profile)
-    return {field.path: _words(_dig(table, file_key(field.path)[0])) for field in FIELDS}
+    return {field.path: _text(_dig(table, file_key(field.path)[0])) for field in FIELDS}
 
 
-def parse(words: dict[str, str], base: Profile) -> Parsed:
-    """Words to a profile; what the form has not (calibrations, archived) comes from `base`."""
+def parse(typed: dict[str, str], base: Profile) -> Parsed:
+    """Texts by path to a profile; what the form has no field for (calibrations, archived) comes from `base`."""
     built = msgspec.to_builtins(base)
-    errors: dict[str, str] = {}
+    errors: dict[str, Reason | str] = {}
     for field in FIELDS:
-        try:
-            _put(built, field.path, _value(field, words.get(field.path, "").strip()))
-        except ValueError as error:
-            errors[field.path] = render(error)
+        value = _value(field, typed.get(field.path, "").strip())
+        if isinstance(value, Reason):
+            errors[field.path] = value
+        else:
+            _put(built, field.path, value)
     if errors:
         return Parsed(None, errors)
     profile = msgspec.convert(built, type=Profile)
-    wrong = {_path_of(one.field): one.text for one in reversed(violations(profile))}
+    wrong: dict[str, Reason | str] = {_path_of(one.field): one.text for one in reversed(violations(profile))}
     return Parsed(None if wrong else profile, wrong)
 
 
-def _value(field: Field, words: str) -> Any:
+def _value(field: Field, text: str) -> str | float | Reason | None:
+    """The SI value, or why there is none."""
     if field.kind in (Kind.TEXT, Kind.CHOICE):
-        return words
-    if not words:
-        if field.kind is Kind.OPTIONAL:
-            return None
-        raise ValueError(tr("form.empty"))
-    number = _number(words, field.unit)
+        return text
+    if not text:
+        return None if field.kind is Kind.OPTIONAL else reason(FieldFault.EMPTY)
+    number = _number(text, field.unit)
+    if isinstance(number, Reason):
+        return number
     if field.kind is Kind.WHOLE:
-        if number != int(number):
-            raise ValueError(tr("form.whole", words=_quoted(words)))
-        return int(number)
+        return int(number) if number == int(number) else reason(FieldFault.NOT_WHOLE, text=_quoted(text))
     return number / file_key(field.path)[1]
 
 
-def _number(words: str, unit: str) -> float:
-    found = _NUMBER.fullmatch(words)
+def _number(text: str, unit: str) -> float | Reason:
+    found = _NUMBER.fullmatch(text)
     if found is None:
-        raise ValueError(tr("form.no_number", words=_quoted(words), unit=unit or "–"))
-    typed = found[2].strip()
+        return reason(FieldFault.NOT_A_NUMBER, text=_quoted(text), unit=unit or "–")
+    typed_unit = found[2].strip()
     factors = _UNITS[unit]
-    if typed and typed not in factors:
-        raise ValueError(tr("form.wrong_unit", typed=_quoted(typed), known=", ".join(factors)))
-    number = float(found[1].replace(",", ".")) * (factors[typed] if typed else 1.0)
+    if typed_unit and typed_unit not in factors:
+        return reason(FieldFault.UNKNOWN_UNIT, unit=_quoted(typed_unit), known=", ".join(factors))
+    number = float(found[1].replace(",", ".")) * (factors[typed_unit] if typed_unit else 1.0)
     if not math.isfinite(number):
-        raise ValueError(tr("form.no_number", words=_quoted(words), unit=unit or "–"))
+        return reason(FieldFault.NOT_A_NUMBER, text=_quoted(text), unit=unit or "–")
     return number
 
 
-def _quoted(words: str) -> str:
-    seen = "".join(char if char.isprintable() else "?" for char in words[: MAX_SHOWN + 1])
-    return seen if len(words) <= MAX_SHOWN else seen[:MAX_SHOWN] + "…"
+def _quoted(text: str) -> str:
+    printable = "".join(char if char.isprintable() else "?" for char in text[: MAX_SHOWN + 1])
+    return printable if len(text) <= MAX_SHOWN else printable[:MAX_SHOWN] + "…"
 
 
-def _words(value: Any) -> str:
+def _text(value: Any) -> str:
     if value is None:
         return ""
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 
 def _dig(table: dict[str, Any], path: str) -> Any:
-    held: Any = table
+    value: Any = table
     for name in path.split("."):
-        held = held.get(name) if isinstance(held, dict) else None
-    return held
+        value = value.get(name) if isinstance(value, dict) else None
+    return value
 
 
 def _put(built: dict[str, Any], path: str, value: Any) -> None:
@@ -209,7 +218,7 @@ def _path_of(key: str) -> str:
 
 
 def fits(joints: JointsConfig) -> Check:
-    """A check for the store: raises ProfileError with the first action that can't be, its joint and numbers."""
+    """A check for the store: raises ProfileError with the first action that fails, its joint and numbers."""
 
     def check(profile: Profile) -> None:
         from app.motion.preflight import refuse_unfit  # the planner: not before the first paint

@@ -1,7 +1,7 @@
-"""A session as the review screen looks at it: read once, then asked for moments and stretches of time.
+"""A session for the review screen: read once, then queried by moment and by span of time.
 
-A long session is mostly joint statistics. They are located at once and decoded only when looked at, so that two
-hundred thousand records open within a moment.
+Most records of a long session are joint statistics. They are located at once and decoded on demand, so that two
+hundred thousand records open at once.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ from logs.records import (
 
 _JOINTS = b'"kind":"joints"'
 _MONOTONIC = b'"monotonic_ns":'
-LANDMARKS = (EventRaised, Stop, Refusal, Cancel, Acknowledgement, Command)  # what a jump stops at
+LANDMARKS = (EventRaised, Stop, Refusal, Cancel, Acknowledgement, Command)  # where a jump stops
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -87,7 +87,7 @@ class ReviewedSession:
         self._times: list[float] = []
         self._joints: list[int] = []  # indices of joint statistics
         self._landmarks: list[int] = []
-        self._understood = lru_cache(maxsize=4096)(self._understand)
+        self._decoded = lru_cache(maxsize=4096)(self._decode)
         self.lanes = self._read()
 
     def __len__(self) -> int:
@@ -101,7 +101,7 @@ class ReviewedSession:
 
     def record(self, index: int) -> Record | Odd:
         """One record."""
-        return self._understood(index)
+        return self._decoded(index)
 
     def time(self, index: int) -> float:
         """When a record was made, seconds from the first; never before its predecessor in the file."""
@@ -116,7 +116,7 @@ class ReviewedSession:
         return range(max(index - before, 0), min(index + after + 1, len(self)))
 
     def landmark_after(self, index: int) -> int | None:
-        """The next record worth stopping at."""
+        """The next landmark."""
         place = bisect_right(self._landmarks, index)
         return self._landmarks[place] if place < len(self._landmarks) else None
 
@@ -148,41 +148,41 @@ class ReviewedSession:
             joints=self.joints_at(at_s),
         )
 
-    def _understand(self, index: int) -> Record | Odd:
+    def _decode(self, index: int) -> Record | Odd:
         return understand(self._lines[index], index + 1)
 
     def _read(self) -> Lanes:
-        weaver = _Weaver()
-        began, newest = None, 0.0
+        builder = _LaneBuilder()
+        start_ns, newest_s = None, 0.0
         for index, line in enumerate(self._lines):
             moment_ns = _moment_ns(line)
             if moment_ns is not None:
-                began = moment_ns if began is None else began
-                newest = max(newest, (moment_ns - began) / 1e9)
-            self._times.append(newest)
+                start_ns = moment_ns if start_ns is None else start_ns
+                newest_s = max(newest_s, (moment_ns - start_ns) / 1e9)
+            self._times.append(newest_s)
             if _JOINTS in line:
                 self._joints.append(index)
             else:
-                self._weave(index, newest, weaver)
-        return weaver.finish(newest)
+                self._add(index, newest_s, builder)
+        return builder.finish(newest_s)
 
-    def _weave(self, index: int, at_s: float, weaver: _Weaver) -> None:
+    def _add(self, index: int, at_s: float, builder: _LaneBuilder) -> None:
         record = self.record(index)
         if isinstance(record, Record):
-            weaver.take(record.body, at_s)
+            builder.add(record.body, at_s)
             if isinstance(record.body, LANDMARKS):
                 self._landmarks.append(index)
 
 
-class _Weaver:
-    """Turns records that say "now" into bands that say "from, to"."""
+class _LaneBuilder:
+    """Turns records of changes into spans from one change to the next."""
 
     def __init__(self) -> None:
         self._lanes = Lanes()
         self._open: dict[str, tuple[float, str]] = {}
         self._events: dict[str, tuple[float, str]] = {}
 
-    def take(self, body: Body, at_s: float) -> None:
+    def add(self, body: Body, at_s: float) -> None:
         match body:
             case Transition(from_state=before, to_state=after):
                 self._open.setdefault("state", (0.0, before))
@@ -213,16 +213,16 @@ class _Weaver:
         return self._lanes
 
     def _change(self, lane: str, label: str, at_s: float) -> None:
-        begun = self._open.pop(lane, None)
-        if begun is not None and begun[1]:
-            getattr(self._lanes, lane).append(Span(begin_s=begun[0], end_s=at_s, label=begun[1]))
+        opened = self._open.pop(lane, None)
+        if opened is not None and opened[1]:
+            getattr(self._lanes, lane).append(Span(begin_s=opened[0], end_s=at_s, label=opened[1]))
         self._open[lane] = (at_s, label)
 
     def _end_event(self, event: str, at_s: float) -> None:
-        begun = self._events.pop(event, None)
-        if begun is not None:
-            weight = "caution" if begun[1] in ("note", "refuse") else "grave"
-            self._lanes.event.append(Span(begin_s=begun[0], end_s=at_s, label=event, weight=weight))
+        opened = self._events.pop(event, None)
+        if opened is not None:
+            weight = "caution" if opened[1] in ("note", "refuse") else "grave"
+            self._lanes.event.append(Span(begin_s=opened[0], end_s=at_s, label=event, weight=weight))
 
 
 def open_session(path: Path) -> ReviewedSession:
@@ -272,7 +272,7 @@ def comments_on(session: Path) -> dict[int, list[Comment]]:
 
 
 def write_comment(home: Home, session: Path, about: Record, text: str, now: Moment) -> None:
-    """Sign a comment with the console's key and keep it. Raises AuditError when the disk refuses."""
+    """Sign a comment with the console's key and append it. Raises AuditError when it can't be written."""
     key = load_or_make_key(home.keys)
     comment = Comment(about_sequence=about.sequence, about_hash=about.hash, text=text, key=key.public.fingerprint)
     append_signed(comments_path(session), f"comments {about.session}", [comment], key, now)

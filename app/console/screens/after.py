@@ -1,4 +1,4 @@
-"""After the session: what it came to, the therapist's note, the patient's discomfort, the next targets."""
+"""After the session: its figures, the therapist's note, the patient's discomfort, the next targets."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ class AfterScreen(ConsoleScreen):
     def __init__(self, state: SessionState) -> None:
         super().__init__()
         self._state = state
-        self._added = self._kept = self._ending = False
+        self._added = self._saved = self._ending = False
         self._record = summarise(state, datetime.now(UTC).isoformat(timespec="seconds"))
 
     def compose(self) -> ComposeResult:
@@ -85,13 +85,13 @@ class AfterScreen(ConsoleScreen):
         await self.action_save()
 
     async def action_save(self) -> None:
-        """Keep note, rating and targets, then end the session's last processes; what can't be kept stays here."""
-        if self._keep():
+        """Save note, rating and targets, then end the session's last processes; what can't be saved stays here."""
+        if self._save():
             await self._close()
 
     async def action_leave(self) -> None:
         """As saving does; where that fails, without it, after asking."""
-        if self._keep():
+        if self._save():
             await self._close()
             return
 
@@ -99,18 +99,18 @@ class AfterScreen(ConsoleScreen):
             if yes:
                 await self._close()
 
-        self.app.push_screen(Question(tr("form.leave_title"), tr("form.leave_words")), leave)
+        self.app.push_screen(Question(tr("form.leave_title"), tr("form.leave_text")), leave)
 
-    def _keep(self) -> bool:
+    def _save(self) -> bool:
         """Whether all is in the files."""
         with self.told():
             if not self._added:
                 note, rating = self._answers()
                 self.console_app.sessions.add(msgspec.structs.replace(self._record, note=note, discomfort=rating))
                 self._added = True
-            self._keep_targets()
-            self._kept = True
-        return self._kept
+            self._save_targets()
+            self._saved = True
+        return self._saved
 
     async def _close(self) -> None:
         """Note and rating into the trail too, once; it may take seconds until its process has ended."""
@@ -128,13 +128,13 @@ class AfterScreen(ConsoleScreen):
         chosen = self.query_one("#discomfort", Select).value
         return self.query_one("#note", Input).value.strip(), chosen if isinstance(chosen, int) else None
 
-    def _keep_targets(self) -> None:
-        words = self.query_one("#steps", Input).value
+    def _save_targets(self) -> None:
+        typed = self.query_one("#steps", Input).value
         profile = self._state.setup.profile
-        if self.query_one("#steps", Input).disabled or not words.isdigit() or int(words) == profile.dose.steps:
+        if self.query_one("#steps", Input).disabled or not typed.isdigit() or int(typed) == profile.dose.steps:
             return
         now = self.console_app.store.load(profile.identifier)
-        dose = msgspec.structs.replace(now.dose, steps=int(words))
+        dose = msgspec.structs.replace(now.dose, steps=int(typed))
         changed = msgspec.structs.replace(now, dose=dose)
         self.console_app.store.save(changed, by=self.console_app.operator, at=datetime.now(UTC), why=tr("after.why"))
 
@@ -142,8 +142,8 @@ class AfterScreen(ConsoleScreen):
         record, dose = self._record, profile.dose
         lines = [
             tr("after.steps", done=record.steps, target=dose.steps),
-            tr("after.way", done=f"{record.distance_m:.1f}", target=f"{dose.distance_m:.0f}"),
-            tr("after.time", done=f"{record.duration_s / 60:.0f}", target=f"{dose.duration_s / 60:.0f}"),
+            tr("after.distance", done_m=record.distance_m, target_m=dose.distance_m),
+            tr("after.time", done_min=record.duration_s / 60, target_min=dose.duration_s / 60),
             tr("after.refusals", count=record.refusals),
         ]
         reports = self._state.snapshot.reports if self._state.snapshot else ()

@@ -11,11 +11,12 @@ from textual.binding import Binding, BindingType
 from textual.containers import Horizontal, Vertical, VerticalScroll
 from textual.widgets import Input, Label, Select, Static
 
-from app.console.patient_fields import FIELDS, SECTIONS, Field, Kind, Parsed, parse, shown
+from app.console.patient_fields import FIELDS, SECTIONS, Field, Kind, Parsed, parse, to_texts
 from app.console.screens.base import ConsoleScreen
 from app.console.screens.dialogs import Question
-from app.console.widgets.step_drawing import draw_step
+from app.console.widgets.drawing import draw_step
 from app.text.catalogue import render, tr
+from logs.reason import Reason
 from profiles.anthropometry import estimate_palm
 from profiles.errors import ProfileError
 from profiles.schema import Profile, Sex
@@ -39,10 +40,10 @@ class PatientForm(ConsoleScreen):
         super().__init__()
         self._new = profile is None
         self._base = profile or NEW_PATIENT
-        self._words = shown(self._base)
+        self._saved = to_texts(self._base)
         if self._new:
-            self._words["identifier"] = ""
-        self._typed = dict(self._words)
+            self._saved["identifier"] = ""
+        self._typed = dict(self._saved)
 
     def compose(self) -> ComposeResult:
         yield Label(tr("form.title_new") if self._new else tr("form.title", name=self._base.identifier), id="title")
@@ -66,13 +67,13 @@ class PatientForm(ConsoleScreen):
         self.call_after_refresh(self._check)
 
     def on_input_changed(self, event: Input.Changed) -> None:
-        self._take(event.input.id, event.value)
+        self._field_changed(event.input.id, event.value)
 
     def on_select_changed(self, event: Select.Changed) -> None:
-        self._take(event.select.id, str(event.value))
+        self._field_changed(event.select.id, str(event.value))
 
     def action_save(self) -> None:
-        """Save when everything is right; else say what is not."""
+        """Save when everything is right; else show what is not."""
         parsed = parse(self._typed, self._base)
         if parsed.profile is None:
             self._show(parsed)
@@ -89,7 +90,7 @@ class PatientForm(ConsoleScreen):
 
     async def action_calibrate(self) -> None:
         """The saved patient before the camera; what is typed and not yet saved would be lost under it."""
-        if self._new or self._typed != self._words:
+        if self._new or self._typed != self._saved:
             self.notify(tr("form.save_first"), severity="warning")
             return
         self.dismiss()
@@ -97,10 +98,10 @@ class PatientForm(ConsoleScreen):
 
     def action_leave_form(self) -> None:
         """Leave; ask first when something was typed."""
-        if self._typed == self._words:
+        if self._typed == self._saved:
             self.dismiss()
             return
-        self.app.push_screen(Question(tr("form.leave_title"), tr("form.leave_words")), self._leave_if)
+        self.app.push_screen(Question(tr("form.leave_title"), tr("form.leave_text")), self._leave_if)
 
     def _row(self, field: Field) -> ComposeResult:
         with Horizontal(classes="row"):
@@ -110,15 +111,15 @@ class PatientForm(ConsoleScreen):
         yield Label("", id=f"{field.id}-error", classes="error", markup=False)
 
     def _control(self, field: Field) -> Input | Select[str]:
-        words = self._words[field.path]
+        text = self._saved[field.path]
         if field.kind is Kind.CHOICE:
             assert field.choices is not None
-            options = [(tr(f"choice.{one.value}"), str(one.value)) for one in field.choices]
-            return Select(options, value=words, allow_blank=False, id=field.id, compact=True)
+            options = [(tr(one), str(one.value)) for one in field.choices]
+            return Select(options, value=text, allow_blank=False, id=field.id, compact=True)
         locked = field.path == "identifier" and not self._new
-        return Input(words, id=field.id, compact=True, max_length=MAX_TYPED, disabled=locked)
+        return Input(text, id=field.id, compact=True, max_length=MAX_TYPED, disabled=locked)
 
-    def _take(self, widget: str | None, value: str) -> None:
+    def _field_changed(self, widget: str | None, value: str) -> None:
         field = next((one for one in FIELDS if one.id == widget), None)
         if field is not None and self._typed[field.path] != value:
             self._typed[field.path] = value
@@ -130,9 +131,9 @@ class PatientForm(ConsoleScreen):
     def _show(self, parsed: Parsed) -> None:
         for field in FIELDS:
             label = self.query_one(f"#{field.id}-error", Label)
-            sentence = parsed.errors.get(field.path, "")
-            label.display = bool(sentence)
-            label.update(f"✗ {sentence}" if sentence else "")
+            error = parsed.errors.get(field.path)
+            label.display = error is not None
+            label.update("" if error is None else f"✗ {_text(error)}")
         verdict = tr("form.good") if parsed.profile else tr("form.wrong", count=len(parsed.errors))
         self.query_one("#verdict", Static).update(verdict)
         drawable = parse({**self._typed, "identifier": NEW_PATIENT.identifier, "note": ""}, self._base)
@@ -141,20 +142,15 @@ class PatientForm(ConsoleScreen):
 
     def _show_profile(self, profile: Profile) -> None:
         palm = estimate_palm(profile.sex, profile.stature_m, profile.palm.population)
-        words = tr(
-            "form.estimate",
-            width=f"{palm.width_m * 100:.1f}",
-            sd=f"{palm.sd_m * 1000:.0f}",
-            error=f"{palm.distance_error * 100:.0f}",
-        )
+        lines = [tr("form.estimate", width_m=palm.width_m, sd_m=palm.sd_m, error=palm.distance_error)]
         if profile.palm.measured_width_m is not None:
-            words += "\n" + tr("form.measured", width=f"{profile.palm.measured_width_m * 100:.1f}")
+            lines.append(tr("form.measured", width_m=profile.palm.measured_width_m))
         if profile.calibrations:
-            words += "\n" + tr("form.calibrated", camera=profile.calibrations[-1].camera)
-        self.query_one("#estimate", Static).update(words)
-        self.query_one("#drawing", Static).update(draw_step(profile, *self._room()))
+            lines.append(tr("form.calibrated", camera=profile.calibrations[-1].camera))
+        self.query_one("#estimate", Static).update("\n".join(lines))
+        self.query_one("#drawing", Static).update(draw_step(profile, *self._drawing_size()))
 
-    def _room(self) -> tuple[int, int]:
+    def _drawing_size(self) -> tuple[int, int]:
         """Columns and rows for the drawing, whose parts need about four to one."""
         columns = max(20, min(60, self.query_one("#beside").content_size.width))
         return columns, max(5, columns // 4)
@@ -170,3 +166,7 @@ class PatientForm(ConsoleScreen):
     def _leave_if(self, yes: bool | None) -> None:
         if yes:
             self.dismiss()
+
+
+def _text(error: Reason | str) -> str:
+    return error if isinstance(error, str) else render(error)

@@ -1,4 +1,4 @@
-"""The patients' list: type to search, Enter to begin; nothing here is ever deleted."""
+"""The patients' list and one patient's history: type to search, Enter to begin; nothing is ever deleted."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import ClassVar, TypeVar
 
+import msgspec
 from textual.app import ComposeResult
 from textual.binding import BindingType
 from textual.containers import Horizontal, VerticalScroll
@@ -15,21 +16,22 @@ from textual.widgets import DataTable, Input, Label, Static
 
 from app.console import keys
 from app.console.screens.base import ConsoleScreen
-from app.console.screens.dialogs import AskText, Question
+from app.console.screens.dialogs import AskText, Lists, Question
 from app.console.screens.patient_form import PatientForm
-from app.console.screens.patient_history import History
 from app.console.screens.start import StartSession
 from app.console.state import SessionState
-from app.console.widgets.patient_details import describe as describe_details
+from app.console.widgets.panel import Lines, plain
+from app.console.widgets.patient_details import describe
 from app.system.operators import Permission
 from app.text.catalogue import tr
 from profiles.schema import Profile
+from profiles.store import Change
 
 T = TypeVar("T")
 
 
 class PatientsScreen(ConsoleScreen):
-    """Everyone of this home, what is to know of the one under the cursor, and what can be done."""
+    """All patients, details of the one under the cursor, and what can be done."""
 
     HELP_PAGE = "patients"
     BINDINGS: ClassVar[list[BindingType]] = list(keys.PATIENTS)
@@ -38,7 +40,7 @@ class PatientsScreen(ConsoleScreen):
         super().__init__()
         self._profiles: dict[str, Profile] = {}
         self._search = ""
-        self._who = ""
+        self._operator_shown = ""
 
     def compose(self) -> ComposeResult:
         yield Label(tr("patients.title"), id="title")
@@ -64,9 +66,9 @@ class PatientsScreen(ConsoleScreen):
     def show_session(self, state: SessionState | None) -> None:
         super().show_session(state)
         operator = self.console_app.signed_in
-        who = "" if operator is None else f" · {operator.name}, {tr(f'role.{operator.role.value}')}"
-        if who != self._who:
-            self._who = who
+        who = "" if operator is None else f" · {operator.name}, {tr(operator.role)}"
+        if who != self._operator_shown:
+            self._operator_shown = who
             self.query_one("#title", Label).update(tr("patients.title") + who)
 
     def reload(self) -> None:
@@ -115,8 +117,8 @@ class PatientsScreen(ConsoleScreen):
         """A copy under another identifier."""
         profile = self._chosen()
         if profile is not None:
-            words = tr("patients.duplicate_words", name=profile.identifier)
-            await self._edit(lambda: AskText(tr("patients.duplicate_title"), words), self._duplicate)
+            text = tr("patients.duplicate_text", name=profile.identifier)
+            await self._edit(lambda: AskText(tr("patients.duplicate_title"), text), self._duplicate)
 
     async def action_archive(self) -> None:
         """Out of the daily list, or back into it."""
@@ -124,8 +126,8 @@ class PatientsScreen(ConsoleScreen):
         if profile is None:
             return
         name = "unarchive" if profile.archived else "archive"
-        title, words = tr(f"patients.{name}_title"), tr(f"patients.{name}_words", name=profile.identifier)
-        await self._edit(lambda: Question(title, words), self._archive)
+        title, text = tr(f"patients.{name}_title"), tr(f"patients.{name}_text", name=profile.identifier)
+        await self._edit(lambda: Question(title, text), self._archive)
 
     def action_history(self) -> None:
         """What changed, when, by whom."""
@@ -139,13 +141,13 @@ class PatientsScreen(ConsoleScreen):
         """A copy as a file."""
         profile = self._chosen()
         if profile is not None:
-            words = tr("patients.export_words", name=profile.identifier)
+            text = tr("patients.export_text", name=profile.identifier)
             start = f"{profile.identifier}.toml"
-            self.app.push_screen(AskText(tr("patients.export_title"), words, start), self._export)
+            self.app.push_screen(AskText(tr("patients.export_title"), text, start), self._export)
 
     async def action_import_profile(self) -> None:
         """Take in an exported file."""
-        await self._edit(lambda: AskText(tr("patients.import_title"), tr("patients.import_words")), self._import)
+        await self._edit(lambda: AskText(tr("patients.import_title"), tr("patients.import_text")), self._import)
 
     async def action_calibrate(self) -> None:
         """The patient's palm before the configured camera."""
@@ -154,7 +156,7 @@ class PatientsScreen(ConsoleScreen):
             await self.console_app.calibrate(profile)
 
     async def action_training(self) -> None:
-        """The guided tour with the digital hand."""
+        """The twelve gestures, before any motor is on."""
         await self.console_app.begin_training()
 
     def action_review(self) -> None:
@@ -188,7 +190,7 @@ class PatientsScreen(ConsoleScreen):
         return [
             profile
             for profile in self._profiles.values()
-            if all(word in f"{profile.identifier} {profile.note}".casefold() for word in wanted)
+            if all(part in f"{profile.identifier} {profile.note}".casefold() for part in wanted)
             and (not profile.archived or wanted)
         ]
 
@@ -200,13 +202,11 @@ class PatientsScreen(ConsoleScreen):
             return
         with self.told():
             changes = self.console_app.store.history(profile.identifier)
-            about.update(describe_details(profile, changes, self.console_app.sessions.of(profile.identifier)))
+            about.update(describe(profile, changes, self.console_app.sessions.of(profile.identifier)))
 
     def _duplicate(self, name: str | None) -> None:
         profile = self._chosen()
         if name and profile is not None:
-            import msgspec
-
             copy = msgspec.structs.replace(profile, identifier=name, archived=False, calibrations=())
             with self.told():
                 self.console_app.store.create(copy, by=self.console_app.operator, at=datetime.now(UTC))
@@ -224,18 +224,18 @@ class PatientsScreen(ConsoleScreen):
                 )
             self.reload()
 
-    def _export(self, words: str | None) -> None:
+    def _export(self, typed: str | None) -> None:
         profile = self._chosen()
-        if words and profile is not None:
+        if typed and profile is not None:
             with self.told():
-                path = Path(words).expanduser()
+                path = Path(typed).expanduser()
                 self.console_app.store.export(profile.identifier, path)
                 self.notify(tr("patients.exported", path=path.absolute()))
 
-    def _import(self, words: str | None) -> None:
-        if words:
+    def _import(self, typed: str | None) -> None:
+        if typed:
             with self.told():
-                path = Path(words).expanduser()
+                path = Path(typed).expanduser()
                 profile = self.console_app.store.import_file(path, by=self.console_app.operator, at=datetime.now(UTC))
                 self.notify(tr("patients.imported", name=profile.identifier))
             self.reload()
@@ -245,8 +245,44 @@ def _row(profile: Profile) -> tuple[str, ...]:
     archived = f" ({tr('patients.archived')})" if profile.archived else ""
     return (
         profile.identifier + archived,
-        tr(f"sex.{profile.sex.value}"),
+        tr(profile.sex),
         f"{profile.stature_m * 100:.0f} cm",
         f"{profile.mass_kg:.0f} kg",
-        tr(f"choice.{profile.hand.value}"),
+        tr(profile.hand),
     )
+
+
+class History(Lists):
+    """What changed in a profile, when and by whom, newest first."""
+
+    HELP_PAGE = "history"
+
+    def __init__(self, name: str, changes: tuple[Change, ...]) -> None:
+        super().__init__()
+        self._patient = name
+        self._lines = history_lines(changes)
+
+    def title_and_words(self) -> tuple[str, str]:
+        """The patient."""
+        return tr("history.title", name=self._patient), ""
+
+    def lines_of(self, state: SessionState | None) -> Lines:  # noqa: ARG002 - a history has no session
+        """Every change."""
+        return self._lines
+
+
+def history_lines(changes: tuple[Change, ...]) -> Lines:
+    """A head and a line a field for each change."""
+    lines: list[tuple[tuple[str, str], ...]] = []
+    for change in reversed(changes):
+        who = change.by or tr("history.nobody")
+        lines.append(((f"{change.at}  {who}", "bold $primary"), (f"  {change.why}", "$text-muted")))
+        lines += [
+            ((f"  {field}: ", ""), (f"{_shown(old)} → {_shown(new)}", "bold"))
+            for field, (old, new) in change.changes.items()
+        ]
+    return tuple(lines) or (plain(tr("history.none"), "$text-muted"),)
+
+
+def _shown(value: object) -> str:
+    return "–" if value is None else str(value)

@@ -1,4 +1,4 @@
-"""The review screen: a session as lanes over time, everything about one moment, its proof, and comments on it."""
+"""The review screen: a session as lanes over time, one moment in detail, the verifier's finding, comments."""
 
 from __future__ import annotations
 
@@ -17,8 +17,7 @@ from textual.widgets.option_list import Option
 
 from app.console.review_data import ReviewedSession, comments_on, open_session, write_comment
 from app.console.screens.base import ConsoleScreen, Dialog
-from app.console.widgets.moment import about
-from app.console.widgets.timeline import Timeline
+from app.console.widgets.timeline import Timeline, about
 from app.system.operators import Permission
 from app.system.paths import Home
 from app.text.catalogue import render, tr
@@ -35,13 +34,13 @@ from logs.verify import Evidence, verify
 
 
 class ReviewScreen(ConsoleScreen):
-    """Opens one session, or asks which."""
+    """One session; without a name it asks which."""
 
     HELP_PAGE = "review"
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("escape", "close", "reviewing.close", id="review.close"),
-        Binding("left", "turn(-1)", "reviewing.left", id="review.left"),
-        Binding("right", "turn(1)", "reviewing.right", id="review.right"),
+        Binding("left", "move(-1)", "reviewing.left", id="review.left"),
+        Binding("right", "move(1)", "reviewing.right", id="review.right"),
         Binding("up", "step(-1)", "reviewing.up", id="review.up"),
         Binding("down", "step(1)", "reviewing.down", id="review.down"),
         Binding("n", "jump(1)", "reviewing.next", id="review.next"),
@@ -64,7 +63,7 @@ class ReviewScreen(ConsoleScreen):
         """session: a path, a name or its beginning, or "last"; None: ask."""
         super().__init__()
         self._home = home
-        self._wanted = session
+        self._name = session
         self._session: ReviewedSession | None = None
         self._index = 0
         self._comments: dict[int, list[Comment]] = {}
@@ -79,12 +78,12 @@ class ReviewScreen(ConsoleScreen):
         yield from self.compose_bottom()
 
     def on_mount(self) -> None:
-        """Open the session asked for, or ask."""
+        """Open the named session, or ask."""
         super().on_mount()
-        if self._wanted is None:
+        if self._name is None:
             self._ask()
         else:
-            self._open_named(self._wanted)
+            self._open_named(self._name)
 
     @property
     def is_open(self) -> bool:
@@ -137,7 +136,7 @@ class ReviewScreen(ConsoleScreen):
         """Leave."""
         self.dismiss(None)
 
-    def action_turn(self, columns: int) -> None:
+    def action_move(self, columns: int) -> None:
         """Move by columns of the timeline."""
         if self._session is not None:
             at_s = self._session.time(self._index) + columns * self.query_one(Timeline).column_s
@@ -179,7 +178,7 @@ class ReviewScreen(ConsoleScreen):
             self._go_to(self._session.index_at(message.at_s))
 
     def on_resize(self) -> None:
-        """The list takes what room there is."""
+        """Fill the list's new height."""
         if self._session is not None:
             self._go_to(self._index)
 
@@ -202,7 +201,7 @@ class ReviewScreen(ConsoleScreen):
             return
         self._index = min(max(index, 0), len(self._session) - 1)
         instant = self._session.instant(self._index)
-        self.query_one(Timeline).put_cursor(instant.at_s)
+        self.query_one(Timeline).cursor_s = instant.at_s
         self.query_one("#records", Static).update(self._list(self._session))
         self.query_one("#instant", Static).update(about(instant, self._comments.get(self._index, [])))
 

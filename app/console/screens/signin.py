@@ -1,4 +1,4 @@
-"""Sign-in by name and PIN; the first one of a home sets up its engineer. Also unlocks a locked console."""
+"""Sign-in by name and PIN; the first one sets up the engineer. Also locks and unlocks the console."""
 
 from __future__ import annotations
 
@@ -36,11 +36,10 @@ class SignInDialog(Dialog[Operator]):
             self._first = not self._unlock and not load_store(self.console_app.home.keys).operators
         except AppError as error:
             reason = f"✗ {render(error)}"
-        words = "first_words" if self._first else "unlock_words" if self._unlock else "words"
-        title = "first" if self._first else "unlock" if self._unlock else "title"
+        kind = "first" if self._first else "unlock" if self._unlock else "sign_in"
         with Vertical(classes="dialog") as box:
-            box.border_title = tr(f"sign_in.{title}")
-            yield Static(tr(f"sign_in.{words}", **self.console_app.key_names), markup=False)
+            box.border_title = tr(f"{kind}.title")
+            yield Static(tr(f"{kind}.text", **self.console_app.key_names), markup=False)
             yield Input(self._unlock, placeholder=tr("sign_in.name"), id="name", max_length=60)
             yield Input(placeholder=tr("sign_in.pin"), id="pin", password=True, max_length=12)
             yield Static(reason, id="reason", markup=False)
@@ -57,7 +56,7 @@ class SignInDialog(Dialog[Operator]):
         name, pin = self.query_one("#name", Input).value, event.value
         event.input.value = ""
         try:
-            operator = await asyncio.to_thread(self._set_up if self._first else self._try, name, pin)
+            operator = await asyncio.to_thread(self._set_up if self._first else self._sign_in, name, pin)
         except AppError as error:
             self.query_one("#reason", Static).update(f"✗ {render(error)}")
             return
@@ -73,7 +72,7 @@ class SignInDialog(Dialog[Operator]):
         save_store(keys, store)
         return store.operators[-1]
 
-    def _try(self, name: str, pin: str) -> Operator:
+    def _sign_in(self, name: str, pin: str) -> Operator:
         keys = self.console_app.home.keys
         attempt: SignInResult = sign_in(load_store(keys), name, pin, time.time())
         save_store(keys, attempt.store)
@@ -101,7 +100,7 @@ class LockScreen(Dialog[bool]):
     def compose(self) -> ComposeResult:
         with Vertical(classes="dialog") as box:
             box.border_title = tr("lock.title")
-            yield Static(tr("lock.words"), markup=False)
+            yield Static(tr("lock.text"), markup=False)
         yield from self.compose_bottom()
 
     def action_unlock(self) -> None:

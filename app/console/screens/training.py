@@ -14,8 +14,8 @@ from app.console import keys
 from app.console.screens.session import HandKeys
 from app.console.sentences import sentence
 from app.console.state import SessionState
+from app.console.widgets.drawing import differences, draw_hand
 from app.console.widgets.gesture import DistancePanel, GesturePanel
-from app.console.widgets.hand_drawing import differences, draw_hand
 from app.console.widgets.panel import Lines, Panel, plain
 from app.console.widgets.picture import Picture
 from app.ipc.messages import TriggerReport

@@ -1,4 +1,4 @@
-"""What is to know of a patient before a session: palm, gait, what changed and what was noted last time."""
+"""A patient before a session: palm, gait, what changed and what was noted last time."""
 
 from __future__ import annotations
 
@@ -29,19 +29,10 @@ def _figures(profile: Profile) -> list[Line]:
     known = reference_segment(profile)
     return [
         plain(""),
-        plain(
-            tr(
-                "details.palm",
-                cm=f"{known.length_m * 100:.1f}",
-                source=tr(f"details.{known.source.value}"),
-                error=f"{known.distance_error * 100:.0f}",
-            )
-        ),
-        plain(tr("details.step", cm=f"{gait.step_length_m * 100:.0f}", time=f"{gait.step_time_s:.1f}")),
-        plain(tr("details.stair", cm=f"{gait.stair_rise_m * 100:.0f}")),
-        plain(
-            tr("details.dose", steps=dose.steps, metres=f"{dose.distance_m:.0f}", minutes=f"{dose.duration_s / 60:.0f}")
-        ),
+        plain(tr("details.palm", reference_m=known.length_m, source=known.source, error=known.distance_error)),
+        plain(tr("details.step", length_m=gait.step_length_m, time_s=gait.step_time_s)),
+        plain(tr("details.stair", rise_m=gait.stair_rise_m)),
+        plain(tr("details.dose", count=dose.steps, distance_m=dose.distance_m, minutes=dose.duration_s / 60)),
     ]
 
 
@@ -51,9 +42,7 @@ def _last(last: SessionRecord | None) -> list[Line]:
     found = [
         plain(""),
         plain(tr("details.last", at=last.at[:16].replace("T", " ")), "bold"),
-        plain(
-            tr("details.did", steps=last.steps, metres=f"{last.distance_m:.1f}", minutes=f"{last.duration_s / 60:.0f}")
-        ),
+        plain(tr("details.did", count=last.steps, distance_m=last.distance_m, minutes=last.duration_s / 60)),
     ]
     if last.discomfort is not None:
         found.append(plain(tr("details.discomfort", rating=last.discomfort)))
@@ -72,12 +61,12 @@ def _changed(changes: tuple[Change, ...], last: SessionRecord | None) -> list[Li
 
 
 def identity(profile: Profile) -> str:
-    """Who the legs will move for: what a therapist compares with the patient."""
+    """What a therapist compares with the patient."""
     return tr(
         "confirm.words",
         identifier=profile.identifier,
-        sex=tr(f"sex.{profile.sex.value}"),
-        stature=f"{profile.stature_m * 100:.0f}",
-        mass=f"{profile.mass_kg:.0f}",
+        sex=profile.sex,
+        stature_m=profile.stature_m,
+        mass_kg=profile.mass_kg,
         note=profile.note,
     )

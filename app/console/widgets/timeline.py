@@ -1,4 +1,4 @@
-"""The session drawn as lanes over time, one row each, with a cursor."""
+"""A reviewed session: lanes over time, one row each, with a cursor; and everything about the moment at the cursor."""
 
 from __future__ import annotations
 
@@ -7,24 +7,32 @@ from collections.abc import Callable
 
 from rich.segment import Segment
 from rich.style import Style
+from rich.text import Text
+from textual import events
 from textual.message import Message
+from textual.reactive import reactive
 from textual.strip import Strip
 from textual.widget import Widget
 
-from app.console.review_data import ReviewedSession, Span, visible
+from app.console.review_data import Instant, ReviewedSession, Span, visible
+from app.console.widgets.panel import padded
 from app.text.catalogue import tr
+from app.text.recorded import render_recorded
+from hal.joints.protocol import Joint
+from logs.records import Comment, Record
 from logs.sanitize import sanitize_terminal
+from logs.show import line_of
 
 LABEL_WIDTH = 9
 BARS = "▁▂▃▄▅▆▇█"
 ANGLE_RANGE_RAD = (-0.5, 2.0)  # hip extension in walking to a knee that sits
 NEAREST_S = 2.0  # the whole width at the strongest zoom
-LANES = ("time", "state", "gesture", "press", "knee L", "knee R", "effect", "events")
+LANES = ("time", "state", "gesture", "press", "knee_left", "knee_right", "effect", "events")
 _MARK = {"grave": "■", "caution": "▲", "": "·"}
 
 
 class Timeline(Widget):
-    """Where things happened. Clicking or dragging moves the cursor; the wheel zooms."""
+    """Lanes over time. A click moves the cursor; the wheel zooms."""
 
     DEFAULT_CSS = f"Timeline {{ height: {len(LANES)}; width: 1fr; }}"
 
@@ -35,26 +43,26 @@ class Timeline(Widget):
             super().__init__()
             self.at_s = at_s
 
+    cursor_s = reactive(0.0)
+
     def __init__(self) -> None:
         super().__init__(id="timeline")
         self._session: ReviewedSession | None = None
-        self._cursor_s = 0.0
         self._begin_s = 0.0
         self._shown_s = NEAREST_S
         self._drawn: list[list[tuple[str, Style]]] = []
 
     def show(self, session: ReviewedSession) -> None:
-        """Take a session and show it whole."""
+        """Show a whole session."""
         self._session = session
         self._begin_s, self._shown_s = 0.0, max(session.duration_s, NEAREST_S)
         self._redraw()
 
-    def put_cursor(self, at_s: float) -> None:
-        """Move the cursor; the view follows."""
-        self._cursor_s = at_s
+    def watch_cursor_s(self, at_s: float) -> None:
+        """The view follows the cursor."""
         if not self._begin_s <= at_s <= self._begin_s + self._shown_s:
             self._begin_s = at_s - self._shown_s / 2
-        self._redraw()
+            self._redraw()
 
     def zoom(self, factor: float) -> None:
         """Show `factor` times as much time around the cursor."""
@@ -62,8 +70,8 @@ class Timeline(Widget):
             return
         whole = max(self._session.duration_s, NEAREST_S)
         shown = min(max(self._shown_s * factor, NEAREST_S), whole)
-        share = (self._cursor_s - self._begin_s) / self._shown_s
-        self._begin_s = min(max(self._cursor_s - share * shown, 0.0), whole - shown)
+        share = (self.cursor_s - self._begin_s) / self._shown_s
+        self._begin_s = min(max(self.cursor_s - share * shown, 0.0), whole - shown)
         self._shown_s = shown
         self._redraw()
 
@@ -81,9 +89,8 @@ class Timeline(Widget):
         """One lane."""
         if not self._drawn or y >= len(LANES):
             return Strip.blank(self.size.width)
-        name = LANES[y] if LANES[y] in ("time", "knee L", "knee R") else tr(f"reviewing.{LANES[y]}")
-        label = Segment(f"{name:<{LABEL_WIDTH}.{LABEL_WIDTH}}", Style(dim=True))
-        cursor = self._column(self._cursor_s)
+        label = Segment(padded(tr(f"reviewing.{LANES[y]}"), LABEL_WIDTH), Style(dim=True))
+        cursor = self._column(self.cursor_s)
         segments = [
             Segment(text, style + Style(reverse=True) if column == cursor else style)
             for column, (text, style) in enumerate(self._drawn[y])
@@ -94,9 +101,9 @@ class Timeline(Widget):
         """Draw for the new width."""
         self._redraw()
 
-    def on_click(self, event: object) -> None:
-        """Put the cursor there."""
-        x = getattr(event, "x", 0) - LABEL_WIDTH
+    def on_click(self, event: events.Click) -> None:
+        """Ask for the cursor there."""
+        x = event.x - LABEL_WIDTH
         self.post_message(self.Moved(self._begin_s + (x + 0.5) * self.column_s))
 
     def on_mouse_scroll_up(self) -> None:
@@ -124,8 +131,8 @@ class Timeline(Widget):
             "state": lambda: self._bands(lanes.state, "primary"),
             "gesture": lambda: self._bands(lanes.gesture, "secondary"),
             "press": lambda: self._bands(lanes.press, "success"),
-            "knee L": lambda: self._angles(session, 1),
-            "knee R": lambda: self._angles(session, 3),
+            "knee_left": lambda: self._angles(session, Joint.LEFT_KNEE),
+            "knee_right": lambda: self._angles(session, Joint.RIGHT_KNEE),
             "effect": lambda: self._bands(lanes.effect, "warning"),
             "events": lambda: self._marks(lanes.event),
         }
@@ -160,7 +167,7 @@ class Timeline(Widget):
                 row[column] = (label[place] if place < len(label) else " ", style)
         return row
 
-    def _angles(self, session: ReviewedSession, joint: int) -> list[tuple[str, Style]]:
+    def _angles(self, session: ReviewedSession, joint: Joint) -> list[tuple[str, Style]]:
         row = self._blank()
         low, high = ANGLE_RANGE_RAD
         for column in range(self._columns):
@@ -183,3 +190,57 @@ class Timeline(Widget):
             if first < self._columns:
                 row[first] = (_MARK[span.weight], Style(color=colour, bold=True))
         return row
+
+
+def about(instant: Instant, comments: list[Comment]) -> Text:
+    """Everything about one moment."""
+    minutes, seconds = divmod(instant.at_s, 60)
+    text = Text(f"{tr('reviewing.moment')}  {int(minutes)}:{seconds:06.3f}\n", "bold")
+    rows = (
+        ("state", instant.state),
+        ("gesture", instant.gesture),
+        ("press", "●" if instant.pressed else ""),
+        ("effect", instant.effect),
+        ("events", ", ".join(instant.events)),
+    )
+    for name, value in rows:
+        text.append(f"{tr(f'reviewing.{name}')}: ", "dim")
+        text.append(f"{sanitize_terminal(value) or '–'}\n")
+    if instant.joints is not None:
+        _add_joints(text, instant)
+    text.append("\n")
+    text.append(_fields(instant))
+    for comment in comments:
+        text.append(f"\n✎ {sanitize_terminal(comment.text)}", "italic")
+    return text
+
+
+def _add_joints(text: Text, instant: Instant) -> None:
+    assert instant.joints is not None
+    titles = (tr(f"reviewing.{name}") for name in ("angle", "target", "torque", "temperature"))
+    text.append(f"{'':<8}" + "".join(f"{title:>9}" for title in titles) + "\n", "dim")
+    for joint in Joint:
+        values = (
+            _number(instant.joints.angle_mean_rad[joint], math.degrees(1), "°"),
+            _number(instant.joints.target_mean_rad[joint], math.degrees(1), "°"),
+            _number(instant.joints.torque_mean_nm[joint], 1, " Nm"),
+            _number(instant.joints.temperature_c[joint], 1, " °C"),
+        )
+        text.append(padded(tr(joint), 8) + "".join(f"{value:>9}" for value in values) + "\n")
+
+
+def _number(value: float | None, scale: float, unit: str) -> str:
+    return "–" if value is None else f"{value * scale:.1f}{unit}"
+
+
+def _fields(instant: Instant) -> Text:
+    """The record at the cursor, field by field."""
+    record = instant.record
+    if not isinstance(record, Record):
+        return line_of(record, render_recorded)
+    text = Text(f"#{record.sequence} {record.process} {sanitize_terminal(record.operator)}\n", "bold")
+    for name in record.body.__struct_fields__:
+        text.append(f"{name}: ", "dim")
+        text.append(f"{sanitize_terminal(str(getattr(record.body, name)))}\n")
+    text.append(f"hash {record.hash[:16]}…\n", "dim")
+    return text

@@ -1,4 +1,4 @@
-"""The form's words: whatever is typed becomes a profile in range or a sentence at its field."""
+"""The form: whatever is typed becomes a profile in range or a fault of its field."""
 
 from __future__ import annotations
 
@@ -7,7 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from app.console.patient_fields import FIELDS, Kind, parse, shown
+from app.console.patient_fields import FIELDS, FieldFault, Kind, parse, to_texts
+from app.text.catalogue import render
+from logs.reason import Reason, reason
 from profiles.fields import violations
 from profiles.schema import DEMO_PATIENT, HandUsed, Palm
 
@@ -20,11 +22,11 @@ def test_what_is_shown_is_read_back_as_the_same_profile() -> None:
     profile = msgspec.structs.replace(
         DEMO_PATIENT, hand=HandUsed.EITHER, palm=Palm(measured_width_m=0.081), hip_max_rad=1.0, note="left side weak"
     )
-    again = parse(shown(profile), profile).profile
+    again = parse(to_texts(profile), profile).profile
     assert again is not None
     assert again.palm.measured_width_m == pytest.approx(0.081)
     assert again.hip_max_rad == pytest.approx(1.0, abs=1e-4)
-    assert shown(again) == shown(profile)
+    assert to_texts(again) == to_texts(profile)
 
 
 @pytest.mark.parametrize(
@@ -32,7 +34,7 @@ def test_what_is_shown_is_read_back_as_the_same_profile() -> None:
     [("170", 1.70), ("170 cm", 1.70), ("1.70 m", 1.70), ("1,70m", 1.70), ("1700 mm", 1.70), (" 165,5 ", 1.655)],
 )
 def test_units_are_understood(typed: str, stature_m: float) -> None:
-    profile = parse(shown(DEMO_PATIENT) | {"stature_m": typed}, DEMO_PATIENT).profile
+    profile = parse(to_texts(DEMO_PATIENT) | {"stature_m": typed}, DEMO_PATIENT).profile
     assert profile is not None
     assert profile.stature_m == pytest.approx(stature_m)
 
@@ -41,24 +43,39 @@ def test_units_are_understood(typed: str, stature_m: float) -> None:
 @pytest.mark.parametrize("typed", BAD, ids=lambda typed: ascii(typed[:12]))
 def test_nonsense_is_told_at_its_field(field: object, typed: str) -> None:
     path = field.path  # type: ignore[attr-defined]
-    parsed = parse(shown(DEMO_PATIENT) | {path: typed}, DEMO_PATIENT)
+    parsed = parse(to_texts(DEMO_PATIENT) | {path: typed}, DEMO_PATIENT)
     assert parsed.profile is None
     assert set(parsed.errors) == {path}
-    assert len(parsed.errors[path]) < 200
-    assert parsed.errors[path].isprintable()
+    error = parsed.errors[path]
+    text = error if isinstance(error, str) else render(error)
+    assert len(text) < 200
+    assert text.isprintable()
+
+
+@pytest.mark.parametrize(
+    ("path", "typed", "expected"),
+    [
+        ("stature_m", "", reason(FieldFault.EMPTY)),
+        ("stature_m", "tall", reason(FieldFault.NOT_A_NUMBER, text="tall", unit="cm")),
+        ("stature_m", "170 kg", reason(FieldFault.UNKNOWN_UNIT, unit="kg", known="cm, mm, m")),
+        ("dose.steps", "10.5", reason(FieldFault.NOT_WHOLE, text="10.5")),
+    ],
+)
+def test_a_fault_has_its_code_and_what_was_typed(path: str, typed: str, expected: Reason) -> None:
+    assert parse(to_texts(DEMO_PATIENT) | {path: typed}, DEMO_PATIENT).errors == {path: expected}
 
 
 @pytest.mark.parametrize("field", NUMBERS, ids=lambda field: field.path)
 def test_empty_is_an_error_only_where_a_value_is_needed(field: object) -> None:
-    parsed = parse(shown(DEMO_PATIENT) | {field.path: ""}, DEMO_PATIENT)  # type: ignore[attr-defined]
+    parsed = parse(to_texts(DEMO_PATIENT) | {field.path: ""}, DEMO_PATIENT)  # type: ignore[attr-defined]
     assert (parsed.profile is None) == (field.kind is not Kind.OPTIONAL)  # type: ignore[attr-defined]
 
 
 @given(st.dictionaries(st.sampled_from(PATHS), st.text(max_size=60), max_size=6))
 @settings(max_examples=300)
-def test_anything_typed_gives_a_valid_profile_or_sentences(typed: dict[str, str]) -> None:
-    words = shown(DEMO_PATIENT) | {path: text for path, text in typed.items() if _typable(path)}
-    parsed = parse(words, DEMO_PATIENT)
+def test_anything_typed_gives_a_valid_profile_or_faults(typed: dict[str, str]) -> None:
+    texts = to_texts(DEMO_PATIENT) | {path: text for path, text in typed.items() if _typable(path)}
+    parsed = parse(texts, DEMO_PATIENT)
     if parsed.profile is None:
         assert parsed.errors
     else:

@@ -12,7 +12,7 @@ import pytest
 import app.console
 from app.console import keys
 from app.console.guidance import CHECKS
-from app.console.patient_fields import FIELDS, SECTIONS
+from app.console.patient_fields import FIELDS, SECTIONS, FieldFault
 from app.ipc.states import Action, Effect, GaitState
 from app.system.errors import AppError
 from app.system.operators import Permission, Role
@@ -20,6 +20,7 @@ from app.text.catalogue import key_of, languages, tr, use_language
 from app.text.compile import entries
 from hal.joints.protocol import Joint
 from kgdfa.gesture import Finger, FingerState, Gesture
+from profiles.palm import ReferenceSource
 
 CODES = tuple(languages())
 
@@ -39,12 +40,16 @@ def test_each_language_has_the_same_names_and_gaps(code: str) -> None:
 @pytest.mark.parametrize("code", CODES)
 def test_every_word_of_the_tables_is_there(code: str) -> None:
     words = entries(code)
-    wanted = [key_of(member) for kind in (GaitState, Action, Effect, Gesture, Finger, Joint, Role) for member in kind]
+    wanted = [
+        key_of(member)
+        for kind in (GaitState, Action, Effect, Gesture, Finger, Joint, Role, FieldFault, ReferenceSource)
+        for member in kind
+    ]
     wanted += [f"bind.{binding.id}" for binding in keys.ALL]
     wanted += [f"check.{check.name}.{part}" for check in CHECKS for part in ("name", "remedy")]
     wanted += [f"field.{field.path}" for field in FIELDS]
     wanted += [f"form.section.{section.name}" for section in SECTIONS]
-    wanted += [f"choice.{one.value}" for field in FIELDS for one in _members(field.choices)]
+    wanted += [key_of(one) for field in FIELDS for one in _members(field.choices)]
     wanted += [f"training.{one.value}" for one in FingerState]
     asked_in_the_console = (Permission.OPERATE, Permission.EDIT_PATIENTS, Permission.CALIBRATE, Permission.REVIEW)
     wanted += [key_of(one) for one in asked_in_the_console]

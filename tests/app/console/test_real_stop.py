@@ -18,8 +18,7 @@ from app.console.screens.compare import CompareScreen
 from app.console.screens.dialogs import AskText, Question, TherapistAct
 from app.console.screens.help import HelpPage
 from app.console.screens.patient_form import PatientForm
-from app.console.screens.patient_history import History
-from app.console.screens.patients import PatientsScreen
+from app.console.screens.patients import History, PatientsScreen
 from app.console.screens.review import ChooseSession, ReviewScreen, WriteComment
 from app.console.screens.session import SessionScreen
 from app.console.screens.signin import LockScreen, SignInDialog

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from app.console.screens.training import LESSONS, Lesson, advance, feedback
-from app.console.widgets.hand_drawing import differences, draw_hand
+from app.console.widgets.drawing import differences, draw_hand
 from app.ipc.messages import OperatorKind, TriggerReport
 from kgdfa.gesture import FINGER_STATES, Finger, FingerState, Gesture
 from tests.app.console.conftest import Opener

@@ -1,0 +1,177 @@
+"""What is drawn in braille: the step that a profile makes, to scale, and the hand that a learner copies. Pure."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import pairwise
+
+from kgdfa.gesture import FINGER_STATES, Finger, FingerState, Gesture
+from profiles.anthropometry import limb_lengths
+from profiles.schema import Profile
+
+Point = tuple[float, float]
+Stroke = Callable[[Point, Point], None]
+
+_DOTS = ((0x01, 0x08), (0x02, 0x10), (0x04, 0x20), (0x40, 0x80))
+
+
+class Braille:
+    """A bitmap of two by four dots a cell."""
+
+    def __init__(self, columns: int, rows: int) -> None:
+        self.width = 2 * columns
+        self.height = 4 * rows
+        self._cells = [[0] * columns for _ in range(rows)]
+
+    def dot(self, x: int, y: int) -> None:
+        """Set one dot; outside of the bitmap nothing happens."""
+        if 0 <= x < self.width and 0 <= y < self.height:
+            self._cells[y // 4][x // 2] |= _DOTS[y % 4][x % 2]
+
+    def line(self, x0: int, y0: int, x1: int, y1: int) -> None:
+        """A straight line, both ends included."""
+        steps = max(abs(x1 - x0), abs(y1 - y0), 1)
+        for step in range(steps + 1):
+            self.dot(round(x0 + (x1 - x0) * step / steps), round(y0 + (y1 - y0) * step / steps))
+
+    def text(self) -> str:
+        """One line of text a row of cells."""
+        return "\n".join("".join(chr(0x2800 + cell) for cell in row) for row in self._cells)
+
+
+# A step: points in metres, x forward, y up.
+VIEW_M = 2.0  # across
+FOOT_M = 0.16
+
+
+def draw_step(profile: Profile, columns: int, rows: int) -> str:
+    """The level step on the left; stair, obstacle and chair to scale on the right."""
+    canvas = Braille(columns, rows)
+    scale = min(canvas.width / VIEW_M, canvas.height / (1.12 * _leg(profile)))
+
+    def line(a: Point, b: Point) -> None:
+        canvas.line(
+            round(a[0] * scale),
+            canvas.height - 1 - round(a[1] * scale),
+            round(b[0] * scale),
+            canvas.height - 1 - round(b[1] * scale),
+        )
+
+    gait = profile.gait
+    line((0.0, 0.0), (canvas.width / scale, 0.0))
+    _legs(profile, line)
+    x = 0.95
+    _box(line, x, gait.stair_rise_m, gait.stair_tread_m)
+    _box(line, x + gait.stair_tread_m, 2 * gait.stair_rise_m, gait.stair_tread_m)
+    x += 2 * gait.stair_tread_m + 0.12
+    _box(line, x, gait.obstacle_height_m, gait.obstacle_depth_m)
+    return canvas.text()
+
+
+def _leg(profile: Profile) -> float:
+    limbs = limb_lengths(profile.stature_m)
+    return (profile.thigh_length_m or limbs.thigh_m) + (profile.shank_length_m or limbs.shank_m)
+
+
+def _legs(profile: Profile, line: Stroke) -> None:
+    limbs, step = limb_lengths(profile.stature_m), profile.gait.step_length_m
+    thigh, shank = profile.thigh_length_m or limbs.thigh_m, profile.shank_length_m or limbs.shank_m
+    back, front = 0.08, 0.08 + step
+    hip = ((back + front) / 2, math.sqrt(max(0.05, (0.99 * (thigh + shank)) ** 2 - (step / 2) ** 2)))
+    for foot in (back, front):
+        knee = _knee(hip, (foot, 0.0), thigh, shank)
+        line(hip, knee)
+        line(knee, (foot, 0.0))
+        line((foot, 0.01), (foot + FOOT_M * 0.6, 0.01))
+    previous = (back, 0.0)
+    for index in range(1, 17):
+        share = index / 16
+        here = (back + step * share, profile.gait.swing_clearance_m * math.sin(math.pi * share))
+        if index % 2:
+            line(previous, here)
+        previous = here
+
+
+def _knee(hip: Point, ankle: Point, thigh: float, shank: float) -> Point:
+    dx, dy = ankle[0] - hip[0], ankle[1] - hip[1]
+    reach = min(math.hypot(dx, dy), 0.999 * (thigh + shank))
+    along = (thigh**2 - shank**2 + reach**2) / (2 * reach)
+    out = math.sqrt(max(0.0, thigh**2 - along**2))
+    ux, uy = dx / reach, dy / reach
+    return hip[0] + ux * along - uy * out, hip[1] + uy * along + ux * out
+
+
+def _box(line: Stroke, x: float, height: float, depth: float) -> None:
+    line((x, 0.0), (x, height))
+    line((x, height), (x + depth, height))
+    line((x + depth, height), (x + depth, 0.0))
+
+
+# A hand on a drawing of 60 by 72 units, y down; the wearer's right hand, palm to the camera.
+@dataclass(frozen=True, slots=True)
+class _Drawn:
+    """Knuckle and open tip."""
+
+    knuckle: Point
+    tip: Point
+
+
+_FINGERS = (
+    _Drawn((17, 52), (2, 34)),
+    _Drawn((20, 38), (14, 6)),
+    _Drawn((29, 36), (28, 2)),
+    _Drawn((38, 38), (42, 6)),
+    _Drawn((46, 42), (56, 16)),
+)
+_PALM: tuple[Point, ...] = (
+    (22, 70),
+    (14, 56),
+    (20, 38),
+    (29, 36),
+    (38, 38),
+    (46, 42),
+    (42, 70),
+    (22, 70),
+)
+_PINCH = (12.0, 20.0)
+
+
+def draw_hand(gesture: Gesture, columns: int, rows: int) -> str:
+    """The gesture as lines of braille."""
+    canvas = Braille(columns, rows)
+    scale = min(canvas.width / 60, canvas.height / 72)
+
+    def line(a: Point, b: Point) -> None:
+        canvas.line(*(round(value * scale) for value in (*a, *b)))
+
+    for a, b in pairwise(_PALM):
+        line(a, b)
+    for index, state in enumerate(FINGER_STATES[gesture]):
+        points = _points(_FINGERS[index], state, thumb=index == 0)
+        for shift in (-1.2, 1.2):  # two strokes make a finger
+            moved = [(x + shift, y) for x, y in points]
+            for a, b in pairwise(moved):
+                line(a, b)
+    return canvas.text()
+
+
+def _points(finger: _Drawn, state: FingerState, *, thumb: bool) -> list[Point]:
+    (x, y), (tip_x, tip_y) = finger.knuckle, finger.tip
+    middle = (x + (tip_x - x) * 0.5, y + (tip_y - y) * 0.5)
+    if state is FingerState.OPEN:
+        return [(x, y), (tip_x, tip_y)]
+    if state is FingerState.PINCHED:
+        return [(x, y), middle, _PINCH]
+    if state is FingerState.HOOKED:
+        return [(x, y), middle, (middle[0] - 7, middle[1] + 1), (middle[0] - 8, middle[1] + 7)]
+    if thumb:
+        return [(x, y), (x + 16, y - 4)]
+    return [(x, y), (x + (tip_x - x) * 0.2, y + (tip_y - y) * 0.2), (x + 1, y + 12)]
+
+
+def differences(target: Gesture, detected: Gesture) -> tuple[tuple[Finger, FingerState], ...]:
+    """The fingers that differ from the wanted gesture, and what each should do."""
+    pairs = zip(Finger, FINGER_STATES[target], FINGER_STATES[detected], strict=True)
+    return tuple((finger, wanted) for finger, wanted, got in pairs if wanted is not got)
