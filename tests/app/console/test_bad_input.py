@@ -38,7 +38,7 @@ async def test_whatever_is_typed_the_form_says_what_is_wrong(console: Opener, ty
         for field in FIELDS:
             if field.kind in (Kind.NUMBER, Kind.WHOLE):
                 open_console.type(field.id, typed)
-        await open_console.shows("to mend")
+        await open_console.shows("to correct")
         await open_console.press("ctrl+s")
         assert len(open_console.app.store.list().profiles) == 1
 

@@ -55,7 +55,7 @@ async def test_a_calibration_distance_that_is_none_is_told(console: Opener, type
         await open_console.shows("Enter begins")
         open_console.app.screen.query_one("#distance").value = typed  # type: ignore[attr-defined]
         await open_console.press("enter")
-        await open_console.shows("Between 15 and 70 cm")
+        await open_console.shows("from 15 to 70")
 
 
 async def test_a_rehearsal_runs_beside_the_console_and_is_kept(console: Opener, home: Home) -> None:

@@ -133,7 +133,7 @@ async def test_nobody_elses_pin_opens_a_locked_console_but_it_can_be_signed_out(
         await open_console.press("ctrl+l")
         await open_console.until(lambda: isinstance(open_console.app.screen, SignInDialog))
         await _sign_in(open_console, "Rex", PIN)
-        await open_console.shows("locked by Ada")
+        await open_console.shows("Ada locked")
         await _sign_in(open_console, "Ada", PIN)
         await open_console.until(lambda: isinstance(open_console.app.screen, SessionScreen))
         await open_console.app.close_session()
