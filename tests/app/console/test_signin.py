@@ -149,7 +149,7 @@ async def test_the_first_run_sets_up_its_engineer(console: Opener, home: Home) -
         await _choose_and_begin(open_console)
         await open_console.shows("set up the engineer")
         await _sign_in(open_console, "Ada", "123456")
-        await open_console.shows("first one tried")
+        await open_console.shows("easily guessed")
         await _sign_in(open_console, "Ada", PIN)
         await open_console.until(lambda: isinstance(open_console.app.screen, SessionScreen))
         assert load_store(home.keys).find("ada")
