@@ -50,7 +50,7 @@ def sentence(body: Body, render: Render) -> str:
     values: dict[str, Any] = {name: _shown(name, value) for name, value in msgspec.structs.asdict(body).items()}
     if isinstance(body, r.SessionStart):
         values["version"] = body.versions.get("rleex", UNKNOWN)
-    return text_of(Reason(f"Record.{type(body).__name__}", values), render).rstrip(" :：(")
+    return text_of(Reason(f"Record.{type(body).__name__}", values), render).replace("  ", " ").rstrip(" :：")
 
 
 def _shown(name: str, value: Any) -> Any:
