@@ -33,7 +33,7 @@ REFERENCE_HOLDS_M = 0.40  # where hands are held when anchors are measured or ca
 FORGET_NS = 200_000_000
 
 # How three readings become one (shares of a logarithm). `tools/fit_distance.py` prints what each of them does on
-# digital hands that no evaluation uses; docs/distance.md tells how they were chosen.
+# digital hands that no evaluation uses; docs/explanation/distance.md tells how they were chosen.
 LANDMARKS_SHARE = 0.4  # of the world landmarks' word against the palm shape's, where it is the nearer one
 LANDMARKS_HOLD = 0.18  # and by how much it may be nearer
 WRIST_HOLD = 0.1  # how far Eq. 4 may be from the shape where the wrist is out of the picture

@@ -500,7 +500,7 @@ class Entry(Struct, frozen=True, kw_only=True, tag="audit-entry"):
 
 
 class Record(Struct, frozen=True, kw_only=True):
-    """One line of a trail. `hash` covers the line as it stands without its own field (see docs/audit.md)."""
+    """One line of a trail. `hash` covers the line as it stands without its own field (see docs/reference/audit.md)."""
 
     body: Body
     monotonic_ns: int

@@ -2,7 +2,7 @@
 
 Prints, a direction of tilt, the median error of each reading and of the fused distance after a common calibration;
 then, for Eq. 4 times several factors and for the button's distance, how far upright hands read and how often any hand
-reads near by over 3 %. docs/distance.md tells how the constants in `kgdfa/distance.py` were chosen.
+reads near by over 3 %. docs/explanation/distance.md tells how the constants in `kgdfa/distance.py` were chosen.
 
     python tools/fit_distance.py MODEL [--hands 40]
 """

@@ -12,7 +12,7 @@ import pytest
 from logs.records import schema_text
 from tests.logs.trails import Trail
 
-DOCS = Path(__file__).parents[2] / "docs"
+DOCS = Path(__file__).parents[2] / "docs" / "reference"
 
 
 def commands() -> list[str]:

@@ -114,10 +114,10 @@ def test_can_utils_replay_what_the_recorder_wrote(make_rig: MakeRig, tmp_path: P
 
 
 def test_the_documented_examples_are_what_happens(make_rig: MakeRig, tmp_path: Path) -> None:
-    """Every `cansend vcan0` line of docs/hardware.md is sent; every candump line it shows is then seen."""
+    """Every `cansend vcan0` line of docs/how-to/drives.md is sent; every candump line it shows is then seen."""
     make_rig(with_motor("AK80-64/V2"))
     _, channel = bus_of_test()
-    text = (Path(__file__).parents[3] / "docs" / "hardware.md").read_text()
+    text = (Path(__file__).parents[3] / "docs" / "how-to" / "drives.md").read_text()
     sent = re.findall(r"cansend vcan0 ([0-9A-F#]+)", text)
     shown = re.findall(r"^ {2}vcan0 {2}([0-9A-F]+) {3}\[8\] {2}((?:[0-9A-F]{2} ){8})", text + " ", re.MULTILINE)
     assert len(sent) >= 3

@@ -1,0 +1,25 @@
+"""The documents: every relative link leads to a file, and every file named in the map of the code is there."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+DOCUMENTS = (ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md")))
+_LINK = re.compile(r"\]\(([^)#:]+)(?:#[^)]*)?\)")
+_FILE = re.compile(r"`((?:app|hal|kgdfa|logs|profiles|tests|tools|docs)/[\w./-]*(?:\.(?:py|toml|po|md|svg)|/))`")
+
+
+@pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: str(path.relative_to(ROOT)))
+def test_every_relative_link_leads_somewhere(document: Path) -> None:
+    links = _LINK.findall(document.read_text(encoding="utf-8"))
+    assert [link for link in links if not (document.parent / link).exists()] == []
+
+
+@pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: str(path.relative_to(ROOT)))
+def test_every_file_of_ours_that_is_named_exists(document: Path) -> None:
+    named = _FILE.findall(document.read_text(encoding="utf-8"))
+    assert [name for name in named if "*" not in name and not (ROOT / name).exists()] == []
