@@ -5,7 +5,7 @@ near hand is therefore shown smaller, by as much as it is about to grow: on the 
 that loses a hand all the same is looked at again, smaller yet: with none to follow, the tracker looks everywhere.
 
 MediaPipe's palm detector misses some hands in plain sight, near ones and folded ones above all, and finds most of
-them in the same picture made smaller or turned by 25° (docs/explanation/gestures.md). A frame has time for one view only, so a
+them in the same picture made smaller or turned by 25° (docs: gestures). A frame has time for one view only, so a
 search shows another one in each frame. What finds a hand is kept until it is lost.
 """
 

@@ -1,4 +1,4 @@
-"""Pictures of the running console for README and docs/how-to/therapist.md: real processes, digital hand, simulated joints.
+"""Pictures of the running console for the documents: real processes, digital hand, simulated joints.
 
 `make pictures` writes docs/pictures/*.svg; about two minutes.
 Scenes can be named: patients training session stopped small.
