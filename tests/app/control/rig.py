@@ -199,7 +199,7 @@ class Rig:
         plan = make_plan(request, self.plan_s)
         if not self.refuse_plans:
             return plan
-        return replace(plan, check=replace(CHECK, reason=plain(self.refuse_plans)))
+        return msgspec.structs.replace(plan, check=PlanCheck(reason=plain(self.refuse_plans)))
 
     def _write(self, command: JointCommand, feedback: JointFeedback) -> None:
         powered = self.joints.state in {DriveState.ENABLED, DriveState.FAULTED}
