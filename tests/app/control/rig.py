@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
 
 import msgspec
@@ -15,7 +15,7 @@ from app.control.step import begin, step
 from app.ipc.messages import AuditHealth, GuardianHealth, OperatorCommand, OperatorKind, TriggerReport
 from app.ipc.states import Action
 from app.motion.follower import gains_of
-from app.motion.plan import Plan, PlanRequest
+from app.motion.plan import Plan, PlanCheck, PlanRequest
 from hal.joints.device import load_exoskeleton
 from hal.joints.guard import Guard, Refusal, limits_of
 from hal.joints.protocol import (
@@ -28,7 +28,7 @@ from kgdfa.gesture import Gesture
 from logs.reason import Reason, plain
 from logs.records import Body
 from tests.app.control.ideal_joints import IdealJoints
-from tests.app.control.instant_planner import CHECK, POSES, make_plan
+from tests.app.control.instant_planner import POSES, make_plan
 
 TICK_NS = 1_000_000_000 // TICK_HZ
 DEVICE = load_exoskeleton()
