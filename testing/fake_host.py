@@ -101,7 +101,7 @@ class FakeHost:
             self.state = GaitState.STANDING
         return len(self.sent)
 
-    def beat(self) -> None:
+    def heartbeat(self) -> None:
         self.beats += 1
 
     def move_hand(self, command: HandCommand) -> None:
@@ -109,7 +109,7 @@ class FakeHost:
         if isinstance(command.gesture, Gesture):
             self.gesture = command.gesture
 
-    def tell_perception(self, command: PerceptionCommand) -> None:
+    def send_to_perception(self, command: PerceptionCommand) -> None:
         self.told.append(command)
 
     def poll(self) -> Latest:

@@ -159,7 +159,7 @@ def run_console(setup: SessionSetup, commands: Connection, perception: bool, gro
     host.start()
     commands.send({one.name: one.pid for one in host.processes()})
     while True:
-        host.beat()
+        host.heartbeat()
         if not commands.poll(0.01):
             continue
         command = commands.recv()

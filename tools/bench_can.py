@@ -22,7 +22,7 @@ from app.control.events.drives import JOINT_SILENT_MS
 from app.ipc.links import LatestReceiver, address
 from app.ipc.messages import TriggerReport
 from app.ipc.streams import TRIGGER
-from app.session.child import begin
+from app.session.child import run_process
 from app.session.host import make_setup
 from app.system.config import Config, load_config
 from app.system.paths import find_home
@@ -67,7 +67,7 @@ def perception(home: Path | None) -> Iterator[Callable[[], float]]:
     """The session's own perception process on the digital hand; yields its frames a second so far."""
     place = find_home(home)
     setup = make_setup(place, Config(model=load_config(place.config).model), DEMO_PATIENT, "bench")
-    process = multiprocessing.get_context("spawn").Process(target=begin, args=("perception", setup), daemon=True)
+    process = multiprocessing.get_context("spawn").Process(target=run_process, args=("perception", setup), daemon=True)
     receiver: LatestReceiver[TriggerReport] = LatestReceiver(address(setup.links, TRIGGER.name), TriggerReport)
     process.start()
     rates: list[float] = []

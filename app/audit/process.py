@@ -1,4 +1,4 @@
-"""The audit process: receives every process's records, writes them, and tells how far it is.
+"""The audit process: receives every process's records, writes them, and reports how far it is.
 
 It ends last: asked by SIGTERM when the others are gone, or by itself when the console has died and nobody has said
 anything for a while.
@@ -37,12 +37,12 @@ from logs.trail import DiskFault
 from logs.writer import SessionWriter
 
 LIBRARIES = ("rleex", "mediapipe", "mujoco", "numpy", "opencv-python-headless", "python-can", "textual", "pyzmq")
-BATCH = 4096  # messages between two looks at the disk and the clock
-TURN_S = 0.01
-QUIET_S = 0.2  # asked to end: nothing has come for so long
-ORPHAN_QUIET_S = 3.0  # console dead: control holds, damps, disables within this silence
+BATCH = 4096  # messages between two checks of the disk and the clock
+WAIT_S = 0.01
+IDLE_S = 0.2  # asked to end: nothing has come for so long
+ORPHAN_IDLE_S = 3.0  # console dead: control holds, damps, disables within this silence
 GIVE_UP_S = 10.0  # trying to write the end on a disk that refuses
-SILENT_DISK_S = 2.0  # a disk that spins up, or a burst of other programs, is not a fault yet
+DISK_TIMEOUT_S = 2.0  # a disk that spins up, or a burst of other programs, is not a fault yet
 
 
 def run_audit(setup: SessionSetup) -> None:
@@ -53,12 +53,12 @@ def run_audit(setup: SessionSetup) -> None:
     key = load_or_make_key(home.keys)
     writer = SessionWriter(home.logs, setup.session, key, PosixDisk(), CheckpointCopy(setup.config.checkpoint_copy))
     receiver = OrderedReceiver(address(setup.links, AUDIT.name), Entry)
-    shell = _Shell(setup, writer, receiver)
-    signal.signal(signal.SIGTERM, shell.on_term)
-    with _HealthTeller(setup, shell):
-        shell.begin(key)
-        shell.run()
-        done = shell.end()
+    loop = _AuditLoop(setup, writer, receiver)
+    signal.signal(signal.SIGTERM, loop.on_term)
+    with _HealthPublisher(setup, loop):
+        loop.begin(key)
+        loop.run()
+        done = loop.end()
     receiver.close()
     writer.close()
     if not done:
@@ -81,17 +81,17 @@ class EndCause(Enum):
     CONSOLE_GONE = auto()
 
 
-class _Shell:
+class _AuditLoop:
     """Clocks, queue and ending, around the writer."""
 
     def __init__(self, setup: SessionSetup, writer: SessionWriter, receiver: OrderedReceiver[Entry]) -> None:
         self.writer = writer
-        self.turned_ns = time.monotonic_ns()  # when the loop last came round
+        self.cycle_ns = time.monotonic_ns()  # when the last cycle began
         self._setup = setup
         self._receiver = receiver
         self._rejected = 0
         self._ending = False
-        self._heard_ns = self.turned_ns
+        self._received_ns = self.cycle_ns
         self._copy_fault: Reason | None = None
 
     def on_term(self, _number: int, _frame: FrameType | None) -> None:
@@ -102,7 +102,7 @@ class _Shell:
         """The first records: what runs, for whom, and what earlier crashes left."""
         found = self.writer.begin(_start(self._setup), self._now())
         patient = self._setup.profile
-        self._say(
+        self._record(
             PatientChosen(
                 patient=patient.identifier,
                 profile_sha256=sha256(msgspec.json.encode(patient)).hexdigest(),
@@ -110,18 +110,18 @@ class _Shell:
             )
         )
         if self._setup.operator:
-            self._say(SignIn(name=self._setup.operator, role=self._setup.role))
+            self._record(SignIn(name=self._setup.operator, role=self._setup.role))
         for entry in found:
             self._notice(Notice.EARLIER_TRAIL_NOT_CLOSED, file=entry.file, how=entry.text)
         if key.was_exposed:
             self._notice(Notice.KEY_WAS_EXPOSED)
 
     def run(self) -> None:
-        """Until it is time to end: take, settle, come round."""
+        """Until it is time to end: receive, write, settle."""
         while not self._must_end():
-            self.turned_ns = time.monotonic_ns()
+            self.cycle_ns = time.monotonic_ns()
             if self.writer.is_full:
-                time.sleep(TURN_S)
+                time.sleep(WAIT_S)
             else:
                 self._take_waiting()
             self.writer.settle_when_due(time.monotonic_ns())
@@ -134,44 +134,44 @@ class _Shell:
         while not self.writer.finish(self._now()):
             if time.monotonic() > deadline:
                 return False
-            self.turned_ns = time.monotonic_ns()
+            self.cycle_ns = time.monotonic_ns()
             time.sleep(0.1)
         return True
 
     def _take_waiting(self) -> None:
-        entry = self._receiver.receive(TURN_S)
+        entry = self._receiver.receive(WAIT_S)
         taken = 0
         while entry is not None:
             self.writer.take(entry)
             taken += 1
             entry = self._receiver.receive() if taken < BATCH else None
         if taken:
-            self._heard_ns = time.monotonic_ns()
-        self._tell_rejected()
-        self._tell_copy_fault()
+            self._received_ns = time.monotonic_ns()
+        self._record_rejected()
+        self._record_copy_fault()
 
-    def _tell_rejected(self) -> None:
+    def _record_rejected(self) -> None:
         lost, self._rejected = self._receiver.rejected - self._rejected, self._receiver.rejected
         if lost:
-            self._say(RecordsLost(count=lost, reason=reason(Loss.NOT_A_RECORD)))
+            self._record(RecordsLost(count=lost, reason=reason(Loss.NOT_A_RECORD)))
 
-    def _tell_copy_fault(self) -> None:
+    def _record_copy_fault(self) -> None:
         fault = self.writer.copy_fault
         if fault is not None and fault != self._copy_fault:
             self._notice(Notice.CHECKPOINT_COPY_FAILED, cause=fault)
         self._copy_fault = fault
 
     def _must_end(self) -> bool:
-        quiet_s = (time.monotonic_ns() - self._heard_ns) / 1e9
+        idle_s = (time.monotonic_ns() - self._received_ns) / 1e9
         if self._ending:
-            return quiet_s > QUIET_S
+            return idle_s > IDLE_S
         orphan = self._setup.console_pid != 0 and os.getppid() != self._setup.console_pid
-        return orphan and quiet_s > ORPHAN_QUIET_S
+        return orphan and idle_s > ORPHAN_IDLE_S
 
     def _notice(self, notice: Notice, **values: object) -> None:
-        self._say(EventRaised(event=notice.value, effect="note", text=reason(notice, **values)))
+        self._record(EventRaised(event=notice.value, effect="note", text=reason(notice, **values)))
 
-    def _say(self, body: Body) -> None:
+    def _record(self, body: Body) -> None:
         now = self._now()
         self.writer.take(now.entry(body))
 
@@ -179,12 +179,12 @@ class _Shell:
         return Moment(wall_ns=time.time_ns(), monotonic_ns=time.monotonic_ns(), operator=self._setup.operator)
 
 
-class _HealthTeller:
-    """Publishes the health from a thread of its own, so that a disk that takes its time is told, not taken for dead."""
+class _HealthPublisher:
+    """Publishes the health from a thread of its own: a slow disk is reported, not taken for a dead process."""
 
-    def __init__(self, setup: SessionSetup, shell: _Shell) -> None:
+    def __init__(self, setup: SessionSetup, loop: _AuditLoop) -> None:
         self._where = address(setup.links, AUDIT_HEALTH.name)
-        self._shell = shell
+        self._loop = loop
         self._ended = threading.Event()
         self._thread = threading.Thread(target=self._run, name="audit-health", daemon=True)
 
@@ -198,15 +198,15 @@ class _HealthTeller:
     def _run(self) -> None:
         publisher = Publisher(self._where)
         while not self._ended.wait(1.0 / AUDIT_HEALTH.rate_hz):
-            publisher.send(health(self._shell.writer, self._shell.turned_ns, time.monotonic_ns()))
+            publisher.send(health(self._loop.writer, self._loop.cycle_ns, time.monotonic_ns()))
         publisher.close()
 
 
-def health(writer: SessionWriter, turned_ns: int, now_ns: int) -> AuditHealth:
+def health(writer: SessionWriter, cycle_ns: int, now_ns: int) -> AuditHealth:
     """How far the writer is; a fault when the disk refuses or has not answered for a while."""
     fault = writer.fault
-    silent_s = (now_ns - turned_ns) / 1e9
-    if fault is None and silent_s > SILENT_DISK_S:
+    silent_s = (now_ns - cycle_ns) / 1e9
+    if fault is None and silent_s > DISK_TIMEOUT_S:
         fault = reason(DiskFault.NOT_ANSWERING, silent_s=silent_s)
     return AuditHealth(at_ns=now_ns, written=writer.written, waiting=writer.waiting, fault=fault)
 

@@ -19,6 +19,7 @@ def demo(
     json_file: Annotated[Path | None, typer.Option("--json", help="Write the result here as well.")] = None,
     click: Annotated[float, typer.Option(help="Seconds to press and withdraw.", min=0.2, max=3.0)] = 0.6,
     home: Annotated[Path | None, typer.Option(help="Data directory.")] = None,
+    verbose: Annotated[bool, typer.Option("--verbose", help="Log more for engineers.")] = False,
 ) -> None:
     """Sign and press through all twelve actions with the real processes; ends 0 only if all is well."""
     import json
@@ -28,15 +29,18 @@ def demo(
     from app.demo.drives import joints_for
     from app.demo.session import demo_config, run_session
     from app.demo.table import print_result
-    from app.session.lock import hold_home
     from app.system.config import load_config
+    from app.system.diagnostics_log import set_verbose, start_log
     from app.system.hand_model import set_up_model
-    from app.system.paths import find_home
+    from app.system.paths import find_home, hold_home
 
     console = wide_console()
     place = find_home(home)
+    if verbose:
+        set_verbose()
     base = load_config(place.config)
     with hold_home(place), joints_for(joints, base) as joints_config:
+        start_log(place, "demo")
         set_up_model(place, base)
         config = demo_config(base, seed=seed, joints=joints_config)
         with spinner(console, total=len(ALL_TWELVE)) as watch:

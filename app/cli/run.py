@@ -30,14 +30,17 @@ def run(
     camera: Annotated[str | None, typer.Option(help="digital-hand, webcam, realsense or recording.")] = None,
     joints: Annotated[str | None, typer.Option(help="simulated or can.")] = None,
     read_only: Annotated[bool, typer.Option("--read-only", help="Look, change nothing.")] = False,
+    verbose: Annotated[bool, typer.Option("--verbose", help="More in the logs for engineers.")] = False,
     serve: Annotated[bool, typer.Option("--serve", help="Watch in a browser on this machine, read-only.")] = False,
 ) -> None:
     """Open the therapist's console."""
-    from app.session.lock import hold_home
     from app.system.config import load_config, with_choices
-    from app.system.paths import find_home
+    from app.system.diagnostics_log import set_verbose, start_log
+    from app.system.paths import find_home, hold_home
 
     place = find_home(home)
+    if verbose:
+        set_verbose()
     config = with_choices(load_config(place.config), camera=camera, joints=joints, patient=patient)
     if serve:
         from app.console.observer import serve_console
@@ -52,5 +55,6 @@ def run(
         run_console(place, config, read_only=True)
         return
     with hold_home(place):
+        start_log(place, "console")
         set_up_model(place, config)
         run_console(place, config, straight=patient is not None)

@@ -38,7 +38,7 @@ class LiveSession:
         return any(process.name == "control" and process.alive for process in self.state.processes)
 
     def start(self) -> None:
-        """Start the processes; collections of garbage, which stop the sign of life too, come rarely from now on."""
+        """Start the processes; collections of garbage, which stop the heartbeat too, come rarely from now on."""
         reduce_gc()
         self.host.start()
 
@@ -48,7 +48,7 @@ class LiveSession:
 
     def tick(self) -> SessionState:
         """Say that the event loop lives, and take what has arrived."""
-        self.host.beat()
+        self.host.heartbeat()
         self.state = fold(self.state, self.host.poll(), self._clock())
         return self.state
 
@@ -87,7 +87,7 @@ class Host(Protocol):
         """The operator's word to control; its sequence comes back in the snapshot."""
         ...
 
-    def beat(self) -> None:
+    def heartbeat(self) -> None:
         """The event loop is alive."""
         ...
 
@@ -95,7 +95,7 @@ class Host(Protocol):
         """Move the digital hand."""
         ...
 
-    def tell_perception(self, command: PerceptionCommand) -> None:
+    def send_to_perception(self, command: PerceptionCommand) -> None:
         """Change what the picture looks like."""
         ...
 
@@ -122,7 +122,7 @@ def reduce_gc() -> None:
 def gc_freeze() -> None:
     """Leave what is in use by now out of every later collection of garbage; what no longer is, is freed first.
 
-    A full one would otherwise stop all threads for 0.1 to 0.2 s every few seconds, the sign of life and STOP among
+    A full one would otherwise stop all threads for 0.1 to 0.2 s every few seconds, the heartbeat and STOP among
     them. Undone by `restore_gc`.
     """
     gc.collect()

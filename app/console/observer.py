@@ -77,13 +77,13 @@ class ObserverHost:
         """An observer gives no orders."""
         return 0
 
-    def beat(self) -> None:
+    def heartbeat(self) -> None:
         """An observer's life means nothing to control."""
 
     def move_hand(self, command: HandCommand) -> None:
         """An observer moves nothing."""
 
-    def tell_perception(self, command: PerceptionCommand) -> None:
+    def send_to_perception(self, command: PerceptionCommand) -> None:
         """An observer takes the picture as it is."""
 
     def poll(self) -> Latest:

@@ -33,7 +33,7 @@ from app.motion.follower import Mode
 from logs import records
 from logs.reason import Reason, reason
 
-# What the trail calls the loss of a stream's sign of life.
+# What the trail calls the loss of a stream's heartbeat.
 STREAM_OF = {
     Event.PERCEPTION_TIMEOUT: TRIGGER,
     Event.CONSOLE_TIMEOUT: OPERATOR,

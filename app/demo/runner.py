@@ -271,7 +271,7 @@ class CourseRunner:
         return False
 
     def _look(self) -> None:
-        self._host.beat()
+        self._host.heartbeat()
         latest = self._host.poll()
         if latest.report is not None:
             self.report = latest.report

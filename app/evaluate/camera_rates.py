@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.evaluate.digital_scenes import Moment, take
+from app.ipc.streams import TRIGGER
 from hal.cameras.camera import ImageArray
 from hal.cameras.digital_hand.depth import DepthCamera
 from hal.cameras.realsense import DEPTH_SIZE, RealSenseCamera
@@ -24,7 +25,7 @@ from kgdfa.pipeline import Picture, Pipeline
 CameraRates = dict[int, dict[str, float]]  # distance in cm → camera → frames a second
 
 JPEG_QUALITY = 90
-FRAME_NS = 33_333_333
+FRAME_NS = TRIGGER.period_ns
 READ_S = 1.0
 WARM_UP = 3  # the first frames find the hand and fill caches
 

@@ -13,13 +13,14 @@ import cv2
 import numpy as np
 
 from app.evaluate.distance_measures import DistanceFigures, FloatArray, figures
+from app.ipc.streams import TRIGGER
 from app.system.errors import AppError
 from kgdfa.distance import Distance, PublishedRange, RangeFinder
 from kgdfa.hand import Hand
 from kgdfa.keypoints import HandDetector
 from kgdfa.robust_distance import RobustRange
 
-FRAME_NS = 33_333_333
+FRAME_NS = TRIGGER.period_ns
 COLUMNS = ("path", "distance_cm", "anchor_cm", "fx", "cx", "cy")
 TILT_BINS_DEG = (0, 15, 30, 90)
 FINDERS: dict[str, type[PublishedRange] | type[RobustRange]] = {"published": PublishedRange, "robust": RobustRange}

@@ -16,6 +16,7 @@ import numpy as np
 
 from app.evaluate.digital_scenes import GESTURES, HEIGHT_M, FloatArray, smooth, take, tilted, walk
 from app.evaluate.trigger import THRESHOLD_M, replay_pipeline
+from app.ipc.streams import TRIGGER
 from hal.cameras.camera import Intrinsics
 from hal.cameras.digital_hand.render import Scene, keypoints_m, lens_for, person_of, posed, project_px
 from kgdfa.button import ButtonState
@@ -24,7 +25,7 @@ from kgdfa.keypoints import HandDetector
 from kgdfa.pipeline import Picture
 from kgdfa.preprocess import Image
 
-FRAME_NS = 33_333_333
+FRAME_NS = TRIGGER.period_ns
 CLIP_FRAMES = 90
 NOISE_WALKS = 36
 NOISE_FRAMES = 24

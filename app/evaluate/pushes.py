@@ -17,13 +17,14 @@ from typing import Any
 from app.evaluate.response import APPROACH_M, THRESHOLD_M
 from app.evaluate.trigger import chain
 from app.evaluate.watcher import Watcher, spread
+from app.ipc.streams import TRIGGER
 from hal.cameras.digital_hand.driver import DigitalHandCamera
 from hal.cameras.digital_hand.movement import SETTLED
 from kgdfa.button import ButtonState
 from kgdfa.gesture import Gesture
 from kgdfa.pipeline import Picture, Pipeline, Report
 
-FRAME_NS = 33_333_333
+FRAME_NS = TRIGGER.period_ns
 BEGIN_NS = 1_000_000_000
 REST_FRAMES = 12
 RECOGNITION_FRAMES = 180  # six seconds, as `response` waits

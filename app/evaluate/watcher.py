@@ -14,11 +14,12 @@ from typing import TypeVar
 import cv2
 import numpy as np
 
+from app.ipc.streams import TRIGGER
 from kgdfa.hand import Hand
 from kgdfa.keypoints import HandDetector, live_detector
 from kgdfa.preprocess import Image
 
-FRAME_NS = 33_333_333
+FRAME_NS = TRIGGER.period_ns
 GAP_NS = 1_000_000_000
 BLANK_FRAMES = 2
 BLANK: Image = np.zeros((72, 128, 3), np.uint8)

@@ -6,6 +6,7 @@ queue is told to the sender, never a silent drop). Receiving never blocks unless
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable
 from pathlib import Path
 from types import UnionType
@@ -13,6 +14,8 @@ from typing import Any, Generic, TypeVar
 
 import msgspec
 import zmq
+
+_log = logging.getLogger("rleex.links")  # this room imports nothing of app: the engineers' log takes both kinds
 
 M = TypeVar("M", bound=msgspec.Struct)
 
@@ -28,7 +31,8 @@ def address(directory: Path, name: str) -> str:
 class _Link:
     """A socket that closes without lingering."""
 
-    def __init__(self, kind: int) -> None:
+    def __init__(self, kind: int, where: str) -> None:
+        self.where = where
         self._context: zmq.Context[zmq.Socket[bytes]] = zmq.Context.instance()
         self._socket = self._context.socket(kind)
         self._socket.setsockopt(zmq.LINGER, 0)
@@ -37,6 +41,10 @@ class _Link:
     def close(self) -> None:
         """Release the socket; harmless when done twice."""
         self._socket.close()
+
+    def _reject(self) -> None:
+        self.rejected += 1
+        _log.warning("message rejected", extra={"link": self.where, "rejected": self.rejected})
 
     def _has_come(self, timeout_s: float) -> bool:
         """Asked before receiving: on a link that is empty most of the time, the exception would cost more."""
@@ -49,7 +57,7 @@ class Publisher(_Link):
     """Sends the newest of something to whoever listens; binds."""
 
     def __init__(self, where: str) -> None:
-        super().__init__(zmq.PUB)
+        super().__init__(zmq.PUB, where)
         self._socket.setsockopt(zmq.CONFLATE, 1)  # else a full queue would drop the newest and keep the old
         self._socket.bind(where)
         self._encode = msgspec.msgpack.Encoder().encode
@@ -67,7 +75,7 @@ class LatestReceiver(_Link, Generic[M]):
     """Keeps the newest message of one publisher."""
 
     def __init__(self, where: str, kind: type[M] | UnionType) -> None:
-        super().__init__(zmq.SUB)
+        super().__init__(zmq.SUB, where)
         self._socket.setsockopt(zmq.CONFLATE, 1)
         self._socket.setsockopt(zmq.SUBSCRIBE, b"")
         self._socket.setsockopt(zmq.RECONNECT_IVL, 20)
@@ -83,7 +91,7 @@ class LatestReceiver(_Link, Generic[M]):
         except zmq.Again:
             return None
         except msgspec.MsgspecError:
-            self.rejected += 1
+            self._reject()
             return None
 
 
@@ -92,7 +100,7 @@ class OrderedSender(_Link):
 
     def __init__(self, where: str, *, bind: bool = False, enc_hook: Callable[[Any], Any] | None = None) -> None:
         """enc_hook: msgspec's, for types that it does not know."""
-        super().__init__(zmq.PUSH)
+        super().__init__(zmq.PUSH, where)
         self._socket.setsockopt(zmq.SNDHWM, _ORDERED_QUEUE)
         self._socket.setsockopt(zmq.RECONNECT_IVL, 20)
         if bind:
@@ -126,7 +134,7 @@ class OrderedReceiver(_Link, Generic[M]):
         dec_hook: Callable[[type, Any], Any] | None = None,
     ) -> None:
         """dec_hook: msgspec's, for types that it does not know."""
-        super().__init__(zmq.PULL)
+        super().__init__(zmq.PULL, where)
         self._socket.setsockopt(zmq.RCVHWM, _ORDERED_QUEUE)
         if bind:
             self._socket.bind(where)
@@ -142,7 +150,7 @@ class OrderedReceiver(_Link, Generic[M]):
             except zmq.Again:
                 return None
             except msgspec.MsgspecError:
-                self.rejected += 1
+                self._reject()
                 timeout_s = 0.0
         return None
 

@@ -1,4 +1,4 @@
-"""The processes of a session as data: what each does, how often it speaks, when its silence counts."""
+"""The links of a session as data: who sends what, how often, and when its silence counts."""
 
 from __future__ import annotations
 
@@ -13,6 +13,11 @@ class Stream:
     sender: str
     rate_hz: float
     stale_ms: float
+
+    @property
+    def period_ns(self) -> int:
+        """Between two messages."""
+        return int(1e9 / self.rate_hz)
 
 
 # Three missed messages and a margin; the console's limit is the issue's 250 ms for a hold after its death.

@@ -1,9 +1,10 @@
-"""The process that records the buses beside the audit trail, for sessions whose joints hang on CAN."""
+"""The process that records the buses beside the audit trail, for sessions with drives on CAN."""
 
 from __future__ import annotations
 
 import os
 import signal
+from enum import Enum
 from pathlib import Path
 
 from app.audit.sink import AuditSink
@@ -14,7 +15,16 @@ from hal.errors import HardwareError
 from hal.joints.can.bus import with_bus
 from hal.joints.can.candump import BusRecorder
 from hal.joints.device import DEFAULT_DEVICE, load_exoskeleton
+from logs.reason import reason, reason_of
 from logs.records import Note, ProcessEnd, ProcessStart
+
+
+class BusLogNotice(Enum):
+    """What the process notes in the trail."""
+
+    NOT_RECORDED = "not recorded"
+    ASKED_TO_END = "asked to end"
+    CONSOLE_GONE = "console gone"
 
 
 def log_path(home: Home, session: str) -> Path:
@@ -23,7 +33,7 @@ def log_path(home: Home, session: str) -> Path:
 
 
 def run_bus_log(setup: SessionSetup) -> None:
-    """Record until told to end or the console is gone. A bus that can't be opened is noted in the audit trail."""
+    """Record until asked to end or the console is gone. A bus that can't be opened is noted in the audit trail."""
     sink = AuditSink(setup.links, "bus log", setup.operator)
     ending = _Ending(setup.console_pid)
     signal.signal(signal.SIGTERM, ending.ask)
@@ -33,8 +43,12 @@ def run_bus_log(setup: SessionSetup) -> None:
     try:
         _record(setup, ending)
     except HardwareError as error:
-        sink.emit(Note(text=f"The bus is not recorded: {error}"))
-    sink.emit(ProcessEnd(pid=os.getpid(), reason="asked to end" if ending.asked else ""))
+        sink.emit(Note(text=reason(BusLogNotice.NOT_RECORDED, cause=reason_of(error))))
+    sink.emit(
+        ProcessEnd(
+            pid=os.getpid(), reason=reason(BusLogNotice.ASKED_TO_END if ending.asked else BusLogNotice.CONSOLE_GONE)
+        )
+    )
     sink.close()
 
 

@@ -1,26 +1,25 @@
-"""How every process of a session begins: deaf to the terminal's Ctrl-C, its chatter in a file, its errors told.
+"""What every process of a session runs first, and when perception is started again.
 
 Ctrl-C reaches the whole process group; only the console may act on it, so that the legs are brought to rest in
-order. Libraries write to stderr as they please; on the console's terminal that would tear the screen.
+order. Native libraries write to stderr as they please, which would tear the console's screen: it goes to a file.
 """
 
 from __future__ import annotations
 
 import os
 import signal
-import sys
-import traceback
 from collections.abc import Callable
 from dataclasses import dataclass
 from importlib import import_module
 
 from app.ipc.links import end_links
 from app.system.config import SessionSetup
+from app.system.diagnostics_log import get_logger, start_log, stop_log
 from app.system.paths import Home
 from app.system.scheduling import set_oom_score_adj
 
 # name → "module:function"; imported in the child, so that the console never loads mediapipe or mujoco
-ENTRIES = {
+ENTRY_POINTS = {
     "audit": "app.audit.process:run_audit",
     "bus-log": "app.session.bus_log:run_bus_log",
     "guardian": "app.session.guardian:run_guardian",
@@ -30,27 +29,36 @@ ENTRIES = {
 }
 
 
-def begin(name: str, setup: SessionSetup) -> None:
-    """Run one process of the session to its end; exit status 1 with the traceback in its file on a defect."""
+_log = get_logger("process")
+
+
+def run_process(name: str, setup: SessionSetup) -> None:
+    """Run one process of the session to its end; exit status 1, with the traceback in its log, on a defect."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     set_oom_score_adj(name)
-    _chatter_to_file(Home(setup.home), f"{setup.session}-{name}")
+    home = Home(setup.home)
+    start_log(home, name, session=setup.session, patient=setup.profile.identifier)
+    _redirect_output(home, f"{setup.session}-{name}")
+    _log.info("process started")
     try:
-        _entry(ENTRIES[name])(setup)
+        _entry_point(ENTRY_POINTS[name])(setup)
         end_links()
-    except Exception:  # noqa: BLE001 - the last word of a process; its text goes to the diagnostics file
-        traceback.print_exc()
-        sys.stderr.flush()
+    except Exception:  # noqa: BLE001 - the last line of a process; its traceback goes to the log
+        _log.exception("process ended by an exception")
+        stop_log()
         os._exit(1)
+    _log.info("process ended")
+    stop_log()
 
 
-def _entry(path: str) -> Callable[[SessionSetup], None]:
+def _entry_point(path: str) -> Callable[[SessionSetup], None]:
     module, function = path.split(":")
     entry: Callable[[SessionSetup], None] = getattr(import_module(module), function)
     return entry
 
 
-def _chatter_to_file(home: Home, name: str) -> None:
+def _redirect_output(home: Home, name: str) -> None:
+    """What native libraries print goes to a file, not to the terminal."""
     folder = home.root / "diagnostics"
     folder.mkdir(parents=True, exist_ok=True)
     handle = os.open(folder / f"{name}.txt", os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o600)

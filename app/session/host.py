@@ -1,8 +1,8 @@
-"""A session: its five processes, their links, and what the console or the demo sees of them.
+"""A session: its processes, their links, and what the console or the demo receives from them.
 
-The host decides nothing about legs. It starts the processes in the order in which they are needed, passes the
-operator's words on, gives the newest of each stream, restarts a perception that died or froze, and brings all to an
-end in the order in which they may go: control first (hold, damp, disable), the audit trail last.
+The host decides nothing about legs. It starts the processes in the order in which they are needed, sends the
+operator's commands, gives the newest message of each stream, restarts a perception that died or froze, and ends all in
+order: control first (hold, damp, disable), the audit trail last.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from typing import TypeVar
 
 import msgspec
 
-from app.ipc import streams as processes
+from app.ipc import streams
 from app.ipc.links import LatestReceiver, OrderedSender, address
 from app.ipc.messages import (
     AuditHealth,
@@ -35,16 +35,19 @@ from app.ipc.messages import (
     TriggerReport,
 )
 from app.ipc.states import Action
-from app.session.child import Supervisor, begin
+from app.session.child import Supervisor, run_process
 from app.system.config import Config, SessionSetup
+from app.system.diagnostics_log import get_logger
 from app.system.paths import Home
 from app.system.scheduling import set_scheduling
 from profiles.schema import Profile
 
+_log = get_logger("host")
+
 M = TypeVar("M", bound=msgspec.Struct)
 
 START_ORDER: tuple[str, ...] = ("audit", "perception", "guardian", "planner", "control")
-# Control holds (0.15 s), damps and disables; then the others have nothing left to say.
+# Control holds (0.15 s), damps and disables; then the others have nothing left to send.
 END_PATIENCE_S = {"control": 6.0, "perception": 2.0, "planner": 2.0, "guardian": 2.0, "bus-log": 2.0, "audit": 5.0}
 # The event loop may be busy for a moment without the legs stopping; STOP itself does not pass through it.
 EVENT_LOOP_TIMEOUT_S = 1.0
@@ -63,7 +66,7 @@ class ProcessStatus:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Latest:
-    """The newest of each stream; None where nothing new came since the last look."""
+    """The newest of each stream; None where nothing new came since the last poll."""
 
     snapshot: ControlSnapshot | None
     report: TriggerReport | None
@@ -93,31 +96,31 @@ def _start_order(config: Config) -> tuple[str, ...]:
 
 
 class SessionHost:
-    """Starts, feeds, watches and ends one session. `send` may be called from any thread."""
+    """Starts, supervises and ends one session. `send` may be called from any thread."""
 
-    def __init__(self, setup: SessionSetup, *, entry: Callable[[str, SessionSetup], None] = begin) -> None:
+    def __init__(self, setup: SessionSetup, *, entry: Callable[[str, SessionSetup], None] = run_process) -> None:
         """entry: what each process runs with its name and the setup; importable, for it is spawned."""
         self.setup = setup
         self._entry = entry
         self._children: dict[str, multiprocessing.process.BaseProcess] = {}
         self._supervisor = Supervisor()
-        self._operator = OrderedSender(address(setup.links, processes.OPERATOR.name))
-        self._perception = OrderedSender(address(setup.links, processes.TO_PERCEPTION.name))
+        self._operator = OrderedSender(address(setup.links, streams.OPERATOR.name))
+        self._perception = OrderedSender(address(setup.links, streams.TO_PERCEPTION.name))
         self._lock = threading.Lock()
         self._sequence = 0
-        self._beaten_at = time.monotonic()
+        self._heartbeat_s = time.monotonic()
         self._ending = threading.Event()
-        self._pulse = threading.Thread(target=self._send_heartbeats, name="operator-pulse", daemon=True)
-        self._snapshots = self._listen(processes.SNAPSHOT.name, ControlSnapshot)
-        self._reports = self._listen(processes.TRIGGER.name, TriggerReport)
-        self._previews = self._listen(processes.PREVIEW.name, Preview)
-        self._audit = self._listen(processes.AUDIT_HEALTH.name, AuditHealth)
+        self._heartbeat_thread = threading.Thread(target=self._send_heartbeats, name="operator-heartbeat", daemon=True)
+        self._snapshots = self._subscribe(streams.SNAPSHOT.name, ControlSnapshot)
+        self._reports = self._subscribe(streams.TRIGGER.name, TriggerReport)
+        self._previews = self._subscribe(streams.PREVIEW.name, Preview)
+        self._audit = self._subscribe(streams.AUDIT_HEALTH.name, AuditHealth)
 
     def start(self) -> None:
-        """Start every process; returns at once, the streams tell when each is there."""
+        """Start every process; returns at once, the streams show when each is ready."""
         for name in _start_order(self.setup.config):
             self._spawn(name)
-        self._pulse.start()
+        self._heartbeat_thread.start()
 
     def close(self) -> None:
         """Bring the legs to rest and every process to its end; harmless when done twice."""
@@ -140,7 +143,7 @@ class SessionHost:
         shutil.rmtree(self.setup.links, ignore_errors=True)
 
     def send(self, kind: OperatorKind, action: Action | None = None, note: str = "") -> int:
-        """Send the operator's word to control; returns its sequence, which control acknowledges."""
+        """Send an operator command to control; returns its sequence, which control acknowledges."""
         with self._lock:
             self._sequence += 1
             self._operator.send(
@@ -155,16 +158,16 @@ class SessionHost:
             )
             return self._sequence
 
-    def beat(self) -> None:
-        """The console's event loop is alive; without it the sign of life to control ends."""
-        self._beaten_at = time.monotonic()
+    def heartbeat(self) -> None:
+        """The console's event loop runs; without it the heartbeat to control ends."""
+        self._heartbeat_s = time.monotonic()
 
     def move_hand(self, command: HandCommand) -> None:
         """Move the digital hand, where the camera is one."""
         with self._lock:
             self._perception.send(command)
 
-    def tell_perception(self, command: PerceptionCommand) -> None:
+    def send_to_perception(self, command: PerceptionCommand) -> None:
         """Change the picture's size or rate, or recording."""
         with self._lock:
             self._perception.send(command)
@@ -172,7 +175,7 @@ class SessionHost:
     def poll(self) -> Latest:
         """The newest of each stream, without waiting."""
         report = self._reports.receive()
-        self._watch_perception(reported=report is not None)
+        self._supervise_perception(reported=report is not None)
         return Latest(
             snapshot=self._snapshots.receive(),
             report=report,
@@ -199,14 +202,16 @@ class SessionHost:
             target=self._entry, args=(name, self.setup), daemon=True, name=f"rleex-{name}"
         )
         child.start()  # daemon: a console that dies by an exception still asks it to end (SIGTERM)
+        _log.info("process spawned", child=name, child_pid=child.pid)
         self._children = {**self._children, name: child}  # anew: another thread may be going through the old one
 
-    def _watch_perception(self, *, reported: bool) -> None:
+    def _supervise_perception(self, *, reported: bool) -> None:
         child = self._children.get("perception")
         if child is None or self._ending.is_set():
             return
         if self._supervisor.must_restart(time.monotonic(), alive=child.is_alive(), reported=reported):
-            child.kill()  # a driver frozen in the kernel's hands hears no softer word
+            _log.warning("perception restarts", restarts=self._supervisor.restarts, exit_code=child.exitcode)
+            child.kill()  # a driver frozen in the kernel handles no SIGTERM
             child.join(1.0)
             self._spawn("perception")
 
@@ -218,14 +223,15 @@ class SessionHost:
             child.terminate()
         child.join(END_PATIENCE_S[name])
         if child.is_alive():
+            _log.warning("process killed", child=name, patience_s=END_PATIENCE_S[name])
             child.kill()
             child.join(1.0)
 
     def _send_heartbeats(self) -> None:
-        set_scheduling("sign of life")
-        while not self._ending.wait(1.0 / processes.OPERATOR.rate_hz):
-            if time.monotonic() - self._beaten_at < EVENT_LOOP_TIMEOUT_S:
+        set_scheduling("heartbeat")
+        while not self._ending.wait(1.0 / streams.OPERATOR.rate_hz):
+            if time.monotonic() - self._heartbeat_s < EVENT_LOOP_TIMEOUT_S:
                 self.send(OperatorKind.ALIVE)
 
-    def _listen(self, name: str, kind: type[M]) -> LatestReceiver[M]:
+    def _subscribe(self, name: str, kind: type[M]) -> LatestReceiver[M]:
         return LatestReceiver(address(self.setup.links, name), kind)

@@ -30,7 +30,7 @@ SCHEDULING = MappingProxyType(
         "guardian": SchedPolicy(fifo=70),  # a control that spins must not keep the guardian from a core
         "control": SchedPolicy(fifo=60),
         "planner": SchedPolicy(fifo=30),  # a step waits for its short work
-        "sign of life": SchedPolicy(fifo=20),  # a busy machine must not look like a dead console
+        "heartbeat": SchedPolicy(fifo=20),  # a busy machine must not look like a dead console
         "perception": SchedPolicy(nice=-10),  # the wearer's command must not wait for the screen, or for other programs
         "audit": SchedPolicy(nice=-10),  # needs little, but a trail that falls behind stops the legs
         "console": SchedPolicy(nice=-5),  # after perception, whose core it shares; before other programs
@@ -51,12 +51,12 @@ def acquire_real_time() -> RealTime:
 
 
 def set_scheduling(name: str) -> bool:
-    """Give this thread, and those it starts later, the turn of that name in `SCHEDULING`; whether that was allowed."""
-    turn = SCHEDULING[name]
+    """Give this thread, and those it starts later, that policy of `SCHEDULING`; whether that was allowed."""
+    policy = SCHEDULING[name]
     try:
-        if turn.fifo is not None:
-            os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(turn.fifo))
-        os.setpriority(os.PRIO_PROCESS, 0, turn.nice)  # not `nice`: a child inherits its parent's
+        if policy.fifo is not None:
+            os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(policy.fifo))
+        os.setpriority(os.PRIO_PROCESS, 0, policy.nice)  # not `nice`: a child inherits its parent's
     except PermissionError:
         return False
     return True

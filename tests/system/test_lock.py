@@ -8,13 +8,10 @@ from pathlib import Path
 
 import pytest
 
-from app.session.lock import hold_home
 from app.system.errors import AppError
-from app.system.paths import Home
+from app.system.paths import Home, hold_home
 
-HOLD = (
-    "import sys; from pathlib import Path; from app.session.lock import hold_home; from app.system.paths import Home\n"
-)
+HOLD = "import sys; from pathlib import Path; from app.system.paths import Home, hold_home\n"
 HOLD += "with hold_home(Home(Path(sys.argv[1]))): print('held', flush=True); sys.stdin.read()"
 
 

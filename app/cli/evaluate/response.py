@@ -29,11 +29,10 @@ def response(
     from app.cli.progress import spinner, wide_console
     from app.demo.course import ALL_TWELVE
     from app.evaluate.response import evaluate_response
-    from app.session.lock import hold_home
     from app.system.config import load_config
     from app.system.errors import AppError
     from app.system.hand_model import set_up_model
-    from app.system.paths import find_home
+    from app.system.paths import find_home, hold_home
 
     console = wide_console()
     place = find_home(home)

@@ -105,7 +105,7 @@ class SessionScreen(HandKeys):
 
     def on_picture_resized(self, event: Picture.Resized) -> None:
         """Ask perception for a picture of just the size that can be shown."""
-        self.console_app.live_host().tell_perception(event.wanted)
+        self.console_app.live_host().send_to_perception(event.wanted)
 
     def on_events_panel_clicked(self) -> None:
         self.action_acknowledge()

@@ -107,7 +107,7 @@ class TrainingScreen(HandKeys):
 
     def on_picture_resized(self, event: Picture.Resized) -> None:
         """Ask for a picture of just this size."""
-        self.console_app.live_host().tell_perception(event.wanted)
+        self.console_app.live_host().send_to_perception(event.wanted)
 
     def on_resize(self) -> None:
         self._drawn = ""  # draw anew

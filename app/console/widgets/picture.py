@@ -14,7 +14,7 @@ from app.ipc.messages import PerceptionCommand, Preview
 from app.text.catalogue import tr
 
 PICTURE_HZ = 12.0  # half blocks at this rate cost a tenth of a core; sixels would cost a quarter
-# A third of a core: in the largest terminals twelve pictures a second leave no room for keys and the sign of life.
+# A third of a core: in the largest terminals twelve pictures a second leave no room for keys and the heartbeat.
 CELLS_A_SECOND = 40_000
 ASPECT = 16 / 9  # of a picture that has not come yet
 

@@ -54,7 +54,7 @@ def check_wire_range(station: Station) -> None:
 
 
 def probe(joints: SocketCanJoints) -> tuple[str, ...]:
-    """Ask every drive for a sign of life that moves nothing; read back ranges where the drive can tell.
+    """Ask every drive for a heartbeat that moves nothing; read back ranges where the drive can tell.
 
     Returns notes for people. Raises HardwareError naming the first joint that does not answer or disagrees.
     """

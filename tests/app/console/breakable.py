@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 from app.control import assembly as assemble
 from app.perception import pipeline as build
-from app.session.child import begin
+from app.session.child import run_process
 from app.system.config import SessionSetup
 from hal.cameras.camera import Camera, Frame
 from hal.cameras.digital_hand.driver import DigitalHandCamera
@@ -47,7 +47,7 @@ class UnpluggableHand(DigitalHandCamera):
 def begin_breakable(name: str, setup: SessionSetup) -> None:
     """One process of a session, as `app.session.child.begin` runs it, ready to be broken."""
     PREPARE.get(name, lambda: None)()
-    begin(name, setup)
+    run_process(name, setup)
 
 
 def _breakable_joint() -> None:

@@ -63,7 +63,7 @@ def test_an_observer_hears_and_says_nothing(setup: SessionSetup) -> None:
             assert time.monotonic() < limit
         observer.send(OperatorKind.SHUT_DOWN)
         observer.move_hand(HandCommand(press=True))
-        observer.beat()
+        observer.heartbeat()
         assert operator.receive(timeout_s=0.2) is None
     finally:
         for link in (publisher, operator, observer):

@@ -11,23 +11,23 @@ import pytest
 
 from app.system.scheduling import SCHEDULING, control_core, request_low_wake_latency
 
-ASK = "import os; from app import realtime; {}; print(*sorted(os.sched_getaffinity(0)))"
+ASK = "import os; from app.system import scheduling; {}; print(*sorted(os.sched_getaffinity(0)))"
 
 
 def cores_after(call: str) -> set[int]:
     """The cores of a process of its own after it has called that."""
-    told = subprocess.run(
+    reported = subprocess.run(
         [sys.executable, "-c", ASK.format(call)], capture_output=True, text=True, check=True, timeout=60
     ).stdout
-    return {int(core) for core in told.split()}
+    return {int(core) for core in reported.split()}
 
 
 @pytest.mark.parametrize("cores", [1, 2])
 def test_perception_leaves_control_its_core_unless_there_is_only_one(cores: int) -> None:
     allowed = sorted(os.sched_getaffinity(0))[:cores]
     within = f"os.sched_setaffinity(0, {allowed})"
-    control = cores_after(f"{within}; realtime.take_core()")
-    perception = cores_after(f"{within}; realtime.leave_core_to_control()")
+    control = cores_after(f"{within}; scheduling.pin_to_control_core()")
+    perception = cores_after(f"{within}; scheduling.avoid_control_core()")
     assert control | perception == set(allowed)
     assert control.isdisjoint(perception) or len(allowed) == 1
 
@@ -38,29 +38,31 @@ def test_the_core_is_one_of_those_allowed() -> None:
 
 
 def test_who_keeps_the_legs_safe_comes_first() -> None:
-    fifo = [turn.fifo for name in ("guardian", "control", "planner", "sign of life") if (turn := SCHEDULING[name]).fifo]
+    fifo = [
+        policy.fifo for name in ("guardian", "control", "planner", "heartbeat") if (policy := SCHEDULING[name]).fifo
+    ]
     assert fifo == sorted(fifo, reverse=True)
     assert all(0 < priority < 99 for priority in fifo)
     assert len(fifo) == 4
 
 
 @pytest.mark.parametrize("name", list(SCHEDULING))
-def test_a_turn_is_taken_or_told_to_be_refused(name: str) -> None:
-    told = subprocess.run(
+def test_a_policy_is_set_or_reported_as_refused(name: str) -> None:
+    reported = subprocess.run(
         [
             sys.executable,
             "-c",
-            "import os; from app.system.scheduling import take_turn; "
-            f"print(take_turn({name!r}), os.sched_getscheduler(0) == os.SCHED_FIFO, os.nice(0))",
+            "import os; from app.system.scheduling import set_scheduling; "
+            f"print(set_scheduling({name!r}), os.sched_getscheduler(0) == os.SCHED_FIFO, os.nice(0))",
         ],
         capture_output=True,
         text=True,
         check=True,
         timeout=60,
     ).stdout.split()
-    turn = SCHEDULING[name]
-    allowed = [str(turn.fifo is not None), str(turn.nice)]
-    assert told in (["True", *allowed], ["False", "False", str(os.nice(0))])
+    policy = SCHEDULING[name]
+    allowed = [str(policy.fifo is not None), str(policy.nice)]
+    assert reported in (["True", *allowed], ["False", "False", str(os.nice(0))])
 
 
 def test_the_request_to_stay_awake_is_held_and_says_no_microsecond(tmp_path: Path) -> None:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from app.session.child import ENTRIES
+from app.session.child import ENTRY_POINTS
 from app.system.scheduling import SCORES
 
 OWN = Path("/proc/self/oom_score_adj")
@@ -24,7 +24,7 @@ def told(name: str) -> int:
 
 
 def test_every_process_has_its_place() -> None:
-    assert set(SCORES) == set(ENTRIES)
+    assert set(SCORES) == set(ENTRY_POINTS)
 
 
 @pytest.mark.parametrize("name", ["perception", "audit", "control"])
