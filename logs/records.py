@@ -148,7 +148,6 @@ class Arming(Struct, frozen=True, kw_only=True, tag_field="kind", tag="arming"):
     """The operator armed or disarmed the device."""
 
     armed: bool
-    reason: Cause = None
 
 
 class Camera(Struct, frozen=True, kw_only=True, tag_field="kind", tag="camera"):
@@ -307,7 +306,6 @@ class Discomfort(Struct, frozen=True, kw_only=True, tag_field="kind", tag="disco
     """The patient's rating, 0 (none) to 10 (worst)."""
 
     rating: Annotated[int, Meta(ge=0, le=10)]
-    text: str = ""
 
 
 class Drives(Struct, frozen=True, kw_only=True, tag_field="kind", tag="drives"):

@@ -66,7 +66,7 @@ def bodies(minutes: float, clock: _Clock, rng: random.Random, per_second: int = 
             yield "control", r.Refusal(reason=rng.choice(REASONS), source="gesture", state=state, gesture=gesture)
         if rng.random() < 0.03:
             yield from _event(state, clock, rng)
-    yield "console", r.Discomfort(rating=2, text="left thigh strap")
+    yield "console", r.Discomfort(rating=2)
     yield "console", r.Note(text="Tired after the stairs; shorter session next time.")
 
 

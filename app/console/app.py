@@ -28,15 +28,17 @@ from app.console.screens.help import HelpPage, page
 from app.console.screens.patients import PatientsScreen
 from app.console.screens.signin import LockScreen, SignInDialog
 from app.console.session_flow import SessionFlow
+from app.console.state import ProcessFault, newly_ended
 from app.console.stop import with_stop
 from app.console.themes import THEME_NAMES, THEMES
-from app.session.host import SessionHost
+from app.session.host import ProcessStatus, SessionHost
 from app.system.config import Config
 from app.system.operators import Permission, needs_sign_in
 from app.system.paths import Home
 from app.system.scheduling import set_scheduling
 from app.text.catalogue import languages, tr, use_language
-from logs.records import SignOut
+from logs.reason import reason
+from logs.records import ProcessEnd, SignOut
 from profiles.schema import Profile
 
 TICK_S = 0.05  # the console's beat; control calls it silent after 0.2 s
@@ -215,7 +217,10 @@ class ConsoleApp(SessionFlow):
     def _tick(self) -> None:
         state = None
         if self.live is not None and not self.live.closed:
+            before = self.live.state.processes
             state = self.live.tick()
+            if not (self.live.ending or self.read_only):
+                self._record_ended(newly_ended(before, state.processes))
         if self._idle.must_lock(time.monotonic(), moving=state is not None and state.moving):
             self._idle = self._idle.touched(time.monotonic())
             self.action_lock_console()
@@ -223,6 +228,12 @@ class ConsoleApp(SessionFlow):
         if isinstance(screen, (ConsoleScreen, Dialog)) and screen.composed:
             with suppress(NoMatches):  # a screen that is just being taken down has lost its widgets
                 screen.show_session(state)
+
+    def _record_ended(self, processes: tuple[ProcessStatus, ...]) -> None:
+        """Into the trail: a process that crashed can't."""
+        for process in processes:
+            cause = reason(ProcessFault.EXITED, exit_code=process.exit_code)
+            self.trail.emit(ProcessEnd(pid=process.pid, ended=process.name, reason=cause))
 
     async def _leave_if(self, yes: bool | None) -> None:
         self._leaving = False

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from enum import Enum, auto
 
 from app.ipc.messages import ActiveEvent, AuditHealth, ControlSnapshot, Preview, TriggerReport
 from app.ipc.states import Effect
@@ -24,6 +25,19 @@ class PushNote:
 
 
 NOTHING_PUSHED = PushNote()
+
+
+class ProcessFault(Enum):
+    """Why the console records the end of another process."""
+
+    EXITED = auto()  # exit_code: negative is a signal's number
+
+
+def newly_ended(before: tuple[ProcessStatus, ...], now: tuple[ProcessStatus, ...]) -> tuple[ProcessStatus, ...]:
+    """The processes that were alive before and are not any more, restarted ones too."""
+    latest = {process.pid: process for process in now}
+    ended = (latest.get(process.pid, replace(process, alive=False)) for process in before if process.alive)
+    return tuple(process for process in ended if not process.alive)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -127,7 +127,7 @@ class Perception:
         report = self._process(frame)
         self._say(report, frame.captured_ns)
         if report is not None:
-            for record in records_between(self._last, report):
+            for record in records_between(self._last, report, self._setup.profile.press_threshold_m):
                 self._sink.emit(record)
             self._last = report
         if self._pacer.due(time.monotonic_ns()):

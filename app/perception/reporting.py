@@ -93,8 +93,8 @@ def _with_button(message: TriggerReport, report: Report) -> TriggerReport:
     )
 
 
-def records_between(before: Report | None, now: Report) -> Iterator[Body]:
-    """What changed from one frame to the next that the trail must hold."""
+def records_between(before: Report | None, now: Report, threshold_m: float) -> Iterator[Body]:
+    """What changed from one frame to the next that the trail must hold; threshold_m: of the press."""
     distance_m = now.distance.shown_m if now.distance else None
     if now.gesture is not (before.gesture if before else None):
         yield GestureOnset(
@@ -109,7 +109,7 @@ def records_between(before: Report | None, now: Report) -> Iterator[Body]:
     button = now.button
     if button.pressed and not (old and old.pressed):
         gesture = button.pressed_gesture.value if button.pressed_gesture else None
-        yield Press(gesture=gesture, captured_ns=now.captured_ns, distance_m=distance_m)
+        yield Press(gesture=gesture, captured_ns=now.captured_ns, distance_m=distance_m, threshold_m=threshold_m)
     if button.release_count > (old.release_count if old else 0):
         yield Release(
             gesture=button.released_gesture.value if button.released_gesture else None,
@@ -119,7 +119,10 @@ def records_between(before: Report | None, now: Report) -> Iterator[Body]:
             number=button.release_count,
         )
     if button.cancel_count > (old.cancel_count if old else 0):
-        yield Cancel(reason=button.cancel_reason, captured_ns=now.captured_ns)
+        pressed = old.pressed_gesture if old else None
+        yield Cancel(
+            reason=button.cancel_reason, gesture=pressed.value if pressed else None, captured_ns=now.captured_ns
+        )
 
 
 def frames_per_second(captures_ns: list[int]) -> float:

@@ -46,7 +46,7 @@ def hostile(tmp_path: Path, key: ConsoleKey) -> Path:
         r.EventRaised(event=HOSTILE, effect=HOSTILE, text=HOSTILE),
         r.ActionEnd(number=1, action=HOSTILE, source="x", from_state="y", to_state=None, outcome=HOSTILE),
         r.HeartbeatLost(stream=HOSTILE, age_ms=1.0),
-        r.Discomfort(rating=3, text=HOSTILE),
+        r.Note(text=HOSTILE),
         r.SignIn(name=HOSTILE, role=HOSTILE),
     )
     return write_session(folder, "s1", key, PosixDisk(), bodies)

@@ -11,12 +11,13 @@ from textual.binding import Binding, BindingType
 from textual.containers import VerticalScroll
 from textual.widgets import Button, Input, Label, Select, Static
 
+from app.console.patient_fields import ChangeCause
 from app.console.screens.base import ConsoleScreen
 from app.console.screens.dialogs import Question
 from app.console.session_index import SessionRecord
 from app.console.state import SessionState
 from app.system.operators import Permission
-from app.text.catalogue import tr
+from app.text.catalogue import key_of, tr
 from logs.records import Discomfort, Note
 from profiles.schema import DoseTargets, Profile
 
@@ -136,7 +137,9 @@ class AfterScreen(ConsoleScreen):
         now = self.console_app.store.load(profile.identifier)
         dose = msgspec.structs.replace(now.dose, steps=int(typed))
         changed = msgspec.structs.replace(now, dose=dose)
-        self.console_app.store.save(changed, by=self.console_app.operator, at=datetime.now(UTC), why=tr("after.why"))
+        self.console_app.store.save(
+            changed, by=self.console_app.operator, at=datetime.now(UTC), why=key_of(ChangeCause.TARGETS)
+        )
 
     def _figures(self, profile: Profile) -> str:
         record, dose = self._record, profile.dose

@@ -18,6 +18,7 @@ from textual.binding import Binding, BindingType
 from textual.containers import Horizontal, Vertical
 from textual.widgets import Input, Label, Static
 
+from app.console.patient_fields import ChangeCause
 from app.console.screens.base import ConsoleScreen
 from app.console.screens.dialogs import Question
 from app.console.sentences import sentence
@@ -30,7 +31,7 @@ from app.system.config import SessionSetup
 from app.text.catalogue import render, tr
 from hal.errors import HardwareError
 from kgdfa.errors import KgdfaError
-from logs.reason import Reason, reason_of
+from logs.reason import Reason, key_of, reason, reason_of
 from logs.records import Calibration as CalibrationRecord
 from profiles.palm import Calibrated, with_calibration
 from profiles.schema import Profile
@@ -145,15 +146,16 @@ class CalibrationScreen(ConsoleScreen):
         with self.told():
             current = app.store.load(self._profile.identifier)
             calibrated = with_calibration(current, result.calibration)
-            why = f"calibrated with {result.calibration.camera}"
-            app.store.save(calibrated, by=app.operator, at=datetime.now(UTC), why=why)
+            app.store.save(calibrated, by=app.operator, at=datetime.now(UTC), why=key_of(ChangeCause.CALIBRATED))
             app.trail.emit(
                 CalibrationRecord(
                     method="calibrated",
                     anchor_m=result.reference_m,
                     focal_px=result.calibration.focal_px,
                     residual_m=result.calibration.residual * result.reference_m,
-                    text=f"{self._profile.identifier} with {result.calibration.camera}",
+                    text=reason(
+                        ChangeCause.CALIBRATED, patient=self._profile.identifier, camera=result.calibration.camera
+                    ),
                 )
             )
             self.notify(tr("calibration.kept", camera=result.calibration.camera))

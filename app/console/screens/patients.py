@@ -23,7 +23,7 @@ from app.console.state import SessionState
 from app.console.widgets.panel import Lines, plain
 from app.console.widgets.patient_details import describe
 from app.system.operators import Permission
-from app.text.catalogue import tr
+from app.text.catalogue import knows, tr
 from profiles.schema import Profile
 from profiles.store import Change
 
@@ -276,7 +276,12 @@ def history_lines(changes: tuple[Change, ...]) -> Lines:
     lines: list[tuple[tuple[str, str], ...]] = []
     for change in reversed(changes):
         who = change.by or tr("history.nobody")
-        lines.append(((f"{change.at}  {who}", "bold $primary"), (f"  {change.why}", "$text-muted")))
+        lines.append(
+            (
+                (f"{change.at}  {who}", "bold $primary"),
+                (f"  {tr(change.why) if knows(change.why) else change.why}", "$text-muted"),
+            )
+        )
         lines += [
             ((f"  {field}: ", ""), (f"{_shown(old)} → {_shown(new)}", "bold"))
             for field, (old, new) in change.changes.items()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import time
+from enum import Enum, auto
 from typing import ClassVar
 
 from textual.app import ComposeResult
@@ -17,6 +18,12 @@ from app.system.operators import Operator, Role, SignInResult, add_operator, loa
 from app.text.catalogue import render, tr
 from logs.reason import reason
 from logs.records import SignIn, SignInFailed
+
+
+class SignInFault(Enum):
+    """Why the console refuses a right PIN."""
+
+    LOCKED_BY_ANOTHER = auto()  # name
 
 
 class SignInDialog(Dialog[Operator]):
@@ -84,9 +91,14 @@ class SignInDialog(Dialog[Operator]):
             raise AppError(attempt.fault, wait_s=attempt.wait_s)
         operator = attempt.operator
         if self._unlock and operator.name != self._unlock:
-            failed = SignInFailed(name=operator.name, reason=f"locked by {self._unlock}", failures=0, wait_s=0.0)
+            failed = SignInFailed(
+                name=operator.name,
+                reason=reason(SignInFault.LOCKED_BY_ANOTHER, name=self._unlock),
+                failures=0,
+                wait_s=0.0,
+            )
             self.console_app.trail.emit(failed)
-            raise AppError(tr("sign_in.not_yours", name=self._unlock))
+            raise AppError(SignInFault.LOCKED_BY_ANOTHER, name=self._unlock)
         self.console_app.trail.emit(SignIn(name=operator.name, role=operator.role.value, unlocked=bool(self._unlock)))
         return operator
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 from hypothesis import given
@@ -49,21 +50,22 @@ def test_message_carries_the_safe_distance_beside_the_shown_one() -> None:
 def test_a_whole_press_leaves_its_three_records() -> None:
     pressed = replace(REPORT, button=ButtonState(pressed=True, pressed_gesture=Gesture.ONE))
     released = replace(REPORT, button=ButtonState(release_count=1, released_gesture=Gesture.ONE))
-    kinds = [
-        type(r) for pair in ((None, REPORT), (REPORT, pressed), (pressed, released)) for r in records_between(*pair)
-    ]
-    assert kinds == [GestureOnset, Press, Release]
+    reports = (None, REPORT, pressed, released)
+    records = [record for before, now in pairwise(reports) if now for record in records_between(before, now, 0.2)]
+    assert [type(record) for record in records] == [GestureOnset, Press, Release]
+    assert isinstance(records[1], Press)
+    assert records[1].threshold_m == 0.2
 
 
 def test_a_cancelled_press_leaves_its_reason() -> None:
     cancelled = replace(REPORT, button=ButtonState(cancel_count=1, cancel_reason="the hand was lost"))
-    (record,) = records_between(REPORT, cancelled)
+    (record,) = records_between(REPORT, cancelled, 0.2)
     assert isinstance(record, Cancel)
     assert record.reason == "the hand was lost"
 
 
 def test_nothing_new_leaves_no_record() -> None:
-    assert list(records_between(REPORT, replace(REPORT, captured_ns=6))) == []
+    assert list(records_between(REPORT, replace(REPORT, captured_ns=6), 0.2)) == []
 
 
 @given(rate_hz=st.floats(1, 240), frames=st.integers(2, 60))
