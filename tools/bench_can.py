@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from app.control.events.drives import JOINT_SILENT_MS
+from app.control.events.drives import JOINT_TIMEOUT_MS
 from app.ipc.links import LatestReceiver, address
 from app.ipc.messages import TriggerReport
 from app.ipc.streams import TRIGGER
@@ -41,7 +41,7 @@ ROUND_TRIP_BOUND_MS = 2.0
 FAULT_BOUND_MS = 20.0
 FAULT_TRIALS = 20
 _ZERO = np.zeros(4)
-_SILENT_NS = JOINT_SILENT_MS * 1e6
+_SILENT_NS = JOINT_TIMEOUT_MS * 1e6
 
 # fault → what control's table of events looks at
 ACTED_ON: dict[Fault, Callable[[JointFeedback, int], bool]] = {

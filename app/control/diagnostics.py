@@ -1,4 +1,4 @@
-"""What is true in this tick, in the plain quantities that the table of events compares with its limits."""
+"""One tick's quantities, as the table of events compares them with its limits."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from math import inf, isnan, nan, radians
 import numpy as np
 from msgspec import Struct
 
-from app.control.freshness import NS_PER_MS, StreamState
 from app.control.gait.machine import Gait
-from app.control.inputs import Inputs, Settings
+from app.control.inputs import Inputs, Settings, StreamState
+from app.ipc.streams import NS_PER_MS
 from app.motion.follower import Mode, Motion
 from hal.joints.guard import Refusal
 from hal.joints.protocol import BusFault, DriveFault, Joint, JointFeedback
@@ -22,29 +22,29 @@ TORQUE_MARGIN = 1.05
 SETTLED_NS = 500 * NS_PER_MS  # after a movement the joints settle; later motion while held is unexpected
 
 
-class Session(Struct, frozen=True, kw_only=True):
-    """What the operator has said, and what has not been said or shown yet."""
+class SessionDiagnostics(Struct, frozen=True, kw_only=True):
+    """What the operator commanded, and what is missing before motion."""
 
     armed: bool = True
     patient_confirmed: bool = True
-    uncleared: bool = False  # a wish of this tick lacks its pre-flight
+    lacks_preflight: bool = False  # an action requested in this tick has not passed its pre-flight
     stop_presses: int = 0
     ending: bool = False
-    ending_slack: bool = False  # it has been ending for so long that the joints give way
+    ending_damped: bool = False  # it has been ending for so long that the joints are damped
 
 
-class Planning(Struct, frozen=True, kw_only=True):
+class PlanningDiagnostics(Struct, frozen=True, kw_only=True):
     """Whether the planner keeps up with what runs."""
 
     ready: bool = True
-    silent: bool = False
-    walk_plan_missing: bool = False
+    timed_out: bool = False
+    next_step_missing: bool = False
 
 
-class Programs(Struct, frozen=True, kw_only=True):
-    """The programs beside control; ages count from their last word."""
+class ProgramDiagnostics(Struct, frozen=True, kw_only=True):
+    """The processes beside control; ages count from their last message."""
 
-    picture_age_ms: float = 0.0
+    frame_age_ms: float = 0.0
     camera_fault: Reason | None = None
     perception_age_ms: float = 0.0
     console_age_ms: float = 0.0
@@ -58,8 +58,8 @@ class Programs(Struct, frozen=True, kw_only=True):
     rejected_messages: int = 0
 
 
-class Clocks(Struct, frozen=True, kw_only=True):
-    """Control's own punctuality, and the computer's clocks."""
+class ClockDiagnostics(Struct, frozen=True, kw_only=True):
+    """How late control is, and what the computer's clocks did."""
 
     late_ms: float = 0.0
     missed_ticks: int = 0
@@ -67,7 +67,7 @@ class Clocks(Struct, frozen=True, kw_only=True):
     step_s: float = 0.0
 
 
-class Legs(Struct, frozen=True, kw_only=True):
+class JointDiagnostics(Struct, frozen=True, kw_only=True):
     """What joints, drives and bus report; errors are 0 where nothing is held that could err."""
 
     answering: bool = True  # every joint has answered at least once
@@ -92,89 +92,89 @@ class Legs(Struct, frozen=True, kw_only=True):
 
 
 class Diagnostics(Struct, frozen=True, kw_only=True):
-    """One tick's facts."""
+    """All quantities of a tick."""
 
     now_ns: int
     powered: bool
-    session: Session = Session()
-    planning: Planning = Planning()
-    programs: Programs = Programs()
-    clocks: Clocks = Clocks()
-    legs: Legs = Legs()
+    session: SessionDiagnostics = SessionDiagnostics()
+    planning: PlanningDiagnostics = PlanningDiagnostics()
+    programs: ProgramDiagnostics = ProgramDiagnostics()
+    clocks: ClockDiagnostics = ClockDiagnostics()
+    joints: JointDiagnostics = JointDiagnostics()
 
 
 class MotionDiagnostics(Struct, frozen=True, kw_only=True):
-    """What control itself knows and the streams don't tell."""
+    """What control itself knows: its gait, its motion and its session."""
 
     gait: Gait
     motion: Motion
     still_since_ns: int  # since when the command has not moved; 0 while it moves
-    session: Session
-    planning: Planning
+    session: SessionDiagnostics
+    planning: PlanningDiagnostics
 
 
 def collect_diagnostics(
-    inputs: Inputs, heard: StreamState, standing: MotionDiagnostics, settings: Settings
+    inputs: Inputs, streams: StreamState, own: MotionDiagnostics, settings: Settings
 ) -> Diagnostics:
-    """The facts of a tick."""
+    """The quantities of a tick."""
     return Diagnostics(
         now_ns=inputs.now_ns,
-        powered=heard.powered,
-        session=standing.session,
-        planning=standing.planning,
-        programs=_programs(inputs, heard),
-        clocks=_clocks(inputs, heard),
-        legs=_legs(inputs, heard, standing, settings),
+        powered=streams.powered,
+        session=own.session,
+        planning=own.planning,
+        programs=_programs(inputs, streams),
+        clocks=_clocks(inputs, streams),
+        joints=_joints(inputs, streams, own, settings),
     )
 
 
-def _programs(inputs: Inputs, heard: StreamState) -> Programs:
+def _programs(inputs: Inputs, streams: StreamState) -> ProgramDiagnostics:
     now_ns = inputs.now_ns
-    report, audit, guardian = heard.report, heard.audit, heard.guardian
-    return Programs(
-        picture_age_ms=_age_ms(now_ns, report.captured_ns if report else heard.report_ns),
+    report, audit, guardian = streams.report, streams.audit, streams.guardian
+    return ProgramDiagnostics(
+        frame_age_ms=_age_ms(now_ns, report.captured_ns if report else streams.report_ns),
         camera_fault=report.camera_fault if report else None,
-        perception_age_ms=_age_ms(now_ns, heard.report_ns),
-        console_age_ms=_age_ms(now_ns, heard.alive_ns),
-        audit_age_ms=_age_ms(now_ns, heard.audit_ns),
+        perception_age_ms=_age_ms(now_ns, streams.report_ns),
+        console_age_ms=_age_ms(now_ns, streams.console_ns),
+        audit_age_ms=_age_ms(now_ns, streams.audit_ns),
         audit_waiting=audit.waiting if audit else 0,
         audit_fault=audit.fault if audit else None,
         audit_full=inputs.audit_full,
-        guardian_age_ms=_age_ms(now_ns, heard.guardian_ns),
+        guardian_age_ms=_age_ms(now_ns, streams.guardian_ns),
         guardian_acted=guardian is not None and guardian.acted,
         guardian_fault=guardian.fault if guardian else None,
         rejected_messages=inputs.rejected_messages,
     )
 
 
-def _clocks(inputs: Inputs, heard: StreamState) -> Clocks:
-    return Clocks(
+def _clocks(inputs: Inputs, streams: StreamState) -> ClockDiagnostics:
+    return ClockDiagnostics(
         late_ms=inputs.late_ns / NS_PER_MS,
         missed_ticks=inputs.missed_ticks,
-        slept_s=heard.slept_ns / 1e9,
-        step_s=heard.clock_step_ns / 1e9,
+        slept_s=streams.slept_ns / 1e9,
+        step_s=streams.clock_step_ns / 1e9,
     )
 
 
-def _legs(inputs: Inputs, heard: StreamState, standing: MotionDiagnostics, settings: Settings) -> Legs:
-    now_ns, feedback, motion, limits = inputs.now_ns, inputs.feedback, standing.motion, settings.limits
+def _joints(inputs: Inputs, streams: StreamState, own: MotionDiagnostics, settings: Settings) -> JointDiagnostics:
+    now_ns, feedback, motion, limits = inputs.now_ns, inputs.feedback, own.motion, settings.limits
     oldest_ns = min(feedback.measured_ns.tolist())
     temperatures_c = feedback.temperature_c.tolist()
-    return Legs(
+    return JointDiagnostics(
         answering=oldest_ns > 0,
-        age_ms=_age_ms(now_ns - heard.unasked_ns, oldest_ns),
-        drives_lost=motion.mode is not Mode.DISABLED and not heard.powered,
+        age_ms=_age_ms(now_ns - streams.own_delay_ns, oldest_ns),
+        drives_lost=motion.mode is not Mode.DISABLED and not streams.powered,
         drive_faults=_union(feedback.faults),
         drive_detail=feedback.detail,
-        silent_joint=_silent(feedback),
+        silent_joint=_silent_joint(feedback),
         drive_error=inputs.drive_error,
         bus=feedback.bus,
         hottest_c=max(temperatures_c, key=lambda c: -inf if isnan(c) else c),
         warm=_any_above(temperatures_c, settings.warn_c.tolist()),
         hot=_any_above(temperatures_c, settings.limit_c.tolist()),
         following_rad=_following_rad(motion, feedback),
-        pose_error_rad=_pose_error_rad(standing, feedback, settings),
-        drift_rad_s=_drift_rad_s(standing, feedback, now_ns),
+        pose_error_rad=_pose_error_rad(own, feedback, settings),
+        drift_rad_s=_drift_rad_s(own, feedback, now_ns),
         fastest_rad_s=max(map(abs, feedback.velocity_rad_s.tolist())),
         beyond_range=_beyond_range(feedback.position_rad.tolist(), settings),
         beyond_speed=_any_beyond(feedback.velocity_rad_s.tolist(), SPEED_MARGIN, limits.speed_rad_s.tolist()),
@@ -187,7 +187,7 @@ def _age_ms(now_ns: int, then_ns: int) -> float:
     return (now_ns - then_ns) / NS_PER_MS
 
 
-def _silent(feedback: JointFeedback) -> Joint | None:
+def _silent_joint(feedback: JointFeedback) -> Joint | None:
     """The joint without an answer for the longest time; None when all answer."""
     oldest = int(feedback.measured_ns.argmin())
     newest_ns = int(feedback.measured_ns.max())
@@ -228,17 +228,17 @@ def _following_rad(motion: Motion, feedback: JointFeedback) -> float:
     return float(np.abs(motion.command.position_rad - feedback.position_rad).max())
 
 
-def _pose_error_rad(standing: MotionDiagnostics, feedback: JointFeedback, settings: Settings) -> float:
+def _pose_error_rad(own: MotionDiagnostics, feedback: JointFeedback, settings: Settings) -> float:
     """The largest distance of a resting, stiff joint from its state's pose."""
-    pose = settings.poses.get(standing.gait.state)
-    if pose is None or standing.gait.running is not None or standing.motion.mode is not Mode.HOLDING:
+    pose = settings.poses.get(own.gait.state)
+    if pose is None or own.gait.running is not None or own.motion.mode is not Mode.HOLDING:
         return 0.0
     return float(np.abs(pose - feedback.position_rad).max())
 
 
-def _drift_rad_s(standing: MotionDiagnostics, feedback: JointFeedback, now_ns: int) -> float:
+def _drift_rad_s(own: MotionDiagnostics, feedback: JointFeedback, now_ns: int) -> float:
     """The largest speed of a joint that has been told to stay for a while."""
-    still_ns = now_ns - standing.still_since_ns
-    if standing.motion.mode is not Mode.HOLDING or not standing.still_since_ns or still_ns < SETTLED_NS:
+    still_ns = now_ns - own.still_since_ns
+    if own.motion.mode is not Mode.HOLDING or not own.still_since_ns or still_ns < SETTLED_NS:
         return 0.0
     return float(np.abs(feedback.velocity_rad_s).max())

@@ -1,4 +1,4 @@
-"""The one door to the joints: commands pass the guard, orders are carried out, trouble ends in damping."""
+"""Access to the joints: commands pass the guard, drive orders are executed, an abnormal end is damped."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ from hal.joints.protocol import TICK_HZ, DriveFault, DriveState, JointCommand, J
 from hal.joints.scene import Scene
 from logs.reason import Reason, reason_of
 
-_TROUBLE_TICKS = int((follower.DAMPING_RAMP_S + 0.05) * TICK_HZ)
+_DAMPING_TICKS = int((follower.DAMPING_RAMP_S + 0.05) * TICK_HZ)
 
 
 @runtime_checkable
-class Staged(Protocol):
-    """Simulated joints, whose feet stand on something."""
+class StageableJoints(Protocol):
+    """Simulated joints, whose feet stand in a scene."""
 
     def stage(self, scene: Scene) -> None:
         """Put the scene of the coming action around the feet."""
@@ -66,22 +66,22 @@ class Drives:
         return feedback
 
     def write(self, command: JointCommand, feedback: JointFeedback, now_ns: int) -> None:
-        """Let a command pass, or leave the joints with the last one that did, at rest."""
+        """Write a command that passes the guard, else the last one that did, without its speed."""
         previous = self.written if self.powered else None
         self.refusal = self._guard.check(command, previous, feedback.position_rad)
         if self.refusal is not None:
-            command = at_rest(previous or follower.NEUTRAL)
+            command = without_speed(previous or follower.NEUTRAL)
         self._joints.write(command, now_ns)
         self.written, self.written_ns = command, time.monotonic_ns()
 
-    def expect(self, action: Action) -> None:
-        """An action is going to be carried out: simulated feet are given its scene."""
+    def stage_scene(self, action: Action) -> None:
+        """Put the scene of the coming action around simulated feet."""
         scene = self._scenes.get(action)
-        if scene is not None and isinstance(self._joints, Staged):
+        if scene is not None and isinstance(self._joints, StageableJoints):
             self._joints.stage(scene)
 
     def execute(self, order: DriveOrder, now_ns: int) -> bool:
-        """Carry out an order; whether there was one (it takes its time, the drives' answers are waited for)."""
+        """Execute an order; whether there was one (it waits for the drives' answers)."""
         self.error = None
         if order is DriveOrder.NONE:
             return False
@@ -90,7 +90,7 @@ class Drives:
                 self._enable(now_ns)
             else:
                 self._joints.close(now_ns)
-                self.powered = False  # confirmed: nothing is left to damp, and no silence to guard
+                self.powered = False  # confirmed: nothing is left to damp, nor to guard
         except HardwareError as error:
             self.error = reason_of(error)
         return True
@@ -98,7 +98,7 @@ class Drives:
     def close(self, beat: Callable[[bool], None] = lambda _: None) -> str:
         """Leave nothing powered behind, whatever has happened; what could not be confirmed.
 
-        beat: called as it goes, with whether anything is powered and stiff: the guardian would take silence for death.
+        beat: called in every tick, with whether anything is powered: without a heartbeat the guardian would act.
         """
         now_ns = time.monotonic_ns()
         try:
@@ -121,9 +121,9 @@ class Drives:
         self._joints.enable(time.monotonic_ns())
 
     def _damp(self, last: JointCommand, beat: Callable[[bool], None]) -> None:
-        """The process is in trouble: from the last command to damping, by the clock, without anybody's step."""
+        """Without `step`: ramp from the last command to damping, by the clock."""
         motion = follower.ramp_to_damping(Motion(mode=Mode.HOLDING, command=last))
-        for _ in range(_TROUBLE_TICKS):
+        for _ in range(_DAMPING_TICKS):
             motion = follower.advance(motion, self._gains, hold=True)
             now_ns = time.monotonic_ns()
             self.write(motion.command, self.read(now_ns), now_ns)
@@ -131,7 +131,7 @@ class Drives:
             time.sleep(1 / TICK_HZ)
 
 
-def at_rest(command: JointCommand) -> JointCommand:
+def without_speed(command: JointCommand) -> JointCommand:
     """The same command without its speed."""
     return replace(command, velocity_rad_s=np.zeros(4))
 
@@ -155,10 +155,10 @@ class AbsentJoints:
         raise self._error
 
     def write(self, command: JointCommand, now_ns: int) -> None:
-        """Nobody is there to be told."""
+        """Does nothing."""
 
     def read(self, now_ns: int) -> JointFeedback:  # noqa: ARG002 - the Protocol's
-        """No joint has ever answered, nothing is known of any."""
+        """Unknown values: no joint has ever answered."""
         return JointFeedback(
             measured_ns=_NEVER_NS,
             position_rad=_UNKNOWN,

@@ -1,4 +1,7 @@
-"""What a tick is given and what it gives back: values only."""
+"""What a tick is given and what it gives back, and how fresh the received streams are: values only.
+
+Freshness is computed here, once, the same on hardware as in simulation.
+"""
 
 from __future__ import annotations
 
@@ -9,13 +12,16 @@ from enum import Enum
 from msgspec import Struct
 
 from app.ipc.messages import AuditHealth, GuardianHealth, OperatorCommand, TriggerReport
-from app.ipc.states import Action, GaitState
+from app.ipc.states import ACTION_OF, Action, GaitState, Source
+from app.ipc.streams import NS_PER_MS, TRIGGER
 from app.motion.follower import Gains
 from app.motion.plan import Plan, PlanRequest
 from hal.joints.guard import Limits, Refusal
-from hal.joints.protocol import JointArray, JointCommand, JointFeedback
+from hal.joints.protocol import JointArray, JointCommand, JointFeedback, carries_power
 from logs.reason import Reason
 from logs.records import Body
+
+_FUTURE_NS = 50 * NS_PER_MS  # a capture time farther ahead of now than this is invalid
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -32,7 +38,7 @@ class Settings:
 
 
 class Inputs(Struct, frozen=True, kw_only=True):
-    """Everything that one tick may know; what is None or empty has not come since the tick before."""
+    """Everything that one tick may know; None or empty: not received since the tick before."""
 
     now_ns: int  # monotonic, read once at the tick's start
     wall_ns: int
@@ -45,7 +51,7 @@ class Inputs(Struct, frozen=True, kw_only=True):
     guardian: GuardianHealth | None = None
     late_ns: int = 0  # how late this tick began
     missed_ticks: int = 0  # left out before this one
-    written: JointCommand | None = None  # the command that really left, in the tick before
+    written: JointCommand | None = None  # the command that passed the guard, in the tick before
     written_ns: int = 0  # when
     guard_refusal: Refusal | None = None  # of the command of the tick before
     audit_full: bool = False  # a record of the tick before found the queue full
@@ -56,7 +62,7 @@ class Inputs(Struct, frozen=True, kw_only=True):
 
 
 class DriveOrder(Enum):
-    """What the shell has to do with the drives beside writing the command."""
+    """What the loop has to do with the drives beside writing the command."""
 
     NONE = "none"
     ENABLE = "enable"
@@ -64,10 +70,108 @@ class DriveOrder(Enum):
 
 
 class Outputs(Struct, frozen=True, kw_only=True):
-    """What the shell has to do after a tick."""
+    """What the loop has to do after a tick."""
 
     command: JointCommand
     drives: DriveOrder = DriveOrder.NONE
-    requests: tuple[PlanRequest, ...] = ()
+    plan_requests: tuple[PlanRequest, ...] = ()
     audit: tuple[Body, ...] = ()
     finished: bool = False  # the drives are off and the process may end
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ActionRequest:
+    """An action that the wearer or the therapist requested; moments are 0 where there was no gesture."""
+
+    action: Action
+    source: Source
+    recognised_ns: int = 0
+    released_ns: int = 0
+
+
+class StreamState(Struct, frozen=True, kw_only=True):
+    """The newest message of each stream with its time, and the clocks. Times are monotonic.
+
+    Before the first message of a stream its age counts from the start.
+    """
+
+    report: TriggerReport | None = None
+    report_ns: int
+    console_ns: int
+    audit: AuditHealth | None = None
+    audit_ns: int
+    guardian: GuardianHealth | None = None
+    guardian_ns: int
+    resumed_ns: int = 0  # when control last came back from missed ticks
+    own_delay_ns: int = 0  # how long control sent no command, of the time since the oldest feedback
+    clock_offset_ns: int  # wall minus monotonic
+    sleep_ns: int  # boot time minus monotonic: how long the host has slept
+    clock_step_ns: int = 0  # in this tick
+    slept_ns: int = 0  # in this tick
+    powered: bool = False
+
+
+def initial_streams(inputs: Inputs) -> StreamState:
+    """Before the first tick."""
+    now_ns = inputs.now_ns
+    return StreamState(
+        report_ns=now_ns,
+        console_ns=now_ns,
+        audit_ns=now_ns,
+        guardian_ns=now_ns,
+        clock_offset_ns=inputs.wall_ns - now_ns,
+        sleep_ns=inputs.boot_ns - now_ns,
+    )
+
+
+def update_streams(streams: StreamState, inputs: Inputs) -> StreamState:
+    """The streams after this tick's messages."""
+    now_ns = inputs.now_ns
+    offset_ns, sleep_ns = inputs.wall_ns - now_ns, inputs.boot_ns - now_ns
+    return StreamState(
+        report=inputs.report or streams.report,
+        report_ns=now_ns if inputs.report else streams.report_ns,
+        console_ns=max(streams.console_ns, *(command.sent_ns for command in inputs.commands), 0),
+        audit=inputs.audit or streams.audit,
+        audit_ns=now_ns if inputs.audit else streams.audit_ns,
+        guardian=inputs.guardian or streams.guardian,
+        guardian_ns=now_ns if inputs.guardian else streams.guardian_ns,
+        resumed_ns=now_ns if inputs.missed_ticks else streams.resumed_ns,
+        own_delay_ns=_own_delay_ns(streams, inputs),
+        clock_offset_ns=offset_ns,
+        sleep_ns=sleep_ns,
+        clock_step_ns=offset_ns - streams.clock_offset_ns,
+        slept_ns=sleep_ns - streams.sleep_ns,
+        powered=carries_power(inputs.feedback.state, streams.powered),
+    )
+
+
+def _own_delay_ns(streams: StreamState, inputs: Inputs) -> int:
+    """Drives answer commands: while control misses ticks, the missing answers are not their fault."""
+    all_since_resumed = int(inputs.feedback.measured_ns.min()) > streams.resumed_ns
+    before_ns = 0 if all_since_resumed else streams.own_delay_ns
+    return before_ns + (inputs.late_ns if inputs.missed_ticks else 0)
+
+
+def new_release(streams: StreamState, report: TriggerReport | None, now_ns: int) -> ActionRequest | None:
+    """The request of a gesture released in this report, if it is new and its frame is fresh.
+
+    streams: as they were before this report. A count that grew acts once, in a perception that restarted from 0; a
+    stale release never acts, not even later.
+    """
+    if report is None or report.released_gesture is None or not _is_new(streams.report, report):
+        return None
+    if not -_FUTURE_NS <= now_ns - report.released_ns <= TRIGGER.stale_ms * NS_PER_MS:
+        return None
+    return ActionRequest(
+        action=ACTION_OF[report.released_gesture],
+        source=Source.GESTURE,
+        recognised_ns=report.released_recognised_ns,
+        released_ns=report.released_ns,
+    )
+
+
+def _is_new(before: TriggerReport | None, report: TriggerReport) -> bool:
+    if before is None or before.incarnation != report.incarnation:
+        return report.release_count > 0
+    return report.release_count > before.release_count

@@ -1,4 +1,4 @@
-"""Control's ends of the session's links: received without waiting, the rare ones looked at less often."""
+"""Control's ends of the session's links: non-blocking; slow streams are polled less often."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import TypeVar
 
 import msgspec
 
-from app.ipc import streams as processes
+from app.ipc import streams
 from app.ipc.links import LatestReceiver, OrderedReceiver, OrderedSender, Publisher, address
 from app.ipc.messages import (
     AuditHealth,
@@ -23,13 +23,13 @@ from app.motion.plan import Plan, PlanRequest, decode_table
 
 _M = TypeVar("_M", bound=msgspec.Struct)
 
-RARE_TICKS = 5  # streams of 20 Hz and plans are looked at a hundred times a second: 10 ms of their limits' margin
-LAST_WORD_S = 0.1  # the guardian must learn that control has ended in good order
-COMMANDS_A_TICK = 32  # a flood of words must not make a tick late
+SLOW_STREAM_TICKS = 5  # slow streams and plans are polled at 100 Hz: 10 ms of their limits' margin
+LAST_HEARTBEAT_S = 0.1  # the guardian must learn that control has ended in good order
+COMMANDS_A_TICK = 32  # a flood of commands must not make a tick late
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class StreamState:
+class Received:
     """What has arrived since the tick before."""
 
     report: TriggerReport | None
@@ -44,43 +44,43 @@ class ControlLinks:
     """All sockets of the control process but the audit's."""
 
     def __init__(self, directory: Path) -> None:
-        def at(stream: processes.Stream) -> str:
+        def at(stream: streams.Stream) -> str:
             return address(directory, stream.name)
 
-        self._operator = OrderedReceiver(at(processes.OPERATOR), OperatorCommand)
-        self._plans = OrderedReceiver(at(processes.PLAN_REPLY), Plan, dec_hook=decode_table)
-        self._requests = OrderedSender(at(processes.PLAN_REQUEST))
-        self._reports = LatestReceiver(at(processes.TRIGGER), TriggerReport)
-        self._audit = LatestReceiver(at(processes.AUDIT_HEALTH), AuditHealth)
-        self._guardian = LatestReceiver(at(processes.GUARDIAN), GuardianHealth)
-        self._heartbeats = Publisher(at(processes.HEARTBEAT))
-        self._snapshots = Publisher(at(processes.SNAPSHOT))
+        self._operator = OrderedReceiver(at(streams.OPERATOR), OperatorCommand)
+        self._plans = OrderedReceiver(at(streams.PLAN_REPLY), Plan, dec_hook=decode_table)
+        self._requests = OrderedSender(at(streams.PLAN_REQUEST))
+        self._reports = LatestReceiver(at(streams.TRIGGER), TriggerReport)
+        self._audit = LatestReceiver(at(streams.AUDIT_HEALTH), AuditHealth)
+        self._guardian = LatestReceiver(at(streams.GUARDIAN), GuardianHealth)
+        self._heartbeats = Publisher(at(streams.HEARTBEAT))
+        self._snapshots = Publisher(at(streams.SNAPSHOT))
         self._rejected = 0
 
-    def receive(self, tick: int, *, planning: bool) -> StreamState:
-        """Everything new. planning: a plan is awaited and looked for in every tick."""
-        rare = tick % RARE_TICKS == 0
+    def receive(self, tick: int, *, planning: bool) -> Received:
+        """Everything new. planning: a plan is awaited, plans are polled in every tick."""
+        slow = tick % SLOW_STREAM_TICKS == 0
         commands = tuple(_up_to(COMMANDS_A_TICK, self._operator))
-        plans = self._take_plans() if planning or rare else ()
-        return StreamState(
+        plans = self._take_plans() if planning or slow else ()
+        return Received(
             report=self._reports.receive(),
             commands=commands,
             plans=plans,
-            audit=self._audit.receive() if rare else None,
-            guardian=self._guardian.receive() if rare else None,
+            audit=self._audit.receive() if slow else None,
+            guardian=self._guardian.receive() if slow else None,
             rejected=self._newly_rejected(),
         )
 
-    def ask(self, requests: Iterable[PlanRequest]) -> None:
-        """Send requests to the planner; one that a full queue refuses is noticed as a silent planner."""
-        for request in requests:
-            self._requests.send(request)
+    def send_plan_requests(self, plan_requests: Iterable[PlanRequest]) -> None:
+        """Send requests to the planner; one that a full queue refuses ends in PLANNER_TIMEOUT."""
+        for plan_request in plan_requests:
+            self._requests.send(plan_request)
 
-    def heartbeat(self, beat: Heartbeat) -> None:
+    def send_heartbeat(self, heartbeat: Heartbeat) -> None:
         """To the guardian."""
-        self._heartbeats.send(beat)
+        self._heartbeats.send(heartbeat)
 
-    def show(self, snapshot: ControlSnapshot) -> None:
+    def send_snapshot(self, snapshot: ControlSnapshot) -> None:
         """To the console and the demo."""
         self._snapshots.send(snapshot)
 
@@ -96,7 +96,7 @@ class ControlLinks:
             self._snapshots,
         ):
             link.close()
-        self._heartbeats.close(linger_s=LAST_WORD_S)
+        self._heartbeats.close(linger_s=LAST_HEARTBEAT_S)
 
     def _take_plans(self) -> tuple[Plan, ...]:
         return tuple(_up_to(4, self._plans))

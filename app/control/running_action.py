@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from enum import Enum
 from math import radians, sqrt
 
@@ -11,6 +10,7 @@ import numpy as np
 from msgspec import Struct
 from msgspec.structs import replace
 
+from app.control.inputs import ActionRequest
 from app.ipc.messages import ActionReport
 from app.ipc.states import GESTURE_OF, Action, GaitState, Outcome, Source
 from app.motion.plan import Phase, Plan, PlanRequest
@@ -22,95 +22,85 @@ VISIBLE_RAD = radians(0.5)
 
 
 class Stage(Enum):
-    """How far the running action has come."""
+    """Stages of an action, in their order; those that are not needed are skipped."""
 
     PLANNING = "planning"
     ENABLING = "enabling"
-    GRIPPING = "gripping"
+    STIFFENING = "stiffening"
     MOVING = "moving"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ActionRequest:
-    """An action that somebody wants; moments are 0 where there was no gesture."""
-
-    action: Action
-    source: Source
-    recognised_ns: int = 0
-    released_ns: int = 0
-
-
 class RunningAction(Struct, frozen=True, kw_only=True):
-    """One running action."""
+    """An accepted action until its end."""
 
     report: ActionReport
     stage: Stage = Stage.PLANNING
-    asked_ns: int  # when the awaited plan was asked for
-    awaited: frozenset[int]  # numbers of plan requests without an answer yet
+    requested_ns: int  # when the awaited plan was requested
+    awaited_plans: frozenset[int]  # numbers of plan requests without an answer yet
     plan: Plan | None = None
-    ahead: Mapping[Phase, Plan] = {}  # steps of a walk, planned while one runs
+    next_steps: Mapping[Phase, Plan] = {}  # steps of a walk, planned while one runs
     ending: ActionReport | None = None  # gesture 6's own report while it is latched
-    before: JointCommand  # the command when the action was accepted
+    initial_command: JointCommand  # the command when the action was accepted
     start_rad: JointArray  # measured then
-    commanded: bool = False  # a command differs from `before`
+    commanded: bool = False  # a command differs from `initial_command`
     squares_rad2: float = 0.0
     samples: int = 0
 
-    def waits_too_long(self, now_ns: int, limit_ms: float) -> bool:
+    def plan_overdue(self, now_ns: int, limit_ms: float) -> bool:
         """Whether the plan that it can't go on without is overdue."""
-        waiting = self.stage is Stage.PLANNING or (self.stage is Stage.GRIPPING and bool(self.awaited))
-        return waiting and now_ns - self.asked_ns > limit_ms * 1e6
+        waiting = self.stage is Stage.PLANNING or (self.stage is Stage.STIFFENING and bool(self.awaited_plans))
+        return waiting and now_ns - self.requested_ns > limit_ms * 1e6
 
 
-def new_report(wish: ActionRequest, number: int, state: GaitState, now_ns: int) -> ActionReport:
-    """The report of a wish that has just been granted."""
+def new_report(request: ActionRequest, number: int, state: GaitState, now_ns: int) -> ActionReport:
+    """The report of a request that has just been granted."""
     return ActionReport(
         number=number,
-        action=wish.action,
-        source=wish.source,
+        action=request.action,
+        source=request.source,
         from_state=state,
-        recognised_ns=wish.recognised_ns,
-        released_ns=wish.released_ns,
+        recognised_ns=request.recognised_ns,
+        released_ns=request.released_ns,
         accepted_ns=now_ns,
     )
 
 
 def measure(
-    task: RunningAction, command: JointCommand, measured_rad: JointArray, written_ns: int, now_ns: int
+    running: RunningAction, command: JointCommand, measured_rad: JointArray, written_ns: int, now_ns: int
 ) -> RunningAction:
-    """What the tick before has shown: its command left at `written_ns`, the joints are read at `now_ns`."""
-    report = task.report
-    if task.commanded and not report.first_command_ns:
+    """Measure the tick before: its command left at `written_ns`, the joints were read at `now_ns`."""
+    report = running.report
+    if running.commanded and not report.first_command_ns:
         report = replace(report, first_command_ns=written_ns)
-    moved = float(np.abs(measured_rad - task.start_rad).max()) >= VISIBLE_RAD
+    moved = float(np.abs(measured_rad - running.start_rad).max()) >= VISIBLE_RAD
     if moved and report.first_command_ns and not report.first_motion_ns:
         report = replace(report, first_motion_ns=now_ns)
-    if task.stage is not Stage.MOVING:
-        return task if report is task.report else replace(task, report=report)
+    if running.stage is not Stage.MOVING:
+        return running if report is running.report else replace(running, report=report)
     error = measured_rad - command.position_rad
     return replace(
-        task,
+        running,
         report=report,
-        squares_rad2=task.squares_rad2 + float(error @ error) / 4,
-        samples=task.samples + 1,
+        squares_rad2=running.squares_rad2 + float(error @ error) / 4,
+        samples=running.samples + 1,
     )
 
 
-def note_command(task: RunningAction, command: JointCommand) -> RunningAction:
-    """Remember that the joints are being told something new for this action."""
-    if task.commanded or command is task.before or _same(command, task.before):
-        return task
-    return replace(task, commanded=True)
+def note_command(running: RunningAction, command: JointCommand) -> RunningAction:
+    """Note that the joint command has changed since the action was accepted."""
+    if running.commanded or command is running.initial_command or _same(command, running.initial_command):
+        return running
+    return replace(running, commanded=True)
 
 
 def ended(
-    task: RunningAction, outcome: Outcome, to_state: GaitState, now_ns: int, why: Reason | None = None
+    running: RunningAction, outcome: Outcome, to_state: GaitState, now_ns: int, why: Reason | None = None
 ) -> tuple[ActionReport, ...]:
     """The final reports of an action, and of the gesture 6 that was latched in it."""
-    rms = sqrt(task.squares_rad2 / task.samples) if task.samples else 0.0
+    rms = sqrt(running.squares_rad2 / running.samples) if running.samples else 0.0
     return tuple(
         replace(report, outcome=outcome, to_state=to_state, ended_ns=now_ns, reason=why, tracking_rms_rad=rms)
-        for report in (task.report, task.ending)
+        for report in (running.report, running.ending)
         if report is not None
     )
 
@@ -169,8 +159,8 @@ def end_record(report: ActionReport, steps: int, distance_m: float) -> records.A
     )
 
 
-def request(number: int, action: Action, phase: Phase, state: GaitState, start_rad: JointArray) -> PlanRequest:
-    """Ask the planner for one movement."""
+def plan_request(number: int, action: Action, phase: Phase, state: GaitState, start_rad: JointArray) -> PlanRequest:
+    """A request to the planner for one movement."""
     pose = (float(start_rad[0]), float(start_rad[1]), float(start_rad[2]), float(start_rad[3]))
     return PlanRequest(number=number, action=action, phase=phase, from_state=state, start_rad=pose)
 

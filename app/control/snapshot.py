@@ -1,11 +1,10 @@
-"""What control tells the console, the demo and whoever listens, twenty times a second."""
+"""The snapshot of control for console, demo and observers."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-from app.control.events.table import ROW, Active, blocker
-from app.control.freshness import NS_PER_MS
+from app.control.events.table import ROW, RaisedEvent, blocker
 from app.control.gait import machine as gait_machine
 from app.control.inputs import Inputs
 from app.control.state import ControlState
@@ -17,13 +16,14 @@ from app.ipc.messages import (
     RealTime,
 )
 from app.ipc.states import Action, RequestRefusal, Source
+from app.ipc.streams import NS_PER_MS
 from hal.joints.protocol import Joint
 from logs.reason import Reason, reason
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Shell:
-    """What only the shell knows."""
+class LoopStatus:
+    """What only the loop knows."""
 
     incarnation: int
     sequence: int
@@ -32,56 +32,56 @@ class Shell:
     real_time: RealTime
 
 
-def snapshot(memory: ControlState, inputs: Inputs, shell: Shell) -> ControlSnapshot:
-    """Everything a screen shows of control."""
-    gait, task, report = memory.gait, memory.task, memory.heard.report
-    allowed, why_not = _allowed(memory)
-    running = tuple(one for one in (task.report, task.ending) if one is not None) if task else ()
+def snapshot(state: ControlState, inputs: Inputs, status: LoopStatus) -> ControlSnapshot:
+    """Everything that a screen shows of control."""
+    gait, running, report = state.gait, state.running, state.streams.report
+    allowed, why_not = _allowed(state)
+    open_reports = tuple(one for one in (running.report, running.ending) if one is not None) if running else ()
     return ControlSnapshot(
-        incarnation=shell.incarnation,
-        sequence=shell.sequence,
+        incarnation=status.incarnation,
+        sequence=status.sequence,
         at_ns=inputs.now_ns,
         state=gait.state,
-        effect=memory.effect,
-        armed=memory.armed_ns > 0,
-        patient_confirmed=memory.patient_confirmed,
-        enabled=memory.heard.powered,
+        effect=state.effect,
+        armed=state.armed_ns > 0,
+        patient_confirmed=state.patient_confirmed,
+        enabled=state.streams.powered,
         action=gait.running,
-        progress=memory.motion.progress,
+        progress=state.motion.progress,
         pending=Action.WALK_END if gait.closing else None,
         allowed=allowed,
         why_not=why_not,
-        joints=_joints(memory, inputs),
-        events=tuple(_event(one) for one in memory.active),
-        reports=(*memory.reports, *running),
-        refusal=memory.refusal,
-        refusal_count=memory.refusal_count,
-        ignored_count=memory.ignored_count,
-        acknowledged_sequence=memory.sequence,
-        stop_seen_ns=memory.stop_seen_ns,
-        stop_command_ns=memory.stop_command_ns,
-        steps=memory.steps,
-        distance_walked_m=memory.distance_walked_m,
-        lateness=shell.lateness,
-        real_time=shell.real_time,
-        report_age_ms=(inputs.now_ns - (report.captured_ns if report else memory.heard.report_ns)) / NS_PER_MS,
-        simulated=shell.simulated,
+        joints=_joints(state, inputs),
+        events=tuple(_event(one) for one in state.events),
+        reports=(*state.reports, *open_reports),
+        refusal=state.refusal,
+        refusal_count=state.refusal_count,
+        ignored_count=state.ignored_count,
+        acknowledged_sequence=state.sequence,
+        stop_seen_ns=state.stop_seen_ns,
+        stop_command_ns=state.stop_command_ns,
+        steps=state.steps,
+        distance_walked_m=state.distance_walked_m,
+        lateness=status.lateness,
+        real_time=status.real_time,
+        report_age_ms=(inputs.now_ns - (report.captured_ns if report else state.streams.report_ns)) / NS_PER_MS,
+        simulated=status.simulated,
     )
 
 
-def _allowed(memory: ControlState) -> tuple[tuple[Action, ...], Reason | None]:
-    """What the therapist's keys may do now; the table of events has its say before the gait table."""
-    forbidden = blocker(memory.active, Source.THERAPIST)
+def _allowed(state: ControlState) -> tuple[tuple[Action, ...], Reason | None]:
+    """The actions that the therapist's keys may start now; without one, why. Events go before the gait table."""
+    forbidden = blocker(state.events, Source.THERAPIST)
     if forbidden is not None:
         return (), forbidden.reason
-    running = memory.gait.running
-    if running is None and not memory.motion.settled:
+    running = state.gait.running
+    if running is None and not state.motion.settled:
         return (), reason(RequestRefusal.COMING_TO_REST)
-    allowed = gait_machine.allowed(memory.gait)
+    allowed = gait_machine.allowed(state.gait)
     return allowed, None if allowed or running is None else reason(RequestRefusal.ACTION_RUNNING, action=running)
 
 
-def _event(one: Active) -> ActiveEvent:
+def _event(one: RaisedEvent) -> ActiveEvent:
     return ActiveEvent(
         event=one.event,
         detail=one.detail,
@@ -92,13 +92,13 @@ def _event(one: Active) -> ActiveEvent:
     )
 
 
-def _joints(memory: ControlState, inputs: Inputs) -> tuple[JointSnapshot, JointSnapshot, JointSnapshot, JointSnapshot]:
-    left_hip, left_knee, right_hip, right_knee = (_joint(memory, inputs, joint) for joint in Joint)
+def _joints(state: ControlState, inputs: Inputs) -> tuple[JointSnapshot, JointSnapshot, JointSnapshot, JointSnapshot]:
+    left_hip, left_knee, right_hip, right_knee = (_joint(state, inputs, joint) for joint in Joint)
     return left_hip, left_knee, right_hip, right_knee
 
 
-def _joint(memory: ControlState, inputs: Inputs, joint: Joint) -> JointSnapshot:
-    feedback, command = inputs.feedback, memory.motion.command
+def _joint(state: ControlState, inputs: Inputs, joint: Joint) -> JointSnapshot:
+    feedback, command = inputs.feedback, state.motion.command
     fault = feedback.faults[joint]
     stiff = command.stiffness_nm_rad[joint] > 0
     angle_rad = float(feedback.position_rad[joint])

@@ -1,17 +1,17 @@
-"""What control carries from tick to tick, and the draft of a tick that the stages of `step` work on."""
+"""Control's state from tick to tick, and the tick that the stages of `step` work on."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Any
 
 from msgspec import Struct
 from msgspec.structs import replace
 
-from app.control.events.table import Actives, effect_of
-from app.control.freshness import StreamState
+from app.control.events.table import RaisedEvents, effect_of
 from app.control.gait.machine import Gait
-from app.control.inputs import DriveOrder, Inputs, Outputs, Settings
-from app.control.running_action import ActionRequest, RunningAction
+from app.control.inputs import ActionRequest, DriveOrder, Inputs, Outputs, Settings, StreamState
+from app.control.running_action import RunningAction
 from app.ipc.messages import ActionReport
 from app.ipc.states import Effect
 from app.motion.follower import Motion
@@ -26,18 +26,18 @@ REPORTS_KEPT = 24
 class ControlState(Struct, frozen=True, kw_only=True):
     """Everything that outlives a tick."""
 
-    heard: StreamState
+    streams: StreamState
     gait: Gait = Gait()
     motion: Motion = Motion()
-    active: Actives = ()
-    task: RunningAction | None = None
+    events: RaisedEvents = ()
+    running: RunningAction | None = None
     armed_ns: int = 0  # since when; 0: not armed
     patient_confirmed: bool = False
     stop_presses: int = 0  # since the last acknowledgement
     stop_ns: int = 0  # when the newest STOP was sent
     stop_seen_ns: int = 0
     stop_command_ns: int = 0  # when the first command after a STOP was written
-    torque_off: bool = False  # the operator's word, until the joints have given way
+    torque_off: bool = False  # commanded by the operator; done once the joints are fully damped
     ending_ns: int = 0  # since when the session is being ended; 0: it is not
     still_since_ns: int = 0  # since when the command has not moved; 0: it moves
     sequence: int = 0  # of the newest OperatorCommand
@@ -54,20 +54,20 @@ class ControlState(Struct, frozen=True, kw_only=True):
     @property
     def effect(self) -> Effect:
         """Of all events in force."""
-        return effect_of(self.active)
+        return effect_of(self.events)
 
 
 @dataclass(slots=True, kw_only=True)
 class Tick:
-    """A tick being made: `step` begins one, its stages complete it, and nobody sees it but they."""
+    """A tick in progress: only `step` and its stages see it."""
 
-    memory: ControlState
+    state: ControlState
     inputs: Inputs
     settings: Settings
-    wishes: list[ActionRequest] = field(default_factory=list)
+    requests: list[ActionRequest] = field(default_factory=list)
     acknowledged_ns: int = 0
     drives: DriveOrder = DriveOrder.NONE
-    requests: list[PlanRequest] = field(default_factory=list)
+    plan_requests: list[PlanRequest] = field(default_factory=list)
     audit: list[Body] = field(default_factory=list)
     finished: bool = False
 
@@ -76,15 +76,19 @@ class Tick:
         """The tick's time."""
         return self.inputs.now_ns
 
-    def keep(self, *reports: ActionReport) -> None:
+    def update(self, **changes: Any) -> None:
+        """Change fields of the state."""
+        self.state = replace(self.state, **changes)
+
+    def update_reports(self, *reports: ActionReport) -> None:
         """Show these reports in place of older ones of the same number."""
         numbers = {report.number for report in reports}
-        older = (report for report in self.memory.reports if report.number not in numbers)
-        self.memory = replace(self.memory, reports=(*older, *reports)[-REPORTS_KEPT:])
+        older = (report for report in self.state.reports if report.number not in numbers)
+        self.update(reports=(*older, *reports)[-REPORTS_KEPT:])
 
-    def reach(self, gait: Gait) -> None:
-        """Change the gait, and tell the trail when the state is another one."""
-        before = self.memory.gait
+    def change_gait(self, gait: Gait) -> None:
+        """Change the gait, and record a change of its state."""
+        before = self.state.gait
         if gait.state is not before.state:
             action = gait.running or before.running
             self.audit.append(
@@ -92,17 +96,17 @@ class Tick:
                     from_state=before.state.value,
                     to_state=gait.state.value,
                     action=action.value if action else None,
-                    number=self.memory.number,
+                    number=self.state.number,
                 )
             )
-        self.memory = replace(self.memory, gait=gait)
+        self.update(gait=gait)
 
     def outputs(self) -> Outputs:
-        """What the shell has to do."""
+        """What the loop has to do."""
         return Outputs(
-            command=self.memory.motion.command,
+            command=self.state.motion.command,
             drives=self.drives,
-            requests=tuple(self.requests),
+            plan_requests=tuple(self.plan_requests),
             audit=tuple(self.audit),
             finished=self.finished,
         )

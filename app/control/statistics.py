@@ -53,7 +53,7 @@ class Histogram:
         )
 
 
-class JointSecond:
+class JointStatisticsCollector:
     """Collects ticks; `take` gives the record and starts anew."""
 
     def __init__(self) -> None:

@@ -111,9 +111,9 @@ class PerceptionCommand(Struct, frozen=True, kw_only=True, tag="perception"):
 
 
 class OperatorKind(Enum):
-    """What the operator can ask of control."""
+    """What the operator can command."""
 
-    ALIVE = "alive"  # the console's heartbeat
+    HEARTBEAT = "heartbeat"
     STOP = "stop"  # hold; a second one damps
     ACKNOWLEDGE = "acknowledge"
     ARM = "arm"

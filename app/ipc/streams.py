@@ -1,13 +1,15 @@
-"""The links of a session as data: who sends what, how often, and when its silence counts."""
+"""The streams between the processes of a session: rates and stale limits, defined here only."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
+NS_PER_MS = 1_000_000
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Stream:
-    """One link: who sends what, how often, and after how long without it the receiver calls it stale."""
+    """One link: its sender, its rate, and the age from which the receiver calls it stale. 0: on demand."""
 
     name: str  # of the socket
     sender: str

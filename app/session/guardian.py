@@ -17,6 +17,7 @@ from app.audit.sink import AuditSink
 from app.ipc import streams
 from app.ipc.links import LatestReceiver, Publisher, address
 from app.ipc.messages import GuardianHealth, Heartbeat
+from app.ipc.streams import NS_PER_MS
 from app.system.config import SessionSetup
 from app.system.diagnostics_log import get_logger
 from app.system.scheduling import gc_freeze, set_scheduling
@@ -30,7 +31,6 @@ from logs.records import HeartbeatLost, Note, ProcessEnd, ProcessStart
 _log = get_logger("guardian")
 
 CHECK_S = 0.004  # twice, after the stale limit of 35 ms: the joints are damped before 50 ms are over
-NS_PER_MS = 1_000_000
 DAMP_NS = 3_000 * NS_PER_MS  # the wearer sinks into the harness; then the torque goes off
 ENDING_DAMP_NS = 500 * NS_PER_MS
 LATE_CHECK_NS = 12 * NS_PER_MS

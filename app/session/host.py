@@ -231,7 +231,7 @@ class SessionHost:
         set_scheduling("heartbeat")
         while not self._ending.wait(1.0 / streams.OPERATOR.rate_hz):
             if time.monotonic() - self._heartbeat_s < EVENT_LOOP_TIMEOUT_S:
-                self.send(OperatorKind.ALIVE)
+                self.send(OperatorKind.HEARTBEAT)
 
     def _subscribe(self, name: str, kind: type[M]) -> LatestReceiver[M]:
         return LatestReceiver(address(self.setup.links, name), kind)

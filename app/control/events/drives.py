@@ -1,8 +1,9 @@
-"""Rows of the table of events: where the legs are, and what joints, drives and their bus report."""
+"""Rows of the table of events: what joints, drives and their bus report."""
 
 from __future__ import annotations
 
 from enum import Flag
+from math import isfinite
 
 from app.control.diagnostics import Diagnostics
 from app.control.events.row import Latch, Row
@@ -10,14 +11,12 @@ from app.ipc.states import Effect, Event
 from hal.joints.protocol import BusFault, DriveFault
 from logs.reason import Value, plain, reason
 
-JOINT_SILENT_MS = 15.0  # with a tick and its margin the effect comes within 20 ms
+JOINT_TIMEOUT_MS = 15.0  # with a tick and its margin the effect comes within 20 ms
 FOLLOWING_WARN_RAD = 0.14  # 8°, four times the tracking that the plans are checked for
 FOLLOWING_LIMIT_RAD = 0.26  # 15°
-POSE_LIMIT_RAD = 0.21  # 12°
 DRIFT_RAD_S = 0.6
-STILL_RAD_S = 0.5
 
-# The drive still does what it is told, or is simply off; the others go on holding the wearer.
+# The drive still follows commands, or is simply off; the others go on holding the wearer.
 HELD_FAULTS = (
     DriveFault.OVER_TEMPERATURE
     | DriveFault.OVER_CURRENT
@@ -37,138 +36,50 @@ def _any_of(flags: Flag, wanted: Flag) -> bool:
     return flags.value & wanted.value != 0
 
 
-def _drive_detail(facts: Diagnostics) -> dict[str, Value]:
+def _joint_timeout(d: Diagnostics) -> bool:
+    return d.joints.age_ms > JOINT_TIMEOUT_MS if d.powered else not d.joints.answering
+
+
+def _report(d: Diagnostics) -> dict[str, Value]:
     """What the driver reports; where it reports nothing, the joint without an answer."""
-    joint = facts.legs.silent_joint
-    return {"detail": plain(facts.legs.drive_detail) or ("" if joint is None else reason(joint))}
+    joint = d.joints.silent_joint
+    return {"detail": plain(d.joints.drive_detail) or ("" if joint is None else reason(joint))}
 
 
-E, F = Event, Effect
-POSE = (
-    Row(
-        event=E.NOT_HOMED,
-        effect=F.REFUSE,
-        present=lambda f: not f.powered and f.legs.answering and f.legs.beyond_range,
-    ),
-    Row(
-        event=E.LEGS_MOVING,
-        effect=F.REFUSE,
-        settles=True,  # a swinging leg is slow for a moment at each turning point
-        present=lambda f: not f.powered and f.legs.fastest_rad_s > STILL_RAD_S,
-    ),
-    Row(
-        event=E.FAR_FROM_POSE,
-        effect=F.REFUSE,
-        latch=Latch.POWERED,
-        displaces=True,
-        present=lambda f: f.legs.pose_error_rad > POSE_LIMIT_RAD,
-        detail=lambda f: {"angle_rad": f.legs.pose_error_rad},
-    ),
-)
+def _guard_refusal(d: Diagnostics) -> dict[str, Value]:
+    return {"detail": plain(str(d.joints.guard_refusal)) or ""}
+
+
+def _temperature(d: Diagnostics) -> dict[str, Value]:
+    return {"temperature_c": d.joints.hottest_c if isfinite(d.joints.hottest_c) else "–"}
+
+
+def _following(d: Diagnostics) -> dict[str, Value]:
+    return {"angle_rad": d.joints.following_rad}
+
+
+E, F, P = Event, Effect, Latch.POWERED
 DRIVES = (
+    Row(E.JOINT_TIMEOUT, F.HOLD, _joint_timeout, P, _report),
+    Row(E.DRIVE_FAULT, F.HOLD, lambda d: _any_of(d.joints.drive_faults, HELD_FAULTS), P, _report),
+    Row(E.DRIVE_UNTRUSTED, F.DAMP, lambda d: _any_of(d.joints.drive_faults, DAMPED_FAULTS), P, _report),
+    Row(E.DRIVES_POWER_LOST, F.HOLD, lambda d: d.joints.drives_lost, Latch.ALWAYS, _report),
     Row(
-        event=E.JOINT_TIMEOUT,
-        effect=F.HOLD,
-        latch=Latch.POWERED,
-        present=lambda f: f.legs.age_ms > JOINT_SILENT_MS if f.powered else not f.legs.answering,
-        detail=_drive_detail,
+        E.DRIVE_ORDER_FAILED,
+        F.REFUSE,
+        lambda d: d.joints.drive_error is not None,
+        Latch.ALWAYS,
+        lambda d: {"detail": d.joints.drive_error or ""},
     ),
-    Row(
-        event=E.DRIVE_FAULT,
-        effect=F.HOLD,
-        latch=Latch.POWERED,
-        present=lambda f: _any_of(f.legs.drive_faults, HELD_FAULTS),
-        detail=_drive_detail,
-    ),
-    Row(
-        event=E.DRIVE_UNTRUSTED,
-        effect=F.DAMP,
-        latch=Latch.POWERED,
-        present=lambda f: _any_of(f.legs.drive_faults, DAMPED_FAULTS),
-        detail=_drive_detail,
-    ),
-    Row(
-        event=E.DRIVES_POWER_LOST,
-        effect=F.HOLD,
-        latch=Latch.ALWAYS,
-        present=lambda f: f.legs.drives_lost,
-        detail=_drive_detail,
-    ),
-    Row(
-        event=E.DRIVE_ORDER_FAILED,
-        effect=F.REFUSE,
-        latch=Latch.ALWAYS,
-        present=lambda f: f.legs.drive_error is not None,
-        detail=lambda f: {"detail": f.legs.drive_error or ""},
-    ),
-    Row(
-        event=E.OVER_TEMPERATURE_WARNING,
-        effect=F.NOTE,
-        present=lambda f: f.legs.warm,
-        detail=lambda f: {"temperature_c": f.legs.hottest_c},
-    ),
-    Row(
-        event=E.OVER_TEMPERATURE,
-        effect=F.HOLD,
-        latch=Latch.POWERED,
-        present=lambda f: f.legs.hot,
-        detail=lambda f: {"temperature_c": f.legs.hottest_c},
-    ),
-    Row(
-        event=E.FOLLOWING_WARNING,
-        effect=F.NOTE,
-        present=lambda f: f.legs.following_rad > FOLLOWING_WARN_RAD,
-        detail=lambda f: {"angle_rad": f.legs.following_rad},
-    ),
-    Row(
-        event=E.FOLLOWING_LIMIT,
-        effect=F.HOLD,
-        latch=Latch.POWERED,
-        present=lambda f: f.legs.following_rad > FOLLOWING_LIMIT_RAD,
-        detail=lambda f: {"angle_rad": f.legs.following_rad},
-    ),
-    Row(
-        event=E.OUT_OF_RANGE,
-        effect=F.HOLD,
-        latch=Latch.POWERED,
-        present=lambda f: f.powered and f.legs.beyond_range,
-    ),
-    Row(
-        event=E.OVER_SPEED,
-        effect=F.DAMP,
-        latch=Latch.POWERED,
-        present=lambda f: f.powered and f.legs.beyond_speed,
-    ),
-    Row(
-        event=E.OVER_TORQUE,
-        effect=F.DAMP,
-        latch=Latch.POWERED,
-        present=lambda f: f.powered and f.legs.beyond_torque,
-    ),
-    Row(
-        event=E.GUARD_REFUSAL,
-        effect=F.HOLD,
-        latch=Latch.POWERED,
-        present=lambda f: f.legs.guard_refusal is not None,
-        detail=lambda f: {"detail": plain(str(f.legs.guard_refusal)) or ""},
-    ),
-    Row(
-        event=E.BUS_FAULT,
-        effect=F.HOLD,
-        latch=Latch.POWERED,
-        present=lambda f: _any_of(f.legs.bus, HELD_BUS_FAULTS),
-        detail=_drive_detail,
-    ),
-    Row(
-        event=E.BUS_ERRORS,
-        effect=F.NOTE,
-        present=lambda f: _any_of(f.legs.bus, NOTED_BUS_FAULTS),
-        detail=_drive_detail,
-    ),
-    Row(
-        event=E.UNEXPECTED_MOTION,
-        effect=F.DAMP,
-        latch=Latch.POWERED,
-        present=lambda f: f.legs.drift_rad_s > DRIFT_RAD_S,
-    ),
+    Row(E.OVER_TEMPERATURE_WARNING, F.NOTE, lambda d: d.joints.warm, detail=_temperature),
+    Row(E.OVER_TEMPERATURE, F.HOLD, lambda d: d.joints.hot, P, _temperature),
+    Row(E.FOLLOWING_WARNING, F.NOTE, lambda d: d.joints.following_rad > FOLLOWING_WARN_RAD, detail=_following),
+    Row(E.FOLLOWING_LIMIT, F.HOLD, lambda d: d.joints.following_rad > FOLLOWING_LIMIT_RAD, P, _following),
+    Row(E.OUT_OF_RANGE, F.HOLD, lambda d: d.powered and d.joints.beyond_range, P),
+    Row(E.OVER_SPEED, F.DAMP, lambda d: d.powered and d.joints.beyond_speed, P),
+    Row(E.OVER_TORQUE, F.DAMP, lambda d: d.powered and d.joints.beyond_torque, P),
+    Row(E.GUARD_REFUSAL, F.HOLD, lambda d: d.joints.guard_refusal is not None, P, _guard_refusal),
+    Row(E.BUS_FAULT, F.HOLD, lambda d: _any_of(d.joints.bus, HELD_BUS_FAULTS), P, _report),
+    Row(E.BUS_ERRORS, F.NOTE, lambda d: _any_of(d.joints.bus, NOTED_BUS_FAULTS), detail=_report),
+    Row(E.UNEXPECTED_MOTION, F.DAMP, lambda d: d.joints.drift_rad_s > DRIFT_RAD_S, P),
 )

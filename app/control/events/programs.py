@@ -1,4 +1,4 @@
-"""Rows of the table of events: the computer, its clocks and the programs beside control."""
+"""Rows of the table of events: the computer, its clocks and the processes beside control."""
 
 from __future__ import annotations
 
@@ -8,116 +8,74 @@ from app.ipc.streams import AUDIT_HEALTH, GUARDIAN, OPERATOR, TRIGGER
 
 AUDIT_WAITING_LIMIT = 2_000  # records; a tenth of the queue, about ten seconds of a busy session
 TICK_LATE_MS = 2.0  # a whole tick
-TICK_STALLED_MS = 20.0
+CONTROL_STALLED_MS = 20.0
 CLOCK_STEP_S = 0.5
-HOST_SLEPT_S = 0.1
+HOST_SUSPENDED_S = 0.1
 
-E, F = Event, Effect
+E, F, P = Event, Effect, Latch.POWERED
 STREAMS = (
     Row(
-        event=E.CAMERA_STALE,
-        effect=F.REFUSE,
+        E.CAMERA_STALE,
+        F.REFUSE,
+        lambda d: d.programs.camera_fault is not None or d.programs.frame_age_ms > TRIGGER.stale_ms,
+        detail=lambda d: {"detail": d.programs.camera_fault or ""},
         blocks=GESTURES,
-        present=lambda f: f.programs.camera_fault is not None or f.programs.picture_age_ms > TRIGGER.stale_ms,
-        detail=lambda f: {"detail": f.programs.camera_fault or ""},
     ),
+    Row(E.PERCEPTION_TIMEOUT, F.REFUSE, lambda d: d.programs.perception_age_ms > TRIGGER.stale_ms, blocks=GESTURES),
+    Row(E.CONSOLE_TIMEOUT, F.HOLD, lambda d: d.programs.console_age_ms > OPERATOR.stale_ms, P),
     Row(
-        event=E.PERCEPTION_TIMEOUT,
-        effect=F.REFUSE,
-        blocks=GESTURES,
-        present=lambda f: f.programs.perception_age_ms > TRIGGER.stale_ms,
+        E.AUDIT_BACKLOG,
+        F.REFUSE,
+        lambda d: d.programs.audit_waiting > AUDIT_WAITING_LIMIT,
+        detail=lambda d: {"count": d.programs.audit_waiting},
     ),
+    Row(E.AUDIT_QUEUE_FULL, F.HOLD, lambda d: d.programs.audit_full, P),
+    Row(E.AUDIT_TIMEOUT, F.REFUSE, lambda d: d.programs.audit_age_ms > AUDIT_HEALTH.stale_ms),
     Row(
-        event=E.CONSOLE_TIMEOUT,
-        effect=F.HOLD,
-        latch=Latch.POWERED,
-        present=lambda f: f.programs.console_age_ms > OPERATOR.stale_ms,
-    ),
-    Row(
-        event=E.AUDIT_BACKLOG,
-        effect=F.REFUSE,
-        present=lambda f: f.programs.audit_waiting > AUDIT_WAITING_LIMIT,
-        detail=lambda f: {"count": f.programs.audit_waiting},
-    ),
-    Row(
-        event=E.AUDIT_QUEUE_FULL,
-        effect=F.HOLD,
-        latch=Latch.POWERED,
-        present=lambda f: f.programs.audit_full,
-    ),
-    Row(
-        event=E.AUDIT_TIMEOUT,
-        effect=F.REFUSE,
-        present=lambda f: f.programs.audit_age_ms > AUDIT_HEALTH.stale_ms,
-    ),
-    Row(
-        event=E.AUDIT_WRITE_FAILED,
-        effect=F.REFUSE,
-        present=lambda f: f.programs.audit_fault is not None,
-        detail=lambda f: {"detail": f.programs.audit_fault or ""},
+        E.AUDIT_WRITE_FAILED,
+        F.REFUSE,
+        lambda d: d.programs.audit_fault is not None,
+        detail=lambda d: {"detail": d.programs.audit_fault or ""},
     ),
 )
 CLOCKS = (
     Row(
-        event=E.TICK_LATE,
-        effect=F.NOTE,
-        present=lambda f: f.clocks.missed_ticks > 0 or f.clocks.late_ms > TICK_LATE_MS,
-        detail=lambda f: {"late_ms": f.clocks.late_ms, "missed": f.clocks.missed_ticks},
+        E.TICK_LATE,
+        F.NOTE,
+        lambda d: d.clocks.missed_ticks > 0 or d.clocks.late_ms > TICK_LATE_MS,
+        detail=lambda d: {"late_ms": d.clocks.late_ms, "missed": d.clocks.missed_ticks},
     ),
     Row(
-        event=E.CONTROL_STALLED,
-        effect=F.HOLD,
-        latch=Latch.POWERED,
-        present=lambda f: f.clocks.late_ms > TICK_STALLED_MS,
-        detail=lambda f: {"late_ms": f.clocks.late_ms},
+        E.CONTROL_STALLED,
+        F.HOLD,
+        lambda d: d.clocks.late_ms > CONTROL_STALLED_MS,
+        P,
+        lambda d: {"late_ms": d.clocks.late_ms},
     ),
     Row(
-        event=E.HOST_SUSPENDED,
-        effect=F.HOLD,
-        latch=Latch.POWERED,
-        present=lambda f: f.clocks.slept_s > HOST_SLEPT_S,
-        detail=lambda f: {"duration_s": f.clocks.slept_s},
+        E.HOST_SUSPENDED,
+        F.HOLD,
+        lambda d: d.clocks.slept_s > HOST_SUSPENDED_S,
+        P,
+        lambda d: {"duration_s": d.clocks.slept_s},
     ),
     Row(
-        event=E.CLOCK_JUMP,
-        effect=F.NOTE,
-        present=lambda f: abs(f.clocks.step_s) > CLOCK_STEP_S,
-        detail=lambda f: {"step_s": f.clocks.step_s},
+        E.CLOCK_JUMP,
+        F.NOTE,
+        lambda d: abs(d.clocks.step_s) > CLOCK_STEP_S,
+        detail=lambda d: {"step_s": d.clocks.step_s},
     ),
 )
 HELPERS = (
     Row(
-        event=E.GUARDIAN_TIMEOUT,
-        effect=F.REFUSE,
-        present=lambda f: f.programs.guardian_age_ms > GUARDIAN.stale_ms or f.programs.guardian_fault is not None,
-        detail=lambda f: {"detail": f.programs.guardian_fault or ""},
+        E.GUARDIAN_TIMEOUT,
+        F.REFUSE,
+        lambda d: d.programs.guardian_age_ms > GUARDIAN.stale_ms or d.programs.guardian_fault is not None,
+        detail=lambda d: {"detail": d.programs.guardian_fault or ""},
     ),
-    Row(
-        event=E.GUARDIAN_ACTED,
-        effect=F.DAMP,
-        latch=Latch.POWERED,
-        present=lambda f: f.programs.guardian_acted,
-    ),
-    Row(
-        event=E.PLANNER_STARTING,
-        effect=F.REFUSE,
-        present=lambda f: not f.planning.ready,
-    ),
-    Row(
-        event=E.PLANNER_TIMEOUT,
-        effect=F.REFUSE,
-        latch=Latch.POWERED,
-        present=lambda f: f.planning.silent,
-    ),
-    Row(
-        event=E.NEXT_STEP_MISSING,
-        effect=F.HOLD,
-        latch=Latch.POWERED,
-        present=lambda f: f.planning.walk_plan_missing,
-    ),
-    Row(
-        event=E.MESSAGE_REJECTED,
-        effect=F.NOTE,
-        present=lambda f: f.programs.rejected_messages > 0,
-    ),
+    Row(E.GUARDIAN_ACTED, F.DAMP, lambda d: d.programs.guardian_acted, P),
+    Row(E.PLANNER_STARTING, F.REFUSE, lambda d: not d.planning.ready),
+    Row(E.PLANNER_TIMEOUT, F.REFUSE, lambda d: d.planning.timed_out, P),
+    Row(E.NEXT_STEP_MISSING, F.HOLD, lambda d: d.planning.next_step_missing, P),
+    Row(E.MESSAGE_REJECTED, F.NOTE, lambda d: d.programs.rejected_messages > 0),
 )

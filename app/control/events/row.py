@@ -1,4 +1,4 @@
-"""What a row of the table of events consists of, and the names of all rows."""
+"""What a row of the table of events consists of."""
 
 from __future__ import annotations
 
@@ -23,15 +23,15 @@ BOTH = frozenset(Source)
 GESTURES = frozenset({Source.GESTURE})
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class Row:
-    """One event: what makes it present, what it does. Its wording is in the catalogues (`Event.NAME`)."""
+    """One event: what makes it present and what it does. Its wording is in the catalogues (`Event.NAME`)."""
 
     event: Event
     effect: Effect
     present: Callable[[Diagnostics], bool]
     latch: Latch = Latch.NEVER
-    blocks: frozenset[Source] = BOTH  # whose wishes it refuses, from `refuse` upwards
-    detail: Callable[[Diagnostics], dict[str, Value]] = lambda _: {}  # values at the moment when it is raised
-    displaces: bool = False  # afterwards nobody knows the gait state: it becomes BETWEEN
+    detail: Callable[[Diagnostics], dict[str, Value]] = lambda _: {}  # values of its message, taken when it is raised
+    blocks: frozenset[Source] = BOTH  # whose requests it refuses, from `refuse` upwards
+    displaces: bool = False  # afterwards the gait state is unknown: it becomes BETWEEN
     settles: bool = False  # keeps its effect while it lingers: its condition may come back at any moment

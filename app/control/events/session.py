@@ -1,4 +1,4 @@
-"""Rows of the table of events: what the operator says, and what has not been said or shown yet."""
+"""Rows of the table of events: what the operator commanded, and what is still missing before motion."""
 
 from __future__ import annotations
 
@@ -7,42 +7,11 @@ from app.ipc.states import Effect, Event
 
 E, F = Event, Effect
 SESSION = (
-    Row(
-        event=E.STOP,
-        effect=F.HOLD,
-        latch=Latch.ALWAYS,
-        present=lambda f: f.session.stop_presses == 1,
-    ),
-    Row(
-        event=E.STOP_AGAIN,
-        effect=F.DAMP,
-        latch=Latch.ALWAYS,
-        present=lambda f: f.session.stop_presses > 1,
-    ),
-    Row(
-        event=E.SHUTTING_DOWN,
-        effect=F.HOLD,
-        present=lambda f: f.session.ending and not f.session.ending_slack,
-    ),
-    Row(
-        event=E.SHUTDOWN_DAMPING,
-        effect=F.DAMP,
-        present=lambda f: f.session.ending_slack,
-    ),
-    Row(
-        event=E.NOT_ARMED,
-        effect=F.REFUSE,
-        blocks=GESTURES,
-        present=lambda f: not f.session.armed,
-    ),
-    Row(
-        event=E.NO_PATIENT,
-        effect=F.REFUSE,
-        present=lambda f: not f.session.patient_confirmed,
-    ),
-    Row(
-        event=E.NO_PREFLIGHT,
-        effect=F.REFUSE,
-        present=lambda f: f.session.uncleared,
-    ),
+    Row(E.STOP, F.HOLD, lambda d: d.session.stop_presses == 1, Latch.ALWAYS),
+    Row(E.STOP_AGAIN, F.DAMP, lambda d: d.session.stop_presses > 1, Latch.ALWAYS),
+    Row(E.SHUTTING_DOWN, F.HOLD, lambda d: d.session.ending and not d.session.ending_damped),
+    Row(E.SHUTDOWN_DAMPING, F.DAMP, lambda d: d.session.ending_damped),
+    Row(E.NOT_ARMED, F.REFUSE, lambda d: not d.session.armed, blocks=GESTURES),
+    Row(E.NO_PATIENT, F.REFUSE, lambda d: not d.session.patient_confirmed),
+    Row(E.NO_PREFLIGHT, F.REFUSE, lambda d: d.session.lacks_preflight),
 )

@@ -11,7 +11,8 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from app.control.diagnostics import Diagnostics
-from app.control.events.drives import DRIVES, POSE
+from app.control.events.drives import DRIVES
+from app.control.events.pose import POSE
 from app.control.events.programs import CLOCKS, HELPERS, STREAMS
 from app.control.events.row import Latch, Row
 from app.control.events.session import SESSION
@@ -20,13 +21,13 @@ from logs.reason import Reason, Value, key_of
 
 LINGER_NS = 1_000_000_000  # a passing event stays to be read; it has no effect any more, unless it `settles`
 
-# Among events of the same effect the earlier one is told first and names the refusal.
+# Among events of the same effect the earlier row is shown first and names the refusal.
 TABLE = (*SESSION, *POSE, *STREAMS, *CLOCKS, *DRIVES, *HELPERS)
 ROW = {row.event: row for row in TABLE}
 ORDER = {row.event: place for place, row in enumerate(TABLE)}
 
 
-class Active(Struct, frozen=True, kw_only=True):
+class RaisedEvent(Struct, frozen=True, kw_only=True):
     """An event in force, or one that has just gone and is shown a little longer."""
 
     event: Event
@@ -48,72 +49,72 @@ class Active(Struct, frozen=True, kw_only=True):
         return self.present or ROW[self.event].settles or (self.latched and not self.acknowledged)
 
 
-Actives = tuple[Active, ...]
+RaisedEvents = tuple[RaisedEvent, ...]
 
 
-def advance(active: Actives, facts: Diagnostics, acknowledged_ns: int = 0) -> Actives:
+def advance(events: RaisedEvents, diagnostics: Diagnostics, acknowledged_ns: int = 0) -> RaisedEvents:
     """The events after a tick, strongest first.
 
     acknowledged_ns: when the operator acknowledged, 0 if not in this tick; it covers only what was raised before.
     """
-    present = [row for row in TABLE if row.present(facts)]
-    if not present and not active:
-        return active
+    present = [row for row in TABLE if row.present(diagnostics)]
+    if not present and not events:
+        return events
     raised = {row.event for row in present}
-    kept = [_updated(one, facts, acknowledged_ns, present=one.event in raised) for one in active]
+    kept = [_updated(one, diagnostics, acknowledged_ns, present=one.event in raised) for one in events]
     known = {one.event for one in kept if one is not None}
-    new = (_raised(row, facts) for row in present if row.event not in known)
+    new = (_raised(row, diagnostics) for row in present if row.event not in known)
     return tuple(sorted((one for one in (*kept, *new) if one is not None), key=_place))
 
 
-def effect_of(active: Actives) -> Effect:
+def effect_of(events: RaisedEvents) -> Effect:
     """What all events in force together do: the strongest wins."""
-    return max((ROW[one.event].effect for one in active if one.in_force), default=Effect.NOTE)
+    return max((ROW[one.event].effect for one in events if one.in_force), default=Effect.NOTE)
 
 
-def blocker(active: Actives, source: Source) -> Active | None:
-    """The strongest event in force that refuses this source's wishes."""
-    return next((one for one in active if one.in_force and _blocks(ROW[one.event], source)), None)
+def blocker(events: RaisedEvents, source: Source) -> RaisedEvent | None:
+    """The strongest event in force that refuses this source's requests."""
+    return next((one for one in events if one.in_force and _blocks(ROW[one.event], source)), None)
 
 
-def displaced(active: Actives) -> bool:
-    """Whether the legs may be anywhere."""
-    return any(one.in_force and ROW[one.event].displaces for one in active)
+def displaced(events: RaisedEvents) -> bool:
+    """Whether an event in force leaves the gait state unknown."""
+    return any(one.in_force and ROW[one.event].displaces for one in events)
 
 
 def _blocks(row: Row, source: Source) -> bool:
     return row.effect >= Effect.REFUSE and source in row.blocks
 
 
-def _place(one: Active) -> tuple[int, int]:
+def _place(one: RaisedEvent) -> tuple[int, int]:
     return (-ROW[one.event].effect, ORDER[one.event])
 
 
-def _latches(row: Row, facts: Diagnostics) -> bool:
-    return row.latch is Latch.ALWAYS or (row.latch is Latch.POWERED and facts.powered)
+def _latches(row: Row, diagnostics: Diagnostics) -> bool:
+    return row.latch is Latch.ALWAYS or (row.latch is Latch.POWERED and diagnostics.powered)
 
 
-def _raised(row: Row, facts: Diagnostics) -> Active:
-    return Active(
+def _raised(row: Row, diagnostics: Diagnostics) -> RaisedEvent:
+    return RaisedEvent(
         event=row.event,
-        since_ns=facts.now_ns,
-        last_ns=facts.now_ns,
-        latched=_latches(row, facts),
-        detail=row.detail(facts),
+        since_ns=diagnostics.now_ns,
+        last_ns=diagnostics.now_ns,
+        latched=_latches(row, diagnostics),
+        detail=row.detail(diagnostics),
     )
 
 
-def _updated(one: Active, facts: Diagnostics, acknowledged_ns: int, *, present: bool) -> Active | None:
+def _updated(one: RaisedEvent, diagnostics: Diagnostics, acknowledged_ns: int, *, present: bool) -> RaisedEvent | None:
     """The event a tick later; None when it is over."""
     acknowledged = one.acknowledged or (one.latched and acknowledged_ns > one.since_ns)
     if present:
         return replace(
             one,
             present=True,
-            last_ns=facts.now_ns,
-            latched=one.latched or _latches(ROW[one.event], facts),
+            last_ns=diagnostics.now_ns,
+            latched=one.latched or _latches(ROW[one.event], diagnostics),
             acknowledged=acknowledged,
         )
     if one.latched:
         return None if acknowledged else replace(one, present=False)
-    return replace(one, present=False) if facts.now_ns - one.last_ns < LINGER_NS else None
+    return replace(one, present=False) if diagnostics.now_ns - one.last_ns < LINGER_NS else None

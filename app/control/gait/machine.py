@@ -1,16 +1,15 @@
 """The gait machine: the paper's eight states and twelve transitions, and the state that a stop leads to.
 
 Rules:
-1. The table in `gait_table.py` is the whole of it; the machine, its refusals and its diagram (`gait_diagram.py`) are
-   made from it.
+1. The table in `table.py` is the whole of it; the machine, its refusals and its diagram are made from it.
 2. A movement begins in its row's `source`, passes `through` the state that the paper names for it (7, 8 and 9), and
    the legs are in `to` when it has been completed.
 3. Walking is a chain of steps. Gesture 6 is latched while it runs and carried out when the running step has ended.
-4. Every other wish during a movement is ignored. Every wish that no row names is refused with its reason.
+4. Every other request during a movement is ignored. A request that no row names is refused with its reason.
 5. A stop in the middle of a movement leads to BETWEEN, and only gesture 0 leads out of there.
 
-Values in, values out: a `Gait` is all that is known, every function answers with a new one. The library's machine
-keeps nothing from one question to the next; it belongs to the one thread that runs control.
+Values in, values out: `ControlState` owns the `Gait`, every function returns a new one. The library's machine is made
+once from the table and has no model of its own: each trigger works on a copy of the gait that it was given.
 """
 
 from __future__ import annotations
@@ -21,7 +20,7 @@ from functools import cache
 from typing import Any
 
 from msgspec import Struct
-from msgspec.structs import replace
+from msgspec.structs import asdict
 from transitions import EventData, Machine, MachineError
 
 from app.control.gait.table import TABLE, Row
@@ -46,7 +45,7 @@ class Gait(Struct, frozen=True, kw_only=True):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Started:
-    """The wish is granted: plan it and run it."""
+    """The request is granted: plan it and run it."""
 
     gait: Gait
 
@@ -60,7 +59,7 @@ class Latched:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Ignored:
-    """A movement is running: the wish is counted and forgotten."""
+    """A movement is running: the request is counted and dropped."""
 
     reason: Reason
 
@@ -76,7 +75,7 @@ Answer = Started | Latched | Ignored | Refused
 
 
 def ask(gait: Gait, action: Action) -> Answer:
-    """What the table says to a wish, here and now."""
+    """The table's answer to a request in this gait."""
     after = _fire(gait, action.name)
     if after is not None:
         return Latched(gait=after) if action is Action.WALK_END else Started(gait=after)
@@ -92,7 +91,7 @@ def allowed(gait: Gait) -> tuple[Action, ...]:
 
 
 def close_walk(gait: Gait) -> Gait:
-    """Let a walk end with its running step though nobody asked; anything but a walk stays as it is."""
+    """End a walk with its running step without a request; anything but a walk stays as it is."""
     return _fire(gait, Action.WALK_END.name) or gait
 
 
@@ -105,17 +104,17 @@ def complete(gait: Gait) -> Gait:
 
 
 def abandon(gait: Gait) -> Gait:
-    """The movement was given up before its first tick: the legs rest where it would have begun."""
+    """The movement was cancelled before its first tick: the legs rest in its source state."""
     return _fire(gait, "abandon") or gait
 
 
 def interrupt(gait: Gait) -> Gait:
-    """The legs stopped in the middle, or are no longer where their state says."""
+    """The legs stopped in mid-movement, or are not in the pose of their state."""
     return _fire(gait, "interrupt") or gait
 
 
 def power_off(gait: Gait) -> Gait:
-    """The drives carry nothing any more; whatever ran is over."""
+    """The drives have no power any more; a running movement is over."""
     return _fire(gait, "power_off") or gait
 
 
@@ -155,35 +154,30 @@ def _row_of(gait: Gait) -> Row:
 # --- the library's machine, made from the table -------------------------------------------------------------------
 
 
-class _Legs:
-    """The library's model: loaded with a `Gait` before a trigger, read off after it."""
+class _Model(Struct, kw_only=True):
+    """The library's model of one trigger: a `Gait` that it may change."""
 
     state: GaitState
-    trigger: Callable[[str], bool]
-
-    def __init__(self) -> None:
-        self.gait = Gait()
+    running: Action | None
+    phase: Phase
+    closing: bool
 
 
 Condition = Callable[[EventData], bool]
 Callback = Callable[[EventData], None]
 
 
-def _gait(event: EventData) -> Gait:
-    assert isinstance(event.model, _Legs)
-    return event.model.gait
-
-
 def _where(**wanted: object) -> Condition:
     """A condition on fields of the gait."""
-    return lambda event: all(getattr(_gait(event), name) == value for name, value in wanted.items())
+    return lambda event: all(getattr(event.model, name) == value for name, value in wanted.items())
 
 
-def _becomes(**changes: Any) -> Callback:
+def _becomes(**changes: object) -> Callback:
     """A change of the gait; the state itself is the library's."""
 
     def change(event: EventData) -> None:
-        _legs.gait = replace(_gait(event), **changes)
+        for name, value in changes.items():
+            setattr(event.model, name, value)
 
     return change
 
@@ -211,11 +205,11 @@ def _end(row: Row) -> dict[str, Any]:
     }
 
 
-def _give_up(row: Row) -> dict[str, Any]:
+def _abandon(row: Row) -> dict[str, Any]:
     return _end(row) | {"trigger": "abandon", "dest": row.source}
 
 
-def _link(row: Row, following: Row) -> dict[str, Any]:
+def _chain(row: Row, following: Row) -> dict[str, Any]:
     """The running step of a walk has ended and `following` begins."""
     closing = following.action is Action.WALK_END
     return _end(row) | {
@@ -240,17 +234,16 @@ def _machine_rows() -> list[dict[str, Any]]:
     return [
         *(_begin(row) for row in TABLE if not row.chained),
         *(_latch(row) for row in walk),
-        *(_link(row, following) for row in walk for following in chained if following.source is row.to),
+        *(_chain(row, following) for row in walk for following in chained if following.source is row.to),
         *(_end(row) for row in TABLE if row.action is not Action.WALK),
-        *(_give_up(row) for row in TABLE),
+        *(_abandon(row) for row in TABLE),
         {"trigger": "interrupt", "source": "*", "dest": GaitState.BETWEEN, "after": _becomes(**_REST)},
         {"trigger": "power_off", "source": "*", "dest": GaitState.UNPOWERED, "after": _becomes(**_REST)},
     ]
 
 
-_legs = _Legs()
-_machine = Machine(
-    model=_legs,
+_MACHINE = Machine(
+    model=None,
     states=GaitState,
     initial=GaitState.UNPOWERED,
     transitions=_machine_rows(),
@@ -262,10 +255,9 @@ _machine = Machine(
 
 def _fire(gait: Gait, trigger: str) -> Gait | None:
     """The gait after the trigger, or None where no row answers to it."""
-    _legs.gait = gait
-    _machine.set_state(gait.state, _legs)
+    model = _Model(state=gait.state, running=gait.running, phase=gait.phase, closing=gait.closing)
     try:
-        fired = _legs.trigger(trigger)
+        fired = _MACHINE.events[trigger].trigger(model)
     except MachineError:
         return None
-    return replace(_legs.gait, state=_legs.state) if fired else None
+    return Gait(**asdict(model)) if fired else None

@@ -1,4 +1,4 @@
-"""The paper's twelve transitions and the way out of a stop, as one table: adding a transition is adding a row."""
+"""The paper's twelve transitions and the recovery after a stop, as one table: adding a transition is adding a row."""
 
 from __future__ import annotations
 

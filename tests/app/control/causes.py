@@ -36,9 +36,9 @@ def spoil(**fields: object) -> Callable[[Rig], None]:
     return lambda rig: rig.spoil.update(fields)
 
 
-def names_in(memory: ControlState) -> set[str]:
+def names_in(state: ControlState) -> set[str]:
     """The events of a tick."""
-    return {one.event.value for one in memory.active}
+    return {one.event.value for one in state.events}
 
 
 def joints(**fields: object) -> Callable[[Rig], None]:
@@ -88,24 +88,24 @@ def unlag(rig: Rig) -> None:
     rig.joints.stuck = False
 
 
-def say(*kinds: OperatorKind) -> Callable[[Rig], None]:
+def send(*kinds: OperatorKind) -> Callable[[Rig], None]:
     """The operator's words."""
 
     def speak(rig: Rig) -> None:
         for kind in kinds:
-            rig.say(kind)
+            rig.send(kind)
 
     return speak
 
 
-def wish(action: Action) -> Callable[[Rig], None]:
+def request(action: Action) -> Callable[[Rig], None]:
     """The therapist's key."""
-    return lambda rig: rig.say(OperatorKind.ACT, action)
+    return lambda rig: rig.send(OperatorKind.ACT, action)
 
 
 def walk_without_planner(rig: Rig) -> None:
     """The planner dies while a step of a walk runs."""
-    rig.say(OperatorKind.ACT, Action.WALK)
+    rig.send(OperatorKind.ACT, Action.WALK)
     rig.tick(4)
     rig.planning = False
     rig.tick(420)
@@ -113,14 +113,14 @@ def walk_without_planner(rig: Rig) -> None:
 
 def never_answered(rig: Rig) -> None:
     """The planner is still loading."""
-    assert rig.memory is not None
-    rig.memory = msgspec.structs.replace(rig.memory, planner_ready=False)
+    assert rig.state is not None
+    rig.state = msgspec.structs.replace(rig.state, planner_ready=False)
 
 
 def answered(rig: Rig) -> None:
     """It has loaded."""
-    assert rig.memory is not None
-    rig.memory = msgspec.structs.replace(rig.memory, planner_ready=True)
+    assert rig.state is not None
+    rig.state = msgspec.structs.replace(rig.state, planner_ready=True)
 
 
 def pushed(rig: Rig) -> None:
@@ -132,13 +132,13 @@ REFUSED = Refusal(joint=Joint.LEFT_HIP, quantity=Quantity.SPEED, value=9.0, limi
 CALM = (DriveFault.NONE,) * 4
 SHUT = OperatorKind.SHUT_DOWN
 CAUSES: dict[Event, Cause] = {
-    E.STOP: Cause(say(OperatorKind.STOP)),
-    E.STOP_AGAIN: Cause(say(OperatorKind.STOP, OperatorKind.STOP)),
-    E.SHUTTING_DOWN: Cause(say(SHUT)),
-    E.SHUTDOWN_DAMPING: Cause(say(SHUT), ticks=230),
-    E.NOT_ARMED: Cause(say(OperatorKind.DISARM), say(OperatorKind.ARM)),
-    E.NO_PATIENT: Cause(lambda rig: rig.tick(), say(OperatorKind.CONFIRM_PATIENT), fresh=True),
-    E.NO_PREFLIGHT: Cause(lambda rig: (world(cleared=frozenset())(rig), wish(Action.WALK)(rig))),
+    E.STOP: Cause(send(OperatorKind.STOP)),
+    E.STOP_AGAIN: Cause(send(OperatorKind.STOP, OperatorKind.STOP)),
+    E.SHUTTING_DOWN: Cause(send(SHUT)),
+    E.SHUTDOWN_DAMPING: Cause(send(SHUT), ticks=230),
+    E.NOT_ARMED: Cause(send(OperatorKind.DISARM), send(OperatorKind.ARM)),
+    E.NO_PATIENT: Cause(lambda rig: rig.tick(), send(OperatorKind.CONFIRM_PATIENT), fresh=True),
+    E.NO_PREFLIGHT: Cause(lambda rig: (world(cleared=frozenset())(rig), request(Action.WALK)(rig))),
     E.NOT_HOMED: Cause(joints(position_rad=one(2.4)), joints(position_rad=np.zeros(4)), fresh=True),
     E.LEGS_MOVING: Cause(joints(velocity_rad_s=one(-0.51)), joints(velocity_rad_s=one(0.49)), fresh=True),
     E.FAR_FROM_POSE: Cause(pushed),
@@ -158,7 +158,7 @@ CAUSES: dict[Event, Cause] = {
     E.DRIVE_UNTRUSTED: Cause(joints(faults=fault(DriveFault.ENCODER)), joints(faults=CALM)),
     E.DRIVES_POWER_LOST: Cause(joints(state=DriveState.DISABLED)),
     E.DRIVE_ORDER_FAILED: Cause(
-        lambda rig: (joints(refuse_enable="left hip is silent")(rig), wish(Action.INITIALISE)(rig)),
+        lambda rig: (joints(refuse_enable="left hip is silent")(rig), request(Action.INITIALISE)(rig)),
         ticks=4,
         fresh=True,
     ),
@@ -176,7 +176,7 @@ CAUSES: dict[Event, Cause] = {
     E.GUARDIAN_TIMEOUT: Cause(world(guarding=False), world(guarding=True), ticks=160),
     E.GUARDIAN_ACTED: Cause(world(guardian_health={"acted": True}), world(guardian_health={}), ticks=40),
     E.PLANNER_STARTING: Cause(never_answered, answered, fresh=True),
-    E.PLANNER_TIMEOUT: Cause(lambda rig: (world(planning=False)(rig), wish(Action.WALK)(rig)), ticks=260),
+    E.PLANNER_TIMEOUT: Cause(lambda rig: (world(planning=False)(rig), request(Action.WALK)(rig)), ticks=260),
     E.NEXT_STEP_MISSING: Cause(walk_without_planner, world(planning=True)),
     E.MESSAGE_REJECTED: Cause(spoil(rejected_messages=1)),
 }
@@ -188,9 +188,9 @@ def rig_with(event: Event) -> Rig:
     rig = Rig()
     if cause.fresh:
         rig.tick(2)
-        rig.say(OperatorKind.ARM)
+        rig.send(OperatorKind.ARM)
         if event is not E.NO_PATIENT:
-            rig.say(OperatorKind.CONFIRM_PATIENT)
+            rig.send(OperatorKind.CONFIRM_PATIENT)
         rig.tick(20)
     else:
         rig = standing()

@@ -32,7 +32,7 @@ _WAYS: dict[GaitState, tuple[Action, ...]] = {
     S.BETWEEN: (),
 }
 HOLD_TICKS = int(HOLD_S * TICK_HZ)
-SLACK_TICKS = int(DAMPING_RAMP_S * TICK_HZ)
+DAMPING_TICKS = int(DAMPING_RAMP_S * TICK_HZ)
 
 
 def resting(state: GaitState) -> Rig:
@@ -47,11 +47,11 @@ def standing() -> Rig:
 
 def now(rig: Rig) -> ControlState:
     """The rig's memory."""
-    assert rig.memory is not None
-    return rig.memory
+    assert rig.state is not None
+    return rig.state
 
 
-def told(rig: Rig, kind: type[records.Body]) -> list[records.Body]:
+def records_of(rig: Rig, kind: type[records.Body]) -> list[records.Body]:
     """The trail's records of a kind."""
     return [body for body in rig.audit if isinstance(body, kind)]
 
@@ -71,8 +71,8 @@ def _resting(state: GaitState) -> Rig:
     """By the table's ways from drives without power."""
     rig = Rig()
     rig.tick(2)
-    rig.say(K.CONFIRM_PATIENT)
-    rig.say(K.ARM)
+    rig.send(K.CONFIRM_PATIENT)
+    rig.send(K.ARM)
     if state is not S.UNPOWERED:
         _reach(rig, state)
     rig.tick(300)  # past the time in which the joints settle
@@ -85,12 +85,12 @@ def _reach(rig: Rig, state: GaitState) -> None:
     for action in (A.INITIALISE, *_WAYS[state]):
         rig.act(action)
     if state is S.BETWEEN:
-        rig.say(K.ACT, A.STEP_RIGHT_FIRST)
+        rig.send(K.ACT, A.STEP_RIGHT_FIRST)
         rig.tick(100)
-        rig.say(K.STOP)
+        rig.send(K.STOP)
         rig.settle()
         rig.tick()
-        rig.say(K.ACKNOWLEDGE)
+        rig.send(K.ACKNOWLEDGE)
         rig.tick()
     assert now(rig).gait.state is state, now(rig)
 
@@ -98,16 +98,16 @@ def _reach(rig: Rig, state: GaitState) -> None:
 @cache
 def _moving(action: Action, state: GaitState) -> Rig:
     rig = resting(state)
-    rig.say(K.ACT, action)
-    rig.run_until(lambda m: m.task is not None and m.task.stage is Stage.MOVING)
+    rig.send(K.ACT, action)
+    rig.run_until(lambda m: m.running is not None and m.running.stage is Stage.MOVING)
     rig.tick(60)
     rig.history.clear()
     return rig
 
 
-def wish(rig: Rig, action: Action, source: Source) -> None:
+def request(rig: Rig, action: Action, source: Source) -> None:
     """An action asked for, by key or by hand."""
     if source is Source.THERAPIST:
-        rig.say(K.ACT, action)
+        rig.send(K.ACT, action)
     else:
         rig.release(GESTURE_OF[action])

@@ -11,7 +11,7 @@ import numpy as np
 
 from app.control.inputs import DriveOrder, Inputs, Outputs, Settings
 from app.control.state import ControlState
-from app.control.step import begin, step
+from app.control.step import initial_state, step
 from app.ipc.messages import AuditHealth, GuardianHealth, OperatorCommand, OperatorKind, TriggerReport
 from app.ipc.states import Action
 from app.motion.follower import gains_of
@@ -49,7 +49,7 @@ class Rig:
     settings: Settings = SETTINGS
     now_ns: int = 1_000_000_000
     joints: IdealJoints = field(default_factory=IdealJoints)
-    memory: ControlState | None = None
+    state: ControlState | None = None
     outputs: Outputs | None = None
     guard: Guard = field(default_factory=lambda: Guard(SETTINGS.limits))
     alive: bool = True  # the console speaks
@@ -73,17 +73,17 @@ class Rig:
     _released: Gesture | None = None
     _released_ns: int = 0
     incarnation: int = 1
-    _words: list[OperatorCommand] = field(default_factory=list)
+    _commands: list[OperatorCommand] = field(default_factory=list)
     _asked: list[tuple[int, PlanRequest]] = field(default_factory=list)
     _written: JointCommand | None = None
     _refusal: Refusal | None = None
     _error: Reason | None = None
 
-    def say(self, kind: OperatorKind, action: Action | None = None, age_ms: float = 0.0) -> None:
+    def send(self, kind: OperatorKind, action: Action | None = None, age_ms: float = 0.0) -> None:
         """The operator's word, heard in the next tick."""
         self._sequence += 1
         sent_ns = self.now_ns + TICK_NS - int(age_ms * 1e6)
-        self._words.append(OperatorCommand(sequence=self._sequence, kind=kind, sent_ns=sent_ns, action=action))
+        self._commands.append(OperatorCommand(sequence=self._sequence, kind=kind, sent_ns=sent_ns, action=action))
 
     def release(self, gesture: Gesture, age_ms: float = 30.0) -> None:
         """The wearer's release, told from the next report on."""
@@ -99,24 +99,24 @@ class Rig:
         """So many ticks."""
         for _ in range(times):
             self._one()
-        assert self.memory is not None
-        return self.memory
+        assert self.state is not None
+        return self.state
 
     def run_until(self, wanted: Callable[[ControlState], bool], limit: int = 2500) -> ControlState:
         """Ticks until `wanted(memory)` holds; fails when it never does."""
         for _ in range(limit):
             if wanted(self.tick()):
-                assert self.memory is not None
-                return self.memory
+                assert self.state is not None
+                return self.state
         raise AssertionError(f"not reached in {limit} ticks")
 
     def settle(self) -> ControlState:
         """Ticks until nothing runs and nothing moves."""
-        return self.run_until(lambda m: m.task is None and m.motion.settled)
+        return self.run_until(lambda m: m.running is None and m.motion.settled)
 
     def act(self, action: Action) -> ControlState:
         """By the therapist's key, to its end."""
-        self.say(OperatorKind.ACT, action)
+        self.send(OperatorKind.ACT, action)
         self.tick(2)
         return self.settle()
 
@@ -128,21 +128,21 @@ class Rig:
 
     def events(self) -> set[str]:
         """Names of the events in force."""
-        assert self.memory is not None
-        return {one.event.value for one in self.memory.active if one.in_force}
+        assert self.state is not None
+        return {one.event.value for one in self.state.events if one.in_force}
 
     def _one(self) -> None:
         self.now_ns += TICK_NS
         if self.alive and self.now_ns % 50_000_000 < TICK_NS:
-            self.say(OperatorKind.ALIVE)
-            self._words[-1] = replace_sent(self._words[-1], self.now_ns)
+            self.send(OperatorKind.HEARTBEAT)
+            self._commands[-1] = replace_sent(self._commands[-1], self.now_ns)
         inputs = self._inputs()
-        self.memory, self.outputs = step(self.memory or begin(inputs), inputs, self.settings)
-        self.history.append((self.memory, self.outputs))
+        self.state, self.outputs = step(self.state or initial_state(inputs), inputs, self.settings)
+        self.history.append((self.state, self.outputs))
         self.audit.extend(self.outputs.audit)
-        self._asked.extend((self.answer_ticks, request) for request in self.outputs.requests)
+        self._asked.extend((self.answer_ticks, plan_request) for plan_request in self.outputs.plan_requests)
         self._write(self.outputs.command, inputs.feedback)
-        self._obey(self.outputs.drives)
+        self._execute(self.outputs.drives)
 
     def _inputs(self) -> Inputs:
         rare = self.now_ns % 50_000_000 < TICK_NS
@@ -152,7 +152,7 @@ class Rig:
             boot_ns=self.now_ns + 1_000_000_000,
             feedback=self.joints.feedback(self.now_ns),
             report=self._report() if self.watching and self.now_ns % 34_000_000 < TICK_NS else None,
-            commands=tuple(self._words),
+            commands=tuple(self._commands),
             plans=self._plans(),
             audit=self._audit() if self.auditing and rare else None,
             guardian=self._guardian() if self.guarding and rare else None,
@@ -162,7 +162,7 @@ class Rig:
             drive_error=self._error,
             cleared=self.cleared,
         )
-        self._words = []
+        self._commands = []
         spoiled = msgspec.structs.replace(plain, **self.spoil)
         self.spoil = {}
         return spoiled
@@ -191,12 +191,12 @@ class Rig:
         return GuardianHealth(**(fields | self.guardian_health))
 
     def _plans(self) -> tuple[Plan, ...]:
-        due = [request for ticks, request in self._asked if ticks <= 1]
-        self._asked = [(ticks - 1, request) for ticks, request in self._asked if ticks > 1]
-        return tuple(self._answer(request) for request in due) if self.planning else ()
+        due = [plan_request for ticks, plan_request in self._asked if ticks <= 1]
+        self._asked = [(ticks - 1, plan_request) for ticks, plan_request in self._asked if ticks > 1]
+        return tuple(self._answer(plan_request) for plan_request in due) if self.planning else ()
 
-    def _answer(self, request: PlanRequest) -> Plan:
-        plan = make_plan(request, self.plan_s)
+    def _answer(self, plan_request: PlanRequest) -> Plan:
+        plan = make_plan(plan_request, self.plan_s)
         if not self.refuse_plans:
             return plan
         return msgspec.structs.replace(plan, check=PlanCheck(reason=plain(self.refuse_plans)))
@@ -209,7 +209,7 @@ class Rig:
         assert self._written is not None
         self.joints.take(self._written)
 
-    def _obey(self, order: DriveOrder) -> None:
+    def _execute(self, order: DriveOrder) -> None:
         self._error = None
         if order is DriveOrder.ENABLE and self.joints.refuse_enable:
             self._error = plain(self.joints.refuse_enable)

@@ -19,8 +19,8 @@ E = Event
 # Written down a second time: docs/safety.md and the bounds rest on these numbers.
 LIMITS = (
     (E.STOP_AGAIN, "session.stop_presses", 1),
-    (E.FAR_FROM_POSE, "legs.pose_error_rad", 0.21),
-    (E.CAMERA_STALE, "programs.picture_age_ms", 200.0),
+    (E.FAR_FROM_POSE, "joints.pose_error_rad", 0.21),
+    (E.CAMERA_STALE, "programs.frame_age_ms", 200.0),
     (E.PERCEPTION_TIMEOUT, "programs.perception_age_ms", 200.0),
     (E.CONSOLE_TIMEOUT, "programs.console_age_ms", 230.0),
     (E.AUDIT_BACKLOG, "programs.audit_waiting", 2_000),
@@ -30,10 +30,10 @@ LIMITS = (
     (E.CONTROL_STALLED, "clocks.late_ms", 20.0),
     (E.HOST_SUSPENDED, "clocks.slept_s", 0.1),
     (E.CLOCK_JUMP, "clocks.step_s", 0.5),
-    (E.JOINT_TIMEOUT, "legs.age_ms", 15.0),
-    (E.FOLLOWING_WARNING, "legs.following_rad", 0.14),
-    (E.FOLLOWING_LIMIT, "legs.following_rad", 0.26),
-    (E.UNEXPECTED_MOTION, "legs.drift_rad_s", 0.6),
+    (E.JOINT_TIMEOUT, "joints.age_ms", 15.0),
+    (E.FOLLOWING_WARNING, "joints.following_rad", 0.14),
+    (E.FOLLOWING_LIMIT, "joints.following_rad", 0.26),
+    (E.UNEXPECTED_MOTION, "joints.drift_rad_s", 0.6),
     (E.GUARDIAN_TIMEOUT, "programs.guardian_age_ms", 250.0),
     (E.MESSAGE_REJECTED, "programs.rejected_messages", 0),
 )
@@ -41,12 +41,12 @@ REPORTED = (
     (E.CAMERA_STALE, "programs.camera_fault"),
     (E.AUDIT_WRITE_FAILED, "programs.audit_fault"),
     (E.GUARDIAN_TIMEOUT, "programs.guardian_fault"),
-    (E.DRIVE_ORDER_FAILED, "legs.drive_error"),
+    (E.DRIVE_ORDER_FAILED, "joints.drive_error"),
 )
 
 
-def events_of(facts: Diagnostics) -> set[Event]:
-    return {one.event for one in advance((), facts)}
+def events_of(diagnostics: Diagnostics) -> set[Event]:
+    return {one.event for one in advance((), diagnostics)}
 
 
 def with_one(quantity: str, value: object) -> Diagnostics:
@@ -106,10 +106,10 @@ def test_what_waits_for_its_acknowledgement_tells_that_its_condition_has_gone() 
 
 
 def test_legs_count_as_moving_only_before_they_carry_power() -> None:
-    at_limit, beyond_limit = (with_one("legs.fastest_rad_s", speed) for speed in (0.5, beyond(0.5)))
+    at_limit, beyond_limit = (with_one("joints.fastest_rad_s", speed) for speed in (0.5, beyond(0.5)))
     assert E.LEGS_MOVING not in events_of(replace(at_limit, powered=False))
     assert E.LEGS_MOVING in events_of(replace(beyond_limit, powered=False))
-    assert E.LEGS_MOVING not in events_of(with_one("legs.fastest_rad_s", 1.0))
+    assert E.LEGS_MOVING not in events_of(with_one("joints.fastest_rad_s", 1.0))
 
 
 def test_what_was_there_before_power_waits_for_an_acknowledgement_once_there_is_power() -> None:
@@ -126,13 +126,13 @@ def test_what_has_latched_stays_so_when_the_power_goes() -> None:
     assert next(one for one in unpowered if one.event is E.CONTROL_STALLED).latched
 
 
-@pytest.mark.parametrize(("later_ns", "told"), [(999_999_999, True), (1_000_000_000, False), (1_500_000_000, False)])
+@pytest.mark.parametrize(("later_ns", "shown"), [(999_999_999, True), (1_000_000_000, False), (1_500_000_000, False)])
 @pytest.mark.parametrize("since_ns", [1_000, 7_000_000_000])
 def test_what_has_passed_is_read_for_a_second_and_does_nothing_any_more(
-    since_ns: int, later_ns: int, *, told: bool
+    since_ns: int, later_ns: int, *, shown: bool
 ) -> None:
     gone = replace(CALM, now_ns=since_ns + later_ns)
     faulty = replace(with_one("programs.audit_fault", plain("disk full")), now_ns=since_ns)
     after = advance(advance((), faulty), gone)
-    assert [one.event for one in after] == [E.AUDIT_WRITE_FAILED] * told
+    assert [one.event for one in after] == [E.AUDIT_WRITE_FAILED] * shown
     assert effect_of(after) is Effect.NOTE

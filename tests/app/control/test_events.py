@@ -26,11 +26,11 @@ def test_every_row_has_its_test_and_every_event_its_row() -> None:
 def test_the_event_happens_with_its_effect_and_is_told(event: Event) -> None:
     rig = rig_with(event)
     row = ROW[event]
-    assert rig.memory is not None
+    assert rig.state is not None
     raised = seen(rig, event)
     assert raised, rig.events()
     assert raised[0].effect == row.effect.name.lower()
-    at_its_time = [memory for memory, _ in rig.history if any(one.event is event for one in memory.active)]
+    at_its_time = [state for state, _ in rig.history if any(one.event is event for one in state.events)]
     assert at_its_time
     assert at_its_time[0].effect >= row.effect
 
@@ -41,23 +41,23 @@ def test_what_holds_or_damps_stops_every_wish_and_stays_until_acknowledged(event
     CAUSES[event].cure(rig)
     rig.tick(30)
     row = ROW[event]
-    assert rig.memory is not None
+    assert rig.state is not None
     if row.latch is Latch.NEVER:
         assert event in {E.SHUTTING_DOWN, E.SHUTDOWN_DAMPING}, "a hold or a damp is left only deliberately"
         return
     assert event.value in rig.events()
-    refusals = rig.memory.refusal_count
-    rig.say(OperatorKind.ACT, Action.STEP_RIGHT_FIRST)
+    refusals = rig.state.refusal_count
+    rig.send(OperatorKind.ACT, Action.STEP_RIGHT_FIRST)
     rig.tick()
-    assert rig.memory.refusal_count == refusals + 1
-    assert rig.memory.task is None
+    assert rig.state.refusal_count == refusals + 1
+    assert rig.state.running is None
     still = rig.command
-    rig.say(OperatorKind.ACKNOWLEDGE)
+    rig.send(OperatorKind.ACKNOWLEDGE)
     rig.tick(100)
-    if event is not E.STOP_AGAIN and row.effect < Effect.DAMP and rig.memory.motion.mode is not Mode.DISABLED:
+    if event is not E.STOP_AGAIN and row.effect < Effect.DAMP and rig.state.motion.mode is not Mode.DISABLED:
         assert np.array_equal(rig.command.position_rad, still.position_rad), "acknowledging moves nothing"
     assert event.value not in rig.events()
-    assert rig.memory.gait.running is None
+    assert rig.state.gait.running is None
 
 
 @pytest.mark.parametrize(
@@ -72,8 +72,8 @@ def test_what_does_not_latch_goes_with_its_condition(event: Event) -> None:
     assert (event.value in rig.events()) is ROW[event].settles
     rig.tick(LINGER_NS // 2_000_000 + 60)
     assert event.value not in rig.events()
-    assert rig.memory is not None
-    assert event not in {one.event for one in rig.memory.active}
+    assert rig.state is not None
+    assert event not in {one.event for one in rig.state.events}
     assert [b for b in rig.audit if isinstance(b, records.EventCleared) and b.event == event.value]
 
 
@@ -89,22 +89,22 @@ def test_what_refuses_refuses_whom_it_names_and_says_why(event: Event, source: S
         action, gesture = Action.INITIALISE, Gesture.ZERO
     row = ROW[event]
     if source is Source.THERAPIST:
-        rig.say(OperatorKind.ACT, action)
+        rig.send(OperatorKind.ACT, action)
     elif event is E.PERCEPTION_TIMEOUT:
         rig.release(gesture)
         rig.tick(20)
-        assert rig.memory is not None
-        assert rig.memory.task is None
+        assert rig.state is not None
+        assert rig.state.running is None
         return
     else:
         rig.release(gesture)
     rig.tick(18)
-    assert rig.memory is not None
-    granted = rig.memory.task is not None
+    assert rig.state is not None
+    granted = rig.state.running is not None
     assert granted is (source not in row.blocks)
     if not granted:
-        assert rig.memory.refusal is not None
-        assert rig.memory.refusal.code == key_of(event) or not rig.watching
+        assert rig.state.refusal is not None
+        assert rig.state.refusal.code == key_of(event) or not rig.watching
 
 
 @pytest.mark.parametrize(
@@ -112,24 +112,24 @@ def test_what_refuses_refuses_whom_it_names_and_says_why(event: Event, source: S
 )
 def test_of_what_stops_nothing_only_legs_far_from_their_pose_lose_their_state(event: Event) -> None:
     rig = rig_with(event)
-    assert rig.memory is not None
-    assert (rig.memory.gait.state is GaitState.BETWEEN) is (event is E.FAR_FROM_POSE)
+    assert rig.state is not None
+    assert (rig.state.gait.state is GaitState.BETWEEN) is (event is E.FAR_FROM_POSE)
 
 
 @pytest.mark.parametrize("event", [event for event in Event if ROW[event].effect is Effect.NOTE])
 def test_a_note_stops_nothing(event: Event) -> None:
     rig = rig_with(event)
-    rig.say(OperatorKind.ACT, Action.STEP_RIGHT_FIRST)
+    rig.send(OperatorKind.ACT, Action.STEP_RIGHT_FIRST)
     rig.tick()
-    assert rig.memory is not None
-    assert rig.memory.task is not None
+    assert rig.state is not None
+    assert rig.state.running is not None
 
 
 @pytest.mark.parametrize("event", Event)
 @pytest.mark.parametrize("code", ["en", "zh"])
 def test_texts_say_what_happened_and_fit_the_screen(event: Event, code: str) -> None:
     use_language(code)
-    (raised, *_) = [one for memory, _ in rig_with(event).history for one in memory.active if one.event is event]
+    (raised, *_) = [one for state, _ in rig_with(event).history for one in state.events if one.event is event]
     text = render(raised.reason)
     assert text[-1] in ".。"
     assert len(text) < 125
@@ -141,7 +141,7 @@ def test_before_the_drives_carry_power_nothing_waits_for_an_acknowledgement(even
         return  # can't come about without power
     rig = Rig()
     rig.tick(2)
-    rig.say(OperatorKind.CONFIRM_PATIENT)
+    rig.send(OperatorKind.CONFIRM_PATIENT)
     rig.tick(200)
     assert rig.events() == {E.NOT_ARMED.value}
     CAUSES[event].make(rig)

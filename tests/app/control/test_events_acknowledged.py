@@ -10,20 +10,20 @@ from tests.app.control.causes import CAUSES, E, rig_with
 
 def test_an_acknowledgement_covers_only_what_was_raised_before_it_was_sent() -> None:
     rig = rig_with(E.STOP)
-    rig.say(OperatorKind.ACKNOWLEDGE, age_ms=50)
+    rig.send(OperatorKind.ACKNOWLEDGE, age_ms=50)
     rig.tick()
     assert E.STOP.value in rig.events()
-    rig.say(OperatorKind.ACKNOWLEDGE)
+    rig.send(OperatorKind.ACKNOWLEDGE)
     rig.tick()
     assert rig.events() == set()
 
 
 def test_an_acknowledged_condition_that_still_holds_keeps_its_effect_until_it_goes() -> None:
     rig = rig_with(E.OVER_TEMPERATURE)
-    rig.say(OperatorKind.ACKNOWLEDGE)
+    rig.send(OperatorKind.ACKNOWLEDGE)
     rig.tick(10)
-    assert rig.memory is not None
-    assert rig.memory.effect is Effect.HOLD
+    assert rig.state is not None
+    assert rig.state.effect is Effect.HOLD
     CAUSES[E.OVER_TEMPERATURE].cure(rig)
     rig.tick()
     assert rig.events() == set()
@@ -33,7 +33,7 @@ def test_an_event_that_comes_back_has_to_be_acknowledged_again() -> None:
     rig = rig_with(E.DRIVE_FAULT)
     CAUSES[E.DRIVE_FAULT].cure(rig)
     rig.tick()
-    rig.say(OperatorKind.ACKNOWLEDGE)
+    rig.send(OperatorKind.ACKNOWLEDGE)
     rig.tick()
     assert rig.events() == set()
     CAUSES[E.DRIVE_FAULT].make(rig)
@@ -45,11 +45,11 @@ def test_an_event_that_comes_back_has_to_be_acknowledged_again() -> None:
 
 def test_the_strongest_event_stands_first() -> None:
     rig = rig_with(E.TICK_LATE)
-    rig.say(OperatorKind.STOP)
+    rig.send(OperatorKind.STOP)
     CAUSES[E.DRIVE_UNTRUSTED].make(rig)
     rig.tick()
-    assert rig.memory is not None
-    effects = [ROW[one.event].effect for one in rig.memory.active]
+    assert rig.state is not None
+    effects = [ROW[one.event].effect for one in rig.state.events]
     assert effects == sorted(effects, reverse=True)
     assert effects[0] is Effect.DAMP
-    assert rig.memory.effect is Effect.DAMP
+    assert rig.state.effect is Effect.DAMP

@@ -34,7 +34,7 @@ def test_drives_that_nobody_asked_are_not_called_silent() -> None:
     rig.tick(2)  # the answer to the first command after it may take longer than until the next tick
     rig.joints.silent = False
     rig.tick(20)
-    assert E.JOINT_TIMEOUT.value not in {event for memory, _ in rig.history for event in names_in(memory)}
+    assert E.JOINT_TIMEOUT.value not in {event for state, _ in rig.history for event in names_in(state)}
     rig.joints.silent = True
     rig.tick(9)
     assert E.JOINT_TIMEOUT.value in rig.events(), "what was excused once is not excused again"
@@ -53,7 +53,7 @@ def test_missed_ticks_only_put_off_the_silence_of_a_drive(stalls: int) -> None:
 
 def test_joints_may_settle_for_half_a_second_after_a_movement() -> None:
     rig = moving()
-    rig.run_until(lambda m: m.task is None)
+    rig.run_until(lambda m: m.running is None)
     rig.joints.velocity_rad_s = np.full(4, 0.7)
     rig.tick(249)
     assert E.UNEXPECTED_MOTION.value not in rig.events()
@@ -66,8 +66,8 @@ def test_every_drive_fault_stops_the_legs(what: DriveFault) -> None:
     rig = standing()
     rig.joints.faults = fault(what)
     rig.tick()
-    assert rig.memory is not None
-    assert rig.memory.effect >= Effect.HOLD
+    assert rig.state is not None
+    assert rig.state.effect >= Effect.HOLD
 
 
 @pytest.mark.parametrize("what", [fault for fault in BusFault if fault])

@@ -7,7 +7,8 @@ import pytest
 
 from app.control.diagnostics import SPEED_MARGIN, TORQUE_MARGIN
 from app.control.drives import Drives
-from app.control.events.drives import FOLLOWING_LIMIT_RAD, POSE_LIMIT_RAD
+from app.control.events.drives import FOLLOWING_LIMIT_RAD
+from app.control.events.pose import POSE_LIMIT_RAD
 from app.control.gait import machine as gait_machine
 from app.control.gait.machine import Gait, Started
 from app.control.inputs import DriveOrder
@@ -96,7 +97,7 @@ class Legs:
             PATIENT,
         )  # fmt: skip
         assert made.check.ok, made.check.reason
-        self.drives.expect(action)
+        self.drives.stage_scene(action)
         self.motion = follower.start_plan(self.motion, made)
 
     def carry_out(self, action: Action) -> None:
@@ -150,5 +151,5 @@ def test_gesture_0_leads_back_and_the_next_action_works(action: Action, progress
 def test_asking_for_the_way_back_moves_nothing_under_a_held_wearer(action: Action, progress: float) -> None:
     legs = Legs()
     legs.stop_at(action, progress)
-    legs.drives.expect(A.INITIALISE)
+    legs.drives.stage_scene(A.INITIALISE)
     assert legs.rest() < QUIET_RAD_S

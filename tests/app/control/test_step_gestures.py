@@ -8,7 +8,7 @@ from app.ipc.states import Event, RequestRefusal
 from kgdfa.gesture import Gesture
 from logs import records
 from logs.reason import reason
-from tests.app.control.moments import A, K, S, now, standing, told
+from tests.app.control.moments import A, K, S, now, records_of, standing
 
 
 def test_a_release_acts_once_however_often_it_is_told() -> None:
@@ -18,7 +18,7 @@ def test_a_release_acts_once_however_often_it_is_told() -> None:
     rig.tick(20)
     rig.settle()
     rig.tick(500)
-    assert len(told(rig, records.Command)) == 1
+    assert len(records_of(rig, records.Command)) == 1
     assert now(rig).ignored_count == 0
     assert now(rig).refusal_count == 0
 
@@ -32,29 +32,29 @@ def test_a_stale_release_never_acts(age_ms: float, acts: bool) -> None:
     rig.release(Gesture.ONE, age_ms=age_ms)
     rig.tick(40)
     rig.settle()
-    assert bool(told(rig, records.Command)) is acts
+    assert bool(records_of(rig, records.Command)) is acts
 
 
 def test_a_release_made_while_disarmed_never_acts_later() -> None:
     rig = standing()
-    rig.say(K.DISARM)
+    rig.send(K.DISARM)
     rig.tick()
     rig.release(Gesture.ONE)
     rig.tick(20)
     assert now(rig).refusal == reason(Event.NOT_ARMED)
-    rig.say(K.ARM)
+    rig.send(K.ARM)
     rig.tick(500)
-    assert not told(rig, records.Command)
+    assert not records_of(rig, records.Command)
 
 
 def test_a_release_made_just_before_the_arming_does_not_act() -> None:
     rig = standing()
-    rig.say(K.DISARM)
+    rig.send(K.DISARM)
     rig.tick()
-    rig.say(K.ARM)
+    rig.send(K.ARM)
     rig.release(Gesture.ONE, age_ms=10)
     rig.tick(30)
-    assert not told(rig, records.Command)
+    assert not records_of(rig, records.Command)
     assert now(rig).refusal == reason(RequestRefusal.RELEASED_BEFORE_ARMING)
 
 
@@ -65,11 +65,11 @@ def test_a_perception_that_restarts_repeats_nothing_and_is_heard_again() -> None
     rig.settle()
     rig.restart_perception()
     rig.tick(300)
-    assert len(told(rig, records.Command)) == 1
+    assert len(records_of(rig, records.Command)) == 1
     rig.release(Gesture.FOUR)
     rig.tick(20)
     rig.settle()
-    assert len(told(rig, records.Command)) == 2
+    assert len(records_of(rig, records.Command)) == 2
     assert now(rig).gait.state is S.STANDING
 
 
@@ -78,7 +78,7 @@ def test_the_first_report_of_a_restarted_perception_may_bring_a_release() -> Non
     rig.restart_perception()
     rig.release(Gesture.ONE)
     rig.tick(20)
-    assert now(rig).task is not None
+    assert now(rig).running is not None
 
 
 def test_a_release_without_a_gesture_is_no_wish() -> None:
@@ -87,34 +87,34 @@ def test_a_release_without_a_gesture_is_no_wish() -> None:
     rig._released = None
     rig.tick(30)
     assert now(rig).refusal_count == 0
-    assert now(rig).task is None
+    assert now(rig).running is None
 
 
 def test_an_act_without_an_action_is_no_wish_and_old_words_are_not_heard_twice() -> None:
     rig = standing()
-    rig.say(K.ACT)
+    rig.send(K.ACT)
     rig.tick(2)
     assert now(rig).refusal_count == 0
-    rig.say(K.ACT, A.STEP_RIGHT_FIRST)
-    word = rig._words[-1]
+    rig.send(K.ACT, A.STEP_RIGHT_FIRST)
+    word = rig._commands[-1]
     rig.tick(2)
     rig.settle()
-    rig._words.append(word)
+    rig._commands.append(word)
     rig.tick(5)
-    assert len(told(rig, records.Command)) == 1
+    assert len(records_of(rig, records.Command)) == 1
     assert now(rig).refusal_count == 0
 
 
 def test_without_a_preflight_an_action_is_refused_and_others_are_not() -> None:
     rig = standing()
     rig.cleared = frozenset({A.STEP_RIGHT_FIRST, A.WALK})
-    rig.say(K.ACT, A.STAIR_UP)
+    rig.send(K.ACT, A.STAIR_UP)
     rig.tick(2)
-    assert now(rig).task is None
+    assert now(rig).running is None
     assert now(rig).refusal == reason(Event.NO_PREFLIGHT)
-    rig.say(K.ACT, A.WALK)
+    rig.send(K.ACT, A.WALK)
     rig.tick(60)
     assert now(rig).gait.running is A.WALK
-    rig.say(K.ACT, A.WALK_END)
+    rig.send(K.ACT, A.WALK_END)
     rig.tick(2)
     assert now(rig).gait.closing, "ending a walk needs no pre-flight"

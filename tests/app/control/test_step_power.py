@@ -22,12 +22,12 @@ def test_gesture_0_plans_enables_grips_and_only_then_moves() -> None:
     rig.release(Gesture.ZERO)
     stages: list[Stage] = []
     for _ in range(600):
-        memory = rig.tick()
-        if memory.task is not None and (not stages or stages[-1] is not memory.task.stage):
-            stages.append(memory.task.stage)
-            if memory.task.stage in {Stage.PLANNING, Stage.ENABLING}:
+        state = rig.tick()
+        if state.running is not None and (not stages or stages[-1] is not state.running.stage):
+            stages.append(state.running.stage)
+            if state.running.stage in {Stage.PLANNING, Stage.ENABLING}:
                 assert rig.command.stiffness_nm_rad.max() == 0
-    assert stages == [Stage.PLANNING, Stage.ENABLING, Stage.GRIPPING, Stage.MOVING]
+    assert stages == [Stage.PLANNING, Stage.ENABLING, Stage.STIFFENING, Stage.MOVING]
     assert now(rig).gait.state is S.STANDING
     report = now(rig).reports[-1]
     assert report.source is Source.GESTURE
@@ -38,7 +38,7 @@ def test_gesture_0_plans_enables_grips_and_only_then_moves() -> None:
 def test_a_refused_way_to_standing_never_powers_the_drives() -> None:
     rig = resting(S.UNPOWERED)
     rig.refuse_plans = "the feet are not on the ground"
-    rig.say(K.ACT, A.INITIALISE)
+    rig.send(K.ACT, A.INITIALISE)
     rig.tick(10)
     assert rig.joints.state is DriveState.PROBED
     assert now(rig).gait.state is S.UNPOWERED
@@ -48,9 +48,9 @@ def test_a_refused_way_to_standing_never_powers_the_drives() -> None:
 def test_legs_that_begin_to_sink_before_power_comes_get_none() -> None:
     rig = resting(S.UNPOWERED)
     rig.answer_ticks = 10
-    rig.say(K.ACT, A.INITIALISE)
+    rig.send(K.ACT, A.INITIALISE)
     rig.tick(5)
-    assert now(rig).task is not None
+    assert now(rig).running is not None
     rig.joints.velocity_rad_s = np.array([0.0, 0.6, 0.0, 0.0])
     rig.tick(20)
     assert rig.joints.state is DriveState.PROBED
@@ -64,11 +64,11 @@ def test_legs_that_begin_to_sink_before_power_comes_get_none() -> None:
 
 def test_legs_that_moved_while_the_drives_woke_are_planned_for_anew() -> None:
     rig = resting(S.UNPOWERED)
-    rig.say(K.ACT, A.INITIALISE)
-    rig.run_until(lambda m: m.task is not None and m.task.stage is Stage.ENABLING)
+    rig.send(K.ACT, A.INITIALISE)
+    rig.run_until(lambda m: m.running is not None and m.running.stage is Stage.ENABLING)
     rig.joints.position_rad = rig.joints.position_rad + 0.3
     gripped_at = rig.joints.position_rad.copy()
-    rig.run_until(lambda m: m.task is not None and m.task.stage is Stage.MOVING)
+    rig.run_until(lambda m: m.running is not None and m.running.stage is Stage.MOVING)
     plan = now(rig).motion.plan
     assert plan is not None
     assert plan.position_rad[0] == pytest.approx(gripped_at)
@@ -78,8 +78,8 @@ def test_legs_that_moved_while_the_drives_woke_are_planned_for_anew() -> None:
 
 def test_a_way_that_is_not_free_any_more_leaves_the_gripped_joints_held() -> None:
     rig = resting(S.UNPOWERED)
-    rig.say(K.ACT, A.INITIALISE)
-    rig.run_until(lambda m: m.task is not None and m.task.stage is Stage.GRIPPING)
+    rig.send(K.ACT, A.INITIALISE)
+    rig.run_until(lambda m: m.running is not None and m.running.stage is Stage.STIFFENING)
     rig.refuse_plans = "not free"
     rig.answer_ticks = 1
     rig.tick(300)
@@ -91,9 +91,9 @@ def test_a_way_that_is_not_free_any_more_leaves_the_gripped_joints_held() -> Non
 def test_drives_that_do_not_wake_end_the_action_with_their_reason() -> None:
     rig = resting(S.UNPOWERED)
     rig.joints.refuse_enable = "left hip does not answer: check its cable"
-    rig.say(K.ACT, A.INITIALISE)
+    rig.send(K.ACT, A.INITIALISE)
     rig.tick(6)
-    assert now(rig).task is None
+    assert now(rig).running is None
     assert now(rig).reports[-1].reason == plain("left hip does not answer: check its cable")
     assert now(rig).gait.state is S.UNPOWERED
     assert Event.DRIVE_ORDER_FAILED.value in rig.events()
@@ -101,25 +101,25 @@ def test_drives_that_do_not_wake_end_the_action_with_their_reason() -> None:
 
 def test_drives_that_never_say_that_they_woke_are_given_up() -> None:
     rig = resting(S.UNPOWERED)
-    rig.say(K.ACT, A.INITIALISE)
-    rig.run_until(lambda m: m.task is not None and m.task.stage is Stage.ENABLING)
+    rig.send(K.ACT, A.INITIALISE)
+    rig.run_until(lambda m: m.running is not None and m.running.stage is Stage.ENABLING)
     rig.joints.state = DriveState.PROBED
     rig.tick(1502)
-    assert now(rig).task is None
+    assert now(rig).running is None
     assert now(rig).reports[-1].reason == reason(RequestRefusal.ENABLE_TIMEOUT)
 
 
 def test_a_stop_while_the_drives_wake_leaves_them_neutral() -> None:
     rig = resting(S.UNPOWERED)
-    rig.say(K.ACT, A.INITIALISE)
-    rig.run_until(lambda m: m.task is not None and m.task.stage is Stage.ENABLING)
-    rig.say(K.STOP)
+    rig.send(K.ACT, A.INITIALISE)
+    rig.run_until(lambda m: m.running is not None and m.running.stage is Stage.ENABLING)
+    rig.send(K.STOP)
     rig.tick(300)
     assert now(rig).gait.state is S.UNPOWERED
     assert rig.command.stiffness_nm_rad.max() == 0
-    rig.say(K.ACKNOWLEDGE)
+    rig.send(K.ACKNOWLEDGE)
     rig.tick()
-    rig.say(K.TORQUE_OFF)
+    rig.send(K.TORQUE_OFF)
     rig.tick()
     assert rig.joints.state is DriveState.DISABLED
 
@@ -127,7 +127,7 @@ def test_a_stop_while_the_drives_wake_leaves_them_neutral() -> None:
 def test_drives_that_are_awake_already_are_gripped_without_being_woken_again() -> None:
     rig = resting(S.UNPOWERED)
     rig.joints.state = DriveState.ENABLED
-    rig.say(K.ACT, A.INITIALISE)
+    rig.send(K.ACT, A.INITIALISE)
     rig.tick(400)
     assert now(rig).gait.state is S.STANDING
     assert all(outputs.drives is DriveOrder.NONE for _, outputs in rig.history)
@@ -148,21 +148,21 @@ def test_one_faulted_drive_leaves_the_others_holding() -> None:
     rig = moving()
     rig.joints.state = DriveState.FAULTED
     rig.tick(HOLD_TICKS + 5)
-    assert now(rig).heard.powered
+    assert now(rig).streams.powered
     assert rig.command.stiffness_nm_rad.min() > 0
 
 
 @pytest.mark.parametrize("asked", ["word", "signal"])
 def test_the_end_holds_gives_way_switches_off_and_finishes(asked: str) -> None:
     rig = moving(A.WALK)
-    rig.say(K.SHUT_DOWN)
+    rig.send(K.SHUT_DOWN)
     if asked == "signal":
-        rig._words.clear()
+        rig._commands.clear()
         rig.spoil["must_end"] = True
     modes: list[Mode] = []
     for _ in range(600):
-        memory = rig.tick()
-        modes.append(memory.motion.mode)
+        state = rig.tick()
+        modes.append(state.motion.mode)
         assert rig.outputs is not None
         if rig.outputs.finished:
             break
@@ -174,7 +174,7 @@ def test_the_end_holds_gives_way_switches_off_and_finishes(asked: str) -> None:
 
 def test_with_the_drives_off_the_end_comes_at_once() -> None:
     rig = resting(S.UNPOWERED)
-    rig.say(K.SHUT_DOWN)
+    rig.send(K.SHUT_DOWN)
     rig.tick()
     assert rig.outputs is not None
     assert rig.outputs.finished
@@ -182,10 +182,10 @@ def test_with_the_drives_off_the_end_comes_at_once() -> None:
 
 def test_nothing_is_granted_while_the_session_ends() -> None:
     rig = standing()
-    rig.say(K.SHUT_DOWN)
-    rig.say(K.ACT, A.WALK)
+    rig.send(K.SHUT_DOWN)
+    rig.send(K.ACT, A.WALK)
     rig.tick()
-    assert now(rig).task is None
+    assert now(rig).running is None
     assert now(rig).refusal_count == 1
 
 

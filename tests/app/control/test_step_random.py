@@ -27,7 +27,7 @@ JITTER_MS = 52  # a stream that stops may have spoken just before
 OK = (DriveFault.NONE,) * 4
 
 
-class Legs(RuleBasedStateMachine):
+class JointDiagnostics(RuleBasedStateMachine):
     """The rig, and a bystander who notes since when what has been wrong (ms)."""
 
     def __init__(self) -> None:
@@ -40,7 +40,7 @@ class Legs(RuleBasedStateMachine):
         self.still_ms = 0
 
     @initialize(state=st.sampled_from([GaitState.UNPOWERED, GaitState.STANDING, GaitState.SITTING, GaitState.BETWEEN]))
-    def begin(self, state: GaitState) -> None:
+    def initial_state(self, state: GaitState) -> None:
         self.rig = resting(state)
         self._note()
 
@@ -51,7 +51,7 @@ class Legs(RuleBasedStateMachine):
 
     @rule(action=st.sampled_from(Action))
     def therapist_presses_a_key(self, action: Action) -> None:
-        self.rig.say(OperatorKind.ACT, action)
+        self.rig.send(OperatorKind.ACT, action)
         self._tick()
 
     @rule(gesture=st.sampled_from(Gesture), age_ms=st.sampled_from([30.0, 30.0, 30.0, 300.0]))
@@ -62,19 +62,19 @@ class Legs(RuleBasedStateMachine):
 
     @rule(kind=st.sampled_from([OperatorKind.ARM, OperatorKind.DISARM, OperatorKind.TORQUE_OFF]))
     def operator_says(self, kind: OperatorKind) -> None:
-        self.rig.say(kind)
+        self.rig.send(kind)
         self._tick()
 
     @rule()
     def operator_stops(self) -> None:
         self.stopped = True
-        self.rig.say(OperatorKind.STOP)
+        self.rig.send(OperatorKind.STOP)
         self._tick()
 
     @rule()
     def operator_acknowledges(self) -> None:
         self.stopped = False
-        self.rig.say(OperatorKind.ACKNOWLEDGE)
+        self.rig.send(OperatorKind.ACKNOWLEDGE)
         self._tick()
 
     @rule(stream=st.sampled_from(list(SILENT_MS)))
@@ -134,30 +134,30 @@ class Legs(RuleBasedStateMachine):
 
     @invariant()
     def a_movement_belongs_to_a_powered_state(self) -> None:
-        memory = self.rig.memory
-        if memory is not None and memory.motion.mode in {Mode.MOVING, Mode.HOLDING, Mode.STIFFENING}:
-            assert self.rig.joints.state is DriveState.ENABLED or memory.heard.powered
+        state = self.rig.state
+        if state is not None and state.motion.mode in {Mode.MOVING, Mode.HOLDING, Mode.STIFFENING}:
+            assert self.rig.joints.state is DriveState.ENABLED or state.streams.powered
 
     def _tick(self) -> None:
-        before = self.rig.memory
+        before = self.rig.state
         self.rig.tick()
         self._no_action_that_is_forbidden()
         self._no_motion_that_is_forbidden()
-        assert before is None or self.rig.memory is not before
+        assert before is None or self.rig.state is not before
         self._note()
 
     def _no_action_that_is_forbidden(self) -> None:
         """Nothing new is accepted while something that refuses has lasted long enough to be known."""
-        memory = self.rig.memory
-        assert memory is not None
-        if memory.number == self.number:
+        state = self.rig.state
+        assert state is not None
+        if state.number == self.number:
             return
-        task = memory.task
-        assert task is not None
-        report = task.ending or task.report
-        assert memory.patient_confirmed
+        running = state.running
+        assert running is not None
+        report = running.ending or running.report
+        assert state.patient_confirmed
         assert not self.stopped
-        assert report.source is Source.THERAPIST or memory.armed_ns
+        assert report.source is Source.THERAPIST or state.armed_ns
         for name, since_ms in self.since.items():
             lasted_ms = self.now_ms - since_ms
             if name == "watching" and report.source is Source.THERAPIST:
@@ -166,15 +166,15 @@ class Legs(RuleBasedStateMachine):
 
     def _no_motion_that_is_forbidden(self) -> None:
         """Stiff joints are told another angle only by an action, or within a hold's time after it was stopped."""
-        memory = self.rig.memory
-        assert memory is not None
+        state = self.rig.state
+        assert state is not None
         command = self.rig.command
-        stiff = command.stiffness_nm_rad.min() > 0 and memory.motion.mode is not Mode.STIFFENING
+        stiff = command.stiffness_nm_rad.min() > 0 and state.motion.mode is not Mode.STIFFENING
         if not stiff or np.array_equal(command.position_rad, self.position):
             return
-        if memory.gait.running is None:
-            assert memory.reports, "the legs moved without any action"
-            ended_ms = memory.reports[-1].ended_ns // 1_000_000
+        if state.gait.running is None:
+            assert state.reports, "the legs moved without any action"
+            ended_ms = state.reports[-1].ended_ns // 1_000_000
             assert self.now_ms - ended_ms <= REST_MS
             return
         assert not self.stopped
@@ -183,12 +183,12 @@ class Legs(RuleBasedStateMachine):
                 assert self.now_ms - self.since[name] <= SILENT_MS.get(name, 18) + JITTER_MS + REST_MS, name
 
     def _note(self) -> None:
-        memory = self.rig.memory
-        assert memory is not None
-        self.position, self.number = self.rig.command.position_rad, memory.number
+        state = self.rig.state
+        assert state is not None
+        self.position, self.number = self.rig.command.position_rad, state.number
 
 
-TestLegs = Legs.TestCase
+TestLegs = JointDiagnostics.TestCase
 TestLegs.settings = settings(
     max_examples=30, stateful_step_count=30, deadline=None, suppress_health_check=list(HealthCheck)
 )

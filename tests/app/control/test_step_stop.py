@@ -13,19 +13,19 @@ from kgdfa.gesture import Gesture
 from logs import records
 from logs.reason import plain, reason
 from tests.app.control.moments import (
+    DAMPING_TICKS,
     GRANTED,
     HOLD_TICKS,
     RESTS,
-    SLACK_TICKS,
     A,
     K,
     S,
     drives,
     moving,
     now,
+    records_of,
     resting,
     standing,
-    told,
 )
 
 MOVEMENTS = [
@@ -48,11 +48,11 @@ MOVEMENTS = [
 @pytest.mark.parametrize("ticks", [1, 30, 77, 150])
 def test_stop_brings_every_movement_to_rest_along_its_path(state: GaitState, action: Action, ticks: int) -> None:
     rig = resting(state)
-    rig.say(K.ACT, action)
-    rig.run_until(lambda m: m.task is not None and m.task.stage is Stage.MOVING)
+    rig.send(K.ACT, action)
+    rig.run_until(lambda m: m.running is not None and m.running.stage is Stage.MOVING)
     rig.tick(ticks)
     speed = float(np.abs(rig.command.velocity_rad_s).max())
-    rig.say(K.STOP)
+    rig.send(K.STOP)
     rig.tick()
     assert now(rig).effect is Effect.HOLD
     assert now(rig).gait.running is None
@@ -77,25 +77,25 @@ def test_stop_brings_every_movement_to_rest_along_its_path(state: GaitState, act
 def test_stop_at_rest_holds_and_keeps_the_state(state: GaitState) -> None:
     rig = resting(state)
     before = rig.command
-    rig.say(K.STOP)
+    rig.send(K.STOP)
     rig.tick(50)
     assert now(rig).effect is Effect.HOLD
     assert now(rig).gait.state is state
     assert rig.command is before
-    rig.say(K.ACT, next(iter(GRANTED[state])))
+    rig.send(K.ACT, next(iter(GRANTED[state])))
     rig.tick(5)
-    assert now(rig).task is None
+    assert now(rig).running is None
 
 
 @pytest.mark.parametrize("state", RESTS)
 def test_a_second_press_gives_way_slowly_from_the_last_command(state: GaitState) -> None:
     rig = resting(state)
     powered = state is not S.UNPOWERED
-    rig.say(K.STOP)
+    rig.send(K.STOP)
     rig.tick(5)
-    rig.say(K.STOP)
+    rig.send(K.STOP)
     stiffness = rig.command.stiffness_nm_rad[0]
-    for _ in range(SLACK_TICKS + 2):
+    for _ in range(DAMPING_TICKS + 2):
         rig.tick()
         assert rig.command.stiffness_nm_rad[0] <= stiffness
         stiffness = rig.command.stiffness_nm_rad[0]
@@ -109,11 +109,11 @@ def test_a_second_press_gives_way_slowly_from_the_last_command(state: GaitState)
 
 def test_two_presses_in_one_tick_damp() -> None:
     rig = moving()
-    rig.say(K.STOP)
-    rig.say(K.STOP)
+    rig.send(K.STOP)
+    rig.send(K.STOP)
     rig.tick()
     assert now(rig).effect is Effect.DAMP
-    assert [stop.effect for stop in told(rig, records.Stop) if isinstance(stop, records.Stop)] == ["hold", "damp"]
+    assert [stop.effect for stop in records_of(rig, records.Stop) if isinstance(stop, records.Stop)] == ["hold", "damp"]
 
 
 @pytest.mark.parametrize(("presses", "reached"), [(1, S.STANDING), (2, S.BETWEEN)])
@@ -122,10 +122,10 @@ def test_a_stop_before_the_plan_has_come_keeps_the_state_unless_the_joints_give_
 ) -> None:
     rig = standing()
     rig.answer_ticks = 10
-    rig.say(K.ACT, A.STEP_RIGHT_FIRST)
+    rig.send(K.ACT, A.STEP_RIGHT_FIRST)
     rig.tick(3)
     for _ in range(presses):
-        rig.say(K.STOP)
+        rig.send(K.STOP)
     rig.tick()
     report = now(rig).reports[-1]
     assert (report.outcome, report.to_state, now(rig).gait.state) == (Outcome.STOPPED, reached, reached)
@@ -135,27 +135,27 @@ def test_stop_wins_over_a_wish_and_over_an_acknowledgement_of_the_same_tick() ->
     for words in ((K.ACT, K.STOP), (K.STOP, K.ACT)):
         rig = standing()
         for word in words:
-            rig.say(word, A.STEP_RIGHT_FIRST if word is K.ACT else None)
+            rig.send(word, A.STEP_RIGHT_FIRST if word is K.ACT else None)
         rig.tick(3)
-        assert now(rig).task is None
+        assert now(rig).running is None
         assert now(rig).effect is Effect.HOLD
     rig = standing()
-    rig.say(K.ACKNOWLEDGE)
-    rig.say(K.STOP)
+    rig.send(K.ACKNOWLEDGE)
+    rig.send(K.STOP)
     rig.tick(3)
     assert now(rig).effect is Effect.HOLD
 
 
 def test_a_stop_never_grows_old_but_a_key_does() -> None:
     rig = standing()
-    rig.say(K.ACT, A.WALK, age_ms=501)
+    rig.send(K.ACT, A.WALK, age_ms=501)
     rig.tick()
-    assert now(rig).task is None
+    assert now(rig).running is None
     assert now(rig).refusal == reason(RequestRefusal.KEY_EXPIRED)
-    rig.say(K.ACT, A.WALK, age_ms=499)
+    rig.send(K.ACT, A.WALK, age_ms=499)
     rig.tick()
-    assert now(rig).task is not None
-    rig.say(K.STOP, age_ms=5000)
+    assert now(rig).running is not None
+    rig.send(K.STOP, age_ms=5000)
     rig.tick()
     assert now(rig).effect is Effect.HOLD
 
@@ -163,36 +163,36 @@ def test_a_stop_never_grows_old_but_a_key_does() -> None:
 def test_the_moment_of_a_stop_and_of_its_command_are_told() -> None:
     rig = moving()
     assert (now(rig).stop_seen_ns, now(rig).stop_command_ns) == (0, 0)
-    rig.say(K.STOP)
+    rig.send(K.STOP)
     seen_ns = rig.now_ns + 2_000_000
     rig.tick(2)
     assert now(rig).stop_seen_ns == seen_ns
     assert now(rig).stop_command_ns == seen_ns + 1_000_000
     rig.tick(20)
     assert now(rig).stop_command_ns == seen_ns + 1_000_000, "of the first command after it"
-    stop = told(rig, records.Stop)[0]
+    stop = records_of(rig, records.Stop)[0]
     assert isinstance(stop, records.Stop)
     assert (stop.seen_ns, stop.effect) == (seen_ns, "hold")
 
 
 def test_acknowledging_starts_nothing_and_gesture_0_returns_slowly_from_where_the_legs_are() -> None:
     rig = moving()
-    rig.say(K.STOP)
+    rig.send(K.STOP)
     rig.tick(HOLD_TICKS + 5)
     held = rig.command
-    rig.say(K.ACKNOWLEDGE)
+    rig.send(K.ACKNOWLEDGE)
     rig.tick(200)
     assert rig.command is held
     assert now(rig).effect is Effect.NOTE
     for action in set(Action) - {A.INITIALISE}:
-        rig.say(K.ACT, action)
+        rig.send(K.ACT, action)
         rig.tick(2)
-        assert now(rig).task is None
+        assert now(rig).running is None
         assert now(rig).refusal == reason(
             RequestRefusal.NO_WALK if action is A.WALK_END else RequestRefusal.BETWEEN_STATES
         )
     rig.release(Gesture.ZERO)
-    rig.run_until(lambda m: m.task is not None)
+    rig.run_until(lambda m: m.running is not None)
     plan_from = rig._asked[0][1].start_rad if rig._asked else now(rig).motion.plan
     assert plan_from == pytest.approx(tuple(rig.joints.position_rad))
     assert rig.settle().gait.state is S.STANDING
@@ -202,28 +202,28 @@ def test_the_way_back_is_refused_when_it_is_not_free() -> None:
     rig = resting(S.BETWEEN)
     rig.refuse_plans = "left knee: 130° lies beyond 120°"
     held = rig.command
-    rig.say(K.ACT, A.INITIALISE)
+    rig.send(K.ACT, A.INITIALISE)
     rig.tick(5)
     assert now(rig).gait.state is S.BETWEEN
     assert now(rig).gait.running is None
     assert now(rig).refusal == plain("left knee: 130° lies beyond 120°")
     assert now(rig).reports[-1].outcome is Outcome.REFUSED
     assert rig.command is held
-    plan = told(rig, records.PlanChecked)[-1]
+    plan = records_of(rig, records.PlanChecked)[-1]
     assert isinstance(plan, records.PlanChecked)
     assert not plan.ok
 
 
 def test_after_a_damp_the_joints_are_gripped_where_they_sank_to() -> None:
     rig = standing()
-    rig.say(K.STOP)
-    rig.say(K.STOP)
-    rig.tick(SLACK_TICKS + 5)
+    rig.send(K.STOP)
+    rig.send(K.STOP)
+    rig.tick(DAMPING_TICKS + 5)
     rig.joints.position_rad = np.array([0.4, 0.8, 0.5, 0.7])
-    rig.say(K.ACKNOWLEDGE)
+    rig.send(K.ACKNOWLEDGE)
     rig.tick(5)
     assert now(rig).motion.mode is Mode.DAMPED, "acknowledging does not grip"
-    rig.say(K.ACT, A.INITIALISE)
+    rig.send(K.ACT, A.INITIALISE)
     rig.run_until(lambda m: m.motion.mode is Mode.STIFFENING)
     assert rig.command.position_rad == pytest.approx(np.array([0.4, 0.8, 0.5, 0.7]))
     stiffness = rig.command.stiffness_nm_rad.max()
@@ -235,17 +235,17 @@ def test_after_a_damp_the_joints_are_gripped_where_they_sank_to() -> None:
 
 def test_torque_goes_off_only_on_the_operators_word_and_only_when_the_joints_have_given_way() -> None:
     rig = resting(S.SITTING)
-    rig.say(K.TORQUE_OFF)
+    rig.send(K.TORQUE_OFF)
     rig.tick(3)
     assert rig.joints.state is DriveState.ENABLED
     assert now(rig).refusal == reason(RequestRefusal.TORQUE_OFF_NEEDS_DAMPING)
-    rig.say(K.STOP)
-    rig.say(K.STOP)
+    rig.send(K.STOP)
+    rig.send(K.STOP)
     rig.tick(10)
-    rig.say(K.TORQUE_OFF)
+    rig.send(K.TORQUE_OFF)
     rig.tick(10)
     assert drives(rig) is DriveState.ENABLED, "still giving way"
-    rig.tick(SLACK_TICKS)
+    rig.tick(DAMPING_TICKS)
     assert drives(rig) is DriveState.DISABLED
     assert now(rig).gait.state is S.UNPOWERED
     assert not [one for one in rig.audit if isinstance(one, records.GuardRefusal)], (
@@ -253,9 +253,9 @@ def test_torque_goes_off_only_on_the_operators_word_and_only_when_the_joints_hav
     )
     assert now(rig).motion.mode is Mode.DISABLED
     assert Event.DRIVES_POWER_LOST.value not in rig.events()
-    rig.say(K.ACKNOWLEDGE)
+    rig.send(K.ACKNOWLEDGE)
     rig.tick()
-    rig.say(K.ACT, A.INITIALISE)
+    rig.send(K.ACT, A.INITIALISE)
     assert rig.settle() is not None
     rig.tick(3)
     rig.settle()
@@ -264,8 +264,8 @@ def test_torque_goes_off_only_on_the_operators_word_and_only_when_the_joints_hav
 
 def test_damped_joints_stay_damped_without_the_operators_word() -> None:
     rig = standing()
-    rig.say(K.STOP)
-    rig.say(K.STOP)
+    rig.send(K.STOP)
+    rig.send(K.STOP)
     rig.tick(2000)
     assert rig.joints.state is DriveState.ENABLED
     assert rig.command.damping_nm_s_rad.min() > 0

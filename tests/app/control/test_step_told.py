@@ -13,13 +13,13 @@ from app.ipc.states import Event
 from app.motion.follower import Mode
 from kgdfa.gesture import Gesture
 from logs import records
-from tests.app.control.moments import A, K, S, moving, now, standing, told
+from tests.app.control.moments import A, K, S, moving, now, records_of, standing
 
 
 def test_the_moments_of_an_action_are_in_order_and_true() -> None:
     rig = standing()
     rig.release(Gesture.ONE, age_ms=30)
-    rig.run_until(lambda m: m.task is not None)
+    rig.run_until(lambda m: m.running is not None)
     accepted_ns = rig.now_ns
     start = rig.joints.position_rad.copy()
     command = rig.command
@@ -31,7 +31,7 @@ def test_the_moments_of_an_action_are_in_order_and_true() -> None:
             first_ns = rig.now_ns + 1_000_000
         if not motion_ns and np.abs(rig.joints.position_rad - start).max() >= np.radians(0.5):
             motion_ns = rig.now_ns + 2_000_000
-        return m.task is None
+        return m.running is None
 
     rig.run_until(watch)
     report = now(rig).reports[-1]
@@ -41,7 +41,7 @@ def test_the_moments_of_an_action_are_in_order_and_true() -> None:
     assert report.first_motion_ns == motion_ns
     assert report.ended_ns == rig.now_ns
     assert report.tracking_rms_rad == pytest.approx(0.0, abs=1e-9)
-    end = told(rig, records.ActionEnd)[-1]
+    end = records_of(rig, records.ActionEnd)[-1]
     assert isinstance(end, records.ActionEnd)
     assert (end.first_command_ns, end.outcome) == (first_ns, "completed")
 
@@ -50,24 +50,24 @@ def test_the_tracking_error_is_the_joints_root_mean_square() -> None:
     rig = standing()
     rig.joints.stuck = True
     rig.plan_s = 1.2
-    rig.say(K.ACT, A.STEP_RIGHT_FIRST)
-    rig.run_until(lambda m: m.task is not None and m.task.stage is Stage.MOVING)
+    rig.send(K.ACT, A.STEP_RIGHT_FIRST)
+    rig.run_until(lambda m: m.running is not None and m.running.stage is Stage.MOVING)
     errors = []
     for _ in range(60):
         errors.append(rig.joints.position_rad - rig.command.position_rad)
         rig.tick()
-    task = now(rig).task
-    assert task is not None
-    assert task.squares_rad2 / task.samples == pytest.approx(float(np.mean(np.square(errors))), rel=1e-9)
+    running = now(rig).running
+    assert running is not None
+    assert running.squares_rad2 / running.samples == pytest.approx(float(np.mean(np.square(errors))), rel=1e-9)
 
 
 def test_a_response_takes_one_tick_and_the_planners_answer() -> None:
     rig = standing()
-    rig.say(K.ACT, A.STEP_RIGHT_FIRST)
-    rig.run_until(lambda m: m.task is not None and bool(m.task.report.first_command_ns))
-    task = now(rig).task
-    assert task is not None
-    assert task.report.first_command_ns - task.report.accepted_ns <= 5_000_000
+    rig.send(K.ACT, A.STEP_RIGHT_FIRST)
+    rig.run_until(lambda m: m.running is not None and bool(m.running.report.first_command_ns))
+    running = now(rig).running
+    assert running is not None
+    assert running.report.first_command_ns - running.report.accepted_ns <= 5_000_000
 
 
 def test_old_reports_make_room_for_new_ones() -> None:
@@ -85,7 +85,9 @@ def test_every_change_of_state_stands_in_the_trail() -> None:
     rig = standing()
     for action in (A.STEP_RIGHT_FIRST, A.STEP_END, A.STAIR_UP, A.SIT_DOWN):
         rig.act(action)
-    states = [(b.from_state, b.to_state) for b in told(rig, records.Transition) if isinstance(b, records.Transition)]
+    states = [
+        (b.from_state, b.to_state) for b in records_of(rig, records.Transition) if isinstance(b, records.Transition)
+    ]
     assert states == [
         ("standing", "right leg forward"),
         ("right leg forward", "standing"),
@@ -102,11 +104,13 @@ def test_the_effect_and_the_streams_are_told_when_they_change() -> None:
     rig.watching = True
     rig.tick(700)
     effects = [
-        (b.from_effect, b.to_effect) for b in told(rig, records.EffectChanged) if isinstance(b, records.EffectChanged)
+        (b.from_effect, b.to_effect)
+        for b in records_of(rig, records.EffectChanged)
+        if isinstance(b, records.EffectChanged)
     ]
     assert effects == [("note", "refuse"), ("refuse", "note")]
-    lost = [b.stream for b in told(rig, records.HeartbeatLost) if isinstance(b, records.HeartbeatLost)]
-    found = [b.stream for b in told(rig, records.HeartbeatFound) if isinstance(b, records.HeartbeatFound)]
+    lost = [b.stream for b in records_of(rig, records.HeartbeatLost) if isinstance(b, records.HeartbeatLost)]
+    found = [b.stream for b in records_of(rig, records.HeartbeatFound) if isinstance(b, records.HeartbeatFound)]
     assert lost == found == ["trigger"]
 
 
@@ -119,7 +123,7 @@ def test_a_guard_refusal_holds_the_legs_with_the_last_command_that_passed() -> N
     assert Event.GUARD_REFUSAL.value in rig.events()
     assert now(rig).gait.state is S.BETWEEN
     assert now(rig).motion.mode is Mode.HOLDING
-    refusals = told(rig, records.GuardRefusal)
+    refusals = records_of(rig, records.GuardRefusal)
     assert len(refusals) == 1, "once it is held, nothing is refused any more"
     assert isinstance(refusals[0], records.GuardRefusal)
     assert refusals[0].value is None
@@ -131,7 +135,7 @@ def test_a_clock_step_is_told() -> None:
     rig.tick(20)
     rig.spoil["wall_ns"] = rig.now_ns + 9_000_000_000
     rig.tick(20)
-    steps = [b.step_s for b in told(rig, records.ClockStep) if isinstance(b, records.ClockStep)]
+    steps = [b.step_s for b in records_of(rig, records.ClockStep) if isinstance(b, records.ClockStep)]
     assert steps == [pytest.approx(4.0, abs=0.01), pytest.approx(-4.0, abs=0.01)], "forth, and back"
 
 
@@ -142,8 +146,8 @@ def test_legs_that_are_not_where_their_state_says_lose_it() -> None:
     assert now(rig).gait.state is S.BETWEEN
     assert now(rig).motion.mode is Mode.HOLDING
     rig.settings = replace(rig.settings, poses={})
-    rig.say(K.ACKNOWLEDGE)
+    rig.send(K.ACKNOWLEDGE)
     rig.tick(2)
-    rig.say(K.ACT, A.INITIALISE)
+    rig.send(K.ACT, A.INITIALISE)
     rig.tick(3)
     assert rig.settle().gait.state is S.STANDING

@@ -16,7 +16,7 @@ from hal.joints.guard import Quantity, Refusal
 from hal.joints.protocol import DriveState, Joint
 from logs import records
 from logs.reason import reason
-from tests.app.control.moments import SLACK_TICKS, A, K, S, moving, now, standing
+from tests.app.control.moments import DAMPING_TICKS, A, K, S, moving, now, standing
 from tests.app.control.rig import TICK_NS, Rig
 
 B = TypeVar("B")
@@ -64,7 +64,7 @@ def test_an_event_that_is_over_tells_how_long_it_was_there() -> None:
     raised = only(rig, records.EventRaised)
     assert (raised.event, raised.effect) == (Event.CLOCK_JUMP.value, "note")
     raised_ns = rig.now_ns
-    rig.run_until(lambda m: not m.active)
+    rig.run_until(lambda m: not m.events)
     cleared = every(rig, records.EventCleared)[-1]
     assert (cleared.event, cleared.effect) == (Event.CLOCK_JUMP.value, "note")
     assert cleared.lasted_s == (rig.now_ns - raised_ns) / 1e9
@@ -90,7 +90,7 @@ def test_a_stream_that_was_silent_tells_for_how_long() -> None:
 
 def test_the_end_holds_for_just_so_long() -> None:
     rig = standing()
-    rig.say(K.SHUT_DOWN)
+    rig.send(K.SHUT_DOWN)
     rig.tick()
     began_ns = rig.now_ns
     assert now(rig).effect is Effect.HOLD
@@ -101,17 +101,17 @@ def test_the_end_holds_for_just_so_long() -> None:
 
 def test_torque_off_is_said_once_and_not_for_the_next_time_that_the_joints_give_way() -> None:
     rig = standing()
-    rig.say(K.STOP)
-    rig.say(K.STOP)
+    rig.send(K.STOP)
+    rig.send(K.STOP)
     rig.tick(300)
-    rig.say(K.TORQUE_OFF)
+    rig.send(K.TORQUE_OFF)
     rig.run_until(lambda _: rig.joints.state is DriveState.DISABLED)
-    rig.say(K.ACKNOWLEDGE)
+    rig.send(K.ACKNOWLEDGE)
     rig.tick(60)
     rig.act(A.INITIALISE)
     assert now(rig).gait.state is S.STANDING
-    rig.say(K.STOP)
-    rig.say(K.STOP)
+    rig.send(K.STOP)
+    rig.send(K.STOP)
     rig.tick(1000)
     assert now(rig).effect is Effect.DAMP
     assert rig.joints.state is DriveState.ENABLED
@@ -132,15 +132,15 @@ def test_the_joint_that_is_silent_is_named(joint: Joint) -> None:
 
 def test_a_wish_while_the_legs_come_to_rest_is_told_to_wait() -> None:
     rig = moving()
-    rig.say(K.STOP)
+    rig.send(K.STOP)
     rig.tick()
-    rig.say(K.ACKNOWLEDGE)
+    rig.send(K.ACKNOWLEDGE)
     rig.tick()
     assert not now(rig).motion.settled
-    rig.say(K.ACT, A.INITIALISE)
+    rig.send(K.ACT, A.INITIALISE)
     rig.tick()
     assert now(rig).refusal == reason(RequestRefusal.COMING_TO_REST)
-    assert now(rig).task is None
+    assert now(rig).running is None
     rig.settle()
     rig.act(A.INITIALISE)
     assert now(rig).gait.state is S.STANDING
@@ -148,8 +148,8 @@ def test_a_wish_while_the_legs_come_to_rest_is_told_to_wait() -> None:
 
 def test_giving_way_goes_on_from_the_command_that_left_when_one_is_refused() -> None:
     rig = standing()
-    rig.say(K.STOP)
-    rig.say(K.STOP)
+    rig.send(K.STOP)
+    rig.send(K.STOP)
     rig.tick(30)
     left = rig.command
     rig.spoil["guard_refusal"] = Refusal(joint=Joint.LEFT_KNEE, quantity=Quantity.SPEED, value=9.0, limit=4.0)
@@ -157,17 +157,17 @@ def test_giving_way_goes_on_from_the_command_that_left_when_one_is_refused() -> 
     assert now(rig).motion.mode is Mode.DAMPED
     assert now(rig).motion.origin is left
     assert rig.command.stiffness_nm_rad.max() <= left.stiffness_nm_rad.max()
-    rig.tick(SLACK_TICKS + 1)
+    rig.tick(DAMPING_TICKS + 1)
     assert now(rig).motion.fully_damped
     assert rig.command.stiffness_nm_rad.max() == 0
 
 
 def test_asking_twice_for_the_end_does_not_put_it_off() -> None:
     rig = standing()
-    rig.say(K.SHUT_DOWN)
+    rig.send(K.SHUT_DOWN)
     rig.tick()
     began_ns = now(rig).ending_ns
     rig.tick(50)
-    rig.say(K.SHUT_DOWN)
+    rig.send(K.SHUT_DOWN)
     rig.tick()
     assert now(rig).ending_ns == began_ns

@@ -12,17 +12,17 @@ from app.ipc.states import Event, Outcome, Source
 from app.motion.follower import Mode
 from app.motion.plan import Phase
 from kgdfa.gesture import Gesture
-from tests.app.control.moments import A, K, S, moving, now, standing, wish
+from tests.app.control.moments import A, K, S, moving, now, request, standing
 
 
 def test_a_walk_has_no_pause_and_no_jump_between_its_steps() -> None:
     rig = standing()
-    rig.say(K.ACT, A.WALK)
-    rig.run_until(lambda m: m.task is not None and m.task.stage is Stage.MOVING)
+    rig.send(K.ACT, A.WALK)
+    rig.run_until(lambda m: m.running is not None and m.running.stage is Stage.MOVING)
     rig.history.clear()
     rig.run_until(lambda m: m.gait.phase is Phase.WALK_LEFT and m.motion.row > 20)
-    rows = [memory.motion.row for memory, _ in rig.history]
-    phases = [memory.gait.phase for memory, _ in rig.history]
+    rows = [state.motion.row for state, _ in rig.history]
+    phases = [state.gait.phase for state, _ in rig.history]
     assert {Phase.WALK_START, Phase.WALK_RIGHT, Phase.WALK_LEFT} == set(phases)
     for (before, after), (one, other) in zip(pairwise(rows), pairwise(phases), strict=True):
         assert after == (before + 1 if one is other else 1)
@@ -32,19 +32,19 @@ def test_a_walk_has_no_pause_and_no_jump_between_its_steps() -> None:
 
 def test_a_walk_counts_its_steps_and_its_way() -> None:
     rig = standing()
-    rig.say(K.ACT, A.WALK)
+    rig.send(K.ACT, A.WALK)
     rig.run_until(lambda m: m.steps == 3)
-    rig.say(K.ACT, A.WALK_END)
-    memory = rig.settle()
-    assert memory.steps == 5
-    assert memory.distance_walked_m == pytest.approx(1.5)
+    rig.send(K.ACT, A.WALK_END)
+    state = rig.settle()
+    assert state.steps == 5
+    assert state.distance_walked_m == pytest.approx(1.5)
 
 
 def test_gesture_6_in_the_last_tick_of_a_step_still_ends_the_walk_with_it() -> None:
     rig = moving(A.WALK)
     rig.run_until(lambda m: m.motion.rows_left == 1)
     phase = now(rig).gait.phase
-    rig.say(K.ACT, A.WALK_END)
+    rig.send(K.ACT, A.WALK_END)
     rig.tick(2)
     assert now(rig).gait.running is A.WALK_END
     assert now(rig).gait.phase is not phase
@@ -74,7 +74,7 @@ def test_a_late_next_step_is_taken_as_long_as_it_comes_before_the_last_call() ->
 @pytest.mark.parametrize("source", Source)
 def test_when_perception_goes_a_walk_of_the_wearer_ends_and_the_therapists_goes_on(source: Source) -> None:
     rig = standing()
-    wish(rig, A.WALK, source)
+    request(rig, A.WALK, source)
     rig.run_until(lambda m: m.gait.phase is Phase.WALK_LEFT)
     rig.watching = False
     rig.tick(150)
@@ -87,7 +87,7 @@ def test_when_perception_goes_a_walk_of_the_wearer_ends_and_the_therapists_goes_
     assert now(rig).reports[-1].outcome is Outcome.COMPLETED
     rig.release(Gesture.FIVE)
     rig.tick(100)
-    assert now(rig).task is None
+    assert now(rig).running is None
 
 
 def test_when_the_trail_stops_any_walk_ends_normally() -> None:
