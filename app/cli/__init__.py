@@ -24,14 +24,32 @@ def main() -> None:
     """Run the command line; an error that a user can cause ends with its text and exit status 2."""
     from app.cli.tree import tree
 
-    use_configured_language(sys.argv[1:])
+    language, arguments = _language_in(sys.argv[1:])
+    use_configured_language(arguments)
     try:
-        tree(sys.argv[1:])()
+        if language:
+            from app.text.catalogue import use_language
+
+            use_language(language)
+        tree(arguments)(arguments)
     except USER_ERRORS as error:
         from app.text.catalogue import render
 
         sys.stderr.write(f"rleex: {render(error)}\n")
         raise SystemExit(2) from None
+
+
+def _language_in(arguments: list[str]) -> tuple[str, list[str]]:
+    """The language that --language asks for, wherever it stands, and the other arguments."""
+    language, rest = "", []
+    waiting = iter(arguments)
+    for argument in waiting:
+        name, _, value = argument.partition("=")
+        if name == "--language":
+            language = value or next(waiting, "")
+        else:
+            rest.append(argument)
+    return language, rest
 
 
 def use_configured_language(arguments: list[str]) -> None:

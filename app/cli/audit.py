@@ -9,12 +9,13 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from app.cli.common import CliFault, HomeOption, say
+
 if TYPE_CHECKING:
     from logs.show import Sieve
     from logs.verify import Evidence, Finding
 
 cli = typer.Typer(no_args_is_help=True)
-HomeOption = Annotated[Path | None, typer.Option(help="Data directory.")]
 KeyOption = Annotated[
     list[Path] | None, typer.Option("--key", help="Public key that must have signed; may be repeated.")
 ]
@@ -24,7 +25,7 @@ KeyOption = Annotated[
 def verify(
     files: Annotated[list[Path] | None, typer.Argument(help="Trails or folders; none: the home's.")] = None,
     key: KeyOption = None,
-    copies: Annotated[Path | None, typer.Option(help="Second place of the checkpoints.")] = None,
+    copies: Annotated[Path | None, typer.Option(help="Mirror of the checkpoints.")] = None,
     json: Annotated[Path | None, typer.Option(help="Write the findings here, too.")] = None,
     home: HomeOption = None,
 ) -> None:
@@ -112,7 +113,7 @@ def report(
     path = find_session(find_home(home).logs, session)
     page = make(path, _evidence([path], key, None, home), render_recorded, catalogue.language())
     _write(output, page.encode())
-    typer.echo(f"{output}: the report of {path.stem}")
+    say("cli.audit.report", path=output, session=path.stem)
 
 
 @cli.command()
@@ -123,7 +124,8 @@ def query(
     json: Annotated[bool, typer.Option("--json", help="One JSON object a row.")] = False,
     home: HomeOption = None,
 ) -> None:
-    """Ask many sessions, of one site or several, at once."""
+    """Query many sessions, of one site or several, at once."""
+    from app.system.errors import AppError
     from app.system.paths import find_home
     from app.text.catalogue import tr
     from app.text.recorded import render_recorded
@@ -132,7 +134,7 @@ def query(
 
     if bool(sql) == bool(ask) or (ask and ask not in QUESTIONS):
         ready = "; ".join(f"{name}: {tr(f'question.{name}')}" for name in QUESTIONS)
-        raise typer.BadParameter(f"give SQL or --ask one of these. {ready}")
+        raise AppError(CliFault.NO_QUESTION, ready=ready)
     answer = ask_sql(connect(at or [find_home(home).logs]), sql or QUESTIONS[ask])
     if json:
         for line in as_json(answer):
@@ -155,7 +157,7 @@ def export(
     from logs.query import export as write
 
     rows = write(at or [find_home(home).logs], parquet, drop_operators=drop_operators)
-    typer.echo(f"{parquet}: {rows} records")
+    say("cli.audit.exported", path=parquet, records=rows)
 
 
 @cli.command()
@@ -168,21 +170,22 @@ def schema() -> None:
 
 @cli.command("list")
 def list_sessions(home: HomeOption = None) -> None:
-    """The sessions of this home, oldest first."""
+    """Sessions of this home, oldest first."""
     from rich.console import Console
     from rich.table import Table
 
     from app.system.paths import find_home
+    from app.text.catalogue import tr
     from logs.read import outline, session_paths
     from logs.sanitize import sanitize_terminal
 
     table = Table(box=None, collapse_padding=True)
-    for column in ("session", "patient", "operator", "began (UTC)", "minutes", "records", "actions", "STOPs"):
-        table.add_column(column, no_wrap=column == "session")
+    for column in ("session", "patient", "operator", "started", "minutes", "records", "actions", "stops"):
+        table.add_column(tr(f"cli.audit.{column}"), no_wrap=column == "session")
     for path in session_paths(find_home(home).logs):
-        told = outline(path)
-        texts = (path.stem, told.patient, told.operator, told.began[:19])
-        numbers = (f"{told.duration_s / 60:.1f}", told.records, told.actions, told.stops)
+        one = outline(path)
+        texts = (path.stem, one.patient, one.operator, one.began[:19])
+        numbers = (f"{one.duration_s / 60:.1f}", one.records, one.actions, one.stops)
         table.add_row(*(sanitize_terminal(text) for text in texts), *(str(number) for number in numbers))
     Console(highlight=False, markup=False).print(table)
 
@@ -219,7 +222,7 @@ def _evidence(paths: list[Path], given: list[Path] | None, copies: Path | None, 
     beside = _logs_folder(paths[0]).parent / "keys"
     folder = find_home(home).keys if home or not beside.is_dir() else beside
     keys = tuple(load_public_key(path) for path in given) if given else known_keys(folder)
-    anchor = read_anchor(folder) if folder == beside else None  # it remembers the trails of its own home only
+    anchor = read_anchor(folder) if folder == beside else None  # it is for the trails of its own home only
     return Evidence(keys=by_fingerprint(keys), copies=copies, anchor=anchor)
 
 
@@ -233,11 +236,13 @@ def _reading_progress(paths: list[Path]) -> Iterator[Callable[[int], None]]:
     from rich.console import Console
     from rich.progress import BarColumn, DownloadColumn, Progress, TimeRemainingColumn
 
+    from app.text.catalogue import tr
+
     files = [file for path in paths for file in (path.glob("*.jsonl") if path.is_dir() else [path])]
     total = sum(file.stat().st_size for file in files if file.exists())
     columns = (BarColumn(), DownloadColumn(), TimeRemainingColumn())
     with Progress(*columns, console=Console(stderr=True), transient=True) as progress:
-        task = progress.add_task("reading", total=total)
+        task = progress.add_task(tr("cli.audit.reading"), total=total)
         yield lambda done: progress.update(task, completed=done)
 
 
@@ -258,8 +263,8 @@ def _write_findings(path: Path, findings: list[Finding], status: int) -> None:
     from app.text.recorded import render_recorded
     from logs.findings import as_plain
 
-    told = {"files": [as_plain(finding, render_recorded) for finding in findings], "exit": status}
-    _write(path, msgspec.json.format(msgspec.json.encode(told)) + b"\n")
+    content = {"files": [as_plain(finding, render_recorded) for finding in findings], "exit": status}
+    _write(path, msgspec.json.format(msgspec.json.encode(content)) + b"\n")
 
 
 def _write(path: Path, data: bytes) -> None:

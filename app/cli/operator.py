@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import time
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
+
+from app.cli.common import CliFault, HomeOption, say
 
 if TYPE_CHECKING:
     from app.system.operators import OperatorStore, Role
@@ -14,7 +15,6 @@ if TYPE_CHECKING:
     from logs.records import Body
 
 cli = typer.Typer(no_args_is_help=True)
-HomeOption = Annotated[Path | None, typer.Option(help="Data directory.")]
 NameArgument = Annotated[str, typer.Argument(help="The operator's name.")]
 
 
@@ -36,7 +36,7 @@ def add(
         store, by = _engineer(place, store)
     changed = add_operator(store, name, wanted, _new_pin(name))
     _keep(place, changed, _change(name, role, "added"), by)
-    typer.echo(f"{name.strip()} is added as {role}.")
+    say("cli.operator.added", name=name.strip(), role=wanted)
 
 
 @cli.command()
@@ -50,7 +50,7 @@ def disable(name: NameArgument, home: HomeOption = None) -> None:
     changed = disable_operator(store, name)
     operator = changed.find(name)
     _keep(place, changed, _change(name, operator.role.value if operator else "", "disabled"), by)
-    typer.echo(f"{name.strip()} can't sign in any more.")
+    say("cli.operator.disabled", name=name.strip())
 
 
 @cli.command()
@@ -63,13 +63,13 @@ def pin(name: NameArgument, home: HomeOption = None) -> None:
     store, by = _engineer(place, load_store(place.keys))
     changed = change_pin(store, name, _new_pin(name))
     operator = changed.find(name)
-    _keep(place, changed, _change(name, operator.role.value if operator else "", "PIN changed"), by)
-    typer.echo(f"{name.strip()} has another PIN.")
+    _keep(place, changed, _change(name, operator.role.value if operator else "", "pin_changed"), by)
+    say("cli.operator.pin_changed", name=name.strip())
 
 
 @cli.command("list")
 def list_operators(home: HomeOption = None) -> None:
-    """Who may use the console, and what each role may do."""
+    """Operators, and what each role may do."""
     from rich.console import Console
     from rich.table import Table
     from rich.text import Text
@@ -81,12 +81,12 @@ def list_operators(home: HomeOption = None) -> None:
 
     console = Console()
     store = load_store(find_home(home).keys)
-    people = Table("operator", "role", "", title="Operators")
+    people = Table(tr("cli.operator.name"), tr("cli.operator.role"), "", title=tr("cli.operator.operators"))
     for operator in store.operators:
-        state = "" if operator.enabled else "disabled"
-        people.add_row(Text(sanitize_terminal(operator.name)), operator.role.value, state)
-    console.print(people if store.operators else "Nobody yet: `rleex operator add NAME --role engineer`.")
-    table = Table("may", *(role.value for role in Role), title="Roles")
+        state = "" if operator.enabled else tr("OperatorChange.DISABLED")
+        people.add_row(Text(sanitize_terminal(operator.name)), tr(operator.role), state)
+    console.print(people if store.operators else tr("cli.operator.nobody"))
+    table = Table(tr("cli.operator.may"), *(tr(role) for role in Role), title=tr("cli.operator.roles"))
     for permission in Permission:
         table.add_row(tr(permission), *("✓" if permission in PERMISSIONS[role] else "–" for role in Role))
     console.print(table)
@@ -99,34 +99,38 @@ def _role(text: str) -> Role:
     try:
         return Role(text)
     except ValueError:
-        raise AppError(f"There is no role {text!r}; it is therapist, engineer or reviewer.") from None
+        raise AppError(CliFault.NO_SUCH_ROLE, role=text) from None
 
 
 def _new_pin(name: str) -> str:
-    answer: str = typer.prompt(f"PIN for {name.strip()}", hide_input=True, confirmation_prompt=True)
+    from app.text.catalogue import tr
+
+    asked, again = tr("cli.operator.pin_for", name=name.strip()), tr("cli.operator.pin_again")
+    answer: str = typer.prompt(asked, hide_input=True, confirmation_prompt=again)
     return answer
 
 
 def _engineer(place: Home, store: OperatorStore) -> tuple[OperatorStore, str]:
     """An engineer's sign-in; a refused one is slowed down and recorded."""
     from app.system.errors import AppError
-    from app.system.operators import Permission, save_store, sign_in
+    from app.system.operators import Permission, append_to_journal, save_store, sign_in
+    from app.text.catalogue import tr
     from logs.reason import reason
     from logs.records import SignInFailed
 
     if not store.operators:
-        raise AppError("There are no operators yet; `rleex operator add NAME --role engineer` adds the first.")
-    name: str = typer.prompt("Engineer")
+        raise AppError(CliFault.NO_OPERATORS)
+    name: str = typer.prompt(tr("Role.ENGINEER"))
     attempt = sign_in(store, name, typer.prompt("PIN", hide_input=True), time.time())
     if attempt.operator is None:
         assert attempt.fault is not None
         cause = reason(attempt.fault)
         failed = SignInFailed(name=name, reason=cause, failures=attempt.failures, wait_s=attempt.wait_s)
         save_store(place.keys, attempt.store)
-        _tell(place, failed, "")
+        append_to_journal(place, failed, "")
         raise AppError(attempt.fault, wait_s=attempt.wait_s)
     if not attempt.operator.may(Permission.MANAGE_OPERATORS):
-        raise AppError(f"{attempt.operator.name} is no engineer; only engineers manage operators.")
+        raise AppError(CliFault.NOT_AN_ENGINEER, name=attempt.operator.name)
     return attempt.store, attempt.operator.name
 
 
@@ -137,14 +141,8 @@ def _change(name: str, role: str, change: str) -> Body:
 
 
 def _keep(place: Home, store: OperatorStore, body: Body, by: str) -> None:
-    """The trail first: a change that it doesn't hold is not made."""
-    from app.system.operators import save_store
-
-    _tell(place, body, by)
-    save_store(place.keys, store)
-
-
-def _tell(place: Home, body: Body, by: str) -> None:
-    from app.system.operators import append_to_journal
+    """The trail first: a change that is not recorded is not made."""
+    from app.system.operators import append_to_journal, save_store
 
     append_to_journal(place, body, by)
+    save_store(place.keys, store)

@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from app.cli.common import CliFault, HomeOption, say
+
 if TYPE_CHECKING:
     from hal.cameras.camera import Camera
     from kgdfa.keypoints import HandDetector
@@ -16,9 +18,8 @@ if TYPE_CHECKING:
 
 cli = typer.Typer(no_args_is_help=True)
 
-HomeOption = Annotated[Path | None, typer.Option("--home", help="Data directory.")]
 Patient = Annotated[str, typer.Argument(help="The patient's pseudonym, such as P-0042.")]
-ByOption = Annotated[str, typer.Option("--by", help="Who makes the change; your user name unless told.")]
+ByOption = Annotated[str, typer.Option("--by", help="Who makes the change; by default your user name.")]
 
 
 def _store(home: Path | None) -> ProfileStore:
@@ -49,25 +50,27 @@ def list_patients(
     from rich.console import Console
     from rich.table import Table
 
+    from app.text.catalogue import tr
     from profiles.palm import reference_segment
 
     listing = _store(home).list(archived=archived)
-    table = Table("patient", "sex", "stature", "mass", "hand", "palm anchor", "note")
+    columns = ("patient", "sex", "stature", "mass", "hand", "palm", "note")
+    table = Table(*(tr(f"cli.profile.{column}") for column in columns))
     for one in listing.profiles:
         palm = reference_segment(one)
         table.add_row(
-            one.identifier + (" (archived)" if one.archived else ""),
-            one.sex.value,
+            tr("cli.profile.archived_name", patient=one.identifier) if one.archived else one.identifier,
+            tr(one.sex),
             f"{one.stature_m * 100:.0f} cm",
             f"{one.mass_kg:.0f} kg",
-            one.hand.value,
+            tr(one.hand),
             f"{palm.length_m * 100:.1f} ± {palm.sd_m * 100:.1f} cm, {palm.source.value}",
             one.note.splitlines()[0][:40] if one.note else "",
         )
     console = Console()
     console.print(table)
     for name, why in listing.broken:
-        console.print(f"[red]not usable:[/red] {name}: ", end="")
+        console.print(f"{tr('cli.profile.not_usable')} {name}: ", end="", style="red", markup=False)
         console.print(why, markup=False)
 
 
@@ -76,14 +79,15 @@ def show(patient: Patient, home: HomeOption = None) -> None:
     """One patient as in the file, with what is known of the palm."""
     from rich.console import Console
 
+    from app.text.catalogue import tr
     from profiles.files import encode
     from profiles.palm import palm_estimate, reference_segment
 
     profile = _store(home).load(patient)
     console = Console()
     console.print(encode(profile), markup=False, highlight=True)
-    console.print(f"In use without a calibrated camera: {reference_segment(profile).sentence}.")
-    console.print(f"By sex and stature: {palm_estimate(profile).sentence}.")
+    console.print(tr("cli.profile.palm_in_use", palm=reference_segment(profile).sentence))
+    console.print(tr("cli.profile.palm_by_table", palm=palm_estimate(profile).sentence))
 
 
 @cli.command()
@@ -96,7 +100,7 @@ def new(
     by: ByOption = "",
     home: HomeOption = None,
 ) -> None:
-    """A new patient; everything else has sensible defaults that `set` changes."""
+    """A new patient; everything else has defaults that `set` changes."""
     from datetime import UTC, datetime
 
     from profiles.files import edit, parse_assignments
@@ -107,7 +111,7 @@ def new(
     typed = {"sex": sex, "stature_cm": str(stature), "mass_kg": str(mass), **parse_assignments(more or [])}
     profile = edit(blank, typed)
     _store(home).create(profile, by=_who(by), at=datetime.now(UTC))
-    typer.echo(f"Patient {patient} is set up: {reference_segment(profile).sentence}.")
+    say("cli.profile.created", patient=patient, palm=reference_segment(profile).sentence)
 
 
 @cli.command("set")
@@ -131,7 +135,7 @@ def set_fields(
         raise ProfileError("The identifier can't be changed: it ties the patient to the audit trail; make a new one.")
     change = store.save(profile, by=_who(by), at=datetime.now(UTC), why=why)
     if change is None:
-        typer.echo("Nothing changed.")
+        say("cli.profile.unchanged")
         return
     for field, (before, after) in change.changes.items():
         typer.echo(f"{field}: {_shown(before)} → {_shown(after)}")
@@ -152,25 +156,29 @@ def calibrate(
 
     from app.perception.palm_calibration import WANTED_SAMPLES, sample_palm
     from app.system.errors import AppError
+    from app.text.catalogue import tr
     from profiles.palm import reference_segment, with_calibration
 
     store, console = _store(home), Console(soft_wrap=True)
     profile = store.load(patient)
-    console.print(f"Hold the flat palm {distance:g} cm before the camera, fingers up, and keep still.")
-    with _watching(home) as (camera, detector), console.status("Looking …") as status:
+    console.print(tr("cli.profile.hold_palm", distance_cm=distance))
+    with _watching(home) as (camera, detector), console.status(tr("cli.profile.sampling")) as status:
         sampler = sample_palm(
             profile,
             camera,
             detector,
-            lambda now, _: status.update(f"{len(now.samples_m)} of {WANTED_SAMPLES} samples. {now.hint}"),
+            lambda now, _: status.update(
+                tr("cli.profile.samples", samples=len(now.samples_m), wanted=WANTED_SAMPLES, hint=now.hint)
+            ),
         )
         made = sampler.solve(camera.name, distance / 100, datetime.now(UTC))
     if made.doubt and not anyway:
-        raise AppError(f"Not kept: {made.doubt} --anyway keeps it.")
+        raise AppError(CliFault.NOT_KEPT, doubt=made.doubt)
     known = with_calibration(profile, made.calibration)
     store.save(known, by=_who(by), at=datetime.now(UTC), why=f"calibrated with {camera.name}")
-    console.print(f"Kept for {camera.name}: {reference_segment(known, camera=camera.name).sentence};", highlight=False)
-    console.print(f"samples scatter by {made.calibration.residual * 100:.1f} %. {made.doubt or 'Plausible.'}")
+    kept = {"camera": camera.name, "palm": reference_segment(known, camera=camera.name).sentence}
+    console.print(tr("cli.profile.kept", scatter=made.calibration.residual, **kept), highlight=False)
+    console.print(made.doubt or tr("cli.profile.plausible"))
 
 
 @contextmanager
@@ -184,16 +192,16 @@ def _watching(home: Path | None) -> Iterator[tuple[Camera, HandDetector]]:
 
     place = find_home(home)
     config = load_config(place.config)
-    seen = config.camera
+    chosen = config.camera
     camera = open_camera(
-        seen.kind,
-        device=seen.device,
-        width_px=seen.width_px,
-        height_px=seen.height_px,
-        rate_hz=seen.rate_hz,
-        focal_px=seen.focal_px,
-        mirrored=seen.mirrored,
-        seed=seen.seed,
+        chosen.kind,
+        device=chosen.device,
+        width_px=chosen.width_px,
+        height_px=chosen.height_px,
+        rate_hz=chosen.rate_hz,
+        focal_px=chosen.focal_px,
+        mirrored=chosen.mirrored,
+        seed=chosen.seed,
     )
     with HandDetector(set_up_model(place, config)) as detector:
         camera.open()
@@ -207,30 +215,30 @@ def _watching(home: Path | None) -> Iterator[tuple[Camera, HandDetector]]:
 def export(patient: Patient, file: Path, home: HomeOption = None) -> None:
     """Copy a patient's profile to a file."""
     _store(home).export(patient, file)
-    typer.echo(f"{patient} is in {file}.")
+    say("cli.profile.exported", patient=patient, path=file)
 
 
 @cli.command("import")
 def import_file(file: Path, by: ByOption = "", home: HomeOption = None) -> None:
-    """Take in an exported profile; one that exists is changed, and its history kept."""
+    """Import an exported profile; one that exists is changed, and its history kept."""
     from datetime import UTC, datetime
 
     profile = _store(home).import_file(file, by=_who(by), at=datetime.now(UTC))
-    typer.echo(f"{profile.identifier} is taken in.")
+    say("cli.profile.imported", patient=profile.identifier)
 
 
 @cli.command()
 def archive(
     patient: Patient,
-    back: Annotated[bool, typer.Option("--back", help="Take the patient back into the list.")] = False,
+    back: Annotated[bool, typer.Option("--back", help="Put the patient back on the list.")] = False,
     by: ByOption = "",
     home: HomeOption = None,
 ) -> None:
-    """Take a patient out of the list; nothing is ever deleted."""
+    """Remove a patient from the list; nothing is ever deleted."""
     from datetime import UTC, datetime
 
     _store(home).archive(patient, by=_who(by), at=datetime.now(UTC), archived=not back)
-    typer.echo(f"{patient} is {'back in the list' if back else 'archived; --back brings it back'}.")
+    say("cli.profile.restored" if back else "cli.profile.archived", patient=patient)
 
 
 @cli.command()
@@ -238,7 +246,7 @@ def history(patient: Patient, home: HomeOption = None) -> None:
     """Every change of a patient's profile: when, by whom, from what to what."""
     changes = _store(home).history(patient)
     if not changes:
-        typer.echo(f"No changes of {patient} are kept.")
+        say("cli.profile.no_history", patient=patient)
     for change in changes:
         typer.echo(f"{change.at} {change.by}{': ' + change.why if change.why else ''}")
         for field, (before, after) in change.changes.items():

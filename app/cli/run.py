@@ -1,4 +1,4 @@
-"""rleex run: the therapist's console."""
+"""rleex run, rleex demo: the therapist's console, and all actions without a terminal, by the digital hand."""
 
 from __future__ import annotations
 
@@ -10,12 +10,16 @@ from typing import Annotated
 
 import typer
 
+from app.cli.common import HomeOption
+
 cli = typer.Typer()
+
+PRESSES = 3  # attempts a press: one that had no effect is repeated, as people do
 
 
 @contextmanager
 def no_collections() -> Iterator[None]:
-    """No garbage is looked for while modules load, which leave none: 0.07 s sooner."""
+    """No garbage collection while modules load, which leave none: saves 0.07 s."""
     gc.disable()
     try:
         yield
@@ -25,11 +29,11 @@ def no_collections() -> Iterator[None]:
 
 @cli.command()
 def run(
-    home: Annotated[Path | None, typer.Option(help="Data directory.")] = None,
+    home: HomeOption = None,
     patient: Annotated[str | None, typer.Option(help="Go straight to this patient.")] = None,
     camera: Annotated[str | None, typer.Option(help="digital-hand, webcam, realsense or recording.")] = None,
     joints: Annotated[str | None, typer.Option(help="simulated or can.")] = None,
-    read_only: Annotated[bool, typer.Option("--read-only", help="Look, change nothing.")] = False,
+    read_only: Annotated[bool, typer.Option("--read-only", help="Read only: change nothing.")] = False,
     verbose: Annotated[bool, typer.Option("--verbose", help="More in the logs for engineers.")] = False,
     serve: Annotated[bool, typer.Option("--serve", help="Watch in a browser on this machine, read-only.")] = False,
 ) -> None:
@@ -58,3 +62,42 @@ def run(
         start_log(place, "console")
         set_up_model(place, config)
         run_console(place, config, straight=patient is not None)
+
+
+@cli.command()
+def demo(
+    seed: Annotated[int, typer.Option(help="Which hand: side, tone, palm width, light, background.")] = 1,
+    joints: Annotated[str, typer.Option(help="simulated, or can (emulated drives on a bus).")] = "simulated",
+    json_file: Annotated[Path | None, typer.Option("--json", help="Write the result here as well.")] = None,
+    click: Annotated[float, typer.Option(help="Seconds to press and withdraw.", min=0.2, max=3.0)] = 0.6,
+    home: HomeOption = None,
+    verbose: Annotated[bool, typer.Option("--verbose", help="Log more for engineers.")] = False,
+) -> None:
+    """Sign and press through all twelve actions with the real processes; ends 0 only if all is well."""
+    import json
+
+    from app.cli.progress import spinner, wide_console
+    from app.demo.course import ALL_TWELVE
+    from app.demo.drives import joints_for
+    from app.demo.session import demo_config, run_session
+    from app.demo.table import print_result
+    from app.system.config import load_config
+    from app.system.diagnostics_log import set_verbose, start_log
+    from app.system.hand_model import set_up_model
+    from app.system.paths import find_home, hold_home
+
+    console = wide_console()
+    place = find_home(home)
+    if verbose:
+        set_verbose()
+    base = load_config(place.config)
+    with hold_home(place), joints_for(joints, base) as joints_config:
+        start_log(place, "demo")
+        set_up_model(place, base)
+        config = demo_config(base, seed=seed, joints=joints_config)
+        with spinner(console, total=len(ALL_TWELVE)) as watch:
+            result = run_session(place, config, ALL_TWELVE, click_s=click, presses=PRESSES, watch=watch)
+    print_result(console, result, ALL_TWELVE)
+    if json_file is not None:
+        json_file.write_text(json.dumps(result.as_json(ALL_TWELVE), indent=1) + "\n", encoding="utf-8")
+    raise typer.Exit(0 if result.passed(ALL_TWELVE) else 1)

@@ -15,20 +15,20 @@ import typer
 # command → its file
 _COMMANDS = {
     "run": "run",
-    "demo": "demo",
+    "demo": "run",
     "simulate": "simulate",
-    "doctor": "doctor",
+    "doctor": "machine",
     "emulate-drives": "emulate",
-    "model": "model",
-    "locate": "places",
+    "model": "machine",
+    "locate": "machine",
 }
 # group → its help; the file has the group's name
 _GROUPS = {
     "audit": "Verify, read, query and report the audit trail.",
     "camera": "List and calibrate cameras.",
-    "can": "Look at the drives on the bus.",
+    "can": "Drives on the bus.",
     "evaluate": "Measure what the documents claim.",
-    "operator": "Who may use the console.",
+    "operator": "Operators and what they may do.",
     "profile": "Patient profiles.",
 }
 
@@ -42,19 +42,26 @@ def _version(wanted: bool) -> None:
 
 
 def options(
-    _: Annotated[bool, typer.Option("--version", callback=_version, is_eager=True, help="Tell the version.")] = False,
+    _version: Annotated[bool, typer.Option("--version", callback=_version, is_eager=True, help="Print it.")] = False,
+    language: Annotated[
+        str, typer.Option(help="en or zh, before or after the command; else the configuration's.")
+    ] = "",
 ) -> None:
     """Therapist's console for a gesture-commanded lower-limb exoskeleton."""
+    if language:
+        from app.text.catalogue import use_language
+
+        use_language(language)
 
 
-def tree(words: Sequence[str] = ()) -> typer.Typer:
-    """The commands as a tree: the one branch that the words name, or all of it."""
-    asked = {words[0]} if words and words[0] in {*_COMMANDS, *_GROUPS} else {*_COMMANDS, *_GROUPS}
+def tree(arguments: Sequence[str] = ()) -> typer.Typer:
+    """The commands as a tree: the one branch that the first argument names, or all of it."""
+    known = {*_COMMANDS, *_GROUPS}
+    asked = {arguments[0]} & known if arguments and arguments[0] in known else known
     built = typer.Typer(name="rleex", no_args_is_help=True, pretty_exceptions_enable=False)
     built.callback()(options)
-    for name, file in _COMMANDS.items():
-        if name in asked:
-            built.add_typer(_part(file))
+    for file in dict.fromkeys(file for name, file in _COMMANDS.items() if name in asked):
+        built.add_typer(_part(file))
     for name, about in _GROUPS.items():
         if name in asked:
             built.add_typer(_part(name), name=name, help=about)

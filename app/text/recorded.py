@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from enum import Enum
 
-from app.ipc.states import Action, Effect, GaitState, Source
+from app.ipc.states import Action, Effect, GaitState, Outcome, Source
 from app.text.catalogue import key_of, knows, tr
 from kgdfa.gesture import Gesture
 from logs.reason import Reason
@@ -16,11 +16,16 @@ _ENUMERATIONS: dict[str, type[Enum]] = {
     "from_effect": Effect,
     "to_effect": Effect,
     "gesture": Gesture,
+    "outcome": Outcome,
     "source": Source,
     "from_state": GaitState,
     "state": GaitState,
     "to_state": GaitState,
 }
+
+
+# Fields of enumerations that are not loaded here, and the class in their members' keys.
+_CLASSES = {"change": "OperatorChange", "joint": "Joint", "role": "Role"}
 
 
 def render_recorded(what: Reason) -> str:
@@ -29,6 +34,9 @@ def render_recorded(what: Reason) -> str:
 
 
 def _named(field: str, value: object) -> object:
+    if field in _CLASSES:
+        key = f"{_CLASSES[field]}.{str(value).upper()}"
+        return Reason(key) if knows(key) else value
     members = _ENUMERATIONS.get(field, ())
     member = next((each for each in members if value in (each.value, each.name.lower())), None)
     return member if member is not None and knows(key_of(member)) else value

@@ -160,10 +160,10 @@ def test_operators_are_managed_from_the_command_line_and_all_of_it_is_recorded(t
     assert "added as engineer" in rleex("add", "Eva", "--role", "engineer", answers=f"{PIN}\n{PIN}\n")
     assert "WRONG_NAME_OR_PIN" in rleex("add", "Tom", answers="Eva\n999999\n")
     assert "added as therapist" in rleex("add", "Tom", answers=f"Eva\n{PIN}\n{OTHER_PIN}\n{OTHER_PIN}\n")
-    assert "no engineer" in rleex("disable", "Eva", answers=f"Tom\n{OTHER_PIN}\n")
+    assert "NOT_AN_ENGINEER" in rleex("disable", "Eva", answers=f"Tom\n{OTHER_PIN}\n")
     assert "can't sign in" in rleex("disable", "Tom", answers=f"Eva\n{PIN}\n")
     assert "disabled" in rleex("list")
-    assert "no role" in rleex("add", "X", "--role", "king")
+    assert "NO_SUCH_ROLE" in rleex("add", "X", "--role", "king")
     bodies = [record.body for record in records(tmp_path / "logs" / OPERATORS)]
     changes = [(body.name, body.change) for body in bodies if isinstance(body, OperatorChanged)]
     assert changes == [("Eva", "added"), ("Tom", "added"), ("Tom", "disabled")]

@@ -1,0 +1,66 @@
+"""rleex doctor, rleex model, rleex locate: this machine, the hand model, and where everything is kept."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from app.cli.common import HomeOption, say
+
+cli = typer.Typer()
+
+
+@cli.command()
+def doctor(home: HomeOption = None) -> None:
+    """Is this machine fit for a session? Each finding with the command that corrects it; ends 0 when nothing is bad."""
+    from rich.console import Console
+
+    from app.diagnostics.doctor import examine
+    from app.diagnostics.findings import show
+    from app.system.paths import find_home
+
+    raise typer.Exit(0 if show(Console(), examine(find_home(home))) else 1)
+
+
+@cli.command()
+def model(
+    home: HomeOption = None,
+    again: Annotated[bool, typer.Option("--again", help="Build it again, even if it is there.")] = False,
+    quiet: Annotated[bool, typer.Option("--quiet", help="Print nothing when all is well.")] = False,
+) -> None:
+    """Find the hand model, or download and build it (36 MB, once)."""
+    from app.system.config import load_config
+    from app.system.hand_model import MODEL_NAME, set_up_model
+    from app.system.paths import find_home
+
+    place = find_home(home)
+    if again:
+        (place.models / MODEL_NAME).unlink(missing_ok=True)
+    path = set_up_model(place, load_config(place.config))
+    if not quiet:
+        say("cli.model", path=path)
+
+
+@cli.command()
+def locate(home: HomeOption = None) -> None:
+    """Print where everything is kept."""
+    from rich.cells import set_cell_size
+
+    from app.system.paths import find_home
+    from app.text.catalogue import tr
+
+    place = find_home(home)
+    places = {
+        "home": place.root,
+        "configuration": place.config,
+        "patients": place.profiles,
+        "trails": place.logs,
+        "model": place.models,
+        "keys": place.keys,
+        "recordings": place.recordings,
+    }
+    for name, path in places.items():  # a path is never cut short
+        missing = "" if path.exists() else f"  ({tr('cli.locate.missing')})"
+        label = set_cell_size(tr(f"cli.locate.{name}"), 20)
+        typer.echo(f"{label}{path}{missing}")
