@@ -1,4 +1,4 @@
-"""Why a CAN bus or a drive is silent, each finding with the command that mends it."""
+"""Why a CAN bus or a drive is silent, each finding with the command that repairs it."""
 
 from __future__ import annotations
 
@@ -7,17 +7,21 @@ import shutil
 import subprocess
 from collections import Counter
 from collections.abc import Iterator
+from enum import Enum
 from pathlib import Path
 from typing import Any
 
 import can
 
+from app.diagnostics.doctor import run
 from app.diagnostics.findings import Finding, bad, good, note
 from hal.errors import HardwareError
 from hal.joints.can.bus import open_bus, remedy_command
 from hal.joints.can.scan import Found, listen, scan
 from hal.joints.device import BusDevice, Exoskeleton
 from hal.joints.motors import WireProtocol, load_motors
+from hal.joints.protocol import Joint
+from logs.reason import reason, reason_of
 
 _PROTOCOL_NAMES = {
     WireProtocol.MIT: "MIT (AK V1/V2, bgkatz)",
@@ -29,37 +33,79 @@ _PROTOCOL_NAMES = {
 _SHORT_QUEUE = 50  # frames; the kernel's default of 10 gives "No buffer space available" at the first hiccup
 
 
+class CanFinding(Enum):
+    """What is found of a bus or a drive."""
+
+    NO_INTERFACE = "no interface"
+    DOWN = "down"
+    VIRTUAL = "virtual"
+    SHORT_QUEUE = "short queue"
+    WRONG_BITRATE = "wrong bit rate"
+    BUS_OFF = "bus off"
+    NOT_ACKNOWLEDGED = "not acknowledged"
+    BROKEN_FRAMES = "broken frames"
+    UP = "up"
+    RESTARTS_ITSELF = "restarts itself"
+    ERROR_FRAMES = "error frames"
+    BUSY = "busy"
+    QUIET = "quiet"
+    SHARED_ID_IN_DEVICE = "shared ID in the device"
+    SHARED_ID = "shared ID"
+    ANSWERS = "answers"
+    UNDESCRIBED = "undescribed"
+    OTHER_PROTOCOL = "other protocol"
+    SILENT = "silent"
+
+
+class CanRemedy(Enum):
+    """What to do about it."""
+
+    CHECK_WIRING = "check wiring"
+    CHECK_POWER = "check power"
+    CHECK_BITRATE = "check bit rate"
+    CHECK_BUS = "check bus"
+    END_OTHER_PROGRAM = "end the other program"
+    CORRECT_CAN_ID = "correct can_id"
+    GIVE_OWN_ID = "give each its own ID"
+    CORRECT_EITHER_ID = "correct either ID"
+    CORRECT_MOTOR = "correct the motor"
+    CHECK_DRIVE = "check the drive"
+
+
+F, R = CanFinding, CanRemedy
+
+
 def examine(device: Exoskeleton, motors: Path | None, *, ask: bool = True) -> Iterator[Finding]:
-    """Look at each bus from the interface up to the drives; `ask` False only listens."""
+    """Check each bus from the interface up to the drives; `ask` False only listens."""
     for number, bus in enumerate(device.buses):
         subject = bus.channel
         if bus.interface == "socketcan":
             link = read_link(bus.channel)
-            yield from judge_link(link, bus)
+            yield from evaluate_link(link, bus)
             if not link or not is_up(link):
                 continue
         try:
             opened = open_bus(bus)
         except HardwareError as error:
-            yield bad(subject, str(error), remedy_command(bus))
+            yield bad(subject, reason_of(error), run(remedy_command(bus)))
             continue
         try:
             yield from _examine_traffic(device, number, opened, motors, ask=ask)
         except HardwareError as error:
-            yield bad(subject, str(error), _restart(bus))
+            yield bad(subject, reason_of(error), run(_restart(bus)))
         finally:
             opened.shutdown()
 
 
 def read_link(channel: str) -> dict[str, Any]:
-    """The kernel's word on an interface, from `ip`; empty when there is none."""
+    """What the kernel reports of an interface, from `ip`; empty when there is none."""
     program = shutil.which("ip") or shutil.which("ip", path="/usr/sbin:/sbin")
     if program is None:
         return {}
     command = [program, "-details", "-statistics", "-json", "link", "show", channel]
-    told = subprocess.run(command, capture_output=True, text=True, check=False, timeout=5)
+    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=5)
     try:
-        links = json.loads(told.stdout or "[]")
+        links = json.loads(done.stdout or "[]")
     except json.JSONDecodeError:
         return {}
     return links[0] if links else {}
@@ -70,54 +116,44 @@ def is_up(link: dict[str, Any]) -> bool:
     return "UP" in link.get("flags", ())
 
 
-def judge_link(link: dict[str, Any], bus: BusDevice) -> Iterator[Finding]:
-    """What the kernel's word on the interface means."""
+def evaluate_link(link: dict[str, Any], bus: BusDevice) -> Iterator[Finding]:
+    """What the kernel's report on the interface means."""
     subject = bus.channel
     if not link:
-        yield bad(subject, "there is no such interface", remedy_command(bus))
+        yield bad(subject, reason(F.NO_INTERFACE), run(remedy_command(bus)))
         return
     if not is_up(link):
-        yield bad(subject, "the interface is down", remedy_command(bus))
+        yield bad(subject, reason(F.DOWN), run(remedy_command(bus)))
         return
     kind = link.get("linkinfo", {}).get("info_kind", "")
     if kind == "vcan":
-        yield good(subject, "up, virtual: no bit rate, no error counters")
+        yield good(subject, F.VIRTUAL)
         return
-    yield from _judge_controller(link.get("linkinfo", {}).get("info_data", {}), bus)
+    yield from _evaluate_controller(link.get("linkinfo", {}).get("info_data", {}), bus)
     if link.get("txqlen", 1000) < _SHORT_QUEUE:
-        yield note(
-            subject,
-            f"the send queue holds {link['txqlen']} frames only: a hiccup gives “No buffer space available”",
-            f"sudo ip link set {subject} txqueuelen 1000",
-        )
+        short = reason(F.SHORT_QUEUE, frames=link["txqlen"])
+        yield note(subject, short, run(f"sudo ip link set {subject} txqueuelen 1000"))
 
 
-def _judge_controller(data: dict[str, Any], bus: BusDevice) -> Iterator[Finding]:
+def _evaluate_controller(data: dict[str, Any], bus: BusDevice) -> Iterator[Finding]:
     subject, state = bus.channel, data.get("state", "?")
-    bitrate = data.get("bittiming", {}).get("bitrate")
+    bitrate, restart = data.get("bittiming", {}).get("bitrate"), _restart(bus)
     if bitrate != bus.bitrate:
-        yield bad(subject, f"the bit rate is {bitrate}, the device description says {bus.bitrate}", _restart(bus))
-    counters = data.get("berr_counter", {})
-    told = f"{state}, errors sent {counters.get('tx', 0)}, received {counters.get('rx', 0)}"
+        wrong = reason(F.WRONG_BITRATE, bitrate=str(bitrate), described=bus.bitrate)
+        yield bad(subject, wrong, run(restart))
+    sent, received = (data.get("berr_counter", {}).get(name, 0) for name in ("tx", "rx"))
+    counters = {"state": state, "sent": sent, "received": received}
     if state == "BUS-OFF":
-        yield bad(subject, f"{told}: wiring or termination (60 Ω between CAN_H and CAN_L?), then", _restart(bus))
-    elif state in ("ERROR-PASSIVE", "ERROR-WARNING") and counters.get("tx", 0) > counters.get("rx", 0):
-        yield bad(
-            subject,
-            f"{told}: nobody acknowledges",
-            f"check that the drives have power and the same bit rate, and the termination; then {_restart(bus)}",
-        )
+        yield bad(subject, reason(F.BUS_OFF, **counters), reason(R.CHECK_WIRING, command=restart))
+    elif state in ("ERROR-PASSIVE", "ERROR-WARNING") and sent > received:
+        yield bad(subject, reason(F.NOT_ACKNOWLEDGED, **counters), reason(R.CHECK_POWER, command=restart))
     elif state in ("ERROR-PASSIVE", "ERROR-WARNING"):
-        yield bad(subject, f"{told}: frames arrive broken", "check the bit rate of every drive, and the termination")
+        yield bad(subject, reason(F.BROKEN_FRAMES, **counters), reason(R.CHECK_BITRATE))
     else:
-        yield good(subject, f"up, {bitrate} bit/s, {told}")
+        yield good(subject, F.UP, bitrate=str(bitrate), **counters)
     if data.get("restart_ms", 0):
-        yield note(
-            subject,
-            "the controller restarts by itself after bus-off; the drives must not come back unasked",
-            f"sudo ip link set {subject} down && sudo ip link set {subject} type can restart-ms 0 && "
-            f"sudo ip link set {subject} up",
-        )
+        command = f"sudo ip link set {subject} down && sudo ip link set {subject} type can restart-ms 0 && "
+        yield note(subject, reason(F.RESTARTS_ITSELF), run(f"{command}sudo ip link set {subject} up"))
 
 
 def _restart(bus: BusDevice) -> str:
@@ -133,59 +169,44 @@ def _examine_traffic(
     device: Exoskeleton, number: int, bus: can.BusABC, motors: Path | None, *, ask: bool
 ) -> Iterator[Finding]:
     subject = device.buses[number].channel
-    heard = listen(bus)
-    if heard.errors:
-        yield bad(subject, f"{heard.errors} error frames while listening", "check bit rate and termination")
-    if heard.busy:
-        yield note(
-            subject,
-            f"{heard.frames} frames without being asked: another program talks here, so nobody was asked",
-            "end the session or the other program, then run this again",
-        )
+    traffic = listen(bus)
+    if traffic.errors:
+        yield bad(subject, reason(F.ERROR_FRAMES, frames=traffic.errors), reason(R.CHECK_BUS))
+    if traffic.busy:
+        yield note(subject, reason(F.BUSY, frames=traffic.frames), reason(R.END_OTHER_PROGRAM))
         return
     if not ask:
-        yield good(subject, "still; nobody was asked")
+        yield good(subject, F.QUIET)
         return
-    yield from judge_drives(device, number, scan(bus), motors)
+    yield from evaluate_drives(device, number, scan(bus), motors)
 
 
-def judge_drives(device: Exoskeleton, number: int, found: list[Found], motors: Path | None) -> Iterator[Finding]:
-    """Who answered, against who should."""
+def evaluate_drives(device: Exoskeleton, number: int, found: list[Found], motors: Path | None) -> Iterator[Finding]:
+    """The drives that answered, against those described."""
     table = load_motors(motors)
-    names = ("left hip", "left knee", "right hip", "right knee")
-    joints = [(name, joint) for name, joint in zip(names, device.joints, strict=True) if joint.can_bus == number]
+    joints = [(joint, made) for joint, made in zip(Joint, device.joints, strict=True) if made.can_bus == number]
     answered = {(drive.protocol, drive.drive_id): drive for drive in found}
-    ids = Counter(joint.can_id for _, joint in joints)
-    for name, joint in joints:
-        protocol = _PROTOCOL_NAMES[table.find(joint.motor).protocol]
-        drive = answered.pop((protocol, joint.can_id), None)
-        if ids[joint.can_id] > 1:
-            yield bad(name, f"ID {joint.can_id} is given to two joints", "correct can_id in the device description")
+    ids = Counter(made.can_id for _, made in joints)
+    for joint, made in joints:
+        protocol = _PROTOCOL_NAMES[table.find(made.motor).protocol]
+        drive = answered.pop((protocol, made.can_id), None)
+        if ids[made.can_id] > 1:
+            yield bad(joint, reason(F.SHARED_ID_IN_DEVICE, can_id=made.can_id), reason(R.CORRECT_CAN_ID))
         elif drive is None:
-            others = [other for other in found if other.drive_id == joint.can_id]
-            yield _silent(name, joint.can_id, protocol, others)
+            others = [other for other in found if other.drive_id == made.can_id]
+            yield _silent(joint, made.can_id, protocol, others)
         elif drive.answers > 1:
-            yield bad(
-                name,
-                f"ID {joint.can_id} answers {drive.answers} times: several drives share it",
-                "connect the drives one by one and give each its own ID with the maker's tool",
-            )
+            shared = reason(F.SHARED_ID, can_id=made.can_id, answers=drive.answers)
+            yield bad(joint, shared, reason(R.GIVE_OWN_ID))
         else:
-            yield good(name, f"ID {joint.can_id}, {protocol}, {drive.detail}")
+            yield good(joint, F.ANSWERS, can_id=made.can_id, protocol=protocol, detail=drive.detail)
     for drive in answered.values():
-        yield note(
-            device.buses[number].channel,
-            f"{drive.protocol} drive with ID {drive.drive_id} is in nobody's description ({drive.detail})",
-            "if it is one of the silent ones, correct can_id, or the drive's ID with the maker's tool",
-        )
+        unknown = reason(F.UNDESCRIBED, protocol=drive.protocol, can_id=drive.drive_id, detail=drive.detail)
+        yield note(device.buses[number].channel, unknown, reason(R.CORRECT_EITHER_ID))
 
 
-def _silent(name: str, can_id: int, protocol: str, others: list[Found]) -> Finding:
+def _silent(joint: Joint, can_id: int, protocol: str, others: list[Found]) -> Finding:
     if others:
-        text = f"ID {can_id} speaks {others[0].protocol}, the device description says {protocol}"
-        return bad(name, text, "name the motor entry of that protocol in the device description")
-    return bad(
-        name,
-        f"ID {can_id} does not answer in {protocol}",
-        "check its power, its two signal wires, its bit rate, its ID and its mode (MIT) with the maker's tool",
-    )
+        other = reason(F.OTHER_PROTOCOL, can_id=can_id, protocol=others[0].protocol, described=protocol)
+        return bad(joint, other, reason(R.CORRECT_MOTOR))
+    return bad(joint, reason(F.SILENT, can_id=can_id, protocol=protocol), reason(R.CHECK_DRIVE))

@@ -1,4 +1,4 @@
-"""Is this machine fit for a session? Each finding comes with the command that mends it."""
+"""Is this machine fit for a session? Each finding comes with the command that repairs it."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import resource
 import shutil
 import sys
 from collections.abc import Callable, Iterator, Mapping
+from enum import Enum
 from pathlib import Path
 
 from app.diagnostics.findings import Finding, bad, good, note
@@ -17,25 +18,101 @@ from app.system.hand_model import find_model
 from app.system.paths import Home
 from app.system.scheduling import WAKE_LATENCY
 from hal.errors import HardwareError
+from logs.reason import Reason, reason, reason_of
 
 DISK_NEEDED_GB = 2.0  # a day of sessions on CAN, the bus logs included
-MODEL_REMEDY = "rleex model"
 _RT_PRIORITY = 80
 _TIME_ERROR = 5  # adjtimex(2): the clock is not synchronised
 _TIMEX_BYTES = 512  # struct timex has 208; modes = 0 only reads
 _LIMITS_FILE = "/etc/security/limits.d/rleex.conf"
-_WAKE_REMEDY = """echo 'KERNEL=="cpu_dma_latency", GROUP="plugdev", MODE="0660"' | \
-sudo tee /etc/udev/rules.d/81-rleex.rules  (then restart the machine)"""
+_LIMITS_COMMAND = (
+    f'printf \'%s - rtprio {_RT_PRIORITY}\\n%s - memlock unlimited\\n\' "$USER" "$USER" | sudo tee {_LIMITS_FILE}'
+)
+_WAKE_COMMAND = """echo 'KERNEL=="cpu_dma_latency", GROUP="plugdev", MODE="0660"' | \
+sudo tee /etc/udev/rules.d/81-rleex.rules"""
 _TRUE_COLOUR = ("truecolor", "24bit")
 _PICTURE_TERMS = ("kitty", "ghostty", "wezterm", "foot", "mlterm")
 
 
+class Subject(Enum):
+    """What is examined."""
+
+    SETTINGS = "settings"
+    MODEL = "model"
+    CAMERA = "camera"
+    REALSENSE = "RealSense"
+    TERMINAL = "terminal"
+    REAL_TIME = "real time"
+    DISK = "disk"
+    CLOCK = "clock"
+    JOINTS = "joints"
+
+
+class DoctorFinding(Enum):
+    """What is found of a machine."""
+
+    MODEL_FOUND = "model found"
+    CAMERAS_READABLE = "cameras readable"
+    CAMERA_NOT_PERMITTED = "camera not permitted"
+    CAMERA_MISSING = "camera missing"
+    CAMERA_NOT_NEEDED = "camera not needed"
+    REALSENSE_LOADED = "RealSense loaded"
+    REALSENSE_NOT_INSTALLED = "RealSense not installed"
+    REALSENSE_NOT_LOADED = "RealSense not loaded"
+    OUTPUT_TO_FILE = "output to a file"
+    PICTURES_FULL = "pictures in full resolution"
+    PICTURES_TRUE_COLOUR = "pictures in true colour"
+    PICTURES_256_COLOURS = "pictures in 256 colours"
+    NO_PICTURES = "no pictures"
+    LOCALE_NOT_UTF8 = "locale not UTF-8"
+    FIFO_ALLOWED = "FIFO allowed"
+    FIFO_NOT_ALLOWED = "FIFO not allowed"
+    MEMORY_LIMITED = "memory limited"
+    WAKE_LATENCY_ALLOWED = "wake latency allowed"
+    WAKE_LATENCY_NOT_ALLOWED = "wake latency not allowed"
+    ONE_CORE = "one core"
+    CORES = "cores"
+    DISK_NOT_WRITABLE = "disk not writable"
+    DISK_LOW = "disk low"
+    DISK_FREE = "disk free"
+    KEYS_READABLE_BY_OTHERS = "keys readable by others"
+    CLOCK_NOT_SYNCHRONISED = "clock not synchronised"
+    CLOCK_UNKNOWN = "clock unknown"
+    CLOCK_SYNCHRONISED = "clock synchronised"
+    CLOCK_SOURCE_SLOW = "clock source slow"
+    JOINTS_SIMULATED = "joints simulated"
+
+
+class Remedy(Enum):
+    """What to do."""
+
+    RUN = "run"
+    RUN_THEN_LOG_IN = "run, then log in"
+    RUN_THEN_RESTART = "run, then restart"
+    EDIT_SETTINGS = "edit the settings"
+    PLUG_IN = "plug in"
+    BETTER_TERMINAL = "better terminal"
+    SECOND_CORE = "second core"
+    OTHER_HOME = "other home"
+    FREE_DISK = "free the disk"
+    BOOT_WITH_TSC = "boot with tsc"
+    RESTORE_DEVICE = "restore the device description"
+
+
+F, R, T = DoctorFinding, Remedy, Subject
+
+
+def run(command: str) -> Reason:
+    """The remedy that is a command."""
+    return reason(R.RUN, command=command)
+
+
 def examine(home: Home) -> Iterator[Finding]:
-    """Look at everything, one after the other."""
+    """Every check, one after the other."""
     try:
         config = load_config(home.config)
     except AppError as error:
-        yield bad("settings", str(error), f"edit or remove {home.config}")
+        yield bad(T.SETTINGS, reason_of(error), reason(R.EDIT_SETTINGS, path=home.config))
         config = Config()
     checks: tuple[Callable[[], Iterator[Finding]], ...] = (
         lambda: check_model(home, config),
@@ -54,9 +131,9 @@ def examine(home: Home) -> Iterator[Finding]:
 def check_model(home: Home, config: Config) -> Iterator[Finding]:
     """The hand model is there and the one that was checked."""
     try:
-        yield good("model", str(find_model(home, config)))
+        yield good(T.MODEL, F.MODEL_FOUND, path=find_model(home, config))
     except AppError as error:
-        yield bad("model", str(error), MODEL_REMEDY)
+        yield bad(T.MODEL, reason_of(error), run("rleex model"))
 
 
 def check_cameras(config: Config, devices: Path = Path("/dev")) -> Iterator[Finding]:
@@ -65,14 +142,14 @@ def check_cameras(config: Config, devices: Path = Path("/dev")) -> Iterator[Find
     readable = [path for path in found if os.access(path, os.R_OK | os.W_OK)]
     needed = config.camera.kind == "webcam"
     if readable:
-        yield good("camera", ", ".join(map(str, readable)))
+        yield good(T.CAMERA, F.CAMERAS_READABLE, devices=", ".join(map(str, readable)))
     elif found:
-        remedy = f"sudo usermod -aG video {os.environ.get('USER', '$USER')}  (then log in again)"
-        yield (bad if needed else note)("camera", f"{found[0]} may not be opened by this user", remedy)
+        remedy = reason(R.RUN_THEN_LOG_IN, command=f"sudo usermod -aG video {os.environ.get('USER', '$USER')}")
+        yield (bad if needed else note)(T.CAMERA, reason(F.CAMERA_NOT_PERMITTED, device=found[0]), remedy)
     elif needed:
-        yield bad("camera", "the configuration names a webcam, but there is no video device", "plug it in: lsusb")
+        yield bad(T.CAMERA, reason(F.CAMERA_MISSING), reason(R.PLUG_IN))
     else:
-        yield note("camera", f"no webcam; the configuration uses the {config.camera.kind}")
+        yield note(T.CAMERA, reason(F.CAMERA_NOT_NEEDED, kind=config.camera.kind))
 
 
 def check_realsense(config: Config) -> Iterator[Finding]:
@@ -82,54 +159,53 @@ def check_realsense(config: Config) -> Iterator[Finding]:
         import pyrealsense2
     except ImportError as error:
         if "libusb" in str(error):
-            yield grade("RealSense", str(error), "sudo apt-get install libusb-1.0-0")
+            install = run("sudo apt-get install libusb-1.0-0")
+            yield grade(T.REALSENSE, reason(F.REALSENSE_NOT_LOADED, detail=str(error)), install)
         else:
-            yield grade("RealSense", "pyrealsense2 is not installed", "pip install 'rleex[realsense]'")
+            yield grade(T.REALSENSE, reason(F.REALSENSE_NOT_INSTALLED), run("pip install 'rleex[realsense]'"))
         return
-    yield good("RealSense", f"library {getattr(pyrealsense2, '__version__', '?')}")
+    yield good(T.REALSENSE, F.REALSENSE_LOADED, version=getattr(pyrealsense2, "__version__", "?"))
 
 
 def check_terminal(environment: Mapping[str, str], *, is_terminal: bool) -> Iterator[Finding]:
-    """Whether the terminal can show the camera's picture, and in which letters."""
+    """Whether the terminal can show the camera's picture, and its locale."""
     term = environment.get("TERM", "dumb")
     if not is_terminal:
-        yield note("terminal", "the output goes to a file: what the terminal can do was not looked at")
+        yield note(T.TERMINAL, reason(F.OUTPUT_TO_FILE))
         return
     if any(name in term or name in environment.get("TERM_PROGRAM", "").lower() for name in _PICTURE_TERMS):
-        yield good("terminal", f"{term}: pictures in full resolution")
+        yield good(T.TERMINAL, F.PICTURES_FULL, term=term)
     elif environment.get("COLORTERM", "") in _TRUE_COLOUR or "direct" in term:
-        yield good("terminal", f"{term}: pictures in half blocks, all colours")
+        yield good(T.TERMINAL, F.PICTURES_TRUE_COLOUR, term=term)
     elif "256color" in term:
-        yield note("terminal", f"{term}: pictures in 256 colours", "export COLORTERM=truecolor  (if it can)")
+        yield note(T.TERMINAL, reason(F.PICTURES_256_COLOURS, term=term), run("export COLORTERM=truecolor"))
     else:
-        yield note("terminal", f"{term}: no pictures", "use a terminal with true colour, e.g. kitty or gnome-terminal")
+        yield note(T.TERMINAL, reason(F.NO_PICTURES, term=term), reason(R.BETTER_TERMINAL))
     language = environment.get("LC_ALL") or environment.get("LC_CTYPE") or environment.get("LANG", "")
     if "utf" not in language.lower():
-        yield note("terminal", "the locale is not UTF-8: frames and marks may look odd", "export LANG=C.UTF-8")
+        yield note(T.TERMINAL, reason(F.LOCALE_NOT_UTF8), run("export LANG=C.UTF-8"))
 
 
 def check_real_time() -> Iterator[Finding]:
     """SCHED_FIFO and locked memory for control."""
-    remedy = (
-        f'printf \'%s - rtprio {_RT_PRIORITY}\\n%s - memlock unlimited\\n\' "$USER" "$USER" | '
-        f"sudo tee {_LIMITS_FILE}  (then log in again)"
-    )
+    remedy = reason(R.RUN_THEN_LOG_IN, command=_LIMITS_COMMAND)
     if _may_be_fifo():
-        yield good("real time", "SCHED_FIFO is allowed")
+        yield good(T.REAL_TIME, F.FIFO_ALLOWED)
     else:
-        yield note("real time", "no SCHED_FIFO: ticks are late while the machine is busy", remedy)
+        yield note(T.REAL_TIME, reason(F.FIFO_NOT_ALLOWED), remedy)
     soft, _ = resource.getrlimit(resource.RLIMIT_MEMLOCK)
     if os.geteuid() != 0 and soft != resource.RLIM_INFINITY:
-        yield note("real time", f"only {soft // 1024} KiB of memory may be locked", remedy)
+        yield note(T.REAL_TIME, reason(F.MEMORY_LIMITED, kibibytes=soft // 1024), remedy)
     if os.access(WAKE_LATENCY, os.W_OK):
-        yield good("real time", "idle cores can be kept awake")
+        yield good(T.REAL_TIME, F.WAKE_LATENCY_ALLOWED)
     else:
-        yield note("real time", f"{WAKE_LATENCY} may not be written: a core that fell asleep is late", _WAKE_REMEDY)
+        wake = reason(R.RUN_THEN_RESTART, command=_WAKE_COMMAND)
+        yield note(T.REAL_TIME, reason(F.WAKE_LATENCY_NOT_ALLOWED, path=WAKE_LATENCY), wake)
     cores = len(os.sched_getaffinity(0))
     if cores < 2:
-        yield bad("real time", "one core: control and perception need one each", "give the machine a second core")
+        yield bad(T.REAL_TIME, reason(F.ONE_CORE), reason(R.SECOND_CORE))
     else:
-        yield good("real time", f"{cores} cores")
+        yield good(T.REAL_TIME, F.CORES, cores=cores)
 
 
 def _may_be_fifo() -> bool:
@@ -146,30 +222,31 @@ def check_disk(home: Home) -> Iterator[Finding]:
     """Room for the audit trail, in a place that only this user reads."""
     place = next(path for path in (home.root, *home.root.parents) if path.exists())
     if not os.access(place, os.W_OK):
-        yield bad("disk", f"{place} can't be written", "choose another --home, or RLEEX_HOME")
+        yield bad(T.DISK, reason(F.DISK_NOT_WRITABLE, path=place), reason(R.OTHER_HOME))
         return
     free_gb = shutil.disk_usage(place).free / 1e9
     if free_gb < DISK_NEEDED_GB:
-        yield bad("disk", f"{free_gb:.1f} GB free at {place}, {DISK_NEEDED_GB:.0f} are needed", f"make room on {place}")
+        low = reason(F.DISK_LOW, free_gb=free_gb, path=place, needed_gb=DISK_NEEDED_GB)
+        yield bad(T.DISK, low, reason(R.FREE_DISK, path=place))
     else:
-        yield good("disk", f"{free_gb:.1f} GB free at {place}")
+        yield good(T.DISK, F.DISK_FREE, free_gb=free_gb, path=place)
     if home.keys.exists() and home.keys.stat().st_mode & 0o077:
-        yield bad("disk", f"{home.keys} may be read by others", f"chmod 700 {home.keys}")
+        yield bad(T.DISK, reason(F.KEYS_READABLE_BY_OTHERS, path=home.keys), run(f"chmod 700 {home.keys}"))
 
 
 def check_clock() -> Iterator[Finding]:
-    """The wall clock is synchronised (the audit trail tells by it), the monotonic clock is a quick one."""
+    """The wall clock is synchronised (the audit trail uses it), the monotonic clock is a quick one."""
     state = _clock_state()
     if state == _TIME_ERROR:
-        yield note("clock", "not synchronised: the audit trail's times may be off", "sudo timedatectl set-ntp true")
+        yield note(T.CLOCK, reason(F.CLOCK_NOT_SYNCHRONISED), run("sudo timedatectl set-ntp true"))
     elif state < 0:
-        yield note("clock", "could not be asked whether it is synchronised")
+        yield note(T.CLOCK, reason(F.CLOCK_UNKNOWN))
     else:
-        yield good("clock", "synchronised")
+        yield good(T.CLOCK, F.CLOCK_SYNCHRONISED)
     source = Path("/sys/devices/system/clocksource/clocksource0/current_clocksource")
     name = source.read_text().strip() if source.exists() else ""
     if name in ("hpet", "acpi_pm"):
-        yield note("clock", f"slow clock source {name}", "boot with clocksource=tsc, if the processor has a steady one")
+        yield note(T.CLOCK, reason(F.CLOCK_SOURCE_SLOW, name=name), reason(R.BOOT_WITH_TSC))
 
 
 def _clock_state() -> int:
@@ -183,7 +260,7 @@ def _clock_state() -> int:
 def check_joints(config: Config) -> Iterator[Finding]:
     """The joints' buses, without asking the drives: `rleex can doctor` does."""
     if config.joints.kind != "can":
-        yield note("joints", "the configuration uses simulated joints")
+        yield note(T.JOINTS, reason(F.JOINTS_SIMULATED))
         return
     from app.diagnostics.can_doctor import examine as examine_can
     from hal.joints.can.bus import with_bus
@@ -193,7 +270,7 @@ def check_joints(config: Config) -> Iterator[Finding]:
     try:
         device = load_exoskeleton(Path(chosen.device) if chosen.device else DEFAULT_DEVICE)
     except HardwareError as error:
-        yield bad("joints", str(error), "restore the device description")
+        yield bad(T.JOINTS, reason_of(error), reason(R.RESTORE_DEVICE))
         return
     device = with_bus(device, chosen.interface, chosen.channel)
     yield from examine_can(device, Path(chosen.motors) if chosen.motors else None, ask=False)

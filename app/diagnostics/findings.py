@@ -1,4 +1,4 @@
-"""What a doctor command found, each with what mends it."""
+"""What a doctor command found: a code with values each, and the code of what to do about it."""
 
 from __future__ import annotations
 
@@ -9,9 +9,12 @@ from enum import Enum
 from rich.console import Console
 from rich.markup import escape
 
+from app.text.catalogue import render, tr
+from logs.reason import Reason, reason
+
 
 class Grade(Enum):
-    """How a finding stands, told by word and mark, not by colour alone."""
+    """How a finding stands; shown by mark and colour, so that colour alone tells nothing."""
 
     GOOD = "good"
     NOTE = "note"
@@ -23,27 +26,27 @@ _MARKS = {Grade.GOOD: ("✓", "green"), Grade.NOTE: ("·", "yellow"), Grade.BAD:
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """One thing looked at; `remedy` is a command or a sentence on what to do."""
+    """One result; the subject is a code, or the name of an interface."""
 
     grade: Grade
-    subject: str
-    text: str
-    remedy: str = ""
+    subject: Enum | str
+    what: Reason
+    remedy: Reason | None = None
 
 
-def good(subject: str, text: str) -> Finding:
-    """All is well."""
-    return Finding(Grade.GOOD, subject, text)
+def good(subject: Enum | str, code: Enum, **values: object) -> Finding:
+    """Fit."""
+    return Finding(Grade.GOOD, subject, reason(code, **values))
 
 
-def note(subject: str, text: str, remedy: str = "") -> Finding:
+def note(subject: Enum | str, what: Reason, remedy: Reason | None = None) -> Finding:
     """Works, but one should know."""
-    return Finding(Grade.NOTE, subject, text, remedy)
+    return Finding(Grade.NOTE, subject, what, remedy)
 
 
-def bad(subject: str, text: str, remedy: str) -> Finding:
-    """Does not work, and this mends it."""
-    return Finding(Grade.BAD, subject, text, remedy)
+def bad(subject: Enum | str, what: Reason, remedy: Reason | None) -> Finding:
+    """Does not work; the remedy says what to do."""
+    return Finding(Grade.BAD, subject, what, remedy)
 
 
 def show(console: Console, findings: Iterable[Finding]) -> bool:
@@ -51,8 +54,9 @@ def show(console: Console, findings: Iterable[Finding]) -> bool:
     well = True
     for finding in findings:
         mark, colour = _MARKS[finding.grade]
-        console.print(f"[{colour}]{mark}[/] {finding.subject:<11} {escape(finding.text)}", soft_wrap=True)
-        if finding.remedy:
-            console.print(f"  {'':<11} → {escape(finding.remedy)}", soft_wrap=True)
+        subject = finding.subject if isinstance(finding.subject, str) else tr(finding.subject)
+        console.print(f"[{colour}]{mark}[/] {subject:<11} {escape(render(finding.what))}", soft_wrap=True)
+        if finding.remedy is not None:
+            console.print(f"  {'':<11} → {escape(render(finding.remedy))}", soft_wrap=True)
         well = well and finding.grade is not Grade.BAD
     return well

@@ -7,12 +7,16 @@ from typing import Any
 import msgspec
 import pytest
 
-from app.diagnostics.can_doctor import examine, judge_drives, judge_link
+from app.diagnostics.can_doctor import CanFinding as F
+from app.diagnostics.can_doctor import CanRemedy, evaluate_drives, evaluate_link, examine
 from app.diagnostics.findings import Finding, Grade
+from app.text.catalogue import render
 from hal.joints.can.bus import with_bus
 from hal.joints.can.scan import Found
 from hal.joints.device import BusDevice, Exoskeleton, load_exoskeleton
 from hal.joints.emulator.emulator import DriveEmulator, EmulatorThread
+from hal.joints.protocol import Joint
+from logs.reason import key_of, reason
 
 CAN0 = BusDevice()
 MIT = "MIT (AK V1/V2, bgkatz)"
@@ -36,78 +40,76 @@ def worst(findings: list[Finding]) -> Finding:
 
 
 @pytest.mark.parametrize(
-    ("told", "grade", "text", "remedy"),
+    ("reported", "grade", "code", "remedy"),
     [
-        (link(), Grade.GOOD, "ERROR-ACTIVE", ""),
-        ({}, Grade.BAD, "no such interface", "ip link set can0 up type can bitrate 1000000"),
-        (link(flags=["NOARP"]), Grade.BAD, "down", "ip link set can0 up"),
-        (link(data={"bittiming": {"bitrate": 500_000}}), Grade.BAD, "500000", "bitrate 1000000"),
-        (link(data={"state": "BUS-OFF"}), Grade.BAD, "termination", "ip link set can0 down"),
+        (link(), Grade.GOOD, F.UP, ""),
+        ({}, Grade.BAD, F.NO_INTERFACE, "ip link set can0 up type can bitrate 1000000"),
+        (link(flags=["NOARP"]), Grade.BAD, F.DOWN, "ip link set can0 up"),
+        (link(data={"bittiming": {"bitrate": 500_000}}), Grade.BAD, F.WRONG_BITRATE, "bitrate 1000000"),
+        (link(data={"state": "BUS-OFF"}), Grade.BAD, F.BUS_OFF, "ip link set can0 down"),
         (
             link(data={"state": "ERROR-PASSIVE", "berr_counter": {"tx": 128, "rx": 0}}),
             Grade.BAD,
-            "nobody acknowledges",
+            F.NOT_ACKNOWLEDGED,
             "power",
         ),
         (
             link(data={"state": "ERROR-WARNING", "berr_counter": {"tx": 0, "rx": 100}}),
             Grade.BAD,
-            "arrive broken",
+            F.BROKEN_FRAMES,
             "bit rate",
         ),
-        (link(data={"restart_ms": 100}), Grade.NOTE, "restarts by itself", "restart-ms 0"),
-        (link(txqlen=10), Grade.NOTE, "No buffer space", "txqueuelen 1000"),
-        (
-            {"flags": ["UP"], "linkinfo": {"info_kind": "vcan"}},
-            Grade.GOOD,
-            "virtual",
-            "",
-        ),
+        (link(data={"restart_ms": 100}), Grade.NOTE, F.RESTARTS_ITSELF, "restart-ms 0"),
+        (link(txqlen=10), Grade.NOTE, F.SHORT_QUEUE, "txqueuelen 1000"),
+        ({"flags": ["UP"], "linkinfo": {"info_kind": "vcan"}}, Grade.GOOD, F.VIRTUAL, ""),
     ],
 )
-def test_the_link_is_judged_with_what_mends_it(told: dict[str, Any], grade: Grade, text: str, remedy: str) -> None:
-    finding = worst(list(judge_link(told, CAN0)))
+def test_the_link_is_evaluated_with_its_remedy(reported: dict[str, Any], grade: Grade, code: F, remedy: str) -> None:
+    finding = worst(list(evaluate_link(reported, CAN0)))
     assert finding.grade is grade
-    assert text in finding.text
-    assert remedy in finding.remedy
+    assert finding.what.code == key_of(code)
+    assert render(finding.what)
+    assert remedy in (render(finding.remedy) if finding.remedy else "")
 
 
 def answers(**by_id: Any) -> list[Found]:
     return [Found(MIT, number, by_id.get(f"id{number}", 1), "") for number in range(1, 5)]
 
 
-def judged(found: list[Found], device: Exoskeleton = DEVICE) -> dict[str, Finding]:
-    return {finding.subject: finding for finding in judge_drives(device, 0, found, None)}
+def evaluated(found: list[Found], device: Exoskeleton = DEVICE) -> dict[object, Finding]:
+    return {finding.subject: finding for finding in evaluate_drives(device, 0, found, None)}
 
 
 def test_four_drives_that_answer_once_are_good() -> None:
-    assert {finding.grade for finding in judged(answers()).values()} == {Grade.GOOD}
+    assert {finding.grade for finding in evaluated(answers()).values()} == {Grade.GOOD}
 
 
 def test_a_silent_drive_is_named() -> None:
-    finding = judged(answers()[1:])["left hip"]
+    finding = evaluated(answers()[1:])[Joint.LEFT_HIP]
     assert finding.grade is Grade.BAD
-    assert "ID 1 does not answer" in finding.text
+    assert finding.what.code == key_of(F.SILENT)
+    assert "ID 1 does not answer" in render(finding.what)
 
 
 def test_a_shared_id_is_told() -> None:
-    finding = judged(answers(id3=2))["right hip"]
-    assert "answers 2 times" in finding.text
+    finding = evaluated(answers(id3=2))[Joint.RIGHT_HIP]
+    assert (finding.what.code, finding.what.values["answers"]) == (key_of(F.SHARED_ID), 2)
 
 
 def test_a_drive_in_another_protocol_is_told() -> None:
-    finding = judged([*answers()[1:], Found("Damiao", 1, 1, "")])["left hip"]
-    assert "speaks Damiao" in finding.text
+    finding = evaluated([*answers()[1:], Found("Damiao", 1, 1, "")])[Joint.LEFT_HIP]
+    assert (finding.what.code, finding.what.values["protocol"]) == (key_of(F.OTHER_PROTOCOL), "Damiao")
+    assert finding.remedy == reason(CanRemedy.CORRECT_MOTOR)
 
 
 def test_a_drive_nobody_described_is_told() -> None:
-    assert "ID 9" in judged([*answers(), Found(MIT, 9, 1, "")])["can0"].text
+    assert evaluated([*answers(), Found(MIT, 9, 1, "")])["can0"].what.values["can_id"] == 9
 
 
 def test_two_joints_with_one_id_are_told() -> None:
     same = msgspec.structs.replace(DEVICE.left_knee, can_id=1)
     device = msgspec.structs.replace(DEVICE, left_knee=same)
-    assert "given to two joints" in judged(answers(), device)["left knee"].text
+    assert evaluated(answers(), device)[Joint.LEFT_KNEE].what.code == key_of(F.SHARED_ID_IN_DEVICE)
 
 
 def test_an_emulated_bus_is_examined_to_the_drives() -> None:

@@ -11,9 +11,13 @@ from typer.testing import CliRunner
 
 from app.cli import cli
 from app.diagnostics import doctor
+from app.diagnostics.can_doctor import CanFinding, CanRemedy
+from app.diagnostics.doctor import DoctorFinding as F
 from app.diagnostics.findings import Finding, Grade
 from app.system.config import CameraConfig, Config, JointsConfig
 from app.system.paths import Home
+from app.text.catalogue import knows, render
+from logs.reason import key_of
 
 
 def one(findings: Iterator[Finding]) -> Finding:
@@ -21,9 +25,18 @@ def one(findings: Iterator[Finding]) -> Finding:
     return finding
 
 
+def rendered(finding: Finding) -> str:
+    return " → ".join(render(each) for each in (finding.what, finding.remedy) if each is not None)
+
+
+def test_every_finding_and_remedy_has_its_text() -> None:
+    for code in (*F, *doctor.Remedy, *doctor.Subject, *CanFinding, *CanRemedy):
+        assert knows(key_of(code)), code
+
+
 def test_a_missing_model_is_bad_and_mended_by_its_command(tmp_path: Path) -> None:
     finding = one(doctor.check_model(Home(tmp_path), Config()))
-    assert (finding.grade, finding.remedy) == (Grade.BAD, "rleex model")
+    assert (finding.grade, finding.remedy) == (Grade.BAD, doctor.run("rleex model"))
 
 
 def test_a_webcam_that_is_named_but_missing_is_bad(tmp_path: Path) -> None:
@@ -40,32 +53,32 @@ def test_a_webcam_that_is_there_is_good(tmp_path: Path) -> None:
 @pytest.mark.skipif(os.geteuid() == 0, reason="root may open everything")
 def test_a_webcam_that_may_not_be_opened_names_the_group(tmp_path: Path) -> None:
     (tmp_path / "video0").touch(mode=0o000)
-    assert "video" in one(doctor.check_cameras(Config(), tmp_path)).remedy
+    assert "video" in rendered(one(doctor.check_cameras(Config(), tmp_path)))
 
 
 @pytest.mark.parametrize(
-    ("environment", "grade", "text"),
+    ("environment", "grade", "code"),
     [
-        ({"TERM": "xterm-kitty", "LANG": "C.UTF-8"}, Grade.GOOD, "full resolution"),
-        ({"TERM": "xterm-256color", "COLORTERM": "truecolor", "LANG": "C.UTF-8"}, Grade.GOOD, "half blocks"),
-        ({"TERM": "xterm-256color", "LANG": "C.UTF-8"}, Grade.NOTE, "256 colours"),
-        ({"TERM": "dumb", "LANG": "de_DE.UTF-8"}, Grade.NOTE, "no pictures"),
+        ({"TERM": "xterm-kitty", "LANG": "C.UTF-8"}, Grade.GOOD, F.PICTURES_FULL),
+        ({"TERM": "xterm-256color", "COLORTERM": "truecolor", "LANG": "C.UTF-8"}, Grade.GOOD, F.PICTURES_TRUE_COLOUR),
+        ({"TERM": "xterm-256color", "LANG": "C.UTF-8"}, Grade.NOTE, F.PICTURES_256_COLOURS),
+        ({"TERM": "dumb", "LANG": "de_DE.UTF-8"}, Grade.NOTE, F.NO_PICTURES),
     ],
 )
-def test_terminals_are_told_apart(environment: dict[str, str], grade: Grade, text: str) -> None:
+def test_terminals_are_told_apart(environment: dict[str, str], grade: Grade, code: F) -> None:
     finding = one(doctor.check_terminal(environment, is_terminal=True))
     assert finding.grade is grade
-    assert text in finding.text
+    assert finding.what.code == key_of(code)
 
 
 def test_a_locale_without_utf8_is_noted() -> None:
     findings = list(doctor.check_terminal({"TERM": "xterm-kitty", "LANG": "C"}, is_terminal=True))
-    assert "UTF-8" in findings[-1].text
+    assert findings[-1].what.code == key_of(F.LOCALE_NOT_UTF8)
 
 
 def test_looking_at_real_time_leaves_the_process_as_it_was() -> None:
     before = os.sched_getscheduler(0)
-    assert any("core" in finding.text for finding in doctor.check_real_time())
+    assert any("core" in rendered(finding) for finding in doctor.check_real_time())
     assert os.sched_getscheduler(0) == before
 
 
@@ -82,7 +95,7 @@ def test_joints_on_can_are_examined(tmp_path: Path) -> None:
     assert one(doctor.check_joints(config)).grade is Grade.BAD
     assert one(doctor.check_joints(Config())).grade is Grade.NOTE
     broken = Config(joints=JointsConfig(kind="can", device=str(tmp_path / "none.toml")))
-    assert "none.toml" in one(doctor.check_joints(broken)).text
+    assert "none.toml" in rendered(one(doctor.check_joints(broken)))
 
 
 def test_the_command_ends_1_when_something_is_bad(tmp_path: Path) -> None:
