@@ -16,8 +16,8 @@ import numpy as np
 import typer
 from numpy.typing import NDArray
 
-from app.evaluate.digital_scenes import GESTURES, held, take, tilted
-from app.evaluate.watcher import Watcher, processes, spread
+from app.evaluate.digital import PoolDetector, detector_pool, held, map_pool, take, tilted
+from app.evaluate.readings import GESTURE_NAMES
 from hal.cameras.digital_hand.render import lens_for, person_of
 from kgdfa.robust_distance import RobustRange
 
@@ -33,7 +33,7 @@ Row = tuple[float, ...]
 Table = NDArray[np.float64]
 
 
-def look_at(watcher: Watcher, seed: int) -> list[Row]:
+def measure_hand(detector: PoolDetector, seed: int) -> list[Row]:
     """One hand, upright and tilted every way, gesture 5 and one other."""
     draw, person = np.random.default_rng([seed, 0x666974]), person_of(seed)
     lens = lens_for(focal_px=650.0 if seed % 3 else 950.0)
@@ -41,20 +41,22 @@ def look_at(watcher: Watcher, seed: int) -> list[Row]:
     for tilt_deg in TILTS_DEG:
         for direction in range(DIRECTIONS if tilt_deg else 1):
             turn = tilted(math.radians(tilt_deg), direction * 2 * math.pi / DIRECTIONS)
-            for gesture in ("5", GESTURES[int(draw.integers(12))]):
+            for gesture in ("5", GESTURE_NAMES[int(draw.integers(12))]):
                 finder = RobustRange(
                     focal_px=lens.fx_px, reference_m=person.shape.reference_m, centre_px=(lens.cx_px, lens.cy_px)
                 )
-                watcher.forget()
+                detector.reset()
                 moments = held(gesture, person=person, lens=lens, distance_m=float(draw.uniform(0.2, 0.6)),
                                turn_rad=turn, seed=seed, frames=FRAMES)  # fmt: skip
                 for index, moment in enumerate(moments):
-                    hands = watcher.look(take(moment, index)[0])
-                    told = finder.explain(hands[0]) if hands else None
-                    if told is not None:
-                        each = (*told.readings_m, told.shown_m, told.far_m)
+                    hands = detector.detect(take(moment, index)[0])
+                    measured = finder.explain(hands[0]) if hands else None
+                    if measured is not None:
+                        each = (*measured.readings_m, measured.shown_m, measured.far_m)
                         side = (DIRECTIONS // 2 - direction) % DIRECTIONS if person.shape.left else direction
-                        rows.append((gesture == "5", tilt_deg, side, told.tilt_rad, *(m / moment.true_m for m in each)))
+                        rows.append(
+                            (gesture == "5", tilt_deg, side, measured.tilt_rad, *(m / moment.true_m for m in each))
+                        )
     return rows
 
 
@@ -83,8 +85,8 @@ def print_safe_sides(table: Table) -> None:
 
 def main(model: Path, hands: int = 40, workers: int = 2) -> None:
     """Look at the hands with seeds from 1 on, and print both tables."""
-    with processes(model, workers) as pool:
-        found = spread(pool, look_at, list(range(1, hands + 1)), lambda: print(".", end="", flush=True))
+    with detector_pool(model, workers) as pool:
+        found = map_pool(pool, measure_hand, list(range(1, hands + 1)), lambda: print(".", end="", flush=True))
     table = np.array([row for rows in found for row in rows])
     print(f"\n{hands} hands, {len(table)} frames")
     print_readings(table)

@@ -1,4 +1,4 @@
-"""Fits the `robust` rules on labelled photos and digital hands, prints what it fitted, writes kgdfa/robust.npz.
+"""Fits the `robust` rules on labelled images and digital hands, prints what it fitted, writes kgdfa/robust.npz.
 
     python tools/fit_robust.py ../shared/data/gestures --keypoints looks.npz
 
@@ -17,8 +17,8 @@ from rich.console import Console
 from rich.table import Table
 
 from app.cli import USER_ERRORS
-from app.cli.evaluate.looking import looked_at, looked_at_digital_to_fit
-from app.evaluate.robust_fit import MEMBERS, fit, look
+from app.cli.evaluate import detected_images, fitted_digital
+from app.evaluate.gestures.fit import MEMBERS, fit, view_set
 from kgdfa.features import FEATURES
 from kgdfa.robust import GESTURES, RobustModel, save_model
 
@@ -26,19 +26,23 @@ SHIPPED = Path(__file__).resolve().parents[1] / "kgdfa" / "robust.npz"
 
 
 def main(
-    directory: Annotated[Path, typer.Argument(help="Folder with labels.csv and pictures.")],
+    directory: Annotated[Path, typer.Argument(help="Folder with labels.csv and images.")],
     keypoints: Annotated[Path | None, typer.Option(help="Keep the keypoints here; used when there.")] = None,
     output: Annotated[Path, typer.Option(help="Where the model goes.")] = SHIPPED,
     home: Annotated[Path | None, typer.Option("--home", help="Data directory.")] = None,
 ) -> None:
     """Fit, print, write."""
     console = Console()
-    photos = looked_at(console, directory, keypoints, home)
-    digital = looked_at_digital_to_fit(console, keypoints, home)
-    looked = look([*photos, *digital])
-    console.print(f"{len(photos)} photos, {len(digital)} digital hands, {len(looked.values)} looks")
+    images = detected_images(directory, keypoints, home)
+    digital = fitted_digital(keypoints, home)
+    views = view_set([*images, *digital])
+    console.print(f"{len(images)} images, {len(digital)} digital hands, {len(views.values)} views")
     with console.status("fitting") as status:
-        model = fit(looked, np.ones(len(looked.photos), dtype=bool), status.update)
+        model = fit(
+            views,
+            np.ones(len(views.images), dtype=bool),
+            lambda source: status.update(f"fitting {source and 'without ' + source}"),
+        )
     _print(console, model)
     save_model(model, output)
     console.print(f"written to {output.name}, {output.stat().st_size / 1024:.0f} kB")

@@ -9,8 +9,8 @@ import cv2
 import numpy as np
 import typer
 
-from app.evaluate.digital_hands import HELD_FRAMES
-from app.evaluate.sequence import PERIOD_NS
+from app.evaluate.digital import HELD_FRAMES
+from app.evaluate.harness import FRAME_NS
 from app.system.config import load_config
 from app.system.hand_model import find_model
 from app.system.paths import find_home
@@ -46,7 +46,7 @@ def _tile(pose: Pose, seed: int, detector: HandDetector, rules: RobustRules, fir
     image = render(posed(pose.name, person=person_of(seed), position_m=(0.0, 0.03, 0.30)), seed).image_bgr
     hands: tuple[Hand, ...] = ()
     for number, shown in enumerate((np.zeros_like(image), *[image] * HELD_FRAMES)):
-        hands = detector.detect(shown, (first + number) * PERIOD_NS)
+        hands = detector.detect(shown, (first + number) * FRAME_NS)
     drawn = image.copy()
     why = "no hand found"
     if hands:

@@ -31,8 +31,8 @@ def spinner(console: Console, total: int) -> Iterator[Callable[[str], None]]:
 
 
 @contextmanager
-def bar(console: Console, what: str, total: int) -> Iterator[Callable[[], None]]:
-    """A bar for `total` things of a kind; the yielded function advances it by one."""
+def bar(console: Console, what: str, total: int) -> Iterator[Callable[..., None]]:
+    """A bar for `total` things of a kind; the yielded function advances it by one, or by the number given."""
     columns = (
         TextColumn("{task.description}"),
         BarColumn(),
@@ -41,4 +41,4 @@ def bar(console: Console, what: str, total: int) -> Iterator[Callable[[], None]]
     )
     with Progress(*columns, console=console, transient=True) as progress:
         task = progress.add_task(what, total=total)
-        yield lambda: progress.advance(task)
+        yield lambda count=1: progress.advance(task, count)

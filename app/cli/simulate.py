@@ -12,7 +12,7 @@ import typer
 if TYPE_CHECKING:  # numpy and MuJoCo are only loaded when something is rehearsed
     from rich.console import Console
 
-    from app.evaluate.simulate import Norm
+    from app.evaluate.loop.rehearsal import Norm
     from app.ipc.states import Action
     from app.motion.patient import Patient
     from app.motion.rehearsal import Rehearsal
@@ -36,8 +36,11 @@ def simulate(
     home: Annotated[Path | None, typer.Option(help="Data directory.")] = None,
 ) -> None:
     """Rehearse an action in simulation through planner, follower and guard; exit status 1 when it does not pass."""
+    import msgspec
+
     from app.cli.progress import wide_console
-    from app.evaluate.simulate import profile_named, read_norm, verdict_table
+    from app.evaluate.harness import write_json
+    from app.evaluate.loop.rehearsal import profile_named, read_norm, verdict_table
     from app.system.config import load_config
     from app.system.paths import find_home
     from hal.joints.device import DEFAULT_DEVICE, load_exoskeleton
@@ -54,8 +57,7 @@ def simulate(
         wanted = _Wanted(norm=norm, plot_file=plot_file, video=video, preflight=place if preflight else None)
         rows = [(wearer, verdict) for verdict in _rehearsed(console, wearer, device, action, wanted)]
     console.print(verdict_table(rows))
-    if json_file is not None:
-        _write(json_file, rows)
+    write_json([{"patient": who.identifier, **msgspec.to_builtins(verdict)} for who, verdict in rows], json_file)
     if not all(verdict.passed for _, verdict in rows):
         raise typer.Exit(1)
 
@@ -72,11 +74,11 @@ class _Wanted:
 
 def _at_the_corners(console: Console, device: Exoskeleton) -> list[tuple[Profile, RehearsalVerdict]]:
     from app.cli.progress import bar
-    from app.evaluate.simulate import corner_profiles, corners
+    from app.evaluate.loop.rehearsal import corner_profiles, corners
     from app.ipc.states import Action
 
     with bar(console, "corners", len(list(corner_profiles())) * len(Action)) as step:
-        return corners(device, lambda _: step())
+        return corners(device, step)
 
 
 def _rehearsed(
@@ -84,7 +86,7 @@ def _rehearsed(
 ) -> Iterator[RehearsalVerdict]:
     """The verdicts of one patient's actions, one after the other."""
     from app.cli.progress import bar
-    from app.evaluate.simulate import actions_named
+    from app.evaluate.loop.rehearsal import actions_named
     from app.motion.patient import patient_of
     from app.motion.rehearsal import rehearse
 
@@ -108,10 +110,10 @@ def _keep(
     *,
     many: bool,
 ) -> None:
-    """Pre-flight, plot, film and likeness, as far as they are wanted."""
-    from app.evaluate.simulate import likeness
-    from app.evaluate.simulate_plot import film, plot
+    """Pre-flight, plot, film and correlation with the norm, as far as they are wanted."""
+    from app.evaluate.loop.rehearsal import correlation, film, plot
     from app.motion.preflight import keep_verdict
+    from app.text.catalogue import tr
 
     if wanted.preflight is not None:
         keep_verdict(wanted.preflight, patient, device, action, shown.verdict)
@@ -120,17 +122,8 @@ def _keep(
     if wanted.video is not None:
         film(shown, patient.body, named(wanted.video, action.name, many=many))
     if wanted.norm is not None and len(shown.starts) > 4:
-        alike = ", ".join(f"{joint} {value:.3f}" for joint, value in likeness(shown, wanted.norm).items())
-        console.print(f"{action.value}: correlation with the very slow gait: {alike}")
-
-
-def _write(file: Path, rows: list[tuple[Profile, RehearsalVerdict]]) -> None:
-    import json
-
-    import msgspec
-
-    built = [{"patient": who.identifier, **msgspec.to_builtins(verdict)} for who, verdict in rows]
-    file.write_text(json.dumps(built, indent=1) + "\n", encoding="utf-8")
+        values = correlation(shown, wanted.norm)
+        console.print(tr("evaluate.rehearsal.correlation", action=action.value, **values), markup=False)
 
 
 def named(file: Path, action: str, *, many: bool) -> Path:

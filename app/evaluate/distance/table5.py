@@ -1,0 +1,376 @@
+"""Table 5 on the digital hand: error over distance, monocular and D435i, and what tilt and movement do to it.
+
+Each hand is calibrated once, at 35 cm, as a patient is; `published` takes the true palm as measured by a ruler.
+None of these hands served to fit the palm's shape or the safe factor.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.table import Table
+
+from app.evaluate.digital import Moment, PoolDetector, held, map_pool, take, tilted, walk
+from app.evaluate.distance.frames import COLUMNS, STYLES, DistanceFigures, figures, values
+from app.evaluate.harness import Step, decorate, figure, table
+from app.evaluate.readings import GESTURE_NAMES
+from app.text.catalogue import tr
+from hal.cameras.camera import Intrinsics
+from hal.cameras.digital_hand.depth import DepthCamera
+from hal.cameras.digital_hand.render import Person, lens_for, person_of
+from kgdfa.depth import DepthRange
+from kgdfa.distance import Distance, PublishedRange, RangeFinder
+from kgdfa.hand import FloatArray
+from kgdfa.robust_distance import RobustRange
+from profiles.palm import REFERENCE_OF_PALM, calibrate
+from profiles.schema import Profile, Sex
+
+# The paper's Table 5: distance in cm → error in %, monocular and D435i (None: no measurement).
+PAPER_TABLE_5: dict[int, tuple[float, float | None]] = {
+    10: (-7.0, None), 15: (-4.0, None), 20: (-3.0, None), 25: (-2.8, 1.6), 30: (-1.6, 0.3), 35: (-1.4, -0.3),
+    40: (-2.25, 0.0), 45: (0.6, 0.0), 50: (3.2, 0.0), 55: (4.5, -0.2), 60: (4.8, -0.3), 65: (5.1, -0.4),
+    70: (12.4, -0.6),
+}  # fmt: skip
+MODES = ("published", "robust")
+DISTANCES_CM = tuple(range(10, 75, 5))
+CALIBRATED_AT_M = 0.35
+PROVISIONAL_PALM_M = 0.080
+TILT_RAD = math.radians(40)
+TILT_DIRECTIONS = 8
+TILT_DISTANCES_CM = (20, 30, 45, 60)
+HELD_FRAMES = 8
+CALIBRATION_FRAMES = 24
+WALK_FRAMES = 30
+FIRST_HAND = 101  # seeds below served in development
+FIRST_WALK = 20_001
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Table5Row:
+    """One distance, hands facing the camera: mean error in %, NaN where nothing was measured.
+
+    worst_percent: of the single hand that is furthest off, robust monocular.
+    """
+
+    distance_cm: int
+    mono_percent: dict[str, float]
+    worst_percent: float
+    depth_percent: dict[str, float]
+    depth_zero: float  # share of frames in which the depth map has 0 at keypoint 21
+
+    def as_json(self) -> dict[str, Any]:
+        """As `--json` writes it; None where nothing was measured."""
+        paper, paper_depth = PAPER_TABLE_5[self.distance_cm]
+        return {
+            "distance_cm": self.distance_cm,
+            "monocular": {name: _number(value) for name, value in self.mono_percent.items()},
+            "monocular_worst_hand": _number(self.worst_percent),
+            "d435i": {name: _number(value) for name, value in self.depth_percent.items()},
+            "d435i_zero_share": round(self.depth_zero, 3),
+            "paper": {"monocular": paper, "d435i": paper_depth},
+        }
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TiltRow:
+    """Hands tilted by 40° towards one direction: robust errors in % of the shown distance; near share of the safe."""
+
+    direction_deg: int
+    mean_percent: float
+    median_percent: float
+    p95_percent: float
+    near_3: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Table5:
+    """All figures of distance on the digital hand."""
+
+    hands: int
+    focal_px: float
+    rows: tuple[Table5Row, ...]
+    tilts: tuple[TiltRow, ...]
+    walk: dict[str, DistanceFigures]
+
+    def as_json(self) -> dict[str, Any]:
+        """As `--json` writes it."""
+        return {
+            "hands": self.hands,
+            "focal_px": self.focal_px,
+            "table_5": [row.as_json() for row in self.rows],
+            "tilted_40": [
+                {
+                    "direction_deg": row.direction_deg,
+                    "mean_percent": _number(row.mean_percent),
+                    "median_abs_percent": _number(row.median_percent),
+                    "p95_abs_percent": _number(row.p95_percent),
+                    "near_3": round(row.near_3, 4),
+                }
+                for row in self.tilts
+            ],
+            "frames": self.walk["robust"].frames,
+            **{name: one.as_json() for name, one in self.walk.items()},
+        }
+
+
+def _number(value: float) -> float | None:
+    return None if math.isnan(value) else round(value, 2)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Subject:
+    """One digital person before the camera, calibrated."""
+
+    person: Person
+    lens: Intrinsics
+    seed: int
+    reference_m: float  # as calibrated
+
+    def finders(self) -> tuple[PublishedRange, RobustRange]:
+        """Published with the palm as a ruler gives it, robust with the calibrated anchor."""
+        focal_px, centre_px = self.lens.fx_px, (self.lens.cx_px, self.lens.cy_px)
+        return (
+            PublishedRange(focal_px=focal_px, reference_m=self.person.shape.reference_m),
+            RobustRange(focal_px=focal_px, reference_m=self.reference_m, centre_px=centre_px),
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Tilt:
+    """A subject turned towards one of TILT_DIRECTIONS."""
+
+    subject: Subject
+    direction: int
+
+
+def steps(hands: int, walks: int) -> int:
+    """How many pieces of work `evaluate_table_5` has."""
+    return hands * (2 + TILT_DIRECTIONS) + walks
+
+
+def evaluate_table_5(pool: ProcessPoolExecutor, *, hands: int, walks: int, focal_px: float, step: Step) -> Table5:
+    """That many hands, and that many seconds of random walk."""
+    lens = lens_for(focal_px=focal_px)
+    subjects = map_pool(pool, _calibrated, [_ruler(lens, FIRST_HAND + number) for number in range(hands)], step)
+    facing = map_pool(pool, _facing, subjects, step)
+    turned = [_Tilt(subject=one, direction=number) for number in range(TILT_DIRECTIONS) for one in subjects]
+    tilts = map_pool(pool, _tilt_errors, turned, step)
+    walked = map_pool(pool, _walk, [_ruler(lens, FIRST_WALK + number) for number in range(walks)], step)
+    return Table5(
+        hands=hands,
+        focal_px=focal_px,
+        rows=tuple(_row(cm, [one[cm] for one in facing]) for cm in DISTANCES_CM),
+        tilts=tuple(
+            _tilt_row(number, tilts[number * hands : (number + 1) * hands]) for number in range(TILT_DIRECTIONS)
+        ),
+        walk=_walk_figures(walked),
+    )
+
+
+def _ruler(lens: Intrinsics, seed: int) -> Subject:
+    """A person whose palm is known by ruler."""
+    person = person_of(seed)
+    return Subject(person=person, lens=lens, seed=seed, reference_m=person.shape.reference_m)
+
+
+def _measure(
+    detector: PoolDetector, finders: Iterable[RangeFinder], moments: Iterable[Moment]
+) -> list[list[Distance | None]]:
+    """Each finder's distance in each moment: a list a finder."""
+    finders = list(finders)
+    measured: list[list[Distance | None]] = [[] for _ in finders]
+    for index, moment in enumerate(moments):
+        hands = detector.detect(take(moment, index)[0])
+        for row, finder in zip(measured, finders, strict=True):
+            row.append(finder.measure(hands[0], detector.now_ns) if hands else None)
+    return measured
+
+
+def _calibrated(detector: PoolDetector, subject: Subject) -> Subject:
+    """The subject calibrated as `rleex profile calibrate` does it."""
+    patient = Profile(identifier="digital", sex=Sex.MALE, stature_m=1.7, mass_kg=70.0)
+    provisional_m, lens = REFERENCE_OF_PALM * PROVISIONAL_PALM_M, subject.lens
+    finder = RobustRange(focal_px=lens.fx_px, reference_m=provisional_m, centre_px=(lens.cx_px, lens.cy_px))
+    shown = held("5", person=subject.person, lens=lens, distance_m=CALIBRATED_AT_M, turn_rad=(0, 0),
+                 seed=subject.seed, frames=CALIBRATION_FRAMES)  # fmt: skip
+    (measured,) = _measure(detector, [finder], shown)
+    made = calibrate(
+        patient, camera="digital hand", focal_px=lens.fx_px, width_px=lens.width_px, distance_m=CALIBRATED_AT_M,
+        measured_m=[one.shown_m for one in measured if one], provisional_reference_m=provisional_m,
+        at=datetime(2026, 1, 1, tzinfo=UTC),
+    )  # fmt: skip
+    return replace(subject, reference_m=made.reference_m)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Held:
+    """Relative errors of one hand held at one distance."""
+
+    mono: dict[str, FloatArray]
+    depth: dict[str, FloatArray]
+    zero: float
+
+
+def _facing(detector: PoolDetector, subject: Subject) -> dict[int, _Held]:
+    """From far to near, so that the track is kept as long as it can be."""
+    found = {}
+    camera = DepthCamera(subject.seed)
+    for cm in reversed(DISTANCES_CM):
+        finders: tuple[RangeFinder, RangeFinder] = subject.finders()
+        readers = {name: DepthRange(mode=name) for name in MODES}
+        mono: dict[str, list[Distance | None]] = {name: [] for name in MODES}
+        depth: dict[str, list[Distance | None]] = {name: [] for name in MODES}
+        moments = list(held("5", person=subject.person, lens=subject.lens, distance_m=cm / 100, turn_rad=(0, 0),
+                            seed=subject.seed, frames=HELD_FRAMES))  # fmt: skip
+        for index, moment in enumerate(moments):
+            image, depth_m = take(moment, index, camera)
+            assert depth_m is not None
+            hands = detector.detect(image)
+            for name, finder in zip(MODES, finders, strict=True):
+                mono[name].append(finder.measure(hands[0], detector.now_ns) if hands else None)
+                # Without the monocular fallback, so that the depth camera's own range is measured.
+                depth[name].append(readers[name].measure(depth_m, hands[0], None, detector.now_ns) if hands else None)
+        zeros = [one.shown_m == 0 for one in depth["published"] if one]
+        found[cm] = _Held(
+            mono={name: _errors(row, moments) for name, row in mono.items()},
+            depth={name: _errors(row, moments) for name, row in depth.items()},
+            zero=float(np.mean(zeros)) if zeros else 0.0,
+        )
+    return found
+
+
+def _tilt_errors(detector: PoolDetector, tilt: _Tilt) -> tuple[FloatArray, FloatArray]:
+    """Shown and safe errors of the robust finder over the distances, the hand detected anew at each."""
+    subject, turn = tilt.subject, tilted(TILT_RAD, tilt.direction * 2 * math.pi / TILT_DIRECTIONS)
+    shown, safe = [], []
+    for cm in TILT_DISTANCES_CM:
+        detector.reset()
+        moments = list(held("5", person=subject.person, lens=subject.lens, distance_m=cm / 100, turn_rad=turn,
+                            seed=subject.seed, frames=HELD_FRAMES))  # fmt: skip
+        (row,) = _measure(detector, [subject.finders()[1]], moments)
+        shown.append(_errors(row, moments))
+        safe.append(_errors(row, moments, safe=True))
+    return np.concatenate(shown), np.concatenate(safe)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Walked:
+    """One random walk: true distances, and a list a finder."""
+
+    true_m: list[float]
+    rows: list[list[Distance | None]]
+
+
+def _walk(detector: PoolDetector, subject: Subject) -> _Walked:
+    """A walk with one of the gestures, the palm known by ruler: the safety property."""
+    gesture = GESTURE_NAMES[(subject.seed - FIRST_WALK) % 12]
+    moments = list(walk(gesture, person=subject.person, lens=subject.lens, seed=subject.seed, frames=WALK_FRAMES))
+    return _Walked(true_m=[moment.true_m for moment in moments], rows=_measure(detector, subject.finders(), moments))
+
+
+def _walk_figures(walked: list[_Walked]) -> dict[str, DistanceFigures]:
+    true_m = np.array([one for walk_ in walked for one in walk_.true_m])
+    found = {}
+    for number, name in enumerate(MODES):
+        row = [one for walk_ in walked for one in walk_.rows[number]]
+        found[name] = figures(true_m, values(row, "shown_m"), values(row, "safe_m"))
+    return found
+
+
+def _row(cm: int, hands: list[_Held]) -> Table5Row:
+    each = [_mean(one.mono["robust"]) for one in hands]
+    return Table5Row(
+        distance_cm=cm,
+        mono_percent={name: _mean(np.concatenate([one.mono[name] for one in hands])) for name in MODES},
+        worst_percent=max(each, key=lambda percent: -1.0 if math.isnan(percent) else abs(percent)),
+        depth_percent={name: _mean(np.concatenate([one.depth[name] for one in hands])) for name in MODES},
+        depth_zero=float(np.mean([one.zero for one in hands])),
+    )
+
+
+def _tilt_row(number: int, pairs: list[tuple[FloatArray, FloatArray]]) -> TiltRow:
+    shown = np.concatenate([pair[0] for pair in pairs])
+    safe = np.concatenate([pair[1] for pair in pairs])
+    measured = np.isfinite(shown)
+    return TiltRow(
+        direction_deg=number * 360 // TILT_DIRECTIONS,
+        mean_percent=_mean(shown),
+        median_percent=100 * float(np.median(np.abs(shown[measured]))) if measured.any() else math.nan,
+        p95_percent=100 * float(np.percentile(np.abs(shown[measured]), 95)) if measured.any() else math.nan,
+        near_3=float(np.mean(safe[measured] < -0.03)) if measured.any() else 0.0,
+    )
+
+
+def _errors(row: list[Distance | None], moments: list[Moment], *, safe: bool = False) -> FloatArray:
+    true_m = np.array([moment.true_m for moment in moments])
+    errors: FloatArray = values(row, "safe_m" if safe else "shown_m") / true_m - 1
+    return errors
+
+
+def _mean(errors: FloatArray) -> float:
+    measured = errors[np.isfinite(errors)]
+    return 100 * float(measured.mean()) if len(measured) else math.nan
+
+
+def tables(result: Table5) -> tuple[Table, ...]:
+    """Error over distance, what 40° of tilt does, and the safety property on random walks."""
+    return _table_5(result), _tilt_table(result), _walk_table(result)
+
+
+def _table_5(result: Table5) -> Table:
+    rows = []
+    for row in result.rows:
+        paper, paper_depth = PAPER_TABLE_5[row.distance_cm]
+        mono, depth = row.mono_percent, row.depth_percent
+        errors = (paper, mono["published"], mono["robust"], row.worst_percent, paper_depth)
+        both = (depth["published"], depth["robust"])
+        rows.append((row.distance_cm, *map(_signed, (*errors, *both)), f"{100 * row.depth_zero:.0f} %"))
+    columns = "cm paper published robust worst_hand d435i_paper published robust zeros"
+    caption = "distance.zeros"
+    return table(
+        "distance.table_5", columns, rows, left=9, caption=caption, hands=result.hands, focal_px=result.focal_px
+    )
+
+
+def _tilt_table(result: Table5) -> Table:
+    rows = [
+        (
+            f"{row.direction_deg}°",
+            f"{row.mean_percent:+.1f}",
+            f"{row.median_percent:.1f}",
+            f"{row.p95_percent:.1f}",
+            f"{100 * row.near_3:.1f} %",
+        )
+        for row in result.tilts
+    ]
+    return table("distance.tilts", "towards mean_error median_error p95_percent button_near_3", rows, left=5)
+
+
+def _walk_table(result: Table5) -> Table:
+    return table("distance.walks", COLUMNS, [(name, *one.cells()) for name, one in result.walk.items()], left=9)
+
+
+def _signed(error_percent: float | None) -> str:
+    return "–" if error_percent is None or math.isnan(error_percent) else f"{error_percent:+.1f}"
+
+
+def plot_table_5(result: Table5, path: Path) -> None:
+    """Error over distance, the paper's beside ours."""
+    with figure(path) as (_, axes):
+        cm = [row.distance_cm for row in result.rows]
+        paper = [error for error, _ in PAPER_TABLE_5.values()]
+        axes.plot(cm, paper, label=tr("evaluate.plot.paper_monocular"), **STYLES["paper"])
+        for name in MODES:
+            errors = [row.mono_percent[name] for row in result.rows]
+            axes.plot(cm, errors, label=tr("evaluate.plot.monocular", rules=name), **STYLES[name])
+        depth = [row.depth_percent["robust"] for row in result.rows]
+        axes.plot(cm, depth, "x-", color="tab:green", label=tr("evaluate.plot.d435i_robust"))
+        axes.axhspan(-2.5, 2.5, alpha=0.12, color="tab:blue")
+        decorate(axes, "true_distance_cm", "error_percent", "table_5")

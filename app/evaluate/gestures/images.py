@@ -1,0 +1,222 @@
+"""Hands in labelled images: detected in every view, kept in a file, classified by both rule sets.
+
+The robust rules are taken as shipped, or fitted anew for every source of images left out.
+"""
+
+from __future__ import annotations
+
+import os
+import threading
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack, closing
+from pathlib import Path
+from typing import Any, Protocol
+
+import cv2
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from app.evaluate.gestures.measures import Classified
+from app.evaluate.harness import EvaluateFault, Step, writing
+from app.evaluate.readings import GESTURE_NAMES, DetectedImage, LabelledImage
+from app.system.errors import AppError
+from kgdfa.augmentation import FALLBACK_THRESHOLD, StillDetector, detect_photo
+from kgdfa.errors import KgdfaError
+from kgdfa.gesture import Verdict
+from kgdfa.hand import FloatArray, Hand, Side
+from kgdfa.preprocess import Prepare, as_bgr8
+from kgdfa.published import PublishedRules
+from kgdfa.robust import RobustRules
+from logs.reason import Reason, reason, reason_of
+
+
+class ImageDetector:
+    """Detects hands in image files; each thread that asks gets detectors of its own."""
+
+    def __init__(self, directory: Path, model: Path, prepare: Prepare = as_bgr8) -> None:
+        self._directory = directory
+        self._prepare = prepare
+        self._model = model
+        self._own = threading.local()
+        self._closing = ExitStack()  # MediaPipe's detectors can't be left to the interpreter's end
+
+    def close(self) -> None:
+        """Close every thread's detectors; no thread may be detecting."""
+        self._closing.close()
+
+    def detect(self, labelled: LabelledImage) -> DetectedImage:
+        """Every view of one image; a file that can't be read is an error to be counted, not an exception."""
+        image = cv2.imread(str(self._directory / labelled.path), cv2.IMREAD_UNCHANGED)
+        if image is None:
+            unreadable = reason(EvaluateFault.IMAGE_UNREADABLE, file=labelled.path)
+            return DetectedImage(image=labelled, hands=(), error=unreadable)
+        plain, sensitive = self._detectors()
+        try:
+            return DetectedImage(image=labelled, hands=detect_photo(plain, sensitive, self._prepare(image)))
+        except KgdfaError as error:
+            return DetectedImage(image=labelled, hands=(), error=reason_of(error))
+
+    def _detectors(self) -> tuple[StillDetector, StillDetector]:
+        from kgdfa.keypoints import HandDetector
+
+        if not hasattr(self._own, "pair"):
+            low = FALLBACK_THRESHOLD
+            sensitive = HandDetector(self._model, still=True, max_hands=2, min_detection=low, min_presence=low)
+            plain = HandDetector(self._model, still=True, max_hands=2)
+            self._own.pair = (plain, sensitive)
+            self._closing.callback(plain.close)
+            self._closing.callback(sensitive.close)
+        pair: tuple[StillDetector, StillDetector] = self._own.pair
+        return pair
+
+
+def detect_images(
+    images: Sequence[LabelledImage], directory: Path, model: Path, step: Step, prepare: Prepare = as_bgr8
+) -> list[DetectedImage]:
+    """The hands of every image, in order; `step` is called after each."""
+    detector, detected = ImageDetector(directory, model, prepare), []
+    with closing(detector), ThreadPoolExecutor(os.cpu_count()) as pool:
+        for one in pool.map(detector.detect, images):
+            detected.append(one)
+            step()
+    return detected
+
+
+def save_hands(detected: Sequence[DetectedImage], path: Path) -> None:
+    """Write every image's hands as a compressed npz. Raises AppError when it can't be written."""
+    hands = [(number, hand) for number, one in enumerate(detected) for hand in one.hands]
+    with writing(path):
+        np.savez_compressed(
+            path,
+            images=np.array([[*msgspec.to_builtins(one.image).values(), _encoded(one.error)] for one in detected]),
+            owner=np.array([number for number, _ in hands], dtype=np.int64),
+            image_px=np.array([hand.image_px for _, hand in hands], dtype=np.float32).reshape(-1, 21, 2),
+            world_m=np.array([hand.world_m for _, hand in hands], dtype=np.float32).reshape(-1, 21, 3),
+            presence=np.array([hand.presence for _, hand in hands]),
+            side=np.array([hand.side.value for _, hand in hands], dtype="U5"),
+        )
+
+
+def load_hands(path: Path, images: Sequence[LabelledImage]) -> list[DetectedImage]:
+    """What `save_hands` wrote. Raises AppError when it is no such file, or belongs to other images."""
+    try:
+        with np.load(path, allow_pickle=False) as stored:
+            file = {name: stored[name] for name in stored.files}
+        detected = _stored_images(file)
+    except (OSError, ValueError, KeyError, msgspec.MsgspecError) as error:
+        raise AppError(EvaluateFault.KEYPOINTS_UNREADABLE, file=path, detail=str(error)) from error
+    if [one.image for one in detected] != [*images]:
+        raise AppError(EvaluateFault.KEYPOINTS_OF_OTHERS, file=path)
+    return detected
+
+
+def _encoded(error: Reason | None) -> str:
+    return msgspec.json.encode(error).decode() if error else ""
+
+
+def _stored_images(file: dict[str, NDArray[Any]]) -> list[DetectedImage]:
+    hands: list[list[Hand]] = [[] for _ in file["images"]]
+    rows = zip(file["owner"], file["image_px"], file["world_m"], file["presence"], file["side"], strict=True)
+    for owner, image_px, world_m, presence, side in rows:
+        hands[owner].append(
+            Hand(
+                image_px=image_px.astype(np.float64),
+                world_m=world_m.astype(np.float64),
+                presence=float(presence),
+                side=Side(str(side)),
+            )
+        )
+    return [
+        DetectedImage(
+            image=LabelledImage(path=str(path), label=str(label), source=str(source), group=str(group)),
+            hands=tuple(own),
+            error=msgspec.json.decode(str(error), type=Reason) if error else None,
+        )
+        for (path, label, source, group, error), own in zip(file["images"], hands, strict=True)
+    ]
+
+
+class ImageClassifier(Protocol):
+    """Classifies one image from the hands that its views gave, at least one, the plain view's first."""
+
+    name: str
+
+    def classify(self, hands: Sequence[Hand]) -> tuple[Verdict, FloatArray]:
+        """The verdict, and the confidence in each gesture, (12,)."""
+        ...
+
+
+class PublishedClassifier:
+    """The paper's rules on the plain view alone: they give no confidence that could be averaged."""
+
+    name = PublishedRules.name
+
+    def __init__(self) -> None:
+        self._rules = PublishedRules()
+
+    def classify(self, hands: Sequence[Hand]) -> tuple[Verdict, FloatArray]:
+        """Table 2 on the first hand."""
+        return self._rules.classify(hands[0]), self._rules.predict_proba(hands[0])
+
+
+class RobustClassifier:
+    """The robust rules with test-time augmentation: the mean confidence over the first `views` (all, if None)."""
+
+    name = RobustRules.name
+
+    def __init__(self, rules: RobustRules | None = None, *, views: int | None = None) -> None:
+        self._rules = rules or RobustRules()
+        self._views = views
+
+    def classify(self, hands: Sequence[Hand]) -> tuple[Verdict, FloatArray]:
+        """The mean over the views."""
+        return self._rules.classify_augmented(hands[: self._views])
+
+
+def classify_all(detected: Sequence[DetectedImage], classifier: ImageClassifier) -> list[Classified]:
+    """Every image classified; one without a hand is none, with no confidence in anything."""
+    return [classify_image(one, classifier) for one in detected]
+
+
+def classify_image(one: DetectedImage, classifier: ImageClassifier) -> Classified:
+    """One image classified."""
+    if not one.hands:
+        return Classified(image=one.image, detected=False, verdict=None, scores=np.zeros(len(GESTURE_NAMES)))
+    verdict, scores = classifier.classify(one.hands)
+    return Classified(image=one.image, detected=True, verdict=verdict, scores=scores)
+
+
+def classify_as_shipped(detected: Sequence[DetectedImage], *, views: int | None = None) -> dict[str, list[Classified]]:
+    """Both rule sets as the program runs them."""
+    classifiers: tuple[ImageClassifier, ...] = (PublishedClassifier(), RobustClassifier(views=views))
+    return {classifier.name: classify_all(detected, classifier) for classifier in classifiers}
+
+
+def classify_cross_validated(
+    detected: Sequence[DetectedImage],
+    digital: Sequence[DetectedImage],
+    progress: Callable[[str], None],
+    *,
+    views: int | None = None,
+    seed: int = 0,
+) -> dict[str, list[Classified]]:
+    """Both rule sets; the robust one is fitted anew for each fold, on digital hands and the other images.
+
+    Another seed draws other examples and noise: what figures differ by from seed to seed is chance.
+    """
+    from app.evaluate.gestures.fit import fit, folds, view_set
+
+    every = view_set([*detected, *digital])
+    robust: list[Classified | None] = [None] * len(detected)
+    for fold in folds(every):
+        progress(fold.name)
+        classifier = RobustClassifier(RobustRules(fit(every, fold.fit, seed=seed)), views=views)
+        for number in map(int, np.flatnonzero(fold.measure)):
+            robust[number] = classify_image(detected[number], classifier)
+    published = PublishedClassifier()
+    return {
+        published.name: classify_all(detected, published),
+        RobustRules.name: [one for one in robust if one is not None],
+    }

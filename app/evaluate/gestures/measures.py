@@ -1,0 +1,221 @@
+"""The paper's measures (Eqs. 5-10) of a rule set on labelled images, every image counted; and those of a sequence.
+
+An image without a hand, or that can't be read, is classified "none" with confidence 0 in every gesture. Pre, Re, IoU
+and F1 follow Eqs. 5-8 on the counts of classified images (Eq. 7's IoU is TP / (TP + FP + FN), not an overlap of
+boxes). AP (Eq. 9) is the area under precision over recall when all images are ranked by their confidence in
+the gesture; mAP (Eq. 10) is its mean over the twelve.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from itertools import groupby
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from app.evaluate.harness import Step, mean, require_extra
+from app.evaluate.readings import GESTURE_NAMES, NO_HAND, SKIP, Footage, LabelledImage
+from kgdfa.button import ButtonPlace
+from kgdfa.gesture import END_FRAMES, VOTE_FRAMES, RuleSet, Verdict
+from kgdfa.hand import FloatArray
+from kgdfa.pipeline import Picture, Pipeline, Report
+from kgdfa.preprocess import AsNeeded
+from kgdfa.robust_distance import RobustRange
+
+NONE = "none"
+CLASSES = [*GESTURE_NAMES, NONE]
+PLACE = ButtonPlace.in_the_middle(1280, 720, threshold_m=0.20)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Classified:
+    """A rule set's verdict on one image. scores: (12,) confidence in each gesture."""
+
+    image: LabelledImage
+    detected: bool
+    verdict: Verdict | None
+    scores: FloatArray
+
+    @property
+    def predicted(self) -> str:
+        """The gesture's name, or none."""
+        accepted = self.verdict.gesture if self.verdict else None
+        return accepted.value if accepted else NONE
+
+    @property
+    def truth(self) -> str:
+        """The label, all kinds of none as one."""
+        return self.image.label if self.image.gesture else NONE
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GestureFigures:
+    """One line of Table 3; shares in [0, 1]."""
+
+    pre: float
+    re: float
+    iou: float
+    f1: float
+    ap: float
+    n: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SourceFigures:
+    """One source of images."""
+
+    n: int
+    detected: float  # share of the images that show a hand
+    right: float  # share of the gestures' images classified right
+    accepted_undefined: float  # share of the undefined ones taken for a gesture
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Figures:
+    """Everything measured of one rule set. confusion: (13, 13) counts, truth by row, in the order of CLASSES."""
+
+    macro_f1: float
+    map: float
+    accepted_undefined: float
+    per_gesture: dict[str, GestureFigures]
+    per_kind: dict[str, tuple[float, int]]  # of undefined: share accepted, and how many there are
+    per_source: dict[str, SourceFigures]
+    confusion: NDArray[np.int64]
+
+
+def measure(classified: Sequence[Classified]) -> Figures:
+    """Eqs. 5-10 on classified images. Raises AppError without the extra `evaluate`."""
+    require_extra("evaluate", "sklearn")
+    from sklearn.metrics import confusion_matrix, jaccard_score, precision_recall_fscore_support
+
+    truth, predicted = [one.truth for one in classified], [one.predicted for one in classified]
+    names = GESTURE_NAMES
+    pre, re, f1, n = precision_recall_fscore_support(truth, predicted, labels=names, zero_division=0.0)
+    iou = jaccard_score(truth, predicted, labels=names, average=None, zero_division=0.0)
+    ap = _average_precisions(truth, np.array([one.scores for one in classified]).reshape(-1, len(names)))
+    per_gesture = {
+        name: GestureFigures(
+            pre=float(pre[k]), re=float(re[k]), iou=float(iou[k]), f1=float(f1[k]), ap=ap[k], n=int(n[k])
+        )
+        for k, name in enumerate(names)
+    }
+    shown = [figures for figures in per_gesture.values() if figures.n]
+    undefined = [one for one in classified if one.truth == NONE]
+    return Figures(
+        macro_f1=mean(figures.f1 for figures in shown),
+        map=mean(figures.ap for figures in shown),
+        accepted_undefined=mean(one.predicted != NONE for one in undefined),
+        per_gesture=per_gesture,
+        per_kind={kind: (_accepted(some), len(some)) for kind, some in _grouped(undefined, "label").items()},
+        per_source={source: _source(some) for source, some in _grouped(classified, "source").items()},
+        confusion=confusion_matrix(truth, predicted, labels=CLASSES),
+    )
+
+
+def _average_precisions(truth: list[str], scores: FloatArray) -> list[float]:
+    """AP a gesture; 0 for those that no image shows (they don't count in the mean)."""
+    from sklearn.metrics import average_precision_score
+
+    found = [np.array([label == name for label in truth]) for name in GESTURE_NAMES]
+    return [
+        float(average_precision_score(is_it, scores[:, k])) if is_it.any() else 0.0 for k, is_it in enumerate(found)
+    ]
+
+
+def _source(some: list[Classified]) -> SourceFigures:
+    gestures = [one for one in some if one.truth != NONE]
+    return SourceFigures(
+        n=len(some),
+        detected=mean(one.detected for one in some if one.image.label != NO_HAND),
+        right=mean(one.predicted == one.truth for one in gestures),
+        accepted_undefined=_accepted([one for one in some if one.truth == NONE]),
+    )
+
+
+def _accepted(some: list[Classified]) -> float:
+    return mean(one.predicted != NONE for one in some)
+
+
+def _grouped(classified: Iterable[Classified], attribute: str) -> dict[str, list[Classified]]:
+    groups: dict[str, list[Classified]] = defaultdict(list)
+    for one in classified:
+        groups[getattr(one.image, attribute) or "unnamed"].append(one)
+    return dict(sorted(groups.items()))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SequenceFigures:
+    """What a sequence shows. Frames between gestures (skip) count in nothing but false onsets."""
+
+    frames: int
+    frame_accuracy: float  # of single verdicts
+    voted_accuracy: float  # of the voted gesture
+    shown: int  # stretches of one gesture long enough to be voted
+    recognised: int  # of those, how many were voted at all
+    broken: int  # recognised, and lost again before the stretch ended
+    delay_frames: float  # mean, from a stretch's first frame to its vote
+    false_onsets: int  # votes for what neither this stretch nor its neighbours show
+
+
+def run_sequence(footage: Footage, model: Path, rules: RuleSet, step: Step = lambda: None) -> list[Report]:
+    """The whole chain over labelled footage, at its own rate."""
+    from kgdfa.keypoints import live_detector
+
+    finder = RobustRange(focal_px=footage.focal_px, reference_m=footage.reference_m)
+    reports = []
+    with live_detector(model) as detector:
+        pipeline = Pipeline(detector=detector, rules=rules, range_finder=finder, place=PLACE, prepare=AsNeeded())
+        for number, image in enumerate(footage.frames(), start=1):
+            reports.append(pipeline.process(Picture(image_bgr=image, captured_ns=number * footage.period_ns)))
+            step()
+    return reports
+
+
+def measure_sequence(labels: Sequence[str], raw: Sequence[str], voted: Sequence[str]) -> SequenceFigures:
+    """Figures from labels (a gesture, none:<what> or skip), single verdicts and votes, one each a frame."""
+    truth = [label if label in GESTURE_NAMES else SKIP if label == SKIP else NONE for label in labels]
+    counted = [k for k, label in enumerate(truth) if label != SKIP]
+    stretches = _stretches(truth)
+    long = [one for one in stretches if one[0] in GESTURE_NAMES and one[2] - one[1] > VOTE_FRAMES]
+    first = [next((k for k in range(start, stop) if voted[k] == name), None) for name, start, stop in long]
+    recognised = [(one, k) for one, k in zip(long, first, strict=True) if k is not None]
+    return SequenceFigures(
+        frames=len(labels),
+        frame_accuracy=mean(raw[k] == truth[k] for k in counted),
+        voted_accuracy=mean(voted[k] == truth[k] for k in counted),
+        shown=len(long),
+        recognised=len(recognised),
+        broken=sum(any(voted[k] != name for k in range(at, stop)) for (name, _, stop), at in recognised),
+        delay_frames=sum(at - start for (_, start, _), at in recognised) / max(len(recognised), 1),
+        false_onsets=_false_onsets(truth, voted),
+    )
+
+
+def _stretches(truth: Sequence[str]) -> list[tuple[str, int, int]]:
+    """Runs of one label: name, first frame, first frame after."""
+    stretches, start = [], 0
+    for name, members in groupby(truth):
+        stop = start + len(list(members))
+        stretches.append((name, start, stop))
+        start = stop
+    return stretches
+
+
+def _false_onsets(truth: Sequence[str], voted: Sequence[str]) -> int:
+    """Votes that begin where that gesture is not shown, nor just was, nor is about to be."""
+    count, reach = 0, END_FRAMES + VOTE_FRAMES
+    for k, name in enumerate(voted):
+        begins = name != NONE and (k == 0 or voted[k - 1] != name)
+        around = set(truth[max(0, k - reach) : k + reach + 1])
+        count += begins and name not in around
+    return count
+
+
+def verdict_and_vote(report: Report) -> tuple[str, str]:
+    """A report's single verdict and its voted gesture, by name."""
+    raw = report.verdict.gesture if report.verdict else None
+    return (raw.value if raw else NONE, report.gesture.value if report.gesture else NONE)

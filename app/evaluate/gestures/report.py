@@ -1,0 +1,174 @@
+"""What `rleex evaluate gestures` and `video` give: tables, JSON, confusion matrices, the misclassified images drawn."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import cv2
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+from rich.table import Table
+
+from app.evaluate.gestures.measures import CLASSES, Classified, Figures, SequenceFigures
+from app.evaluate.harness import EvaluateFault, figure, in_english, percent, table, writing
+from app.evaluate.readings import DetectedImage
+from app.text.catalogue import render, tr
+from kgdfa.draw import caption, draw_hand
+from kgdfa.errors import KgdfaError
+from kgdfa.preprocess import Image, as_bgr8
+from logs.reason import reason
+
+# Table 3 of the paper, %: Pre, Re, IoU, F1, AP.
+PAPER_TABLE_3: dict[str, tuple[float, float, float, float, float]] = {
+    "0": (97.92, 93.31, 96.88, 93.13, 96.02),
+    "1": (98.43, 87.73, 98.10, 87.75, 96.49),
+    "2": (98.99, 93.74, 93.86, 93.63, 98.89),
+    "3": (98.94, 94.43, 97.97, 94.01, 98.12),
+    "4": (96.71, 83.36, 95.68, 89.14, 96.63),
+    "5": (99.08, 95.96, 96.93, 95.16, 99.01),
+    "6": (98.97, 93.26, 98.22, 93.21, 98.91),
+    "7": (89.01, 76.98, 88.09, 76.81, 88.33),
+    "8": (93.71, 86.11, 95.82, 90.31, 95.58),
+    "9": (86.78, 71.22, 85.51, 71.27, 85.07),
+    "love": (98.86, 94.72, 96.05, 94.16, 96.87),
+    "rock": (99.03, 96.09, 97.95, 95.84, 98.02),
+}
+PAPER_MAP = 95.67  # Table 4
+PAPER_MACRO_F1 = sum(row[3] for row in PAPER_TABLE_3.values()) / len(PAPER_TABLE_3)
+LARGEST_SIDE_PX = 640  # of an image in the errors folder
+
+
+def shown(name: str, figures: Figures, images: int) -> Iterator[Table | str]:
+    """Table 3 of one rule set beside the paper's, the undefined hands, the sources, the confusion matrix."""
+    yield _table_3(name, figures)
+    yield tr(
+        "evaluate.gestures.summary",
+        rules=name,
+        f1=figures.macro_f1,
+        paper_f1=PAPER_MACRO_F1 / 100,
+        map=figures.map,
+        paper_map=PAPER_MAP / 100,
+        accepted=percent(figures.accepted_undefined, 2),
+        images=images,
+    )
+    kinds = [(kind, percent(share), count) for kind, (share, count) in figures.per_kind.items()]
+    yield table("gestures.undefined", "kind accepted n", kinds, left=0, rules=name)
+    sources = [
+        (source, row.n, *map(percent, (row.detected, row.right, row.accepted_undefined)))
+        for source, row in figures.per_source.items()
+    ]
+    columns = "source n hand_found gestures_right undefined_accepted"
+    yield table("gestures.sources", columns, sources, left=0, rules=name)
+    yield _confusion(name, figures)
+
+
+def _table_3(name: str, figures: Figures) -> Table:
+    rows = []
+    for gesture, row in figures.per_gesture.items():
+        pairs = zip((row.pre, row.re, row.iou, row.f1, row.ap), PAPER_TABLE_3[gesture], strict=True)
+        rows.append((gesture, *(f"{100 * own:.1f} ({paper:.1f})" for own, paper in pairs), row.n))
+    return table("gestures.table_3", "gesture pre re iou f1 ap n", rows, left=0, rules=name)
+
+
+def _confusion(name: str, figures: Figures) -> Table:
+    """Truth by row."""
+    made = table("gestures.confusion", "empty", rules=name)
+    for heading in CLASSES:
+        made.add_column(heading, justify="right")
+    for truth, row in zip(CLASSES, figures.confusion, strict=True):
+        cells = [str(count) if count else "·" for count in row]
+        made.add_row(truth, *(f"[bold]{c}[/]" if n == truth else c for n, c in zip(CLASSES, cells, strict=True)))
+    return made
+
+
+def sequence_table(where: Path, figures: Mapping[str, SequenceFigures]) -> Table:
+    """A row a figure, a column a rule set."""
+    plain = [msgspec.to_builtins(one) for one in figures.values()]
+    rows = [(tr(f"evaluate.sequence.{field}"), *(f"{one[field]:.3g}" for one in plain)) for field in plain[0]]
+    columns = "empty " + " ".join(figures)
+    return table("sequence", columns, rows, file=where, frames=next(iter(figures.values())).frames)
+
+
+def as_json(
+    figures: Mapping[str, Figures], detected: Sequence[DetectedImage], *, cross_validated: bool, views: int | None
+) -> dict[str, Any]:
+    """The machine-readable report; shares in [0, 1]. views: how many of an image were used, None for all."""
+    return {
+        "images": len(detected),
+        "cross_validated": cross_validated,
+        "views": views,
+        "unreadable": [
+            {"path": one.image.path, "error": msgspec.to_builtins(one.error)} for one in detected if one.error
+        ],
+        "rules": {name: _figures_json(one) for name, one in figures.items()},
+    }
+
+
+def _figures_json(figures: Figures) -> dict[str, Any]:
+    return {
+        "macro_f1": figures.macro_f1,
+        "map": figures.map,
+        "accepted_undefined": figures.accepted_undefined,
+        "per_gesture": msgspec.to_builtins(figures.per_gesture),
+        "per_kind": {kind: {"accepted": share, "n": count} for kind, (share, count) in figures.per_kind.items()},
+        "per_source": msgspec.to_builtins(figures.per_source),
+        "confusion": {"classes": CLASSES, "counts": figures.confusion.tolist()},
+    }
+
+
+def plot_confusion(figures: Mapping[str, Figures], path: Path) -> None:
+    """The confusion matrices side by side as a PNG, each row in shares of what was shown."""
+    with figure(path, 1, len(figures), size=(7 * len(figures), 6.4)) as (_, axes):
+        for axis, (name, one) in zip(np.atleast_1d(axes), figures.items(), strict=True):
+            shares = one.confusion / np.maximum(one.confusion.sum(axis=1, keepdims=True), 1)
+            axis.imshow(shares, cmap="Blues", vmin=0, vmax=1)
+            axis.set(
+                title=tr("evaluate.plot.macro_f1", rules=name, f1=one.macro_f1),
+                xlabel=tr("evaluate.plot.predicted"),
+                ylabel=tr("evaluate.plot.shown"),
+            )
+            axis.set_xticks(range(len(CLASSES)), CLASSES)
+            axis.set_yticks(range(len(CLASSES)), CLASSES)
+            for (row, column), count in np.ndenumerate(one.confusion):
+                if count:
+                    colour = "white" if shares[row, column] > 0.5 else "black"
+                    axis.text(column, row, str(count), ha="center", va="center", fontsize=7, color=colour)
+
+
+def write_errors(
+    classified: Sequence[Classified], detected: Sequence[DetectedImage], directory: Path, errors: Path
+) -> int:
+    """The misclassified images with skeleton, hulls and explanation, one file each; how many there are."""
+    wrong = [pair for pair in zip(classified, detected, strict=True) if pair[0].predicted != pair[0].truth]
+    with writing(errors):
+        errors.mkdir(parents=True, exist_ok=True)
+    for one, found in wrong:
+        image = cv2.imread(str(directory / one.image.path), cv2.IMREAD_UNCHANGED)
+        if image is not None:
+            name = f"{one.image.label.replace(':', '-')}_as_{one.predicted}_{Path(one.image.path).stem}.png"
+            with in_english():
+                cv2.imwrite(str(errors / name.replace("/", "-")), _explained(image, one, found))
+    return len(wrong)
+
+
+def _explained(image: NDArray[Any], classified: Classified, detected: DetectedImage) -> Image:
+    lines = [
+        tr("evaluate.gestures.shown_as", shown=classified.image.label, predicted=classified.predicted),
+        classified.verdict.explanation
+        if classified.verdict
+        else render(detected.error or reason(EvaluateFault.NO_HAND)),
+    ]
+    try:
+        bgr = as_bgr8(image)
+    except KgdfaError:
+        return caption(np.zeros((8, 360, 3), np.uint8), lines)
+    scale = max(1.0, 360 / bgr.shape[1]) if max(bgr.shape[:2]) < 360 else 1.0
+    scale = min(scale, LARGEST_SIDE_PX / max(bgr.shape[:2]))
+    large = np.asarray(cv2.resize(bgr, None, fx=scale, fy=scale, interpolation=cv2.INTER_CUBIC), dtype=np.uint8)
+    if detected.hands:
+        draw_hand(large, replace(detected.hands[0], image_px=detected.hands[0].image_px * scale))
+    return caption(large, lines)

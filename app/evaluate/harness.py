@@ -1,0 +1,149 @@
+"""What every evaluation shares: its faults, tables for the terminal, JSON and figures, and the check for the extra."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from enum import Enum, auto
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+from rich.table import Table
+
+from app.ipc.streams import TRIGGER
+from app.system.errors import AppError
+from app.text.catalogue import language, tr, use_language
+
+FRAME_NS = TRIGGER.period_ns  # 30 frames per second: the camera's rate, where a recording names none
+Step = Callable[[], None]  # called after each piece of work, for a progress bar
+
+
+class EvaluateFault(Enum):
+    """What an evaluation refuses, and why an image could not be used."""
+
+    EXTRA_MISSING = auto()  # extra
+    FILE_UNREADABLE = auto()  # file, detail
+    FILE_UNWRITABLE = auto()  # file, detail
+    TABLE_COLUMNS = auto()  # file, columns
+    TABLE_EMPTY = auto()  # file
+    ROW_FIELDS = auto()  # file, line, found, due
+    ROW_NUMBER = auto()  # file, line, detail
+    ROW_DISTANCE = auto()  # file, line, distance_cm
+    ROW_LABEL = auto()  # file, line, label
+    ROW_PATH = auto()  # file, line
+    VIDEO_ROW = auto()  # file, line
+    VIDEO_START = auto()  # file
+    VIDEO_ORDER = auto()  # file, line, frames
+    VIDEO_UNREADABLE = auto()  # file
+    LABELS_OPTION = auto()  # file
+    IMAGE_UNREADABLE = auto()  # file
+    KEYPOINTS_UNREADABLE = auto()  # file, detail
+    KEYPOINTS_OF_OTHERS = auto()  # file
+    FOLDER_OR_DIGITAL = auto()
+    SEEDS = auto()  # seeds
+    WORKER_TIMEOUT = auto()  # limit_s
+    NORM_UNREADABLE = auto()  # file, detail
+    FILM_UNWRITABLE = auto()  # file
+    ACTION_UNKNOWN = auto()  # name, names
+    NO_ROUND = auto()  # seed, sessions, reason, session
+    NO_HAND = auto()
+
+
+def require_extra(extra: str, *modules: str) -> None:
+    """Raises AppError unless the modules that an extra brings are installed."""
+    if any(find_spec(name) is None for name in modules):
+        raise AppError(EvaluateFault.EXTRA_MISSING, extra=extra)
+
+
+def table(
+    title: str,
+    columns: str,
+    rows: Iterable[Sequence[object]] = (),
+    *,
+    left: int = 1,
+    caption: str = "",
+    **values: object,
+) -> Table:
+    """A table for the terminal. title, caption and columns (in one string) are keys below `evaluate.`.
+
+    The first `left` columns stand to the left, figures to the right.
+    """
+    made = Table(
+        title=tr(f"evaluate.{title}", **values), caption=tr(f"evaluate.{caption}", **values) if caption else None
+    )
+    for number, column in enumerate(columns.split()):
+        heading = "" if column == "empty" else tr(f"evaluate.column.{column}")
+        made.add_column(heading, justify="left" if number < left else "right")
+    for row in rows:
+        made.add_row(*map(str, row))
+    return made
+
+
+def percent(share: float, digits: int = 1) -> str:
+    """A share as per cent."""
+    return f"{share:.{digits}%}"
+
+
+def mean(values: Iterable[float]) -> float:
+    """The mean; 0 of nothing."""
+    listed = [float(value) for value in values]
+    return float(np.mean(listed)) if listed else 0.0
+
+
+def write_json(content: Mapping[str, Any] | Sequence[Any], path: Path | None) -> None:
+    """Write the figures, where a file was named. Raises AppError when it can't be written."""
+    if path is not None:
+        with writing(path):
+            path.write_bytes(msgspec.json.format(msgspec.json.encode(content), indent=1) + b"\n")
+
+
+@contextmanager
+def writing(path: Path) -> Iterator[None]:
+    """Whatever the system says against writing is an AppError that names the file."""
+    try:
+        yield
+    except (OSError, ValueError) as error:
+        raise AppError(EvaluateFault.FILE_UNWRITABLE, file=path, detail=str(error)) from error
+
+
+@contextmanager
+def in_english() -> Iterator[None]:
+    """Text within is English: the fonts that draw on images and figures have no Chinese."""
+    before = language()
+    use_language("en")
+    try:
+        yield
+    finally:
+        use_language(before)
+
+
+@contextmanager
+def figure(
+    path: Path, rows: int = 1, columns: int = 1, *, size: tuple[float, float] = (9.0, 4.8), share_y: bool = False
+) -> Iterator[tuple[Any, Any]]:
+    """A matplotlib figure and its axes, in English, written as PNG at the end.
+
+    Raises AppError without matplotlib, or when it can't be written.
+    """
+    require_extra("evaluate", "matplotlib")
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    made = Figure(figsize=size, layout="constrained")
+    FigureCanvasAgg(made)
+    with in_english():
+        yield made, made.subplots(rows, columns, sharey=share_y)
+    with writing(path):
+        made.savefig(path, dpi=110)
+
+
+def decorate(axes: Any, x: str, y: str, title: str, **values: object) -> None:
+    """Axis labels and title by their keys below `evaluate.plot.`, a grid and a legend."""
+    axes.set(
+        xlabel=tr(f"evaluate.plot.{x}"), ylabel=tr(f"evaluate.plot.{y}"), title=tr(f"evaluate.plot.{title}", **values)
+    )
+    axes.grid(alpha=0.3)
+    axes.legend()

@@ -1,0 +1,240 @@
+"""Labelled data: still images (labels.csv), frames (frames.csv), and video files with a table of labels beside them.
+
+A video's table (`<its name>.csv`, or one that is named) has the columns frame,label: a label holds from that frame on,
+the first being 0, until the next line.
+"""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TypeVar
+
+import cv2
+import numpy as np
+
+from app.evaluate.harness import FRAME_NS, EvaluateFault
+from app.system.errors import AppError
+from hal.cameras.intrinsics import ASSUMED_FOCAL_PER_WIDTH
+from kgdfa.gesture import Gesture
+from kgdfa.hand import Hand
+from kgdfa.preprocess import Image
+from logs.reason import Reason
+
+NONE_PREFIX = "none:"
+NO_HAND = "none:nohand"
+SKIP = "skip"  # between gestures: any verdict is right
+GESTURE_COLUMNS = ("path", "label", "anchor_cm", "fx")
+DISTANCE_COLUMNS = ("path", "distance_cm", "anchor_cm", "fx", "cx", "cy")
+_IMAGE_COLUMNS = ("path", "label", "source", "group")
+_VIDEO_COLUMNS = ("frame", "label")
+_PALM_WIDTH_M = 0.0825  # between the two populations' means; gestures don't depend on it, only where a press is
+_REFERENCE_OF_PALM = 0.75  # the paper's H: palm width less one finger of a quarter of it
+Item = TypeVar("Item")
+GESTURE_NAMES = tuple(gesture.value for gesture in Gesture)
+_BY_VALUE = {gesture.value: gesture for gesture in Gesture}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LabelledImage:
+    """One line of labels.csv."""
+
+    path: str
+    label: str  # a gesture's name, or none:<what>
+    source: str = ""
+    group: str = ""
+
+    @property
+    def gesture(self) -> Gesture | None:
+        """The gesture it shows, or None."""
+        return _BY_VALUE.get(self.label)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DetectedImage:
+    """A labelled image and the hands found in its views, the plain view's first; `error` where it can't be read."""
+
+    image: LabelledImage
+    hands: tuple[Hand, ...]
+    error: Reason | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LabelledFrame:
+    """One line of frames.csv; metres and pixels. Label and distance are there if their column was required."""
+
+    path: Path
+    focal_px: float
+    reference_m: float
+    label: str = ""
+    distance_m: float = math.nan
+    centre_px: tuple[float, float] | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Footage:
+    """Frames in order and what each shows; `frames()` reads them anew. Metres, pixels, nanoseconds."""
+
+    labels: tuple[str, ...]
+    focal_px: float
+    reference_m: float
+    period_ns: int
+    frames: Callable[[], Iterator[Image]]
+
+
+Row = dict[str, str]
+
+
+def read_table(file: Path, columns: Sequence[str], *, exact: bool = True) -> list[tuple[int, Row]]:
+    """Line numbers and rows of a table with these columns. Raises AppError naming the file and the line.
+
+    exact: it has these columns and no others, and every row fills them.
+    """
+    try:
+        with file.open(newline="", encoding="utf-8-sig") as opened:
+            head, *rows = list(csv.reader(opened)) or [[]]
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise AppError(EvaluateFault.FILE_UNREADABLE, file=file, detail=str(error)) from error
+    if head != [*columns] if exact else not {*columns} <= {*head}:
+        raise AppError(EvaluateFault.TABLE_COLUMNS, file=file, columns=",".join(columns))
+    numbered = [(line, row) for line, row in enumerate(rows, start=2) if row]
+    for line, row in numbered:
+        if len(row) != len(head):
+            raise AppError(EvaluateFault.ROW_FIELDS, file=file, line=line, found=len(row), due=len(head))
+    return [(line, dict(zip(head, row, strict=True))) for line, row in numbered]
+
+
+def check_label(label: str, file: Path, line: int) -> None:
+    """Raises AppError unless it is a gesture or none:<what>."""
+    if label not in _BY_VALUE and not (label.startswith(NONE_PREFIX) and len(label) > len(NONE_PREFIX)):
+        raise AppError(EvaluateFault.ROW_LABEL, file=file, line=line, label=label)
+
+
+def read_labels(directory: Path) -> list[LabelledImage]:
+    """The images that labels.csv lists. Raises AppError naming the line that can't be used."""
+    file = directory / "labels.csv"
+    images = []
+    for line, row in read_table(file, _IMAGE_COLUMNS):
+        check_label(row["label"], file, line)
+        if not row["path"]:
+            raise AppError(EvaluateFault.ROW_PATH, file=file, line=line)
+        images.append(LabelledImage(**row))
+    return _some(images, file)
+
+
+def read_frames(where: Path, columns: Sequence[str] = GESTURE_COLUMNS) -> list[LabelledFrame]:
+    """The frames that a frames.csv, or the folder that holds one, lists. Raises AppError naming the bad line.
+
+    columns: what is required, GESTURE_COLUMNS or DISTANCE_COLUMNS.
+    """
+    file = where / "frames.csv" if where.is_dir() else where
+    return _some([_frame(file, line, row, columns) for line, row in read_table(file, columns, exact=False)], file)
+
+
+def _some(listed: list[Item], file: Path) -> list[Item]:
+    if not listed:
+        raise AppError(EvaluateFault.TABLE_EMPTY, file=file)
+    return listed
+
+
+def _frame(file: Path, line: int, row: Row, columns: Sequence[str]) -> LabelledFrame:
+    try:
+        number = {name: float(row[name]) for name in columns if name not in ("path", "label")}
+    except ValueError as error:
+        raise AppError(EvaluateFault.ROW_NUMBER, file=file, line=line, detail=str(error)) from error
+    if "label" in columns and row["label"] != SKIP:
+        check_label(row["label"], file, line)
+    distance_cm = number.get("distance_cm", math.nan)
+    if "distance_cm" in number and not (distance_cm > 0 and math.isfinite(distance_cm)):
+        raise AppError(EvaluateFault.ROW_DISTANCE, file=file, line=line, distance_cm=distance_cm)
+    return LabelledFrame(
+        path=file.parent / row["path"],
+        focal_px=number["fx"],
+        reference_m=number["anchor_cm"] / 100,
+        label=row.get("label", ""),
+        distance_m=distance_cm / 100,
+        centre_px=(number["cx"], number["cy"]) if "cx" in number else None,
+    )
+
+
+def images_of(frames: Sequence[LabelledFrame]) -> Iterator[Image]:
+    """The images of the frames. Raises AppError naming one that can't be read."""
+    for frame in frames:
+        image = cv2.imread(str(frame.path))
+        if image is None:
+            raise AppError(EvaluateFault.IMAGE_UNREADABLE, file=frame.path)
+        yield np.asarray(image, np.uint8)
+
+
+def read_footage(where: Path, labels: Path | None = None) -> Footage:
+    """A folder with frames.csv, such a file, or a video file. Raises AppError naming what, or which line, is wrong."""
+    if not (where.is_dir() or where.suffix.lower() == ".csv"):
+        return _read_video(where, labels or where.with_suffix(".csv"))
+    if labels is not None:
+        raise AppError(EvaluateFault.LABELS_OPTION, file=where)
+    listed = read_frames(where)
+    return Footage(
+        labels=tuple(frame.label for frame in listed),
+        focal_px=listed[0].focal_px,
+        reference_m=listed[0].reference_m,
+        period_ns=FRAME_NS,
+        frames=lambda: images_of(listed),
+    )
+
+
+def _read_video(where: Path, table: Path) -> Footage:
+    video, count = _open(where), 0
+    while video.grab():  # the header may lie
+        count += 1
+    if not count:
+        raise AppError(EvaluateFault.VIDEO_UNREADABLE, file=where)
+    width_px, rate_hz = video.get(cv2.CAP_PROP_FRAME_WIDTH), video.get(cv2.CAP_PROP_FPS)
+    return Footage(
+        labels=_video_labels(table, count),
+        focal_px=ASSUMED_FOCAL_PER_WIDTH * width_px,
+        reference_m=_REFERENCE_OF_PALM * _PALM_WIDTH_M,
+        period_ns=round(1e9 / rate_hz) if rate_hz > 0 else FRAME_NS,
+        frames=lambda: _video_frames(where),
+    )
+
+
+def _open(where: Path) -> cv2.VideoCapture:
+    video = cv2.VideoCapture(str(where)) if where.is_file() else None
+    if video is None or not video.isOpened():
+        raise AppError(EvaluateFault.VIDEO_UNREADABLE, file=where)
+    return video
+
+
+def _video_frames(where: Path) -> Iterator[Image]:
+    video = _open(where)
+    try:
+        while True:
+            there, image = video.read()
+            if not there:
+                return
+            yield np.asarray(image, dtype=np.uint8)
+    finally:
+        video.release()
+
+
+def _video_labels(table: Path, count: int) -> tuple[str, ...]:
+    """A label for each of `count` frames."""
+    starts: list[int] = []
+    labels: list[str] = []
+    for line, row in read_table(table, _VIDEO_COLUMNS):
+        if not row["frame"].isdecimal():
+            raise AppError(EvaluateFault.VIDEO_ROW, file=table, line=line)
+        if row["label"] != SKIP:
+            check_label(row["label"], table, line)
+        start = int(row["frame"])
+        if start >= count or (starts and start <= starts[-1]):
+            raise AppError(EvaluateFault.VIDEO_ORDER, file=table, line=line, frames=count)
+        starts.append(start)
+        labels.append(row["label"])
+    if not starts or starts[0] != 0:
+        raise AppError(EvaluateFault.VIDEO_START, file=table)
+    lengths = np.diff([*starts, count])
+    return tuple(np.repeat(np.array(labels, dtype=object), lengths))

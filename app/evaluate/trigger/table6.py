@@ -1,0 +1,326 @@
+"""Table 6 on the digital hand: how often posture changes press the button, for both cameras in both modes.
+
+At each distance a hand comes from 15 cm farther with gesture 5, stops there and changes its posture: it flips,
+closes and opens, runs to the image's edge and back, or the background behind it jumps. A change counts as a
+press when the button was pressed in any of its frames. Every frame goes through the real pipeline, once a mode.
+
+Frame rates, from what the cable brings to the report: a webcam's frame is decoded and goes through the pipeline; a
+D435i's colour and depth of 848×480 go through librealsense, which aligns them, and the pipeline with its depth branch.
+One frame after the other in one process; rendering the digital hand is not counted.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from rich.table import Table
+
+from app.evaluate.digital import CHANGES, Moment, PoolDetector, approach_and_change, map_pool, take
+from app.evaluate.distance.frames import STYLES
+from app.evaluate.harness import FRAME_NS, Step, decorate, figure, table
+from app.text.catalogue import tr
+from hal.cameras.camera import ImageArray, Intrinsics
+from hal.cameras.digital_hand.depth import DepthCamera
+from hal.cameras.digital_hand.render import Person, lens_for, person_of
+from hal.cameras.realsense import DEPTH_SIZE, RealSenseCamera
+from hal.cameras.software_realsense import SoftwareRealSense
+from kgdfa.button import ButtonMode, ButtonPlace
+from kgdfa.depth import DepthRange
+from kgdfa.distance import PublishedRange
+from kgdfa.hand import Hand
+from kgdfa.pipeline import Detector, Picture, Pipeline, Report
+from kgdfa.preprocess import Image
+from kgdfa.published import PublishedRules
+from kgdfa.robust import RobustRules
+from kgdfa.robust_distance import RobustRange
+
+DISTANCES_CM = tuple(range(10, 75, 5))
+FRAMES = (6, 10, 14)  # showing, approaching, changing
+FIRST_HAND = 301
+THRESHOLD_M = 0.20
+MODES = ("published", "robust")
+CAMERAS = ("monocular", "D435i")
+JPEG_QUALITY = 90  # a webcam sends 1280×720 as MJPEG, 30 a second
+READ_S = 1.0
+WARM_UP = 3  # the first frames detect the hand and fill caches
+
+# The paper's Table 6: distance in cm → press probability in %, monocular and D435i; and frames per second.
+PAPER_TABLE_6: dict[int, tuple[int, int]] = {
+    10: (100, 100), 15: (100, 100), 20: (80, 100), 25: (0, 90), 30: (0, 30), 35: (0, 20), 40: (0, 20), 45: (0, 10),
+    50: (0, 10), 55: (0, 5), 60: (0, 5), 65: (0, 0), 70: (0, 0),
+}  # fmt: skip
+PAPER_FPS: dict[int, tuple[int, int]] = {
+    10: (32, 19), 15: (31, 15), 20: (38, 12), 25: (32, 11), 30: (33, 10), 35: (31, 17), 40: (33, 16), 45: (37, 11),
+    50: (33, 18), 55: (34, 11), 60: (32, 9), 65: (35, 11), 70: (34, 10),
+}  # fmt: skip
+
+Key = tuple[str, str]  # camera, mode
+CameraRates = dict[int, dict[str, float]]  # distance in cm → camera → frames a second
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TriggerRow:
+    """One distance. pressed: share of the changes with a press; commands: how many commands the changes gave."""
+
+    distance_cm: int
+    changes: int
+    pressed: dict[Key, float]
+    commands: dict[Key, int]
+    fps: dict[str, float]  # see `measure_rates`; empty where not measured
+
+    def as_json(self) -> dict[str, Any]:
+        """As `--json` writes it."""
+        paper, paper_fps = PAPER_TABLE_6[self.distance_cm], PAPER_FPS[self.distance_cm]
+        row: dict[str, Any] = {"distance_cm": self.distance_cm, "changes": self.changes}
+        for number, camera in enumerate(CAMERAS):
+            row[camera.lower()] = {
+                **{mode: round(self.pressed[camera, mode], 3) for mode in MODES},
+                "fps": round(self.fps[camera], 1) if camera in self.fps else None,
+                "commands": {mode: self.commands[camera, mode] for mode in MODES},
+                "paper": paper[number] / 100,
+                "paper_fps": paper_fps[number],
+            }
+        return row
+
+
+class Replay:
+    """A detector that repeats what another one has found, so that both modes get the same hands."""
+
+    def __init__(self) -> None:
+        self.hands: tuple[Hand, ...] = ()
+
+    def detect(self, image_bgr: Image, captured_ns: int) -> tuple[Hand, ...]:  # noqa: ARG002 - the protocol's
+        """The hands set before."""
+        return self.hands
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Change:
+    """One posture change."""
+
+    distance_cm: int
+    number: int
+    focal_px: float
+
+    @property
+    def person(self) -> Person:
+        """Another hand for each change, the same at every distance."""
+        return person_of(FIRST_HAND + self.number)
+
+    @property
+    def lens(self) -> Intrinsics:
+        """Of the digital camera."""
+        return lens_for(focal_px=self.focal_px)
+
+    def moments(self) -> list[Moment]:
+        """Showing, approaching, changing."""
+        return list(
+            approach_and_change(
+                CHANGES[self.number % len(CHANGES)],
+                person=self.person,
+                lens=self.lens,
+                distance_m=self.distance_cm / 100,
+                frames=FRAMES,
+            )
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ChangeOutcome:
+    """Whether one change pressed each button, and how many commands it gave."""
+
+    pressed: frozenset[Key]
+    commands: dict[Key, int]
+
+
+def steps(changes: int) -> int:
+    """How many changes `evaluate_trigger` simulates."""
+    return len(DISTANCES_CM) * changes
+
+
+def evaluate_trigger(
+    pool: ProcessPoolExecutor, *, changes: int, focal_px: float, rates: CameraRates, step: Step
+) -> list[TriggerRow]:
+    """A row a distance, of that many posture changes, each by another hand."""
+    wanted = [
+        Change(distance_cm=cm, number=number, focal_px=focal_px) for cm in DISTANCES_CM for number in range(changes)
+    ]
+    outcomes = map_pool(pool, run_change, wanted, step)
+    return [
+        _row(cm, outcomes[place * changes : (place + 1) * changes], rates.get(cm, {}))
+        for place, cm in enumerate(DISTANCES_CM)
+    ]
+
+
+def _row(cm: int, outcomes: list[ChangeOutcome], fps: dict[str, float]) -> TriggerRow:
+    keys = [(camera, mode) for camera in CAMERAS for mode in MODES]
+    return TriggerRow(
+        distance_cm=cm,
+        changes=len(outcomes),
+        pressed={key: sum(key in one.pressed for one in outcomes) / len(outcomes) for key in keys},
+        commands={key: sum(one.commands.get(key, 0) for one in outcomes) for key in keys},
+        fps=fps,
+    )
+
+
+def run_change(detector: PoolDetector, change: Change) -> ChangeOutcome:
+    """One change before both cameras, in both modes."""
+    camera = DepthCamera(FIRST_HAND + change.number)
+    pipelines = {mode: replay_pipeline(mode, change.person, change.lens) for mode in MODES}
+    pressed: set[Key] = set()
+    commands: dict[Key, int] = {}
+    for index, moment in enumerate(change.moments()):
+        image, depth_m = take(moment, index, camera)
+        hands = detector.detect(image)
+        for mode, (replay, pipeline) in pipelines.items():
+            replay.hands = hands
+            report = pipeline.process(Picture(image_bgr=image, captured_ns=detector.now_ns, depth_m=depth_m))
+            now_pressed, commands_now = _buttons(mode, report)
+            commands.update(commands_now)
+            pressed |= now_pressed if index >= FRAMES[0] else set()  # showing is not part of it
+    return ChangeOutcome(pressed=frozenset(pressed), commands=commands)
+
+
+def _buttons(mode: str, report: Report) -> tuple[set[Key], dict[Key, int]]:
+    """Which buttons are down, and the commands that each has given so far."""
+    both = {("monocular", mode): report.button, ("D435i", mode): report.depth_button}
+    known = {key: button for key, button in both.items() if button is not None}
+    return (
+        {key for key, button in known.items() if button.pressed},
+        {key: button.release_count for key, button in known.items()},
+    )
+
+
+def measure_rates(detector: Detector, *, focal_px: float, step: Step) -> CameraRates:
+    """Each camera's frames a second at each distance, in robust mode, over one change of each kind."""
+    rates: CameraRates = {}
+    start_ns = 0
+    for cm in DISTANCES_CM:
+        moments = [
+            moment
+            for number in range(len(CHANGES))
+            for moment in Change(distance_cm=cm, number=number, focal_px=focal_px).moments()[-FRAMES[2] :]
+        ]
+        pipelines = [chain("robust", person_of(FIRST_HAND), lens_for(focal_px=focal_px), detector) for _ in CAMERAS]
+        start_ns += 1_000_000_000 + 2 * len(moments) * FRAME_NS
+        rates[cm] = {
+            "monocular": monocular_fps(pipelines[0], moments, start_ns),
+            "D435i": depth_fps(pipelines[1], moments, start_ns + len(moments) * FRAME_NS, FIRST_HAND),
+        }
+        step()
+    return rates
+
+
+def replay_pipeline(
+    mode: str, person: Person, lens: Intrinsics, threshold_m: float = THRESHOLD_M
+) -> tuple[Replay, Pipeline]:
+    """The mode's whole chain behind a `Replay`."""
+    replay = Replay()
+    return replay, chain(mode, person, lens, replay, threshold_m)
+
+
+def chain(
+    mode: str, person: Person, lens: Intrinsics, detector: Detector, threshold_m: float = THRESHOLD_M
+) -> Pipeline:
+    """The mode's whole chain for a person whose palm is known by ruler."""
+    reference_m, centre_px = person.shape.reference_m, (lens.cx_px, lens.cy_px)
+    finder = PublishedRange if mode == "published" else RobustRange
+    return Pipeline(
+        detector=detector,
+        rules=PublishedRules() if mode == "published" else RobustRules(),
+        range_finder=finder(focal_px=lens.fx_px, reference_m=reference_m, centre_px=centre_px),
+        place=ButtonPlace.in_the_middle(lens.width_px, lens.height_px, threshold_m),
+        mode=ButtonMode(mode),
+        depth_finder=DepthRange(mode=mode),
+    )
+
+
+def monocular_fps(pipeline: Pipeline, moments: Sequence[Moment], start_ns: int) -> float:
+    """Decoding and the whole pipeline, frames a second."""
+    taken = [_jpeg(take(moment, index)[0]) for index, moment in enumerate(moments)]
+
+    def one(index: int) -> None:
+        image = np.asarray(cv2.imdecode(taken[index], cv2.IMREAD_COLOR), np.uint8)
+        pipeline.process(Picture(image_bgr=image, captured_ns=start_ns + index * FRAME_NS))
+
+    return _rate(one, len(taken))
+
+
+def depth_fps(pipeline: Pipeline, moments: Sequence[Moment], start_ns: int, seed: int) -> float:
+    """librealsense, alignment, and the whole pipeline with its depth branch, frames a second."""
+    stereo = DepthCamera(seed)
+    software = SoftwareRealSense(moments[0].scene.lens, depth_size=DEPTH_SIZE)
+    taken = [_with_depth(moment, index, stereo, software) for index, moment in enumerate(moments)]
+    camera = RealSenseCamera(software=software.device)
+    camera.open()
+
+    def one(index: int) -> None:
+        software.push(*taken[index], index + 1)
+        frame = camera.read(READ_S if index else FRAME_NS / 1e9)  # the first set lacks a stream
+        if frame is None:
+            return
+        pipeline.process(
+            Picture(image_bgr=frame.image_bgr, captured_ns=start_ns + index * FRAME_NS, depth_m=frame.depth_m)
+        )
+
+    try:
+        return _rate(one, len(taken))
+    finally:
+        camera.close()
+
+
+def _with_depth(
+    moment: Moment, index: int, stereo: DepthCamera, software: SoftwareRealSense
+) -> tuple[ImageArray, NDArray[np.uint16]]:
+    image, depth_m = take(moment, index, stereo)
+    assert depth_m is not None
+    return image, software.raw(depth_m)
+
+
+def _jpeg(image: ImageArray) -> ImageArray:
+    return np.asarray(cv2.imencode(".jpg", image, (cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY))[1], np.uint8)
+
+
+def _rate(one: Callable[[int], None], frames: int) -> float:
+    for index in range(WARM_UP):
+        one(index)
+    began = time.perf_counter()
+    for index in range(WARM_UP, frames):
+        one(index)
+    return (frames - WARM_UP) / (time.perf_counter() - began)
+
+
+def table_6(rows: list[TriggerRow]) -> Table:
+    """Press probability over distance."""
+    cells = []
+    for row in rows:
+        line = [str(row.distance_cm)]
+        for number, camera in enumerate(CAMERAS):
+            line.append(str(PAPER_TABLE_6[row.distance_cm][number]))
+            line.extend(f"{100 * row.pressed[camera, mode]:.0f}" for mode in MODES)
+            fps = f"{row.fps[camera]:.0f}" if camera in row.fps else "–"
+            line.append(f"{fps} ({PAPER_FPS[row.distance_cm][number]})")
+        cells.append(line)
+    columns = "cm " + " ".join(f"{camera}_{what}" for camera in CAMERAS for what in ("paper", *MODES, "fps"))
+    return table("trigger.table_6", columns.lower(), cells, left=9, changes=rows[0].changes)
+
+
+def plot_table_6(rows: list[TriggerRow], path: Path) -> None:
+    """Press probability over distance for both cameras and both modes."""
+    cm = [row.distance_cm for row in rows]
+    with figure(path, 1, 2, share_y=True) as (_, panels):
+        for column, (axes, camera) in enumerate(zip(panels, CAMERAS, strict=True)):
+            paper = [PAPER_TABLE_6[distance][column] for distance in cm]
+            axes.plot(cm, paper, label=tr("evaluate.plot.paper"), **STYLES["paper"])
+            for mode in MODES:
+                axes.plot(cm, [100 * row.pressed[camera, mode] for row in rows], label=mode, **STYLES[mode])
+            axes.axvline(20, color="0.7", linewidth=1)
+            decorate(axes, "true_distance_cm", "presses_percent", "camera", camera=camera)

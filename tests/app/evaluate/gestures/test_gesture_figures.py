@@ -1,0 +1,148 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from app.evaluate.gestures.images import PublishedClassifier, classify_all, load_hands, save_hands
+from app.evaluate.gestures.measures import CLASSES, Classified, measure
+from app.evaluate.gestures.report import PAPER_TABLE_3, as_json, plot_confusion, write_errors
+from app.evaluate.harness import EvaluateFault
+from app.evaluate.readings import GESTURE_NAMES, DetectedImage, LabelledImage, read_labels
+from app.system.errors import AppError
+from app.text.catalogue import render
+from kgdfa.gesture import Gesture, Verdict
+from logs.reason import reason
+from tests.kgdfa.hands import STATES, drawn_hand
+
+UNREADABLE = reason(EvaluateFault.IMAGE_UNREADABLE, file="x.jpg")
+
+
+def classified(label: str, predicted: str | None, confidence: float = 0.9, source: str = "s") -> Classified:
+    scores = np.zeros(12)
+    if predicted is None:
+        return Classified(
+            image=LabelledImage(path="", label=label, source=source), detected=False, verdict=None, scores=scores
+        )
+    gesture = Gesture(predicted) if predicted in GESTURE_NAMES else None
+    nearest = gesture or Gesture.ONE
+    scores[GESTURE_NAMES.index(nearest.value)] = confidence
+    verdict = Verdict(gesture=gesture, confidence=confidence, nearest=nearest, explanation="")
+    return Classified(
+        image=LabelledImage(path="", label=label, source=source), detected=True, verdict=verdict, scores=scores
+    )
+
+
+def test_figures_follow_the_papers_equations() -> None:
+    some = [
+        classified("1", "1", 0.9),
+        classified("1", "1", 0.8),
+        classified("1", "2"),
+        classified("2", "2"),
+        classified("none:ok", "1", 0.85),
+        classified("none:ok", "none", 0.1),
+        classified("none:nohand", None),
+        classified("2", None),
+    ]
+    figures = measure(some)
+    one = figures.per_gesture["1"]
+    assert (one.pre, one.re, one.iou, one.n) == (2 / 3, 2 / 3, 2 / 4, 3)
+    assert one.f1 == pytest.approx(2 / 3)
+    # Ranked by confidence in 1: right 0.9, wrong 0.85, right 0.8; the third 1 has none.
+    assert one.ap == pytest.approx((1 + 2 / 3 + 3 / 8) / 3)
+    assert figures.per_gesture["2"].re == 0.5
+    assert figures.macro_f1 == pytest.approx((2 / 3 + 0.5) / 2)
+    assert figures.accepted_undefined == pytest.approx(1 / 3)
+    assert figures.per_kind == {"none:nohand": (0.0, 1), "none:ok": (0.5, 2)}
+    assert figures.per_source["s"].detected == pytest.approx(6 / 7)
+    assert figures.confusion.sum() == len(some)
+    assert figures.confusion[CLASSES.index("none"), CLASSES.index("1")] == 1
+
+
+def test_the_report_has_the_shape_that_is_promised() -> None:
+    some = [classified(name, name) for name in GESTURE_NAMES]
+    detected = [DetectedImage(image=one.image, hands=()) for one in some] + [
+        DetectedImage(image=LabelledImage(path="x.jpg", label="1"), hands=(), error=UNREADABLE)
+    ]
+    report = as_json({"published": measure(some)}, detected, cross_validated=True, views=1)
+    assert (report["images"], report["cross_validated"], report["views"]) == (13, True, 1)
+    rules = report["rules"]["published"]
+    assert rules["macro_f1"] == rules["map"] == 1.0
+    assert set(rules["per_gesture"]) == set(PAPER_TABLE_3)
+    assert {"pre", "re", "f1", "ap", "n"} <= set(rules["per_gesture"]["love"])
+    assert report["unreadable"] == [
+        {"path": "x.jpg", "error": {"code": "EvaluateFault.IMAGE_UNREADABLE", "values": {"file": "x.jpg"}}}
+    ]
+
+
+@pytest.mark.parametrize(
+    ("text", "fault", "line"),
+    [
+        ("", EvaluateFault.TABLE_COLUMNS, None),
+        ("path,label\na.jpg,1\n", EvaluateFault.TABLE_COLUMNS, None),
+        ("path,label,source,group\n", EvaluateFault.TABLE_EMPTY, None),
+        ("path,label,source,group\na.jpg,1,s,g\nb.jpg,eleven,s,g\n", EvaluateFault.ROW_LABEL, 3),
+        ("path,label,source,group\na.jpg,none:,s,g\n", EvaluateFault.ROW_LABEL, 2),
+        ("path,label,source,group\na.jpg,1,s\n", EvaluateFault.ROW_FIELDS, 2),
+        ("path,label,source,group\n,1,s,g\n", EvaluateFault.ROW_PATH, 2),
+    ],
+)
+def test_bad_label_files_are_refused_by_line(tmp_path: Path, text: str, fault: EvaluateFault, line: int | None) -> None:
+    (tmp_path / "labels.csv").write_text(text)
+    with pytest.raises(AppError) as caught:
+        read_labels(tmp_path)
+    assert (caught.value.code, caught.value.values.get("line")) == (fault, line)
+    assert str(tmp_path / "labels.csv") in render(caught.value)
+
+
+@pytest.mark.parametrize("content", [None, b"\xff\xfe\x00\x80"])
+def test_a_missing_or_binary_label_file_is_refused(tmp_path: Path, content: bytes | None) -> None:
+    if content is not None:
+        (tmp_path / "labels.csv").write_bytes(content)
+    with pytest.raises(AppError) as caught:
+        read_labels(tmp_path)
+    assert caught.value.code is EvaluateFault.FILE_UNREADABLE
+
+
+def drawn_images() -> list[DetectedImage]:
+    return [
+        DetectedImage(
+            image=LabelledImage(path=f"{gesture.value}.png", label=gesture.value), hands=(drawn_hand(states),)
+        )
+        for gesture, states in STATES.items()
+    ]
+
+
+def test_keypoints_survive_their_file(tmp_path: Path) -> None:
+    detected = [
+        *drawn_images(),
+        DetectedImage(image=LabelledImage(path="none.png", label="none:nohand"), hands=(), error=UNREADABLE),
+    ]
+    save_hands(detected, tmp_path / "looks.npz")
+    again = load_hands(tmp_path / "looks.npz", [one.image for one in detected])
+    assert [one.error for one in again] == [one.error for one in detected]
+    for one, before in zip(again, detected, strict=True):
+        assert len(one.hands) == len(before.hands)
+        for hand, own in zip(one.hands, before.hands, strict=True):
+            np.testing.assert_allclose(hand.image_px, own.image_px, rtol=1e-6)
+    with pytest.raises(AppError) as caught:
+        load_hands(tmp_path / "looks.npz", [LabelledImage(path="else.png", label="1")])
+    assert caught.value.code is EvaluateFault.KEYPOINTS_OF_OTHERS
+
+
+def test_misclassified_images_are_drawn_and_the_matrix_is_plotted(tmp_path: Path) -> None:
+    detected = drawn_images()
+    for one in detected:
+        cv2.imwrite(str(tmp_path / one.image.path), np.full((700, 800, 3), 90, np.uint8))
+    verdicts = classify_all(detected, PublishedClassifier())
+    assert write_errors(verdicts, detected, tmp_path, tmp_path / "errors") == 0
+    mislabelled = [DetectedImage(image=LabelledImage(path="1.png", label="2"), hands=detected[1].hands)]
+    wrong = classify_all(mislabelled, PublishedClassifier())
+    assert write_errors(wrong, mislabelled, tmp_path, tmp_path / "errors") == 1
+    drawn = cv2.imread(str(tmp_path / "errors" / "2_as_1_1.png"))
+    assert drawn is not None
+    assert len(np.unique(drawn.reshape(-1, 3), axis=0)) > 5
+    plot_confusion({"published": measure(verdicts)}, tmp_path / "confusion.png")
+    assert cv2.imread(str(tmp_path / "confusion.png")) is not None

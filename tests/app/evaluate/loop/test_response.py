@@ -1,0 +1,148 @@
+"""Table 7's account: what counts as a trial, when a round goes on, and what is told of failures."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import pytest
+
+from app.demo.course import ALL_TWELVE, Leg
+from app.demo.trial import Trial
+from app.evaluate.loop.response import ATTEMPTS, PAPER, ResponseResult, Rounds, response_table, shared, wearer
+from app.ipc.messages import ActionReport
+from app.ipc.states import ACTION_OF, Action, GaitState, Source
+from kgdfa.gesture import Gesture
+from tests.app.demo.sessions import session_of
+
+MS = 1_000_000
+
+
+class Hand:
+    """A runner whose every trial is decided by a function of its number and leg."""
+
+    def __init__(self, decide: Callable[[int, Leg], bool]) -> None:
+        self.allowed: tuple[Action, ...] = ()
+        self.decide = decide
+        self.made = 0
+        self.powered_off = 0
+        self.can_power_off = True
+        self.moved_anyway = False
+
+    def run(self, leg: Leg) -> Trial:
+        ok = self.decide(self.made, leg)
+        self.made += 1
+        self.allowed = () if self.moved_anyway else (ACTION_OF[leg.gesture],)
+        return trial(leg.gesture, ok=ok)
+
+    def relax(self) -> None:
+        pass
+
+    def power_off(self) -> bool:
+        self.powered_off += 1
+        return self.can_power_off
+
+
+def trial(gesture: Gesture, *, ok: bool = True, reason: str = "not pressed") -> Trial:
+    report = ActionReport(
+        number=1,
+        action=ACTION_OF[gesture],
+        source=Source.GESTURE,
+        from_state=GaitState.STANDING,
+        recognised_ns=1000 * MS,
+        released_ns=1300 * MS,
+        first_command_ns=1345 * MS,
+        first_motion_ns=1400 * MS,
+    )
+    return Trial(
+        gesture=gesture,
+        recognised=True,
+        pressed=ok,
+        start=GaitState.STANDING,
+        end=GaitState.STANDING,
+        ok=ok,
+        reason="" if ok else reason,
+        report=report if ok else None,
+    )
+
+
+def result_of(*trials: Trial) -> ResponseResult:
+    return ResponseResult(sessions=(session_of(trials),))
+
+
+def test_every_round_powers_the_legs_anew_and_makes_all_twelve() -> None:
+    hand, rounds = Hand(lambda _, __: True), Rounds(3)
+    trials = rounds.carry_out(hand, ALL_TWELVE)
+    assert [one.gesture for one in trials] == [leg.gesture for leg in ALL_TWELVE] * 3
+    assert rounds.left == 0
+    assert hand.powered_off == 2, "between rounds, not after the last"
+
+
+def test_a_trial_that_did_nothing_counts_and_is_made_again() -> None:
+    trials = Rounds(1).carry_out(Hand(lambda made, _: made != 4), ALL_TWELVE)
+    assert len(trials) == 13
+    assert [one.gesture for one in trials if not one.ok] == [ALL_TWELVE[4].gesture]
+    assert result_of(*trials).as_json()["success"] == pytest.approx(12 / 13, abs=1e-4)
+
+
+def test_a_transition_that_never_works_ends_the_session_with_the_round_unmade() -> None:
+    rounds = Rounds(2)
+    trials = rounds.carry_out(Hand(lambda _, leg: leg.gesture is not Gesture.TWO), ALL_TWELVE)
+    assert sum(one.gesture is Gesture.TWO for one in trials) == ATTEMPTS
+    assert rounds.left == 2
+
+
+def test_a_failure_that_moved_the_legs_is_not_tried_again() -> None:
+    hand, rounds = Hand(lambda made, _: made != 2), Rounds(1)
+    hand.moved_anyway = True
+    assert len(rounds.carry_out(hand, ALL_TWELVE)) == 3
+    assert rounds.left == 1
+
+
+def test_legs_that_keep_their_power_end_the_session() -> None:
+    hand, rounds = Hand(lambda _, __: True), Rounds(3)
+    hand.can_power_off = False
+    assert len(rounds.carry_out(hand, ALL_TWELVE)) == 12
+    assert rounds.left == 2
+
+
+def test_an_interruption_keeps_the_trials_made() -> None:
+    def interrupt(made: int, _: Leg) -> bool:
+        if made == 7:
+            raise KeyboardInterrupt
+        return True
+
+    rounds = Rounds(1)
+    assert len(rounds.carry_out(Hand(interrupt), ALL_TWELVE)) == 7
+    assert rounds.interrupted
+
+
+def test_trials_are_shared_evenly_among_the_hands() -> None:
+    assert [(seed, rounds.left) for seed, rounds in shared(50, (1, 2, 3))] == [(1, 17), (2, 17), (3, 16)]
+
+
+def test_every_hand_is_measured_and_has_its_button_where_the_paper_has_it() -> None:
+    first, second = wearer(1), wearer(2)
+    assert first.palm != second.palm
+    assert first.press_threshold_m == second.press_threshold_m >= 0.20
+
+
+def test_figures_run_from_recognition_and_from_release() -> None:
+    figures = result_of(trial(Gesture.ONE), trial(Gesture.TWO)).as_json()
+    assert figures["response_s"] == pytest.approx(0.345)
+    assert figures["visible_s"] == pytest.approx(0.4)
+    assert figures["release_to_command_ms"] == {"p50": 45.0, "p99": 45.0}
+    assert figures["per_gesture"]["1"]["trials"] == 1
+    assert figures["per_gesture"]["9"]["success"] is None
+
+
+def test_failures_are_told_by_gesture_and_reason_the_commonest_first() -> None:
+    lost = trial(Gesture.SEVEN, ok=False, reason="the hand was lost")
+    figures = result_of(trial(Gesture.ONE, ok=False), lost, lost).as_json()
+    assert figures["failures"] == [
+        {"gesture": "7", "reason": "the hand was lost", "times": 2},
+        {"gesture": "1", "reason": "not pressed", "times": 1},
+    ]
+
+
+def test_the_table_has_a_row_a_gesture() -> None:
+    assert response_table(result_of(trial(Gesture.ONE))).row_count == len(PAPER) == 12

@@ -1,0 +1,56 @@
+"""Every text that the evaluations ask for is in both catalogues, and a missing extra is named."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from app.cli import evaluate as commands
+from app.evaluate import harness
+from app.evaluate.harness import EvaluateFault, require_extra
+from app.evaluate.trigger.pushes import PushFault
+from app.system.errors import AppError
+from app.text.catalogue import key_of, knows, render, use_language
+
+FILES = [*Path(harness.__file__).parent.rglob("*.py"), Path(commands.__file__)]
+
+
+def keys_of(file: Path) -> Iterator[str]:
+    """What a file asks for with constant strings: texts, tables with their columns, plots, progress."""
+    for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Assign) and isinstance(node.targets[0], ast.Name):
+            if node.targets[0].id.lower() == "columns" and isinstance(node.value, ast.Constant):
+                yield from _columns(str(node.value.value))
+        elif isinstance(node, ast.Call) and isinstance(node.func, ast.Name):
+            words = [one.value for one in node.args if isinstance(one, ast.Constant) and isinstance(one.value, str)]
+            if node.func.id == "tr":
+                yield from words
+            elif node.func.id == "_bar":
+                yield from (f"evaluate.progress.{one}" for one in words)
+            elif node.func.id == "decorate":
+                yield from (f"evaluate.plot.{one}" for one in words)
+            elif node.func.id == "table" and words:
+                yield f"evaluate.{words[0]}"
+                yield from _columns(" ".join(words[1:]))
+
+
+def _columns(listed: str) -> Iterator[str]:
+    yield from (f"evaluate.column.{one}" for one in listed.split() if one != "empty")
+
+
+@pytest.mark.parametrize("language", ["en", "zh"])
+def test_every_text_is_in_the_catalogue(language: str) -> None:
+    use_language(language)
+    keys = {key for file in FILES for key in keys_of(file)} | {key_of(one) for one in (*EvaluateFault, *PushFault)}
+    assert len(keys) > 130
+    assert not [key for key in keys if not knows(key)]
+
+
+def test_a_missing_extra_ends_with_how_to_install_it() -> None:
+    require_extra("evaluate", "json")
+    with pytest.raises(AppError) as caught:
+        require_extra("evaluate", "no_such_module")
+    assert render(caught.value) == 'This command needs the extra evaluate: pip install "rleex[evaluate]".'

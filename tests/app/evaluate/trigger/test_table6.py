@@ -1,0 +1,70 @@
+"""Table 6's way of counting, on hands whose keypoints are known: no hand model is needed."""
+
+from __future__ import annotations
+
+from typing import cast
+
+import pytest
+
+from app.evaluate.digital import BLANK, CHANGES, FLIP, GAP_NS, Moment, PoolDetector
+from app.evaluate.harness import FRAME_NS
+from app.evaluate.trigger.table6 import CAMERAS, Change, ChangeOutcome, run_change
+from kgdfa.hand import Hand
+from kgdfa.keypoints import HandDetector
+from kgdfa.preprocess import Image
+from tests.app.evaluate.known_hands import known_hand
+
+
+class Knowing:
+    """A detector of ours that knows where the hands of the moments to come are."""
+
+    def __init__(self, moments: list[Moment]) -> None:
+        self.moments = list(moments)
+        self.seen_ns: list[int] = []
+
+    def detect(self, image_bgr: Image, captured_ns: int) -> tuple[Hand, ...]:
+        self.seen_ns.append(captured_ns)
+        if image_bgr is BLANK or not self.moments:
+            return ()
+        hand = known_hand(self.moments.pop(0).scene, tracked=len(self.moments) > 0)
+        assert hand is not None
+        return (hand,)
+
+
+def outcome_of(change: Change, *, blind: bool = False) -> ChangeOutcome:
+    detector = Knowing([] if blind else change.moments())
+    return run_change(PoolDetector(cast(HandDetector, detector)), change)
+
+
+def change_at(distance_cm: int) -> Change:
+    return Change(distance_cm=distance_cm, number=CHANGES.index(FLIP), focal_px=650.0)
+
+
+def test_a_hand_well_within_the_threshold_presses_both_cameras_buttons() -> None:
+    assert {(camera, "robust") for camera in CAMERAS} <= outcome_of(change_at(12)).pressed
+
+
+def test_a_flip_far_off_presses_only_what_takes_zero_for_a_distance() -> None:
+    outcome = outcome_of(change_at(40))
+    assert outcome.pressed == {("D435i", "published")}
+    assert outcome.commands["D435i", "robust"] == outcome.commands["monocular", "robust"] == 0
+
+
+def test_no_hand_presses_nothing() -> None:
+    assert outcome_of(change_at(20), blind=True).pressed == frozenset()
+
+
+def test_each_change_is_another_hand_the_same_at_every_distance() -> None:
+    assert change_at(20).person == change_at(60).person
+    other = Change(distance_cm=20, number=1, focal_px=650.0)
+    assert other.person != change_at(20).person
+
+
+def test_a_reset_shows_blank_frames_after_a_pause() -> None:
+    knowing = Knowing([])
+    detector = PoolDetector(cast(HandDetector, knowing))
+    detector.detect(BLANK)
+    detector.reset()
+    first, second, third = knowing.seen_ns
+    assert second - first == GAP_NS + FRAME_NS
+    assert third - second == pytest.approx(FRAME_NS)
