@@ -8,7 +8,7 @@ import pytest
 
 from logs.disk import Disk
 from logs.keys import ConsoleKey, load_or_make_key
-from tests.logs.trails import Trail, write_session
+from tests.support.audit_trails import Trail, write_session
 
 
 @pytest.fixture

@@ -20,7 +20,7 @@ from logs.scan import scan_file
 from logs.trail import DiskFault
 from logs.verify import Evidence, Status, exit_status, verify
 from logs.writer import SessionWriter
-from tests.logs.trails import BODIES, START, Crash, FaultyDisk, moment, write_session
+from tests.support.audit_trails import BODIES, START, Crash, FaultyDisk, moment, write_session
 
 EVERY_OPERATION = 40  # more than the scenario has; test_the_scenario_is_covered holds it to that
 

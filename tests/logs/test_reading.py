@@ -25,7 +25,7 @@ from logs.sanitize import sanitize_terminal
 from logs.show import Filter, Sieve, json_of, line_of, sentence
 from logs.verify import Evidence
 from testing.trails import write_sample
-from tests.logs.trails import Trail, write_session
+from tests.support.audit_trails import Trail, write_session
 
 HOSTILE = "\x1b]0;owned\x07\x1b[2J\u202e\u0085\x9b31m<script>alert(1)</script>\"'&{{7*7}}[bold]x[/]\r\n\x00"
 

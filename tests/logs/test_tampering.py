@@ -18,7 +18,7 @@ from logs.reason import key_of, reason
 from logs.records import Checkpoint, Note, Payload
 from logs.scan import Break, Scan, scan_stream
 from logs.verify import Evidence, Finding, Status, exit_status, verify
-from tests.logs.trails import BODIES, Trail, write_session
+from tests.support.audit_trails import BODIES, Trail, write_session
 
 
 def scan(data: bytes, trail: Trail) -> Scan:

@@ -22,7 +22,7 @@ from logs.read import NOT_A_RECORD
 from logs.records import EventRaised, Note, Record
 from logs.verify import Evidence, exit_status, verify
 from testing.trails import write_sample
-from tests.logs.trails import screen_text
+from tests.support.audit_trails import screen_text
 
 
 @pytest.fixture

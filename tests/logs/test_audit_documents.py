@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from logs.records import schema_text
-from tests.logs.trails import Trail
+from tests.support.audit_trails import Trail
 
 DOCS = Path(__file__).parents[2] / "docs" / "reference"
 

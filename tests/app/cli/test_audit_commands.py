@@ -21,7 +21,7 @@ from logs.reason import key_of
 from logs.records import Note, Record
 from logs.scan import Break
 from logs.writer import SessionWriter
-from tests.logs.trails import START, moment, write_session
+from tests.support.audit_trails import START, moment, write_session
 
 
 @pytest.fixture
