@@ -1,33 +1,66 @@
-"""The few operations by which a trail reaches the disk, in one class, so that tests can make each of them fail."""
+"""The few operations by which a trail reaches the disk, as a Protocol, so that tests can make each of them fail."""
 
 from __future__ import annotations
 
 import fcntl
 import os
 from pathlib import Path
+from typing import Protocol
 
 
-class Disk:
+class Disk(Protocol):
     """Files by descriptor; every method raises OSError when the disk does."""
 
     def create(self, path: Path) -> int:
         """A new file, readable by its owner alone, held under a lock while open; fails when it exists."""
-        return _locked(os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o600))
+        ...
 
     def open_existing(self, path: Path) -> int:
         """An existing file for writing, held under the same lock."""
-        return _locked(os.open(path, os.O_RDWR | os.O_CLOEXEC))
+        ...
 
     def write(self, handle: int, data: bytes, offset: int) -> int:
         """Write at an offset; returns how many bytes were taken."""
-        return os.pwrite(handle, data, offset)
+        ...
 
     def sync(self, handle: int) -> None:
         """Return when the file's data is on the medium."""
-        os.fsync(handle)
+        ...
 
     def sync_folder(self, folder: Path) -> None:
         """Return when the folder's entries are on the medium."""
+        ...
+
+    def rename(self, source: Path, target: Path) -> None:
+        """Put a file in another's place at once."""
+        ...
+
+    def close(self, handle: int) -> None:
+        """Release the file and its lock."""
+        ...
+
+
+class PosixDisk:
+    """The operating system's."""
+
+    def create(self, path: Path) -> int:
+        """See Disk."""
+        return _locked(os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o600))
+
+    def open_existing(self, path: Path) -> int:
+        """See Disk."""
+        return _locked(os.open(path, os.O_RDWR | os.O_CLOEXEC))
+
+    def write(self, handle: int, data: bytes, offset: int) -> int:
+        """See Disk."""
+        return os.pwrite(handle, data, offset)
+
+    def sync(self, handle: int) -> None:
+        """See Disk."""
+        os.fsync(handle)
+
+    def sync_folder(self, folder: Path) -> None:
+        """See Disk."""
         handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
         try:
             os.fsync(handle)
@@ -35,11 +68,11 @@ class Disk:
             os.close(handle)
 
     def rename(self, source: Path, target: Path) -> None:
-        """Put a file in another's place at once."""
+        """See Disk."""
         source.replace(target)
 
     def close(self, handle: int) -> None:
-        """Release the file and its lock."""
+        """See Disk."""
         os.close(handle)
 
 

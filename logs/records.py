@@ -1,4 +1,4 @@
-"""The records of the audit trail: one frozen struct a kind of record, and the envelope that chains them.
+"""What the audit trail can say: one frozen struct a kind of record, and the envelope that chains them.
 
 Values are plain types with units in their names. States, actions, gestures, effects and events are recorded as the
 values of the program's enumerations (those of former versions: `logs/legacy.py`), reasons as a code with values
@@ -497,8 +497,8 @@ class Entry(Struct, frozen=True, kw_only=True, tag="audit-entry"):
     body: Body
 
 
-class Payload(Struct, frozen=True, kw_only=True):
-    """A record without its hash: what is hashed, with its fields in sorted order (see docs/reference/audit.md)."""
+class Record(Struct, frozen=True, kw_only=True):
+    """One line of a trail. `hash` covers the line as it stands without its own field (see docs/reference/audit.md)."""
 
     body: Body
     monotonic_ns: int
@@ -509,11 +509,6 @@ class Payload(Struct, frozen=True, kw_only=True):
     sequence: int  # from 0, without gaps
     session: str
     wall: str  # UTC, ISO 8601 with microseconds
-
-
-class Record(Payload, frozen=True, kw_only=True):
-    """One line of a trail."""
-
     hash: Hex
 
 

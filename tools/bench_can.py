@@ -45,9 +45,9 @@ _SILENT_NS = JOINT_TIMEOUT_MS * 1e6
 
 # fault → what control's table of events looks at
 ACTED_ON: dict[Fault, Callable[[JointFeedback, int], bool]] = {
-    Fault.SILENT: lambda told, now_ns: bool((now_ns - told.measured_ns).max() > _SILENT_NS),
-    Fault.ERROR: lambda told, _: any(told.faults),
-    Fault.BUS_OFF: lambda told, _: BusFault.BUS_OFF in told.bus,
+    Fault.SILENT: lambda reported, now_ns: bool((now_ns - reported.measured_ns).max() > _SILENT_NS),
+    Fault.ERROR: lambda reported, _: any(reported.faults),
+    Fault.BUS_OFF: lambda reported, _: BusFault.BUS_OFF in reported.bus,
 }
 
 
@@ -108,12 +108,12 @@ class Run:
         self.missed_ticks += missed
         self.late_ms.append(late_ns / 1e6)
         before_s = time.thread_time()
-        told = self.joints.read(now_ns)
+        reported = self.joints.read(now_ns)
         self.joints.write(target(time.monotonic() - self._begin_s), now_ns)
         self.cost_ms.append((time.thread_time() - before_s) * 1e3)
-        self.age_ms.append(float((now_ns - told.measured_ns).max()) / 1e6)
+        self.age_ms.append(float((now_ns - reported.measured_ns).max()) / 1e6)
         self.ticks += 1
-        return told, now_ns
+        return reported, now_ns
 
     def start(self) -> None:
         """From whatever state to enabled and answering."""
@@ -135,7 +135,7 @@ class Tally(NamedTuple):
     """What became of commands: each is in exactly one class, `under_way` as it was at the end less at the beginning."""
 
     sent: int
-    answered: int
+    replies: int
     late: int
     missed: int
     under_way: int
@@ -153,17 +153,17 @@ class Tally(NamedTuple):
     @property
     def sum(self) -> int:
         """Of the classes."""
-        return self.answered + self.late + self.missed + self.under_way
+        return self.replies + self.late + self.missed + self.under_way
 
     def __str__(self) -> str:
-        return f"{self.answered} answered, {self.late} late, {self.missed} missed, {self.under_way} under way"
+        return f"{self.replies} answered, {self.late} late, {self.missed} missed, {self.under_way} under way"
 
 
 def steady(run: Run, seconds: float) -> bool:
     """The long run; whether round trip and book-keeping keep their bounds."""
-    ledgers = [station.ledger for station in run.joints.stations]
-    for ledger in ledgers:
-        ledger.round_trips_ns.clear()
+    ledgers = [drive.requests for drive in run.joints.drives]
+    for requests in ledgers:
+        requests.round_trips_ns.clear()
     before = Tally.of(ledgers)
     for gathered in (run.late_ms, run.cost_ms, run.age_ms):
         gathered.clear()
@@ -171,7 +171,7 @@ def steady(run: Run, seconds: float) -> bool:
     end_s = time.monotonic() + seconds
     while time.monotonic() < end_s:
         run.tick()
-    trips_ms = [trip / 1e6 for ledger in ledgers for trip in ledger.round_trips_ns]
+    trips_ms = [trip / 1e6 for requests in ledgers for trip in requests.round_trips_ns]
     tally = Tally.of(ledgers).since(before)
     print(f"ticks            {run.ticks} in {seconds:.0f} s, {run.missed_ticks} left out (reported)")
     print(f"tick lateness    {percentiles(run.late_ms)}")
@@ -188,17 +188,17 @@ def fault_times(run: Run, fault: Fault) -> list[float]:
     random.seed(1)
     times = []
     for _ in range(FAULT_TRIALS):
-        run.emulator.befall(Fault.HEALED)
+        run.emulator.inject(Fault.HEALED)
         run.start()
         joint = random.choice(list(Joint))
         time.sleep(random.uniform(0.0, PERIOD_NS / 1e9))
         began_ns = time.monotonic_ns()
-        run.emulator.befall(fault, None if fault is Fault.BUS_OFF else joint, 2)
+        run.emulator.inject(fault, None if fault is Fault.BUS_OFF else joint, 2)
         seen_ns = began_ns
         while not ACTED_ON[fault](run.tick()[0], time.monotonic_ns()) and seen_ns - began_ns < 1e9:
             seen_ns = time.monotonic_ns()
         times.append((time.monotonic_ns() - began_ns) / 1e6)
-        run.emulator.befall(Fault.HEALED)
+        run.emulator.inject(Fault.HEALED)
     return times
 
 
@@ -219,7 +219,7 @@ def measure(seconds: float) -> bool:
                 f"{fault.value:<8} → event {percentiles(times)}  (bound {FAULT_BOUND_MS:.0f} ms, {len(times)} trials)"
             )
             well = well and max(times) <= FAULT_BOUND_MS
-        run.emulator.befall(Fault.HEALED)
+        run.emulator.inject(Fault.HEALED)
         run.joints.close(time.monotonic_ns())
     return well
 

@@ -30,19 +30,18 @@ def list_cameras(home: HomeOption = None) -> None:
     from rich.table import Table
 
     from app.system.paths import find_home
+    from app.text.catalogue import tr
     from hal.cameras.webcam import list_webcams
 
-    table = Table(box=None)
-    for title in ("kind", "device", "name"):
-        table.add_column(title)
-    table.add_row("digital-hand", "", "a simulated hand, always there")
+    table = Table(*(tr(f"camera.{column}") for column in ("kind", "device", "name")), box=None)
+    table.add_row("digital-hand", "", tr("camera.digital_hand"))
     for entry in list_webcams():
         table.add_row("webcam", str(entry.index), entry.name)
     for kind, device, name in _realsense_rows():
         table.add_row(kind, device, name)
     console = Console(soft_wrap=True)
     console.print(table)
-    console.print(f"Choose one with kind and device under [camera] in {find_home(home).config}.", markup=False)
+    console.print(tr("camera.choose", path=find_home(home).config), markup=False)
 
 
 @cli.command()
@@ -50,26 +49,33 @@ def show(
     source: Annotated[str, typer.Argument(help="digital-hand, a webcam's name or number, realsense, or a path.")],
     home: HomeOption = None,
 ) -> None:
-    """Open a camera or recording, and tell its resolution, rate, intrinsics and what is wrong with its picture."""
+    """Open a camera or recording, and show its resolution, rate, intrinsics and faults of its image."""
     from rich.console import Console
+    from rich.table import Table
+    from rich.text import Text
 
     from app.system.paths import find_home
-    from hal.cameras.exposure import hint
+    from app.text.catalogue import tr
+    from hal.cameras.exposure import image_fault
 
     camera = _open(source, find_home(home))
     try:
         camera.open()
         frame, rate_hz = _first_and_rate(camera)
-        seen = frame.intrinsics
-        depth = "yes" if frame.depth_m is not None else "no"
-        console = Console(soft_wrap=True, highlight=False)
-        console.print(f"name        {camera.name}", markup=False)
-        console.print(f"resolution  {seen.width_px}x{seen.height_px}")
-        console.print(f"rate        {rate_hz:.1f}/s" if rate_hz else "rate        too few pictures to tell")
-        console.print(f"focal       {seen.fx_px:.1f} x {seen.fy_px:.1f} px ({seen.source.value})")
-        console.print(f"centre      {seen.cx_px:.1f}, {seen.cy_px:.1f} px")
-        console.print(f"depth       {depth}")
-        console.print(f"picture     {hint(frame.image_bgr) or 'good'}")
+        lens, fault = frame.intrinsics, image_fault(frame.image_bgr)
+        rows = {
+            "name": camera.name,
+            "resolution": f"{lens.width_px}x{lens.height_px}",
+            "rate": tr("camera.frames_per_second", rate_hz=rate_hz) if rate_hz else tr("camera.rate_unknown"),
+            "focal": f"{lens.fx_px:.1f} x {lens.fy_px:.1f} px ({tr(lens.source)})",
+            "centre": f"{lens.cx_px:.1f}, {lens.cy_px:.1f} px",
+            "depth": tr("camera.no" if frame.depth_m is None else "camera.yes"),
+            "image": tr("camera.good" if fault is None else fault),
+        }
+        table = Table.grid(padding=(0, 2))
+        for key, value in rows.items():
+            table.add_row(tr(f"camera.{key}"), Text(value))
+        Console(soft_wrap=True, highlight=False).print(table)
     finally:
         camera.close()
 
@@ -87,47 +93,57 @@ def calibrate(
     from rich.console import Console
 
     from app.system.paths import find_home
+    from app.text.catalogue import tr
     from hal.cameras.intrinsics import Board, save
     from hal.cameras.intrinsics import calibrate as solve
 
     place = find_home(home)
     board = Board(columns=columns, rows=rows, square_m=square_mm / 1000)
     name, pictures = _pictures(source, camera, place)
-    corners, size = _look_for(board, pictures)
+    corners, size = _find_boards(board, pictures)
     result = solve(corners, board, *size)
     save(place.cameras, name, result.intrinsics, result.residual_px)
-    Console(soft_wrap=True, highlight=False).print(
-        f"{name}: focal length {result.intrinsics.fx_px:.1f} x {result.intrinsics.fy_px:.1f} px, centre "
-        f"{result.intrinsics.cx_px:.1f}, {result.intrinsics.cy_px:.1f} px at {size[0]}x{size[1]}; residual "
-        f"{result.residual_px:.3f} px over {result.used} pictures; kept in {place.cameras}.",
-        markup=False,
+    measured = result.intrinsics
+    text = tr(
+        "camera.calibrated",
+        camera=name,
+        fx_px=measured.fx_px,
+        fy_px=measured.fy_px,
+        cx_px=measured.cx_px,
+        cy_px=measured.cy_px,
+        width_px=size[0],
+        height_px=size[1],
+        residual_px=result.residual_px,
+        images=result.used,
+        path=place.cameras,
     )
+    Console(soft_wrap=True, highlight=False).print(text, markup=False)
 
 
-def _look_for(board: Board, pictures: Generator[ImageArray, None, None]) -> tuple[list[Corners], tuple[int, int]]:
-    """The board's corners wherever it was seen whole, and the pictures' size; Ctrl-C ends the looking early."""
+def _find_boards(board: Board, pictures: Generator[ImageArray, None, None]) -> tuple[list[Corners], tuple[int, int]]:
+    """The board's corners wherever it is visible whole, and the images' size; Ctrl-C ends the search early."""
     from contextlib import closing, suppress
 
     from rich.progress import Progress
 
+    from app.text.catalogue import tr
     from hal.cameras.intrinsics import find_corners
-    from hal.errors import HardwareError
+    from hal.errors import CameraFault, HardwareError
 
     found: list[Corners] = []
     size = (0, 0)
     with Progress(transient=True) as progress, suppress(KeyboardInterrupt), closing(pictures):
-        task = progress.add_task("pictures with the whole board: 0", total=None)
+        task = progress.add_task(tr("camera.boards", boards=0), total=None)
         for image in pictures:
             this = (image.shape[1], image.shape[0])
             if size not in ((0, 0), this):
-                raise HardwareError(
-                    f"The pictures differ in size ({size[0]}x{size[1]} and {this[0]}x{this[1]}): use one resolution."
-                )
+                first, other = (f"{width}x{height}" for width, height in (size, this))
+                raise HardwareError(CameraFault.IMAGE_SIZES_DIFFER, first=first, other=other)
             size = this
             corners = find_corners(image, board)
             if corners is not None:
                 found.append(corners)
-            progress.update(task, advance=1, description=f"pictures with the whole board: {len(found)}")
+            progress.update(task, advance=1, description=tr("camera.boards", boards=len(found)))
             if len(found) >= KEPT_PICTURES:
                 break
     return found, size
@@ -135,14 +151,14 @@ def _look_for(board: Board, pictures: Generator[ImageArray, None, None]) -> tupl
 
 def _pictures(source: str, camera: str, home: Home) -> tuple[str, Generator[ImageArray, None, None]]:
     """The camera's name, and pictures of the board: of a folder, or one a second of a live camera."""
-    from hal.cameras.playback import picture_files, read_picture
-    from hal.errors import HardwareError
+    from hal.cameras.playback import image_files, read_image
+    from hal.errors import CameraFault, HardwareError
 
     folder = Path(source).expanduser()
     if folder.is_dir():
         if not camera:
-            raise HardwareError("A folder tells no camera: give the name that `rleex camera list` shows with --camera.")
-        return camera, (read_picture(path) for path in picture_files(folder))
+            raise HardwareError(CameraFault.CAMERA_NAME_MISSING)
+        return camera, (read_image(path) for path in image_files(folder))
     live = _open(source, home)
     live.open()
     return live.name, _live_pictures(live)
@@ -198,7 +214,7 @@ def _first_and_rate(camera: Camera) -> tuple[Frame, float]:
     import time
 
     from hal.cameras.camera import EndOfRecording
-    from hal.errors import HardwareError
+    from hal.errors import CameraFault, HardwareError
 
     first: Frame | None = None
     times: list[int] = []
@@ -212,16 +228,17 @@ def _first_and_rate(camera: Camera) -> tuple[Frame, float]:
     except EndOfRecording:
         pass  # a short recording: what came is enough
     if first is None:
-        raise HardwareError(f"{camera.name} gave no picture within {FIRST_FRAME_S:g} s: check it with another program.")
+        raise HardwareError(CameraFault.NO_FIRST_FRAME, camera=camera.name, limit_s=FIRST_FRAME_S)
     spans_ns = times[-1] - times[0]
     return first, (len(times) - 1) * 1e9 / spans_ns if spans_ns else 0.0
 
 
 def _realsense_rows() -> list[tuple[str, str, str]]:
+    from app.text.catalogue import render
     from hal.cameras.realsense import list_realsense
     from hal.errors import HardwareError
 
     try:
         return [("realsense", serial, name) for serial, name in list_realsense()]
     except HardwareError as error:
-        return [("realsense", "", str(error))]
+        return [("realsense", "", render(error))]

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 if TYPE_CHECKING:
-    from hal.joints.device import Exoskeleton
+    from hal.joints.device import Exoskeleton, Joint
 
 cli = typer.Typer(no_args_is_help=True)
 
@@ -25,36 +25,52 @@ def _device(device: Path | None, interface: str, channel: str) -> Exoskeleton:
     return with_bus(load_exoskeleton(device or DEFAULT_DEVICE), interface, channel)
 
 
+def _joint(name: str) -> Joint:
+    """The joint with this name. Raises HardwareError."""
+    from hal.errors import DeviceFault, HardwareError
+    from hal.joints.device import Joint
+
+    wanted = name.strip().upper().replace(" ", "_")
+    if wanted not in Joint.__members__:
+        known = ", ".join(joint.name.lower() for joint in Joint)
+        raise HardwareError(DeviceFault.UNKNOWN_JOINT, name=name, known=known)
+    return Joint[wanted]
+
+
 @cli.command()
 def scan(
     interface: Interface = "",
     channel: Channel = "",
     device: Device = None,
-    force: Annotated[bool, typer.Option(help="Ask although others talk: lets go of enabled drives.")] = False,
+    force: Annotated[bool, typer.Option(help="Ask although others send: disables enabled drives.")] = False,
 ) -> None:
-    """Who answers in which protocol. Lets go of drives that are enabled, so it refuses on a bus in use."""
+    """Who answers in which protocol. Disables drives that are enabled, so it refuses on a bus in use."""
     from rich.console import Console
     from rich.table import Table
 
-    from hal.errors import HardwareError
+    from app.text.catalogue import tr
+    from hal.errors import CanFault, HardwareError
     from hal.joints.can.bus import open_bus
     from hal.joints.can.scan import listen
     from hal.joints.can.scan import scan as scan_bus
 
     console = Console()
-    table = Table("bus", "ID", "protocol", "answers", "detail", box=None)
+    columns = ("bus", "id", "protocol", "answers", "detail")
+    table = Table(*(tr(f"drives.{column}") for column in columns), box=None)
     for bus in _device(device, interface, channel).buses:
-        with open_bus(bus) as opened, console.status(f"Listening on {bus.channel} …") as status:
-            heard = listen(opened)
-            if heard.busy and not force:
-                raise HardwareError(
-                    f"{heard.frames} frames on {bus.channel} without being asked: another program commands these "
-                    f"drives; end it first (or --force, with nobody in the device)."
-                )
-            for drive in scan_bus(opened, watch=lambda what: status.update(f"Asking: {what}")):
-                several = f"{drive.answers} drives!" if drive.answers > 1 else "1"
-                table.add_row(bus.channel, str(drive.drive_id), drive.protocol, several, drive.detail)
-    console.print(table if table.row_count else "Nobody answers: run `rleex can doctor`.", soft_wrap=True)
+        with open_bus(bus) as opened, console.status(tr("can.listening", bus=bus.channel)) as status:
+            traffic = listen(opened)
+            if traffic.busy and not force:
+                raise HardwareError(CanFault.BUS_IN_USE, bus=bus.channel, frames=traffic.frames)
+
+            def show(protocol: str, drive_id: int) -> None:
+                status.update(tr("can.asking", protocol=protocol, can_id=drive_id))
+
+            for drive in scan_bus(opened, watch=show):
+                several = tr("can.several", drives=drive.answers) if drive.answers > 1 else "1"
+                detail = tr(drive.code, **drive.values)
+                table.add_row(bus.channel, str(drive.drive_id), drive.protocol, several, detail)
+    console.print(table if table.row_count else tr("can.no_answer"), soft_wrap=True)
     raise typer.Exit(0 if table.row_count else 1)
 
 
@@ -66,7 +82,7 @@ def monitor(
     motors: Motors = None,
     seconds: Annotated[float, typer.Option(help="End after this long; 0: by Ctrl-C.", min=0)] = 0.0,
 ) -> None:
-    """A live table of what the drives report and what they are told; sends nothing."""
+    """A live table of what the drives report and their commands; sends nothing."""
     import time
 
     from rich.console import Console
@@ -81,7 +97,7 @@ def monitor(
     try:
         with Live(console=console, auto_refresh=False) as live:
             while time.monotonic() < end_s:
-                watched.look(0.2)
+                watched.poll(0.2)
                 live.update(monitor_table(watched), refresh=True)
     except KeyboardInterrupt:
         pass
@@ -97,14 +113,15 @@ def doctor(
     motors: Motors = None,
     listen: Annotated[bool, typer.Option("--listen", help="Ask nobody, only listen.")] = False,
 ) -> None:
-    """Why the bus or a drive is silent, and what mends it; ends 0 when all is well."""
+    """Why the bus or a drive does not answer, and what to do; ends 0 when all is well."""
     from rich.console import Console
 
     from app.diagnostics.can_doctor import examine
     from app.diagnostics.findings import show
+    from app.text.catalogue import tr
 
     console = Console()
-    with console.status("Examining the buses …"):
+    with console.status(tr("can.examining")):
         well = show(console, examine(_device(device, interface, channel), motors, ask=not listen))
     raise typer.Exit(0 if well else 1)
 
@@ -117,25 +134,25 @@ def decode(
     joint: Annotated[str, typer.Option(help="Only this joint, e.g. left_knee.")] = "",
     summary: Annotated[bool, typer.Option("--summary", help="Only the summary.")] = False,
 ) -> None:
-    """What a recorded bus said, in the joints' words, with a summary of gaps and faults."""
+    """A recorded bus, frame by frame at the joints, with a summary of gaps and faults."""
     import sys
 
     from rich.console import Console
 
-    from app.cli.drive_table import summary_table
+    from app.cli.drive_table import decoded_line, summary_table
     from hal.joints.can.candump import Decoder, LogSummary, messages_of, open_log
-    from hal.joints.can.scan import stations_of
+    from hal.joints.can.scan import drives_of
 
-    decoder = Decoder(stations_of(_device(device, "", ""), motors))
-    wanted = joint.lower().replace("_", " ")
-    gathered = LogSummary()
+    decoder = Decoder(drives_of(_device(device, "", ""), motors))
+    wanted = _joint(joint) if joint else None
+    totals = LogSummary()
     with open_log(file) as log:
-        for message in messages_of(log, gathered):
+        for message in messages_of(log, totals):
             decoded = decoder.decode(message)
-            gathered.add(decoded)
-            if not summary and (not wanted or decoded.drive == wanted):
-                sys.stdout.write(f"{decoded.at_s:.6f}  {decoded.drive:<10}  {decoded.kind:<8}  {decoded.text}\n")
-    Console(stderr=not summary).print(summary_table(gathered), soft_wrap=True)
+            totals.add(decoded)
+            if not summary and (wanted is None or decoded.joint is wanted):
+                sys.stdout.write(f"{decoded_line(decoded)}\n")
+    Console(stderr=not summary).print(summary_table(totals), soft_wrap=True)
 
 
 @cli.command()
@@ -151,19 +168,20 @@ def record(
 
     from rich.console import Console
 
+    from app.text.catalogue import tr
     from hal.joints.can.candump import BusRecorder
 
     console = Console()
     recorder = BusRecorder(_device(device, interface, channel), file)
     end_s = time.monotonic() + seconds if seconds else float("inf")
     try:
-        with console.status(f"Recording to {file}; Ctrl-C ends it."):
+        with console.status(tr("can.recording", path=file)):
             recorder.run(lambda: time.monotonic() >= end_s)
     except KeyboardInterrupt:
         pass
     finally:
         recorder.close()
-    console.print(f"{recorder.frames} frames in {file}.", soft_wrap=True)
+    console.print(tr("can.recorded", frames=recorder.frames, path=file), soft_wrap=True)
 
 
 @cli.command()
@@ -174,24 +192,21 @@ def zero(
     device: Device = None,
     motors: Motors = None,
 ) -> None:
-    """Make a joint's present pose its zero. Asks for your word twice; the joint has to be still and off."""
-    import math
+    """Make a joint's present pose its zero. You confirm twice; the joint has to be still and off."""
     import time
 
-    from hal.errors import HardwareError
+    from app.text.catalogue import tr
     from hal.joints.can.driver import SocketCanJoints
-    from hal.joints.can.lifecycle import ask_zero, set_zero
-    from hal.joints.protocol import Joint
+    from hal.joints.can.lifecycle import request_zero, set_zero
 
-    if joint.upper() not in Joint.__members__:
-        raise HardwareError(f"There is no joint {joint}: use left_hip, left_knee, right_hip or right_knee.")
+    wanted = _joint(joint)
     joints = SocketCanJoints(_device(device, interface, channel), motors=motors)
     joints.open(time.monotonic_ns())
     try:
-        typer.confirm(f"Is the {joint.replace('_', ' ')} at its zero pose, unloaded, and held still?", abort=True)
-        request = ask_zero(joints, Joint[joint.upper()])
-        shown = f"It stands at {math.degrees(request.angle_rad):.1f}°. To make this its zero, type {request.word}"
-        angle_rad = set_zero(joints, request, typer.prompt(shown))
-        typer.echo(f"Done: the drive now says {math.degrees(angle_rad):.2f}°.")
+        typer.confirm(tr("can.zero_pose", joint=wanted), abort=True)
+        request = request_zero(joints, wanted)
+        question = tr("can.zero_confirm", angle_rad=request.angle_rad, code=request.code)
+        angle_rad = set_zero(joints, request, typer.prompt(question))
+        typer.echo(tr("can.zero_done", angle_rad=angle_rad))
     finally:
         joints.close(time.monotonic_ns())

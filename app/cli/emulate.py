@@ -40,10 +40,10 @@ def emulate_drives(
     described = with_bus(load_exoskeleton(device or DEFAULT_DEVICE), interface, channel)
     schedule = tuple(read_schedule(text) for text in fault or ())
     body = _body(patient, home) if patient else None
-    _watched(described, partial(run_emulator, described, body=body, motors=motors, schedule=schedule), seconds)
+    _run_shown(described, partial(run_emulator, described, body=body, motors=motors, schedule=schedule), seconds)
 
 
-def _watched(described: Exoskeleton, run: Callable[..., None], seconds: float) -> None:
+def _run_shown(described: Exoskeleton, run: Callable[..., None], seconds: float) -> None:
     """Show what the drives do, each second, until they end."""
     import time
 
@@ -51,22 +51,23 @@ def _watched(described: Exoskeleton, run: Callable[..., None], seconds: float) -
     from rich.live import Live
 
     from app.cli.drive_table import emulated_drives_table
+    from app.text.catalogue import tr
 
     console = Console()
-    where = ", ".join(f"{bus.channel} ({bus.interface})" for bus in described.buses)
-    console.print(f"Emulating {described.name} on {where}; Ctrl-C ends it.")
+    buses = ", ".join(f"{bus.channel} ({bus.interface})" for bus in described.buses)
+    console.print(tr("emulate.running", device=described.name, buses=buses))
     end_s = time.monotonic() + seconds if seconds else float("inf")
     with Live(console=console, auto_refresh=False, transient=True) as live:
 
-        def look(emulator: DriveEmulator) -> None:
+        def poll(emulator: DriveEmulator) -> None:
             live.update(emulated_drives_table(emulator), refresh=True)
             if time.monotonic() >= end_s:
                 raise KeyboardInterrupt
 
         try:
-            run(each_second=look)
+            run(each_second=poll)
         except KeyboardInterrupt:
-            console.print("The drives are off.")
+            console.print(tr("emulate.ended"))
 
 
 def _body(patient: str, home: Path | None) -> Body:

@@ -12,6 +12,7 @@ from app.control.gait.machine import Gait
 from app.control.inputs import Inputs, Settings, StreamState
 from app.ipc.streams import NS_PER_MS
 from app.motion.follower import Mode, Motion
+from hal.errors import HardwareError
 from hal.joints.guard import Refusal
 from hal.joints.protocol import BusFault, DriveFault, Joint, JointFeedback
 from logs.reason import Reason
@@ -74,7 +75,7 @@ class JointDiagnostics(Struct, frozen=True, kw_only=True):
     age_ms: float = 0.0
     drives_lost: bool = False
     drive_faults: DriveFault = DriveFault.NONE
-    drive_detail: str = ""
+    drive_detail: HardwareError | None = None
     silent_joint: Joint | None = None
     drive_error: Reason | None = None
     bus: BusFault = BusFault.NONE

@@ -95,7 +95,7 @@ class Drives:
             self.error = reason_of(error)
         return True
 
-    def close(self, beat: Callable[[bool], None] = lambda _: None) -> str:
+    def close(self, beat: Callable[[bool], None] = lambda _: None) -> Reason | None:
         """Leave nothing powered behind, whatever has happened; what could not be confirmed.
 
         beat: called in every tick, with whether anything is powered: without a heartbeat the guardian would act.
@@ -107,11 +107,11 @@ class Drives:
             beat(False)
             self._joints.close(time.monotonic_ns())
         except HardwareError as error:
-            return str(error)
+            return reason_of(error)
         finally:
             self.powered = False
             self.written_ns = now_ns
-        return ""
+        return None
 
     def _enable(self, now_ns: int) -> None:
         """Closed, never opened or faulted drives are probed anew before they are enabled."""
@@ -167,7 +167,7 @@ class AbsentJoints:
             temperature_c=_UNKNOWN,
             faults=(DriveFault.NONE,) * 4,
             state=DriveState.UNCONFIGURED,
-            detail=str(self._error),
+            detail=self._error,
         )
 
     def close(self, now_ns: int) -> None:

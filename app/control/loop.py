@@ -24,8 +24,9 @@ from app.ipc.messages import Heartbeat, RealTime
 from app.motion.plan import Phase
 from app.system.config import SessionSetup
 from app.system.scheduling import PeriodicTimer, acquire_real_time, disable_gc, pin_to_control_core
-from hal.joints.protocol import TICK_HZ, TICK_NS, DriveState
+from hal.joints.protocol import TICK_HZ, TICK_NS, DriveState, JointFeedback
 from logs import records
+from logs.reason import Reason, reason_of
 
 HEARTBEAT_TICKS = TICK_HZ // int(streams.HEARTBEAT.rate_hz)
 SNAPSHOT_TICKS = TICK_HZ // int(streams.SNAPSHOT.rate_hz)
@@ -153,7 +154,7 @@ class Control:
         feedback = inputs.feedback
         if feedback.state is not self._drive_state:
             self._drive_state = feedback.state
-            bodies.append(records.Drives(state=feedback.state.value, detail=feedback.detail))
+            bodies.append(records.Drives(state=feedback.state.value, detail=_detail(feedback)))
         self._joint_statistics.add(feedback, state.motion.command.position_rad)
         if self._joint_statistics.ticks == TICK_HZ:
             bodies.append(self._joint_statistics.take(1.0, state.gait.state.value))
@@ -173,3 +174,7 @@ class Control:
 
     def _lateness_record(self) -> records.TickLateness:
         return records.TickLateness(**asdict(self._histogram.summary()))
+
+
+def _detail(feedback: JointFeedback) -> Reason | None:
+    return None if feedback.detail is None else reason_of(feedback.detail)

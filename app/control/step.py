@@ -73,7 +73,7 @@ def _measure_last_tick(tick: Tick) -> None:
         refusal = inputs.guard_refusal
         tick.audit.append(
             records.GuardRefusal(
-                reason=str(refusal),
+                reason=reason(refusal.code, **refusal.values),
                 joint=refusal.joint.name.lower(),
                 quantity=refusal.quantity.value,
                 value=refusal.value if isfinite(refusal.value) else None,

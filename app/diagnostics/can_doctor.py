@@ -17,7 +17,7 @@ from app.diagnostics.doctor import run
 from app.diagnostics.findings import Finding, bad, good, note
 from hal.errors import HardwareError
 from hal.joints.can.bus import open_bus, remedy_command
-from hal.joints.can.scan import Found, listen, scan
+from hal.joints.can.scan import FoundDrive, listen, scan
 from hal.joints.device import BusDevice, Exoskeleton
 from hal.joints.motors import WireProtocol, load_motors
 from hal.joints.protocol import Joint
@@ -181,7 +181,9 @@ def _examine_traffic(
     yield from evaluate_drives(device, number, scan(bus), motors)
 
 
-def evaluate_drives(device: Exoskeleton, number: int, found: list[Found], motors: Path | None) -> Iterator[Finding]:
+def evaluate_drives(
+    device: Exoskeleton, number: int, found: list[FoundDrive], motors: Path | None
+) -> Iterator[Finding]:
     """The drives that answered, against those described."""
     table = load_motors(motors)
     joints = [(joint, made) for joint, made in zip(Joint, device.joints, strict=True) if made.can_bus == number]
@@ -199,13 +201,17 @@ def evaluate_drives(device: Exoskeleton, number: int, found: list[Found], motors
             shared = reason(F.SHARED_ID, can_id=made.can_id, answers=drive.answers)
             yield bad(joint, shared, reason(R.GIVE_OWN_ID))
         else:
-            yield good(joint, F.ANSWERS, can_id=made.can_id, protocol=protocol, detail=drive.detail)
+            yield good(
+                joint, F.ANSWERS, can_id=made.can_id, protocol=protocol, detail=reason(drive.code, **drive.values)
+            )
     for drive in answered.values():
-        unknown = reason(F.UNDESCRIBED, protocol=drive.protocol, can_id=drive.drive_id, detail=drive.detail)
+        unknown = reason(
+            F.UNDESCRIBED, protocol=drive.protocol, can_id=drive.drive_id, detail=reason(drive.code, **drive.values)
+        )
         yield note(device.buses[number].channel, unknown, reason(R.CORRECT_EITHER_ID))
 
 
-def _silent(joint: Joint, can_id: int, protocol: str, others: list[Found]) -> Finding:
+def _silent(joint: Joint, can_id: int, protocol: str, others: list[FoundDrive]) -> Finding:
     if others:
         other = reason(F.OTHER_PROTOCOL, can_id=can_id, protocol=others[0].protocol, described=protocol)
         return bad(joint, other, reason(R.CORRECT_MOTOR))

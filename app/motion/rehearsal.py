@@ -32,7 +32,7 @@ from hal.joints.guard import Guard, limits_of
 from hal.joints.protocol import TICK_HZ, TICK_NS, JointCommand
 from hal.joints.scene import Scene
 from hal.joints.simulated.driver import SimulatedJoints
-from hal.joints.simulated.wearer import Truth
+from hal.joints.simulated.wearer import GroundTruth
 from logs.reason import Reason, reason
 
 TRUTH_TICKS = 5  # between two samples of the ground truth
@@ -64,7 +64,7 @@ class Rehearsal:
     angle_rad: NDArray[np.float64]
     speed_rad_s: NDArray[np.float64]
     torque_nm: NDArray[np.float64]
-    truths: tuple[Truth, ...]
+    truths: tuple[GroundTruth, ...]
     scene: Scene
     starts: tuple[int, ...]  # ticks at which a plan began
 
@@ -92,7 +92,7 @@ class _Run:
         self.previous: JointCommand | None = None
         self.now_ns = TICK_NS
         self.rows: list[tuple[NDArray[np.float64], ...]] = []
-        self.truths: list[Truth] = []
+        self.truths: list[GroundTruth] = []
         self.starts: list[int] = []
         self.moving = np.zeros(0, dtype=bool)
         self.moving_ticks = 0
@@ -164,7 +164,7 @@ class _Run:
             (command.position_rad, wearer.joints_rad.copy(), wearer.speeds_rad_s.copy(), self.joints.torque_nm)
         )
         if len(self.rows) % TRUTH_TICKS == 0:
-            self.truths.append(self.joints.truth())
+            self.truths.append(self.joints.ground_truth())
         return None
 
     def evaluated(self, refusal: Reason | None) -> Rehearsal:
@@ -200,7 +200,7 @@ class _Run:
         reasons = (refusal,) if refusal else tuple(faults_of(verdict, self._end_error_rad(), struck=self._struck()))
         return self._as(structs.replace(verdict, passed=not reasons, reasons=reasons))
 
-    def _moving_truths(self) -> list[Truth]:
+    def _moving_truths(self) -> list[GroundTruth]:
         """Truths from the first plan on."""
         return self.truths[self.starts[0] // TRUTH_TICKS :] or self.truths[-1:]
 

@@ -18,7 +18,7 @@ from app.motion.plan import Array
 from app.motion.plan_check import LEAST_CLEARANCE_M
 from hal.joints.body import Body
 from hal.joints.scene import Scene
-from hal.joints.simulated.wearer import Truth
+from hal.joints.simulated.wearer import GroundTruth
 from logs.reason import Reason, reason
 
 RMS_LIMIT_RAD = radians(2.0)
@@ -102,7 +102,7 @@ LANDED_N = 30.0
 LEAST_STEP_M = 0.03  # between two landings
 
 
-def least_clearance(body: Body, truths: list[Truth], scene: Scene) -> float | None:
+def least_clearance(body: Body, truths: list[GroundTruth], scene: Scene) -> float | None:
     """The least distance of a foot in mid-swing from floor and scene, metres; None when no foot swings.
 
     The scene stands as it was staged, with the feet where the first of the truths has them.
@@ -128,7 +128,7 @@ def least_clearance(body: Body, truths: list[Truth], scene: Scene) -> float | No
     return least
 
 
-def most_slide(body: Body, truths: list[Truth]) -> float:
+def most_slide(body: Body, truths: list[GroundTruth]) -> float:
     """How far a standing foot moved over what it stands on at most, metres.
 
     A foot that rolls keeps its heel or its toe where it is, so each moment counts the one that moved less.
@@ -145,7 +145,7 @@ def most_slide(body: Body, truths: list[Truth]) -> float:
     return most
 
 
-def stride_m(truths: list[Truth]) -> float:
+def stride_m(truths: list[GroundTruth]) -> float:
     """Twice the mean distance between the landings of the feet in a walk, metres."""
     ankles = np.array([truth.ankle_m[:, 0] for truth in truths])
     loaded = np.array([truth.contact_n for truth in truths]) > LANDED_N
@@ -159,7 +159,7 @@ def stride_m(truths: list[Truth]) -> float:
     return 2 * float(np.median(steps)) if steps.size else 0.0
 
 
-def _sole(body: Body, truths: list[Truth], side: int) -> tuple[Array, Array]:
+def _sole(body: Body, truths: list[GroundTruth], side: int) -> tuple[Array, Array]:
     """Heel and toe of one foot, each (n, 2) metres."""
     ankle = np.array([truth.ankle_m[side] for truth in truths])
     joints = np.array([truth.joints_rad[2 * side : 2 * side + 2] for truth in truths])

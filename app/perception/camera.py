@@ -10,27 +10,27 @@ from app.audit.sink import AuditSink
 from app.ipc.messages import HandCommand, PerceptionCommand
 from app.system.config import SessionSetup
 from app.system.paths import Home
-from hal.cameras.camera import Camera, EndOfRecording, Frame
-from hal.cameras.digital_hand.driver import DigitalHandCamera
-from hal.cameras.exposure import hint
+from hal.cameras.camera import Camera, CommandedHand, EndOfRecording, Frame
+from hal.cameras.exposure import ImageFault, image_fault
 from hal.cameras.recording import Recorder
-from hal.errors import HardwareError
+from hal.errors import HardwareError, RecordingFault
 from logs import records
+from logs.reason import Reason, reason, reason_of
 
 BACK_OFF_S = (0.2, 0.5, 1.0, 2.0, 4.0)
 
 
 @dataclass(slots=True)
 class CameraKeeper:
-    """Frames from a camera that may be unplugged. `fault` is the sentence for people while nothing comes."""
+    """Frames from a camera that may be unplugged. `fault`: why nothing comes."""
 
     camera: Camera
-    fault: str = ""
+    fault: Reason | None = None
     ended: bool = False
     _open: bool = False
     _failures: int = 0
     _next_try_s: float = 0.0
-    on_fault: Callable[[str], None] = field(default=lambda _: None)
+    on_fault: Callable[[Reason], None] = field(default=lambda _: None)
 
     def read(self, now_s: float, timeout_s: float) -> Frame | None:
         """The next frame, or None: none in time, the camera is lost, or the recording has ended."""
@@ -39,13 +39,13 @@ class CameraKeeper:
         try:
             frame = self.camera.read(timeout_s)
         except EndOfRecording:
-            self.ended, self.fault = True, "The recording has ended; choose another or start it again."
+            self.ended, self.fault = True, reason(RecordingFault.ENDED)
             return None
         except HardwareError as error:
-            self._lost(now_s, str(error))
+            self._lost(now_s, reason_of(error))
             return None
         if frame is not None:
-            self.fault, self._failures = "", 0
+            self.fault, self._failures = None, 0
         return frame
 
     def close(self) -> None:
@@ -62,12 +62,12 @@ class CameraKeeper:
         try:
             self.camera.open()
         except HardwareError as error:
-            self._lost(now_s, str(error))
+            self._lost(now_s, reason_of(error))
             return False
         self._open = True
         return True
 
-    def _lost(self, now_s: float, why: str) -> None:
+    def _lost(self, now_s: float, why: Reason) -> None:
         self.close()
         self._next_try_s = now_s + BACK_OFF_S[min(self._failures, len(BACK_OFF_S) - 1)]
         self._failures += 1
@@ -120,7 +120,7 @@ class SessionRecorder:
 
 def steer(camera: Camera, command: HandCommand) -> None:
     """Pass a command on to the digital hand. Raises HardwareError for what it can't do."""
-    if not isinstance(camera, DigitalHandCamera):
+    if not isinstance(camera, CommandedHand):
         return
     shape = command.gesture or command.pose
     moved = (command.move_x_m, command.move_y_m, command.move_z_m)
@@ -140,19 +140,22 @@ LASTING = 3  # looks in a row: a hand that covers the lens for a moment is not a
 class PictureHints:
     """Remembers the last looks."""
 
-    told: str = ""
-    _seen: str = ""
+    fault: ImageFault | None = None
+    _newest: ImageFault | None = None
     _count: int = 0
     _next_ns: int = 0
 
-    def of(self, frame: Frame) -> str:
-        """The sentence in force after this frame; empty when the picture is good."""
+    def of(self, frame: Frame) -> Reason | None:
+        """The fault in force after this frame; None when the image is good."""
         if frame.captured_ns < self._next_ns:
-            return self.told
+            return self._reason()
         self._next_ns = frame.captured_ns + LOOK_NS
-        now = hint(frame.image_bgr)
-        self._count = self._count + 1 if now == self._seen else 1
-        self._seen = now
+        now = image_fault(frame.image_bgr)
+        self._count = self._count + 1 if now == self._newest else 1
+        self._newest = now
         if self._count >= LASTING:
-            self.told = now
-        return self.told
+            self.fault = now
+        return self._reason()
+
+    def _reason(self) -> Reason | None:
+        return None if self.fault is None else reason(self.fault)

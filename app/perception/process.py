@@ -32,7 +32,7 @@ from hal.cameras.camera import Frame
 from kgdfa.button import ButtonPlace
 from kgdfa.draw import draw
 from kgdfa.pipeline import Picture, Pipeline, Report
-from logs.reason import plain
+from logs.reason import Reason, plain
 from logs.records import EventRaised, ProcessEnd, ProcessStart
 
 FRAME_TIMEOUT_S = 0.1
@@ -68,7 +68,7 @@ class Perception:
         self._detector = Loading(lambda: build.make_detector(setup))
         self._pipeline: Pipeline | None = None
         self._place: ButtonPlace | None = None
-        self._hint = LOADING
+        self._hint = plain(LOADING)
         self._zone: PressRange | None = None
         self._ready = False
         self._hints = PictureHints()
@@ -138,10 +138,10 @@ class Perception:
         camera = self._camera.camera
         if self._zone is None:
             self._zone = build.press_range(self._setup, frame, camera.name)
-        self._hint = self._hints.of(frame) or build.zone_hint(self._setup, self._zone)
+        self._hint = self._hints.of(frame) or plain(build.zone_hint(self._setup, self._zone))
         detector = self._detector.ready()
         if detector is None:
-            self._hint = LOADING
+            self._hint = plain(LOADING)
             return None
         self._ready = True
         if self._pipeline is None:
@@ -161,8 +161,8 @@ class Perception:
             camera=self._camera.camera.name,
             threshold_m=self._setup.profile.press_threshold_m,
             fps=frames_per_second(list(self._captures)),
-            camera_fault=plain(self._camera.fault),
-            hint=plain(self._hint),
+            camera_fault=self._camera.fault,
+            hint=self._hint,
             detector_ready=self._ready,
             press_zone=self._zone,
         )
@@ -175,5 +175,5 @@ class Perception:
             draw(image, report, self._place)
         self._previews.send(self._pacer.message(image, frame.captured_ns))
 
-    def _tell_fault(self, why: str) -> None:
+    def _tell_fault(self, why: Reason) -> None:
         self._sink.emit(EventRaised(event="camera-lost", effect="note", text=why))

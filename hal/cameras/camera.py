@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
-from typing import Generic, Protocol, TypeVar
+from typing import Generic, Protocol, TypeVar, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,11 +43,11 @@ class Intrinsics:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Frame:
-    """One picture.
+    """One image.
 
     image_bgr: (height, width, 3), uint8, unmirrored.
     captured_ns: `time.monotonic_ns` of this host when the frame was captured.
-    depth_m: (height, width) float32 aligned to the colour picture, or None; 0 means no measurement.
+    depth_m: (height, width) float32 aligned to the colour image, or None; 0 means no measurement.
     """
 
     image_bgr: ImageArray
@@ -66,7 +66,7 @@ class Camera(Protocol):
         ...
 
     def open(self) -> None:
-        """Start it. Raises HardwareError with a sentence when it can't."""
+        """Start it. Raises HardwareError when it can't."""
         ...
 
     def read(self, timeout_s: float) -> Frame | None:
@@ -77,12 +77,33 @@ class Camera(Protocol):
         ...
 
     def close(self) -> None:
-        """Stop it; harmless when it isn't open."""
+        """Stop it; does nothing when it isn't open."""
         ...
 
 
 class EndOfRecording(Exception):  # noqa: N818 - not an error, the end of a finite source
-    """A finite source has given its last frame."""
+    """A finite source has given its last frame; cut_off: and is not whole."""
+
+    def __init__(self, *, cut_off: bool = False) -> None:
+        super().__init__(cut_off)
+        self.cut_off = cut_off
+
+
+@runtime_checkable
+class CommandedHand(Protocol):
+    """A camera whose hand moves by command, as the digital hand's does."""
+
+    def command(
+        self,
+        *,
+        gesture: str | None = None,
+        press: bool | None = None,
+        click_s: float | None = None,
+        move_m: tuple[float, float, float] | None = None,
+        at_ns: int | None = None,
+    ) -> None:
+        """Move the hand from now (or at_ns) on; None changes nothing. Raises HardwareError."""
+        ...
 
 
 T = TypeVar("T")
@@ -91,13 +112,16 @@ SILENCE_S = 2.0  # without a frame for so long a device counts as lost
 JOIN_S = 1.0
 
 
-class Newest(Generic[T]):
-    """Calls `grab` again and again in a thread; `take` gives what came last, once."""
+class LatestFrame(Generic[T]):
+    """Calls `grab` again and again in a thread, so that a driver that hangs blocks nothing else.
 
-    def __init__(self, grab: Callable[[], T | None], *, lost: str, silence_s: float = SILENCE_S) -> None:
+    `take` gives what came last, once.
+    """
+
+    def __init__(self, grab: Callable[[], T | None], *, lost: HardwareError, silence_s: float = SILENCE_S) -> None:
         """grab: blocks for the next frame, None when none came, HardwareError when the device is gone.
 
-        lost: the sentence to raise when nothing came for silence_s.
+        lost: raised when nothing came for silence_s.
         """
         self._grab = grab
         self._lost = lost
@@ -106,7 +130,7 @@ class Newest(Generic[T]):
         self._value: T | None = None
         self._error: HardwareError | EndOfRecording | None = None
         self._stopped = False
-        self._heard_s = time.monotonic()
+        self._received_s = time.monotonic()
         self._thread = threading.Thread(target=self._run, name="camera-reader", daemon=True)
         self._thread.start()
 
@@ -119,12 +143,12 @@ class Newest(Generic[T]):
                 return value
             if self._error is not None:
                 raise self._error
-            if time.monotonic() - self._heard_s > self._silence_s:
-                raise HardwareError(self._lost)
+            if time.monotonic() - self._received_s > self._silence_s:
+                raise self._lost
             return None
 
     def stop(self) -> bool:
-        """End the thread; False when the driver hangs and had to be left behind."""
+        """End the thread; False when the driver hangs and its thread was abandoned."""
         self._stopped = True
         self._thread.join(JOIN_S)
         return not self._thread.is_alive()
@@ -142,5 +166,5 @@ class Newest(Generic[T]):
                 continue
             with self._changed:
                 self._value = value
-                self._heard_s = time.monotonic()
+                self._received_s = time.monotonic()
                 self._changed.notify_all()

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from hal.cameras.camera import Camera
-from hal.errors import HardwareError
+from hal.errors import CameraFault, HardwareError, RecordingFault
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Wanted:
-    """Everything a configuration can say of a camera."""
+class CameraRequest:
+    """All settings of a camera."""
 
     device: str
     width_px: int
@@ -40,14 +40,14 @@ def open_camera(
 ) -> Camera:
     """A camera of a kind: digital-hand, webcam, realsense, recording. Not yet opened: its `open` starts it.
 
-    device: webcam: name or index; recording: a video, a folder of pictures or a recorded session; realsense:
+    device: webcam: name or index; recording: a video, a folder of images or a recorded session; realsense:
     serial number, or path of a .bag or .db3. store: the cameras.toml with measured intrinsics.
     depth: whether the digital hand also gives depth. Raises HardwareError for an unknown kind or bad settings.
     """
     if kind not in _BUILDERS:
-        raise HardwareError(f"There is no camera of kind {kind!r}: choose {', '.join(_BUILDERS)}.")
+        raise HardwareError(CameraFault.UNKNOWN_KIND, kind=kind, known=", ".join(_BUILDERS))
     return _BUILDERS[kind](
-        Wanted(
+        CameraRequest(
             device=device,
             width_px=width_px,
             height_px=height_px,
@@ -61,7 +61,7 @@ def open_camera(
     )
 
 
-def _digital_hand(wanted: Wanted) -> Camera:
+def _digital_hand(wanted: CameraRequest) -> Camera:
     from hal.cameras.digital_hand.driver import DigitalHandCamera
     from hal.cameras.digital_hand.render import lens_for
 
@@ -69,7 +69,7 @@ def _digital_hand(wanted: Wanted) -> Camera:
     return DigitalHandCamera(seed=wanted.seed, lens=lens, rate_hz=wanted.rate_hz, depth=wanted.depth)
 
 
-def _webcam(wanted: Wanted) -> Camera:
+def _webcam(wanted: CameraRequest) -> Camera:
     from hal.cameras.webcam import WebcamCamera
 
     return WebcamCamera(
@@ -83,25 +83,25 @@ def _webcam(wanted: Wanted) -> Camera:
     )
 
 
-def _recording(wanted: Wanted) -> Camera:
-    from hal.cameras.playback import PlaybackCamera, folder_moments, video_moments
-    from hal.cameras.recording import INDEX, recorded_moments
+def _recording(wanted: CameraRequest) -> Camera:
+    from hal.cameras.playback import PlaybackCamera, folder_source, video_source
+    from hal.cameras.recording import INDEX, recorded_source
 
     if not wanted.device:
-        raise HardwareError("No recording is named: set the camera's device to a video or a folder of pictures.")
+        raise HardwareError(RecordingFault.NOT_NAMED)
     path = Path(wanted.device).expanduser()
     if not path.exists():
-        raise HardwareError(f"The recording {path} does not exist: check the path.")
+        raise HardwareError(RecordingFault.NOT_FOUND, path=path)
     if (path / INDEX).exists():
-        moments = recorded_moments(path)
+        source = recorded_source(path)
     elif path.is_dir():
-        moments = folder_moments(path, wanted.rate_hz)
+        source = folder_source(path, wanted.rate_hz)
     else:
-        moments = video_moments(path)
-    return PlaybackCamera(path, moments, focal_px=wanted.focal_px, mirrored=wanted.mirrored, store=wanted.store)
+        source = video_source(path)
+    return PlaybackCamera(path, source, focal_px=wanted.focal_px, mirrored=wanted.mirrored, store=wanted.store)
 
 
-def _realsense(wanted: Wanted) -> Camera:
+def _realsense(wanted: CameraRequest) -> Camera:
     from hal.cameras.realsense import RealSenseCamera
 
     return RealSenseCamera(
@@ -109,7 +109,7 @@ def _realsense(wanted: Wanted) -> Camera:
     )
 
 
-_BUILDERS: dict[str, Callable[[Wanted], Camera]] = {
+_BUILDERS: dict[str, Callable[[CameraRequest], Camera]] = {
     "digital-hand": _digital_hand,
     "webcam": _webcam,
     "realsense": _realsense,

@@ -14,7 +14,7 @@ import tomlkit
 from numpy.typing import NDArray
 
 from hal.cameras.camera import ImageArray, Intrinsics, IntrinsicsSource
-from hal.errors import HardwareError
+from hal.errors import CameraFault, HardwareError
 
 # An ordinary 16:9 webcam sees about 68 degrees across, which is 950 px of focal length at 1280 pixels.
 ASSUMED_FOCAL_PER_WIDTH = 950.0 / 1280.0
@@ -28,14 +28,12 @@ def assumed(width_px: int, height_px: int) -> Intrinsics:
 def given(width_px: int, height_px: int, focal_px: float) -> Intrinsics:
     """From a focal length that somebody states. Raises HardwareError when it can't be one."""
     if not 0 < focal_px < 100_000:
-        raise HardwareError(
-            f"Focal length {focal_px:g} px: it must be above 0; give the one for {width_px} px of width."
-        )
+        raise HardwareError(CameraFault.FOCAL_LENGTH_OUT_OF_RANGE, focal_px=focal_px, width_px=width_px)
     return pinhole(width_px, height_px, focal_px, IntrinsicsSource.GIVEN)
 
 
 def pinhole(width_px: int, height_px: int, focal_px: float, source: IntrinsicsSource) -> Intrinsics:
-    """Square pixels, the axis through the picture's middle."""
+    """Square pixels, the axis through the image's middle."""
     return Intrinsics(
         width_px=width_px,
         height_px=height_px,
@@ -51,8 +49,12 @@ def check_size(intrinsics: Intrinsics, width_px: int, height_px: int, camera: st
     """Refuse intrinsics of another resolution. Raises HardwareError naming both."""
     if (intrinsics.width_px, intrinsics.height_px) != (width_px, height_px):
         raise HardwareError(
-            f"The intrinsics of {camera} are for {intrinsics.width_px}x{intrinsics.height_px}, but its pictures are "
-            f"{width_px}x{height_px}: calibrate at this resolution, or set the camera to the other."
+            CameraFault.OTHER_RESOLUTION,
+            camera=camera,
+            width_px=intrinsics.width_px,
+            height_px=intrinsics.height_px,
+            image_width_px=width_px,
+            image_height_px=height_px,
         )
 
 
@@ -92,9 +94,7 @@ def load(store: Path, camera: str) -> Intrinsics | None:
             k2=_coefficient(entry.get("k2", 0.0)),
         )
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
-        raise HardwareError(
-            f"The camera file {store} can't be used ({error}): mend it, or remove it and calibrate again."
-        ) from error
+        raise HardwareError(CameraFault.INTRINSICS_UNREADABLE, path=store, detail=str(error)) from error
 
 
 def save(store: Path, camera: str, intrinsics: Intrinsics, residual_px: float) -> None:
@@ -108,7 +108,7 @@ def save(store: Path, camera: str, intrinsics: Intrinsics, residual_px: float) -
         fresh.write_text(tomlkit.dumps(document), encoding="utf-8")
         fresh.replace(store)
     except (OSError, ValueError) as error:
-        raise HardwareError(f"The camera file {store} can't be written ({error}): check the folder.") from error
+        raise HardwareError(CameraFault.INTRINSICS_UNWRITABLE, path=store, detail=str(error)) from error
 
 
 def _positive(value: Any) -> float:
@@ -125,8 +125,8 @@ def _coefficient(value: Any) -> float:
     return number
 
 
-LEAST_PICTURES = 5
-MOST_RESIDUAL_PX = 1.0  # beyond it the board was bent, blurred or moving
+MIN_IMAGES = 5
+MAX_RESIDUAL_PX = 1.0  # beyond it the board was bent, blurred or moving
 _REFINED = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 30, 0.01)
 
 Corners = NDArray[np.float32]
@@ -150,7 +150,7 @@ class Board:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Calibration:
-    """residual_px: RMS distance between corners found and corners projected. used: pictures that showed the board."""
+    """residual_px: RMS distance between corners found and corners projected. used: images that showed the board."""
 
     intrinsics: Intrinsics
     residual_px: float
@@ -158,7 +158,7 @@ class Calibration:
 
 
 def find_corners(image_bgr: ImageArray, board: Board) -> Corners | None:
-    """(columns * rows, 1, 2) inner corners to a fraction of a pixel, None when the board is not seen whole."""
+    """(columns * rows, 1, 2) inner corners to a fraction of a pixel, None when the board is not visible whole."""
     grey = cv2.cvtColor(image_bgr, cv2.COLOR_BGR2GRAY)
     flags = cv2.CALIB_CB_ADAPTIVE_THRESH | cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_FAST_CHECK
     found, corners = cv2.findChessboardCorners(grey, (board.columns, board.rows), flags=flags)
@@ -168,25 +168,25 @@ def find_corners(image_bgr: ImageArray, board: Board) -> Corners | None:
 
 
 def calibrate(corners: Iterable[Corners], board: Board, width_px: int, height_px: int) -> Calibration:
-    """Intrinsics and the first two terms of radial distortion, from the corners of several pictures.
+    """Intrinsics and the first two terms of radial distortion, from the corners of several images.
 
-    Raises HardwareError for too few pictures, or when they don't agree on one lens.
+    Raises HardwareError for too few images, or when they don't agree on one lens.
     """
     seen = list(corners)
-    if len(seen) < LEAST_PICTURES:
+    if len(seen) < MIN_IMAGES:
         raise HardwareError(
-            f"The chessboard was found in {len(seen)} pictures, {LEAST_PICTURES} are needed: show it whole, "
-            f"{board.columns} by {board.rows} inner corners, near and far and tilted."
+            CameraFault.TOO_FEW_CHESSBOARDS,
+            found=len(seen),
+            needed=MIN_IMAGES,
+            columns=board.columns,
+            rows=board.rows,
         )
     flags = cv2.CALIB_FIX_K3 | cv2.CALIB_ZERO_TANGENT_DIST
     residual, matrix, distortion, *_ = cv2.calibrateCamera(
         [board.points_m] * len(seen), seen, (width_px, height_px), None, None, flags=flags
     )
-    if not (np.isfinite(matrix).all() and residual <= MOST_RESIDUAL_PX):
-        raise HardwareError(
-            f"The pictures don't agree on one lens (residual {residual:.2f} px, at most {MOST_RESIDUAL_PX:g}): "
-            "use a flat board, hold it still, and take them again."
-        )
+    if not (np.isfinite(matrix).all() and residual <= MAX_RESIDUAL_PX):
+        raise HardwareError(CameraFault.CHESSBOARDS_DISAGREE, residual_px=float(residual), limit_px=MAX_RESIDUAL_PX)
     intrinsics = Intrinsics(
         width_px=width_px,
         height_px=height_px,

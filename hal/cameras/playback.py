@@ -1,4 +1,4 @@
-"""Finite sources as a Camera: a video file, a folder of pictures, a recorded session."""
+"""Finite sources as a Camera: a video file, a folder of images, a recorded session."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ import numpy as np
 
 from hal.cameras.camera import DepthArray, EndOfRecording, Frame, ImageArray, Intrinsics
 from hal.cameras.intrinsics import check_size, choose
-from hal.errors import HardwareError
+from hal.errors import CameraFault, HardwareError, RecordingFault
 
-PICTURES = frozenset({".png", ".jpg", ".jpeg", ".bmp", ".webp", ".tif", ".tiff"})
+IMAGE_SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".bmp", ".webp", ".tif", ".tiff"})
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Moment:
-    """One recorded picture. offset_ns: since the first. intrinsics: as recorded, None where they weren't."""
+class RecordedFrame:
+    """One recorded image. offset_ns: since the first. intrinsics: as recorded, None where they weren't."""
 
     offset_ns: int
     image_bgr: ImageArray
@@ -27,7 +27,7 @@ class Moment:
     intrinsics: Intrinsics | None = None
 
 
-Moments = Callable[[], Iterator[Moment]]
+FrameSource = Callable[[], Iterator[RecordedFrame]]
 
 
 class PlaybackCamera:
@@ -39,7 +39,7 @@ class PlaybackCamera:
     def __init__(
         self,
         path: Path,
-        moments: Moments,
+        source: FrameSource,
         *,
         focal_px: float | None = None,
         mirrored: bool = False,
@@ -48,13 +48,13 @@ class PlaybackCamera:
     ) -> None:
         """moments: starts the source anew; raises HardwareError when it can't be read."""
         self._path = path
-        self._moments = moments
+        self._source = source
         self._focal_px = focal_px
         self._mirrored = mirrored
         self._paced = paced
         self._store = store
-        self._waiting: Iterator[Moment] | None = None
-        self._next: Moment | None = None
+        self._pending: Iterator[RecordedFrame] | None = None
+        self._next: RecordedFrame | None = None
         self._end: EndOfRecording | None = None
         self._started_ns = 0
         self._sequence = 0
@@ -66,64 +66,64 @@ class PlaybackCamera:
         return self._path.name
 
     def open(self) -> None:
-        """Start from the beginning. Raises HardwareError when there is not one readable picture."""
-        self._waiting = self._moments()
-        self._look_ahead()
+        """Start from the beginning. Raises HardwareError without one readable image."""
+        self._pending = self._source()
+        self._fetch_next()
         if self._next is None:
-            raise HardwareError(str(self._end or f"The recording {self._path} holds no picture: choose another one."))
+            raise HardwareError(RecordingFault.CUT_OFF if self._end else RecordingFault.EMPTY, path=self._path)
         height, width = self._next.image_bgr.shape[:2]
         self._intrinsics = self._choose(self._next, width, height)
         self._started_ns = time.monotonic_ns()
         self._sequence = 0
 
     def read(self, timeout_s: float) -> Frame | None:
-        """The next picture when its time has come. Raises EndOfRecording after the last one."""
-        if self._waiting is None or self._intrinsics is None:
-            raise HardwareError(f"The recording {self._path} is not open: open it before reading.")
-        moment = self._next
-        if moment is None:
-            raise self._end or EndOfRecording(f"The recording {self._path} ended after {self._sequence} pictures.")
-        due_ns = self._started_ns + moment.offset_ns
+        """The next image when it is due. Raises EndOfRecording after the last one."""
+        if self._pending is None or self._intrinsics is None:
+            raise HardwareError(CameraFault.NOT_OPEN, camera=self.name)
+        frame = self._next
+        if frame is None:
+            raise self._end or EndOfRecording()
+        due_ns = self._started_ns + frame.offset_ns
         if self._paced and not _wait_until(due_ns, timeout_s):
             return None
-        height, width = moment.image_bgr.shape[:2]
+        height, width = frame.image_bgr.shape[:2]
         check_size(self._intrinsics, width, height, self.name)
-        self._look_ahead()
+        self._fetch_next()
         self._sequence += 1
         return Frame(
-            image_bgr=np.asarray(cv2.flip(moment.image_bgr, 1), np.uint8) if self._mirrored else moment.image_bgr,
+            image_bgr=np.asarray(cv2.flip(frame.image_bgr, 1), np.uint8) if self._mirrored else frame.image_bgr,
             captured_ns=due_ns,
             sequence=self._sequence,
             intrinsics=self._intrinsics,
-            depth_m=_turned(moment.depth_m) if self._mirrored else moment.depth_m,
+            depth_m=_mirrored_depth(frame.depth_m) if self._mirrored else frame.depth_m,
         )
 
     def close(self) -> None:
         """Forget where it was."""
-        self._waiting = self._next = self._end = None
+        self._pending = self._next = self._end = None
 
-    def _look_ahead(self) -> None:
-        """Fetch the next picture; a cut found now is told when its turn comes."""
-        assert self._waiting is not None
+    def _fetch_next(self) -> None:
+        """Fetch the next image; a cut found now is raised when it is reached."""
+        assert self._pending is not None
         self._next = None
         try:
-            self._next = next(self._waiting, None)
+            self._next = next(self._pending, None)
         except EndOfRecording as end:
             self._end = end
 
-    def _choose(self, first: Moment, width_px: int, height_px: int) -> Intrinsics:
+    def _choose(self, first: RecordedFrame, width_px: int, height_px: int) -> Intrinsics:
         if first.intrinsics is not None and self._focal_px is None:
             return first.intrinsics
         return choose(width_px, height_px, camera=self.name, focal_px=self._focal_px, store=self._store)
 
 
-def video_moments(path: Path) -> Moments:
+def video_source(path: Path) -> FrameSource:
     """A video file's pictures at its own rate (30/s where it tells none)."""
 
-    def moments() -> Iterator[Moment]:
+    def source() -> Iterator[RecordedFrame]:
         capture = cv2.VideoCapture(str(path))
         if not capture.isOpened():
-            raise HardwareError(f"The video {path} can't be opened: it is missing, damaged or cut off; choose another.")
+            raise HardwareError(RecordingFault.VIDEO_UNREADABLE, path=path)
         rate = capture.get(cv2.CAP_PROP_FPS)
         period_ns = 1e9 / (rate if 0 < rate <= 1000 else 30.0)
         number = 0
@@ -132,39 +132,39 @@ def video_moments(path: Path) -> Moments:
                 there, image = capture.read()
                 if not there:
                     return
-                yield Moment(offset_ns=round(number * period_ns), image_bgr=np.asarray(image, np.uint8))
+                yield RecordedFrame(offset_ns=round(number * period_ns), image_bgr=np.asarray(image, np.uint8))
                 number += 1
         finally:
             capture.release()
 
-    return moments
+    return source
 
 
-def folder_moments(folder: Path, rate_hz: float = 30.0) -> Moments:
+def folder_source(folder: Path, rate_hz: float = 30.0) -> FrameSource:
     """A folder's pictures by name, at the given rate. An unreadable one ends with HardwareError naming it."""
 
-    def moments() -> Iterator[Moment]:
-        for number, path in enumerate(picture_files(folder)):
-            yield Moment(offset_ns=round(number * 1e9 / rate_hz), image_bgr=read_picture(path))
+    def source() -> Iterator[RecordedFrame]:
+        for number, path in enumerate(image_files(folder)):
+            yield RecordedFrame(offset_ns=round(number * 1e9 / rate_hz), image_bgr=read_image(path))
 
-    return moments
+    return source
 
 
-def picture_files(folder: Path) -> list[Path]:
+def image_files(folder: Path) -> list[Path]:
     """The pictures in a folder, by name. Raises HardwareError when there are none."""
     if not folder.is_dir():
-        raise HardwareError(f"The folder {folder} does not exist: give a folder of pictures.")
-    files = sorted(path for path in folder.iterdir() if path.suffix.lower() in PICTURES)
+        raise HardwareError(RecordingFault.FOLDER_NOT_FOUND, path=folder)
+    files = sorted(path for path in folder.iterdir() if path.suffix.lower() in IMAGE_SUFFIXES)
     if not files:
-        raise HardwareError(f"The folder {folder} holds no pictures ({', '.join(sorted(PICTURES))}).")
+        raise HardwareError(RecordingFault.FOLDER_EMPTY, path=folder, known=", ".join(sorted(IMAGE_SUFFIXES)))
     return files
 
 
-def read_picture(path: Path) -> ImageArray:
+def read_image(path: Path) -> ImageArray:
     """(height, width, 3) uint8. Raises HardwareError naming the file."""
     image = cv2.imread(str(path), cv2.IMREAD_COLOR)
     if image is None:
-        raise HardwareError(f"The picture {path} can't be read: it is missing, damaged or cut off.")
+        raise HardwareError(RecordingFault.IMAGE_UNREADABLE, path=path)
     return np.asarray(image, dtype=np.uint8)
 
 
@@ -179,5 +179,5 @@ def _wait_until(due_ns: int, timeout_s: float) -> bool:
     return True
 
 
-def _turned(depth_m: DepthArray | None) -> DepthArray | None:
+def _mirrored_depth(depth_m: DepthArray | None) -> DepthArray | None:
     return None if depth_m is None else np.ascontiguousarray(depth_m[:, ::-1])

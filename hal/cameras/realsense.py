@@ -17,8 +17,8 @@ from typing import Any, Protocol
 import cv2
 import numpy as np
 
-from hal.cameras.camera import DepthArray, EndOfRecording, Frame, ImageArray, Intrinsics, IntrinsicsSource, Newest
-from hal.errors import HardwareError
+from hal.cameras.camera import DepthArray, EndOfRecording, Frame, ImageArray, Intrinsics, IntrinsicsSource, LatestFrame
+from hal.errors import CameraFault, HardwareError, RecordingFault
 
 
 class Streams(Protocol):
@@ -91,7 +91,7 @@ _TO_BGR = {"rgb8": cv2.COLOR_RGB2BGR, "yuyv": cv2.COLOR_YUV2BGR_YUY2, "rgba8": c
 
 
 @dataclass(frozen=True, slots=True)
-class _Taken:
+class _FrameSet:
     image_bgr: ImageArray
     depth_m: DepthArray | None
     captured_ns: int
@@ -124,7 +124,7 @@ class RealSenseCamera:
         self._align: Any = None
         self._depth_unit_m = 0.001
         self._intrinsics: Intrinsics | None = None
-        self._newest: Newest[_Taken] | None = None
+        self._latest: LatestFrame[_FrameSet] | None = None
         self._sequence = 0
         self._name = device or "RealSense"
 
@@ -153,23 +153,20 @@ class RealSenseCamera:
             raise
         except RuntimeError as error:
             self.close()
-            raise HardwareError(
-                f"The RealSense {self._device or 'camera'} can't be started ({error}): check the cable and the port, "
-                "or that the recording is whole."
-            ) from error
+            raise HardwareError(CameraFault.REALSENSE_NOT_STARTED, camera=self._name, detail=str(error)) from error
         self._sequence = 0
         streams = self._streams
         assert streams is not None
-        self._newest = Newest(
+        self._latest = LatestFrame(
             lambda: self._grab(streams),
-            lost=f"The RealSense {self._name} gives no pictures: unplug it and plug it in again.",
+            lost=HardwareError(CameraFault.NO_FRAMES, camera=self._name),
         )
 
     def read(self, timeout_s: float) -> Frame | None:
         """The newest pair of colour and depth. Raises HardwareError when lost, EndOfRecording at a recording's end."""
-        if self._newest is None or self._intrinsics is None:
-            raise HardwareError("The RealSense camera is not open: open it before reading.")
-        taken = self._newest.take(timeout_s)
+        if self._latest is None or self._intrinsics is None:
+            raise HardwareError(CameraFault.NOT_OPEN, camera=self._name)
+        taken = self._latest.take(timeout_s)
         if taken is None:
             return None
         self._sequence += 1
@@ -182,16 +179,16 @@ class RealSenseCamera:
         )
 
     def close(self) -> None:
-        """Stop it; a driver that hangs is left behind."""
-        ended = self._newest.stop() if self._newest is not None else True
+        """Stop it; a driver that hangs is abandoned."""
+        ended = self._latest.stop() if self._latest is not None else True
         if self._streams is not None and ended:
             with suppress(RuntimeError):  # the device has gone
                 self._streams.stop()
-        self._newest = self._streams = self._playback = None
+        self._latest = self._streams = self._playback = None
 
     def _prepare_recording(self, config: Any, path: Path) -> None:
         if not path.is_file():
-            raise HardwareError(f"The recording {path} does not exist: check the path.")
+            raise HardwareError(RecordingFault.NOT_FOUND, path=path)
         self._name = path.name
         config.enable_device_from_file(str(path), repeat_playback=False)
 
@@ -212,12 +209,12 @@ class RealSenseCamera:
         self._playback = device.as_playback() if device.is_playback() else None
         running = {profile.stream_type(): profile for profile in streams.profiles}
         if rs.stream.color not in running:
-            raise HardwareError(f"The RealSense {self._name} gives no colour pictures: enable its colour stream.")
+            raise HardwareError(CameraFault.REALSENSE_NO_COLOUR, camera=self._name)
         self._intrinsics = _intrinsics(running[rs.stream.color].as_video_stream_profile().get_intrinsics())
         self._depth_unit_m = _depth_unit_m(device)
         self._align = rs.align(rs.stream.color)
 
-    def _grab(self, streams: Streams) -> _Taken | None:
+    def _grab(self, streams: Streams) -> _FrameSet | None:
         """One frame set; None when none came in time."""
         try:
             frames = streams.wait(GRAB_MS)
@@ -228,26 +225,23 @@ class RealSenseCamera:
             aligned = self._align.process(frames)
             colour, depth = aligned.get_color_frame(), aligned.get_depth_frame()
         except RuntimeError as error:
-            raise HardwareError(f"The RealSense {self._name} was lost ({error}): plug it in again.") from error
+            raise HardwareError(CameraFault.REALSENSE_LOST, camera=self._name, detail=str(error)) from error
         if not colour:
             return None
-        return _Taken(_bgr(colour), clean_depth(np.asanyarray(depth.get_data()), self._depth_unit_m) if depth else None,
-                      captured_ns)  # fmt: skip
+        depth_m = clean_depth(np.asanyarray(depth.get_data()), self._depth_unit_m) if depth else None
+        return _FrameSet(_bgr(colour), depth_m, captured_ns)
 
     def _check_end(self) -> None:
         if self._playback is not None and _stopped(self._playback):
-            raise EndOfRecording(f"The recording {self._name} has ended.")
+            raise EndOfRecording
 
 
 def library() -> ModuleType:
-    """librealsense's Python module. Raises HardwareError saying what to install."""
+    """librealsense's Python module. Raises HardwareError without it."""
     try:
         import pyrealsense2 as rs
     except ImportError as error:
-        raise HardwareError(
-            f"RealSense cameras need librealsense ({error}): install it with `pip install 'rleex[realsense]'` "
-            "and the system's libusb (Debian: apt install libusb-1.0-0)."
-        ) from error
+        raise HardwareError(CameraFault.NO_REALSENSE_LIBRARY, detail=str(error)) from error
     module: ModuleType = rs
     return module
 
@@ -271,11 +265,8 @@ def _find(rs: ModuleType, context: Any, serial: str) -> Any:
     for device in devices:
         if serial in ("", _info(rs, device, "serial_number")):
             return device
-    there = ", ".join(_info(rs, device, "serial_number") for device in devices) or "none"
-    raise HardwareError(
-        f"There is no RealSense {serial or 'camera'} (found: {there}): plug it into a USB 3 port, and install the udev "
-        "rules if it needs root."
-    )
+    known = ", ".join(_info(rs, device, "serial_number") for device in devices) or "–"
+    raise HardwareError(CameraFault.REALSENSE_NOT_FOUND, serial=serial or "–", known=known)
 
 
 def _info(rs: ModuleType, device: Any, what: str) -> str:
@@ -285,9 +276,7 @@ def _info(rs: ModuleType, device: Any, what: str) -> str:
 
 def _check_port(usb: str, name: str) -> None:
     if usb.startswith(("1", "2")):
-        raise HardwareError(
-            f"The {name} hangs on USB {usb}, too slow for colour and depth: use a USB 3 port and a USB 3 cable."
-        )
+        raise HardwareError(CameraFault.USB_TOO_SLOW, camera=name, usb=usb)
 
 
 def _depth_mode(rs: ModuleType, device: Any) -> tuple[int, int]:

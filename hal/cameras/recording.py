@@ -1,6 +1,6 @@
-"""Recorded sessions: a folder of JPEG pictures, 16-bit depth maps in millimetres, and an index of JSON Lines.
+"""Recorded sessions: a folder of JPEG images, 16-bit depth maps in millimetres, and an index of JSON Lines.
 
-The index is written line by line and ends with a line that says so; without it the recording was cut off, and
+The index is written line by line and ends with an end line; without it the recording was cut off, and
 what is there is still played.
 """
 
@@ -18,14 +18,14 @@ import cv2
 import numpy as np
 
 from hal.cameras.camera import DepthArray, EndOfRecording, Frame, Intrinsics, IntrinsicsSource
-from hal.cameras.playback import Moment, Moments, read_picture
-from hal.errors import HardwareError
+from hal.cameras.playback import FrameSource, RecordedFrame, read_image
+from hal.errors import HardwareError, RecordingFault
 
 INDEX = "frames.jsonl"
 FORMAT = "rleex-recording"
 VERSION = 1
 JPEG_QUALITY = 95
-WAITING_FRAMES = 30  # a second of pictures may wait for the disk; later ones are dropped and counted
+WAITING_FRAMES = 30  # a second of images may wait for the disk; later ones are dropped and counted
 
 
 class Recorder:
@@ -37,41 +37,41 @@ class Recorder:
             folder.mkdir(parents=True)
             self._index: IO[str] = (folder / INDEX).open("w", encoding="utf-8")
         except OSError as error:
-            raise HardwareError(f"The recording {folder} can't be begun ({error}): choose another folder.") from error
+            raise HardwareError(RecordingFault.UNWRITABLE, path=folder, detail=str(error)) from error
         self.folder = folder
         self.written = 0
         self.dropped = 0
-        self.fault = ""
+        self.fault: HardwareError | None = None
         self._camera = camera
-        self._waiting: queue.Queue[Frame | None] = queue.Queue(WAITING_FRAMES)
+        self._pending: queue.Queue[Frame | None] = queue.Queue(WAITING_FRAMES)
         self._thread = threading.Thread(target=self._run, name="recorder", daemon=True)
         self._thread.start()
 
     def write(self, frame: Frame) -> bool:
         """Hand a frame over; False when the disk is behind and the frame was dropped."""
         try:
-            self._waiting.put_nowait(frame)
+            self._pending.put_nowait(frame)
         except queue.Full:
             self.dropped += 1
             return False
         return True
 
     def close(self) -> None:
-        """Write what waits, and the line that says that nothing is missing."""
-        self._waiting.put(None)
+        """Write what waits, and the end line."""
+        self._pending.put(None)
         self._thread.join()
         if not self.fault:
             self._line({"end": True, "frames": self.written, "dropped": self.dropped})
         self._index.close()
 
     def _run(self) -> None:
-        while (frame := self._waiting.get()) is not None:
+        while (frame := self._pending.get()) is not None:
             if self.fault:
                 continue
             try:
                 self._save(frame)
             except (OSError, cv2.error) as error:
-                self.fault = f"The recording {self.folder} ended early ({error}): free some disk space."
+                self.fault = HardwareError(RecordingFault.ENDED_EARLY, path=self.folder, detail=str(error))
 
     def _save(self, frame: Frame) -> None:
         if self.written == 0:
@@ -95,30 +95,29 @@ class Recorder:
         self._index.flush()
 
 
-def recorded_moments(folder: Path) -> Moments:
-    """What a Recorder wrote. Plays up to a cut, then ends with EndOfRecording saying so."""
+def recorded_source(folder: Path) -> FrameSource:
+    """What a Recorder wrote. Plays up to a cut, then ends with EndOfRecording."""
 
-    def moments() -> Iterator[Moment]:
+    def source() -> Iterator[RecordedFrame]:
         lines = _index_lines(folder)
         intrinsics = _intrinsics(folder, next(lines, None))
-        first_ns, played = None, 0
+        first_ns = None
         for entry in lines:
             if entry.get("end"):
                 return
-            moment = _moment(folder, entry, intrinsics)
-            if moment is None:
+            frame = _recorded_frame(folder, entry, intrinsics)
+            if frame is None:
                 break
-            first_ns = moment.offset_ns if first_ns is None else first_ns
-            yield Moment(
-                offset_ns=moment.offset_ns - first_ns,
-                image_bgr=moment.image_bgr,
-                depth_m=moment.depth_m,
+            first_ns = frame.offset_ns if first_ns is None else first_ns
+            yield RecordedFrame(
+                offset_ns=frame.offset_ns - first_ns,
+                image_bgr=frame.image_bgr,
+                depth_m=frame.depth_m,
                 intrinsics=intrinsics,
             )
-            played += 1
-        raise EndOfRecording(f"The recording {folder} is cut off after {played} pictures; what was there is played.")
+        raise EndOfRecording(cut_off=True)
 
-    return moments
+    return source
 
 
 def _index_lines(folder: Path) -> Iterator[dict[str, Any]]:
@@ -126,7 +125,7 @@ def _index_lines(folder: Path) -> Iterator[dict[str, Any]]:
     try:
         text = (folder / INDEX).read_text(encoding="utf-8", errors="replace")
     except OSError as error:
-        raise HardwareError(f"The recording {folder} can't be read ({error}): choose another.") from error
+        raise HardwareError(RecordingFault.INDEX_UNREADABLE, path=folder, detail=str(error)) from error
     for line in text.splitlines():
         try:
             entry = json.loads(line)
@@ -139,29 +138,29 @@ def _index_lines(folder: Path) -> Iterator[dict[str, Any]]:
 
 def _intrinsics(folder: Path, header: dict[str, Any] | None) -> Intrinsics:
     if header is None or header.get("format") != FORMAT or header.get("version") != VERSION:
-        raise HardwareError(f"{folder / INDEX} is no recording of this version: record it anew or choose another.")
+        raise HardwareError(RecordingFault.OTHER_VERSION, path=folder / INDEX)
     try:
         values = dict(header["intrinsics"])
         return Intrinsics(**{**values, "source": IntrinsicsSource(values["source"])})
     except (KeyError, TypeError, ValueError) as error:
-        raise HardwareError(f"The recording {folder} has no usable intrinsics ({error}): record it anew.") from error
+        raise HardwareError(RecordingFault.NO_INTRINSICS, path=folder, detail=str(error)) from error
 
 
-def _moment(folder: Path, entry: dict[str, Any], intrinsics: Intrinsics) -> Moment | None:
-    """One record's pictures; None where the recording is cut."""
+def _recorded_frame(folder: Path, entry: dict[str, Any], intrinsics: Intrinsics) -> RecordedFrame | None:
+    """One record's images; None where the recording is cut."""
     try:
         captured_ns = int(entry["captured_ns"])
-        image = read_picture(folder / str(entry["image"]))
+        image = read_image(folder / str(entry["image"]))
         depth = _depth(folder / str(entry["depth"])) if "depth" in entry else None
     except (KeyError, TypeError, ValueError, HardwareError):
         return None
-    return Moment(offset_ns=captured_ns, image_bgr=image, depth_m=depth, intrinsics=intrinsics)
+    return RecordedFrame(offset_ns=captured_ns, image_bgr=image, depth_m=depth, intrinsics=intrinsics)
 
 
 def _depth(path: Path) -> DepthArray:
     millimetres = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
     if millimetres is None or millimetres.dtype != np.uint16:
-        raise HardwareError(f"The depth map {path} can't be read: it is missing, damaged or cut off.")
+        raise HardwareError(RecordingFault.DEPTH_UNREADABLE, path=path)
     depth_m: DepthArray = millimetres.astype(np.float32) / np.float32(1000.0)
     return depth_m
 

@@ -10,9 +10,9 @@ from typing import Any
 
 import cv2
 
-from hal.cameras.camera import Frame, ImageArray, Intrinsics, Newest
+from hal.cameras.camera import Frame, ImageArray, Intrinsics, LatestFrame
 from hal.cameras.intrinsics import choose
-from hal.errors import HardwareError
+from hal.errors import CameraFault, HardwareError
 
 SYSFS = Path("/sys/class/video4linux")
 
@@ -26,7 +26,7 @@ class WebcamEntry:
 
 
 def list_webcams(sysfs: Path = SYSFS) -> tuple[WebcamEntry, ...]:
-    """The video devices of this machine, by index. A camera may list more than one; its pictures are on the first."""
+    """The video devices of this machine, by index. A camera may list more than one; its images are on the first."""
     found = []
     for entry in sysfs.glob("video*"):
         number = re.fullmatch(r"video(\d+)", entry.name)
@@ -44,14 +44,14 @@ def find_webcam(device: str, entries: tuple[WebcamEntry, ...]) -> WebcamEntry:
             not wanted.isdigit() and wanted in entry.name.lower()
         ):
             return entry
-    there = ", ".join(f"{entry.index} ({entry.name})" for entry in entries) or "none"
-    raise HardwareError(
-        f"There is no webcam {device or 'at all'}: this machine has {there}; plug it in or choose another."
-    )
+    if not entries:
+        raise HardwareError(CameraFault.NO_WEBCAM)
+    known = ", ".join(f"{entry.index} ({entry.name})" for entry in entries)
+    raise HardwareError(CameraFault.WEBCAM_NOT_FOUND, device=device, known=known)
 
 
 class WebcamCamera:
-    """A webcam, read in a thread. What was negotiated stands in `negotiated` after `open`."""
+    """A webcam, read in a thread."""
 
     def __init__(
         self,
@@ -65,7 +65,7 @@ class WebcamCamera:
         store: Path | None = None,
         sysfs: Path = SYSFS,
     ) -> None:
-        """mirrored: the camera delivers mirrored pictures; they are turned back. store: a cameras.toml."""
+        """mirrored: the camera delivers mirrored images; they are turned back. store: a cameras.toml."""
         self._device = device
         self._wanted = (width_px, height_px, rate_hz)
         self._focal_px = focal_px
@@ -73,11 +73,10 @@ class WebcamCamera:
         self._store = store
         self._sysfs = sysfs
         self._capture: Any = None
-        self._newest: Newest[tuple[ImageArray, int]] | None = None
+        self._latest: LatestFrame[tuple[ImageArray, int]] | None = None
         self._intrinsics: Intrinsics | None = None
         self._sequence = 0
         self._name = device or "webcam"
-        self.negotiated = ""
 
     @property
     def name(self) -> str:
@@ -91,22 +90,17 @@ class WebcamCamera:
         capture = cv2.VideoCapture(entry.index, cv2.CAP_V4L2)
         if not capture.isOpened():
             capture.release()
-            raise HardwareError(
-                f"The webcam {entry.name} (/dev/video{entry.index}) can't be opened: close other programs that use it, "
-                "and check that you are in the group video."
-            )
+            raise HardwareError(CameraFault.WEBCAM_BUSY, camera=entry.name, index=entry.index)
         self._capture = capture
         width, height = self._negotiate(capture)
         self._intrinsics = choose(width, height, camera=entry.name, focal_px=self._focal_px, store=self._store)
-        self._newest = Newest(
-            self._grab, lost=f"The webcam {entry.name} gives no pictures: unplug it and plug it in again."
-        )
+        self._latest = LatestFrame(self._grab, lost=HardwareError(CameraFault.NO_FRAMES, camera=entry.name))
 
     def read(self, timeout_s: float) -> Frame | None:
-        """The newest picture. Raises HardwareError when the camera is gone or silent."""
-        if self._newest is None or self._intrinsics is None:
-            raise HardwareError("The webcam is not open: open it before reading.")
-        taken = self._newest.take(timeout_s)
+        """The newest image. Raises HardwareError when the camera is gone or silent."""
+        if self._latest is None or self._intrinsics is None:
+            raise HardwareError(CameraFault.NOT_OPEN, camera=self._name)
+        taken = self._latest.take(timeout_s)
         if taken is None:
             return None
         image, captured_ns = taken
@@ -114,30 +108,25 @@ class WebcamCamera:
         return Frame(image_bgr=image, captured_ns=captured_ns, sequence=self._sequence, intrinsics=self._intrinsics)
 
     def close(self) -> None:
-        """Stop it. A driver that hangs is left behind, so that the program is not."""
-        ended = self._newest.stop() if self._newest is not None else True
+        """Stop it. A driver that hangs is abandoned."""
+        ended = self._latest.stop() if self._latest is not None else True
         if self._capture is not None and ended:
             self._capture.release()
-        self._newest = self._capture = None
+        self._latest = self._capture = None
 
     def _negotiate(self, capture: Any) -> tuple[int, int]:
-        """Ask for the wanted mode; what the camera took instead is told in `negotiated`."""
+        """Ask for the wanted mode; the size that the camera took instead, (width, height)."""
         width, height, rate = self._wanted
         capture.set(cv2.CAP_PROP_FOURCC, cv2.VideoWriter.fourcc(*"MJPG"))  # raw 720p does not fit into USB 2
         capture.set(cv2.CAP_PROP_FRAME_WIDTH, width)
         capture.set(cv2.CAP_PROP_FRAME_HEIGHT, height)
         capture.set(cv2.CAP_PROP_FPS, rate)
         capture.set(cv2.CAP_PROP_BUFFERSIZE, 1)
-        got = (int(capture.get(cv2.CAP_PROP_FRAME_WIDTH)), int(capture.get(cv2.CAP_PROP_FRAME_HEIGHT)))
-        got_rate = capture.get(cv2.CAP_PROP_FPS)
-        self.negotiated = f"{got[0]}x{got[1]} at {got_rate:g}/s"
-        if got != (width, height):
-            self.negotiated += f" instead of {width}x{height}"
-        return got
+        return (int(capture.get(cv2.CAP_PROP_FRAME_WIDTH)), int(capture.get(cv2.CAP_PROP_FRAME_HEIGHT)))
 
     def _grab(self) -> tuple[ImageArray, int] | None:
         there, image = self._capture.read()
         captured_ns = time.monotonic_ns()
         if not there:
-            raise HardwareError(f"The webcam {self._name} was unplugged or stopped: plug it in again.")
+            raise HardwareError(CameraFault.UNPLUGGED, camera=self._name)
         return (cv2.flip(image, 1) if self._mirrored else image), captured_ns

@@ -9,7 +9,7 @@ from typing import Annotated, Literal
 import msgspec
 from msgspec import Meta, Struct
 
-from hal.errors import HardwareError
+from hal.errors import DeviceFault, HardwareError
 
 
 class Joint(IntEnum):
@@ -86,4 +86,4 @@ def load_exoskeleton(path: Path = DEFAULT_DEVICE) -> Exoskeleton:
     try:
         return msgspec.toml.decode(path.read_bytes(), type=Exoskeleton)
     except (OSError, msgspec.DecodeError, msgspec.ValidationError) as error:
-        raise HardwareError(f"The device description {path} can't be used: {error}; mend or restore it.") from error
+        raise HardwareError(DeviceFault.DEVICE_UNREADABLE, path=path, detail=str(error)) from error

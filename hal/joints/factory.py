@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from hal.errors import HardwareError
+from hal.errors import DeviceFault, HardwareError
 from hal.joints.device import Exoskeleton
 from hal.joints.protocol import Joints
 
@@ -31,15 +31,15 @@ def make_joints(
     if kind == "can":
         from hal.joints.can.bus import with_bus
         from hal.joints.can.driver import SocketCanJoints
-        from hal.joints.emulator.scenes import StagedCanJoints, may_be_emulated
+        from hal.joints.emulator.scenes import EmulatedCanJoints, may_be_emulated
 
         device = with_bus(device, interface, channel)
-        driver = StagedCanJoints if may_be_emulated(device) else SocketCanJoints
+        driver = EmulatedCanJoints if may_be_emulated(device) else SocketCanJoints
         return driver(device, motors=motors)
     if kind == "simulated":
         if body is None:
-            raise HardwareError("Simulated joints need a body to move: choose a patient profile.")
+            raise HardwareError(DeviceFault.NO_BODY)
         from hal.joints.simulated.driver import SimulatedJoints
 
         return SimulatedJoints(device, body)
-    raise HardwareError(f"There are no joints of kind {kind}: use one of {', '.join(KINDS)}.")
+    raise HardwareError(DeviceFault.UNKNOWN_JOINTS_KIND, kind=kind, known=", ".join(KINDS))

@@ -1,6 +1,6 @@
-"""The last door before the drives: limits that know nothing of plans, checked on every command of every tick.
+"""The last check before the drives: limits independent of plans, applied to every command of every tick.
 
-The guard refuses and says why; it never clamps, because a silent clamp hides a planner's error. Its limits come from
+The guard refuses and reports why; it never clamps, because a silent clamp hides a planner's error. Its limits come from
 the device, and from the patient only where the patient's are narrower.
 """
 
@@ -8,18 +8,18 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import Enum
-from math import inf, radians
+from math import inf, isfinite, radians
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hal.errors import HardwareError
+from hal.errors import DeviceFault, HardwareError
 from hal.joints.device import Exoskeleton
 from hal.joints.protocol import TICK_S, Joint, JointArray, JointCommand
 
 STIFFNESS_RAMP_S = 0.05  # no faster from nothing to the device's full stiffness, nor back
 TORQUE_RAMP_S = 0.05  # likewise for the feed-forward torque
-ENGAGE_RAD = radians(3.0)  # a joint that was slack is gripped no farther from where it is than this
+ENGAGE_RAD = radians(3.0)  # a joint without stiffness gets it no farther from where it is than this
 
 
 class Quantity(Enum):
@@ -35,7 +35,7 @@ class Quantity(Enum):
     POSITION_STEP = "change of position in a tick"
     TORQUE_STEP = "change of torque in a tick"
     STIFFNESS_STEP = "change of stiffness in a tick"
-    ENGAGEMENT = "distance from the joint when gripping it"
+    ENGAGEMENT = "distance from the joint when gripping it"  # stiffness begins too far from the joint
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -47,9 +47,16 @@ class Refusal:
     value: float
     limit: float
 
-    def __str__(self) -> str:
-        name = self.joint.name.lower().replace("_", " ")
-        return f"{name}: {self.quantity.value} {self.value:.4g}, limit {self.limit:.4g}"
+    @property
+    def code(self) -> Quantity:
+        """The key of its message."""
+        return self.quantity
+
+    @property
+    def values(self) -> dict[str, object]:
+        """The values of its message."""
+        numbers = {"value": self.value, "limit": self.limit}
+        return {"joint": self.joint, **{name: number for name, number in numbers.items() if isfinite(number)}}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -65,7 +72,7 @@ class Limits:
 
     @property
     def position_step_rad(self) -> JointArray:
-        """The way a joint at its top speed makes in a tick."""
+        """How far a joint moves in a tick at its top speed."""
         return self.speed_rad_s * TICK_S
 
     @property
@@ -88,10 +95,8 @@ def limits_of(device: Exoskeleton, hip_max_rad: float | None = None, knee_max_ra
     high = np.radians([joint.max_deg for joint in device.joints])
     if np.any(own > high):
         loosest = Joint(int(np.argmax(np.nan_to_num(own - high, nan=-inf))))
-        raise HardwareError(
-            f"The patient's limit of the {loosest.name.lower().replace('_', ' ')} lies beyond the device's "
-            f"{device.joints[loosest].max_deg:g}°; lower it in the profile."
-        )
+        limit_rad = radians(device.joints[loosest].max_deg)
+        raise HardwareError(DeviceFault.LIMIT_LOOSENED, joint=loosest, limit_rad=limit_rad)
     return Limits(
         low_rad=np.radians([joint.min_deg for joint in device.joints]),
         high_rad=np.fmin(own, high),
@@ -102,7 +107,7 @@ def limits_of(device: Exoskeleton, hip_max_rad: float | None = None, knee_max_ra
     )
 
 
-# What is looked at, in this order; -1: the value is bounded from below. The last four need the command before.
+# What is checked, in this order; -1: the value is bounded from below. The last four need the command before.
 ROWS = (
     (Quantity.POSITION, -1),
     (Quantity.POSITION, 1),
@@ -124,7 +129,7 @@ _NONE = np.zeros(4)
 class Guard:
     """Checks a command against the limits, and against the command before it.
 
-    One comparison of all rows at once: it stands in every tick, and eleven in turn took a tenth of it.
+    One comparison of all rows at once: it runs every tick, and eleven one by one took a tenth of it.
     """
 
     def __init__(self, limits: Limits) -> None:
@@ -133,7 +138,7 @@ class Guard:
         within += [_NONE, limits.stiffness_nm_rad, _NONE, limits.damping_nm_s_rad]
         steps = [limits.position_step_rad, np.full(4, ENGAGE_RAD), limits.stiffness_step_nm_rad, limits.torque_step_nm]
         self._limits = np.stack(within + steps)
-        # The first command of all must carry nothing: nobody knows where the joints are.
+        # The first command of all must carry nothing: where the joints are is not known.
         self._first_limits = np.stack(within + [_NONE] * 4)
         self._rows = np.zeros_like(self._limits)
 

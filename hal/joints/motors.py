@@ -14,7 +14,7 @@ from typing import Annotated
 import msgspec
 from msgspec import Meta, Struct
 
-from hal.errors import HardwareError
+from hal.errors import DeviceFault, HardwareError
 from hal.joints.protocol import DriveFault
 
 BUILT_IN_TABLE = Path(__file__).with_name("motors.toml")
@@ -23,7 +23,7 @@ Positive = Annotated[float, Meta(gt=0)]
 
 
 class WireProtocol(Enum):
-    """Which codec speaks to the drive."""
+    """Which codec the drive needs."""
 
     MIT = "mit"
     AK_V3 = "ak-v3"
@@ -40,17 +40,17 @@ class ReplyLayout(Enum):
     TEMPERATURE = "temperature and error"
 
 
-class Silence(Enum):
-    """What the drive does when commands stop coming."""
+class OnTimeout(Enum):
+    """What the drive does when no more commands come."""
 
     HOLDS = "holds the last command"
     LIMPS = "limps"
 
 
 class Watchdog(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """The drive's own answer to silence, as its source tells."""
+    """The drive's own timeout, as its source documents it."""
 
-    on_silence: Silence = Silence.HOLDS
+    on_silence: OnTimeout = OnTimeout.HOLDS
     after_ms: Annotated[float, Meta(ge=0)] = 0.0
 
 
@@ -122,19 +122,16 @@ class MotorTable:
             return versions[0]
         if versions:
             labels = ", ".join(sorted(entry.label for entry in versions))
-            raise HardwareError(
-                f"The motor {wanted} has several firmware versions with different ranges: "
-                f"name one of {labels} in the device description."
-            )
+            raise HardwareError(DeviceFault.SEVERAL_MOTOR_VERSIONS, motor=wanted, known=labels)
         known = ", ".join(sorted(self.entries))
-        raise HardwareError(f"The motor table knows no {wanted}: use one of {known}, or extend it by a TOML.")
+        raise HardwareError(DeviceFault.UNKNOWN_MOTOR, motor=wanted, known=known)
 
 
 def _read_table(path: Path) -> tuple[MotorModel, ...]:
     try:
         entries = msgspec.toml.decode(path.read_bytes(), type=_Table).motor
     except (OSError, UnicodeDecodeError, msgspec.DecodeError, msgspec.ValidationError) as error:
-        raise HardwareError(f"The motor table {path} can't be used: {error}; mend or remove it.") from error
+        raise HardwareError(DeviceFault.MOTORS_UNREADABLE, path=path, detail=str(error)) from error
     for entry in entries:
         _check_errors(entry, path)
     return entries
@@ -144,7 +141,7 @@ def _check_errors(entry: MotorModel, path: Path) -> None:
     unknown = sorted(set(entry.errors.values()) - set(DriveFault.__members__))
     if unknown:
         known = ", ".join(DriveFault.__members__)
-        raise HardwareError(f"The motor table {path}, entry {entry.label}: unknown fault {unknown[0]}; use {known}.")
+        raise HardwareError(DeviceFault.UNKNOWN_FAULT_NAME, path=path, motor=entry.label, fault=unknown[0], known=known)
 
 
 @cache

@@ -13,7 +13,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from hal.joints.device import Joint as Joint  # noqa: PLC0414 - exported again: everybody looks for it here
+from hal.errors import HardwareError
+from hal.joints.device import Joint as Joint  # noqa: PLC0414 - exported again beside its arrays
 
 JointArray = NDArray[np.float64]  # (4,), in the order of Joint
 
@@ -87,7 +88,7 @@ class JointCommand:
 class JointFeedback:
     """What the joints last reported, each array (4,); measured_ns is each joint's own time of measurement.
 
-    temperature_c is NaN where the drive does not tell. A joint that has never answered has measured_ns 0.
+    temperature_c is NaN where the drive does not report it. A joint that has never answered has measured_ns 0.
     """
 
     measured_ns: NDArray[np.int64]
@@ -98,15 +99,15 @@ class JointFeedback:
     faults: tuple[DriveFault, DriveFault, DriveFault, DriveFault]
     state: DriveState
     bus: BusFault = BusFault.NONE
-    detail: str = ""  # a sentence for people on the newest fault
+    detail: HardwareError | None = None  # what is known of the newest fault
     missed_replies: int = 0  # commands no drive answered in time, since opening
 
 
 class Joints(Protocol):
-    """Four drives behind one door. Only control opens it; every command passes the guard first."""
+    """Four drives. Only control opens them; every command passes the guard first."""
 
     def open(self, now_ns: int) -> None:
-        """Probe: who answers, with which ranges. Raises HardwareError with a sentence when they don't."""
+        """Probe: who answers, with which ranges. Raises HardwareError when they don't."""
         ...
 
     def enable(self, now_ns: int) -> None:
@@ -122,5 +123,5 @@ class Joints(Protocol):
         ...
 
     def close(self, now_ns: int) -> None:
-        """Disable, confirm, release; harmless when it isn't open."""
+        """Disable, confirm, release; does nothing when it isn't open."""
         ...

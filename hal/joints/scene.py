@@ -43,7 +43,7 @@ class Surroundings:
     blocks: tuple[Block, ...] = ()
 
 
-def around_next(now: Surroundings, scene: Scene, ankles_x_m: tuple[float, float], hip_x_m: float) -> Surroundings:
+def next_surroundings(now: Surroundings, scene: Scene, ankles_x_m: tuple[float, float], hip_x_m: float) -> Surroundings:
     """What is around the wearer as an action with this scene begins.
 
     Its scene is laid from where both feet stand. A wearer in the midst of something was interrupted there and finds

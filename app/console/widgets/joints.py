@@ -25,7 +25,7 @@ def joint_lines(state: SessionState, width: int, past: tuple[tuple[float, ...], 
 
 
 def _line(joint: Joint, now: JointSnapshot, device: JointDevice, width: int, past: tuple[float, ...]) -> Line:
-    name, figures, tail = tr(joint), _figures(now), _tail(now, device)
+    name, figures, tail = tr(f"joints.{joint.name.lower()}"), _figures(now), _tail(now, device)
     spark_width = 12 if width >= 96 else 0
     room = width - cells(name) - cells(figures) - cells(tail[0]) - spark_width - 4
     scale = range_bar(math.degrees(now.angle_rad), math.degrees(now.target_rad), device, min(40, room))

@@ -9,7 +9,7 @@ from app.control.diagnostics import Diagnostics
 from app.control.events.row import Latch, Row
 from app.ipc.states import Effect, Event
 from hal.joints.protocol import BusFault, DriveFault
-from logs.reason import Value, plain, reason
+from logs.reason import Value, reason, reason_of
 
 JOINT_TIMEOUT_MS = 15.0  # with a tick and its margin the effect comes within 20 ms
 FOLLOWING_WARN_RAD = 0.14  # 8°, four times the tracking that the plans are checked for
@@ -42,12 +42,15 @@ def _joint_timeout(d: Diagnostics) -> bool:
 
 def _report(d: Diagnostics) -> dict[str, Value]:
     """What the driver reports; where it reports nothing, the joint without an answer."""
-    joint = d.joints.silent_joint
-    return {"detail": plain(d.joints.drive_detail) or ("" if joint is None else reason(joint))}
+    detail, joint = d.joints.drive_detail, d.joints.silent_joint
+    if detail is not None:
+        return {"detail": reason_of(detail)}
+    return {"detail": "" if joint is None else reason(joint)}
 
 
 def _guard_refusal(d: Diagnostics) -> dict[str, Value]:
-    return {"detail": plain(str(d.joints.guard_refusal)) or ""}
+    refusal = d.joints.guard_refusal
+    return {"detail": "" if refusal is None else reason(refusal.code, **refusal.values)}
 
 
 def _temperature(d: Diagnostics) -> dict[str, Value]:

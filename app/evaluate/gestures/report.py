@@ -75,7 +75,7 @@ def _table_3(name: str, figures: Figures) -> Table:
 
 
 def _confusion(name: str, figures: Figures) -> Table:
-    """Truth by row."""
+    """GroundTruth by row."""
     made = table("gestures.confusion", "empty", rules=name)
     for heading in CLASSES:
         made.add_column(heading, justify="right")

@@ -27,7 +27,7 @@ from app.text.catalogue import render, tr
 from hal.joints.body import TRUNK_COM_OF_STATURE, Body
 from hal.joints.device import Exoskeleton
 from hal.joints.protocol import TICK_HZ, Joint
-from hal.joints.simulated.wearer import Truth
+from hal.joints.simulated.wearer import GroundTruth
 from profiles.schema import GaitParameters, Profile, Sex
 
 STATURES_M = (1.45, 1.95)
@@ -205,7 +205,7 @@ def _band(axes: Any, rehearsal: Rehearsal, norm: Norm) -> None:
     inset.tick_params(labelsize=7)
 
 
-def _frame(rehearsal: Rehearsal, body: Body, first: Truth, truth: Truth) -> NDArray[np.uint8]:
+def _frame(rehearsal: Rehearsal, body: Body, first: GroundTruth, truth: GroundTruth) -> NDArray[np.uint8]:
     image = np.full((HEIGHT_PX, WIDTH_PX, 3), BACKGROUND, dtype=np.uint8)
     view_x = truth.hip_x_m
     ground = float(first.ankle_m[:, 1].min()) - body.ankle_height_m
@@ -234,7 +234,7 @@ def _frame(rehearsal: Rehearsal, body: Body, first: Truth, truth: Truth) -> NDAr
     return image
 
 
-def _leg(body: Body, truth: Truth, side: int) -> list[tuple[float, float]]:
+def _leg(body: Body, truth: GroundTruth, side: int) -> list[tuple[float, float]]:
     """Hip, knee, ankle, heel, toe."""
     thigh = float(truth.joints_rad[2 * side]) - truth.lean_rad
     shank = thigh - float(truth.joints_rad[2 * side + 1])

@@ -1,4 +1,4 @@
-"""The digital hand: a camera that sees a hand which isn't there, and knows the truth about it."""
+"""The digital hand: a camera with a rendered hand and its ground truth."""
 
 from __future__ import annotations
 
@@ -11,18 +11,20 @@ from hal.cameras.digital_hand import movement as hand_motion
 from hal.cameras.digital_hand.depth import DepthCamera
 from hal.cameras.digital_hand.render import Person, Scene, keypoints_m, lens_for, person_of, project_px, render
 from hal.cameras.digital_hand.skeleton import FloatArray
-from hal.errors import HardwareError
+from hal.errors import CameraFault, HardwareError
 
+MAX_RATE_HZ = 240.0
+MAX_CLICK_S = 10.0
 REST_M = 0.36
-PRESS_M = 0.145  # well under the 20 cm threshold, and the fingertips still in the picture of the default lens
+PRESS_M = 0.145  # well under the 20 cm threshold, and the fingertips still in the image of the default lens
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Truth:
-    """What is so at one moment, exactly.
+class HandGroundTruth:
+    """The exact state at one moment.
 
-    gesture: as asked for; "none" when the hand is sent away. settled: it has that shape (no morph under way).
-    keypoints_px: (21, 2), may lie outside the picture. keypoints_m: (21, 3) in the camera's frame.
+    gesture: as commanded; "none" without a hand. settled: it has that shape (no morph under way).
+    keypoints_px: (21, 2), may lie outside the image. keypoints_m: (21, 3) in the camera's frame.
     distance_m: of keypoint 21 from the camera, along its axis. All but the gesture are None without a hand.
     """
 
@@ -35,7 +37,7 @@ class Truth:
 
 
 class DigitalHandCamera:
-    """A Camera whose hand moves by `command`. `render` and `truth` are pure in time, given the commands so far."""
+    """A Camera whose hand moves by `command`; `render` and `ground_truth` depend on time and commands only."""
 
     def __init__(
         self,
@@ -51,8 +53,8 @@ class DigitalHandCamera:
         clock_ns: Callable[[], int] = time.monotonic_ns,
     ) -> None:
         """seed chooses person, room and lamp; `person` overrides it. Raises HardwareError for a bad rate."""
-        if not 0 < rate_hz <= 240:
-            raise HardwareError(f"The digital hand can't run at {rate_hz:g} frames a second: choose up to 240.")
+        if not 0 < rate_hz <= MAX_RATE_HZ:
+            raise HardwareError(CameraFault.RATE_OUT_OF_RANGE, rate_hz=rate_hz, limit_hz=MAX_RATE_HZ)
         self.person = person or person_of(seed)
         self.lens = lens or lens_for()
         self._period_ns = round(1e9 / rate_hz)
@@ -72,7 +74,7 @@ class DigitalHandCamera:
         """Begin the frames. The first is due at once."""
         self._opened_ns = self._clock_ns()
         self._sequence = 0
-        self.render(self._opened_ns)  # paints the room, which later frames re-use
+        self.render(self._opened_ns)  # renders the room, which later frames reuse
 
     def close(self) -> None:
         """End the frames."""
@@ -81,7 +83,7 @@ class DigitalHandCamera:
     def read(self, timeout_s: float) -> Frame | None:
         """The newest due frame not yet given, waiting up to timeout_s. Raises HardwareError when not open."""
         if self._opened_ns is None:
-            raise HardwareError("The digital hand is not open: open it before reading.")
+            raise HardwareError(CameraFault.NOT_OPEN, camera=self.name)
         now_ns = self._clock_ns()
         due = max(self._sequence + 1, (now_ns - self._opened_ns) // self._period_ns)
         due_ns = self._opened_ns + due * self._period_ns
@@ -105,8 +107,8 @@ class DigitalHandCamera:
     ) -> None:
         """Move the hand from now (or at_ns) on; None leaves a thing as it is.
 
-        gesture: a name of `hand_poses.POSES`, or "none" to leave the picture. press: push (True) or draw back.
-        click_s: push and draw back within this time. move_m: shift right, down, away.
+        gesture: a name of `skeleton.POSES`, or "none" to leave the image. press: push (True) or draw back.
+        click_s: push and draw back within this time. move_m: shift right, down, away from the camera.
         Raises HardwareError for a gesture or a time that does not exist.
         """
         now_ns = self._clock_ns() if at_ns is None else at_ns
@@ -118,13 +120,13 @@ class DigitalHandCamera:
         if press is not None:
             movement = hand_motion.push(movement, press, now_ns)
         if click_s is not None:
-            if not 0 < click_s <= 10:
-                raise HardwareError(f"A click of {click_s:g} s is not possible: give 0 to 10 seconds.")
+            if not 0 < click_s <= MAX_CLICK_S:
+                raise HardwareError(CameraFault.CLICK_OUT_OF_RANGE, click_s=click_s, limit_s=MAX_CLICK_S)
             movement = hand_motion.click(movement, click_s, now_ns)
         self._movement = movement
 
     def scene(self, captured_ns: int) -> Scene:
-        """What the camera sees at a moment."""
+        """What the camera captures at a moment."""
         return Scene(
             person=self.person,
             lens=self.lens,
@@ -133,7 +135,7 @@ class DigitalHandCamera:
         )
 
     def render(self, captured_ns: int, *, sequence: int = 0) -> Frame:
-        """The frame of a moment; the same moment gives the same picture, bit for bit."""
+        """The frame of a moment; the same moment gives the same image, bit for bit."""
         noise_seed = (captured_ns // 1_000_000 + 7919 * self._seed) % (1 << 31)
         seen = render(self.scene(captured_ns), noise_seed, depth=self._depth is not None)
         depth_m = None
@@ -147,11 +149,11 @@ class DigitalHandCamera:
             depth_m=depth_m,
         )
 
-    def truth(self, captured_ns: int) -> Truth:
-        """What is so at a moment of the last minute."""
+    def ground_truth(self, captured_ns: int) -> HandGroundTruth:
+        """The exact state at a moment of the last minute."""
         scene = self.scene(captured_ns)
         joints = keypoints_m(scene)
-        return Truth(
+        return HandGroundTruth(
             gesture=self._movement.gesture(captured_ns),
             settled=self._movement.settled(captured_ns),
             keypoints_px=None if joints is None else project_px(joints, self.lens),

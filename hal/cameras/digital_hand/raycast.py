@@ -40,7 +40,7 @@ _FOREARM_M = (0.045, 0.30)  # along the forearm from the wrist: where it has bec
 
 
 @dataclass(frozen=True, slots=True)
-class Flesh:
+class Capsules:
     """n rounded cones. a, b: (n, 3) axis ends; radius_a, radius_b: (n,), metres.
 
     round_start: (n,) whether end a needs a ball of its own; where another cone ends there, it has one already.
@@ -53,11 +53,11 @@ class Flesh:
     round_start: NDArray[np.bool_]
 
 
-def flesh(joints: FloatArray, shape: HandShape) -> Flesh:
+def capsules_of(joints: FloatArray, shape: HandShape) -> Capsules:
     """The cones around (21, 3) joints, in whichever frame the joints are."""
     points = np.vstack([joints, _helpers(joints, shape)])
     radii = _RADII_M * shape.scale
-    return Flesh(points[_FROM], points[_TO], radii[:, 0], radii[:, 1], _ROUND_START)
+    return Capsules(points[_FROM], points[_TO], radii[:, 0], radii[:, 1], _ROUND_START)
 
 
 def _helpers(joints: FloatArray, shape: HandShape) -> FloatArray:
@@ -108,9 +108,9 @@ class _Cone:
     round_start: bool
 
 
-def grid_over(flesh: Flesh, lens: Intrinsics, cells_per_m: float, distance_m: float) -> Grid | None:
+def grid_over(capsules: Capsules, lens: Intrinsics, cells_per_m: float, distance_m: float) -> Grid | None:
     """The grid over all of the flesh that the picture shows; None when it shows none of it."""
-    low, high = _extent_px(flesh, lens)
+    low, high = _extent_px(capsules, lens)
     left, top = max(0, int(low[0])), max(0, int(low[1]))
     right, bottom = min(lens.width_px, int(high[0]) + 1), min(lens.height_px, int(high[1]) + 1)
     if right - left < 2 or bottom - top < 2:
@@ -120,15 +120,22 @@ def grid_over(flesh: Flesh, lens: Intrinsics, cells_per_m: float, distance_m: fl
     return Grid(left, top, right - left, bottom - top, columns, rows)
 
 
-def cast(flesh: Flesh, grid: Grid, lens: Intrinsics) -> Float32Array:
+def cast(capsules: Capsules, grid: Grid, lens: Intrinsics) -> Float32Array:
     """Depth z of the surface, metres, (rows, columns) float32; infinite where the ray misses."""
     x, y = grid.rays(lens)
     weight = np.zeros((grid.rows, grid.columns), np.float32)
-    reference = np.float32(np.min(np.minimum(flesh.a[:, 2], flesh.b[:, 2])))
+    reference = np.float32(np.min(np.minimum(capsules.a[:, 2], capsules.b[:, 2])))
     softness = np.float32(SOFTNESS_M)
-    cones = map(_Cone, flesh.a, flesh.b, flesh.radius_a.tolist(), flesh.radius_b.tolist(), flesh.round_start.tolist())
+    cones = map(
+        _Cone,
+        capsules.a,
+        capsules.b,
+        capsules.radius_a.tolist(),
+        capsules.radius_b.tolist(),
+        capsules.round_start.tolist(),
+    )
     with np.errstate(divide="ignore", invalid="ignore"):  # rays that miss end as infinities
-        for cone, (left, right, top, bottom) in zip(cones, _windows(flesh, x[0], y[:, 0]), strict=True):
+        for cone, (left, right, top, bottom) in zip(cones, _windows(capsules, x[0], y[:, 0]), strict=True):
             if right > left and bottom > top:
                 depth = _meet(cone, x[:, left:right], y[top:bottom])
                 weight[top:bottom, left:right] += np.exp((reference - depth) / softness)
@@ -136,9 +143,9 @@ def cast(flesh: Flesh, grid: Grid, lens: Intrinsics) -> Float32Array:
     return joined
 
 
-def _extent_px(flesh: Flesh, lens: Intrinsics) -> tuple[FloatArray, FloatArray]:
-    centres = np.vstack([flesh.a, flesh.b])
-    radii = np.concatenate([flesh.radius_a, flesh.radius_b])
+def _extent_px(capsules: Capsules, lens: Intrinsics) -> tuple[FloatArray, FloatArray]:
+    centres = np.vstack([capsules.a, capsules.b])
+    radii = np.concatenate([capsules.radius_a, capsules.radius_b])
     z = np.maximum(centres[:, 2], NEAREST_M)
     nearest = np.maximum(z - radii, NEAREST_M)
     focal = np.array([lens.fx_px, lens.fy_px])
@@ -147,11 +154,11 @@ def _extent_px(flesh: Flesh, lens: Intrinsics) -> tuple[FloatArray, FloatArray]:
     return (middle - reach).min(axis=0), (middle + reach).max(axis=0)
 
 
-def _windows(flesh: Flesh, x: Float32Array, y: Float32Array) -> list[tuple[int, int, int, int]]:
+def _windows(capsules: Capsules, x: Float32Array, y: Float32Array) -> list[tuple[int, int, int, int]]:
     """For each cone the cells that it can cover: left, right, top, bottom, between its ends and wider by its radii."""
     bounds = []
     for axis, rays in ((0, x), (1, y)):
-        spans = [_span(flesh.a, flesh.radius_a, axis), _span(flesh.b, flesh.radius_b, axis)]
+        spans = [_span(capsules.a, capsules.radius_a, axis), _span(capsules.b, capsules.radius_b, axis)]
         bounds.append(np.searchsorted(rays, np.minimum(spans[0][0], spans[1][0])).tolist())
         bounds.append(np.searchsorted(rays, np.maximum(spans[0][1], spans[1][1])).tolist())
     return list(zip(*bounds, strict=True))

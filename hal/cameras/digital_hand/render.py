@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hal.cameras.camera import DepthArray, ImageArray, Intrinsics, IntrinsicsSource
-from hal.cameras.digital_hand.raycast import Grid, cast, flesh, grid_over
+from hal.cameras.digital_hand.raycast import Grid, capsules_of, cast, grid_over
 from hal.cameras.digital_hand.shading import Light, Painted, paint, room_bgr
 from hal.cameras.digital_hand.skeleton import FloatArray, HandPlace, HandShape, find_pose, joints_m, placed_m
 
@@ -73,7 +73,7 @@ def person_of(seed: int) -> Person:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Scene:
-    """One moment. angles_deg: (5, 6) joint angles as `hand_skeleton.joints_m` takes them; place None: no hand."""
+    """One moment. angles_deg: (5, 6) joint angles as `skeleton.joints_m` takes them; place None: no hand."""
 
     person: Person = field(default_factory=Person)
     lens: Intrinsics = field(default_factory=lens_for)
@@ -133,7 +133,7 @@ def render(scene: Scene, noise_seed: int = 0, *, depth: bool = False) -> Rendere
     joints = keypoints_m(scene)
     if joints is None:
         return Rendered(image, surface)
-    body = flesh(joints, person.shape)
+    body = capsules_of(joints, person.shape)
     distance_m = max(0.08, float(joints[:, 2].mean()))
     grid = grid_over(body, lens, CELLS_PER_M, distance_m)
     if grid is None:

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hal.errors import HardwareError
+from hal.errors import CameraFault, HardwareError
 
 FloatArray = NDArray[np.float64]
 
@@ -204,5 +204,5 @@ POSES: dict[str, Pose] = {pose.name: pose for pose in (*GESTURES, *LOOK_ALIKES)}
 def find_pose(name: str) -> Pose:
     """The pose of that name. Raises HardwareError listing the names there are."""
     if name not in POSES:
-        raise HardwareError(f"The digital hand knows no gesture {name!r}: choose one of {', '.join(POSES)}.")
+        raise HardwareError(CameraFault.UNKNOWN_POSE, pose=name, known=", ".join(POSES))
     return POSES[name]

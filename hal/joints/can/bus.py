@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import errno
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import can
 import msgspec
 
-from hal.errors import HardwareError
+from hal.errors import CanFault, HardwareError
 from hal.joints.can.local_bus import LocalBus
 from hal.joints.codecs.wire import Frame
 from hal.joints.device import BusDevice, Exoskeleton
@@ -35,28 +35,28 @@ _GONE = frozenset({errno.ENETDOWN, errno.ENODEV, errno.ENXIO, errno.EBADF, errno
 
 @dataclass(frozen=True, slots=True)
 class ErrorFrame:
-    """What a row of the error frame's bits means."""
+    """What a bit of an error frame's identifier means."""
 
     bit: int
     fault: BusFault
-    text: str
+    code: CanFault
 
 
 # The first row that matches names the frame.
 ERROR_FRAMES = (
-    ErrorFrame(CAN_ERR_BUSOFF, BusFault.BUS_OFF, "the controller is off the bus: check wiring and termination"),
-    ErrorFrame(CAN_ERR_LOSTARB, BusFault.ARBITRATION_LOST, "the controller lost arbitration"),
-    ErrorFrame(CAN_ERR_ACK, BusFault.ERROR_FRAME, "nobody acknowledges: power, bit rate or wiring"),
-    ErrorFrame(CAN_ERR_RESTARTED, BusFault.ERROR_FRAME, "the controller was restarted"),
-    ErrorFrame(CAN_ERR_PROT, BusFault.ERROR_FRAME, "protocol violation on the bus: bit rate or termination"),
-    ErrorFrame(CAN_ERR_CRTL, BusFault.ERROR_FRAME, "the controller counts errors"),
-    ErrorFrame(CAN_ERR_BUSERROR, BusFault.ERROR_FRAME, "error on the bus"),
+    ErrorFrame(CAN_ERR_BUSOFF, BusFault.BUS_OFF, CanFault.CONTROLLER_OFF),
+    ErrorFrame(CAN_ERR_LOSTARB, BusFault.ARBITRATION_LOST, CanFault.ARBITRATION_LOST),
+    ErrorFrame(CAN_ERR_ACK, BusFault.ERROR_FRAME, CanFault.NOT_ACKNOWLEDGED),
+    ErrorFrame(CAN_ERR_RESTARTED, BusFault.ERROR_FRAME, CanFault.CONTROLLER_RESTARTED),
+    ErrorFrame(CAN_ERR_PROT, BusFault.ERROR_FRAME, CanFault.PROTOCOL_VIOLATION),
+    ErrorFrame(CAN_ERR_CRTL, BusFault.ERROR_FRAME, CanFault.CONTROLLER_COUNTS_ERRORS),
+    ErrorFrame(CAN_ERR_BUSERROR, BusFault.ERROR_FRAME, CanFault.BUS_ERROR),
 )
-_OTHER_ERROR = ErrorFrame(0, BusFault.ERROR_FRAME, "error frame")
+_OTHER_ERROR = ErrorFrame(0, BusFault.ERROR_FRAME, CanFault.ERROR_FRAME)
 
 
 def meaning_of(message: can.Message) -> ErrorFrame:
-    """What a received error frame says."""
+    """What a received error frame means."""
     return next((row for row in ERROR_FRAMES if message.arbitration_id & row.bit), _OTHER_ERROR)
 
 
@@ -102,7 +102,7 @@ def _numbered(channel: str, number: int) -> str:
 def open_bus(bus: BusDevice) -> can.BusABC:
     """The bus, opened; a `udp_multicast` channel may carry its port: "239.74.163.2:43113"; `local` is our own.
 
-    Raises HardwareError with the command that mends it.
+    Raises HardwareError with the command that brings it up.
     """
     if bus.interface == "socketcan":
         _check_link(bus)
@@ -116,23 +116,19 @@ def open_bus(bus: BusDevice) -> can.BusABC:
             return LocalBus(channel)
         return can.Bus(interface=bus.interface, channel=channel, bitrate=bus.bitrate, **options)
     except (can.CanError, OSError, ValueError, TypeError, ImportError) as error:
-        raise HardwareError(
-            f"The bus {bus.channel} ({bus.interface}) can't be opened: {error}; {remedy(bus)}."
-        ) from error
+        values = {"bus": bus.channel, "interface": bus.interface, "detail": str(error)}
+        if command := remedy_command(bus):
+            raise HardwareError(CanFault.NOT_OPENED_COMMAND, **values, command=command) from error
+        raise HardwareError(CanFault.NOT_OPENED, **values) from error
 
 
 def _check_link(bus: BusDevice) -> None:
     """Raises HardwareError when the kernel has no such interface, or has it down."""
     flags = Path("/sys/class/net", bus.channel, "flags")
     if bus.channel in ("", ".", "..") or "/" in bus.channel or not flags.exists():
-        raise HardwareError(f"There is no CAN interface {bus.channel}: {remedy(bus)}.")
+        raise HardwareError(CanFault.NO_INTERFACE, bus=bus.channel, command=remedy_command(bus))
     if not int(flags.read_text(), 16) & IFF_UP:
-        raise HardwareError(f"The CAN interface {bus.channel} is down: {remedy(bus)}.")
-
-
-def remedy(bus: BusDevice) -> str:
-    """The sentence on what most likely mends a bus that does not open."""
-    return f"try `{command}`" if (command := remedy_command(bus)) else "check interface and channel"
+        raise HardwareError(CanFault.INTERFACE_DOWN, bus=bus.channel, command=remedy_command(bus))
 
 
 def remedy_command(bus: BusDevice) -> str:
@@ -160,8 +156,16 @@ _DRAIN_LIMIT = 64  # frames a tick: a flood must not cost the tick
 _RECEIVE_ERRORS = (can.CanError, OSError, ValueError, TypeError)  # python-can raises these for broken input
 
 
+class BusReport(NamedTuple):
+    """What is wrong with something received; values: those of the code's message."""
+
+    fault: BusFault
+    code: CanFault
+    values: Mapping[str, object]
+
+
 class BusPort:
-    """A python-can bus whose methods never raise; `take_faults` tells what went wrong since it was last asked."""
+    """A python-can bus whose methods never raise; `take_faults` returns what went wrong since its last call."""
 
     def __init__(
         self,
@@ -173,32 +177,32 @@ class BusPort:
         wall_ns: Callable[[], int] = time.time_ns,
     ) -> None:
         self._bus = bus
-        self._local = bus if isinstance(bus, LocalBus) else None  # which takes and gives several frames at once
+        self._local = bus if isinstance(bus, LocalBus) else None  # which carries several frames at once
         self.name = name
         self._clock = clock
         self._wall_ns = wall_ns
         self._faults = BusFault.NONE
-        self._detail = ""
+        self._detail: HardwareError | None = None
         self._empty_ns = since_ns
 
     def send(self, *frames: Frame) -> bool:
-        """Hand frames to the bus; False when it did not take one of them."""
+        """Hand frames to the bus; False when it refused one of them."""
         if self._local is not None:
             return self._hand_over(self._local.send_frames, frames)
         left = [self._hand_over(self._bus.send, message_of(frame), 0) for frame in frames]  # one refused stops no other
         return all(left)
 
     def send_error(self, bits: int) -> bool:
-        """An error frame, where an emulated controller tells one."""
+        """An error frame, as an emulated controller reports it."""
         message = can.Message(is_error_frame=True, is_extended_id=False, arbitration_id=bits, data=bytes(8))
         return self._hand_over(self._bus.send, message, 0)
 
     def drain(self, now_ns: int) -> Iterator[tuple[Frame, int]]:
         """What has arrived, each with the monotonic time of its arrival.
 
-        Receive stamps are wall-clock time. They are carried over by their age, and held between the last look
-        at an empty queue and now, where the arrival must lie: so no step of the wall clock makes old news fresh.
-        Both clocks are read here: between the tick's beginning and here the host may have stood still.
+        Receive stamps are wall-clock time. They are carried over by their age, and limited to the time between the
+        last empty queue and now, where the arrival must lie: no step of the wall clock makes an old frame fresh.
+        Both clocks are read here: between the tick's beginning and here the host may have been suspended.
         """
         offset_ns = self._wall_ns() - self._clock()
         taken = 0
@@ -226,19 +230,19 @@ class BusPort:
         offset_ns = self._wall_ns() - self._clock()
         return [(frame, self._arrival(at_s, offset_ns, now_ns)) for frame, at_s in frames]
 
-    def hear(self, timeout_s: float) -> can.Message | None:
-        """The next message of whatever kind, waited for; for who listens only."""
+    def receive_message(self, timeout_s: float) -> can.Message | None:
+        """The next message of whatever kind, waited for; for listeners that send nothing."""
         return self._receive(timeout_s)
 
-    def report(self, fault: BusFault, text: str) -> None:
-        """Note something for the next `take_faults`."""
+    def report(self, fault: BusFault, code: CanFault, **values: object) -> None:
+        """Keep a fault for the next `take_faults`."""
         self._faults |= fault
-        self._detail = f"{self.name}: {text}"
+        self._detail = HardwareError(code, bus=self.name, **values)
 
-    def take_faults(self) -> tuple[BusFault, str]:
-        """What went wrong since the last call, and a sentence on the newest."""
+    def take_faults(self) -> tuple[BusFault, HardwareError | None]:
+        """What went wrong since the last call, and what is known of the newest."""
         taken = self._faults, self._detail
-        self._faults, self._detail = BusFault.NONE, ""
+        self._faults, self._detail = BusFault.NONE, None
         return taken
 
     def close(self) -> None:
@@ -249,12 +253,12 @@ class BusPort:
         try:
             send(*what)
         except (can.CanError, OSError) as error:
-            self.report(fault_of(error), f"sending failed: {error}")
+            self.report(fault_of(error), CanFault.SEND_FAILED, detail=str(error))
             return False
         return True
 
     def _take(self, timeout_s: float) -> list[tuple[Frame, float]] | None:
-        """Data frames that came together, each with its stamp; what else came is reported. None: nothing came."""
+        """Data frames that came together, each with its stamp; others are reported. None: nothing came."""
         if self._local is None:
             message = self._receive(timeout_s)
             return None if message is None else self._data_frames([(message, message.timestamp)])
@@ -272,9 +276,9 @@ class BusPort:
                 frames.append((what, at_s))
             elif what.is_error_frame:
                 meaning = meaning_of(what)
-                self.report(meaning.fault, meaning.text)
+                self.report(meaning.fault, meaning.code)
             elif what.is_remote_frame or what.is_fd:
-                self.report(BusFault.MALFORMED, f"not a classic data frame: ID {what.arbitration_id:X}")
+                self.report(BusFault.MALFORMED, CanFault.NOT_A_DATA_FRAME, identifier=f"{what.arbitration_id:X}")
             else:
                 frames.append((frame_of(what), at_s))
         return frames
@@ -289,9 +293,9 @@ class BusPort:
     def _report_receiving(self, error: Exception) -> None:
         broken = error.__cause__ is not None and not isinstance(error.__cause__, OSError)
         if broken or isinstance(error, ValueError | TypeError):
-            self.report(BusFault.MALFORMED, f"received something that is no CAN frame: {error}")
+            self.report(BusFault.MALFORMED, CanFault.NOT_A_CAN_FRAME, detail=str(error))
         else:
-            self.report(BusFault.INTERFACE_GONE, f"receiving failed: {error}")
+            self.report(BusFault.INTERFACE_GONE, CanFault.RECEIVE_FAILED, detail=str(error))
 
     def _arrival(self, at_s: float, offset_ns: int, now_ns: int) -> int:
         """offset_ns: wall clock less monotonic."""

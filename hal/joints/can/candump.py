@@ -10,18 +10,18 @@ import time
 import zlib
 from collections import Counter
 from collections.abc import Callable, Iterator
+from enum import Enum
 from pathlib import Path
 from typing import IO, NamedTuple, TextIO, cast
 
 import can
-import numpy as np
 
-from hal.errors import HardwareError
+from hal.errors import CanFault, HardwareError
 from hal.joints.can.bus import frame_of, meaning_of, open_bus
-from hal.joints.can.drive import Station
+from hal.joints.can.drive import Drive
 from hal.joints.codecs.wire import Order, Reply, SetPoint
 from hal.joints.device import Exoskeleton
-from hal.joints.protocol import DriveFault
+from hal.joints.protocol import DriveFault, Joint
 
 # (1731.000001) can0 001#7FFF7FF0000007FF, candump -L; candump -l adds R or T in newer versions
 _WHOLE_LINE = re.compile(
@@ -29,19 +29,27 @@ _WHOLE_LINE = re.compile(
 )
 
 
+class FrameKind(Enum):
+    """What a frame is."""
+
+    COMMAND = "command"
+    ORDER = "order"
+    REPLY = "reply"
+    ERROR = "error"
+    UNKNOWN = "unknown"
+
+
 class Decoded(NamedTuple):
-    """One frame of a log; `drive` is empty for nobody's."""
+    """One frame of a log. joint: None where it belongs to no drive described. content: numbers at the joint."""
 
     at_s: float
-    drive: str
-    kind: str  # command, order, reply, error, stranger
-    text: str
-    faults: DriveFault = DriveFault.NONE
-    at_joint: Reply | SetPoint | None = None  # the numbers of a reply or a command, at the joint
+    joint: Joint | None
+    kind: FrameKind
+    content: SetPoint | Order | Reply | CanFault | str  # by kind; str: identifier and data of an unknown frame
 
 
 class WholeLines:
-    """A log's lines that are whole; counts the others. Stands in for the file that python-can's reader reads."""
+    """A log's lines that are whole; counts the others. Replaces the file that python-can's reader reads."""
 
     def __init__(self, file: IO[str]) -> None:
         self._file = file
@@ -74,82 +82,66 @@ def open_log(path: Path) -> IO[str]:
             return gzip.open(path, "rt", encoding="ascii", errors="replace")
         return path.open(encoding="ascii", errors="replace")
     except OSError as error:
-        raise HardwareError(f"The bus log {path} can't be read: {error.strerror or error}.") from error
+        raise HardwareError(CanFault.LOG_UNREADABLE, path=path, detail=error.strerror or str(error)) from error
 
 
 class Decoder:
-    """Frames in the words of a device's drives."""
+    """Frames as commands to and replies from a device's drives."""
 
-    def __init__(self, stations: tuple[Station, ...]) -> None:
-        self._stations = stations
+    def __init__(self, drives: tuple[Drive, ...]) -> None:
+        self._drives = drives
 
     def decode(self, message: can.Message) -> Decoded:
-        """What a frame said, and to whom."""
+        """What a frame means, and for which joint."""
         if message.is_error_frame:
-            return Decoded(message.timestamp, "", "error", meaning_of(message).text)
+            return Decoded(message.timestamp, None, FrameKind.ERROR, meaning_of(message).code)
         frame = frame_of(message)
-        for station in self._stations:
-            asked = station.codec.read_command(station.device.can_id, frame)
+        for drive in self._drives:
+            asked = drive.codec.read_command(drive.device.can_id, frame)
             if isinstance(asked, Order):
-                return Decoded(message.timestamp, station.short_name, "order", asked.value)
+                return Decoded(message.timestamp, drive.joint, FrameKind.ORDER, asked)
             if asked is not None:
-                target = station.transmission.to_joint(asked)
-                return Decoded(message.timestamp, station.short_name, "command", _told(target), at_joint=target)
-        for station in self._stations:
-            reply = station.codec.read_reply(frame) if station.codec.replier(frame) == station.told_as else None
+                target = drive.transmission.to_joint(asked)
+                return Decoded(message.timestamp, drive.joint, FrameKind.COMMAND, target)
+        for drive in self._drives:
+            reply = drive.codec.read_reply(frame) if drive.codec.replier(frame) == drive.reply_number else None
             if reply is not None:
-                said = _at_joint(station, reply)
-                return Decoded(message.timestamp, station.short_name, "reply", _said(said), said.faults, said)
+                return Decoded(message.timestamp, drive.joint, FrameKind.REPLY, _at_joint(drive, reply))
         digits = f"{frame.arbitration_id:08X}" if frame.extended else f"{frame.arbitration_id:03X}"
-        return Decoded(message.timestamp, "", "stranger", f"{digits}#{frame.data.hex().upper()}")
+        return Decoded(message.timestamp, None, FrameKind.UNKNOWN, f"{digits}#{frame.data.hex().upper()}")
 
 
-def _told(target: SetPoint) -> str:
-    return (
-        f"{np.degrees(target.position_rad):8.2f}° {np.degrees(target.velocity_rad_s):8.1f}°/s "
-        f"kp {target.stiffness_nm_rad:6.1f} kd {target.damping_nm_s_rad:5.2f} {target.torque_nm:7.2f} Nm"
-    )
-
-
-def _at_joint(station: Station, reply: Reply) -> Reply:
+def _at_joint(drive: Drive, reply: Reply) -> Reply:
     return reply._replace(
-        position_rad=station.transmission.angle_to_joint(reply.position_rad),
-        velocity_rad_s=reply.velocity_rad_s / station.transmission.ratio,
-        torque_nm=reply.torque_nm * station.transmission.ratio,
-    )
-
-
-def _said(reply: Reply) -> str:
-    fault = f"  {(reply.faults.name or str(reply.faults)).lower().replace('_', ' ')}" if reply.faults else ""
-    warmth = "" if np.isnan(reply.temperature_c) else f" {reply.temperature_c:.0f} °C"
-    return (
-        f"{np.degrees(reply.position_rad):8.2f}° {np.degrees(reply.velocity_rad_s):8.1f}°/s "
-        f"{reply.torque_nm:7.2f} Nm{warmth}{fault}"
+        position_rad=drive.transmission.angle_to_joint(reply.position_rad),
+        velocity_rad_s=reply.velocity_rad_s / drive.transmission.ratio,
+        torque_nm=reply.torque_nm * drive.transmission.ratio,
     )
 
 
 class LogSummary:
-    """What a log held, drive by drive: how many frames of each kind, the longest silence, the faults."""
+    """What a log held, drive by drive: how many frames of each kind, the longest time without a reply, the faults."""
 
     def __init__(self) -> None:
-        self.counts: Counter[tuple[str, str]] = Counter()
-        self.longest_gap_s: dict[str, float] = {}
-        self.faults: dict[str, DriveFault] = {}
+        self.counts: Counter[tuple[Joint | None, FrameKind]] = Counter()
+        self.longest_gap_s: dict[Joint | None, float] = {}
+        self.faults: dict[Joint | None, DriveFault] = {}
         self.broken_lines = 0
         self.first_s = self.last_s = 0.0
-        self._last_reply_s: dict[str, float] = {}
+        self._last_reply_s: dict[Joint | None, float] = {}
 
     def add(self, decoded: Decoded) -> None:
         """Count one frame."""
-        self.counts[decoded.drive, decoded.kind] += 1
+        joint, reply = decoded.joint, decoded.content
+        self.counts[joint, decoded.kind] += 1
         self.first_s = self.first_s or decoded.at_s
         self.last_s = decoded.at_s
-        if decoded.kind != "reply":
+        if not isinstance(reply, Reply):
             return
-        since_s = decoded.at_s - self._last_reply_s.get(decoded.drive, decoded.at_s)
-        self.longest_gap_s[decoded.drive] = max(self.longest_gap_s.get(decoded.drive, 0.0), since_s)
-        self._last_reply_s[decoded.drive] = decoded.at_s
-        self.faults[decoded.drive] = self.faults.get(decoded.drive, DriveFault.NONE) | decoded.faults
+        since_s = decoded.at_s - self._last_reply_s.get(joint, decoded.at_s)
+        self.longest_gap_s[joint] = max(self.longest_gap_s.get(joint, 0.0), since_s)
+        self._last_reply_s[joint] = decoded.at_s
+        self.faults[joint] = self.faults.get(joint, DriveFault.NONE) | reply.faults
 
 
 def messages_of(file: IO[str], summary: LogSummary) -> Iterator[can.Message]:
@@ -162,10 +154,10 @@ def messages_of(file: IO[str], summary: LogSummary) -> Iterator[can.Message]:
 
 
 FLUSH_S = 0.5
-_BUFFER_BYTES = 8 << 20  # a second of a full bus, for a recorder that has to wait for its turn or its disk
+_BUFFER_BYTES = 8 << 20  # a second of a full bus, for a recorder that waits for the scheduler or its disk
 _SO_RCVBUFFORCE = 33  # linux/socket.h; beyond the system's limit, for the privileged
 _BATCH = 256
-_PAUSE_S = 0.02  # frames are fetched by the batch: waking for each would take a core's time from perception
+_PAUSE_S = 0.02  # frames are fetched by the batch: waking for each would cost perception a core
 
 
 class BusRecorder:
@@ -178,7 +170,7 @@ class BusRecorder:
         try:
             self._file = path.open("a", encoding="ascii", buffering=1 << 20)
         except OSError as error:
-            raise HardwareError(f"The bus log {path} can't be written: {error}; choose another place.") from error
+            raise HardwareError(CanFault.LOG_UNWRITABLE, path=path, detail=str(error)) from error
         self._buses: list[can.BusABC] = []
         try:
             self._buses = [open_bus(bus) for bus in device.buses]
@@ -213,7 +205,7 @@ class BusRecorder:
                 return  # an interface that is gone may come back; control reports it meanwhile
             if message is None:
                 return
-            message.channel = None  # the writer's own name: a multicast address is no word for can-utils
+            message.channel = None  # the writer's own name: can-utils can't read a multicast address
             writer.on_message_received(message)
             self.frames += 1
 

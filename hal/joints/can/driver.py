@@ -1,6 +1,6 @@
 """The four drives on CAN, through python-can: any of its interfaces, `socketcan` on a robot.
 
-In a tick nothing waits and nothing raises; what goes wrong is told by `read`. Opening, enabling and closing wait for
+In a tick nothing waits and nothing raises; `read` reports what goes wrong. Opening, enabling and closing wait for
 the drives' answers. After a fault the drives are never enabled again by themselves: close, open, enable.
 """
 
@@ -13,10 +13,10 @@ from pathlib import Path
 
 import numpy as np
 
-from hal.errors import HardwareError
+from hal.errors import CanFault, DeviceFault, DrivesFault, HardwareError
 from hal.joints.can import lifecycle
 from hal.joints.can.bus import LOAD_LIMIT, BusPort, bus_load, frame_bits, open_bus
-from hal.joints.can.drive import Routes, Station
+from hal.joints.can.drive import Drive, Router
 from hal.joints.codecs import damiao
 from hal.joints.codecs.wire import NEUTRAL, Frame, SetPoint
 from hal.joints.device import Exoskeleton
@@ -25,7 +25,7 @@ from hal.joints.protocol import BusFault, DriveFault, DriveState, Joint, JointCo
 
 _ENDING = BusFault.BUS_OFF | BusFault.INTERFACE_GONE  # of the bus; with these the drives are out of reach
 _POWERED = (DriveState.ENABLED, DriveState.FAULTED)
-LOOK_NS = 20_000_000  # how often drives without power are asked where they are: a screen needs no more
+POLL_NS = 20_000_000  # how often drives without power are asked where they are: a screen needs no more
 
 
 class SocketCanJoints:
@@ -42,20 +42,19 @@ class SocketCanJoints:
         table = load_motors(motors)
         self.device = device
         self._clock = clock
-        self.stations = tuple(
-            Station(joint, device.joints[joint], table.find(device.joints[joint].motor)) for joint in Joint
+        self.drives = tuple(
+            Drive(joint, device.joints[joint], table.find(device.joints[joint].motor)) for joint in Joint
         )
-        for station in self.stations:
-            _check_bus(station, device)
-            lifecycle.check_wire_range(station)
-        self.loads = _loads(device, self.stations)
+        for drive in self.drives:
+            _check_bus(drive, device)
+            lifecycle.check_wire_range(drive)
+        self.loads = _loads(device, self.drives)
         self._state = DriveState.UNCONFIGURED
         self._ports: list[BusPort] = []
-        self._routes: list[Routes] = []
+        self._routers: list[Router] = []
         self._enabled_ns = 0
-        self._looked_ns = 0
-        self.questions: dict[Joint, lifecycle.Ask] = {}  # what each drive answers without power
-        self.notes: tuple[str, ...] = ()
+        self._polled_ns = 0
+        self.questions: dict[Joint, lifecycle.Request] = {}  # what each drive answers without power
 
     @property
     def state(self) -> DriveState:
@@ -68,14 +67,14 @@ class SocketCanJoints:
         Raises HardwareError naming the bus or the joint.
         """
         if self._ports:
-            raise HardwareError("The joints are open already: close them first.")
+            raise HardwareError(DrivesFault.ALREADY_OPEN)
         try:
             self._ports = [
                 BusPort(open_bus(bus), f"{bus.channel} ({bus.interface})", now_ns, clock=self._clock)
                 for bus in self.device.buses
             ]
-            self._routes = [Routes(self._on_bus(number)) for number in range(len(self._ports))]
-            self.notes = lifecycle.probe(self)
+            self._routers = [Router(self._on_bus(number)) for number in range(len(self._ports))]
+            lifecycle.probe(self)
         except HardwareError:
             self._release()
             raise
@@ -87,32 +86,29 @@ class SocketCanJoints:
         Raises HardwareError, with every drive told to disable, when one does not confirm.
         """
         if self._state is not DriveState.PROBED:
-            raise HardwareError(
-                f"The drives can't be enabled while {self._state.value}: close the joints, find the cause, "
-                f"open them again."
-            )
+            raise HardwareError(DrivesFault.NOT_READY_TO_ENABLE, state=self._state)
         lifecycle.enable(self)
         self._state = DriveState.ENABLED
         self._enabled_ns = max(now_ns, self._clock())
 
     def write(self, command: JointCommand, now_ns: int) -> None:
         """Send one set-point a drive, at once; drives that are not enabled are only asked where they are."""
-        if self._state is DriveState.PROBED and now_ns - self._looked_ns >= LOOK_NS:
-            self._looked_ns = now_ns
-            lifecycle.look(self)
+        if self._state is DriveState.PROBED and now_ns - self._polled_ns >= POLL_NS:
+            self._polled_ns = now_ns
+            lifecycle.poll(self)
         if self._state not in _POWERED:
             return
         rows = _rows(command)
         if rows is None:
-            rows = [SetPoint(0.0, 0.0, 0.0, station.device.damp_nm_s_rad, 0.0) for station in self.stations]
-            self._ports[0].report(BusFault.SEND_FAILED, "a command that is no number became damping")
+            rows = [SetPoint(0.0, 0.0, 0.0, drive.device.damp_nm_s_rad, 0.0) for drive in self.drives]
+            self._ports[0].report(BusFault.SEND_FAILED, CanFault.INVALID_COMMAND_DAMPED)
         rising = self._soft_start(now_ns)
         leaving: list[list[Frame]] = [[] for _ in self._ports]
-        for station, row in zip(self.stations, rows, strict=True):
+        for drive, row in zip(self.drives, rows, strict=True):
             if rising < 1.0:
                 stiffness, torque = row.stiffness_nm_rad * rising, row.torque_nm * rising
                 row = row._replace(stiffness_nm_rad=stiffness, torque_nm=torque)  # noqa: PLW2901
-            leaving[station.device.can_bus].append(station.command(row, now_ns))
+            leaving[drive.device.can_bus].append(drive.command(row, now_ns))
         for port, frames in zip(self._ports, leaving, strict=True):
             port.send(*frames)
 
@@ -121,8 +117,8 @@ class SocketCanJoints:
         for number, port in enumerate(self._ports):
             for frame, measured_ns in port.drain(now_ns):
                 self._take(number, frame, measured_ns)
-        for station in self.stations:
-            station.ledger.look(now_ns)
+        for drive in self.drives:
+            drive.requests.poll(now_ns)
         return self._feedback()
 
     def close(self, now_ns: int) -> None:  # noqa: ARG002 (the Protocol's; confirming takes real time)
@@ -137,12 +133,11 @@ class SocketCanJoints:
         finally:
             self._release()
         if unconfirmed:
-            names = ", ".join(station.name for station in unconfirmed)
-            raise HardwareError(f"No confirmation that {names} is off: cut the motor power by hand.")
+            raise HardwareError(DrivesFault.NOT_CONFIRMED_OFF, joints=tuple(drive.joint for drive in unconfirmed))
 
-    def send(self, station: Station, frames: list[Frame]) -> None:
-        """Frames to a station's bus (for the life cycle)."""
-        self._ports[station.device.can_bus].send(*frames)
+    def send(self, drive: Drive, frames: list[Frame]) -> None:
+        """Frames to a drive's bus (for the life cycle)."""
+        self._ports[drive.device.can_bus].send(*frames)
 
     def listen(self, done: Callable[[], bool], timeout_s: float) -> bool:
         """Take in frames until `done`, at most for `timeout_s` (for the life cycle, never in a tick)."""
@@ -160,30 +155,30 @@ class SocketCanJoints:
                 return done()
         return True
 
-    def registers(self, station: Station, wanted: tuple[int, ...]) -> dict[int, float]:
-        """What a Damiao drive tells of its registers; those it does not tell are missing (for the life cycle)."""
-        told: dict[int, float] = {}
-        routes = self._routes[station.device.can_bus]
-        routes.await_registers(station, told)
+    def registers(self, drive: Drive, wanted: tuple[int, ...]) -> dict[int, float]:
+        """What a Damiao drive reports of its registers; those it does not know are missing (for the life cycle)."""
+        reported: dict[int, float] = {}
+        router = self._routers[drive.device.can_bus]
+        router.expect_registers(drive, reported)
         for register in wanted:
-            question = damiao.read_register(station.device.can_id, register)
-            self.send(station, [station.ask(question, self._clock())])
-            self.listen(lambda register=register: register in told, 0.05)  # type: ignore[misc]
-            if not told:
+            question = damiao.read_register(drive.device.can_id, register)
+            self.send(drive, [drive.ask(question, self._clock())])
+            self.listen(lambda register=register: register in reported, 0.05)  # type: ignore[misc]
+            if not reported:
                 break
-        routes.await_registers(station, None)
-        return told
+        router.expect_registers(drive, None)
+        return reported
 
-    def bus_sentence(self) -> str:
-        """What the buses have to say for a refusal, or nothing."""
-        return "; ".join(text for port in self._ports for text in (port.take_faults()[1],) if text)
+    def take_bus_fault(self) -> HardwareError | None:
+        """What is wrong with the buses since the last call (for the life cycle)."""
+        return self._bus_faults()[1]
 
     def now_ns(self) -> int:
         """The driver's clock (for the life cycle)."""
         return self._clock()
 
-    def _on_bus(self, number: int) -> list[Station]:
-        return [station for station in self.stations if station.device.can_bus == number]
+    def _on_bus(self, number: int) -> list[Drive]:
+        return [drive for drive in self.drives if drive.device.can_bus == number]
 
     def _release(self) -> None:
         for port in self._ports:
@@ -196,43 +191,44 @@ class SocketCanJoints:
         return 1.0 if ramp_ns == 0 else min(max((now_ns - self._enabled_ns) / ramp_ns, 0.0), 1.0)
 
     def _take(self, number: int, frame: Frame, measured_ns: int) -> None:
-        fault, text = self._routes[number].deliver(frame, measured_ns)
-        if fault is not BusFault.NONE:
-            self._ports[number].report(fault, text)
+        problem = self._routers[number].deliver(frame, measured_ns)
+        if problem is not None:
+            self._ports[number].report(problem.fault, problem.code, **problem.values)
 
     def _feedback(self) -> JointFeedback:
         bus, detail = self._bus_faults()
-        faults = tuple(self._drive_fault(station) for station in self.stations)
+        faults = tuple(self._drive_fault(drive) for drive in self.drives)
         healthy = bus is BusFault.NONE and all(fault is DriveFault.NONE for fault in faults)
         if self._state is DriveState.ENABLED and not healthy and (any(faults) or bus & _ENDING):
             self._state = DriveState.FAULTED
-        stations = self.stations
-        told = np.array([(s.position_rad, s.velocity_rad_s, s.torque_nm, s.temperature_c) for s in stations])
+        drives = self.drives
+        reported = np.array([(s.position_rad, s.velocity_rad_s, s.torque_nm, s.temperature_c) for s in drives])
         return JointFeedback(
-            measured_ns=np.array([station.measured_ns for station in stations], dtype=np.int64),
-            position_rad=told[:, 0],
-            velocity_rad_s=told[:, 1],
-            torque_nm=told[:, 2],
-            temperature_c=told[:, 3],
+            measured_ns=np.array([drive.measured_ns for drive in drives], dtype=np.int64),
+            position_rad=reported[:, 0],
+            velocity_rad_s=reported[:, 1],
+            torque_nm=reported[:, 2],
+            temperature_c=reported[:, 3],
             faults=(faults[0], faults[1], faults[2], faults[3]),
             state=self._state,
             bus=bus,
-            detail=detail if healthy else detail or _sentence(stations, faults),
-            missed_replies=sum(station.ledger.overdue for station in stations),
+            detail=detail if healthy else detail or _first_fault(drives, faults),
+            missed_replies=sum(drive.requests.overdue for drive in drives),
         )
 
-    def _bus_faults(self) -> tuple[BusFault, str]:
-        faults, detail = BusFault.NONE, ""
+    def _bus_faults(self) -> tuple[BusFault, HardwareError | None]:
+        faults: BusFault = BusFault.NONE
+        detail = None
         for port in self._ports:
-            fault, text = port.take_faults()
+            fault, newest = port.take_faults()
             if fault is not BusFault.NONE:
-                faults, detail = faults | fault, text
+                faults, detail = faults | fault, newest
         return faults, detail
 
-    def _drive_fault(self, station: Station) -> DriveFault:
-        if station.enabled is False and station.faults is DriveFault.NONE and self._state in _POWERED:
+    def _drive_fault(self, drive: Drive) -> DriveFault:
+        if drive.enabled is False and drive.faults is DriveFault.NONE and self._state in _POWERED:
             return DriveFault.UNEXPECTEDLY_DISABLED
-        return station.faults
+        return drive.faults
 
 
 def _rows(command: JointCommand) -> list[SetPoint] | None:
@@ -248,35 +244,37 @@ def _rows(command: JointCommand) -> list[SetPoint] | None:
     return rows if len(rows) == 4 and math.isfinite(sum(map(sum, rows))) else None
 
 
-def _sentence(stations: tuple[Station, ...], faults: tuple[DriveFault, ...]) -> str:
-    for station, fault in zip(stations, faults, strict=True):
+def _first_fault(drives: tuple[Drive, ...], faults: tuple[DriveFault, ...]) -> HardwareError | None:
+    for drive, fault in zip(drives, faults, strict=True):
         if fault:
-            return f"{station.name} reports {(fault.name or str(fault)).lower().replace('_', ' ')}"
-    return ""
+            return HardwareError(DrivesFault.FAULT_REPORTED, **drive.identity, faults=tuple(fault))
+    return None
 
 
-def _check_bus(station: Station, device: Exoskeleton) -> None:
-    if not 0 <= station.device.can_bus < len(device.buses):
+def _check_bus(drive: Drive, device: Exoskeleton) -> None:
+    if not 0 <= drive.device.can_bus < len(device.buses):
         raise HardwareError(
-            f"The {station.name} sits on bus {station.device.can_bus}, but {device.name} has "
-            f"{len(device.buses)} bus(es): correct can_bus or add a [[buses]] entry."
+            DeviceFault.NO_SUCH_BUS, **drive.identity, bus=drive.device.can_bus, count=len(device.buses)
         )
 
 
-def _loads(device: Exoskeleton, stations: tuple[Station, ...]) -> tuple[float, ...]:
+def _loads(device: Exoskeleton, drives: tuple[Drive, ...]) -> tuple[float, ...]:
     """Each bus's load. Raises HardwareError above the limit."""
     loads = []
     for number, bus in enumerate(device.buses):
-        on_bus = [station for station in stations if station.device.can_bus == number]
+        on_bus = [drive for drive in drives if drive.device.can_bus == number]
         bits = [
-            frame_bits(8, extended=station.codec.command(station.device.can_id, NEUTRAL).extended) * 2
-            for station in on_bus
+            frame_bits(8, extended=drive.codec.command(drive.device.can_id, NEUTRAL).extended) * 2 for drive in on_bus
         ]
         load = bus_load(bits, bitrate=bus.bitrate)
         if load > LOAD_LIMIT:
             raise HardwareError(
-                f"The bus {bus.channel} would be {load:.0%} full with {len(on_bus)} drives at 500 Hz and "
-                f"{bus.bitrate} bit/s (limit {LOAD_LIMIT:.0%}): raise the bit rate or use a second bus."
+                DeviceFault.BUS_OVERLOADED,
+                bus=bus.channel,
+                load=load,
+                drives=len(on_bus),
+                bitrate=bus.bitrate,
+                limit=LOAD_LIMIT,
             )
         loads.append(load)
     return tuple(loads)

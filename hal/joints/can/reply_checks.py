@@ -26,7 +26,7 @@ class RequestTracker:
     def __init__(self) -> None:
         self.sent = self.answered = self.late = self.overdue = 0
         self.round_trips_ns: deque[int] = deque(maxlen=65_536)
-        self._waiting: deque[int] = deque()  # when they were sent
+        self._pending: deque[int] = deque()  # when they were sent
         self._owed = 0  # replies that may still come: more than that are somebody else's
         self._usual: int | None = None  # how many wait at the best moment of a window
         self._least = 0
@@ -41,20 +41,20 @@ class RequestTracker:
     @property
     def under_way(self) -> int:
         """Commands whose time is not over yet."""
-        return len(self._waiting)
+        return len(self._pending)
 
     def send(self, now_ns: int) -> None:
         """A command leaves."""
         self.sent += 1
         self._window_sent += 1
-        self._waiting.append(now_ns)
+        self._pending.append(now_ns)
         self._owed = min(self._owed + 1, _OWED_LIMIT)
 
     def receive(self, measured_ns: int) -> bool:
         """A reply has come; False when it is one more than was asked for."""
-        if self._waiting:
-            self.round_trips_ns.append(measured_ns - self._waiting.popleft())
-            self._least = min(self._least, len(self._waiting))
+        if self._pending:
+            self.round_trips_ns.append(measured_ns - self._pending.popleft())
+            self._least = min(self._least, len(self._pending))
             self.answered += 1
         elif self._owed and self.missed:
             self.late += 1
@@ -62,9 +62,9 @@ class RequestTracker:
         self._owed = max(self._owed - 1, 0)
         return asked_for
 
-    def look(self, now_ns: int) -> None:
+    def poll(self, now_ns: int) -> None:
         """Give up what has waited for too long, and what a lost reply has left behind."""
-        while self._waiting and now_ns - self._waiting[0] > MISSED_AFTER_NS:
+        while self._pending and now_ns - self._pending[0] > MISSED_AFTER_NS:
             self._give_up()
         if now_ns - self._window_ns >= MISSED_AFTER_NS:
             self._close_window(now_ns)
@@ -73,18 +73,18 @@ class RequestTracker:
         full = self._window_sent >= _WINDOW_COMMANDS
         if full and self._steady:
             self._usual = self._least if self._usual is None else min(self._usual, self._least)
-            for _ in range(min(self._least - self._usual, len(self._waiting))):
+            for _ in range(min(self._least - self._usual, len(self._pending))):
                 self._give_up()
-        self._least = len(self._waiting)
+        self._least = len(self._pending)
         self._window_ns, self._window_sent, self._steady = now_ns, 0, full
 
     def _give_up(self) -> None:
-        self._waiting.popleft()
-        self._least = min(self._least, len(self._waiting))
+        self._pending.popleft()
+        self._least = min(self._least, len(self._pending))
         self.overdue += 1
 
 
-# Wrong tables differ by about two (AK80-9: 50, 25.64, 22.5 rad/s), replies late by some milliseconds by less than this.
+# Wrong tables differ by about two (AK80-9: 50, 25.64, 22.5 rad/s), replies late by milliseconds by less.
 _RATIO_HIGH = 1.3
 _STRETCH_NS = 40_000_000  # one comparison covers this much time: many quanta of position
 _GAP_NS = 12_000_000  # over a longer silence the velocity may have swung: the integral says nothing
@@ -104,7 +104,7 @@ class RangeCheck:
         self._ratios: deque[float] = deque(maxlen=_VOTES)
         self._verdict = DriveFault.NONE
 
-    def judge(self, position_rad: float, velocity_rad_s: float, measured_ns: int) -> DriveFault:
+    def check(self, position_rad: float, velocity_rad_s: float, measured_ns: int) -> DriveFault:
         """Take in one reply; WRONG_RANGE, for good, once the evidence is enough."""
         last_velocity, last_ns = self._last
         elapsed_ns = measured_ns - last_ns

@@ -1,7 +1,7 @@
-"""The guardian's own way to the drives: damping, then off. It shares nothing with the driver but the codecs.
+"""The guardian's own path to the drives: damping, then off. It shares nothing with the driver but the codecs.
 
-Drives that hold their last command for ever go on pushing when control is gone; these two frames a drive are what
-saves the wearer. So everything is packed when the socket is opened, and sending needs nothing but the socket.
+Drives that hold their last command for ever go on pushing when control is gone; these two frames a drive protect the
+wearer. So everything is packed when the socket is opened, and sending needs nothing but the socket.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from hal.joints.motors import MotorModel, load_motors
 
 
 class SafeStop:
-    """Puts all four drives to damping, or off. `damp` and `exit` answer whether every frame left; neither raises."""
+    """Puts all four drives to damping, or off. `damp` and `exit` return whether all was sent; neither raises."""
 
     def __init__(self, device: Exoskeleton, motors: Path | None = None) -> None:
         table = load_motors(motors)
@@ -28,14 +28,14 @@ class SafeStop:
         self._damp = [(joint.can_bus, [_damping(joint, model)]) for joint, model in pairs]
         self._exit = [(joint.can_bus, _off(joint, model)) for joint, model in pairs]
         self._buses: list[can.BusABC] = []
-        self._ears = [(joint.can_bus, codec_of(model), joint.can_id) for joint, model in pairs]
+        self._repliers = [(joint.can_bus, codec_of(model), joint.can_id) for joint, model in pairs]
 
     def open(self) -> None:
-        """Open the bus sockets. Raises HardwareError with the command that mends it."""
+        """Open the bus sockets. Raises HardwareError with the command that brings the bus up."""
         self._buses = [open_bus(bus) for bus in self._device.buses]
 
     def damp(self) -> bool:
-        """Command pure damping; repeat it while control stays away, for drives that limp on silence."""
+        """Command pure damping; repeat it while control stays away, for drives that go limp on a timeout."""
         return self._send(self._damp)
 
     def exit(self) -> bool:
@@ -44,19 +44,19 @@ class SafeStop:
 
     def answered(self) -> tuple[bool, ...]:
         """Which drives have replied since the last call: the proof that the frames took effect."""
-        heard: set[tuple[int, int]] = set()
+        replied: set[tuple[int, int]] = set()
         for number, bus in enumerate(self._buses):
-            heard.update((number, drive) for drive in self._listen(bus, number))
-        return tuple((bus, drive) in heard for bus, _, drive in self._ears)
+            replied.update((number, drive) for drive in self._receive(bus, number))
+        return tuple((bus, drive) in replied for bus, _, drive in self._repliers)
 
     def close(self) -> None:
-        """Release the sockets; harmless when done twice."""
+        """Release the sockets; may be called twice."""
         for bus in self._buses:
             bus.shutdown()
         self._buses = []
 
-    def _listen(self, bus: can.BusABC, number: int) -> list[int]:
-        heard = []
+    def _receive(self, bus: can.BusABC, number: int) -> list[int]:
+        replied = []
         for _ in range(256):
             try:
                 message = bus.recv(0)
@@ -64,10 +64,12 @@ class SafeStop:
                 break
             if message is None:
                 break
-            heard += [
-                drive for on, codec, drive in self._ears if on == number and codec.replier(frame_of(message)) == drive
+            replied += [
+                drive
+                for on, codec, drive in self._repliers
+                if on == number and codec.replier(frame_of(message)) == drive
             ]
-        return heard
+        return replied
 
     def _send(self, frames: list[tuple[int, list[can.Message]]]) -> bool:
         left = bool(self._buses)

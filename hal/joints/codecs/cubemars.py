@@ -14,7 +14,7 @@ from __future__ import annotations
 import math
 import struct
 
-from hal.errors import HardwareError
+from hal.errors import DeviceFault, HardwareError
 from hal.joints.codecs.mit import unpack_state
 from hal.joints.codecs.wire import MIT_BITS, NEUTRAL, Frame, Order, Reply, Scales, SetPoint
 from hal.joints.motors import MotorModel
@@ -76,17 +76,14 @@ def pack_upload(motor: MotorModel, state: Reply, error_code: int) -> Frame:
 
 
 class ServoCodec:
-    """Reads a drive that is set to servo mode; commanding one is refused with what to do."""
+    """Reads a drive that is set to servo mode; commanding one is refused."""
 
     def __init__(self, motor: MotorModel) -> None:
         self._motor = motor
 
     def command(self, drive_id: int, _target: SetPoint) -> Frame:
         """Raises HardwareError: servo mode knows no impedance law."""
-        raise HardwareError(
-            f"Drive {drive_id} ({self._motor.label}) is in servo mode, which is read-only here; "
-            f"set the drive to MIT mode with the maker's tool and name its MIT entry in the device description."
-        )
+        raise HardwareError(DeviceFault.SERVO_MODE, can_id=drive_id, motor=self._motor.label)
 
     def order(self, _drive_id: int, _order: Order) -> tuple[Frame, ...]:
         """None: read-only."""

@@ -16,6 +16,17 @@ from hal.joints.motors import MotorModel
 from hal.joints.protocol import DriveFault
 
 
+class WireQuantity(Enum):
+    """What a drive's wire format limits, or its registers report."""
+
+    ANGLE = "rad"
+    SPEED = "rad/s"
+    STIFFNESS = "Nm/rad"
+    DAMPING = "Nm s/rad"
+    TORQUE = "Nm"
+    CONTROL_MODE = "mode"
+
+
 class Frame(NamedTuple):
     """A classic CAN data frame."""
 
@@ -38,7 +49,7 @@ NEUTRAL = SetPoint(0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 class Order(Enum):
-    """What a drive can be told besides a set-point."""
+    """What a drive can be commanded besides a set-point."""
 
     ENABLE = "enable"
     DISABLE = "disable"
@@ -47,7 +58,7 @@ class Order(Enum):
 
 
 class Reply(NamedTuple):
-    """What a drive reported, at the motor's output; `enabled` is None where the protocol does not tell."""
+    """What a drive reported, at the motor's output; `enabled` is None where the protocol does not report it."""
 
     drive_id: int
     position_rad: float
@@ -84,7 +95,7 @@ class Codec(Protocol):
         ...
 
     def reply(self, state: Reply, reply_id: int, error_code: int, /) -> Frame:
-        """The drive's end: the frame that reports `state` (its `faults` are ignored: the code speaks)."""
+        """The drive's end: the frame that reports `state` (its `faults` are ignored: the code counts)."""
         ...
 
 

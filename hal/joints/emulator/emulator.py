@@ -58,7 +58,7 @@ class DriveEmulator:
         self.received = self.lost_ticks = self.send_failures = 0
 
     def open(self) -> None:
-        """Join the buses. Raises HardwareError with the command that mends it."""
+        """Join the buses. Raises HardwareError with the command that brings one up."""
         self._ports = [BusPort(open_bus(bus), bus.channel) for bus in self.device.buses]
         self._sense()
 
@@ -68,8 +68,8 @@ class DriveEmulator:
             port.close()
         self._ports = []
 
-    def befall(self, fault: Fault, joint: Joint | None = None, value: float | None = None) -> None:
-        """Let a fault set in, at one joint or at all."""
+    def inject(self, fault: Fault, joint: Joint | None = None, value: float | None = None) -> None:
+        """Inject a fault, at one joint or at all."""
         strength = DEFAULT_VALUE.get(fault, 0.0) if value is None else value
         if fault is Fault.BUS_OFF:
             self._off = True
@@ -79,7 +79,7 @@ class DriveEmulator:
         else:
             self._off = self._off and fault is not Fault.HEALED
             for drive in self.drives if joint is None else (self.drives[joint],):
-                drive.befall(fault, strength)
+                drive.inject(fault, strength)
 
     def poll(self, now_ns: int) -> None:
         """Advance the body to now, send what is due, answer what arrives until the next tick."""
@@ -93,20 +93,20 @@ class DriveEmulator:
             self._advance_until(time.monotonic_ns() + _EARLY_NS)
 
     def run(self, stopped: Callable[[], bool], schedule: tuple[ScheduledFault, ...] = ()) -> None:
-        """Poll until stopped, letting scheduled faults set in."""
+        """Poll until stopped, injecting scheduled faults."""
         begin_ns = time.monotonic_ns()
         waiting = sorted(schedule, key=lambda fault: fault.after_s, reverse=True)
         while not stopped():
             now_ns = time.monotonic_ns()
             while waiting and now_ns - begin_ns >= waiting[-1].after_s * 1e9:
                 due = waiting.pop()
-                self.befall(due.fault, due.joint, due.value)
+                self.inject(due.fault, due.joint, due.value)
             self.poll(now_ns)
 
     def _serve(self, number: int, port: BusPort, wait_s: float) -> bool:
         """Answer what comes; whether anything came."""
         for turn in range(_FRAMES_A_TURN):
-            frames = port.wait(0 if turn else wait_s)  # what is no frame, a drive doesn't hear
+            frames = port.wait(0 if turn else wait_s)  # drives ignore what is no frame
             if frames is None:
                 return turn > 0
             if not self._off:
@@ -119,7 +119,7 @@ class DriveEmulator:
         now_ns = time.monotonic_ns()
         answers: list[Frame] = []
         for drive in self.drives:
-            if drive.device.can_bus != number or not drive.hears(frame):
+            if drive.device.can_bus != number or not drive.accepts(frame):
                 continue
             replies = drive.receive(frame, now_ns)
             if drive.late_ns:
@@ -228,17 +228,17 @@ def run_emulator(
     plant = make_plant(device, body)
     emulator = DriveEmulator(device, plant, motors)
     scenes = SceneReceiver(device)
-    told = _Ending(stop, each_second, emulator)
+    stop_condition = _StopCondition(stop, each_second, emulator)
 
     def stopped() -> bool:
-        if told.asked % _SCENE_POLLS == 0 and (scene := scenes.receive()) is not None:
+        if stop_condition.polls % _SCENE_POLLS == 0 and (scene := scenes.receive()) is not None:
             plant.stage(scene)
-        return told()
+        return stop_condition()
 
     try:
         emulator.open()
-        _hurry()
-        _spare_garbage()
+        _set_scheduling()
+        _gc_freeze()
         if ready is not None:
             ready.set()
         emulator.run(stopped, schedule)
@@ -247,8 +247,8 @@ def run_emulator(
         scenes.close()
 
 
-class _Ending:
-    """Asked before every poll: whether to end; looks at the slow things once in a while only."""
+class _StopCondition:
+    """Whether to end, asked before every poll; the slow conditions are checked every 50th time."""
 
     def __init__(
         self, stop: Event | None, each_second: Callable[[DriveEmulator], None] | None, emulator: DriveEmulator
@@ -258,7 +258,7 @@ class _Ending:
         self._stop = stop
         self._each_second = each_second
         self._emulator = emulator
-        self.asked = 0
+        self.polls = 0
         self._second_s = time.monotonic()
         self._ended = False
         signal.signal(signal.SIGTERM, self._end)
@@ -267,8 +267,8 @@ class _Ending:
         self._ended = True
 
     def __call__(self) -> bool:
-        self.asked += 1
-        if self.asked % 50 == 0:
+        self.polls += 1
+        if self.polls % 50 == 0:
             self._ended = self._ended or self._parent() != self._parent_at_start
             self._ended = self._ended or (self._stop is not None and self._stop.is_set())
             if self._each_second is not None and time.monotonic() - self._second_s >= 1.0:
@@ -277,17 +277,16 @@ class _Ending:
         return self._ended
 
 
-def _hurry() -> None:
+def _set_scheduling() -> None:
     """Drives answer within a fraction of a millisecond: where the privilege exists, so does their emulation.
 
-    On whichever core is free: pinned to control's, where the kernel's and the host's moments leave too little for both,
-    the drives fell silent; as a usual program there as well.
+    On whichever core is free: pinned to control's core, and with usual priority, the drives answered too late.
     """
     with suppress(OSError, AttributeError):
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(_PRIORITY))
 
 
-def _spare_garbage() -> None:
-    """With MuJoCo loaded a full collection takes so long that four drives pass for silent."""
+def _gc_freeze() -> None:
+    """With MuJoCo loaded a full collection takes so long that all drives seem silent."""
     gc.collect()
     gc.freeze()

@@ -14,19 +14,19 @@ from typing import NamedTuple
 
 import msgspec
 
-from hal.errors import HardwareError
+from hal.errors import DeviceFault, HardwareError
 from hal.joints.codecs import codec_of, cybergear, damiao
 from hal.joints.codecs.wire import NEUTRAL, Codec, Frame, Order, Reply, SetPoint
 from hal.joints.device import JointDevice
-from hal.joints.motors import MotorModel, Silence, Watchdog, WireProtocol
+from hal.joints.motors import MotorModel, OnTimeout, Watchdog, WireProtocol
 from hal.joints.protocol import Joint
 
 
 class Fault(Enum):
     """The faults, as the command line names them."""
 
-    SILENT = "silent"  # hears and answers nothing, goes on as it was
-    ERROR = "error"  # reports an error code and lets go of the joint
+    SILENT = "silent"  # receives and answers nothing, goes on as it was
+    ERROR = "error"  # reports an error code and gives no torque
     LATE = "late"  # answers after `value` milliseconds
     WRONG_ID = "wrong-id"  # answers as drive `value`
     WRONG_RANGE = "wrong-range"  # its firmware scales velocity by `value` times the table's range
@@ -36,7 +36,7 @@ class Fault(Enum):
     HOT = "hot"  # reports `value` °C
     BUS_OFF = "bus-off"  # the whole bus: error frame, then nothing
     ERROR_FRAMES = "error-frames"  # the whole bus: nobody acknowledges, now and then
-    HEALED = "healed"  # everything well again
+    HEALED = "healed"  # all faults end
 
 
 DEFAULT_VALUE = {
@@ -50,7 +50,7 @@ DEFAULT_VALUE = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ScheduledFault:
-    """A fault that sets in by itself; without a joint it befalls all four."""
+    """A fault that sets in by itself; without a joint at all four."""
 
     fault: Fault
     joint: Joint | None = None
@@ -59,7 +59,7 @@ class ScheduledFault:
 
 
 def read_schedule(text: str) -> ScheduledFault:
-    """`[joint:]fault[=value][@seconds]`, e.g. `left_knee:error=2@10`. Raises HardwareError saying what is wrong."""
+    """`[joint:]fault[=value][@seconds]`, e.g. `left_knee:error=2@10`. Raises HardwareError."""
     head, _, seconds = text.partition("@")
     name, _, value = head.partition("=")
     where, _, what = name.rpartition(":")
@@ -73,10 +73,8 @@ def read_schedule(text: str) -> ScheduledFault:
         )
     except (KeyError, ValueError) as error:
         faults = ", ".join(fault.value for fault in Fault)
-        raise HardwareError(
-            f"The fault {text!r} is not of the form [joint:]fault[=value][@seconds]: joints are left_hip, left_knee, "
-            f"right_hip, right_knee; faults are {faults}."
-        ) from error
+        joints = ", ".join(joint.name.lower() for joint in Joint)
+        raise HardwareError(DeviceFault.BAD_FAULT_SCHEDULE, fault=text, joints=joints, known=faults) from error
 
 
 CYBERGEAR_ID_REPLY = 0xFE
@@ -107,23 +105,23 @@ class EmulatedDrive:
         self.motor_mode = False
         self.error_code = 0
         self.zero_rad = 0.0
-        self.silent = self.garbage = self.duplicate = self.deaf_to_zero = False
+        self.silent = self.garbage = self.duplicate = self.ignores_zero = False
         self.answers_as: int | None = None
         self.late_ns = 0
         self.temperature_c: float | None = None
         self._codec: Codec = codec_of(model)
         self._extended = model.protocol not in (WireProtocol.MIT, WireProtocol.DAMIAO)
         self._target = NEUTRAL
-        self._heard_ns = 0
+        self._received_ns = 0
         self._host = 0
         self._registers = _registers(device, model)
         self._parameters: dict[int, bytes] = {}
 
-    def befall(self, fault: Fault, value: float) -> None:
-        """Let a fault set in (those of the whole bus are the emulator's)."""
-        _BEFALL[fault](self, value)
+    def inject(self, fault: Fault, value: float) -> None:
+        """Inject a fault (those of the whole bus are the emulator's)."""
+        _INJECT[fault](self, value)
 
-    def hears(self, frame: Frame) -> bool:
+    def accepts(self, frame: Frame) -> bool:
         """Whether the identifier can mean this drive: its own, or the one that Damiao drives share."""
         if self._extended:
             return frame.extended and frame.arbitration_id & 0xFF == self.device.can_id
@@ -139,9 +137,9 @@ class EmulatedDrive:
         asked = self._codec.read_command(self.device.can_id, frame)
         if asked is None:
             return []
-        self._heard_ns = now_ns
+        self._received_ns = now_ns
         self._note_host(frame)
-        self._obey(asked)
+        self._execute(asked)
         return self._reports()
 
     def upload(self) -> list[Frame]:
@@ -149,22 +147,22 @@ class EmulatedDrive:
         return [] if self.silent or self.model.protocol is not WireProtocol.SERVO else self._reports()
 
     def effective(self, now_ns: int) -> SetPoint:
-        """The set-point the motor follows now, with its own zero; NEUTRAL when it is off or limp."""
+        """The set-point the motor follows now, with its own zero; NEUTRAL when it is off."""
         watchdog = self.model.watchdog
-        if watchdog.on_silence is Silence.LIMPS and watchdog.after_ms > 0 and self.motor_mode:
+        if watchdog.on_silence is OnTimeout.LIMPS and watchdog.after_ms > 0 and self.motor_mode:
             self._watch(now_ns, int(watchdog.after_ms * 1e6))
         if not self.motor_mode:
             return NEUTRAL
         return self._target._replace(position_rad=self._target.position_rad + self.zero_rad)
 
     def _watch(self, now_ns: int, limit_ns: int) -> None:
-        if now_ns - self._heard_ns <= limit_ns:
+        if now_ns - self._received_ns <= limit_ns:
             return
         self._target = NEUTRAL
         if self.model.protocol is WireProtocol.DAMIAO:
             self.fail(_DAMIAO_LOST)
 
-    def _obey(self, asked: SetPoint | Order) -> None:
+    def _execute(self, asked: SetPoint | Order) -> None:
         if isinstance(asked, SetPoint):
             self._target = asked
             if self.model.protocol is WireProtocol.AK_V3 and not self.error_code:
@@ -175,7 +173,7 @@ class EmulatedDrive:
             self.motor_mode = False
         elif asked is Order.CLEAR:
             self.error_code, self.motor_mode = 0, False
-        elif (self.model.zero_in_motor_mode or not self.motor_mode) and not self.deaf_to_zero:
+        elif (self.model.zero_in_motor_mode or not self.motor_mode) and not self.ignores_zero:
             self.zero_rad = self.state.position_rad
 
     def _reports(self) -> list[Frame]:
@@ -261,11 +259,11 @@ class EmulatedDrive:
 
     def _set_watchdog(self, ticks: float) -> None:
         """Damiao and CyberGear count their watchdog in 50 µs; 0 turns it off."""
-        watchdog = Watchdog(on_silence=Silence.LIMPS if ticks else Silence.HOLDS, after_ms=ticks / 20)
+        watchdog = Watchdog(on_silence=OnTimeout.LIMPS if ticks else OnTimeout.HOLDS, after_ms=ticks / 20)
         self.model = msgspec.structs.replace(self.model, watchdog=watchdog)
 
     def fail(self, code: float) -> None:
-        """Report this error code and let go of the joint."""
+        """Report this error code and give no torque."""
         self.error_code, self.motor_mode = int(code), False
 
     def rescale(self, share: float) -> None:
@@ -275,8 +273,8 @@ class EmulatedDrive:
         self._registers = _registers(self.device, other)
 
     def heal(self) -> None:
-        """Everything well again; motor mode stays off where a fault ended it."""
-        self.silent = self.garbage = self.duplicate = self.deaf_to_zero = False
+        """All faults end; motor mode stays off where a fault ended it."""
+        self.silent = self.garbage = self.duplicate = self.ignores_zero = False
         self.error_code = self.late_ns = 0
         self.answers_as = self.temperature_c = None
         self._codec = codec_of(self.model)
@@ -299,7 +297,7 @@ def _set(name: str, *, convert: Callable[[float], object]) -> Callable[[Emulated
     return lambda drive, value: setattr(drive, name, convert(value))
 
 
-_BEFALL: dict[Fault, Callable[[EmulatedDrive, float], None]] = {
+_INJECT: dict[Fault, Callable[[EmulatedDrive, float], None]] = {
     Fault.SILENT: _set("silent", convert=lambda _: True),
     Fault.ERROR: EmulatedDrive.fail,
     Fault.LATE: _set("late_ns", convert=lambda ms: int(ms * 1e6)),

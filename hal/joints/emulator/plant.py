@@ -60,12 +60,12 @@ class _Leg:
     def advance(self, target: SetPoint, step_s: float) -> None:
         """One semi-implicit step of τ = kp(q* − q) + kd(q̇* − q̇) + τ_ff, with friction and end stops."""
         largest = self._joint.max_torque_nm
-        wish = (
+        wanted = (
             target.stiffness_nm_rad * (target.position_rad - self.position_rad)
             + target.damping_nm_s_rad * (target.velocity_rad_s - self.velocity_rad_s)
             + target.torque_nm
         )
-        self.torque_nm = min(max(wish, -largest), largest)
+        self.torque_nm = min(max(wanted, -largest), largest)
         moved = self.velocity_rad_s + step_s * self.torque_nm / self._inertia
         slowed = max(abs(moved) - step_s * self._joint.friction_nm / self._inertia, 0.0)
         self.velocity_rad_s = math.copysign(slowed, moved)

@@ -1,4 +1,4 @@
-"""The scene of the coming action, told to the emulated wearer beside the bus: stairs and chairs are not on CAN."""
+"""The scene of the coming action, sent to the emulated wearer beside the bus: stairs and chairs are not on CAN."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from contextlib import suppress
 
 import msgspec
 
-from hal.errors import HardwareError
+from hal.errors import DrivesFault, HardwareError
 from hal.joints.can.driver import SocketCanJoints
 from hal.joints.device import Exoskeleton
 from hal.joints.scene import Scene
@@ -26,11 +26,11 @@ def _address(device: Exoskeleton) -> str:
     return f"\0rleex-scene-{bus.interface}-{bus.channel}"
 
 
-class StagedCanJoints(SocketCanJoints):
-    """The driver on a bus without real drives: it also tells an emulated wearer what stands around the feet."""
+class EmulatedCanJoints(SocketCanJoints):
+    """The driver on a bus without real drives: it also sends an emulated wearer what stands around the feet."""
 
     def stage(self, scene: Scene) -> None:
-        """Tell the scene; harmless when nobody emulates."""
+        """Send the scene; without an emulator nothing happens."""
         with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as link, suppress(OSError):
             link.setblocking(False)
             link.sendto(msgspec.msgpack.encode(scene), _address(self.device))
@@ -47,12 +47,10 @@ class SceneReceiver:
             self._link.bind(_address(device))
         except OSError as error:
             self._link.close()
-            raise HardwareError(
-                f"Drives are emulated on {device.buses[0].channel} already: end that or choose another channel."
-            ) from error
+            raise HardwareError(DrivesFault.ALREADY_EMULATED, bus=device.buses[0].channel) from error
 
     def receive(self) -> Scene | None:
-        """A scene told since the last look."""
+        """The scene sent since the last call."""
         try:
             return msgspec.msgpack.decode(self._link.recv(65_536), type=Scene)
         except (BlockingIOError, msgspec.MsgspecError):

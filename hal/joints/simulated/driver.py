@@ -1,7 +1,7 @@
 """Simulated joints: the drives' impedance law on a simulated wearer, stepped by the control tick, never by a clock.
 
-One write is one tick of 2 ms. Drives saturate, lose torque with speed, rub, warm up, report with noise and in the
-wire's quanta; each fault that real ones have can be injected.
+One write is one tick of 2 ms. Drives saturate, lose torque with speed, have friction, warm up, report with noise and
+in the wire's quanta; each fault that real ones have can be injected.
 """
 
 from __future__ import annotations
@@ -13,14 +13,14 @@ from math import copysign, isfinite, radians
 import numpy as np
 from numpy.typing import NDArray
 
-from hal.errors import HardwareError
+from hal.errors import DrivesFault, HardwareError
 from hal.joints.body import Body
 from hal.joints.device import Exoskeleton, JointDevice
 from hal.joints.protocol import TICK_S, BusFault, DriveFault, DriveState, Joint, JointArray, JointCommand, JointFeedback
 from hal.joints.scene import Scene
 from hal.joints.simulated.mjcf import TIMESTEP_S
 from hal.joints.simulated.thermal import at_rest, thermal_model, warm
-from hal.joints.simulated.wearer import Posture, Truth, Wearer
+from hal.joints.simulated.wearer import GroundTruth, ReferencePose, Wearer
 
 SUBSTEPS = round(TICK_S / TIMESTEP_S)
 THERMAL_TICKS = 25  # windings follow within seconds
@@ -77,18 +77,22 @@ class SimulatedJoints:
 
     def open(self, now_ns: int) -> None:
         """Probe: raises HardwareError naming the joints that are silent."""
-        missing = [Joint(int(number)).name.lower().replace("_", " ") for number in np.flatnonzero(self.faults.silent)]
+        missing = tuple(Joint(int(number)) for number in np.flatnonzero(self.faults.silent))
         if missing:
-            raise HardwareError(f"No answer from {', '.join(missing)}: check its power and its cable.")
+            can_ids = ", ".join(str(self._device.joints[joint].can_id) for joint in missing)
+            raise HardwareError(DrivesFault.NO_REPLY, joints=missing, can_ids=can_ids)
         self._state = DriveState.PROBED
         self._measure(now_ns)
 
     def enable(self, now_ns: int) -> None:
         """Switch the drives on; raises HardwareError when they aren't open or a fault is present."""
         if self._state not in {DriveState.PROBED, DriveState.DISABLED}:
-            raise HardwareError(f"The drives can't be enabled while they are {self._state.value}; open them first.")
-        if self.faults.bits and any(self.faults.bits):
-            raise HardwareError("A drive reports a fault and can't be enabled; mend it and open the joints again.")
+            raise HardwareError(DrivesFault.NOT_READY_TO_ENABLE, state=self._state)
+        for joint, fault in zip(Joint, self.faults.bits or (), strict=False):
+            if fault:
+                device = self._device.joints[joint]
+                identity = {"joint": joint, "can_id": device.can_id, "motor": device.motor}
+                raise HardwareError(DrivesFault.FAULT_BEFORE_ENABLING, **identity, faults=tuple(fault))
         self._state = DriveState.ENABLED
         self._measure(now_ns)
 
@@ -97,7 +101,7 @@ class SimulatedJoints:
         powered = self._state is DriveState.ENABLED
         posture = None
         if powered and command.stiffness_nm_rad.any() and np.isfinite(command.position_rad).all():
-            posture = Posture(self.wearer.body, command.position_rad, command.velocity_rad_s)
+            posture = ReferencePose(self.wearer.body, command.position_rad, command.velocity_rad_s)
         for _ in range(SUBSTEPS):
             self._torque = self._drives(command) if powered else [0.0] * 4
             self.wearer.advance(self._at_joint(self._torque), posture)
@@ -109,7 +113,7 @@ class SimulatedJoints:
             self._square = np.zeros(4)
 
     def read(self, now_ns: int) -> JointFeedback:
-        """What the drives report now; silent ones keep their last word and its time."""
+        """What the drives report now; silent ones keep their last report and its time."""
         if self._state is not DriveState.UNCONFIGURED:
             self._measure(now_ns)
         bus, self.faults.bus = self.faults.bus, BusFault.NONE
@@ -145,9 +149,9 @@ class SimulatedJoints:
         """What the drives really give, (4,)."""
         return np.array(self._torque)
 
-    def truth(self) -> Truth:
+    def ground_truth(self) -> GroundTruth:
         """Where everything really is."""
-        return self.wearer.truth()
+        return self.wearer.ground_truth()
 
     def warm_to(self, joint: Joint, temperature_c: float) -> None:
         """Fault: this winding has this temperature from now on, whatever it does."""
@@ -156,7 +160,7 @@ class SimulatedJoints:
         self.faults.temperature_c = temperature
 
     def silence(self, joint: Joint) -> None:
-        """Fault: this drive does not answer any more; it goes on doing what it was told."""
+        """Fault: this drive does not answer any more; it goes on with its last command."""
         self.faults.silent[joint] = True
 
     def raise_fault(self, joint: Joint, fault: DriveFault) -> None:
@@ -181,10 +185,10 @@ class SimulatedJoints:
         self.faults.lost_share = share
 
     def disturb_bus(self, fault: BusFault) -> None:
-        """Fault: the next read tells this of the bus."""
+        """Fault: the next read reports this of the bus."""
         self.faults.bus |= fault
 
-    def mend(self) -> None:
+    def clear_faults(self) -> None:
         """All injected faults end."""
         self.faults = Faults(silent=np.zeros(4, dtype=bool), stuck=np.zeros(4, dtype=bool))
 
@@ -233,15 +237,15 @@ class SimulatedJoints:
         temperature = self._temperatures.winding_c
         if self.faults.temperature_c is not None:
             temperature = np.where(np.isnan(self.faults.temperature_c), temperature, self.faults.temperature_c)
-        heard = self._heard()
+        arrived = self._arrived()
         last = self._last
-        last.measured_ns[heard] = now_ns
-        last.position_rad[heard] = values[0, heard]
-        last.velocity_rad_s[heard] = values[1, heard]
-        last.torque_nm[heard] = values[2, heard]
-        last.temperature_c[heard] = temperature[heard]
+        last.measured_ns[arrived] = now_ns
+        last.position_rad[arrived] = values[0, arrived]
+        last.velocity_rad_s[arrived] = values[1, arrived]
+        last.torque_nm[arrived] = values[2, arrived]
+        last.temperature_c[arrived] = temperature[arrived]
 
-    def _heard(self) -> NDArray[np.bool_] | slice:
+    def _arrived(self) -> NDArray[np.bool_] | slice:
         """Whose answers arrive."""
         if not self.faults.silent.any() and not self.faults.lost_share:
             return slice(None)
@@ -253,13 +257,13 @@ class SimulatedJoints:
         return DriveState.FAULTED if faulted else self._state
 
 
-def _saturated(joint: JointDevice, wish_nm: float, speed_rad_s: float) -> float:
-    """What the drive gives of a wished torque: less the faster it turns with it, all of it against it."""
-    if not isfinite(wish_nm):
+def _saturated(joint: JointDevice, wanted_nm: float, speed_rad_s: float) -> float:
+    """The drive's torque for a wanted one: less the faster it turns with it, all of it against it."""
+    if not isfinite(wanted_nm):
         return 0.0
-    with_torque = copysign(speed_rad_s, wish_nm * speed_rad_s) / radians(joint.no_load_speed_deg_s)
+    with_torque = copysign(speed_rad_s, wanted_nm * speed_rad_s) / radians(joint.no_load_speed_deg_s)
     limit = joint.max_torque_nm * min(max((1 - with_torque) / (1 - FULL_TORQUE_SPEED), 0.0), 1.0)
-    return min(max(wish_nm, -limit), limit)
+    return min(max(wanted_nm, -limit), limit)
 
 
 def _four(bits: list[DriveFault] | None) -> tuple[DriveFault, DriveFault, DriveFault, DriveFault]:

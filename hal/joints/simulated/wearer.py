@@ -23,7 +23,7 @@ from hal.joints.body import (
 )
 from hal.joints.device import Exoskeleton
 from hal.joints.protocol import JointArray
-from hal.joints.scene import Block, BlockKind, Scene, Surroundings, around_next
+from hal.joints.scene import Block, BlockKind, Scene, Surroundings, next_surroundings
 from hal.joints.simulated.mjcf import CHAIRS, OBSTACLES, STEPS, TIMESTEP_S, model_xml
 
 BALANCE_NM_RAD = 8000.0  # arms on crutches or rails, against the trunk's pitch
@@ -50,7 +50,7 @@ _KINDS = {
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Truth:
+class GroundTruth:
     """Where everything really is; (2,) arrays are left and right."""
 
     time_s: float
@@ -69,7 +69,7 @@ class Truth:
     struck: bool  # something touches the obstacle
 
 
-class Posture:
+class ReferencePose:
     """What a command makes of the body, were it carried out: the trunk's lean, the ankles before the hip."""
 
     __slots__ = ("ankle_speed_m_s", "ankle_x_m", "lean_rad")
@@ -118,7 +118,7 @@ class Wearer:
         self._carried_n = body.body_weight_support * self.weight_n
         self._reel_m: float | None = None
         self._slack_s = 0.0
-        self._posture = Posture(body, np.zeros(4), np.zeros(4))
+        self._pose = ReferencePose(body, np.zeros(4), np.zeros(4))
         self._on_left = 0.5  # how much of the standing is the left foot's
         self._forces = np.zeros(model.nv)
         self.harness_n = self.balance_nm = self.hold_n = 0.0
@@ -129,8 +129,8 @@ class Wearer:
         data = self._data
         mujoco.mj_resetData(self._model, data)
         data.qpos[self._q] = joints_rad
-        self._posture = Posture(self.body, joints_rad, np.zeros(4))
-        lean = self._posture.lean_rad
+        self._pose = ReferencePose(self.body, joints_rad, np.zeros(4))
+        lean = self._pose.lean_rad
         data.qpos[2] = lean
         shanks = joints_rad[0::2] - lean - joints_rad[1::2]
         data.qpos[self._ankle_q] = -shanks
@@ -144,7 +144,7 @@ class Wearer:
     def stage(self, scene: Scene) -> None:
         """Put the scene of the coming action around the feet; a wearer in the midst of something finds it as it is."""
         left, right = (float(self._data.xpos[number][0]) for number in self._ankle_bodies)
-        self._surround(around_next(self._around, scene, (left, right), float(self._data.qpos[0])))
+        self._surround(next_surroundings(self._around, scene, (left, right), float(self._data.qpos[0])))
 
     def _surround(self, around: Surroundings) -> None:
         self._around = around
@@ -155,15 +155,15 @@ class Wearer:
                 block = blocks[number] if number < len(blocks) else _HIDDEN
                 self._put(f"{name}{number}", block)
 
-    def advance(self, torque_nm: Sequence[float], posture: Posture | None) -> None:
+    def advance(self, torque_nm: Sequence[float], posture: ReferencePose | None) -> None:
         """One step of physics; without a commanded posture the arms keep the lean there was and hold no place."""
         data, forces = self._data, self._forces
         if posture is not None:
-            self._posture = posture
+            self._pose = posture
         forces[self._v] = torque_nm
         forces[self._ankle_v] = [_ankle_spring(angle) for angle in data.qpos[self._ankle_q].tolist()]
         self.harness_n = self._carried_n + self._reel()
-        lean = self._posture.lean_rad
+        lean = self._pose.lean_rad
         pitch, turning = float(data.qpos[2]), float(data.qvel[2])
         self.balance_nm = BALANCE_NM_RAD * (lean - pitch) - BALANCE_NM_S_RAD * turning
         self.hold_n = 0.0 if posture is None else self._hold(posture)
@@ -183,11 +183,11 @@ class Wearer:
         speeds: JointArray = self._data.qvel[self._v]
         return speeds
 
-    def truth(self) -> Truth:
+    def ground_truth(self) -> GroundTruth:
         """Everything that can be known now; too slow for every tick of a real-time loop."""
         data = self._data
         feet, seat, deepest, struck = self._contacts()
-        return Truth(
+        return GroundTruth(
             time_s=float(data.time),
             hip_x_m=float(data.qpos[0]),
             hip_z_m=float(data.qpos[1]),
@@ -204,7 +204,7 @@ class Wearer:
             struck=struck,
         )
 
-    def _hold(self, posture: Posture) -> float:
+    def _hold(self, posture: ReferencePose) -> float:
         """The arms' horizontal force towards where the commanded posture has the hip over the standing feet."""
         touching = self._data.contact.geom.ravel().tolist()
         left, right = self._feet[0] in touching, self._feet[1] in touching

@@ -57,7 +57,7 @@ def _breakable_joint() -> None:
         joints = make(setup)
         assert isinstance(joints, SimulatedJoints)
         signal.signal(BREAK, lambda *_: joints.raise_fault(Joint.RIGHT_KNEE, DriveFault.OVER_CURRENT))
-        signal.signal(MEND, lambda *_: joints.mend())
+        signal.signal(MEND, lambda *_: joints.clear_faults())
         return joints
 
     assemble.joints_of = joints_of

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from hal.errors import HardwareError
 from hal.joints.protocol import BusFault, DriveFault, DriveState, JointArray, JointCommand, JointFeedback
 
 
@@ -17,7 +18,7 @@ class IdealJoints:
     state: DriveState = DriveState.PROBED
     faults: tuple[DriveFault, DriveFault, DriveFault, DriveFault] = (DriveFault.NONE,) * 4
     bus: BusFault = BusFault.NONE
-    detail: str = ""
+    detail: HardwareError | None = None
     temperature_c: JointArray = field(default_factory=lambda: np.full(4, 30.0))
     velocity_rad_s: JointArray = field(default_factory=lambda: np.zeros(4))
     torque_nm: JointArray = field(default_factory=lambda: np.zeros(4))

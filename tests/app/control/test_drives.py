@@ -44,14 +44,14 @@ def test_drives_told_off_are_off_at_once() -> None:
     assert drives.execute(DriveOrder.DISABLE, 4)
     assert not drives.powered
     before = joints.writes
-    assert drives.close() == ""
+    assert drives.close() is None
     assert joints.writes == before, "an orderly end has damped already: to do it again takes a third of a second"
 
 
 def test_drives_left_powered_are_damped_before_they_are_let_go() -> None:
     joints, drives = powered()
     before = joints.writes
-    assert drives.close() == ""
+    assert drives.close() is None
     assert joints.writes > before
     assert joints.read(10).state is DriveState.DISABLED
     assert np.allclose(joints.torque_nm, 0.0)
@@ -61,5 +61,5 @@ def test_while_they_give_way_the_guardian_hears_of_it_and_at_last_that_nothing_i
     joints, drives = powered()
     beats: list[bool] = []
     before = joints.writes
-    assert drives.close(beats.append) == ""
+    assert drives.close(beats.append) is None
     assert beats == [True] * (joints.writes - before) + [False]

@@ -140,7 +140,7 @@ def test_gesture_0_leads_back_and_the_next_action_works(action: Action, progress
     legs = Legs()
     legs.stop_at(action, progress)
     legs.carry_out(A.INITIALISE)
-    ankles = legs.joints.truth().ankle_m
+    ankles = legs.joints.ground_truth().ankle_m
     assert abs(ankles[0, 1] - ankles[1, 1]) < LEVEL_M
     legs.carry_out(after)
 

@@ -53,7 +53,11 @@ def test_a_refusal_keeps_the_numbers_that_are_some(
     rig.tick()
     body = only(rig, records.GuardRefusal)
     assert (body.value, body.limit) == kept
-    assert (body.joint, body.quantity, body.reason) == ("left_knee", Quantity.SPEED.value, str(refused))
+    assert (body.joint, body.quantity, body.reason) == (
+        "left_knee",
+        Quantity.SPEED.value,
+        reason(refused.code, **refused.values),
+    )
 
 
 def test_an_event_that_is_over_tells_how_long_it_was_there() -> None:

@@ -12,7 +12,7 @@ from app.diagnostics.can_doctor import CanRemedy, evaluate_drives, evaluate_link
 from app.diagnostics.findings import Finding, Grade
 from app.text.catalogue import render
 from hal.joints.can.bus import with_bus
-from hal.joints.can.scan import Found
+from hal.joints.can.scan import FoundDrive, ScanReply
 from hal.joints.device import BusDevice, Exoskeleton, load_exoskeleton
 from hal.joints.emulator.emulator import DriveEmulator, EmulatorThread
 from hal.joints.protocol import Joint
@@ -72,11 +72,14 @@ def test_the_link_is_evaluated_with_its_remedy(reported: dict[str, Any], grade: 
     assert remedy in (render(finding.remedy) if finding.remedy else "")
 
 
-def answers(**by_id: Any) -> list[Found]:
-    return [Found(MIT, number, by_id.get(f"id{number}", 1), "") for number in range(1, 5)]
+ON_ID: tuple[ScanReply, dict[str, object]] = (ScanReply.ANSWERS_ON, {"identifier": "000"})
 
 
-def evaluated(found: list[Found], device: Exoskeleton = DEVICE) -> dict[object, Finding]:
+def answers(**by_id: Any) -> list[FoundDrive]:
+    return [FoundDrive(MIT, number, by_id.get(f"id{number}", 1), *ON_ID) for number in range(1, 5)]
+
+
+def evaluated(found: list[FoundDrive], device: Exoskeleton = DEVICE) -> dict[object, Finding]:
     return {finding.subject: finding for finding in evaluate_drives(device, 0, found, None)}
 
 
@@ -97,13 +100,13 @@ def test_a_shared_id_is_told() -> None:
 
 
 def test_a_drive_in_another_protocol_is_told() -> None:
-    finding = evaluated([*answers()[1:], Found("Damiao", 1, 1, "")])[Joint.LEFT_HIP]
+    finding = evaluated([*answers()[1:], FoundDrive("Damiao", 1, 1, *ON_ID)])[Joint.LEFT_HIP]
     assert (finding.what.code, finding.what.values["protocol"]) == (key_of(F.OTHER_PROTOCOL), "Damiao")
     assert finding.remedy == reason(CanRemedy.CORRECT_MOTOR)
 
 
 def test_a_drive_nobody_described_is_told() -> None:
-    assert evaluated([*answers(), Found(MIT, 9, 1, "")])["can0"].what.values["can_id"] == 9
+    assert evaluated([*answers(), FoundDrive(MIT, 9, 1, *ON_ID)])["can0"].what.values["can_id"] == 9
 
 
 def test_two_joints_with_one_id_are_told() -> None:

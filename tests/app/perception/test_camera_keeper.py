@@ -8,7 +8,8 @@ import numpy as np
 
 from app.perception.camera import BACK_OFF_S, CameraKeeper
 from hal.cameras.camera import EndOfRecording, Frame, Intrinsics, IntrinsicsSource
-from hal.errors import HardwareError
+from hal.errors import CameraFault, HardwareError, RecordingFault
+from logs.reason import Reason, reason
 
 INTRINSICS = Intrinsics(width_px=4, height_px=4, fx_px=4, fy_px=4, cx_px=2, cy_px=2, source=IntrinsicsSource.ASSUMED)
 
@@ -25,12 +26,12 @@ class Fragile:
 
     def open(self) -> None:
         if not self.works:
-            raise HardwareError("The camera fragile is not plugged in; plug it in.")
+            raise HardwareError(CameraFault.WEBCAM_NOT_FOUND, device="fragile", known="")
         self.opened += 1
 
     def read(self, timeout_s: float) -> Frame | None:
         if not self.works:
-            raise HardwareError("The camera fragile was unplugged; plug it in.")
+            raise HardwareError(CameraFault.UNPLUGGED, camera="fragile")
         if not self.frames_left:
             raise EndOfRecording
         self.frames_left -= 1
@@ -43,17 +44,17 @@ class Fragile:
 
 def test_unplugged_and_plugged_in_again() -> None:
     camera = Fragile()
-    said: list[str] = []
-    keeper = CameraKeeper(camera, on_fault=said.append)
+    faults: list[Reason] = []
+    keeper = CameraKeeper(camera, on_fault=faults.append)
     assert keeper.read(0.0, 0.1) is not None
     camera.works = False
     assert keeper.read(1.0, 0.1) is None
-    assert "unplugged" in keeper.fault
+    assert faults == [reason(CameraFault.UNPLUGGED, camera="fragile")]
     assert keeper.read(1.0 + BACK_OFF_S[0], 0.1) is None
     camera.works = True
     assert keeper.read(10.0, 0.1) is not None
-    assert keeper.fault == ""
-    assert len(said) == 2  # unplugged, then not plugged in
+    assert not keeper.fault
+    assert len(faults) == 2  # unplugged, then not plugged in
 
 
 def test_a_missing_camera_is_not_hammered() -> None:
@@ -77,5 +78,5 @@ def test_the_end_of_a_recording_is_said_and_final() -> None:
     assert keeper.read(0.0, 0.1) is not None
     assert keeper.read(0.1, 0.1) is None
     assert keeper.ended
-    assert "recording has ended" in keeper.fault
+    assert keeper.fault == reason(RecordingFault.ENDED)
     assert keeper.read(99.0, 0.1) is None

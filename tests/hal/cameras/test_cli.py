@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import cv2
@@ -10,9 +11,10 @@ from typer.testing import CliRunner
 
 from app.cli.camera import cli
 from hal.cameras.intrinsics import load
-from hal.errors import HardwareError
+from hal.errors import CameraFault, HardwareError, RecordingFault
 from tests.hal.cameras.conftest import Kept
 from tests.hal.cameras.test_intrinsics import BOARD, LENS, VIEWS, seen_board
+from tests.support.errors import refused
 
 
 def run(home: Path, *words: str) -> str:
@@ -36,13 +38,16 @@ def test_show_tells_resolution_lens_and_its_source(kept: Kept, tmp_path: Path, k
     assert "320x180" in output
     source = {"video": "assumed", "folder": "assumed", "session": "given", "realsense": "measured"}[kind]
     assert source in output
-    assert ("depth       yes" in output) == (kind in ("session", "realsense"))
+    assert (re.search(r"depth +yes", output) is not None) == (kind in ("session", "realsense"))
 
 
 @pytest.mark.parametrize("source", ["no such webcam", "/nowhere/film.avi", "/nowhere/film.bag"])
-def test_show_refuses_what_is_not_there_in_a_sentence(tmp_path: Path, source: str) -> None:
-    with pytest.raises(HardwareError, match=r"There is no webcam|does not exist"):
+def test_show_refuses_what_is_not_there(tmp_path: Path, source: str) -> None:
+    with pytest.raises(HardwareError) as caught:
         run(tmp_path, "show", source)
+    assert caught.value.code in (
+        CameraFault.NO_WEBCAM, CameraFault.WEBCAM_NOT_FOUND, RecordingFault.NOT_FOUND
+    )  # fmt: skip
 
 
 def test_calibrate_measures_a_folder_of_boards_and_keeps_it(tmp_path: Path) -> None:
@@ -60,7 +65,7 @@ def test_calibrate_measures_a_folder_of_boards_and_keeps_it(tmp_path: Path) -> N
 
 
 def test_calibrate_refuses_a_folder_without_a_name_or_a_board(kept: Kept, tmp_path: Path) -> None:
-    with pytest.raises(HardwareError, match="--camera"):
+    with refused(CameraFault.CAMERA_NAME_MISSING):
         run(tmp_path, "calibrate", str(kept.folder))
-    with pytest.raises(HardwareError, match="found in 0 pictures"):
+    with refused(CameraFault.TOO_FEW_CHESSBOARDS, found=0):
         run(tmp_path, "calibrate", str(kept.folder), "--camera", "x")

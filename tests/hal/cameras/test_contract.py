@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from hal.cameras.camera import Camera, EndOfRecording, Frame
-from hal.errors import HardwareError
+from hal.errors import CameraFault
+from tests.support.errors import refused
 
 Make = Callable[[], Camera]
 
@@ -69,12 +70,12 @@ def test_depth_is_metres_aligned_to_the_picture_where_there_is_any(camera: Camer
 
 def test_reading_a_closed_camera_is_an_error_that_says_so(make_camera: Make) -> None:
     camera = make_camera()
-    with pytest.raises(HardwareError, match="not open"):
+    with refused(CameraFault.NOT_OPEN):
         camera.read(0.0)
     camera.open()
     camera.close()
     camera.close()
-    with pytest.raises(HardwareError, match="not open"):
+    with refused(CameraFault.NOT_OPEN):
         camera.read(0.0)
 
 
@@ -92,9 +93,9 @@ def test_it_has_a_name(camera: Camera) -> None:
     assert camera.name
 
 
-def test_a_recording_ends_by_name(camera: Camera) -> None:
+def test_a_recording_ends(camera: Camera) -> None:
     if camera.name.startswith("digital hand"):
         return
     some(camera, 200)
-    with pytest.raises(EndOfRecording, match="ended"):
+    with pytest.raises(EndOfRecording):
         camera.read(1.0)

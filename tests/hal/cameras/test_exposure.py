@@ -1,4 +1,4 @@
-"""Hints for the therapist: on pictures that are good, dark, glaring or blurred."""
+"""Faults of images that are good, dark, glaring or blurred."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from hal.cameras.digital_hand.render import person_of, posed, render
-from hal.cameras.exposure import BLURRED, BRIGHT, DARK, hint
+from hal.cameras.exposure import ImageFault, image_fault
 
 
 @pytest.fixture(scope="module", params=range(1, 9))
@@ -16,16 +16,16 @@ def picture(request: pytest.FixtureRequest) -> np.ndarray:
 
 
 def test_a_good_picture_needs_no_hint(picture: np.ndarray) -> None:
-    assert hint(picture) == ""
+    assert image_fault(picture) is None
 
 
 def test_a_dark_picture_is_called_dark(picture: np.ndarray) -> None:
-    assert hint((picture * 0.12).astype(np.uint8)) == DARK
+    assert image_fault((picture * 0.12).astype(np.uint8)) is ImageFault.DARK
 
 
 def test_a_glaring_picture_is_called_over_exposed(picture: np.ndarray) -> None:
-    assert hint(np.clip(picture.astype(int) * 3 + 140, 0, 255).astype(np.uint8)) == BRIGHT
+    assert image_fault(np.clip(picture.astype(int) * 3 + 140, 0, 255).astype(np.uint8)) is ImageFault.OVEREXPOSED
 
 
 def test_a_blurred_picture_is_called_blurred(picture: np.ndarray) -> None:
-    assert hint(np.asarray(cv2.GaussianBlur(picture, (0, 0), 14.0), dtype=np.uint8)) == BLURRED
+    assert image_fault(np.asarray(cv2.GaussianBlur(picture, (0, 0), 14.0), dtype=np.uint8)) is ImageFault.BLURRED

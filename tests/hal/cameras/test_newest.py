@@ -1,4 +1,4 @@
-"""A driver that hangs, ends or dies harms nobody but itself."""
+"""A driver that hangs, ends or fails blocks nothing else."""
 
 from __future__ import annotations
 
@@ -7,8 +7,11 @@ import threading
 
 import pytest
 
-from hal.cameras.camera import EndOfRecording, Newest
-from hal.errors import HardwareError
+from hal.cameras.camera import EndOfRecording, LatestFrame
+from hal.errors import CameraFault, HardwareError
+from tests.support.errors import refused
+
+LOST = HardwareError(CameraFault.NO_FRAMES, camera="cam")
 
 
 def test_the_newest_value_is_given_once() -> None:
@@ -21,7 +24,7 @@ def test_the_newest_value_is_given_once() -> None:
             taken.set()
         return value
 
-    newest = Newest(grab, lost="gone")
+    newest = LatestFrame(grab, lost=LOST)
     for value in (1, 2, 3):
         values.put(value)
     assert taken.wait(10)
@@ -36,26 +39,27 @@ def test_the_newest_value_is_given_once() -> None:
     newest.stop()
 
 
-def test_a_driver_that_hangs_is_told_and_left_behind() -> None:
+def test_a_driver_that_hangs_is_reported_and_abandoned() -> None:
     release = threading.Event()
 
     def hang() -> None:
         release.wait(30)
 
-    newest: Newest[int] = Newest(hang, lost="The camera is silent: unplug it.", silence_s=0.05)
-    with pytest.raises(HardwareError, match="silent"):
+    newest: LatestFrame[int] = LatestFrame(hang, lost=LOST, silence_s=0.05)
+    with refused(CameraFault.NO_FRAMES, camera="cam"):
         newest.take(0.5)
     assert newest.stop() is False
     release.set()
 
 
-@pytest.mark.parametrize("error", [HardwareError("unplugged"), EndOfRecording("over")])
+@pytest.mark.parametrize("error", [HardwareError(CameraFault.UNPLUGGED, camera="cam"), EndOfRecording()])
 def test_what_the_driver_raises_reaches_the_reader_every_time(error: Exception) -> None:
     def grab() -> int | None:
         raise error
 
-    newest = Newest(grab, lost="gone")
+    newest = LatestFrame(grab, lost=LOST)
     for _ in range(2):
-        with pytest.raises(type(error), match=str(error)):
+        with pytest.raises(type(error)) as caught:
             newest.take(10.0)
+        assert caught.value is error
     assert newest.stop()

@@ -140,12 +140,14 @@ def test_what_was_decoded_encodes_to_the_same_bits(motor: MotorModel, wire: tupl
 def test_a_reply_comes_through_at_most_one_quantum_low(motor: MotorModel, state: tuple[float, float, float]) -> None:
     codec = codec_of(motor)
     p, v, _, _, t = quanta(motor)
-    told = Reply(3, state[0] * motor.position_rad, state[1] * motor.velocity_rad_s, state[2] * motor.torque_nm, 40.0)
-    frame = codec.reply(told, 0, 0)
+    reported = Reply(
+        3, state[0] * motor.position_rad, state[1] * motor.velocity_rad_s, state[2] * motor.torque_nm, 40.0
+    )
+    frame = codec.reply(reported, 0, 0)
     heard = codec.read_reply(frame)
     assert heard is not None
     assert codec.replier(frame) == heard.drive_id == 3
-    pairs = ((told[1], heard[1], p), (told[2], heard[2], v), (told[3], heard[3], t))
+    pairs = ((reported[1], heard[1], p), (reported[2], heard[2], v), (reported[3], heard[3], t))
     assert all(-1e-4 <= (sent - received) / quantum <= 1 + 1e-4 for sent, received, quantum in pairs)
 
 
@@ -223,10 +225,10 @@ def test_damiao_status(status: int, enabled: bool, faults: DriveFault) -> None:
 
 def test_damiao_registers_travel_as_little_endian() -> None:
     assert damiao.read_register(0x105, 21).data.hex(" ") == "05 01 33 15 00 00 00 00"
-    told = damiao.RegisterValue(5, damiao.Register.VELOCITY_MAX, 30.0)
-    frame = damiao.pack_register(0x11, told)
+    reported = damiao.RegisterValue(5, damiao.Register.VELOCITY_MAX, 30.0)
+    frame = damiao.pack_register(0x11, reported)
     assert frame.data.hex(" ") == "05 00 33 16 00 00 f0 41"
-    assert damiao.register_reply(frame) == told
+    assert damiao.register_reply(frame) == reported
     mode = damiao.RegisterValue(5, damiao.Register.CONTROL_MODE, 1.0)
     assert damiao.register_reply(damiao.pack_register(0x11, mode)) == mode
 

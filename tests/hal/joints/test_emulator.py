@@ -5,13 +5,14 @@ from __future__ import annotations
 import msgspec
 import pytest
 
-from hal.errors import HardwareError
+from hal.errors import DeviceFault
 from hal.joints.codecs import codec_of, cybergear, damiao
 from hal.joints.codecs.wire import NEUTRAL, Frame, Order, SetPoint
 from hal.joints.device import load_exoskeleton
 from hal.joints.emulator.firmware import EmulatedDrive, Fault, MotorState, read_schedule
-from hal.joints.motors import Silence, Watchdog, load_motors
+from hal.joints.motors import OnTimeout, Watchdog, load_motors
 from hal.joints.protocol import DriveFault, Joint
+from tests.support.errors import refused
 
 MS = 1_000_000
 HOUR_NS = 3_600_000 * MS
@@ -56,7 +57,7 @@ def test_a_bgkatz_drive_limps_after_25_ms_and_comes_back_with_the_next_command()
 
 def test_a_damiao_watchdog_latches_lost_communication() -> None:
     bench = Bench("DM4310/default", reply_id=0x15)
-    watchdog = Watchdog(on_silence=Silence.LIMPS, after_ms=10.0)
+    watchdog = Watchdog(on_silence=OnTimeout.LIMPS, after_ms=10.0)
     bench.drive.model = msgspec.structs.replace(bench.model, watchdog=watchdog)
     bench.order(Order.ENABLE)
     bench.command(STIFF)
@@ -125,7 +126,7 @@ def test_an_error_lets_go_of_the_joint_and_forbids_enabling() -> None:
     bench = Bench("AK80-64/V2")
     bench.order(Order.ENABLE)
     bench.command(STIFF)
-    bench.drive.befall(Fault.ERROR, 2)
+    bench.drive.inject(Fault.ERROR, 2)
     assert bench.stiffness(0) == 0.0
     reply = bench.codec.read_reply(bench.order(Order.ENABLE)[0])
     assert reply is not None
@@ -135,21 +136,21 @@ def test_an_error_lets_go_of_the_joint_and_forbids_enabling() -> None:
 
 def test_damiao_registers_are_told_and_written() -> None:
     bench = Bench("DM4310/default", reply_id=0x15)
-    (told,) = bench.drive.receive(damiao.read_register(5, damiao.Register.VELOCITY_MAX), 0)
-    assert told.arbitration_id == 0x15
-    assert damiao.register_reply(told) == (5, damiao.Register.VELOCITY_MAX, 30.0)
+    (reported,) = bench.drive.receive(damiao.read_register(5, damiao.Register.VELOCITY_MAX), 0)
+    assert reported.arbitration_id == 0x15
+    assert damiao.register_reply(reported) == (5, damiao.Register.VELOCITY_MAX, 30.0)
     assert bench.drive.receive(damiao.read_register(6, damiao.Register.VELOCITY_MAX), 0) == []
     write = Frame(damiao.REGISTER_ID, bytes((5, 0, damiao.WRITE, damiao.Register.TIMEOUT, 0x90, 0x01, 0, 0)))
-    (told,) = bench.drive.receive(write, 0)
-    assert damiao.register_reply(told._replace(data=told.data)) == (5, damiao.Register.TIMEOUT, 400.0)
+    (reported,) = bench.drive.receive(write, 0)
+    assert damiao.register_reply(reported._replace(data=reported.data)) == (5, damiao.Register.TIMEOUT, 400.0)
     (status,) = bench.drive.receive(damiao.refresh(5), 0)
     assert status.data[0] == 0x05
 
 
 def test_a_cybergear_tells_its_number_and_answers_parameters() -> None:
     bench = Bench("CyberGear/manual")
-    (told,) = bench.drive.receive(cybergear.who(5), 0)
-    assert cybergear.unpack_identifier(told.arbitration_id) == (0, 5, 0xFE)
+    (reported,) = bench.drive.receive(cybergear.who(5), 0)
+    assert cybergear.unpack_identifier(reported.arbitration_id) == (0, 5, 0xFE)
     (status,) = bench.drive.receive(cybergear.operation_control(5), 0)
     assert cybergear.unpack_identifier(status.arbitration_id).kind == cybergear.Kind.FEEDBACK
 
@@ -179,9 +180,9 @@ def test_a_watchdog_set_over_the_bus_acts_after_its_time(motor: str, frame: Fram
 def test_a_cybergear_tells_its_position_as_a_parameter() -> None:
     bench = Bench("CyberGear/manual")
     bench.drive.state = MotorState(1.25, 0.0, 0.0, 25.0)
-    (told,) = bench.drive.receive(Frame(0x1100FD05, bytes.fromhex("1970 0000 0000 0000"), extended=True), 0)
-    assert told.arbitration_id == 0x110005FD
-    assert told.data == bytes.fromhex("1970 0000 0000 A03F")
+    (reported,) = bench.drive.receive(Frame(0x1100FD05, bytes.fromhex("1970 0000 0000 0000"), extended=True), 0)
+    assert reported.arbitration_id == 0x110005FD
+    assert reported.data == bytes.fromhex("1970 0000 0000 A03F")
 
 
 def test_a_servo_drive_uploads_by_itself() -> None:
@@ -195,13 +196,18 @@ def test_a_servo_drive_uploads_by_itself() -> None:
 
 
 def test_schedules_are_read() -> None:
-    told = read_schedule("left_knee:error=2@10")
-    assert (told.fault, told.joint, told.after_s, told.value) == (Fault.ERROR, Joint.LEFT_KNEE, 10.0, 2.0)
+    reported = read_schedule("left_knee:error=2@10")
+    assert (reported.fault, reported.joint, reported.after_s, reported.value) == (
+        Fault.ERROR,
+        Joint.LEFT_KNEE,
+        10.0,
+        2.0,
+    )
     assert read_schedule("late").value == 30.0
     assert read_schedule("bus-off@3").joint is None
 
 
 @pytest.mark.parametrize("text", ["", "explode", "left_toe:silent", "silent@soon", "error=many"])
 def test_a_schedule_that_makes_no_sense_is_refused_with_the_choices(text: str) -> None:
-    with pytest.raises(HardwareError, match=r"left_hip.*wrong-range"):
+    with refused(DeviceFault.BAD_FAULT_SCHEDULE):
         read_schedule(text)

@@ -76,13 +76,14 @@ SEEN = [
 ]
 
 
-@pytest.mark.parametrize(("label", "told", "seen"), SEEN)
-def test_other_drivers_pack_the_same_numbers_into_the_same_bits(label: str, told: SetPoint, seen: str) -> None:
+@pytest.mark.parametrize(("label", "reported", "seen"), SEEN)
+def test_other_drivers_pack_the_same_numbers_into_the_same_bits(label: str, reported: SetPoint, seen: str) -> None:
     codec = codec_of(load_motors().find(label))
-    assert text_of(codec.command(5, told)) == seen
+    assert text_of(codec.command(5, reported)) == seen
     understood = codec.read_command(5, frame_of(seen))
     assert isinstance(understood, SetPoint)
-    assert tuple(understood) == pytest.approx(tuple(told), abs=500 / 4095)  # the coarsest quantum here: of stiffness
+    coarsest = 500 / 4095  # quantum here: of stiffness
+    assert tuple(understood) == pytest.approx(tuple(reported), abs=coarsest)
 
 
 def test_an_upload_says_to_another_driver_what_it_says_here() -> None:
@@ -115,5 +116,5 @@ def test_the_emulator_answers_what_other_drivers_send(drive: tuple[str, int], se
     label, reply_id = drive
     joint = msgspec.structs.replace(load_exoskeleton().left_knee, can_id=5, reply_id=reply_id)
     emulated = EmulatedDrive(joint, load_motors().find(label))
-    answered = [(asked, " ".join(map(text_of, emulated.receive(frame_of(asked), 0)))) for asked, _ in session]
-    assert answered == session
+    replies = [(asked, " ".join(map(text_of, emulated.receive(frame_of(asked), 0)))) for asked, _ in session]
+    assert replies == session

@@ -11,10 +11,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hal.errors import HardwareError
+from hal.errors import DeviceFault
 from hal.joints.device import load_exoskeleton
 from hal.joints.guard import ENGAGE_RAD, Guard, Quantity, Refusal, limits_of
 from hal.joints.protocol import Joint, JointArray, JointCommand
+from tests.support.errors import refused
 
 DEVICE = load_exoskeleton()
 LIMITS = limits_of(DEVICE)
@@ -212,9 +213,14 @@ def test_what_passed_once_passes_again_at_rest(
     assert check(at_rest, command, NOWHERE) is None
 
 
-def test_a_refusal_reads_as_a_sentence_part() -> None:
+def test_a_refusal_carries_its_numbers_and_only_finite_ones() -> None:
     refusal = Refusal(joint=Joint.RIGHT_KNEE, quantity=Quantity.SPEED, value=6.0, limit=5.2)
-    assert str(refusal) == "right knee: speed 6, limit 5.2"
+    assert (refusal.code, refusal.values) == (
+        Quantity.SPEED,
+        {"joint": Joint.RIGHT_KNEE, "value": 6.0, "limit": 5.2},
+    )
+    unknown = Refusal(joint=Joint.RIGHT_KNEE, quantity=Quantity.NOT_FINITE, value=nan, limit=inf)
+    assert unknown.values == {"joint": Joint.RIGHT_KNEE}
 
 
 def test_limits_are_the_devices() -> None:
@@ -238,10 +244,15 @@ def test_the_patients_narrower_range_holds() -> None:
 
 @pytest.mark.parametrize(
     ("hip", "knee", "named"),
-    [(2.2, None, "left hip"), (None, 2.2, "left knee"), (2.1, 2.3, "left knee"), (1.0, 2.2, "left knee")],
+    [
+        (2.2, None, Joint.LEFT_HIP),
+        (None, 2.2, Joint.LEFT_KNEE),
+        (2.1, 2.3, Joint.LEFT_KNEE),
+        (1.0, 2.2, Joint.LEFT_KNEE),
+    ],
 )
-def test_a_limit_that_loosens_the_devices_is_refused(hip: float | None, knee: float | None, named: str) -> None:
-    with pytest.raises(HardwareError, match=f"{named} lies beyond the device's 120°"):
+def test_a_limit_that_loosens_the_devices_is_refused(hip: float | None, knee: float | None, named: Joint) -> None:
+    with refused(DeviceFault.LIMIT_LOOSENED, joint=named, limit_rad=radians(120)):
         limits_of(DEVICE, hip_max_rad=hip, knee_max_rad=knee)
 
 
@@ -278,9 +289,9 @@ def test_the_joint_that_goes_farthest_beyond_is_named() -> None:
         left_hip=msgspec.structs.replace(DEVICE.left_hip, max_deg=60.0),
         right_hip=msgspec.structs.replace(DEVICE.right_hip, max_deg=60.0),
     )
-    with pytest.raises(HardwareError, match="left hip lies beyond the device's 60°"):
+    with refused(DeviceFault.LIMIT_LOOSENED, joint=Joint.LEFT_HIP, limit_rad=radians(60)):
         limits_of(stiff_hip, hip_max_rad=1.5, knee_max_rad=2.2)
-    with pytest.raises(HardwareError, match="left knee lies beyond"):  # by more, though by a smaller part
+    with refused(DeviceFault.LIMIT_LOOSENED, joint=Joint.LEFT_KNEE):  # by more, though by a smaller part
         limits_of(stiff_hip, hip_max_rad=1.2, knee_max_rad=2.29)
 
 

@@ -14,61 +14,61 @@ TICK_NS = 2_000_000
 MS = 1_000_000
 
 
-def run(ledger: RequestTracker, delays_ms: Sequence[float | None], ticks_more: int = 0) -> None:
+def run(requests: RequestTracker, delays_ms: Sequence[float | None], ticks_more: int = 0) -> None:
     """One command a tick; its reply comes after the delay, None: never. Replies are taken in at ticks, in order."""
     replies = sorted(n * TICK_NS + round(delay * MS) for n, delay in enumerate(delays_ms) if delay is not None)
     for tick in range(len(delays_ms) + ticks_more):
         now_ns = tick * TICK_NS
         while replies and replies[0] <= now_ns:
-            ledger.receive(replies.pop(0))
-        ledger.look(now_ns)
+            requests.receive(replies.pop(0))
+        requests.poll(now_ns)
         if tick < len(delays_ms):
-            ledger.send(now_ns)
+            requests.send(now_ns)
 
 
 @given(st.lists(st.one_of(st.none(), st.floats(0.1, 80.0)), max_size=60))
 def test_the_classes_add_up(delays_ms: list[float | None]) -> None:
-    ledger = RequestTracker()
-    run(ledger, delays_ms, ticks_more=60)
-    assert ledger.sent == len(delays_ms) == ledger.answered + ledger.late + ledger.missed + ledger.under_way
-    assert ledger.under_way == 0
-    assert ledger.missed >= 0
+    requests = RequestTracker()
+    run(requests, delays_ms, ticks_more=60)
+    assert requests.sent == len(delays_ms) == requests.answered + requests.late + requests.missed + requests.under_way
+    assert requests.under_way == 0
+    assert requests.missed >= 0
 
 
 def test_punctual_replies_are_answers() -> None:
-    ledger = RequestTracker()
-    run(ledger, [0.6] * 200, ticks_more=1)
-    assert (ledger.answered, ledger.late, ledger.missed) == (200, 0, 0)
-    assert set(ledger.round_trips_ns) == {600_000}
+    requests = RequestTracker()
+    run(requests, [0.6] * 200, ticks_more=1)
+    assert (requests.answered, requests.late, requests.missed) == (200, 0, 0)
+    assert set(requests.round_trips_ns) == {600_000}
 
 
 def test_replies_held_up_for_long_are_late_and_not_missed() -> None:
     """A host that stands for 40 ms and then delivers all at once."""
-    ledger = RequestTracker()
+    requests = RequestTracker()
     held_up = [40.0 - 2.0 * n for n in range(20)]
-    run(ledger, [0.6] * 50 + held_up + [0.6] * 50, ticks_more=20)
-    assert ledger.missed == 0
-    assert ledger.late > 0
-    assert ledger.answered + ledger.late == 120
+    run(requests, [0.6] * 50 + held_up + [0.6] * 50, ticks_more=20)
+    assert requests.missed == 0
+    assert requests.late > 0
+    assert requests.answered + requests.late == 120
 
 
 @pytest.mark.parametrize("usual_ms", [0.6, 2.6, 7.0])
 def test_one_lost_reply_is_one_missed_command_and_shifts_no_other(usual_ms: float) -> None:
-    ledger = RequestTracker()
-    run(ledger, [usual_ms] * 100 + [None] + [usual_ms] * 100, ticks_more=10)
-    assert (ledger.answered, ledger.late, ledger.missed) == (200, 0, 1)
-    assert list(ledger.round_trips_ns)[-1] == round(usual_ms * MS)
+    requests = RequestTracker()
+    run(requests, [usual_ms] * 100 + [None] + [usual_ms] * 100, ticks_more=10)
+    assert (requests.answered, requests.late, requests.missed) == (200, 0, 1)
+    assert list(requests.round_trips_ns)[-1] == round(usual_ms * MS)
 
 
 def test_slow_replies_at_a_steady_pace_are_not_missed() -> None:
-    ledger = RequestTracker()
-    run(ledger, [9.0] * 500, ticks_more=10)
-    assert (ledger.answered, ledger.missed) == (500, 0)
+    requests = RequestTracker()
+    run(requests, [9.0] * 500, ticks_more=10)
+    assert (requests.answered, requests.missed) == (500, 0)
 
 
 def test_silence_is_missed_and_more_replies_than_asked_for_are_told() -> None:
-    ledger = RequestTracker()
-    run(ledger, [None] * 30, ticks_more=20)
-    assert ledger.missed == 30
-    assert [ledger.receive(10**9) for _ in range(31)] == [True] * 30 + [False]
-    assert (ledger.missed, ledger.late) == (0, 30)
+    requests = RequestTracker()
+    run(requests, [None] * 30, ticks_more=20)
+    assert requests.missed == 30
+    assert [requests.receive(10**9) for _ in range(31)] == [True] * 30 + [False]
+    assert (requests.missed, requests.late) == (0, 30)

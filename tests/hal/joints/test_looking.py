@@ -13,15 +13,17 @@ import pytest
 from rich.console import Console
 
 from app.cli.drive_table import monitor_table
-from hal.errors import HardwareError
-from hal.joints.can import lifecycle as zeroing
+from hal.errors import CanFault, DrivesFault
+from hal.joints.can import lifecycle
 from hal.joints.can.bus import open_bus
-from hal.joints.can.candump import BusRecorder, Decoder, LogSummary, messages_of, open_log
+from hal.joints.can.candump import BusRecorder, Decoder, FrameKind, LogSummary, messages_of, open_log
 from hal.joints.can.driver import SocketCanJoints
-from hal.joints.can.scan import BusMonitor, listen, scan, stations_of
+from hal.joints.can.scan import BusMonitor, drives_of, listen, scan
+from hal.joints.codecs.wire import Order
 from hal.joints.emulator.firmware import Fault
 from hal.joints.protocol import DriveFault, Joint
 from tests.hal.joints.rig import CanRig, MakeRig, command, small_gear, with_motor
+from tests.support.errors import refused
 
 PATIENT_S = 0.4  # emulated drives share this machine's processors
 
@@ -47,7 +49,7 @@ def test_scanning_tells_protocols_apart_and_finds_every_drive(make_rig: MakeRig,
 def test_scanning_counts_drives_that_share_an_id(make_rig: MakeRig) -> None:
     device = with_motor("AK80-64/V2")
     rig = make_rig(device)
-    rig.emulator.befall(Fault.DUPLICATE, Joint.LEFT_KNEE)
+    rig.emulator.inject(Fault.DUPLICATE, Joint.LEFT_KNEE)
     with open_bus(device.buses[0]) as bus:
         found = {drive.drive_id: drive.answers for drive in scan(bus, range(1, 9), round_s=PATIENT_S)}
     assert found == {1: 1, 2: 2, 3: 1, 4: 1}
@@ -76,13 +78,13 @@ def test_the_monitor_sees_both_sides_and_sends_nothing(make_rig: MakeRig) -> Non
     for _ in range(5):
         rig.tick(command(0.2, stiffness=100.0))
     rig.joints.close(rig.now_ns())
-    heard = rig.emulator.received
-    monitor.look(0.05)
-    assert rig.emulator.received == heard
-    for name in ("left hip", "left knee", "right hip", "right knee"):
-        assert monitor.counts[name, "command"] > 0
-        assert monitor.counts[name, "reply"] > 0
-        assert monitor.newest[name, "order"].text == "disable"
+    before = rig.emulator.received
+    monitor.poll(0.05)
+    assert rig.emulator.received == before
+    for joint in Joint:
+        assert monitor.counts[joint, FrameKind.COMMAND] > 0
+        assert monitor.counts[joint, FrameKind.REPLY] > 0
+        assert monitor.newest[joint, FrameKind.ORDER].content is Order.DISABLE
     shown = Console(width=80, file=io.StringIO())
     shown.print(monitor_table(monitor))
     lines = shown.file.getvalue().splitlines()  # type: ignore[attr-defined]
@@ -100,7 +102,7 @@ def recorded(make_rig: MakeRig, tmp_path: Path) -> Path:
     thread = threading.Thread(target=recorder.run, args=(stop.is_set,))
     thread.start()
     start(rig)
-    rig.emulator.befall(Fault.ERROR, Joint.LEFT_KNEE, 2)
+    rig.emulator.inject(Fault.ERROR, Joint.LEFT_KNEE, 2)
     rig.until(lambda now: now.faults[Joint.LEFT_KNEE], command(0.1))
     rig.joints.close(rig.now_ns())
     rig.until(lambda _: recorder.frames >= 60)
@@ -110,8 +112,8 @@ def recorded(make_rig: MakeRig, tmp_path: Path) -> Path:
     return path
 
 
-def read(path: Path) -> tuple[list[str], LogSummary]:
-    decoder, summary = Decoder(stations_of(with_motor("AK80-64/V2"))), LogSummary()
+def read(path: Path) -> tuple[list[FrameKind], LogSummary]:
+    decoder, summary = Decoder(drives_of(with_motor("AK80-64/V2"))), LogSummary()
     kinds = []
     with open_log(path) as file:
         for message in messages_of(file, summary):
@@ -125,9 +127,9 @@ def test_a_recorded_session_decodes_to_its_last_frame(recorded: Path) -> None:
     kinds, summary = read(recorded)
     assert summary.broken_lines == 0
     assert len(kinds) == len(list(can.LogReader(recorded))) == len(recorded.read_text().splitlines())
-    assert set(kinds) == {"order", "command", "reply"}
-    assert summary.faults["left knee"] is DriveFault.OVER_CURRENT
-    assert summary.faults["right hip"] is DriveFault.NONE
+    assert set(kinds) == {FrameKind.ORDER, FrameKind.COMMAND, FrameKind.REPLY}
+    assert summary.faults[Joint.LEFT_KNEE] is DriveFault.OVER_CURRENT
+    assert summary.faults[Joint.RIGHT_HIP] is DriveFault.NONE
 
 
 def test_a_log_cut_anywhere_is_read_up_to_its_last_whole_line(recorded: Path, tmp_path: Path) -> None:
@@ -157,22 +159,22 @@ def test_lines_that_are_no_frames_are_left_out_and_counted() -> None:
 
 
 def test_a_log_that_is_not_there_is_told() -> None:
-    with pytest.raises(HardwareError, match=r"nowhere\.log"):
+    with refused(CanFault.LOG_UNREADABLE, path=Path("nowhere.log")):
         open_log(Path("nowhere.log"))
 
 
 def test_strangers_and_error_frames_decode_to_themselves() -> None:
-    decoder = Decoder(stations_of(with_motor("AK80-64/V2")))
+    decoder = Decoder(drives_of(with_motor("AK80-64/V2")))
     stranger = decoder.decode(can.Message(arbitration_id=0x18FEEE00, data=b"\xab\xcd"))
-    assert (stranger.kind, stranger.text) == ("stranger", "18FEEE00#ABCD")
+    assert (stranger.kind, stranger.content) == (FrameKind.UNKNOWN, "18FEEE00#ABCD")
     off = can.Message(is_error_frame=True, is_extended_id=False, arbitration_id=0x40, data=bytes(8))
-    assert decoder.decode(off).kind == "error"
+    assert decoder.decode(off).content is CanFault.CONTROLLER_OFF
 
 
 @pytest.fixture
 def quick(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(zeroing, "STILL_FOR_S", 0.05)
-    monkeypatch.setattr(zeroing, "TAKES_EFFECT_S", 0.2)
+    monkeypatch.setattr(lifecycle, "STILL_FOR_S", 0.05)
+    monkeypatch.setattr(lifecycle, "TAKES_EFFECT_S", 0.2)
 
 
 @pytest.fixture
@@ -188,47 +190,47 @@ def opened(make_rig: MakeRig, quick: None) -> tuple[SocketCanJoints, CanRig]:
 
 def test_zeroing_makes_the_pose_the_described_offset(opened: tuple[SocketCanJoints, CanRig]) -> None:
     joints, rig = opened
-    request = zeroing.ask_zero(joints, Joint.LEFT_KNEE)
-    assert zeroing.set_zero(joints, request, request.word) == pytest.approx(math.radians(10.0), abs=0.01)
+    request = lifecycle.request_zero(joints, Joint.LEFT_KNEE)
+    assert lifecycle.set_zero(joints, request, request.code) == pytest.approx(math.radians(10.0), abs=0.01)
     assert rig.emulator.drives[Joint.LEFT_HIP].zero_rad == -0.3
 
 
-def test_zeroing_needs_the_second_word(opened: tuple[SocketCanJoints, CanRig]) -> None:
+def test_zeroing_needs_the_code(opened: tuple[SocketCanJoints, CanRig]) -> None:
     joints, rig = opened
-    request = zeroing.ask_zero(joints, Joint.LEFT_KNEE)
-    with pytest.raises(HardwareError, match="second word"):
-        zeroing.set_zero(joints, request, "yes")
-    late = zeroing.ZeroRequest(request.joint, request.angle_rad, request.word, request.at_s - 60)
-    with pytest.raises(HardwareError, match="ask again"):
-        zeroing.set_zero(joints, late, request.word)
+    request = lifecycle.request_zero(joints, Joint.LEFT_KNEE)
+    with refused(DrivesFault.ZERO_WRONG_CODE):
+        lifecycle.set_zero(joints, request, "yes")
+    late = lifecycle.ZeroRequest(request.joint, request.angle_rad, request.code, request.at_s - 60)
+    with refused(DrivesFault.ZERO_TOO_LATE):
+        lifecycle.set_zero(joints, late, request.code)
     assert rig.emulator.drives[Joint.LEFT_KNEE].zero_rad == -0.3
 
 
 def test_zeroing_needs_the_joint_still(opened: tuple[SocketCanJoints, CanRig]) -> None:
     joints, rig = opened
-    request = zeroing.ask_zero(joints, Joint.LEFT_KNEE)
+    request = lifecycle.request_zero(joints, Joint.LEFT_KNEE)
     rig.emulator.drives[Joint.LEFT_KNEE].zero_rad = -0.35
-    with pytest.raises(HardwareError, match="has moved since"):
-        zeroing.set_zero(joints, request, request.word)
+    with refused(DrivesFault.ZERO_MOVED, joint=Joint.LEFT_KNEE):
+        lifecycle.set_zero(joints, request, request.code)
 
 
 def test_zeroing_is_refused_while_enabled(opened: tuple[SocketCanJoints, CanRig]) -> None:
     joints, rig = opened
     joints.enable(rig.now_ns())
-    with pytest.raises(HardwareError, match="not enabled"):
-        zeroing.ask_zero(joints, Joint.LEFT_KNEE)
+    with refused(DrivesFault.ZERO_ENABLED):
+        lifecycle.request_zero(joints, Joint.LEFT_KNEE)
 
 
 def test_a_drive_that_ignores_its_zero_is_told(opened: tuple[SocketCanJoints, CanRig]) -> None:
     joints, rig = opened
-    request = zeroing.ask_zero(joints, Joint.LEFT_KNEE)
-    rig.emulator.drives[Joint.LEFT_KNEE].deaf_to_zero = True
-    with pytest.raises(HardwareError, match="did not take the zero"):
-        zeroing.set_zero(joints, request, request.word)
+    request = lifecycle.request_zero(joints, Joint.LEFT_KNEE)
+    rig.emulator.drives[Joint.LEFT_KNEE].ignores_zero = True
+    with refused(DrivesFault.ZERO_NOT_TAKEN, joint=Joint.LEFT_KNEE):
+        lifecycle.set_zero(joints, request, request.code)
 
 
 def test_a_silent_drive_is_told_when_asked_for_its_zero(opened: tuple[SocketCanJoints, CanRig]) -> None:
     joints, rig = opened
-    rig.emulator.befall(Fault.SILENT, Joint.LEFT_KNEE)
-    with pytest.raises(HardwareError, match="No answer from the left knee"):
-        zeroing.ask_zero(joints, Joint.LEFT_KNEE)
+    rig.emulator.inject(Fault.SILENT, Joint.LEFT_KNEE)
+    with refused(DrivesFault.ZERO_NO_REPLY, joint=Joint.LEFT_KNEE):
+        lifecycle.request_zero(joints, Joint.LEFT_KNEE)

@@ -97,7 +97,7 @@ def test_right_ranges_are_never_told_wrong(
 ) -> None:
     watch = RangeCheck()
     for angle, speed, at_ns in replies([leg, *beside], stalls, jitter_ns, lost):
-        assert watch.judge(angle, speed, at_ns) is DriveFault.NONE
+        assert watch.check(angle, speed, at_ns) is DriveFault.NONE
 
 
 @settings(max_examples=30)
@@ -110,7 +110,7 @@ def test_wrong_ranges_are_always_told(leg: Swing, share: float, jitter_ns: list[
     ]
     watch = RangeCheck()
     coming = replies([leg], stalls, jitter_ns, [False])
-    assert any(watch.judge(angle, share * speed, at_ns) is DriveFault.WRONG_RANGE for angle, speed, at_ns in coming)
+    assert any(watch.check(angle, share * speed, at_ns) is DriveFault.WRONG_RANGE for angle, speed, at_ns in coming)
 
 
 def judged(*, share: float, silent_ms: float = 0.0, seconds: float = 3.0) -> DriveFault:
@@ -121,7 +121,7 @@ def judged(*, share: float, silent_ms: float = 0.0, seconds: float = 3.0) -> Dri
             continue
         phase = 2 * math.pi * 3.0 * now_ns / 1e9
         velocity = 0.3 * 2 * math.pi * 3.0 * math.cos(phase)
-        verdict = watch.judge(0.3 * math.sin(phase), share * velocity, now_ns)
+        verdict = watch.check(0.3 * math.sin(phase), share * velocity, now_ns)
     return verdict
 
 
@@ -143,10 +143,10 @@ def test_an_old_angle_with_a_fresh_time_after_each_silence_is_no_wrong_range() -
         for now_ms in range(0, 100, 2):
             at_ms = number * 130 + now_ms
             seen_ms = at_ms - 30 if now_ms == 0 else at_ms
-            assert watch.judge(seen_ms * 1e-3, 1.0, at_ms * 1_000_000 + 1) is DriveFault.NONE
+            assert watch.check(seen_ms * 1e-3, 1.0, at_ms * 1_000_000 + 1) is DriveFault.NONE
 
 
 def test_a_leg_at_rest_proves_nothing() -> None:
     watch = RangeCheck()
-    verdicts = {watch.judge(0.1, 0.02, now_ns) for now_ns in range(0, 2_000_000_000, TICK_NS)}
+    verdicts = {watch.check(0.1, 0.02, now_ns) for now_ns in range(0, 2_000_000_000, TICK_NS)}
     assert verdicts == {DriveFault.NONE}

@@ -9,19 +9,19 @@ from collections.abc import Callable
 from multiprocessing.synchronize import Event
 
 import numpy as np
-import pytest
 
-from hal.errors import HardwareError
+from hal.errors import DrivesFault
 from hal.joints.can.bus import frame_of, open_bus, with_bus
-from hal.joints.can.drive import Station
+from hal.joints.can.drive import Drive
 from hal.joints.can.driver import SocketCanJoints
 from hal.joints.can.safe_stop import SafeStop
 from hal.joints.device import Exoskeleton, load_exoskeleton
 from hal.joints.emulator.emulator import run_emulator
-from hal.joints.emulator.scenes import SceneReceiver, StagedCanJoints
+from hal.joints.emulator.scenes import EmulatedCanJoints, SceneReceiver
 from hal.joints.factory import make_joints
 from hal.joints.protocol import JointCommand
 from hal.joints.scene import Block, BlockKind, Scene
+from tests.support.errors import refused
 
 LIMIT_S = 30.0  # three interpreters start on a busy machine
 
@@ -85,20 +85,20 @@ class Ear:
     """Listens to the drives' own words."""
 
     def __init__(self, device: Exoskeleton) -> None:
-        from hal.joints.can.scan import stations_of
+        from hal.joints.can.scan import drives_of
 
-        self._stations: tuple[Station, ...] = stations_of(device)
+        self._stations: tuple[Drive, ...] = drives_of(device)
         self._bus = open_bus(device.buses[0])
 
     def torque_nm(self) -> float:
         """The largest torque in each drive's newest word; infinite until all have spoken."""
         newest = {}
         while (message := self._bus.recv(0.02)) is not None:
-            for station in self._stations:
+            for drive in self._stations:
                 frame = frame_of(message)
-                if frame.arbitration_id == 0 and station.codec.replier(frame) == station.told_as:
-                    reply = station.codec.read_reply(frame)
-                    newest[station.joint] = abs(reply.torque_nm) if reply else np.inf
+                if frame.arbitration_id == 0 and drive.codec.replier(frame) == drive.reply_number:
+                    reply = drive.codec.read_reply(frame)
+                    newest[drive.joint] = abs(reply.torque_nm) if reply else np.inf
         return max(newest.values()) if len(newest) == 4 else np.inf
 
     def close(self) -> None:
@@ -109,7 +109,7 @@ class Ear:
 def test_an_emulated_wearer_is_told_what_stands_around_the_feet() -> None:
     device = with_bus(load_exoskeleton(), "virtual", f"scene-{random.random()}")
     joints = make_joints("can", device)
-    assert isinstance(joints, StagedCanJoints)
+    assert isinstance(joints, EmulatedCanJoints)
     scene = Scene(blocks=(Block(kind=BlockKind.STEP, from_x_m=0.2, to_x_m=0.5, top_m=0.15),))
     joints.stage(scene)  # nobody listens: harmless
     receiver = SceneReceiver(device)
@@ -117,7 +117,7 @@ def test_an_emulated_wearer_is_told_what_stands_around_the_feet() -> None:
         assert receiver.receive() is None
         joints.stage(scene)
         assert receiver.receive() == scene
-        with pytest.raises(HardwareError, match=r"emulated on scene-.* already"):
+        with refused(DrivesFault.ALREADY_EMULATED):
             SceneReceiver(device)
     finally:
         receiver.close()

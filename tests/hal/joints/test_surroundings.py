@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from hal.joints.scene import LEVEL_FLOOR, Block, BlockKind, Scene, Surroundings, around_next
+from hal.joints.scene import LEVEL_FLOOR, Block, BlockKind, Scene, Surroundings, next_surroundings
 
 FEET = (2.0, 2.0)
 
@@ -21,14 +21,14 @@ STAIR = Scene(floor_m=-0.1, blocks=(block(BlockKind.STEP, -5.0, 0.1, 0.0),))
 
 
 def test_a_scene_is_laid_from_the_feet_and_from_what_they_stand_on() -> None:
-    laid = around_next(amid(floor=0.3), STAIR, (1.9, 2.1), 2.0)
+    laid = next_surroundings(amid(floor=0.3), STAIR, (1.9, 2.1), 2.0)
     assert laid.floor_m == pytest.approx(0.2)
     assert laid.blocks == (block(BlockKind.STEP, -3.0, 2.1, 0.3),)
 
 
 def test_who_stands_on_a_step_with_both_feet_has_its_top_for_a_floor() -> None:
     now = amid(block(BlockKind.STEP, 1.5, 6.0))
-    assert around_next(now, LEVEL_FLOOR, FEET, 2.0) == Surroundings(floor_m=0.2)
+    assert next_surroundings(now, LEVEL_FLOOR, FEET, 2.0) == Surroundings(floor_m=0.2)
 
 
 @pytest.mark.parametrize(
@@ -43,9 +43,9 @@ def test_who_stands_on_a_step_with_both_feet_has_its_top_for_a_floor() -> None:
     ],
 )
 def test_in_the_midst_of_something_everything_stays(there: Block, ankles: tuple[float, float], hip: float) -> None:
-    assert around_next(amid(there, floor=-0.1), STAIR, ankles, hip) == amid(there, floor=-0.1)
+    assert next_surroundings(amid(there, floor=-0.1), STAIR, ankles, hip) == amid(there, floor=-0.1)
     mirrored = (ankles[1], ankles[0])
-    assert around_next(amid(there, floor=-0.1), STAIR, mirrored, hip) == amid(there, floor=-0.1)
+    assert next_surroundings(amid(there, floor=-0.1), STAIR, mirrored, hip) == amid(there, floor=-0.1)
 
 
 @pytest.mark.parametrize(
@@ -58,4 +58,4 @@ def test_in_the_midst_of_something_everything_stays(there: Block, ankles: tuple[
     ],
 )
 def test_what_is_only_near_goes(there: Block, hip: float) -> None:
-    assert around_next(amid(there), LEVEL_FLOOR, FEET, hip) == Surroundings()
+    assert next_surroundings(amid(there), LEVEL_FLOOR, FEET, hip) == Surroundings()

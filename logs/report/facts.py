@@ -22,6 +22,7 @@ from logs.records import (
     HeartbeatLost,
     JointStatistics,
     Note,
+    PatientChosen,
     Press,
     RealTimePrivilege,
     Record,
@@ -58,7 +59,7 @@ NOTED = "note"  # the weakest effect
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class ReportEvent:
+class EventFact:
     """One event from its raising to its acknowledgement."""
 
     at_s: float
@@ -81,7 +82,7 @@ class EventSum:
     longest_unacknowledged_s: float | None
 
 
-def events_of(timed: Timed, render: Render) -> tuple[ReportEvent, ...]:
+def events_of(timed: Timed, render: Render) -> tuple[EventFact, ...]:
     """Every event of a session, in order."""
     cleared = timed.of(EventCleared)
     answers = [
@@ -98,10 +99,10 @@ def _event(
     cleared: list[tuple[float, EventCleared]],
     answers: list[tuple[float, str, Acknowledgement]],
     render: Render,
-) -> ReportEvent:
+) -> EventFact:
     gone = next((when for when, other in cleared if when >= at_s and other.event == body.event), None)
     answer = next((a for a in answers if a[0] >= at_s and body.event in a[2].events), None)
-    return ReportEvent(
+    return EventFact(
         at_s=at_s,
         event=body.event,
         effect=body.effect,
@@ -112,9 +113,9 @@ def _event(
     )
 
 
-def summed(events: Iterable[ReportEvent]) -> tuple[EventSum, ...]:
+def summed(events: Iterable[EventFact]) -> tuple[EventSum, ...]:
     """The occurrences of each event put together, the most frequent first."""
-    groups: dict[tuple[str, str], list[ReportEvent]] = {}
+    groups: dict[tuple[str, str], list[EventFact]] = {}
     for event in events:
         groups.setdefault((event.event, event.effect), []).append(event)
     sums = [
@@ -169,11 +170,13 @@ class JointTrace:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class ReportData:
+class Diagnostics:
     """Everything on the page."""
 
     outline: Outline
     start: SessionStart | None
+    patient: PatientChosen | None
+    duration_s: float
     states: tuple[Band, ...]
     gestures: tuple[Band, ...]
     presses: tuple[Band, ...]
@@ -182,27 +185,29 @@ class ReportData:
     joints: tuple[JointTrace, ...]
     refusals: tuple[tuple[str, int], ...]
     cancels: tuple[tuple[str, int], ...]
-    events: tuple[ReportEvent, ...]  # that had an effect on the legs or on what is allowed
+    events: tuple[EventFact, ...]  # that had an effect on the legs or on what is allowed
     kinds_of_events: tuple[EventSum, ...]  # the same, summed up
     remarks: tuple[tuple[str, int], ...]  # events that were only noted
     stops_s: tuple[float, ...]
     notes: tuple[tuple[float, str, str], ...]  # when, who, what
-    actions: tuple[tuple[str, int, int], ...]  # name, attempts, completed
+    actions: tuple[tuple[str, int, int], ...]  # name, tried, completed
     lateness: TickLateness | None
     real_time: RealTimePrivilege | None
     lost_records: int
-    heartbeats_lost: tuple[tuple[str, int], ...]
+    silences: tuple[tuple[str, int], ...]
 
 
-def data_of(outline: Outline, found: Sequence[Record], render: Render) -> ReportData:
-    """The data of a session; recorded reasons become text by `render`."""
+def facts_of(outline: Outline, found: Sequence[Record], render: Render) -> Diagnostics:
+    """The facts of a session; recorded reasons become text by `render`."""
     timed = Timed(found)
     states = _states(timed, outline.duration_s)
     events = events_of(timed, render)
-    effective = tuple(event for event in events if event.effect != NOTED)
-    return ReportData(
+    felt = tuple(event for event in events if event.effect != NOTED)
+    return Diagnostics(
         outline=outline,
         start=_first(timed.of(SessionStart)),
+        patient=_first(timed.of(PatientChosen)),
+        duration_s=outline.duration_s,
         states=states,
         gestures=_gestures(timed, outline.duration_s),
         presses=_presses(timed, outline.duration_s),
@@ -211,8 +216,8 @@ def data_of(outline: Outline, found: Sequence[Record], render: Render) -> Report
         joints=tuple(_trace(timed.of(JointStatistics), joint) for joint in range(len(JOINTS))),
         refusals=_counted(text_of(body.reason, render) for _, body in timed.of(Refusal)),
         cancels=_counted(text_of(body.reason, render) for _, body in timed.of(Cancel)),
-        events=effective,
-        kinds_of_events=summed(effective),
+        events=felt,
+        kinds_of_events=summed(felt),
         remarks=_counted(event.event for event in events if event.effect == NOTED),
         stops_s=tuple(at_s for at_s, _ in timed.of(Stop)),
         notes=_notes(timed, render),
@@ -220,7 +225,7 @@ def data_of(outline: Outline, found: Sequence[Record], render: Render) -> Report
         lateness=_last(timed.of(TickLateness)),
         real_time=_first(timed.of(RealTimePrivilege)),
         lost_records=sum(body.count for _, body in timed.of(RecordsLost)),
-        heartbeats_lost=_counted(body.stream for _, body in timed.of(HeartbeatLost)),
+        silences=_counted(body.stream for _, body in timed.of(HeartbeatLost)),
     )
 
 
@@ -323,6 +328,6 @@ def _notes(timed: Timed, render: Render) -> tuple[tuple[float, str, str], ...]:
 
 
 def _actions(ends: list[ActionEnd]) -> tuple[tuple[str, int, int], ...]:
-    attempts = Counter(end.action for end in ends)
+    tried = Counter(end.action for end in ends)
     completed = Counter(end.action for end in ends if end.outcome == "completed")
-    return tuple((action, count, completed[action]) for action, count in attempts.most_common())
+    return tuple((action, count, completed[action]) for action, count in tried.most_common())
