@@ -8,11 +8,12 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, ClassVar, Generic, TypeVar, cast
 
 from textual import events, on
-from textual._styles_cache import StylesCache
 from textual.app import ComposeResult
+from textual.await_remove import AwaitRemove
 from textual.binding import ActiveBinding, BindingType
 from textual.geometry import Size
 from textual.screen import ModalScreen, Screen
+from textual.widget import Widget
 
 from app.console.state import SessionState
 from app.console.widgets.bars import KeyBar, StopBar
@@ -61,9 +62,11 @@ class _Console(Screen[T], Generic[T]):
             event.prevent_default()
             event.stop()
 
-    def on_unmount(self) -> None:
-        """Let go of its widgets' drawings: Textual keeps them, 0.5 MB a page of help, as keys of a cache of colours."""
-        StylesCache.get_inner_outer.cache_clear()
+    def remove(self) -> AwaitRemove:
+        """Drop the drawings of its widgets first: Textual keeps those of the last 1,024, 0.5 MB a page of help."""
+        for widget in self.walk_children(Widget):
+            widget.refresh()
+        return super().remove()
 
     @property
     def console_app(self) -> ConsoleApp:
@@ -101,7 +104,8 @@ class _Console(Screen[T], Generic[T]):
 
     def compose_bottom(self) -> ComposeResult:
         """The STOP bar and the keys."""
-        yield StopBar(self.console_app.switch, watching=self.console_app.read_only)
+        app = self.console_app
+        yield StopBar(app.switch, app.key_names, watching=app.read_only)
         yield KeyBar()
 
 

@@ -70,7 +70,7 @@ class CompareScreen(ConsoleScreen):
         super().show_session(state)
         if state is None:
             return
-        self.query_one("#status", Panel).show_lines((plain(tr("compare.words"), "$text-muted"),))
+        self.query_one("#status", Panel).lines = (plain(tr("compare.words"), "$text-muted"),)
         self.query_one(Picture).show(state)
         if state.report is not None and state.report.sequence != self._sequence:
             self._sequence = state.report.sequence
@@ -86,6 +86,6 @@ class CompareScreen(ConsoleScreen):
         for id_, tally, depth in (("monocular", left, False), ("depth", right, True)):
             panel = self.query_one(f"#{id_}", Panel)
             if depth and report.depth_distance_m is None and not right.presses:
-                panel.show_lines((plain(tr("compare.no_depth"), "$text-muted"),))
+                panel.lines = (plain(tr("compare.no_depth"), "$text-muted"),)
             else:
-                panel.show_lines(measurement_lines(report, tally, max(10, panel.content_size.width), depth=depth))
+                panel.lines = measurement_lines(report, tally, max(10, panel.content_size.width), depth=depth)

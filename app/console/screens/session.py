@@ -95,10 +95,10 @@ class SessionScreen(HandKeys):
         super().show_session(state)
         if state is None:
             return
-        self.query_one("#status", Panel).show_lines(status_line(state))
+        self.query_one("#status", Panel).lines = status_line(state)
         app = self.console_app
         guide = guidance_line(state, app.key_names, watching=app.read_only)
-        self.query_one("#guide", Panel).show_lines(guide)
+        self.query_one("#guide", Panel).lines = guide
         self.query_one(Picture).show(state)
         for panel in self.query(StatePanel):
             panel.show(state)

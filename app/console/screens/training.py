@@ -102,7 +102,7 @@ class TrainingScreen(HandKeys):
         self.query_one(Picture).show(state)
         self.query_one(GesturePanel).show(state)
         self.query_one(DistancePanel).show(state)
-        self.query_one("#feedback", Panel).show_lines(feedback(self._lesson, state.report))
+        self.query_one("#feedback", Panel).lines = feedback(self._lesson, state.report)
         self._draw()
 
     def on_picture_resized(self, event: Picture.Resized) -> None:

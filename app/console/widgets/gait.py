@@ -105,4 +105,4 @@ class MachinePanel(StatePanel):
     def show(self, state: SessionState) -> None:
         """Draw the newest snapshot."""
         alone = self.screen.has_class("-narrow")  # the events have no panel there
-        self.show_lines(gait_lines(state, self.content_size.width, self.content_size.height, alone=alone))
+        self.lines = gait_lines(state, self.content_size.width, self.content_size.height, alone=alone)

@@ -64,7 +64,7 @@ class GesturePanel(StatePanel):
 
     def show(self, state: SessionState) -> None:
         """Draw the newest report."""
-        self.show_lines(gesture_lines(state))
+        self.lines = gesture_lines(state)
 
 
 SCALE_M = 0.70  # the paper's farthest
@@ -154,4 +154,4 @@ class DistancePanel(StatePanel):
 
     def show(self, state: SessionState) -> None:
         """Draw the newest report."""
-        self.show_lines(distance_lines(state, max(10, self.content_size.width)))
+        self.lines = distance_lines(state, max(10, self.content_size.width))

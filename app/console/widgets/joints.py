@@ -94,4 +94,4 @@ class JointsPanel(StatePanel):
             self._noted_ns = state.now_ns
             for joint in Joint:
                 self._past[joint].append(state.snapshot.joints[joint].angle_rad)
-        self.show_lines(joint_lines(state, self.content_size.width, tuple(tuple(p) for p in self._past)))
+        self.lines = joint_lines(state, self.content_size.width, tuple(tuple(p) for p in self._past))

@@ -1,21 +1,22 @@
-"""A widget that draws lines of styled words, and draws again only when they have changed."""
+"""Lines of styled text, and the widget that shows them; measures of text in terminal cells."""
 
 from __future__ import annotations
 
 from rich.cells import cell_len, set_cell_size
 from textual.content import Content
+from textual.reactive import reactive
 from textual.widget import Widget
 
 from app.console.state import SessionState
 
-Part = tuple[str, str]  # words and their style, such as "bold $success"
+Part = tuple[str, str]  # text and its style, such as "bold $success"
 Line = tuple[Part, ...]
 Lines = tuple[Line, ...]
 
 
-def plain(words: str, style: str = "") -> Line:
+def plain(text: str, style: str = "") -> Line:
     """A line in one style."""
-    return ((words, style),)
+    return ((text, style),)
 
 
 def content_of(lines: Lines) -> Content:
@@ -23,14 +24,14 @@ def content_of(lines: Lines) -> Content:
     return Content("\n").join(Content.assemble(*line) for line in lines)
 
 
-def cells(words: str) -> int:
-    """How many cells the words take; a Chinese character takes two."""
-    return cell_len(words)
+def cells(text: str) -> int:
+    """How many cells the text takes; a Chinese character takes two."""
+    return cell_len(text)
 
 
-def padded(words: str, width: int) -> str:
-    """The words, filled or cut to `width` cells."""
-    return set_cell_size(words, width)
+def padded(text: str, width: int) -> str:
+    """The text, filled or cut to `width` cells."""
+    return set_cell_size(text, width)
 
 
 def bar(share: float, width: int) -> str:
@@ -41,38 +42,27 @@ def bar(share: float, width: int) -> str:
 
 
 class Panel(Widget):
-    """Shows `Lines`; the title stands in the border."""
+    """Shows `lines`; the title stands in the border."""
 
     can_focus = False
+    lines = reactive[Lines](())
 
     def __init__(self, id: str | None = None, title: str = "") -> None:  # noqa: A002 - Textual's own name
         super().__init__(id=id)
-        self._lines: Lines = ()
         self.border_title = title
 
     @property
-    def lines(self) -> Lines:
-        """What is shown."""
-        return self._lines
-
-    @property
     def text(self) -> str:
-        """The words shown, without their styles."""
-        return "\n".join("".join(words for words, _ in line) for line in self._lines)
-
-    def show_lines(self, lines: Lines) -> None:
-        """Show these."""
-        if lines != self._lines:
-            self._lines = lines
-            self.refresh()
+        """The text shown, without its styles."""
+        return "\n".join("".join(text for text, _ in line) for line in self.lines)
 
     def render(self) -> Content:
-        return content_of(self._lines)
+        return content_of(self.lines)
 
 
 class StatePanel(Panel):
-    """Shown anew twenty times a second; draws only what has changed."""
+    """A panel that the session's screen updates twenty times a second; drawn only when its lines have changed."""
 
     def show(self, state: SessionState) -> None:
-        """Draw the newest state."""
+        """Take the newest state."""
         raise NotImplementedError

@@ -84,7 +84,7 @@ class EventsPanel(StatePanel):
 
     def show(self, state: SessionState) -> None:
         """Draw the newest snapshot."""
-        self.show_lines(event_lines(state))
+        self.lines = event_lines(state)
 
     def on_click(self) -> None:
         self.post_message(self.Clicked())
@@ -145,4 +145,4 @@ class HealthPanel(StatePanel):
 
     def show(self, state: SessionState) -> None:
         """Draw the newest state."""
-        self.show_lines(health_lines(state, self.content_size.width))
+        self.lines = health_lines(state, self.content_size.width)

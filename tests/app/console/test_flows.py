@@ -94,12 +94,12 @@ async def test_an_event_is_on_top_until_it_is_acknowledged(console: Opener) -> N
         host.effect = Effect.HOLD
         await open_console.shows("A joint is too hot: 81 °C")
         await open_console.press("k")
-        await open_console.shows("An acknowledgement never starts motion")
+        await open_console.shows("Acknowledging never starts motion")
         await open_console.press("n")
         assert OperatorKind.ACKNOWLEDGE not in host.kinds()
         await open_console.pilot.click("#events")
         await open_console.press("y")
-        await open_console.shows("Nothing to report")
+        await open_console.shows("No events")
 
 
 async def test_a_lost_camera_is_told_and_its_return_too(console: Opener) -> None:
@@ -107,18 +107,18 @@ async def test_a_lost_camera_is_told_and_its_return_too(console: Opener) -> None
         open_console.host.camera_fault = "The webcam was unplugged; plug it in again."
         await open_console.shows("The webcam was unplugged")
         await open_console.press("s")
-        await open_console.shows("✗ The camera gives pictures")
+        await open_console.shows("✗ Camera delivers images")
         open_console.host.camera_fault = ""
-        await open_console.shows("✓ The camera gives pictures")
+        await open_console.shows("✓ Camera delivers images")
 
 
 async def test_a_silent_control_is_told(console: Opener) -> None:
     async with console() as open_console:
         open_console.host.silent = True
-        await open_console.shows("CONTROL SILENT")
-        await open_console.shows("the guardian makes the legs soft")
-        await open_console.shows("control's last word")
-        await open_console.shows("Control reports nothing")
+        await open_console.shows("CONTROL TIMEOUT")
+        await open_console.shows("the guardian damps the legs")
+        await open_console.shows("Last state received")
+        await open_console.shows("No data from control")
         assert "power on and stand" not in open_console.text()
         open_console.host.guardian_gone = True
         await open_console.shows("press the emergency stop")
@@ -142,12 +142,12 @@ async def test_the_palette_finds_the_twelve_actions(console: Opener) -> None:
 async def test_a_dialog_opened_again_shows_what_is_now(console: Opener) -> None:
     async with console() as open_console:
         await open_console.press("s")
-        await open_console.shows("✓ The camera gives pictures")
+        await open_console.shows("✓ Camera delivers images")
         await open_console.press("escape")
         open_console.host.camera_fault = "The webcam was unplugged; plug it in again."
         await open_console.shows("The webcam was unplugged")
         await open_console.press("s")
-        await open_console.shows("✗ The camera gives pictures")
+        await open_console.shows("✗ Camera delivers images")
 
 
 async def test_enter_alone_never_repeats_the_last_action(console: Opener) -> None:
@@ -155,11 +155,11 @@ async def test_enter_alone_never_repeats_the_last_action(console: Opener) -> Non
         acts = [(OperatorKind.ACT, Action.INITIALISE)]
         for _ in range(2):
             await open_console.press("t")
-            await open_console.shows("The therapist's action")
+            await open_console.shows("Therapist action")
             await open_console.press("enter")
-            await open_console.shows("The therapist's action")
+            await open_console.shows("Therapist action")
             await open_console.press("down", "enter")
-            await open_console.until(lambda: "The therapist's action" not in open_console.text())
+            await open_console.until(lambda: "Therapist action" not in open_console.text())
             assert open_console.host.sent == acts
             open_console.host.sent.clear()
 
@@ -180,7 +180,7 @@ async def test_the_picture_pauses_but_the_chain_does_not(console: Opener) -> Non
         await open_console.press("z")
         await open_console.shows("Picture paused")
         await open_console.press("5")
-        await open_console.shows("walk on")
+        await open_console.shows(" walk")
 
 
 async def test_a_terminal_made_tiny_and_large_again_shows_all(console: Opener) -> None:

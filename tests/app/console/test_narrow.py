@@ -33,7 +33,7 @@ async def test_without_a_panel_for_them_events_stand_beside_the_gait(console: Op
 async def test_the_next_step_is_readable_to_its_end(console: Opener) -> None:
     async with console(size=NARROW) as open_console:
         await open_console.press("space")
-        await open_console.shows("back, slowly.")
+        await open_console.shows("returns slowly.")
 
 
 async def test_every_action_can_be_seen_to_choose_from(console: Opener) -> None:
@@ -45,10 +45,10 @@ async def test_every_action_can_be_seen_to_choose_from(console: Opener) -> None:
 async def test_a_session_that_ends_is_not_called_silent(console: Opener) -> None:
     async with console() as open_console:
         open_console.host.events = (event(Event.SHUTDOWN_DAMPING, Effect.DAMP),)
-        await open_console.shows("The session ends: the joints")
+        await open_console.shows("Session ending: the legs")
         open_console.host.silent = True
-        await open_console.shows("CONTROL SILENT")
-        await open_console.shows("The session ends: the joints")
+        await open_console.shows("CONTROL TIMEOUT")
+        await open_console.shows("Session ending: the legs")
 
 
 @given(st.integers(0, 500), st.integers(0, 200))

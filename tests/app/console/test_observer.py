@@ -82,12 +82,12 @@ def test_an_ended_session_is_over_for_its_observer(setup: SessionSetup) -> None:
 
 async def test_the_bar_says_that_stop_is_elsewhere(console: Opener) -> None:
     async with console(read_only=True) as open_console:
-        await open_console.shows("Only watching")
-        await open_console.shows("The therapist has not confirmed")
+        await open_console.shows("View only")
+        await open_console.shows("The patient is not confirmed yet")
         open_console.host.confirmed = True
         await open_console.shows("Gestures are not armed")
         open_console.host.armed = True
-        await open_console.shows("The legs wait to be led to standing")
+        await open_console.shows("Waiting for gesture 0")
         open_console.host.send(OperatorKind.STOP)
         await open_console.shows("until the therapist acknowledges")
         open_console.host.sent.clear()

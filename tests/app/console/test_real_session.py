@@ -79,7 +79,7 @@ async def test_a_camera_is_lost_and_found_and_a_perception_that_dies_comes_back(
     async with real_console(tmp_path, make_host=breakable_host) as console:
         await console.confirm_and_arm()
         console.signal("perception", BREAK)
-        await console.shows("✗ The camera gives no picture")
+        await console.shows("✗ No image from the camera")
         await console.until(
             lambda: console.report.camera_fault is not None and render(console.report.camera_fault) == UNPLUGGED
         )

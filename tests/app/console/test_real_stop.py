@@ -103,7 +103,7 @@ async def test_stop_in_every_state(tmp_path: Path) -> None:
                 assert console.snapshot.action is None, f"acknowledging a stop in {state} began something"
         await console.press("space")
         await console.until(lambda: console.snapshot.effect is Effect.DAMP)
-        await console.shows("LEGS SOFT")
+        await console.shows("LEGS DAMPED")
     assert {state.value for state in STATES} <= set(stopped_in(tmp_path))
 
 

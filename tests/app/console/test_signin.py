@@ -32,7 +32,7 @@ async def test_real_joints_need_a_sign_in_and_a_second_ctrl_c(console: Opener, h
         await open_console.press("t", "0")
         await open_console.shows("standing")
         await open_console.press("ctrl+c")
-        await open_console.shows("Quit with powered joints?")
+        await open_console.shows("Quit while the joints are powered?")
         assert not open_console.host.closed
         await open_console.press("ctrl+c")
         await open_console.until(lambda: open_console.host.closed)
