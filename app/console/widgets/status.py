@@ -5,7 +5,7 @@ from __future__ import annotations
 from textual.message import Message
 
 from app.console.state import SessionState
-from app.console.widgets.panel import Line, Lines, Part, StatePanel, bar, cells, plain
+from app.console.widgets.panel import Line, Lines, Part, StatePanel, bar, cells, padded, plain
 from app.ipc.messages import ActiveEvent, ControlSnapshot
 from app.ipc.states import Effect
 from app.text.catalogue import render, tr
@@ -91,29 +91,19 @@ class EventsPanel(StatePanel):
 
 
 def health_lines(state: SessionState, width: int) -> Lines:
-    """Dose against target, then latency, pictures and lateness."""
+    """Dose against target, then latency, frame rate and lateness."""
     if state.snapshot is None:
         return (plain(tr("health.waiting"), "$text-muted"),)
-    dose, snapshot = state.setup.profile.dose, state.snapshot
-    return (
-        _dose(tr("health.steps"), snapshot.steps, dose.steps, f"{snapshot.steps}/{dose.steps}", width),
-        _dose(
-            tr("health.distance"),
-            snapshot.distance_walked_m,
-            dose.distance_m,
-            f"{snapshot.distance_walked_m:.1f}/{dose.distance_m:.0f} m",
-            width,
-        ),
-        _dose(
-            tr("health.time"),
-            state.elapsed_s,
-            dose.duration_s,
-            f"{_minutes(state.elapsed_s)}/{_minutes(dose.duration_s)}",
-            width,
-        ),
-        _chain(state),
-        _ticks(state),
+    dose, snapshot, elapsed_s = state.setup.profile.dose, state.snapshot, state.elapsed_s
+    walked_m = snapshot.distance_walked_m
+    doses = (
+        ("health.steps", snapshot.steps, dose.steps, f"{snapshot.steps}/{dose.steps}"),
+        ("health.distance", walked_m, dose.distance_m, f"{walked_m:.1f}/{dose.distance_m:.0f} m"),
+        ("health.time", elapsed_s, dose.duration_s, f"{_minutes(elapsed_s)}/{_minutes(dose.duration_s)}"),
     )
+    name_width = max(cells(tr(name)) for name, *_ in doses)
+    lines = (_dose(padded(tr(name), name_width), done, target, figures, width) for name, done, target, figures in doses)
+    return (*lines, _chain(state), _ticks(state))
 
 
 def _minutes(seconds: float) -> str:

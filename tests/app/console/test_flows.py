@@ -24,7 +24,7 @@ async def test_a_first_patient_is_made_and_walks(console: Opener, home: Home) ->
         await open_console.shows("New patient")
         open_console.type("identifier", "P-0042")
         open_console.type("stature_m", "1.62 m")
-        await open_console.shows("Everything in range")
+        await open_console.shows("values are in range")
         await open_console.press("ctrl+s")
         await open_console.shows("P-0042")
         assert ProfileStore(home.profiles).load("P-0042").stature_m == pytest.approx(1.62)

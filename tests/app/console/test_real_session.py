@@ -44,7 +44,7 @@ async def test_a_first_patient_is_made_and_powers_the_legs_by_gesture(tmp_path: 
         await console.press("n")
         await console.shows("New patient")
         await console.press(*"P-0042", "tab", "tab", *"162", "tab", *"58")
-        await console.shows("Everything in range")
+        await console.shows("values are in range")
         await console.press("ctrl+s")
         await console.shows("P-0042")
         await console.press("enter")
