@@ -24,7 +24,7 @@ from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
-from app.demo.emulation import emulated_drives
+from app.demo.drives import emulated_drives
 from app.ipc.messages import ControlSnapshot, OperatorKind
 from app.ipc.states import Action, Effect, GaitState
 from app.system.config import JointsConfig

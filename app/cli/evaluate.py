@@ -346,7 +346,7 @@ def response(
 ) -> None:
     """Table 7: success and response of the whole system, real processes, several hands."""
     from app.cli.progress import spinner, wide_console
-    from app.demo.course import ALL_TWELVE
+    from app.demo.scenario import ALL_TWELVE
     from app.evaluate.harness import EvaluateFault, write_json
     from app.evaluate.loop.response import evaluate_response, shown
     from app.system.config import load_config

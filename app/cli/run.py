@@ -77,10 +77,9 @@ def demo(
     import json
 
     from app.cli.progress import spinner, wide_console
-    from app.demo.course import ALL_TWELVE
     from app.demo.drives import joints_for
-    from app.demo.session import demo_config, run_session
-    from app.demo.table import print_result
+    from app.demo.scenario import ALL_TWELVE
+    from app.demo.session import demo_config, print_result, run_session
     from app.system.config import load_config
     from app.system.diagnostics_log import set_verbose, start_log
     from app.system.hand_model import set_up_model

@@ -2,11 +2,34 @@
 
 from __future__ import annotations
 
+import multiprocessing
+import random
 from collections.abc import Iterator
 from contextlib import contextmanager
+from enum import Enum
+from pathlib import Path
 
+import msgspec
+
+from app.motion.patient import body_of
 from app.system.config import Config, JointsConfig
 from app.system.errors import AppError
+from hal.joints.device import DEFAULT_DEVICE, load_exoskeleton
+from hal.joints.emulator.emulator import run_emulator
+from hal.joints.emulator.firmware import ScheduledFault
+from profiles.schema import DEMO_PATIENT, Profile
+
+
+class DemoFault(Enum):
+    """Why the demo can't go on."""
+
+    NO_SUCH_JOINTS = "no such joints"
+    DRIVES_NOT_STARTED = "drives not started"
+    PROCESSES_ENDED = "processes ended"
+    CONTROL_SILENT = "control silent"
+    NO_PICTURE = "no picture"
+    NOT_ARMED = "not armed"
+    NOT_PREPARED = "not prepared"
 
 
 @contextmanager
@@ -16,8 +39,57 @@ def joints_for(kind: str, base: Config) -> Iterator[JointsConfig]:
         yield JointsConfig(kind="simulated", device=base.joints.device)
         return
     if kind != "can":
-        raise AppError(f"--joints {kind}: there are only `simulated` and `can`.")
-    from app.demo.emulation import emulated_drives
-
+        raise AppError(DemoFault.NO_SUCH_JOINTS, kind=kind)
     with emulated_drives(base.joints) as joints:
         yield joints
+
+
+INTERFACE = "local"  # needs no vcan, and costs less a frame than udp_multicast
+START_S = 30.0  # importing MuJoCo on a busy machine
+
+
+def private_channel() -> str:
+    """A channel that nobody else on this host is likely to use."""
+    return str(random.SystemRandom().randrange(20_000, 60_000))
+
+
+@contextmanager
+def emulated_drives(
+    base: JointsConfig,
+    profile: Profile = DEMO_PATIENT,
+    *,
+    wearer: bool = True,
+    schedule: tuple[ScheduledFault, ...] = (),
+) -> Iterator[JointsConfig]:
+    """The configuration that reaches the emulated drives; with a `wearer` the simulated body hangs on them.
+
+    Raises AppError when the emulator does not start.
+    """
+    device = load_exoskeleton(Path(base.device) if base.device else DEFAULT_DEVICE)
+    channel = private_channel()
+    spawning = multiprocessing.get_context("spawn")
+    ready, stop = spawning.Event(), spawning.Event()
+    process = spawning.Process(
+        target=run_emulator,
+        args=(device, INTERFACE, channel),
+        kwargs={
+            "body": body_of(profile) if wearer else None,
+            "motors": Path(base.motors) if base.motors else None,
+            "schedule": schedule,
+            "ready": ready,
+            "stop": stop,
+        },
+        name="emulated drives",
+        daemon=True,
+    )
+    process.start()
+    try:
+        if not ready.wait(START_S):
+            raise AppError(DemoFault.DRIVES_NOT_STARTED)
+        yield msgspec.structs.replace(base, kind="can", interface=INTERFACE, channel=channel)
+    finally:
+        stop.set()
+        process.join(5.0)
+        if process.is_alive():
+            process.terminate()
+            process.join(5.0)

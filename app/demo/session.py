@@ -7,16 +7,18 @@ from dataclasses import dataclass
 from typing import Any
 
 import msgspec
+from rich.console import Console
+from rich.table import Table
 
-from app.demo.course import Leg
-from app.demo.journey import run_course
-from app.demo.runner import CourseRunner
-from app.demo.trial import Trial
+from app.demo.attempt import Attempt, spread
+from app.demo.runner import ScenarioRunner
+from app.demo.scenario import Step, run_scenario
 from app.ipc.messages import Lateness
-from app.ipc.states import Action
+from app.ipc.states import ACTION_OF, Action
 from app.session.host import SessionHost, make_setup
 from app.system.config import CameraConfig, Config, JointsConfig, SessionSetup
 from app.system.paths import Home
+from app.text.catalogue import tr
 from hal.cameras.digital_hand.render import person_of
 from profiles.schema import DEMO_PATIENT, Palm, Profile
 
@@ -25,7 +27,7 @@ from profiles.schema import DEMO_PATIENT, Palm, Profile
 class SessionResult:
     """What a session gave."""
 
-    trials: tuple[Trial, ...]
+    attempts: tuple[Attempt, ...]
     unintended: int
     audit_verified: bool
     audit_detail: str
@@ -33,23 +35,23 @@ class SessionResult:
     lateness: Lateness
     session: str
 
-    def last_of(self, course: Sequence[Leg]) -> tuple[Trial, ...]:
-        """The last trial of each leg that was tried: what an interlock interrupted was made again."""
-        last = {trial.gesture: trial for trial in self.trials}
-        return tuple(last[leg.gesture] for leg in course if leg.gesture in last)
+    def last_of(self, scenario: Sequence[Step]) -> tuple[Attempt, ...]:
+        """The last attempt of each step that was tried: what an interlock interrupted was made again."""
+        last = {attempt.gesture: attempt for attempt in self.attempts}
+        return tuple(last[step.gesture] for step in scenario if step.gesture in last)
 
     @property
-    def interruptions(self) -> tuple[Trial, ...]:
-        """The trials that an interlock held or ended."""
-        return tuple(trial for trial in self.trials if trial.interrupted)
+    def interruptions(self) -> tuple[Attempt, ...]:
+        """The attempts that an interlock held or ended."""
+        return tuple(attempt for attempt in self.attempts if attempt.interrupted)
 
-    def as_json(self, course: Sequence[Leg]) -> dict[str, Any]:
+    def as_json(self, scenario: Sequence[Step]) -> dict[str, Any]:
         """As `rleex demo --json` writes it."""
         late = self.lateness
         return {
-            "actions": [trial.row() for trial in self.last_of(course)],
-            "asked": len(course),
-            "interruptions": [trial.row() for trial in self.interruptions],
+            "actions": [attempt.row() for attempt in self.last_of(scenario)],
+            "asked": len(scenario),
+            "interruptions": [attempt.row() for attempt in self.interruptions],
             "unintended": self.unintended,
             "audit_verified": self.audit_verified,
             "perception_fps": round(self.perception_fps, 1),
@@ -59,10 +61,10 @@ class SessionResult:
             "session": self.session,
         }
 
-    def passed(self, course: Sequence[Leg]) -> bool:
+    def passed(self, scenario: Sequence[Step]) -> bool:
         """Everything asked happened, nothing else did, and the audit trail proves it."""
-        last = self.last_of(course)
-        all_done = len(last) == len(course) and all(trial.ok for trial in last)
+        last = self.last_of(scenario)
+        all_done = len(last) == len(scenario) and all(attempt.ok for attempt in last)
         return all_done and self.unintended == 0 and self.audit_verified
 
 
@@ -81,31 +83,31 @@ def demo_patient(seed: int) -> Profile:
 def run_session(
     home: Home,
     config: Config,
-    course: Sequence[Leg],
+    scenario: Sequence[Step],
     *,
     click_s: float,
     presses: int,
     watch: Callable[[str], None],
     approach_m: float = 0.0,
     patient: Profile | None = None,
-    carry_out: Callable[[CourseRunner, Sequence[Leg]], list[Trial]] = run_course,
+    carry_out: Callable[[ScenarioRunner, Sequence[Step]], list[Attempt]] = run_scenario,
 ) -> SessionResult:
-    """Start the real processes, carry out the course, close, verify the audit trail; None: the demo patient."""
+    """Start the real processes, carry out the scenario, close, verify the audit trail; None: the demo patient."""
     wearer = patient or demo_patient(config.camera.seed)
     setup = make_setup(home, config, wearer, operator="demo", role="engineer")
     if config.joints.kind != "simulated":
         rehearse_missing(setup, watch)
     host = SessionHost(setup)
-    runner = CourseRunner(host, click_s=click_s, presses=presses, approach_m=approach_m, watch=watch)
+    runner = ScenarioRunner(host, click_s=click_s, presses=presses, approach_m=approach_m, watch=watch)
     try:
         host.start()
         runner.prepare()
-        trials = carry_out(runner, course)
+        attempts = carry_out(runner, scenario)
     finally:
         host.close()
     verified, detail = _verify(home, setup.session)
     return SessionResult(
-        trials=tuple(trials),
+        attempts=tuple(attempts),
         unintended=runner.unintended(),
         audit_verified=verified,
         audit_detail=detail,
@@ -121,7 +123,7 @@ def rehearse_missing(setup: SessionSetup, watch: Callable[[str], None]) -> None:
     from app.motion.patient import patient_of
     from app.motion.preflight import run_preflight
 
-    watch("pre-flight simulation of the actions (once)")
+    watch(tr("demo.preflight"))
     missing = [action for action in Action if action not in (cleared_of(setup) or ())]
     run_preflight(Home(setup.home), patient_of(setup.profile, device_of(setup)), device_of(setup), missing)
 
@@ -134,3 +136,47 @@ def _verify(home: Home, session: str) -> tuple[bool, str]:
 
     findings = verify([home.logs / f"{session}.jsonl"], Evidence(keys=by_fingerprint(known_keys(home.keys))))
     return exit_status(findings) == 0, "; ".join(summary(finding, render_recorded) for finding in findings)
+
+
+def print_result(console: Console, result: SessionResult, scenario: Sequence[Step]) -> None:
+    """The table, one line a gesture, and its summary."""
+    table = Table(title="rleex demo")
+    for heading in ("gesture", "action", "recognised", "presses", "states"):
+        table.add_column(tr(f"demo.table.{heading}"))
+    for heading in ("from_recognition", "from_release", "visible", "tracking", "result"):
+        table.add_column(tr(f"demo.table.{heading}"), justify="left" if heading == "result" else "right")
+    for attempt in result.attempts:
+        table.add_row(*_cells(attempt))
+    console.print(table)
+    if result.interruptions:
+        console.print(tr("demo.interrupted", count=len(result.interruptions)))
+    done = sum(attempt.ok for attempt in result.last_of(scenario))
+    proof = tr("demo.verified") if result.audit_verified else tr("demo.not_verified", detail=result.audit_detail)
+    console.print(tr("demo.summary", done=done, asked=len(scenario), unintended=result.unintended, proof=proof))
+    release = spread(attempt.response_from_release_ms for attempt in result.attempts)
+    if release is not None:
+        console.print(tr("demo.response", median_ms=release.p50, p99_ms=release.p99))
+    console.print(tr("demo.fps", fps=result.perception_fps))
+    late = result.lateness
+    console.print(
+        tr("demo.lateness", p50=late.p50_ms, p99=late.p99_ms, most=late.max_ms, missed=late.missed, ticks=late.ticks)
+    )
+
+
+def _cells(attempt: Attempt) -> list[str]:
+    return [
+        attempt.gesture.value,
+        tr(ACTION_OF[attempt.gesture]),
+        tr("demo.yes" if attempt.recognised else "demo.no"),
+        str(attempt.presses) if attempt.pressed else tr("demo.no"),
+        f"{tr(attempt.start)} → {tr(attempt.end)}",
+        _ms(attempt.response_from_recognition_ms),
+        _ms(attempt.response_from_release_ms),
+        _ms(attempt.visible_motion_ms),
+        "–" if attempt.tracking_rms_deg is None else f"{attempt.tracking_rms_deg:.2f}°",
+        tr("demo.ok") if attempt.reason is None else tr("demo.failed", reason=attempt.reason),
+    ]
+
+
+def _ms(value: float | None) -> str:
+    return "–" if value is None else f"{value:.0f} ms"

@@ -9,8 +9,8 @@ import msgspec
 import psutil
 import pytest
 
-from app.demo.course import ALL_TWELVE, Leg
-from app.demo.runner import CourseRunner
+from app.demo.runner import ScenarioRunner
+from app.demo.scenario import ALL_TWELVE, Step
 from app.demo.session import SessionResult, demo_config, demo_patient, run_session
 from app.session.host import SessionHost, make_setup
 from app.system.config import Config, JointsConfig
@@ -19,7 +19,7 @@ from kgdfa.gesture import Gesture
 
 SOME = (Gesture.ZERO, Gesture.LOVE, Gesture.ROCK, Gesture.FIVE, Gesture.SIX)
 SESSIONS = 3
-COURSE: tuple[Leg, ...] = tuple(leg for leg in ALL_TWELVE if leg.gesture in SOME)
+COURSE: tuple[Step, ...] = tuple(leg for leg in ALL_TWELVE if leg.gesture in SOME)
 
 
 def config_with(hand_model: Path) -> Config:
@@ -40,7 +40,7 @@ def walk_course(home: Home, hand_model: Path) -> SessionResult:
 
 def test_the_hand_makes_the_legs_stand_sit_and_walk_and_the_trail_verifies(home: Home, hand_model: Path) -> None:
     result = walk_course(home, hand_model)
-    assert [trial.reason for trial in result.trials if not (trial.ok or trial.interrupted)] == []
+    assert [trial.reason for trial in result.attempts if not (trial.ok or trial.interrupted)] == []
     assert [trial.reason for trial in result.last_of(COURSE) if not trial.ok] == []
     assert result.unintended == 0
     assert result.audit_verified, result.audit_detail
@@ -59,7 +59,7 @@ def test_killing_one_process_leaves_no_other_behind_and_the_trail_readable(
     host = SessionHost(setup)
     try:
         host.start()
-        CourseRunner(host).prepare()
+        ScenarioRunner(host).prepare()
         pids = {status.name: status.pid for status in host.processes()}
         psutil.Process(pids[victim]).kill()
     finally:

@@ -15,9 +15,9 @@ from typing import Any, Protocol
 import msgspec
 from rich.table import Table
 
-from app.demo.course import ALL_TWELVE, Leg
+from app.demo.attempt import Attempt, Spread, spread, success
+from app.demo.scenario import ALL_TWELVE, Step
 from app.demo.session import SessionResult, demo_config, demo_patient, run_session
-from app.demo.trial import Spread, Trial, spread, success
 from app.evaluate.harness import EvaluateFault, table
 from app.ipc.states import ACTION_OF, Action
 from app.system.config import Config
@@ -56,14 +56,14 @@ Watch = Callable[[str], None]
 
 
 class Runner(Protocol):
-    """What signs and presses: `app.demo.runner.CourseRunner`."""
+    """What signs and presses: `app.demo.runner.ScenarioRunner`."""
 
     @property
     def allowed(self) -> tuple[Action, ...]:
         """What the legs may do now."""
         ...
 
-    def run(self, leg: Leg) -> Trial:
+    def run(self, leg: Step) -> Attempt:
         """One trial."""
         ...
 
@@ -85,22 +85,26 @@ class ResponseResult:
     gave_up: Reason | None = None
 
     @property
-    def trials(self) -> tuple[Trial, ...]:
+    def trials(self) -> tuple[Attempt, ...]:
         """Every trial of every session."""
-        return tuple(chain.from_iterable(session.trials for session in self.sessions))
+        return tuple(chain.from_iterable(session.attempts for session in self.sessions))
 
     @property
     def unintended(self) -> int:
         """Actions nobody asked for, in all sessions."""
         return sum(session.unintended for session in self.sessions)
 
-    def of(self, gesture: Gesture) -> tuple[Trial, ...]:
+    def of(self, gesture: Gesture) -> tuple[Attempt, ...]:
         """The trials of one gesture."""
         return tuple(trial for trial in self.trials if trial.gesture is gesture)
 
     def failures(self) -> Counter[tuple[str, str]]:
         """How often which gesture failed for which reason."""
-        return Counter((trial.gesture.value, trial.reason) for trial in self.trials if not trial.ok)
+        return Counter(
+            (trial.gesture.value, render(trial.reason) if trial.reason else "–")
+            for trial in self.trials
+            if not trial.ok
+        )
 
     def as_json(self) -> dict[str, Any]:
         """As `--json` writes it; times in seconds, from recognition and from release."""
@@ -126,9 +130,9 @@ class Rounds:
     left: int
     interrupted: bool = field(default=False)
 
-    def carry_out(self, runner: Runner, course: Sequence[Leg]) -> list[Trial]:
+    def carry_out(self, runner: Runner, course: Sequence[Step]) -> list[Attempt]:
         """Rounds of the course until none is left, one can't go on, or the operator interrupts."""
-        trials: list[Trial] = []
+        trials: list[Attempt] = []
         try:
             while self.left:
                 trials.extend(_round(runner, course))
@@ -240,7 +244,7 @@ def _session(home: Home, config: Config, rounds: Rounds, click_s: float, watch: 
     )
 
 
-def _round(runner: Runner, course: Sequence[Leg]) -> Iterator[Trial]:
+def _round(runner: Runner, course: Sequence[Step]) -> Iterator[Attempt]:
     """Every trial of one round; ends early where a transition can't be made."""
     for leg in course:
         for _ in range(ATTEMPTS):
@@ -254,11 +258,11 @@ def _round(runner: Runner, course: Sequence[Leg]) -> Iterator[Trial]:
 
 
 def _no_round(seed: int, session: SessionResult) -> Reason:
-    last = session.trials[-1].reason if session.trials else ""
+    last = (session.attempts[-1].reason if session.attempts else None) or "–"
     return reason(EvaluateFault.NO_ROUND, seed=seed, sessions=FRUITLESS_SESSIONS, reason=last, session=session.session)
 
 
-def _figures(trials: Sequence[Trial]) -> dict[str, Any]:
+def _figures(trials: Sequence[Attempt]) -> dict[str, Any]:
     recognition = spread(trial.response_from_recognition_ms for trial in trials)
     visible = spread(trial.visible_from_recognition_ms for trial in trials)
     release = spread(trial.response_from_release_ms for trial in trials)

@@ -12,7 +12,7 @@ from app.console.screens.checks import Preflight
 from app.console.screens.patients import PatientsScreen
 from app.console.screens.session import SessionScreen
 from app.console.screens.signin import LockScreen, SignInDialog
-from app.demo.emulation import emulated_drives
+from app.demo.drives import emulated_drives
 from app.ipc.states import Action, Event, GaitState
 from app.motion.patient import patient_of
 from app.motion.preflight import run_preflight

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from app.demo.emulation import emulated_drives
+from app.demo.drives import emulated_drives
 from app.ipc.messages import OperatorKind
 from app.ipc.states import Action, Effect, Event, GaitState
 from app.system.config import JointsConfig

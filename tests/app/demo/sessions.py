@@ -1,18 +1,18 @@
-"""A session's result as tests need it: these trials, and nothing wrong besides."""
+"""A session's result as tests need it: these attempts, and nothing wrong besides."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
+from app.demo.attempt import Attempt
 from app.demo.session import SessionResult
-from app.demo.trial import Trial
 from app.ipc.messages import Lateness
 
 
-def session_of(trials: Sequence[Trial]) -> SessionResult:
-    """A verified session of those trials without anything unintended."""
+def session_of(attempts: Sequence[Attempt]) -> SessionResult:
+    """A verified session of those attempts without anything unintended."""
     return SessionResult(
-        trials=tuple(trials),
+        attempts=tuple(attempts),
         unintended=0,
         audit_verified=True,
         audit_detail="",

@@ -6,12 +6,13 @@ from collections.abc import Callable
 
 import pytest
 
-from app.demo.course import ALL_TWELVE, Leg
-from app.demo.trial import Trial
+from app.demo.attempt import Attempt
+from app.demo.scenario import ALL_TWELVE, Step
 from app.evaluate.loop.response import ATTEMPTS, PAPER, ResponseResult, Rounds, response_table, shared, wearer
 from app.ipc.messages import ActionReport
 from app.ipc.states import ACTION_OF, Action, GaitState, Source
 from kgdfa.gesture import Gesture
+from logs.reason import plain
 from tests.app.demo.sessions import session_of
 
 MS = 1_000_000
@@ -20,7 +21,7 @@ MS = 1_000_000
 class Hand:
     """A runner whose every trial is decided by a function of its number and leg."""
 
-    def __init__(self, decide: Callable[[int, Leg], bool]) -> None:
+    def __init__(self, decide: Callable[[int, Step], bool]) -> None:
         self.allowed: tuple[Action, ...] = ()
         self.decide = decide
         self.made = 0
@@ -28,7 +29,7 @@ class Hand:
         self.can_power_off = True
         self.moved_anyway = False
 
-    def run(self, leg: Leg) -> Trial:
+    def run(self, leg: Step) -> Attempt:
         ok = self.decide(self.made, leg)
         self.made += 1
         self.allowed = () if self.moved_anyway else (ACTION_OF[leg.gesture],)
@@ -42,7 +43,7 @@ class Hand:
         return self.can_power_off
 
 
-def trial(gesture: Gesture, *, ok: bool = True, reason: str = "not pressed") -> Trial:
+def trial(gesture: Gesture, *, ok: bool = True, reason: str = "not pressed") -> Attempt:
     report = ActionReport(
         number=1,
         action=ACTION_OF[gesture],
@@ -53,19 +54,19 @@ def trial(gesture: Gesture, *, ok: bool = True, reason: str = "not pressed") -> 
         first_command_ns=1345 * MS,
         first_motion_ns=1400 * MS,
     )
-    return Trial(
+    return Attempt(
         gesture=gesture,
         recognised=True,
         pressed=ok,
         start=GaitState.STANDING,
         end=GaitState.STANDING,
         ok=ok,
-        reason="" if ok else reason,
+        reason=None if ok else plain(reason),
         report=report if ok else None,
     )
 
 
-def result_of(*trials: Trial) -> ResponseResult:
+def result_of(*trials: Attempt) -> ResponseResult:
     return ResponseResult(sessions=(session_of(trials),))
 
 
@@ -106,7 +107,7 @@ def test_legs_that_keep_their_power_end_the_session() -> None:
 
 
 def test_an_interruption_keeps_the_trials_made() -> None:
-    def interrupt(made: int, _: Leg) -> bool:
+    def interrupt(made: int, _: Step) -> bool:
         if made == 7:
             raise KeyboardInterrupt
         return True

@@ -1,4 +1,4 @@
-"""An interrupted course goes on from where the wearer last stood; one that is not understood ends."""
+"""An interrupted scenario goes on from where the wearer last stood; one that is not understood ends."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from dataclasses import replace
 import pytest
 
 from app.control.gait.machine import Gait, Latched, Started, ask, complete, interrupt
-from app.demo.course import ALL_TWELVE, Leg
-from app.demo.journey import INTERRUPTIONS, run_course
-from app.demo.trial import Trial
+from app.demo.attempt import Attempt
+from app.demo.scenario import ALL_TWELVE, INTERRUPTIONS, Step, run_scenario
 from app.ipc.states import ACTION_OF, GaitState
+from logs.reason import plain
 from tests.app.demo.sessions import session_of
 
-Fate = Callable[[int, Leg], str]  # of the trial with that number: "" done, "held", "misread"
+Fate = Callable[[int, Step], str]  # of the attempt with that number: "" done, "held", "misread"
 
 
 class Walker:
@@ -27,26 +27,26 @@ class Walker:
     def standing(self) -> bool:
         return self.gait.state is GaitState.STANDING
 
-    def run(self, leg: Leg) -> Trial:
+    def run(self, step: Step) -> Attempt:
         start = self.gait.state
-        answer = ask(self.gait, ACTION_OF[leg.gesture])
-        assert isinstance(answer, Started | Latched), f"{leg} from {start}"
-        what = self.fate(self.made, leg)
+        answer = ask(self.gait, ACTION_OF[step.gesture])
+        assert isinstance(answer, Started | Latched), f"{step} from {start}"
+        what = self.fate(self.made, step)
         self.made += 1
         if what == "held":
             self.gait = interrupt(answer.gait)
         elif what == "":
             self.gait = complete(answer.gait)
-            while self.gait.running is not None and not leg.steps:
+            while self.gait.running is not None and not step.steps:
                 self.gait = complete(self.gait)
-        return Trial(
-            gesture=leg.gesture,
+        return Attempt(
+            gesture=step.gesture,
             recognised=what != "misread",
             pressed=what != "misread",
             start=start,
             end=self.gait.state,
             ok=what == "",
-            reason=what,
+            reason=plain(what),
             report=None,
             interrupted=what == "held",
         )
@@ -60,34 +60,34 @@ class Walker:
 
 @pytest.mark.parametrize("victim", range(len(ALL_TWELVE)))
 def test_wherever_the_legs_are_held_once_the_course_is_carried_out(victim: int) -> None:
-    result = session_of(run_course(Walker(lambda made, _: "held" if made == victim else ""), ALL_TWELVE))
+    result = session_of(run_scenario(Walker(lambda made, _: "held" if made == victim else ""), ALL_TWELVE))
     assert result.passed(ALL_TWELVE)
     (interrupted,) = result.interruptions
     assert interrupted.gesture is ALL_TWELVE[victim].gesture
     assert [row["gesture"] for row in result.as_json(ALL_TWELVE)["actions"]] == [
-        leg.gesture.value for leg in ALL_TWELVE
+        step.gesture.value for step in ALL_TWELVE
     ]
 
 
 def test_legs_that_are_held_again_and_again_end_the_course() -> None:
-    result = session_of(run_course(Walker(lambda made, _: "held" if made > 2 else ""), ALL_TWELVE))
+    result = session_of(run_scenario(Walker(lambda made, _: "held" if made > 2 else ""), ALL_TWELVE))
     assert not result.passed(ALL_TWELVE)
     assert len(result.interruptions) == INTERRUPTIONS + 1
 
 
 def test_a_gesture_that_is_not_understood_ends_the_course() -> None:
-    trials = run_course(Walker(lambda made, _: "misread" if made == 3 else ""), ALL_TWELVE)
-    assert len(trials) == 4
-    assert not session_of(trials).passed(ALL_TWELVE)
+    attempts = run_scenario(Walker(lambda made, _: "misread" if made == 3 else ""), ALL_TWELVE)
+    assert len(attempts) == 4
+    assert not session_of(attempts).passed(ALL_TWELVE)
 
 
 def test_legs_that_stay_held_end_the_course() -> None:
-    trials = run_course(Walker(lambda made, _: "held" if made == 3 else "", acknowledges=False), ALL_TWELVE)
-    assert len(trials) == 4
+    attempts = run_scenario(Walker(lambda made, _: "held" if made == 3 else "", acknowledges=False), ALL_TWELVE)
+    assert len(attempts) == 4
 
 
 def test_what_was_carried_out_unasked_is_no_success() -> None:
-    result = session_of(run_course(Walker(lambda *_: ""), ALL_TWELVE))
+    result = session_of(run_scenario(Walker(lambda *_: ""), ALL_TWELVE))
     assert result.passed(ALL_TWELVE)
     assert not replace(result, unintended=1).passed(ALL_TWELVE)
     assert not replace(result, audit_verified=False).passed(ALL_TWELVE)

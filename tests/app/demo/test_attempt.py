@@ -1,4 +1,4 @@
-"""The figures of a trial come from control's own moments, and are absent where a moment never came."""
+"""The figures of a attempt come from control's own moments, and are absent where a moment never came."""
 
 from __future__ import annotations
 
@@ -8,21 +8,21 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from app.demo.trial import Trial, spread, success
+from app.demo.attempt import Attempt, spread, success
 from app.ipc.messages import ActionReport
 from app.ipc.states import Action, GaitState, Source
 from kgdfa.gesture import Gesture
 
 
-def trial(report: ActionReport | None, *, ok: bool = True) -> Trial:
-    return Trial(
+def attempt(report: ActionReport | None, *, ok: bool = True) -> Attempt:
+    return Attempt(
         gesture=Gesture.ONE,
         recognised=True,
         pressed=True,
         start=GaitState.STANDING,
         end=GaitState.RIGHT_FORWARD,
         ok=ok,
-        reason="",
+        reason=None,
         report=report,
     )
 
@@ -41,7 +41,7 @@ def report(*, recognised_ns: int, released_ns: int, first_command_ns: int) -> Ac
 
 
 def test_responses_run_from_capture_to_command_and_to_motion() -> None:
-    one = trial(report(recognised_ns=1_000_000, released_ns=301_000_000, first_command_ns=351_000_000))
+    one = attempt(report(recognised_ns=1_000_000, released_ns=301_000_000, first_command_ns=351_000_000))
     assert one.response_from_recognition_ms == pytest.approx(350.0)
     assert one.response_from_release_ms == pytest.approx(50.0)
     assert one.visible_motion_ms is None
@@ -49,7 +49,7 @@ def test_responses_run_from_capture_to_command_and_to_motion() -> None:
 
 
 def test_without_an_action_there_is_no_figure() -> None:
-    row = trial(None, ok=False).row()
+    row = attempt(None, ok=False).row()
     assert row["response_from_release_ms"] is None
     assert row["tracking_rms_deg"] is None
     assert row["ok"] is False
@@ -68,5 +68,5 @@ def test_spread_counts_only_what_exists(values: list[float | None]) -> None:
 
 
 def test_success_is_the_share_that_did_what_was_signed() -> None:
-    assert success([trial(None), trial(None, ok=False)]) == 0.5
+    assert success([attempt(None), attempt(None, ok=False)]) == 0.5
     assert success([]) == 0.0

@@ -1,21 +1,37 @@
-"""What one leg of the course gave, and the figures of many."""
+"""What one step of the scenario gave, and the figures of many."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from enum import Enum
 from typing import Any
 
+import msgspec
 import numpy as np
 
 from app.ipc.messages import ActionReport
 from app.ipc.states import Action, GaitState
 from kgdfa.gesture import Gesture
+from logs.reason import Reason
+
+
+class AttemptFault(Enum):
+    """Why an attempt failed."""
+
+    NOT_ALLOWED = "not allowed"
+    NO_REPORT = "no report"
+    NO_HAND = "no hand"
+    NOT_RECOGNISED = "not recognised"
+    NO_ACTION = "no action"
+    NOT_PRESSED = "not pressed"
+    NOT_NEAR_ENOUGH = "not near enough"
+    ENDED_EARLY = "ended early"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Trial:
+class Attempt:
     """One gesture signed, pressed, and what the legs did. `report` is control's own account, None: no action."""
 
     gesture: Gesture
@@ -25,7 +41,7 @@ class Trial:
     start: GaitState
     end: GaitState
     ok: bool
-    reason: str
+    reason: Reason | None
     report: ActionReport | None
     interrupted: bool = False  # an interlock held or ended it; the sign and the press were understood
 
@@ -69,7 +85,7 @@ class Trial:
             "visible_motion_ms": _rounded(self.visible_motion_ms),
             "tracking_rms_deg": _rounded(self.tracking_rms_deg, 3),
             "interrupted": self.interrupted,
-            "reason": self.reason,
+            "reason": msgspec.to_builtins(self.reason),
         }
 
     def _since(self, first: str, last: str) -> float | None:
@@ -81,7 +97,7 @@ class Trial:
 
 
 def moment_of_command(report: ActionReport) -> int:
-    """When control obeyed. The end of a walk is latched at once and carried out with the next step: its latching."""
+    """When control acted. The end of a walk is latched at once and carried out with the next step: its latching."""
     return report.first_command_ns or (report.accepted_ns if report.action is Action.WALK_END else 0)
 
 
@@ -104,9 +120,9 @@ def spread(values: Iterable[float | None]) -> Spread | None:
     return Spread(mean=float(np.mean(known)), p50=float(p50), p99=float(p99), n=len(known))
 
 
-def success(trials: Sequence[Trial]) -> float:
-    """The share of trials in which exactly what was signed happened."""
-    return sum(trial.ok for trial in trials) / len(trials) if trials else 0.0
+def success(attempts: Sequence[Attempt]) -> float:
+    """The share of attempts in which exactly what was signed happened."""
+    return sum(attempt.ok for attempt in attempts) / len(attempts) if attempts else 0.0
 
 
 def _rounded(value: float | None, digits: int = 1) -> float | None:
