@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from enum import Enum
+from math import isfinite
 from typing import Union
 
 from msgspec import Struct
@@ -55,6 +56,8 @@ def _value(value: object) -> Value:
         return Reason(key_of(value))
     if isinstance(value, BaseException):
         return reason_of(value)
+    if isinstance(value, float) and not isfinite(value):
+        return str(value)  # JSON has no such number
     if isinstance(value, int | float | str):
         return value
     if isinstance(value, Sequence):

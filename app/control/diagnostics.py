@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from math import inf, isnan, nan, radians
+from typing import TYPE_CHECKING
 
 import numpy as np
 from msgspec import Struct
 
-from app.control.gait.machine import Gait
 from app.control.inputs import Inputs, Settings, StreamState
 from app.ipc.streams import NS_PER_MS
 from app.motion.follower import Mode, Motion
@@ -16,6 +16,9 @@ from hal.errors import HardwareError
 from hal.joints.guard import Refusal
 from hal.joints.protocol import BusFault, DriveFault, Joint, JointFeedback
 from logs.reason import Reason
+
+if TYPE_CHECKING:  # the state holds events, whose rows read the diagnostics
+    from app.control.state import ControlState, Tick
 
 RANGE_MARGIN_RAD = radians(2.0)  # of the measured angle over the device's range: encoder noise and a soft stop
 SPEED_MARGIN = 1.1
@@ -104,28 +107,17 @@ class Diagnostics(Struct, frozen=True, kw_only=True):
     joints: JointDiagnostics = JointDiagnostics()
 
 
-class MotionDiagnostics(Struct, frozen=True, kw_only=True):
-    """What control itself knows: its gait, its motion and its session."""
-
-    gait: Gait
-    motion: Motion
-    still_since_ns: int  # since when the command has not moved; 0 while it moves
-    session: SessionDiagnostics
-    planning: PlanningDiagnostics
-
-
-def collect_diagnostics(
-    inputs: Inputs, streams: StreamState, own: MotionDiagnostics, settings: Settings
-) -> Diagnostics:
-    """The quantities of a tick."""
+def collect_diagnostics(tick: Tick, session: SessionDiagnostics, planning: PlanningDiagnostics) -> Diagnostics:
+    """The quantities of a tick; session and planning are its stages' state."""
+    inputs, streams = tick.inputs, tick.state.streams
     return Diagnostics(
         now_ns=inputs.now_ns,
         powered=streams.powered,
-        session=own.session,
-        planning=own.planning,
+        session=session,
+        planning=planning,
         programs=_programs(inputs, streams),
         clocks=_clocks(inputs, streams),
-        joints=_joints(inputs, streams, own, settings),
+        joints=_joints(inputs, tick.state, tick.settings),
     )
 
 
@@ -157,8 +149,9 @@ def _clocks(inputs: Inputs, streams: StreamState) -> ClockDiagnostics:
     )
 
 
-def _joints(inputs: Inputs, streams: StreamState, own: MotionDiagnostics, settings: Settings) -> JointDiagnostics:
-    now_ns, feedback, motion, limits = inputs.now_ns, inputs.feedback, own.motion, settings.limits
+def _joints(inputs: Inputs, state: ControlState, settings: Settings) -> JointDiagnostics:
+    now_ns, feedback, limits = inputs.now_ns, inputs.feedback, settings.limits
+    motion, streams = state.motion, state.streams
     oldest_ns = min(feedback.measured_ns.tolist())
     temperatures_c = feedback.temperature_c.tolist()
     return JointDiagnostics(
@@ -174,8 +167,8 @@ def _joints(inputs: Inputs, streams: StreamState, own: MotionDiagnostics, settin
         warm=_any_above(temperatures_c, settings.warn_c.tolist()),
         hot=_any_above(temperatures_c, settings.limit_c.tolist()),
         following_rad=_following_rad(motion, feedback),
-        pose_error_rad=_pose_error_rad(own, feedback, settings),
-        drift_rad_s=_drift_rad_s(own, feedback, now_ns),
+        pose_error_rad=_pose_error_rad(state, feedback, settings),
+        drift_rad_s=_drift_rad_s(state, feedback, now_ns),
         fastest_rad_s=max(map(abs, feedback.velocity_rad_s.tolist())),
         beyond_range=_beyond_range(feedback.position_rad.tolist(), settings),
         beyond_speed=_any_beyond(feedback.velocity_rad_s.tolist(), SPEED_MARGIN, limits.speed_rad_s.tolist()),
@@ -229,17 +222,17 @@ def _following_rad(motion: Motion, feedback: JointFeedback) -> float:
     return float(np.abs(motion.command.position_rad - feedback.position_rad).max())
 
 
-def _pose_error_rad(own: MotionDiagnostics, feedback: JointFeedback, settings: Settings) -> float:
+def _pose_error_rad(state: ControlState, feedback: JointFeedback, settings: Settings) -> float:
     """The largest distance of a resting, stiff joint from its state's pose."""
-    pose = settings.poses.get(own.gait.state)
-    if pose is None or own.gait.running is not None or own.motion.mode is not Mode.HOLDING:
+    pose = settings.poses.get(state.gait.state)
+    if pose is None or state.gait.running is not None or state.motion.mode is not Mode.HOLDING:
         return 0.0
     return float(np.abs(pose - feedback.position_rad).max())
 
 
-def _drift_rad_s(own: MotionDiagnostics, feedback: JointFeedback, now_ns: int) -> float:
-    """The largest speed of a joint that has been told to stay for a while."""
-    still_ns = now_ns - own.still_since_ns
-    if own.motion.mode is not Mode.HOLDING or not own.still_since_ns or still_ns < SETTLED_NS:
+def _drift_rad_s(state: ControlState, feedback: JointFeedback, now_ns: int) -> float:
+    """The largest speed of a joint that has been held for a while."""
+    still_ns = now_ns - state.still_since_ns
+    if state.motion.mode is not Mode.HOLDING or not state.still_since_ns or still_ns < SETTLED_NS:
         return 0.0
     return float(np.abs(feedback.velocity_rad_s).max())

@@ -15,10 +15,9 @@ from app.audit.sink import AuditSink
 from app.control.assembly import cleared_of, drives_of, settings_of
 from app.control.inputs import DriveOrder, Inputs, Outputs
 from app.control.links import ControlLinks
-from app.control.snapshot import LoopStatus, snapshot
 from app.control.state import ControlState
-from app.control.statistics import Histogram, JointStatisticsCollector
 from app.control.step import initial_state, step
+from app.control.telemetry import Histogram, JointStatisticsCollector, LoopStatus, snapshot
 from app.ipc import streams
 from app.ipc.messages import Heartbeat, RealTime
 from app.motion.plan import Phase

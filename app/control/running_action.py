@@ -8,7 +8,7 @@ from math import radians, sqrt
 
 import numpy as np
 from msgspec import Struct
-from msgspec.structs import replace
+from msgspec.structs import asdict, replace
 
 from app.control.inputs import ActionRequest
 from app.ipc.messages import ActionReport
@@ -138,25 +138,9 @@ def plan_record(plan: Plan) -> records.PlanChecked:
 
 
 def end_record(report: ActionReport, steps: int, distance_m: float) -> records.ActionEnd:
-    """An ended action for the audit trail."""
-    return records.ActionEnd(
-        number=report.number,
-        action=report.action.value,
-        source=report.source.value,
-        from_state=report.from_state.value,
-        to_state=report.to_state.value if report.to_state else None,
-        outcome=report.outcome.value,
-        reason=report.reason or "",
-        recognised_ns=report.recognised_ns,
-        released_ns=report.released_ns,
-        accepted_ns=report.accepted_ns,
-        first_command_ns=report.first_command_ns,
-        first_motion_ns=report.first_motion_ns,
-        ended_ns=report.ended_ns,
-        tracking_rms_rad=report.tracking_rms_rad,
-        steps=steps,
-        distance_m=distance_m,
-    )
+    """An ended action for the audit trail: the report's fields, codes by their values."""
+    fields = {name: value.value if isinstance(value, Enum) else value for name, value in asdict(report).items()}
+    return records.ActionEnd(**fields, steps=steps, distance_m=distance_m)
 
 
 def plan_request(number: int, action: Action, phase: Phase, state: GaitState, start_rad: JointArray) -> PlanRequest:

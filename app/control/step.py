@@ -9,7 +9,7 @@ from math import isfinite
 
 from msgspec.structs import replace
 
-from app.control.diagnostics import MotionDiagnostics, PlanningDiagnostics, SessionDiagnostics, collect_diagnostics
+from app.control.diagnostics import PlanningDiagnostics, SessionDiagnostics, collect_diagnostics
 from app.control.events.programs import CLOCK_STEP_S
 from app.control.events.table import ROW, RaisedEvent, RaisedEvents, advance, blocker, displaced
 from app.control.executor import (
@@ -97,7 +97,7 @@ def _measure_last_tick(tick: Tick) -> None:
 def _update_events(tick: Tick) -> None:
     """Update the events in force, and record what changed."""
     before = tick.state.events
-    diagnostics = collect_diagnostics(tick.inputs, tick.state.streams, _motion_diagnostics(tick), tick.settings)
+    diagnostics = collect_diagnostics(tick, _session(tick), _planning(tick))
     after = advance(before, diagnostics, tick.acknowledged_ns)
     if after is not before:
         effect_before = tick.state.effect
@@ -179,16 +179,11 @@ def _disable_drives(tick: Tick) -> None:
         tick.finished = True
 
 
-def _motion_diagnostics(tick: Tick) -> MotionDiagnostics:
-    state = tick.state
-    return MotionDiagnostics(
-        gait=state.gait,
-        motion=state.motion,
-        still_since_ns=state.still_since_ns,
-        session=_session(tick),
-        planning=PlanningDiagnostics(
-            ready=state.planner_ready, timed_out=planner_timed_out(tick), next_step_missing=next_step_missing(tick)
-        ),
+def _planning(tick: Tick) -> PlanningDiagnostics:
+    return PlanningDiagnostics(
+        ready=tick.state.planner_ready,
+        timed_out=planner_timed_out(tick),
+        next_step_missing=next_step_missing(tick),
     )
 
 

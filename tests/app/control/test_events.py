@@ -1,4 +1,4 @@
-"""Every row of the table of events is made to happen, and does what its row says."""
+"""Every row of the table of events is made to happen and does what it says; acknowledgements; joints that fail."""
 
 from __future__ import annotations
 
@@ -11,9 +11,11 @@ from app.ipc.messages import OperatorKind
 from app.ipc.states import Action, Effect, Event, GaitState, Source
 from app.motion.follower import Mode
 from app.text.catalogue import key_of, render, use_language
+from hal.joints.protocol import BusFault, DriveFault
 from kgdfa.gesture import Gesture
 from logs import records
-from tests.app.control.causes import CAUSES, Cause, E, rig_with, seen
+from tests.app.control.causes import CAUSES, Cause, E, fault, names_in, rig_with, seen
+from tests.app.control.moments import moving, standing
 from tests.app.control.rig import Rig
 
 
@@ -149,3 +151,116 @@ def test_before_the_drives_carry_power_nothing_waits_for_an_acknowledgement(even
     CAUSES[event].cure(rig)
     rig.tick(40)
     assert event.value not in rig.events()
+
+
+def test_an_acknowledgement_covers_only_what_was_raised_before_it_was_sent() -> None:
+    rig = rig_with(E.STOP)
+    rig.send(OperatorKind.ACKNOWLEDGE, age_ms=50)
+    rig.tick()
+    assert E.STOP.value in rig.events()
+    rig.send(OperatorKind.ACKNOWLEDGE)
+    rig.tick()
+    assert rig.events() == set()
+
+
+def test_an_acknowledged_condition_that_still_holds_keeps_its_effect_until_it_goes() -> None:
+    rig = rig_with(E.OVER_TEMPERATURE)
+    rig.send(OperatorKind.ACKNOWLEDGE)
+    rig.tick(10)
+    assert rig.state is not None
+    assert rig.state.effect is Effect.HOLD
+    CAUSES[E.OVER_TEMPERATURE].cure(rig)
+    rig.tick()
+    assert rig.events() == set()
+
+
+def test_an_event_that_comes_back_has_to_be_acknowledged_again() -> None:
+    rig = rig_with(E.DRIVE_FAULT)
+    CAUSES[E.DRIVE_FAULT].cure(rig)
+    rig.tick()
+    rig.send(OperatorKind.ACKNOWLEDGE)
+    rig.tick()
+    assert rig.events() == set()
+    CAUSES[E.DRIVE_FAULT].make(rig)
+    rig.tick()
+    CAUSES[E.DRIVE_FAULT].cure(rig)
+    rig.tick(5)
+    assert E.DRIVE_FAULT.value in rig.events()
+
+
+def test_the_strongest_event_stands_first() -> None:
+    rig = rig_with(E.TICK_LATE)
+    rig.send(OperatorKind.STOP)
+    CAUSES[E.DRIVE_UNTRUSTED].make(rig)
+    rig.tick()
+    assert rig.state is not None
+    effects = [ROW[one.event].effect for one in rig.state.events]
+    assert effects == sorted(effects, reverse=True)
+    assert effects[0] is Effect.DAMP
+    assert rig.state.effect is Effect.DAMP
+
+
+def test_a_silent_joint_counts_within_twenty_milliseconds() -> None:
+    rig = standing()
+    rig.joints.silent = True
+    rig.tick(7)
+    assert E.JOINT_TIMEOUT.value not in rig.events()
+    rig.tick(2)
+    assert E.JOINT_TIMEOUT.value in rig.events()
+
+
+def stall(rig: Rig, ms: int) -> None:
+    """Control misses so many milliseconds; no drive is asked meanwhile."""
+    rig.now_ns += ms * 1_000_000
+    rig.spoil.update(late_ns=ms * 1_000_000, missed_ticks=ms // 2)
+
+
+def test_drives_that_nobody_asked_are_not_called_silent() -> None:
+    rig = standing()
+    rig.joints.silent = True
+    stall(rig, 14)
+    rig.tick(2)  # the answer to the first command after it may take longer than until the next tick
+    rig.joints.silent = False
+    rig.tick(20)
+    assert E.JOINT_TIMEOUT.value not in {event for state, _ in rig.history for event in names_in(state)}
+    rig.joints.silent = True
+    rig.tick(9)
+    assert E.JOINT_TIMEOUT.value in rig.events(), "what was excused once is not excused again"
+
+
+@pytest.mark.parametrize("stalls", [1, 2, 3])
+def test_missed_ticks_only_put_off_the_silence_of_a_drive(stalls: int) -> None:
+    rig = standing()
+    rig.joints.silent = True
+    for _ in range(stalls):
+        stall(rig, 14)
+        rig.tick(1)
+    rig.tick(9 - stalls)
+    assert E.JOINT_TIMEOUT.value in rig.events()
+
+
+def test_joints_may_settle_for_half_a_second_after_a_movement() -> None:
+    rig = moving()
+    rig.run_until(lambda m: m.running is None)
+    rig.joints.velocity_rad_s = np.full(4, 0.7)
+    rig.tick(249)
+    assert E.UNEXPECTED_MOTION.value not in rig.events()
+    rig.tick(3)
+    assert E.UNEXPECTED_MOTION.value in rig.events()
+
+
+@pytest.mark.parametrize("what", [fault for fault in DriveFault if fault])
+def test_every_drive_fault_stops_the_legs(what: DriveFault) -> None:
+    rig = standing()
+    rig.joints.faults = fault(what)
+    rig.tick()
+    assert rig.state is not None
+    assert rig.state.effect >= Effect.HOLD
+
+
+@pytest.mark.parametrize("what", [fault for fault in BusFault if fault])
+def test_every_bus_fault_is_an_event(what: BusFault) -> None:
+    rig = standing()
+    rig.joints.bus = what
+    rig.tick()
+    assert rig.events() & {E.BUS_FAULT.value, E.BUS_ERRORS.value}

@@ -51,14 +51,12 @@ def test_stop_brings_every_movement_to_rest_along_its_path(state: GaitState, act
     rig.send(K.ACT, action)
     rig.run_until(lambda m: m.running is not None and m.running.stage is Stage.MOVING)
     rig.tick(ticks)
-    speed = float(np.abs(rig.command.velocity_rad_s).max())
     rig.send(K.STOP)
     rig.tick()
     assert now(rig).effect is Effect.HOLD
     assert now(rig).gait.running is None
     assert now(rig).gait.state is S.BETWEEN
     assert now(rig).motion.path_rate < 1, "the first command after it is another one"
-    first = now(rig).motion.row
     rig.tick(HOLD_TICKS + 1)
     assert now(rig).motion.mode is Mode.HOLDING
     assert rig.command.velocity_rad_s.tolist() == [0.0] * 4
@@ -66,8 +64,6 @@ def test_stop_brings_every_movement_to_rest_along_its_path(state: GaitState, act
     held = rig.command
     rig.tick(60)
     assert rig.command is held, "and it stays there"
-    assert speed >= 0
-    assert first >= 0
     report = now(rig).reports[-1]
     assert (report.outcome, report.to_state) == (Outcome.STOPPED, S.BETWEEN)
     assert report.reason == reason(Event.STOP)

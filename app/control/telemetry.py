@@ -1,8 +1,12 @@
-"""The snapshot of control for console, demo and observers."""
+"""What control publishes of itself: the snapshot, how late ticks begin, and the joints' statistics."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from math import isfinite
+
+import numpy as np
+from numpy.typing import NDArray
 
 from app.control.events.table import ROW, RaisedEvent, blocker
 from app.control.gait import machine as gait_machine
@@ -17,8 +21,9 @@ from app.ipc.messages import (
 )
 from app.ipc.states import Action, RequestRefusal, Source
 from app.ipc.streams import NS_PER_MS
-from hal.joints.protocol import Joint
+from hal.joints.protocol import Joint, JointArray, JointFeedback
 from logs.reason import Reason, reason
+from logs.records import JointStatistics, Quad
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -111,3 +116,97 @@ def _joint(state: ControlState, inputs: Inputs, joint: Joint) -> JointSnapshot:
         age_ms=(inputs.now_ns - int(feedback.measured_ns[joint])) / NS_PER_MS,
         faults=tuple(reason(each) for each in fault),
     )
+
+
+_PER_DECADE = 40  # bins a factor of ten: a percentile is right to 6 %
+_LOWEST_NS = 1_000
+_DECADES = 8  # to 100 s
+_EDGES_NS = _LOWEST_NS * 10.0 ** (np.arange(_PER_DECADE * _DECADES + 1) / _PER_DECADE)
+
+
+@dataclass(slots=True)
+class Histogram:
+    """Lateness of a session's ticks; missed ones are counted besides."""
+
+    missed: int = 0
+    max_ns: int = 0
+    counts: NDArray[np.int64] = field(default_factory=lambda: np.zeros(len(_EDGES_NS) + 1, dtype=np.int64))
+
+    def add(self, late_ns: int, missed: int = 0) -> None:
+        """One tick that began this late, after so many that were left out."""
+        self.counts[int(_EDGES_NS.searchsorted(late_ns, side="right"))] += 1
+        self.missed += missed
+        self.max_ns = max(self.max_ns, late_ns)
+
+    def percentile_ms(self, share: float) -> float:
+        """The lateness that this share (0 to 1) of the ticks did not exceed; upper edge of its bin."""
+        total = int(self.counts.sum())
+        if not total:
+            return 0.0
+        bin_number = int(np.searchsorted(np.cumsum(self.counts), share * total))
+        edge_ns = _EDGES_NS[min(bin_number, len(_EDGES_NS) - 1)]
+        return min(float(edge_ns), float(self.max_ns)) / 1e6
+
+    def summary(self) -> Lateness:
+        """For the screen and the trail."""
+        return Lateness(
+            ticks=int(self.counts.sum()),
+            missed=self.missed,
+            p50_ms=self.percentile_ms(0.50),
+            p99_ms=self.percentile_ms(0.99),
+            p999_ms=self.percentile_ms(0.999),
+            max_ms=self.max_ns / 1e6,
+        )
+
+
+class JointStatisticsCollector:
+    """Collects ticks; `take` gives the record and starts anew."""
+
+    def __init__(self) -> None:
+        self._clear()
+
+    def add(self, feedback: JointFeedback, target_rad: JointArray) -> None:
+        """One tick."""
+        angle_rad, torque_nm = feedback.position_rad, feedback.torque_nm
+        error_rad = angle_rad - target_rad
+        self.ticks += 1
+        np.minimum(self._low[0], angle_rad, out=self._low[0])
+        np.minimum(self._low[1], torque_nm, out=self._low[1])
+        np.maximum(self._high[0], angle_rad, out=self._high[0])
+        np.maximum(self._high[1], torque_nm, out=self._high[1])
+        self._sum[0] += angle_rad
+        self._sum[1] += torque_nm
+        self._sum[2] += target_rad
+        self._sum[3] += error_rad * error_rad
+        self._temperature_c = feedback.temperature_c
+
+    def take(self, period_s: float, state: str) -> JointStatistics:
+        """The record of what was collected."""
+        mean = self._sum / max(1, self.ticks)
+        record = JointStatistics(
+            period_s=period_s,
+            angle_min_rad=_quad(self._low[0]),
+            angle_mean_rad=_quad(mean[0]),
+            angle_max_rad=_quad(self._high[0]),
+            target_mean_rad=_quad(mean[2]),
+            torque_min_nm=_quad(self._low[1]),
+            torque_mean_nm=_quad(mean[1]),
+            torque_max_nm=_quad(self._high[1]),
+            temperature_c=_quad(self._temperature_c),
+            tracking_rms_rad=_quad(np.sqrt(mean[3])),
+            state=state,
+        )
+        self._clear()
+        return record
+
+    def _clear(self) -> None:
+        self.ticks = 0
+        self._low = np.full((2, 4), np.inf)
+        self._high = np.full((2, 4), -np.inf)
+        self._sum = np.zeros((4, 4))
+        self._temperature_c = np.full(4, np.nan)
+
+
+def _quad(values: JointArray) -> Quad:
+    one, two, three, four = (float(value) if isfinite(value) else None for value in values)
+    return one, two, three, four
