@@ -56,10 +56,8 @@ def _value(value: object) -> Value:
         return Reason(key_of(value))
     if isinstance(value, BaseException):
         return reason_of(value)
-    if isinstance(value, float) and not isfinite(value):
-        return str(value)  # JSON has no such number
     if isinstance(value, int | float | str):
-        return value
+        return value if isinstance(value, str) or isfinite(value) else str(value)  # JSON has no NaN
     if isinstance(value, Sequence):
         return tuple(each if isinstance(each, Reason) else Reason(key_of(each)) for each in value)
     return str(value)
