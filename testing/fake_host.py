@@ -59,7 +59,7 @@ class FakeHost:
     picture: Preview = field(default_factory=gradient)
     sent: list[tuple[OperatorKind, Action | None]] = field(default_factory=list)
     hands: list[HandCommand] = field(default_factory=list)
-    told: list[PerceptionCommand] = field(default_factory=list)
+    perception_commands: list[PerceptionCommand] = field(default_factory=list)
     started: bool = False
     closed: bool = False
     beats: int = 0
@@ -110,7 +110,7 @@ class FakeHost:
             self.gesture = command.gesture
 
     def send_to_perception(self, command: PerceptionCommand) -> None:
-        self.told.append(command)
+        self.perception_commands.append(command)
 
     def poll(self) -> Latest:
         now_ns = self.clock()

@@ -37,7 +37,7 @@ from hal.joints.can.bus import open_bus
 from hal.joints.device import BusDevice, load_exoskeleton
 from profiles.schema import DEMO_PATIENT
 
-PATIENCE_S = 60.0  # a limit, not a measure: loading on a busy machine takes its time
+TIMEOUT_S = 60.0  # a limit, not a measure: loading on a busy machine takes its time
 KEY_NS = 500_000_000  # a key that did nothing is pressed again after this
 
 
@@ -68,8 +68,8 @@ class WatchedSession(ABC):
         for link in (self._snapshots, self._heartbeats, self._guardian, self._reports):
             link.close()
 
-    def look(self, wait_s: float = 0.02) -> None:
-        """Take the newest of everything."""
+    def poll(self, wait_s: float = 0.02) -> None:
+        """Receive the newest message of every stream."""
         self.heartbeat = self._heartbeats.receive() or self.heartbeat
         self.guardian = self._guardian.receive() or self.guardian
         report = self._reports.receive()
@@ -90,21 +90,21 @@ class WatchedSession(ABC):
         return (last.sequence - first.sequence) / ((last.captured_ns - first.captured_ns) / 1e9)
 
     def until(self, wanted: Callable[[ControlSnapshot], bool], what: str = "") -> ControlSnapshot:
-        """Look until control says so. Raises TimeoutError naming what did not come."""
-        deadline = time.monotonic() + PATIENCE_S
+        """Poll until control's snapshot fulfils it. Raises TimeoutError naming what did not come."""
+        deadline = time.monotonic() + TIMEOUT_S
         while time.monotonic() < deadline:
-            self.look()
+            self.poll()
             if self.snapshot is not None and wanted(self.snapshot):
                 return self.snapshot
         raise TimeoutError(f"{what or 'what was waited for'} did not come; {self.snapshot}")
 
     def stand(self) -> ControlSnapshot:
-        """Confirm, and bring the legs to standing by the therapist's keys, as often as a stalling host holds them."""
+        """Confirm, and bring the legs to standing by the therapist's keys, again after each hold."""
         self.send(OperatorKind.CONFIRM_PATIENT)
         return self.until(self._towards_standing, "standing")
 
     def walk(self, steps: int = 2) -> ControlSnapshot:
-        """Stand, and walk at least so many steps at one go, as often as a stalling host holds the legs."""
+        """Stand, and walk at least so many steps at one go, again after each hold."""
         self.stand()
 
         def towards(now: ControlSnapshot) -> bool:
@@ -187,7 +187,7 @@ class RealSession(WatchedSession):
         self._commands, theirs = context.Pipe()
         self._console = context.Process(target=run_console, args=(self.setup, theirs, perception, group))
         self._console.start()
-        assert self._commands.poll(PATIENCE_S), "the console did not start"
+        assert self._commands.poll(TIMEOUT_S), "the console did not start"
         self.pids: dict[str, int] = {**self._commands.recv(), "console": self._console.pid or 0}
         super().__init__(self.setup.links)
 
@@ -196,12 +196,12 @@ class RealSession(WatchedSession):
         self._commands.send((kind, action))
 
     def until_ended(self, *names: str) -> None:
-        """Look until these processes are gone. Raises TimeoutError naming those that are not."""
-        deadline = time.monotonic() + PATIENCE_S
+        """Poll until these processes are gone. Raises TimeoutError naming those that are not."""
+        deadline = time.monotonic() + TIMEOUT_S
         while time.monotonic() < deadline:
-            self.look()
+            self.poll()
             if not [name for name in names if _lives(self.pids[name])]:
-                self.look()  # the last messages may have come after the previous look
+                self.poll()  # the last messages may have come after the previous poll
                 return
         raise TimeoutError(f"still there: {[name for name in names if _lives(self.pids[name])]}")
 

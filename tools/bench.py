@@ -1,4 +1,4 @@
-"""`make bench`: every benchmark of the house in turn, or those named. Each prints its own figures."""
+"""`make bench`: every benchmark in turn, or those named. Each prints its own figures."""
 
 from __future__ import annotations
 

@@ -43,7 +43,7 @@ FAULT_TRIALS = 20
 _ZERO = np.zeros(4)
 _SILENT_NS = JOINT_TIMEOUT_MS * 1e6
 
-# fault → what control's table of events looks at
+# fault → what control's table of events tests
 ACTED_ON: dict[Fault, Callable[[JointFeedback, int], bool]] = {
     Fault.SILENT: lambda reported, now_ns: bool((now_ns - reported.measured_ns).max() > _SILENT_NS),
     Fault.ERROR: lambda reported, _: any(reported.faults),
@@ -176,7 +176,7 @@ def steady(run: Run, seconds: float) -> bool:
     print(f"ticks            {run.ticks} in {seconds:.0f} s, {run.missed_ticks} left out (reported)")
     print(f"tick lateness    {percentiles(run.late_ms)}")
     print(f"round trip       {percentiles(trips_ms)}  (bound p99 {ROUND_TRIP_BOUND_MS} ms)")
-    print(f"feedback age     {percentiles(run.age_ms)}  (oldest joint, when the tick looks)")
+    print(f"feedback age     {percentiles(run.age_ms)}  (oldest joint, when the tick reads)")
     print(f"driver's CPU     {percentiles(run.cost_ms)} a tick, read and write")
     print(f"commands         {4 * run.ticks}: {tally}")
     print(f"emulator         {run.emulator.lost_ticks} of its own ticks lost")

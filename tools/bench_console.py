@@ -2,8 +2,8 @@
 
 `python tools/bench_console.py [--seconds 30] [--minutes 0] [--json FILE]`. It drives `rleex run` in a pseudo terminal
 of 80×24 (`--columns`, `--rows`) as a person would: keys go in as bytes, reactions are bytes that come out and hold the
-words that the key must bring. The loop's lag is measured from the first picture on (`loop_probe.py`), while keys are
-pressed and while not. `--minutes`: afterwards leave it running, look at its memory once a minute, and print the slope.
+text that the key must bring. The loop's lag is measured from the first picture on (`loop_probe.py`), while keys are
+pressed and while not. `--minutes`: afterwards leave it running, sample its memory once a minute, and print the slope.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ from app.system.paths import find_home
 LIMIT_S = 60.0
 PRESSES = 40
 _ESCAPES = re.compile(rb"\x1b\[[0-9;?]*[ -/]*[@-~]|\x1b[()][0-9A-B]|\x1b[=>]")
-# A key that opens a dialog, words that only the dialog shows; Escape closes it.
+# A key that opens a dialog, text that only the dialog shows; Escape closes it.
 KEY, WORDS = b"s", b"Before arming"
 
 
@@ -49,18 +49,18 @@ class Terminal:
         environment = {**environment, "TERM": "xterm-256color", "COLORTERM": "truecolor"}
         self._lags = home / "lags.txt"
         probe = Path(__file__).with_name("loop_probe.py")
-        words = [sys.executable, str(probe), str(self._lags), "run", "--home", str(home)]
+        text = [sys.executable, str(probe), str(self._lags), "run", "--home", str(home)]
         self.started_s = time.monotonic()
-        self.child = subprocess.Popen(words, stdin=slave, stdout=slave, stderr=slave, env=environment)
+        self.child = subprocess.Popen(text, stdin=slave, stdout=slave, stderr=slave, env=environment)
         os.close(slave)
         self._seen = b""
 
-    def wait(self, words: bytes, limit_s: float = LIMIT_S) -> float:
-        """Seconds until these words have come since the last key. Raises TimeoutError."""
+    def wait(self, text: bytes, limit_s: float = LIMIT_S) -> float:
+        """Seconds until this text has come since the last key. Raises TimeoutError."""
         begun = time.monotonic()
-        while words not in _ESCAPES.sub(b"", self._seen):
+        while text not in _ESCAPES.sub(b"", self._seen):
             if time.monotonic() - begun > limit_s:
-                raise TimeoutError(f"{words!r} did not appear")
+                raise TimeoutError(f"{text!r} did not appear")
             self._read(0.05)
         return time.monotonic() - begun
 
@@ -99,7 +99,7 @@ class Terminal:
 
 
 def reactions(terminal: Terminal) -> list[float]:
-    """Milliseconds from a key to its words, many times."""
+    """Milliseconds from a key to its text, many times."""
     found = []
     for _ in range(PRESSES):
         terminal.press(KEY)

@@ -35,8 +35,8 @@ from kgdfa.gesture import Gesture
 from profiles.schema import DEMO_PATIENT
 from testing.fake_host import FakeHost, event, gradient
 
-LOOKS = 60
-WARM_SHARE = 6  # one in so many looks is left out at the start
+SAMPLES = 60
+WARM_SHARE = 6  # one in so many samples is left out at the start
 BOUND_MB = 10.0
 YIELD_S = 0.003  # for the widgets to take what a beat brought
 DRAWN_EVERY = 20  # beats
@@ -56,7 +56,7 @@ def advance(host: FakeHost, beat: int) -> None:
 
 
 async def hour(app: ConsoleApp, pilot: Pilot[None], hosts: list[FakeHost], beats: int) -> list[float]:
-    """MB of the process's own memory, looked at `LOOKS` times."""
+    """MB of the process's own memory, looked at `SAMPLES` times."""
     process = psutil.Process()
     while not hosts or not (state := app.live_state()) or not state.snapshot:
         await pilot.pause(0.01)
@@ -70,7 +70,7 @@ async def hour(app: ConsoleApp, pilot: Pilot[None], hosts: list[FakeHost], beats
             await pilot.pause()  # until all that was brought is drawn
         if beat % DIALOG_EVERY == 0:
             app.simulate_key(next(dialog))
-        if beat % (beats // LOOKS) == 0:
+        if beat % (beats // SAMPLES) == 0:
             await pilot.pause()
             gc.collect()
             found.append(process.memory_full_info().uss / 1e6)
@@ -78,7 +78,7 @@ async def hour(app: ConsoleApp, pilot: Pilot[None], hosts: list[FakeHost], beats
 
 
 async def measure(beats: int, size: tuple[int, int]) -> list[float]:
-    """The looks at one session's memory."""
+    """Samples of one session's memory."""
     with tempfile.TemporaryDirectory() as folder:
         hosts: list[FakeHost] = []
 
@@ -101,15 +101,15 @@ def main(
     json_file: Annotated[Path | None, typer.Option("--json")] = None,
 ) -> None:
     """Measure, print, and end 1 when it grows by more than the bound."""
-    beats = max(LOOKS, round(hours * 3600 / TICK_S))
-    looks_mb = asyncio.run(measure(beats, (width, height)))
-    settled_mb = looks_mb[LOOKS // WARM_SHARE :]
-    a_look_mb = statistics.linear_regression(range(len(settled_mb)), settled_mb).slope
-    growth_mb = a_look_mb * LOOKS / hours
-    print(f"{beats} beats at {width}×{height}: {looks_mb[0]:.1f} MB at first, then {settled_mb[0]:.1f}, at last")
+    beats = max(SAMPLES, round(hours * 3600 / TICK_S))
+    samples_mb = asyncio.run(measure(beats, (width, height)))
+    settled_mb = samples_mb[SAMPLES // WARM_SHARE :]
+    a_sample_mb = statistics.linear_regression(range(len(settled_mb)), settled_mb).slope
+    growth_mb = a_sample_mb * SAMPLES / hours
+    print(f"{beats} beats at {width}×{height}: {samples_mb[0]:.1f} MB at first, then {settled_mb[0]:.1f}, at last")
     print(f"{settled_mb[-1]:.1f} MB; the line through them rises by {growth_mb:.2f} MB an hour (bound {BOUND_MB:.0f})")
     if json_file is not None:
-        json_file.write_text(json.dumps({"hours": hours, "looks_mb": looks_mb, "growth_mb_per_h": growth_mb}))
+        json_file.write_text(json.dumps({"hours": hours, "looks_mb": samples_mb, "growth_mb_per_h": growth_mb}))
     raise typer.Exit(0 if growth_mb <= BOUND_MB else 1)
 
 

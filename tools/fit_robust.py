@@ -1,6 +1,6 @@
 """Fits the `robust` rules on labelled images and digital hands, prints what it fitted, writes kgdfa/robust.npz.
 
-    python tools/fit_robust.py ../shared/data/gestures --keypoints looks.npz
+    python tools/fit_robust.py ../shared/data/gestures --keypoints keypoints.npz
 
 Measured figures never come from here: `rleex evaluate gestures DIR --cross-validate` fits without what it measures.
 """

@@ -204,7 +204,7 @@ def mutants(session: str, source: str) -> list[str]:
 
 
 def watched(codes: list[str], module: str) -> Iterable[str]:
-    """The same with a progress bar, if anybody looks."""
+    """The same with a progress bar, on a terminal."""
     return track(codes, description=module, console=Console(stderr=True)) if sys.stderr.isatty() else codes
 
 
@@ -225,8 +225,8 @@ def judge(jury: Jury, source: str, every: list[str], wanted: slice) -> None:
             if judged % TOLD_EVERY == 0 and not sys.stderr.isatty():
                 tell(f"... {judged - alive} of {judged} noticed")
     finally:
-        told = f"{judged - alive} of {judged} noticed, {jury.endless} of them by never ending"
-        tell(f"{jury.module}: {told}; {len(every)} changes in all")
+        summary = f"{judged - alive} of {judged} noticed, {jury.endless} of them by never ending"
+        tell(f"{jury.module}: {summary}; {len(every)} changes in all")
 
 
 def main(session: str, module: str, tests: str, first: str = "0", at_most: str = "1000000") -> None:

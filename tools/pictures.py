@@ -42,7 +42,7 @@ class Photographer:
 
     @property
     def snapshot(self) -> ControlSnapshot | None:
-        """Control's newest word."""
+        """Control's newest snapshot."""
         state = self.app.live_state()
         return None if state is None else state.snapshot
 
@@ -88,7 +88,7 @@ class Photographer:
         await self.until(lambda: (now := self.snapshot) and (now.action is action or now.refusal_count > refused))
 
     def text(self) -> str:
-        """The words on the screen."""
+        """The text on the screen."""
         return "\n".join(strip.text for strip in self.app.screen._compositor.render_strips())
 
     async def take(self, name: str) -> None:

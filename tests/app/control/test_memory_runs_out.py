@@ -17,7 +17,7 @@ import psutil
 import pytest
 
 from app.ipc.states import Effect
-from testing.session import PATIENCE_S, RealSession, real_session
+from testing.session import TIMEOUT_S, RealSession, real_session
 
 ROOTS = (Path("/sys/fs/cgroup/memory"), Path("/sys/fs/cgroup"))  # versions 1 and 2 of the kernel's control groups
 LIMITS = ("memory.limit_in_bytes", "memory.max")
@@ -43,7 +43,7 @@ def group() -> Iterator[Path]:
     if made is None:
         pytest.skip("no memory control group can be made here")
     yield made
-    deadline = time.monotonic() + PATIENCE_S
+    deadline = time.monotonic() + TIMEOUT_S
     while made.exists() and time.monotonic() < deadline:
         with suppress(OSError):  # while a member is still ending
             made.rmdir()
@@ -74,7 +74,7 @@ def session(tmp_path: Path, group: Path) -> Iterator[RealSession]:
 def test_the_planner_goes_control_and_guardian_stay_and_the_legs_are_held(group: Path, session: RealSession) -> None:
     session.walk(steps=1)
     hog = HOG.format(members=str(group / "cgroup.procs"), planner=session.pids["planner"])
-    subprocess.run([sys.executable, "-c", hog], check=True, timeout=PATIENCE_S)
+    subprocess.run([sys.executable, "-c", hog], check=True, timeout=TIMEOUT_S)
     session.until_ended("planner")
     held = session.until(lambda s: s.effect >= Effect.HOLD and s.action is None, "hold")
     assert held.enabled, "held, not dropped"
