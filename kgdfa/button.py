@@ -12,16 +12,41 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from enum import Enum
+from typing import TYPE_CHECKING
 
 from kgdfa.gesture import Gesture
-from kgdfa.hand import Box
+
+if TYPE_CHECKING:
+    from kgdfa.hand import Box
 
 HYSTERESIS = 0.20  # a press ends, and a new one may begin, beyond this share over the threshold: three sd of keypoints
 APPROACH_M_S = 3.5  # a 0.3 s press from 36 cm peaks at 2.7 m/s, its safe distance at a tenth more; faster is a slip
 SHORTEST_PRESS_NS = 50_000_000  # press to release, two frames: keypoints that slip for a frame slip back in the next
 RADIUS_SHARE = 0.06  # the button's radius, of the picture's width: a coin held at arm's length
 GAP_FRAMES = 2  # frames in a row without a hand or a distance that a press survives
-STALE_NS = 250_000_000  # pictures further apart than this say nothing about the time between
+STALE_NS = 250_000_000  # frames further apart than this don't tell what happened between them
+
+
+class PressCancel(Enum):
+    """Why a press ended without a command."""
+
+    HAND_LOST = "hand lost"
+    DISTANCE_LOST = "distance lost"
+    GESTURE_CHANGED = "gesture changed"
+    LEFT_SIDEWAYS = "left sideways"
+    WITHDRAWAL_UNSEEN = "withdrawal unseen"
+    TOO_SHORT = "too short"
+    CAMERA_PAUSED = "camera paused"
+
+
+class PressHint(Enum):
+    """Why a hand that is near does not press: what to do."""
+
+    WITHDRAW_FIRST = "withdraw first"
+    PUSH_STEADILY = "push steadily"
+    GESTURE_FIRST = "gesture first"
+    KEEP_GESTURE = "keep gesture"
+    OVER_BUTTON = "over button"
 
 
 class ButtonMode(Enum):
@@ -48,7 +73,7 @@ class ButtonPlace:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ButtonInput:
-    """What one frame says to the button."""
+    """What one frame gives to the button."""
 
     captured_ns: int
     gesture: Gesture | None  # voted
@@ -69,14 +94,14 @@ class ButtonState:
     released_recognised_ns: int = 0
     released_ns: int = 0
     cancel_count: int = 0
-    cancel_reason: str = ""
+    cancel_reason: PressCancel | None = None
     ready: bool = False  # the hand has been seen outside the threshold since the last release or cancel
     last_captured_ns: int = 0
     pressed_recognised_ns: int = 0
     far_gesture: Gesture | None = None  # voted while the hand was last outside: what a press may mean
     last_distance_m: float | None = None  # of the frame before; None: it gave no measurement
     gap_frames: int = 0  # frames in a row without a measurement
-    hint: str = ""  # why a hand that is near does not press, for people
+    hint: PressHint | None = None  # why a hand that is near does not press
 
 
 def advance(state: ButtonState, seen: ButtonInput, place: ButtonPlace, mode: ButtonMode) -> ButtonState:
@@ -97,57 +122,57 @@ def _published(state: ButtonState, seen: ButtonInput, place: ButtonPlace) -> But
 
 def _robust(state: ButtonState, seen: ButtonInput, place: ButtonPlace) -> ButtonState:
     if state.last_captured_ns and not 0 < seen.captured_ns - state.last_captured_ns <= STALE_NS:
-        state = _end(state, "the camera paused, so the press does not count")
+        state = _end(state, PressCancel.CAMERA_PAUSED)
     distance_m = _measured(seen)
     if distance_m is None:
         return replace(_gap(state, seen), last_distance_m=None)
     state = replace(state, gap_frames=0)
-    judge = _while_pressed if state.pressed else _while_up
-    return replace(judge(state, seen, place, distance_m), last_distance_m=distance_m)
+    rule = _while_pressed if state.pressed else _while_up
+    return replace(rule(state, seen, place, distance_m), last_distance_m=distance_m)
 
 
 def _while_pressed(state: ButtonState, seen: ButtonInput, place: ButtonPlace, distance_m: float) -> ButtonState:
     if seen.gesture is not state.pressed_gesture:
-        return _end(state, "the gesture changed during the press")
+        return _end(state, PressCancel.GESTURE_CHANGED)
     if not _covers(seen.box, place, place.radius_px):
-        return _end(state, "the hand left the button sideways")
+        return _end(state, PressCancel.LEFT_SIDEWAYS)
     if distance_m <= _outside_m(place):
         return state
-    wrong = _what_is_wrong_with_the_withdrawal(state, seen)
-    return _end(state, wrong) if wrong else _release(state, seen, state.pressed_gesture)
+    reason = _no_withdrawal(state, seen)
+    return _end(state, reason) if reason else _release(state, seen, state.pressed_gesture)
 
 
-def _what_is_wrong_with_the_withdrawal(state: ButtonState, seen: ButtonInput) -> str:
-    """Why a hand that is outside again has not withdrawn; empty when it has. Keypoints that slip near slip back."""
+def _no_withdrawal(state: ButtonState, seen: ButtonInput) -> PressCancel | None:
+    """Why a hand that is outside again has not withdrawn; None when it has. Keypoints that slip near slip back."""
     if state.last_distance_m is None:
-        return "the hand was not seen withdrawing"
+        return PressCancel.WITHDRAWAL_UNSEEN
     if seen.captured_ns - state.pressed_captured_ns < SHORTEST_PRESS_NS:
-        return "the press was shorter than a hand can make it"
-    return ""
+        return PressCancel.TOO_SHORT
+    return None
 
 
 def _while_up(state: ButtonState, seen: ButtonInput, place: ButtonPlace, distance_m: float) -> ButtonState:
     if distance_m >= place.threshold_m:
         if distance_m <= _outside_m(place):
             return state
-        return replace(state, ready=True, far_gesture=seen.gesture, hint="")
+        return replace(state, ready=True, far_gesture=seen.gesture, hint=None)
     if not state.ready:
-        return replace(state, hint=state.hint or "draw the hand back, then push again")
-    wrong = _what_is_wrong(state, seen, place, distance_m)
-    if wrong:
-        return replace(state, ready=False, hint=wrong)
+        return replace(state, hint=state.hint or PressHint.WITHDRAW_FIRST)
+    reason = _no_press(state, seen, place, distance_m)
+    if reason:
+        return replace(state, ready=False, hint=reason)
     return _press(state, seen)
 
 
-def _what_is_wrong(state: ButtonState, seen: ButtonInput, place: ButtonPlace, distance_m: float) -> str:
-    """Why a hand that is near and was outside does not press; empty when it does."""
+def _no_press(state: ButtonState, seen: ButtonInput, place: ButtonPlace, distance_m: float) -> PressHint | None:
+    """Why a hand that is near and was outside does not press; None when it does."""
     if not _approached(state, seen, distance_m):
-        return "push steadily, so that the camera can follow"
+        return PressHint.PUSH_STEADILY
     if seen.gesture is None:
-        return "show a gesture first, then push"
+        return PressHint.GESTURE_FIRST
     if seen.gesture is not state.far_gesture:
-        return "keep the gesture while you push"
-    return "" if _covers(seen.box, place, 0.0) else "bring the hand over the button, then push"
+        return PressHint.KEEP_GESTURE
+    return None if _covers(seen.box, place, 0.0) else PressHint.OVER_BUTTON
 
 
 def _approached(state: ButtonState, seen: ButtonInput, distance_m: float) -> bool:
@@ -162,8 +187,7 @@ def _gap(state: ButtonState, seen: ButtonInput) -> ButtonState:
     """A frame without a measurement: short gaps are blur, longer ones end the press and the readiness."""
     if state.gap_frames < GAP_FRAMES:
         return replace(state, gap_frames=state.gap_frames + 1)
-    what = "hand was lost" if seen.box is None else "distance was lost"
-    return _end(state, f"the {what} during the press")
+    return _end(state, PressCancel.HAND_LOST if seen.box is None else PressCancel.DISTANCE_LOST)
 
 
 def _press(state: ButtonState, seen: ButtonInput) -> ButtonState:
@@ -174,13 +198,13 @@ def _press(state: ButtonState, seen: ButtonInput) -> ButtonState:
         pressed_captured_ns=seen.captured_ns,
         pressed_recognised_ns=seen.recognised_ns,
         ready=False,
-        hint="",
+        hint=None,
     )
 
 
 def _release(state: ButtonState, seen: ButtonInput, gesture: Gesture | None) -> ButtonState:
     """Up again, by withdrawal: the command goes out, once. Without a gesture there is no command to give."""
-    up = replace(state, pressed=False, pressed_gesture=None, ready=True, hint="")
+    up = replace(state, pressed=False, pressed_gesture=None, ready=True, hint=None)
     if gesture is None:
         return up
     return replace(
@@ -192,7 +216,7 @@ def _release(state: ButtonState, seen: ButtonInput, gesture: Gesture | None) -> 
     )
 
 
-def _end(state: ButtonState, reason: str) -> ButtonState:
+def _end(state: ButtonState, reason: PressCancel) -> ButtonState:
     """No longer ready; a press under way is cancelled: no command, and the reason kept."""
     if not state.pressed:
         return replace(state, ready=False)

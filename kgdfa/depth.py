@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kgdfa.distance import HALF_PALM_M, Distance, DistanceSource, OutlierState, accept_distance
-from kgdfa.errors import KgdfaError
+from kgdfa.errors import KgdfaError, KgdfaFault
 from kgdfa.hand import Hand
 
 DepthMap = NDArray[np.float32]
@@ -28,16 +28,16 @@ SENSOR_SD = 0.01  # D435i: about 1 % of distance in the near field, well inside 
 
 
 class DepthFault(Enum):
-    """Why a neighbourhood of the depth map gives no distance, for people."""
+    """Why a neighbourhood of the depth map gives no distance."""
 
-    NONE = ""
-    OUTSIDE = "the palm is outside the depth picture"
-    ZERO = "the camera measured nothing at the palm (too near, an edge, or a turning hand)"
-    NOT_FINITE = "the depth picture contains no numbers at the palm"
-    NEGATIVE = "the depth picture is negative at the palm"
-    SATURATED = "the depth picture is saturated at the palm"
-    EDGE = "the palm lies on an edge of the depth picture"
-    JUMP = "the depth jumped further than a hand can move"
+    NONE = "none"
+    OUTSIDE = "outside"
+    ZERO = "zero"  # too near, an edge, or a turning hand
+    NOT_FINITE = "not finite"
+    NEGATIVE = "negative"
+    SATURATED = "saturated"
+    EDGE = "edge"
+    JUMP = "jump"  # further than a hand can move
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -94,7 +94,7 @@ class DepthRange:
     def __init__(self, *, mode: str) -> None:
         """Nothing seen yet. Raises KgdfaError for a mode that does not exist."""
         if mode not in {"published", "robust"}:
-            raise KgdfaError(f"There is no depth mode {mode!r}: choose published or robust.")
+            raise KgdfaError(KgdfaFault.DEPTH_MODE, mode=mode)
         self.name = mode
         self.fault = DepthFault.NONE
         self._outliers = OutlierState()

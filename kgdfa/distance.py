@@ -5,13 +5,16 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from enum import Enum
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
-from kgdfa.errors import KgdfaError
-from kgdfa.hand import Hand
+from kgdfa.errors import KgdfaError, KgdfaFault
+
+if TYPE_CHECKING:
+    from kgdfa.hand import Hand
 
 REFERENCE_RANGE_M = (0.03, 0.12)  # 5 to 17 of any hand, from a child's to the largest adult's, with room
 MIN_REFERENCE_PX = 2.0  # a shorter segment is no measurement
+CEILING_OF_EQUATION = 1.10  # the button reads at most so far beyond Eq. 4
 HALF_PALM_M = 0.012  # an adult's palm is about 25 mm thick at the knuckles
 
 # Distances that jump further than a hand can move are no measurements until they have stayed.
@@ -32,7 +35,7 @@ class DistanceSource(Enum):
 
     KEYPOINTS = "keypoints"
     DEPTH = "depth"
-    KEYPOINTS_FOR_DEPTH = "keypoints, the depth camera having no measurement"
+    KEYPOINTS_FOR_DEPTH = "keypoints for depth"  # the depth map has no measurement
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -63,13 +66,10 @@ class RangeFinder(Protocol):
 def check_range_finder(focal_px: float, reference_m: float) -> None:
     """Refuse what cannot be a camera or a palm. Raises KgdfaError naming the value and its range."""
     if not (math.isfinite(focal_px) and focal_px > 0):
-        raise KgdfaError(f"Focal length {focal_px:g} px: it must be above 0; calibrate the camera or give its own.")
+        raise KgdfaError(KgdfaFault.FOCAL_LENGTH, focal_px=focal_px)
     low, high = REFERENCE_RANGE_M
     if not low <= reference_m <= high:
-        raise KgdfaError(
-            f"Palm anchor {reference_m * 100:.3g} cm: it must lie in {low * 100:g} to {high * 100:g} cm "
-            "(three quarters of the palm's width); measure the palm again."
-        )
+        raise KgdfaError(KgdfaFault.REFERENCE_LENGTH, reference_m=reference_m, low_m=low, high_m=high)
 
 
 class PublishedRange:

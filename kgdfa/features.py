@@ -1,4 +1,4 @@
-"""The paper's measures made independent of view, scale, mirror and hand: what the `robust` rules look at.
+"""The paper's measures made independent of view, scale, mirror and hand: the input of the `robust` rules.
 
 Three families, as in Table 2: how far each finger is bent (angles), where each fingertip lies relative to the
 palm (the hulls and their 3-D counterparts), how far tips are apart relative to the palm. Every one is an angle
@@ -16,86 +16,127 @@ from operator import itemgetter
 
 import numpy as np
 
+from kgdfa.gesture import Explanation, Finger
 from kgdfa.hand import ANGLE_POINTS, INNER_HULL, OUTER_HULL, TIPS, FloatArray, tip_depths
 
 
 class Unit(Enum):
-    """How a feature is told to people."""
+    """What a feature is measured in."""
 
-    DEGREES = "°"
-    PALMS = " palm lengths"
-    SHARE = ""
+    DEGREES = "degrees"
+    PALMS = "palm lengths"
+    SHARE = "share"
 
 
-class Group(Enum):
-    """What a feature is about: one finger, tips together, or the view."""
+class Measure(Enum):
+    """What a feature measures, of the fingers named with it."""
 
-    THUMB = "thumb"
-    FORE = "fore"
-    MIDDLE = "middle"
-    RING = "ring"
-    PINKY = "pinky"
-    TIPS = "tips"
+    ROOT_JOINT = "root joint"
+    MIDDLE_JOINT = "middle joint"
+    END_JOINT = "end joint"
+    ANGLE = "angle"  # Eq. 1
+    SPLAY = "splay"  # between two fingers
+    STRAIGHTNESS = "straightness"
+    LENGTH = "length"
+    TIP_TO_WRIST = "tip to wrist"
+    TIP_TO_PALM = "tip to palm"
+    TIPS_APART = "tips apart"
+    TIP_TO_KNUCKLE = "tip to knuckle"  # of another finger
+    TIP_TO_JOINT = "tip to joint"
+    REACH_ALONG = "reach along"  # the palm, towards the middle finger
+    REACH_ACROSS = "reach across"  # the palm, towards the thumb's side
+    REACH_OFF = "reach off"  # the palm's plane
+    TIP_BEYOND_JOINTS = "tip beyond joints"
+    TIP_ASIDE = "tip aside"  # of the forefinger's joint
+    MIDDLE_BONE_ALONG = "middle bone along"
+    MIDDLE_BONE_ACROSS = "middle bone across"
+    MIDDLE_BONE_OFF = "middle bone off"
+    END_BONE_ALONG = "end bone along"
+    END_BONE_ACROSS = "end bone across"
+    END_BONE_OFF = "end bone off"
+    TIP_BEYOND_OUTER_HULL = "tip beyond outer hull"
+    TIP_BEYOND_INNER_HULL = "tip beyond inner hull"
+    ON_IMAGE = "on image"  # another measure, without depth
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Feature:
-    """One number about a hand."""
+    """One number about a hand. group: the finger that it is about; None: tips together."""
 
-    text: str
-    group: Group
+    measure: Measure
+    fingers: tuple[Finger, ...]
+    group: Finger | None
     unit: Unit
+    on_image: bool = False
+
+    @property
+    def name(self) -> str:
+        """For engineers' tables: "fore angle on image"."""
+        fingers = "-".join(finger.name.lower() for finger in self.fingers)
+        return f"{fingers} {self.measure.value}" + (f" {Measure.ON_IMAGE.value}" if self.on_image else "")
+
+    def explain(self) -> Explanation:
+        """What it measures, with its fingers."""
+        what = Explanation(self.measure, dict(zip(("finger", "other"), self.fingers, strict=False)))
+        return Explanation(Measure.ON_IMAGE, {"measure": what}) if self.on_image else what
 
 
-_FINGERS = tuple(Group)[:5]
 _CHAINS = tuple((0, *range(4 * finger + 1, 4 * finger + 5)) for finger in range(5))
 _NEIGHBOURS = tuple(pairwise(range(5)))
 _PAIRS = tuple(combinations(range(5), 2))
 _THUMB_TARGETS = (5, 6, 9, 10, 13, 14, 17, 18)
 
 
-def _per_finger(text: str, unit: Unit) -> list[Feature]:
-    return [Feature(text=f"{group.value} {text}", group=group, unit=unit) for group in _FINGERS]
+def _per_finger(measure: Measure, unit: Unit, *, on_image: bool = False) -> list[Feature]:
+    return [Feature(measure=measure, fingers=(one,), group=one, unit=unit, on_image=on_image) for one in Finger]
 
 
-def _between(text: str, pairs: tuple[tuple[int, int], ...], unit: Unit) -> list[Feature]:
-    names = [f"{_FINGERS[a].value} and {_FINGERS[b].value} {text}" for a, b in pairs]
-    return [Feature(text=name, group=Group.TIPS, unit=unit) for name in names]
+def _between(
+    measure: Measure, pairs: tuple[tuple[int, int], ...], unit: Unit, *, on_image: bool = False
+) -> list[Feature]:
+    return [
+        Feature(measure=measure, fingers=(Finger(a), Finger(b)), group=None, unit=unit, on_image=on_image)
+        for a, b in pairs
+    ]
+
+
+def _of_thumb(measure: Measure, unit: Unit, *others: Finger) -> Feature:
+    return Feature(measure=measure, fingers=(Finger.THUMB, *others), group=Finger.THUMB, unit=unit)
+
+
+def _angles_of(*, on_image: bool) -> list[Feature]:
+    joints = (Measure.ROOT_JOINT, Measure.MIDDLE_JOINT, Measure.END_JOINT, Measure.ANGLE)
+    each = [feature for joint in joints for feature in _per_finger(joint, Unit.DEGREES, on_image=on_image)]
+    return [*each, *_between(Measure.SPLAY, _NEIGHBOURS, Unit.DEGREES, on_image=on_image)]
 
 
 FEATURES: tuple[Feature, ...] = (
-    *_per_finger("root joint", Unit.DEGREES),
-    *_per_finger("middle joint", Unit.DEGREES),
-    *_per_finger("end joint", Unit.DEGREES),
-    *_per_finger("angle", Unit.DEGREES),
-    *_between("splayed", _NEIGHBOURS, Unit.DEGREES),
-    *_per_finger("root joint in the picture", Unit.DEGREES),
-    *_per_finger("middle joint in the picture", Unit.DEGREES),
-    *_per_finger("end joint in the picture", Unit.DEGREES),
-    *_per_finger("angle in the picture", Unit.DEGREES),
-    *_between("splayed in the picture", _NEIGHBOURS, Unit.DEGREES),
-    *_per_finger("straightness", Unit.SHARE),
-    *_per_finger("tip to wrist", Unit.PALMS),
-    *_per_finger("tip to palm", Unit.PALMS),
-    *_between("tips apart", _PAIRS, Unit.PALMS),
+    *_angles_of(on_image=False),
+    *_angles_of(on_image=True),
+    *_per_finger(Measure.STRAIGHTNESS, Unit.SHARE),
+    *_per_finger(Measure.TIP_TO_WRIST, Unit.PALMS),
+    *_per_finger(Measure.TIP_TO_PALM, Unit.PALMS),
+    *_between(Measure.TIPS_APART, _PAIRS, Unit.PALMS),
     *(
-        Feature(text=f"thumb tip to {_FINGERS[(joint - 1) // 4].value} {where}", group=Group.THUMB, unit=Unit.PALMS)
-        for joint, where in zip(_THUMB_TARGETS, ("knuckle", "joint") * 4, strict=True)
+        _of_thumb(measure, Unit.PALMS, Finger((joint - 1) // 4))
+        for joint, measure in zip(_THUMB_TARGETS, (Measure.TIP_TO_KNUCKLE, Measure.TIP_TO_JOINT) * 4, strict=True)
     ),
-    *_per_finger("length in the picture", Unit.PALMS),
-    *_between("tips apart in the picture", _PAIRS, Unit.PALMS),
-    *_per_finger("reach along the palm", Unit.PALMS),
-    *_per_finger("reach across the palm", Unit.PALMS),
-    *_per_finger("reach off the palm", Unit.PALMS),
-    Feature(text="thumb tip beyond the fingers' joints", group=Group.THUMB, unit=Unit.PALMS),
-    Feature(text="thumb tip aside of the forefinger's joint", group=Group.THUMB, unit=Unit.PALMS),
+    *_per_finger(Measure.LENGTH, Unit.PALMS, on_image=True),
+    *_between(Measure.TIPS_APART, _PAIRS, Unit.PALMS, on_image=True),
+    *_per_finger(Measure.REACH_ALONG, Unit.PALMS),
+    *_per_finger(Measure.REACH_ACROSS, Unit.PALMS),
+    *_per_finger(Measure.REACH_OFF, Unit.PALMS),
+    _of_thumb(Measure.TIP_BEYOND_JOINTS, Unit.PALMS),
+    _of_thumb(Measure.TIP_ASIDE, Unit.PALMS),
     *(
-        Feature(text=f"thumb {bone} bone {way} the palm", group=Group.THUMB, unit=Unit.SHARE)
-        for bone in ("middle", "end")
-        for way in ("along", "across", "off")
+        _of_thumb(measure, Unit.SHARE)
+        for measure in (
+            *(Measure.MIDDLE_BONE_ALONG, Measure.MIDDLE_BONE_ACROSS, Measure.MIDDLE_BONE_OFF),
+            *(Measure.END_BONE_ALONG, Measure.END_BONE_ACROSS, Measure.END_BONE_OFF),
+        )
     ),
-    *_per_finger("tip beyond the outer hull", Unit.PALMS),
-    *_per_finger("tip beyond the inner hull", Unit.PALMS),
+    *_per_finger(Measure.TIP_BEYOND_OUTER_HULL, Unit.PALMS),
+    *_per_finger(Measure.TIP_BEYOND_INNER_HULL, Unit.PALMS),
 )
 
 
@@ -168,20 +209,20 @@ _MEETING = np.array(
         *pairwise(_numbers("seen reaches")),
     ]
 ).T  # (2, angles)
-# Where two bones meet, 180° is told for straight on: bones point outwards, with 0° between them
+# Where two bones meet, 180° is straight on: bones point outwards, with 0° between them
 _IS_JOINT = np.isin(_MEETING[0], [*_numbers("bones"), *_numbers("seen bones")])
 _FROM_DEG, _TURN = np.where(_IS_JOINT, 180.0, 0.0), np.where(_IS_JOINT, -1.0, 1.0)
 _BONES_OF_FINGERS = _bones_of_fingers("bones")
 _OUTER_BONES = [(reach, *bones[1:]) for reach, bones in zip(_numbers("reaches"), _BONES_OF_FINGERS, strict=True)]
 _THUMB_BONES = _BONES_OF_FINGERS[0][2:]
-# The palm, and what is told along its axes.
+# The palm, and what is measured along its axes.
 _PLACED = np.array([*_numbers("palm"), *_numbers("reaches"), *_numbers("thumb")[1::2], *_THUMB_BONES])
 _in_palms = itemgetter(*_numbers("to wrist", "to centre", "tips", "thumb"))
 _in_seen_palms = itemgetter(*_numbers("seen reaches", "seen tips"))
 
 
 def features(image_px: FloatArray, world_m: FloatArray) -> FloatArray:
-    """Everything the rules look at: (21, 2) pixels and (21, 3) metres to (len(FEATURES),).
+    """All features of a hand: (21, 2) pixels and (21, 3) metres to (len(FEATURES),).
 
     Lists where only a few numbers are handled: numpy takes longer to get started than they take.
     """

@@ -6,7 +6,8 @@ the labels of synthetic hands. The digital hand may not import this package; a t
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from enum import Enum, IntEnum
 from typing import TYPE_CHECKING, Protocol
 
@@ -72,23 +73,43 @@ def fingers_in(gesture: Gesture, *states: FingerState) -> tuple[Finger, ...]:
     return tuple(finger for finger in Finger if FINGER_STATES[gesture][finger] in states)
 
 
+class Decision(Enum):
+    """How a rule set decided: the code of an explanation. `measure` is the explanation of a constraint."""
+
+    OVER = "over"  # gesture, rival
+    OVER_BY = "over by"  # gesture, rival, measure: what keeps it from being the rival
+    CLOSEST = "closest"  # gesture, measure: every constraint holds, this one by the least
+    NOT = "not"  # gesture, measure: what keeps it from being that gesture
+    TOO_SIMILAR = "too similar"  # rival
+    NO_GESTURE = "no gesture"  # a rival that is none of the twelve
+    NO_HAND = "no hand"
+
+
+@dataclass(frozen=True, slots=True)
+class Explanation:
+    """A code with its values, SI or as their names say. A value may be a code or an explanation again."""
+
+    code: Enum
+    values: Mapping[str, object] = field(default_factory=dict)
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Verdict:
     """A gesture or none, with the constraint that decided it.
 
     confidence: in [0, 1]; of the named gesture, or of the best one where the verdict is none.
     nearest: the gesture that came closest, also when it was refused.
-    explanation: one sentence for people, such as "not 4: thumb open, 74° > 53°".
+    explanation: which constraint decided, and what it measured.
     """
 
     gesture: Gesture | None
     confidence: float
     nearest: Gesture | None
-    explanation: str
+    explanation: Explanation
 
 
 class RuleSet(Protocol):
-    """A named way to judge a hand: `published` or `robust`."""
+    """A named classifier of hands: `published` or `robust`."""
 
     name: str
 

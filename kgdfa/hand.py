@@ -103,6 +103,12 @@ class Hand:
         )
 
 
+def is_cut_off(hand: Hand, width_px: int, height_px: int) -> bool:
+    """Whether part of the hand is out of the image, so that its gesture can't be classified (its palm may be)."""
+    inside = (hand.image_px >= 0) & (hand.image_px < (width_px, height_px))
+    return not bool(inside.all())
+
+
 # Vertex and the two ends of its arms. Fingers: at the PIP joint, to MCP and to the tip. Thumb: at keypoint 2,
 # to its tip and along the added link 2-5. The text leaves Fig. 2(c) open; this reading fits its thresholds.
 ANGLE_POINTS: dict[Finger, tuple[Keypoint, Keypoint, Keypoint]] = {

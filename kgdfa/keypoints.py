@@ -24,7 +24,7 @@ import numpy as np
 from mediapipe.tasks.python import BaseOptions
 from mediapipe.tasks.python.vision import HandLandmarker, HandLandmarkerOptions, RunningMode
 
-from kgdfa.errors import KgdfaError
+from kgdfa.errors import KgdfaError, KgdfaFault
 from kgdfa.hand import FloatArray, Hand, Side
 from kgdfa.preprocess import Image, as_bgr8
 from kgdfa.redetection import Redetector
@@ -93,7 +93,7 @@ class HandDetector:
     def infer(self, image_bgr: Image, captured_ns: int = 0) -> Any:
         """MediaPipe's own result on one picture, as it gives it: what `rleex evaluate speed` calls bare."""
         if self._landmarker is None:
-            raise KgdfaError("The hand detector is closed: open a new one.")
+            raise KgdfaError(KgdfaFault.DETECTOR_CLOSED)
         picture = _as_mediapipe(image_bgr)
         if self._still:
             return self._landmarker.detect(picture)
@@ -164,7 +164,7 @@ def _array(landmarks: Any) -> FloatArray:
 
 def _load(model: Path, mode: Any, hands: int, min_detection: float, min_presence: float) -> Any:
     if not model.is_file():
-        raise KgdfaError(f"The hand model {model} is missing: run `rleex model` or give its path.")
+        raise KgdfaError(KgdfaFault.HAND_MODEL_MISSING, path=model)
     options = HandLandmarkerOptions(
         base_options=BaseOptions(model_asset_buffer=model.read_bytes()),
         running_mode=mode,
@@ -180,7 +180,7 @@ def _load(model: Path, mode: Any, hands: int, min_detection: float, min_presence
             # The first look prints more and is slow: take it here.
             landmarker.detect(blank) if mode is RunningMode.IMAGE else landmarker.detect_for_video(blank, -1)
     except (RuntimeError, ValueError) as error:
-        raise KgdfaError(f"{model} is no hand model ({error}): run `rleex model --again`.") from error
+        raise KgdfaError(KgdfaFault.HAND_MODEL_INVALID, path=model, detail=str(error)) from error
     return landmarker
 
 

@@ -12,9 +12,8 @@ from numpy.typing import NDArray
 from kgdfa.button import ButtonInput, ButtonMode, ButtonPlace, ButtonState, advance, is_near
 from kgdfa.distance import Distance, RangeFinder
 from kgdfa.gesture import VOTE_FRAMES, Gesture, RuleSet, Verdict, Vote, update_vote
-from kgdfa.hand import Hand
+from kgdfa.hand import Hand, is_cut_off
 from kgdfa.preprocess import Image, as_bgr8
-from kgdfa.press_zone import cut_off
 
 LOST_FRAMES = 5  # a hand gone this long is gone; fewer may be blur or the picture's edge
 REACH_REFERENCES = 1.5  # how far a hand may be from where it was a frame ago, in palm anchors: 3 m/s at 30 Hz
@@ -163,7 +162,7 @@ class Pipeline:
 
     def _update_vote(self, hand: Hand | None, verdict: Verdict | None, image: Image, now_ns: int) -> Vote:
         """A hand that outgrows the picture on its way to the button keeps its gesture: cut off, it can't be judged."""
-        cut = self._mode is ButtonMode.ROBUST and hand is not None and cut_off(hand, image.shape[1], image.shape[0])
+        cut = self._mode is ButtonMode.ROBUST and hand is not None and is_cut_off(hand, image.shape[1], image.shape[0])
         if cut and self._button.pressed:
             return self._vote
         return update_vote(

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from kgdfa.errors import KgdfaError
+from kgdfa.errors import KgdfaError, KgdfaFault
 
 Image = NDArray[np.uint8]
 
@@ -20,12 +20,12 @@ def as_bgr8(image: NDArray[Any]) -> Image:
     Raises KgdfaError for pictures of zero size, other channel counts and other number types.
     """
     if image.ndim not in (2, 3) or image.size == 0:
-        raise KgdfaError(f"A picture of shape {image.shape} has no pixels: check the camera or the file.")
+        raise KgdfaError(KgdfaFault.IMAGE_EMPTY, shape=str(image.shape))
     channels = 1 if image.ndim == 2 else image.shape[2]
     if channels not in _TO_BGR:
-        raise KgdfaError(f"A picture with {channels} channels can't be read: give grey, BGR or BGRA.")
+        raise KgdfaError(KgdfaFault.IMAGE_CHANNELS, channels=channels)
     if image.dtype not in (np.uint8, np.uint16):
-        raise KgdfaError(f"A picture of {image.dtype} numbers can't be read: give 8 or 16 bit.")
+        raise KgdfaError(KgdfaFault.IMAGE_NUMBERS, kind=str(image.dtype))
     eight_bit = image if image.dtype == np.uint8 else (image >> 8).astype(np.uint8)
     conversion = _TO_BGR[channels]
     if conversion is None:
@@ -139,5 +139,5 @@ PREPARATIONS: dict[str, Prepare] = {
 def find_preparation(name: str) -> Prepare:
     """The preparation of that name. Raises KgdfaError naming those there are."""
     if name not in PREPARATIONS:
-        raise KgdfaError(f"There is no preprocessing {name!r}: choose one of {', '.join(PREPARATIONS)}.")
+        raise KgdfaError(KgdfaFault.PREPROCESSING, name=name, known=", ".join(PREPARATIONS))
     return PREPARATIONS[name]

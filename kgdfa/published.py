@@ -1,17 +1,17 @@
 """The paper's rule set, literally: Table 2 with hulls and angles on the picture, pixels as printed.
 
-Where the text is open (which vectors an angle takes, which hull) the reading stands in `fingers` and `hulls`.
+Where the text is open (which vectors an angle takes, which hull) the reading stands in `hand`.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from enum import IntEnum
+from enum import Enum, IntEnum
 
 import numpy as np
 from numpy.typing import NDArray
 
-from kgdfa.gesture import Finger, FingerState, Gesture, Verdict, fingers_in
+from kgdfa.gesture import Decision, Explanation, Finger, FingerState, Gesture, Verdict, fingers_in
 from kgdfa.hand import INNER_HULL, OUTER_HULL, TIPS, FloatArray, Hand, Keypoint, apart, finger_angles_deg, tip_depths
 
 SPREAD_PX = 100.0  # Table 2, gestures 6 and 8
@@ -30,11 +30,28 @@ class Extra(IntEnum):
     PINCH = 3  # Eq. 3: P(4, 12) / P(8, 12) < 2
 
 
-EXTRA_TEXT = {
-    Extra.SPREAD_PINKY: ("tips 4 and 20 apart", SPREAD_PX, "px"),
-    Extra.SPREAD_FORE: ("tips 4 and 8 apart", SPREAD_PX, "px"),
-    Extra.PINCH: ("tips 4, 8, 12 pinched, P(4,12)/P(8,12)", PINCH_RATIO, ""),
-}
+class Constraint(Enum):
+    """A constraint of Table 2 as measured: the code of an explanation."""
+
+    TIP_OUTSIDE_INNER = "tip outside inner hull"  # tip: its keypoint
+    TIP_INSIDE_INNER = "tip inside inner hull"
+    TIP_OUTSIDE_OUTER = "tip outside outer hull"
+    TIP_INSIDE_OUTER = "tip inside outer hull"
+    FINGER_OPEN = "finger open"  # finger, value_deg, limit_deg
+    FINGER_BENT = "finger bent"
+    TIPS_APART = "tips apart"  # first, second: their keypoints; length_px, limit_px
+    TIPS_NEAR = "tips near"
+    TIPS_UNPINCHED = "tips unpinched"  # ratio, limit: P(4, 12) / P(8, 12)
+    TIPS_PINCHED = "tips pinched"
+
+
+# Fingertips in the hull's order (inner, outer), inside or outside.
+_TIP_CODES = (
+    (Constraint.TIP_INSIDE_INNER, Constraint.TIP_OUTSIDE_INNER),
+    (Constraint.TIP_INSIDE_OUTER, Constraint.TIP_OUTSIDE_OUTER),
+)
+_SPREAD_TIPS = {Extra.SPREAD_PINKY: Keypoint.PINKY_TIP, Extra.SPREAD_FORE: Keypoint.INDEX_TIP}
+_MAX_RATIO = 10.0  # of Eq. 3, as shown
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -157,21 +174,24 @@ def _check_extras(lengths: FloatArray) -> tuple[NDArray[np.bool_], FloatArray]:
     return holds, np.array([1.0, *spread, pinch])
 
 
-def _say(line: int, column: int, measures: Measures) -> str:
-    """One constraint of one line as measured, in words."""
-    row = TABLE_2[line]
+def _explain(line: int, column: int, measures: Measures) -> Explanation:
+    """One constraint of one line as measured."""
     if column < 5:
-        outside = measures.depths_px[_HULL[line], column] < 0
-        hull = "inner" if row.outside is None else "outer"
-        return f"tip {TIPS[column]:d} {'outside' if outside else 'inside'} the {hull} hull"
+        outside = bool(measures.depths_px[_HULL[line], column] < 0)
+        return Explanation(_TIP_CODES[_HULL[line]][outside], {"tip": int(TIPS[column])})
     if column < 10:
-        finger, limit = Finger(column - 5), float(_LIMITS_DEG[line, column - 5])
-        angle = float(measures.angles_deg[finger])
-        state = "open" if angle > limit else "bent"
-        return f"{finger.name.lower()} {state}, {angle:.0f}° {'>' if angle > limit else '≤'} {limit:.0f}°"
-    text, limit, unit = EXTRA_TEXT[row.extra]
-    length = float(measures.lengths[row.extra])
-    return f"{text} {length:.1f} {'>' if length > limit else '≤'} {limit:.0f} {unit}".rstrip()
+        finger, limit_deg = Finger(column - 5), float(_LIMITS_DEG[line, column - 5])
+        angle_deg = float(measures.angles_deg[finger])
+        code = Constraint.FINGER_OPEN if angle_deg > limit_deg else Constraint.FINGER_BENT
+        return Explanation(code, {"finger": finger, "value_deg": angle_deg, "limit_deg": limit_deg})
+    extra = TABLE_2[line].extra
+    length = float(measures.lengths[extra])
+    if extra is Extra.PINCH:
+        code = Constraint.TIPS_PINCHED if length < PINCH_RATIO else Constraint.TIPS_UNPINCHED
+        return Explanation(code, {"ratio": min(length, _MAX_RATIO), "limit": PINCH_RATIO})
+    code = Constraint.TIPS_APART if length > SPREAD_PX else Constraint.TIPS_NEAR
+    tips = {"first": int(Keypoint.THUMB_TIP), "second": int(_SPREAD_TIPS[extra])}
+    return Explanation(code, {**tips, "length_px": length, "limit_px": SPREAD_PX})
 
 
 class PublishedRules:
@@ -192,10 +212,10 @@ class PublishedRules:
         row, held = TABLE_2[best], bool(checks.holds[best].all())
         failing = np.where(checks.holds[best], np.inf, checks.margins[best])
         column = int(np.argmin(checks.margins[best] if held else failing))
-        says = _say(best, column, measures)
+        decision = Decision.CLOSEST if held else Decision.NOT
         return Verdict(
             gesture=row.gesture if held else None,
             confidence=float(scores[best]),
             nearest=row.gesture,
-            explanation=f"{row.gesture.value}: closest call {says}" if held else f"not {row.gesture.value}: {says}",
+            explanation=Explanation(decision, {"gesture": row.gesture, "measure": _explain(best, column, measures)}),
         )

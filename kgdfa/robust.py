@@ -1,24 +1,39 @@
-"""The fitted part of the `robust` rules: a few small perceptrons over the features, as plain arrays.
+"""The `robust` rules: the paper's measures, view-independent (`features`), classified by a few small perceptrons.
 
-`tools/fit_robust.py` fits them and says what it fitted; here they are only evaluated, in numpy alone.
+`tools/fit_robust.py` fits the model; here it is only evaluated, in numpy alone. A verdict names the constraint that
+decided it: the group of features (a finger, or tips together) without which the model would have decided otherwise,
+and in it the measure that lies furthest beyond the class's range.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from enum import Enum
 from importlib import resources
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from kgdfa.errors import KgdfaError
-from kgdfa.features import FEATURES, Feature, Group, Unit, features
-from kgdfa.gesture import Gesture, Verdict
+from kgdfa.errors import KgdfaError, KgdfaFault
+from kgdfa.features import FEATURES, Unit, features
+from kgdfa.gesture import Decision, Explanation, Finger, Gesture, Verdict
 from kgdfa.hand import FloatArray, Hand
 
 GESTURES = tuple(Gesture)
+
+
+class Limit(Enum):
+    """How a measure lies outside a class's range, by its unit: `measure`, and its value and limit in that unit."""
+
+    ABOVE_DEGREES = "above degrees"  # value_deg, limit_deg
+    BELOW_DEGREES = "below degrees"
+    ABOVE_PALMS = "above palms"  # value, limit: in palm lengths
+    BELOW_PALMS = "below palms"
+    ABOVE_SHARE = "above share"  # value, limit
+    BELOW_SHARE = "below share"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -52,10 +67,6 @@ class RobustModel:
         normalized: FloatArray = np.tanh((values - self.centre) / self.spread).astype(self.weights_in.dtype)
         return normalized  # single precision, as the weights are: else those would be copied to be multiplied
 
-    def probabilities(self, values: FloatArray) -> FloatArray:
-        """(n, F) features to (n, K): the class probabilities."""
-        return self.predict_proba(self.normalize(values))
-
     def predict_proba(self, normalized: FloatArray) -> FloatArray:
         """(n, F) squashed features to (n, K)."""
         hidden = normalized @ self.weights_in + self.bias_in
@@ -80,25 +91,31 @@ def load_model(path: Path | None = None) -> RobustModel:
         with np.load(where, allow_pickle=False) as stored:
             arrays = {name: stored[name] for name in RobustModel.__slots__}
     except (OSError, ValueError, KeyError) as error:
-        raise KgdfaError(f"The gesture model {where} can't be read ({error}): fit it again.") from error
+        raise KgdfaError(KgdfaFault.GESTURE_MODEL_UNREADABLE, path=where, detail=str(error)) from error
     classes = tuple(str(name) for name in arrays.pop("classes"))
     tie = float(arrays.pop("tie"))
     wanted = tuple(gesture.value for gesture in GESTURES)
     if classes[: len(wanted)] != wanted or arrays["centre"].shape != (len(FEATURES),):
-        raise KgdfaError(f"The gesture model {where} was fitted for other gestures or features: fit it again.")
+        raise KgdfaError(KgdfaFault.GESTURE_MODEL_OUTDATED, path=where)
     for name in ("centre", "spread"):  # as precise as the features they meet: numpy needs not convert them each time
         arrays[name] = arrays[name].astype(np.float64)
     return RobustModel(classes=classes, tie=tie, **arrays)
 
 
-_GROUP_MASKS = np.array([[feature.group is group for feature in FEATURES] for group in Group])
+_GROUPS = (*Finger, None)
+_GROUP_MASKS = np.array([[feature.group is group for feature in FEATURES] for group in _GROUPS])
 _MEMBERS = [np.flatnonzero(mask).tolist() for mask in _GROUP_MASKS]
-_DIGITS = {Unit.DEGREES: 0, Unit.PALMS: 2, Unit.SHARE: 2}
-_NAMES = frozenset(gesture.value for gesture in Gesture)
+_EXPLAINED = [feature.explain() for feature in FEATURES]
+_NAMES = {gesture.value: gesture for gesture in Gesture}
+_LIMITS: dict[Unit, tuple[Limit, Limit, str]] = {
+    Unit.DEGREES: (Limit.BELOW_DEGREES, Limit.ABOVE_DEGREES, "_deg"),
+    Unit.PALMS: (Limit.BELOW_PALMS, Limit.ABOVE_PALMS, ""),
+    Unit.SHARE: (Limit.BELOW_SHARE, Limit.ABOVE_SHARE, ""),
+}
 
 
 class RobustRules:
-    """The fitted rules as a RuleSet."""
+    """The fitted model as a RuleSet."""
 
     name = "robust"
 
@@ -109,84 +126,79 @@ class RobustRules:
 
     def predict_proba(self, hand: Hand) -> FloatArray:
         """Confidence in each gesture, (12,) in the order of `Gesture`; together with none's they sum to 1."""
-        return self.score_looks((hand,))
+        return self.classify_augmented((hand,))[1]
 
     def classify(self, hand: Hand) -> Verdict:
         """The most probable gesture if it is sure enough and no other is near, else none."""
-        return self.judge_looks((hand,))
-
-    def score_looks(self, hands: Sequence[Hand]) -> FloatArray:
-        """The mean of `predict_proba` over several looks at one hand."""
-        return self.classify_augmented(hands)[1]
-
-    def judge_looks(self, hands: Sequence[Hand]) -> Verdict:
-        """The verdict on several looks at one hand, the plain one first: the explanation is about that one."""
-        return self.classify_augmented(hands)[0]
+        return self.classify_augmented((hand,))[0]
 
     def classify_augmented(self, hands: Sequence[Hand]) -> tuple[Verdict, FloatArray]:
-        """Both at once, from one measuring of the hands."""
+        """The verdict on several augmentations of one hand, and its mean confidences, (12,).
+
+        The first one is the plain hand: the explanation is about it.
+        """
         values = np.array([features(hand.image_px, hand.world_m) for hand in hands])
         normalized = self._model.normalize(values)
-        chances = np.add.reduce(self._model.predict_proba(normalized), axis=0) / len(hands)
-        return self._classify(values[0], normalized[0], chances.tolist()), chances[: len(GESTURES)]
+        probabilities = np.add.reduce(self._model.predict_proba(normalized), axis=0) / len(hands)
+        verdict = self._classify(values[0], normalized[0], probabilities.tolist())
+        return verdict, probabilities[: len(GESTURES)]
 
-    def _classify(self, values: FloatArray, normalized: FloatArray, chances: list[float]) -> Verdict:
-        """The verdict from one look's features, (F,), and the class probabilities, K, of all looks at the hand."""
-        nearest = max(range(len(GESTURES)), key=chances.__getitem__)
-        sure = chances[nearest]
-        rival = max((k for k in range(len(chances)) if k != nearest), key=chances.__getitem__)
-        accepted = sure >= float(self._model.accept[nearest]) and sure - chances[rival] >= self._model.tie
-        gesture = GESTURES[nearest]
+    def _classify(self, values: FloatArray, normalized: FloatArray, probabilities: list[float]) -> Verdict:
+        """The verdict from one hand's features, (F,), and the K class probabilities of all its augmentations."""
+        nearest = max(range(len(GESTURES)), key=probabilities.__getitem__)
+        confidence = probabilities[nearest]
+        rival = max((k for k in range(len(probabilities)) if k != nearest), key=probabilities.__getitem__)
+        lead = confidence - probabilities[rival]
+        accepted = confidence >= float(self._model.accept[nearest]) and lead >= self._model.tie
         explain = self._explainer.accepted if accepted else self._explainer.refused
         return Verdict(
-            gesture=gesture if accepted else None,
-            confidence=sure,
-            nearest=gesture,
+            gesture=GESTURES[nearest] if accepted else None,
+            confidence=confidence,
+            nearest=GESTURES[nearest],
             explanation=explain(values, normalized, nearest, rival),
         )
 
 
 class _Explainer:
-    """Says which constraint decided; `values` and `normalized` are one look's features, (F,)."""
+    """Finds the constraint that decided; `values` and `normalized` are one hand's features, (F,)."""
 
     def __init__(self, model: RobustModel) -> None:
         self._model = model
         self._typical = model.normalize(model.typical)
         self._low, self._high, self._spread = model.low.tolist(), model.high.tolist(), model.spread.tolist()
+        self._classes = [_NAMES.get(name, Decision.NO_GESTURE) for name in model.classes]
 
-    def accepted(self, values: FloatArray, normalized: FloatArray, nearest: int, rival: int) -> str:
+    def accepted(self, values: FloatArray, normalized: FloatArray, nearest: int, rival: int) -> Explanation:
         """What keeps it from being the rival: the group whose exchange for the rival's costs the most."""
         group = int(self._exchanged(normalized, rival)[:, nearest].argmin())
         measure = self._furthest(values, rival, group)
-        names = f"{self._model.classes[nearest]}, not {self._say_class(rival)}"
-        return f"{names}: {measure}" if measure else names
+        classes = {"gesture": self._classes[nearest], "rival": self._classes[rival]}
+        if measure is None:
+            return Explanation(Decision.OVER, classes)
+        return Explanation(Decision.OVER_BY, classes | {"measure": measure})
 
-    def refused(self, values: FloatArray, normalized: FloatArray, nearest: int, rival: int) -> str:
-        """What keeps it from being accepted: the group whose mending for the gesture's own would win the most."""
+    def refused(self, values: FloatArray, normalized: FloatArray, nearest: int, rival: int) -> Explanation:
+        """What keeps it from being accepted: the group whose exchange for the gesture's own would win the most."""
         group = int(self._exchanged(normalized, nearest)[:, nearest].argmax())
-        measure = self._furthest(values, nearest, group) or f"too near to {self._say_class(rival)}"
-        return f"not {self._model.classes[nearest]}: {measure}"
+        measure = self._furthest(values, nearest, group)
+        measure = measure or Explanation(Decision.TOO_SIMILAR, {"rival": self._classes[rival]})
+        return Explanation(Decision.NOT, {"gesture": self._classes[nearest], "measure": measure})
 
     def _exchanged(self, normalized: FloatArray, kind: int) -> FloatArray:
         """The class probabilities, (groups, K), when one group at a time is as is typical of a class."""
         return self._model.predict_proba(np.where(_GROUP_MASKS, self._typical[kind], normalized))
 
-    def _furthest(self, values: FloatArray, kind: int, group: int) -> str:
-        """The measure of a group that lies furthest outside a class's range, in words; "" when all lie inside."""
+    def _furthest(self, values: FloatArray, kind: int, group: int) -> Explanation | None:
+        """The measure of a group that lies furthest outside a class's range; None when all lie inside."""
         low, high, spread, measured = self._low[kind], self._high[kind], self._spread, values.tolist()
         beyond = {k: max(measured[k] - high[k], low[k] - measured[k]) / spread[k] for k in _MEMBERS[group]}
         worst = max(beyond, key=beyond.__getitem__)
-        if beyond[worst] <= 0:
-            return ""
+        if not 0 < beyond[worst] < math.inf:
+            return None
         above = measured[worst] > high[worst]
-        return _say_beyond(FEATURES[worst], measured[worst], high[worst] if above else low[worst], above=above)
-
-    def _say_class(self, kind: int) -> str:
-        name = self._model.classes[kind]
-        return name if name in _NAMES else "none of them"
-
-
-def _say_beyond(feature: Feature, value: float, limit: float, *, above: bool) -> str:
-    digits, degrees = _DIGITS[feature.unit], "°" if feature.unit is Unit.DEGREES else ""
-    said = f"{value:.{digits}f}{feature.unit.value}"
-    return f"{feature.text} {said} {'>' if above else '<'} {limit:.{digits}f}{degrees}"
+        *codes, unit = _LIMITS[FEATURES[worst].unit]
+        limit = high[worst] if above else low[worst]
+        return Explanation(
+            codes[above],
+            {"measure": _EXPLAINED[worst], f"value{unit}": measured[worst], f"limit{unit}": limit},
+        )

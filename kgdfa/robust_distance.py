@@ -15,7 +15,15 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from kgdfa.distance import HALF_PALM_M, MIN_REFERENCE_PX, Distance, OutlierState, accept_distance, check_range_finder
+from kgdfa.distance import (
+    CEILING_OF_EQUATION,
+    HALF_PALM_M,
+    MIN_REFERENCE_PX,
+    Distance,
+    OutlierState,
+    accept_distance,
+    check_range_finder,
+)
 from kgdfa.hand import FloatArray, Hand, Keypoint
 
 # The part of the palm that moves as one piece; the thumb's base is left out.
@@ -47,8 +55,6 @@ MOST_DISAGREEMENT = 0.30
 # A tilt only shortens 5-17 on the picture, so Eq. 4 reads far or right, but for the scatter of its two keypoints.
 # The button's distance therefore stays above it, and needs no more than a scatter beyond it.
 FLOOR_OF_EQUATION = 1.03
-CEILING_OF_EQUATION = 1.10
-UPRIGHT_FACTOR = CEILING_OF_EQUATION  # so far at most the button reads a palm that Eq. 4 reads right
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

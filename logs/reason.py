@@ -31,12 +31,12 @@ def reason(code: Enum, **values: object) -> Reason:
     return Reason(key_of(code), {name: _value(value) for name, value in values.items()})
 
 
-def reason_of(error: BaseException) -> Reason:
-    """The code and values of an error of ours (`CodedError`'s shape); any other is told by its type and text."""
-    code = getattr(error, "code", None)
+def reason_of(coded: object) -> Reason:
+    """The code and values of what has both (errors of ours, explanations); any other error by its type and text."""
+    code = getattr(coded, "code", None)
     if isinstance(code, Enum):
-        return reason(code, **getattr(error, "values", {}))
-    return Reason("Error.UNEXPECTED", {"kind": type(error).__name__, "text": str(error)})
+        return reason(code, **getattr(coded, "values", {}))
+    return Reason("Error.UNEXPECTED", {"kind": type(coded).__name__, "text": str(coded)})
 
 
 def plain(text: str) -> Reason | None:
@@ -54,7 +54,7 @@ def _value(value: object) -> Value:
         return value
     if isinstance(value, Enum):
         return Reason(key_of(value))
-    if isinstance(value, BaseException):
+    if isinstance(value, BaseException) or isinstance(getattr(value, "code", None), Enum):
         return reason_of(value)
     if isinstance(value, int | float | str):
         return value if isinstance(value, str) or isfinite(value) else str(value)  # JSON has no NaN

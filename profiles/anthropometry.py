@@ -54,14 +54,6 @@ class PalmEstimate:
         """The standard error that this estimate puts on every distance, as a share (Eq. 4 is linear in H)."""
         return self.sd_m / self.width_m
 
-    @property
-    def sentence(self) -> str:
-        """For people: the estimate, its error and what it makes of the distance."""
-        return (
-            f"palm width {self.width_m * 100:.1f} cm ± {self.sd_m * 1000:.0f} mm by {self.population.value}, "
-            f"distance ± {self.distance_error * 100:.0f} %; measure the palm to know it"
-        )
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LimbLengths:

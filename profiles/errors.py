@@ -1,18 +1,60 @@
-"""What profiles refuse: a code with values, worded in the catalogues (domain profiles)."""
+"""What profiles refuse and report, as codes with values; the catalogues hold the wording."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from enum import Enum
 
 
-class ProfileError(Exception):
-    """A profile that is missing, broken or out of range. The text of `code` says which field, its range, what to do."""
+class ProfileFault(Enum):
+    """Why a profile, a change or a calibration can't be taken. The values of each are named beside it."""
 
-    def __init__(self, code: Enum | str, **values: object) -> None:
-        super().__init__(code if isinstance(code, str) else code.name, *([values] if values else []))
+    # Files and store
+    IN_FILE = "in file"  # place, fault: which fault in which file
+    TOML = "toml"  # detail
+    TOO_LARGE = "too large"  # path, limit: bytes
+    NOT_TEXT = "not text"  # path, byte
+    UNREADABLE = "unreadable"  # path, detail
+    NOT_SAVED = "not saved"  # paths, detail
+    FOLDER_READ_ONLY = "folder read-only"  # path, detail
+    HISTORY_UNREADABLE = "history unreadable"  # path, detail
+    UNKNOWN_PATIENT = "unknown patient"  # identifier, path, known
+    PATIENT_EXISTS = "patient exists"  # identifier
+    OTHER_PATIENT = "other patient"  # path, identifier
+    IDENTIFIER_FIXED = "identifier fixed"
+    # Fields
+    UNKNOWN_FIELD = "unknown field"  # field, known
+    MISSPELT_FIELD = "misspelt field"  # field, close
+    FIELD_TYPE = "field type"  # detail
+    NO_GROUP = "no group"  # field, group
+    NO_ASSIGNMENT = "no assignment"  # typed
+    OUT_OF_RANGE = "out of range"  # field, value, low, high, unit: in the units of files
+    SCHEMA = "schema"  # schema
+    IDENTIFIER = "identifier"  # identifier
+    NOTE_LENGTH = "note length"  # count, limit
+    NOTE_CONTROL = "note control"
+    # Calibration
+    DISTANCE = "distance"  # distance_m, low_m, high_m
+    TOO_FEW_SAMPLES = "too few samples"  # count, least
+    SCATTER = "scatter"  # residual, most: shares
+
+
+class ProfileError(Exception):
+    """A profile that is missing, broken or out of range: a code and its values."""
+
+    def __init__(self, code: Enum, **values: object) -> None:
+        super().__init__(code.name, values)
         self.code = code
         self.values = values
 
     def __str__(self) -> str:
-        name = self.code if isinstance(self.code, str) else self.code.name
-        return " ".join([name, *(f"{key}={value}" for key, value in self.values.items())])
+        return " ".join([self.code.name, *(f"{name}={value}" for name, value in self.values.items())])
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """A code with its values, SI, that is no error: a doubt about a calibration, what is known of a palm."""
+
+    code: Enum
+    values: Mapping[str, object] = field(default_factory=dict)

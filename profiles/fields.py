@@ -11,14 +11,14 @@ import re
 import types
 import typing
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 from typing import Any
 
 import msgspec
 from msgspec import Struct
 
-from profiles.errors import ProfileError
+from profiles.errors import ProfileError, ProfileFault
 from profiles.schema import Calibration, Profile
 
 SUFFIXES = {"_m": ("_cm", 100.0, "cm"), "_rad": ("_deg", math.degrees(1.0), "°")}
@@ -74,7 +74,7 @@ def from_file(table: Mapping[str, Any], kind: type[Struct], prefix: str = "") ->
     built: dict[str, Any] = {}
     for key, value in table.items():
         if key not in by_key:
-            raise ProfileError(_unknown(prefix + key, [prefix + known for known in by_key]))
+            raise _unknown(prefix + key, [prefix + known for known in by_key])
         name = by_key[key]
         built[name] = _si(value, fields[name], prefix + name)
     return built
@@ -100,10 +100,11 @@ def _struct_in(kind: Any) -> type[Struct] | None:
     return None
 
 
-def _unknown(key: str, known: list[str]) -> str:
-    close = difflib.get_close_matches(key, known, n=1, cutoff=0.7)
-    advice = f"did you mean {close[0]}?" if close else f"the fields are {', '.join(known)}."
-    return f"there is no field {key}: {advice}"
+def _unknown(field: str, known: list[str]) -> ProfileError:
+    close = difflib.get_close_matches(field, known, n=1, cutoff=0.7)
+    if close:
+        return ProfileError(ProfileFault.MISSPELT_FIELD, field=field, close=close[0])
+    return ProfileError(ProfileFault.UNKNOWN_FIELD, field=field, known=", ".join(known))
 
 
 IDENTIFIER = re.compile(r"[A-Za-z0-9](?:[A-Za-z0-9-]{0,38}[A-Za-z0-9])?")
@@ -113,7 +114,7 @@ NOTE_LIMIT = 2000  # characters
 RANGES: dict[str, tuple[float, float]] = {
     "stature_m": (120, 220),  # adults, as in both anthropometric tables, with room
     "mass_kg": (30, 200),
-    "palm.measured_width_m": (4, 16),  # three quarters of it is the anchor, 3 to 12 cm
+    "palm.measured_width_m": (4, 16),  # the reference segment, 3 to 12 cm, is a fixed share of it
     "thigh_length_m": (25, 65),
     "shank_length_m": (25, 65),
     "press_threshold_m": (7, 40),  # the paper's hand is lost under 7 cm; a resting hand is at 25 to 60
@@ -135,6 +136,7 @@ RANGES: dict[str, tuple[float, float]] = {
     "dose.distance_m": (0, 10_000),
     "dose.duration_s": (0, 4 * 3600),
 }
+REFERENCE_RANGE_CM = (3, 12)
 CALIBRATION_RANGES: dict[str, tuple[float, float]] = {
     "focal_px": (50, 10_000),
     "distance_m": (10, 100),
@@ -145,10 +147,11 @@ CALIBRATION_RANGES: dict[str, tuple[float, float]] = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Violation:
-    """One field out of its range; `field` as in files, `text` a sentence for people."""
+    """One field, as named in files, that is out of its range or means nothing: a fault and its values."""
 
     field: str
-    text: str
+    code: ProfileFault
+    values: Mapping[str, object]
 
 
 def violations(profile: Profile) -> tuple[Violation, ...]:
@@ -159,7 +162,7 @@ def violations(profile: Profile) -> tuple[Violation, ...]:
 def check(profile: Profile) -> Profile:
     """The profile itself. Raises ProfileError with the first violation."""
     for wrong in _violations(profile):
-        raise ProfileError(wrong.text)
+        raise ProfileError(wrong.code, **wrong.values)
     return profile
 
 
@@ -180,29 +183,28 @@ def _violations(profile: Profile) -> Iterator[Violation]:
 
 def _texts(profile: Profile) -> Iterator[Violation]:
     if profile.schema != 1:
-        text = f"schema {profile.schema}: this program reads schema 1; use the program that wrote the profile."
-        yield Violation(field="schema", text=text)
+        yield Violation(field="schema", code=ProfileFault.SCHEMA, values={"schema": profile.schema})
     if not IDENTIFIER.fullmatch(profile.identifier):
-        text = "identifier: 1 to 40 letters, digits and hyphens, such as P-0042; no names."
-        yield Violation(field="identifier", text=text)
+        values = {"identifier": profile.identifier}
+        yield Violation(field="identifier", code=ProfileFault.IDENTIFIER, values=values)
     if len(profile.note) > NOTE_LIMIT:
-        yield Violation(field="note", text=f"note: {len(profile.note)} characters, at most {NOTE_LIMIT}; shorten it.")
+        length = {"count": len(profile.note), "limit": NOTE_LIMIT}
+        yield Violation(field="note", code=ProfileFault.NOTE_LENGTH, values=length)
     if any(not (char.isprintable() or char in "\n\t") for char in profile.note):
-        yield Violation(field="note", text="note: contains control characters; type it anew without them.")
+        yield Violation(field="note", code=ProfileFault.NOTE_CONTROL, values={})
 
 
 def _calibration(calibration: Calibration) -> Iterator[Violation]:
     for field, (low, high) in CALIBRATION_RANGES.items():
-        if wrong := _outside(field, _get(calibration, field), low, high):
-            yield Violation(field=f"calibrations.{wrong.field}", text=f"calibrations.{wrong.text}")
+        if wrong := _outside(field, _get(calibration, field), low, high, group="calibrations."):
+            yield wrong
     if calibration.focal_px > 0:
         reference_m = calibration.focal_anchor_px_m / calibration.focal_px
-        if wrong := _outside("anchor_m", reference_m, 3, 12):
-            text = f"calibrations.{wrong.text.removesuffix('.')}; calibrate again."
-            yield Violation(field="calibrations.focal_anchor_px_cm", text=text)
+        if wrong := _outside("reference_m", reference_m, *REFERENCE_RANGE_CM, group="calibrations."):
+            yield replace(wrong, field="calibrations.focal_anchor_px_cm")
 
 
-def _outside(field: str, value: float | None, low: float, high: float) -> Violation | None:
+def _outside(field: str, value: float | None, low: float, high: float, *, group: str = "") -> Violation | None:
     if value is None:
         return None
     key, factor = file_key(field)
@@ -210,8 +212,12 @@ def _outside(field: str, value: float | None, low: float, high: float) -> Violat
     if low <= shown <= high:  # false for NaN
         return None
     unit = unit_of(field)
-    of_unit = f" {unit}" if unit and unit != "°" else unit
-    return Violation(field=key, text=f"{key} is {shown:g}{of_unit}: it must lie in {low:g} to {high:g}{of_unit}.")
+    values = {"field": group + key, "value": shown, "low": low, "high": high}
+    return Violation(
+        field=group + key,
+        code=ProfileFault.OUT_OF_RANGE,
+        values=values | {"unit": f" {unit}" if unit and unit != "°" else unit},
+    )
 
 
 def _get(value: Struct, field: str) -> Any:

@@ -12,7 +12,7 @@ import msgspec
 import tomlkit
 from tomlkit.exceptions import TOMLKitError
 
-from profiles.errors import ProfileError
+from profiles.errors import ProfileError, ProfileFault
 from profiles.fields import check, file_key, from_file, to_file
 from profiles.schema import Profile
 
@@ -25,18 +25,23 @@ def decode(text: str, where: str) -> Profile:
     try:
         table = tomlkit.parse(text).unwrap()
     except TOMLKitError as error:
-        raise ProfileError(f"{where} is no valid TOML: {error}; mend that line or take a copy.") from error
+        raise _in_file(where, ProfileError(ProfileFault.TOML, detail=str(error))) from error
     return from_table(table, where)
 
 
 def from_table(table: Mapping[str, Any], where: str) -> Profile:
-    """The profile in a table as files have it. Raises ProfileError naming the place and the field."""
+    """The profile in a table as files have it. Raises ProfileError naming place (if any) and field."""
     try:
         return check(msgspec.convert(from_file(table, Profile), type=Profile))
     except msgspec.ValidationError as error:
-        raise ProfileError(f"{where}: {_in_file_terms(str(error))}; mend that field.") from error
+        fault = ProfileError(ProfileFault.FIELD_TYPE, detail=_in_file_terms(str(error)))
+        raise _in_file(where, fault) from error
     except ProfileError as error:
-        raise ProfileError(f"{where}: {error}") from error
+        raise _in_file(where, error) from error
+
+
+def _in_file(place: str, fault: ProfileError) -> ProfileError:
+    return ProfileError(ProfileFault.IN_FILE, place=place, fault=fault) if place else fault
 
 
 def encode(profile: Profile, existing: str = "") -> str:
@@ -53,12 +58,12 @@ def read_text(path: Path) -> str:
     """A file's text. Raises ProfileError when it can't be read or can't be a profile."""
     try:
         if path.stat().st_size > _SIZE_LIMIT:
-            raise ProfileError(f"{path} is no profile: it is larger than {_SIZE_LIMIT:,} bytes.")
+            raise ProfileError(ProfileFault.TOO_LARGE, path=path, limit=_SIZE_LIMIT)
         return path.read_text(encoding="utf-8")
     except UnicodeDecodeError as error:
-        raise ProfileError(f"{path} is no profile: it is not UTF-8 text (byte {error.start}).") from error
+        raise ProfileError(ProfileFault.NOT_TEXT, path=path, byte=error.start) from error
     except OSError as error:
-        raise ProfileError(f"{path} can't be read: {error.strerror}.") from error
+        raise ProfileError(ProfileFault.UNREADABLE, path=path, detail=error.strerror) from error
 
 
 def replace_files(contents: Mapping[Path, str]) -> None:
@@ -81,7 +86,7 @@ def replace_files(contents: Mapping[Path, str]) -> None:
         for new, _ in waiting:
             new.unlink(missing_ok=True)
         names = ", ".join(str(path) for path in contents)
-        raise ProfileError(f"Nothing was saved to {names}: {error.strerror}; make room or mend the folder.") from error
+        raise ProfileError(ProfileFault.NOT_SAVED, paths=names, detail=error.strerror) from error
 
 
 def _write_through(path: Path, text: str) -> None:
@@ -139,7 +144,6 @@ def _in_file_terms(message: str) -> str:
     def as_key(match: re.Match[str]) -> str:
         return file_key(re.sub(r"\[[^]]*\]", "", match.group(1)))[0]
 
-    message = re.sub(r"^Invalid enum value '(.*)'", r"'\1' is no choice", message)
     return re.sub(r"field `(\w+)`", lambda match: f"field {as_key(match)}", re.sub(r"`\$\.?([^`]*)`", as_key, message))
 
 
@@ -151,7 +155,7 @@ def edit(profile: Profile, changes: Mapping[str, str]) -> Profile:
     table = to_file(profile)
     for field, typed in changes.items():
         _set(table, field, typed)
-    return from_table(table, "The change")
+    return from_table(table, "")
 
 
 def parse_assignments(typed: list[str]) -> dict[str, str]:
@@ -159,7 +163,7 @@ def parse_assignments(typed: list[str]) -> dict[str, str]:
     pairs = [word.partition("=") for word in typed]
     for word, (field, equals, _) in zip(typed, pairs, strict=True):
         if not (field and equals):
-            raise ProfileError(f"{word!r} is no change: write field=value, such as gait.step_length_cm=35.")
+            raise ProfileError(ProfileFault.NO_ASSIGNMENT, typed=word)
     return {field.strip(): value.strip() for field, _, value in pairs}
 
 
@@ -168,7 +172,7 @@ def _set(table: dict[str, Any], field: str, typed: str) -> None:
     for group in groups:
         table = table.setdefault(group, {})
         if not isinstance(table, dict):
-            raise ProfileError(f"There is no field {field}: {group} has no parts of its own.")
+            raise ProfileError(ProfileFault.NO_GROUP, field=field, group=group)
     if typed == CLEARED:
         table.pop(name, None)
     else:

@@ -1,4 +1,8 @@
-"""The palm anchor, the length of 5-17 (Eq. 4's H): a calibration wins over a measured palm, that over an estimate."""
+"""The reference segment, keypoints 5 to 17 (Eq. 4's H): how long it is for a patient, and its calibration.
+
+A calibration wins over a measured palm, that over an estimate. A calibration at a known distance solves f·H (Eq. 4
+turned round) for one patient and one camera.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +15,7 @@ from enum import Enum
 import msgspec
 
 from profiles.anthropometry import PalmEstimate, estimate_palm
-from profiles.errors import ProfileError
+from profiles.errors import Finding, ProfileError, ProfileFault
 from profiles.schema import Calibration, Profile
 
 REFERENCE_OF_PALM = 0.75  # palm width less one finger, a finger being a quarter of it (paper, text at Eq. 4)
@@ -20,16 +24,25 @@ CALIBRATED_SD = 0.01  # a ruler to the palm: about 3 mm in 30 cm
 
 
 class ReferenceSource(Enum):
-    """How the anchor is known."""
+    """How the reference segment is known."""
 
     CALIBRATED = "calibrated"
     MEASURED = "measured"
     ESTIMATED = "estimated"
 
 
+class PalmFinding(Enum):
+    """What is known of a palm: codes of findings."""
+
+    REFERENCE = "reference"  # source, length_m, palm_width_m, sd_m, distance_error
+    ESTIMATE = "estimate"  # population, width_m, sd_m, distance_error
+    NOT_AS_MEASURED = "not as measured"  # width_m, measured_m
+    NOT_AS_ESTIMATED = "not as estimated"  # width_m, estimate_m, sd_m
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ReferenceSegment:
-    """The anchor for one patient before one camera. sd_m: its expected error."""
+    """The reference segment of one patient before one camera. sd_m: its expected error."""
 
     length_m: float
     sd_m: float
@@ -41,18 +54,28 @@ class ReferenceSegment:
         return self.sd_m / self.length_m
 
     @property
-    def sentence(self) -> str:
-        """For people."""
-        return (
-            f"palm anchor {self.length_m * 100:.2f} cm, {self.source.value}, "
-            f"± {self.sd_m * 1000:.1f} mm, distance ± {self.distance_error * 100:.1f} %"
+    def palm_width_m(self) -> float:
+        """The paper's palm width, of which the segment is a fixed share."""
+        return self.length_m / REFERENCE_OF_PALM
+
+    def explain(self) -> Finding:
+        """The segment with its error and what that makes of a distance."""
+        return Finding(
+            PalmFinding.REFERENCE,
+            {
+                "source": self.source,
+                "length_m": self.length_m,
+                "palm_width_m": self.palm_width_m,
+                "sd_m": self.sd_m,
+                "distance_error": self.distance_error,
+            },
         )
 
 
 def reference_segment(
     profile: Profile, *, camera: str = "", focal_px: float = 0.0, width_px: int = 0
 ) -> ReferenceSegment:
-    """The best anchor there is for this patient before the camera of that name, focal length and picture width."""
+    """The best that is known of this patient before the camera of that name, focal length and image width."""
     calibration = calibration_for(profile, camera)
     if calibration is not None:
         return _calibrated(calibration, focal_px, width_px)
@@ -100,12 +123,12 @@ _MAD_TO_SD = 1.4826
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Calibrated:
-    """A calibration, and what is to be thought of it. doubt: a sentence, "" when it is plausible."""
+    """A calibration. doubt: why it is not plausible, None when it is."""
 
     calibration: Calibration
     reference_m: float
     expected: ReferenceSegment
-    doubt: str
+    doubt: Finding | None
 
 
 def calibrate(
@@ -119,7 +142,7 @@ def calibrate(
     provisional_reference_m: float,
     at: datetime,
 ) -> Calibrated:
-    """Solve f·H from distances measured with a provisional anchor while the palm was `distance_m` away.
+    """Solve f·H from distances measured with a provisional segment while the palm was `distance_m` away.
 
     Raises ProfileError when there are too few samples, they scatter too much, or the distance is out of range.
     """
@@ -127,10 +150,7 @@ def calibrate(
     middle_m = statistics.median(measured_m)
     residual = _MAD_TO_SD * statistics.median(abs(one - middle_m) for one in measured_m) / middle_m
     if residual > MAX_RESIDUAL:
-        raise ProfileError(
-            f"The samples scatter by {residual * 100:.1f} %, at most {MAX_RESIDUAL * 100:g} % will do: "
-            "hold the palm flat and still towards the camera, in good light, and calibrate again."
-        )
+        raise ProfileError(ProfileFault.SCATTER, residual=residual, most=MAX_RESIDUAL)
     reference_m = provisional_reference_m * distance_m / middle_m
     calibration = Calibration(
         camera=camera,
@@ -159,31 +179,34 @@ def with_calibration(profile: Profile, calibration: Calibration) -> Profile:
 def _check_samples(distance_m: float, measured_m: Sequence[float]) -> None:
     low, high = DISTANCE_RANGE_M
     if not low <= distance_m <= high:
-        raise ProfileError(
-            f"Calibration distance {distance_m * 100:g} cm: hold the palm {low * 100:g} to {high * 100:g} cm "
-            "from the camera's front; 30 cm is best."
-        )
+        raise ProfileError(ProfileFault.DISTANCE, distance_m=distance_m, low_m=low, high_m=high)
     if len(measured_m) < MIN_SAMPLES:
-        raise ProfileError(
-            f"Only {len(measured_m)} of at least {MIN_SAMPLES} samples: show the whole hand to the camera, "
-            "in good light, and calibrate again."
-        )
+        raise ProfileError(ProfileFault.TOO_FEW_SAMPLES, count=len(measured_m), least=MIN_SAMPLES)
 
 
-def _doubt(profile: Profile, reference_m: float, expected: ReferenceSegment) -> str:
+def _doubt(profile: Profile, reference_m: float, expected: ReferenceSegment) -> Finding | None:
     off_sd = abs(reference_m - expected.length_m) / expected.sd_m
     # An estimate that a measured palm backs is tight: leave room for the focal length and keypoint bias.
     allowed_sd = MAX_DEVIATION_SD if expected.source is ReferenceSource.ESTIMATED else 8.0
     if off_sd <= allowed_sd:
-        return ""
-    return (
-        f"This makes the palm {reference_m / REFERENCE_OF_PALM * 100:.1f} cm wide, while {_source(profile, expected)}: "
-        "check the distance, the camera's focal length and the patient's stature."
+        return None
+    width_m = reference_m / REFERENCE_OF_PALM
+    if expected.source is ReferenceSource.MEASURED:
+        return Finding(PalmFinding.NOT_AS_MEASURED, {"width_m": width_m, "measured_m": expected.palm_width_m})
+    estimate = palm_estimate(profile)
+    return Finding(
+        PalmFinding.NOT_AS_ESTIMATED, {"width_m": width_m, "estimate_m": estimate.width_m, "sd_m": estimate.sd_m}
     )
 
 
-def _source(profile: Profile, expected: ReferenceSegment) -> str:
-    if expected.source is ReferenceSource.MEASURED:
-        return f"{expected.length_m / REFERENCE_OF_PALM * 100:.1f} cm were measured"
-    estimate = palm_estimate(profile)
-    return f"sex and stature say {estimate.width_m * 100:.1f} ± {estimate.sd_m * 100:.1f} cm"
+def explain_estimate(estimate: PalmEstimate) -> Finding:
+    """A palm width that nobody measured, its error and what that makes of a distance."""
+    return Finding(
+        PalmFinding.ESTIMATE,
+        {
+            "population": estimate.population.value,
+            "width_m": estimate.width_m,
+            "sd_m": estimate.sd_m,
+            "distance_error": estimate.distance_error,
+        },
+    )

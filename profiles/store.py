@@ -13,7 +13,7 @@ from typing import Any
 import msgspec
 from msgspec import Struct
 
-from profiles.errors import ProfileError
+from profiles.errors import ProfileError, ProfileFault
 from profiles.fields import IDENTIFIER, check, to_file
 from profiles.files import decode, encode, read_text, replace_files
 from profiles.schema import DEMO_PATIENT, Profile
@@ -33,14 +33,14 @@ class Change(Struct, frozen=True, kw_only=True):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Listing:
-    """What a home holds. broken: file name and the sentence that says what is wrong with it."""
+    """What a home holds. broken: file name and what is wrong with it."""
 
     profiles: tuple[Profile, ...]
-    broken: tuple[tuple[str, str], ...] = ()
+    broken: tuple[tuple[str, ProfileError], ...] = ()
 
 
 class ProfileStore:
-    """Profiles in a folder. Every method raises ProfileError with a sentence for people."""
+    """Profiles in a folder. Every method may raise ProfileError."""
 
     def __init__(self, folder: Path, checks: tuple[Check, ...] = ()) -> None:
         """folder: made when first written to. checks: more that a profile must pass to be saved."""
@@ -53,24 +53,23 @@ class ProfileStore:
         if not path.exists():
             if identifier == DEMO_PATIENT.identifier:
                 return DEMO_PATIENT
-            raise ProfileError(f"There is no patient {identifier} in {self._folder}: {self._known()}")
+            known = ", ".join(profile.identifier for profile in self.list().profiles)
+            raise ProfileError(ProfileFault.UNKNOWN_PATIENT, identifier=identifier, path=self._folder, known=known)
         profile = decode(read_text(path), str(path))
         if profile.identifier != identifier:
-            raise ProfileError(
-                f"{path} is the profile of {profile.identifier}: rename the file or mend its identifier."
-            )
+            raise ProfileError(ProfileFault.OTHER_PATIENT, path=path, identifier=profile.identifier)
         return profile
 
     def list(self, *, archived: bool = False) -> Listing:
-        """All patients by identifier, the archived ones only when asked for; broken files are told, not skipped."""
+        """All patients by identifier, the archived ones only when asked for; broken files are listed, not skipped."""
         profiles: dict[str, Profile] = {DEMO_PATIENT.identifier: DEMO_PATIENT}
-        broken: list[tuple[str, str]] = []
+        broken: list[tuple[str, ProfileError]] = []
         for path in sorted(self._folder.glob(f"[!.]*{SUFFIX}")):
             try:
                 profiles[path.stem] = self.load(path.stem)
             except ProfileError as error:
                 profiles.pop(path.stem, None)
-                broken.append((path.name, str(error)))
+                broken.append((path.name, error))
         wanted = (profiles[name] for name in sorted(profiles) if archived or not profiles[name].archived)
         return Listing(profiles=tuple(wanted), broken=tuple(broken))
 
@@ -78,7 +77,7 @@ class ProfileStore:
         """A new patient; an identifier that exists is refused."""
         with self._locked():
             if self._taken(profile.identifier):
-                raise ProfileError(f"There is a patient {profile.identifier} already: choose another identifier.")
+                raise ProfileError(ProfileFault.PATIENT_EXISTS, identifier=profile.identifier)
             self._write(profile, None, by=by, at=at, why="new")
 
     def save(self, profile: Profile, *, by: str, at: datetime, why: str = "") -> Change | None:
@@ -102,7 +101,7 @@ class ProfileStore:
             lines = path.read_bytes().splitlines()
             return tuple(msgspec.json.decode(line, type=Change) for line in lines if line.strip())
         except (OSError, msgspec.DecodeError) as error:
-            raise ProfileError(f"The history {path} can't be read: {error}; restore it from a copy.") from error
+            raise ProfileError(ProfileFault.HISTORY_UNREADABLE, path=path, detail=str(error)) from error
 
     def export(self, identifier: str, path: Path) -> None:
         """A copy as a file of its own, with the comments that the file here has."""
@@ -136,7 +135,7 @@ class ProfileStore:
 
     def _path(self, identifier: str) -> Path:
         if not IDENTIFIER.fullmatch(identifier):
-            raise ProfileError(f"{identifier!r} is no identifier: 1 to 40 letters, digits and hyphens, such as P-0042.")
+            raise ProfileError(ProfileFault.IDENTIFIER, identifier=identifier)
         return self._folder / f"{identifier}{SUFFIX}"
 
     def _history_path(self, identifier: str) -> Path:
@@ -148,10 +147,6 @@ class ProfileStore:
         names = {one.stem.lower() for one in self._folder.glob(f"[!.]*{SUFFIX}")} | {DEMO_PATIENT.identifier}
         return path.stem.lower() in names
 
-    def _known(self) -> str:
-        names = ", ".join(profile.identifier for profile in self.list().profiles)
-        return f"there are {names}; `rleex profile new` makes one."
-
     @contextmanager
     def _locked(self) -> Iterator[None]:
         """One writer at a time: the console and the command line may be open together."""
@@ -161,7 +156,7 @@ class ProfileStore:
                 fcntl.flock(lock, fcntl.LOCK_EX)
                 yield
         except OSError as error:
-            raise ProfileError(f"{self._folder} can't be written: {error.strerror}; mend the folder.") from error
+            raise ProfileError(ProfileFault.FOLDER_READ_ONLY, path=self._folder, detail=error.strerror) from error
 
 
 def differences(before: Profile | None, after: Profile) -> dict[str, tuple[Any, Any]]:

@@ -16,7 +16,6 @@ from app.ipc.messages import (
     JointSnapshot,
     OperatorKind,
     PerceptionCommand,
-    PressRange,
     Preview,
     RealTime,
     TriggerReport,
@@ -25,6 +24,7 @@ from app.ipc.states import ACTION_OF, Action, Effect, Event, GaitState
 from app.session.host import Latest, ProcessStatus
 from app.system.config import SessionSetup
 from kgdfa.gesture import Gesture
+from kgdfa.press_zone import PressZone
 from logs.reason import Value, plain
 
 ALLOWED_STANDING = (
@@ -71,7 +71,7 @@ class FakeHost:
     pressed: bool = False
     events: tuple[ActiveEvent, ...] = ()
     camera_fault: str = ""
-    press_zone: PressRange | None = None
+    press_zone: PressZone | None = None
     silent: bool = False
     guardian_gone: bool = False
     rests_at_once: bool = True

@@ -53,9 +53,9 @@ def _print(console: Console, model: RobustModel) -> None:
     table = Table(title="fitted: acceptance thresholds, and between which angles 94 % of a gesture's hands lie")
     table.add_column("gesture")
     table.add_column("accept from", justify="right")
-    angles = [k for k, feature in enumerate(FEATURES) if feature.text.endswith(" angle")]
+    angles = [k for k, feature in enumerate(FEATURES) if feature.name.endswith(" angle")]
     for k in angles:
-        table.add_column(FEATURES[k].text, justify="right")
+        table.add_column(FEATURES[k].name, justify="right")
     for number, gesture in enumerate(GESTURES):
         ranges = (f"{model.low[number, k]:.0f}–{model.high[number, k]:.0f}°" for k in angles)
         table.add_row(gesture.value, f"{model.accept[number]:.2f}", *ranges)

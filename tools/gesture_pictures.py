@@ -14,6 +14,7 @@ from app.evaluate.harness import FRAME_NS
 from app.system.config import load_config
 from app.system.hand_model import find_model
 from app.system.paths import find_home
+from app.text.catalogue import render as text
 from hal.cameras.digital_hand.render import person_of, posed, render
 from hal.cameras.digital_hand.skeleton import GESTURES, LOOK_ALIKES, Pose
 from kgdfa.draw import caption, draw_hand
@@ -51,7 +52,7 @@ def _tile(pose: Pose, seed: int, detector: HandDetector, rules: RobustRules, fir
     why = "no hand found"
     if hands:
         draw_hand(drawn, hands[0])
-        why = rules.classify(hands[0]).explanation
+        why = text(rules.classify(hands[0]).explanation)
     top, left = (image.shape[0] - SIDE_PX) // 2, (image.shape[1] - SIDE_PX) // 2
     square = drawn[top : top + SIDE_PX, left : left + SIDE_PX]
     return caption(np.asarray(cv2.resize(square, (TILE_PX, TILE_PX)), np.uint8), [f"shown: {pose.name}", why])

@@ -50,7 +50,7 @@ def list_patients(
     from rich.console import Console
     from rich.table import Table
 
-    from app.text.catalogue import tr
+    from app.text.catalogue import render, tr
     from profiles.palm import reference_segment
 
     listing = _store(home).list(archived=archived)
@@ -71,7 +71,7 @@ def list_patients(
     console.print(table)
     for name, why in listing.broken:
         console.print(f"{tr('cli.profile.not_usable')} {name}: ", end="", style="red", markup=False)
-        console.print(why, markup=False)
+        console.print(render(why), markup=False)
 
 
 @cli.command()
@@ -81,13 +81,13 @@ def show(patient: Patient, home: HomeOption = None) -> None:
 
     from app.text.catalogue import tr
     from profiles.files import encode
-    from profiles.palm import palm_estimate, reference_segment
+    from profiles.palm import explain_estimate, palm_estimate, reference_segment
 
     profile = _store(home).load(patient)
     console = Console()
     console.print(encode(profile), markup=False, highlight=True)
-    console.print(tr("cli.profile.palm_in_use", palm=reference_segment(profile).sentence))
-    console.print(tr("cli.profile.palm_by_table", palm=palm_estimate(profile).sentence))
+    console.print(tr("cli.profile.palm_in_use", palm=reference_segment(profile).explain()))
+    console.print(tr("cli.profile.palm_by_table", palm=explain_estimate(palm_estimate(profile))))
 
 
 @cli.command()
@@ -111,7 +111,7 @@ def new(
     typed = {"sex": sex, "stature_cm": str(stature), "mass_kg": str(mass), **parse_assignments(more or [])}
     profile = edit(blank, typed)
     _store(home).create(profile, by=_who(by), at=datetime.now(UTC))
-    say("cli.profile.created", patient=patient, palm=reference_segment(profile).sentence)
+    say("cli.profile.created", patient=patient, palm=reference_segment(profile).explain())
 
 
 @cli.command("set")
@@ -130,9 +130,9 @@ def set_fields(
     store = _store(home)
     profile = edit(store.load(patient), parse_assignments(changes))
     if profile.identifier != patient:
-        from profiles.errors import ProfileError
+        from profiles.errors import ProfileError, ProfileFault
 
-        raise ProfileError("The identifier can't be changed: it ties the patient to the audit trail; make a new one.")
+        raise ProfileError(ProfileFault.IDENTIFIER_FIXED)
     change = store.save(profile, by=_who(by), at=datetime.now(UTC), why=why)
     if change is None:
         say("cli.profile.unchanged")
@@ -156,7 +156,7 @@ def calibrate(
 
     from app.perception.palm_calibration import WANTED_SAMPLES, sample_palm
     from app.system.errors import AppError
-    from app.text.catalogue import tr
+    from app.text.catalogue import render, tr
     from profiles.palm import reference_segment, with_calibration
 
     store, console = _store(home), Console(soft_wrap=True)
@@ -176,9 +176,9 @@ def calibrate(
         raise AppError(CliFault.NOT_KEPT, doubt=made.doubt)
     known = with_calibration(profile, made.calibration)
     store.save(known, by=_who(by), at=datetime.now(UTC), why=f"calibrated with {camera.name}")
-    kept = {"camera": camera.name, "palm": reference_segment(known, camera=camera.name).sentence}
+    kept = {"camera": camera.name, "palm": reference_segment(known, camera=camera.name).explain()}
     console.print(tr("cli.profile.kept", scatter=made.calibration.residual, **kept), highlight=False)
-    console.print(made.doubt or tr("cli.profile.plausible"))
+    console.print(render(made.doubt) if made.doubt else tr("cli.profile.plausible"))
 
 
 @contextmanager

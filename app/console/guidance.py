@@ -70,8 +70,8 @@ def _real_time(state: SessionState) -> bool:
 
 
 def _press_zone(state: SessionState) -> bool:
-    zone = None if state.report is None else state.report.press_zone
-    return zone is None or zone.fits
+    report = state.report
+    return report is None or report.press_zone is None or report.press_zone.fits(report.threshold_m)
 
 
 def _confirmed(state: SessionState) -> bool:

@@ -13,7 +13,7 @@ import msgspec
 
 from app.system.config import JointsConfig
 from hal.joints.device import DEFAULT_DEVICE, load_exoskeleton
-from logs.reason import Reason, reason
+from logs.reason import Reason, reason, reason_of
 from profiles.fields import file_key, to_file, unit_of, violations
 from profiles.schema import HandUsed, Population, Profile, Sex
 from profiles.store import Check
@@ -163,7 +163,7 @@ def parse(typed: dict[str, str], base: Profile) -> Parsed:
     if errors:
         return Parsed(None, errors)
     profile = msgspec.convert(built, type=Profile)
-    wrong: dict[str, Reason | str] = {_path_of(one.field): one.text for one in reversed(violations(profile))}
+    wrong: dict[str, Reason | str] = {_path_of(one.field): reason_of(one) for one in reversed(violations(profile))}
     return Parsed(None if wrong else profile, wrong)
 
 

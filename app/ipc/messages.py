@@ -14,27 +14,10 @@ from msgspec import Struct
 
 from app.ipc.states import Action, Effect, Event, GaitState, Outcome, Source
 from kgdfa.gesture import Gesture
+from kgdfa.press_zone import PressZone
 from logs.reason import Reason, Value, key_of
 
 Quad = tuple[float, float, float, float]  # in the order of hal.joints.protocol.Joint
-
-
-class PressRange(Struct, frozen=True, kw_only=True):
-    """Where a press works for this patient before this camera, metres from the camera.
-
-    followed_from_m: nearer, the hand is lost. whole_from_m: nearer, fingertips are out of the picture. seen_to_m:
-    farther, the hand is too small. threshold_m: proposed; rest_beyond_m: where the hand rests with it. fits: whether
-    the patient's own threshold works here. assessment: all of it as one reason.
-    """
-
-    followed_from_m: float
-    whole_from_m: float
-    seen_to_m: float
-    threshold_m: float
-    rest_beyond_m: float
-    possible: bool
-    fits: bool
-    assessment: Reason
 
 
 class TriggerReport(Struct, frozen=True, kw_only=True, tag="trigger"):
@@ -70,7 +53,7 @@ class TriggerReport(Struct, frozen=True, kw_only=True, tag="trigger"):
     detector_ready: bool = True  # False while the hand model is loading
     depth_distance_m: float | None = None  # measured by a depth camera, for comparison
     depth_pressed: bool = False
-    press_zone: PressRange | None = None  # None until a frame has told the focal length
+    press_zone: PressZone | None = None  # None until a frame has told the focal length
 
 
 class Preview(Struct, frozen=True, kw_only=True, tag="preview"):

@@ -1,36 +1,51 @@
-"""Keeps a camera open: what breaks is closed, told in a sentence, and opened again with a growing pause."""
+"""The camera of a session: supervised, recorded where the patient consents, its images checked for light and focus."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from enum import Enum
 
 from app.audit.sink import AuditSink
 from app.ipc.messages import HandCommand, PerceptionCommand
 from app.system.config import SessionSetup
 from app.system.paths import Home
 from hal.cameras.camera import Camera, CommandedHand, EndOfRecording, Frame
-from hal.cameras.exposure import ImageFault, image_fault
+from hal.cameras.exposure import image_fault
 from hal.cameras.recording import Recorder
 from hal.errors import HardwareError, RecordingFault
 from logs import records
 from logs.reason import Reason, reason, reason_of
 
 BACK_OFF_S = (0.2, 0.5, 1.0, 2.0, 4.0)
+CHECK_PERIOD_NS = 500_000_000
+LASTING_CHECKS = 3  # in a row: a hand that covers the lens for a moment is not a dark room
+
+
+class PerceptionNote(Enum):
+    """What perception reports of its camera and model."""
+
+    MODEL_LOADING = "model loading"
+    THRESHOLD_UNSUITED = "threshold unsuited"  # threshold_m, zone: the press zone's explanation
+    FRAMES_DROPPED = "frames dropped"  # count
+    FRAMES_DROPPED_BY_FAULT = "frames dropped by fault"  # count, fault
 
 
 @dataclass(slots=True)
-class CameraKeeper:
-    """Frames from a camera that may be unplugged. `fault`: why nothing comes."""
+class CameraSupervisor:
+    """Frames from a camera that may be unplugged: closed when it fails, opened again with a growing pause.
+
+    fault: why no frames come, None while they do.
+    """
 
     camera: Camera
+    on_fault: Callable[[Reason], None] = field(default=lambda _: None)
     fault: Reason | None = None
     ended: bool = False
     _open: bool = False
     _failures: int = 0
     _next_try_s: float = 0.0
-    on_fault: Callable[[Reason], None] = field(default=lambda _: None)
 
     def read(self, now_s: float, timeout_s: float) -> Frame | None:
         """The next frame, or None: none in time, the camera is lost, or the recording has ended."""
@@ -67,17 +82,17 @@ class CameraKeeper:
         self._open = True
         return True
 
-    def _lost(self, now_s: float, why: Reason) -> None:
+    def _lost(self, now_s: float, fault: Reason) -> None:
         self.close()
         self._next_try_s = now_s + BACK_OFF_S[min(self._failures, len(BACK_OFF_S) - 1)]
         self._failures += 1
-        if why != self.fault:
-            self.on_fault(why)
-        self.fault = why
+        if fault != self.fault:
+            self.on_fault(fault)
+        self.fault = fault
 
 
 class SessionRecorder:
-    """Off until asked; a folder of its own every time it is switched on."""
+    """Records frames once the operator has noted the patient's consent; each recording has a folder of its own."""
 
     def __init__(self, setup: SessionSetup, sink: AuditSink, camera: str) -> None:
         self._setup = setup
@@ -85,11 +100,11 @@ class SessionRecorder:
         self._camera = camera
         self._recorder: Recorder | None = None
 
-    def handle(self, wish: PerceptionCommand) -> None:
+    def handle(self, command: PerceptionCommand) -> None:
         """Begin or end recording. To begin is to state that the patient has consented (the console asks)."""
-        if wish.record is True and self._recorder is None:
+        if command.record is True and self._recorder is None:
             self._begin()
-        elif wish.record is False:
+        elif command.record is False:
             self.close()
 
     def take(self, frame: Frame) -> None:
@@ -104,22 +119,24 @@ class SessionRecorder:
             return
         recorder.close()
         self._sink.emit(records.Recording(on=False, consent=True, path=recorder.folder.name))
-        if recorder.dropped or recorder.fault:
-            said = f"{recorder.dropped} frames of the recording were dropped. {recorder.fault}".strip()
-            self._sink.emit(records.Note(text=said))
+        if recorder.fault:
+            dropped = reason(PerceptionNote.FRAMES_DROPPED_BY_FAULT, count=recorder.dropped, fault=recorder.fault)
+            self._sink.emit(records.Note(text=dropped))
+        elif recorder.dropped:
+            self._sink.emit(records.Note(text=reason(PerceptionNote.FRAMES_DROPPED, count=recorder.dropped)))
 
     def _begin(self) -> None:
         folder = Home(self._setup.home).recordings / f"{self._setup.session}-{time.strftime('%H%M%S', time.gmtime())}"
         try:
             self._recorder = Recorder(folder, self._camera)
         except HardwareError as error:
-            self._sink.emit(records.Note(text=str(error)))
+            self._sink.emit(records.Note(text=reason_of(error)))
             return
         self._sink.emit(records.Recording(on=True, consent=True, path=folder.name))
 
 
-def steer(camera: Camera, command: HandCommand) -> None:
-    """Pass a command on to the digital hand. Raises HardwareError for what it can't do."""
+def move_hand(camera: Camera, command: HandCommand) -> None:
+    """Pass a command on to the digital hand; other cameras have none. Raises HardwareError for what it can't do."""
     if not isinstance(camera, CommandedHand):
         return
     shape = command.gesture or command.pose
@@ -132,30 +149,24 @@ def steer(camera: Camera, command: HandCommand) -> None:
     )
 
 
-LOOK_NS = 500_000_000
-LASTING = 3  # looks in a row: a hand that covers the lens for a moment is not a dark room
-
-
 @dataclass(slots=True)
-class PictureHints:
-    """Remembers the last looks."""
+class ImageCheck:
+    """What is wrong with the images: checked twice a second, reported only when it lasts."""
 
-    fault: ImageFault | None = None
-    _newest: ImageFault | None = None
+    reported: Reason | None = None
+    _found: Reason | None = None
     _count: int = 0
     _next_ns: int = 0
 
-    def of(self, frame: Frame) -> Reason | None:
-        """The fault in force after this frame; None when the image is good."""
+    def update(self, frame: Frame) -> Reason | None:
+        """What is wrong as of this frame; None when the images are good."""
         if frame.captured_ns < self._next_ns:
-            return self._reason()
-        self._next_ns = frame.captured_ns + LOOK_NS
-        now = image_fault(frame.image_bgr)
-        self._count = self._count + 1 if now == self._newest else 1
-        self._newest = now
-        if self._count >= LASTING:
-            self.fault = now
-        return self._reason()
-
-    def _reason(self) -> Reason | None:
-        return None if self.fault is None else reason(self.fault)
+            return self.reported
+        self._next_ns = frame.captured_ns + CHECK_PERIOD_NS
+        found = image_fault(frame.image_bgr)
+        now = None if found is None else reason(found)
+        self._count = self._count + 1 if now == self._found else 1
+        self._found = now
+        if self._count >= LASTING_CHECKS:
+            self.reported = now
+        return self.reported

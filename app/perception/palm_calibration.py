@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import datetime
+from enum import Enum
 
 from app.system.errors import AppError
 from hal.cameras.camera import Camera, Frame, Intrinsics
@@ -19,14 +20,25 @@ FRAME_TIMEOUT_S = 0.5
 MAX_TILT_RAD = 0.6  # a palm turned further is not facing the camera
 
 
+class PalmHint(Enum):
+    """What the patient is to do while the palm is measured, or why nothing is."""
+
+    SHOW_PALM = "show palm"
+    SHOW_ONE_HAND = "show one hand"
+    HOLD_FLAT = "hold flat"
+    FACE_CAMERA = "face camera"
+    HOLD_STILL = "hold still"
+    NO_FRAME = "no frame"  # camera
+
+
 @dataclass(slots=True)
 class PalmSampler:
-    """Distances of a palm by a provisional anchor; feed it frames until it has enough."""
+    """Distances of a palm by a provisional segment; feed it frames until it has enough."""
 
     profile: Profile
     detector: Detector
     samples_m: list[float]
-    hint: str = "Show the flat palm to the camera, fingers up."
+    hint: PalmHint = PalmHint.SHOW_PALM
     _finder: RobustRange | None = None
     _lens: Intrinsics | None = None
 
@@ -41,7 +53,7 @@ class PalmSampler:
         return len(self.samples_m) >= WANTED_SAMPLES
 
     def take(self, frame: Frame) -> None:
-        """One frame: a sample when a palm faces the camera, else a hint for people."""
+        """One frame: a sample when a palm faces the camera, else a hint."""
         if self._finder is None or frame.intrinsics != self._lens:
             self._lens = frame.intrinsics
             self._finder = RobustRange(
@@ -54,12 +66,12 @@ class PalmSampler:
         hands = self.detector.detect(frame.image_bgr, frame.captured_ns)
         distance = self._finder.measure(hands[0], frame.captured_ns) if len(hands) == 1 else None
         if distance is None:
-            self.hint = "Show one hand, whole, to the camera." if len(hands) != 1 else "Hold the palm flat."
+            self.hint = PalmHint.SHOW_ONE_HAND if len(hands) != 1 else PalmHint.HOLD_FLAT
         elif distance.tilt_rad > MAX_TILT_RAD:
-            self.hint = "Turn the palm towards the camera."
+            self.hint = PalmHint.FACE_CAMERA
         else:
             self.samples_m.append(distance.shown_m)
-            self.hint = "Hold still."
+            self.hint = PalmHint.HOLD_STILL
 
     def solve(self, camera: str, distance_m: float, at: datetime) -> Calibrated:
         """The calibration. Raises ProfileError when the samples don't suffice."""
@@ -86,7 +98,7 @@ def sample_palm(
     for _ in range(MAX_FRAMES):
         frame = camera.read(FRAME_TIMEOUT_S)
         if frame is None:
-            raise AppError(f"No picture came from {camera.name}: check its cable and that no other program uses it.")
+            raise AppError(PalmHint.NO_FRAME, camera=camera.name)
         sampler.take(frame)
         watch(sampler, frame)
         if sampler.enough:

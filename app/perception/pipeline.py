@@ -1,4 +1,4 @@
-"""Builds what perception runs, from the session's set-up: camera, detector, pipeline."""
+"""Assembles what perception runs from the session's set-up: camera, detector, pipeline."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import threading
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Generic, TypeVar
 
-from app.ipc.messages import PressRange
+from app.perception.camera import PerceptionNote
 from app.system.config import SessionSetup
 from app.system.hand_model import find_model
 from app.system.paths import Home
@@ -18,12 +18,12 @@ from kgdfa.distance import PublishedRange, RangeFinder
 from kgdfa.gesture import RuleSet
 from kgdfa.pipeline import Detector, Pipeline
 from kgdfa.preprocess import AsNeeded
-from kgdfa.press_zone import press_zone
+from kgdfa.press_zone import PressZone, press_zone
 from kgdfa.published import PublishedRules
 from kgdfa.robust import RobustRules
 from kgdfa.robust_distance import RobustRange
 from logs import records
-from logs.reason import Reason
+from logs.reason import Reason, reason, reason_of
 from profiles.palm import ReferenceSegment, reference_segment
 
 if TYPE_CHECKING:
@@ -58,7 +58,7 @@ def make_detector(setup: SessionSetup) -> HandDetector:
 
 
 def make_pipeline(setup: SessionSetup, detector: Detector, frame: Frame, camera: str) -> tuple[Pipeline, ButtonPlace]:
-    """The chain for this patient before this camera, whose first frame tells its intrinsics."""
+    """The chain for this patient before this camera, whose first frame carries its intrinsics."""
     place = make_place(setup, frame)
     config = setup.config
     finder: RangeFinder = RANGES[config.button.mode](
@@ -83,7 +83,7 @@ def make_pipeline(setup: SessionSetup, detector: Detector, frame: Frame, camera:
 
 
 def make_place(setup: SessionSetup, frame: Frame) -> ButtonPlace:
-    """The virtual button on this picture."""
+    """The virtual button on this image."""
     width_px, height_px = frame.intrinsics.width_px, frame.intrinsics.height_px
     return ButtonPlace(
         x_px=setup.config.button.x * width_px,
@@ -94,43 +94,33 @@ def make_place(setup: SessionSetup, frame: Frame) -> ButtonPlace:
 
 
 def reference_for(setup: SessionSetup, frame: Frame, camera: str) -> ReferenceSegment:
-    """The patient's palm anchor before this camera."""
+    """The patient's reference segment before this camera."""
     seen = frame.intrinsics
     return reference_segment(setup.profile, camera=camera, focal_px=seen.fx_px, width_px=seen.width_px)
 
 
-def press_range(setup: SessionSetup, frame: Frame, camera: str) -> PressRange:
-    """Where a press works for this patient before this camera, and whether the patient's threshold suits it."""
-    seen = frame.intrinsics
-    zone = press_zone(
-        focal_px=seen.fx_px,
-        width_px=seen.width_px,
-        height_px=seen.height_px,
-        reference_m=reference_for(setup, frame, camera).length_m,
-    )
-    return PressRange(
-        followed_from_m=zone.followed_from_m,
-        whole_from_m=zone.whole_from_m,
-        seen_to_m=zone.seen_to_m,
-        threshold_m=zone.threshold_m,
-        rest_beyond_m=zone.rest_beyond_m,
-        possible=zone.possible,
-        fits=zone.fits(setup.profile.press_threshold_m),
-        assessment=Reason("Text.PLAIN", {"text": zone.sentence}),
+def zone_for(setup: SessionSetup, frame: Frame, camera: str) -> PressZone:
+    """Where a press works for this patient before this camera."""
+    lens, segment = frame.intrinsics, reference_for(setup, frame, camera)
+    return press_zone(
+        focal_px=lens.fx_px,
+        width_px=lens.width_px,
+        height_px=lens.height_px,
+        reference_m=segment.length_m,
+        palm_width_m=segment.palm_width_m,
     )
 
 
-def zone_hint(setup: SessionSetup, zone: PressRange) -> str:
-    """What to tell the therapist when the patient's press threshold does not suit this camera; "" when it does."""
-    return (
-        ""
-        if zone.fits
-        else f"Threshold {setup.profile.press_threshold_m * 100:.0f} cm: {zone.assessment.values['text']}"
-    )
+def zone_hint(setup: SessionSetup, zone: PressZone) -> Reason | None:
+    """Why the patient's press threshold does not suit this camera; None when it does."""
+    threshold_m = setup.profile.press_threshold_m
+    if zone.fits(threshold_m):
+        return None
+    return reason(PerceptionNote.THRESHOLD_UNSUITED, threshold_m=threshold_m, zone=zone.explain())
 
 
 def camera_records(setup: SessionSetup, camera: Camera, frame: Frame) -> tuple[records.Camera, records.Calibration]:
-    """What the trail must know of the camera and of the anchor in use."""
+    """What the trail must hold of the camera and of the reference segment in use."""
     seen, palm = frame.intrinsics, reference_for(setup, frame, camera.name)
     return (
         records.Camera(
@@ -148,7 +138,7 @@ def camera_records(setup: SessionSetup, camera: Camera, frame: Frame) -> tuple[r
             anchor_m=palm.length_m,
             focal_px=seen.fx_px,
             residual_m=palm.sd_m,
-            text=palm.sentence,
+            text=reason_of(palm.explain()),
         ),
     )
 
@@ -157,7 +147,10 @@ T = TypeVar("T")
 
 
 class Loading(Generic[T]):
-    """Something built in a thread from `begin` on. Its error, if any, is raised to whoever asks."""
+    """Something built in a thread from `begin` on. Its error, if any, is raised by `ready`.
+
+    Loading delays the first frame by half a second even beside it (one interpreter), so it begins after that frame.
+    """
 
     def __init__(self, build: Callable[[], T]) -> None:
         self._build = build
@@ -166,7 +159,7 @@ class Loading(Generic[T]):
         self._thread: threading.Thread | None = None
 
     def begin(self) -> None:
-        """Start building; harmless when done again."""
+        """Start building, once."""
         if self._thread is None:
             self._thread = threading.Thread(target=self._run, name="detector-loader", daemon=True)
             self._thread.start()
@@ -180,5 +173,5 @@ class Loading(Generic[T]):
     def _run(self) -> None:
         try:
             self._value = self._build()
-        except Exception as error:  # noqa: BLE001 - handed to the thread that asks
+        except Exception as error:  # noqa: BLE001 - raised by `ready`
             self._error = error

@@ -14,14 +14,14 @@ from collections import deque
 from app.audit.sink import AuditSink
 from app.ipc import streams as processes
 from app.ipc.links import OrderedReceiver, Publisher, address
-from app.ipc.messages import HandCommand, PerceptionCommand, PressRange
-from app.perception import pipeline as build
-from app.perception.camera import CameraKeeper, PictureHints, SessionRecorder, steer
+from app.ipc.messages import HandCommand, PerceptionCommand
+from app.perception import pipeline as assembly
+from app.perception.camera import CameraSupervisor, ImageCheck, PerceptionNote, SessionRecorder, move_hand
 from app.perception.pipeline import Loading
 from app.perception.reporting import (
     FPS_WINDOW,
+    Context,
     PreviewPacer,
-    Surroundings,
     frames_per_second,
     records_between,
     to_message,
@@ -32,11 +32,12 @@ from hal.cameras.camera import Frame
 from kgdfa.button import ButtonPlace
 from kgdfa.draw import draw
 from kgdfa.pipeline import Picture, Pipeline, Report
-from logs.reason import Reason, plain
+from kgdfa.press_zone import PressZone
+from logs.reason import Reason, reason
 from logs.records import EventRaised, ProcessEnd, ProcessStart
 
 FRAME_TIMEOUT_S = 0.1
-LOADING = "The hand model is loading."
+LOADING = reason(PerceptionNote.MODEL_LOADING)
 
 
 def run_perception(setup: SessionSetup) -> None:
@@ -53,7 +54,7 @@ def run_perception(setup: SessionSetup) -> None:
 
 
 class Perception:
-    """Owns the camera and the pipeline; speaks through its links alone."""
+    """Owns the camera and the pipeline; its links are its only outputs."""
 
     def __init__(self, setup: SessionSetup) -> None:
         links = setup.links
@@ -61,17 +62,17 @@ class Perception:
         self._sink = AuditSink(links, "perception", setup.operator)
         self._reports = Publisher(address(links, processes.TRIGGER.name))
         self._previews = Publisher(address(links, processes.PREVIEW.name))
-        self._wishes: OrderedReceiver[HandCommand | PerceptionCommand] = OrderedReceiver(
+        self._commands: OrderedReceiver[HandCommand | PerceptionCommand] = OrderedReceiver(
             address(links, processes.TO_PERCEPTION.name), HandCommand | PerceptionCommand
         )
-        self._camera = CameraKeeper(build.make_camera(setup), on_fault=self._tell_fault)
-        self._detector = Loading(lambda: build.make_detector(setup))
+        self._camera = CameraSupervisor(assembly.make_camera(setup), on_fault=self._record_fault)
+        self._detector = Loading(lambda: assembly.make_detector(setup))
         self._pipeline: Pipeline | None = None
         self._place: ButtonPlace | None = None
-        self._hint = plain(LOADING)
-        self._zone: PressRange | None = None
+        self._hint: Reason | None = LOADING
+        self._zone: PressZone | None = None
         self._ready = False
-        self._hints = PictureHints()
+        self._image_check = ImageCheck()
         self._recorder = SessionRecorder(setup, self._sink, self._camera.camera.name)
         self._pacer = PreviewPacer()
         self._incarnation = time.monotonic_ns() // 1_000_000
@@ -85,16 +86,16 @@ class Perception:
         """Frame after frame."""
         self._sink.emit(ProcessStart(pid=os.getpid()))
         while not self._ending and os.getppid() == self._setup.console_pid:
-            self._obey()
+            self._handle_commands()
             frame = self._camera.read(time.monotonic(), FRAME_TIMEOUT_S)
             if frame is not None or self._camera.fault:  # while there is no camera, there is time to load
                 self._detector.begin()
             if frame is None:
-                self._say(None, self._last_captured_ns)
-                if self._camera.fault:  # a closed camera answers at once; ten reports a second tell as much
+                self._send_report(None, self._last_captured_ns)
+                if self._camera.fault:  # a closed camera returns at once: ten reports a second suffice
                     time.sleep(FRAME_TIMEOUT_S)
             else:
-                self._see(frame)
+                self._take(frame)
 
     def end(self) -> None:
         """Finish the running frame and leave."""
@@ -109,52 +110,52 @@ class Perception:
             detector.close()
         self._sink.emit(ProcessEnd(pid=os.getpid()))
         self._sink.close()
-        for link in (self._reports, self._previews, self._wishes):
+        for link in (self._reports, self._previews, self._commands):
             link.close()
 
-    def _obey(self) -> None:
-        while (wish := self._wishes.receive()) is not None:
-            if isinstance(wish, HandCommand):
-                steer(self._camera.camera, wish)
+    def _handle_commands(self) -> None:
+        while (command := self._commands.receive()) is not None:
+            if isinstance(command, HandCommand):
+                move_hand(self._camera.camera, command)
             else:
-                self._pacer.configure(wish)
-                self._recorder.handle(wish)
+                self._pacer.configure(command)
+                self._recorder.handle(command)
 
-    def _see(self, frame: Frame) -> None:
+    def _take(self, frame: Frame) -> None:
         self._last_captured_ns = frame.captured_ns
         self._captures.append(frame.captured_ns)
         self._recorder.take(frame)
         report = self._process(frame)
-        self._say(report, frame.captured_ns)
+        self._send_report(report, frame.captured_ns)
         if report is not None:
             for record in records_between(self._last, report, self._setup.profile.press_threshold_m):
                 self._sink.emit(record)
             self._last = report
         if self._pacer.due(time.monotonic_ns()):
-            self._show(frame, report)
+            self._send_preview(frame, report)
 
     def _process(self, frame: Frame) -> Report | None:
         """The frame through the chain; None while the hand model is loading."""
         camera = self._camera.camera
         if self._zone is None:
-            self._zone = build.press_range(self._setup, frame, camera.name)
-        self._hint = self._hints.of(frame) or plain(build.zone_hint(self._setup, self._zone))
+            self._zone = assembly.zone_for(self._setup, frame, camera.name)
+        self._hint = self._image_check.update(frame) or assembly.zone_hint(self._setup, self._zone)
         detector = self._detector.ready()
         if detector is None:
-            self._hint = plain(LOADING)
+            self._hint = LOADING
             return None
         self._ready = True
         if self._pipeline is None:
-            self._pipeline, self._place = build.make_pipeline(self._setup, detector, frame, camera.name)
-            for record in build.camera_records(self._setup, camera, frame):
+            self._pipeline, self._place = assembly.make_pipeline(self._setup, detector, frame, camera.name)
+            for record in assembly.camera_records(self._setup, camera, frame):
                 self._sink.emit(record)
             gc_freeze()
         picture = Picture(image_bgr=frame.image_bgr, captured_ns=frame.captured_ns, depth_m=frame.depth_m)
         return self._pipeline.process(picture)
 
-    def _say(self, report: Report | None, captured_ns: int) -> None:
+    def _send_report(self, report: Report | None, captured_ns: int) -> None:
         self._sequence += 1
-        around = Surroundings(
+        context = Context(
             incarnation=self._incarnation,
             sequence=self._sequence,
             sent_ns=time.monotonic_ns(),
@@ -166,14 +167,14 @@ class Perception:
             detector_ready=self._ready,
             press_zone=self._zone,
         )
-        self._reports.send(to_message(report, around, captured_ns))
+        self._reports.send(to_message(report, context, captured_ns))
 
-    def _show(self, frame: Frame, report: Report | None) -> None:
+    def _send_preview(self, frame: Frame, report: Report | None) -> None:
         image = frame.image_bgr
         if report is not None and self._place is not None:
             image = image.copy()
             draw(image, report, self._place)
         self._previews.send(self._pacer.message(image, frame.captured_ns))
 
-    def _tell_fault(self, why: Reason) -> None:
-        self._sink.emit(EventRaised(event="camera-lost", effect="note", text=why))
+    def _record_fault(self, fault: Reason) -> None:
+        self._sink.emit(EventRaised(event="camera-lost", effect="note", text=fault))

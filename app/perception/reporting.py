@@ -1,4 +1,4 @@
-"""From a pipeline report to the message for control and the records for the trail. Pure folds."""
+"""What perception sends: the report for control, the records for the trail, the preview for the screen."""
 
 from __future__ import annotations
 
@@ -10,17 +10,19 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from app.ipc.messages import PerceptionCommand, PressRange, Preview, TriggerReport
+from app.ipc.messages import PerceptionCommand, Preview, TriggerReport
+from kgdfa.gesture import Decision
 from kgdfa.pipeline import Report
-from logs.reason import Reason, plain
+from kgdfa.press_zone import PressZone
+from logs.reason import Reason, reason, reason_of
 from logs.records import Body, Cancel, GestureOnset, Press, Release
 
 FPS_WINDOW = 30  # frames
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Surroundings:
-    """What the message says beside the hand."""
+class Context:
+    """What the message carries beside the hand."""
 
     incarnation: int
     sequence: int
@@ -31,31 +33,31 @@ class Surroundings:
     camera_fault: Reason | None = None
     hint: Reason | None = None
     detector_ready: bool = True
-    press_zone: PressRange | None = None
+    press_zone: PressZone | None = None
 
 
-def to_message(report: Report | None, around: Surroundings, captured_ns: int) -> TriggerReport:
+def to_message(report: Report | None, context: Context, captured_ns: int) -> TriggerReport:
     """The trigger report of one frame; without a pipeline report, "no hand" with the reason why."""
     if report is None:
-        return _without_hand(around, captured_ns)
-    return _with_button(_with_hand(_without_hand(around, report.captured_ns), report), report)
+        return _without_hand(context, captured_ns)
+    return _with_button(_with_hand(_without_hand(context, report.captured_ns), report), report)
 
 
-def _without_hand(around: Surroundings, captured_ns: int) -> TriggerReport:
+def _without_hand(context: Context, captured_ns: int) -> TriggerReport:
     return TriggerReport(
-        incarnation=around.incarnation,
-        sequence=around.sequence,
+        incarnation=context.incarnation,
+        sequence=context.sequence,
         captured_ns=captured_ns,
-        sent_ns=around.sent_ns,
+        sent_ns=context.sent_ns,
         hand=False,
         gesture=None,
-        threshold_m=around.threshold_m,
-        fps=around.fps,
-        camera=around.camera,
-        camera_fault=around.camera_fault,
-        hint=around.hint,
-        detector_ready=around.detector_ready,
-        press_zone=around.press_zone,
+        threshold_m=context.threshold_m,
+        fps=context.fps,
+        camera=context.camera,
+        camera_fault=context.camera_fault,
+        hint=context.hint,
+        detector_ready=context.detector_ready,
+        press_zone=context.press_zone,
     )
 
 
@@ -68,7 +70,7 @@ def _with_hand(message: TriggerReport, report: Report) -> TriggerReport:
         recognised_ns=report.recognised_ns,
         raw_gesture=verdict.gesture if verdict else None,
         confidence=verdict.confidence if verdict else 0.0,
-        explanation=plain(verdict.explanation) if verdict else None,
+        explanation=reason_of(verdict.explanation) if verdict else None,
         votes=report.votes,
         distance_m=distance.shown_m if distance else None,
         distance_sd_m=distance.sd_m if distance else 0.0,
@@ -87,8 +89,8 @@ def _with_button(message: TriggerReport, report: Report) -> TriggerReport:
         released_recognised_ns=button.released_recognised_ns,
         released_ns=button.released_ns,
         cancel_count=button.cancel_count,
-        cancel_reason=plain(button.cancel_reason),
-        press_hint=plain(button.hint),
+        cancel_reason=reason(button.cancel_reason) if button.cancel_reason else None,
+        press_hint=reason(button.hint) if button.hint else None,
         depth_pressed=report.depth_button.pressed if report.depth_button else False,
     )
 
@@ -100,7 +102,7 @@ def records_between(before: Report | None, now: Report, threshold_m: float) -> I
         yield GestureOnset(
             gesture=now.gesture.value if now.gesture else None,
             confidence=now.verdict.confidence if now.verdict else 0.0,
-            explanation=now.verdict.explanation if now.verdict else "no hand",
+            explanation=reason_of(now.verdict.explanation) if now.verdict else reason(Decision.NO_HAND),
             votes=now.votes,
             captured_ns=now.captured_ns,
             distance_m=distance_m,
@@ -121,7 +123,9 @@ def records_between(before: Report | None, now: Report, threshold_m: float) -> I
     if button.cancel_count > (old.cancel_count if old else 0):
         pressed = old.pressed_gesture if old else None
         yield Cancel(
-            reason=button.cancel_reason, gesture=pressed.value if pressed else None, captured_ns=now.captured_ns
+            reason=reason(button.cancel_reason) if button.cancel_reason else None,
+            gesture=pressed.value if pressed else None,
+            captured_ns=now.captured_ns,
         )
 
 
@@ -146,7 +150,7 @@ class PreviewPacer:
     _sequence: int = 0
 
     def configure(self, command: PerceptionCommand) -> None:
-        """Take the screen's wishes; what it leaves open stays."""
+        """Take the screen's settings; what it leaves open stays."""
         self.width_px = command.preview_width_px or self.width_px
         if command.preview_hz is not None:
             self.rate_hz = command.preview_hz

@@ -85,8 +85,8 @@ def tr(key: str | Enum, /, **values: object) -> str:
     return _FORMATTER.vformat(text, (), values) if values or "{" in text else text
 
 
-def render(what: Reason | BaseException) -> str:
-    """A reason, or an error of ours, as a sentence."""
+def render(what: object) -> str:
+    """A reason, or an object with code and values (an error, an explanation), as text."""
     if isinstance(what, BaseException) and not isinstance(getattr(what, "code", None), Enum):
         return str(what)  # until every error carries an Enum's member
     found = what if isinstance(what, Reason) else reason_of(what)
@@ -117,10 +117,10 @@ def _missing(key: str, values: dict[str, object]) -> str:
 
 
 def _text(value: object) -> str:
-    if isinstance(value, Reason | BaseException):
-        return render(value)
     if isinstance(value, Enum):
         return tr(value)
+    if isinstance(value, Reason | BaseException) or isinstance(getattr(value, "code", None), Enum):
+        return render(value)
     if isinstance(value, tuple | list):
         return tr("list.separator").join(_text(each) for each in value)
     return str(value)

@@ -130,5 +130,5 @@ def test_published_takes_the_edge_for_zero() -> None:
 
 
 def test_a_mode_that_does_not_exist_is_refused() -> None:
-    with pytest.raises(KgdfaError, match="choose published or robust"):
+    with pytest.raises(KgdfaError, match="DEPTH_MODE"):
         DepthRange(mode="best")

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from hal.minimum_jerk import minimum_jerk
 from kgdfa.button import GAP_FRAMES
 from kgdfa.distance import CONFIRM_FRAMES, HALF_PALM_M, Distance, OutlierState, PublishedRange, accept_distance
-from kgdfa.errors import KgdfaError
+from kgdfa.errors import KgdfaError, KgdfaFault
 from kgdfa.hand import FloatArray, Hand, Side
 from kgdfa.robust_distance import REFERENCE_HOLDS_M, RIGID, SHAPE, RobustRange, view_palm
 
@@ -241,22 +241,23 @@ def test_keypoints_that_are_no_palm_give_no_distance() -> None:
 
 @pytest.mark.parametrize("make", [PublishedRange, RobustRange])
 @pytest.mark.parametrize(
-    ("focal_px", "anchor_m", "says"),
+    ("focal_px", "reference_m", "fault"),
     [
-        (0.0, 0.06, "Focal length 0 px"),
-        (-1.0, 0.06, "Focal length -1 px"),
-        (math.nan, 0.06, "Focal length nan px"),
-        (math.inf, 0.06, "Focal length inf px"),
-        (900.0, 0.0299, "Palm anchor 2.99 cm: it must lie in 3 to 12 cm"),
-        (900.0, 0.1201, "Palm anchor 12 cm"),
-        (900.0, math.nan, "Palm anchor nan cm"),
+        (0.0, 0.06, KgdfaFault.FOCAL_LENGTH),
+        (-1.0, 0.06, KgdfaFault.FOCAL_LENGTH),
+        (math.nan, 0.06, KgdfaFault.FOCAL_LENGTH),
+        (math.inf, 0.06, KgdfaFault.FOCAL_LENGTH),
+        (900.0, 0.0299, KgdfaFault.REFERENCE_LENGTH),
+        (900.0, 0.1201, KgdfaFault.REFERENCE_LENGTH),
+        (900.0, math.nan, KgdfaFault.REFERENCE_LENGTH),
     ],
 )
 def test_what_is_no_camera_or_no_palm_is_refused_by_name(
-    make: type[PublishedRange] | type[RobustRange], focal_px: float, reference_m: float, says: str
+    make: type[PublishedRange] | type[RobustRange], focal_px: float, reference_m: float, fault: KgdfaFault
 ) -> None:
-    with pytest.raises(KgdfaError, match=says):
+    with pytest.raises(KgdfaError) as raised:
         make(focal_px=focal_px, reference_m=reference_m)
+    assert raised.value.code is fault
 
 
 @given(tilt=st.floats(0, 1.0), roll=st.floats(-3, 3), stretch=st.floats(0.05, 5))

@@ -61,14 +61,14 @@ def test_the_mirrored_hand_measures_the_same(shake: FloatArray) -> None:
 def test_the_view_changes_nothing_in_space(shake: FloatArray, first: float, second: float) -> None:
     picture, world = posed(shake)
     tilted = turned(turned(world, first)[:, [1, 2, 0]], second)
-    spatial = [k for k, feature in enumerate(FEATURES) if "picture" not in feature.text and "hull" not in feature.text]
+    spatial = [k for k, feature in enumerate(FEATURES) if not feature.on_image and "hull" not in feature.name]
     np.testing.assert_allclose(features(picture, tilted)[spatial], features(picture, world)[spatial], atol=1e-2)
 
 
 def test_every_feature_has_a_name_of_its_own_and_stays_in_its_unit() -> None:
     picture, world = posed(np.zeros((21, 3)))
     values = features(picture, world)
-    assert len({feature.text for feature in FEATURES}) == len(FEATURES) == len(values)
+    assert len({feature.name for feature in FEATURES}) == len(FEATURES) == len(values)
     degrees = [value for value, feature in zip(values, FEATURES, strict=True) if feature.unit is Unit.DEGREES]
     assert all(0 <= value <= 180 for value in degrees)
 
@@ -77,7 +77,7 @@ def test_every_feature_has_a_name_of_its_own_and_stays_in_its_unit() -> None:
 def test_the_batch_measures_what_the_single_measures_say(shake: FloatArray) -> None:
     """Angles, hulls and distances computed one by one, as the published rules do."""
     picture, world = posed(shake)
-    by_name = {feature.text: value for feature, value in zip(FEATURES, features(picture, world), strict=True)}
+    by_name = {feature.name: value for feature, value in zip(FEATURES, features(picture, world), strict=True)}
     palm, seen_palm = (
         max(apart(points, Keypoint(a), Keypoint(b)) for a, b in ((5, 0), (9, 0), (17, 0), (5, 17)))
         for points in (world, picture)
@@ -87,19 +87,19 @@ def test_the_batch_measures_what_the_single_measures_say(shake: FloatArray) -> N
         name, tip = finger.name.lower(), TIPS[finger]
         said = {
             f"{name} angle": finger_angles_deg(world)[finger],
-            f"{name} angle in the picture": finger_angles_deg(picture)[finger],
-            f"{name} tip beyond the outer hull": outer[finger],
-            f"{name} tip beyond the inner hull": inner[finger],
+            f"{name} angle on image": finger_angles_deg(picture)[finger],
+            f"{name} tip beyond outer hull": outer[finger],
+            f"{name} tip beyond inner hull": inner[finger],
             f"{name} tip to wrist": apart(world, tip, Keypoint.WRIST) / palm,
         }
-        for where, points in (("", world), (" in the picture", picture)):
+        for where, points in (("", world), (" on image", picture)):
             bones = np.diff(points[[0, *range(4 * finger + 1, 4 * finger + 5)]], axis=0)
             bends = angles_deg(-bones[:-1], bones[1:])
             said |= {f"{name} {joint} joint{where}": bend for joint, bend in zip(JOINTS, bends, strict=True)}
         for other in (other for other in Finger if other > finger):
-            pair = f"{name} and {other.name.lower()} tips apart"
+            pair = f"{name}-{other.name.lower()} tips apart"
             said[pair] = apart(world, tip, TIPS[other]) / palm
-            said[f"{pair} in the picture"] = apart(picture, tip, TIPS[other]) / seen_palm
+            said[f"{pair} on image"] = apart(picture, tip, TIPS[other]) / seen_palm
         assert {key: by_name[key] for key in said} == pytest.approx(said, abs=1e-6)
 
 

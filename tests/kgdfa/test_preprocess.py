@@ -43,7 +43,7 @@ def test_every_preparation_takes_every_picture(name: str) -> None:
 
 
 def test_an_unknown_preparation_is_refused_by_name() -> None:
-    with pytest.raises(KgdfaError, match=r"'blur'.*denoise\+sharpen"):
+    with pytest.raises(KgdfaError, match=r"PREPROCESSING name=blur.*denoise\+sharpen"):
         find_preparation("blur")
 
 

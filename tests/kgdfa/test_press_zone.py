@@ -6,9 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from kgdfa.errors import KgdfaError
-from kgdfa.hand import Hand, Side
-from kgdfa.preprocess import Image
-from kgdfa.press_zone import LEAST_THRESHOLD_M, SquaredDetector, cut_off, press_zone
+from kgdfa.hand import Hand, Side, is_cut_off
+from kgdfa.press_zone import LEAST_THRESHOLD_M, PressZone, ZoneAssessment, press_zone
 
 
 def hand_at(*points: tuple[float, float]) -> Hand:
@@ -17,32 +16,24 @@ def hand_at(*points: tuple[float, float]) -> Hand:
     return Hand(image_px=image, world_m=np.zeros((21, 3)), presence=0.9, side=Side.RIGHT)
 
 
-class Marker:
-    """A detector of ours that finds a white dot and calls it a hand."""
-
-    def __init__(self) -> None:
-        self.shape: tuple[int, ...] = ()
-
-    def detect(self, image_bgr: Image, captured_ns: int) -> tuple[Hand, ...]:
-        self.shape = image_bgr.shape
-        rows, columns = np.nonzero(image_bgr[:, :, 0] == 255)
-        return tuple(hand_at((float(x), float(y))) for x, y in zip(columns, rows, strict=True))
+def zone_of(reference_m: float, **camera: float) -> PressZone:
+    return press_zone(**camera, reference_m=reference_m, palm_width_m=reference_m / 0.75)  # type: ignore[arg-type]
 
 
 def test_the_issue_s_two_lenses() -> None:
-    wide = press_zone(focal_px=650, width_px=1280, height_px=720, reference_m=0.0615)
-    narrow = press_zone(focal_px=950, width_px=1280, height_px=720, reference_m=0.0615)
+    wide = zone_of(0.0615, focal_px=650, width_px=1280, height_px=720)
+    narrow = zone_of(0.0615, focal_px=950, width_px=1280, height_px=720)
     assert wide.threshold_m == LEAST_THRESHOLD_M
     assert narrow.threshold_m > LEAST_THRESHOLD_M
     assert narrow.possible
     assert wide.fits(0.20)
     assert not narrow.fits(0.20)
-    assert "proposed threshold 20 cm" in wide.sentence
+    assert wide.explain().code is ZoneAssessment.USABLE
 
 
 @given(focal_px=st.floats(200, 3000), reference_m=st.floats(0.03, 0.12), height_px=st.integers(240, 2160))
 def test_the_proposed_threshold_leaves_room_on_both_sides(focal_px: float, reference_m: float, height_px: int) -> None:
-    zone = press_zone(focal_px=focal_px, width_px=4000, height_px=height_px, reference_m=reference_m)
+    zone = zone_of(reference_m, focal_px=focal_px, width_px=4000, height_px=height_px)
     assert zone.threshold_m > zone.followed_from_m
     assert zone.rest_beyond_m > zone.threshold_m
     assert zone.whole_from_m > zone.followed_from_m
@@ -50,29 +41,20 @@ def test_the_proposed_threshold_leaves_room_on_both_sides(focal_px: float, refer
 
 
 def test_a_lens_too_long_for_any_press_is_told() -> None:
-    zone = press_zone(focal_px=2500, width_px=1280, height_px=720, reference_m=0.0615)
+    zone = zone_of(0.0615, focal_px=2500, width_px=1280, height_px=720)
     assert not zone.possible
-    assert "wider lens" in zone.sentence
+    assert zone.explain().code is ZoneAssessment.TOO_FAR
 
 
 @pytest.mark.parametrize(
-    ("focal_px", "width_px", "anchor_m"), [(0, 1280, 0.06), (900, 0, 0.06), (900, -1, 0.06), (900, 1280, 0.2)]
+    ("focal_px", "width_px", "reference_m"), [(0, 1280, 0.06), (900, 0, 0.06), (900, -1, 0.06), (900, 1280, 0.2)]
 )
 def test_what_is_no_camera_or_palm_is_refused(focal_px: float, width_px: int, reference_m: float) -> None:
     with pytest.raises(KgdfaError):
-        press_zone(focal_px=focal_px, width_px=width_px, height_px=720, reference_m=reference_m)
+        zone_of(reference_m, focal_px=focal_px, width_px=width_px, height_px=720)
 
 
 def test_a_hand_is_cut_off_when_any_keypoint_is_out() -> None:
-    assert not cut_off(hand_at((0, 0), (1279, 719)), 1280, 720)
-    assert cut_off(hand_at((640, -1)), 1280, 720)
-    assert cut_off(hand_at((1280, 300)), 1280, 720)
-
-
-def test_bars_move_no_keypoint() -> None:
-    image = np.zeros((72, 128, 3), np.uint8)
-    image[50, 30] = 255
-    marker = Marker()
-    (hand,) = SquaredDetector(marker).detect(image, 0)
-    assert marker.shape == (128, 128, 3)
-    assert tuple(hand.image_px[0]) == (30.0, 50.0)
+    assert not is_cut_off(hand_at((0, 0), (1279, 719)), 1280, 720)
+    assert is_cut_off(hand_at((640, -1)), 1280, 720)
+    assert is_cut_off(hand_at((1280, 300)), 1280, 720)

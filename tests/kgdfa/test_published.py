@@ -1,15 +1,25 @@
 from __future__ import annotations
 
-import re
 from dataclasses import replace
 from itertools import product
 
 import numpy as np
 import pytest
 
-from kgdfa.gesture import Finger, Gesture
+from kgdfa.gesture import Decision, Explanation, Finger, Gesture
 from kgdfa.hand import FloatArray
-from kgdfa.published import BENT_DEG, PINCH_RATIO, SPREAD_PX, TABLE_2, Extra, Measures, PublishedRules, Row, check
+from kgdfa.published import (
+    BENT_DEG,
+    PINCH_RATIO,
+    SPREAD_PX,
+    TABLE_2,
+    Constraint,
+    Extra,
+    Measures,
+    PublishedRules,
+    Row,
+    check,
+)
 from tests.kgdfa.hands import STATES, drawn_hand
 
 RULES = PublishedRules()
@@ -45,7 +55,7 @@ def test_every_row_accepts_its_own_drawn_hand(gesture: Gesture) -> None:
     verdict = RULES.classify(drawn_hand(STATES[gesture]))
     assert verdict.gesture is gesture
     assert verdict.confidence >= 0.5
-    assert verdict.explanation.startswith(f"{gesture.value}: ")
+    assert (verdict.explanation.code, verdict.explanation.values["gesture"]) == (Decision.CLOSEST, gesture)
 
 
 def test_every_other_combination_of_fingers_is_none() -> None:
@@ -108,12 +118,15 @@ def test_the_explanation_names_the_constraint_that_failed() -> None:
             held = check(broken).holds[ROW[row.gesture]]
             assert [int(column) for column in np.flatnonzero(~held)] == [5 + finger]
     thumb = RULES.classify(drawn_hand("fofff"))
-    assert re.search(r"1: closest call \w+", thumb.explanation)
+    assert (thumb.explanation.code, thumb.explanation.values["gesture"]) == (Decision.CLOSEST, Gesture.ONE)
 
 
 def test_pixels_are_literal_so_a_distant_hand_is_no_eight() -> None:
     assert RULES.classify(drawn_hand("oofff")).gesture is Gesture.EIGHT
     far = RULES.classify(drawn_hand("oofff", scale=0.4))
     assert far.gesture is None
-    assert far.explanation.startswith("not 8: tips 4 and 8 apart")
-    assert "≤ 100 px" in far.explanation
+    assert (far.explanation.code, far.explanation.values["gesture"]) == (Decision.NOT, Gesture.EIGHT)
+    spread = far.explanation.values["measure"]
+    assert isinstance(spread, Explanation)
+    assert spread.code is Constraint.TIPS_NEAR
+    assert (spread.values["first"], spread.values["second"], spread.values["limit_px"]) == (4, 8, SPREAD_PX)

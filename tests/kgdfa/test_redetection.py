@@ -70,7 +70,7 @@ def test_a_hand_found_in_a_glance_is_told_where_the_picture_has_it(view: View, x
     assert to_image(hand, transform).image_px == pytest.approx(np.tile((x, y), (21, 1)), abs=1e-6)
 
 
-@pytest.mark.parametrize("glance", REDETECTION_VIEWS, ids=str)
+@pytest.mark.parametrize("view", REDETECTION_VIEWS, ids=str)
 def test_a_glance_shows_the_picture_where_its_map_says(view: View) -> None:
     image = np.zeros((360, 640, 3), np.uint8)
     image[195:206, 345:356] = 255

@@ -11,9 +11,9 @@ from hypothesis.extra.numpy import arrays
 
 from hal.cameras.digital_hand.render import keypoints_m, lens_for, posed, project_px
 from hal.cameras.digital_hand.skeleton import GESTURES, LOOK_ALIKES
-from kgdfa.errors import KgdfaError
+from kgdfa.errors import KgdfaError, KgdfaFault
 from kgdfa.features import FEATURES
-from kgdfa.gesture import Gesture
+from kgdfa.gesture import Decision, Explanation, Gesture
 from kgdfa.hand import FloatArray, Hand, Side
 from kgdfa.robust import RobustRules, load_model, save_model
 
@@ -44,7 +44,8 @@ def test_look_alikes_are_refused_with_a_reason(pose: str) -> None:
     verdict = RULES.classify(true_hand(pose))
     assert verdict.gesture is None, verdict
     assert verdict.nearest is not None
-    assert verdict.explanation.startswith(f"not {verdict.nearest.value}: ")
+    assert (verdict.explanation.code, verdict.explanation.values["gesture"]) == (Decision.NOT, verdict.nearest)
+    assert isinstance(verdict.explanation.values["measure"], Explanation)
 
 
 @given(shaken, st.floats(0, 0.5))
@@ -58,7 +59,7 @@ def test_whatever_the_hand_confidence_is_a_share_and_a_reason_is_given(shake: Fl
     )
     verdict, scores = RULES.classify(odd), RULES.predict_proba(odd)
     assert 0 <= verdict.confidence <= 1
-    assert verdict.explanation
+    assert isinstance(verdict.explanation.code, Decision)
     assert scores.shape == (12,)
     assert 0 <= scores.sum() <= 1 + 1e-6
     assert verdict.confidence == pytest.approx(scores.max(), abs=1e-6)
@@ -87,14 +88,16 @@ def test_a_threshold_never_reached_refuses_everything() -> None:
 def test_a_model_survives_its_file_and_others_are_refused(tmp_path: Path) -> None:
     model = load_model()
     save_model(model, tmp_path / "model.npz")
-    again = load_model(tmp_path / "model.npz")
+    again, values = load_model(tmp_path / "model.npz"), np.ones((2, len(FEATURES)))
     np.testing.assert_allclose(
-        again.probabilities(np.ones((2, len(FEATURES)))), model.probabilities(np.ones((2, len(FEATURES)))), rtol=1e-5
+        again.predict_proba(again.normalize(values)), model.predict_proba(model.normalize(values)), rtol=1e-5
     )
     (tmp_path / "broken.npz").write_bytes(b"PK not really")
     for bad in ("broken.npz", "missing.npz"):
-        with pytest.raises(KgdfaError, match="can't be read"):
+        with pytest.raises(KgdfaError) as raised:
             load_model(tmp_path / bad)
+        assert raised.value.code is KgdfaFault.GESTURE_MODEL_UNREADABLE
     save_model(replace(model, classes=tuple(reversed(model.classes))), tmp_path / "other.npz")
-    with pytest.raises(KgdfaError, match="other gestures or features"):
+    with pytest.raises(KgdfaError) as raised:
         load_model(tmp_path / "other.npz")
+    assert raised.value.code is KgdfaFault.GESTURE_MODEL_OUTDATED

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from app.text.catalogue import render
 from profiles.anthropometry import (
     GB_HAND_BREADTH_MM,
     GB_STATURE_MM,
@@ -15,8 +16,17 @@ from profiles.anthropometry import (
     limb_lengths,
     stature_percentile,
 )
-from profiles.errors import ProfileError
-from profiles.palm import Calibrated, ReferenceSource, calibrate, palm_estimate, reference_segment, with_calibration
+from profiles.errors import ProfileError, ProfileFault
+from profiles.palm import (
+    Calibrated,
+    PalmFinding,
+    ReferenceSource,
+    calibrate,
+    explain_estimate,
+    palm_estimate,
+    reference_segment,
+    with_calibration,
+)
 from profiles.schema import Palm, Population, Profile, Sex
 
 AT = datetime(2026, 3, 1, tzinfo=UTC)
@@ -101,32 +111,34 @@ def test_a_calibration_holds_for_another_resolution_and_another_word_on_the_foca
 
 
 @pytest.mark.parametrize(
-    ("measured_m", "true_m", "says"),
+    ("measured_m", "true_m", "fault"),
     [
-        ([0.3] * 19, 0.3, "19 of at least 20"),
-        ([], 0.3, "0 of at least 20"),
-        ([0.25, 0.30, 0.35] * 10, 0.3, "scatter"),
-        ([0.3] * 30, 0.05, "15 to 80 cm"),
-        ([0.3] * 30, float("nan"), "15 to 80 cm"),
+        ([0.3] * 19, 0.3, ProfileFault.TOO_FEW_SAMPLES),
+        ([], 0.3, ProfileFault.TOO_FEW_SAMPLES),
+        ([0.25, 0.30, 0.35] * 10, 0.3, ProfileFault.SCATTER),
+        ([0.3] * 30, 0.05, ProfileFault.DISTANCE),
+        ([0.3] * 30, float("nan"), ProfileFault.DISTANCE),
     ],
 )
 def test_a_calibration_that_would_mislead_is_refused(
-    patient: Profile, measured_m: list[float], true_m: float, says: str
+    patient: Profile, measured_m: list[float], true_m: float, fault: ProfileFault
 ) -> None:
-    with pytest.raises(ProfileError, match=says):
+    with pytest.raises(ProfileError) as raised:
         calibrated(patient, measured_m=measured_m, true_m=true_m)
+    assert raised.value.code is fault
 
 
 def test_an_implausible_palm_is_doubted_and_a_plausible_one_is_not(patient: Profile) -> None:
     assert not calibrated(patient, measured_m=[0.31] * 30).doubt
     doubt = calibrated(patient, measured_m=[0.20] * 30).doubt
-    assert "palm 1" in doubt
-    assert "sex and stature say" in doubt
-    assert "check the distance" in doubt
+    assert doubt is not None
+    assert doubt.code is PalmFinding.NOT_AS_ESTIMATED
+    assert doubt.values["estimate_m"] == palm_estimate(patient).width_m
 
 
 def test_estimates_tell_their_error(patient: Profile) -> None:
-    assert "palm width 8.7 cm ± 4 mm by gb10000-88, distance ± 5 %" in palm_estimate(patient).sentence
+    found = explain_estimate(palm_estimate(patient))
+    assert "palm width 8.7 cm ± 4 mm by gb10000-88, distance ± 5 %" in render(found)
 
 
 def test_limb_lengths_are_ratios_of_stature() -> None:

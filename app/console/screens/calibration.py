@@ -106,7 +106,7 @@ class CalibrationScreen(ConsoleScreen):
         if self._result is None:
             self._show(tr("calibration.nothing"))
         elif self._result.doubt:
-            self.app.push_screen(Question(tr("calibration.keep_title"), _text(self._result.doubt)), self._keep_if)
+            self.app.push_screen(Question(tr("calibration.keep_title"), render(self._result.doubt)), self._keep_if)
         else:
             self._keep_if(True)
 
@@ -132,7 +132,7 @@ class CalibrationScreen(ConsoleScreen):
             case Preview():
                 self.query_one(Picture).show_preview(message)
             case Progress(samples=samples, wanted=wanted, hint=hint):
-                self._show(f"{bar(samples / wanted, BAR_CELLS)} {samples}/{wanted}\n{_text(hint)}")
+                self._show(f"{bar(samples / wanted, BAR_CELLS)} {samples}/{wanted}\n{render(hint)}")
             case Reason() | str():
                 self._show(f"✗ {_text(message)}")
             case _:
@@ -176,7 +176,7 @@ def _summary(result: Calibrated) -> str:
     lines = [
         tr("calibration.reference", reference_m=result.reference_m, expected_m=result.expected.length_m),
         tr("calibration.residual", residual=result.calibration.residual),
-        f"! {_text(result.doubt)}" if result.doubt else tr("calibration.plausible"),
+        f"! {render(result.doubt)}" if result.doubt else tr("calibration.plausible"),
         tr("calibration.keep"),
     ]
     return "\n".join(lines)
@@ -191,7 +191,7 @@ class Progress(NamedTuple):
 
     samples: int
     wanted: int
-    hint: Reason | str
+    hint: Reason
 
 
 def calibrate_palm(pipe: Connection, setup: SessionSetup, distance_m: float) -> None:
@@ -217,7 +217,7 @@ def _sample(pipe: Connection, setup: SessionSetup, distance_m: float) -> Calibra
     def show(sampler: PalmSampler, frame: Frame) -> None:
         if pacer.due(time.monotonic_ns()):
             pipe.send(pacer.message(frame.image_bgr, frame.captured_ns))
-            pipe.send(Progress(len(sampler.samples_m), WANTED_SAMPLES, sampler.hint))
+            pipe.send(Progress(len(sampler.samples_m), WANTED_SAMPLES, reason(sampler.hint)))
 
     with pipeline.make_detector(setup) as detector:
         camera.open()

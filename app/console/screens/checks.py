@@ -45,9 +45,9 @@ def check_lines(state: SessionState) -> Lines:
         lines.append(((f" {result.light.value} ", _STYLES[result.light]), (tr(f"check.{result.name}.name"), "bold")))
         if result.light is not Light.GREEN:
             lines.append(((f"   {tr(f'check.{result.name}.remedy')}", "$text-muted"),))
-    zone = None if state.report is None else state.report.press_zone
-    if zone is not None:
-        lines.append(((f" {zone_words(zone)}", "$text-muted"),))
+    if state.report is not None and state.report.press_zone is not None:
+        words = zone_words(state.report.press_zone, state.report.threshold_m)
+        lines.append(((f" {words}", "$text-muted"),))
     if state.fault:
         lines.append(((state.fault, "bold $error"),))
     return tuple(lines)

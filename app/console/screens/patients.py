@@ -23,7 +23,7 @@ from app.console.state import SessionState
 from app.console.widgets.panel import Lines, plain
 from app.console.widgets.patient_details import describe
 from app.system.operators import Permission
-from app.text.catalogue import knows, tr
+from app.text.catalogue import knows, render, tr
 from profiles.schema import Profile
 from profiles.store import Change
 
@@ -75,7 +75,7 @@ class PatientsScreen(ConsoleScreen):
         """Read the folder again."""
         listing = self.console_app.store.list(archived=True)
         self._profiles = {profile.identifier: profile for profile in listing.profiles}
-        broken = "\n".join(f"✗ {sentence}" for _, sentence in listing.broken)
+        broken = "\n".join(f"✗ {render(error)}" for _, error in listing.broken)
         self.query_one("#broken", Static).update(broken)
         self._fill()
 

@@ -5,10 +5,11 @@ from __future__ import annotations
 from app.console.sentences import sentence
 from app.console.state import PushNote, SessionState
 from app.console.widgets.panel import Line, Lines, StatePanel, bar, cells, plain
-from app.ipc.messages import PressRange, TriggerReport
+from app.ipc.messages import TriggerReport
 from app.ipc.states import ACTION_OF
 from app.text.catalogue import render, tr
 from kgdfa.gesture import FINGER_STATES, Finger, FingerState
+from kgdfa.press_zone import PressZone
 
 # Fingers as strokes, thumb first: hand emoji are wide characters, which terminals measure differently.
 _STROKES = {
@@ -75,7 +76,7 @@ def distance_lines(state: SessionState, width: int) -> Lines:
     report = state.report
     if report is None or not state.report_fresh:
         return (plain("–", "$text-muted"), plain(gauge(None, 0.0, 0.20, width)), _button(None, state.push))
-    return (_figure(report, width), _gauge_line(report, width), _button(report, state.push), *_zone(report.press_zone))
+    return (_figure(report, width), _gauge_line(report, width), _button(report, state.push), *_zone(report))
 
 
 def gauge(distance_m: float | None, sd_m: float, threshold_m: float, width: int, blind_m: float = 0.0) -> str:
@@ -132,21 +133,22 @@ def _why(push: PushNote) -> str:
     return tr("button.cancelled", reason=said) if push.cancelled else said
 
 
-def _zone(zone: PressRange | None) -> Lines:
+def _zone(report: TriggerReport) -> Lines:
     """Where a press works before this camera; it stands below the button, where there is room for it."""
+    zone = report.press_zone
     if zone is None:
         return ()
-    style = "$text-muted" if zone.fits else "bold $warning"
-    return (plain(zone_words(zone), style),)
+    style = "$text-muted" if zone.fits(report.threshold_m) else "bold $warning"
+    return (plain(zone_words(zone, report.threshold_m), style),)
 
 
-def zone_words(zone: PressRange) -> str:
+def zone_words(zone: PressZone, threshold_m: float) -> str:
     """Where a press works, in a line."""
     if not zone.possible:
         return tr("distance.zone_impossible", near=f"{zone.followed_from_m * 100:.0f}")
     near, proposed = f"{zone.followed_from_m * 100:.0f}", f"{zone.threshold_m * 100:.0f}"
     words = tr("distance.zone", near=near, far=f"{zone.seen_to_m * 100:.0f}")
-    return words if zone.fits else f"{words} · {tr('distance.proposed', cm=proposed)}"
+    return words if zone.fits(threshold_m) else f"{words} · {tr('distance.proposed', cm=proposed)}"
 
 
 class DistancePanel(StatePanel):

@@ -172,7 +172,7 @@ def image_probabilities(model: RobustModel, views: ViewSet, of: NDArray[np.bool_
     """The class probabilities of each image, the mean over its views, (images, K); 0 where no hand was found."""
     rows = np.flatnonzero(of[views.owner])
     sums = np.zeros((len(views.images), len(model.classes)))
-    np.add.at(sums, views.owner[rows], model.probabilities(views.values[rows]) if len(rows) else 0.0)
+    np.add.at(sums, views.owner[rows], model.predict_proba(model.normalize(views.values[rows])) if len(rows) else 0.0)
     counts = np.bincount(views.owner[rows], minlength=len(views.images))
     means: FloatArray = sums / np.maximum(counts, 1)[:, None]
     return means

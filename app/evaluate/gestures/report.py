@@ -158,7 +158,7 @@ def write_errors(
 def _explained(image: NDArray[Any], classified: Classified, detected: DetectedImage) -> Image:
     lines = [
         tr("evaluate.gestures.shown_as", shown=classified.image.label, predicted=classified.predicted),
-        classified.verdict.explanation
+        render(classified.verdict.explanation)
         if classified.verdict
         else render(detected.error or reason(EvaluateFault.NO_HAND)),
     ]

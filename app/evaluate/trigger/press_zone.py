@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
+import cv2
 import numpy as np
 from rich.table import Table
 
@@ -14,14 +15,15 @@ from app.evaluate.digital import Moment, PoolDetector, centred, map_pool, smooth
 from app.evaluate.harness import FRAME_NS, Step, table
 from app.evaluate.readings import GESTURE_NAMES
 from app.evaluate.trigger.table6 import replay_pipeline
+from app.text.catalogue import render
 from hal.cameras.camera import ImageArray, Intrinsics
 from hal.cameras.digital_hand.render import Person, lens_for, person_of, posed
 from kgdfa.button import ButtonState
+from kgdfa.distance import CEILING_OF_EQUATION
 from kgdfa.gesture import Gesture
 from kgdfa.hand import Hand
 from kgdfa.pipeline import Picture
-from kgdfa.press_zone import PressZone, SquaredDetector, press_zone
-from kgdfa.robust_distance import UPRIGHT_FACTOR
+from kgdfa.press_zone import PressZone, press_zone
 
 LENSES_PX = (650.0, 950.0)
 APPROACH_M = tuple(float(z) for z in np.round(np.arange(0.40, 0.075, -0.01), 3))
@@ -97,7 +99,11 @@ def steps(hands: int) -> int:
 def zone_of(person: Person, lens: Intrinsics) -> PressZone:
     """What the program would propose for this person and lens."""
     return press_zone(
-        focal_px=lens.fx_px, width_px=lens.width_px, height_px=lens.height_px, reference_m=person.shape.reference_m
+        focal_px=lens.fx_px,
+        width_px=lens.width_px,
+        height_px=lens.height_px,
+        reference_m=person.shape.reference_m,
+        palm_width_m=person.shape.palm_width_m,
     )
 
 
@@ -140,7 +146,7 @@ def _followed(detector: PoolDetector, wanted: Approach) -> float:
 def _commands(detector: PoolDetector, wanted: Approach) -> bool:
     """Whether a push 4 cm past the proposed threshold's true place, and back, commands just this gesture."""
     threshold_m = zone_of(wanted.person, wanted.lens).threshold_m
-    start_m, turn_m = threshold_m * 1.5, threshold_m / UPRIGHT_FACTOR - 0.04
+    start_m, turn_m = threshold_m * 1.5, threshold_m / CEILING_OF_EQUATION - 0.04
     share = [smooth(1 - abs(2 * frame / CLICK_FRAMES - 1)) for frame in range(1, CLICK_FRAMES + 1)]
     distances = (
         *(start_m,) * SHOWN_FRAMES,
@@ -166,9 +172,24 @@ def _detected(
         yield z, _VIEWS[wanted.view](detector, image)
 
 
+def squared(image: ImageArray) -> tuple[ImageArray, tuple[int, int]]:
+    """The image with bars that make it square, and what they add to x and y, pixels: a hand may outgrow the image.
+
+    MediaPipe's palm detector works on a square all the same, so the bars take nothing from its resolution.
+    """
+    height, width = image.shape[:2]
+    side = max(height, width)
+    top, left = (side - height) // 2, (side - width) // 2
+    bars = (top, side - height - top, left, side - width - left)
+    return np.asarray(cv2.copyMakeBorder(image, *bars, cv2.BORDER_CONSTANT), np.uint8), (left, top)
+
+
 def _squared(detector: PoolDetector, image: ImageArray) -> tuple[Hand, ...]:
     detector.now_ns += FRAME_NS
-    return SquaredDetector(detector.inner).detect(image, detector.now_ns)
+    shown, moved = squared(image)
+    return tuple(
+        replace(hand, image_px=hand.image_px - moved) for hand in detector.inner.detect(shown, detector.now_ns)
+    )
 
 
 _VIEWS: dict[str, Callable[[PoolDetector, ImageArray], tuple[Hand, ...]]] = {
@@ -185,7 +206,7 @@ def _ratio(hand: Hand, wanted: Approach, true_m: float) -> float:
 def zone_lines() -> list[str]:
     """The proposed press zone before each lens."""
     zones = {focal_px: zone_of(Person(), lens_for(focal_px=focal_px)) for focal_px in LENSES_PX}
-    return [f"{focal_px:.0f} px: {zone.sentence}" for focal_px, zone in zones.items()]
+    return [f"{focal_px:.0f} px: {render(zone.explain())}" for focal_px, zone in zones.items()]
 
 
 def zone_table(rows: list[ZoneRow]) -> Table:

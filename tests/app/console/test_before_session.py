@@ -7,7 +7,6 @@ import pytest
 from app.console.screens.calibration import CalibrationScreen
 from app.console.screens.checks import Preflight
 from app.console.screens.session import SessionScreen
-from app.ipc.messages import PressRange
 from app.ipc.states import Action
 from app.motion.patient import patient_of
 from app.motion.preflight import preflight_passed
@@ -16,7 +15,7 @@ from app.system.hand_model import find_model
 from app.system.operators import OperatorStore, Role, add_operator
 from app.system.paths import Home, find_home
 from hal.joints.device import load_exoskeleton
-from logs.reason import Reason
+from kgdfa.press_zone import PressZone
 from profiles.schema import DEMO_PATIENT
 from profiles.store import ProfileStore
 from tests.app.console.conftest import Console, Opener, wait_until
@@ -115,15 +114,12 @@ async def test_a_rehearsal_can_be_stopped(console: Opener) -> None:
 
 
 async def test_the_threshold_that_suits_the_camera_is_one_key_away(console: Opener, home: Home) -> None:
-    zone = PressRange(
+    zone = PressZone(
         followed_from_m=0.21,
         whole_from_m=0.25,
         seen_to_m=1.4,
         threshold_m=0.28,
         rest_beyond_m=0.34,
-        possible=True,
-        fits=False,
-        assessment=Reason("Text.PLAIN", {"text": ""}),
     )
     async with console(size=(130, 40)) as open_console:
         open_console.host.press_zone = zone

@@ -17,7 +17,7 @@ def test_the_demo_patient_fits() -> None:
 
 def test_a_knee_that_hardly_bends_is_named() -> None:
     stiff = msgspec.structs.replace(DEMO_PATIENT, knee_max_rad=0.4)
-    with pytest.raises(ProfileError, match="knee"):
+    with pytest.raises(ProfileError, match="KNEE"):
         fits(JointsConfig())(stiff)
 
 

@@ -9,18 +9,23 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from app.ipc.messages import PressRange
-from app.perception.reporting import Surroundings, frames_per_second, records_between, to_message
-from kgdfa.button import ButtonState
+from app.perception.reporting import Context, frames_per_second, records_between, to_message
+from kgdfa.button import ButtonState, PressCancel
 from kgdfa.distance import Distance
-from kgdfa.gesture import Gesture, Verdict
+from kgdfa.gesture import Decision, Explanation, Gesture, Verdict
 from kgdfa.hand import Hand, Side
 from kgdfa.pipeline import Report
-from logs.reason import Reason, plain
+from kgdfa.press_zone import PressZone
+from logs.reason import plain, reason
 from logs.records import Cancel, GestureOnset, Press, Release
 
 HAND = Hand(image_px=np.zeros((21, 2)), world_m=np.zeros((21, 3)), presence=0.9, side=Side.LEFT)
-VERDICT = Verdict(gesture=Gesture.ONE, confidence=0.9, nearest=Gesture.ONE, explanation="1: only the index is out")
+VERDICT = Verdict(
+    gesture=Gesture.ONE,
+    confidence=0.9,
+    nearest=Gesture.ONE,
+    explanation=Explanation(Decision.OVER, {"gesture": Gesture.ONE, "rival": Gesture.NINE}),
+)
 REPORT = Report(
     captured_ns=5,
     hand=HAND,
@@ -32,7 +37,7 @@ REPORT = Report(
     depth_distance=None,
     button=ButtonState(),
 )
-AROUND = Surroundings(incarnation=1, sequence=2, sent_ns=9, camera="c", threshold_m=0.2, fps=30.0)
+AROUND = Context(incarnation=1, sequence=2, sent_ns=9, camera="c", threshold_m=0.2, fps=30.0)
 
 
 def test_no_report_is_said_as_no_hand_with_its_reason() -> None:
@@ -58,10 +63,10 @@ def test_a_whole_press_leaves_its_three_records() -> None:
 
 
 def test_a_cancelled_press_leaves_its_reason() -> None:
-    cancelled = replace(REPORT, button=ButtonState(cancel_count=1, cancel_reason="the hand was lost"))
+    cancelled = replace(REPORT, button=ButtonState(cancel_count=1, cancel_reason=PressCancel.HAND_LOST))
     (record,) = records_between(REPORT, cancelled, 0.2)
     assert isinstance(record, Cancel)
-    assert record.reason == "the hand was lost"
+    assert record.reason == reason(PressCancel.HAND_LOST)
 
 
 def test_nothing_new_leaves_no_record() -> None:
@@ -79,8 +84,7 @@ def test_rate_of_too_few_frames_is_zero() -> None:
 
 
 def test_the_message_tells_where_a_press_works_with_a_hand_and_without() -> None:
-    zone = PressRange(followed_from_m=0.13, whole_from_m=0.18, seen_to_m=1.6, threshold_m=0.2, rest_beyond_m=0.24,
-                      possible=True, fits=True, assessment=Reason("Text.PLAIN", {"text": "from 13 cm"}))  # fmt: skip
+    zone = PressZone(followed_from_m=0.13, whole_from_m=0.18, seen_to_m=1.6, threshold_m=0.2, rest_beyond_m=0.24)
     around = replace(AROUND, press_zone=zone)
     assert to_message(REPORT, around, captured_ns=5).press_zone == zone
     assert to_message(None, around, captured_ns=5).press_zone == zone

@@ -13,10 +13,11 @@ from app.evaluate.harness import EvaluateFault
 from app.evaluate.readings import GESTURE_NAMES, DetectedImage, LabelledImage, read_labels
 from app.system.errors import AppError
 from app.text.catalogue import render
-from kgdfa.gesture import Gesture, Verdict
+from kgdfa.gesture import Decision, Explanation, Gesture, Verdict
 from logs.reason import reason
 from tests.kgdfa.hands import STATES, drawn_hand
 
+WHY = Explanation(Decision.NO_GESTURE)
 UNREADABLE = reason(EvaluateFault.IMAGE_UNREADABLE, file="x.jpg")
 
 
@@ -29,7 +30,7 @@ def classified(label: str, predicted: str | None, confidence: float = 0.9, sourc
     gesture = Gesture(predicted) if predicted in GESTURE_NAMES else None
     nearest = gesture or Gesture.ONE
     scores[GESTURE_NAMES.index(nearest.value)] = confidence
-    verdict = Verdict(gesture=gesture, confidence=confidence, nearest=nearest, explanation="")
+    verdict = Verdict(gesture=gesture, confidence=confidence, nearest=nearest, explanation=WHY)
     return Classified(
         image=LabelledImage(path="", label=label, source=source), detected=True, verdict=verdict, scores=scores
     )

@@ -9,7 +9,7 @@ from kgdfa.hand import FloatArray
 from tests.kgdfa.hands import STATES, drawn_hand
 
 PER_GESTURE = 5
-NAMES = [feature.text for feature in FEATURES]
+NAMES = [feature.name for feature in FEATURES]
 
 
 def made(seed: int = 3) -> tuple[FloatArray, list[str]]:

@@ -5,20 +5,25 @@ from datetime import UTC, datetime
 import numpy as np
 import pytest
 
-from app.perception.palm_calibration import WANTED_SAMPLES, PalmSampler, sample_palm
+from app.perception.palm_calibration import WANTED_SAMPLES, PalmHint, PalmSampler, sample_palm
 from app.system.errors import AppError
 from hal.cameras.camera import Frame, Intrinsics, IntrinsicsSource
 from kgdfa.hand import Hand, Side
 from kgdfa.preprocess import Image
 from kgdfa.robust_distance import RIGID, SHAPE
 from profiles.errors import ProfileError
-from profiles.schema import Profile
+from profiles.schema import Profile, Sex
 
 LENS = Intrinsics(
     width_px=1280, height_px=720, fx_px=900, fy_px=900, cx_px=640, cy_px=360, source=IntrinsicsSource.GIVEN
 )
 TRUE_REFERENCE_M, TRUE_M = 0.065, 0.30
 AT = datetime(2026, 3, 1, tzinfo=UTC)
+
+
+@pytest.fixture
+def patient() -> Profile:
+    return Profile(identifier="P-0042", sex=Sex.MALE, stature_m=1.756, mass_kg=81.5)
 
 
 def palm(yaw_rad: float = 0.0, lens: Intrinsics = LENS) -> Hand:
@@ -70,16 +75,20 @@ def test_a_palm_held_still_is_calibrated(patient: Profile) -> None:
 
 @pytest.mark.parametrize(
     ("hands", "hint"),
-    [((), "Show one hand"), ((palm(), palm()), "Show one hand"), ((palm(yaw_rad=0.9),), "Turn the palm")],
+    [
+        ((), PalmHint.SHOW_ONE_HAND),
+        ((palm(), palm()), PalmHint.SHOW_ONE_HAND),
+        ((palm(yaw_rad=0.9),), PalmHint.FACE_CAMERA),
+    ],
 )
 def test_what_is_no_palm_before_the_camera_is_no_sample_and_helped(
-    patient: Profile, hands: tuple[Hand, ...], hint: str
+    patient: Profile, hands: tuple[Hand, ...], hint: PalmHint
 ) -> None:
-    said: list[str] = []
+    said: list[PalmHint] = []
     sampler = sample_palm(patient, Frames(400), Shown(*hands), lambda now, _: said.append(now.hint))
     assert sampler.samples_m == []
-    assert hint in said[-1]
-    with pytest.raises(ProfileError, match="0 of at least"):
+    assert said[-1] is hint
+    with pytest.raises(ProfileError, match="TOO_FEW_SAMPLES count=0"):
         sampler.solve("grey", TRUE_M, AT)
 
 
@@ -97,5 +106,5 @@ def test_another_resolution_starts_anew(patient: Profile) -> None:
 
 
 def test_a_camera_without_pictures_is_told(patient: Profile) -> None:
-    with pytest.raises(AppError, match="No picture came from grey"):
+    with pytest.raises(AppError, match="NO_FRAME camera=grey"):
         sample_palm(patient, Frames(3), Shown(palm()), lambda *_: None)

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from app.perception.camera import BACK_OFF_S, CameraKeeper
+from app.perception.camera import BACK_OFF_S, CameraSupervisor
 from hal.cameras.camera import EndOfRecording, Frame, Intrinsics, IntrinsicsSource
 from hal.errors import CameraFault, HardwareError, RecordingFault
 from logs.reason import Reason, reason
@@ -45,7 +45,7 @@ class Fragile:
 def test_unplugged_and_plugged_in_again() -> None:
     camera = Fragile()
     faults: list[Reason] = []
-    keeper = CameraKeeper(camera, on_fault=faults.append)
+    keeper = CameraSupervisor(camera, on_fault=faults.append)
     assert keeper.read(0.0, 0.1) is not None
     camera.works = False
     assert keeper.read(1.0, 0.1) is None
@@ -59,7 +59,7 @@ def test_unplugged_and_plugged_in_again() -> None:
 
 def test_a_missing_camera_is_not_hammered() -> None:
     camera = Fragile(works=False)
-    keeper = CameraKeeper(camera)
+    keeper = CameraSupervisor(camera)
     attempts = []
     camera_open = camera.open
 
@@ -74,7 +74,7 @@ def test_a_missing_camera_is_not_hammered() -> None:
 
 
 def test_the_end_of_a_recording_is_said_and_final() -> None:
-    keeper = CameraKeeper(Fragile(frames_left=1))
+    keeper = CameraSupervisor(Fragile(frames_left=1))
     assert keeper.read(0.0, 0.1) is not None
     assert keeper.read(0.1, 0.1) is None
     assert keeper.ended
