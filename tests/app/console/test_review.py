@@ -136,7 +136,7 @@ async def test_without_a_name_it_asks_which(home: Home) -> None:
 
 async def test_a_changed_record_is_told_on_top(home: Home) -> None:
     path = next(home.logs.glob("2*.jsonl"))
-    path.write_bytes(path.read_bytes().replace(b"left thigh strap", b"all was well !!!"))
+    path.write_bytes(path.read_bytes().replace(b"Tired after the stairs", b"Rested after the climb"))
     app = ConsoleApp(home, Config())
     async with app.run_test(size=(100, 30)) as pilot:
         await opened(app, pilot, ReviewScreen(home, "last"))
