@@ -131,11 +131,10 @@ class HardwareError(Exception):
     Also a value: the detail of a fault that feedback carries and nobody raises.
     """
 
-    def __init__(self, code: Enum | str, **values: object) -> None:
-        super().__init__(code if isinstance(code, str) else code.name, *([values] if values else []))
+    def __init__(self, code: Enum, **values: object) -> None:
+        super().__init__(code.name, values)
         self.code = code
         self.values = values
 
     def __str__(self) -> str:
-        name = self.code if isinstance(self.code, str) else self.code.name
-        return " ".join([name, *(f"{key}={value}" for key, value in self.values.items())])
+        return " ".join([self.code.name, *(f"{key}={value}" for key, value in self.values.items())])

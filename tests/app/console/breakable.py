@@ -12,12 +12,13 @@ from app.system.config import SessionSetup
 from hal.cameras.camera import Camera, Frame
 from hal.cameras.digital_hand.driver import DigitalHandCamera
 from hal.cameras.digital_hand.render import lens_for
-from hal.errors import HardwareError
+from hal.errors import CameraFault, HardwareError
 from hal.joints.protocol import DriveFault, Joint, Joints
 from hal.joints.simulated.driver import SimulatedJoints
+from logs.reason import reason
 
 BREAK, MEND = signal.SIGUSR1, signal.SIGUSR2
-UNPLUGGED = "The digital hand was unplugged: plug it in again."
+UNPLUGGED = reason(CameraFault.UNPLUGGED, camera="digital hand")
 
 
 class UnpluggableHand(DigitalHandCamera):
@@ -41,7 +42,7 @@ class UnpluggableHand(DigitalHandCamera):
 
     def _look(self) -> None:
         if self.unplugged:
-            raise HardwareError(UNPLUGGED)
+            raise HardwareError(CameraFault.UNPLUGGED, camera="digital hand")
 
 
 def begin_breakable(name: str, setup: SessionSetup) -> None:

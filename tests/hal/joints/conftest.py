@@ -11,7 +11,7 @@ from hal.errors import HardwareError
 from hal.joints.can.driver import SocketCanJoints
 from hal.joints.device import Exoskeleton
 from hal.joints.emulator.emulator import DriveEmulator, EmulatorThread
-from tests.hal.joints.rig import CanRig, MakeRig
+from tests.support.can_rig import CanRig, MakeRig
 
 
 @pytest.fixture

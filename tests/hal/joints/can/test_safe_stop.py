@@ -12,7 +12,7 @@ from hal.joints.can.safe_stop import SafeStop
 from hal.joints.device import load_exoskeleton
 from hal.joints.emulator.firmware import Fault
 from hal.joints.protocol import Joint
-from tests.hal.joints.rig import CanRig, MakeRig, command, small_gear, until, with_motor
+from tests.support.can_rig import CanRig, MakeRig, command, small_gear, until, with_motor
 from tests.support.errors import refused
 
 DEVICES = {

@@ -20,7 +20,7 @@ from hal.joints.protocol import (
     JointFeedback,
     Joints,
 )
-from tests.hal.joints.rig import MakeRig, command, small_gear, with_motor
+from tests.support.can_rig import MakeRig, command, small_gear, with_motor
 
 TICK_NS = 2_000_000
 LIMIT_TICKS = 2_000

@@ -9,7 +9,7 @@ from hal.errors import CanFault, DeviceFault, HardwareError
 from hal.joints.can.driver import SocketCanJoints
 from hal.joints.codecs.wire import WireQuantity
 from hal.joints.device import load_exoskeleton
-from tests.hal.joints.rig import with_motor
+from tests.support.can_rig import with_motor
 from tests.support.errors import refused
 
 

@@ -21,7 +21,7 @@ from hal.joints.can.bus import with_bus
 from hal.joints.can.candump import BusRecorder
 from hal.joints.emulator.firmware import Fault
 from hal.joints.protocol import BusFault, DriveState
-from tests.hal.joints.rig import CanRig, MakeRig, bus_of_test, command, until, with_motor
+from tests.support.can_rig import CanRig, MakeRig, bus_of_test, command, until, with_motor
 from tests.support.errors import refused
 
 pytestmark = pytest.mark.skipif(
@@ -118,7 +118,7 @@ def test_the_documented_examples_are_what_happens(make_rig: MakeRig, tmp_path: P
     """Every `cansend vcan0` line of docs/how-to/drives.md is sent; every candump line it shows is then seen."""
     make_rig(with_motor("AK80-64/V2"))
     _, channel = bus_of_test()
-    text = (Path(__file__).parents[3] / "docs" / "how-to" / "drives.md").read_text()
+    text = (Path(__file__).parents[4] / "docs" / "how-to" / "drives.md").read_text()
     sent = re.findall(r"cansend vcan0 ([0-9A-F#]+)", text)
     shown = re.findall(r"^ {2}vcan0 {2}([0-9A-F]+) {3}\[8\] {2}((?:[0-9A-F]{2} ){8})", text + " ", re.MULTILINE)
     assert len(sent) >= 3

@@ -22,7 +22,7 @@ from hal.joints.can.scan import BusMonitor, drives_of, listen, scan
 from hal.joints.codecs.wire import Order
 from hal.joints.emulator.firmware import Fault
 from hal.joints.protocol import DriveFault, Joint
-from tests.hal.joints.rig import CanRig, MakeRig, command, small_gear, with_motor
+from tests.support.can_rig import CanRig, MakeRig, command, small_gear, with_motor
 from tests.support.errors import refused
 
 PATIENT_S = 0.4  # emulated drives share this machine's processors

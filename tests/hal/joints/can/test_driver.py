@@ -14,7 +14,7 @@ from hal.joints.codecs.wire import WireQuantity
 from hal.joints.device import Exoskeleton, load_exoskeleton
 from hal.joints.emulator.firmware import Fault
 from hal.joints.protocol import BusFault, DriveFault, DriveState, Joint, JointFeedback
-from tests.hal.joints.rig import LOOKS, CanRig, MakeRig, command, each_joint, on_test_bus, with_motor
+from tests.support.can_rig import LOOKS, CanRig, MakeRig, command, each_joint, on_test_bus, with_motor
 from tests.support.errors import refused
 
 HOLD = command(0.1, stiffness=150.0)
