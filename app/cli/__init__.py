@@ -17,6 +17,11 @@ from profiles.errors import ProfileError
 if TYPE_CHECKING:
     import typer
 
+# Module → the extra that brings it: what a session needs none of.
+EXTRAS = {
+    **dict.fromkeys(("matplotlib", "sklearn", "threadpoolctl"), "evaluate"),
+    **dict.fromkeys(("duckdb", "jinja2", "pyarrow"), "analysis"),
+}
 USER_ERRORS = (AppError, HardwareError, KgdfaError, AuditError, ProfileError)
 
 
@@ -36,6 +41,14 @@ def main() -> None:
         from app.text.catalogue import render
 
         sys.stderr.write(f"rleex: {render(error)}\n")
+        raise SystemExit(2) from None
+    except ModuleNotFoundError as error:
+        extra = EXTRAS.get((error.name or "").partition(".")[0])
+        if extra is None:
+            raise
+        from app.text.catalogue import tr
+
+        sys.stderr.write(f"rleex: {tr('EvaluateFault.EXTRA_MISSING', extra=extra)}\n")
         raise SystemExit(2) from None
 
 

@@ -282,6 +282,8 @@ def idle(
 
     The keypoints are simulated: the digital hand's own, with noise taken from MediaPipe on rendered frames.
     """
+    import msgspec
+
     from app.evaluate.harness import write_json
     from app.evaluate.trigger.idle import NOISE_FRAMES, NOISE_WALKS, evaluate_idle, idle_table, take_noise
 
@@ -290,7 +292,7 @@ def idle(
     with _bar("simulating", frames) as step:
         result = evaluate_idle(clips, frames=frames, seed=seed, step=step)
     _show(idle_table(result))
-    write_json(result.as_json(), json_file)
+    write_json(msgspec.to_builtins(result), json_file)
     if result.commands["robust"]:
         raise typer.Exit(1)
 
@@ -303,6 +305,8 @@ def press_zone(
     home: HomeFolder = None,
 ) -> None:
     """How near each gesture is tracked, with two lenses, and whether a push commands."""
+    import msgspec
+
     from app.evaluate.harness import write_json
     from app.evaluate.trigger.press_zone import evaluate_press_zone, steps, zone_lines, zone_table
 
@@ -310,7 +314,7 @@ def press_zone(
     with _pool(home, workers, steps(hands)) as (pool, step):
         rows = evaluate_press_zone(pool, hands=hands, step=step)
     _show(zone_table(rows))
-    write_json({"hands": hands, "rows": [row.as_json() for row in rows]}, json_file)
+    write_json({"hands": hands, "rows": msgspec.to_builtins(rows)}, json_file)
 
 
 @cli.command()

@@ -13,16 +13,16 @@ import multiprocessing
 import os
 import time
 from collections import defaultdict
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from threading import Barrier, BrokenBarrierError
-from typing import Any
+from types import SimpleNamespace
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import cv2
-from numpy.typing import NDArray
 from rich.table import Table
 
 from app.evaluate.harness import FRAME_NS, EvaluateFault, Step, table
@@ -30,15 +30,16 @@ from app.evaluate.readings import images_of, read_frames
 from app.system.errors import AppError
 from app.text.catalogue import tr
 from kgdfa.button import ButtonPlace
-from kgdfa.distance import Distance
 from kgdfa.draw import draw
-from kgdfa.gesture import Verdict
-from kgdfa.hand import FloatArray, Hand
 from kgdfa.pipeline import Picture, Pipeline
-from kgdfa.preprocess import AsNeeded, Image, Prepare
+from kgdfa.preprocess import AsNeeded, Image
 from kgdfa.robust import RobustRules
 from kgdfa.robust_distance import RobustRange
 
+if TYPE_CHECKING:
+    from kgdfa.keypoints import HandDetector
+
+Result = TypeVar("Result")
 WARM_UP = 15  # frames before the clock runs
 START_S = 300.0  # within which every worker must have read its frames and loaded its model
 REFERENCE_M, THRESHOLD_M = 0.065, 0.20  # of a usual palm, and the paper's: neither costs time
@@ -70,54 +71,30 @@ class Stopwatch:
         yield
         self.spent_s[name] += time.perf_counter() - start
 
+    def timed(self, name: str, work: Callable[..., Result]) -> Callable[..., Result]:
+        """The same work, counted under a name."""
 
-@dataclass(frozen=True, slots=True)
-class _TimedDetector:
-    inner: Any
-    watch: Stopwatch
+        def run(*args: Any) -> Result:
+            with self.running(name):
+                return work(*args)
 
-    def detect(self, image_bgr: Image, captured_ns: int) -> tuple[Hand, ...]:
-        with self.watch.running("keypoints"):
-            hands: tuple[Hand, ...] = self.inner.detect(image_bgr, captured_ns)
-            return hands
+        return run
 
 
-@dataclass(slots=True)
-class _TimedRules:
-    inner: RobustRules
-    watch: Stopwatch
-    name: str = RobustRules.name
-
-    def classify(self, hand: Hand) -> Verdict:
-        with self.watch.running("rules"):
-            return self.inner.classify(hand)
-
-    def predict_proba(self, hand: Hand) -> FloatArray:
-        return self.inner.predict_proba(hand)
-
-
-@dataclass(slots=True)
-class _TimedRange:
-    inner: RobustRange
-    watch: Stopwatch
-    name: str = "robust"
-
-    def measure(self, hand: Hand, captured_ns: int) -> Distance | None:
-        with self.watch.running("distance"):
-            return self.inner.measure(hand, captured_ns)
-
-    def reset(self) -> None:
-        self.inner.reset()
-
-
-def _timed_preparation(watch: Stopwatch) -> Prepare:
-    as_needed = AsNeeded()
-
-    def prepare(image_bgr: NDArray[Any]) -> Image:
-        with watch.running("preprocessing"):
-            return as_needed(image_bgr)
-
-    return prepare
+def _timed_pipeline(detector: HandDetector, focal_px: float, place: ButtonPlace, watch: Stopwatch) -> Pipeline:
+    """The whole pipeline with each stage timed."""
+    rules, finder = RobustRules(), RobustRange(focal_px=focal_px, reference_m=REFERENCE_M)
+    parts: dict[str, Any] = {
+        "detector": SimpleNamespace(detect=watch.timed("keypoints", detector.detect)),
+        "rules": SimpleNamespace(
+            name=rules.name, classify=watch.timed("rules", rules.classify), predict_proba=rules.predict_proba
+        ),
+        "range_finder": SimpleNamespace(
+            name=finder.name, measure=watch.timed("distance", finder.measure), reset=finder.reset
+        ),
+        "prepare": watch.timed("preprocessing", AsNeeded()),
+    }
+    return Pipeline(place=place, **parts)
 
 
 def measure_speed(images: list[Image], model: Path, *, focal_px: float, step: Step = lambda: None) -> SpeedFigures:
@@ -128,13 +105,7 @@ def measure_speed(images: list[Image], model: Path, *, focal_px: float, step: St
     height, width = images[0].shape[:2]
     place = ButtonPlace.in_the_middle(width, height, THRESHOLD_M)
     with HandDetector(model) as bare, live_detector(model) as detector:
-        pipeline = Pipeline(
-            detector=_TimedDetector(detector, watch),
-            rules=_TimedRules(RobustRules(), watch),
-            range_finder=_TimedRange(RobustRange(focal_px=focal_px, reference_m=REFERENCE_M), watch),
-            place=place,
-            prepare=_timed_preparation(watch),
-        )
+        pipeline = _timed_pipeline(detector, focal_px, place, watch)
         for number, image in enumerate([*images[:WARM_UP], *images]):
             if number == WARM_UP:
                 watch.spent_s.clear()

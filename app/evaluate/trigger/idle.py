@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from rich.table import Table
@@ -60,16 +59,6 @@ class IdleResult:
     commands: dict[str, int]
     presses: dict[str, int]
     cancels: dict[str, int]
-
-    def as_json(self) -> dict[str, Any]:
-        """As `--json` writes it."""
-        return {
-            "frames": self.frames,
-            "noise_frames": self.noise_frames,
-            "commands": self.commands,
-            "presses": self.presses,
-            "cancels": self.cancels,
-        }
 
 
 def take_noise(detector: HandDetector, step: Step) -> list[NoiseClip]:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
-from typing import Any
 
 import cv2
 import numpy as np
@@ -36,21 +35,12 @@ VIEWS = ("plain", "squared")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ZoneRow:
-    """One gesture before one lens, over the hands: followed_cm worst of them; commands: share of pushes."""
+    """One gesture before one lens, over the hands: followed_from_cm worst of them; commands: share of pushes."""
 
     focal_px: float
     gesture: str
-    followed_cm: dict[str, float]
+    followed_from_cm: dict[str, float]
     commands: dict[str, float]
-
-    def as_json(self) -> dict[str, Any]:
-        """As `--json` writes it."""
-        return {
-            "focal_px": self.focal_px,
-            "gesture": self.gesture,
-            "followed_from_cm": self.followed_cm,
-            "commands": self.commands,
-        }
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -118,7 +108,7 @@ def evaluate_press_zone(pool: ProcessPoolExecutor, *, hands: int, step: Step) ->
         ZoneRow(
             focal_px=focal_px,
             gesture=gesture,
-            followed_cm={view: max(one.followed_cm for one in results) for view, results in by_view.items()},
+            followed_from_cm={view: max(one.followed_cm for one in results) for view, results in by_view.items()},
             commands={view: float(np.mean([one.commands for one in results])) for view, results in by_view.items()},
         )
         for (focal_px, gesture), by_view in each.items()
@@ -214,7 +204,7 @@ def zone_table(rows: list[ZoneRow]) -> Table:
     columns = " ".join(["lens", "gesture", *(f"{view}_{what}" for view in VIEWS for what in ("tracked", "commands"))])
     made = table("press_zone", columns, left=6)
     for row in rows:
-        pairs = ((f"{row.followed_cm[view]:.0f} cm", f"{100 * row.commands[view]:.0f} %") for view in VIEWS)
+        pairs = ((f"{row.followed_from_cm[view]:.0f} cm", f"{100 * row.commands[view]:.0f} %") for view in VIEWS)
         cells = [cell for pair in pairs for cell in pair]
         made.add_row(f"{row.focal_px:.0f} px", row.gesture, *cells, end_section=row.gesture == GESTURE_NAMES[-1])
     return made

@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from app.cli import evaluate as commands
+from app.cli import main
 from app.evaluate import harness
 from app.evaluate.harness import EvaluateFault, require_extra
 from app.evaluate.trigger.pushes import PushFault
@@ -47,6 +48,20 @@ def test_every_text_is_in_the_catalogue(language: str) -> None:
     keys = {key for file in FILES for key in keys_of(file)} | {key_of(one) for one in (*EvaluateFault, *PushFault)}
     assert len(keys) > 130
     assert not [key for key in keys if not knows(key)]
+
+
+@pytest.mark.parametrize(("module", "extra"), [("sklearn.metrics", "evaluate"), ("duckdb", "analysis")])
+def test_a_command_without_its_extra_ends_with_one_sentence(
+    module: str, extra: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def command(_: list[str]) -> None:
+        raise ModuleNotFoundError(name=module)
+
+    monkeypatch.setattr("app.cli.tree.tree", lambda _: command)
+    with pytest.raises(SystemExit) as ended:
+        main()
+    assert ended.value.code == 2
+    assert capsys.readouterr().err == f'rleex: This command needs the extra {extra}: pip install "rleex[{extra}]".\n'
 
 
 def test_a_missing_extra_ends_with_how_to_install_it() -> None:
