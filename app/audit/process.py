@@ -100,7 +100,7 @@ class _AuditLoop:
 
     def begin(self, key: ConsoleKey) -> None:
         """The first records: what runs, for whom, and what earlier crashes left."""
-        found = self.writer.begin(_start(self._setup), self._now())
+        found = self.writer.begin(start_record(self._setup), self._now())
         patient = self._setup.profile
         self._record(
             PatientChosen(
@@ -211,7 +211,7 @@ def health(writer: SessionWriter, cycle_ns: int, now_ns: int) -> AuditHealth:
     return AuditHealth(at_ns=now_ns, written=writer.written, waiting=writer.waiting, fault=fault)
 
 
-def _start(setup: SessionSetup) -> SessionStart:
+def start_record(setup: SessionSetup) -> SessionStart:
     return SessionStart(
         versions=_versions(setup),
         configuration=msgspec.to_builtins(setup.config),

@@ -35,8 +35,10 @@ class ProcessFault(Enum):
 
 def newly_ended(before: tuple[ProcessStatus, ...], now: tuple[ProcessStatus, ...]) -> tuple[ProcessStatus, ...]:
     """The processes that were alive before and are not any more, restarted ones too."""
-    latest = {process.pid: process for process in now}
-    ended = (latest.get(process.pid, replace(process, alive=False)) for process in before if process.alive)
+    latest = {(process.name, process.pid): process for process in now}
+    ended = (
+        latest.get((process.name, process.pid), replace(process, alive=False)) for process in before if process.alive
+    )
     return tuple(process for process in ended if not process.alive)
 
 

@@ -1,0 +1,294 @@
+"""Every field of every record has a producer: real processes and the product's own code fill each at least once."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from contextlib import ExitStack
+from dataclasses import replace
+from pathlib import Path
+
+import msgspec
+import pytest
+from app.demo.emulation import emulated_drives
+from textual.widgets import Select
+from typer.testing import CliRunner
+
+from app.audit import process as audit_process
+from app.audit.sink import AuditSink
+from app.cli import cli
+from app.console.operator import ConsoleTrail
+from app.console.review_data import comments_on, comments_path, write_comment
+from app.console.screens.after import AfterScreen
+from app.console.screens.session import SessionScreen
+from app.console.screens.signin import SignInDialog
+from app.console.state import newly_ended
+from app.ipc.messages import OperatorKind, PerceptionCommand
+from app.ipc.states import Action
+from app.perception.camera import SessionRecorder
+from app.perception.pipeline import camera_records, make_camera
+from app.perception.reporting import records_between
+from app.session.host import ProcessStatus
+from app.system.config import CameraConfig, Config, JointsConfig, SessionSetup
+from app.system.operators import Role, add_operator, load_store, save_store
+from app.system.paths import Home
+from hal.joints.guard import Quantity, Refusal
+from hal.joints.protocol import Joint
+from kgdfa.button import ButtonState
+from kgdfa.gesture import Gesture
+from logs.disk import PosixDisk
+from logs.keys import load_or_make_key
+from logs.manifest import OPERATORS, Moment, manifest_paths
+from logs.mirror import CheckpointCopy
+from logs.read import records, session_paths
+from logs.records import Body, Note, ProcessEnd, SessionStart
+from logs.writer import SessionWriter
+from profiles.schema import DEMO_PATIENT
+from testing.session import real_session
+from tests.app.console.conftest import Console, Opener
+from tests.app.console.conftest import console as console  # noqa: PLC0414 - the fixture
+from tests.app.console.conftest import home as home  # noqa: PLC0414 - the fixture
+from tests.app.control.moments import A, K, S, moving, resting, standing
+from tests.app.control.rig import Rig
+from tests.app.perception.test_reporting import REPORT
+
+KINDS: tuple[type[Body], ...] = Body.__args__
+PIN = "481516"
+
+
+def filled(bodies: Iterable[Body]) -> set[tuple[str, str]]:
+    """(kind, field) that hold something: not null, and neither empty, zero nor false unless it was measured."""
+    return {
+        (type(body).__name__, field.name)
+        for body in bodies
+        for field in msgspec.structs.fields(body)
+        if (value := getattr(body, field.name)) not in (None, (None,) * 4) and (value or field.default is None)
+    }
+
+
+# The machine grants these, or not; control copies them field by field.
+GRANTED = {("RealTimePrivilege", field) for field in ("fifo", "memory_locked", "core", "cores_awake")}
+
+
+async def test_every_field_of_every_record_is_filled_by_somebody(
+    tmp_path: Path, console: Opener, home: Home, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bodies = [*of_a_real_session(tmp_path / "real"), *of_control(), *of_perception(tmp_path / "perception")]
+    bodies += of_the_operators(tmp_path / "operators")
+    bodies += await of_the_console(console, home, monkeypatch)
+    wanted = {(kind.__name__, field) for kind in KINDS for field in kind.__struct_fields__}
+    assert wanted - filled(bodies) - GRANTED == set()
+
+
+def of_a_real_session(root: Path) -> list[Body]:
+    """Emulated drives on a bus, which vanish before the end, after a session that crashed; and a comment on it."""
+    place = Home(root)
+    leave_torn(place)
+    with ExitStack() as drives:
+        config = drives.enter_context(emulated_drives(JointsConfig(kind="can"), wearer=False))
+        with real_session(root, config) as session:
+            session.send(OperatorKind.CONFIRM_PATIENT)
+            session.until(lambda now: now.patient_confirmed and bool(now.allowed), "readiness")
+            session.send(OperatorKind.ARM)
+            session.send(OperatorKind.ACT, Action.INITIALISE)
+            session.until(lambda _: session.heartbeat is not None and session.heartbeat.enabled, "power")
+            begun = session.until(lambda now: now.enabled).at_ns
+            session.until(lambda now: now.at_ns - begun > 1_500_000_000)  # a second of statistics
+            drives.close()
+            session.finish()
+    path = session_paths(place.logs)[-1]
+    found = records(path)
+    now = Moment(wall_ns=1, monotonic_ns=1, operator="ann")
+    write_comment(place, path, found[-1], "A word.", now)
+    comments = [comment for about in comments_on(path).values() for comment in about]
+    journals = [record for manifest in manifest_paths(place.logs) for record in records(manifest)]
+    assert comments_path(path).exists()
+    return [record.body for record in (*found, *journals)] + comments
+
+
+def leave_torn(place: Home) -> None:
+    """A session that crashed while it wrote a line."""
+    place.logs.mkdir(parents=True)
+    writer = SessionWriter(
+        place.logs, "20260101T000000Z-0000", load_or_make_key(place.keys), PosixDisk(), CheckpointCopy("")
+    )
+    writer.begin(SessionStart(versions={"rleex": "0"}, configuration={}, simulated=True), at(0))
+    writer.take(at(1).entry(Note(text="before")))
+    writer.settle(2)
+    writer.close()
+    with writer.path.open("ab") as file:
+        file.write(b'{"body":{"kind":"no')
+
+
+def at(second: int) -> Moment:
+    return Moment(wall_ns=10**18 + second * 10**9, monotonic_ns=1 + second * 10**9, operator="ann")
+
+
+def of_control() -> list[Body]:
+    """Ticks of the step: actions by key and gesture, refusals, events, STOP."""
+    rigs = [walked(), refused(), spoiled(), stopped()]
+    return [body for rig in rigs for body in rig.audit]
+
+
+def walked() -> Rig:
+    rig = standing()
+    rig.report = {"released_recognised_ns": rig.now_ns}
+    rig.release(Gesture.FIVE)
+    rig.tick(10)
+    rig.run_until(lambda state: state.steps > 1, limit=5000)
+    rig.send(K.ACT, A.WALK_END)
+    rig.settle()
+    return rig
+
+
+def refused() -> Rig:
+    """By the gait machine, by the planner's check, by a gesture, an acknowledgement of nothing."""
+    rig = resting(S.SITTING)
+    rig.release(Gesture.FIVE)
+    rig.tick(20)
+    rig.send(K.ACKNOWLEDGE)
+    rig.tick(2)
+    rig.refuse_plans = "too fast"
+    rig.send(K.ACT, A.STAND_UP)
+    rig.tick(20)
+    return rig
+
+
+def spoiled() -> Rig:
+    """A command that the guard refuses, a clock that is moved, a stream that pauses."""
+    rig = moving()
+    rig.spoil["guard_refusal"] = Refusal(joint=Joint.LEFT_KNEE, quantity=Quantity.SPEED, value=9.0, limit=4.0)
+    rig.spoil["wall_ns"] = rig.now_ns + 9_000_000_000
+    rig.watching = False
+    rig.tick(500)
+    rig.watching = True
+    rig.tick(1500)
+    return rig
+
+
+def stopped() -> Rig:
+    rig = moving()
+    rig.send(K.STOP)
+    rig.settle()
+    rig.send(K.ACKNOWLEDGE)
+    rig.tick(5)
+    rig.send(K.ARM)
+    rig.tick(2)
+    return rig
+
+
+def of_perception(root: Path) -> list[Body]:
+    """A press that is released and one that is cancelled; the camera; a recording."""
+    setup = setup_in(root)
+    pressed = replace(REPORT, button=ButtonState(pressed=True, pressed_gesture=Gesture.ONE))
+    released = replace(
+        REPORT,
+        button=ButtonState(release_count=1, released_gesture=Gesture.ONE, released_recognised_ns=4, released_ns=5),
+    )
+    cancelled = replace(REPORT, button=ButtonState(cancel_count=1, cancel_reason="the hand was lost"))
+    found: list[Body] = []
+    for before, now in ((None, REPORT), (REPORT, pressed), (pressed, released), (pressed, cancelled)):
+        found += records_between(before, now, 0.2)
+    camera = make_camera(setup)
+    camera.open()
+    frame = camera.read(5.0)
+    assert frame is not None
+    found += camera_records(setup, camera, frame)
+    recorder = SessionRecorder(setup, Collector(found), camera.name)
+    recorder.handle(PerceptionCommand(record=True))
+    recorder.take(frame)
+    recorder.close()
+    camera.close()
+    return found
+
+
+class Collector(AuditSink):
+    """Keeps what a process would send."""
+
+    def __init__(self, bodies: list[Body]) -> None:
+        self.bodies = bodies
+
+    def emit(self, body: Body) -> bool:
+        self.bodies.append(body)
+        return True
+
+
+def setup_in(root: Path) -> SessionSetup:
+    return SessionSetup(
+        session="s",
+        home=root,
+        links=root,
+        config=Config(camera=CameraConfig(mirrored=True)),
+        profile=DEMO_PATIENT,
+        operator="ann",
+        role="therapist",
+        console_pid=1,
+    )
+
+
+def of_the_operators(root: Path) -> list[Body]:
+    """An operator added by the command; a wall clock that was moved; a record too long for the trail."""
+    added = CliRunner().invoke(
+        cli, ["operator", "add", "Eva", "--role", "engineer", "--home", str(root)], input=f"{PIN}\n{PIN}\n"
+    )
+    assert added.exit_code == 0, added.output
+    found = [record.body for record in records(root / "logs" / OPERATORS)]
+    writer = SessionWriter(root / "logs", "clock", load_or_make_key(root / "keys"), PosixDisk(), CheckpointCopy(""))
+    writer.begin(audit_process.start_record(setup_in(root)), at(0))
+    moved = Moment(wall_ns=at(9).wall_ns, monotonic_ns=at(1).monotonic_ns, operator="ann")
+    writer.take(moved.entry(Note(text="x" * 2_000_000)))
+    writer.end(None, moved)
+    writer.finish(moved)
+    writer.close()
+    found += [record.body for record in records(writer.path)]
+    return found
+
+
+async def of_the_console(console: Opener, home: Home, monkeypatch: pytest.MonkeyPatch) -> list[Body]:
+    """Wrong PINs, a sign-in, lock, unlock, a process that dies, note and rating, a sign-out."""
+    found: list[Body] = []
+    monkeypatch.setattr(ConsoleTrail, "emit", lambda _, body: found.append(body))
+    store = add_operator(load_store(home.keys), "Ada", Role.ENGINEER, PIN)
+    save_store(home.keys, add_operator(store, "Ben", Role.THERAPIST, PIN))
+    async with console(profile=None, config=Config(joints=JointsConfig(kind="can"))) as opened:
+        await opened.press("enter")
+        await opened.shows("is this the patient?")
+        await opened.press("ctrl+s")
+        for name, pin in (("Ada", "000111"),) * 3 + (("Ben", PIN),):
+            await opened.until(lambda: isinstance(opened.app.screen, SignInDialog))
+            failures = len(found)
+            await sign_in(opened, name, pin)
+            await opened.until(lambda: len(found) > failures)  # noqa: B023 - awaited at once
+        await opened.until(lambda: isinstance(opened.app.screen, SessionScreen))
+        await opened.until(lambda: (state := opened.app.live_state()) and state.snapshot)
+        await opened.press("ctrl+l")
+        await opened.until(lambda: isinstance(opened.app.screen, SignInDialog))
+        await sign_in(opened, "Ben", PIN)
+        await opened.until(lambda: isinstance(opened.app.screen, SessionScreen))
+        opened.host.guardian_gone = True
+        await opened.until(lambda: any(isinstance(body, ProcessEnd) for body in found))
+        await opened.app.end_session()
+        await opened.until(lambda: isinstance(opened.app.screen, AfterScreen))
+        opened.type("note", "walked well")
+        opened.app.screen.query_one("#discomfort", Select).value = 3
+        await opened.press("ctrl+s")
+        await opened.until(lambda: opened.host.closed)
+    return found
+
+
+async def sign_in(opened: Console, name: str, pin: str) -> None:
+    opened.type("name", name)
+    opened.type("pin", pin)
+    opened.app.screen.query_one("#pin").focus()
+    await opened.press("enter")
+
+
+def test_a_process_that_was_restarted_has_ended_too() -> None:
+    before = (status("control", 1), status("perception", 2))
+    assert newly_ended(before, before) == ()
+    assert [one.pid for one in newly_ended(before, (status("control", 1), status("perception", 3)))] == [2]
+    assert [one.name for one in newly_ended(before, (status("control", 1, -9), status("perception", 2)))] == ["control"]
+    assert newly_ended((status("control", 1, -9),), (status("control", 1, -9),)) == ()
+
+
+def status(name: str, pid: int, exit_code: int | None = None) -> ProcessStatus:
+    return ProcessStatus(name=name, pid=pid, alive=exit_code is None, restarts=0, exit_code=exit_code)
