@@ -9,7 +9,6 @@ from pathlib import Path
 
 import msgspec
 import pytest
-from app.demo.emulation import emulated_drives
 from textual.widgets import Select
 from typer.testing import CliRunner
 
@@ -22,6 +21,7 @@ from app.console.screens.after import AfterScreen
 from app.console.screens.session import SessionScreen
 from app.console.screens.signin import SignInDialog
 from app.console.state import newly_ended
+from app.demo.drives import emulated_drives
 from app.ipc.messages import OperatorKind, PerceptionCommand
 from app.ipc.states import Action
 from app.perception.camera import SessionRecorder
@@ -33,7 +33,7 @@ from app.system.operators import Role, add_operator, load_store, save_store
 from app.system.paths import Home
 from hal.joints.guard import Quantity, Refusal
 from hal.joints.protocol import Joint
-from kgdfa.button import ButtonState
+from kgdfa.button import ButtonState, PressCancel
 from kgdfa.gesture import Gesture
 from logs.disk import PosixDisk
 from logs.keys import load_or_make_key
@@ -184,7 +184,7 @@ def of_perception(root: Path) -> list[Body]:
         REPORT,
         button=ButtonState(release_count=1, released_gesture=Gesture.ONE, released_recognised_ns=4, released_ns=5),
     )
-    cancelled = replace(REPORT, button=ButtonState(cancel_count=1, cancel_reason="the hand was lost"))
+    cancelled = replace(REPORT, button=ButtonState(cancel_count=1, cancel_reason=PressCancel.HAND_LOST))
     found: list[Body] = []
     for before, now in ((None, REPORT), (REPORT, pressed), (pressed, released), (pressed, cancelled)):
         found += records_between(before, now, 0.2)
