@@ -1,66 +1,33 @@
-"""The few operations by which a trail reaches the disk, as a Protocol, so that tests can make each of them fail."""
+"""The few operations by which a trail reaches the disk, in one class, so that tests can make each of them fail."""
 
 from __future__ import annotations
 
 import fcntl
 import os
 from pathlib import Path
-from typing import Protocol
 
 
-class Disk(Protocol):
+class Disk:
     """Files by descriptor; every method raises OSError when the disk does."""
 
     def create(self, path: Path) -> int:
         """A new file, readable by its owner alone, held under a lock while open; fails when it exists."""
-        ...
-
-    def open_existing(self, path: Path) -> int:
-        """An existing file for writing, held under the same lock."""
-        ...
-
-    def write(self, handle: int, data: bytes, offset: int) -> int:
-        """Write at an offset; returns how many bytes were taken."""
-        ...
-
-    def sync(self, handle: int) -> None:
-        """Return when the file's data is on the medium."""
-        ...
-
-    def sync_folder(self, folder: Path) -> None:
-        """Return when the folder's entries are on the medium."""
-        ...
-
-    def rename(self, source: Path, target: Path) -> None:
-        """Put a file in another's place at once."""
-        ...
-
-    def close(self, handle: int) -> None:
-        """Release the file and its lock."""
-        ...
-
-
-class PosixDisk:
-    """The operating system's."""
-
-    def create(self, path: Path) -> int:
-        """See Disk."""
         return _locked(os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o600))
 
     def open_existing(self, path: Path) -> int:
-        """See Disk."""
+        """An existing file for writing, held under the same lock."""
         return _locked(os.open(path, os.O_RDWR | os.O_CLOEXEC))
 
     def write(self, handle: int, data: bytes, offset: int) -> int:
-        """See Disk."""
+        """Write at an offset; returns how many bytes were taken."""
         return os.pwrite(handle, data, offset)
 
     def sync(self, handle: int) -> None:
-        """See Disk."""
+        """Return when the file's data is on the medium."""
         os.fsync(handle)
 
     def sync_folder(self, folder: Path) -> None:
-        """See Disk."""
+        """Return when the folder's entries are on the medium."""
         handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
         try:
             os.fsync(handle)
@@ -68,11 +35,11 @@ class PosixDisk:
             os.close(handle)
 
     def rename(self, source: Path, target: Path) -> None:
-        """See Disk."""
+        """Put a file in another's place at once."""
         source.replace(target)
 
     def close(self, handle: int) -> None:
-        """See Disk."""
+        """Release the file and its lock."""
         os.close(handle)
 
 

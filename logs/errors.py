@@ -24,7 +24,7 @@ class AuditFault(Enum):
     PUBLIC_KEY_UNREADABLE = auto()  # path, detail
     PUBLIC_KEY_NOT_PEM = auto()  # path
     PUBLIC_KEY_NOT_ED25519 = auto()  # path
-    UNANSWERABLE = auto()  # detail, in the query engine's words
+    UNANSWERABLE = auto()  # detail: the query engine's message
     NOT_A_QUESTION = auto()
     UNWRITABLE = auto()  # path, detail
 

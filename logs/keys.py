@@ -23,7 +23,7 @@ from cryptography.hazmat.primitives.serialization import (
 )
 from msgspec import Struct
 
-from logs.disk import Disk, PosixDisk
+from logs.disk import Disk
 from logs.errors import AuditError, AuditFault
 
 ANCHOR_FILE = "history.json"
@@ -123,7 +123,7 @@ def load_or_make_key(folder: Path, disk: Disk | None = None) -> ConsoleKey:
     try:
         folder.mkdir(parents=True, exist_ok=True, mode=0o700)
         if not path.exists():
-            _make(folder, disk or PosixDisk())
+            _make(folder, disk or Disk())
         return _load(path)
     except OSError as error:
         raise AuditError(AuditFault.KEY_UNUSABLE, path=path, detail=error.strerror) from error
@@ -163,7 +163,7 @@ def _make(folder: Path, disk: Disk) -> None:
 
 def _keep_former_public(folder: Path, disk: Disk) -> None:
     former = folder / PUBLIC_FILE
-    if former.exists():  # sessions signed by a key that is gone must stay verifiable
+    if former.exists():  # sessions signed by a former key must stay verifiable
         disk.rename(former, folder / f"console-{load_public_key(former).fingerprint[:8]}.pub")
 
 

@@ -12,31 +12,16 @@ from functools import lru_cache
 from hashlib import sha256
 
 import msgspec
-from msgspec import Struct
 
-from logs.records import Body, Hex
+from logs.records import Payload
 
 GENESIS = "0" * 64  # `previous` of a file's first record
-MAX_LINE = 1 << 20  # bytes; nothing the program says comes near, and a reader need not swallow gigabytes
+MAX_LINE = 1 << 20  # bytes; no record comes near; a reader never loads more at once
 SIGNED_KINDS = ("checkpoint", "log-opened", "log-closed", "log-recovered", "comment")
 
 _SEAL = b',"hash":"'
 SEAL_LENGTH = len(_SEAL) + 64 + len('"}\n')
 _SIGNATURE = re.compile(rb'"signature":"[0-9a-f]*"')
-
-
-class Payload(Struct, frozen=True, kw_only=True):
-    """A record without its hash, fields in sorted order: what is hashed."""
-
-    body: Body
-    monotonic_ns: int
-    operator: str
-    previous: Hex
-    process: str
-    schema: int
-    sequence: int
-    session: str
-    wall: str
 
 
 _encode = msgspec.json.Encoder(order="sorted").encode

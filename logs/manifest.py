@@ -13,7 +13,7 @@ from pathlib import Path
 
 import msgspec
 
-from logs.disk import Disk, PosixDisk, is_being_written
+from logs.disk import Disk, is_being_written
 from logs.errors import AuditError, AuditFault
 from logs.keys import Anchor, ConsoleKey, PublicKey, by_fingerprint, write_anchor
 from logs.line import GENESIS, MAX_LINE, SIGNED_KINDS
@@ -241,7 +241,7 @@ def append_signed(
     """
     try:
         path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
-        trail, chain, scan = resume(path, key, disk or PosixDisk())
+        trail, chain, scan = resume(path, key, disk or Disk())
     except OSError as error:
         raise AuditError(AuditFault.JOURNAL_UNREADABLE, path=path, detail=error.strerror) from error
     if scan is not None and scan.fault is not None and not scan.is_torn:

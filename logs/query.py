@@ -21,37 +21,14 @@ from logs.read import session_paths
 from logs.reason import Reason, Render
 from logs.sanitize import sanitize_terminal
 
-# Columns taken out of the body; `body` holds all of it as JSON text. DuckDB's type names.
+# Columns taken out of the body, by DuckDB's type; `body` holds all of it as JSON text.
+_TEXT = "kind action source gesture state from_state to_state outcome reason event effect text stream"
+_COUNTS = "number steps rating recognised_ns released_ns accepted_ns first_command_ns first_motion_ns ended_ns"
+_NUMBERS = "confidence distance_m tracking_rms_rad waited_s lasted_s p99_ms max_ms"
 BODY_COLUMNS: dict[str, str] = {
-    "kind": "VARCHAR",
-    "number": "BIGINT",
-    "action": "VARCHAR",
-    "source": "VARCHAR",
-    "gesture": "VARCHAR",
-    "state": "VARCHAR",
-    "from_state": "VARCHAR",
-    "to_state": "VARCHAR",
-    "outcome": "VARCHAR",
-    "reason": "VARCHAR",
-    "event": "VARCHAR",
-    "effect": "VARCHAR",
-    "text": "VARCHAR",
-    "stream": "VARCHAR",
-    "confidence": "DOUBLE",
-    "distance_m": "DOUBLE",
-    "steps": "BIGINT",
-    "recognised_ns": "BIGINT",
-    "released_ns": "BIGINT",
-    "accepted_ns": "BIGINT",
-    "first_command_ns": "BIGINT",
-    "first_motion_ns": "BIGINT",
-    "ended_ns": "BIGINT",
-    "tracking_rms_rad": "DOUBLE",
-    "waited_s": "DOUBLE",
-    "lasted_s": "DOUBLE",
-    "rating": "BIGINT",
-    "p99_ms": "DOUBLE",
-    "max_ms": "DOUBLE",
+    name: kind
+    for kind, names in {"VARCHAR": _TEXT, "BIGINT": _COUNTS, "DOUBLE": _NUMBERS}.items()
+    for name in names.split()
 }
 MOST_ROWS = 500  # on a screen; JSON has them all
 _ENVELOPE = (
@@ -118,7 +95,7 @@ def connect(paths: Sequence[Path]) -> duckdb.DuckDBPyConnection:
 
 
 def ask(connection: duckdb.DuckDBPyConnection, sql: str) -> Any:
-    """The answer to one SQL question as a pyarrow table. Raises AuditError with the engine's own words."""
+    """The answer to one SQL question as a pyarrow table. Raises AuditError with the engine's message."""
     try:
         relation = connection.sql(sql)
         if relation is None:

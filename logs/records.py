@@ -1,4 +1,4 @@
-"""What the audit trail can say: one frozen struct a kind of record, and the envelope that chains them.
+"""The records of the audit trail: one frozen struct a kind of record, and the envelope that chains them.
 
 Values are plain types with units in their names. States, actions, gestures, effects and events are recorded as the
 values of the program's enumerations (those of former versions: `logs/legacy.py`), reasons as a code with values
@@ -111,7 +111,7 @@ class EventRaised(Struct, frozen=True, kw_only=True, tag_field="kind", tag="even
 
 
 class EventCleared(Struct, frozen=True, kw_only=True, tag_field="kind", tag="event-cleared"):
-    """The condition of an event is gone; its effect may stay until acknowledged."""
+    """The condition of an event has ended; its effect may stay until acknowledged."""
 
     event: str
     effect: str
@@ -243,7 +243,7 @@ class ProcessStart(Struct, frozen=True, kw_only=True, tag_field="kind", tag="pro
 
 
 class ProcessEnd(Struct, frozen=True, kw_only=True, tag_field="kind", tag="process-end"):
-    """A process ended, reported by itself or by who found it gone."""
+    """A process ended, reported by itself or by who found it missing."""
 
     pid: int
     reason: Cause = None
@@ -497,8 +497,8 @@ class Entry(Struct, frozen=True, kw_only=True, tag="audit-entry"):
     body: Body
 
 
-class Record(Struct, frozen=True, kw_only=True):
-    """One line of a trail. `hash` covers the line as it stands without its own field (see docs/reference/audit.md)."""
+class Payload(Struct, frozen=True, kw_only=True):
+    """A record without its hash: what is hashed, with its fields in sorted order (see docs/reference/audit.md)."""
 
     body: Body
     monotonic_ns: int
@@ -509,6 +509,11 @@ class Record(Struct, frozen=True, kw_only=True):
     sequence: int  # from 0, without gaps
     session: str
     wall: str  # UTC, ISO 8601 with microseconds
+
+
+class Record(Payload, frozen=True, kw_only=True):
+    """One line of a trail."""
+
     hash: Hex
 
 

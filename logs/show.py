@@ -19,7 +19,7 @@ from logs.sanitize import sanitize_terminal
 
 CAUSES = {"reason", "text", "detail", "explanation"}  # fields with a reason, which may be none
 UNKNOWN = "–"
-# For colours and for what a reader looks for first; everything else is plain.
+# For colours; a kind that is not named has none.
 WEIGHT: dict[type, str] = {
     r.Stop: "grave",
     r.EventRaised: "grave",

@@ -18,9 +18,9 @@ from structlog.typing import EventDict, Processor
 
 from logs.disk import Disk
 from logs.keys import ConsoleKey
-from logs.line import GENESIS, MAX_LINE, SIGNED_KINDS, Payload, canonical, seal, signed_message, wall_text
+from logs.line import GENESIS, MAX_LINE, SIGNED_KINDS, canonical, seal, signed_message, wall_text
 from logs.reason import Reason, reason
-from logs.records import SCHEMA, Entry, Loss, RecordsLost
+from logs.records import SCHEMA, Entry, Loss, Payload, RecordsLost
 
 # A minute of the heaviest traffic; beyond it the reader stops and the senders' queues fill.
 MAX_WAITING_BYTES = 64 << 20

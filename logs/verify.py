@@ -38,7 +38,7 @@ class Evidence:
 
     keys: Mapping[str, PublicKey] = field(default_factory=dict)  # by fingerprint
     copies: Path | None = None  # the mirror of the checkpoints
-    anchor: Anchor | None = None  # what the console remembers of its manifest
+    anchor: Anchor | None = None  # the console's anchor of its manifest
 
 
 def exit_status(findings: Sequence[Finding]) -> int:
@@ -67,7 +67,7 @@ def judge(path: Path, scan: Scan, evidence: Evidence, *, running: bool) -> Findi
 
 
 def _is_foreign(path: Path, scan: Scan, evidence: Evidence) -> bool:
-    """Nothing in it looks like a record, and no manifest claims it: binary, another encoding, another program's."""
+    """Not a record in it, and no manifest names it: binary, another encoding, another program's."""
     if scan.records or not scan.is_torn or scan.fault_is_sealed:
         return False
     with path.open("rb") as file:
@@ -82,8 +82,8 @@ def is_appended(path: Path) -> bool:
 
 
 def _judge_appended(finding: Finding, scan: Scan, evidence: Evidence) -> Finding:
-    if scan.fault is None and (forgotten := _forgotten(finding, scan, evidence)):
-        return _bad(finding, scan, Status.TAMPERED, forgotten)
+    if scan.fault is None and (cut := _cut_behind_anchor(finding, scan, evidence)):
+        return _bad(finding, scan, Status.TAMPERED, cut)
     if scan.fault is None and (scan.proven == scan.records or not evidence.keys):
         return finding
     if scan.fault is None:
@@ -93,8 +93,8 @@ def _judge_appended(finding: Finding, scan: Scan, evidence: Evidence) -> Finding
     return _bad(finding, scan, Status.TAMPERED, scan.fault.reason)
 
 
-def _forgotten(finding: Finding, scan: Scan, evidence: Evidence) -> Reason | None:
-    """Why the manifest lacks the entry that the console remembers, if it does."""
+def _cut_behind_anchor(finding: Finding, scan: Scan, evidence: Evidence) -> Reason | None:
+    """Why the manifest lacks the anchored entry, if it does."""
     anchor = evidence.anchor
     if anchor is None or anchor.file != finding.file.name:
         return None
@@ -170,7 +170,7 @@ def _wrong_history(path: Path, scan: Scan, listing: Listing) -> Reason | None:
         try:
             body = msgspec.json.decode(file.readline(MAX_LINE), type=Record).body
         except msgspec.MsgspecError:
-            return None  # of another version: the chain alone speaks
+            return None  # of another version: only the chain is checked
     if not isinstance(body, SessionStart) or body.history_hash in ("", GENESIS):
         return None
     if body.history_hash in listing.hashes:

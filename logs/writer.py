@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from msgspec.structs import replace
+
 from logs.disk import Disk
 from logs.keys import ConsoleKey
 from logs.manifest import Manifest, Moment
@@ -120,7 +122,8 @@ class SessionWriter:
         self._manifest = Manifest(self._folder, self._key, self._disk, now)
         found = self._manifest.recover(now)
         self._manifest.opened(self.path.name, now)
-        self._append(now.entry(_with_history(start, self._manifest)))
+        history = {"history_entries": self._manifest.entries, "history_hash": self._manifest.head}
+        self._append(now.entry(replace(start, **history)))
         self.settle(now.monotonic_ns)
         return found
 
@@ -145,7 +148,7 @@ class SessionWriter:
         """Bring everything to the medium now; False when the disk refuses."""
         self._tried_ns = monotonic_ns
         # The file exists before the manifest names it, and is named before it holds anything: a crash between
-        # any two leaves a state that can be told from a file removed or slipped in.
+        # any two leaves a state that differs from a file removed or added.
         named = self._manifest is None or (self._trail.create() and self._manifest.settle())
         good = named and self._trail.settle()
         if good:
@@ -199,17 +202,6 @@ class SessionWriter:
 
 def _moment(entry: Entry) -> Moment:
     return Moment(wall_ns=entry.wall_ns, monotonic_ns=entry.monotonic_ns, operator=entry.operator)
-
-
-def _with_history(start: SessionStart, manifest: Manifest) -> SessionStart:
-    return SessionStart(
-        versions=start.versions,
-        configuration=start.configuration,
-        simulated=start.simulated,
-        role=start.role,
-        history_entries=manifest.entries,
-        history_hash=manifest.head,
-    )
 
 
 def _free_name(folder: Path, session: str) -> Path:

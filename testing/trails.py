@@ -14,7 +14,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from logs import records as r
-from logs.disk import PosixDisk
+from logs.disk import Disk
 from logs.keys import load_or_make_key
 from logs.manifest import Moment
 from logs.mirror import CheckpointCopy
@@ -163,7 +163,7 @@ def write_sample(home: Path, minutes: float, seed: int = 1, per_second: int = 1,
     folder.mkdir(parents=True, exist_ok=True)
     clock, rng = _Clock(1_795_000_000_000_000_000 + seed * 86_400_000_000_000), random.Random(seed)
     name = datetime.fromtimestamp(clock.began_ns / 1e9, UTC).strftime("%Y%m%dT%H%M%SZ") + f"-{seed:04x}"
-    writer = SessionWriter(folder, name, load_or_make_key(home / "keys"), PosixDisk(), CheckpointCopy(""))
+    writer = SessionWriter(folder, name, load_or_make_key(home / "keys"), Disk(), CheckpointCopy(""))
     versions = {"rleex": "0.1.0", "python": "3.11"}
     writer.begin(r.SessionStart(versions=versions, configuration={}, simulated=True), clock.moment())
     writer.take(clock.moment().entry(r.PatientChosen(patient=patient)))

@@ -23,7 +23,7 @@ from app.ipc.messages import AuditHealth
 from app.ipc.streams import AUDIT_HEALTH
 from app.system.config import Config, SessionSetup
 from app.text.recorded import render_recorded
-from logs.disk import PosixDisk
+from logs.disk import Disk
 from logs.keys import by_fingerprint, known_keys, load_or_make_key
 from logs.manifest import Moment
 from logs.mirror import CheckpointCopy
@@ -60,7 +60,7 @@ def bench_verify(home: Path, records: int) -> None:
 
     rng, folder = random.Random(1), home / "logs"
     folder.mkdir(parents=True)
-    writer = SessionWriter(folder, "million", load_or_make_key(home / "keys"), PosixDisk(), CheckpointCopy(""))
+    writer = SessionWriter(folder, "million", load_or_make_key(home / "keys"), Disk(), CheckpointCopy(""))
     start = SessionStart(versions={}, configuration={}, simulated=True)
     writer.begin(start, Moment(wall_ns=10**18, monotonic_ns=0))
     note, joint = Note(text="so many of them"), joints(1.0, "standing", rng)

@@ -27,7 +27,7 @@ from app.system.config import SessionSetup
 from app.system.hand_model import MODEL_NAME
 from app.system.paths import Home
 from app.system.scheduling import set_scheduling
-from logs.disk import PosixDisk
+from logs.disk import Disk
 from logs.keys import ConsoleKey, load_or_make_key
 from logs.manifest import Moment
 from logs.mirror import CheckpointCopy
@@ -51,7 +51,7 @@ def run_audit(setup: SessionSetup) -> None:
     home = Home(setup.home)
     home.logs.mkdir(parents=True, exist_ok=True, mode=0o700)
     key = load_or_make_key(home.keys)
-    writer = SessionWriter(home.logs, setup.session, key, PosixDisk(), CheckpointCopy(setup.config.checkpoint_copy))
+    writer = SessionWriter(home.logs, setup.session, key, Disk(), CheckpointCopy(setup.config.checkpoint_copy))
     receiver = OrderedReceiver(address(setup.links, AUDIT.name), Entry)
     loop = _AuditLoop(setup, writer, receiver)
     signal.signal(signal.SIGTERM, loop.on_term)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from app.cli.common import CliFault, HomeOption, say
+from app.cli.common import CliFault, HomeOption, print_text
 
 if TYPE_CHECKING:
     from logs.show import Sieve
@@ -113,7 +113,7 @@ def report(
     path = find_session(find_home(home).logs, session)
     page = make(path, _evidence([path], key, None, home), render_recorded, catalogue.language())
     _write(output, page.encode())
-    say("cli.audit.report", path=output, session=path.stem)
+    print_text("cli.audit.report", path=output, session=path.stem)
 
 
 @cli.command()
@@ -157,7 +157,7 @@ def export(
     from logs.query import export as write
 
     rows = write(at or [find_home(home).logs], parquet, drop_operators=drop_operators)
-    say("cli.audit.exported", path=parquet, records=rows)
+    print_text("cli.audit.exported", path=parquet, records=rows)
 
 
 @cli.command()

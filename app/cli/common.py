@@ -21,7 +21,7 @@ class CliFault(Enum):
     NOT_KEPT = auto()  # doubt
 
 
-def say(key: str, **values: object) -> None:
+def print_text(key: str, **values: object) -> None:
     """Print a text of the catalogues."""
     from app.text.catalogue import tr
 

@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from app.cli.common import HomeOption, say
+from app.cli.common import HomeOption, print_text
 
 cli = typer.Typer()
 
@@ -39,7 +39,7 @@ def model(
         (place.models / MODEL_NAME).unlink(missing_ok=True)
     path = set_up_model(place, load_config(place.config))
     if not quiet:
-        say("cli.model", path=path)
+        print_text("cli.model", path=path)
 
 
 @cli.command()

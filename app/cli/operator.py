@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from app.cli.common import CliFault, HomeOption, say
+from app.cli.common import CliFault, HomeOption, print_text
 
 if TYPE_CHECKING:
     from app.system.operators import OperatorStore, Role
@@ -24,7 +24,7 @@ def add(
     role: Annotated[str, typer.Option(help="therapist, engineer or reviewer.")] = "therapist",
     home: HomeOption = None,
 ) -> None:
-    """Add an operator; asks for the PIN. An engineer signs in first, unless there is nobody yet."""
+    """Add an operator; asks for the PIN. An engineer signs in first, unless there is none yet."""
     from app.system.operators import add_operator, load_store
     from app.system.paths import find_home
 
@@ -36,7 +36,7 @@ def add(
         store, by = _engineer(place, store)
     changed = add_operator(store, name, wanted, _new_pin(name))
     _keep(place, changed, _change(name, role, "added"), by)
-    say("cli.operator.added", name=name.strip(), role=wanted)
+    print_text("cli.operator.added", name=name.strip(), role=wanted)
 
 
 @cli.command()
@@ -50,7 +50,7 @@ def disable(name: NameArgument, home: HomeOption = None) -> None:
     changed = disable_operator(store, name)
     operator = changed.find(name)
     _keep(place, changed, _change(name, operator.role.value if operator else "", "disabled"), by)
-    say("cli.operator.disabled", name=name.strip())
+    print_text("cli.operator.disabled", name=name.strip())
 
 
 @cli.command()
@@ -64,7 +64,7 @@ def pin(name: NameArgument, home: HomeOption = None) -> None:
     changed = change_pin(store, name, _new_pin(name))
     operator = changed.find(name)
     _keep(place, changed, _change(name, operator.role.value if operator else "", "pin_changed"), by)
-    say("cli.operator.pin_changed", name=name.strip())
+    print_text("cli.operator.pin_changed", name=name.strip())
 
 
 @cli.command("list")

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from app.cli.common import CliFault, HomeOption, say
+from app.cli.common import CliFault, HomeOption, print_text
 
 if TYPE_CHECKING:
     from hal.cameras.camera import Camera
@@ -111,7 +111,7 @@ def new(
     typed = {"sex": sex, "stature_cm": str(stature), "mass_kg": str(mass), **parse_assignments(more or [])}
     profile = edit(blank, typed)
     _store(home).create(profile, by=_who(by), at=datetime.now(UTC))
-    say("cli.profile.created", patient=patient, palm=reference_segment(profile).explain())
+    print_text("cli.profile.created", patient=patient, palm=reference_segment(profile).explain())
 
 
 @cli.command("set")
@@ -135,7 +135,7 @@ def set_fields(
         raise ProfileError(ProfileFault.IDENTIFIER_FIXED)
     change = store.save(profile, by=_who(by), at=datetime.now(UTC), why=why)
     if change is None:
-        say("cli.profile.unchanged")
+        print_text("cli.profile.unchanged")
         return
     for field, (before, after) in change.changes.items():
         typer.echo(f"{field}: {_shown(before)} → {_shown(after)}")
@@ -215,7 +215,7 @@ def _watching(home: Path | None) -> Iterator[tuple[Camera, HandDetector]]:
 def export(patient: Patient, file: Path, home: HomeOption = None) -> None:
     """Copy a patient's profile to a file."""
     _store(home).export(patient, file)
-    say("cli.profile.exported", patient=patient, path=file)
+    print_text("cli.profile.exported", patient=patient, path=file)
 
 
 @cli.command("import")
@@ -224,7 +224,7 @@ def import_file(file: Path, by: ByOption = "", home: HomeOption = None) -> None:
     from datetime import UTC, datetime
 
     profile = _store(home).import_file(file, by=_who(by), at=datetime.now(UTC))
-    say("cli.profile.imported", patient=profile.identifier)
+    print_text("cli.profile.imported", patient=profile.identifier)
 
 
 @cli.command()
@@ -238,7 +238,7 @@ def archive(
     from datetime import UTC, datetime
 
     _store(home).archive(patient, by=_who(by), at=datetime.now(UTC), archived=not back)
-    say("cli.profile.restored" if back else "cli.profile.archived", patient=patient)
+    print_text("cli.profile.restored" if back else "cli.profile.archived", patient=patient)
 
 
 @cli.command()
@@ -246,7 +246,7 @@ def history(patient: Patient, home: HomeOption = None) -> None:
     """Every change of a patient's profile: when, by whom, from what to what."""
     changes = _store(home).history(patient)
     if not changes:
-        say("cli.profile.no_history", patient=patient)
+        print_text("cli.profile.no_history", patient=patient)
     for change in changes:
         typer.echo(f"{change.at} {change.by}{': ' + change.why if change.why else ''}")
         for field, (before, after) in change.changes.items():

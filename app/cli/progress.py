@@ -19,13 +19,13 @@ def spinner(console: Console, total: int) -> Iterator[Callable[[str], None]]:
     """A bar that advances with every message given to the yielded function (the first opens it)."""
     columns = (BarColumn(), TextColumn("{task.completed:.0f}/{task.total:.0f} {task.description}"), TimeElapsedColumn())
     with Progress(*columns, console=console, transient=True) as progress:
-        task = progress.add_task("starting", total=total)
-        said = -1
+        task = progress.add_task("", total=total)
+        reports = -1
 
         def watch(what: str) -> None:
-            nonlocal said
-            said += 1
-            progress.update(task, description=what, completed=max(said - 1, 0))
+            nonlocal reports
+            reports += 1
+            progress.update(task, description=what, completed=max(reports - 1, 0))
 
         yield watch
 

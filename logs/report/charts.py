@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 from markupsafe import Markup, escape
 
 from logs.read import Outline
-from logs.report.facts import Band, Diagnostics, JointTrace, Spread
+from logs.report.data import Band, JointTrace, ReportData, Spread
 from logs.sanitize import sanitize_terminal
 
 Wording = Callable[..., str]  # a key of the catalogues, with values, as text
@@ -22,17 +22,17 @@ RIGHT = 26.0  # half a tick's text
 MOST_POINTS = 480  # of a line: two pixels each
 
 
-def timeline(facts: Diagnostics, t: Wording) -> Markup:
+def timeline(data: ReportData, t: Wording) -> Markup:
     """States, gestures, presses and events over the whole session."""
-    shades = {state: f"state s{number % SHADES}" for number, (state, _) in enumerate(facts.time_in_state)}
+    shades = {state: f"state s{number % SHADES}" for number, (state, _) in enumerate(data.time_in_state)}
     lanes: tuple[tuple[str, Sequence[Band], Callable[[int, Band], str]], ...] = (
-        ("state", facts.states, lambda _, band: shades[band.label]),
-        ("gesture", facts.gestures, lambda number, _: "gesture odd" if number % 2 else "gesture even"),
-        ("pressed", facts.presses, lambda *_: "press"),
-        ("events", _event_bands(facts), lambda *_: "event"),
+        ("state", data.states, lambda _, band: shades[band.label]),
+        ("gesture", data.gestures, lambda number, _: "gesture odd" if number % 2 else "gesture even"),
+        ("pressed", data.presses, lambda *_: "press"),
+        ("events", _event_bands(data), lambda *_: "event"),
     )
-    x = _scale(facts.duration_s)
-    parts = [_axis(facts.duration_s, x, 4 * 28.0 + 6)]
+    x = _scale(data.outline.duration_s)
+    parts = [_axis(data.outline.duration_s, x, 4 * 28.0 + 6)]
     for row, (name, bands, style) in enumerate(lanes):
         top = row * 28.0 + 4
         parts.append(_text(LEFT - 8, top + 14, t(f"report.{name}"), "lane", "end"))
@@ -43,7 +43,7 @@ def timeline(facts: Diagnostics, t: Wording) -> Markup:
         Markup('<path class="stop" d="M{0:.1f} 0v116"><title>{1}</title></path>').format(
             x(at_s), t("report.stop_at", at=clock(at_s))
         )
-        for at_s in facts.stops_s
+        for at_s in data.stops_s
     ]
     return _svg(parts, 4 * 28.0 + 28, t("report.timeline_title"))
 
@@ -132,10 +132,10 @@ def clock(at_s: float) -> str:
     return f"{int(at_s // 60)}:{at_s % 60:04.1f}"
 
 
-def _event_bands(facts: Diagnostics) -> list[Band]:
+def _event_bands(data: ReportData) -> list[Band]:
     return [
         Band(begin_s=event.at_s, end_s=event.at_s + (event.lasted_s or 0.0), label=f"{event.event} ({event.effect})")
-        for event in facts.events
+        for event in data.events
     ]
 
 

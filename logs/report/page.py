@@ -14,7 +14,7 @@ from logs.read import Outline, outline, outline_of, records, session_paths
 from logs.reason import Reason, Render, reason, text_of
 from logs.records import Comment, Record
 from logs.report import charts
-from logs.report.facts import Diagnostics, facts_of
+from logs.report.data import ReportData, data_of
 from logs.sanitize import sanitize_terminal
 from logs.verify import Evidence, verify
 
@@ -28,7 +28,7 @@ def report(path: Path, evidence: Evidence, render: Render, language: str = "en")
     (finding,) = verify([path], evidence)
     found = records(path)
     this = outline_of(path, found)
-    facts = facts_of(this, found, render)
+    data = data_of(this, found, render)
     earlier = _earlier(path, this)
 
     def t(key: str, **values: Any) -> str:
@@ -39,31 +39,31 @@ def report(path: Path, evidence: Evidence, render: Render, language: str = "en")
         .get_template("page.html.j2")
         .render(
             name=finding.file.stem,
-            facts=facts,
+            data=data,
             finding=finding,
             t=t,
             language=language,
             status=render(reason(finding.status)),
             proof=summary(finding, render),
             remarks=[text_of(remark, render) for remark in finding.remarks],
-            numbers=_numbers(facts),
+            numbers=_numbers(data),
             shades=charts.SHADES,
             few=FEW_EVENTS,
             most=MOST_EVENTS,
             comments=_comments(path),
             charts={
-                "timeline": charts.timeline(facts, t),
-                "joints": [charts.joint(trace, facts.duration_s, t) for trace in facts.joints],
-                "spreads": charts.spreads(facts.latencies, t),
-                "earlier": charts.earlier([*earlier, facts.outline], t) if earlier else Markup(""),
+                "timeline": charts.timeline(data, t),
+                "joints": [charts.joint(trace, data.outline.duration_s, t) for trace in data.joints],
+                "spreads": charts.spreads(data.latencies, t),
+                "earlier": charts.earlier([*earlier, data.outline], t) if earlier else Markup(""),
             },
         )
     )
 
 
-def _numbers(facts: Diagnostics) -> tuple[tuple[str, str], ...]:
+def _numbers(data: ReportData) -> tuple[tuple[str, str], ...]:
     """(value, key of its label)."""
-    this = facts.outline
+    this = data.outline
     return (
         (str(this.steps), "report.steps"),
         (f"{this.distance_m:.1f} m", "report.walked"),

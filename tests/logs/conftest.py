@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from logs.disk import PosixDisk
+from logs.disk import Disk
 from logs.keys import ConsoleKey, load_or_make_key
 from tests.support.audit_trails import Trail, write_session
 
@@ -22,12 +22,12 @@ def trail(tmp_path: Path, key: ConsoleKey) -> Trail:
     """One closed session."""
     folder = tmp_path / "logs"
     folder.mkdir()
-    return Trail(folder, write_session(folder, "s1", key, PosixDisk()), key)
+    return Trail(folder, write_session(folder, "s1", key, Disk()), key)
 
 
 @pytest.fixture
 def three(trail: Trail) -> Trail:
     """Three closed sessions of one console."""
     for name in ("s2", "s3"):
-        write_session(trail.folder, name, trail.key, PosixDisk())
+        write_session(trail.folder, name, trail.key, Disk())
     return trail

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from logs.disk import PosixDisk
+from logs.disk import Disk
 from logs.findings import Remark
 from logs.keys import ConsoleKey, by_fingerprint, load_or_make_key, read_anchor
 from logs.manifest import Found, append_signed
@@ -30,11 +30,11 @@ def folder(tmp_path: Path, key: ConsoleKey) -> Path:
     """A console's folder with a sound session in it."""
     path = tmp_path / "logs"
     path.mkdir()
-    write_session(path, "before", key, PosixDisk())
+    write_session(path, "before", key, Disk())
     return path
 
 
-def steps(folder: Path, key: ConsoleKey, disk: PosixDisk) -> Iterator[SessionWriter]:
+def steps(folder: Path, key: ConsoleKey, disk: Disk) -> Iterator[SessionWriter]:
     """A session, step by step, on a disk that may fail; goes on until everything is written."""
     writer = SessionWriter(folder, "s", key, disk, CheckpointCopy(""))
     writer.begin(START, moment(0))
@@ -117,18 +117,18 @@ def test_a_crash_at_any_operation_keeps_what_was_acknowledged_and_the_next_sessi
     assert records_in(folder, key) >= acknowledged
     before = verify([folder], evidence(key))
     assert not any(finding.status in (Status.TAMPERED, Status.UNREADABLE) for finding in before), before
-    write_session(folder, "after", key, PosixDisk())
+    write_session(folder, "after", key, Disk())
     after = verify([folder], evidence(key))
     assert exit_status(after) == 0, after
 
 
 def test_a_torn_tail_is_kept_and_recorded_by_the_next_start(folder: Path, key: ConsoleKey) -> None:
     torn = folder / "s.jsonl"
-    writer = next(steps(folder, key, PosixDisk()))
+    writer = next(steps(folder, key, Disk()))
     writer.close()
     whole = torn.read_bytes()
     torn.write_bytes(whole + b'{"body":{"kind":"no')
-    write_session(folder, "after", key, PosixDisk())
+    write_session(folder, "after", key, Disk())
     (finding,) = verify([torn], Evidence(keys=by_fingerprint([key.public])))
     assert finding.status is Status.SOUND
     found = reason(Found.TORN, records=whole.count(b"\n"), size_bytes=19)
@@ -137,11 +137,11 @@ def test_a_torn_tail_is_kept_and_recorded_by_the_next_start(folder: Path, key: C
 
 
 def test_a_recovered_file_may_not_change_afterwards(folder: Path, key: ConsoleKey) -> None:
-    writer = next(steps(folder, key, PosixDisk()))
+    writer = next(steps(folder, key, Disk()))
     writer.close()
     torn = folder / "s.jsonl"
     torn.write_bytes(torn.read_bytes() + b"half")
-    write_session(folder, "after", key, PosixDisk())
+    write_session(folder, "after", key, Disk())
     torn.write_bytes(torn.read_bytes() + b"x")
     assert not sound(folder, key)
     torn.write_bytes(torn.read_bytes()[:-5])
@@ -149,7 +149,7 @@ def test_a_recovered_file_may_not_change_afterwards(folder: Path, key: ConsoleKe
 
 
 def test_recovery_never_launders_damage(folder: Path, key: ConsoleKey) -> None:
-    for writer in steps(folder, key, PosixDisk()):
+    for writer in steps(folder, key, Disk()):
         if writer.written > 4:
             break
     writer.close()
@@ -157,7 +157,7 @@ def test_recovery_never_launders_damage(folder: Path, key: ConsoleKey) -> None:
     data = bytearray(path.read_bytes())
     data[len(data) // 2] ^= 1
     path.write_bytes(data)
-    write_session(folder, "after", key, PosixDisk())
+    write_session(folder, "after", key, Disk())
     bad = [each for each in verify([folder], evidence(key)) if each.status is Status.TAMPERED]
     assert [each.file.name for each in bad] == ["s.jsonl"]
 
@@ -167,7 +167,7 @@ def test_a_damaged_manifest_stays_as_it_is_and_a_new_one_says_so(folder: Path, k
     data = bytearray(path.read_bytes())
     data[50] ^= 1
     path.write_bytes(data)
-    write_session(folder, "after", key, PosixDisk())
+    write_session(folder, "after", key, Disk())
     assert path.read_bytes() == data
     assert b"damaged at line 1" in (folder / "manifest-2.jsonl").read_bytes()
     assert not sound(folder, key)

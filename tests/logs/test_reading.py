@@ -16,7 +16,7 @@ from app.cli import cli
 from app.text.compile import entries
 from app.text.recorded import render_recorded
 from logs import records as r
-from logs.disk import PosixDisk
+from logs.disk import Disk
 from logs.errors import AuditError, AuditFault
 from logs.keys import ConsoleKey, by_fingerprint
 from logs.read import Odd, find_session, outline, read, records, session_paths
@@ -49,7 +49,7 @@ def hostile(tmp_path: Path, key: ConsoleKey) -> Path:
         r.Note(text=HOSTILE),
         r.SignIn(name=HOSTILE, role=HOSTILE),
     )
-    return write_session(folder, "s1", key, PosixDisk(), bodies)
+    return write_session(folder, "s1", key, Disk(), bodies)
 
 
 class Tags(HTMLParser):

@@ -7,7 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from app.text.catalogue import use_language
+from app.ipc.states import Effect, GaitState
+from app.text.catalogue import tr, use_language
 from app.text.recorded import render_recorded
 from logs import records as r
 from logs.findings import Finding, Status
@@ -69,7 +70,8 @@ def test_it_is_shown_in_both_languages(home: Path, language: str) -> None:
     assert not [line for line in lines if "Record." in line]
     assert any("There is no sit down from right leg forward." in line for line in lines)
     stop = next(line for line in lines if " stop " in line)
-    assert {"en": "STOP in right leg forward → held", "zh": "STOP →"}[language] in stop
+    assert tr(GaitState.RIGHT_FORWARD) in stop
+    assert tr(Effect.HOLD) in stop
 
 
 def test_an_event_is_found_by_its_name_of_today(home: Path) -> None:

@@ -10,12 +10,12 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from logs.disk import PosixDisk
+from logs.disk import Disk
 from logs.findings import Remark, Verdict
 from logs.keys import ConsoleKey, load_or_make_key, read_anchor
-from logs.line import GENESIS, Payload, canonical, seal, signed_message, unseal
+from logs.line import GENESIS, canonical, seal, signed_message, unseal
 from logs.reason import key_of, reason
-from logs.records import Checkpoint, Note
+from logs.records import Checkpoint, Note, Payload
 from logs.scan import Break, Scan, scan_stream
 from logs.verify import Evidence, Finding, Status, exit_status, verify
 from tests.support.audit_trails import BODIES, Trail, write_session
@@ -50,7 +50,7 @@ def test_an_untouched_trail_is_sound_and_proven_to_its_last_record(three: Trail)
 
 @pytest.mark.parametrize("which", ["session", "manifest"])
 def test_every_flipped_bit_is_caught(tmp_path: Path, key: ConsoleKey, which: str) -> None:
-    trail = Trail(tmp_path, write_session(tmp_path, "s1", key, PosixDisk(), BODIES[:1]), key)
+    trail = Trail(tmp_path, write_session(tmp_path, "s1", key, Disk(), BODIES[:1]), key)
     data = bytearray(getattr(trail, which).read_bytes())
     records = scan(bytes(data), trail).records
     for place in range(len(data)):
@@ -205,7 +205,7 @@ def test_a_missing_manifest_is_caught(trail: Trail) -> None:
 def test_a_file_slipped_in_is_caught(three: Trail, tmp_path: Path, key: ConsoleKey) -> None:
     elsewhere = tmp_path / "elsewhere"
     elsewhere.mkdir()
-    stranger = write_session(elsewhere, "s9", replace(key, folder=elsewhere), PosixDisk())
+    stranger = write_session(elsewhere, "s9", replace(key, folder=elsewhere), Disk())
     stranger.rename(three.folder / "s9.jsonl")
     (bad,) = the_bad(three)
     assert bad.file.name == "s9.jsonl"

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from textual.app import App
 
-from logs.disk import PosixDisk
+from logs.disk import Disk
 from logs.keys import ConsoleKey, PublicKey, by_fingerprint
 from logs.manifest import Moment
 from logs.mirror import CheckpointCopy
@@ -37,7 +37,7 @@ class Crash(BaseException):
     """The process dies here."""
 
 
-class FaultyDisk(PosixDisk):
+class FaultyDisk(Disk):
     """Fails its n-th operation: once, for a while, or by the death of the process; keeps what is durable.
 
     A write that fails has taken half of its bytes, as a full disk does.
@@ -127,7 +127,7 @@ class Trail:
         return self.folder / "manifest.jsonl"
 
 
-def write_session(folder: Path, name: str, key: ConsoleKey, disk: PosixDisk, bodies: tuple[Body, ...] = BODIES) -> Path:
+def write_session(folder: Path, name: str, key: ConsoleKey, disk: Disk, bodies: tuple[Body, ...] = BODIES) -> Path:
     """A session from its first record to its signed end."""
     writer = SessionWriter(folder, name, key, disk, CheckpointCopy(""))
     writer.begin(START, moment(0))

@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 
 from app.cli import cli
 from app.text.catalogue import render
-from logs.disk import PosixDisk
+from logs.disk import Disk
 from logs.errors import AuditError
 from logs.keys import load_or_make_key, load_public_key
 from logs.mirror import SUFFIX, CheckpointCopy, MirrorFault
@@ -29,7 +29,7 @@ def home(tmp_path: Path) -> Path:
     """A home with one session, its key beside it."""
     key = load_or_make_key(tmp_path / "keys")
     (tmp_path / "logs").mkdir()
-    write_session(tmp_path / "logs", "s1", key, PosixDisk())
+    write_session(tmp_path / "logs", "s1", key, Disk())
     return tmp_path
 
 
@@ -92,7 +92,7 @@ def test_a_private_key_that_others_can_read_is_mended_and_told(home: Path) -> No
 def test_a_new_key_leaves_the_old_public_one_behind(home: Path) -> None:
     (home / "keys" / "console.key").unlink()
     load_or_make_key(home / "keys")
-    write_session(home / "logs", "s2", load_or_make_key(home / "keys"), PosixDisk())
+    write_session(home / "logs", "s2", load_or_make_key(home / "keys"), Disk())
     assert audit("verify", str(home / "logs" / "s1.jsonl"))[0] == 0
     assert audit("verify", str(home / "logs" / "s2.jsonl"))[0] == 0
 
@@ -100,7 +100,7 @@ def test_a_new_key_leaves_the_old_public_one_behind(home: Path) -> None:
 def test_checkpoints_reach_the_second_place_and_its_failure_is_a_sentence(home: Path) -> None:
     key = load_or_make_key(home / "keys")
     copies = home / "copies"
-    writer = SessionWriter(home / "logs", "s2", key, PosixDisk(), CheckpointCopy(str(copies)))
+    writer = SessionWriter(home / "logs", "s2", key, Disk(), CheckpointCopy(str(copies)))
     writer.begin(START, moment(0))
     writer.end("test", moment(1))
     assert writer.finish(moment(2))
@@ -132,7 +132,7 @@ def test_following_gives_what_is_added_even_in_halves(tmp_path: Path, home: Path
 
 def test_a_stepped_clock_is_recorded(home: Path) -> None:
     key = load_or_make_key(home / "keys")
-    writer = SessionWriter(home / "logs", "s3", key, PosixDisk(), CheckpointCopy(""))
+    writer = SessionWriter(home / "logs", "s3", key, Disk(), CheckpointCopy(""))
     writer.begin(START, moment(0))
     writer.take(moment(1).entry(Note(text="before")))
     late = moment(2)

@@ -14,7 +14,7 @@ from app.text.compile import entries
 ROOT = Path(__file__).parents[3]
 PRODUCT = ("app", "hal", "kgdfa", "logs", "profiles")
 TAKE_A_CODE = ("reason", "tr")  # functions whose first argument is an Enum's member, as that of each error
-TAKE_A_KEY = ("tr", "say", "t")
+TAKE_A_KEY = ("tr", "print_text", "t")
 
 
 @cache

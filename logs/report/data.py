@@ -1,4 +1,4 @@
-"""What a session's report says, computed from its records. Pure: records in, values out."""
+"""The data of a session's report, computed from its records. Pure: records in, values out."""
 
 from __future__ import annotations
 
@@ -22,7 +22,6 @@ from logs.records import (
     HeartbeatLost,
     JointStatistics,
     Note,
-    PatientChosen,
     Press,
     RealTimePrivilege,
     Record,
@@ -59,7 +58,7 @@ NOTED = "note"  # the weakest effect
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class EventFact:
+class ReportEvent:
     """One event from its raising to its acknowledgement."""
 
     at_s: float
@@ -82,7 +81,7 @@ class EventSum:
     longest_unacknowledged_s: float | None
 
 
-def events_of(timed: Timed, render: Render) -> tuple[EventFact, ...]:
+def events_of(timed: Timed, render: Render) -> tuple[ReportEvent, ...]:
     """Every event of a session, in order."""
     cleared = timed.of(EventCleared)
     answers = [
@@ -99,23 +98,23 @@ def _event(
     cleared: list[tuple[float, EventCleared]],
     answers: list[tuple[float, str, Acknowledgement]],
     render: Render,
-) -> EventFact:
-    gone = next((when for when, other in cleared if when >= at_s and other.event == body.event), None)
+) -> ReportEvent:
+    cleared_at = next((when for when, other in cleared if when >= at_s and other.event == body.event), None)
     answer = next((a for a in answers if a[0] >= at_s and body.event in a[2].events), None)
-    return EventFact(
+    return ReportEvent(
         at_s=at_s,
         event=body.event,
         effect=body.effect,
         text=text_of(body.text, render),
-        lasted_s=None if gone is None else gone - at_s,
+        lasted_s=None if cleared_at is None else cleared_at - at_s,
         acknowledged_after_s=None if answer is None else answer[0] - at_s,
         by="" if answer is None else answer[1],
     )
 
 
-def summed(events: Iterable[EventFact]) -> tuple[EventSum, ...]:
+def summed(events: Iterable[ReportEvent]) -> tuple[EventSum, ...]:
     """The occurrences of each event put together, the most frequent first."""
-    groups: dict[tuple[str, str], list[EventFact]] = {}
+    groups: dict[tuple[str, str], list[ReportEvent]] = {}
     for event in events:
         groups.setdefault((event.event, event.effect), []).append(event)
     sums = [
@@ -170,13 +169,11 @@ class JointTrace:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Diagnostics:
+class ReportData:
     """Everything on the page."""
 
     outline: Outline
     start: SessionStart | None
-    patient: PatientChosen | None
-    duration_s: float
     states: tuple[Band, ...]
     gestures: tuple[Band, ...]
     presses: tuple[Band, ...]
@@ -185,29 +182,27 @@ class Diagnostics:
     joints: tuple[JointTrace, ...]
     refusals: tuple[tuple[str, int], ...]
     cancels: tuple[tuple[str, int], ...]
-    events: tuple[EventFact, ...]  # that had an effect on the legs or on what is allowed
+    events: tuple[ReportEvent, ...]  # that had an effect on the legs or on what is allowed
     kinds_of_events: tuple[EventSum, ...]  # the same, summed up
     remarks: tuple[tuple[str, int], ...]  # events that were only noted
     stops_s: tuple[float, ...]
     notes: tuple[tuple[float, str, str], ...]  # when, who, what
-    actions: tuple[tuple[str, int, int], ...]  # name, tried, completed
+    actions: tuple[tuple[str, int, int], ...]  # name, attempts, completed
     lateness: TickLateness | None
     real_time: RealTimePrivilege | None
     lost_records: int
-    silences: tuple[tuple[str, int], ...]
+    heartbeats_lost: tuple[tuple[str, int], ...]
 
 
-def facts_of(outline: Outline, found: Sequence[Record], render: Render) -> Diagnostics:
-    """The facts of a session; recorded reasons become text by `render`."""
+def data_of(outline: Outline, found: Sequence[Record], render: Render) -> ReportData:
+    """The data of a session; recorded reasons become text by `render`."""
     timed = Timed(found)
     states = _states(timed, outline.duration_s)
     events = events_of(timed, render)
-    felt = tuple(event for event in events if event.effect != NOTED)
-    return Diagnostics(
+    effective = tuple(event for event in events if event.effect != NOTED)
+    return ReportData(
         outline=outline,
         start=_first(timed.of(SessionStart)),
-        patient=_first(timed.of(PatientChosen)),
-        duration_s=outline.duration_s,
         states=states,
         gestures=_gestures(timed, outline.duration_s),
         presses=_presses(timed, outline.duration_s),
@@ -216,8 +211,8 @@ def facts_of(outline: Outline, found: Sequence[Record], render: Render) -> Diagn
         joints=tuple(_trace(timed.of(JointStatistics), joint) for joint in range(len(JOINTS))),
         refusals=_counted(text_of(body.reason, render) for _, body in timed.of(Refusal)),
         cancels=_counted(text_of(body.reason, render) for _, body in timed.of(Cancel)),
-        events=felt,
-        kinds_of_events=summed(felt),
+        events=effective,
+        kinds_of_events=summed(effective),
         remarks=_counted(event.event for event in events if event.effect == NOTED),
         stops_s=tuple(at_s for at_s, _ in timed.of(Stop)),
         notes=_notes(timed, render),
@@ -225,7 +220,7 @@ def facts_of(outline: Outline, found: Sequence[Record], render: Render) -> Diagn
         lateness=_last(timed.of(TickLateness)),
         real_time=_first(timed.of(RealTimePrivilege)),
         lost_records=sum(body.count for _, body in timed.of(RecordsLost)),
-        silences=_counted(body.stream for _, body in timed.of(HeartbeatLost)),
+        heartbeats_lost=_counted(body.stream for _, body in timed.of(HeartbeatLost)),
     )
 
 
@@ -328,6 +323,6 @@ def _notes(timed: Timed, render: Render) -> tuple[tuple[float, str, str], ...]:
 
 
 def _actions(ends: list[ActionEnd]) -> tuple[tuple[str, int, int], ...]:
-    tried = Counter(end.action for end in ends)
+    attempts = Counter(end.action for end in ends)
     completed = Counter(end.action for end in ends if end.outcome == "completed")
-    return tuple((action, count, completed[action]) for action, count in tried.most_common())
+    return tuple((action, count, completed[action]) for action, count in attempts.most_common())
