@@ -35,7 +35,7 @@ from hal.joints.guard import Quantity, Refusal
 from hal.joints.protocol import Joint
 from kgdfa.button import ButtonState, PressCancel
 from kgdfa.gesture import Gesture
-from logs.disk import PosixDisk
+from logs.disk import Disk
 from logs.keys import load_or_make_key
 from logs.manifest import OPERATORS, Moment, manifest_paths
 from logs.mirror import CheckpointCopy
@@ -109,7 +109,7 @@ def leave_torn(place: Home) -> None:
     """A session that crashed while it wrote a line."""
     place.logs.mkdir(parents=True)
     writer = SessionWriter(
-        place.logs, "20260101T000000Z-0000", load_or_make_key(place.keys), PosixDisk(), CheckpointCopy("")
+        place.logs, "20260101T000000Z-0000", load_or_make_key(place.keys), Disk(), CheckpointCopy("")
     )
     writer.begin(SessionStart(versions={"rleex": "0"}, configuration={}, simulated=True), at(0))
     writer.take(at(1).entry(Note(text="before")))
@@ -232,7 +232,7 @@ def of_the_operators(root: Path) -> list[Body]:
     )
     assert added.exit_code == 0, added.output
     found = [record.body for record in records(root / "logs" / OPERATORS)]
-    writer = SessionWriter(root / "logs", "clock", load_or_make_key(root / "keys"), PosixDisk(), CheckpointCopy(""))
+    writer = SessionWriter(root / "logs", "clock", load_or_make_key(root / "keys"), Disk(), CheckpointCopy(""))
     writer.begin(audit_process.start_record(setup_in(root)), at(0))
     moved = Moment(wall_ns=at(9).wall_ns, monotonic_ns=at(1).monotonic_ns, operator="ann")
     writer.take(moved.entry(Note(text="x" * 2_000_000)))
