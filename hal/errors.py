@@ -128,7 +128,7 @@ class CanFault(Enum):
 class HardwareError(Exception):
     """A device that is missing, broken or misconfigured. `str()` is for engineers, `render()` for users.
 
-    Also a value: the detail of a fault that feedback carries and nobody raises.
+    Also a value: the detail of a fault that feedback carries without being raised.
     """
 
     def __init__(self, code: Enum, **values: object) -> None:

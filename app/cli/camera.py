@@ -18,8 +18,8 @@ if TYPE_CHECKING:
 cli = typer.Typer()
 
 FIRST_FRAME_S = 10.0
-KEPT_PICTURES = 20
-BETWEEN_PICTURES_S = 1.0  # time to move the board
+KEPT_IMAGES = 20
+BETWEEN_IMAGES_S = 1.0  # time to move the board
 HomeOption = Annotated[Path | None, typer.Option(help="Data directory.")]
 
 
@@ -82,7 +82,7 @@ def show(
 
 @cli.command()
 def calibrate(
-    source: Annotated[str, typer.Argument(help="A webcam's name or number, or a folder of pictures.")],
+    source: Annotated[str, typer.Argument(help="A webcam's name or number, or a folder of images.")],
     camera: Annotated[str, typer.Option(help="The camera's name, when a folder is given.")] = "",
     columns: Annotated[int, typer.Option(min=3, max=40, help="Inner corners across.")] = 9,
     rows: Annotated[int, typer.Option(min=3, max=40, help="Inner corners down.")] = 6,
@@ -99,8 +99,8 @@ def calibrate(
 
     place = find_home(home)
     board = Board(columns=columns, rows=rows, square_m=square_mm / 1000)
-    name, pictures = _pictures(source, camera, place)
-    corners, size = _find_boards(board, pictures)
+    name, images = _images(source, camera, place)
+    corners, size = _find_boards(board, images)
     result = solve(corners, board, *size)
     save(place.cameras, name, result.intrinsics, result.residual_px)
     measured = result.intrinsics
@@ -120,7 +120,7 @@ def calibrate(
     Console(soft_wrap=True, highlight=False).print(text, markup=False)
 
 
-def _find_boards(board: Board, pictures: Generator[ImageArray, None, None]) -> tuple[list[Corners], tuple[int, int]]:
+def _find_boards(board: Board, images: Generator[ImageArray, None, None]) -> tuple[list[Corners], tuple[int, int]]:
     """The board's corners wherever it is visible whole, and the images' size; Ctrl-C ends the search early."""
     from contextlib import closing, suppress
 
@@ -132,9 +132,9 @@ def _find_boards(board: Board, pictures: Generator[ImageArray, None, None]) -> t
 
     found: list[Corners] = []
     size = (0, 0)
-    with Progress(transient=True) as progress, suppress(KeyboardInterrupt), closing(pictures):
+    with Progress(transient=True) as progress, suppress(KeyboardInterrupt), closing(images):
         task = progress.add_task(tr("camera.boards", boards=0), total=None)
-        for image in pictures:
+        for image in images:
             this = (image.shape[1], image.shape[0])
             if size not in ((0, 0), this):
                 first, other = (f"{width}x{height}" for width, height in (size, this))
@@ -144,13 +144,13 @@ def _find_boards(board: Board, pictures: Generator[ImageArray, None, None]) -> t
             if corners is not None:
                 found.append(corners)
             progress.update(task, advance=1, description=tr("camera.boards", boards=len(found)))
-            if len(found) >= KEPT_PICTURES:
+            if len(found) >= KEPT_IMAGES:
                 break
     return found, size
 
 
-def _pictures(source: str, camera: str, home: Home) -> tuple[str, Generator[ImageArray, None, None]]:
-    """The camera's name, and pictures of the board: of a folder, or one a second of a live camera."""
+def _images(source: str, camera: str, home: Home) -> tuple[str, Generator[ImageArray, None, None]]:
+    """The camera's name, and images of the board: of a folder, or one a second of a live camera."""
     from hal.cameras.playback import image_files, read_image
     from hal.errors import CameraFault, HardwareError
 
@@ -161,17 +161,17 @@ def _pictures(source: str, camera: str, home: Home) -> tuple[str, Generator[Imag
         return camera, (read_image(path) for path in image_files(folder))
     live = _open(source, home)
     live.open()
-    return live.name, _live_pictures(live)
+    return live.name, _live_images(live)
 
 
-def _live_pictures(camera: Camera) -> Generator[ImageArray, None, None]:
+def _live_images(camera: Camera) -> Generator[ImageArray, None, None]:
     import time
 
     last_s = 0.0
     try:
         while True:
             frame = camera.read(0.5)
-            if frame is not None and time.monotonic() - last_s >= BETWEEN_PICTURES_S:
+            if frame is not None and time.monotonic() - last_s >= BETWEEN_IMAGES_S:
                 last_s = time.monotonic()
                 yield frame.image_bgr
     finally:

@@ -111,7 +111,7 @@ def doctor(
     channel: Channel = "",
     device: Device = None,
     motors: Motors = None,
-    listen: Annotated[bool, typer.Option("--listen", help="Ask nobody, only listen.")] = False,
+    listen: Annotated[bool, typer.Option("--listen", help="Only listen, ask nothing.")] = False,
 ) -> None:
     """Why the bus or a drive does not answer, and what to do; ends 0 when all is well."""
     from rich.console import Console

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from hal.cameras.camera import Camera
 from hal.errors import CameraFault, HardwareError, RecordingFault
@@ -14,31 +15,19 @@ from hal.errors import CameraFault, HardwareError, RecordingFault
 class CameraRequest:
     """All settings of a camera."""
 
-    device: str
-    width_px: int
-    height_px: int
-    rate_hz: float
-    focal_px: float | None
-    mirrored: bool
-    seed: int
-    depth: bool
-    store: Path | None
+    device: str = ""
+    width_px: int = 1280
+    height_px: int = 720
+    rate_hz: float = 30.0
+    focal_px: float | None = None
+    mirrored: bool = False
+    seed: int = 1
+    depth: bool = False
+    store: Path | None = None
 
 
-def open_camera(
-    kind: str,
-    *,
-    device: str = "",
-    width_px: int = 1280,
-    height_px: int = 720,
-    rate_hz: float = 30.0,
-    focal_px: float | None = None,
-    mirrored: bool = False,
-    seed: int = 1,
-    depth: bool = False,
-    store: Path | None = None,
-) -> Camera:
-    """A camera of a kind: digital-hand, webcam, realsense, recording. Not yet opened: its `open` starts it.
+def open_camera(kind: str, **settings: Any) -> Camera:
+    """A camera of a kind: digital-hand, webcam, realsense, recording; settings: those of CameraRequest. Not open yet.
 
     device: webcam: name or index; recording: a video, a folder of images or a recorded session; realsense:
     serial number, or path of a .bag or .db3. store: the cameras.toml with measured intrinsics.
@@ -46,19 +35,7 @@ def open_camera(
     """
     if kind not in _BUILDERS:
         raise HardwareError(CameraFault.UNKNOWN_KIND, kind=kind, known=", ".join(_BUILDERS))
-    return _BUILDERS[kind](
-        CameraRequest(
-            device=device,
-            width_px=width_px,
-            height_px=height_px,
-            rate_hz=rate_hz,
-            focal_px=focal_px,
-            mirrored=mirrored,
-            seed=seed,
-            depth=depth,
-            store=store,
-        )
-    )
+    return _BUILDERS[kind](CameraRequest(**settings))
 
 
 def _digital_hand(wanted: CameraRequest) -> Camera:

@@ -26,7 +26,7 @@ def assumed(width_px: int, height_px: int) -> Intrinsics:
 
 
 def given(width_px: int, height_px: int, focal_px: float) -> Intrinsics:
-    """From a focal length that somebody states. Raises HardwareError when it can't be one."""
+    """From a focal length that is given. Raises HardwareError when it can't be one."""
     if not 0 < focal_px < 100_000:
         raise HardwareError(CameraFault.FOCAL_LENGTH_OUT_OF_RANGE, focal_px=focal_px, width_px=width_px)
     return pinhole(width_px, height_px, focal_px, IntrinsicsSource.GIVEN)
@@ -172,18 +172,18 @@ def calibrate(corners: Iterable[Corners], board: Board, width_px: int, height_px
 
     Raises HardwareError for too few images, or when they don't agree on one lens.
     """
-    seen = list(corners)
-    if len(seen) < MIN_IMAGES:
+    found = list(corners)
+    if len(found) < MIN_IMAGES:
         raise HardwareError(
             CameraFault.TOO_FEW_CHESSBOARDS,
-            found=len(seen),
+            found=len(found),
             needed=MIN_IMAGES,
             columns=board.columns,
             rows=board.rows,
         )
     flags = cv2.CALIB_FIX_K3 | cv2.CALIB_ZERO_TANGENT_DIST
     residual, matrix, distortion, *_ = cv2.calibrateCamera(
-        [board.points_m] * len(seen), seen, (width_px, height_px), None, None, flags=flags
+        [board.points_m] * len(found), found, (width_px, height_px), None, None, flags=flags
     )
     if not (np.isfinite(matrix).all() and residual <= MAX_RESIDUAL_PX):
         raise HardwareError(CameraFault.CHESSBOARDS_DISAGREE, residual_px=float(residual), limit_px=MAX_RESIDUAL_PX)
@@ -198,4 +198,4 @@ def calibrate(corners: Iterable[Corners], board: Board, width_px: int, height_px
         k1=float(distortion.ravel()[0]),
         k2=float(distortion.ravel()[1]),
     )
-    return Calibration(intrinsics=intrinsics, residual_px=float(residual), used=len(seen))
+    return Calibration(intrinsics=intrinsics, residual_px=float(residual), used=len(found))

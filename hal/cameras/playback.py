@@ -118,7 +118,7 @@ class PlaybackCamera:
 
 
 def video_source(path: Path) -> FrameSource:
-    """A video file's pictures at its own rate (30/s where it tells none)."""
+    """A video file's images at its own rate (30/s where it has none)."""
 
     def source() -> Iterator[RecordedFrame]:
         capture = cv2.VideoCapture(str(path))
@@ -141,7 +141,7 @@ def video_source(path: Path) -> FrameSource:
 
 
 def folder_source(folder: Path, rate_hz: float = 30.0) -> FrameSource:
-    """A folder's pictures by name, at the given rate. An unreadable one ends with HardwareError naming it."""
+    """A folder's images by name, at the given rate. An unreadable one ends with HardwareError naming it."""
 
     def source() -> Iterator[RecordedFrame]:
         for number, path in enumerate(image_files(folder)):
@@ -151,7 +151,7 @@ def folder_source(folder: Path, rate_hz: float = 30.0) -> FrameSource:
 
 
 def image_files(folder: Path) -> list[Path]:
-    """The pictures in a folder, by name. Raises HardwareError when there are none."""
+    """The images in a folder, by name. Raises HardwareError when there are none."""
     if not folder.is_dir():
         raise HardwareError(RecordingFault.FOLDER_NOT_FOUND, path=folder)
     files = sorted(path for path in folder.iterdir() if path.suffix.lower() in IMAGE_SUFFIXES)

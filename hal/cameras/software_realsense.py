@@ -1,6 +1,6 @@
 """A D435i made of librealsense's own software device: what it is fed goes through the real library to the driver.
 
-Tests feed it the digital hand with a D435i's failures; `rleex evaluate trigger` times the depth camera's way with it.
+Tests feed it the digital hand with a D435i's failures; `rleex evaluate trigger` times the depth camera's chain with it.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The exoskeleton as a device: joints, drives, transmission and the limits nobody may loosen (`exoskeleton.toml`)."""
+"""The exoskeleton as a device: joints, drives, transmission and the hard limits (`exoskeleton.toml`)."""
 
 from __future__ import annotations
 

@@ -70,7 +70,7 @@ class MotorModel(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     errors: dict[str, str] = {}  # the drive's code (or bit number) → name of a DriveFault
     temperature_offset_c: float = 0.0  # raw byte − offset = °C
     watchdog: Watchdog = Watchdog()
-    zero_in_motor_mode: bool = False  # obeys "set zero" while enabled
+    zero_in_motor_mode: bool = False  # accepts "set zero" while enabled
     answers_each_command: bool = True  # else it uploads by itself
     pole_pairs: Positive = 21.0  # the rest is for drives that report electrical speed and current
     gear_ratio: Positive = 1.0

@@ -61,7 +61,7 @@ def next_surroundings(now: Surroundings, scene: Scene, ankles_x_m: tuple[float, 
 
 
 def _amid(block: Block, ankles_x_m: tuple[float, float], hip_x_m: float) -> bool:
-    """Whether the wearer stands astride of an obstacle, with one foot on a step, or has a chair under the hip."""
+    """Whether the wearer stands over an obstacle, with one foot on a step, or has a chair under the hip."""
     if block.kind is BlockKind.CHAIR:
         return block.from_x_m <= hip_x_m <= block.to_x_m
     reached = block.from_x_m <= max(ankles_x_m) and min(ankles_x_m) <= block.to_x_m

@@ -1,7 +1,7 @@
 """What a RealSense D435i makes of the true depth, with its documented failures.
 
 Zero readings (the paper's section on the depth camera; Intel D400 series data sheet for the least distance):
-nearer than about 25 cm, at the picture's edge, around depth jumps, in patches while the hand flips. The noise of
+nearer than about 25 cm, at the image's edge, around depth jumps, in patches while the hand flips. The noise of
 a stereo camera grows with the square of distance: sd = z² · subpixel / (f · baseline).
 """
 
@@ -72,7 +72,7 @@ def _blind_edges(measured: DepthArray) -> None:
 
 
 def _patches(height: int, width: int, draw: np.random.Generator) -> NDArray[np.bool_]:
-    """Where matching fails in a picture smeared by the flip: about half of it, in patches."""
+    """Where matching fails in a image smeared by the flip: about half of it, in patches."""
     coarse = (draw.random((max(1, height // PATCH_PX), max(1, width // PATCH_PX))) < 0.5).astype(np.uint8)
     lost: NDArray[np.bool_] = cv2.resize(coarse, (width, height), interpolation=cv2.INTER_NEAREST) > 0
     return lost

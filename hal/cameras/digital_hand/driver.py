@@ -137,12 +137,12 @@ class DigitalHandCamera:
     def render(self, captured_ns: int, *, sequence: int = 0) -> Frame:
         """The frame of a moment; the same moment gives the same image, bit for bit."""
         noise_seed = (captured_ns // 1_000_000 + 7919 * self._seed) % (1 << 31)
-        seen = render(self.scene(captured_ns), noise_seed, depth=self._depth is not None)
+        rendered = render(self.scene(captured_ns), noise_seed, depth=self._depth is not None)
         depth_m = None
-        if self._depth is not None and seen.surface_m is not None:
-            depth_m = self._depth.measure(seen.surface_m, noise_seed, self._turning(captured_ns))
+        if self._depth is not None and rendered.surface_m is not None:
+            depth_m = self._depth.measure(rendered.surface_m, noise_seed, self._turning(captured_ns))
         return Frame(
-            image_bgr=seen.image_bgr,
+            image_bgr=rendered.image_bgr,
             captured_ns=captured_ns,
             sequence=sequence,
             intrinsics=self.lens,

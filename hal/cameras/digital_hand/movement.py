@@ -18,7 +18,7 @@ MORPH_S = 0.22  # one hand shape to the next
 PRESS_S = 0.30  # a push, or a withdrawal
 SHIFT_S = 0.15
 LEAVE_S = 0.25
-LEAVE_M = 0.60  # how far below the picture a hand waits that isn't there
+LEAVE_M = 0.60  # how far below the image an absent hand is
 KEEP_NS = 60_000_000_000
 SETTLED = "rest"
 # The limits within which keys may move the hand, metres in the camera's frame.
@@ -140,7 +140,7 @@ def begin(person: Person, *, rest_m: float, press_m: float, gesture: str = SETTL
 
 
 def sign(movement: Movement, gesture: str, now_ns: int) -> Movement:
-    """Take another shape, or leave the picture. Raises HardwareError for a gesture that doesn't exist."""
+    """Take another shape, or leave the image. Raises HardwareError for a gesture that doesn't exist."""
     named = (*[entry for entry in movement.named if entry[0] >= now_ns - KEEP_NS][-200:], (now_ns, gesture))
     if named[0][0] > now_ns - KEEP_NS:
         named = (movement.named[0], *named) if movement.named[0] not in named else named

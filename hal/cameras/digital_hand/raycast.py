@@ -3,7 +3,7 @@
 Radii are in millimetres for the reference palm of 82 mm and scale with it; finger breadths are near the adult medians
 of ANSUR II (index finger about 19 mm at the PIP joint). Exact for each cone (a quadratic, three of them with the two
 round ends), smooth where cones meet: depths are joined by a soft minimum, on a coarse grid over the hand's part of the
-picture only.
+image only.
 """
 
 from __future__ import annotations
@@ -81,7 +81,7 @@ NEAREST_M = 0.03  # a hand nearer than this touches the lens
 
 @dataclass(frozen=True, slots=True)
 class Grid:
-    """A coarse raster over the rectangle (left, top) - (left + width, top + height) of the picture, pixels."""
+    """A coarse raster over the rectangle (left, top) - (left + width, top + height) of the image, pixels."""
 
     left: int
     top: int
@@ -109,7 +109,7 @@ class _Cone:
 
 
 def grid_over(capsules: Capsules, lens: Intrinsics, cells_per_m: float, distance_m: float) -> Grid | None:
-    """The grid over all of the flesh that the picture shows; None when it shows none of it."""
+    """The grid over all capsules that the image shows; None when it shows none of it."""
     low, high = _extent_px(capsules, lens)
     left, top = max(0, int(low[0])), max(0, int(low[1]))
     right, bottom = min(lens.width_px, int(high[0]) + 1), min(lens.height_px, int(high[1]) + 1)

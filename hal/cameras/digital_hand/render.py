@@ -1,4 +1,4 @@
-"""A person's hand in a room, and the picture a camera takes of it: a pure function of its arguments."""
+"""A person's hand in a room, and the image a camera takes of it: a pure function of its arguments."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from hal.cameras.camera import DepthArray, ImageArray, Intrinsics, IntrinsicsSou
 from hal.cameras.digital_hand.raycast import Grid, capsules_of, cast, grid_over
 from hal.cameras.digital_hand.shading import Light, Painted, paint, room_bgr
 from hal.cameras.digital_hand.skeleton import FloatArray, HandPlace, HandShape, find_pose, joints_m, placed_m
+from hal.cameras.intrinsics import pinhole
 
 DEFAULT_FOCAL_PX = 650.0  # at 1280 pixels of width: wide enough to hold the fingertips at 15 cm
 CELLS_PER_M = 700.0  # of the coarse grid on the hand; finer shows no difference to the detector
@@ -29,20 +30,12 @@ TONES_BGR = (
 def lens_for(width_px: int = 1280, height_px: int = 720, focal_px: float | None = None) -> Intrinsics:
     """Pinhole intrinsics of the digital camera; the default lens is 650 px for 1280, scaled with the width."""
     focal = focal_px or DEFAULT_FOCAL_PX * width_px / 1280
-    return Intrinsics(
-        width_px=width_px,
-        height_px=height_px,
-        fx_px=focal,
-        fy_px=focal,
-        cx_px=(width_px - 1) / 2,
-        cy_px=(height_px - 1) / 2,
-        source=IntrinsicsSource.GIVEN,
-    )
+    return pinhole(width_px, height_px, focal, IntrinsicsSource.GIVEN)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Person:
-    """Everything about the picture that does not move: hand, skin, light, room, the sensor's noise."""
+    """Everything about the image that does not move: hand, skin, light, room, the sensor's noise."""
 
     shape: HandShape = field(default_factory=HandShape)
     tone_bgr: tuple[float, float, float] = TONES_BGR[2]
@@ -104,7 +97,7 @@ def posed(
 
 @dataclass(frozen=True, slots=True)
 class Rendered:
-    """A scene as the camera takes it, before depth is spoilt. surface_m: (h, w) float32 true depth, hand and wall."""
+    """An ideal image of a scene. surface_m: (h, w) float32 true depth, hand and wall."""
 
     image_bgr: ImageArray
     surface_m: DepthArray | None
@@ -118,14 +111,14 @@ def keypoints_m(scene: Scene) -> FloatArray | None:
 
 
 def project_px(points_m: FloatArray, lens: Intrinsics) -> FloatArray:
-    """(n, 3) points in the camera's frame to (n, 2) pixels; they may lie outside the picture."""
+    """(n, 3) points in the camera's frame to (n, 2) pixels; they may lie outside the image."""
     z = np.maximum(points_m[:, 2:3], 1e-6)
     pixels: FloatArray = points_m[:, :2] / z * (lens.fx_px, lens.fy_px) + (lens.cx_px, lens.cy_px)
     return pixels
 
 
 def render(scene: Scene, noise_seed: int = 0, *, depth: bool = False) -> Rendered:
-    """The picture, and the true depth if asked. The same arguments give the same picture, bit for bit."""
+    """The image, and the true depth if asked. The same arguments give the same image, bit for bit."""
     lens, person = scene.lens, scene.person
     rooms = _noisy_rooms(person.room_seed, person.light, person.noise_sd, lens.width_px, lens.height_px)
     image = rooms[noise_seed % NOISE_BANK].copy()
@@ -158,7 +151,7 @@ def scaled(person: Person, **changes: float) -> Person:
 
 
 def _lay(image: ImageArray, painted: Painted, grid: Grid) -> None:
-    """Put the painted hand onto the picture, in place."""
+    """Put the painted hand onto the image, in place."""
     size = (grid.width, grid.height)
     part = image[grid.top : grid.top + grid.height, grid.left : grid.left + grid.width]
     colour = cv2.resize(painted.colour_bgr, size, interpolation=cv2.INTER_LINEAR)

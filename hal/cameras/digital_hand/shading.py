@@ -1,4 +1,4 @@
-"""Colour of the picture: skin under one lamp with darker creases and a soft outline, and the room behind the hand."""
+"""Colour of the image: skin under one lamp with darker creases and a soft outline, and the room behind the hand."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """The digital hand's skeleton: 21 joints of a hand of given palm width, and the poses of its gestures.
 
-Local frame: origin at keypoint 21 (midpoint of 5 and 17), x to the picture's right, y down, z away from the
+Local frame: origin at keypoint 21 (midpoint of 5 and 17), x to the image's right, y down, z away from the
 camera, for a palm that faces the camera with its fingers up. Bone lengths are those of an adult hand of 82 mm
 palm width (hand length 183 mm, close to the median man of GB 10000-88), scaled with the palm width.
 
@@ -58,7 +58,7 @@ class HandPlace:
     """Where the hand is and how it is turned.
 
     position_m: keypoint 21 in the camera's frame (x right, y down, z away), so z is the distance.
-    turn_rad: (pitch, yaw, roll): fingertips towards the camera, palm to the picture's left, clockwise.
+    turn_rad: (pitch, yaw, roll): fingertips towards the camera, palm to the image's left, clockwise.
     """
 
     position_m: tuple[float, float, float]

@@ -1,4 +1,4 @@
-"""One drive seen from the host, and which drive a received frame comes from."""
+"""One drive from the host's side, and which drive a received frame comes from."""
 
 from __future__ import annotations
 

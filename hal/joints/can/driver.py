@@ -62,7 +62,7 @@ class SocketCanJoints:
         return self._state
 
     def open(self, now_ns: int) -> None:
-        """Probe: who answers, and with which ranges where the drive can tell.
+        """Probe: who answers, and with which ranges where the drive reports them.
 
         Raises HardwareError naming the bus or the joint.
         """
@@ -83,7 +83,7 @@ class SocketCanJoints:
     def enable(self, now_ns: int) -> None:
         """Neutral command, enable, neutral again, confirmed by feedback; the gains then ramp by themselves.
 
-        Raises HardwareError, with every drive told to disable, when one does not confirm.
+        Raises HardwareError, with every drive disabled, when one does not confirm.
         """
         if self._state is not DriveState.PROBED:
             raise HardwareError(DrivesFault.NOT_READY_TO_ENABLE, state=self._state)
@@ -151,7 +151,7 @@ class SocketCanJoints:
                     for frame, measured_ns in frames:
                         self._take(number, frame, measured_ns)
                     wait_s = 0.0
-            if late:  # what had come by then counts, also where the host was too busy to look
+            if late:  # what had come by then counts, also where the host was too busy to read
                 return done()
         return True
 

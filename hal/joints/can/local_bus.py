@@ -67,7 +67,7 @@ class LocalBus(can.BusABC):
         self._in.setblocking(False)
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:  # noqa: ARG002 (UDP never waits)
-        """Hand a classic frame to everybody else. Raises CanOperationError when the kernel does not take it."""
+        """Hand a classic frame to all others. Raises CanOperationError when the kernel does not take it."""
         if msg.is_fd:
             raise can.CanOperationError("the local bus carries classic frames only")
         identifier = msg.arbitration_id
@@ -80,7 +80,7 @@ class LocalBus(can.BusABC):
         self._put(_FRAME.pack(identifier, msg.dlc, msg.data))
 
     def send_frames(self, frames: Sequence[Frame]) -> None:
-        """Hand data frames to everybody else, together. Raises CanOperationError when the kernel does not take them."""
+        """Hand data frames to all others, together. Raises CanOperationError when the kernel does not take them."""
         for first in range(0, len(frames), _FRAMES_AT_MOST):
             self._put(b"".join(map(_pack, frames[first : first + _FRAMES_AT_MOST])))
 

@@ -17,7 +17,7 @@ from hal.joints.protocol import DriveFault
 
 MISSED_AFTER_NS = 20_000_000
 _OWED_LIMIT = 50  # a tenth of a second of commands
-_WINDOW_COMMANDS = 8  # fewer in a window say nothing about what usually waits
+_WINDOW_COMMANDS = 8  # with fewer in a window, what usually waits is unknown
 
 
 class RequestTracker:
@@ -27,7 +27,7 @@ class RequestTracker:
         self.sent = self.answered = self.late = self.overdue = 0
         self.round_trips_ns: deque[int] = deque(maxlen=65_536)
         self._pending: deque[int] = deque()  # when they were sent
-        self._owed = 0  # replies that may still come: more than that are somebody else's
+        self._owed = 0  # replies that may still come: more than that come from another drive
         self._usual: int | None = None  # how many wait at the best moment of a window
         self._least = 0
         self._window_ns = self._window_sent = 0
@@ -87,7 +87,7 @@ class RequestTracker:
 # Wrong tables differ by about two (AK80-9: 50, 25.64, 22.5 rad/s), replies late by milliseconds by less.
 _RATIO_HIGH = 1.3
 _STRETCH_NS = 40_000_000  # one comparison covers this much time: many quanta of position
-_GAP_NS = 12_000_000  # over a longer silence the velocity may have swung: the integral says nothing
+_GAP_NS = 12_000_000  # over a longer silence the velocity may have swung: the integral is unknown
 _SETTLE_NS = 20_000_000  # for so long after it, replies that were held up may still come
 _LEAST_TRAVEL_RAD = 0.02  # of a stretch that votes, at the motor
 _VOTES = 9  # more than half of the newest must be wrong: at least 0.4 s of motion

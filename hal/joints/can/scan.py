@@ -65,7 +65,7 @@ class BusTraffic(NamedTuple):
 
 
 def listen(bus: can.BusABC, seconds: float = LISTEN_S) -> BusTraffic:
-    """The traffic while nobody asks."""
+    """The traffic without any question."""
     frames = errors = 0
     uploads: Counter[int] = Counter()
     for message in _received(bus, seconds):

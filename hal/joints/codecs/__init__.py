@@ -23,5 +23,5 @@ CODECS: dict[WireProtocol, type[Codec]] = {
 
 
 def codec_of(motor: MotorModel) -> Codec:
-    """The codec that speaks this motor's protocol with this motor's ranges."""
+    """The codec of this motor's protocol with this motor's ranges."""
     return CODECS[motor.protocol](motor)

@@ -16,7 +16,7 @@ import struct
 
 from hal.errors import DeviceFault, HardwareError
 from hal.joints.codecs.mit import unpack_state
-from hal.joints.codecs.wire import MIT_BITS, NEUTRAL, Frame, Order, Reply, Scales, SetPoint
+from hal.joints.codecs.wire import MIT_BITS, NEUTRAL, Frame, Order, Reply, Scales, SetPoint, raw_temperature
 from hal.joints.motors import MotorModel
 
 UPLOAD = 0x29
@@ -64,12 +64,11 @@ def _int16(value: float) -> int:
 
 def pack_upload(motor: MotorModel, state: Reply, error_code: int) -> Frame:
     """The upload that reports `state`."""
-    warmth = 0.0 if math.isnan(state.temperature_c) else state.temperature_c
     data = _BODY.pack(
         _int16(math.degrees(state.position_rad) * 10),
         _int16(state.velocity_rad_s * _electrical_rpm(motor) / 10),
         _int16(state.torque_nm / _torque_per_ampere(motor) * 100),
-        min(max(round(warmth + motor.temperature_offset_c), -128), 127),
+        raw_temperature(motor, state, -128, 127),
         error_code & 0xFF,
     )
     return Frame(upload_id(state.drive_id), data, extended=True)

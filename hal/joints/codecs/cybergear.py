@@ -5,12 +5,11 @@ Source: Xiaomi CyberGear manual V1.2, section 4. The drive reports fault bits an
 
 from __future__ import annotations
 
-import math
 import struct
 from enum import IntEnum
 from typing import NamedTuple
 
-from hal.joints.codecs.wire import Frame, Order, Reply, Scales, SetPoint
+from hal.joints.codecs.wire import Frame, Order, Reply, Scales, SetPoint, raw_temperature
 from hal.joints.motors import MotorModel
 
 HOST_ID = 0xFD  # the manual's example; any drive answers to whoever asked
@@ -136,11 +135,10 @@ class CyberGearCodec:
         """Type 2; `error_code` holds the six fault bits, `reply_id` the host."""
         mode = _RUN_MODE if state.enabled else 0
         field = (mode << 14) | ((error_code & 0x3F) << 8) | (state.drive_id & 0xFF)
-        warmth = 0.0 if math.isnan(state.temperature_c) else state.temperature_c
         data = _WORDS.pack(
             self._scales.position.to_wire(state.position_rad),
             self._scales.velocity.to_wire(state.velocity_rad_s),
             self._scales.torque.to_wire(state.torque_nm),
-            min(max(round((warmth + self._motor.temperature_offset_c) * 10), 0), 0xFFFF),
+            raw_temperature(self._motor, state, 0, 0xFFFF, per_degree=10),
         )
         return Frame(pack_identifier(Kind.FEEDBACK, field, (reply_id or HOST_ID) & 0xFF), data, extended=True)

@@ -5,15 +5,13 @@ Sources: Damiao DM-J4310 manual; huggingface/lerobot motors/damiao (tables and r
 
 from __future__ import annotations
 
-import math
 import struct
 from enum import IntEnum
 from typing import NamedTuple
 
-from hal.joints.codecs.mit import pack_set_point, pack_state, special_frame, special_order, unpack_set_point
+from hal.joints.codecs.mit import MitCodec, pack_state, special_frame
 from hal.joints.codecs.mit import unpack_state as unpack_mit_state
-from hal.joints.codecs.wire import MIT_BITS, Frame, Order, Reply, Scales, SetPoint
-from hal.joints.motors import MotorModel
+from hal.joints.codecs.wire import Frame, Order, Reply, raw_temperature
 from hal.joints.protocol import DriveFault
 
 REGISTER_ID = 0x7FF
@@ -39,7 +37,7 @@ MIT_MODE = 1
 
 
 class RegisterValue(NamedTuple):
-    """A register as a drive told it."""
+    """A register as a drive reported it."""
 
     drive_id: int
     register: int
@@ -69,30 +67,22 @@ def register_reply(frame: Frame) -> RegisterValue | None:
 
 
 def pack_register(reply_id: int, value: RegisterValue, action: int = READ) -> Frame:
-    """The drive's end: the reply that tells a register, to a read or to a write."""
+    """The drive's end: the reply that reports a register, to a read or to a write."""
     number = value.value if value.register in FLOAT_REGISTERS else int(value.value)
     form = "<f" if value.register in FLOAT_REGISTERS else "<I"
     head = bytes((value.drive_id & 0xFF, value.drive_id >> 8, action, value.register))
     return Frame(reply_id, head + struct.pack(form, number))
 
 
-class DamiaoCodec:
-    """DM drives in MIT mode."""
-
-    def __init__(self, motor: MotorModel) -> None:
-        self._motor = motor
-        self._scales = Scales.of(motor, MIT_BITS)
-
-    def command(self, drive_id: int, target: SetPoint) -> Frame:
-        """The frame of a set-point."""
-        return Frame(drive_id, pack_set_point(self._scales, target))
+class DamiaoCodec(MitCodec):
+    """DM drives in MIT mode: packed and read as MIT, with other orders and replies."""
 
     def order(self, drive_id: int, order: Order) -> tuple[Frame, ...]:
         """The special frame of an order, clearing faults included."""
         return (special_frame(drive_id, order),)
 
     def replier(self, frame: Frame) -> int | None:
-        """The low nibble of data[0]; identifiers above 15 are told by their MST_ID (the driver's routes)."""
+        """The low nibble of data[0]; identifiers above 15 are identified by their MST_ID (the driver's router)."""
         return None if frame.extended or not frame.data else frame.data[0] & 0x0F
 
     def read_reply(self, frame: Frame) -> Reply | None:
@@ -106,17 +96,9 @@ class DamiaoCodec:
         temperature = max(data[6], data[7]) - self._motor.temperature_offset_c
         return Reply(data[0] & 0x0F, position, velocity, torque, temperature, faults, status == _ENABLED)
 
-    def read_command(self, drive_id: int, frame: Frame) -> SetPoint | Order | None:
-        """What 8 bytes on the drive's own identifier ask."""
-        if frame.extended or frame.arbitration_id != drive_id or len(frame.data) != 8:
-            return None
-        order = special_order(frame.data)
-        return order if order is not None else unpack_set_point(self._scales, frame.data)
-
     def reply(self, state: Reply, reply_id: int, error_code: int) -> Frame:
         """A status reply; an error code takes the place of enabled and disabled."""
         status = error_code if error_code else int(bool(state.enabled))
-        warmth = 0.0 if math.isnan(state.temperature_c) else state.temperature_c
-        raw = min(max(round(warmth + self._motor.temperature_offset_c), 0), 255)
+        raw = raw_temperature(self._motor, state, 0, 255)
         head = bytes((((status & 0x0F) << 4) | (state.drive_id & 0x0F),))
         return Frame(reply_id, head + pack_state(self._scales, state) + bytes((raw, raw)))

@@ -1,14 +1,12 @@
 """MIT (mini-cheetah) mode of CubeMars / T-Motor AK drives, firmware V1 and V2, and of bgkatz firmware.
 
-Standard identifier = motor ID, 8 bytes out; 6, 7 or 8 bytes back, told apart by data[0], not by the identifier.
+Standard identifier = motor ID, 8 bytes out; 6, 7 or 8 bytes back, identified by data[0], not by the identifier.
 Sources: bgkatz/motorcontrol Core/Src/can.c; CubeMars AK series manual V1.0.8, section 5.3.
 """
 
 from __future__ import annotations
 
-import math
-
-from hal.joints.codecs.wire import MIT_BITS, Frame, Order, Reply, Scales, SetPoint
+from hal.joints.codecs.wire import MIT_BITS, Frame, Order, Reply, Scales, SetPoint, raw_temperature
 from hal.joints.motors import MotorModel, ReplyLayout
 
 SPECIAL = {Order.ENABLE: 0xFC, Order.DISABLE: 0xFD, Order.ZERO: 0xFE, Order.CLEAR: 0xFB}
@@ -21,7 +19,7 @@ _LENGTH_OF = {ReplyLayout.SHORT: 6, ReplyLayout.VOLTAGE: 7, ReplyLayout.TEMPERAT
 def pack_set_point(scales: Scales, target: SetPoint) -> bytes:
     """The 8 bytes of a set-point, never those of a special frame.
 
-    Only every field at its maximum comes near seven FF; the damping then gives way by one quantum (0.1 %), which
+    Only every field at its maximum comes near seven FF; the damping is then one quantum lower (0.1 %), which
     is the field whose change moves nothing.
     """
     p, v, kp, kd, t = scales.to_wire(target)
@@ -87,7 +85,7 @@ class MitCodec:
         return () if order is Order.CLEAR else (special_frame(drive_id, order),)
 
     def replier(self, frame: Frame) -> int | None:
-        """data[0]: the reply's identifier is the host's, usually 0, and says nothing."""
+        """data[0]: the reply's identifier is the host's, usually 0, and identifies nothing."""
         return None if frame.extended or not frame.data else frame.data[0]
 
     def read_reply(self, frame: Frame) -> Reply | None:
@@ -115,7 +113,5 @@ class MitCodec:
         if length == 7:
             body += b"\x60"  # bus voltage: 24 V in quarter volts
         elif length == 8:
-            warmth = 0.0 if math.isnan(state.temperature_c) else state.temperature_c
-            raw = round(warmth + self._motor.temperature_offset_c)
-            body += bytes((min(max(raw, 0), 255), error_code & 0xFF))
+            body += bytes((raw_temperature(self._motor, state, 0, 255), error_code & 0xFF))
         return Frame(reply_id, body)

@@ -69,6 +69,12 @@ class Reply(NamedTuple):
     enabled: bool | None = None
 
 
+def raw_temperature(motor: MotorModel, state: Reply, low: int, high: int, per_degree: int = 1) -> int:
+    """The byte or word of a reply's temperature, within low and high; an unknown temperature counts as 0 °C."""
+    temperature_c = 0.0 if math.isnan(state.temperature_c) else state.temperature_c
+    return min(max(round((temperature_c + motor.temperature_offset_c) * per_degree), low), high)
+
+
 class Codec(Protocol):
     """One protocol with one motor's ranges. Reading functions answer None for what is not theirs."""
 
@@ -204,7 +210,7 @@ class Transmission:
         return cls(joint.direction * joint.transmission, math.radians(joint.zero_offset_deg))
 
     def to_motor(self, at_joint: SetPoint) -> SetPoint:
-        """A set-point at the joint, seen from the motor."""
+        """A set-point at the joint, as at the motor."""
         position, velocity, stiffness, damping, torque = at_joint
         ratio = self.ratio
         return SetPoint(
@@ -216,7 +222,7 @@ class Transmission:
         )
 
     def to_joint(self, at_motor: SetPoint) -> SetPoint:
-        """A set-point at the motor, seen from the joint."""
+        """A set-point at the motor, as at the joint."""
         position, velocity, stiffness, damping, torque = at_motor
         ratio = self.ratio
         return SetPoint(

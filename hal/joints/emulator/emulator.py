@@ -219,7 +219,7 @@ def run_emulator(
     stop: Event | None = None,
     each_second: Callable[[DriveEmulator], None] | None = None,
 ) -> None:
-    """Emulate the device's drives until `stop` is set, the process is told to end, or its parent is gone.
+    """Emulate the device's drives until `stop` is set, the process is asked to end, or its parent is gone.
 
     With a `body` the simulated exoskeleton hangs behind the drives, else free legs. `ready` is set once the bus is
     joined. Raises HardwareError when a bus can't be opened.

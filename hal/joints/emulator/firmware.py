@@ -35,7 +35,7 @@ class Fault(Enum):
     DISABLED = "disabled"  # leaves motor mode by itself
     HOT = "hot"  # reports `value` °C
     BUS_OFF = "bus-off"  # the whole bus: error frame, then nothing
-    ERROR_FRAMES = "error-frames"  # the whole bus: nobody acknowledges, now and then
+    ERROR_FRAMES = "error-frames"  # the whole bus: no acknowledgement, now and then
     HEALED = "healed"  # all faults end
 
 
@@ -96,7 +96,7 @@ AT_REST = MotorState(0.0, 0.0, 0.0, 25.0)
 
 
 class EmulatedDrive:
-    """Frames in, frames out; between them `effective` tells the plant what the motor does."""
+    """Frames in, frames out; between them `effective` is the motor's law for the plant."""
 
     def __init__(self, device: JointDevice, model: MotorModel) -> None:
         self.device = device
