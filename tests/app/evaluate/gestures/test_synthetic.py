@@ -13,7 +13,7 @@ NAMES = [feature.name for feature in FEATURES]
 
 
 def made(seed: int = 3) -> tuple[FloatArray, list[str]]:
-    """Hands grafted from five slightly different drawn hands a gesture."""
+    """Hands recombined from five slightly different drawn hands a gesture."""
     random = np.random.default_rng(1)
     hands = [
         (gesture.value, drawn_hand(states).world_m + random.normal(0, 0.001, (21, 3)))
@@ -24,7 +24,7 @@ def made(seed: int = 3) -> tuple[FloatArray, list[str]]:
     return HandSynthesizer(np.array([world for _, world in hands]), np.ones(len(hands), bool), labels, seed).make(0.1)
 
 
-def test_grafting_makes_every_gesture_and_what_is_none() -> None:
+def test_recombining_makes_every_gesture_and_what_is_none() -> None:
     values, labels = made()
     assert {*GESTURE_NAMES, SYNTHETIC_NONE} <= set(labels) <= {*FINGERS_OF, "7", SYNTHETIC_NONE}
     assert values.shape == (len(labels), len(FEATURES))
@@ -40,12 +40,12 @@ def test_the_same_seed_makes_the_same_hands() -> None:
 
 def test_a_fist_is_a_zero_only_while_its_thumb_does_not_stand_out() -> None:
     values, labels = made()
-    beyond = values[np.array(labels) == "0", NAMES.index("thumb tip beyond the fingers' joints")]
+    beyond = values[np.array(labels) == "0", NAMES.index("thumb tip beyond joints")]
     assert np.median(beyond) <= STAYS_IN
     assert np.percentile(beyond, 95) < 0.3  # noise and the view's turn move a measured tip
 
 
 def test_straight_fingers_are_shown_together_and_spread() -> None:
     values, labels = made()
-    splay = values[np.array(labels) == "4", NAMES.index("fore and middle splayed")]
+    splay = values[np.array(labels) == "4", NAMES.index("fore-middle splay")]
     assert np.ptp(splay) > 5
