@@ -39,11 +39,6 @@ def reason_of(coded: object) -> Reason:
     return Reason("Error.UNEXPECTED", {"kind": type(coded).__name__, "text": str(coded)})
 
 
-def plain(text: str) -> Reason | None:
-    """Text that has no code yet; None for an empty one. For the change-over only."""
-    return Reason("Text.PLAIN", {"text": text}) if text else None
-
-
 def key_of(code: Enum) -> str:
     """The catalogue's key of an Enum member."""
     return f"{type(code).__name__}.{code.name}"

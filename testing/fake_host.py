@@ -25,7 +25,8 @@ from app.session.host import Latest, ProcessStatus
 from app.system.config import SessionSetup
 from kgdfa.gesture import Gesture
 from kgdfa.press_zone import PressZone
-from logs.reason import Value, plain
+from logs.reason import Value
+from testing.reasons import plain
 
 ALLOWED_STANDING = (
     Action.STEP_RIGHT_FIRST,

@@ -6,7 +6,7 @@ from app.console.sentences import sentence
 from app.console.state import NOTHING_PUSHED, READABLE_NS, note
 from app.ipc.messages import TriggerReport
 from app.text.catalogue import use_language
-from logs.reason import plain
+from testing.reasons import plain
 
 
 def test_what_the_catalogue_has_not_stays_as_it_was_said() -> None:

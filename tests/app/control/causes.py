@@ -14,7 +14,7 @@ from app.ipc.states import Action, Event, GaitState
 from hal.joints.guard import Quantity, Refusal
 from hal.joints.protocol import BusFault, DriveFault, DriveState, Joint, JointArray
 from logs import records
-from logs.reason import plain
+from testing.reasons import plain
 from tests.app.control.moments import standing
 from tests.app.control.rig import Rig
 

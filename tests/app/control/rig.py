@@ -25,8 +25,9 @@ from hal.joints.protocol import (
     JointFeedback,
 )
 from kgdfa.gesture import Gesture
-from logs.reason import Reason, plain
+from logs.reason import Reason
 from logs.records import Body
+from testing.reasons import plain
 from tests.app.control.ideal_joints import IdealJoints
 from tests.app.control.instant_planner import POSES, make_plan
 

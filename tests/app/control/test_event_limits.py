@@ -12,7 +12,8 @@ from app.control.diagnostics import Diagnostics
 from app.control.events.table import advance, effect_of
 from app.ipc.states import Effect, Event
 from app.text.catalogue import render
-from logs.reason import plain, reason
+from logs.reason import reason
+from testing.reasons import plain
 
 CALM = Diagnostics(now_ns=1_000, powered=True)
 E = Event

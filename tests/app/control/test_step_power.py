@@ -12,7 +12,8 @@ from app.ipc.states import ACTION_OF, Action, Event, Outcome, RequestRefusal, So
 from app.motion.follower import Mode
 from hal.joints.protocol import DriveState
 from kgdfa.gesture import Gesture
-from logs.reason import plain, reason
+from logs.reason import reason
+from testing.reasons import plain
 from tests.app.control.moments import HOLD_TICKS, A, K, S, moving, now, resting, standing
 from tests.app.control.rig import TICK_NS
 

@@ -11,7 +11,8 @@ from app.motion.follower import Mode
 from hal.joints.protocol import DriveState
 from kgdfa.gesture import Gesture
 from logs import records
-from logs.reason import plain, reason
+from logs.reason import reason
+from testing.reasons import plain
 from tests.app.control.moments import (
     DAMPING_TICKS,
     GRANTED,

@@ -16,8 +16,9 @@ from kgdfa.gesture import Decision, Explanation, Gesture, Verdict
 from kgdfa.hand import Hand, Side
 from kgdfa.pipeline import Report
 from kgdfa.press_zone import PressZone
-from logs.reason import plain, reason
+from logs.reason import reason
 from logs.records import Cancel, GestureOnset, Press, Release
+from testing.reasons import plain
 
 HAND = Hand(image_px=np.zeros((21, 2)), world_m=np.zeros((21, 3)), presence=0.9, side=Side.LEFT)
 VERDICT = Verdict(

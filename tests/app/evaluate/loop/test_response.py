@@ -12,7 +12,7 @@ from app.evaluate.loop.response import ATTEMPTS, PAPER, ResponseResult, Rounds, 
 from app.ipc.messages import ActionReport
 from app.ipc.states import ACTION_OF, Action, GaitState, Source
 from kgdfa.gesture import Gesture
-from logs.reason import plain
+from testing.reasons import plain
 from tests.app.demo.sessions import session_of
 
 MS = 1_000_000
