@@ -28,7 +28,7 @@ from app.ipc import streams as processes
 from app.ipc.links import LatestReceiver, address
 from app.ipc.messages import ControlSnapshot, GuardianHealth, Heartbeat, OperatorKind, TriggerReport
 from app.ipc.states import Action, Effect, GaitState
-from app.motion.patient import patient_of
+from app.motion.plan import patient_of
 from app.motion.preflight import run_preflight
 from app.session import host as hosting
 from app.system.config import Config, JointsConfig, SessionSetup

@@ -1,7 +1,7 @@
 """The audit process: receives every process's records, writes them, and reports how far it is.
 
-It ends last: asked by SIGTERM when the others are gone, or by itself when the console has died and nobody has said
-anything for a while.
+It ends last: asked by SIGTERM when the others are gone, or by itself when the console has died and no record
+has come for a while.
 """
 
 from __future__ import annotations

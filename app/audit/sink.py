@@ -1,4 +1,4 @@
-"""The way into the audit trail for every process: queue a record, never wait, never lose one unreported."""
+"""Every process's end of the audit queue: queue a record, never wait, never lose one unreported."""
 
 from __future__ import annotations
 

@@ -71,7 +71,7 @@ def _run_shown(described: Exoskeleton, run: Callable[..., None], seconds: float)
 
 
 def _body(patient: str, home: Path | None) -> Body:
-    from app.motion.patient import body_of
+    from app.motion.plan import body_of
     from app.system.paths import find_home
     from profiles.schema import DEMO_PATIENT
     from profiles.store import ProfileStore

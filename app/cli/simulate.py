@@ -14,7 +14,7 @@ if TYPE_CHECKING:  # numpy and MuJoCo are only loaded when something is rehearse
 
     from app.evaluate.loop.rehearsal import Norm
     from app.ipc.states import Action
-    from app.motion.patient import Patient
+    from app.motion.plan import Patient
     from app.motion.rehearsal import Rehearsal
     from app.motion.rehearsal_checks import RehearsalVerdict
     from app.system.paths import Home
@@ -87,7 +87,7 @@ def _rehearsed(
     """The verdicts of one patient's actions, one after the other."""
     from app.cli.progress import bar
     from app.evaluate.loop.rehearsal import actions_named
-    from app.motion.patient import patient_of
+    from app.motion.plan import patient_of
     from app.motion.rehearsal import rehearse
 
     patient = patient_of(wearer, device)

@@ -10,7 +10,7 @@ from app.control.drives import Drives
 from app.control.inputs import Settings
 from app.ipc.states import Action, GaitState
 from app.motion.follower import gains_of
-from app.motion.patient import body_of, patient_of
+from app.motion.plan import body_of, patient_of
 from app.motion.preflight import cleared_actions
 from app.motion.trajectory import nominal_pose, scene_of
 from app.system.config import SessionSetup

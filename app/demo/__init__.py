@@ -1,1 +1,1 @@
-"""The digital hand signs and presses through a course of gestures; what happened is told in numbers."""
+"""The digital hand signs and presses through a scenario of gestures; the result is reported in numbers."""

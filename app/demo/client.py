@@ -65,7 +65,7 @@ class SessionClient:
         return off and self._until(lambda: self._now.effect < Effect.HOLD, ACCEPTANCE_S) and self._settled()
 
     def recover(self) -> bool:
-        """As a therapist after an interlock held the legs: look, acknowledge; whether they may be brought back.
+        """As a therapist after an interlock held the legs: check, acknowledge; whether they may be brought back.
 
         Legs that the guardian took are switched off first: it watches again when they are.
         """

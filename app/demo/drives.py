@@ -11,7 +11,7 @@ from pathlib import Path
 
 import msgspec
 
-from app.motion.patient import body_of
+from app.motion.plan import body_of
 from app.system.config import Config, JointsConfig
 from app.system.errors import AppError
 from hal.joints.device import DEFAULT_DEVICE, load_exoskeleton

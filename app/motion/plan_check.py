@@ -7,10 +7,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from app.motion.curves import Array
-from app.motion.outline import LEFT, RIGHT, Foot, Path, clearances
-from app.motion.patient import Patient
-from app.motion.plan import PlanCheck, PlanFault, quad
+from app.motion.kinematics import Array
+from app.motion.path import LEFT, RIGHT, Foot, Path, clearances
+from app.motion.plan import Patient, PlanCheck, PlanFault, quad
 from hal.joints.body import (
     ANKLE_DORSIFLEXION_NM_RAD,
     ANKLE_PLANTARFLEXION_NM_RAD,

@@ -8,8 +8,7 @@ from pathlib import Path
 from app.ipc.links import OrderedReceiver, OrderedSender, address
 from app.ipc.states import GaitState
 from app.ipc.streams import PLAN_REPLY, PLAN_REQUEST
-from app.motion.patient import Patient, patient_of
-from app.motion.plan import PlanRequest, encode_array
+from app.motion.plan import Patient, PlanRequest, encode_array, patient_of
 from app.motion.trajectory import RECIPES, plan
 from app.system.config import SessionSetup
 from app.system.scheduling import gc_freeze, set_scheduling

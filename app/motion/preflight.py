@@ -17,8 +17,7 @@ import numpy as np
 from msgspec import Struct
 
 from app.ipc.states import Action, GaitState
-from app.motion.patient import Patient, patient_of
-from app.motion.plan import Phase, PlanRequest, quad
+from app.motion.plan import Patient, Phase, PlanRequest, patient_of, quad
 from app.motion.rehearsal import SEQUENCES, STARTS, WALK_PHASES, rehearse
 from app.motion.rehearsal_checks import RehearsalVerdict
 from app.motion.trajectory import nominal_pose, plan

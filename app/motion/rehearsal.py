@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 from app.ipc.states import Action, GaitState
 from app.motion import follower
 from app.motion.follower import Gains, Mode, Motion, gains_of
-from app.motion.patient import Patient
-from app.motion.plan import Phase, Plan, PlanFault, PlanRequest, quad
+from app.motion.plan import Patient, Phase, Plan, PlanFault, PlanRequest, quad
 from app.motion.rehearsal_checks import (
     RehearsalFault,
     RehearsalVerdict,

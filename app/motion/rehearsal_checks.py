@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from app.ipc.messages import Quad
 from app.ipc.states import Action
 from app.motion import kinematics
-from app.motion.outline import MID_SWING, outside
+from app.motion.path import MID_SWING, outside
 from app.motion.plan import Array
 from app.motion.plan_check import LEAST_CLEARANCE_M
 from hal.joints.body import Body
@@ -118,10 +118,10 @@ def least_clearance(body: Body, truths: list[GroundTruth], scene: Scene) -> floa
             gap = np.minimum(gap, outside(points, block.from_x_m, block.to_x_m, block.top_m))
         gap = gap.min(axis=0)
         for first, last in _runs(np.array([truth.contact_n[side] for truth in truths]) < AIRBORNE_N):
-            way = ankles[first : last + 1, side, 0]
-            if abs(way[-1] - way[0]) < LEAST_SWING_M:
+            travel = ankles[first : last + 1, side, 0]
+            if abs(travel[-1] - travel[0]) < LEAST_SWING_M:
                 continue
-            gone = (way - way[0]) / (way[-1] - way[0])
+            gone = (travel - travel[0]) / (travel[-1] - travel[0])
             middle = (gone > MID_SWING[0]) & (gone < MID_SWING[1])
             lowest = float(gap[first : last + 1][middle].min())
             least = lowest if least is None else min(least, lowest)
@@ -140,8 +140,8 @@ def most_slide(body: Body, truths: list[GroundTruth]) -> float:
         slid = np.take_along_axis(moved, np.abs(moved).argmin(axis=0)[None], axis=0)[0]
         for first, last in _runs(np.array([truth.contact_n[side] for truth in truths]) > STANDING_N):
             if last > first:
-                way = np.concatenate([[0.0], np.cumsum(slid[first:last])])
-                most = max(most, float(way.max() - way.min()))
+                travel = np.concatenate([[0.0], np.cumsum(slid[first:last])])
+                most = max(most, float(travel.max() - travel.min()))
     return most
 
 

@@ -7,11 +7,10 @@ from math import sqrt
 
 import numpy as np
 
-from app.motion.curves import DOWN, OVER, UP, Array, Swing, SwingShape, about_heel, hump, smoothstep
-from app.motion.kinematics import leg_length
-from app.motion.level import LONGEST_KNEE_RAD, standing_hip_m
-from app.motion.outline import Outline
-from app.motion.patient import Patient
+from app.motion.kinematics import DOWN, OVER, UP, Array, Swing, SwingShape, about_heel, hump, leg_length, smoothstep
+from app.motion.path import CartesianMotion
+from app.motion.plan import Patient
+from app.motion.walking import LONGEST_KNEE_RAD, standing_hip_m
 from hal.joints.scene import Block, BlockKind, Scene
 
 GAP_M = 0.03  # between the toes and what stands before them
@@ -26,7 +25,7 @@ TWO_SWINGS = 3.0  # times the step time: two swings and what lies between
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Crossing:
-    """Two swings that carry both feet as far and as high, and the hip's way between: places and heights in metres."""
+    """Two swings that carry both feet as far and as high, and the hip's path between: places and heights in metres."""
 
     travel_m: float
     climb_m: float
@@ -93,14 +92,14 @@ def obstacle(patient: Patient) -> Crossing:
     )
 
 
-def crossing_outline(patient: Patient, crossing: Crossing, step_time_s: float) -> Outline:
+def crossing_movement(patient: Patient, crossing: Crossing, step_time_s: float) -> CartesianMotion:
     """Both swings, and the hip between them."""
     total = TWO_SWINGS * step_time_s
     stand = standing_hip_m(patient.body)
-    return Outline(
+    return CartesianMotion(
         duration_s=total,
-        hip_x_m=lambda time: _way(crossing, time / total),
-        hip_z_m=lambda time: stand + _height(crossing, time / total),
+        hip_x_m=lambda time: _hip_x(crossing, time / total),
+        hip_z_m=lambda time: stand + _hip_z(crossing, time / total),
         feet_m=((0.0, 0.0), (0.0, 0.0)),
         swings=_swings(crossing, total),
         right_share=lambda time: _right_share(time / total),
@@ -109,7 +108,7 @@ def crossing_outline(patient: Patient, crossing: Crossing, step_time_s: float) -
 
 
 def _swings(crossing: Crossing, total_s: float) -> tuple[tuple[Swing, ...], tuple[Swing, ...]]:
-    """Of left and right; the right foot goes first and both go the same way."""
+    """Of left and right; the right foot goes first and both swing alike."""
     right = Swing(
         rise_s=0.0,
         off_s=RIGHT_OFF * total_s,
@@ -129,8 +128,8 @@ def _swings(crossing: Crossing, total_s: float) -> tuple[tuple[Swing, ...], tupl
     return (left,), (right,)
 
 
-def _way(crossing: Crossing, share: Array) -> Array:
-    """The hip's way forward, metres; (n,) shares of the time."""
+def _hip_x(crossing: Crossing, share: Array) -> Array:
+    """The hip's travel forward, metres; (n,) shares of the time."""
     first, second = crossing.hip_first_m, crossing.hip_second_m
     to_first = smoothstep(share, 0.0, RIGHT_LANDS)
     to_second = smoothstep(share, RIGHT_LANDS - 0.06, LEFT_OFF + 0.08)
@@ -138,7 +137,7 @@ def _way(crossing: Crossing, share: Array) -> Array:
     return first * to_first + (second - first) * to_second + (crossing.travel_m - second) * to_end
 
 
-def _height(crossing: Crossing, share: Array) -> Array:
+def _hip_z(crossing: Crossing, share: Array) -> Array:
     """The hip's height over standing at the start, metres; (n,) shares of the time."""
     dip = hump(share, 0.02, RIGHT_LANDS, RIGHT_LANDS, 0.9)
     return crossing.climb_m * smoothstep(share, 0.40, 0.92) - crossing.hip_drop_m * dip

@@ -1,4 +1,4 @@
-"""From an action to a checked plan: outline in space, joints by inverse kinematics, torques, check. Pure.
+"""From an action to a checked plan: movement in space, joints by inverse kinematics, torques, check. Pure.
 
 A plan starts at the measured pose: the nominal movement of its state, and the difference to the measured pose, which
 fades while it moves. Steps inside a walk start where the step before them ends, in motion, and take no measured pose.
@@ -15,27 +15,25 @@ import numpy as np
 
 from app.ipc.states import Action, GaitState
 from app.motion import kinematics
-from app.motion.curves import Array, smoothstep
-from app.motion.kinematics import leg_length
-from app.motion.level import (
+from app.motion.kinematics import Array, leg_length, smoothstep
+from app.motion.path import LEFT, RIGHT, CartesianMotion, Path, lifted, reaching, sample
+from app.motion.plan import Patient, Phase, Plan, PlanCheck, PlanFault, PlanRequest
+from app.motion.plan_check import check_path, joint_torques
+from app.motion.terrain import Crossing, crossing_movement, obstacle, stair_down, stair_up
+from app.motion.transfer import recovery_path, seated_joints, transfer_movement
+from app.motion.walking import (
     LONGEST_KNEE_RAD,
     SOFT_KNEE_RAD,
-    Step,
+    SingleStep,
     closing_step,
     onward_step,
     standing_segments,
     start_step,
-    step_outline,
+    step_movement,
     walk_close,
     walk_on,
     walk_start,
 )
-from app.motion.outline import LEFT, RIGHT, Outline, Path, lifted, reaching, sample
-from app.motion.patient import Patient
-from app.motion.plan import Phase, Plan, PlanCheck, PlanFault, PlanRequest
-from app.motion.plan_check import check_path, joint_torques
-from app.motion.terrain import Crossing, crossing_outline, obstacle, stair_down, stair_up
-from app.motion.transfer import recovery_path, seated_joints, transfer_outline
 from app.system.errors import AppError
 from hal.joints.protocol import TICK_HZ, JointArray
 from hal.joints.scene import LEVEL_FLOOR, Scene
@@ -46,23 +44,23 @@ FAR_RAD = radians(12)  # farther than this from its state's pose no action start
 
 STRETCHES = (1.0, 1.15, 1.3, 1.5, 1.75, 2.0, 2.5, 3.0, 4.0)  # of a movement's time, tried in turn
 
-Build = Callable[[Patient, float], Outline]  # patient, stretch of time (1: as the profile has it)
+Build = Callable[[Patient, float], CartesianMotion]  # patient, stretch of time (1: as the profile has it)
 
 
-def _single(step: Callable[[Patient, int], Step], side: int) -> Build:
-    return lambda patient, stretch: step_outline(patient, step(patient, side), stretch * patient.gait.step_time_s)
+def _single(step: Callable[[Patient, int], SingleStep], side: int) -> Build:
+    return lambda patient, stretch: step_movement(patient, step(patient, side), stretch * patient.gait.step_time_s)
 
 
 def _crossing(over: Callable[[Patient], Crossing]) -> Build:
-    return lambda patient, stretch: crossing_outline(patient, over(patient), stretch * patient.gait.step_time_s)
+    return lambda patient, stretch: crossing_movement(patient, over(patient), stretch * patient.gait.step_time_s)
 
 
-def _walk(phase: Callable[[Patient, int, float], Outline], side: int) -> Build:
+def _walk(phase: Callable[[Patient, int, float], CartesianMotion], side: int) -> Build:
     return lambda patient, stretch: phase(patient, side, stretch * patient.gait.step_time_s)
 
 
 def _transfer(*, rising: bool) -> Build:
-    return lambda patient, stretch: transfer_outline(patient, stretch * patient.gait.transfer_time_s, rising=rising)
+    return lambda patient, stretch: transfer_movement(patient, stretch * patient.gait.transfer_time_s, rising=rising)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -151,7 +149,7 @@ def path_of(action: Action, phase: Phase, patient: Patient) -> Path:
     Cached: it takes most of a plan's time, and the wearer waits for it between release and first command.
     """
     recipe = RECIPES[action, phase]
-    return sample(patient.body, _outline(recipe.build, patient, _stretch(recipe, patient)))
+    return sample(patient.body, _movement(recipe.build, patient, _stretch(recipe, patient)))
 
 
 def _planned(request: PlanRequest, patient: Patient) -> Plan:
@@ -210,10 +208,10 @@ def _fading(time_s: Array, difference_rad: Array) -> Array:
     return left
 
 
-def _outline(build: Build, patient: Patient, stretch: float) -> Outline:
+def _movement(build: Build, patient: Patient, stretch: float) -> CartesianMotion:
     body = patient.body
-    outline = reaching(body, build(patient, stretch), leg_length(body, LONGEST_KNEE_RAD))
-    return lifted(body, outline, patient.gait.swing_clearance_m)
+    movement = reaching(body, build(patient, stretch), leg_length(body, LONGEST_KNEE_RAD))
+    return lifted(body, movement, patient.gait.swing_clearance_m)
 
 
 def _stretch(recipe: Recipe, patient: Patient) -> float:
@@ -223,7 +221,7 @@ def _stretch(recipe: Recipe, patient: Patient) -> float:
 
 
 def _recovery(patient: Patient, start_rad: Array) -> Path:
-    """The way to standing, slow enough for every joint's speed and torque; in few tries, because it is waited for."""
+    """The path to standing, slow enough for every joint's speed and torque; in few tries, because it is waited for."""
     for stretch in STRETCHES[::2]:
         path = recovery_path(patient, start_rad, stretch)
         if _slow_enough(patient, path) and _weak_enough(patient, path):
@@ -245,7 +243,7 @@ def _own_stretch(build: Build, patient: Patient) -> float:
     """The first stretch at which one movement fits; that for its speed alone when no slowness saves its torque."""
     enough_for_speed = 0.0
     for stretch in STRETCHES:
-        path = sample(patient.body, _outline(build, patient, stretch))
+        path = sample(patient.body, _movement(build, patient, stretch))
         if not _slow_enough(patient, path):
             continue
         enough_for_speed = enough_for_speed or stretch

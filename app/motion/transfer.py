@@ -8,11 +8,10 @@ from math import asin, cos, pi, radians, sin
 import numpy as np
 
 from app.motion import kinematics
-from app.motion.curves import Array, Swing, SwingShape, cruise, smoothstep
-from app.motion.level import SOFT_KNEE_RAD, standing_hip_m, standing_segments
-from app.motion.outline import LEFT, RIGHT, Outline, Path, lifted, path_of_joints, sample, ticks
-from app.motion.patient import Patient
-from app.motion.plan import PlanFault
+from app.motion.kinematics import Array, Swing, SwingShape, cruise, smoothstep
+from app.motion.path import LEFT, RIGHT, CartesianMotion, Path, lifted, path_of_joints, sample, ticks
+from app.motion.plan import Patient, PlanFault
+from app.motion.walking import SOFT_KNEE_RAD, standing_hip_m, standing_segments
 from app.system.errors import AppError
 from hal.joints.body import BUTTOCK_M, Body, trunk_lean
 from hal.joints.scene import Block, BlockKind, Scene
@@ -26,7 +25,7 @@ EARLY, ONSET_S = 0.4, 0.25
 SETTLE = 0.5  # share of the time over which the early share ends
 SEAT_TAKES = (0.97, 1.0)  # shares of sitting down over which the chair takes the weight
 
-RECOVER_SPEED_RAD_S = radians(20)  # joints on the way back to standing, at the mean
+RECOVER_SPEED_RAD_S = radians(20)  # joints on the path back to standing, at the mean
 RECOVER_LEAST_S = 3.0
 SPLIT_M = 0.04  # feet farther apart than this are brought together by a step, not by sliding
 # Up, across, down: nobody knows whether an edge, a riser or an obstacle stands between the feet.
@@ -68,8 +67,8 @@ def chair_scene(patient: Patient) -> Scene:
     return Scene(blocks=(chair,))
 
 
-def transfer_outline(patient: Patient, duration_s: float, *, rising: bool) -> Outline:
-    """Sitting down, or the same way back; the feet stay where they are."""
+def transfer_movement(patient: Patient, duration_s: float, *, rising: bool) -> CartesianMotion:
+    """Sitting down, or the same path back; the feet stay where they are."""
     body, seat = patient.body, seat_of(patient)
     thigh_up, shank_up = standing_segments(body)
 
@@ -87,7 +86,7 @@ def transfer_outline(patient: Patient, duration_s: float, *, rising: bool) -> Ou
         z = body.ankle_height_m + body.thigh_m * np.cos(thigh) + body.shank_m * np.cos(shank)
         return x, z
 
-    return Outline(
+    return CartesianMotion(
         duration_s=duration_s,
         hip_x_m=lambda time: hip(time)[0],
         hip_z_m=lambda time: hip(time)[1],
@@ -106,11 +105,11 @@ def recovery_path(patient: Patient, start_rad: Array, stretch: float = 1.0) -> P
     apart, duration = _apart(patient.body, start_rad), stretch * _recovery_time(start_rad)
     if np.abs(apart).max() <= SPLIT_M:
         return _straighten(patient, start_rad, duration)
-    outline = _gather(patient, start_rad, duration)
+    movement = _bring_feet_together(patient, start_rad, duration)
     gait = patient.gait
-    unknown = replace(outline, scene=Scene(floor_m=max(gait.stair_rise_m, gait.obstacle_height_m)))
+    unknown = replace(movement, scene=Scene(floor_m=max(gait.stair_rise_m, gait.obstacle_height_m)))
     swings = lifted(patient.body, unknown, gait.swing_clearance_m).swings
-    return sample(patient.body, replace(outline, swings=swings))
+    return sample(patient.body, replace(movement, swings=swings))
 
 
 def _recovery_time(start_rad: Array) -> float:
@@ -131,7 +130,7 @@ def _apart(body: Body, start_rad: Array) -> Array:
 
 
 def _straighten(patient: Patient, start_rad: Array, duration: float) -> Path:
-    """Thighs and knees straight to standing, the trunk leaning as it does on the way."""
+    """Thighs and knees straight to standing, the trunk leaning as it does in between."""
     body = patient.body
     time = ticks(duration)
     s = smoothstep(time, 0.0, duration)[:, None]
@@ -144,16 +143,16 @@ def _straighten(patient: Patient, start_rad: Array, duration: float) -> Path:
     return path_of_joints(body, time, np.stack([hips[:, 0], knees[:, 0], hips[:, 1], knees[:, 1]], axis=-1), lean)
 
 
-def _gather(patient: Patient, start_rad: Array, duration: float) -> Outline:
+def _bring_feet_together(patient: Patient, start_rad: Array, duration: float) -> CartesianMotion:
     """The foot nearer under the hip stays; the other comes to it.
 
-    Its lift is still to be found: above anything that this patient steps on or over, toes and all, so that the way is
-    free whichever action was interrupted.
+    Its lift is still to be found: above anything that this patient steps on or over, toes and all, so that the foot
+    is free whichever action was interrupted.
     """
     body = patient.body
     ankles = _ankles(body, start_rad)
-    burden = np.abs(ankles[:, 0]) + (ankles[:, 1] - ankles[:, 1].min())
-    stay = LEFT if burden[LEFT] <= burden[RIGHT] else RIGHT
+    load = np.abs(ankles[:, 0]) + (ankles[:, 1] - ankles[:, 1].min())
+    stay = LEFT if load[LEFT] <= load[RIGHT] else RIGHT
     hip_x, hip_z = -ankles[stay]
     low, stand = body.ankle_height_m + hip_z, standing_hip_m(body)
     swing = _approach(ankles[1 - stay] - ankles[stay], duration)
@@ -164,7 +163,7 @@ def _gather(patient: Patient, start_rad: Array, duration: float) -> Outline:
 
     feet = {stay: (0.0, 0.0), 1 - stay: swing.start_m}
     swings: dict[int, tuple[Swing, ...]] = {stay: (), 1 - stay: (swing,)}
-    return Outline(
+    return CartesianMotion(
         duration_s=duration,
         hip_x_m=lambda time: hip_x * (1 - smoothstep(time, 0.0, duration)),
         hip_z_m=lambda time: low + (stand - low) * smoothstep(time, 0.0, duration),

@@ -1,4 +1,4 @@
-"""What makes Linux processes punctual: whose turn comes first, memory that stays, a core; each where it is allowed."""
+"""What makes Linux processes punctual: scheduling, memory that stays, a core; each where it is allowed."""
 
 from __future__ import annotations
 
@@ -91,7 +91,7 @@ def pin_to_control_core() -> int | None:
 
 
 def avoid_control_core() -> None:
-    """For perception: one core of several is control's, whose every tick would put a running look at a hand off."""
+    """For perception: one core of several is control's, whose every tick would delay a running detection."""
     core = control_core()
     others = os.sched_getaffinity(0) - {core}
     if core is not None and others:

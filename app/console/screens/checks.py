@@ -191,7 +191,7 @@ Word = Action | tuple[str, ...] | str
 
 def rehearse_all(words: Connection, home: Path, config: Config, profile: Profile, actions: Sequence[Action]) -> None:
     """Rehearse what is not on record yet, keep the verdicts, tell of each."""
-    from app.motion.patient import patient_of
+    from app.motion.plan import patient_of
     from app.motion.preflight import cleared_actions, run_preflight
     from app.system.scheduling import set_scheduling
     from hal.joints.device import DEFAULT_DEVICE, load_exoskeleton

@@ -18,7 +18,7 @@ from rich.table import Table
 from app.evaluate.harness import EvaluateFault, Step, figure, table
 from app.ipc.states import Action
 from app.motion import kinematics
-from app.motion.patient import patient_of
+from app.motion.plan import patient_of
 from app.motion.rehearsal import TRUTH_TICKS, Rehearsal, rehearse
 from app.motion.rehearsal_checks import RehearsalVerdict
 from app.system.errors import AppError

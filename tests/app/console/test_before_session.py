@@ -8,7 +8,7 @@ from app.console.screens.calibration import CalibrationScreen
 from app.console.screens.checks import Preflight
 from app.console.screens.session import SessionScreen
 from app.ipc.states import Action
-from app.motion.patient import patient_of
+from app.motion.plan import patient_of
 from app.motion.preflight import preflight_passed
 from app.system.config import Config, JointsConfig
 from app.system.hand_model import find_model

@@ -14,7 +14,7 @@ from app.console.screens.session import SessionScreen
 from app.console.screens.signin import LockScreen, SignInDialog
 from app.demo.drives import emulated_drives
 from app.ipc.states import Action, Event, GaitState
-from app.motion.patient import patient_of
+from app.motion.plan import patient_of
 from app.motion.preflight import run_preflight
 from app.session.host import SessionHost
 from app.system.config import JointsConfig, SessionSetup

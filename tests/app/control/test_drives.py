@@ -8,7 +8,7 @@ from app.control.drives import Drives
 from app.control.inputs import DriveOrder
 from app.motion import follower
 from app.motion.follower import gains_of
-from app.motion.patient import body_of
+from app.motion.plan import body_of
 from hal.joints.device import load_exoskeleton
 from hal.joints.guard import limits_of
 from hal.joints.protocol import DriveState, JointCommand

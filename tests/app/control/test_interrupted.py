@@ -15,8 +15,7 @@ from app.control.inputs import DriveOrder
 from app.ipc.states import Action, GaitState
 from app.motion import follower
 from app.motion.follower import Mode, Motion, gains_of
-from app.motion.patient import patient_of
-from app.motion.plan import Phase, PlanRequest
+from app.motion.plan import Phase, PlanRequest, patient_of
 from app.motion.trajectory import RECIPES, nominal_pose, path_of, plan, scene_of
 from hal.joints.device import load_exoskeleton
 from hal.joints.guard import limits_of

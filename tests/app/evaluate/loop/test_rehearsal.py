@@ -14,8 +14,7 @@ from typer.testing import CliRunner
 from app.cli import cli
 from app.evaluate.loop.rehearsal import actions_named, corner_profiles, read_norm
 from app.ipc.states import Action
-from app.motion.patient import patient_of
-from app.motion.plan import PlanFault
+from app.motion.plan import PlanFault, patient_of
 from app.motion.preflight import cleared_actions
 from app.motion.rehearsal_checks import RehearsalFault, RehearsalVerdict, faults_of
 from app.system.errors import AppError

@@ -8,10 +8,21 @@ from math import pi, radians
 
 import numpy as np
 
-from app.motion.curves import CLOSING, LEVEL, STRIDE, Array, Swing, SwingShape, hump, ramp, smoothstep
-from app.motion.kinematics import joints, leg_length
-from app.motion.outline import LEFT, RIGHT, Outline, ankle_way, lifted
-from app.motion.patient import Patient
+from app.motion.kinematics import (
+    CLOSING,
+    LEVEL,
+    STRIDE,
+    Array,
+    Swing,
+    SwingShape,
+    hump,
+    joints,
+    leg_length,
+    ramp,
+    smoothstep,
+)
+from app.motion.path import LEFT, RIGHT, CartesianMotion, ankle_path, lifted
+from app.motion.plan import Patient
 from hal.joints.body import Body
 
 SOFT_KNEE_RAD = radians(8)  # of a standing leg: a straight one can't be steered (the inverse is singular there)
@@ -37,7 +48,7 @@ def standing_segments(body: Body) -> tuple[float, float]:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Step:
+class SingleStep:
     """One step from rest to rest: the hip's and the feet's places before and after, metres from the first hip."""
 
     swing_side: int
@@ -51,8 +62,8 @@ class Step:
 OFF, LAND = 0.28, 0.84  # a step from rest to rest: shares of its time at which its foot leaves and lands
 
 
-def step_outline(patient: Patient, step: Step, step_time_s: float) -> Outline:
-    """The outline of one step from rest to rest."""
+def step_movement(patient: Patient, step: SingleStep, step_time_s: float) -> CartesianMotion:
+    """The movement of one step from rest to rest."""
     off, land = OFF * step_time_s, LAND * step_time_s
     swing = Swing(
         rise_s=0.0,
@@ -71,7 +82,7 @@ def step_outline(patient: Patient, step: Step, step_time_s: float) -> Outline:
     other = 1 - step.swing_side
     feet = {step.swing_side: (step.swing_from_m, 0.0), other: (step.stand_at_m, 0.0)}
     swings: dict[int, tuple[Swing, ...]] = {step.swing_side: (swing,), other: ()}
-    return Outline(
+    return CartesianMotion(
         duration_s=step_time_s,
         hip_x_m=lambda time: step.hip_to_m * smoothstep(time, 0.0, step_time_s),
         hip_z_m=lambda time: _step_height(patient.body, step, time, step_time_s),
@@ -81,7 +92,7 @@ def step_outline(patient: Patient, step: Step, step_time_s: float) -> Outline:
     )
 
 
-def _step_height(body: Body, step: Step, time: Array, step_time_s: float) -> Array:
+def _step_height(body: Body, step: SingleStep, time: Array, step_time_s: float) -> Array:
     """The hip's height in a step from rest to rest: it vaults over the standing foot while the other is in the air."""
     start = _height_over(body, (step.stand_at_m, step.swing_from_m), 0.0)
     end = _height_over(body, (step.stand_at_m, step.swing_to_m), step.hip_to_m)
@@ -94,16 +105,18 @@ def _step_height(body: Body, step: Step, time: Array, step_time_s: float) -> Arr
     return height
 
 
-def start_step(patient: Patient, side: int) -> Step:
+def start_step(patient: Patient, side: int) -> SingleStep:
     """From standing, one leg forward."""
     length = patient.gait.step_length_m
-    return Step(swing_side=side, hip_to_m=length / 2, stand_at_m=0.0, swing_from_m=0.0, swing_to_m=length, shape=LEVEL)
+    return SingleStep(
+        swing_side=side, hip_to_m=length / 2, stand_at_m=0.0, swing_from_m=0.0, swing_to_m=length, shape=LEVEL
+    )
 
 
-def onward_step(patient: Patient, side: int) -> Step:
+def onward_step(patient: Patient, side: int) -> SingleStep:
     """The rear leg to the front."""
     length = patient.gait.step_length_m
-    return Step(
+    return SingleStep(
         swing_side=side,
         hip_to_m=length,
         stand_at_m=length / 2,
@@ -113,13 +126,15 @@ def onward_step(patient: Patient, side: int) -> Step:
     )
 
 
-def closing_step(patient: Patient, side: int) -> Step:
+def closing_step(patient: Patient, side: int) -> SingleStep:
     """The rear leg beside the front one, to standing."""
     half = patient.gait.step_length_m / 2
-    return Step(swing_side=side, hip_to_m=half, stand_at_m=half, swing_from_m=-half, swing_to_m=half, shape=CLOSING)
+    return SingleStep(
+        swing_side=side, hip_to_m=half, stand_at_m=half, swing_from_m=-half, swing_to_m=half, shape=CLOSING
+    )
 
 
-def walk_start(patient: Patient, step_time_s: float) -> Outline:
+def walk_start(patient: Patient, step_time_s: float) -> CartesianMotion:
     """From standing, left foot first, into the periodic walk: ends as the left foot lands."""
     length = patient.gait.step_length_m
     speed = length / step_time_s
@@ -134,7 +149,7 @@ def walk_start(patient: Patient, step_time_s: float) -> Outline:
         return (1 - into) * standing_hip_m(patient.body) + into * _walking_height(patient, time / step_time_s, sink)
 
     left = _walk_swing(step_time_s, 0.0, (0.0, length))
-    return Outline(
+    return CartesianMotion(
         duration_s=step_time_s,
         hip_x_m=hip_x,
         hip_z_m=hip_z,
@@ -144,7 +159,7 @@ def walk_start(patient: Patient, step_time_s: float) -> Outline:
     )
 
 
-def walk_on(patient: Patient, side: int, step_time_s: float, sink_m: float | None = None) -> Outline:
+def walk_on(patient: Patient, side: int, step_time_s: float, sink_m: float | None = None) -> CartesianMotion:
     """One step of the periodic walk, from the landing of the other foot to the landing of this one."""
     length = patient.gait.step_length_m
     front = AHEAD * length
@@ -158,7 +173,7 @@ def walk_on(patient: Patient, side: int, step_time_s: float, sink_m: float | Non
     just_landed = _landed_swing(step_time_s, (front - 2 * length, front))
     swings = {side: (rear_swing,), 1 - side: (just_landed,)}
     feet = {side: (front - length, 0.0), 1 - side: (front - 2 * length, 0.0)}
-    return Outline(
+    return CartesianMotion(
         duration_s=step_time_s,
         hip_x_m=lambda time: length / step_time_s * time,
         hip_z_m=lambda time: _walking_height(patient, time / step_time_s, sink),
@@ -168,12 +183,12 @@ def walk_on(patient: Patient, side: int, step_time_s: float, sink_m: float | Non
     )
 
 
-def walk_close(patient: Patient, side: int, step_time_s: float) -> Outline:
+def walk_close(patient: Patient, side: int, step_time_s: float) -> CartesianMotion:
     """Out of the periodic walk: the rear foot comes beside the front one, the hip comes to rest above them."""
     length = patient.gait.step_length_m
     front = AHEAD * length
     sink = _walking_sink(patient)
-    duration = 2 * AHEAD * step_time_s  # half the walking speed over the way that is left
+    duration = 2 * AHEAD * step_time_s  # half the walking speed over the distance that is left
 
     def hip_x(time: Array) -> Array:
         return length / step_time_s * (time - ramp(time, 0.0, duration))
@@ -189,7 +204,7 @@ def walk_close(patient: Patient, side: int, step_time_s: float) -> Outline:
     rear_swing = _walk_swing(step_time_s, 0.0, (front - length, front), shape=CLOSING)
     swings = {side: (rear_swing,), 1 - side: (_landed_swing(step_time_s, (front - 2 * length, front)),)}
     feet = {side: (front - length, 0.0), 1 - side: (front - 2 * length, 0.0)}
-    return Outline(
+    return CartesianMotion(
         duration_s=duration,
         hip_x_m=hip_x,
         hip_z_m=hip_z,
@@ -240,7 +255,7 @@ def _walking_sink(patient: Patient) -> float:
     longest = leg_length(patient.body, LONGEST_KNEE_RAD)
     lack = 0.0
     for side in (LEFT, RIGHT):
-        foot = ankle_way(patient.body, vaulting, side, steps)
+        foot = ankle_path(patient.body, vaulting, side, steps)
         reach = np.sqrt(np.maximum(longest**2 - (foot[:, 0] - length * steps) ** 2, 0.0))
         lack = max(lack, float((vaulting.hip_z_m(steps) - foot[:, 1] - reach).max()))
     return lack

@@ -8,8 +8,7 @@ import msgspec
 import pytest
 
 from app.ipc.states import Action
-from app.motion.patient import Patient, patient_of
-from app.motion.plan import PlanFault
+from app.motion.plan import Patient, PlanFault, patient_of
 from app.motion.preflight import (
     PreflightFault,
     check_profile,

@@ -14,8 +14,7 @@ from hypothesis import strategies as st
 
 from app.control.running_action import VISIBLE_RAD
 from app.ipc.states import Action, GaitState
-from app.motion.patient import Patient, patient_of
-from app.motion.plan import Phase, Plan, PlanFault, PlanRequest, decode_table, encode_array
+from app.motion.plan import Patient, Phase, Plan, PlanFault, PlanRequest, decode_table, encode_array, patient_of
 from app.motion.rehearsal import STARTS, WALK_PHASES
 from app.motion.trajectory import FAR_RAD, RECIPES, nominal_pose, plan
 from app.text.catalogue import render

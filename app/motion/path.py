@@ -1,4 +1,4 @@
-"""A movement in space, before joints: where hip and feet go and when, and what stands in the way."""
+"""A movement in space, before joints: where hip and feet go and when, and what stands around it."""
 
 from __future__ import annotations
 
@@ -8,20 +8,20 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from app.motion import kinematics
-from app.motion.curves import Array, Mask, Swing, displacement, heel_rise, hump, landing_pitch, progress
+from app.motion.kinematics import Array, Mask, Swing, displacement, heel_rise, hump, landing_pitch, progress
 from hal.joints.body import ANKLE_REST_RAD, Body, trunk_lean
 from hal.joints.protocol import TICK_HZ
 from hal.joints.scene import LEVEL_FLOOR, Scene
 
 LEFT, RIGHT = 0, 1
-MID_SWING = (0.2, 0.8)  # shares of the way forward between which a foot must keep its clearance
+MID_SWING = (0.2, 0.8)  # shares of the travel forward between which a foot must keep its clearance
 COARSE = 10  # ticks between the samples on which a lift is sought
 LIFT_PRECISION_M = 0.001
 LIFT_ROUNDS = 8
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Outline:
+class CartesianMotion:
     """Where hip and feet go; functions take times (n,) in seconds and give metres or shares, (n,) each."""
 
     duration_s: float
@@ -47,7 +47,7 @@ class Foot:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Path:
-    """An outline sampled: (n,) times, (n, 2) hip, (n, 4) joints in the order of hal's Joint, (n,) lean."""
+    """An movement sampled: (n,) times, (n, 2) hip, (n, 4) joints in the order of hal's Joint, (n,) lean."""
 
     time_s: Array
     hip_m: Array
@@ -64,17 +64,17 @@ def ticks(duration_s: float, step: int = 1) -> Array:
     return times
 
 
-def sample(body: Body, outline: Outline, step: int = 1) -> Path:
-    """The path that an outline makes, every `step` ticks; joints are NaN where a leg does not reach."""
-    time = ticks(outline.duration_s, step)
-    hip = np.stack([outline.hip_x_m(time), outline.hip_z_m(time)], axis=-1)
-    ankles = [ankle_way(body, outline, side, time) for side in (LEFT, RIGHT)]
+def sample(body: Body, movement: CartesianMotion, step: int = 1) -> Path:
+    """The path that an movement makes, every `step` ticks; joints are NaN where a leg does not reach."""
+    time = ticks(movement.duration_s, step)
+    hip = np.stack([movement.hip_x_m(time), movement.hip_z_m(time)], axis=-1)
+    ankles = [ankle_path(body, movement, side, time) for side in (LEFT, RIGHT)]
     legs = [kinematics.joints(body, ankle - hip) for ankle in ankles]
     lean = trunk_lean(legs[LEFT].knee, legs[RIGHT].knee)
-    right = outline.right_share(time)
+    right = movement.right_share(time)
     shares = (1 - right, right)
     feet = [
-        _foot(outline.swings[side], time, ankles[side], legs[side].hip - legs[side].knee, shares[side])
+        _foot(movement.swings[side], time, ankles[side], legs[side].hip - legs[side].knee, shares[side])
         for side in (LEFT, RIGHT)
     ]
     return Path(
@@ -85,8 +85,8 @@ def sample(body: Body, outline: Outline, step: int = 1) -> Path:
             [legs[LEFT].hip + lean, legs[LEFT].knee, legs[RIGHT].hip + lean, legs[RIGHT].knee], axis=-1
         ),
         feet=(feet[LEFT], feet[RIGHT]),
-        seat_share=np.zeros_like(time) if outline.seat_share is None else outline.seat_share(time),
-        scene=outline.scene,
+        seat_share=np.zeros_like(time) if movement.seat_share is None else movement.seat_share(time),
+        scene=movement.scene,
     )
 
 
@@ -118,44 +118,45 @@ def path_of_joints(body: Body, time: Array, joints_rad: Array, lean_rad: Array) 
     )
 
 
-def lifted(body: Body, outline: Outline, clearance_m: float) -> Outline:
-    """The outline with each swing lifted as far as the clearance asks, and no farther."""
+def lifted(body: Body, movement: CartesianMotion, clearance_m: float) -> CartesianMotion:
+    """The movement with each swing lifted as far as the clearance asks, and no farther."""
     for _ in range(LIFT_ROUNDS):
-        path = sample(body, outline, COARSE)
+        path = sample(body, movement, COARSE)
         missing = [
-            [_missing(body, path, side, swing, clearance_m) for swing in outline.swings[side]] for side in (LEFT, RIGHT)
+            [_missing(body, path, side, swing, clearance_m) for swing in movement.swings[side]]
+            for side in (LEFT, RIGHT)
         ]
         if max((lack for side in missing for lack in side), default=0.0) < LIFT_PRECISION_M:
             break
         raised = tuple(
             tuple(
                 replace(swing, lift_m=swing.lift_m + lack)
-                for swing, lack in zip(outline.swings[side], missing[side], strict=True)
+                for swing, lack in zip(movement.swings[side], missing[side], strict=True)
             )
             for side in (LEFT, RIGHT)
         )
-        outline = replace(outline, swings=(raised[LEFT], raised[RIGHT]))
-    return outline
+        movement = replace(movement, swings=(raised[LEFT], raised[RIGHT]))
+    return movement
 
 
-def reaching(body: Body, outline: Outline, longest_m: float) -> Outline:
-    """The outline with the hip as much lower in between as the legs need to reach their feet."""
-    time = ticks(outline.duration_s, COARSE)
-    hip_x, hip_z = outline.hip_x_m(time), outline.hip_z_m(time)
+def reaching(body: Body, movement: CartesianMotion, longest_m: float) -> CartesianMotion:
+    """The movement with the hip as much lower in between as the legs need to reach their feet."""
+    time = ticks(movement.duration_s, COARSE)
+    hip_x, hip_z = movement.hip_x_m(time), movement.hip_z_m(time)
     lack = 0.0
     for side in (LEFT, RIGHT):
-        foot = ankle_way(body, outline, side, time)
+        foot = ankle_path(body, movement, side, time)
         reach = np.sqrt(np.maximum(longest_m**2 - (foot[:, 0] - hip_x) ** 2, 0.0))
         lack = max(lack, float((hip_z - foot[:, 1] - reach).max()))
     if lack <= 0:
-        return outline
-    total = outline.duration_s
+        return movement
+    total = movement.duration_s
 
     def lower(time: Array) -> Array:
-        height: Array = outline.hip_z_m(time) - lack * hump(time, 0.0, 0.3 * total, 0.7 * total, total)
+        height: Array = movement.hip_z_m(time) - lack * hump(time, 0.0, 0.3 * total, 0.7 * total, total)
         return height
 
-    return replace(outline, hip_z_m=lower)
+    return replace(movement, hip_z_m=lower)
 
 
 def clearances(body: Body, path: Path, side: int) -> Array:
@@ -180,11 +181,11 @@ def _missing(body: Body, path: Path, side: int, swing: Swing, clearance_m: float
     return max(0.0, worst)
 
 
-def ankle_way(body: Body, outline: Outline, side: int, time: Array) -> Array:
+def ankle_path(body: Body, movement: CartesianMotion, side: int, time: Array) -> Array:
     """Where one foot's ankle is, (n, 2) metres."""
-    x, floor = outline.feet_m[side]
+    x, floor = movement.feet_m[side]
     place = np.full((len(time), 2), (x, floor + body.ankle_height_m))
-    for swing in outline.swings[side]:
+    for swing in movement.swings[side]:
         place += displacement(body, swing, time)
     return place
 
