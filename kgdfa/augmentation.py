@@ -1,4 +1,4 @@
-"""Several looks at one photo: bordered, scaled, mirrored, turned, so that the detector finds the hand in crops.
+"""Test-time augmentation of one photo: bordered, scaled, mirrored, turned, so that hands in crops are found.
 
 MediaPipe's palm detector wants room around the hand: of crops that fill their picture it misses one in six, and
 none to speak of once they have a border and 384 pixels (measured on 360 photos: 299 found as they are, 355
@@ -20,7 +20,7 @@ from kgdfa.preprocess import Image, as_bgr8, brighten
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Augmentation:
-    """How to look: a border as a share of the longer side (edge pixels repeated), the longer side in pixels
+    """How to show the image: a border as a share of the longer side (edge pixels repeated), the longer side in pixels
     after scaling, a turn in degrees, mirrored or not, contrast spread or not (for dark pictures).
     """
 
@@ -39,7 +39,7 @@ AUGMENTATIONS = (
     Augmentation(border=0.6, turn_deg=-20),
     Augmentation(border=0.35, size_px=320),
 )
-# For the few that the first look misses, with lower thresholds, in this order until one finds a hand.
+# For the few that the plain one misses, with lower thresholds, in this order until one finds a hand.
 FALLBACK_AUGMENTATIONS = (
     Augmentation(),
     Augmentation(border=1.0),
@@ -55,7 +55,7 @@ FALLBACK_THRESHOLD = 0.2
 
 
 class StillDetector(Protocol):
-    """What looks at one picture by itself: `keypoints.HandDetector(still=True)`, or a fake of ours."""
+    """Detects hands in one image by itself: `keypoints.HandDetector(still=True)`, or a fake of ours."""
 
     def detect(self, image_bgr: Image, captured_ns: int = 0) -> tuple[Hand, ...]:
         """The hands in it."""
@@ -63,7 +63,7 @@ class StillDetector(Protocol):
 
 
 def augment(image_bgr: Image, augmentation: Augmentation) -> tuple[Image, FloatArray]:
-    """The picture as the look shows it, and the (2, 3) affine map from the picture's pixels to the look's."""
+    """The augmented image, and the (2, 3) affine map from the image's pixels to its."""
     image = brighten(image_bgr) if augmentation.brightened else image_bgr
     border = round(augmentation.border * max(image.shape[:2]))
     image = np.asarray(cv2.copyMakeBorder(image, border, border, border, border, cv2.BORDER_REPLICATE))
@@ -83,7 +83,7 @@ def augment(image_bgr: Image, augmentation: Augmentation) -> tuple[Image, FloatA
 
 
 def detect_augmented(detector: StillDetector, image_bgr: Image, augmentation: Augmentation) -> Hand | None:
-    """The largest hand that one look finds, as it is on the picture itself."""
+    """The largest hand in one augmented image, as it is on the image itself."""
     shown, transform = augment(image_bgr, augmentation)
     hands = detector.detect(shown)
     if not hands:
@@ -108,9 +108,9 @@ def detect_photo(
     image_bgr: Image,
     augmentations: Iterable[Augmentation] = AUGMENTATIONS,
 ) -> tuple[Hand, ...]:
-    """One hand a look that found it, the plain look first; () when neither those nor the second looks do.
+    """One hand per augmentation that finds it, the plain one first; () when neither those nor the fallbacks do.
 
-    detector: at its usual thresholds; eager: at `FALLBACK_THRESHOLD`, asked only when the plain look is empty.
+    detector: at its usual thresholds; eager: at `FALLBACK_THRESHOLD`, used only when the plain one finds none.
     """
     image = as_bgr8(image_bgr)
     plain, *others = [detect_augmented(detector, image, augmentation) for augmentation in augmentations]

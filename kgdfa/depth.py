@@ -21,7 +21,7 @@ from kgdfa.hand import Hand
 DepthMap = NDArray[np.float32]
 
 MAX_DEPTH_M = 10.0  # D435i data sheet: use range to about 10 m; 65.535 is its 16-bit saturation in millimetres
-WINDOW_REFERENCES = 0.25  # side of the neighbourhood, in palm anchors: on the palm at any tilt that counts
+WINDOW_REFERENCES = 0.25  # side of the neighbourhood, in reference segments: on the palm at any tilt that counts
 MIN_VALID = 0.5  # share of the neighbourhood that must have measured
 MAX_SPREAD_M = 0.04  # between its quartiles: more is an edge, not a palm
 SENSOR_SD = 0.01  # D435i: about 1 % of distance in the near field, well inside its 2 % specification

@@ -88,7 +88,7 @@ class Hand:
 
     @property
     def reference_px(self) -> float:
-        """Length of the palm anchor, the segment from 5 to 17, pixels."""
+        """Length of the reference segment, keypoints 5 to 17, pixels."""
         return float(np.linalg.norm(self.image_px[Keypoint.INDEX_MCP] - self.image_px[Keypoint.PINKY_MCP]))
 
     @property

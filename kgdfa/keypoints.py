@@ -2,7 +2,7 @@
 
 The model is tracked from frame to frame (VIDEO mode); photos are looked at one by one (`still=True`).
 Asking the tracker for two hands runs its palm detector in every frame, twice the cost (measured: 27 against
-14 ms of CPU at 1280×720). So it follows one hand, and only when that hand is new does a second, still look
+14 ms of CPU at 1280×720). So it follows one hand, and only when that hand is new does a second, still detection
 ask whether another one claims the command as well.
 """
 
@@ -31,7 +31,7 @@ from kgdfa.redetection import Redetector
 
 # The model names hands as a mirror shows them; our pictures are unmirrored.
 _SIDES = {"Left": Side.RIGHT, "Right": Side.LEFT}
-_SAME_HAND_REFERENCES = 2.0  # a hand this many palm anchors from where one was is the same, tracked
+_SAME_HAND_REFERENCES = 2.0  # a hand this many reference segments from where one was is the same, tracked
 RIVAL_CHECK_FRAMES = 10  # how often a contested picture is asked again for a second hand
 
 
@@ -51,8 +51,8 @@ class HandDetector:
     ) -> None:
         """Load the model. Raises KgdfaError when the file is missing or is no hand model.
 
-        watch_rivals: ask for a second hand whenever one is new. search: while there is no hand, glance at the picture
-        in other ways (video only; see `glances`).
+        watch_rivals: ask for a second hand whenever one is new. search: re-detect a lost hand in other views of the
+        image (video only; see `redetection`).
         """
         self._still = still
         self._searcher = Redetector(self._seen) if search and not still else None
@@ -177,7 +177,7 @@ def _load(model: Path, mode: Any, hands: int, min_detection: float, min_presence
     try:
         with _quiet_stderr():
             landmarker = HandLandmarker.create_from_options(options)
-            # The first look prints more and is slow: take it here.
+            # The first detection prints more and is slow: make it here.
             landmarker.detect(blank) if mode is RunningMode.IMAGE else landmarker.detect_for_video(blank, -1)
     except (RuntimeError, ValueError) as error:
         raise KgdfaError(KgdfaFault.HAND_MODEL_INVALID, path=model, detail=str(error)) from error

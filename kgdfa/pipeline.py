@@ -16,7 +16,7 @@ from kgdfa.hand import Hand, is_cut_off
 from kgdfa.preprocess import Image, as_bgr8
 
 LOST_FRAMES = 5  # a hand gone this long is gone; fewer may be blur or the picture's edge
-REACH_REFERENCES = 1.5  # how far a hand may be from where it was a frame ago, in palm anchors: 3 m/s at 30 Hz
+REACH_REFERENCES = 1.5  # how far a hand may be from where it was a frame ago, in reference segments: 3 m/s at 30 Hz
 REACH_GROWTH_REFERENCES = 0.5  # and how much farther for each frame without it
 EQUAL_CLAIM = 0.75  # a second hand this large, relative to the first, claims the command as well
 
@@ -54,7 +54,7 @@ def _acquire(track: Track, hands: tuple[Hand, ...]) -> Track:
 
 
 def _reach(hand: Hand, last: Hand) -> float:
-    """How far the palm has moved, in units of the larger of the two palm anchors."""
+    """How far the palm has moved, in units of the larger of the two reference segments."""
     moved_px = float(np.linalg.norm(hand.palm_centre_px - last.palm_centre_px))
     return moved_px / max(hand.reference_px, last.reference_px, 1.0)
 
@@ -161,7 +161,7 @@ class Pipeline:
         )
 
     def _update_vote(self, hand: Hand | None, verdict: Verdict | None, image: Image, now_ns: int) -> Vote:
-        """A hand that outgrows the picture on its way to the button keeps its gesture: cut off, it can't be judged."""
+        """A hand that outgrows the image near the button keeps its gesture: cut off, it can't be classified."""
         cut = self._mode is ButtonMode.ROBUST and hand is not None and is_cut_off(hand, image.shape[1], image.shape[0])
         if cut and self._button.pressed:
             return self._vote

@@ -47,7 +47,7 @@ _LIGHT = 200.0  # where a lightened picture's lightest twentieth is put,
 _MOST_GAIN = 8.0  # by no more than this: what is black shows noise only
 JUDGED_EVERY = 10  # frames: light changes slowly, and judging takes half a millisecond
 _STRIDE = 16  # of the pixels that tell how dark a picture is
-_MIDDLE = 5  # a picture's grain is told by the middle one of so many parts each way,
+_MIDDLE = 5  # a picture's grain is measured in the middle one of so many parts each way,
 _ROWS = 4  # by every fourth row of it
 _IMMERKAER = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], np.float32)  # blind to planes, edges and lines
 _IMMERKAER_GAIN = 6.0  # of noise
@@ -94,7 +94,7 @@ def as_needed(image_bgr: NDArray[Any]) -> Image:
 
 
 class AsNeeded:
-    """`as_needed` for a camera's frames: every tenth is judged, and those after it are taken to be like it."""
+    """`as_needed` for a camera's frames: every tenth is assessed, and those after it are taken to be like it."""
 
     def __init__(self) -> None:
         self._frames = 0

@@ -22,7 +22,7 @@ MARGIN_SHARE = 0.25  # the same for a length, as a share of its threshold
 
 
 class Extra(IntEnum):
-    """The column of Table 2 that looks at distances between tips; its value is the place in `Measures.lengths`."""
+    """The column of Table 2 for distances between tips; its value is the place in `Measures.lengths`."""
 
     NONE = 0
     SPREAD_PINKY = 1  # P(4, 20) > 100 px
@@ -69,7 +69,7 @@ class Row:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Measures:
-    """What Table 2 looks at: depths of the tips in both hulls (2, 5) px, angles (5,) deg, the palm anchor px,
+    """What Table 2 measures: depths of the tips in both hulls (2, 5) px, angles (5,) deg, the reference segment px,
     and by `Extra` P(4,20) px, P(4,8) px and the ratio of Eq. 3, (4,).
     """
 
@@ -132,7 +132,7 @@ _EXTRA = np.array([row.extra for row in TABLE_2])
 
 
 def measure(hand: Hand) -> Measures:
-    """Everything that Table 2 looks at, from the keypoints on the picture."""
+    """Everything that Table 2 measures, from the keypoints on the picture."""
     points = hand.image_px
     short = apart(points, Keypoint.INDEX_TIP, Keypoint.MIDDLE_TIP)
     long = apart(points, Keypoint.THUMB_TIP, Keypoint.MIDDLE_TIP)

@@ -1,8 +1,8 @@
 """How a live picture is shown to the tracker: a near hand smaller, and other views while no hand is found.
 
-A tracker looks for the hand near where it was, at the size that it had, so that a push of 0.3 s leaves it behind. A
+A tracker searches for the hand near where it was, at the size that it had, so that a push of 0.3 s leaves it behind. A
 near hand is therefore shown smaller, by as much as it is about to grow: on the view it stays where it was. The frame
-that loses a hand all the same is looked at again, smaller yet: with none to follow, the tracker looks everywhere.
+that loses a hand all the same is given again, smaller yet: with none to track, the tracker searches everywhere.
 
 MediaPipe's palm detector misses some hands in plain sight, near ones and folded ones above all, and finds most of
 them in the same picture made smaller or turned by 25° (docs: gestures). A frame has time for one view only, so a
@@ -53,14 +53,14 @@ _NEXT_TURN = {0.0: 25.0, 25.0: -25.0, -25.0: 0.0}
 
 @dataclass(frozen=True, slots=True)
 class RedetectionState:
-    """How the next frame is looked at, and how many in a row before it showed no hand."""
+    """The view of the next frame, and how many frames in a row before it showed no hand."""
 
     view: View = FULL_VIEW
     missing: int = 0
 
 
 def next_state(search: RedetectionState, *, found: bool) -> RedetectionState:
-    """The search after one more frame."""
+    """The state after one more frame."""
     if found:
         return replace(search, missing=0)
     missing = search.missing + 1
@@ -70,7 +70,7 @@ def next_state(search: RedetectionState, *, found: bool) -> RedetectionState:
 
 
 def render_view(image_bgr: Image, view: View) -> tuple[Image, FloatArray]:
-    """The picture as the glance shows it, and the (2, 3) affine map from the picture's pixels to the glance's."""
+    """The image as the view shows it, and the (2, 3) affine map from the image's pixels to the view's."""
     if view == FULL_VIEW:
         return image_bgr, np.eye(3)[:2]
     height, width = image_bgr.shape[:2]
@@ -119,17 +119,17 @@ class PalmGrowth:
         growth = min(MOST_GROWTH, max(1 / MOST_GROWTH, spread_px / before.spread_px))
         return cls(palm_px, spread_px, growth, min(LARGEST_PALM, before.shown * GROWING_AGAIN))
 
-    def steadied(self, view: View, height_px: int) -> View:
-        """The glance, made smaller where the hand would be too large in the next frame."""
+    def fitted(self, view: View, height_px: int) -> View:
+        """The view, made smaller where the hand would be too large in the next frame."""
         scale = self.shown * height_px / (self.palm_px * self.growth)
         return replace(view, scale=scale) if scale < STEADY_FROM * view.scale else view
 
 
 class Redetector:
-    """Shows each frame to a tracker, `look`: a near hand smaller, and in other ways when it has lost the hand."""
+    """Gives each frame to a tracker, `track`: a near hand smaller, and other views when it has lost the hand."""
 
-    def __init__(self, look: Callable[[Image, int], tuple[Hand, ...]]) -> None:
-        self._detect = look
+    def __init__(self, track: Callable[[Image, int], tuple[Hand, ...]]) -> None:
+        self._track = track
         self._search = RedetectionState()
         self._growth: PalmGrowth | None = None  # of the hand followed, or lost a moment ago
 
@@ -160,7 +160,7 @@ class Redetector:
     def _detect_in_view(self, image_bgr: Image, captured_ns: int) -> tuple[Hand, ...]:
         view = self._search.view
         if self._growth is not None:
-            view = self._growth.steadied(view, image_bgr.shape[0])
+            view = self._growth.fitted(view, image_bgr.shape[0])
         shown, transform = render_view(image_bgr, view)
-        hands = self._detect(shown, captured_ns)
+        hands = self._track(shown, captured_ns)
         return hands if shown is image_bgr else tuple(to_image(hand, transform) for hand in hands)

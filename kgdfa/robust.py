@@ -68,7 +68,7 @@ class RobustModel:
         return normalized  # single precision, as the weights are: else those would be copied to be multiplied
 
     def predict_proba(self, normalized: FloatArray) -> FloatArray:
-        """(n, F) squashed features to (n, K)."""
+        """(n, F) normalized features to (n, K)."""
         hidden = normalized @ self.weights_in + self.bias_in
         logits = np.maximum(hidden, 0.0, out=hidden) @ self.weights_out + self.bias_out
         powers = np.exp(logits - np.maximum.reduce(logits, axis=1, keepdims=True))

@@ -29,7 +29,7 @@ from kgdfa.hand import FloatArray, Hand, Keypoint
 # The part of the palm that moves as one piece; the thumb's base is left out.
 RIGID = (Keypoint.WRIST, Keypoint.INDEX_MCP, Keypoint.MIDDLE_MCP, Keypoint.RING_MCP, Keypoint.PINKY_MCP)
 
-# Their places in the palm's plane in palm anchors from keypoint 21, as MediaPipe marks them on a flat palm that
+# Their places in the palm's plane in reference segments from keypoint 21, as MediaPipe marks them on a flat palm that
 # faces the camera: median of six digital hands at 35 cm (`rleex evaluate distance` uses other hands).
 SHAPE = np.array([(0.016, 1.395), (0.477, -0.121), (0.139, -0.174), (-0.179, -0.082), (-0.477, 0.121)])
 _CENTRE = SHAPE.mean(axis=0)
@@ -37,7 +37,7 @@ _SOLVER = np.linalg.pinv(SHAPE - _CENTRE)
 
 MAX_MISFIT = 0.16  # keypoints further from any flat palm are none: 99.9 % of well-seen hands are below 0.15
 KEYPOINT_SD = 0.03  # scatter that the keypoints' own places leave, digital hand facing the camera
-REFERENCE_HOLDS_M = 0.40  # where hands are held when anchors are measured or calibrated
+REFERENCE_HOLDS_M = 0.40  # where hands are held when the reference segment is measured or calibrated
 FORGET_NS = 200_000_000
 
 # How three readings become one (shares of a logarithm). `tools/fit_distance.py` prints what each of them does on
@@ -59,7 +59,7 @@ FLOOR_OF_EQUATION = 1.03
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PalmView:
-    """What a picture of the palm says. stretch: picture length of one palm anchor that lies across the view.
+    """What an image of the palm gives. stretch: length on the image of one reference segment that lies across the view.
 
     along: 0-1, whether that stretch runs along the palm (1, wrist to knuckles) or across it (0).
     misfit: what no flat palm explains, as a share of the palm's size; about 0.05 for a hand well seen.
@@ -84,17 +84,17 @@ def view_palm(image: FloatArray) -> PalmView:
 
 
 def centre_offset(world: FloatArray) -> float:
-    """How much farther keypoint 21 is from the camera than the middle of the rigid part, in palm anchors.
+    """How much farther keypoint 21 is from the camera than the middle of the rigid part, in reference segments.
 
     world: (21, 3) keypoints in any unit, z away from the camera.
     """
-    anchor = float(np.linalg.norm(world[Keypoint.INDEX_MCP] - world[Keypoint.PINKY_MCP]))
+    reference = float(np.linalg.norm(world[Keypoint.INDEX_MCP] - world[Keypoint.PINKY_MCP]))
     middle = (world[Keypoint.INDEX_MCP, 2] + world[Keypoint.PINKY_MCP, 2]) / 2
-    return float(middle - world[list(RIGID), 2].mean()) / anchor if anchor > 0 else 0.0
+    return float(middle - world[list(RIGID), 2].mean()) / reference if reference > 0 else 0.0
 
 
 def _readings(seen: FloatArray, world_m: FloatArray, view: PalmView) -> tuple[float, float, float]:
-    """Distance of keypoint 21 in palm anchors: by the palm's shape, by 5-17 in perspective, by Eq. 4.
+    """Distance of keypoint 21 in reference segments: by the palm's shape, by 5-17 in perspective, by Eq. 4.
 
     seen: (21, 2) as a camera looking at keypoint 21 sees them, world_m: (21, 3) as MediaPipe gives them.
     """
@@ -157,8 +157,8 @@ def _fuse(view: PalmView, readings_m: tuple[float, float, float], wrist_seen: bo
 def _under_the_skin(seen_m: float) -> float:
     """The joints' distance from that of the skin, on which MediaPipe sees them.
 
-    The skin is nearer by half the palm's thickness, which magnifies near hands more than far ones. The anchor takes
-    up the share of it at ANCHOR_HOLDS_M; what is left is added nearer than that, and taken off farther away.
+    The skin is nearer by half the palm's thickness, which magnifies near hands more than far ones. The reference
+    segment takes up the share of it at REFERENCE_HOLDS_M; the rest is added nearer than that, taken off farther away.
     """
     return seen_m + HALF_PALM_M * (1 - seen_m / REFERENCE_HOLDS_M)
 
@@ -182,7 +182,7 @@ class RobustRange:
         centre_px: tuple[float, float] | None = None,
         distortion: tuple[float, float] = (0.0, 0.0),
     ) -> None:
-        """focal_px: focal length for the picture's size; anchor_m: length of 5-17. Raises KgdfaError.
+        """focal_px: focal length for the picture's size; reference_m: length of 5-17. Raises KgdfaError.
 
         centre_px: the optical axis on the picture; with it, a hand off the axis is measured along its own ray, and
         a lens's radial distortion (OpenCV's k1, k2) is taken out.

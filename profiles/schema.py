@@ -30,7 +30,7 @@ class Population(Enum):
 
 
 class GaitParameters(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """What the patient's steps look like; ranges in `ranges.py`."""
+    """What the patient's steps look like; ranges in `fields.py`."""
 
     step_length_m: float = 0.30  # from one foot's place to the other foot's, along the floor
     swing_clearance_m: float = 0.05
@@ -47,7 +47,7 @@ class GaitParameters(Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
 
 
 class Palm(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """How the palm anchor is known: measured width wins over the estimate; a calibration wins over both."""
+    """How the reference segment is known: measured width wins over the estimate; a calibration wins over both."""
 
     measured_width_m: float | None = None
     population: Population = Population.GB10000_88

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from enum import Enum
 from pathlib import Path
 from typing import Any
 
@@ -22,8 +23,28 @@ SUFFIX = ".toml"
 Check = Callable[[Profile], None]
 
 
+class ChangeCause(Enum):
+    """Why the program itself changes a profile; the history keeps the code where people would write their reason."""
+
+    NEW = "new"
+    ARCHIVED = "archived"
+    RESTORED = "restored"
+    IMPORTED = "imported"
+    CALIBRATED = "calibrated"
+    PRESS_ZONE = "press zone"
+    TARGETS = "targets after a session"
+
+    @property
+    def key(self) -> str:
+        """As the history and the catalogues name it."""
+        return f"{type(self).__name__}.{self.name}"
+
+
 class Change(Struct, frozen=True, kw_only=True):
-    """One save: when, by whom, and each field (as in files) with what it was and what it is; None: absent."""
+    """One save: when, by whom, and each field (as in files) with what it was and what it is; None: absent.
+
+    why: what the person wrote, or a `ChangeCause`'s key; older histories have English text.
+    """
 
     at: str  # ISO 8601, UTC
     by: str
@@ -78,7 +99,7 @@ class ProfileStore:
         with self._locked():
             if self._taken(profile.identifier):
                 raise ProfileError(ProfileFault.PATIENT_EXISTS, identifier=profile.identifier)
-            self._write(profile, None, by=by, at=at, why="new")
+            self._write(profile, None, by=by, at=at, why=ChangeCause.NEW.key)
 
     def save(self, profile: Profile, *, by: str, at: datetime, why: str = "") -> Change | None:
         """Keep a profile as it is now, and what changed. None: nothing did."""
@@ -90,7 +111,7 @@ class ProfileStore:
     def archive(self, identifier: str, *, by: str, at: datetime, archived: bool = True) -> None:
         """Take a patient out of the list, or back into it; nothing is deleted."""
         profile = msgspec.structs.replace(self.load(identifier), archived=archived)
-        self.save(profile, by=by, at=at, why="archived" if archived else "taken back")
+        self.save(profile, by=by, at=at, why=(ChangeCause.ARCHIVED if archived else ChangeCause.RESTORED).key)
 
     def history(self, identifier: str) -> tuple[Change, ...]:
         """Every change, oldest first."""
@@ -112,7 +133,7 @@ class ProfileStore:
     def import_file(self, path: Path, *, by: str, at: datetime) -> Profile:
         """Take in an exported profile as a new patient, or as a change of the one with its identifier."""
         profile = decode(read_text(path), str(path))
-        self.save(profile, by=by, at=at, why=f"imported from {path.name}")
+        self.save(profile, by=by, at=at, why=ChangeCause.IMPORTED.key)
         return profile
 
     def _write(self, profile: Profile, before: Profile | None, *, by: str, at: datetime, why: str) -> Change | None:

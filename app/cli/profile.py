@@ -158,6 +158,7 @@ def calibrate(
     from app.system.errors import AppError
     from app.text.catalogue import render, tr
     from profiles.palm import reference_segment, with_calibration
+    from profiles.store import ChangeCause
 
     store, console = _store(home), Console(soft_wrap=True)
     profile = store.load(patient)
@@ -175,7 +176,7 @@ def calibrate(
     if made.doubt and not anyway:
         raise AppError(CliFault.NOT_KEPT, doubt=made.doubt)
     known = with_calibration(profile, made.calibration)
-    store.save(known, by=_who(by), at=datetime.now(UTC), why=f"calibrated with {camera.name}")
+    store.save(known, by=_who(by), at=datetime.now(UTC), why=ChangeCause.CALIBRATED.key)
     kept = {"camera": camera.name, "palm": reference_segment(known, camera=camera.name).explain()}
     console.print(tr("cli.profile.kept", scatter=made.calibration.residual, **kept), highlight=False)
     console.print(render(made.doubt) if made.doubt else tr("cli.profile.plausible"))
@@ -244,11 +245,14 @@ def archive(
 @cli.command()
 def history(patient: Patient, home: HomeOption = None) -> None:
     """Every change of a patient's profile: when, by whom, from what to what."""
+    from app.text.catalogue import knows, tr
+
     changes = _store(home).history(patient)
     if not changes:
         print_text("cli.profile.no_history", patient=patient)
     for change in changes:
-        typer.echo(f"{change.at} {change.by}{': ' + change.why if change.why else ''}")
+        why = tr(change.why) if knows(change.why) else change.why
+        typer.echo(f"{change.at} {change.by}{': ' + why if why else ''}")
         for field, (before, after) in change.changes.items():
             typer.echo(f"    {field}: {_shown(before)} → {_shown(after)}")
 

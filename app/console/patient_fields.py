@@ -21,13 +21,6 @@ from profiles.store import Check
 MAX_SHOWN = 30  # characters of a wrong value that are quoted back
 
 
-class ChangeCause(Enum):
-    """Why the console itself changes a profile; the history keeps the code as its reason."""
-
-    CALIBRATED = "calibrated"
-    TARGETS = "targets after a session"
-
-
 class Kind(Enum):
     """How a field is typed."""
 

@@ -13,7 +13,7 @@ from profiles.errors import ProfileError, ProfileFault
 from profiles.fields import RANGES, check_value, file_key, violations
 from profiles.files import decode, encode
 from profiles.schema import DEMO_PATIENT, Calibration, GaitParameters, Palm, Profile, Sex
-from profiles.store import ProfileStore, differences
+from profiles.store import ChangeCause, ProfileStore, differences
 
 AT = datetime(2026, 3, 1, tzinfo=UTC)
 
@@ -155,7 +155,7 @@ def test_export_and_import_carry_a_patient_to_another_home(
     other = ProfileStore(tmp_path / "other")
     other.import_file(tmp_path / "out.toml", by="ben", at=at)
     assert other.load("P-0042") == store.load("P-0042")
-    assert other.history("P-0042")[0].why == "imported from out.toml"
+    assert other.history("P-0042")[0].why == ChangeCause.IMPORTED.key
 
 
 @pytest.mark.parametrize(

@@ -11,15 +11,15 @@ from textual.binding import Binding, BindingType
 from textual.containers import VerticalScroll
 from textual.widgets import Button, Input, Label, Select, Static
 
-from app.console.patient_fields import ChangeCause
 from app.console.screens.base import ConsoleScreen
 from app.console.screens.dialogs import Question
 from app.console.session_index import SessionRecord
 from app.console.state import SessionState
 from app.system.operators import Permission
-from app.text.catalogue import key_of, tr
+from app.text.catalogue import tr
 from logs.records import Discomfort, Note
 from profiles.schema import DoseTargets, Profile
+from profiles.store import ChangeCause
 
 GROWTH = 1.1  # the next target after one that was reached: a tenth more; a proposal that the therapist may change
 
@@ -138,7 +138,7 @@ class AfterScreen(ConsoleScreen):
         dose = msgspec.structs.replace(now.dose, steps=int(typed))
         changed = msgspec.structs.replace(now, dose=dose)
         self.console_app.store.save(
-            changed, by=self.console_app.operator, at=datetime.now(UTC), why=key_of(ChangeCause.TARGETS)
+            changed, by=self.console_app.operator, at=datetime.now(UTC), why=ChangeCause.TARGETS.key
         )
 
     def _figures(self, profile: Profile) -> str:

@@ -18,7 +18,6 @@ from textual.binding import Binding, BindingType
 from textual.containers import Horizontal, Vertical
 from textual.widgets import Input, Label, Static
 
-from app.console.patient_fields import ChangeCause
 from app.console.screens.base import ConsoleScreen
 from app.console.screens.dialogs import Question
 from app.console.sentences import sentence
@@ -31,10 +30,11 @@ from app.system.config import SessionSetup
 from app.text.catalogue import render, tr
 from hal.errors import HardwareError
 from kgdfa.errors import KgdfaError
-from logs.reason import Reason, key_of, reason, reason_of
+from logs.reason import Reason, reason, reason_of
 from logs.records import Calibration as CalibrationRecord
 from profiles.palm import Calibrated, with_calibration
 from profiles.schema import Profile
+from profiles.store import ChangeCause
 
 if TYPE_CHECKING:
     from hal.cameras.camera import Frame
@@ -146,7 +146,7 @@ class CalibrationScreen(ConsoleScreen):
         with self.told():
             current = app.store.load(self._profile.identifier)
             calibrated = with_calibration(current, result.calibration)
-            app.store.save(calibrated, by=app.operator, at=datetime.now(UTC), why=key_of(ChangeCause.CALIBRATED))
+            app.store.save(calibrated, by=app.operator, at=datetime.now(UTC), why=ChangeCause.CALIBRATED.key)
             app.trail.emit(
                 CalibrationRecord(
                     method="calibrated",

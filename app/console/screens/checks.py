@@ -27,8 +27,10 @@ from app.system.config import Config
 from app.system.operators import Permission
 from app.system.paths import Home
 from app.text.catalogue import render, tr
+from logs.reason import reason
 from logs.records import Note
 from profiles.schema import Profile
+from profiles.store import ChangeCause
 
 _STYLES = {
     Light.GREEN: "bold $success",
@@ -105,8 +107,8 @@ class Checklist(Lists):
             self.notify(tr("checks.threshold_kept", cm=f"{threshold_m * 100:.0f}"))
             return
         changed = msgspec.structs.replace(now, press_threshold_m=threshold_m)
-        app.store.save(changed, by=app.operator, at=datetime.now(UTC), why=f"press zone of {camera}")
-        app.trail.emit(Note(text=f"press threshold of {name} set to {threshold_m:.2f} m for {camera}"))
+        app.store.save(changed, by=app.operator, at=datetime.now(UTC), why=ChangeCause.PRESS_ZONE.key)
+        app.trail.emit(Note(text=reason(ChangeCause.PRESS_ZONE, patient=name, threshold_m=threshold_m, camera=camera)))
         self.notify(tr("checks.threshold_set", cm=f"{threshold_m * 100:.0f}"))
 
 
