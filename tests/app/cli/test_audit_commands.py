@@ -10,10 +10,11 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from app.cli import cli
-from app.text.catalogue import render
+from app.cli import cli, main
+from app.text.catalogue import language, render, tr, use_language
 from logs.disk import Disk
 from logs.errors import AuditError
+from logs.findings import Status
 from logs.keys import load_or_make_key, load_public_key
 from logs.mirror import SUFFIX, CheckpointCopy, MirrorFault
 from logs.read import follow
@@ -80,7 +81,7 @@ def test_sessions_are_listed_and_shown(home: Path) -> None:
     assert "STOP in standing" in said
 
 
-def test_a_private_key_that_others_can_read_is_mended_and_told(home: Path) -> None:
+def test_a_private_key_that_others_can_read_is_corrected_and_reported(home: Path) -> None:
     path = home / "keys" / "console.key"
     path.chmod(0o644)
     key = load_or_make_key(home / "keys")
@@ -97,7 +98,7 @@ def test_a_new_key_leaves_the_old_public_one_behind(home: Path) -> None:
     assert audit("verify", str(home / "logs" / "s2.jsonl"))[0] == 0
 
 
-def test_checkpoints_reach_the_second_place_and_its_failure_is_a_sentence(home: Path) -> None:
+def test_checkpoints_reach_the_mirror_and_its_failure_is_reported(home: Path) -> None:
     key = load_or_make_key(home / "keys")
     copies = home / "copies"
     writer = SessionWriter(home / "logs", "s2", key, Disk(), CheckpointCopy(str(copies)))
@@ -140,3 +141,40 @@ def test_a_stepped_clock_is_recorded(home: Path) -> None:
     writer.settle(late.monotonic_ns)
     writer.close()
     assert "wall clock moved by +5.000 s" in audit("show", "s3", "--home", str(home))[1]
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("--language", "zh", "audit", "verify"),
+        ("audit", "verify", "--language=zh"),
+        ("audit", "--language", "zh", "verify"),
+    ],
+)
+def test_the_language_is_taken_wherever_it_stands(
+    home: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], arguments: tuple[str, ...]
+) -> None:
+    monkeypatch.setattr("sys.argv", ["rleex", *arguments, "--home", str(home)])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    assert ended.value.code == 0
+    assert language() == "zh"
+    assert tr(Status.SOUND) in capsys.readouterr().out
+
+
+def test_a_language_that_does_not_exist_is_refused(
+    home: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("sys.argv", ["rleex", "audit", "list", "--language", "tlh", "--home", str(home)])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    assert ended.value.code == 2
+    assert "tlh" in capsys.readouterr().err
+
+
+def test_a_report_is_written_in_the_language_in_use(home: Path) -> None:
+    use_language("zh")
+    page = home / "report.html"
+    assert audit("report", "last", "--home", str(home), "-o", str(page))[0] == 0
+    assert '<html lang="zh">' in page.read_text()
+    assert tr("report.timeline") in page.read_text()
