@@ -23,10 +23,9 @@ from app.ipc.messages import (
 from app.ipc.states import ACTION_OF, Action, Effect, Event, GaitState
 from app.session.host import Latest, ProcessStatus
 from app.system.config import SessionSetup
-from kgdfa.gesture import Gesture
+from kgdfa.gesture import Decision, Gesture
 from kgdfa.press_zone import PressZone
-from logs.reason import Value
-from testing.reasons import plain
+from logs.reason import Reason, Value, reason
 
 ALLOWED_STANDING = (
     Action.STEP_RIGHT_FIRST,
@@ -71,7 +70,7 @@ class FakeHost:
     gesture: Gesture | None = None
     pressed: bool = False
     events: tuple[ActiveEvent, ...] = ()
-    camera_fault: str = ""
+    camera_fault: Reason | None = None
     press_zone: PressZone | None = None
     silent: bool = False
     guardian_gone: bool = False
@@ -180,14 +179,14 @@ class FakeHost:
             gesture=self.gesture,
             raw_gesture=self.gesture,
             confidence=0.93 if self.gesture else 0.0,
-            explanation=plain("no hand in the picture") if self.gesture is None else None,
+            explanation=reason(Decision.NO_HAND) if self.gesture is None else None,
             votes=3 if self.gesture else 0,
             distance_m=0.31,
             distance_sd_m=0.004,
             pressed=self.pressed,
             fps=30.0,
             camera="digital hand",
-            camera_fault=plain(self.camera_fault),
+            camera_fault=self.camera_fault,
             press_zone=self.press_zone,
         )
 

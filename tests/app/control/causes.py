@@ -14,7 +14,7 @@ from app.ipc.states import Action, Event, GaitState
 from hal.joints.guard import Quantity, Refusal
 from hal.joints.protocol import BusFault, DriveFault, DriveState, Joint, JointArray
 from logs import records
-from testing.reasons import plain
+from logs.reason import reason_of
 from tests.app.control.moments import standing
 from tests.app.control.rig import Rig
 
@@ -128,6 +128,7 @@ def pushed(rig: Rig) -> None:
     rig.settings = replace(rig.settings, poses={GaitState.STANDING: np.full(4, 0.5)})
 
 
+DISK_FULL = reason_of(OSError("disk full"))
 REFUSED = Refusal(joint=Joint.LEFT_HIP, quantity=Quantity.SPEED, value=9.0, limit=4.0)
 CALM = (DriveFault.NONE,) * 4
 SHUT = OperatorKind.SHUT_DOWN
@@ -142,13 +143,13 @@ CAUSES: dict[Event, Cause] = {
     E.NOT_HOMED: Cause(joints(position_rad=one(2.4)), joints(position_rad=np.zeros(4)), fresh=True),
     E.LEGS_MOVING: Cause(joints(velocity_rad_s=one(-0.51)), joints(velocity_rad_s=one(0.49)), fresh=True),
     E.FAR_FROM_POSE: Cause(pushed),
-    E.CAMERA_STALE: Cause(world(report={"camera_fault": plain("unplugged")}), world(report={}), ticks=40),
+    E.CAMERA_STALE: Cause(world(report={"camera_fault": reason_of(OSError("unplugged"))}), world(report={}), ticks=40),
     E.PERCEPTION_TIMEOUT: Cause(world(watching=False), world(watching=True), ticks=140),
     E.CONSOLE_TIMEOUT: Cause(world(alive=False), world(alive=True), ticks=140),
     E.AUDIT_BACKLOG: Cause(world(audit_health={"waiting": 2001}), world(audit_health={}), ticks=40),
     E.AUDIT_QUEUE_FULL: Cause(spoil(audit_full=True)),
     E.AUDIT_TIMEOUT: Cause(world(auditing=False), world(auditing=True), ticks=230),
-    E.AUDIT_WRITE_FAILED: Cause(world(audit_health={"fault": plain("disk full")}), world(audit_health={}), ticks=40),
+    E.AUDIT_WRITE_FAILED: Cause(world(audit_health={"fault": DISK_FULL}), world(audit_health={}), ticks=40),
     E.TICK_LATE: Cause(spoil(late_ns=2_100_000)),
     E.CONTROL_STALLED: Cause(spoil(late_ns=20_100_000, missed_ticks=10)),
     E.HOST_SUSPENDED: Cause(lambda rig: rig.spoil.update(boot_ns=rig.now_ns + 9_000_000_000)),

@@ -25,7 +25,7 @@ from hal.joints.protocol import (
     JointFeedback,
 )
 from kgdfa.gesture import Gesture
-from logs.reason import Reason
+from logs.reason import Reason, reason_of
 from logs.records import Body
 from testing.reasons import plain
 from tests.app.control.ideal_joints import IdealJoints
@@ -200,7 +200,7 @@ class Rig:
         plan = make_plan(plan_request, self.plan_s)
         if not self.refuse_plans:
             return plan
-        return msgspec.structs.replace(plan, check=PlanCheck(reason=plain(self.refuse_plans)))
+        return msgspec.structs.replace(plan, check=PlanCheck(reason=reason_of(OSError(self.refuse_plans))))
 
     def _write(self, command: JointCommand, feedback: JointFeedback) -> None:
         powered = self.joints.state in {DriveState.ENABLED, DriveState.FAULTED}
@@ -213,7 +213,7 @@ class Rig:
     def _execute(self, order: DriveOrder) -> None:
         self._error = None
         if order is DriveOrder.ENABLE and self.joints.refuse_enable:
-            self._error = plain(self.joints.refuse_enable)
+            self._error = reason_of(OSError(self.joints.refuse_enable))
         elif order is DriveOrder.ENABLE:
             self.joints.state = DriveState.ENABLED
         elif order is DriveOrder.DISABLE:

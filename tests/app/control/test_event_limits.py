@@ -12,8 +12,7 @@ from app.control.diagnostics import Diagnostics
 from app.control.events.table import advance, effect_of
 from app.ipc.states import Effect, Event
 from app.text.catalogue import render
-from logs.reason import reason
-from testing.reasons import plain
+from logs.reason import reason, reason_of
 
 CALM = Diagnostics(now_ns=1_000, powered=True)
 E = Event
@@ -70,10 +69,10 @@ def test_a_limit_may_be_reached_and_not_passed(event: Event, quantity: str, limi
 
 @pytest.mark.parametrize(("event", "quantity"), REPORTED)
 def test_a_fault_that_somebody_reports_is_an_event_and_is_passed_on(event: Event, quantity: str) -> None:
-    (raised,) = advance((), with_one(quantity, plain("it broke")))
+    (raised,) = advance((), with_one(quantity, reason_of(OSError("it broke"))))
     assert raised.event is event
-    assert raised.detail == {"detail": plain("it broke")}
-    assert "(it broke)" in render(raised.reason)
+    assert raised.detail == {"detail": reason_of(OSError("it broke"))}
+    assert "it broke" in render(raised.reason)
 
 
 def test_the_clock_may_jump_either_way() -> None:
@@ -133,7 +132,7 @@ def test_what_has_passed_is_read_for_a_second_and_does_nothing_any_more(
     since_ns: int, later_ns: int, *, shown: bool
 ) -> None:
     gone = replace(CALM, now_ns=since_ns + later_ns)
-    faulty = replace(with_one("programs.audit_fault", plain("disk full")), now_ns=since_ns)
+    faulty = replace(with_one("programs.audit_fault", reason_of(OSError("disk full"))), now_ns=since_ns)
     after = advance(advance((), faulty), gone)
     assert [one.event for one in after] == [E.AUDIT_WRITE_FAILED] * shown
     assert effect_of(after) is Effect.NOTE

@@ -12,8 +12,7 @@ from app.ipc.states import ACTION_OF, Action, Event, Outcome, RequestRefusal, So
 from app.motion.follower import Mode
 from hal.joints.protocol import DriveState
 from kgdfa.gesture import Gesture
-from logs.reason import reason
-from testing.reasons import plain
+from logs.reason import reason, reason_of
 from tests.app.control.moments import HOLD_TICKS, A, K, S, moving, now, resting, standing
 from tests.app.control.rig import TICK_NS
 
@@ -95,7 +94,7 @@ def test_drives_that_do_not_wake_end_the_action_with_their_reason() -> None:
     rig.send(K.ACT, A.INITIALISE)
     rig.tick(6)
     assert now(rig).running is None
-    assert now(rig).reports[-1].reason == plain("left hip does not answer: check its cable")
+    assert now(rig).reports[-1].reason == reason_of(OSError("left hip does not answer: check its cable"))
     assert now(rig).gait.state is S.UNPOWERED
     assert Event.DRIVE_ORDER_FAILED.value in rig.events()
 

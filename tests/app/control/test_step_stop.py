@@ -11,8 +11,7 @@ from app.motion.follower import Mode
 from hal.joints.protocol import DriveState
 from kgdfa.gesture import Gesture
 from logs import records
-from logs.reason import reason
-from testing.reasons import plain
+from logs.reason import reason, reason_of
 from tests.app.control.moments import (
     DAMPING_TICKS,
     GRANTED,
@@ -203,7 +202,7 @@ def test_the_way_back_is_refused_when_it_is_not_free() -> None:
     rig.tick(5)
     assert now(rig).gait.state is S.BETWEEN
     assert now(rig).gait.running is None
-    assert now(rig).refusal == plain("left knee: 130° lies beyond 120°")
+    assert now(rig).refusal == reason_of(OSError("left knee: 130° lies beyond 120°"))
     assert now(rig).reports[-1].outcome is Outcome.REFUSED
     assert rig.command is held
     plan = records_of(rig, records.PlanChecked)[-1]

@@ -11,7 +11,7 @@ from app.control.gait.machine import Gait, Latched, Started, ask, complete, inte
 from app.demo.attempt import Attempt
 from app.demo.scenario import ALL_TWELVE, INTERRUPTIONS, Step, run_scenario
 from app.ipc.states import ACTION_OF, GaitState
-from testing.reasons import plain
+from logs.reason import reason_of
 from tests.app.demo.sessions import session_of
 
 Fate = Callable[[int, Step], str]  # of the attempt with that number: "" done, "held", "misread"
@@ -46,7 +46,7 @@ class Walker:
             start=start,
             end=self.gait.state,
             ok=what == "",
-            reason=plain(what),
+            reason=reason_of(OSError(what)) if what else None,
             report=None,
             interrupted=what == "held",
         )

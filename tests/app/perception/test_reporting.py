@@ -16,7 +16,7 @@ from kgdfa.gesture import Decision, Explanation, Gesture, Verdict
 from kgdfa.hand import Hand, Side
 from kgdfa.pipeline import Report
 from kgdfa.press_zone import PressZone
-from logs.reason import reason
+from logs.reason import reason, reason_of
 from logs.records import Cancel, GestureOnset, Press, Release
 from testing.reasons import plain
 
@@ -42,9 +42,9 @@ AROUND = Context(incarnation=1, sequence=2, sent_ns=9, camera="c", threshold_m=0
 
 
 def test_no_report_is_said_as_no_hand_with_its_reason() -> None:
-    message = to_message(None, replace(AROUND, camera_fault=plain("unplugged")), captured_ns=3)
+    message = to_message(None, replace(AROUND, camera_fault=reason_of(OSError("unplugged"))), captured_ns=3)
     assert (message.hand, message.gesture, message.pressed, message.release_count) == (False, None, False, 0)
-    assert (message.camera_fault, message.captured_ns) == (plain("unplugged"), 3)
+    assert (message.camera_fault, message.captured_ns) == (reason_of(OSError("unplugged")), 3)
 
 
 def test_message_carries_the_safe_distance_beside_the_shown_one() -> None:

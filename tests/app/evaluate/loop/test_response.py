@@ -12,7 +12,7 @@ from app.evaluate.loop.response import ATTEMPTS, PAPER, ResponseResult, Rounds, 
 from app.ipc.messages import ActionReport
 from app.ipc.states import ACTION_OF, Action, GaitState, Source
 from kgdfa.gesture import Gesture
-from testing.reasons import plain
+from logs.reason import reason_of
 from tests.app.demo.sessions import session_of
 
 MS = 1_000_000
@@ -61,7 +61,7 @@ def trial(gesture: Gesture, *, ok: bool = True, reason: str = "not pressed") -> 
         start=GaitState.STANDING,
         end=GaitState.STANDING,
         ok=ok,
-        reason=None if ok else plain(reason),
+        reason=None if ok else reason_of(OSError(reason)),
         report=report if ok else None,
     )
 
