@@ -131,7 +131,7 @@ class _Units(Formatter):
 
     def format_field(self, value: object, format_spec: str) -> str:
         if format_spec == "in_brackets":
-            text = _text(value)
+            text = _text(value).rstrip(".。")
             return f" ({text})" if text else ""
         unit, _, digits = format_spec.partition(".")
         if unit in _UNITS and isinstance(value, int | float):

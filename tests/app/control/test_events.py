@@ -14,6 +14,7 @@ from app.text.catalogue import key_of, render, use_language
 from hal.joints.protocol import BusFault, DriveFault
 from kgdfa.gesture import Gesture
 from logs import records
+from logs.reason import Reason
 from tests.app.control.causes import CAUSES, Cause, E, fault, names_in, rig_with, seen
 from tests.app.control.moments import moving, standing
 from tests.app.control.rig import Rig
@@ -132,7 +133,8 @@ def test_a_note_stops_nothing(event: Event) -> None:
 def test_texts_say_what_happened_and_fit_the_screen(event: Event, code: str) -> None:
     use_language(code)
     (raised, *_) = [one for state, _ in rig_with(event).history for one in state.events if one.event is event]
-    text = render(raised.reason)
+    assert render(raised.reason)
+    text = render(Reason(key_of(event), raised.detail | ({"detail": ""} if "detail" in raised.detail else {})))
     assert text[-1] in ".。"
     assert len(text) < 125
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from enum import Enum
 
 import pytest
 
@@ -11,8 +12,10 @@ from app.demo.scenario import ALL_TWELVE, Step
 from app.evaluate.loop.response import ATTEMPTS, PAPER, ResponseResult, Rounds, response_table, shared, wearer
 from app.ipc.messages import ActionReport
 from app.ipc.states import ACTION_OF, Action, GaitState, Source
+from app.text.catalogue import tr
+from kgdfa.button import PressCancel, PressHint
 from kgdfa.gesture import Gesture
-from logs.reason import reason_of
+from logs.reason import reason
 from tests.app.demo.sessions import session_of
 
 MS = 1_000_000
@@ -43,7 +46,7 @@ class Hand:
         return self.can_power_off
 
 
-def trial(gesture: Gesture, *, ok: bool = True, reason: str = "not pressed") -> Attempt:
+def trial(gesture: Gesture, *, ok: bool = True, why: Enum = PressHint.PUSH_STEADILY) -> Attempt:
     report = ActionReport(
         number=1,
         action=ACTION_OF[gesture],
@@ -61,7 +64,7 @@ def trial(gesture: Gesture, *, ok: bool = True, reason: str = "not pressed") -> 
         start=GaitState.STANDING,
         end=GaitState.STANDING,
         ok=ok,
-        reason=None if ok else reason_of(OSError(reason)),
+        reason=None if ok else reason(why),
         report=report if ok else None,
     )
 
@@ -137,11 +140,11 @@ def test_figures_run_from_recognition_and_from_release() -> None:
 
 
 def test_failures_are_told_by_gesture_and_reason_the_commonest_first() -> None:
-    lost = trial(Gesture.SEVEN, ok=False, reason="the hand was lost")
+    lost = trial(Gesture.SEVEN, ok=False, why=PressCancel.HAND_LOST)
     figures = result_of(trial(Gesture.ONE, ok=False), lost, lost).as_json()
     assert figures["failures"] == [
-        {"gesture": "7", "reason": "the hand was lost", "times": 2},
-        {"gesture": "1", "reason": "not pressed", "times": 1},
+        {"gesture": "7", "reason": tr(PressCancel.HAND_LOST), "times": 2},
+        {"gesture": "1", "reason": tr(PressHint.PUSH_STEADILY), "times": 1},
     ]
 
 
