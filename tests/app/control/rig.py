@@ -27,7 +27,6 @@ from hal.joints.protocol import (
 from kgdfa.gesture import Gesture
 from logs.reason import Reason, reason_of
 from logs.records import Body
-from testing.reasons import plain
 from tests.app.control.ideal_joints import IdealJoints
 from tests.app.control.instant_planner import POSES, make_plan
 

@@ -18,7 +18,6 @@ from kgdfa.pipeline import Report
 from kgdfa.press_zone import PressZone
 from logs.reason import reason, reason_of
 from logs.records import Cancel, GestureOnset, Press, Release
-from testing.reasons import plain
 
 HAND = Hand(image_px=np.zeros((21, 2)), world_m=np.zeros((21, 3)), presence=0.9, side=Side.LEFT)
 VERDICT = Verdict(
