@@ -41,14 +41,13 @@ def simulate(
     from app.cli.progress import wide_console
     from app.evaluate.harness import write_json
     from app.evaluate.loop.rehearsal import profile_named, read_norm, verdict_table
-    from app.system.config import load_config
+    from app.system.config import load_config, load_device
     from app.system.paths import find_home
-    from hal.joints.device import DEFAULT_DEVICE, load_exoskeleton
 
     console = wide_console()
     place = find_home(home)
     config = load_config(place.config)
-    device = load_exoskeleton(Path(config.joints.device) if config.joints.device else DEFAULT_DEVICE)
+    device = load_device(config.joints)
     norm = read_norm(gait) if gait is not None else None
     if action == "corners":
         rows = _at_the_corners(console, device)

@@ -6,13 +6,11 @@ import math
 import re
 from dataclasses import dataclass
 from enum import Enum
-from pathlib import Path
 from typing import Any
 
 import msgspec
 
-from app.system.config import JointsConfig
-from hal.joints.device import DEFAULT_DEVICE, load_exoskeleton
+from app.system.config import JointsConfig, load_device
 from logs.reason import Reason, reason, reason_of
 from profiles.fields import file_key, to_file, unit_of, violations
 from profiles.schema import HandUsed, Population, Profile, Sex
@@ -225,7 +223,7 @@ def fits(joints: JointsConfig) -> Check:
 
         if profile.archived:
             return
-        device = load_exoskeleton(Path(joints.device) if joints.device else DEFAULT_DEVICE)
+        device = load_device(joints)
         refuse_unfit(device)(profile)
 
     return check

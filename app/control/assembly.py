@@ -13,9 +13,9 @@ from app.motion.follower import gains_of
 from app.motion.plan import body_of, patient_of
 from app.motion.preflight import cleared_actions
 from app.motion.trajectory import nominal_pose, scene_of
-from app.system.config import SessionSetup
+from app.system.config import SessionSetup, load_device
 from app.system.paths import Home
-from hal.joints.device import DEFAULT_DEVICE, Exoskeleton, load_exoskeleton
+from hal.joints.device import Exoskeleton
 from hal.joints.factory import make_joints
 from hal.joints.guard import limits_of
 from hal.joints.protocol import Joints
@@ -31,8 +31,7 @@ POSED_STATES = (
 
 def device_of(setup: SessionSetup) -> Exoskeleton:
     """The device that the configuration names. Raises HardwareError."""
-    path = setup.config.joints.device
-    return load_exoskeleton(Path(path) if path else DEFAULT_DEVICE)
+    return load_device(setup.config.joints)
 
 
 def settings_of(setup: SessionSetup) -> Settings:

@@ -12,9 +12,8 @@ from pathlib import Path
 import msgspec
 
 from app.motion.plan import body_of
-from app.system.config import Config, JointsConfig
+from app.system.config import Config, JointsConfig, load_device
 from app.system.errors import AppError
-from hal.joints.device import DEFAULT_DEVICE, load_exoskeleton
 from hal.joints.emulator.emulator import run_emulator
 from hal.joints.emulator.firmware import ScheduledFault
 from profiles.schema import DEMO_PATIENT, Profile
@@ -65,7 +64,7 @@ def emulated_drives(
 
     Raises AppError when the emulator does not start.
     """
-    device = load_exoskeleton(Path(base.device) if base.device else DEFAULT_DEVICE)
+    device = load_device(base)
     channel = private_channel()
     spawning = multiprocessing.get_context("spawn")
     ready, stop = spawning.Event(), spawning.Event()

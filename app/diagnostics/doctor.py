@@ -263,12 +263,12 @@ def check_joints(config: Config) -> Iterator[Finding]:
         yield note(T.JOINTS, reason(F.JOINTS_SIMULATED))
         return
     from app.diagnostics.can_doctor import examine as examine_can
+    from app.system.config import load_device
     from hal.joints.can.bus import with_bus
-    from hal.joints.device import DEFAULT_DEVICE, load_exoskeleton
 
     chosen = config.joints
     try:
-        device = load_exoskeleton(Path(chosen.device) if chosen.device else DEFAULT_DEVICE)
+        device = load_device(chosen)
     except HardwareError as error:
         yield bad(T.JOINTS, reason_of(error), reason(R.RESTORE_DEVICE))
         return

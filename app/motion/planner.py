@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import os
-from pathlib import Path
 
 from app.ipc.links import OrderedReceiver, OrderedSender, address
 from app.ipc.states import GaitState
 from app.ipc.streams import PLAN_REPLY, PLAN_REQUEST
 from app.motion.plan import Patient, PlanRequest, encode_array, patient_of
 from app.motion.trajectory import RECIPES, plan
-from app.system.config import SessionSetup
+from app.system.config import SessionSetup, load_device
 from app.system.scheduling import gc_freeze, set_scheduling
-from hal.joints.device import DEFAULT_DEVICE, load_exoskeleton
 
 WAIT_S = 0.2  # between checks that the console still runs
 
@@ -20,7 +18,7 @@ WAIT_S = 0.2  # between checks that the console still runs
 def run_planner(setup: SessionSetup) -> None:
     """Answer every request until the console is gone."""
     parent = os.getppid()
-    device = load_exoskeleton(Path(setup.config.joints.device) if setup.config.joints.device else DEFAULT_DEVICE)
+    device = load_device(setup.config.joints)
     patient = patient_of(setup.profile, device)
     requests = OrderedReceiver(address(setup.links, PLAN_REQUEST.name), PlanRequest)
     replies = OrderedSender(address(setup.links, PLAN_REPLY.name), enc_hook=encode_array)

@@ -10,6 +10,7 @@ from enum import Enum
 from app.audit.sink import AuditSink
 from app.ipc.messages import HandCommand, PerceptionCommand
 from app.system.config import SessionSetup
+from app.system.diagnostics_log import get_logger
 from app.system.paths import Home
 from hal.cameras.camera import Camera, CommandedHand, EndOfRecording, Frame
 from hal.cameras.exposure import image_fault
@@ -17,6 +18,8 @@ from hal.cameras.recording import Recorder
 from hal.errors import HardwareError, RecordingFault
 from logs import records
 from logs.reason import Reason, reason, reason_of
+
+_log = get_logger("camera")
 
 BACK_OFF_S = (0.2, 0.5, 1.0, 2.0, 4.0)
 CHECK_PERIOD_NS = 500_000_000
@@ -80,6 +83,7 @@ class CameraSupervisor:
             self._lost(now_s, reason_of(error))
             return False
         self._open = True
+        _log.info("camera opened", camera=self.camera.name)
         return True
 
     def _lost(self, now_s: float, fault: Reason) -> None:
@@ -87,6 +91,7 @@ class CameraSupervisor:
         self._next_try_s = now_s + BACK_OFF_S[min(self._failures, len(BACK_OFF_S) - 1)]
         self._failures += 1
         if fault != self.fault:
+            _log.warning("camera lost", camera=self.camera.name, code=fault.code, values=fault.values)
             self.on_fault(fault)
         self.fault = fault
 

@@ -8,13 +8,12 @@ from enum import Enum
 from pathlib import Path
 
 from app.audit.sink import AuditSink
-from app.system.config import SessionSetup
+from app.system.config import SessionSetup, load_device
 from app.system.paths import Home
 from app.system.scheduling import set_scheduling
 from hal.errors import HardwareError
 from hal.joints.can.bus import with_bus
 from hal.joints.can.candump import BusRecorder
-from hal.joints.device import DEFAULT_DEVICE, load_exoskeleton
 from logs.reason import reason, reason_of
 from logs.records import Note, ProcessEnd, ProcessStart
 
@@ -54,7 +53,7 @@ def run_bus_log(setup: SessionSetup) -> None:
 
 def _record(setup: SessionSetup, ending: _Ending) -> None:
     chosen, home = setup.config.joints, Home(setup.home)
-    device = load_exoskeleton(Path(chosen.device) if chosen.device else DEFAULT_DEVICE)
+    device = load_device(chosen)
     home.logs.mkdir(parents=True, exist_ok=True, mode=0o700)
     recorder = BusRecorder(with_bus(device, chosen.interface, chosen.channel), log_path(home, setup.session))
     try:

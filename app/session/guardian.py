@@ -18,13 +18,12 @@ from app.ipc import streams
 from app.ipc.links import LatestReceiver, Publisher, address
 from app.ipc.messages import GuardianHealth, Heartbeat
 from app.ipc.streams import NS_PER_MS
-from app.system.config import SessionSetup
+from app.system.config import SessionSetup, load_device
 from app.system.diagnostics_log import get_logger
 from app.system.scheduling import gc_freeze, set_scheduling
 from hal.errors import HardwareError
 from hal.joints.can.bus import with_bus
 from hal.joints.can.safe_stop import SafeStop
-from hal.joints.device import DEFAULT_DEVICE, load_exoskeleton
 from logs.reason import reason, reason_of
 from logs.records import HeartbeatLost, Note, ProcessEnd, ProcessStart
 
@@ -212,6 +211,6 @@ def _safe_stop_of(setup: SessionSetup) -> SafeStop | None:
     joints = setup.config.joints
     if joints.kind == "simulated":
         return None
-    device = load_exoskeleton(Path(joints.device) if joints.device else DEFAULT_DEVICE)
+    device = load_device(joints)
     motors = Path(joints.motors) if joints.motors else None
     return SafeStop(with_bus(device, joints.interface, joints.channel), motors)

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from enum import Enum
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import msgspec
 from msgspec import Meta, Struct
 
 from app.system.errors import AppError
 from profiles.schema import Profile
+
+if TYPE_CHECKING:
+    from hal.joints.device import Exoskeleton
 
 CameraKind = Literal["digital-hand", "webcam", "realsense", "recording"]
 JointsKind = Literal["simulated", "can"]
@@ -106,3 +109,10 @@ class SessionSetup(Struct, frozen=True, kw_only=True):
     operator: str
     role: str = "therapist"
     console_pid: int = 0
+
+
+def load_device(joints: JointsConfig) -> Exoskeleton:
+    """The device that the configuration names. Raises HardwareError."""
+    from hal.joints.device import DEFAULT_DEVICE, load_exoskeleton
+
+    return load_exoskeleton(Path(joints.device) if joints.device else DEFAULT_DEVICE)

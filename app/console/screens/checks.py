@@ -195,12 +195,12 @@ def rehearse_all(words: Connection, home: Path, config: Config, profile: Profile
     """Rehearse what is not on record yet, keep the verdicts, tell of each."""
     from app.motion.plan import patient_of
     from app.motion.preflight import cleared_actions, run_preflight
+    from app.system.config import load_device
     from app.system.scheduling import set_scheduling
-    from hal.joints.device import DEFAULT_DEVICE, load_exoskeleton
 
     set_scheduling("rehearsal")
     place = Home(home)
-    device = load_exoskeleton(Path(config.joints.device) if config.joints.device else DEFAULT_DEVICE)
+    device = load_device(config.joints)
     patient = patient_of(profile, device)
     done = cleared_actions(place, patient, device)
     wanted = [action for action in actions if action not in done]
