@@ -62,7 +62,6 @@ class PlaybackCamera:
 
     @property
     def name(self) -> str:
-        """The file's name."""
         return self._path.name
 
     def open(self) -> None:
@@ -99,7 +98,6 @@ class PlaybackCamera:
         )
 
     def close(self) -> None:
-        """Forget where it was."""
         self._pending = self._next = self._end = None
 
     def _fetch_next(self) -> None:

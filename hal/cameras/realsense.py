@@ -47,12 +47,10 @@ class PipelineStreams:
         self.profiles = list(profile.get_streams())
 
     def wait(self, timeout_ms: int) -> Any | None:
-        """The next frame set in time."""
         there, frames = self._pipeline.try_wait_for_frames(timeout_ms)
         return frames if there else None
 
     def stop(self) -> None:
-        """End the streams."""
         self._pipeline.stop()
 
 
@@ -77,7 +75,6 @@ class SensorStreams:
         return frames if there and frames.size() == len(self.profiles) else None
 
     def stop(self) -> None:
-        """End the streams."""
         for sensor in self._sensors:
             sensor.stop()
             sensor.close()
@@ -179,7 +176,6 @@ class RealSenseCamera:
         )
 
     def close(self) -> None:
-        """Stop it; a driver that hangs is abandoned."""
         ended = self._latest.stop() if self._latest is not None else True
         if self._streams is not None and ended:
             with suppress(RuntimeError):  # the device has gone

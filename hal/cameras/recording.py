@@ -57,7 +57,6 @@ class Recorder:
         return True
 
     def close(self) -> None:
-        """Write what waits, and the end line."""
         self._pending.put(None)
         self._thread.join()
         if not self.fault:

@@ -80,7 +80,6 @@ class WebcamCamera:
 
     @property
     def name(self) -> str:
-        """The device's own name once it was found."""
         return self._name
 
     def open(self) -> None:
@@ -108,7 +107,6 @@ class WebcamCamera:
         return Frame(image_bgr=image, captured_ns=captured_ns, sequence=self._sequence, intrinsics=self._intrinsics)
 
     def close(self) -> None:
-        """Stop it. A driver that hangs is abandoned."""
         ended = self._latest.stop() if self._latest is not None else True
         if self._capture is not None and ended:
             self._capture.release()

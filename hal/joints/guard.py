@@ -11,7 +11,6 @@ from enum import Enum
 from math import inf, isfinite, radians
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hal.errors import DeviceFault, HardwareError
 from hal.joints.device import Exoskeleton
@@ -147,7 +146,7 @@ class Guard:
 
         previous: the command that passed last, None before the first. measured_rad: (4,), NaN where unknown.
         """
-        for values in _fields(command):
+        for values in command.fields:
             if values.shape != (4,):
                 return Refusal(joint=Joint.LEFT_HIP, quantity=Quantity.SHAPE, value=float(values.size), limit=4.0)
         limits = self._first_limits if previous is None else self._limits
@@ -181,18 +180,8 @@ class Guard:
         rows[11] = np.abs(command.torque_nm - previous.torque_nm)
 
 
-def _fields(command: JointCommand) -> tuple[NDArray[np.float64], ...]:
-    return (
-        command.position_rad,
-        command.velocity_rad_s,
-        command.stiffness_nm_rad,
-        command.damping_nm_s_rad,
-        command.torque_nm,
-    )
-
-
 def _not_finite(command: JointCommand) -> Refusal | None:
-    for values in _fields(command):
+    for values in command.fields:
         finite = np.isfinite(values)
         if not finite.all():
             joint = int(np.argmin(finite))

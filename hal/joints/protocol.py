@@ -83,6 +83,17 @@ class JointCommand:
     damping_nm_s_rad: JointArray
     torque_nm: JointArray
 
+    @property
+    def fields(self) -> tuple[JointArray, JointArray, JointArray, JointArray, JointArray]:
+        """Position, velocity, stiffness, damping, torque."""
+        return self.position_rad, self.velocity_rad_s, self.stiffness_nm_rad, self.damping_nm_s_rad, self.torque_nm
+
+    def rows(self) -> list[tuple[float, ...]]:
+        """The fields joint by joint, plain numbers; fewer rows when a field has fewer values."""
+        position, velocity = self.position_rad.tolist(), self.velocity_rad_s.tolist()
+        stiffness, damping = self.stiffness_nm_rad.tolist(), self.damping_nm_s_rad.tolist()
+        return list(zip(position, velocity, stiffness, damping, self.torque_nm.tolist(), strict=False))
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class JointFeedback:

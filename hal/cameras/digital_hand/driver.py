@@ -67,7 +67,6 @@ class DigitalHandCamera:
 
     @property
     def name(self) -> str:
-        """What the operator calls it."""
         return f"digital hand {self._seed}"
 
     def open(self) -> None:
@@ -77,7 +76,6 @@ class DigitalHandCamera:
         self.render(self._opened_ns)  # renders the room, which later frames reuse
 
     def close(self) -> None:
-        """End the frames."""
         self._opened_ns = None
 
     def read(self, timeout_s: float) -> Frame | None:

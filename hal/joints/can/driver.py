@@ -233,14 +233,7 @@ class SocketCanJoints:
 
 def _rows(command: JointCommand) -> list[SetPoint] | None:
     """The command drive by drive, or None when it is not four finite rows."""
-    columns = (
-        command.position_rad.tolist(),
-        command.velocity_rad_s.tolist(),
-        command.stiffness_nm_rad.tolist(),
-        command.damping_nm_s_rad.tolist(),
-        command.torque_nm.tolist(),
-    )
-    rows = [SetPoint(*row) for row in zip(*columns, strict=False)]
+    rows = [SetPoint(*row) for row in command.rows()]
     return rows if len(rows) == 4 and math.isfinite(sum(map(sum, rows))) else None
 
 

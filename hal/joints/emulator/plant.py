@@ -34,17 +34,13 @@ class Motion(NamedTuple):
 class Plant(Protocol):
     """What the emulated drives move."""
 
-    def write(self, command: JointCommand, now_ns: int) -> None:
-        """Advance by one tick under this impedance law."""
-        ...
+    def write(self, command: JointCommand, now_ns: int) -> None: ...
 
     def motions(self) -> list[Motion]:
         """Where the four joints are now; plain numbers, because arrays of four cost more."""
         ...
 
-    def stage(self, scene: Scene) -> None:
-        """Put this around the feet."""
-        ...
+    def stage(self, scene: Scene) -> None: ...
 
 
 class _Leg:
@@ -90,15 +86,7 @@ class FreeLegs:
         self._legs = [_Leg(*row) for row in zip(device.joints, _LEG_INERTIA_KGM2, start, strict=True)]
 
     def write(self, command: JointCommand, now_ns: int) -> None:  # noqa: ARG002 (the Protocol's)
-        """One tick, in small steps."""
-        columns = (
-            command.position_rad.tolist(),
-            command.velocity_rad_s.tolist(),
-            command.stiffness_nm_rad.tolist(),
-            command.damping_nm_s_rad.tolist(),
-            command.torque_nm.tolist(),
-        )
-        for leg, row in zip(self._legs, zip(*columns, strict=True), strict=True):
+        for leg, row in zip(self._legs, command.rows(), strict=True):
             for _ in range(_SUBSTEPS):
                 leg.advance(SetPoint(*row), _STEP_S)
             leg.warm_up(_STEP_S * _SUBSTEPS)
@@ -107,7 +95,6 @@ class FreeLegs:
         """Legs in the air touch nothing."""
 
     def motions(self) -> list[Motion]:
-        """Where the legs are."""
         return [Motion(leg.position_rad, leg.velocity_rad_s, leg.torque_nm, leg.temperature_c) for leg in self._legs]
 
 
@@ -124,18 +111,15 @@ class WornExoskeleton:
         self._temperature_c = [ROOM_C] * 4
 
     def write(self, command: JointCommand, now_ns: int) -> None:
-        """One tick of physics."""
         self._joints.write(command, now_ns)
         self._ticks += 1
         if self._ticks % _THERMAL_TICKS == 0:
             self._temperature_c = self._joints.read(now_ns).temperature_c.tolist()
 
     def stage(self, scene: Scene) -> None:
-        """Put this around the feet."""
         self._joints.stage(scene)
 
     def motions(self) -> list[Motion]:
-        """Where the wearer's joints are."""
         wearer = self._joints.wearer
         angles, speeds = wearer.joints_rad.tolist(), wearer.speeds_rad_s.tolist()
         torques = self._joints.torque_nm.tolist()

@@ -57,5 +57,4 @@ class SceneReceiver:
             return None
 
     def close(self) -> None:
-        """Release the socket."""
         self._link.close()

@@ -130,7 +130,6 @@ class SimulatedJoints:
         )
 
     def close(self, now_ns: int) -> None:
-        """Switch the drives off."""
         if self._state is not DriveState.UNCONFIGURED:
             self._state = DriveState.DISABLED
             self._torque = [0.0] * 4
@@ -195,11 +194,7 @@ class SimulatedJoints:
     def _drives(self, command: JointCommand) -> list[float]:
         """Motor torques of the impedance law, saturated, four; plain numbers, because arrays of four cost more."""
         rows = zip(
-            command.position_rad.tolist(),
-            command.velocity_rad_s.tolist(),
-            command.stiffness_nm_rad.tolist(),
-            command.damping_nm_s_rad.tolist(),
-            command.torque_nm.tolist(),
+            command.rows(),
             self.wearer.joints_rad.tolist(),
             self.wearer.speeds_rad_s.tolist(),
             self._device.joints,
@@ -207,7 +202,7 @@ class SimulatedJoints:
         )
         torques = [
             _saturated(joint, kp * (target - at) + kd * (target_speed - speed) + forward, speed)
-            for target, target_speed, kp, kd, forward, at, speed, joint in rows
+            for (target, target_speed, kp, kd, forward), at, speed, joint in rows
         ]
         if self.faults.bits:
             return [0.0 if bit else torque for bit, torque in zip(self.faults.bits, torques, strict=True)]
