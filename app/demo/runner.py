@@ -67,7 +67,7 @@ class ScenarioRunner(SessionClient):
         self._until(lambda: self.report is not None and self.report.gesture is None, RECOGNITION_S)
 
     def unintended(self) -> int:
-        """Actions that began without having been asked for."""
+        """Actions that began without a request."""
         return sum(report.number not in self._requested for report in self.actions.values() if report.accepted_ns)
 
     def _press(self, step: Step, action: Action, start: GaitState) -> Attempt:

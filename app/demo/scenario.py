@@ -59,7 +59,7 @@ class Runner(Protocol):
         ...
 
     def recover(self) -> bool:
-        """Look and acknowledge; whether the legs may be brought back."""
+        """Check and acknowledge; whether the legs may be brought back."""
         ...
 
 

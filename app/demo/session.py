@@ -118,7 +118,7 @@ def run_session(
 
 
 def rehearse_missing(setup: SessionSetup, watch: Callable[[str], None]) -> None:
-    """The pre-flight of every action that this patient has not passed yet in this device: hardware asks for it."""
+    """The pre-flight of every action that this patient has not passed yet in this device: hardware requires it."""
     from app.control.assembly import cleared_of, device_of
     from app.motion.plan import patient_of
     from app.motion.preflight import run_preflight

@@ -19,8 +19,8 @@ from hal.joints.scene import Block, BlockKind, Scene
 SEATED_SHANK_RAD = radians(-4)  # the knee a little before the ankle
 RISING_SHANK_RAD = radians(-14)  # further before it half way, as people do
 CHAIR_DEPTH_M = 0.45
-# Sitting down and rising begin so that a joint is seen to turn within 0.2 s, as the hand has asked for it; only a share
-# of the movement begins early, because rising asks for most torque just after its start, when the seat is left.
+# Sitting down and rising begin so that a joint visibly turns within 0.2 s of the command; only a share of the movement
+# begins early, because rising needs most torque just after its start, when the seat is left.
 EARLY, ONSET_S = 0.4, 0.25
 SETTLE = 0.5  # share of the time over which the early share ends
 SEAT_TAKES = (0.97, 1.0)  # shares of sitting down over which the chair takes the weight
@@ -28,7 +28,7 @@ SEAT_TAKES = (0.97, 1.0)  # shares of sitting down over which the chair takes th
 RECOVER_SPEED_RAD_S = radians(20)  # joints on the path back to standing, at the mean
 RECOVER_LEAST_S = 3.0
 SPLIT_M = 0.04  # feet farther apart than this are brought together by a step, not by sliding
-# Up, across, down: nobody knows whether an edge, a riser or an obstacle stands between the feet.
+# Up, across, down: it is unknown whether an edge, a riser or an obstacle stands between the feet.
 RECOVER_UP = SwingShape(forward=(0.30, 0.75), level=(0.0, 0.30), up_by=0.30, down_from=0.70, heel_rise_rad=0.0)
 RECOVER_DOWN = SwingShape(forward=(0.30, 0.75), level=(0.70, 1.0), up_by=0.30, down_from=0.70, heel_rise_rad=0.0)
 

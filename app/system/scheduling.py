@@ -46,7 +46,7 @@ _ISOLATED = Path("/sys/devices/system/cpu/isolated")
 
 
 def acquire_real_time() -> RealTime:
-    """Take what the system allows, and tell what it was. Call before threads are started: they inherit it."""
+    """Acquire what the system allows, and return what it was. Call before threads are started: they inherit it."""
     return RealTime(fifo=_fifo(), memory_locked=_lock_memory(), cores_awake=request_low_wake_latency(), core=None)
 
 
