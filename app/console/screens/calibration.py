@@ -230,10 +230,10 @@ def _sample(pipe: Connection, setup: SessionSetup, distance_m: float) -> Calibra
 
 
 def _show_palm(camera: object) -> None:
-    """The digital hand opens by itself: nobody is there to follow the hints."""
-    from hal.cameras.digital_hand.driver import DigitalHandCamera
+    """The digital hand opens by itself, without following hints."""
+    from hal.cameras.camera import CommandedHand
 
-    if isinstance(camera, DigitalHandCamera):
+    if isinstance(camera, CommandedHand):
         camera.command(gesture="5")
 
 

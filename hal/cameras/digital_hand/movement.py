@@ -23,7 +23,7 @@ KEEP_NS = 60_000_000_000
 SETTLED = "rest"
 # The limits within which keys may move the hand, metres in the camera's frame.
 _REACH_M = ((-0.25, 0.25), (-0.15, 0.20), (0.08, 0.80))
-# A living hand trembles: amplitude in metres and radians, and unrelated frequencies in Hz.
+# A real hand trembles: amplitude in metres and radians, and unrelated frequencies in Hz.
 TREMOR_M = 0.0007
 TREMOR_RAD = math.radians(0.4)
 _TREMOR_HZ = np.array([1.3, 1.7, 0.9, 1.1, 1.5, 0.7])

@@ -11,12 +11,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from hal.cameras.digital_hand import skeleton
 from hal.cameras.digital_hand.depth import LEAST_M, DepthCamera
 from hal.cameras.digital_hand.driver import DigitalHandCamera
 from hal.cameras.digital_hand.raycast import Capsules, capsules_of, cast, grid_over
 from hal.cameras.digital_hand.render import Person, keypoints_m, lens_for, person_of, posed, project_px, render
 from hal.cameras.digital_hand.skeleton import GESTURES, POSES, HandPlace, HandShape, joints_m, placed_m
 from hal.errors import CameraFault
+from profiles import palm as palm_calibration
 from tests.support.errors import refused
 
 LENS = lens_for(320, 180)
@@ -31,7 +33,7 @@ def hand_at(start_ns: int = 0) -> DigitalHandCamera:
 
 
 @given(palm=palms, left=st.booleans(), pose=poses, turn=turns)
-def test_the_anchor_is_three_quarters_of_the_palm_however_the_hand_is_bent_and_turned(
+def test_the_reference_segment_is_three_quarters_of_the_palm_in_every_pose(
     palm: float, left: bool, pose: str, turn: tuple[float, float, float]
 ) -> None:
     shape = HandShape(palm_width_m=palm, left=left)
@@ -233,3 +235,7 @@ def test_a_flipping_hand_loses_patches_of_depth() -> None:
     flat = np.full((180, 320), 0.5, np.float32)
     still, flipping = (DepthCamera(1).measure(flat, 5, flip) for flip in (False, True))
     assert (flipping == 0).mean() > (still == 0).mean() + 0.3
+
+
+def test_the_rendered_hand_has_the_ratio_that_the_calibration_assumes() -> None:
+    assert skeleton.REFERENCE_OF_PALM == palm_calibration.REFERENCE_OF_PALM
