@@ -163,16 +163,12 @@ class _Model(Struct, kw_only=True):
     closing: bool
 
 
-Condition = Callable[[EventData], bool]
-Callback = Callable[[EventData], None]
-
-
-def _where(**wanted: object) -> Condition:
+def _where(**wanted: object) -> Callable[[EventData], bool]:
     """A condition on fields of the gait."""
     return lambda event: all(getattr(event.model, name) == value for name, value in wanted.items())
 
 
-def _becomes(**changes: object) -> Callback:
+def _becomes(**changes: object) -> Callable[[EventData], None]:
     """A change of the gait; the state itself is the library's."""
 
     def change(event: EventData) -> None:

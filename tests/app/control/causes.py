@@ -74,7 +74,7 @@ def one(value: float, rest: float = 0.0) -> JointArray:
 
 
 def lag(rad: float) -> Callable[[Rig], None]:
-    """The joints are stuck that far from where they are told to be."""
+    """The joints are stuck that far from their target."""
 
     def change(rig: Rig) -> None:
         rig.joints.stuck = True

@@ -52,8 +52,8 @@ class Rig:
     state: ControlState | None = None
     outputs: Outputs | None = None
     guard: Guard = field(default_factory=lambda: Guard(SETTINGS.limits))
-    alive: bool = True  # the console speaks
-    watching: bool = True  # perception speaks
+    alive: bool = True  # the console sends heartbeats
+    watching: bool = True  # perception sends reports
     auditing: bool = True
     guarding: bool = True
     planning: bool = True
@@ -80,13 +80,13 @@ class Rig:
     _error: Reason | None = None
 
     def send(self, kind: OperatorKind, action: Action | None = None, age_ms: float = 0.0) -> None:
-        """The operator's word, heard in the next tick."""
+        """An operator command, received in the next tick."""
         self._sequence += 1
         sent_ns = self.now_ns + TICK_NS - int(age_ms * 1e6)
         self._commands.append(OperatorCommand(sequence=self._sequence, kind=kind, sent_ns=sent_ns, action=action))
 
     def release(self, gesture: Gesture, age_ms: float = 30.0) -> None:
-        """The wearer's release, told from the next report on."""
+        """A released gesture, reported from the next report on."""
         self._releases += 1
         self._released, self._released_ns = gesture, self.now_ns + TICK_NS - int(age_ms * 1e6)
 

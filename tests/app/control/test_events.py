@@ -81,7 +81,7 @@ def test_what_does_not_latch_goes_with_its_condition(event: Event) -> None:
 
 
 @pytest.mark.parametrize(
-    "event",  # a missing pre-flight is present in the tick of the wish alone: see test_step
+    "event",  # a missing pre-flight is present in the tick of the request alone: see test_step
     [event for event in Event if ROW[event].effect is Effect.REFUSE and event is not E.NO_PREFLIGHT],
 )
 @pytest.mark.parametrize("source", Source)

@@ -67,11 +67,11 @@ def test_legs_that_moved_while_the_drives_woke_are_planned_for_anew() -> None:
     rig.send(K.ACT, A.INITIALISE)
     rig.run_until(lambda m: m.running is not None and m.running.stage is Stage.ENABLING)
     rig.joints.position_rad = rig.joints.position_rad + 0.3
-    gripped_at = rig.joints.position_rad.copy()
+    held_from = rig.joints.position_rad.copy()
     rig.run_until(lambda m: m.running is not None and m.running.stage is Stage.MOVING)
     plan = now(rig).motion.plan
     assert plan is not None
-    assert plan.position_rad[0] == pytest.approx(gripped_at)
+    assert plan.position_rad[0] == pytest.approx(held_from)
     rig.settle()
     assert now(rig).gait.state is S.STANDING
 

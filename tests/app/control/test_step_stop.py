@@ -218,7 +218,7 @@ def test_after_a_damp_the_joints_are_gripped_where_they_sank_to() -> None:
     rig.joints.position_rad = np.array([0.4, 0.8, 0.5, 0.7])
     rig.send(K.ACKNOWLEDGE)
     rig.tick(5)
-    assert now(rig).motion.mode is Mode.DAMPED, "acknowledging does not grip"
+    assert now(rig).motion.mode is Mode.DAMPED, "acknowledging does not stiffen"
     rig.send(K.ACT, A.INITIALISE)
     rig.run_until(lambda m: m.motion.mode is Mode.STIFFENING)
     assert rig.command.position_rad == pytest.approx(np.array([0.4, 0.8, 0.5, 0.7]))
@@ -245,7 +245,7 @@ def test_torque_goes_off_only_on_the_operators_word_and_only_when_the_joints_hav
     assert drives(rig) is DriveState.DISABLED
     assert now(rig).gait.state is S.UNPOWERED
     assert not [one for one in rig.audit if isinstance(one, records.GuardRefusal)], (
-        "for slack joints neutral is no jump"
+        "for damped joints neutral is no jump"
     )
     assert now(rig).motion.mode is Mode.DISABLED
     assert Event.DRIVES_POWER_LOST.value not in rig.events()
