@@ -132,7 +132,7 @@ class Parsed:
     """The profile that was typed, or by path what is wrong with each field (then profile is None)."""
 
     profile: Profile | None
-    errors: dict[str, Reason | str]
+    errors: dict[str, Reason]
 
 
 def to_texts(profile: Profile) -> dict[str, str]:
@@ -144,7 +144,7 @@ def to_texts(profile: Profile) -> dict[str, str]:
 def parse(typed: dict[str, str], base: Profile) -> Parsed:
     """Texts by path to a profile; what the form has no field for (calibrations, archived) comes from `base`."""
     built = msgspec.to_builtins(base)
-    errors: dict[str, Reason | str] = {}
+    errors: dict[str, Reason] = {}
     for field in FIELDS:
         value = _value(field, typed.get(field.path, "").strip())
         if isinstance(value, Reason):
@@ -154,7 +154,7 @@ def parse(typed: dict[str, str], base: Profile) -> Parsed:
     if errors:
         return Parsed(None, errors)
     profile = msgspec.convert(built, type=Profile)
-    wrong: dict[str, Reason | str] = {_path_of(one.field): reason_of(one) for one in reversed(violations(profile))}
+    wrong = {_path_of(one.field): reason_of(one) for one in reversed(violations(profile))}
     return Parsed(None if wrong else profile, wrong)
 
 

@@ -1,9 +1,10 @@
-"""One line a session, kept a patient, so that the list can tell of the last one; the audit trail is the proof."""
+"""An index of sessions, a file a patient and a line a session, for the list; the audit trail is the proof."""
 
 from __future__ import annotations
 
 import errno
 import os
+from enum import Enum, auto
 from io import FileIO
 from pathlib import Path
 
@@ -11,6 +12,13 @@ import msgspec
 from msgspec import Struct
 
 from app.system.errors import AppError
+
+
+class SessionIndexFault(Enum):
+    """Why the index can't be read or written."""
+
+    UNREADABLE = auto()  # path, detail
+    NOT_WRITTEN = auto()  # path, detail
 
 
 class SessionRecord(Struct, frozen=True, kw_only=True):
@@ -29,7 +37,7 @@ class SessionRecord(Struct, frozen=True, kw_only=True):
 
 
 class SessionRecords:
-    """The records of a home, `<folder>/<patient>.jsonl`. Methods raise AppError with a sentence."""
+    """The records of a home, `<folder>/<patient>.jsonl`. Methods raise AppError."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
@@ -43,7 +51,7 @@ class SessionRecords:
             lines = path.read_bytes().splitlines()
             return tuple(msgspec.json.decode(line, type=SessionRecord) for line in lines if line.strip())
         except (OSError, msgspec.MsgspecError) as error:
-            raise AppError(f"The sessions in {path} can't be read: {error}; move the file away.") from error
+            raise AppError(SessionIndexFault.UNREADABLE, path=path, detail=error) from error
 
     def add(self, record: SessionRecord) -> None:
         """Keep one, or nothing of it."""
@@ -53,7 +61,7 @@ class SessionRecords:
             with path.open("ab", buffering=0) as file:
                 _append(file, msgspec.json.encode(record) + b"\n")
         except OSError as error:
-            raise AppError(f"{path} can't be written: {error.strerror}; free space, then save again.") from error
+            raise AppError(SessionIndexFault.NOT_WRITTEN, path=path, detail=error.strerror) from error
 
 
 def _append(file: FileIO, line: bytes) -> None:

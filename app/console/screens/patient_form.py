@@ -16,7 +16,6 @@ from app.console.screens.base import ConsoleScreen
 from app.console.screens.dialogs import Question
 from app.console.widgets.drawing import draw_step
 from app.text.catalogue import render, tr
-from logs.reason import Reason
 from profiles.anthropometry import estimate_palm
 from profiles.errors import ProfileError
 from profiles.schema import Profile, Sex
@@ -133,7 +132,7 @@ class PatientForm(ConsoleScreen):
             label = self.query_one(f"#{field.id}-error", Label)
             error = parsed.errors.get(field.path)
             label.display = error is not None
-            label.update("" if error is None else f"✗ {_text(error)}")
+            label.update("" if error is None else f"✗ {render(error)}")
         verdict = tr("form.good") if parsed.profile else tr("form.wrong", count=len(parsed.errors))
         self.query_one("#verdict", Static).update(verdict)
         drawable = parse({**self._typed, "identifier": NEW_PATIENT.identifier, "note": ""}, self._base)
@@ -166,7 +165,3 @@ class PatientForm(ConsoleScreen):
     def _leave_if(self, yes: bool | None) -> None:
         if yes:
             self.dismiss()
-
-
-def _text(error: Reason | str) -> str:
-    return error if isinstance(error, str) else render(error)

@@ -47,7 +47,7 @@ async def test_a_broken_profile_is_named_in_the_list(console: Opener, home: Home
     home.profiles.mkdir(parents=True)
     (home.profiles / "P-7.toml").write_text("stature_cm = 'tall'")
     async with console(profile=None) as open_console:
-        await open_console.shows("mend that field")
+        await open_console.shows("Correct that field")
         await open_console.shows("demo")
 
 
@@ -81,7 +81,7 @@ def test_a_disk_that_takes_half_a_line_keeps_none_of_it(home: Home) -> None:
     limits = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, ((home.root / "P-1.jsonl").stat().st_size + 10, limits[1]))
     try:
-        with pytest.raises(AppError, match="free space"):
+        with pytest.raises(AppError, match="NOT_WRITTEN"):
             made.add(record)
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)
@@ -97,5 +97,5 @@ async def test_a_full_disk_loses_nothing_that_was_typed(console: Opener, home: H
         await open_console.shows("New patient")
         open_console.type("identifier", "P-9")
         await open_console.press("ctrl+s")
-        await open_console.tells("mend the folder")
+        await open_console.tells("permissions")
         assert open_console.app.screen.query_one("#identifier", Input).value == "P-9"
