@@ -104,105 +104,105 @@ class ButtonState:
     hint: PressHint | None = None  # why a hand that is near does not press
 
 
-def advance(state: ButtonState, seen: ButtonInput, place: ButtonPlace, mode: ButtonMode) -> ButtonState:
+def advance(state: ButtonState, observed: ButtonInput, place: ButtonPlace, mode: ButtonMode) -> ButtonState:
     """The button after one more frame. A frame given twice changes nothing."""
-    if seen.captured_ns == state.last_captured_ns:
+    if observed.captured_ns == state.last_captured_ns:
         return state
-    after = _RULES[mode](state, seen, place)
-    return replace(after, last_captured_ns=seen.captured_ns)
+    after = _RULES[mode](state, observed, place)
+    return replace(after, last_captured_ns=observed.captured_ns)
 
 
-def _published(state: ButtonState, seen: ButtonInput, place: ButtonPlace) -> ButtonState:
-    near = seen.distance_m is not None and seen.distance_m < place.threshold_m
-    pressed = near and _covers(seen.box, place, 0.0)
+def _published(state: ButtonState, observed: ButtonInput, place: ButtonPlace) -> ButtonState:
+    near = observed.distance_m is not None and observed.distance_m < place.threshold_m
+    pressed = near and _covers(observed.box, place, 0.0)
     if pressed == state.pressed:
         return replace(state, ready=True)
-    return _press(state, seen) if pressed else _release(state, seen, seen.gesture or state.pressed_gesture)
+    return _press(state, observed) if pressed else _release(state, observed, observed.gesture or state.pressed_gesture)
 
 
-def _robust(state: ButtonState, seen: ButtonInput, place: ButtonPlace) -> ButtonState:
-    if state.last_captured_ns and not 0 < seen.captured_ns - state.last_captured_ns <= STALE_NS:
+def _robust(state: ButtonState, observed: ButtonInput, place: ButtonPlace) -> ButtonState:
+    if state.last_captured_ns and not 0 < observed.captured_ns - state.last_captured_ns <= STALE_NS:
         state = _end(state, PressCancel.CAMERA_PAUSED)
-    distance_m = _measured(seen)
+    distance_m = _measured(observed)
     if distance_m is None:
-        return replace(_gap(state, seen), last_distance_m=None)
+        return replace(_gap(state, observed), last_distance_m=None)
     state = replace(state, gap_frames=0)
     rule = _while_pressed if state.pressed else _while_up
-    return replace(rule(state, seen, place, distance_m), last_distance_m=distance_m)
+    return replace(rule(state, observed, place, distance_m), last_distance_m=distance_m)
 
 
-def _while_pressed(state: ButtonState, seen: ButtonInput, place: ButtonPlace, distance_m: float) -> ButtonState:
-    if seen.gesture is not state.pressed_gesture:
+def _while_pressed(state: ButtonState, observed: ButtonInput, place: ButtonPlace, distance_m: float) -> ButtonState:
+    if observed.gesture is not state.pressed_gesture:
         return _end(state, PressCancel.GESTURE_CHANGED)
-    if not _covers(seen.box, place, place.radius_px):
+    if not _covers(observed.box, place, place.radius_px):
         return _end(state, PressCancel.LEFT_SIDEWAYS)
     if distance_m <= _outside_m(place):
         return state
-    reason = _no_withdrawal(state, seen)
-    return _end(state, reason) if reason else _release(state, seen, state.pressed_gesture)
+    reason = _no_withdrawal(state, observed)
+    return _end(state, reason) if reason else _release(state, observed, state.pressed_gesture)
 
 
-def _no_withdrawal(state: ButtonState, seen: ButtonInput) -> PressCancel | None:
+def _no_withdrawal(state: ButtonState, observed: ButtonInput) -> PressCancel | None:
     """Why a hand that is outside again has not withdrawn; None when it has. Keypoints that slip near slip back."""
     if state.last_distance_m is None:
         return PressCancel.WITHDRAWAL_UNSEEN
-    if seen.captured_ns - state.pressed_captured_ns < SHORTEST_PRESS_NS:
+    if observed.captured_ns - state.pressed_captured_ns < SHORTEST_PRESS_NS:
         return PressCancel.TOO_SHORT
     return None
 
 
-def _while_up(state: ButtonState, seen: ButtonInput, place: ButtonPlace, distance_m: float) -> ButtonState:
+def _while_up(state: ButtonState, observed: ButtonInput, place: ButtonPlace, distance_m: float) -> ButtonState:
     if distance_m >= place.threshold_m:
         if distance_m <= _outside_m(place):
             return state
-        return replace(state, ready=True, far_gesture=seen.gesture, hint=None)
+        return replace(state, ready=True, far_gesture=observed.gesture, hint=None)
     if not state.ready:
         return replace(state, hint=state.hint or PressHint.WITHDRAW_FIRST)
-    reason = _no_press(state, seen, place, distance_m)
+    reason = _no_press(state, observed, place, distance_m)
     if reason:
         return replace(state, ready=False, hint=reason)
-    return _press(state, seen)
+    return _press(state, observed)
 
 
-def _no_press(state: ButtonState, seen: ButtonInput, place: ButtonPlace, distance_m: float) -> PressHint | None:
+def _no_press(state: ButtonState, observed: ButtonInput, place: ButtonPlace, distance_m: float) -> PressHint | None:
     """Why a hand that is near and was outside does not press; None when it does."""
-    if not _approached(state, seen, distance_m):
+    if not _approached(state, observed, distance_m):
         return PressHint.PUSH_STEADILY
-    if seen.gesture is None:
+    if observed.gesture is None:
         return PressHint.GESTURE_FIRST
-    if seen.gesture is not state.far_gesture:
+    if observed.gesture is not state.far_gesture:
         return PressHint.KEEP_GESTURE
-    return None if _covers(seen.box, place, 0.0) else PressHint.OVER_BUTTON
+    return None if _covers(observed.box, place, 0.0) else PressHint.OVER_BUTTON
 
 
-def _approached(state: ButtonState, seen: ButtonInput, distance_m: float) -> bool:
+def _approached(state: ButtonState, observed: ButtonInput, distance_m: float) -> bool:
     """Whether the hand was seen coming: measured in the frame before, and no farther off than a hand can reach."""
     if state.last_distance_m is None:
         return False
-    elapsed_s = (seen.captured_ns - state.last_captured_ns) / 1e9
+    elapsed_s = (observed.captured_ns - state.last_captured_ns) / 1e9
     return state.last_distance_m - distance_m <= APPROACH_M_S * elapsed_s
 
 
-def _gap(state: ButtonState, seen: ButtonInput) -> ButtonState:
+def _gap(state: ButtonState, observed: ButtonInput) -> ButtonState:
     """A frame without a measurement: short gaps are blur, longer ones end the press and the readiness."""
     if state.gap_frames < GAP_FRAMES:
         return replace(state, gap_frames=state.gap_frames + 1)
-    return _end(state, PressCancel.HAND_LOST if seen.box is None else PressCancel.DISTANCE_LOST)
+    return _end(state, PressCancel.HAND_LOST if observed.box is None else PressCancel.DISTANCE_LOST)
 
 
-def _press(state: ButtonState, seen: ButtonInput) -> ButtonState:
+def _press(state: ButtonState, observed: ButtonInput) -> ButtonState:
     return replace(
         state,
         pressed=True,
-        pressed_gesture=seen.gesture,
-        pressed_captured_ns=seen.captured_ns,
-        pressed_recognised_ns=seen.recognised_ns,
+        pressed_gesture=observed.gesture,
+        pressed_captured_ns=observed.captured_ns,
+        pressed_recognised_ns=observed.recognised_ns,
         ready=False,
         hint=None,
     )
 
 
-def _release(state: ButtonState, seen: ButtonInput, gesture: Gesture | None) -> ButtonState:
+def _release(state: ButtonState, observed: ButtonInput, gesture: Gesture | None) -> ButtonState:
     """Up again, by withdrawal: the command goes out, once. Without a gesture there is no command to give."""
     up = replace(state, pressed=False, pressed_gesture=None, ready=True, hint=None)
     if gesture is None:
@@ -211,8 +211,8 @@ def _release(state: ButtonState, seen: ButtonInput, gesture: Gesture | None) -> 
         up,
         release_count=state.release_count + 1,
         released_gesture=gesture,
-        released_recognised_ns=state.pressed_recognised_ns or seen.recognised_ns,
-        released_ns=seen.captured_ns,
+        released_recognised_ns=state.pressed_recognised_ns or observed.recognised_ns,
+        released_ns=observed.captured_ns,
     )
 
 
@@ -230,11 +230,11 @@ def _end(state: ButtonState, reason: PressCancel) -> ButtonState:
     )
 
 
-def _measured(seen: ButtonInput) -> float | None:
+def _measured(observed: ButtonInput) -> float | None:
     """The distance where there is a hand and a real one; 0, negative and non-finite are no measurement."""
-    if seen.box is None or seen.distance_m is None:
+    if observed.box is None or observed.distance_m is None:
         return None
-    return seen.distance_m if math.isfinite(seen.distance_m) and seen.distance_m > 0 else None
+    return observed.distance_m if math.isfinite(observed.distance_m) and observed.distance_m > 0 else None
 
 
 def is_near(state: ButtonState, place: ButtonPlace) -> bool:

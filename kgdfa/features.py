@@ -218,7 +218,7 @@ _THUMB_BONES = _BONES_OF_FINGERS[0][2:]
 # The palm, and what is measured along its axes.
 _PLACED = np.array([*_numbers("palm"), *_numbers("reaches"), *_numbers("thumb")[1::2], *_THUMB_BONES])
 _in_palms = itemgetter(*_numbers("to wrist", "to centre", "tips", "thumb"))
-_in_seen_palms = itemgetter(*_numbers("seen reaches", "seen tips"))
+_in_observed_palms = itemgetter(*_numbers("seen reaches", "seen tips"))
 
 
 def features(image_px: FloatArray, world_m: FloatArray) -> FloatArray:
@@ -229,7 +229,7 @@ def features(image_px: FloatArray, world_m: FloatArray) -> FloatArray:
     lines = _lines(image_px, world_m)
     lengths_of = np.sqrt(np.vecdot(lines, lines))
     lengths = lengths_of.tolist()
-    palm, seen_palm = (max(*lengths[_OF[name]], 1e-9) for name in ("palm", "seen palm"))
+    palm, observed_palm = (max(*lengths[_OF[name]], 1e-9) for name in ("palm", "seen palm"))
     _, to_middle, _, to_thumb_side, *placed = lines.take(_PLACED, axis=0).tolist()
     along, across, off = (
         [x * a + y * b + z * c for x, y, z in placed] for a, b, c in _palm_axes(to_middle, to_thumb_side)
@@ -239,10 +239,10 @@ def features(image_px: FloatArray, world_m: FloatArray) -> FloatArray:
             *_angles(lines, lengths_of).tolist(),
             *[lengths[reach] / max(lengths[a] + lengths[b] + lengths[c], 1e-9) for reach, a, b, c in _OUTER_BONES],
             *[length / palm for length in _in_palms(lengths)],
-            *[length / seen_palm for length in _in_seen_palms(lengths)],
+            *[length / observed_palm for length in _in_observed_palms(lengths)],
             *[length / palm for length in (*along[:5], *across[:5], *map(abs, off[:5]), min(along[5:9]), across[5])],
             *_directions(zip(along[9:], across[9:], off[9:], strict=True)),
-            *(tip_depths(image_px, OUTER_HULL, INNER_HULL) / -seen_palm).ravel().tolist(),
+            *(tip_depths(image_px, OUTER_HULL, INNER_HULL) / -observed_palm).ravel().tolist(),
         ]
     )
     return values

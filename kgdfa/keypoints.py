@@ -55,7 +55,7 @@ class HandDetector:
         image (video only; see `redetection`).
         """
         self._still = still
-        self._searcher = Redetector(self._seen) if search and not still else None
+        self._searcher = Redetector(self._observed) if search and not still else None
         self._last_ms = -1
         self._previous: tuple[Hand, ...] = ()
         self._contested_frames = 0
@@ -102,11 +102,11 @@ class HandDetector:
 
     def _detect(self, image: Image, captured_ns: int) -> tuple[Hand, ...]:
         if self._still:
-            return self._seen(image, captured_ns)
-        hands = (self._searcher.detect if self._searcher else self._seen)(image, captured_ns)
+            return self._observed(image, captured_ns)
+        hands = (self._searcher.detect if self._searcher else self._observed)(image, captured_ns)
         return tuple(_marked(hand, self._previous) for hand in hands)
 
-    def _seen(self, image: Image, captured_ns: int) -> tuple[Hand, ...]:
+    def _observed(self, image: Image, captured_ns: int) -> tuple[Hand, ...]:
         return _hands(self.infer(image, captured_ns), image)
 
     def _with_rival(self, image: Image, hands: tuple[Hand, ...]) -> tuple[Hand, ...]:
@@ -117,8 +117,8 @@ class HandDetector:
         if hands[0].tracked and not self._contested_frames:
             return hands
         assert self._rival_look is not None
-        seen = _hands(self._rival_look.detect(_as_mediapipe(image)), image)
-        others = tuple(hand for hand in seen if not _same_place(hand, hands[0]))
+        observed = _hands(self._rival_look.detect(_as_mediapipe(image)), image)
+        others = tuple(hand for hand in observed if not _same_place(hand, hands[0]))
         return hands + others[:1]
 
 
@@ -175,7 +175,7 @@ def _load(model: Path, mode: Any, hands: int, min_detection: float, min_presence
     )
     blank = _as_mediapipe(np.zeros((64, 64, 3), np.uint8))
     try:
-        with _quiet_stderr():
+        with _silence_stderr():
             landmarker = HandLandmarker.create_from_options(options)
             # The first detection prints more and is slow: make it here.
             landmarker.detect(blank) if mode is RunningMode.IMAGE else landmarker.detect_for_video(blank, -1)
@@ -185,7 +185,7 @@ def _load(model: Path, mode: Any, hands: int, min_detection: float, min_presence
 
 
 @contextmanager
-def _quiet_stderr() -> Iterator[None]:
+def _silence_stderr() -> Iterator[None]:
     """MediaPipe's C++ logs to file descriptor 2 whatever one asks of it, across the console's screen."""
     sys.stderr.flush()
     kept = os.dup(2)

@@ -181,20 +181,20 @@ class Pipeline:
         return self._track.hand
 
     def _press(self, button: ButtonState, hand: Hand | None, distance: Distance | None, now_ns: int) -> ButtonState:
-        seen = ButtonInput(
+        observed = ButtonInput(
             captured_ns=now_ns,
             gesture=self._vote.gesture,
             recognised_ns=self._vote.recognised_ns,
             distance_m=distance.safe_m if distance else None,
             box=hand.bounding_box if hand else None,
         )
-        return advance(button, seen, self._place, self._mode)
+        return advance(button, observed, self._place, self._mode)
 
     def _measure_depth(self, picture: Picture, hand: Hand | None, monocular: Distance | None) -> Distance | None:
         """The depth camera's own distance and button, beside the monocular ones; nothing without a depth map."""
         if picture.depth_m is None or self._depth_finder is None:
             return None
         now_ns = picture.captured_ns
-        seen = self._depth_finder.measure(picture.depth_m, hand, monocular, now_ns) if hand else None
-        self._depth_button = self._press(self._depth_button or ButtonState(), hand, seen, now_ns)
-        return seen
+        observed = self._depth_finder.measure(picture.depth_m, hand, monocular, now_ns) if hand else None
+        self._depth_button = self._press(self._depth_button or ButtonState(), hand, observed, now_ns)
+        return observed

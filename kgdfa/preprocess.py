@@ -45,7 +45,7 @@ _GRAINY = 0.11  # noise relative to light: digital hands show up to 0.09, the sa
 _DARK = 90.0  # grey level that the lightest twentieth of a picture reaches, below which it is dark
 _LIGHT = 200.0  # where a lightened picture's lightest twentieth is put,
 _MOST_GAIN = 8.0  # by no more than this: what is black shows noise only
-JUDGED_EVERY = 10  # frames: light changes slowly, and judging takes half a millisecond
+EVALUATED_EVERY = 10  # frames: light changes slowly, and judging takes half a millisecond
 _STRIDE = 16  # of the pixels that tell how dark a picture is
 _MIDDLE = 5  # a picture's grain is measured in the middle one of so many parts each way,
 _ROWS = 4  # by every fourth row of it
@@ -103,7 +103,7 @@ class AsNeeded:
     def __call__(self, image_bgr: NDArray[Any]) -> Image:
         """One frame after the other."""
         image = as_bgr8(image_bgr)
-        if self._frames % JUDGED_EVERY == 0:
+        if self._frames % EVALUATED_EVERY == 0:
             self._prepare = as_bgr8 if as_needed(image) is image else as_needed
         self._frames += 1
         return self._prepare(image)

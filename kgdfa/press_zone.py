@@ -37,12 +37,12 @@ class PressZone:
     """Where a press works for one camera and one palm, metres from the camera.
 
     followed_from_m: nearer, the track is lost. whole_from_m: nearer, fingertips are out of the image.
-    seen_to_m: farther, the hand is too small. threshold_m: proposed; rest_beyond_m: where the hand rests with it.
+    visible_to_m: farther, the hand is too small. threshold_m: proposed; rest_beyond_m: where the hand rests with it.
     """
 
     followed_from_m: float
     whole_from_m: float
-    seen_to_m: float
+    visible_to_m: float
     threshold_m: float
     rest_beyond_m: float
 
@@ -70,7 +70,7 @@ def press_zone(*, focal_px: float, width_px: int, height_px: int, reference_m: f
     return PressZone(
         followed_from_m=followed_m,
         whole_from_m=focal_px * HAND_OF_PALM * palm_width_m / height_px,
-        seen_to_m=focal_px * reference_m / SMALLEST_REFERENCE_PX,
+        visible_to_m=focal_px * reference_m / SMALLEST_REFERENCE_PX,
         threshold_m=threshold_m,
         rest_beyond_m=threshold_m * (1 + HYSTERESIS),
     )

@@ -73,12 +73,12 @@ class PalmView:
 
 def view_palm(image: FloatArray) -> PalmView:
     """Fit the palm's shape to (21, 2) keypoints, in any unit of length; the stretch has that unit."""
-    seen = image[list(RIGID)]
-    seen = seen - seen.mean(axis=0)
-    affine = _SOLVER @ seen
+    observed = image[list(RIGID)]
+    observed = observed - observed.mean(axis=0)
+    affine = _SOLVER @ observed
     palm, (long, short), _ = np.linalg.svd(affine)
-    size = float(np.linalg.norm(seen))
-    misfit = float(np.linalg.norm((SHAPE - _CENTRE) @ affine - seen)) / size if size > 0 else math.inf
+    size = float(np.linalg.norm(observed))
+    misfit = float(np.linalg.norm((SHAPE - _CENTRE) @ affine - observed)) / size if size > 0 else math.inf
     cosine = min(1.0, float(short / long)) if long > 0 else 0.0
     return PalmView(stretch=float(long), tilt_rad=math.acos(cosine), along=float(palm[1, 0] ** 2), misfit=misfit)
 
@@ -93,24 +93,24 @@ def centre_offset(world: FloatArray) -> float:
     return float(middle - world[list(RIGID), 2].mean()) / reference if reference > 0 else 0.0
 
 
-def _readings(seen: FloatArray, world_m: FloatArray, view: PalmView) -> tuple[float, float, float]:
+def _readings(observed: FloatArray, world_m: FloatArray, view: PalmView) -> tuple[float, float, float]:
     """Distance of keypoint 21 in reference segments: by the palm's shape, by 5-17 in perspective, by Eq. 4.
 
     seen: (21, 2) as a camera looking at keypoint 21 sees them, world_m: (21, 3) as MediaPipe gives them.
     """
     by_shape = 1 / view.stretch + centre_offset(world_m)
-    by_equation = 1 / float(np.linalg.norm(seen[Keypoint.INDEX_MCP] - seen[Keypoint.PINKY_MCP]))
-    return by_shape, _by_perspective(seen, world_m), by_equation
+    by_equation = 1 / float(np.linalg.norm(observed[Keypoint.INDEX_MCP] - observed[Keypoint.PINKY_MCP]))
+    return by_shape, _by_perspective(observed, world_m), by_equation
 
 
-def _by_perspective(seen: FloatArray, world_m: FloatArray) -> float:
+def _by_perspective(observed: FloatArray, world_m: FloatArray) -> float:
     """Where 5 and 17, placed about keypoint 21 as in the world landmarks, are seen where they are.
 
     Each is at (X + x, Y + y, Z + z) and seen at u = (X + x)/(Z + z): linear in X, Y, Z, solved for Z.
     """
     across = world_m[Keypoint.INDEX_MCP] - world_m[Keypoint.PINKY_MCP]
     half = across / (2 * float(np.linalg.norm(across)))
-    fore, little = seen[Keypoint.INDEX_MCP], seen[Keypoint.PINKY_MCP]
+    fore, little = observed[Keypoint.INDEX_MCP], observed[Keypoint.PINKY_MCP]
     apart = fore - little
     wanted = 2 * half[:2] - (fore + little) * half[2]
     return float(apart @ wanted / (apart @ apart))
@@ -136,7 +136,7 @@ class Reading:
     far_m: float
 
 
-def _fuse(view: PalmView, readings_m: tuple[float, float, float], wrist_seen: bool) -> Reading:
+def _fuse(view: PalmView, readings_m: tuple[float, float, float], observed_wrist: bool) -> Reading:
     """Readings by shape, by perspective, by Eq. 4.
 
     The landmarks miss tilts and then read far, so only their nearer word counts; the shape needs the wrist.
@@ -145,7 +145,7 @@ def _fuse(view: PalmView, readings_m: tuple[float, float, float], wrist_seen: bo
     landmarks = math.log(perspective_m / shape_m) if perspective_m > 0 else 0.0
     moved = LANDMARKS_SHARE * min(0.0, max(-LANDMARKS_HOLD, landmarks))
     moved -= YAW_SHORTENS * view.along * (1 - math.cos(view.tilt_rad))
-    if not wrist_seen:
+    if not observed_wrist:
         moved = min(WRIST_HOLD, max(-WRIST_HOLD, math.log(equation_m / shape_m))) / 2
     shown_m = shape_m * math.exp(moved)
     nearer, farther = (min(MOST_DISAGREEMENT, max(0.0, one)) for one in (-landmarks, landmarks))
@@ -154,13 +154,13 @@ def _fuse(view: PalmView, readings_m: tuple[float, float, float], wrist_seen: bo
     return Reading(readings_m=readings_m, tilt_rad=view.tilt_rad, shown_m=shown_m, far_m=far_m)
 
 
-def _under_the_skin(seen_m: float) -> float:
+def _under_the_skin(observed_m: float) -> float:
     """The joints' distance from that of the skin, on which MediaPipe sees them.
 
     The skin is nearer by half the palm's thickness, which magnifies near hands more than far ones. The reference
     segment takes up the share of it at REFERENCE_HOLDS_M; the rest is added nearer than that, taken off farther away.
     """
-    return seen_m + HALF_PALM_M * (1 - seen_m / REFERENCE_HOLDS_M)
+    return observed_m + HALF_PALM_M * (1 - observed_m / REFERENCE_HOLDS_M)
 
 
 class RobustRange:
@@ -213,11 +213,11 @@ class RobustRange:
         """What this frame alone says, without the past; None for keypoints that are no palm."""
         if not (hand.reference_px >= MIN_REFERENCE_PX and np.isfinite(hand.world_m).all()):
             return None
-        seen, cosine = self._own_view(hand)
-        view = view_palm(seen)
+        observed, cosine = self._own_view(hand)
+        view = view_palm(observed)
         if view.misfit > MAX_MISFIT:
             return None
-        readings = _readings(seen, hand.world_m, view)
+        readings = _readings(observed, hand.world_m, view)
         shape_m, perspective_m, equation_m = (_under_the_skin(self._reference_m * cosine * one) for one in readings)
         return _fuse(view, (shape_m, perspective_m, equation_m), self._shows(hand.image_px[Keypoint.WRIST]))
 

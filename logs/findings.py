@@ -128,7 +128,7 @@ def summary(finding: Finding, render: Render) -> str:
     return sanitize_terminal(text_of(whole, render))
 
 
-def as_plain(finding: Finding, render: Render) -> dict[str, object]:
+def to_values(finding: Finding, render: Render) -> dict[str, object]:
     """For JSON: `code` and `values` are for programs, `reason` and `remarks` for people."""
     return {
         "file": str(finding.file),

@@ -21,7 +21,7 @@ NOT_UNDERSTOOD = "not-understood"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Odd:
+class UnreadableLine:
     """A line that is no record of this version: another version's, torn, or not a record at all."""
 
     line: int
@@ -30,7 +30,7 @@ class Odd:
     text: str
 
 
-def read(path: Path) -> Iterator[Record | Odd]:
+def read(path: Path) -> Iterator[Record | UnreadableLine]:
     """Every line of a trail, in order. Raises AuditError when the file can't be read."""
     try:
         with path.open("rb") as file:
@@ -46,15 +46,15 @@ def records(path: Path) -> list[Record]:
     return [record for record in read(path) if isinstance(record, Record)]
 
 
-def understand(line: bytes, number: int) -> Record | Odd:
+def understand(line: bytes, number: int) -> Record | UnreadableLine:
     """One line."""
     try:
         return _decode(line)
     except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
-        return _odd(line, number, str(error))
+        return _unreadable_line(line, number, str(error))
 
 
-def follow(path: Path, is_over: Callable[[], bool], pause_s: float = 0.2) -> Iterator[Record | Odd]:
+def follow(path: Path, is_over: Callable[[], bool], pause_s: float = 0.2) -> Iterator[Record | UnreadableLine]:
     """What is in a trail and what is still being added, until it is over."""
     number, rest = 0, b""
     with path.open("rb") as file:
@@ -93,17 +93,17 @@ def find_session(folder: Path, name: str) -> Path:
     raise AuditError(AuditFault.AMBIGUOUS_SESSION, name=name, matches=len(found), folder=folder)
 
 
-def _odd(line: bytes, number: int, why: str) -> Odd:
+def _unreadable_line(line: bytes, number: int, why: str) -> UnreadableLine:
     try:
         decoded = msgspec.json.decode(line)
     except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError):
-        return Odd(line=number, kind=NOT_A_RECORD, wall="", text=line[:200].decode("utf-8", "replace"))
+        return UnreadableLine(line=number, kind=NOT_A_RECORD, wall="", text=line[:200].decode("utf-8", "replace"))
     if not isinstance(decoded, dict):
-        return Odd(line=number, kind=NOT_A_RECORD, wall="", text=str(decoded)[:200])
+        return UnreadableLine(line=number, kind=NOT_A_RECORD, wall="", text=str(decoded)[:200])
     body = decoded.get("body")
     kind = body.get("kind") if isinstance(body, dict) else None
     text = f"{why}: {msgspec.json.encode(body)[:300].decode('utf-8', 'replace')}"
-    return Odd(line=number, kind=str(kind or NOT_UNDERSTOOD), wall=str(decoded.get("wall", "")), text=text)
+    return UnreadableLine(line=number, kind=str(kind or NOT_UNDERSTOOD), wall=str(decoded.get("wall", "")), text=text)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -12,7 +12,7 @@ from rich.text import Text
 
 from logs import records as r
 from logs.legacy import EVENTS
-from logs.read import Odd
+from logs.read import UnreadableLine
 from logs.reason import Reason, Render, text_of
 from logs.records import Body, PatientChosen, Record
 from logs.sanitize import sanitize_terminal
@@ -83,16 +83,16 @@ class Filter:
     kinds: tuple[str, ...] = ()
 
 
-class Sieve:
+class RecordSelector:
     """Lets records pass; it remembers the patient, which only one record of a session names."""
 
     def __init__(self, wanted: Filter) -> None:
         self._wanted = wanted
         self._patient = ""
 
-    def passes(self, record: Record | Odd) -> bool:
+    def passes(self, record: Record | UnreadableLine) -> bool:
         """Whether to show it; an odd line is never held back by what can't be read in it."""
-        if isinstance(record, Odd):
+        if isinstance(record, UnreadableLine):
             return not self._wanted.kinds
         if isinstance(record.body, PatientChosen):
             self._patient = record.body.patient
@@ -109,9 +109,9 @@ class Sieve:
         )
 
 
-def line_of(record: Record | Odd, render: Render) -> Text:
+def line_of(record: Record | UnreadableLine, render: Render) -> Text:
     """One record for a terminal: safe whatever its text."""
-    if isinstance(record, Odd):
+    if isinstance(record, UnreadableLine):
         line = render(Reason("Record.line", {"line": record.line}))
         text = Text(f"{sanitize_terminal(record.wall)[11:23]:<12} {line} ", "dim")
         text.append(f"{sanitize_terminal(record.kind)}: {sanitize_terminal(record.text)}", "magenta")
@@ -124,9 +124,9 @@ def line_of(record: Record | Odd, render: Render) -> Text:
     return text
 
 
-def json_of(record: Record | Odd) -> str:
+def json_of(record: Record | UnreadableLine) -> str:
     """One record as JSON in pure ASCII, safe for a terminal."""
-    if isinstance(record, Odd):
+    if isinstance(record, UnreadableLine):
         return json.dumps({"line": record.line, "kind": record.kind, "text": record.text})
     return json.dumps(msgspec.to_builtins(record), ensure_ascii=True, sort_keys=True)
 

@@ -47,7 +47,7 @@ def exit_status(findings: Sequence[Finding]) -> int:
     return 1 if 1 in statuses else max(statuses, default=2)
 
 
-def judge(path: Path, scan: Scan, evidence: Evidence, *, running: bool) -> Finding:
+def assess(path: Path, scan: Scan, evidence: Evidence, *, running: bool) -> Finding:
     """What became of a file that was scanned; `running`: its session is still being written."""
     finding = Finding(
         file=path,
@@ -62,8 +62,8 @@ def judge(path: Path, scan: Scan, evidence: Evidence, *, running: bool) -> Findi
     if scan.unknown_keys and evidence.keys:
         return replace(finding, status=Status.TAMPERED, reason=reason(Verdict.KEY_NOT_KNOWN, keys=_keys(scan)))
     if is_appended(path):
-        return _judge_appended(finding, scan, evidence)
-    return _judge_session(finding, scan, evidence, running=running)
+        return _assess_appended(finding, scan, evidence)
+    return _assess_session(finding, scan, evidence, running=running)
 
 
 def _is_foreign(path: Path, scan: Scan, evidence: Evidence) -> bool:
@@ -81,7 +81,7 @@ def is_appended(path: Path) -> bool:
     return path.name == OPERATORS or path.name.startswith("manifest") or path.name.endswith(COMMENTS)
 
 
-def _judge_appended(finding: Finding, scan: Scan, evidence: Evidence) -> Finding:
+def _assess_appended(finding: Finding, scan: Scan, evidence: Evidence) -> Finding:
     if scan.fault is None and (cut := _cut_behind_anchor(finding, scan, evidence)):
         return _bad(finding, scan, Status.TAMPERED, cut)
     if scan.fault is None and (scan.proven == scan.records or not evidence.keys):
@@ -103,7 +103,7 @@ def _cut_behind_anchor(finding: Finding, scan: Scan, evidence: Evidence) -> Reas
     return reason(Verdict.MANIFEST_CUT, remembered=anchor.entries, found=scan.records)
 
 
-def _judge_session(finding: Finding, scan: Scan, evidence: Evidence, *, running: bool) -> Finding:
+def _assess_session(finding: Finding, scan: Scan, evidence: Evidence, *, running: bool) -> Finding:
     if scan.fault is not None and not scan.is_torn:
         return _bad(finding, scan, Status.TAMPERED, scan.fault.reason)
     folder = finding.file.parent
@@ -243,7 +243,7 @@ def _verify_one(path: Path, evidence: Evidence, progress: Progress | None) -> Fi
     try:
         running = is_being_written(path)
         scan = scan_file(path, evidence.keys, progress)
-        finding = judge(path, scan, evidence, running=running)
+        finding = assess(path, scan, evidence, running=running)
         return _with_copies(path, finding, evidence)
     except OSError as error:
         return Finding(

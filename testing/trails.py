@@ -77,13 +77,13 @@ _CAMERA = r.Camera(
 
 def _action(number: int, clock: _Clock, rng: random.Random) -> Iterator[tuple[str, r.Body]]:
     gesture, action, begin, end = COURSE[number % len(COURSE)]
-    seen = clock.moment().monotonic_ns
-    yield "perception", r.GestureOnset(gesture=gesture, confidence=rng.uniform(0.8, 1), votes=3, captured_ns=seen)
+    observed = clock.moment().monotonic_ns
+    yield "perception", r.GestureOnset(gesture=gesture, confidence=rng.uniform(0.8, 1), votes=3, captured_ns=observed)
     clock.s += 0.3
-    yield "perception", r.Press(gesture=gesture, captured_ns=seen, distance_m=0.19, threshold_m=0.2)
+    yield "perception", r.Press(gesture=gesture, captured_ns=observed, distance_m=0.19, threshold_m=0.2)
     clock.s += 0.2
     released = clock.moment().monotonic_ns
-    yield "perception", r.Release(gesture=gesture, recognised_ns=seen, captured_ns=released, number=number)
+    yield "perception", r.Release(gesture=gesture, recognised_ns=observed, captured_ns=released, number=number)
     first = released + int(rng.gauss(42, 8) * 1e6)
     clock.s += 0.05
     yield (
@@ -103,7 +103,7 @@ def _action(number: int, clock: _Clock, rng: random.Random) -> Iterator[tuple[st
             from_state=begin,
             to_state=end,
             outcome="completed",
-            recognised_ns=seen,
+            recognised_ns=observed,
             released_ns=released,
             accepted_ns=released + 20_000_000,
             first_command_ns=first,

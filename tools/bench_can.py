@@ -132,18 +132,18 @@ def percentiles(values: list[float]) -> str:
 
 
 class Tally(NamedTuple):
-    """What became of commands: each is in exactly one class, `under_way` as it was at the end less at the beginning."""
+    """What became of commands: each is in exactly one class, `in_flight` as it was at the end less at the beginning."""
 
     sent: int
     replies: int
     late: int
     missed: int
-    under_way: int
+    in_flight: int
 
     @classmethod
     def of(cls, ledgers: list[RequestTracker]) -> Tally:
         """All drives' so far."""
-        rows = [(book.sent, book.answered, book.late, book.missed, book.under_way) for book in ledgers]
+        rows = [(book.sent, book.answered, book.late, book.missed, book.in_flight) for book in ledgers]
         return cls(*(sum(column) for column in zip(*rows, strict=True)))
 
     def since(self, before: Tally) -> Tally:
@@ -153,10 +153,10 @@ class Tally(NamedTuple):
     @property
     def sum(self) -> int:
         """Of the classes."""
-        return self.replies + self.late + self.missed + self.under_way
+        return self.replies + self.late + self.missed + self.in_flight
 
     def __str__(self) -> str:
-        return f"{self.replies} answered, {self.late} late, {self.missed} missed, {self.under_way} under way"
+        return f"{self.replies} answered, {self.late} late, {self.missed} missed, {self.in_flight} under way"
 
 
 def steady(run: Run, seconds: float) -> bool:

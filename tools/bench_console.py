@@ -53,12 +53,12 @@ class Terminal:
         self.started_s = time.monotonic()
         self.child = subprocess.Popen(text, stdin=slave, stdout=slave, stderr=slave, env=environment)
         os.close(slave)
-        self._seen = b""
+        self._observed = b""
 
     def wait(self, text: bytes, limit_s: float = LIMIT_S) -> float:
         """Seconds until this text has come since the last key. Raises TimeoutError."""
         begun = time.monotonic()
-        while text not in _ESCAPES.sub(b"", self._seen):
+        while text not in _ESCAPES.sub(b"", self._observed):
             if time.monotonic() - begun > limit_s:
                 raise TimeoutError(f"{text!r} did not appear")
             self._read(0.05)
@@ -67,7 +67,7 @@ class Terminal:
     def press(self, key: bytes) -> None:
         """Forget what was seen, send a key."""
         self._read(0.0)
-        self._seen = b""
+        self._observed = b""
         os.write(self.master, key)
 
     def idle(self, seconds: float) -> None:
@@ -75,7 +75,7 @@ class Terminal:
         end = time.monotonic() + seconds
         while time.monotonic() < end:
             self._read(0.05)
-            self._seen = b""
+            self._observed = b""
 
     def close(self) -> None:
         """Ctrl-C, and wait for the end."""
@@ -93,9 +93,9 @@ class Terminal:
         readable, _, _ = select.select([self.master], [], [], timeout_s)
         if readable:
             try:
-                self._seen += os.read(self.master, 1 << 20)
+                self._observed += os.read(self.master, 1 << 20)
             except OSError:
-                self._seen += b""  # the console has gone
+                self._observed += b""  # the console has gone
 
 
 def reactions(terminal: Terminal) -> list[float]:

@@ -63,7 +63,7 @@ class Photographer:
             await self.pilot.press(key)
             await self.pilot.pause(0.1)
 
-    def seen(self) -> object:
+    def observed(self) -> object:
         """Whether a picture of the hand has come."""
         state = self.app.live_state()
         return state is not None and state.report is not None and state.preview is not None
@@ -118,7 +118,7 @@ async def training(camera: Photographer) -> None:
 
 async def session(camera: Photographer) -> None:
     """Checks, confirm, arm, stand, walk, stop, acknowledge."""
-    await camera.until(lambda: camera.snapshot and camera.seen())
+    await camera.until(lambda: camera.snapshot and camera.observed())
     await camera.keys("s")
     await camera.take("checks")
     await camera.keys("escape", "c")
@@ -136,7 +136,7 @@ async def session(camera: Photographer) -> None:
 
 async def stopped(camera: Photographer) -> None:
     """What the screen says after STOP."""
-    await camera.until(lambda: camera.snapshot and camera.seen())
+    await camera.until(lambda: camera.snapshot and camera.observed())
     await camera.stand()
     await camera.act("7", Action.STAIR_UP)
     await camera.until(lambda: camera.snapshot and camera.snapshot.progress > MID_SWING)
@@ -147,7 +147,7 @@ async def stopped(camera: Photographer) -> None:
 
 async def small(camera: Photographer) -> None:
     """The live screen in the small terminal, and help."""
-    await camera.until(lambda: camera.snapshot and camera.seen())
+    await camera.until(lambda: camera.snapshot and camera.observed())
     await camera.stand()
     await camera.keys("8")
     await camera.until(lambda: camera.gesture() is Gesture.EIGHT)
@@ -158,7 +158,7 @@ async def small(camera: Photographer) -> None:
 
 async def compare(camera: Photographer) -> None:
     """Both measurements of a pressed hand."""
-    await camera.until(lambda: camera.snapshot and camera.seen())
+    await camera.until(lambda: camera.snapshot and camera.observed())
     await camera.keys("5")
     await camera.until(lambda: camera.gesture() is Gesture.FIVE)
     await camera.keys("v")

@@ -12,7 +12,7 @@ import typer
 from app.cli.common import CliFault, HomeOption, print_text
 
 if TYPE_CHECKING:
-    from logs.show import Sieve
+    from logs.show import RecordSelector
     from logs.verify import Evidence, Finding
 
 cli = typer.Typer(no_args_is_help=True)
@@ -32,11 +32,11 @@ def verify(
     """Prove that nothing was changed, cut or added. Exit status: 0 sound, 1 tampered or cut, 2 unreadable."""
     from app.system.paths import find_home
     from logs.verify import exit_status
-    from logs.verify import verify as judge
+    from logs.verify import verify as assess
 
     paths = files or [find_home(home).logs]
     with _reading_progress(paths) as progress:
-        findings = judge(paths, _evidence(paths, key, copies, home), progress)
+        findings = assess(paths, _evidence(paths, key, copies, home), progress)
     _print_findings(findings)
     status = exit_status(findings)
     if json is not None:
@@ -79,7 +79,7 @@ def show(
     """Print a session's records, one a line."""
     from app.system.paths import find_home
     from logs.read import find_session, session_paths
-    from logs.show import Filter, Sieve
+    from logs.show import Filter, RecordSelector
 
     wanted = Filter(
         since=since,
@@ -93,7 +93,7 @@ def show(
     )
     folder = find_home(home).logs
     for path in session_paths(folder) if everything else [find_session(folder, session)]:
-        _print_records(path, Sieve(wanted), follow=follow and not everything, as_json=json)
+        _print_records(path, RecordSelector(wanted), follow=follow and not everything, as_json=json)
 
 
 @cli.command()
@@ -190,7 +190,7 @@ def list_sessions(home: HomeOption = None) -> None:
     Console(highlight=False, markup=False).print(table)
 
 
-def _print_records(path: Path, sieve: Sieve, *, follow: bool, as_json: bool) -> None:
+def _print_records(path: Path, selector: RecordSelector, *, follow: bool, as_json: bool) -> None:
     from rich.console import Console
 
     from app.text.recorded import render_recorded
@@ -203,7 +203,7 @@ def _print_records(path: Path, sieve: Sieve, *, follow: bool, as_json: bool) -> 
     found = follow_file(path, lambda: not is_being_written(path)) if follow else read(path)
     try:
         for record in found:
-            if not sieve.passes(record):
+            if not selector.passes(record):
                 continue
             if as_json:
                 typer.echo(json_of(record))
@@ -261,9 +261,9 @@ def _write_findings(path: Path, findings: list[Finding], status: int) -> None:
     import msgspec
 
     from app.text.recorded import render_recorded
-    from logs.findings import as_plain
+    from logs.findings import to_values
 
-    content = {"files": [as_plain(finding, render_recorded) for finding in findings], "exit": status}
+    content = {"files": [to_values(finding, render_recorded) for finding in findings], "exit": status}
     _write(path, msgspec.json.format(msgspec.json.encode(content)) + b"\n")
 
 

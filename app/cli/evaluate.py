@@ -342,7 +342,7 @@ def pushes(
 
 @cli.command()
 def response(
-    trials: Annotated[int, typer.Option(help="Attempts a gesture.", min=1)] = 50,
+    attempts: Annotated[int, typer.Option(help="Attempts a gesture.", min=1)] = 50,
     seeds: Annotated[str, typer.Option(help="Digital hands, comma-separated seeds.")] = "1,2,3",
     click: Click = 0.3,
     json_file: Json = None,
@@ -363,9 +363,9 @@ def response(
     if not all(part.strip().isdigit() for part in seeds.split(",")):
         raise AppError(EvaluateFault.SEEDS, seeds=seeds)
     numbers = [int(part) for part in seeds.split(",")]
-    with hold_home(place), spinner(wide_console(), total=trials * len(ALL_TWELVE)) as watch:
+    with hold_home(place), spinner(wide_console(), total=attempts * len(ALL_TWELVE)) as watch:
         set_up_model(place, base)
-        result = evaluate_response(place, base, trials=trials, seeds=numbers, click_s=click, watch=watch)
+        result = evaluate_response(place, base, attempts=attempts, seeds=numbers, click_s=click, watch=watch)
     write_json(result.as_json(), json_file)
     _show(*shown(result))
     if result.interrupted or result.gave_up:

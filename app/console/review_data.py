@@ -17,7 +17,7 @@ from logs.errors import AuditError, AuditFault
 from logs.keys import load_or_make_key
 from logs.line import MAX_LINE
 from logs.manifest import COMMENTS, Moment, append_signed
-from logs.read import Odd, records, understand
+from logs.read import UnreadableLine, records, understand
 from logs.records import (
     Acknowledgement,
     Body,
@@ -69,7 +69,7 @@ class Instant:
 
     at_s: float
     index: int  # of the newest record at that time
-    record: Record | Odd
+    record: Record | UnreadableLine
     state: str
     gesture: str
     pressed: bool
@@ -99,7 +99,7 @@ class ReviewedSession:
         """From the first record to the last."""
         return self._times[-1] if self._times else 0.0
 
-    def record(self, index: int) -> Record | Odd:
+    def record(self, index: int) -> Record | UnreadableLine:
         """One record."""
         return self._decoded(index)
 
@@ -148,7 +148,7 @@ class ReviewedSession:
             joints=self.joints_at(at_s),
         )
 
-    def _decode(self, index: int) -> Record | Odd:
+    def _decode(self, index: int) -> Record | UnreadableLine:
         return understand(self._lines[index], index + 1)
 
     def _read(self) -> Lanes:

@@ -143,7 +143,7 @@ def _heartbeat(_tick: Tick, _: OperatorCommand) -> None:
 
 def _stop(tick: Tick, command: OperatorCommand) -> None:
     presses = tick.state.stop_presses + 1
-    tick.update(stop_presses=presses, stop_ns=command.sent_ns, stop_seen_ns=tick.now_ns, stop_command_ns=0)
+    tick.update(stop_presses=presses, stop_ns=command.sent_ns, stop_received_ns=tick.now_ns, stop_command_ns=0)
     tick.audit.append(
         records.Stop(
             state=tick.state.gait.state.value,

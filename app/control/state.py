@@ -35,7 +35,7 @@ class ControlState(Struct, frozen=True, kw_only=True):
     patient_confirmed: bool = False
     stop_presses: int = 0  # since the last acknowledgement
     stop_ns: int = 0  # when the newest STOP was sent
-    stop_seen_ns: int = 0
+    stop_received_ns: int = 0
     stop_command_ns: int = 0  # when the first command after a STOP was written
     torque_off: bool = False  # commanded by the operator; done once the joints are fully damped
     ending_ns: int = 0  # since when the session is being ended; 0: it is not

@@ -80,7 +80,7 @@ def _measure_last_tick(tick: Tick) -> None:
                 limit=refusal.limit if isfinite(refusal.limit) else None,
             )
         )
-    if state.stop_seen_ns and not state.stop_command_ns:
+    if state.stop_received_ns and not state.stop_command_ns:
         state = replace(state, stop_command_ns=inputs.written_ns)
     if state.running is not None:
         running = measure(

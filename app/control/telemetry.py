@@ -63,7 +63,7 @@ def snapshot(state: ControlState, inputs: Inputs, status: LoopStatus) -> Control
         refusal_count=state.refusal_count,
         ignored_count=state.ignored_count,
         acknowledged_sequence=state.sequence,
-        stop_seen_ns=state.stop_seen_ns,
+        stop_received_ns=state.stop_received_ns,
         stop_command_ns=state.stop_command_ns,
         steps=state.steps,
         distance_walked_m=state.distance_walked_m,

@@ -90,7 +90,7 @@ def run_session(
     watch: Callable[[str], None],
     approach_m: float = 0.0,
     patient: Profile | None = None,
-    carry_out: Callable[[ScenarioRunner, Sequence[Step]], list[Attempt]] = run_scenario,
+    run_attempts: Callable[[ScenarioRunner, Sequence[Step]], list[Attempt]] = run_scenario,
 ) -> SessionResult:
     """Start the real processes, carry out the scenario, close, verify the audit trail; None: the demo patient."""
     wearer = patient or demo_patient(config.camera.seed)
@@ -102,7 +102,7 @@ def run_session(
     try:
         host.start()
         runner.prepare()
-        attempts = carry_out(runner, scenario)
+        attempts = run_attempts(runner, scenario)
     finally:
         host.close()
     verified, detail = _verify(home, setup.session)

@@ -208,7 +208,7 @@ class ControlSnapshot(Struct, frozen=True, kw_only=True, tag="control"):
     refusal_count: int = 0
     ignored_count: int = 0
     acknowledged_sequence: int = 0  # newest OperatorCommand seen
-    stop_seen_ns: int = 0
+    stop_received_ns: int = 0
     stop_command_ns: int = 0
     steps: int = 0
     distance_walked_m: float = 0.0

@@ -139,8 +139,8 @@ def _ground_force(patient: Patient, path: Path, legs: list[list[_Segment]]) -> A
     segments = [_segment(trunk_kg, 0.0, place, path.lean_rad), *legs[LEFT], *legs[RIGHT]]
     total = sum(segment.mass_kg for segment in segments)
     force = np.sum([segment.mass_kg * segment.pull_m_s2 for segment in segments], axis=0)
-    carried = body.body_weight_support * total * GRAVITY_M_S2
-    on_ground: Array = (force - carried * _UP) * (1 - path.seat_share)[:, None]
+    supported_n = body.body_weight_support * total * GRAVITY_M_S2
+    on_ground: Array = (force - supported_n * _UP) * (1 - path.seat_share)[:, None]
     return on_ground
 
 

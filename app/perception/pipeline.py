@@ -95,8 +95,8 @@ def make_place(setup: SessionSetup, frame: Frame) -> ButtonPlace:
 
 def reference_for(setup: SessionSetup, frame: Frame, camera: str) -> ReferenceSegment:
     """The patient's reference segment before this camera."""
-    seen = frame.intrinsics
-    return reference_segment(setup.profile, camera=camera, focal_px=seen.fx_px, width_px=seen.width_px)
+    observed = frame.intrinsics
+    return reference_segment(setup.profile, camera=camera, focal_px=observed.fx_px, width_px=observed.width_px)
 
 
 def zone_for(setup: SessionSetup, frame: Frame, camera: str) -> PressZone:
@@ -121,22 +121,22 @@ def zone_hint(setup: SessionSetup, zone: PressZone) -> Reason | None:
 
 def camera_records(setup: SessionSetup, camera: Camera, frame: Frame) -> tuple[records.Camera, records.Calibration]:
     """What the trail must hold of the camera and of the reference segment in use."""
-    seen, palm = frame.intrinsics, reference_for(setup, frame, camera.name)
+    observed, palm = frame.intrinsics, reference_for(setup, frame, camera.name)
     return (
         records.Camera(
             camera=camera.name,
             camera_kind=setup.config.camera.kind,
-            width_px=seen.width_px,
-            height_px=seen.height_px,
+            width_px=observed.width_px,
+            height_px=observed.height_px,
             rate_hz=setup.config.camera.rate_hz,
-            focal_px=seen.fx_px,
-            intrinsics_source=seen.source.value,
+            focal_px=observed.fx_px,
+            intrinsics_source=observed.source.value,
             mirrored=setup.config.camera.mirrored,
         ),
         records.Calibration(
             method=palm.source.value,
             anchor_m=palm.length_m,
-            focal_px=seen.fx_px,
+            focal_px=observed.fx_px,
             residual_m=palm.sd_m,
             text=reason_of(palm.explain()),
         ),

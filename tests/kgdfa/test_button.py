@@ -45,18 +45,20 @@ LOST = Seen(None, box=None)
 
 def run(frames: Sequence[Seen], mode: ButtonMode = ButtonMode.ROBUST, state: ButtonState | None = None) -> ButtonState:
     state = state or ButtonState()
-    for seen in frames:
-        state = step(state, seen, mode)
+    for observed in frames:
+        state = step(state, observed, mode)
     return state
 
 
-def step(state: ButtonState, seen: Seen, mode: ButtonMode = ButtonMode.ROBUST, after_ns: int = FRAME_NS) -> ButtonState:
+def step(
+    state: ButtonState, observed: Seen, mode: ButtonMode = ButtonMode.ROBUST, after_ns: int = FRAME_NS
+) -> ButtonState:
     given_input = ButtonInput(
         captured_ns=state.last_captured_ns + after_ns,
-        gesture=seen.gesture,
-        recognised_ns=7 if seen.gesture else 0,
-        distance_m=seen.distance_m,
-        box=seen.box,
+        gesture=observed.gesture,
+        recognised_ns=7 if observed.gesture else 0,
+        distance_m=observed.distance_m,
+        box=observed.box,
     )
     return advance(state, given_input, PLACE, mode)
 
@@ -190,34 +192,38 @@ def is_command(path: Sequence[Seen]) -> bool:
         return False
     gap = 0
     for index in range(len(path) - 2, 0, -1):
-        seen = path[index]
-        gap = gap + 1 if seen.distance_m is None else 0
+        observed = path[index]
+        gap = gap + 1 if observed.distance_m is None else 0
         if gap > GAP_FRAMES:
             return False
-        if seen.distance_m is None:
+        if observed.distance_m is None:
             continue
-        if seen.distance_m > OUTSIDE_M or seen.gesture is not last.gesture or seen.box is not OVER:
+        if observed.distance_m > OUTSIDE_M or observed.gesture is not last.gesture or observed.box is not OVER:
             return False
         if is_push(path, index):
             return (len(path) - 1 - index) * FRAME_NS >= SHORTEST_PRESS_NS
     return False
 
 
-def near(seen: Seen) -> bool:
-    return seen.distance_m is not None and seen.distance_m < PLACE.threshold_m
+def near(observed: Seen) -> bool:
+    return observed.distance_m is not None and observed.distance_m < PLACE.threshold_m
 
 
 def is_push(path: Sequence[Seen], index: int) -> bool:
     """Whether the press is this frame: near, over the button, seen coming, and the first such since the outside."""
-    seen = path[index]
-    if index < 1 or not (near(seen) and seen.gesture and seen.box is OVER) or path[index - 1].distance_m is None:
+    observed = path[index]
+    if (
+        index < 1
+        or not (near(observed) and observed.gesture and observed.box is OVER)
+        or path[index - 1].distance_m is None
+    ):
         return False
     gap = 0
     for earlier in range(index - 1, -1, -1):
         before = path[earlier]
         gap = gap + 1 if before.distance_m is None else 0
         if before.distance_m is not None and before.distance_m > OUTSIDE_M:
-            return before.gesture is seen.gesture
+            return before.gesture is observed.gesture
         if gap > GAP_FRAMES or near(before):
             return False
     return False
@@ -238,9 +244,9 @@ def test_every_short_sequence_commands_exactly_when_the_rule_says() -> None:
     for _ in range(5):
         grown = []
         for path, state in fronts:
-            for seen in ALPHABET:
-                after = step(state, seen)
-                longer = (*path, seen)
+            for observed in ALPHABET:
+                after = step(state, observed)
+                longer = (*path, observed)
                 assert (after.release_count > state.release_count) == is_command(longer), longer
                 commands += after.release_count - state.release_count
                 grown.append((() if after.cancel_count > state.cancel_count else longer, after))
@@ -251,9 +257,9 @@ def test_every_short_sequence_commands_exactly_when_the_rule_says() -> None:
 @given(st.lists(st.sampled_from(ALPHABET), max_size=60))
 def test_long_sequences_command_exactly_when_the_rule_says(frames: list[Seen]) -> None:
     state, path = ButtonState(), list[Seen]()
-    for seen in frames:
-        after = step(state, seen)
-        path.append(seen)
+    for observed in frames:
+        after = step(state, observed)
+        path.append(observed)
         assert (after.release_count > state.release_count) == is_command(path)
         ended = state.pressed and not after.pressed
         assert ended == (after.release_count + after.cancel_count > state.release_count + state.cancel_count)

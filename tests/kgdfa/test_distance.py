@@ -44,7 +44,7 @@ def turned(pitch: float, yaw: float, roll: float) -> FloatArray:
     return about(2, roll) @ about(0, pitch) @ about(1, yaw)
 
 
-def seen(
+def observed(
     distance_m: float,
     *,
     turn: tuple[float, float, float] = (0.0, 0.0, 0.0),
@@ -86,8 +86,8 @@ def skin_m(joints_m: float) -> float:
 @given(distance_m=st.floats(0.1, 1.0))
 def test_a_facing_palm_is_measured_by_both(distance_m: float) -> None:
     published = PublishedRange(focal_px=FOCAL_PX, reference_m=REFERENCE_M)
-    assert measured(published, seen(distance_m)).shown_m == pytest.approx(distance_m, rel=0.02)
-    assert measured(robust(), seen(skin_m(distance_m))).shown_m == pytest.approx(distance_m, rel=0.02)
+    assert measured(published, observed(distance_m)).shown_m == pytest.approx(distance_m, rel=0.02)
+    assert measured(robust(), observed(skin_m(distance_m))).shown_m == pytest.approx(distance_m, rel=0.02)
 
 
 @given(
@@ -97,7 +97,7 @@ def test_a_facing_palm_is_measured_by_both(distance_m: float) -> None:
 def test_tilt_costs_the_robust_distance_little_and_its_safe_side_nothing(
     distance_m: float, pitch: float, yaw: float, roll: float, left: bool
 ) -> None:
-    distance = measured(robust(), seen(skin_m(distance_m), turn=(pitch, yaw, roll), left=left))
+    distance = measured(robust(), observed(skin_m(distance_m), turn=(pitch, yaw, roll), left=left))
     # An affine view overlooks perspective: near and tilted diagonally that costs a tenth.
     assert distance.shown_m == pytest.approx(distance_m, rel=0.14)
     assert distance.safe_m > 0.97 * distance_m
@@ -107,26 +107,26 @@ def test_tilt_costs_the_robust_distance_little_and_its_safe_side_nothing(
 def test_a_tilted_palm_so_near_that_its_wrist_is_out_reads_far_rather_than_near(
     distance_m: float, pitch: float, yaw: float
 ) -> None:
-    distance = measured(robust(), seen(skin_m(distance_m), turn=(pitch, yaw, 0.0)))
+    distance = measured(robust(), observed(skin_m(distance_m), turn=(pitch, yaw, 0.0)))
     assert 0.80 * distance_m < distance.shown_m < 1.25 * distance_m
     assert distance.safe_m > 0.97 * distance_m
 
 
 @given(pitch=st.floats(-0.6, 0.6), x=st.floats(-0.15, 0.15), y=st.floats(-0.1, 0.1))
 def test_a_hand_off_the_axis_is_measured_along_its_ray(pitch: float, x: float, y: float) -> None:
-    distance = measured(robust(), seen(skin_m(0.4), turn=(pitch, 0.0, 0.0), aside_m=(x, y)))
+    distance = measured(robust(), observed(skin_m(0.4), turn=(pitch, 0.0, 0.0), aside_m=(x, y)))
     assert distance.shown_m == pytest.approx(0.4, rel=0.10)
     assert distance.safe_m > 0.97 * 0.4
 
 
 def test_published_reads_a_tilted_hand_far_as_the_paper_says() -> None:
     published = PublishedRange(focal_px=FOCAL_PX, reference_m=REFERENCE_M)
-    near_cosine = measured(published, seen(0.4, turn=(0.0, math.radians(40), 0.0)))
+    near_cosine = measured(published, observed(0.4, turn=(0.0, math.radians(40), 0.0)))
     assert near_cosine.shown_m == pytest.approx(0.4 / math.cos(math.radians(40)), rel=0.02)
 
 
 def test_a_tilt_that_the_landmarks_miss_is_still_seen_by_the_palm_s_shape() -> None:
-    hand = seen(skin_m(0.4), turn=(0.0, math.radians(40), 0.0))
+    hand = observed(skin_m(0.4), turn=(0.0, math.radians(40), 0.0))
     flat = palm_m()
     blind = Hand(image_px=hand.image_px, world_m=flat - flat.mean(axis=0), presence=0.9, side=Side.RIGHT)
     distance = measured(robust(), blind)
@@ -135,7 +135,7 @@ def test_a_tilt_that_the_landmarks_miss_is_still_seen_by_the_palm_s_shape() -> N
 
 
 def test_an_upright_palm_has_a_small_margin_and_a_tilted_one_a_larger() -> None:
-    upright, tilted = (measured(robust(), seen(skin_m(0.3), turn=(0.0, yaw, 0.0))) for yaw in (0.0, 0.7))
+    upright, tilted = (measured(robust(), observed(skin_m(0.3), turn=(0.0, yaw, 0.0))) for yaw in (0.0, 0.7))
     assert upright.safe_m < 1.05 * upright.shown_m
     assert tilted.safe_m > 1.10 * tilted.shown_m
 
@@ -144,7 +144,7 @@ def test_an_upright_palm_has_a_small_margin_and_a_tilted_one_a_larger() -> None:
 def test_no_misplaced_keypoint_beside_the_knuckles_brings_the_button_s_distance_nearer_than_eq_4(
     pitch: float, keypoint: int, x_px: float, y_px: float
 ) -> None:
-    hand = seen(skin_m(0.25), turn=(pitch, 0.0, 0.0))
+    hand = observed(skin_m(0.25), turn=(pitch, 0.0, 0.0))
     image_px = hand.image_px.copy()
     image_px[keypoint] += (x_px, y_px)
     misplaced = Hand(image_px=image_px, world_m=hand.world_m, presence=0.9, side=Side.RIGHT)
@@ -155,7 +155,7 @@ def test_no_misplaced_keypoint_beside_the_knuckles_brings_the_button_s_distance_
 
 @given(x=st.floats(-0.25, 0.25), k1=st.floats(-0.15, 0.15))
 def test_a_bent_lens_costs_nothing_once_its_distortion_is_known(x: float, k1: float) -> None:
-    straight = seen(skin_m(0.4), aside_m=(x, 0.0))
+    straight = observed(skin_m(0.4), aside_m=(x, 0.0))
     flat = (straight.image_px - CENTRE_PX) / FOCAL_PX
     bent = Hand(
         image_px=flat * (1 + k1 * (flat**2).sum(axis=1, keepdims=True)) * FOCAL_PX + CENTRE_PX,
@@ -166,7 +166,7 @@ def test_a_bent_lens_costs_nothing_once_its_distortion_is_known(x: float, k1: fl
 
 
 def test_a_wrist_out_of_the_picture_leaves_half_the_word_to_eq_4() -> None:
-    hand = seen(skin_m(0.18), aside_m=(0.0, 0.03))
+    hand = observed(skin_m(0.18), aside_m=(0.0, 0.03))
     assert hand.image_px[0, 1] > 2 * CENTRE_PX[1]
     misplaced = hand.image_px.copy()
     misplaced[0, 1] += 60
@@ -177,21 +177,21 @@ def test_a_wrist_out_of_the_picture_leaves_half_the_word_to_eq_4() -> None:
 def test_one_near_outlier_is_outvoted_and_a_withdrawal_is_followed_at_once() -> None:
     finder = robust()
     for frame in range(1, 4):
-        held = measured(finder, seen(skin_m(0.22)), frame * FRAME_NS)
-    near = measured(finder, seen(skin_m(0.15)), 4 * FRAME_NS)
+        held = measured(finder, observed(skin_m(0.22)), frame * FRAME_NS)
+    near = measured(finder, observed(skin_m(0.15)), 4 * FRAME_NS)
     assert near.safe_m == pytest.approx(held.safe_m)
     assert near.sd_m > 2 * held.sd_m
-    again = measured(finder, seen(skin_m(0.15)), 5 * FRAME_NS)
+    again = measured(finder, observed(skin_m(0.15)), 5 * FRAME_NS)
     assert again.shown_m == pytest.approx(0.15, rel=0.02)
-    assert measured(finder, seen(skin_m(0.22)), 6 * FRAME_NS).safe_m == pytest.approx(held.safe_m)
+    assert measured(finder, observed(skin_m(0.22)), 6 * FRAME_NS).safe_m == pytest.approx(held.safe_m)
 
 
 @pytest.mark.parametrize(("before_m", "after_m"), [(0.45, 0.15), (0.15, 0.40), (0.21, 0.11)])
 def test_a_jump_that_no_hand_can_make_is_no_measurement_until_it_has_stayed(before_m: float, after_m: float) -> None:
     finder = robust()
     for frame in range(1, 4):
-        finder.measure(seen(skin_m(before_m)), frame * FRAME_NS)
-    jumped = [finder.measure(seen(skin_m(after_m)), frame * FRAME_NS) for frame in range(4, 4 + CONFIRM_FRAMES)]
+        finder.measure(observed(skin_m(before_m)), frame * FRAME_NS)
+    jumped = [finder.measure(observed(skin_m(after_m)), frame * FRAME_NS) for frame in range(4, 4 + CONFIRM_FRAMES)]
     assert jumped[:-1] == [None] * (CONFIRM_FRAMES - 1)
     assert CONFIRM_FRAMES - 1 > GAP_FRAMES  # so the press has ended before the jump is believed
     assert jumped[-1] is not None
@@ -212,11 +212,11 @@ def test_the_fastest_push_is_no_jump(phase: float) -> None:
 def test_another_hand_inherits_no_past(forget: str) -> None:
     finder = robust()
     for frame in range(1, 4):
-        finder.measure(seen(0.60), frame * FRAME_NS)
+        finder.measure(observed(0.60), frame * FRAME_NS)
     if forget == "reset":
         finder.reset()
     at_ns = 4 * FRAME_NS if forget == "reset" else 3_000_000_000
-    assert measured(finder, seen(skin_m(0.30)), at_ns).shown_m == pytest.approx(0.30, rel=0.02)
+    assert measured(finder, observed(skin_m(0.30)), at_ns).shown_m == pytest.approx(0.30, rel=0.02)
 
 
 @pytest.mark.parametrize(
@@ -224,7 +224,7 @@ def test_another_hand_inherits_no_past(forget: str) -> None:
     [
         Hand(image_px=np.zeros((21, 2)), world_m=palm_m(), presence=1, side=Side.LEFT),
         Hand(image_px=np.full((21, 2), np.nan), world_m=palm_m(), presence=1, side=Side.LEFT),
-        Hand(image_px=seen(0.3).image_px, world_m=np.full((21, 3), np.nan), presence=1, side=Side.LEFT),
+        Hand(image_px=observed(0.3).image_px, world_m=np.full((21, 3), np.nan), presence=1, side=Side.LEFT),
     ],
     ids=["a point", "not a number", "no landmarks"],
 )
@@ -233,7 +233,7 @@ def test_keypoints_that_are_no_hand_give_no_distance(hand: Hand) -> None:
 
 
 def test_keypoints_that_are_no_palm_give_no_distance() -> None:
-    image = seen(0.3).image_px.copy()
+    image = observed(0.3).image_px.copy()
     image[list(RIGID)] = [(600, 300), (700, 300), (600, 400), (700, 400), (650, 200)]
     hand = Hand(image_px=image, world_m=palm_m(), presence=1, side=Side.LEFT)
     assert robust().measure(hand, FRAME_NS) is None

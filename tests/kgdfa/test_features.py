@@ -78,11 +78,11 @@ def test_the_batch_measures_what_the_single_measures_say(shake: FloatArray) -> N
     """Angles, hulls and distances computed one by one, as the published rules do."""
     picture, world = posed(shake)
     by_name = {feature.name: value for feature, value in zip(FEATURES, features(picture, world), strict=True)}
-    palm, seen_palm = (
+    palm, observed_palm = (
         max(apart(points, Keypoint(a), Keypoint(b)) for a, b in ((5, 0), (9, 0), (17, 0), (5, 17)))
         for points in (world, picture)
     )
-    outer, inner = tip_depths(picture, OUTER_HULL, INNER_HULL) / -seen_palm
+    outer, inner = tip_depths(picture, OUTER_HULL, INNER_HULL) / -observed_palm
     for finger in Finger:
         name, tip = finger.name.lower(), TIPS[finger]
         said = {
@@ -99,7 +99,7 @@ def test_the_batch_measures_what_the_single_measures_say(shake: FloatArray) -> N
         for other in (other for other in Finger if other > finger):
             pair = f"{name}-{other.name.lower()} tips apart"
             said[pair] = apart(world, tip, TIPS[other]) / palm
-            said[f"{pair} on image"] = apart(picture, tip, TIPS[other]) / seen_palm
+            said[f"{pair} on image"] = apart(picture, tip, TIPS[other]) / observed_palm
         assert {key: by_name[key] for key in said} == pytest.approx(said, abs=1e-6)
 
 

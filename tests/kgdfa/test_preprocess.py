@@ -5,7 +5,7 @@ import pytest
 
 from kgdfa.errors import KgdfaError
 from kgdfa.preprocess import (
-    JUDGED_EVERY,
+    EVALUATED_EVERY,
     PREPARATIONS,
     AsNeeded,
     Image,
@@ -77,7 +77,7 @@ def test_a_black_picture_stays_black() -> None:
 def test_a_camera_that_becomes_grainy_is_denoised_within_ten_frames_and_no_longer_when_it_is_clear_again() -> None:
     prepare, clear, grainy = AsNeeded(), edge(2), edge(40)
     assert (prepare(clear) == clear).all()
-    last = [prepare(grainy) for _ in range(JUDGED_EVERY)][-1]
+    last = [prepare(grainy) for _ in range(EVALUATED_EVERY)][-1]
     assert (last == denoise(grainy)).all()
-    last = [prepare(clear) for _ in range(JUDGED_EVERY)][-1]
+    last = [prepare(clear) for _ in range(EVALUATED_EVERY)][-1]
     assert (last == clear).all()

@@ -29,20 +29,20 @@ PICTURE: Image = np.zeros((360, 640, 3), np.uint8)
 glances = st.builds(View, scale=st.floats(0.3, 1.0), turn_deg=st.floats(-90, 90))
 
 
-def fold(seen: list[bool]) -> list[RedetectionState]:
+def fold(observed: list[bool]) -> list[RedetectionState]:
     states = [RedetectionState()]
-    for found in seen:
+    for found in observed:
         states.append(next_state(states[-1], found=found))
     return states
 
 
 @given(st.lists(st.booleans(), max_size=40))
-def test_a_glance_changes_only_after_patience_without_a_hand(seen: list[bool]) -> None:
-    states = fold(seen)
+def test_a_glance_changes_only_after_patience_without_a_hand(observed: list[bool]) -> None:
+    states = fold(observed)
     for number, (before, now) in enumerate(pairwise(states)):
         if now.view != before.view:
             assert number + 1 >= PATIENCE_FRAMES
-            assert not any(seen[number + 1 - PATIENCE_FRAMES : number + 1])
+            assert not any(observed[number + 1 - PATIENCE_FRAMES : number + 1])
 
 
 @given(st.lists(st.booleans(), max_size=40), st.integers(1, 30))
@@ -156,11 +156,11 @@ class DiscTracker:
         white = np.argwhere(image_bgr[..., 0] > 128)
         radius_px = float(np.sqrt(len(white) / np.pi))
         if self.radius_px is None:
-            seen = 0 < radius_px < self.LARGEST * image_bgr.shape[0]
+            observed = 0 < radius_px < self.LARGEST * image_bgr.shape[0]
         else:
-            seen = abs(radius_px / self.radius_px - 1) < self.REACH
-        self.radius_px = radius_px if seen else None
-        return (disc_hand(white.mean(axis=0)[::-1], radius_px),) if seen else ()
+            observed = abs(radius_px / self.radius_px - 1) < self.REACH
+        self.radius_px = radius_px if observed else None
+        return (disc_hand(white.mean(axis=0)[::-1], radius_px),) if observed else ()
 
 
 def disc_hand(middle_px: FloatArray, radius_px: float) -> Hand:
@@ -201,14 +201,14 @@ def test_a_near_hand_that_pushes_is_shown_smaller_and_told_where_and_how_large_i
 
 def test_a_hand_that_is_not_near_is_shown_as_it_is() -> None:
     follower = DiscTracker()
-    seen: list[Image] = []
+    observed: list[Image] = []
 
     def look(image_bgr: Image, captured_ns: int) -> tuple[Hand, ...]:
-        seen.append(image_bgr)
+        observed.append(image_bgr)
         return follower.look(image_bgr, captured_ns)
 
     searcher = Redetector(look)
     picture = disc(30)
     for frame in range(4):
         searcher.detect(picture, frame)
-    assert all(image.shape == picture.shape and (image == picture).all() for image in seen)
+    assert all(image.shape == picture.shape and (image == picture).all() for image in observed)

@@ -19,10 +19,10 @@ from logs import records as r
 from logs.disk import Disk
 from logs.errors import AuditError, AuditFault
 from logs.keys import ConsoleKey, by_fingerprint
-from logs.read import Odd, find_session, outline, read, records, session_paths
+from logs.read import UnreadableLine, find_session, outline, read, records, session_paths
 from logs.report.page import report
 from logs.sanitize import sanitize_terminal
-from logs.show import Filter, Sieve, json_of, line_of, sentence
+from logs.show import Filter, RecordSelector, json_of, line_of, sentence
 from logs.verify import Evidence
 from testing.trails import write_sample
 from tests.support.audit_trails import Trail, write_session
@@ -119,7 +119,7 @@ def test_anything_can_be_shown_and_nothing_of_it_crashes(tmp_path: Path, content
     path = tmp_path / "odd.jsonl"
     path.write_bytes(content)
     for record in read(path):
-        assert isinstance(record, Odd)
+        assert isinstance(record, UnreadableLine)
         assert line_of(record, render_recorded).plain.isprintable()
     result = CliRunner().invoke(cli, ["audit", "verify", str(path)])
     assert result.exit_code in (1, 2)
@@ -154,8 +154,8 @@ def test_a_sentence_survives_what_was_not_measured() -> None:
     ],
 )
 def test_a_filter_lets_through_what_it_says(trail: Trail, wanted: Filter, kinds: set[str]) -> None:
-    sieve = Sieve(wanted)
-    passed = {record.body.__struct_config__.tag for record in records(trail.session) if sieve.passes(record)}
+    selector = RecordSelector(wanted)
+    passed = {record.body.__struct_config__.tag for record in records(trail.session) if selector.passes(record)}
     assert passed == kinds
 
 

@@ -17,7 +17,7 @@ from logs.query import ask, connect
 from logs.read import read, records
 from logs.reason import Reason
 from logs.report.page import report
-from logs.show import Filter, Sieve, line_of
+from logs.show import Filter, RecordSelector, line_of
 from logs.verify import Evidence, exit_status, verify
 
 DATA = Path(__file__).with_name("data") / "schema1"
@@ -75,8 +75,8 @@ def test_it_is_shown_in_both_languages(home: Path, language: str) -> None:
 
 
 def test_an_event_is_found_by_its_name_of_today(home: Path) -> None:
-    sieve = Sieve(Filter(event="camera-stale"))
-    kinds = [type(record.body) for record in records(home / "logs" / "whole.jsonl") if sieve.passes(record)]
+    selector = RecordSelector(Filter(event="camera-stale"))
+    kinds = [type(record.body) for record in records(home / "logs" / "whole.jsonl") if selector.passes(record)]
     assert kinds == [r.EventRaised, r.EventCleared, r.Acknowledgement]
 
 

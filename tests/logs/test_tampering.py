@@ -25,12 +25,12 @@ def scan(data: bytes, trail: Trail) -> Scan:
     return scan_stream(io.BytesIO(data), trail.keys)
 
 
-def judge(trail: Trail, path: Path | None = None) -> list[Finding]:
+def assess(trail: Trail, path: Path | None = None) -> list[Finding]:
     return verify([path or trail.folder], Evidence(keys=trail.keys, anchor=read_anchor(trail.key.folder)))
 
 
 def the_bad(trail: Trail) -> list[Finding]:
-    return [finding for finding in judge(trail) if finding.status is not Status.SOUND]
+    return [finding for finding in assess(trail) if finding.status is not Status.SOUND]
 
 
 def codes(finding: Finding) -> set[Remark]:
@@ -42,7 +42,7 @@ def lines_of(path: Path) -> list[bytes]:
 
 
 def test_an_untouched_trail_is_sound_and_proven_to_its_last_record(three: Trail) -> None:
-    findings = judge(three)
+    findings = assess(three)
     assert {finding.status for finding in findings} == {Status.SOUND}
     assert all(finding.proven == finding.records > 0 for finding in findings)
     assert exit_status(findings) == 0
@@ -106,7 +106,7 @@ def test_a_cut_tail_is_told_with_and_without_the_manifest(trail: Trail) -> None:
         assert (bad.status, bad.records) == (Status.TAMPERED, keep)
         alone = trail.folder.parent / "alone.jsonl"
         alone.write_bytes(trail.session.read_bytes())
-        (bad,) = judge(trail, alone)
+        (bad,) = assess(trail, alone)
         assert bad.status is Status.INCOMPLETE
         assert exit_status([bad]) > 0
 

@@ -40,12 +40,12 @@ def walk_course(home: Home, hand_model: Path) -> SessionResult:
 
 def test_the_hand_makes_the_legs_stand_sit_and_walk_and_the_trail_verifies(home: Home, hand_model: Path) -> None:
     result = walk_course(home, hand_model)
-    assert [trial.reason for trial in result.attempts if not (trial.ok or trial.interrupted)] == []
-    assert [trial.reason for trial in result.last_of(COURSE) if not trial.ok] == []
+    assert [attempt.reason for attempt in result.attempts if not (attempt.ok or attempt.interrupted)] == []
+    assert [attempt.reason for attempt in result.last_of(COURSE) if not attempt.ok] == []
     assert result.unintended == 0
     assert result.audit_verified, result.audit_detail
     assert result.passed(COURSE)
-    assert all(trial.response_from_release_ms is not None for trial in result.last_of(COURSE))
+    assert all(attempt.response_from_release_ms is not None for attempt in result.last_of(COURSE))
 
 
 @pytest.mark.parametrize("victim", ["perception", "planner", "guardian", "audit", "control"])

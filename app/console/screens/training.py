@@ -31,7 +31,7 @@ class Lesson:
     """How far the learner is; `done` counts lessons, each ends with a released push of its gesture."""
 
     done: int = 0
-    releases_seen: int | None = None
+    releases_before: int | None = None
 
     @property
     def target(self) -> Gesture | None:
@@ -41,10 +41,10 @@ class Lesson:
 
 def advance(lesson: Lesson, report: TriggerReport) -> Lesson:
     """The lesson after a report: a new release of the wanted gesture completes it."""
-    if lesson.releases_seen is None or report.release_count < lesson.releases_seen:
-        return replace(lesson, releases_seen=report.release_count)
-    learnt = report.release_count > lesson.releases_seen and report.released_gesture is lesson.target
-    return Lesson(done=lesson.done + learnt, releases_seen=report.release_count)
+    if lesson.releases_before is None or report.release_count < lesson.releases_before:
+        return replace(lesson, releases_before=report.release_count)
+    learnt = report.release_count > lesson.releases_before and report.released_gesture is lesson.target
+    return Lesson(done=lesson.done + learnt, releases_before=report.release_count)
 
 
 def feedback(lesson: Lesson, report: TriggerReport | None) -> Lines:

@@ -147,7 +147,7 @@ def zone_words(zone: PressZone, threshold_m: float) -> str:
     if not zone.possible:
         return tr("distance.zone_impossible", near=f"{zone.followed_from_m * 100:.0f}")
     near, proposed = f"{zone.followed_from_m * 100:.0f}", f"{zone.threshold_m * 100:.0f}"
-    words = tr("distance.zone", near=near, far=f"{zone.seen_to_m * 100:.0f}")
+    words = tr("distance.zone", near=near, far=f"{zone.visible_to_m * 100:.0f}")
     return words if zone.fits(threshold_m) else f"{words} · {tr('distance.proposed', cm=proposed)}"
 
 

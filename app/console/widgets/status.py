@@ -36,8 +36,8 @@ def status_line(state: SessionState) -> Lines:
         parts.append((f" {tr(snapshot.effect).upper()} ", EFFECT_STYLES[Effect.DAMP]))
     if not state.snapshot_fresh:
         parts.append((f" {tr('status.silent')} ", EFFECT_STYLES[Effect.DAMP]))
-    if snapshot.stop_seen_ns and snapshot.stop_command_ns:
-        took_ms = (snapshot.stop_command_ns - snapshot.stop_seen_ns) / 1e6
+    if snapshot.stop_received_ns and snapshot.stop_command_ns:
+        took_ms = (snapshot.stop_command_ns - snapshot.stop_received_ns) / 1e6
         parts.append((f" {tr('status.stop_took', ms=f'{took_ms:.0f}')}", "$text-muted"))
     return (tuple(parts),)
 
@@ -66,11 +66,11 @@ def event_lines(state: SessionState) -> Lines:
 def _line(event: ActiveEvent, now_ns: int) -> Line:
     settled = event.acknowledged and not event.present  # what is still there still acts, seen or not
     style = "$text-muted" if settled else EFFECT_STYLES[event.effect]
-    seen = "✓" if settled else EFFECT_MARKS[event.effect]
+    observed = "✓" if settled else EFFECT_MARKS[event.effect]
     gone = "" if event.present else tr("events.gone")
     age = f"{max(0, now_ns - event.since_ns) // 1_000_000_000} s"
     return (
-        (f"{seen} {tr(event.effect)} ", style),
+        (f"{observed} {tr(event.effect)} ", style),
         (render(event.reason), ""),
         (f" {gone}{age}", "$text-muted"),
     )

@@ -277,23 +277,23 @@ def _member(
     labels, weights = examples.labels, examples.weights
     random = np.random.default_rng(seed)
     drawn = random.choice(len(labels), len(labels), p=weights / weights.sum())
-    seen = normalized[drawn] * (random.random(normalized.shape) >= DROPOUT)
+    observed = normalized[drawn] * (random.random(normalized.shape) >= DROPOUT)
     wanted = np.array([classes.index(label) for label in labels[drawn]])
     noisy = random.random(len(wanted)) < WRONG_LABELS
     wanted[noisy] = random.integers(len(classes), size=int(noisy.sum()))
     missing = sorted(set(range(len(classes))) - set(wanted))
     if missing:  # a class so rare that it was never drawn: show it once
         first = [int(np.flatnonzero(labels == classes[k])[0]) for k in missing]
-        seen, wanted = np.vstack([seen, normalized[first]]), np.concatenate([wanted, missing])
+        observed, wanted = np.vstack([observed, normalized[first]]), np.concatenate([wanted, missing])
     from sklearn.neural_network import MLPClassifier
 
     net = MLPClassifier((HIDDEN,), alpha=PENALTY, max_iter=EPOCHS, batch_size=256, random_state=seed)
     net.n_iter_no_change = EPOCHS
-    _fit_quietly(net, seen, wanted)
+    _fit_quietly(net, observed, wanted)
     return net
 
 
-def _fit_quietly(net: MLPClassifier, seen: NDArray[np.float32], wanted: NDArray[np.int64]) -> None:
+def _fit_quietly(net: MLPClassifier, observed: NDArray[np.float32], wanted: NDArray[np.int64]) -> None:
     """The number of epochs is fixed: sklearn warns of it."""
     import warnings
 
@@ -301,7 +301,7 @@ def _fit_quietly(net: MLPClassifier, seen: NDArray[np.float32], wanted: NDArray[
 
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ConvergenceWarning)
-        net.fit(seen, wanted)
+        net.fit(observed, wanted)
 
 
 def choose_thresholds(labels: NDArray[np.str_], chances: FloatArray, weights: FloatArray | None = None) -> FloatArray:

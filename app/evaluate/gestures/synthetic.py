@@ -139,7 +139,7 @@ class HandSynthesizer:
                 self._set(shape, finger, self._segment(finger, wanted))
         if self._random.random() < RESPLAYED:
             self._splay(shape, states, self._random.uniform(0, 1.2))
-        return self._seen(shape, base)
+        return self._observed(shape, base)
 
     def _splay(self, shape: FloatArray, states: str, share: float) -> None:
         """Bring straight fingers together or spread them: 0 lays them side by side, 1 leaves them as they are."""
@@ -157,14 +157,14 @@ class HandSynthesizer:
         other = self._segment(0, "f" if states[0] == "o" else "o")
         share = self._random.uniform(0.40, 0.65)
         self._set(shape, 0, (1 - share) * (shape[_CHAINS[0]] - shape[_ROOTS[0]]) + share * other)
-        return self._seen(shape, base)
+        return self._observed(shape, base)
 
     def _pinched(self) -> FloatArray:
         base = self._any(self._of_label[PINCHED])
         shape = self._shapes[base].copy()
         for finger in (3, 4):
             self._set(shape, finger, self._segment(finger, "f"))
-        return self._seen(shape, base)
+        return self._observed(shape, base)
 
     def _thumb_beside_fist(self) -> tuple[FloatArray, str]:
         """A real fist with an open thumb laid beside it: a 0 when its tip stays at the fingers' joints, none when it
@@ -178,9 +178,9 @@ class HandSynthesizer:
             beyond = shape[_THUMB_TIP, 0] - shape[_MIDDLE_JOINTS, 0].max()
             aside = shape[_THUMB_TIP, 1] - shape[_MIDDLE_JOINTS[0], 1]
             if beyond >= STANDS_OUT or aside >= STANDS_ASIDE:
-                return self._seen(shape, base), SYNTHETIC_NONE
+                return self._observed(shape, base), SYNTHETIC_NONE
             if beyond <= STAYS_IN and aside <= STAYS_BESIDE:
-                return self._seen(shape, base), "0"
+                return self._observed(shape, base), "0"
 
     def _thumb_along(self) -> FloatArray:
         """An open thumb turned along the fingers, and mostly drawn some way to where a folded one lies."""
@@ -207,7 +207,7 @@ class HandSynthesizer:
     def _set(self, shape: FloatArray, finger: int, segment: FloatArray) -> None:
         shape[_CHAINS[finger]] = shape[_ROOTS[finger]] + segment
 
-    def _seen(self, shape: FloatArray, base: int) -> FloatArray:
+    def _observed(self, shape: FloatArray, base: int) -> FloatArray:
         """The features of a synthetic hand before the camera of its base, turned a little and with noise."""
         turn = _rotation(self._random.normal(0, VIEW_SD_RAD, 3))
         world = shape @ self._axes[base] @ turn.T + self._random.normal(0, NOISE_PALMS, shape.shape)

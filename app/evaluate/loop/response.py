@@ -85,7 +85,7 @@ class ResponseResult:
     gave_up: Reason | None = None
 
     @property
-    def trials(self) -> tuple[Attempt, ...]:
+    def attempts(self) -> tuple[Attempt, ...]:
         """Every trial of every session."""
         return tuple(chain.from_iterable(session.attempts for session in self.sessions))
 
@@ -96,20 +96,20 @@ class ResponseResult:
 
     def of(self, gesture: Gesture) -> tuple[Attempt, ...]:
         """The trials of one gesture."""
-        return tuple(trial for trial in self.trials if trial.gesture is gesture)
+        return tuple(attempt for attempt in self.attempts if attempt.gesture is gesture)
 
     def failures(self) -> Counter[tuple[str, str]]:
         """How often which gesture failed for which reason."""
         return Counter(
-            (trial.gesture.value, render(trial.reason) if trial.reason else "–")
-            for trial in self.trials
-            if not trial.ok
+            (attempt.gesture.value, render(attempt.reason) if attempt.reason else "–")
+            for attempt in self.attempts
+            if not attempt.ok
         )
 
     def as_json(self) -> dict[str, Any]:
         """As `--json` writes it; times in seconds, from recognition and from release."""
         return {
-            **_figures(self.trials),
+            **_figures(self.attempts),
             "unintended": self.unintended,
             "audit_verified": all(session.audit_verified for session in self.sessions),
             "sessions": len(self.sessions),
@@ -125,36 +125,36 @@ class ResponseResult:
 
 @dataclass(slots=True)
 class Rounds:
-    """One hand's rounds that are still to be made; `carry_out` makes them while the session lasts."""
+    """One hand's rounds that are still to be made; `run_attempts` makes them while the session lasts."""
 
     left: int
     interrupted: bool = field(default=False)
 
-    def carry_out(self, runner: Runner, course: Sequence[Step]) -> list[Attempt]:
+    def run_attempts(self, runner: Runner, scenario: Sequence[Step]) -> list[Attempt]:
         """Rounds of the course until none is left, one can't go on, or the operator interrupts."""
-        trials: list[Attempt] = []
+        attempts: list[Attempt] = []
         try:
             while self.left:
-                trials.extend(_round(runner, course))
-                if not (trials[-1].ok and trials[-1].gesture is course[-1].gesture):
+                attempts.extend(_round(runner, scenario))
+                if not (attempts[-1].ok and attempts[-1].gesture is scenario[-1].gesture):
                     break
                 self.left -= 1
                 if self.left and not runner.power_off():
                     break
         except KeyboardInterrupt:
             self.interrupted = True
-        return trials
+        return attempts
 
 
 def evaluate_response(
-    home: Home, base: Config, *, trials: int, seeds: Sequence[int], click_s: float, watch: Watch
+    home: Home, base: Config, *, attempts: int, seeds: Sequence[int], click_s: float, watch: Watch
 ) -> ResponseResult:
-    """At least `trials` of every gesture, shared among the hands of the seeds.
+    """At least `attempts` of every gesture, shared among the hands of the seeds.
 
     It ends with what there is on Ctrl-C, and when sessions one after the other can't make a round.
     """
     sessions: list[SessionResult] = []
-    for seed, rounds in shared(trials, seeds):
+    for seed, rounds in shared(attempts, seeds):
         config, fruitless = demo_config(base, seed=seed, joints=base.joints), 0
         while rounds.left and not rounds.interrupted:
             before = rounds.left
@@ -167,10 +167,10 @@ def evaluate_response(
     return ResponseResult(sessions=tuple(sessions))
 
 
-def shared(trials: int, seeds: Sequence[int]) -> Iterator[tuple[int, Rounds]]:
+def shared(attempts: int, seeds: Sequence[int]) -> Iterator[tuple[int, Rounds]]:
     """Each hand with its rounds, as even as can be."""
     for number, seed in enumerate(seeds):
-        yield seed, Rounds(trials // len(seeds) + (number < trials % len(seeds)))
+        yield seed, Rounds(attempts // len(seeds) + (number < attempts % len(seeds)))
 
 
 def wearer(seed: int) -> Profile:
@@ -182,17 +182,17 @@ def response_table(result: ResponseResult) -> Table:
     """Ours beside the paper's, a row a gesture."""
     rows = []
     for gesture, (paper_success, paper_response) in PAPER.items():
-        trials = result.of(gesture)
+        attempts = result.of(gesture)
         rows.append(
             (
                 gesture.value,
-                len(trials),
-                f"{100 * success(trials):.2f}" if trials else "–",
+                len(attempts),
+                f"{100 * success(attempts):.2f}" if attempts else "–",
                 f"{paper_success:.2f}",
-                _seconds(spread(t.response_from_recognition_ms for t in trials)),
-                _seconds(spread(t.visible_from_recognition_ms for t in trials)),
+                _seconds(spread(t.response_from_recognition_ms for t in attempts)),
+                _seconds(spread(t.visible_from_recognition_ms for t in attempts)),
                 f"{paper_response:.2f}",
-                _median(spread(t.response_from_release_ms for t in trials)),
+                _median(spread(t.response_from_release_ms for t in attempts)),
             )
         )
     columns = "gesture attempts success paper recognition_to_command_s to_visible_s paper release_to_command_ms"
@@ -240,20 +240,20 @@ def _session(home: Home, config: Config, rounds: Rounds, click_s: float, watch: 
         approach_m=APPROACH_M,
         watch=watch,
         patient=wearer(config.camera.seed),
-        carry_out=rounds.carry_out,
+        run_attempts=rounds.run_attempts,
     )
 
 
-def _round(runner: Runner, course: Sequence[Step]) -> Iterator[Attempt]:
+def _round(runner: Runner, scenario: Sequence[Step]) -> Iterator[Attempt]:
     """Every trial of one round; ends early where a transition can't be made."""
-    for leg in course:
+    for leg in scenario:
         for _ in range(ATTEMPTS):
-            trial = runner.run(leg)
-            yield trial
+            attempt = runner.run(leg)
+            yield attempt
             runner.relax()
-            if trial.ok or ACTION_OF[leg.gesture] not in runner.allowed:
+            if attempt.ok or ACTION_OF[leg.gesture] not in runner.allowed:
                 break
-        if not trial.ok:
+        if not attempt.ok:
             return
 
 
@@ -262,13 +262,13 @@ def _no_round(seed: int, session: SessionResult) -> Reason:
     return reason(EvaluateFault.NO_ROUND, seed=seed, sessions=FRUITLESS_SESSIONS, reason=last, session=session.session)
 
 
-def _figures(trials: Sequence[Attempt]) -> dict[str, Any]:
-    recognition = spread(trial.response_from_recognition_ms for trial in trials)
-    visible = spread(trial.visible_from_recognition_ms for trial in trials)
-    release = spread(trial.response_from_release_ms for trial in trials)
+def _figures(attempts: Sequence[Attempt]) -> dict[str, Any]:
+    recognition = spread(attempt.response_from_recognition_ms for attempt in attempts)
+    visible = spread(attempt.visible_from_recognition_ms for attempt in attempts)
+    release = spread(attempt.response_from_release_ms for attempt in attempts)
     return {
-        "trials": len(trials),
-        "success": round(success(trials), 4) if trials else None,
+        "trials": len(attempts),
+        "success": round(success(attempts), 4) if attempts else None,
         "response_s": None if recognition is None else round(recognition.mean / 1e3, 4),
         "visible_s": None if visible is None else round(visible.mean / 1e3, 4),
         "release_to_command_ms": None

@@ -186,7 +186,7 @@ def measure_throughput(directory: Path | None, count: int, model: Path, workers:
         barrier = manager.Barrier(workers)
         futures = [pool.submit(_run, directory, count, model, barrier) for _ in range(workers)]
         runs = [future.result() for future in futures]
-    frames = sum(seen for seen, _, _ in runs)
+    frames = sum(observed for observed, _, _ in runs)
     spent_s = max(end for _, _, end in runs) - min(start for _, start, _ in runs)
     return Throughput(workers=workers, frames=frames, fps=frames / spent_s)
 

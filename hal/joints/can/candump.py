@@ -179,7 +179,7 @@ class BusRecorder:
             raise
         for bus in self._buses:
             _widen(bus)
-        self._writers = [can.CanutilsLogWriter(self._file, channel=_plain(bus.channel)) for bus in device.buses]
+        self._writers = [can.CanutilsLogWriter(self._file, channel=_file_channel(bus.channel)) for bus in device.buses]
 
     def run(self, stopped: Callable[[], bool]) -> None:
         """Record until stopped."""
@@ -210,7 +210,7 @@ class BusRecorder:
             self.frames += 1
 
 
-def _plain(channel: str) -> str:
+def _file_channel(channel: str) -> str:
     """A channel's name without what can-utils can't read in one."""
     return "".join(letter if letter.isalnum() else "_" for letter in channel)[:15] or "can"
 

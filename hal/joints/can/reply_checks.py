@@ -39,7 +39,7 @@ class RequestTracker:
         return self.overdue - self.late
 
     @property
-    def under_way(self) -> int:
+    def in_flight(self) -> int:
         """Commands whose time is not over yet."""
         return len(self._pending)
 

@@ -14,7 +14,7 @@ from hal.joints.motors import MotorModel
 
 HOST_ID = 0xFD  # the manual's example; any drive answers to whoever asked
 _BITS = (16, 16, 16, 16, 16)
-_WORDS = struct.Struct(">HHHH")
+_FIELDS = struct.Struct(">HHHH")
 _RUN_MODE = 2
 TIMEOUT_PARAMETER = 0x200C  # CAN_TIMEOUT, in 50 µs; 0 = off, the default
 POSITION_PARAMETER = 0x7019
@@ -86,7 +86,7 @@ class CyberGearCodec:
     def command(self, drive_id: int, target: SetPoint) -> Frame:
         """Type 1: the torque rides in the identifier."""
         p, v, kp, kd, t = self._scales.to_wire(target)
-        return Frame(pack_identifier(Kind.CONTROL, t, drive_id), _WORDS.pack(p, v, kp, kd), extended=True)
+        return Frame(pack_identifier(Kind.CONTROL, t, drive_id), _FIELDS.pack(p, v, kp, kd), extended=True)
 
     def order(self, drive_id: int, order: Order) -> tuple[Frame, ...]:
         """The frames of an order; enabling chooses the MIT law first."""
@@ -104,7 +104,7 @@ class CyberGearCodec:
         kind, field, _ = unpack_identifier(frame.arbitration_id)
         if not frame.extended or kind != Kind.FEEDBACK or len(frame.data) != 8:
             return None
-        p, v, t, warmth = _WORDS.unpack(frame.data)
+        p, v, t, warmth = _FIELDS.unpack(frame.data)
         return Reply(
             field & 0xFF,
             self._scales.position.to_value(p),
@@ -121,7 +121,7 @@ class CyberGearCodec:
         if not frame.extended or target != drive_id or len(frame.data) != 8:
             return None
         if kind == Kind.CONTROL:
-            p, v, kp, kd = _WORDS.unpack(frame.data)
+            p, v, kp, kd = _FIELDS.unpack(frame.data)
             return self._scales.to_value(p, v, kp, kd, field)
         if kind == Kind.EMERGENCY_STOP:
             return Order.DISABLE
@@ -135,7 +135,7 @@ class CyberGearCodec:
         """Type 2; `error_code` holds the six fault bits, `reply_id` the host."""
         mode = _RUN_MODE if state.enabled else 0
         field = (mode << 14) | ((error_code & 0x3F) << 8) | (state.drive_id & 0xFF)
-        data = _WORDS.pack(
+        data = _FIELDS.pack(
             self._scales.position.to_wire(state.position_rad),
             self._scales.velocity.to_wire(state.velocity_rad_s),
             self._scales.torque.to_wire(state.torque_nm),

@@ -99,12 +99,12 @@ class SimulatedJoints:
     def write(self, command: JointCommand, now_ns: int) -> None:  # noqa: ARG002 - the tick is the time here
         """One tick of physics under this command; without power the wearer hangs in the harness."""
         powered = self._state is DriveState.ENABLED
-        posture = None
+        pose = None
         if powered and command.stiffness_nm_rad.any() and np.isfinite(command.position_rad).all():
-            posture = ReferencePose(self.wearer.body, command.position_rad, command.velocity_rad_s)
+            pose = ReferencePose(self.wearer.body, command.position_rad, command.velocity_rad_s)
         for _ in range(SUBSTEPS):
             self._torque = self._drives(command) if powered else [0.0] * 4
-            self.wearer.advance(self._at_joint(self._torque), posture)
+            self.wearer.advance(self._at_joint(self._torque), pose)
             self._square += np.square(self._torque)
         self._ticks += 1
         if self._ticks % THERMAL_TICKS == 0:

@@ -115,7 +115,7 @@ class Wearer:
         self._pelvis = model.geom("pelvis").id
         self._obstacles = {model.geom(f"obstacle{number}").id for number in range(OBSTACLES)}
         self.weight_n = float(model.body_subtreemass[model.body("trunk").id]) * 9.81
-        self._carried_n = body.body_weight_support * self.weight_n
+        self._supported_n = body.body_weight_support * self.weight_n
         self._reel_m: float | None = None
         self._slack_s = 0.0
         self._pose = ReferencePose(body, np.zeros(4), np.zeros(4))
@@ -155,18 +155,18 @@ class Wearer:
                 block = blocks[number] if number < len(blocks) else _HIDDEN
                 self._put(f"{name}{number}", block)
 
-    def advance(self, torque_nm: Sequence[float], posture: ReferencePose | None) -> None:
+    def advance(self, torque_nm: Sequence[float], pose: ReferencePose | None) -> None:
         """One step of physics; without a commanded posture the arms keep the lean there was and hold no place."""
         data, forces = self._data, self._forces
-        if posture is not None:
-            self._pose = posture
+        if pose is not None:
+            self._pose = pose
         forces[self._v] = torque_nm
         forces[self._ankle_v] = [_ankle_spring(angle) for angle in data.qpos[self._ankle_q].tolist()]
-        self.harness_n = self._carried_n + self._reel()
+        self.harness_n = self._supported_n + self._reel()
         lean = self._pose.lean_rad
         pitch, turning = float(data.qpos[2]), float(data.qvel[2])
         self.balance_nm = BALANCE_NM_RAD * (lean - pitch) - BALANCE_NM_S_RAD * turning
-        self.hold_n = 0.0 if posture is None else self._hold(posture)
+        self.hold_n = 0.0 if pose is None else self._hold(pose)
         forces[:3] = self.hold_n, self.harness_n, self.balance_nm
         data.qfrc_applied[:] = forces
         mujoco.mj_step(self._model, data)
@@ -204,7 +204,7 @@ class Wearer:
             struck=struck,
         )
 
-    def _hold(self, posture: ReferencePose) -> float:
+    def _hold(self, pose: ReferencePose) -> float:
         """The arms' horizontal force towards where the commanded posture has the hip over the standing feet."""
         touching = self._data.contact.geom.ravel().tolist()
         left, right = self._feet[0] in touching, self._feet[1] in touching
@@ -213,8 +213,8 @@ class Wearer:
             self._on_left += (wanted - self._on_left) * (TIMESTEP_S / SHIFT_S)
         on_left, on_right = self._on_left, 1 - self._on_left
         feet = self._data.xpos[self._ankle_bodies, 0].tolist()
-        place = on_left * (feet[0] - posture.ankle_x_m[0]) + on_right * (feet[1] - posture.ankle_x_m[1])
-        speed = -on_left * posture.ankle_speed_m_s[0] - on_right * posture.ankle_speed_m_s[1]
+        place = on_left * (feet[0] - pose.ankle_x_m[0]) + on_right * (feet[1] - pose.ankle_x_m[1])
+        speed = -on_left * pose.ankle_speed_m_s[0] - on_right * pose.ankle_speed_m_s[1]
         at, moving = float(self._data.qpos[0]), float(self._data.qvel[0])
         force = HOLD_N_M * (place - at) + HOLD_N_S_M * (speed - moving)
         held: float = min(max(force, -HOLD_MOST_N), HOLD_MOST_N)

@@ -117,7 +117,7 @@ async def test_the_threshold_that_suits_the_camera_is_one_key_away(console: Open
     zone = PressZone(
         followed_from_m=0.21,
         whole_from_m=0.25,
-        seen_to_m=1.4,
+        visible_to_m=1.4,
         threshold_m=0.28,
         rest_beyond_m=0.34,
     )

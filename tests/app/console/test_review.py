@@ -70,17 +70,17 @@ def test_every_moment_is_told_by_the_records_before_it(session: ReviewedSession)
 
 def test_jumps_stop_at_landmarks_and_come_back(session: ReviewedSession) -> None:
     index = session.landmark_after(0)
-    seen = []
+    observed = []
     while index is not None:
-        seen.append(index)
+        observed.append(index)
         index = session.landmark_after(index)
     back = session.landmark_before(len(session))
-    for expected in reversed(seen):
+    for expected in reversed(observed):
         assert back == expected
         back = session.landmark_before(back)
     assert back is None
     raised = [i for i in range(len(session)) if isinstance(getattr(session.record(i), "body", None), EventRaised)]
-    assert set(raised) <= set(seen)
+    assert set(raised) <= set(observed)
 
 
 def test_lines_that_are_no_records_are_shown_as_such(tmp_path: Path) -> None:

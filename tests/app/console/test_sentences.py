@@ -31,16 +31,16 @@ def _report(**more: object) -> TriggerReport:
 
 
 def test_a_hint_stays_to_be_read_until_time_or_a_press_wipes_it_out() -> None:
-    seen = note(NOTHING_PUSHED, _report(), 0)
-    told = note(seen, _report(press_hint=PUSH), 10)
+    observed = note(NOTHING_PUSHED, _report(), 0)
+    told = note(observed, _report(press_hint=PUSH), 10)
     assert note(told, _report(), READABLE_NS).said == render(PUSH)
     assert note(told, _report(), READABLE_NS + 11).said == ""
     assert note(told, _report(pressed=True), 20).said == ""
 
 
 def test_a_cancel_is_told_once_and_an_old_one_of_before_is_not() -> None:
-    seen = note(NOTHING_PUSHED, _report(cancel_count=3, cancel_reason=LOST), 0)
-    assert seen.said == ""
-    told = note(seen, _report(cancel_count=4, cancel_reason=LOST), 10)
+    observed = note(NOTHING_PUSHED, _report(cancel_count=3, cancel_reason=LOST), 0)
+    assert observed.said == ""
+    told = note(observed, _report(cancel_count=4, cancel_reason=LOST), 10)
     assert (told.said, told.cancelled) == (render(LOST), True)
     assert note(told, _report(cancel_count=4, cancel_reason=LOST), READABLE_NS + 20).said == ""

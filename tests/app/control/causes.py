@@ -201,6 +201,6 @@ def rig_with(event: Event) -> Rig:
     return rig
 
 
-def seen(rig: Rig, event: Event) -> list[records.EventRaised]:
+def observed(rig: Rig, event: Event) -> list[records.EventRaised]:
     """The trail's records of it."""
     return [body for body in rig.audit if isinstance(body, records.EventRaised) and body.event == event.value]

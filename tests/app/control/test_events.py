@@ -15,7 +15,7 @@ from hal.joints.protocol import BusFault, DriveFault
 from kgdfa.gesture import Gesture
 from logs import records
 from logs.reason import Reason
-from tests.app.control.causes import CAUSES, Cause, E, fault, names_in, rig_with, seen
+from tests.app.control.causes import CAUSES, Cause, E, fault, names_in, observed, rig_with
 from tests.app.control.moments import moving, standing
 from tests.app.control.rig import Rig
 
@@ -30,7 +30,7 @@ def test_the_event_happens_with_its_effect_and_is_told(event: Event) -> None:
     rig = rig_with(event)
     row = ROW[event]
     assert rig.state is not None
-    raised = seen(rig, event)
+    raised = observed(rig, event)
     assert raised, rig.events()
     assert raised[0].effect == row.effect.name.lower()
     at_its_time = [state for state, _ in rig.history if any(one.event is event for one in state.events)]

@@ -99,7 +99,7 @@ class Legs:
         self.drives.stage_scene(action)
         self.motion = follower.start_plan(self.motion, made)
 
-    def carry_out(self, action: Action) -> None:
+    def run_attempts(self, action: Action) -> None:
         """To its end, in the pose of the state that it leads to; of a walk the first step."""
         self.begin(action)
         while not self.motion.arrived:
@@ -138,10 +138,10 @@ def test_from_the_middle_of_anything_there_is_a_way_back(action: Action, phase: 
 def test_gesture_0_leads_back_and_the_next_action_works(action: Action, progress: float, after: Action) -> None:
     legs = Legs()
     legs.stop_at(action, progress)
-    legs.carry_out(A.INITIALISE)
+    legs.run_attempts(A.INITIALISE)
     ankles = legs.joints.ground_truth().ankle_m
     assert abs(ankles[0, 1] - ankles[1, 1]) < LEVEL_M
-    legs.carry_out(after)
+    legs.run_attempts(after)
 
 
 @pytest.mark.parametrize(

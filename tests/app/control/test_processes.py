@@ -71,7 +71,7 @@ def test_a_session_stands_walks_stops_and_ends_without_leaving_anybody(session: 
     held = session.until(lambda s: s.stop_command_ns > 0 and s.action is None, "hold")
     assert held.effect >= Effect.HOLD
     assert held.state is GaitState.BETWEEN
-    assert held.stop_command_ns >= held.stop_seen_ns > 0
+    assert held.stop_command_ns >= held.stop_received_ns > 0
     assert session.stand().state is GaitState.STANDING
     session.finish()
     session.until_ended(*EVERYBODY)

@@ -158,11 +158,11 @@ def test_a_stop_never_grows_old_but_a_key_does() -> None:
 
 def test_the_moment_of_a_stop_and_of_its_command_are_told() -> None:
     rig = moving()
-    assert (now(rig).stop_seen_ns, now(rig).stop_command_ns) == (0, 0)
+    assert (now(rig).stop_received_ns, now(rig).stop_command_ns) == (0, 0)
     rig.send(K.STOP)
     seen_ns = rig.now_ns + 2_000_000
     rig.tick(2)
-    assert now(rig).stop_seen_ns == seen_ns
+    assert now(rig).stop_received_ns == seen_ns
     assert now(rig).stop_command_ns == seen_ns + 1_000_000
     rig.tick(20)
     assert now(rig).stop_command_ns == seen_ns + 1_000_000, "of the first command after it"

@@ -31,7 +31,7 @@ def test_latest_keeps_only_the_newest(tmp_path: Path) -> None:
     where = address(tmp_path, "x")
     sender, receiver = Publisher(where), LatestReceiver(where, Heartbeat)
     try:
-        seen: list[int] = []
+        observed: list[int] = []
 
         def connected() -> bool:
             sender.send(beat(1))
@@ -43,11 +43,11 @@ def test_latest_keeps_only_the_newest(tmp_path: Path) -> None:
 
         def drained() -> bool:
             message = receiver.receive(0.01)
-            seen.extend([message.at_ns] if message else [])
-            return bool(seen) and seen[-1] == 199
+            observed.extend([message.at_ns] if message else [])
+            return bool(observed) and observed[-1] == 199
 
         assert until(drained)
-        assert seen == sorted(seen)
+        assert observed == sorted(observed)
         assert receiver.receive() is None
     finally:
         sender.close()

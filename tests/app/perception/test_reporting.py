@@ -84,7 +84,7 @@ def test_rate_of_too_few_frames_is_zero() -> None:
 
 
 def test_the_message_tells_where_a_press_works_with_a_hand_and_without() -> None:
-    zone = PressZone(followed_from_m=0.13, whole_from_m=0.18, seen_to_m=1.6, threshold_m=0.2, rest_beyond_m=0.24)
+    zone = PressZone(followed_from_m=0.13, whole_from_m=0.18, visible_to_m=1.6, threshold_m=0.2, rest_beyond_m=0.24)
     around = replace(AROUND, press_zone=zone)
     assert to_message(REPORT, around, captured_ns=5).press_zone == zone
     assert to_message(None, around, captured_ns=5).press_zone == zone

@@ -28,12 +28,12 @@ def test_the_newest_value_is_given_once() -> None:
     for value in (1, 2, 3):
         values.put(value)
     assert taken.wait(10)
-    seen: list[int] = []
-    while not seen or seen[-1] != 3:
+    observed: list[int] = []
+    while not observed or observed[-1] != 3:
         got = newest.take(1.0)
         if got is not None:
-            seen.append(got)
-    assert seen == sorted(set(seen))
+            observed.append(got)
+    assert observed == sorted(set(observed))
     assert newest.take(0.0) is None
     values.put(4)
     newest.stop()

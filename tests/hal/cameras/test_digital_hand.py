@@ -193,10 +193,10 @@ def test_what_does_not_exist_is_refused_by_name() -> None:
 def test_any_place_renders_a_whole_picture(
     pose: str, x: float, y: float, z: float, turn: tuple[float, float, float]
 ) -> None:
-    seen = render(posed(pose, lens=LENS, position_m=(x, y, z), turn_rad=turn), depth=True)
-    assert seen.image_bgr.shape == (180, 320, 3)
-    assert seen.surface_m is not None
-    assert np.isfinite(seen.surface_m).all()
+    observed = render(posed(pose, lens=LENS, position_m=(x, y, z), turn_rad=turn), depth=True)
+    assert observed.image_bgr.shape == (180, 320, 3)
+    assert observed.surface_m is not None
+    assert np.isfinite(observed.surface_m).all()
 
 
 def scene_depth(distance_m: float) -> tuple[np.ndarray, np.ndarray]:

@@ -48,9 +48,9 @@ def test_without_undefined_hands_every_gesture_keeps_its_best_f1() -> None:
 
 
 def test_a_rare_confusion_raises_no_threshold_but_an_undefined_hand_does() -> None:
-    seen = (("1", ONE, 0.8, 300), ("5", ONE, 0.5, 2))
-    assert choose_thresholds(*hands(*seen))[ONE] == CANDIDATES[0]
-    assert choose_thresholds(*hands(*seen, ("none:ok", ONE, 0.5, 5)))[ONE] > 0.5
+    observed = (("1", ONE, 0.8, 300), ("5", ONE, 0.5, 2))
+    assert choose_thresholds(*hands(*observed))[ONE] == CANDIDATES[0]
+    assert choose_thresholds(*hands(*observed, ("none:ok", ONE, 0.5, 5)))[ONE] > 0.5
 
 
 def test_a_hand_that_counts_for_three_holds_the_threshold_down_as_three_would() -> None:

@@ -36,7 +36,7 @@ class Hand:
         ok = self.decide(self.made, leg)
         self.made += 1
         self.allowed = () if self.moved_anyway else (ACTION_OF[leg.gesture],)
-        return trial(leg.gesture, ok=ok)
+        return attempt(leg.gesture, ok=ok)
 
     def relax(self) -> None:
         pass
@@ -46,7 +46,7 @@ class Hand:
         return self.can_power_off
 
 
-def trial(gesture: Gesture, *, ok: bool = True, why: Enum = PressHint.PUSH_STEADILY) -> Attempt:
+def attempt(gesture: Gesture, *, ok: bool = True, why: Enum = PressHint.PUSH_STEADILY) -> Attempt:
     report = ActionReport(
         number=1,
         action=ACTION_OF[gesture],
@@ -69,43 +69,43 @@ def trial(gesture: Gesture, *, ok: bool = True, why: Enum = PressHint.PUSH_STEAD
     )
 
 
-def result_of(*trials: Attempt) -> ResponseResult:
-    return ResponseResult(sessions=(session_of(trials),))
+def result_of(*attempts: Attempt) -> ResponseResult:
+    return ResponseResult(sessions=(session_of(attempts),))
 
 
 def test_every_round_powers_the_legs_anew_and_makes_all_twelve() -> None:
     hand, rounds = Hand(lambda _, __: True), Rounds(3)
-    trials = rounds.carry_out(hand, ALL_TWELVE)
-    assert [one.gesture for one in trials] == [leg.gesture for leg in ALL_TWELVE] * 3
+    attempts = rounds.run_attempts(hand, ALL_TWELVE)
+    assert [one.gesture for one in attempts] == [leg.gesture for leg in ALL_TWELVE] * 3
     assert rounds.left == 0
     assert hand.powered_off == 2, "between rounds, not after the last"
 
 
 def test_a_trial_that_did_nothing_counts_and_is_made_again() -> None:
-    trials = Rounds(1).carry_out(Hand(lambda made, _: made != 4), ALL_TWELVE)
-    assert len(trials) == 13
-    assert [one.gesture for one in trials if not one.ok] == [ALL_TWELVE[4].gesture]
-    assert result_of(*trials).as_json()["success"] == pytest.approx(12 / 13, abs=1e-4)
+    attempts = Rounds(1).run_attempts(Hand(lambda made, _: made != 4), ALL_TWELVE)
+    assert len(attempts) == 13
+    assert [one.gesture for one in attempts if not one.ok] == [ALL_TWELVE[4].gesture]
+    assert result_of(*attempts).as_json()["success"] == pytest.approx(12 / 13, abs=1e-4)
 
 
 def test_a_transition_that_never_works_ends_the_session_with_the_round_unmade() -> None:
     rounds = Rounds(2)
-    trials = rounds.carry_out(Hand(lambda _, leg: leg.gesture is not Gesture.TWO), ALL_TWELVE)
-    assert sum(one.gesture is Gesture.TWO for one in trials) == ATTEMPTS
+    attempts = rounds.run_attempts(Hand(lambda _, leg: leg.gesture is not Gesture.TWO), ALL_TWELVE)
+    assert sum(one.gesture is Gesture.TWO for one in attempts) == ATTEMPTS
     assert rounds.left == 2
 
 
 def test_a_failure_that_moved_the_legs_is_not_tried_again() -> None:
     hand, rounds = Hand(lambda made, _: made != 2), Rounds(1)
     hand.moved_anyway = True
-    assert len(rounds.carry_out(hand, ALL_TWELVE)) == 3
+    assert len(rounds.run_attempts(hand, ALL_TWELVE)) == 3
     assert rounds.left == 1
 
 
 def test_legs_that_keep_their_power_end_the_session() -> None:
     hand, rounds = Hand(lambda _, __: True), Rounds(3)
     hand.can_power_off = False
-    assert len(rounds.carry_out(hand, ALL_TWELVE)) == 12
+    assert len(rounds.run_attempts(hand, ALL_TWELVE)) == 12
     assert rounds.left == 2
 
 
@@ -116,7 +116,7 @@ def test_an_interruption_keeps_the_trials_made() -> None:
         return True
 
     rounds = Rounds(1)
-    assert len(rounds.carry_out(Hand(interrupt), ALL_TWELVE)) == 7
+    assert len(rounds.run_attempts(Hand(interrupt), ALL_TWELVE)) == 7
     assert rounds.interrupted
 
 
@@ -131,7 +131,7 @@ def test_every_hand_is_measured_and_has_its_button_where_the_paper_has_it() -> N
 
 
 def test_figures_run_from_recognition_and_from_release() -> None:
-    figures = result_of(trial(Gesture.ONE), trial(Gesture.TWO)).as_json()
+    figures = result_of(attempt(Gesture.ONE), attempt(Gesture.TWO)).as_json()
     assert figures["response_s"] == pytest.approx(0.345)
     assert figures["visible_s"] == pytest.approx(0.4)
     assert figures["release_to_command_ms"] == {"p50": 45.0, "p99": 45.0}
@@ -140,8 +140,8 @@ def test_figures_run_from_recognition_and_from_release() -> None:
 
 
 def test_failures_are_told_by_gesture_and_reason_the_commonest_first() -> None:
-    lost = trial(Gesture.SEVEN, ok=False, why=PressCancel.HAND_LOST)
-    figures = result_of(trial(Gesture.ONE, ok=False), lost, lost).as_json()
+    lost = attempt(Gesture.SEVEN, ok=False, why=PressCancel.HAND_LOST)
+    figures = result_of(attempt(Gesture.ONE, ok=False), lost, lost).as_json()
     assert figures["failures"] == [
         {"gesture": "7", "reason": tr(PressCancel.HAND_LOST), "times": 2},
         {"gesture": "1", "reason": tr(PressHint.PUSH_STEADILY), "times": 1},
@@ -149,4 +149,4 @@ def test_failures_are_told_by_gesture_and_reason_the_commonest_first() -> None:
 
 
 def test_the_table_has_a_row_a_gesture() -> None:
-    assert response_table(result_of(trial(Gesture.ONE))).row_count == len(PAPER) == 12
+    assert response_table(result_of(attempt(Gesture.ONE))).row_count == len(PAPER) == 12

@@ -30,8 +30,8 @@ def run(requests: RequestTracker, delays_ms: Sequence[float | None], ticks_more:
 def test_the_classes_add_up(delays_ms: list[float | None]) -> None:
     requests = RequestTracker()
     run(requests, delays_ms, ticks_more=60)
-    assert requests.sent == len(delays_ms) == requests.answered + requests.late + requests.missed + requests.under_way
-    assert requests.under_way == 0
+    assert requests.sent == len(delays_ms) == requests.answered + requests.late + requests.missed + requests.in_flight
+    assert requests.in_flight == 0
     assert requests.missed >= 0
 
 

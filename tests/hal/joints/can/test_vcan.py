@@ -69,14 +69,14 @@ def test_candump_sees_the_golden_frames(rig: CanRig, tmp_path: Path) -> None:
         rig.until(lambda now: (now.measured_ns > 0).all(), command(stiffness=0.0, damping=0.0))
         rig.joints.close(rig.now_ns())
         until(lambda: ("004", "FFFFFFFFFFFFFFFD") in frames(log)[-12:])
-    seen = frames(log)
+    observed = frames(log)
     for drive in range(1, 5):
-        reported = [data for identifier, data in seen if identifier == f"{drive:03X}"]
+        reported = [data for identifier, data in observed if identifier == f"{drive:03X}"]
         enabled = reported.index("FFFFFFFFFFFFFFFC")
         assert "7FFF7FF0000007FF" in reported[:enabled], "a neutral command comes before enabling"
         assert reported[enabled + 1] == "7FFF7FF0000007FF"
         assert reported[-1] == "FFFFFFFFFFFFFFFD"
-        answers = [data for identifier, data in seen if identifier == "000" and data.startswith(f"{drive:02X}")]
+        answers = [data for identifier, data in observed if identifier == "000" and data.startswith(f"{drive:02X}")]
         assert answers
         assert all(len(data) == 16 for data in answers)
 

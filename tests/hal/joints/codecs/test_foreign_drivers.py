@@ -77,10 +77,10 @@ SEEN = [
 
 
 @pytest.mark.parametrize(("label", "reported", "seen"), SEEN)
-def test_other_drivers_pack_the_same_numbers_into_the_same_bits(label: str, reported: SetPoint, seen: str) -> None:
+def test_other_drivers_pack_the_same_numbers_into_the_same_bits(label: str, reported: SetPoint, observed: str) -> None:
     codec = codec_of(load_motors().find(label))
-    assert text_of(codec.command(5, reported)) == seen
-    understood = codec.read_command(5, frame_of(seen))
+    assert text_of(codec.command(5, reported)) == observed
+    understood = codec.read_command(5, frame_of(observed))
     assert isinstance(understood, SetPoint)
     coarsest = 500 / 4095  # quantum here: of stiffness
     assert tuple(understood) == pytest.approx(tuple(reported), abs=coarsest)
