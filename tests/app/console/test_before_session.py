@@ -123,9 +123,9 @@ async def test_the_threshold_that_suits_the_camera_is_one_key_away(console: Open
     )
     async with console(size=(130, 40)) as open_console:
         open_console.host.press_zone = zone
-        await open_console.shows("set 28 cm (s)")
+        await open_console.shows("suggested 28 cm (s)")
         await open_console.press("s")
-        await open_console.shows("! The press threshold suits camera and palm")
+        await open_console.shows("! Press threshold suits camera and palm")
         await open_console.press("u")
-        await open_console.tells("28 cm is in the profile")
+        await open_console.tells("Saved 28 cm in the profile")
         assert ProfileStore(home.profiles).load("demo").press_threshold_m == pytest.approx(0.28)
