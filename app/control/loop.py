@@ -25,7 +25,7 @@ from app.system.config import SessionSetup
 from app.system.scheduling import PeriodicTimer, acquire_real_time, disable_gc, pin_to_control_core
 from hal.joints.protocol import TICK_HZ, TICK_NS, DriveState, JointFeedback
 from logs import records
-from logs.reason import Reason, reason_of
+from logs.reason import reason_of
 
 HEARTBEAT_TICKS = TICK_HZ // int(streams.HEARTBEAT.rate_hz)
 SNAPSHOT_TICKS = TICK_HZ // int(streams.SNAPSHOT.rate_hz)
@@ -153,7 +153,7 @@ class Control:
         feedback = inputs.feedback
         if feedback.state is not self._drive_state:
             self._drive_state = feedback.state
-            bodies.append(records.Drives(state=feedback.state.value, detail=_detail(feedback)))
+            bodies.append(drives_record(feedback))
         self._joint_statistics.add(feedback, state.motion.command.position_rad)
         if self._joint_statistics.ticks == TICK_HZ:
             bodies.append(self._joint_statistics.take(1.0, state.gait.state.value))
@@ -175,5 +175,7 @@ class Control:
         return records.TickLateness(**asdict(self._histogram.summary()))
 
 
-def _detail(feedback: JointFeedback) -> Reason | None:
-    return None if feedback.detail is None else reason_of(feedback.detail)
+def drives_record(feedback: JointFeedback) -> records.Drives:
+    """The drives' state for the audit trail, with what is known of the newest fault."""
+    detail = None if feedback.detail is None else reason_of(feedback.detail)
+    return records.Drives(state=feedback.state.value, detail=detail)

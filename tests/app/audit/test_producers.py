@@ -21,6 +21,7 @@ from app.console.screens.after import AfterScreen
 from app.console.screens.session import SessionScreen
 from app.console.screens.signin import SignInDialog
 from app.console.state import newly_ended
+from app.control.loop import drives_record
 from app.demo.drives import emulated_drives
 from app.ipc.messages import OperatorKind, PerceptionCommand
 from app.ipc.states import Action
@@ -31,8 +32,9 @@ from app.session.host import ProcessStatus
 from app.system.config import CameraConfig, Config, JointsConfig, SessionSetup
 from app.system.operators import Role, add_operator, load_store, save_store
 from app.system.paths import Home
+from hal.errors import DrivesFault, HardwareError
 from hal.joints.guard import Quantity, Refusal
-from hal.joints.protocol import Joint
+from hal.joints.protocol import TICK_NS, Joint
 from kgdfa.button import ButtonState, PressCancel
 from kgdfa.gesture import Gesture
 from logs.disk import Disk
@@ -126,7 +128,9 @@ def at(second: int) -> Moment:
 def of_control() -> list[Body]:
     """Ticks of the step: actions by key and gesture, refusals, events, STOP."""
     rigs = [walked(), refused(), spoiled(), stopped()]
-    return [body for rig in rigs for body in rig.audit]
+    feedback = rigs[0].joints.feedback(rigs[0].now_ns + TICK_NS)
+    faulty = replace(feedback, detail=HardwareError(DrivesFault.STAYS_DISABLED))
+    return [*(body for rig in rigs for body in rig.audit), drives_record(faulty)]
 
 
 def walked() -> Rig:
