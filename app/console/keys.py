@@ -13,7 +13,7 @@ from textual.screen import Screen
 from app.console.themes import THEME_NAMES
 from app.ipc.messages import HandCommand, OperatorKind
 from app.ipc.states import GESTURE_OF, Action
-from app.system.errors import AppError
+from app.system.errors import AppError, ConsoleFault
 from app.text.catalogue import languages, tr
 from kgdfa.gesture import Gesture
 
@@ -86,10 +86,8 @@ def check_keymap(keymap: Mapping[str, str]) -> None:
     known = {binding.id for binding in ALL}
     for name in keymap:
         if name not in known:
-            raise AppError(
-                f"The configuration's [keys] names {name!r}, which the console has not; "
-                f"choose from {', '.join(sorted(str(item) for item in known))}."
-            )
+            names = ", ".join(sorted(str(item) for item in known))
+            raise AppError(ConsoleFault.UNKNOWN_KEY_NAME, name=name, known=names)
     for place in ((*EVERYWHERE, *SESSION, *HAND), (*EVERYWHERE, *PATIENTS)):
         _check_once(place, keymap)
 
@@ -106,10 +104,7 @@ def _check_once(place: Iterable[Binding], keymap: Mapping[str, str]) -> None:
         assert binding.id is not None
         for key in keys_of(binding.id, keymap):
             if key in taken:
-                raise AppError(
-                    f"The configuration's [keys] gives {key!r} to both {taken[key]!r} and {binding.id!r}; "
-                    "change one of them."
-                )
+                raise AppError(ConsoleFault.KEY_TAKEN, key=key, first=taken[key], second=binding.id)
             taken[key] = binding.id
 
 

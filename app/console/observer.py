@@ -23,7 +23,7 @@ from app.ipc.messages import (
 from app.ipc.states import Action
 from app.session.host import Latest, ProcessStatus
 from app.system.config import Config, SessionSetup
-from app.system.errors import AppError
+from app.system.errors import AppError, ConsoleFault
 from app.system.paths import Home
 from app.system.scheduling import set_scheduling
 
@@ -48,9 +48,9 @@ def shared(home: Home) -> SessionSetup:
     try:
         setup = msgspec.msgpack.decode((home.root / _SHARED).read_bytes(), type=SessionSetup, dec_hook=_decode)
     except (OSError, msgspec.MsgspecError) as error:
-        raise AppError(f"No session runs in {home.root} to look at; start one with `rleex run`.") from error
+        raise AppError(ConsoleFault.NO_SESSION_TO_WATCH, home=home.root) from error
     if not setup.links.exists():
-        raise AppError(f"The session {setup.session} has ended; start one with `rleex run`.")
+        raise AppError(ConsoleFault.SESSION_ENDED, session=setup.session)
     return setup
 
 

@@ -24,7 +24,7 @@ from app.console.stop import StopSwitch
 from app.ipc.messages import OperatorKind
 from app.session.host import make_setup
 from app.system.config import Config, SessionSetup
-from app.system.errors import AppError
+from app.system.errors import AppError, ConsoleFault
 from app.system.operators import Permission
 from app.system.paths import Home
 from app.text.catalogue import render, tr
@@ -128,7 +128,7 @@ class SessionFlow(SignedInApp):
     def live_host(self) -> Host:
         """The session's host. Raises AppError without a session."""
         if self.live is None:
-            raise AppError("There is no session; begin one from the patients' list.")
+            raise AppError(ConsoleFault.NO_SESSION)
         return self.live.host
 
     def live_setup(self) -> SessionSetup:

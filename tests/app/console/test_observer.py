@@ -39,15 +39,15 @@ def test_what_is_shared_is_found(home: Home, setup: SessionSetup) -> None:
 
 
 def test_without_a_session_there_is_a_sentence(home: Home, setup: SessionSetup) -> None:
-    with pytest.raises(AppError, match="No session runs"):
+    with pytest.raises(AppError, match="NO_SESSION_TO_WATCH"):
         shared(home)
     share(home, setup)
     unshare(home)
-    with pytest.raises(AppError, match="No session runs"):
+    with pytest.raises(AppError, match="NO_SESSION_TO_WATCH"):
         shared(home)
     share(home, setup)
     setup.links.rmdir()
-    with pytest.raises(AppError, match="has ended"):
+    with pytest.raises(AppError, match="SESSION_ENDED"):
         shared(home)
 
 
