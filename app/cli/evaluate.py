@@ -342,7 +342,7 @@ def pushes(
 
 @cli.command()
 def response(
-    attempts: Annotated[int, typer.Option(help="Attempts a gesture.", min=1)] = 50,
+    attempts: Annotated[int, typer.Option("--trials", help="Attempts a gesture.", min=1)] = 50,
     seeds: Annotated[str, typer.Option(help="Digital hands, comma-separated seeds.")] = "1,2,3",
     click: Click = 0.3,
     json_file: Json = None,

@@ -1,7 +1,7 @@
 """Table 7: the closed loop, signed and pressed by digital hands of several people, beside the paper's figures.
 
 Each hand has one session of many rounds. Before a round the therapist takes the power from the standing legs, so that
-gesture 0 powers them anew. A trial that does nothing counts as failed and is made again, until the round can go on.
+gesture 0 powers them anew. An attempt that does nothing counts as failed and is made again, until the round can go on.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from kgdfa.gesture import Gesture
 from logs.reason import Reason, reason
 from profiles.schema import Profile
 
-# Table 7: success %, mean response s, of 3 people × 50 trials a gesture
+# Table 7: success %, mean response s, of 3 people × 50 attempts a gesture
 PAPER: dict[Gesture, tuple[float, float]] = {
     Gesture.ZERO: (89.33, 0.49),
     Gesture.ONE: (92.67, 0.50),
@@ -64,7 +64,7 @@ class Runner(Protocol):
         ...
 
     def run(self, leg: Step) -> Attempt:
-        """One trial."""
+        """One attempt."""
         ...
 
     def relax(self) -> None:
@@ -86,7 +86,7 @@ class ResponseResult:
 
     @property
     def attempts(self) -> tuple[Attempt, ...]:
-        """Every trial of every session."""
+        """Every attempt of every session."""
         return tuple(chain.from_iterable(session.attempts for session in self.sessions))
 
     @property
@@ -95,7 +95,7 @@ class ResponseResult:
         return sum(session.unintended for session in self.sessions)
 
     def of(self, gesture: Gesture) -> tuple[Attempt, ...]:
-        """The trials of one gesture."""
+        """The attempts of one gesture."""
         return tuple(attempt for attempt in self.attempts if attempt.gesture is gesture)
 
     def failures(self) -> Counter[tuple[str, str]]:
@@ -131,7 +131,7 @@ class Rounds:
     interrupted: bool = field(default=False)
 
     def run_attempts(self, runner: Runner, scenario: Sequence[Step]) -> list[Attempt]:
-        """Rounds of the course until none is left, one can't go on, or the operator interrupts."""
+        """Rounds of the scenario until none is left, one can't go on, or the operator interrupts."""
         attempts: list[Attempt] = []
         try:
             while self.left:
@@ -245,7 +245,7 @@ def _session(home: Home, config: Config, rounds: Rounds, click_s: float, watch: 
 
 
 def _round(runner: Runner, scenario: Sequence[Step]) -> Iterator[Attempt]:
-    """Every trial of one round; ends early where a transition can't be made."""
+    """Every attempt of one round; ends early where a transition can't be made."""
     for leg in scenario:
         for _ in range(ATTEMPTS):
             attempt = runner.run(leg)
