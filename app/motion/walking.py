@@ -215,22 +215,22 @@ def walk_close(patient: Patient, side: int, step_time_s: float) -> CartesianMoti
 
 
 def _walk_swing(
-    step_time_s: float, landing_before_s: float, way_m: tuple[float, float], shape: SwingShape = STRIDE
+    step_time_s: float, landing_before_s: float, ground_m: tuple[float, float], shape: SwingShape = STRIDE
 ) -> Swing:
     return Swing(
         rise_s=landing_before_s + HEEL_OFF * step_time_s,
         off_s=landing_before_s + TOE_OFF * step_time_s,
         land_s=landing_before_s + step_time_s,
         flat_s=landing_before_s + (1 + FLAT) * step_time_s,
-        start_m=(way_m[0], 0.0),
-        end_m=(way_m[1], 0.0),
+        start_m=(ground_m[0], 0.0),
+        end_m=(ground_m[1], 0.0),
         shape=shape,
     )
 
 
-def _landed_swing(step_time_s: float, way_m: tuple[float, float]) -> Swing:
+def _landed_swing(step_time_s: float, ground_m: tuple[float, float]) -> Swing:
     """The swing that ended as this plan begins: its foot still comes down flat."""
-    return _walk_swing(step_time_s, -step_time_s, way_m)
+    return _walk_swing(step_time_s, -step_time_s, ground_m)
 
 
 def _walking_height(patient: Patient, steps: Array, sink_m: float) -> Array:
