@@ -194,7 +194,7 @@ class ConsoleApp(SessionFlow):
         if self.read_only:
             self.notify(tr("sign_out.watching"))
         elif isinstance(screen, ConsoleScreen) and self.live is None:
-            with screen.told():
+            with screen.notify_errors():
                 if await self.anybody_can_sign_in():
                     self.ask_who(self.show_patients)
                 else:

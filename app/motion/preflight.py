@@ -51,6 +51,7 @@ class PreflightFault(Enum):
     FAILED = "failed"
     NOT_PLANNABLE = "not plannable"
     PROFILE_REFUSED = "profile refused"
+    NOT_SAVED = "results not saved"
 
 
 def preflight_key(patient: Patient, device: Exoskeleton, action: Action) -> str:

@@ -104,7 +104,7 @@ class AfterScreen(ConsoleScreen):
 
     def _save(self) -> bool:
         """Whether all is in the files."""
-        with self.told():
+        with self.notify_errors():
             if not self._added:
                 note, rating = self._answers()
                 self.console_app.sessions.add(msgspec.structs.replace(self._record, note=note, discomfort=rating))

@@ -90,8 +90,8 @@ class _Console(Screen[T], Generic[T]):
             stop_bar.show(None if state is None else state.effect)
 
     @contextmanager
-    def told(self) -> Iterator[None]:
-        """Tell the operator in a sentence what went wrong in the body; nothing typed is lost."""
+    def notify_errors(self) -> Iterator[None]:
+        """Notify the operator of an error in the body; nothing typed is lost."""
         try:
             yield
         except USER_ERRORS as error:

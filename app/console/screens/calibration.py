@@ -143,7 +143,7 @@ class CalibrationScreen(ConsoleScreen):
         result, app = self._result, self.console_app
         if not yes or result is None:
             return
-        with self.told():
+        with self.notify_errors():
             current = app.store.load(self._profile.identifier)
             calibrated = with_calibration(current, result.calibration)
             app.store.save(calibrated, by=app.operator, at=datetime.now(UTC), why=ChangeCause.CALIBRATED.key)

@@ -18,7 +18,6 @@ from textual.widgets import Static
 from app.console.guidance import Light, results
 from app.console.screens.base import Dialog
 from app.console.screens.dialogs import Lists
-from app.console.sentences import sentence
 from app.console.state import SessionState
 from app.console.widgets.gesture import zone_words
 from app.console.widgets.panel import Lines, bar
@@ -27,7 +26,7 @@ from app.system.config import Config
 from app.system.operators import Permission
 from app.system.paths import Home
 from app.text.catalogue import render, tr
-from logs.reason import reason
+from logs.reason import Reason, reason
 from logs.records import Note
 from profiles.schema import Profile
 from profiles.store import ChangeCause
@@ -95,7 +94,7 @@ class Checklist(Lists):
         threshold_m, camera = report.press_zone.threshold_m, report.camera
 
         async def adopt() -> None:
-            with self.told():
+            with self.notify_errors():
                 self._adopt(state, threshold_m, camera)
 
         await self.console_app.permitted(Permission.CALIBRATE, adopt)
@@ -138,23 +137,23 @@ class Preflight(Dialog[bool]):
 
     def on_mount(self) -> None:
         context = multiprocessing.get_context("spawn")
-        self._words, theirs = context.Pipe(duplex=False)
+        self._receiver, sender = context.Pipe(duplex=False)
         home = self.console_app.home.root
-        given = (theirs, home, self._config, self._profile, self._actions)
-        self._child = context.Process(target=rehearse_all, args=given, daemon=True)
+        arguments = (sender, home, self._config, self._profile, self._actions)
+        self._child = context.Process(target=rehearse_all, args=arguments, daemon=True)
         self._child.start()
-        theirs.close()
+        sender.close()
 
     def on_unmount(self) -> None:
         self._child.kill()
         self._child.join()
-        self._words.close()
+        self._receiver.close()
 
     def show_session(self, state: SessionState | None) -> None:
         super().show_session(state)
         try:
-            while not self._ended and self._words.poll():
-                self._take(self._words.recv())
+            while not self._ended and self._receiver.poll():
+                self._take(self._receiver.recv())
         except EOFError:
             self._end(tr("preflight.died"))
 
@@ -166,35 +165,32 @@ class Preflight(Dialog[bool]):
         if self._ended:
             self.dismiss(self._passed)
 
-    def _take(self, word: Word) -> None:
-        if isinstance(word, Action):
-            at = self._actions.index(word)
-            drawn = bar(at / len(self._actions), BAR_CELLS)
-            self._show(f"{drawn} {at + 1}/{len(self._actions)}\n{tr(word)} …")
-        elif isinstance(word, str):
-            self._end(f"✗ {sentence(word)}")
+    def _take(self, progress: Progress) -> None:
+        if isinstance(progress, Action):
+            index = self._actions.index(progress)
+            drawn = bar(index / len(self._actions), BAR_CELLS)
+            self._show(f"{drawn} {index + 1}/{len(self._actions)}\n{tr(progress)} …")
         else:
-            self._passed = not word
-            said = "\n".join(f"✗ {sentence(reason)}" for reason in word)
-            self._end(said or tr("preflight.passed"))
+            self._passed = not progress
+            self._end("\n".join(f"✗ {render(reason)}" for reason in progress) or tr("preflight.passed"))
 
-    def _end(self, said: str) -> None:
+    def _end(self, text: str) -> None:
         self._ended = True
         hint = tr("preflight.next_session") if self._passed and self.console_app.live is not None else ""
-        self._show("\n".join(part for part in (said, hint) if part))
+        self._show("\n".join(part for part in (text, hint) if part))
 
-    def _show(self, said: str) -> None:
-        self.query_one("#progress", Static).update(said)
-
-
-# What comes through the pipe: an action that begins; at the end the reasons why actions failed, or an error's words.
-Word = Action | tuple[str, ...] | str
+    def _show(self, text: str) -> None:
+        self.query_one("#progress", Static).update(text)
 
 
-def rehearse_all(words: Connection, home: Path, config: Config, profile: Profile, actions: Sequence[Action]) -> None:
-    """Rehearse what is not on record yet, keep the verdicts, tell of each."""
+# What comes through the pipe: an action that begins; at the end the reasons why actions failed.
+Progress = Action | tuple[Reason, ...]
+
+
+def rehearse_all(pipe: Connection, home: Path, config: Config, profile: Profile, actions: Sequence[Action]) -> None:
+    """Rehearse what is not on record yet, save the results, report each: in a process of its own."""
     from app.motion.plan import patient_of
-    from app.motion.preflight import cleared_actions, run_preflight
+    from app.motion.preflight import PreflightFault, cleared_actions, run_preflight
     from app.system.config import load_device
     from app.system.scheduling import set_scheduling
 
@@ -205,8 +201,8 @@ def rehearse_all(words: Connection, home: Path, config: Config, profile: Profile
     done = cleared_actions(place, patient, device)
     wanted = [action for action in actions if action not in done]
     try:
-        results = run_preflight(place, patient, device, wanted, watch=words.send)
+        results = run_preflight(place, patient, device, wanted, watch=pipe.send)
     except OSError as error:
-        words.send(f"The rehearsals can't be kept in {home}: {error.strerror}; free space, then rehearse again.")
+        pipe.send((reason(PreflightFault.NOT_SAVED, folder=str(home), detail=error.strerror or str(error)),))
         return
-    words.send(tuple(render(result.reason) for result in results if result.reason))
+    pipe.send(tuple(result.reason for result in results if result.reason))

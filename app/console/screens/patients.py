@@ -133,7 +133,7 @@ class PatientsScreen(ConsoleScreen):
         """What changed, when, by whom."""
         profile = self._chosen()
         if profile is not None:
-            with self.told():
+            with self.notify_errors():
                 changes = self.console_app.store.history(profile.identifier)
                 self.app.push_screen(History(profile.identifier, changes))
 
@@ -200,7 +200,7 @@ class PatientsScreen(ConsoleScreen):
         if profile is None:
             about.update(tr("patients.nobody"))
             return
-        with self.told():
+        with self.notify_errors():
             changes = self.console_app.store.history(profile.identifier)
             about.update(describe(profile, changes, self.console_app.sessions.of(profile.identifier)))
 
@@ -208,14 +208,14 @@ class PatientsScreen(ConsoleScreen):
         profile = self._chosen()
         if name and profile is not None:
             copy = msgspec.structs.replace(profile, identifier=name, archived=False, calibrations=())
-            with self.told():
+            with self.notify_errors():
                 self.console_app.store.create(copy, by=self.console_app.operator, at=datetime.now(UTC))
             self.reload()
 
     def _archive(self, yes: bool | None) -> None:
         profile = self._chosen()
         if yes and profile is not None:
-            with self.told():
+            with self.notify_errors():
                 self.console_app.store.archive(
                     profile.identifier,
                     by=self.console_app.operator,
@@ -227,14 +227,14 @@ class PatientsScreen(ConsoleScreen):
     def _export(self, typed: str | None) -> None:
         profile = self._chosen()
         if typed and profile is not None:
-            with self.told():
+            with self.notify_errors():
                 path = Path(typed).expanduser()
                 self.console_app.store.export(profile.identifier, path)
                 self.notify(tr("patients.exported", path=path.absolute()))
 
     def _import(self, typed: str | None) -> None:
         if typed:
-            with self.told():
+            with self.notify_errors():
                 path = Path(typed).expanduser()
                 profile = self.console_app.store.import_file(path, by=self.console_app.operator, at=datetime.now(UTC))
                 self.notify(tr("patients.imported", name=profile.identifier))

@@ -119,7 +119,7 @@ class ReviewScreen(ConsoleScreen):
     @work(exclusive=True)
     async def _load(self, path: Path) -> None:
         self.query_one("#verdict", Static).update(tr("reviewing.opens", session=sanitize_terminal(path.stem)))
-        with self.told():
+        with self.notify_errors():
             self._session = await asyncio.to_thread(open_session, path)
             self._comments = await asyncio.to_thread(comments_on, path)
             self.query_one(Timeline).show(self._session)
@@ -191,7 +191,7 @@ class ReviewScreen(ConsoleScreen):
             return
         operator = self.console_app.operator
         now = Moment(wall_ns=time.time_ns(), monotonic_ns=time.monotonic_ns(), operator=operator)
-        with self.told():
+        with self.notify_errors():
             await asyncio.to_thread(write_comment, self._home, session.path, record, text, now)
             self._comments = await asyncio.to_thread(comments_on, session.path)
             self._go_to(self._index)
