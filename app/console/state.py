@@ -10,21 +10,21 @@ from app.ipc.states import Effect
 from app.ipc.streams import SNAPSHOT, TRIGGER
 from app.session.host import Latest, ProcessStatus
 from app.system.config import SessionSetup
-from app.text.catalogue import render
+from logs.reason import Reason
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class PushNote:
-    """`said` in perception's own words; `cancelled`: a press was under way, else none had begun."""
+class PressNote:
+    """Why a push gave no command. cancelled: a press was under way, else none had begun."""
 
-    said: str = ""
+    reason: Reason | None = None
     cancelled: bool = False
     since_ns: int = 0
     cancel_count: int = 0
     incarnation: int = 0
 
 
-NOTHING_PUSHED = PushNote()
+NO_NOTE = PressNote()
 
 
 class ProcessFault(Enum):
@@ -54,22 +54,22 @@ class SessionState:
     preview: Preview | None = None
     audit: AuditHealth | None = None
     processes: tuple[ProcessStatus, ...] = ()
-    push: PushNote = NOTHING_PUSHED
+    press_note: PressNote = NO_NOTE
     fault: str = ""  # why the session could not start
 
     @property
     def snapshot_fresh(self) -> bool:
-        """Whether control has spoken lately."""
+        """Whether control's newest snapshot is recent."""
         return self.snapshot is not None and self.now_ns - self.snapshot.at_ns < SNAPSHOT.stale_ms * 1e6
 
     @property
     def report_fresh(self) -> bool:
-        """Whether perception has spoken lately of a recent picture."""
+        """Whether perception's newest report is recent."""
         return self.report is not None and self.now_ns - self.report.sent_ns < TRIGGER.stale_ms * 1e6
 
     @property
     def effect(self) -> Effect | None:
-        """The strongest effect in force; None before control has spoken."""
+        """The strongest effect in force; None before the first snapshot."""
         return None if self.snapshot is None else self.snapshot.effect
 
     @property
@@ -80,7 +80,7 @@ class SessionState:
 
     @property
     def moving(self) -> bool:
-        """Whether legs move, or control's silence leaves it open."""
+        """Whether the legs move, or may move as far as the console can know."""
         return self.snapshot is None or self.snapshot.action is not None or not self.snapshot_fresh
 
     @property
@@ -90,7 +90,7 @@ class SessionState:
 
 
 def fold(state: SessionState, latest: Latest, now_ns: int) -> SessionState:
-    """The state after a look at the streams; what did not arrive stays."""
+    """The state with what has newly arrived; the rest stays."""
     return replace(
         state,
         now_ns=now_ns,
@@ -99,27 +99,27 @@ def fold(state: SessionState, latest: Latest, now_ns: int) -> SessionState:
         preview=latest.preview or state.preview,
         audit=latest.audit or state.audit,
         processes=latest.processes,
-        push=state.push if latest.report is None else note(state.push, latest.report, now_ns),
+        press_note=state.press_note if latest.report is None else note(state.press_note, latest.report, now_ns),
     )
 
 
 READABLE_NS = 5_000_000_000
 
 
-def note(before: PushNote, report: TriggerReport, now_ns: int) -> PushNote:
-    """The note after one more report; a press that succeeds, and time, wipe it out."""
+def note(before: PressNote, report: TriggerReport, now_ns: int) -> PressNote:
+    """The note after one more report; cleared by a press that succeeds, or after READABLE_NS."""
     if report.incarnation != before.incarnation:
-        return PushNote(incarnation=report.incarnation, cancel_count=report.cancel_count)
+        return PressNote(incarnation=report.incarnation, cancel_count=report.cancel_count)
     if report.cancel_count > before.cancel_count:
         return replace(
             before,
-            said=render(report.cancel_reason) if report.cancel_reason else "",
+            reason=report.cancel_reason,
             cancelled=True,
             since_ns=now_ns,
             cancel_count=report.cancel_count,
         )
     if report.press_hint and not report.pressed:
-        return replace(before, said=render(report.press_hint), cancelled=False, since_ns=now_ns)
+        return replace(before, reason=report.press_hint, cancelled=False, since_ns=now_ns)
     if report.pressed or now_ns - before.since_ns > READABLE_NS:
-        return replace(before, said="", cancelled=False)
+        return replace(before, reason=None, cancelled=False)
     return before

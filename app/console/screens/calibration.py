@@ -8,7 +8,6 @@ import os
 import shutil
 import time
 from datetime import UTC, datetime
-from enum import Enum
 from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
 from typing import TYPE_CHECKING, ClassVar, NamedTuple
@@ -20,7 +19,6 @@ from textual.widgets import Input, Label, Static
 
 from app.console.screens.base import ConsoleScreen
 from app.console.screens.dialogs import Question
-from app.console.sentences import sentence
 from app.console.state import SessionState
 from app.console.widgets.panel import bar
 from app.console.widgets.picture import Picture
@@ -127,14 +125,14 @@ class CalibrationScreen(ConsoleScreen):
         theirs.close()
         self._show(tr("calibration.starting"))
 
-    def _receive(self, message: Progress | Preview | Calibrated | Reason | str) -> None:
+    def _receive(self, message: Progress | Preview | Calibrated | Reason) -> None:
         match message:
             case Preview():
                 self.query_one(Picture).show_preview(message)
             case Progress(samples=samples, wanted=wanted, hint=hint):
                 self._show(f"{bar(samples / wanted, BAR_CELLS)} {samples}/{wanted}\n{render(hint)}")
-            case Reason() | str():
-                self._show(f"✗ {_text(message)}")
+            case Reason():
+                self._show(f"✗ {render(message)}")
             case _:
                 self._result = message
                 self._show(_summary(message))
@@ -182,10 +180,6 @@ def _summary(result: Calibrated) -> str:
     return "\n".join(lines)
 
 
-def _text(message: Reason | str) -> str:
-    return sentence(message) if isinstance(message, str) else render(message)
-
-
 class Progress(NamedTuple):
     """How far the sampling is, and what to do."""
 
@@ -203,7 +197,7 @@ def calibrate_palm(pipe: Connection, setup: SessionSetup, distance_m: float) -> 
     try:
         pipe.send(_sample(pipe, setup, distance_m))
     except (AppError, HardwareError, KgdfaError, ProfileError) as error:
-        pipe.send(reason_of(error) if isinstance(getattr(error, "code", None), Enum) else str(error))
+        pipe.send(reason_of(error))
 
 
 def _sample(pipe: Connection, setup: SessionSetup, distance_m: float) -> Calibrated:

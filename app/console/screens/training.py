@@ -12,7 +12,6 @@ from textual.widgets import Label, Static
 
 from app.console import keys
 from app.console.screens.session import HandKeys
-from app.console.sentences import sentence
 from app.console.state import SessionState
 from app.console.widgets.drawing import differences, draw_hand
 from app.console.widgets.gesture import DistancePanel, GesturePanel
@@ -59,7 +58,7 @@ def feedback(lesson: Lesson, report: TriggerReport | None) -> Lines:
     if report.gesture is target:
         return (plain(tr("training.push"), "bold $success"),)
     if report.raw_gesture is None or report.raw_gesture is target:
-        why = sentence(render(report.explanation)) if report.explanation else tr("training.hold")
+        why = render(report.explanation) if report.explanation else tr("training.hold")
         return (plain(why, "$warning"),)
     wrong = differences(target, report.raw_gesture)
     return tuple(plain(f"✗ {tr(finger)}: {tr(f'training.{want.value}')}", "$warning") for finger, want in wrong)

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from app.console.sentences import sentence
-from app.console.state import PushNote, SessionState
+from app.console.state import PressNote, SessionState
 from app.console.widgets.panel import Line, Lines, StatePanel, bar, cells, plain
 from app.ipc.messages import TriggerReport
 from app.ipc.states import ACTION_OF
@@ -33,9 +32,9 @@ def gesture_lines(state: SessionState) -> Lines:
     if not state.report_fresh:
         return (plain(tr("gesture.stale"), "bold $error"),)
     if report.camera_fault:
-        return (plain(tr("gesture.no_picture"), "bold $error"), plain(sentence(render(report.camera_fault))))
+        return (plain(tr("gesture.no_picture"), "bold $error"), plain(render(report.camera_fault)))
     why = report.hint or (report.explanation if report.gesture is None else None)
-    return (_headline(report), _votes(report), plain(sentence(render(why)) if why else "", "$text-muted"))
+    return (_headline(report), _votes(report), plain(render(why) if why else "", "$text-muted"))
 
 
 def _headline(report: TriggerReport) -> tuple[tuple[str, str], ...]:
@@ -75,8 +74,8 @@ def distance_lines(state: SessionState, width: int) -> Lines:
     """The figure, the gauge, and the button."""
     report = state.report
     if report is None or not state.report_fresh:
-        return (plain("–", "$text-muted"), plain(gauge(None, 0.0, 0.20, width)), _button(None, state.push))
-    return (_figure(report, width), _gauge_line(report, width), _button(report, state.push), *_zone(report))
+        return (plain("–", "$text-muted"), plain(gauge(None, 0.0, 0.20, width)), _button(None, state.press_note))
+    return (_figure(report, width), _gauge_line(report, width), _button(report, state.press_note), *_zone(report))
 
 
 def gauge(distance_m: float | None, sd_m: float, threshold_m: float, width: int, blind_m: float = 0.0) -> str:
@@ -115,7 +114,7 @@ def _gauge_line(report: TriggerReport, width: int) -> Line:
     return plain(gauge(report.distance_m, report.distance_sd_m, report.threshold_m, width, blind_m), style)
 
 
-def _button(report: TriggerReport | None, push: PushNote) -> Line:
+def _button(report: TriggerReport | None, press_note: PressNote) -> Line:
     if report is not None and report.pressed:
         name = tr(report.gesture) if report.gesture else ""
         return (
@@ -124,13 +123,14 @@ def _button(report: TriggerReport | None, push: PushNote) -> Line:
         )
     return (
         (f" ○ {tr('button.released')} ", "bold reverse $error"),
-        (f" {_why(push)}" if push.said else "", "$warning"),
+        (f" {_why(press_note)}", "$warning"),
     )
 
 
-def _why(push: PushNote) -> str:
-    said = sentence(push.said)
-    return tr("button.cancelled", reason=said) if push.cancelled else said
+def _why(press_note: PressNote) -> str:
+    if press_note.reason is None:
+        return ""
+    return tr("button.cancelled", reason=press_note.reason) if press_note.cancelled else render(press_note.reason)
 
 
 def _zone(report: TriggerReport) -> Lines:

@@ -64,7 +64,7 @@ async def test_a_rehearsal_runs_beside_the_console_and_is_kept(console: Opener, 
         assert not preflight_passed(home, patient, device, Action.SIT_DOWN).passed
         config = Config(joints=JointsConfig(kind="can"))
         open_console.app.push_screen(Preflight(DEMO_PATIENT, config, (Action.SIT_DOWN,)))
-        await _comes(open_console, "Every action has passed")
+        await _comes(open_console, "All actions passed")
         await open_console.press("enter")
         await open_console.until(lambda: not isinstance(open_console.app.screen, Preflight))
         assert preflight_passed(home, patient, device, Action.SIT_DOWN).passed
@@ -81,7 +81,7 @@ async def test_the_checks_rehearse_by_a_key_for_real_joints(console: Opener) -> 
         await open_console.press("s")
         await open_console.shows("Before arming")
         await open_console.press("p")
-        await open_console.shows("Rehearsal for demo")
+        await open_console.shows("Pre-flight for demo")
         await open_console.press("escape")
         await open_console.shows("Before arming")
 
@@ -108,7 +108,7 @@ async def test_a_rehearsal_can_be_stopped(console: Opener) -> None:
         await open_console.press("enter")
         await open_console.shows("Begin (Enter)")
         await open_console.press("f5")
-        await open_console.shows("Rehearsal for demo")
+        await open_console.shows("Pre-flight for demo")
         await open_console.press("escape")
         await open_console.shows("Begin (Enter)")
 
@@ -127,5 +127,5 @@ async def test_the_threshold_that_suits_the_camera_is_one_key_away(console: Open
         await open_console.press("s")
         await open_console.shows("! Press threshold suits camera and palm")
         await open_console.press("u")
-        await open_console.tells("Saved 28 cm in the profile")
+        await open_console.tells("Saved 28 cm")
         assert ProfileStore(home.profiles).load("demo").press_threshold_m == pytest.approx(0.28)

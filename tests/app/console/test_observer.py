@@ -38,7 +38,7 @@ def test_what_is_shared_is_found(home: Home, setup: SessionSetup) -> None:
     assert shared(home) == setup
 
 
-def test_without_a_session_there_is_a_sentence(home: Home, setup: SessionSetup) -> None:
+def test_without_a_session_there_is_nothing_to_watch(home: Home, setup: SessionSetup) -> None:
     with pytest.raises(AppError, match="NO_SESSION_TO_WATCH"):
         shared(home)
     share(home, setup)

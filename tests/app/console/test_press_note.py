@@ -1,0 +1,38 @@
+"""The note on a push that gave no command."""
+
+from __future__ import annotations
+
+from app.console.state import NO_NOTE, READABLE_NS, note
+from app.ipc.messages import TriggerReport
+from kgdfa.button import PressCancel, PressHint
+from logs.reason import reason
+
+PUSH, LOST = reason(PressHint.PUSH_STEADILY), reason(PressCancel.HAND_LOST)
+
+
+def _report(**more: object) -> TriggerReport:
+    base: dict[str, object] = {
+        "incarnation": 1,
+        "sequence": 1,
+        "captured_ns": 0,
+        "sent_ns": 0,
+        "hand": True,
+        "gesture": None,
+    }
+    return TriggerReport(**(base | more))  # type: ignore[arg-type]
+
+
+def test_a_hint_stays_to_be_read_until_time_or_a_press_wipes_it_out() -> None:
+    seen = note(NO_NOTE, _report(), 0)
+    noted = note(seen, _report(press_hint=PUSH), 10)
+    assert note(noted, _report(), READABLE_NS).reason == PUSH
+    assert note(noted, _report(), READABLE_NS + 11).reason is None
+    assert note(noted, _report(pressed=True), 20).reason is None
+
+
+def test_a_cancel_is_noted_once_and_an_old_one_of_before_is_not() -> None:
+    seen = note(NO_NOTE, _report(cancel_count=3, cancel_reason=LOST), 0)
+    assert seen.reason is None
+    noted = note(seen, _report(cancel_count=4, cancel_reason=LOST), 10)
+    assert (noted.reason, noted.cancelled) == (LOST, True)
+    assert note(noted, _report(cancel_count=4, cancel_reason=LOST), READABLE_NS + 20).reason is None
