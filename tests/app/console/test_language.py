@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import re
 import string
 from enum import Enum
@@ -58,13 +59,49 @@ def test_every_word_of_the_tables_is_there(code: str) -> None:
     assert [name for name in wanted if name not in words] == []
 
 
-def test_every_word_that_the_console_asks_for_is_there() -> None:
-    """Literal names in the console's sources; names put together at run time are in the test above."""
-    folder = Path(app.console.__file__).parent
-    sources = [path for path in folder.rglob("*.py") if not path.name.startswith("review")]
-    asked = {name for path in sources for name in re.findall(r'\btr\("([a-z0-9_.]+)"', path.read_text())}
+ROOMS = ("app", "hal", "kgdfa", "logs", "profiles")
+ROOT = Path(app.console.__file__).parents[2]
+SOURCES = [path.read_text(encoding="utf-8") for room in ROOMS for path in (ROOT / room).rglob("*.py")]
+# Keys put together at run time, by what they begin with; every other key stands in a source as it is.
+DYNAMIC = set(re.findall(r"""f["']([a-z0-9_.-]+\.)\{""", "\n".join(SOURCES))) | {
+    "Record.",
+    "sign_in.",
+    "first.",
+    "unlock.",
+}
+
+
+def enum_members() -> dict[str, set[str]]:
+    """The members of every Enum of the product, by its name."""
+    found: dict[str, set[str]] = {}
+    for source in SOURCES:
+        for node in ast.walk(ast.parse(source)):
+            if isinstance(node, ast.ClassDef) and any("Enum" in ast.unparse(base) for base in node.bases):
+                names = [name for line in node.body if isinstance(line, ast.Assign) for name in line.targets]
+                found.setdefault(node.name, set()).update(
+                    name.id for name in names if isinstance(name, ast.Name) and name.id.isupper()
+                )
+    return found
+
+
+def test_an_enum_that_has_text_has_it_for_each_member_and_no_other() -> None:
+    members = enum_members()
+    wording = {tuple(key.split(".")) for key in entries("en") if re.fullmatch(r"[A-Z]\w+\.[A-Z0-9_]+", key)}
+    worded = {kind: {member for of, member in wording if of == kind} for kind, _ in wording if kind in members}
+    assert worded == {kind: members[kind] for kind in worded}
+
+
+def test_every_literal_key_is_there() -> None:
+    asked = {key for source in SOURCES for key in re.findall(r'\btr\(\s*"([A-Za-z0-9_.-]+)"', source)}
     assert asked
     assert asked - set(entries("en")) == set()
+
+
+def test_no_key_is_unused() -> None:
+    literal = {key for source in SOURCES for key in re.findall(r"""["']([a-z0-9_.-]+)["']""", source)}
+    members = re.compile(r"[A-Z]\w+\.[A-Z0-9_]+")
+    unused = {key for key in set(entries("en")) - literal if not members.fullmatch(key)}
+    assert {key for key in unused if not key.startswith(tuple(DYNAMIC))} == set()
 
 
 def test_an_unknown_language_names_those_that_exist() -> None:
