@@ -45,7 +45,7 @@ def kind_of(body: Body) -> str:
     return str(type(body).__struct_config__.tag)
 
 
-def sentence(body: Body, render: Render) -> str:
+def record_text(body: Body, render: Render) -> str:
     """The record as a line of text; not yet safe for a terminal."""
     values: dict[str, Any] = {name: _shown(name, value) for name, value in msgspec.structs.asdict(body).items()}
     if isinstance(body, r.SessionStart):
@@ -120,7 +120,7 @@ def line_of(record: Record | UnreadableLine, render: Render) -> Text:
     text = Text(f"{sanitize_terminal(record.wall)[11:23]:<12} {record.sequence:>6} ", "dim")
     text.append(f"{sanitize_terminal(record.process):<10.10} {sanitize_terminal(record.operator):<10.10} ", "dim")
     text.append(f"{kind_of(record.body):<17} ", style)
-    text.append(sanitize_terminal(sentence(record.body, render)), style)
+    text.append(sanitize_terminal(record_text(record.body, render)), style)
     return text
 
 

@@ -139,14 +139,14 @@ class ConsoleApp(SessionFlow):
             await self._end_now()
             return
         self._leaving = True
-        self.push_screen(Question(tr("leave.title"), tr("leave.words")), self._leave_if)
+        self.push_screen(Question(tr("leave.title"), tr("leave.text")), self._leave_if)
 
     def action_help(self) -> None:
         """Help on the screen that is open."""
         screen = self.screen
         if isinstance(screen, (ConsoleScreen, Dialog)) and not isinstance(screen, HelpPage):
-            words = page(screen.HELP_PAGE, screen.active_bindings, self)
-            self.push_kept(str(words), lambda: HelpPage(words))
+            text = page(screen.HELP_PAGE, screen.active_bindings, self)
+            self.push_kept(str(text), lambda: HelpPage(text))
 
     def action_next_theme(self) -> None:
         """Dark, light, high contrast, and around."""

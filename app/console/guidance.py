@@ -111,7 +111,7 @@ def _light(check: Check, state: SessionState) -> Light:
     return Light.RED
 
 
-_LEGS_ASTRAY = (GaitState.UNPOWERED, GaitState.BETWEEN)
+_LEGS_UNTRUSTED = (GaitState.UNPOWERED, GaitState.BETWEEN)
 _ENDINGS = {Event.SHUTTING_DOWN, Event.SHUTDOWN_DAMPING}
 
 
@@ -124,7 +124,7 @@ def guidance_line(state: SessionState, keys: dict[str, str], *, watching: bool =
 
 
 def next_step(state: SessionState) -> tuple[str, str]:
-    """Name of the words, and their style: the first row that applies."""
+    """Name of the message, and its style: the first row that applies."""
     for applies, name, style in _STEPS:
         if applies(state, state.snapshot):
             return name, style
@@ -167,5 +167,5 @@ _STEPS: tuple[tuple[_Applies, str, str], ...] = (
     (lambda state, _: not ready(state), "checks", "bold $warning"),
     (lambda _, now: now is not None and not now.armed, "arm", "bold $accent"),
     (lambda _, now: now is not None and now.action is not None, "moving", "bold $accent"),
-    (lambda _, now: now is not None and now.state in _LEGS_ASTRAY, "initialise", "bold $accent"),
+    (lambda _, now: now is not None and now.state in _LEGS_UNTRUSTED, "initialise", "bold $accent"),
 )

@@ -1,4 +1,4 @@
-"""Every key in one table a place. `id` is what `keys` in the configuration remaps; its words are in the locales."""
+"""Every key in one table a place. `id` is what `keys` in the configuration remaps; its text is in the catalogues."""
 
 from __future__ import annotations
 
@@ -123,13 +123,13 @@ def commands(app: ConsoleApp, screen: Screen[object]) -> Iterable[SystemCommand]
         binding = active.binding
         if active.enabled and binding.id is not None:
             where = app if active.node is app else screen
-            words = tr("palette.key", key=app.get_key_display(binding))
-            yield SystemCommand(binding.description, words, partial(app.run_action, binding.action, where))
+            text = tr("palette.key", key=app.get_key_display(binding))
+            yield SystemCommand(binding.description, text, partial(app.run_action, binding.action, where))
     if app.live is not None and not app.read_only:
         for action in Action:
-            words = tr("palette.act", gesture=tr(GESTURE_OF[action]))
+            text = tr("palette.act", gesture=tr(GESTURE_OF[action]))
             act = partial(app.live.host.send, OperatorKind.ACT, action)
-            yield SystemCommand(tr(action), words, act)
+            yield SystemCommand(tr(action), text, act)
     for theme in THEME_NAMES:
         yield SystemCommand(tr(f"theme.{theme}"), tr("palette.theme"), partial(setattr, app, "theme", theme))
     for code, name in languages().items():

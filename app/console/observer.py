@@ -149,5 +149,5 @@ def serve_console(home: Home, port: int = PORT) -> None:
 
     shared(home)
     rleex = Path(sys.executable).with_name("rleex")
-    words = [str(rleex), "run", "--read-only", "--home", str(home.root)]
-    Server(shlex.join(words), host=LOOPBACK, port=port, title="rleex (read-only)").serve()
+    text = [str(rleex), "run", "--read-only", "--home", str(home.root)]
+    Server(shlex.join(text), host=LOOPBACK, port=port, title="rleex (read-only)").serve()

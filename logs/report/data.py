@@ -33,7 +33,7 @@ from logs.records import (
     TickLateness,
     Transition,
 )
-from logs.show import UNKNOWN, sentence
+from logs.show import UNKNOWN, record_text
 
 B = TypeVar("B", bound=Body)
 
@@ -313,7 +313,7 @@ def _degrees(value: float | None) -> float:
 
 def _notes(timed: Timed, render: Render) -> tuple[tuple[float, str, str], ...]:
     def text(body: Note | Discomfort) -> str:
-        return text_of(body.text, render) if isinstance(body, Note) else sentence(body, render)
+        return text_of(body.text, render) if isinstance(body, Note) else record_text(body, render)
 
     return tuple(
         (timed.at_s(record), record.operator, text(record.body))

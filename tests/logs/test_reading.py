@@ -22,7 +22,7 @@ from logs.keys import ConsoleKey, by_fingerprint
 from logs.read import UnreadableLine, find_session, outline, read, records, session_paths
 from logs.report.page import report
 from logs.sanitize import sanitize_terminal
-from logs.show import Filter, RecordSelector, json_of, line_of, sentence
+from logs.show import Filter, RecordSelector, json_of, line_of, record_text
 from logs.verify import Evidence
 from testing.trails import write_sample
 from tests.support.audit_trails import Trail, write_session
@@ -134,10 +134,10 @@ def test_every_kind_of_record_has_its_text(language: str) -> None:
 
 def test_a_sentence_survives_what_was_not_measured() -> None:
     body = r.GestureOnset(gesture=None, distance_m=None)
-    assert sentence(body, render_recorded) == "gesture –, confidence 0.00"
+    assert record_text(body, render_recorded) == "gesture –, confidence 0.00"
     quad = (0.1, None, 0.1, 0.1)
     statistics = {name: quad for name in r.JointStatistics.__struct_fields__ if name.endswith(("rad", "nm", "_c"))}
-    assert "–" in sentence(r.JointStatistics(period_s=1.0, **statistics), render_recorded)  # type: ignore[arg-type]
+    assert "–" in record_text(r.JointStatistics(period_s=1.0, **statistics), render_recorded)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(

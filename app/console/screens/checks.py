@@ -19,7 +19,7 @@ from app.console.guidance import Light, results
 from app.console.screens.base import Dialog
 from app.console.screens.dialogs import Lists
 from app.console.state import SessionState
-from app.console.widgets.gesture import zone_words
+from app.console.widgets.gesture import zone_text
 from app.console.widgets.panel import Lines, bar
 from app.ipc.states import Action
 from app.system.config import Config
@@ -47,8 +47,8 @@ def check_lines(state: SessionState) -> Lines:
         if result.light is not Light.GREEN:
             lines.append(((f"   {tr(f'check.{result.name}.remedy')}", "$text-muted"),))
     if state.report is not None and state.report.press_zone is not None:
-        words = zone_words(state.report.press_zone, state.report.threshold_m)
-        lines.append(((f" {words}", "$text-muted"),))
+        text = zone_text(state.report.press_zone, state.report.threshold_m)
+        lines.append(((f" {text}", "$text-muted"),))
     if state.fault:
         lines.append(((state.fault, "bold $error"),))
     return tuple(lines)
@@ -63,9 +63,9 @@ class Checklist(Lists):
         ("p", "preflight", "bind.checklist.preflight"),
     ]
 
-    def title_and_words(self) -> tuple[str, str]:
+    def title_and_text(self) -> tuple[str, str]:
         """In the language of now."""
-        return tr("checks.title"), tr("checks.words")
+        return tr("checks.title"), tr("checks.text")
 
     def lines_of(self, state: SessionState | None) -> Lines:
         """Every check as it stands."""
@@ -131,7 +131,7 @@ class Preflight(Dialog[bool]):
     def compose(self) -> ComposeResult:
         with Vertical(classes="dialog") as box:
             box.border_title = tr("preflight.title", name=self._profile.identifier)
-            yield Static(tr("preflight.words"), markup=False)
+            yield Static(tr("preflight.text"), markup=False)
             yield Static(tr("preflight.starting"), id="progress", markup=False)
         yield from self.compose_bottom()
 

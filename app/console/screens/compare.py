@@ -70,7 +70,7 @@ class CompareScreen(ConsoleScreen):
         super().show_session(state)
         if state is None:
             return
-        self.query_one("#status", Panel).lines = (plain(tr("compare.words"), "$text-muted"),)
+        self.query_one("#status", Panel).lines = (plain(tr("compare.text"), "$text-muted"),)
         self.query_one(Picture).show(state)
         if state.report is not None and state.report.sequence != self._sequence:
             self._sequence = state.report.sequence

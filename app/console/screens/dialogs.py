@@ -31,10 +31,10 @@ class Question(Dialog[bool]):
         ("n", "answer(False)", "bind.no"),
     ]
 
-    def __init__(self, title: str, words: str, *, yes: str = "", no: str = "") -> None:
+    def __init__(self, title: str, text: str, *, yes: str = "", no: str = "") -> None:
         super().__init__()
         self._title = title
-        self._words = words
+        self._text = text
         self._yes = yes or tr("dialog.yes")
         self._no = no or tr("dialog.no")
 
@@ -42,7 +42,7 @@ class Question(Dialog[bool]):
         with Vertical(classes="dialog") as box:
             box.border_title = self._title
             with VerticalScroll(classes="dialog-text", can_focus=False):
-                yield Static(self._words, markup=False)
+                yield Static(self._text, markup=False)
             with Horizontal(classes="dialog-buttons"):
                 yield Button(f"{self._no} (n)", id="no")
                 yield Button(f"{self._yes} (y)", id="yes", variant="primary")
@@ -66,7 +66,7 @@ class TherapistAct(Dialog[Action]):
     def compose(self) -> ComposeResult:
         with Vertical(classes="dialog") as box:
             box.border_title = tr("act.title")
-            yield Static(tr("act.words"), markup=False)
+            yield Static(tr("act.text"), markup=False)
             yield OptionList(*self._options())
         yield from self.compose_bottom()
 
@@ -114,7 +114,7 @@ class Lists(Dialog[None]):
         super().__init__()
         self._lines: Lines = ()
 
-    def title_and_words(self) -> tuple[str, str]:
+    def title_and_text(self) -> tuple[str, str]:
         """What stands in the border, and above the lines."""
         raise NotImplementedError
 
@@ -124,10 +124,10 @@ class Lists(Dialog[None]):
 
     def compose(self) -> ComposeResult:
         self._lines = self.lines_of(self.console_app.live_state())
-        title, words = self.title_and_words()
+        title, text = self.title_and_text()
         with VerticalScroll(classes="dialog") as box:
             box.border_title = title
-            yield Static(words, markup=False, id="words")
+            yield Static(text, markup=False, id="text")
             yield Static(content_of(self._lines), id="lines")
         yield from self.compose_bottom()
 
@@ -142,16 +142,16 @@ class Lists(Dialog[None]):
 class AskText(Dialog[str]):
     """Asks for one line; Enter gives it, Escape gives nothing."""
 
-    def __init__(self, title: str, words: str, start: str = "") -> None:
+    def __init__(self, title: str, text: str, start: str = "") -> None:
         super().__init__()
         self._title = title
-        self._words = words
+        self._text = text
         self._start = start
 
     def compose(self) -> ComposeResult:
         with Vertical(classes="dialog") as box:
             box.border_title = self._title
-            yield Static(self._words, markup=False)
+            yield Static(self._text, markup=False)
             yield Input(self._start, id="answer", max_length=MAX_ANSWER)
         yield from self.compose_bottom()
 

@@ -30,17 +30,17 @@ _HAND = "hand."  # the digital hand's keys come last: F1 to F4 must be seen with
 class Page:
     """What this screen is for, STOP, and the keys."""
 
-    words: Lines
+    text: Lines
     keys: Keys
 
 
 def page(name: str, bindings: Mapping[str, ActiveBinding], app: App[None]) -> Page:
     """The page of this name, or the general one."""
-    words = tr(f"help.{name}") if knows(f"help.{name}") else tr("help.general")
+    text = tr(f"help.{name}") if knows(f"help.{name}") else tr("help.general")
     named = [active for active in bindings.values() if active.binding.id is not None and active.enabled]
     named.sort(key=lambda active: str(active.binding.id).startswith(_HAND))
     keys = tuple((app.get_key_display(active.binding), active.binding.description) for active in named)
-    return Page((plain(words), plain(""), plain(tr("help.stop"), "bold"), plain("")), keys)
+    return Page((plain(text), plain(""), plain(tr("help.stop"), "bold"), plain("")), keys)
 
 
 def table(keys: Keys, width: int) -> Lines:
@@ -89,6 +89,6 @@ class HelpPage(Dialog[None]):
     def compose(self) -> ComposeResult:
         with VerticalScroll(classes="dialog page") as box:
             box.border_title = tr("help.title")
-            yield Static(content_of(self._page.words))  # a Markdown widget makes fifty, which take half a second
+            yield Static(content_of(self._page.text))  # a Markdown widget makes fifty, which take half a second
             yield KeyTable(self._page.keys)
         yield from self.compose_bottom()

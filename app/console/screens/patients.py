@@ -262,7 +262,7 @@ class History(Lists):
         self._patient = name
         self._lines = history_lines(changes)
 
-    def title_and_words(self) -> tuple[str, str]:
+    def title_and_text(self) -> tuple[str, str]:
         """The patient."""
         return tr("history.title", name=self._patient), ""
 

@@ -132,9 +132,9 @@ class SessionScreen(HandKeys):
         if not waiting:
             self.notify(tr("acknowledge.nothing"))
             return
-        words = "\n".join(f"• {render(event.reason)}" for event in waiting)
+        text = "\n".join(f"• {render(event.reason)}" for event in waiting)
         self.app.push_screen(
-            Question(tr("acknowledge.title"), f"{words}\n\n{tr('acknowledge.words')}"), self._acknowledged
+            Question(tr("acknowledge.title"), f"{text}\n\n{tr('acknowledge.text')}"), self._acknowledged
         )
 
     def action_act(self) -> None:
@@ -149,7 +149,7 @@ class SessionScreen(HandKeys):
         if state is None or state.effect is not Effect.DAMP:
             self.notify(tr("torque_off.only_damped"), severity="warning")
             return
-        self.app.push_screen(Question(tr("torque_off.title"), tr("torque_off.words")), self._torque_off)
+        self.app.push_screen(Question(tr("torque_off.title"), tr("torque_off.text")), self._torque_off)
 
     def action_checks(self) -> None:
         """Show the checks."""

@@ -51,8 +51,8 @@ def _why_not(snapshot: ControlSnapshot) -> Lines:
     """Why nothing is allowed, unless an event beside says the same."""
     if snapshot.allowed or snapshot.action is not None or not snapshot.why_not:
         return ()
-    told = any(event.reason == snapshot.why_not for event in snapshot.events)
-    return () if told else (plain(f" {render(snapshot.why_not)}", "$warning"),)
+    known = any(event.reason == snapshot.why_not for event in snapshot.events)
+    return () if known else (plain(f" {render(snapshot.why_not)}", "$warning"),)
 
 
 def _allowed(snapshot: ControlSnapshot, width: int, height: int) -> Lines:

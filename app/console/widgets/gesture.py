@@ -139,16 +139,16 @@ def _zone(report: TriggerReport) -> Lines:
     if zone is None:
         return ()
     style = "$text-muted" if zone.fits(report.threshold_m) else "bold $warning"
-    return (plain(zone_words(zone, report.threshold_m), style),)
+    return (plain(zone_text(zone, report.threshold_m), style),)
 
 
-def zone_words(zone: PressZone, threshold_m: float) -> str:
+def zone_text(zone: PressZone, threshold_m: float) -> str:
     """Where a press works, in a line."""
     if not zone.possible:
         return tr("distance.zone_impossible", near=f"{zone.followed_from_m * 100:.0f}")
     near, proposed = f"{zone.followed_from_m * 100:.0f}", f"{zone.threshold_m * 100:.0f}"
-    words = tr("distance.zone", near=near, far=f"{zone.visible_to_m * 100:.0f}")
-    return words if zone.fits(threshold_m) else f"{words} · {tr('distance.proposed', cm=proposed)}"
+    text = tr("distance.zone", near=near, far=f"{zone.visible_to_m * 100:.0f}")
+    return text if zone.fits(threshold_m) else f"{text} · {tr('distance.proposed', cm=proposed)}"
 
 
 class DistancePanel(StatePanel):

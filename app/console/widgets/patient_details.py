@@ -63,7 +63,7 @@ def _changed(changes: tuple[Change, ...], last: SessionRecord | None) -> list[Li
 def identity(profile: Profile) -> str:
     """What a therapist compares with the patient."""
     return tr(
-        "confirm.words",
+        "confirm.text",
         identifier=profile.identifier,
         sex=profile.sex,
         stature_m=profile.stature_m,

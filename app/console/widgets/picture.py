@@ -45,14 +45,14 @@ class Picture(Widget):
         self._indent = 0
         self._background = Style()
         self._sequence = -1
-        self._said = tr("picture.waiting")
+        self._message_text = tr("picture.waiting")
         self.paused = False
 
     def show(self, state: SessionState) -> None:
-        """Draw the newest preview, or say why there is none."""
-        said = self._words(state)
-        if said != self._said:
-            self._said = said
+        """Draw the newest preview, or why there is none."""
+        message = self._message_for(state)
+        if message != self._message_text:
+            self._message_text = message
             self.refresh()
         preview = state.preview
         if preview is None or self.paused or preview.sequence == self._sequence or self.size.area == 0:
@@ -63,7 +63,7 @@ class Picture(Widget):
 
     def show_preview(self, preview: Preview) -> None:
         """Draw this one, without a session."""
-        self._said = ""
+        self._message_text = ""
         self._strips = self._draw(preview) if self.size.area else []
         self.refresh()
 
@@ -81,7 +81,7 @@ class Picture(Widget):
 
     def render_line(self, y: int) -> Strip:
         width, background = self.size.width, self._background
-        if self._said and (not self._strips or y == self.size.height - 1):
+        if self._message_text and (not self._strips or y == self.size.height - 1):
             return self._message(y, width, background)
         top = (self.size.height - len(self._strips)) // 2
         if not 0 <= y - top < len(self._strips):
@@ -97,9 +97,9 @@ class Picture(Widget):
     def _message(self, y: int, width: int, style: Style) -> Strip:
         if y != self.size.height - 1 and y != self.size.height // 2:
             return Strip.blank(width, style)
-        return Strip([Segment(self._said[:width].center(width), style)]).adjust_cell_length(width, style)
+        return Strip([Segment(self._message_text[:width].center(width), style)]).adjust_cell_length(width, style)
 
-    def _words(self, state: SessionState) -> str:
+    def _message_for(self, state: SessionState) -> str:
         if self.paused:
             return tr("picture.paused")
         if state.preview is None:

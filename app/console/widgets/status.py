@@ -125,9 +125,9 @@ def _chain(state: SessionState) -> Line:
 def _ticks(state: SessionState) -> Line:
     assert state.snapshot is not None
     late, real_time = state.snapshot.lateness, state.snapshot.real_time
-    words = tr("health.ticks", p99=f"{late.p99_ms:.2f}", worst=f"{late.max_ms:.1f}", missed=late.missed)
+    text = tr("health.ticks", p99=f"{late.p99_ms:.2f}", worst=f"{late.max_ms:.1f}", missed=late.missed)
     privilege = "" if real_time.fifo else f" {tr('health.no_fifo')}"
-    return ((words, "$warning" if late.missed else ""), (privilege, "$warning"))
+    return ((text, "$warning" if late.missed else ""), (privilege, "$warning"))
 
 
 class HealthPanel(StatePanel):

@@ -40,21 +40,21 @@ class Console:
         """Press keys one after the other."""
         await self.pilot.press(*keys)
 
-    def type(self, field: str, words: str) -> None:
+    def type(self, field: str, text: str) -> None:
         """Put these words into a field of the open screen."""
-        self.app.screen.query_one(f"#{field}", Input).value = words
+        self.app.screen.query_one(f"#{field}", Input).value = text
 
     async def until(self, condition: Callable[[], object]) -> None:
         """Wait until the condition holds; fail after a limit."""
         await wait_until(self.pilot, condition)
 
-    async def shows(self, words: str) -> None:
+    async def shows(self, text: str) -> None:
         """Wait until the screen shows these words."""
-        await self.until(lambda: words in self.text())
+        await self.until(lambda: text in self.text())
 
-    async def tells(self, words: str) -> None:
+    async def tells(self, text: str) -> None:
         """Wait until a message to the operator contains these words."""
-        await self.until(lambda: any(words in note.message for note in self.app._notifications))
+        await self.until(lambda: any(text in note.message for note in self.app._notifications))
 
     def text(self) -> str:
         """What is on the screen, line by line."""

@@ -23,8 +23,8 @@ from tests.app.console.conftest import Console, Opener, wait_until
 PROCESS_LIMIT_S = 120.0  # an interpreter, camera, hand model or physics, on a machine that tests other things too
 
 
-async def _comes(console: Console, words: str) -> None:
-    await wait_until(console.pilot, lambda: words in console.text(), PROCESS_LIMIT_S)
+async def _comes(console: Console, text: str) -> None:
+    await wait_until(console.pilot, lambda: text in console.text(), PROCESS_LIMIT_S)
 
 
 async def test_a_palm_is_calibrated_before_the_camera_and_kept_with_its_history(console: Opener, home: Home) -> None:

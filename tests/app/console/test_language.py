@@ -40,7 +40,7 @@ def test_each_language_has_the_same_names_and_gaps(code: str) -> None:
 
 @pytest.mark.parametrize("code", CODES)
 def test_every_word_of_the_tables_is_there(code: str) -> None:
-    words = entries(code)
+    text = entries(code)
     wanted = [
         key_of(member)
         for kind in (GaitState, Action, Effect, Gesture, Finger, Joint, Role, FieldFault, ReferenceSource)
@@ -54,9 +54,9 @@ def test_every_word_of_the_tables_is_there(code: str) -> None:
     wanted += [f"training.{one.value}" for one in FingerState]
     asked_in_the_console = (Permission.OPERATE, Permission.EDIT_PATIENTS, Permission.CALIBRATE, Permission.REVIEW)
     wanted += [key_of(one) for one in asked_in_the_console]
-    guide = {name.removeprefix("guide.") for name in words if name.startswith("guide.")}
+    guide = {name.removeprefix("guide.") for name in text if name.startswith("guide.")}
     wanted += [f"watch.{name}" for name in guide]
-    assert [name for name in wanted if name not in words] == []
+    assert [name for name in wanted if name not in text] == []
 
 
 ROOMS = ("app", "hal", "kgdfa", "logs", "profiles")

@@ -47,9 +47,9 @@ LIMIT_S = 120.0
 def test_stop_is_sent_while_the_event_loop_is_stuck(tmp_path: Path) -> None:
     report = tmp_path / "report"
     ours, theirs = pty.openpty()
-    words = [sys.executable, "-c", STUCK, str(tmp_path / "home"), str(report)]
+    text = [sys.executable, "-c", STUCK, str(tmp_path / "home"), str(report)]
     environment = os.environ | {"TERM": "xterm-256color", "COLUMNS": "80", "LINES": "24"}
-    child = subprocess.Popen(words, stdin=theirs, stdout=theirs, stderr=theirs, env=environment, close_fds=True)
+    child = subprocess.Popen(text, stdin=theirs, stdout=theirs, stderr=theirs, env=environment, close_fds=True)
     os.close(theirs)
     try:
         _until(ours, report.with_suffix(".stuck"))

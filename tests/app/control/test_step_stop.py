@@ -128,9 +128,9 @@ def test_a_stop_before_the_plan_has_come_keeps_the_state_unless_the_joints_give_
 
 
 def test_stop_wins_over_a_wish_and_over_an_acknowledgement_of_the_same_tick() -> None:
-    for words in ((K.ACT, K.STOP), (K.STOP, K.ACT)):
+    for text in ((K.ACT, K.STOP), (K.STOP, K.ACT)):
         rig = standing()
-        for word in words:
+        for word in text:
             rig.send(word, A.STEP_RIGHT_FIRST if word is K.ACT else None)
         rig.tick(3)
         assert now(rig).running is None

@@ -26,16 +26,16 @@ def keys_of(file: Path) -> Iterator[str]:
             if node.targets[0].id.lower() == "columns" and isinstance(node.value, ast.Constant):
                 yield from _columns(str(node.value.value))
         elif isinstance(node, ast.Call) and isinstance(node.func, ast.Name):
-            words = [one.value for one in node.args if isinstance(one, ast.Constant) and isinstance(one.value, str)]
+            text = [one.value for one in node.args if isinstance(one, ast.Constant) and isinstance(one.value, str)]
             if node.func.id == "tr":
-                yield from words
+                yield from text
             elif node.func.id == "_bar":
-                yield from (f"evaluate.progress.{one}" for one in words)
+                yield from (f"evaluate.progress.{one}" for one in text)
             elif node.func.id == "decorate":
-                yield from (f"evaluate.plot.{one}" for one in words)
-            elif node.func.id == "table" and words:
-                yield f"evaluate.{words[0]}"
-                yield from _columns(" ".join(words[1:]))
+                yield from (f"evaluate.plot.{one}" for one in text)
+            elif node.func.id == "table" and text:
+                yield f"evaluate.{text[0]}"
+                yield from _columns(" ".join(text[1:]))
 
 
 def _columns(listed: str) -> Iterator[str]:

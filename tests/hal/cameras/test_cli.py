@@ -17,9 +17,9 @@ from tests.hal.cameras.test_intrinsics import BOARD, LENS, VIEWS, seen_board
 from tests.support.errors import refused
 
 
-def run(home: Path, *words: str) -> str:
+def run(home: Path, *text: str) -> str:
     """The command's output; what it raises goes to the program's own last line of defence."""
-    result = CliRunner().invoke(cli, [*words, "--home", str(home)])
+    result = CliRunner().invoke(cli, [*text, "--home", str(home)])
     if result.exception is not None and not isinstance(result.exception, SystemExit):
         raise result.exception
     assert result.exit_code == 0, result.output
