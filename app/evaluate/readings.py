@@ -18,7 +18,7 @@ import numpy as np
 
 from app.evaluate.harness import FRAME_NS, EvaluateFault
 from app.system.errors import AppError
-from hal.cameras.intrinsics import ASSUMED_FOCAL_PER_WIDTH
+from hal.cameras.intrinsics import assumed_focal_px
 from kgdfa.gesture import Gesture
 from kgdfa.hand import Hand
 from kgdfa.preprocess import Image
@@ -191,10 +191,11 @@ def _read_video(where: Path, table: Path) -> Footage:
         count += 1
     if not count:
         raise AppError(EvaluateFault.VIDEO_UNREADABLE, file=where)
-    width_px, rate_hz = video.get(cv2.CAP_PROP_FRAME_WIDTH), video.get(cv2.CAP_PROP_FPS)
+    width_px, height_px = video.get(cv2.CAP_PROP_FRAME_WIDTH), video.get(cv2.CAP_PROP_FRAME_HEIGHT)
+    rate_hz = video.get(cv2.CAP_PROP_FPS)
     return Footage(
         labels=_video_labels(table, count),
-        focal_px=ASSUMED_FOCAL_PER_WIDTH * width_px,
+        focal_px=assumed_focal_px(width_px, height_px),
         reference_m=_REFERENCE_OF_PALM * _PALM_WIDTH_M,
         period_ns=round(1e9 / rate_hz) if rate_hz > 0 else FRAME_NS,
         frames=lambda: _video_frames(where),

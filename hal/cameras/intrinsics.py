@@ -17,12 +17,17 @@ from hal.cameras.camera import ImageArray, Intrinsics, IntrinsicsSource
 from hal.errors import CameraFault, HardwareError
 
 # An ordinary 16:9 webcam sees about 68 degrees across, which is 950 px of focal length at 1280 pixels.
-ASSUMED_FOCAL_PER_WIDTH = 950.0 / 1280.0
+_ASSUMED_FOCAL_SHARE = 950.0 / 1280.0
 
 
 def assumed(width_px: int, height_px: int) -> Intrinsics:
     """What an ordinary webcam has; marked as assumed."""
-    return pinhole(width_px, height_px, ASSUMED_FOCAL_PER_WIDTH * width_px, IntrinsicsSource.ASSUMED)
+    return pinhole(width_px, height_px, assumed_focal_px(width_px, height_px), IntrinsicsSource.ASSUMED)
+
+
+def assumed_focal_px(width_px: float, height_px: float) -> float:
+    """The focal length of an ordinary webcam: a share of the long side, so a camera on its side reads the same."""
+    return _ASSUMED_FOCAL_SHARE * max(width_px, height_px)
 
 
 def given(width_px: int, height_px: int, focal_px: float) -> Intrinsics:

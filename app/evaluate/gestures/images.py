@@ -116,8 +116,15 @@ def _encoded(error: Reason | None) -> str:
     return msgspec.json.encode(error).decode() if error else ""
 
 
+def _decoded(error: str, path: str) -> Reason | None:
+    if error and not error.startswith("{"):  # files of 0.1 keep it as text
+        return reason(EvaluateFault.IMAGE_UNREADABLE, file=path)
+    return msgspec.json.decode(error, type=Reason) if error else None
+
+
 def _stored_images(file: dict[str, NDArray[Any]]) -> list[DetectedImage]:
-    hands: list[list[Hand]] = [[] for _ in file["images"]]
+    listed = file["images"] if "images" in file else file["photos"]  # their name in files of 0.1
+    hands: list[list[Hand]] = [[] for _ in listed]
     rows = zip(file["owner"], file["image_px"], file["world_m"], file["presence"], file["side"], strict=True)
     for owner, image_px, world_m, presence, side in rows:
         hands[owner].append(
@@ -132,9 +139,9 @@ def _stored_images(file: dict[str, NDArray[Any]]) -> list[DetectedImage]:
         DetectedImage(
             image=LabelledImage(path=str(path), label=str(label), source=str(source), group=str(group)),
             hands=tuple(own),
-            error=msgspec.json.decode(str(error), type=Reason) if error else None,
+            error=_decoded(str(error), str(path)),
         )
-        for (path, label, source, group, error), own in zip(file["images"], hands, strict=True)
+        for (path, label, source, group, error), own in zip(listed, hands, strict=True)
     ]
 
 

@@ -94,11 +94,12 @@ def test_corners_of_no_one_lens_are_refused() -> None:
         calibrate(shaken, BOARD, 640, 360)
 
 
-@given(width=st.integers(160, 4096))
-def test_assumed_intrinsics_are_marked_and_scale_with_the_picture(width: int) -> None:
-    lens = assumed(width, 720)
+@given(width=st.integers(160, 4096), height=st.integers(160, 4096))
+def test_assumed_intrinsics_are_marked_and_scale_with_the_long_side(width: int, height: int) -> None:
+    lens = assumed(width, height)
     assert lens.source is IntrinsicsSource.ASSUMED
-    assert lens.fx_px / width == pytest.approx(950 / 1280)
+    assert lens.fx_px / max(width, height) == pytest.approx(950 / 1280)
+    assert lens.fx_px == lens.fy_px == assumed(height, width).fx_px  # a camera on its side has the same lens
 
 
 @pytest.mark.parametrize("focal", [0.0, -5.0, float("nan"), float("inf")])

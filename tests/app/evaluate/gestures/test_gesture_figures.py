@@ -128,6 +128,11 @@ def test_keypoints_survive_their_file(tmp_path: Path) -> None:
         assert len(one.hands) == len(before.hands)
         for hand, own in zip(one.hands, before.hands, strict=True):
             np.testing.assert_allclose(hand.image_px, own.image_px, rtol=1e-6)
+    with np.load(tmp_path / "looks.npz") as stored:  # as files of 0.1 are
+        old = {name: stored[name] for name in stored.files if name != "images"}
+        old["photos"] = np.where(np.char.startswith(stored["images"], "{"), "no picture", stored["images"])
+    np.savez_compressed(tmp_path / "old.npz", **old)
+    assert len(load_hands(tmp_path / "old.npz", [one.image for one in detected])) == len(detected)
     with pytest.raises(AppError) as caught:
         load_hands(tmp_path / "looks.npz", [LabelledImage(path="else.png", label="1")])
     assert caught.value.code is EvaluateFault.KEYPOINTS_OF_OTHERS
