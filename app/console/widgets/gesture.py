@@ -123,14 +123,15 @@ def _button(report: TriggerReport | None, press_note: PressNote) -> Line:
         )
     return (
         (f" ○ {tr('button.released')} ", "bold reverse $error"),
-        (f" {_why(press_note)}", "$warning"),
+        (_why(press_note), "$warning"),
     )
 
 
 def _why(press_note: PressNote) -> str:
     if press_note.reason is None:
         return ""
-    return tr("button.cancelled", reason=press_note.reason) if press_note.cancelled else render(press_note.reason)
+    why = tr("button.cancelled", reason=press_note.reason) if press_note.cancelled else render(press_note.reason)
+    return f" {why}"
 
 
 def _zone(report: TriggerReport) -> Lines:
