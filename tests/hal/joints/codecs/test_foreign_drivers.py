@@ -76,7 +76,7 @@ SEEN = [
 ]
 
 
-@pytest.mark.parametrize(("label", "reported", "seen"), SEEN)
+@pytest.mark.parametrize(("label", "reported", "observed"), SEEN)
 def test_other_drivers_pack_the_same_numbers_into_the_same_bits(label: str, reported: SetPoint, observed: str) -> None:
     codec = codec_of(load_motors().find(label))
     assert text_of(codec.command(5, reported)) == observed
