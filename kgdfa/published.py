@@ -210,8 +210,9 @@ class PublishedRules:
         scores = checks.scores
         best = int(np.lexsort((checks.margins.min(axis=1), scores))[-1])
         row, held = TABLE_2[best], bool(checks.holds[best].all())
-        failing = np.where(checks.holds[best], np.inf, checks.margins[best])
-        column = int(np.argmin(checks.margins[best] if held else failing))
+        asked = checks.margins[best, : None if row.extra else -1]  # a line without an extra is not decided by one
+        failing = np.where(checks.holds[best, : len(asked)], np.inf, asked)
+        column = int(np.argmin(asked if held else failing))
         decision = Decision.CLOSEST if held else Decision.NOT
         return Verdict(
             gesture=row.gesture if held else None,

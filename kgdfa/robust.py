@@ -21,6 +21,8 @@ from kgdfa.errors import KgdfaError, KgdfaFault
 from kgdfa.features import FEATURES, Unit, features
 from kgdfa.gesture import Decision, Explanation, Finger, Gesture, Verdict
 from kgdfa.hand import FloatArray, Hand
+from reading.arrays import check_finite, read_arrays
+from reading.errors import cause_of
 
 GESTURES = tuple(Gesture)
 
@@ -88,12 +90,13 @@ def load_model(path: Path | None = None) -> RobustModel:
     """The model in a file, or the one that is shipped. Raises KgdfaError when it doesn't fit the features."""
     where = path or Path(str(resources.files("kgdfa") / "robust.npz"))
     try:
-        with np.load(where, allow_pickle=False) as stored:
-            arrays = {name: stored[name] for name in RobustModel.__slots__}
-    except (OSError, ValueError, KeyError) as error:
-        raise KgdfaError(KgdfaFault.GESTURE_MODEL_UNREADABLE, path=where, detail=str(error)) from error
-    classes = tuple(str(name) for name in arrays.pop("classes"))
-    tie = float(arrays.pop("tie"))
+        stored = read_arrays(where)
+        arrays = {name: stored[name] for name in RobustModel.__slots__}
+        classes = tuple(str(name) for name in arrays.pop("classes"))
+        tie = float(arrays.pop("tie"))
+        check_finite(arrays | {"tie": np.array(tie)})
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise KgdfaError(KgdfaFault.GESTURE_MODEL_UNREADABLE, path=where, detail=cause_of(error)) from error
     wanted = tuple(gesture.value for gesture in GESTURES)
     if classes[: len(wanted)] != wanted or arrays["centre"].shape != (len(FEATURES),):
         raise KgdfaError(KgdfaFault.GESTURE_MODEL_OUTDATED, path=where)

@@ -54,7 +54,7 @@ def _locked(handle: int) -> int:
 
 def is_being_written(path: Path) -> bool:
     """Whether a writer holds the file's lock: the session is still running."""
-    handle = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
+    handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
     try:
         fcntl.flock(handle, fcntl.LOCK_SH | fcntl.LOCK_NB)
     except BlockingIOError:

@@ -25,6 +25,9 @@ from msgspec import Struct
 
 from logs.disk import Disk
 from logs.errors import AuditError, AuditFault
+from reading.errors import cause_of
+from reading.formats import read_json
+from reading.regular import read_bytes
 
 ANCHOR_FILE = "history.json"
 
@@ -41,11 +44,11 @@ def read_anchor(folder: Path) -> Anchor | None:
     """The anchor in a console's key folder; None where there is none. Raises AuditError when it is damaged."""
     path = folder / ANCHOR_FILE
     try:
-        return msgspec.json.decode(path.read_bytes(), type=Anchor)
+        return read_json(path, Anchor)
     except (FileNotFoundError, NotADirectoryError):
         return None
-    except (OSError, msgspec.MsgspecError) as error:
-        raise AuditError(AuditFault.ANCHOR_DAMAGED, path=path, detail=str(error)) from error
+    except OSError as error:
+        raise AuditError(AuditFault.ANCHOR_DAMAGED, path=path, detail=cause_of(error)) from error
 
 
 def write_anchor(folder: Path, anchor: Anchor, disk: Disk) -> None:
@@ -70,6 +73,7 @@ def replace_file(path: Path, data: bytes, disk: Disk) -> None:
 
 
 KEY_FILE = "console.key"
+MAX_KEY = 1 << 16  # bytes of a PEM
 PUBLIC_FILE = "console.pub"
 
 
@@ -126,15 +130,15 @@ def load_or_make_key(folder: Path, disk: Disk | None = None) -> ConsoleKey:
             _make(folder, disk or Disk())
         return _load(path)
     except OSError as error:
-        raise AuditError(AuditFault.KEY_UNUSABLE, path=path, detail=error.strerror) from error
+        raise AuditError(AuditFault.KEY_UNUSABLE, path=path, detail=cause_of(error)) from error
 
 
 def load_public_key(path: Path) -> PublicKey:
     """A public key from a PEM file. Raises AuditError when it isn't an Ed25519 one."""
     try:
-        key = load_pem_public_key(path.read_bytes())
+        key = load_pem_public_key(read_bytes(path, MAX_KEY))
     except OSError as error:
-        raise AuditError(AuditFault.PUBLIC_KEY_UNREADABLE, path=path, detail=error.strerror) from error
+        raise AuditError(AuditFault.PUBLIC_KEY_UNREADABLE, path=path, detail=cause_of(error)) from error
     except (ValueError, UnsupportedAlgorithm) as error:
         raise AuditError(AuditFault.PUBLIC_KEY_NOT_PEM, path=path) from error
     if not isinstance(key, Ed25519PublicKey):
@@ -172,7 +176,7 @@ def _load(path: Path) -> ConsoleKey:
     if exposed:
         path.chmod(0o600)
     try:
-        key = load_pem_private_key(path.read_bytes(), password=None)
+        key = load_pem_private_key(read_bytes(path, MAX_KEY), password=None)
     except (ValueError, TypeError, UnsupportedAlgorithm) as error:
         raise AuditError(AuditFault.KEY_DAMAGED, path=path) from error
     if not isinstance(key, Ed25519PrivateKey):

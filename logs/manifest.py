@@ -21,6 +21,7 @@ from logs.reason import Reason, reason
 from logs.records import Body, Checkpoint, Entry, LogClosed, LogOpened, LogRecovered, Record
 from logs.scan import Scan, scan_file
 from logs.trail import Chain, DiskFault, Trail, open_logger
+from reading.regular import open_regular
 
 MANIFEST_SESSION = "manifest"
 
@@ -87,11 +88,11 @@ def read_listings(folder: Path, keys: Mapping[str, PublicKey]) -> Listing:
 
 def _read_into(listing: Listing, path: Path, records: int) -> None:
     taken = 0
-    with path.open("rb") as file:
-        while taken < records:
+    with open_regular(path) as file:
+        while taken < records and (line := file.readline(MAX_LINE)):
             try:
-                record = _decode(file.readline(MAX_LINE))
-            except msgspec.MsgspecError:
+                record = _decode(line)
+            except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError):
                 continue  # a torn tail that a later entry explains
             taken += 1
             _note(listing, record)

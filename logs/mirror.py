@@ -17,6 +17,9 @@ from pathlib import Path
 from logs.line import unseal
 from logs.reason import Reason, reason
 from logs.scan import Head, head_of
+from reading.regular import open_regular, read_bytes
+
+MAX_COPY = 256 << 20  # bytes of a mirror of checkpoints
 
 SYSLOG = "syslog"
 SUFFIX = ".checkpoints"
@@ -100,7 +103,7 @@ def copied(copy: Path) -> dict[int, str]:
 
 def differing(path: Path, expected: Mapping[int, str]) -> int | None:
     """The first record of a file whose hash is not the expected one, by sequence; None when all agree."""
-    with path.open("rb") as file:
+    with open_regular(path) as file:
         for number, line in enumerate(file):
             if number in expected and ((parts := unseal(line)) is None or parts[1] != expected[number]):
                 return number
@@ -118,7 +121,7 @@ def copied_files(copies: Path | None, known: Collection[str]) -> list[str]:
 
 
 def _checkpoints(copy: Path) -> Iterator[tuple[Head, str]]:
-    for line in copy.read_bytes().splitlines(keepends=True):
+    for line in read_bytes(copy, MAX_COPY).splitlines(keepends=True):
         parts, head = unseal(line), head_of(line)
         if parts is not None and head is not None:
             yield head, parts[1]

@@ -14,6 +14,8 @@ from logs.errors import AuditError, AuditFault
 from logs.line import MAX_LINE
 from logs.records import ActionEnd, Command, EventRaised, PatientChosen, Record, Refusal, Stop
 from logs.verify import is_session
+from reading.errors import cause_of
+from reading.regular import open_regular
 
 _decode = msgspec.json.Decoder(Record).decode
 NOT_A_RECORD = "not-a-record"  # kinds of what is none
@@ -33,12 +35,12 @@ class UnreadableLine:
 def read(path: Path) -> Iterator[Record | UnreadableLine]:
     """Every line of a trail, in order. Raises AuditError when the file can't be read."""
     try:
-        with path.open("rb") as file:
+        with open_regular(path) as file:
             for number, line in enumerate(iter(partial(file.readline, MAX_LINE), b""), start=1):
                 if line != b"\n":
                     yield understand(line, number)
     except OSError as error:
-        raise AuditError(AuditFault.TRAIL_UNREADABLE, path=path, detail=error.strerror) from error
+        raise AuditError(AuditFault.TRAIL_UNREADABLE, path=path, detail=cause_of(error)) from error
 
 
 def records(path: Path) -> list[Record]:
@@ -57,7 +59,7 @@ def understand(line: bytes, number: int) -> Record | UnreadableLine:
 def follow(path: Path, is_over: Callable[[], bool], pause_s: float = 0.2) -> Iterator[Record | UnreadableLine]:
     """What is in a trail and what is still being added, until it is over."""
     number, rest = 0, b""
-    with path.open("rb") as file:
+    with open_regular(path) as file:
         while True:
             over = is_over()  # first, so that what was added meanwhile is still read
             for line in iter(partial(file.readline, MAX_LINE), b""):
@@ -73,7 +75,7 @@ def follow(path: Path, is_over: Callable[[], bool], pause_s: float = 0.2) -> Ite
 
 def session_paths(folder: Path) -> list[Path]:
     """The sessions of a folder, oldest first."""
-    return [path for path in sorted(folder.glob("*.jsonl")) if is_session(path)]
+    return [path for path in sorted(folder.glob("*.jsonl")) if is_session(path) and path.is_file()]
 
 
 def find_session(folder: Path, name: str) -> Path:

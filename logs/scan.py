@@ -17,6 +17,7 @@ from logs.keys import PublicKey
 from logs.line import GENESIS, MAX_LINE, SEAL_LENGTH, SIGNED_KINDS, signed_message, unseal
 from logs.reason import Reason, reason
 from logs.records import SCHEMA
+from reading.regular import open_regular
 
 Progress = Callable[[int], None]
 _PROGRESS_LINES = 20_000
@@ -94,7 +95,7 @@ _decode = msgspec.json.Decoder(Head).decode
 
 def scan_file(path: Path, keys: Mapping[str, PublicKey], progress: Progress | None = None) -> Scan:
     """Read a whole file. Raises OSError when it can't be read; judges nothing beyond the file itself."""
-    with path.open("rb") as file:
+    with open_regular(path) as file:
         return scan_stream(file, keys, progress)
 
 
@@ -165,7 +166,7 @@ def head_of(line: bytes) -> Head | None:
     """The head of a line; None when it is no record."""
     try:
         return _decode(line)
-    except (msgspec.MsgspecError, UnicodeDecodeError):
+    except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError):
         return None
 
 

@@ -17,6 +17,8 @@ from logs.mirror import SUFFIX, copied, copied_files, differing
 from logs.reason import Reason, reason
 from logs.records import SCHEMA, LogClosed, LogRecovered, Record, SessionStart
 from logs.scan import Progress, Scan, scan_file
+from reading.errors import cause_of
+from reading.regular import open_regular
 
 __all__ = ["Evidence", "Finding", "Status", "exit_status", "is_session", "verify"]
 
@@ -70,7 +72,7 @@ def _is_foreign(path: Path, scan: Scan, evidence: Evidence) -> bool:
     """Not a record in it, and no manifest names it: binary, another encoding, another program's."""
     if scan.records or not scan.is_torn or scan.fault_is_sealed:
         return False
-    with path.open("rb") as file:
+    with open_regular(path) as file:
         if file.read(len(_RECORD_BEGINS)) == _RECORD_BEGINS:
             return False
     return path.name not in read_listings(path.parent, evidence.keys).opened
@@ -166,7 +168,7 @@ def _wrong_history(path: Path, scan: Scan, listing: Listing) -> Reason | None:
     """The first record names the newest entry that the manifest had: it must still be there."""
     if scan.records == 0:
         return None
-    with path.open("rb") as file:
+    with open_regular(path) as file:
         try:
             body = msgspec.json.decode(file.readline(MAX_LINE), type=Record).body
         except msgspec.MsgspecError:
@@ -249,7 +251,7 @@ def _verify_one(path: Path, evidence: Evidence, progress: Progress | None) -> Fi
         return Finding(
             file=path,
             status=Status.UNREADABLE,
-            reason=reason(Verdict.CAN_NOT_BE_READ, detail=error.strerror or str(error)),
+            reason=reason(Verdict.CAN_NOT_BE_READ, detail=cause_of(error)),
         )
 
 

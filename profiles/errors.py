@@ -13,8 +13,6 @@ class ProfileFault(Enum):
     # Files and store
     IN_FILE = "in file"  # place, fault: which fault in which file
     TOML = "toml"  # detail
-    TOO_LARGE = "too large"  # path, limit: bytes
-    NOT_TEXT = "not text"  # path, byte
     UNREADABLE = "unreadable"  # path, detail
     NOT_SAVED = "not saved"  # paths, detail
     FOLDER_READ_ONLY = "folder read-only"  # path, detail

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 import os
 import re
+import tomllib
 from collections.abc import Mapping, MutableMapping
 from pathlib import Path
 from typing import Any
@@ -12,20 +14,22 @@ import msgspec
 import tomlkit
 from tomlkit.exceptions import TOMLKitError
 
+import reading.regular
 from profiles.errors import ProfileError, ProfileFault
 from profiles.fields import check, file_key, from_file, to_file
 from profiles.schema import Profile
+from reading.errors import InputError, cause_of
+from reading.formats import MAX_TOML, parse_toml
 
 HEADING = "Patient profile: centimetres, degrees, kilograms, seconds. Comments are kept."
-_SIZE_LIMIT = 1_000_000  # bytes; a profile has about a thousand
 
 
 def decode(text: str, where: str) -> Profile:
     """The profile in a TOML text. Raises ProfileError naming the place and the field or line."""
     try:
-        table = tomlkit.parse(text).unwrap()
-    except TOMLKitError as error:
-        raise _in_file(where, ProfileError(ProfileFault.TOML, detail=str(error))) from error
+        table = parse_toml(text)
+    except InputError as error:
+        raise _in_file(where, ProfileError(ProfileFault.TOML, detail=cause_of(error))) from error
     return from_table(table, where)
 
 
@@ -33,7 +37,7 @@ def from_table(table: Mapping[str, Any], where: str) -> Profile:
     """The profile in a table as files have it. Raises ProfileError naming place (if any) and field."""
     try:
         return check(msgspec.convert(from_file(table, Profile), type=Profile))
-    except msgspec.ValidationError as error:
+    except (msgspec.ValidationError, ArithmeticError) as error:
         fault = ProfileError(ProfileFault.FIELD_TYPE, detail=_in_file_terms(str(error)))
         raise _in_file(where, fault) from error
     except ProfileError as error:
@@ -46,7 +50,7 @@ def _in_file(place: str, fault: ProfileError) -> ProfileError:
 
 def encode(profile: Profile, existing: str = "") -> str:
     """TOML text of a profile; comments and order of an existing text survive."""
-    document = tomlkit.parse(existing) if existing else tomlkit.document()
+    document = _document(existing)
     if not existing:
         document.add(tomlkit.comment(HEADING))
     wanted = to_file(profile)
@@ -54,16 +58,20 @@ def encode(profile: Profile, existing: str = "") -> str:
     return tomlkit.dumps(document)
 
 
-def read_text(path: Path) -> str:
+def _document(existing: str) -> tomlkit.TOMLDocument:
+    """The text with its comments. What the strict parser took and this one can't gets a document without them."""
+    try:
+        return tomlkit.parse(existing)
+    except (TOMLKitError, ValueError, RecursionError):
+        return tomlkit.document()
+
+
+def read_text(path: Path, limit: int = MAX_TOML) -> str:
     """A file's text. Raises ProfileError when it can't be read or can't be a profile."""
     try:
-        if path.stat().st_size > _SIZE_LIMIT:
-            raise ProfileError(ProfileFault.TOO_LARGE, path=path, limit=_SIZE_LIMIT)
-        return path.read_text(encoding="utf-8")
-    except UnicodeDecodeError as error:
-        raise ProfileError(ProfileFault.NOT_TEXT, path=path, byte=error.start) from error
+        return reading.regular.read_text(path, limit)
     except OSError as error:
-        raise ProfileError(ProfileFault.UNREADABLE, path=path, detail=error.strerror) from error
+        raise ProfileError(ProfileFault.UNREADABLE, path=path, detail=cause_of(error)) from error
 
 
 def replace_files(contents: Mapping[Path, str]) -> None:
@@ -184,7 +192,9 @@ def _value(typed: str, now: Any) -> Any:
     if isinstance(now, str):
         return typed
     try:
-        value = tomlkit.parse(f"x = {typed}").unwrap()["x"]
-    except TOMLKitError:
+        value = tomllib.loads(f"x = {typed}")["x"]
+    except (ValueError, RecursionError):
         return typed
+    if isinstance(value, int) and abs(value) >= 2**63:
+        return math.copysign(math.inf, value > 0 or -1)  # out of every range
     return value if isinstance(value, (bool, int, float)) else typed

@@ -18,8 +18,11 @@ from profiles.errors import ProfileError, ProfileFault
 from profiles.fields import IDENTIFIER, check, to_file
 from profiles.files import decode, encode, read_text, replace_files
 from profiles.schema import DEMO_PATIENT, Profile
+from reading.errors import cause_of
+from reading.formats import read_json_lines
 
 SUFFIX = ".toml"
+MAX_HISTORY = 64 << 20  # bytes
 Check = Callable[[Profile], None]
 
 
@@ -119,10 +122,9 @@ class ProfileStore:
         if not path.exists():
             return ()
         try:
-            lines = path.read_bytes().splitlines()
-            return tuple(msgspec.json.decode(line, type=Change) for line in lines if line.strip())
-        except (OSError, msgspec.DecodeError) as error:
-            raise ProfileError(ProfileFault.HISTORY_UNREADABLE, path=path, detail=str(error)) from error
+            return read_json_lines(path, Change)
+        except OSError as error:
+            raise ProfileError(ProfileFault.HISTORY_UNREADABLE, path=path, detail=cause_of(error)) from error
 
     def export(self, identifier: str, path: Path) -> None:
         """A copy as a file of its own, with the comments that the file here has."""
@@ -145,7 +147,7 @@ class ProfileStore:
             return None
         change = Change(at=at.astimezone(UTC).isoformat(timespec="seconds"), by=by, changes=changes, why=why)
         path, history = self._path(profile.identifier), self._history_path(profile.identifier)
-        kept = read_text(history) if history.exists() else ""
+        kept = read_text(history, MAX_HISTORY) if history.exists() else ""
         replace_files(
             {
                 history: kept + msgspec.json.encode(change).decode() + "\n",

@@ -26,6 +26,7 @@ from app.system.config import Config, SessionSetup
 from app.system.errors import AppError, ConsoleFault
 from app.system.paths import Home
 from app.system.scheduling import set_scheduling
+from reading.regular import read_bytes
 
 _SHARED = "session.msgpack"
 
@@ -46,8 +47,8 @@ def unshare(home: Home) -> None:
 def shared(home: Home) -> SessionSetup:
     """The running session. Raises AppError when there is none."""
     try:
-        setup = msgspec.msgpack.decode((home.root / _SHARED).read_bytes(), type=SessionSetup, dec_hook=_decode)
-    except (OSError, msgspec.MsgspecError) as error:
+        setup = msgspec.msgpack.decode(read_bytes(home.root / _SHARED, 1 << 20), type=SessionSetup, dec_hook=_decode)
+    except (OSError, ValueError, TypeError, RecursionError, msgspec.MsgspecError) as error:
         raise AppError(ConsoleFault.NO_SESSION_TO_WATCH, home=home.root) from error
     if not setup.links.exists():
         raise AppError(ConsoleFault.SESSION_ENDED, session=setup.session)

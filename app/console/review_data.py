@@ -36,6 +36,10 @@ from logs.records import (
     Stop,
     Transition,
 )
+from reading.errors import cause_of
+from reading.regular import open_regular
+
+MAX_SESSION = 1 << 30  # bytes of a trail that is shown whole
 
 _JOINTS = b'"kind":"joints"'
 _MONOTONIC = b'"monotonic_ns":'
@@ -228,10 +232,10 @@ class _LaneBuilder:
 def open_session(path: Path) -> ReviewedSession:
     """Read a session. Raises AuditError when the file can't be read or holds nothing."""
     try:
-        with path.open("rb") as file:
+        with open_regular(path, MAX_SESSION) as file:
             lines = list(iter(partial(file.readline, MAX_LINE), b""))
     except OSError as error:
-        raise AuditError(AuditFault.TRAIL_UNREADABLE, path=path, detail=error.strerror) from error
+        raise AuditError(AuditFault.TRAIL_UNREADABLE, path=path, detail=cause_of(error)) from error
     if not lines:
         raise AuditError(AuditFault.TRAIL_EMPTY, path=path)
     return ReviewedSession(path, lines)

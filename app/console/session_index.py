@@ -12,6 +12,8 @@ import msgspec
 from msgspec import Struct
 
 from app.system.errors import AppError
+from reading.errors import cause_of
+from reading.formats import read_json_lines
 
 
 class SessionIndexFault(Enum):
@@ -48,10 +50,9 @@ class SessionRecords:
         if not path.exists():
             return ()
         try:
-            lines = path.read_bytes().splitlines()
-            return tuple(msgspec.json.decode(line, type=SessionRecord) for line in lines if line.strip())
-        except (OSError, msgspec.MsgspecError) as error:
-            raise AppError(SessionIndexFault.UNREADABLE, path=path, detail=error) from error
+            return read_json_lines(path, SessionRecord)
+        except OSError as error:
+            raise AppError(SessionIndexFault.UNREADABLE, path=path, detail=cause_of(error)) from error
 
     def add(self, record: SessionRecord) -> None:
         """Keep one, or nothing of it."""

@@ -7,6 +7,7 @@ the first being 0, until the next line.
 from __future__ import annotations
 
 import csv
+import io
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -19,10 +20,13 @@ import numpy as np
 from app.evaluate.harness import FRAME_NS, EvaluateFault
 from app.system.errors import AppError
 from hal.cameras.intrinsics import assumed_focal_px
+from hal.cameras.playback import decode_image
 from kgdfa.gesture import Gesture
 from kgdfa.hand import Hand
 from kgdfa.preprocess import Image
 from logs.reason import Reason
+from reading.errors import cause_of
+from reading.regular import read_text
 
 NONE_PREFIX = "none:"
 NO_HAND = "none:nohand"
@@ -94,10 +98,9 @@ def read_table(file: Path, columns: Sequence[str], *, exact: bool = True) -> lis
     exact: it has these columns and no others, and every row fills them.
     """
     try:
-        with file.open(newline="", encoding="utf-8-sig") as opened:
-            head, *rows = list(csv.reader(opened)) or [[]]
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise AppError(EvaluateFault.FILE_UNREADABLE, file=file, detail=str(error)) from error
+        head, *rows = list(csv.reader(io.StringIO(read_text(file), newline=""))) or [[]]
+    except (OSError, csv.Error) as error:
+        raise AppError(EvaluateFault.FILE_UNREADABLE, file=file, detail=cause_of(error)) from error
     if head != [*columns] if exact else not {*columns} <= {*head}:
         raise AppError(EvaluateFault.TABLE_COLUMNS, file=file, columns=",".join(columns))
     numbered = [(line, row) for line, row in enumerate(rows, start=2) if row]
@@ -140,9 +143,17 @@ def _some(listed: list[Item], file: Path) -> list[Item]:
     return listed
 
 
+def _finite(text: str) -> float:
+    number = float(text)
+    if not math.isfinite(number):
+        raise ValueError(text)
+    return number
+
+
 def _frame(file: Path, line: int, row: Row, columns: Sequence[str]) -> LabelledFrame:
     try:
-        number = {name: float(row[name]) for name in columns if name not in ("path", "label")}
+        number = {name: _finite(row[name]) for name in columns if name not in ("path", "label", "distance_cm")}
+        number |= {name: float(row[name]) for name in columns if name == "distance_cm"}  # has a fault of its own
     except ValueError as error:
         raise AppError(EvaluateFault.ROW_NUMBER, file=file, line=line, detail=str(error)) from error
     if "label" in columns and row["label"] != SKIP:
@@ -163,7 +174,7 @@ def _frame(file: Path, line: int, row: Row, columns: Sequence[str]) -> LabelledF
 def images_of(frames: Sequence[LabelledFrame]) -> Iterator[Image]:
     """The images of the frames. Raises AppError naming one that can't be read."""
     for frame in frames:
-        image = cv2.imread(str(frame.path))
+        image = decode_image(frame.path, cv2.IMREAD_COLOR)
         if image is None:
             raise AppError(EvaluateFault.IMAGE_UNREADABLE, file=frame.path)
         yield np.asarray(image, np.uint8)
@@ -226,7 +237,7 @@ def _video_labels(table: Path, count: int) -> tuple[str, ...]:
     starts: list[int] = []
     labels: list[str] = []
     for line, row in read_table(table, _VIDEO_COLUMNS):
-        if not row["frame"].isdecimal():
+        if not (row["frame"].isdecimal() and len(row["frame"]) < 10):
             raise AppError(EvaluateFault.VIDEO_ROW, file=table, line=line)
         if row["label"] != SKIP:
             check_label(row["label"], table, line)

@@ -28,6 +28,8 @@ from hal.joints.guard import limits_of
 from logs.reason import Reason, reason, reason_of
 from profiles.errors import ProfileError
 from profiles.schema import Profile
+from reading.errors import cause_of
+from reading.formats import read_json
 
 
 class PreflightResult(Struct, frozen=True, kw_only=True):
@@ -66,12 +68,12 @@ def preflight_passed(home: Home, patient: Patient, device: Exoskeleton, action: 
     """What is on record for an action with exactly these parameters."""
     record = _record(home, patient, device, action)
     try:
-        verdict = msgspec.json.decode(record.read_bytes(), type=RehearsalVerdict)
+        verdict = read_json(record, RehearsalVerdict)
     except FileNotFoundError:
         return PreflightResult(action=action, reason=reason(PreflightFault.MISSING, action=action))
-    except (OSError, msgspec.MsgspecError) as error:
+    except OSError as error:
         return PreflightResult(
-            action=action, reason=reason(PreflightFault.UNREADABLE, action=action, detail=str(error))
+            action=action, reason=reason(PreflightFault.UNREADABLE, action=action, detail=cause_of(error))
         )
     if verdict.action is not action:
         return PreflightResult(action=action, reason=reason(PreflightFault.OTHER_ACTION, action=action))

@@ -11,6 +11,8 @@ from msgspec import Meta, Struct
 
 from app.system.errors import AppError
 from profiles.schema import Profile
+from reading.errors import cause_of
+from reading.formats import read_toml
 
 if TYPE_CHECKING:
     from hal.joints.device import Exoskeleton
@@ -33,10 +35,10 @@ class CameraConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
     device: str = ""  # webcam: name or index; recording: path; realsense: serial or path of a recording
     width_px: Annotated[int, Meta(ge=160, le=4096)] = 1280
     height_px: Annotated[int, Meta(ge=120, le=2160)] = 720
-    rate_hz: Annotated[float, Meta(gt=0, le=120)] = 30.0
-    focal_px: Annotated[float, Meta(gt=0)] | None = None
+    rate_hz: Annotated[float, Meta(ge=0.1, le=120)] = 30.0
+    focal_px: Annotated[float, Meta(gt=0, le=100_000)] | None = None
     mirrored: bool = False
-    seed: int = 1  # digital hand: which person
+    seed: Annotated[int, Meta(ge=0)] = 1  # digital hand: which person
     depth: bool = False  # digital hand: give a D435i's depth as well, to compare
 
 
@@ -69,7 +71,7 @@ class Config(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     patient: str = "demo"
     language: str = "en"
     theme: str = "dark"
-    idle_lock_s: Annotated[float, Meta(ge=0)] = 600.0
+    idle_lock_s: Annotated[float, Meta(ge=0, le=1e9)] = 600.0
     keys: dict[str, str] = {}  # console action → key
     checkpoint_copy: str = ""  # a second place for signed checkpoints
 
@@ -79,9 +81,9 @@ def load_config(path: Path) -> Config:
     if not path.exists():
         return Config()
     try:
-        return msgspec.toml.decode(path.read_bytes(), type=Config)
-    except (OSError, msgspec.DecodeError, msgspec.ValidationError) as error:
-        raise AppError(ConfigFault.UNREADABLE, path=path, detail=error) from error
+        return read_toml(path, Config)
+    except OSError as error:
+        raise AppError(ConfigFault.UNREADABLE, path=path, detail=cause_of(error)) from error
 
 
 def with_choices(config: Config, *, camera: str | None, joints: str | None, patient: str | None) -> Config:

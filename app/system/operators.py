@@ -24,6 +24,8 @@ from app.system.paths import Home
 from logs.keys import load_or_make_key
 from logs.manifest import OPERATORS, Moment, append_signed
 from logs.records import Body
+from reading.errors import cause_of
+from reading.formats import read_json
 
 STORE_FILE = "operators.json"
 
@@ -195,11 +197,11 @@ def load_store(folder: Path) -> OperatorStore:
     """The operators kept in a home's key folder; an empty store before the first run. Raises AppError."""
     path = folder / STORE_FILE
     try:
-        return msgspec.json.decode(path.read_bytes(), type=OperatorStore)
+        return read_json(path, OperatorStore)
     except FileNotFoundError:
         return OperatorStore()
-    except (OSError, msgspec.MsgspecError) as error:
-        raise AppError(OperatorFault.STORE_UNREADABLE, path=path, detail=error) from error
+    except OSError as error:
+        raise AppError(OperatorFault.STORE_UNREADABLE, path=path, detail=cause_of(error)) from error
 
 
 def save_store(folder: Path, store: OperatorStore) -> None:

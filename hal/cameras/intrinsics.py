@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -15,6 +14,9 @@ from numpy.typing import NDArray
 
 from hal.cameras.camera import ImageArray, Intrinsics, IntrinsicsSource
 from hal.errors import CameraFault, HardwareError
+from reading.errors import cause_of
+from reading.formats import MAX_TOML, parse_toml
+from reading.regular import read_text
 
 # An ordinary 16:9 webcam sees about 68 degrees across, which is 950 px of focal length at 1280 pixels.
 _ASSUMED_FOCAL_SHARE = 950.0 / 1280.0
@@ -84,7 +86,7 @@ def load(store: Path, camera: str) -> Intrinsics | None:
     if not store.exists():
         return None
     try:
-        entry: dict[str, Any] | None = tomllib.loads(store.read_text(encoding="utf-8")).get(camera)
+        entry: dict[str, Any] | None = parse_toml(read_text(store, MAX_TOML)).get(camera)
         if entry is None:
             return None
         return Intrinsics(
@@ -99,13 +101,15 @@ def load(store: Path, camera: str) -> Intrinsics | None:
             k2=_coefficient(entry.get("k2", 0.0)),
         )
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
-        raise HardwareError(CameraFault.INTRINSICS_UNREADABLE, path=store, detail=str(error)) from error
+        raise HardwareError(CameraFault.INTRINSICS_UNREADABLE, path=store, detail=cause_of(error)) from error
 
 
 def save(store: Path, camera: str, intrinsics: Intrinsics, residual_px: float) -> None:
     """Keep measured intrinsics beside those of other cameras. Raises HardwareError when it can't be written."""
     try:
-        document = tomlkit.parse(store.read_text(encoding="utf-8")) if store.exists() else tomlkit.document()
+        kept = read_text(store, MAX_TOML) if store.exists() else ""
+        parse_toml(kept)  # refuses what tomlkit would take
+        document = tomlkit.parse(kept)
         values = {name: value for name, value in asdict(intrinsics).items() if name != "source"}
         document[camera] = values | {"residual_px": round(residual_px, 4)}
         store.parent.mkdir(parents=True, exist_ok=True)
@@ -113,7 +117,15 @@ def save(store: Path, camera: str, intrinsics: Intrinsics, residual_px: float) -
         fresh.write_text(tomlkit.dumps(document), encoding="utf-8")
         fresh.replace(store)
     except (OSError, ValueError) as error:
-        raise HardwareError(CameraFault.INTRINSICS_UNWRITABLE, path=store, detail=str(error)) from error
+        raise HardwareError(CameraFault.INTRINSICS_UNWRITABLE, path=store, detail=cause_of(error)) from error
+
+
+def check_lens(lens: Intrinsics) -> None:
+    """Raises ValueError or TypeError for recorded intrinsics that no lens has."""
+    for value in (lens.width_px, lens.height_px, lens.fx_px, lens.fy_px, lens.cx_px, lens.cy_px):
+        _positive(value + 0.0)  # a text is no number here
+    _coefficient(lens.k1 + 0.0)
+    _coefficient(lens.k2 + 0.0)
 
 
 def _positive(value: Any) -> float:

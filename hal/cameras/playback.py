@@ -6,13 +6,16 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from hal.cameras.camera import DepthArray, EndOfRecording, Frame, ImageArray, Intrinsics
 from hal.cameras.intrinsics import check_size, choose
 from hal.errors import CameraFault, HardwareError, RecordingFault
+from reading.regular import MAX_IMAGE, read_bytes
 
 IMAGE_SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".bmp", ".webp", ".tif", ".tiff"})
 
@@ -119,8 +122,8 @@ def video_source(path: Path) -> FrameSource:
     """A video file's images at its own rate (30/s where it has none)."""
 
     def source() -> Iterator[RecordedFrame]:
-        capture = cv2.VideoCapture(str(path))
-        if not capture.isOpened():
+        capture = cv2.VideoCapture(str(path)) if path.is_file() else None  # not a pattern, a device or an address
+        if capture is None or not capture.isOpened():
             raise HardwareError(RecordingFault.VIDEO_UNREADABLE, path=path)
         rate = capture.get(cv2.CAP_PROP_FPS)
         period_ns = 1e9 / (rate if 0 < rate <= 1000 else 30.0)
@@ -160,10 +163,20 @@ def image_files(folder: Path) -> list[Path]:
 
 def read_image(path: Path) -> ImageArray:
     """(height, width, 3) uint8. Raises HardwareError naming the file."""
-    image = cv2.imread(str(path), cv2.IMREAD_COLOR)
+    image = decode_image(path, cv2.IMREAD_COLOR)
     if image is None:
         raise HardwareError(RecordingFault.IMAGE_UNREADABLE, path=path)
     return np.asarray(image, dtype=np.uint8)
+
+
+def decode_image(path: Path, flags: int) -> NDArray[Any] | None:
+    """A regular file decoded by OpenCV, None when that can't be done."""
+    try:
+        data = np.frombuffer(read_bytes(path, MAX_IMAGE), np.uint8)
+        image: NDArray[Any] | None = cv2.imdecode(data, flags)
+    except (OSError, cv2.error, MemoryError):
+        return None
+    return image
 
 
 def _wait_until(due_ns: int, timeout_s: float) -> bool:

@@ -18,12 +18,17 @@ import cv2
 import numpy as np
 
 from hal.cameras.camera import DepthArray, EndOfRecording, Frame, Intrinsics, IntrinsicsSource
-from hal.cameras.playback import FrameSource, RecordedFrame, read_image
+from hal.cameras.intrinsics import check_lens
+from hal.cameras.playback import FrameSource, RecordedFrame, decode_image, read_image
 from hal.errors import HardwareError, RecordingFault
+from reading.errors import InputError, cause_of
+from reading.formats import parse_json
+from reading.regular import read_bytes
 
 INDEX = "frames.jsonl"
 FORMAT = "rleex-recording"
 VERSION = 1
+MAX_INDEX = 64 << 20  # bytes; a frame has about a hundred
 JPEG_QUALITY = 95
 WAITING_FRAMES = 30  # a second of images may wait for the disk; later ones are dropped and counted
 
@@ -122,13 +127,13 @@ def recorded_source(folder: Path) -> FrameSource:
 def _index_lines(folder: Path) -> Iterator[dict[str, Any]]:
     """The index's records up to the first that is not whole."""
     try:
-        text = (folder / INDEX).read_text(encoding="utf-8", errors="replace")
+        lines = read_bytes(folder / INDEX, MAX_INDEX).split(b"\n")
     except OSError as error:
-        raise HardwareError(RecordingFault.INDEX_UNREADABLE, path=folder, detail=str(error)) from error
-    for line in text.splitlines():
+        raise HardwareError(RecordingFault.INDEX_UNREADABLE, path=folder, detail=cause_of(error)) from error
+    for line in lines:
         try:
-            entry = json.loads(line)
-        except ValueError:
+            entry = parse_json(line)
+        except InputError:
             return
         if not isinstance(entry, dict):
             return
@@ -140,9 +145,11 @@ def _intrinsics(folder: Path, header: dict[str, Any] | None) -> Intrinsics:
         raise HardwareError(RecordingFault.OTHER_VERSION, path=folder / INDEX)
     try:
         values = dict(header["intrinsics"])
-        return Intrinsics(**{**values, "source": IntrinsicsSource(values["source"])})
+        lens = Intrinsics(**{**values, "source": IntrinsicsSource(values["source"])})
+        check_lens(lens)
+        return lens
     except (KeyError, TypeError, ValueError) as error:
-        raise HardwareError(RecordingFault.NO_INTRINSICS, path=folder, detail=str(error)) from error
+        raise HardwareError(RecordingFault.NO_INTRINSICS, path=folder, detail=repr(error)) from error
 
 
 def _recorded_frame(folder: Path, entry: dict[str, Any], intrinsics: Intrinsics) -> RecordedFrame | None:
@@ -157,8 +164,8 @@ def _recorded_frame(folder: Path, entry: dict[str, Any], intrinsics: Intrinsics)
 
 
 def _depth(path: Path) -> DepthArray:
-    millimetres = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
-    if millimetres is None or millimetres.dtype != np.uint16:
+    millimetres = decode_image(path, cv2.IMREAD_UNCHANGED)
+    if millimetres is None or millimetres.dtype != np.uint16 or millimetres.ndim != 2:
         raise HardwareError(RecordingFault.DEPTH_UNREADABLE, path=path)
     depth_m: DepthArray = millimetres.astype(np.float32) / np.float32(1000.0)
     return depth_m

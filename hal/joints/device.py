@@ -6,10 +6,11 @@ from enum import IntEnum
 from pathlib import Path
 from typing import Annotated, Literal
 
-import msgspec
 from msgspec import Meta, Struct
 
 from hal.errors import DeviceFault, HardwareError
+from reading.errors import cause_of
+from reading.formats import read_toml
 
 
 class Joint(IntEnum):
@@ -84,6 +85,6 @@ class Exoskeleton(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
 def load_exoskeleton(path: Path = DEFAULT_DEVICE) -> Exoskeleton:
     """The device described in a TOML file. Raises HardwareError naming the file and the field."""
     try:
-        return msgspec.toml.decode(path.read_bytes(), type=Exoskeleton)
-    except (OSError, msgspec.DecodeError, msgspec.ValidationError) as error:
-        raise HardwareError(DeviceFault.DEVICE_UNREADABLE, path=path, detail=str(error)) from error
+        return read_toml(path, Exoskeleton)
+    except OSError as error:
+        raise HardwareError(DeviceFault.DEVICE_UNREADABLE, path=path, detail=cause_of(error)) from error

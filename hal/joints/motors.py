@@ -11,11 +11,12 @@ from functools import cache
 from pathlib import Path
 from typing import Annotated
 
-import msgspec
 from msgspec import Meta, Struct
 
 from hal.errors import DeviceFault, HardwareError
 from hal.joints.protocol import DriveFault
+from reading.errors import cause_of
+from reading.formats import read_toml
 
 BUILT_IN_TABLE = Path(__file__).with_name("motors.toml")
 
@@ -129,9 +130,9 @@ class MotorTable:
 
 def _read_table(path: Path) -> tuple[MotorModel, ...]:
     try:
-        entries = msgspec.toml.decode(path.read_bytes(), type=_Table).motor
-    except (OSError, UnicodeDecodeError, msgspec.DecodeError, msgspec.ValidationError) as error:
-        raise HardwareError(DeviceFault.MOTORS_UNREADABLE, path=path, detail=str(error)) from error
+        entries = read_toml(path, _Table).motor
+    except OSError as error:
+        raise HardwareError(DeviceFault.MOTORS_UNREADABLE, path=path, detail=cause_of(error)) from error
     for entry in entries:
         _check_errors(entry, path)
     return entries

@@ -130,3 +130,18 @@ def test_pixels_are_literal_so_a_distant_hand_is_no_eight() -> None:
     assert isinstance(spread, Explanation)
     assert spread.code is Constraint.TIPS_NEAR
     assert (spread.values["first"], spread.values["second"], spread.values["limit_px"]) == (4, 8, SPREAD_PX)
+
+
+@pytest.mark.parametrize("row", TABLE_2, ids=lambda row: row.gesture.value)
+def test_a_very_clear_gesture_is_explained_by_a_constraint_that_its_line_has(
+    row: Row, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    measured = satisfying(row)
+    beyond = np.where([finger in row.opened for finger in Finger], 500.0, -500.0)
+    clear = replace(measured, depths_px=measured.depths_px * 100, angles_deg=beyond)
+    checks = check(clear)
+    assert checks.margins[ROW[row.gesture], :10].min() > 1.0
+    monkeypatch.setattr("kgdfa.published.measure", lambda _: clear)
+    verdict = RULES.classify(drawn_hand(STATES[row.gesture]))
+    assert verdict.gesture is row.gesture
+    assert isinstance(verdict.explanation.values["measure"], Explanation)

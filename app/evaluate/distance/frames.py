@@ -15,6 +15,7 @@ from rich.table import Table
 from app.evaluate.harness import FRAME_NS, Step, decorate, figure, percent, table
 from app.evaluate.readings import LabelledFrame
 from app.text.catalogue import tr
+from hal.cameras.playback import decode_image
 from kgdfa.distance import Distance, PublishedRange, RangeFinder
 from kgdfa.hand import FloatArray
 from kgdfa.keypoints import HandDetector
@@ -129,7 +130,7 @@ def measure_frames(frames: Sequence[LabelledFrame], detector: HandDetector, step
                 for name, make in FINDERS.items()
             }
             made_for = wanted
-        image = cv2.imread(str(frame.path))
+        image = decode_image(frame.path, cv2.IMREAD_COLOR)
         if image is None:
             unreadable.append(frame.path)
         hands = () if image is None else detector.detect(np.asarray(image, np.uint8), number * FRAME_NS)

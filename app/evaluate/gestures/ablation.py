@@ -24,6 +24,7 @@ from app.evaluate.harness import Step, mean, percent, table
 from app.evaluate.readings import NO_HAND, DetectedImage, LabelledImage
 from app.text.catalogue import tr
 from hal.cameras.digital_hand.render import keypoints_m, project_px
+from hal.cameras.playback import decode_image
 from kgdfa.augmentation import AUGMENTATIONS, Augmentation, StillDetector, detect_augmented, to_image
 from kgdfa.hand import FloatArray, Hand
 from kgdfa.preprocess import PREPARATIONS, Image, as_bgr8
@@ -69,7 +70,7 @@ def empty_rooms(count: int, first_seed: int) -> list[Image]:
 
 def images_without_hand(images: Iterable[LabelledImage], directory: Path) -> list[Image]:
     """The images labelled as showing none, those that can be read."""
-    read = (cv2.imread(str(directory / one.path)) for one in images if one.label == NO_HAND)
+    read = (decode_image(directory / one.path, cv2.IMREAD_COLOR) for one in images if one.label == NO_HAND)
     return [as_bgr8(image) for image in read if image is not None]
 
 
@@ -184,7 +185,7 @@ def read_images(
 ) -> Iterator[tuple[LabelledImage, Image, Augmentation]]:
     """Image files that can be read, and the view to take."""
     for labelled in images:
-        image = cv2.imread(str(directory / labelled.path), cv2.IMREAD_UNCHANGED)
+        image = decode_image(directory / labelled.path, cv2.IMREAD_UNCHANGED)
         if image is not None:
             yield labelled, as_bgr8(image), AUGMENTATIONS[0]
 

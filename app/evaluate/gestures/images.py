@@ -22,6 +22,7 @@ from app.evaluate.gestures.measures import Classified
 from app.evaluate.harness import EvaluateFault, Step, writing
 from app.evaluate.readings import GESTURE_NAMES, DetectedImage, LabelledImage
 from app.system.errors import AppError
+from hal.cameras.playback import decode_image
 from kgdfa.augmentation import FALLBACK_THRESHOLD, StillDetector, detect_photo
 from kgdfa.errors import KgdfaError
 from kgdfa.gesture import Verdict
@@ -30,6 +31,8 @@ from kgdfa.preprocess import Prepare, as_bgr8
 from kgdfa.published import PublishedRules
 from kgdfa.robust import RobustRules
 from logs.reason import Reason, reason, reason_of
+from reading.arrays import check_finite, read_arrays
+from reading.errors import cause_of
 
 
 class ImageDetector:
@@ -48,7 +51,7 @@ class ImageDetector:
 
     def detect(self, labelled: LabelledImage) -> DetectedImage:
         """Every view of one image; a file that can't be read is an error to be counted, not an exception."""
-        image = cv2.imread(str(self._directory / labelled.path), cv2.IMREAD_UNCHANGED)
+        image = decode_image(self._directory / labelled.path, cv2.IMREAD_UNCHANGED)
         if image is None:
             unreadable = reason(EvaluateFault.IMAGE_UNREADABLE, file=labelled.path)
             return DetectedImage(image=labelled, hands=(), error=unreadable)
@@ -102,11 +105,9 @@ def save_hands(detected: Sequence[DetectedImage], path: Path) -> None:
 def load_hands(path: Path, images: Sequence[LabelledImage]) -> list[DetectedImage]:
     """What `save_hands` wrote. Raises AppError when it is no such file, or belongs to other images."""
     try:
-        with np.load(path, allow_pickle=False) as stored:
-            file = {name: stored[name] for name in stored.files}
-        detected = _stored_images(file)
-    except (OSError, ValueError, KeyError, msgspec.MsgspecError) as error:
-        raise AppError(EvaluateFault.KEYPOINTS_UNREADABLE, file=path, detail=str(error)) from error
+        detected = _stored_images(read_arrays(path))
+    except (OSError, ValueError, KeyError, IndexError, TypeError, msgspec.MsgspecError) as error:
+        raise AppError(EvaluateFault.KEYPOINTS_UNREADABLE, file=path, detail=cause_of(error)) from error
     if [one.image for one in detected] != [*images]:
         raise AppError(EvaluateFault.KEYPOINTS_OF_OTHERS, file=path)
     return detected
@@ -123,6 +124,10 @@ def _decoded(error: str, path: str) -> Reason | None:
 
 
 def _stored_images(file: dict[str, NDArray[Any]]) -> list[DetectedImage]:
+    count = len(file["owner"])
+    if file["image_px"].shape != (count, 21, 2) or file["world_m"].shape != (count, 21, 3):
+        raise ValueError("keypoints of another shape")
+    check_finite({name: file[name] for name in ("image_px", "world_m", "presence")})
     listed = file["images"] if "images" in file else file["photos"]  # their name in files of 0.1
     hands: list[list[Hand]] = [[] for _ in listed]
     rows = zip(file["owner"], file["image_px"], file["world_m"], file["presence"], file["side"], strict=True)

@@ -17,6 +17,7 @@ from app.evaluate.gestures.measures import CLASSES, Classified, Figures, Sequenc
 from app.evaluate.harness import EvaluateFault, figure, in_english, percent, table, writing
 from app.evaluate.readings import DetectedImage
 from app.text.catalogue import render, tr
+from hal.cameras.playback import decode_image
 from kgdfa.draw import caption, draw_hand
 from kgdfa.errors import KgdfaError
 from kgdfa.preprocess import Image, as_bgr8
@@ -147,7 +148,7 @@ def write_errors(
     with writing(errors):
         errors.mkdir(parents=True, exist_ok=True)
     for one, found in wrong:
-        image = cv2.imread(str(directory / one.image.path), cv2.IMREAD_UNCHANGED)
+        image = decode_image(directory / one.image.path, cv2.IMREAD_UNCHANGED)
         if image is not None:
             name = f"{one.image.label.replace(':', '-')}_as_{one.predicted}_{Path(one.image.path).stem}.png"
             with in_english():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import io
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise, product
@@ -29,6 +30,9 @@ from hal.joints.device import Exoskeleton
 from hal.joints.protocol import TICK_HZ, Joint
 from hal.joints.simulated.wearer import GroundTruth
 from profiles.schema import GaitParameters, Profile, Sex
+from reading.arrays import check_finite
+from reading.errors import cause_of
+from reading.regular import read_text
 
 STATURES_M = (1.45, 1.95)
 MASSES_KG = (45.0, 110.0)
@@ -101,16 +105,18 @@ def read_norm(folder: Path) -> Norm:
     """The very slow band of a folder of normative curves. Raises AppError naming the file and what is wrong."""
     path = folder / NORM_FILE
     try:
-        with path.open(encoding="utf-8", newline="") as file:
-            rows = [row for row in csv.DictReader(file) if row["speed"] == NORM_SPEED]
+        file = io.StringIO(read_text(path), newline="")
+        rows = [row for row in csv.DictReader(file) if row["speed"] == NORM_SPEED]
         column = {name: np.array([float(row[name]) for row in rows]) for name in rows[0] if name != "speed"}
+        check_finite(column)
         return Norm(
             percent=column["gait_pct"],
             mean_deg={"hip": column["hip_mean"], "knee": column["knee_mean"]},
             sd_deg={"hip": column["hip_sd"], "knee": column["knee_sd"]},
         )
-    except (OSError, KeyError, ValueError, IndexError) as error:
-        raise AppError(EvaluateFault.NORM_UNREADABLE, file=path, detail=repr(error)) from error
+    except (OSError, KeyError, ValueError, IndexError, TypeError, csv.Error) as error:
+        detail = cause_of(error) if isinstance(error, OSError) else repr(error)
+        raise AppError(EvaluateFault.NORM_UNREADABLE, file=path, detail=detail) from error
 
 
 def gait_cycle(walk: Rehearsal, percent: Array) -> dict[str, Array]:
@@ -143,13 +149,14 @@ def actions_named(name: str) -> tuple[Action, ...]:
 
 def profile_named(home: Home, name: str) -> Profile:
     """A patient of this home by identifier, the demo patient, or a profile file. Raises ProfileError."""
-    from profiles.files import decode, read_text
+    from profiles.files import decode
+    from profiles.files import read_text as read_profile
     from profiles.schema import DEMO_PATIENT
     from profiles.store import ProfileStore
 
     if name.endswith(".toml"):
         path = Path(name)
-        return decode(read_text(path), str(path))
+        return decode(read_profile(path), str(path))
     store = ProfileStore(home.profiles)
     if name == DEMO_PATIENT.identifier and not (home.profiles / f"{name}.toml").exists():
         return DEMO_PATIENT

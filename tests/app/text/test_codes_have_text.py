@@ -12,7 +12,7 @@ import pytest
 from app.text.compile import entries
 
 ROOT = Path(__file__).parents[3]
-PRODUCT = ("app", "hal", "kgdfa", "logs", "profiles")
+PRODUCT = ("app", "hal", "kgdfa", "logs", "profiles", "reading")
 TAKE_A_CODE = ("reason", "tr")  # functions whose first argument is an Enum's member, as that of each error
 TAKE_A_KEY = ("tr", "print_text", "t")
 

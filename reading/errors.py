@@ -1,0 +1,37 @@
+"""What the readers refuse, as a code with values; the catalogues hold the wording."""
+
+from __future__ import annotations
+
+import errno
+from enum import Enum
+
+
+class InputFault(Enum):
+    """Why a file from outside can't be taken. Its value is for engineers; the values of each stand beside it."""
+
+    NOT_REGULAR = "no regular file"
+    TOO_LARGE = "too large"  # limit_bytes
+    NOT_UTF8 = "not UTF-8"  # byte
+    HAS_NUL = "NUL in text"  # line
+    BAD_NUMBER = "number not finite or beyond 64 bits"  # field
+    TOO_DEEP = "nested too deeply"  # limit
+    MALFORMED = "malformed"  # detail: the parser's message
+
+
+class InputError(OSError):
+    """A file that is refused: a code and its values. An OSError, so that who expects one of a file expects this."""
+
+    def __init__(self, code: InputFault, **values: object) -> None:
+        super().__init__(errno.EINVAL, code.value)
+        self.code = code
+        self.values = values
+
+    def __str__(self) -> str:
+        return " ".join([self.code.name, *(f"{name}={value}" for name, value in self.values.items())])
+
+
+def cause_of(error: Exception) -> object:
+    """An error as a value of another: a refusal with its code, the system's without number and path."""
+    if isinstance(error, InputError):
+        return error
+    return (isinstance(error, OSError) and error.strerror) or str(error)
