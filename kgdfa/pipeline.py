@@ -1,4 +1,4 @@
-"""Which of the hands in view commands: the one that did so far, else the largest, and of two equals none."""
+"""The chain of one camera: hand, gesture, distance and button, frame by frame; and which hand commands."""
 
 from __future__ import annotations
 
