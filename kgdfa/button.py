@@ -83,6 +83,24 @@ class ButtonInput:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class ButtonComparison:
+    """What one frame's decision compared: each value beside its limit. None: not measured."""
+
+    captured_ns: int
+    elapsed_ns: int  # since the frame before; 0: it is the first
+    distance_m: float | None  # safe distance
+    previous_m: float | None  # of the frame before
+    threshold_m: float  # nearer is pressed
+    release_m: float  # farther is released, and ready for a press
+    nearer_m: float | None  # how much nearer the hand came since the frame before
+    nearer_limit_m: float
+    beside_px: float | None  # from the box to the button's centre; 0: the box covers it
+    beside_limit_px: float  # 0 for a press, the radius while pressed
+    held_ns: int  # since the press; 0: not pressed
+    gap_frames: int  # in a row without a measurement, before this frame
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class ButtonState:
     """The button after a frame. Counts only grow, so a lost report loses no release."""
 
@@ -102,85 +120,98 @@ class ButtonState:
     last_distance_m: float | None = None  # of the frame before; None: it gave no measurement
     gap_frames: int = 0  # frames in a row without a measurement
     hint: PressHint | None = None  # why a hand that is near does not press
+    compared: ButtonComparison | None = None  # in the newest frame; None before the first
 
 
 def advance(state: ButtonState, observed: ButtonInput, place: ButtonPlace, mode: ButtonMode) -> ButtonState:
     """The button after one more frame. A frame given twice changes nothing."""
     if observed.captured_ns == state.last_captured_ns:
         return state
-    after = _RULES[mode](state, observed, place)
-    return replace(after, last_captured_ns=observed.captured_ns)
+    compared = _compare(state, observed, place)
+    after = _RULES[mode](state, observed, compared)
+    return replace(after, last_captured_ns=observed.captured_ns, compared=compared)
 
 
-def _published(state: ButtonState, observed: ButtonInput, place: ButtonPlace) -> ButtonState:
-    near = observed.distance_m is not None and observed.distance_m < place.threshold_m
-    pressed = near and _covers(observed.box, place, 0.0)
+def _compare(state: ButtonState, observed: ButtonInput, place: ButtonPlace) -> ButtonComparison:
+    elapsed_ns = observed.captured_ns - state.last_captured_ns if state.last_captured_ns else 0
+    distance_m, previous_m = observed.distance_m, state.last_distance_m
+    return ButtonComparison(
+        captured_ns=observed.captured_ns,
+        elapsed_ns=elapsed_ns,
+        distance_m=distance_m,
+        previous_m=previous_m,
+        threshold_m=place.threshold_m,
+        release_m=_outside_m(place),
+        nearer_m=None if previous_m is None or distance_m is None else previous_m - distance_m,
+        nearer_limit_m=APPROACH_M_S * elapsed_ns / 1e9,
+        beside_px=_beside_px(observed.box, place),
+        beside_limit_px=place.radius_px if state.pressed else 0.0,
+        held_ns=observed.captured_ns - state.pressed_captured_ns if state.pressed else 0,
+        gap_frames=state.gap_frames,
+    )
+
+
+def _published(state: ButtonState, observed: ButtonInput, compared: ButtonComparison) -> ButtonState:
+    near = compared.distance_m is not None and compared.distance_m < compared.threshold_m
+    pressed = near and compared.beside_px == 0.0
     if pressed == state.pressed:
         return replace(state, ready=True)
     return _press(state, observed) if pressed else _release(state, observed, observed.gesture or state.pressed_gesture)
 
 
-def _robust(state: ButtonState, observed: ButtonInput, place: ButtonPlace) -> ButtonState:
-    if state.last_captured_ns and not 0 < observed.captured_ns - state.last_captured_ns <= STALE_NS:
+def _robust(state: ButtonState, observed: ButtonInput, compared: ButtonComparison) -> ButtonState:
+    if state.last_captured_ns and not 0 < compared.elapsed_ns <= STALE_NS:
         state = _end(state, PressCancel.CAMERA_PAUSED)
     distance_m = _measured(observed)
     if distance_m is None:
         return replace(_gap(state, observed), last_distance_m=None)
     state = replace(state, gap_frames=0)
     rule = _while_pressed if state.pressed else _while_up
-    return replace(rule(state, observed, place, distance_m), last_distance_m=distance_m)
+    return replace(rule(state, observed, compared, distance_m), last_distance_m=distance_m)
 
 
-def _while_pressed(state: ButtonState, observed: ButtonInput, place: ButtonPlace, distance_m: float) -> ButtonState:
+def _while_pressed(
+    state: ButtonState, observed: ButtonInput, compared: ButtonComparison, distance_m: float
+) -> ButtonState:
     if observed.gesture is not state.pressed_gesture:
         return _end(state, PressCancel.GESTURE_CHANGED)
-    if not _covers(observed.box, place, place.radius_px):
+    if compared.beside_px is None or compared.beside_px > compared.beside_limit_px:
         return _end(state, PressCancel.LEFT_SIDEWAYS)
-    if distance_m <= _outside_m(place):
+    if distance_m <= compared.release_m:
         return state
-    reason = _no_withdrawal(state, observed)
+    reason = _no_withdrawal(compared)
     return _end(state, reason) if reason else _release(state, observed, state.pressed_gesture)
 
 
-def _no_withdrawal(state: ButtonState, observed: ButtonInput) -> PressCancel | None:
+def _no_withdrawal(compared: ButtonComparison) -> PressCancel | None:
     """Why a hand that is outside again has not withdrawn; None when it has. Keypoints that slip near slip back."""
-    if state.last_distance_m is None:
+    if compared.previous_m is None:
         return PressCancel.WITHDRAWAL_UNSEEN
-    if observed.captured_ns - state.pressed_captured_ns < SHORTEST_PRESS_NS:
-        return PressCancel.TOO_SHORT
-    return None
+    return PressCancel.TOO_SHORT if compared.held_ns < SHORTEST_PRESS_NS else None
 
 
-def _while_up(state: ButtonState, observed: ButtonInput, place: ButtonPlace, distance_m: float) -> ButtonState:
-    if distance_m >= place.threshold_m:
-        if distance_m <= _outside_m(place):
+def _while_up(state: ButtonState, observed: ButtonInput, compared: ButtonComparison, distance_m: float) -> ButtonState:
+    if distance_m >= compared.threshold_m:
+        if distance_m <= compared.release_m:
             return state
         return replace(state, ready=True, far_gesture=observed.gesture, hint=None)
     if not state.ready:
         return replace(state, hint=state.hint or PressHint.WITHDRAW_FIRST)
-    reason = _no_press(state, observed, place, distance_m)
+    reason = _no_press(state, observed, compared)
     if reason:
         return replace(state, ready=False, hint=reason)
     return _press(state, observed)
 
 
-def _no_press(state: ButtonState, observed: ButtonInput, place: ButtonPlace, distance_m: float) -> PressHint | None:
+def _no_press(state: ButtonState, observed: ButtonInput, compared: ButtonComparison) -> PressHint | None:
     """Why a hand that is near and was outside does not press; None when it does."""
-    if not _approached(state, observed, distance_m):
+    if compared.nearer_m is None or compared.nearer_m > compared.nearer_limit_m:  # not seen coming, or it slipped
         return PressHint.PUSH_STEADILY
     if observed.gesture is None:
         return PressHint.GESTURE_FIRST
     if observed.gesture is not state.far_gesture:
         return PressHint.KEEP_GESTURE
-    return None if _covers(observed.box, place, 0.0) else PressHint.OVER_BUTTON
-
-
-def _approached(state: ButtonState, observed: ButtonInput, distance_m: float) -> bool:
-    """Whether the hand was seen coming: measured in the frame before, and no farther off than a hand can reach."""
-    if state.last_distance_m is None:
-        return False
-    elapsed_s = (observed.captured_ns - state.last_captured_ns) / 1e9
-    return state.last_distance_m - distance_m <= APPROACH_M_S * elapsed_s
+    return None if compared.beside_px == 0.0 else PressHint.OVER_BUTTON
 
 
 def _gap(state: ButtonState, observed: ButtonInput) -> ButtonState:
@@ -246,15 +277,16 @@ def _outside_m(place: ButtonPlace) -> float:
     return place.threshold_m * (1 + HYSTERESIS)
 
 
-def _covers(box: Box | None, place: ButtonPlace, slack_px: float) -> bool:
-    """Whether the box, grown by the slack, contains the button's centre."""
+def _beside_px(box: Box | None, place: ButtonPlace) -> float | None:
+    """How far the button's centre is from the box, along the farther axis; 0 inside. None: no hand."""
     if box is None:
-        return False
-    inside_x = box.left_px - slack_px <= place.x_px <= box.right_px + slack_px
-    return inside_x and box.top_px - slack_px <= place.y_px <= box.bottom_px + slack_px
+        return None
+    return max(
+        box.left_px - place.x_px, place.x_px - box.right_px, box.top_px - place.y_px, place.y_px - box.bottom_px, 0.0
+    )
 
 
-_RULES: dict[ButtonMode, Callable[[ButtonState, ButtonInput, ButtonPlace], ButtonState]] = {
+_RULES: dict[ButtonMode, Callable[[ButtonState, ButtonInput, ButtonComparison], ButtonState]] = {
     ButtonMode.PUBLISHED: _published,
     ButtonMode.ROBUST: _robust,
 }

@@ -137,24 +137,32 @@ class Vote:
     gesture: Gesture | None = None
     recognised_ns: int = 0
     candidate: Gesture | None = None
-    count: int = 0  # frames in a row for `candidate`, capped at PRESS_CHANGE_FRAMES
-    unsupported: int = 0  # frames in a row that don't support `gesture`
+    candidate_ns: tuple[int, ...] = ()  # captures of frames in a row for `candidate`, the newest PRESS_CHANGE_FRAMES
+    unsupported_ns: tuple[int, ...] = ()  # captures of frames in a row that don't support `gesture`
+    decided_ns: tuple[int, ...] = ()  # captures of the frames that made `gesture`, or ended it
+
+    @property
+    def count(self) -> int:
+        """Frames in a row for `candidate`, capped at PRESS_CHANGE_FRAMES."""
+        return len(self.candidate_ns)
 
 
 def update_vote(vote: Vote, verdict: Verdict | None, captured_ns: int, *, pressing: bool = False) -> Vote:
     """The vote after one more frame; None: no hand seen. pressing: the virtual button is down."""
     current = verdict.gesture if verdict else None
     count = 0 if current is None else vote.count + 1 if current is vote.candidate else 1
-    counted = replace(vote, candidate=current, count=min(count, PRESS_CHANGE_FRAMES))
+    candidate_ns = (*vote.candidate_ns, captured_ns)[-min(count, PRESS_CHANGE_FRAMES) :] if count else ()
+    counted = replace(vote, candidate=current, candidate_ns=candidate_ns)
     needed = PRESS_CHANGE_FRAMES if pressing else VOTE_FRAMES
     if current is not None and count >= needed and current is not vote.gesture:
-        return replace(counted, gesture=current, recognised_ns=captured_ns, unsupported=0)
-    return _keep_or_end(counted, PRESS_END_FRAMES if pressing else END_FRAMES)
+        return replace(counted, gesture=current, recognised_ns=captured_ns, unsupported_ns=(), decided_ns=candidate_ns)
+    return _keep_or_end(counted, captured_ns, PRESS_END_FRAMES if pressing else END_FRAMES)
 
 
-def _keep_or_end(vote: Vote, end_frames: int) -> Vote:
+def _keep_or_end(vote: Vote, captured_ns: int, end_frames: int) -> Vote:
     if vote.gesture is None or vote.candidate is vote.gesture:
-        return replace(vote, unsupported=0)
-    if vote.unsupported + 1 >= end_frames:
-        return replace(vote, gesture=None, recognised_ns=0, unsupported=0)
-    return replace(vote, unsupported=vote.unsupported + 1)
+        return replace(vote, unsupported_ns=())
+    against_ns = (*vote.unsupported_ns, captured_ns)
+    if len(against_ns) >= end_frames:
+        return replace(vote, gesture=None, recognised_ns=0, unsupported_ns=(), decided_ns=against_ns)
+    return replace(vote, unsupported_ns=against_ns)

@@ -83,6 +83,7 @@ class Report:
     button: ButtonState
     depth_button: ButtonState | None = None
     contested: bool = False  # two hands claim the command: neither has it
+    vote_ns: tuple[int, ...] = ()  # captures of the frames that made `gesture`, or ended the one before
 
 
 class Detector(Protocol):
@@ -158,6 +159,7 @@ class Pipeline:
             button=self._button,
             depth_button=self._depth_button,
             contested=self._track.contested,
+            vote_ns=self._vote.decided_ns,
         )
 
     def _update_vote(self, hand: Hand | None, verdict: Verdict | None, image: Image, now_ns: int) -> Vote:

@@ -44,6 +44,15 @@ class Refusal(Struct, frozen=True, kw_only=True, tag_field="kind", tag="refusal"
     action: str | None = None
     gesture: str | None = None
     number: int = 0
+    recognised_ns: int = 0
+    released_ns: int = 0
+    refused_ns: int = 0
+    event: str = ""  # that refuses it; empty: the gait table or the plan's check does
+    raised_ns: int = 0  # since when that event is in force
+    quantity: str = ""  # compared when it was raised
+    value: Measured = None
+    limit: Measured = None
+    joint: str = ""
 
 
 class GuardRefusal(Struct, frozen=True, kw_only=True, tag_field="kind", tag="guard-refusal"):
@@ -70,6 +79,7 @@ class PlanChecked(Struct, frozen=True, kw_only=True, tag_field="kind", tag="plan
     min_clearance_m: Measured = None
     steps: int = 0
     advance_m: float = 0.0
+    command: int = 0  # number of the action that it is for
 
 
 class Transition(Struct, frozen=True, kw_only=True, tag_field="kind", tag="transition"):
@@ -103,11 +113,16 @@ class ActionEnd(Struct, frozen=True, kw_only=True, tag_field="kind", tag="action
 
 
 class EventRaised(Struct, frozen=True, kw_only=True, tag_field="kind", tag="event-raised"):
-    """A row of the table of events came into force."""
+    """A row of the table of events came into force; quantity, value, limit: what it compared, where it is a number."""
 
     event: str
     effect: str
     text: Cause
+    raised_ns: int = 0
+    quantity: str = ""  # its unit is in its name
+    value: Measured = None
+    limit: Measured = None
+    joint: str = ""
 
 
 class EventCleared(Struct, frozen=True, kw_only=True, tag_field="kind", tag="event-cleared"):
@@ -135,13 +150,16 @@ class Acknowledgement(Struct, frozen=True, kw_only=True, tag_field="kind", tag="
 
 
 class Stop(Struct, frozen=True, kw_only=True, tag_field="kind", tag="stop"):
-    """STOP was pressed."""
+    """STOP was pressed. Recorded a tick later, when its first joint command was written.
+
+    Older trails hold the moment it was seen in `command_ns`, too: there the command's moment is not known.
+    """
 
     state: str
     effect: str
     sent_ns: int = 0
     seen_ns: int = 0
-    command_ns: int = 0  # first joint command that it changed
+    command_ns: int = 0  # the first joint command under it was written; 0: none was any more
 
 
 class Arming(Struct, frozen=True, kw_only=True, tag_field="kind", tag="arming"):
@@ -161,6 +179,8 @@ class Camera(Struct, frozen=True, kw_only=True, tag_field="kind", tag="camera"):
     focal_px: float
     intrinsics_source: str
     mirrored: bool = False
+    measured_hz: Measured = None  # over `frames` captures; the record is repeated with it, after seconds and at the end
+    frames: int = 0
 
 
 class Calibration(Struct, frozen=True, kw_only=True, tag_field="kind", tag="calibration"):
@@ -169,7 +189,9 @@ class Calibration(Struct, frozen=True, kw_only=True, tag_field="kind", tag="cali
     method: str
     anchor_m: float
     focal_px: float
-    residual_m: Measured = None
+    residual_m: Measured = None  # of a calibration's fit, on the anchor
+    sd_m: Measured = None  # expected error of the anchor
+    focal_source: str = ""
     text: Cause = None
 
 
@@ -181,42 +203,69 @@ class Recording(Struct, frozen=True, kw_only=True, tag_field="kind", tag="record
     path: str = ""
 
 
-class GestureOnset(Struct, frozen=True, kw_only=True, tag_field="kind", tag="gesture"):
+class _Decided(Struct, frozen=True, kw_only=True):
+    """What recognition and button compared in the frame that decided, and the calibration in force.
+
+    Distances of one frame: shown on the screen, and the safe one, by which the button decides.
+    """
+
+    captured_ns: int = 0  # of that frame
+    recognised_ns: int = 0  # capture of the frame whose vote made the gesture
+    vote_ns: tuple[int, ...] = ()  # captures of the frames that voted
+    distance_m: Measured = None
+    safe_distance_m: Measured = None
+    previous_m: Measured = None  # safe distance of the frame before
+    threshold_m: Measured = None  # nearer is pressed
+    release_m: Measured = None  # farther is released
+    nearer_m: Measured = None  # since the frame before
+    nearer_limit_m: Measured = None
+    beside_px: Measured = None  # from the hand's box to the button's centre
+    beside_limit_px: Measured = None
+    elapsed_ns: int = 0  # since the frame before
+    held_ns: int = 0  # since the press
+    gap_frames: int = 0
+    anchor_m: Measured = None
+    anchor_method: str = ""
+    focal_px: Measured = None
+    focal_source: str = ""
+
+
+class GestureOnset(_Decided, frozen=True, kw_only=True, tag_field="kind", tag="gesture"):
     """The voted gesture became another one; null is none of the twelve."""
 
     gesture: str | None
     confidence: float = 0.0
     explanation: Cause = None
     votes: int = 0
-    captured_ns: int = 0
-    distance_m: Measured = None
 
 
-class Press(Struct, frozen=True, kw_only=True, tag_field="kind", tag="press"):
+class Hint(_Decided, frozen=True, kw_only=True, tag_field="kind", tag="hint"):
+    """A hand came near and did not press, with the reason that the screen showed."""
+
+    reason: Cause
+    gesture: str | None = None
+
+
+class Press(_Decided, frozen=True, kw_only=True, tag_field="kind", tag="press"):
     """The virtual button went down."""
 
     gesture: str | None
-    captured_ns: int
-    distance_m: Measured = None
-    threshold_m: Measured = None
 
 
-class Cancel(Struct, frozen=True, kw_only=True, tag_field="kind", tag="cancel"):
+class Cancel(_Decided, frozen=True, kw_only=True, tag_field="kind", tag="cancel"):
     """A press ended without a command."""
 
     reason: Cause
     gesture: str | None = None
-    captured_ns: int = 0
+    pressed_ns: int = 0
 
 
-class Release(Struct, frozen=True, kw_only=True, tag_field="kind", tag="release"):
+class Release(_Decided, frozen=True, kw_only=True, tag_field="kind", tag="release"):
     """A press ended by withdrawal: the wearer's command."""
 
     gesture: str | None
-    recognised_ns: int
-    captured_ns: int
-    distance_m: Measured = None
     number: int = 0  # release count of the perception process
+    pressed_ns: int = 0
 
 
 class SessionStart(Struct, frozen=True, kw_only=True, tag_field="kind", tag="session-start"):
@@ -454,6 +503,7 @@ Body = (
     | Calibration
     | Recording
     | GestureOnset
+    | Hint
     | Press
     | Cancel
     | Release

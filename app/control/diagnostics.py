@@ -10,7 +10,7 @@ import numpy as np
 from msgspec import Struct
 
 from app.control.inputs import Inputs, Settings, StreamState
-from app.ipc.streams import NS_PER_MS
+from app.ipc.streams import NS_PER_MS, TRIGGER
 from app.motion.follower import Mode, Motion
 from hal.errors import HardwareError
 from hal.joints.guard import Refusal
@@ -23,6 +23,7 @@ if TYPE_CHECKING:  # the state holds events, whose rows read the diagnostics
 RANGE_MARGIN_RAD = radians(2.0)  # of the measured angle over the device's range: encoder noise and a soft stop
 SPEED_MARGIN = 1.1
 TORQUE_MARGIN = 1.05
+LOADING_MS = 30_000.0  # until the hand model is loaded, messages may be late or missing: no sign of a fault
 SETTLED_NS = 500 * NS_PER_MS  # after a movement the joints settle; later motion while held is unexpected
 
 
@@ -51,6 +52,7 @@ class ProgramDiagnostics(Struct, frozen=True, kw_only=True):
     frame_age_ms: float = 0.0
     camera_fault: Reason | None = None
     perception_age_ms: float = 0.0
+    perception_limit_ms: float = TRIGGER.stale_ms  # longer while the hand model is loading
     console_age_ms: float = 0.0
     audit_age_ms: float = 0.0
     audit_waiting: int = 0
@@ -93,6 +95,8 @@ class JointDiagnostics(Struct, frozen=True, kw_only=True):
     beyond_speed: bool = False
     beyond_torque: bool = False
     guard_refusal: Refusal | None = None
+    feedback: JointFeedback | None = None  # what the figures above are of
+    settings: Settings | None = None
 
 
 class Diagnostics(Struct, frozen=True, kw_only=True):
@@ -128,6 +132,7 @@ def _programs(inputs: Inputs, streams: StreamState) -> ProgramDiagnostics:
         frame_age_ms=_age_ms(now_ns, report.captured_ns if report else streams.report_ns),
         camera_fault=report.camera_fault if report else None,
         perception_age_ms=_age_ms(now_ns, streams.report_ns),
+        perception_limit_ms=LOADING_MS if report is None or not report.detector_ready else TRIGGER.stale_ms,
         console_age_ms=_age_ms(now_ns, streams.console_ns),
         audit_age_ms=_age_ms(now_ns, streams.audit_ns),
         audit_waiting=audit.waiting if audit else 0,
@@ -174,6 +179,8 @@ def _joints(inputs: Inputs, state: ControlState, settings: Settings) -> JointDia
         beyond_speed=_any_beyond(feedback.velocity_rad_s.tolist(), SPEED_MARGIN, limits.speed_rad_s.tolist()),
         beyond_torque=_any_beyond(feedback.torque_nm.tolist(), TORQUE_MARGIN, limits.torque_nm.tolist()),
         guard_refusal=inputs.guard_refusal,
+        feedback=feedback,
+        settings=settings,
     )
 
 

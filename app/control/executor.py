@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from msgspec.structs import replace
 
-from app.control.events.table import blocker
+from app.control.events.table import RaisedEvent, blocker
 from app.control.gait import machine as gait_machine
 from app.control.gait.machine import Gait
 from app.control.inputs import ActionRequest, DriveOrder
@@ -61,7 +61,7 @@ def accept_plans(tick: Tick) -> None:
         running = tick.state.running
         if running is None or plan.number not in running.awaited_plans:
             continue
-        tick.audit.append(plan_record(plan))
+        tick.audit.append(plan_record(plan, running.report.number))
         running = replace(running, awaited_plans=running.awaited_plans - {plan.number})
         tick.update(running=running)
         if running.stage in {Stage.PLANNING, Stage.STIFFENING}:
@@ -123,16 +123,22 @@ def _enable_drives(tick: Tick, running: RunningAction) -> None:
     """Unless an event forbids it by now: legs that rested at the request may have begun to sink."""
     event = blocker(tick.state.events, running.report.source)
     if event is not None:
-        _refuse(tick, running, event.reason)
+        _refuse(tick, running, event.reason, event)
         return
     tick.drives = DriveOrder.ENABLE
     tick.update(running=replace(running, stage=Stage.ENABLING, requested_ns=tick.now_ns))
 
 
-def _refuse(tick: Tick, running: RunningAction, why: Reason) -> None:
+def _refuse(tick: Tick, running: RunningAction, why: Reason, event: RaisedEvent | None = None) -> None:
     """Refuse an action that was already granted."""
     report = running.report
-    refuse(tick, ActionRequest(action=report.action, source=report.source), why, report.number)
+    request = ActionRequest(
+        action=report.action,
+        source=report.source,
+        recognised_ns=report.recognised_ns,
+        released_ns=report.released_ns,
+    )
+    refuse(tick, request, why, report.number, event)
     _cancel(tick, running, Outcome.REFUSED, why)
 
 

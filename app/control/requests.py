@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 from msgspec.structs import replace
 
-from app.control.events.table import blocker
+from app.control.events.table import RaisedEvent, blocker, compared_fields
 from app.control.gait import machine as gait_machine
 from app.control.gait.machine import Ignored, Latched, Refused, Started
 from app.control.inputs import ActionRequest, DriveOrder, new_release
@@ -57,8 +57,10 @@ def arbitrate(tick: Tick) -> None:
         answer = gait_machine.ask(tick.state.gait, request.action)
         if isinstance(answer, Ignored):
             _ignore(tick, request, answer.reason)
-        elif forbidden := _blocking_reason(tick, request):
-            refuse(tick, request, forbidden)
+        elif event := blocker(tick.state.events, request.source):
+            refuse(tick, request, event.reason, event=event)
+        elif tick.state.gait.running is None and not tick.state.motion.settled:
+            refuse(tick, request, reason(RequestRefusal.COMING_TO_REST))
         elif isinstance(answer, Refused):
             refuse(tick, request, answer.reason)
         elif isinstance(answer, Latched):
@@ -67,11 +69,11 @@ def arbitrate(tick: Tick) -> None:
             _begin(tick, request, answer)
 
 
-def refuse(tick: Tick, request: ActionRequest, why: Reason, number: int = 0) -> None:
-    """Show and record why a request is not granted."""
+def refuse(tick: Tick, request: ActionRequest, why: Reason, number: int = 0, event: RaisedEvent | None = None) -> None:
+    """Show and record why a request is not granted; event: the one in force that refuses it."""
     state = tick.state
     tick.state = replace(state, refusal=why, refusal_count=state.refusal_count + 1)
-    _record_refusal(tick, request, why, number)
+    _record_refusal(tick, request, why, number, event)
 
 
 def _ignore(tick: Tick, request: ActionRequest, why: Reason) -> None:
@@ -79,7 +81,9 @@ def _ignore(tick: Tick, request: ActionRequest, why: Reason) -> None:
     _record_refusal(tick, request, why, 0)
 
 
-def _record_refusal(tick: Tick, request: ActionRequest, why: Reason, number: int) -> None:
+def _record_refusal(
+    tick: Tick, request: ActionRequest, why: Reason, number: int, event: RaisedEvent | None = None
+) -> None:
     by_gesture = request.source is Source.GESTURE
     tick.audit.append(
         records.Refusal(
@@ -89,18 +93,14 @@ def _record_refusal(tick: Tick, request: ActionRequest, why: Reason, number: int
             action=request.action.value,
             gesture=GESTURE_OF[request.action].value if by_gesture else None,
             number=number,
+            recognised_ns=request.recognised_ns,
+            released_ns=request.released_ns,
+            refused_ns=tick.now_ns,
+            event=event.event.value if event else "",
+            raised_ns=event.since_ns if event else 0,
+            **(compared_fields(event) if event else {}),
         )
     )
-
-
-def _blocking_reason(tick: Tick, request: ActionRequest) -> Reason | None:
-    """Why the request can't be granted whatever the gait table says; None when it can."""
-    event = blocker(tick.state.events, request.source)
-    if event is not None:
-        return event.reason
-    if tick.state.gait.running is None and not tick.state.motion.settled:
-        return reason(RequestRefusal.COMING_TO_REST)
-    return None
 
 
 def _latch(tick: Tick, request: ActionRequest, answer: Latched) -> None:
@@ -144,15 +144,13 @@ def _heartbeat(_tick: Tick, _: OperatorCommand) -> None:
 def _stop(tick: Tick, command: OperatorCommand) -> None:
     presses = tick.state.stop_presses + 1
     tick.update(stop_presses=presses, stop_ns=command.sent_ns, stop_received_ns=tick.now_ns, stop_command_ns=0)
-    tick.audit.append(
-        records.Stop(
-            state=tick.state.gait.state.value,
-            effect=(Effect.HOLD if presses == 1 else Effect.DAMP).name.lower(),
-            sent_ns=command.sent_ns,
-            seen_ns=tick.now_ns,
-            command_ns=tick.now_ns,
-        )
+    body = records.Stop(
+        state=tick.state.gait.state.value,
+        effect=(Effect.HOLD if presses == 1 else Effect.DAMP).name.lower(),
+        sent_ns=command.sent_ns,
+        seen_ns=tick.now_ns,
     )
+    tick.update(stop_records=(*tick.state.stop_records, body))  # recorded with its first joint command, in a tick
 
 
 def _acknowledge(tick: Tick, command: OperatorCommand) -> None:

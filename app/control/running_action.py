@@ -120,8 +120,8 @@ def command_record(report: ActionReport) -> records.Command:
     )
 
 
-def plan_record(plan: Plan) -> records.PlanChecked:
-    """A plan's check for the audit trail."""
+def plan_record(plan: Plan, command: int) -> records.PlanChecked:
+    """A plan's check for the audit trail; command: number of the action that it is for."""
     return records.PlanChecked(
         number=plan.number,
         action=plan.action.value,
@@ -134,6 +134,7 @@ def plan_record(plan: Plan) -> records.PlanChecked:
         min_clearance_m=plan.check.min_clearance_m,
         steps=plan.steps,
         advance_m=plan.advance_m,
+        command=command,
     )
 
 

@@ -37,6 +37,7 @@ class ControlState(Struct, frozen=True, kw_only=True):
     stop_ns: int = 0  # when the newest STOP was sent
     stop_received_ns: int = 0
     stop_command_ns: int = 0  # when the first command after a STOP was written
+    stop_records: tuple[records.Stop, ...] = ()  # of STOPs whose first joint command is still to be written
     torque_off: bool = False  # commanded by the operator; done once the joints are fully damped
     ending_ns: int = 0  # since when the session is being ended; 0: it is not
     still_since_ns: int = 0  # since when the command has not moved; 0: it moves

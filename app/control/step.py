@@ -11,7 +11,7 @@ from msgspec.structs import replace
 
 from app.control.diagnostics import PlanningDiagnostics, SessionDiagnostics, collect_diagnostics
 from app.control.events.programs import CLOCK_STEP_S
-from app.control.events.table import ROW, RaisedEvent, RaisedEvents, advance, blocker, displaced
+from app.control.events.table import ROW, RaisedEvent, RaisedEvents, advance, blocker, compared_fields, displaced
 from app.control.executor import (
     accept_plans,
     advance_action,
@@ -80,8 +80,11 @@ def _measure_last_tick(tick: Tick) -> None:
                 limit=refusal.limit if isfinite(refusal.limit) else None,
             )
         )
-    if state.stop_received_ns and not state.stop_command_ns:
+    if state.stop_received_ns and not state.stop_command_ns and inputs.written_ns > state.stop_received_ns:
         state = replace(state, stop_command_ns=inputs.written_ns)
+    if state.stop_records and (inputs.written_ns > state.stop_records[-1].seen_ns):
+        tick.audit.extend(replace(body, command_ns=inputs.written_ns) for body in state.stop_records)
+        state = replace(state, stop_records=())
     if state.running is not None:
         running = measure(
             state.running,
@@ -205,12 +208,18 @@ def _event_records(before: RaisedEvents, after: RaisedEvents, now_ns: int) -> li
     was = {one.event: one for one in before}
     still = {one.event for one in after}
     raised: list[records.Body] = [
-        records.EventRaised(event=one.event.value, effect=ROW[one.event].effect.name.lower(), text=one.reason)
+        records.EventRaised(
+            event=one.event.value,
+            effect=ROW[one.event].effect.name.lower(),
+            text=one.reason,
+            raised_ns=one.since_ns,
+            **compared_fields(one),
+        )
         for one in after
         if one.event not in was
     ]
     lost: list[records.Body] = [
-        records.HeartbeatLost(stream=STREAM_OF[one.event].name, age_ms=STREAM_OF[one.event].stale_ms)
+        records.HeartbeatLost(stream=STREAM_OF[one.event].name, age_ms=_age_ms(one))
         for one in after
         if one.event not in was and one.event in STREAM_OF
     ]
@@ -227,5 +236,10 @@ def _cleared(one: RaisedEvent, now_ns: int) -> list[records.Body]:
     stream = STREAM_OF.get(one.event)
     if stream is None:
         return [cleared]
-    silent_ms = stream.stale_ms + (one.last_ns - one.since_ns) / NS_PER_MS
+    silent_ms = _age_ms(one) + (one.last_ns - one.since_ns) / NS_PER_MS
     return [cleared, records.HeartbeatFound(stream=stream.name, silent_ms=silent_ms)]
+
+
+def _age_ms(one: RaisedEvent) -> float:
+    """How old the stream's newest message was when the event was raised."""
+    return one.compared.value if one.compared else STREAM_OF[one.event].stale_ms

@@ -74,6 +74,9 @@ def demo_config(base: Config, *, seed: int, joints: JointsConfig) -> Config:
     return Config(camera=camera, joints=joints, button=base.button, rules=base.rules, model=base.model)
 
 
+DEMONSTRATION = "demonstration"  # role in the trail: no operator, no rights
+
+
 def demo_patient(seed: int) -> Profile:
     """The demo patient with the palm of that seed's digital hand, as a therapist would have measured it."""
     width_m = person_of(seed).shape.palm_width_m
@@ -94,7 +97,7 @@ def run_session(
 ) -> SessionResult:
     """Start the real processes, carry out the scenario, close, verify the audit trail; None: the demo patient."""
     wearer = patient or demo_patient(config.camera.seed)
-    setup = make_setup(home, config, wearer, operator="demo", role="engineer")
+    setup = make_setup(home, config, wearer, operator="demo", role=DEMONSTRATION)
     if config.joints.kind != "simulated":
         rehearse_missing(setup, watch)
     host = SessionHost(setup)

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Generic, TypeVar
 
 from app.perception.camera import PerceptionNote
+from app.perception.reporting import MeasuredRate, Scale
 from app.system.config import SessionSetup
 from app.system.hand_model import find_model
 from app.system.paths import Home
@@ -119,9 +120,23 @@ def zone_hint(setup: SessionSetup, zone: PressZone) -> Reason | None:
     return reason(PerceptionNote.THRESHOLD_UNSUITED, threshold_m=threshold_m, zone=zone.explain())
 
 
-def camera_records(setup: SessionSetup, camera: Camera, frame: Frame) -> tuple[records.Camera, records.Calibration]:
+def scale_of(setup: SessionSetup, frame: Frame, camera: str) -> Scale:
+    """What turns pixels into metres for this patient before this camera."""
+    segment, lens = reference_for(setup, frame, camera), frame.intrinsics
+    return Scale(
+        anchor_m=segment.length_m,
+        anchor_method=segment.source.value,
+        focal_px=lens.fx_px,
+        focal_source=lens.source.value,
+    )
+
+
+def camera_records(
+    setup: SessionSetup, camera: Camera, frame: Frame, rate: MeasuredRate | None = None
+) -> tuple[records.Camera, records.Calibration]:
     """What the trail must hold of the camera and of the reference segment in use."""
     observed, palm = frame.intrinsics, reference_for(setup, frame, camera.name)
+    rate = rate or MeasuredRate()
     return (
         records.Camera(
             camera=camera.name,
@@ -132,12 +147,15 @@ def camera_records(setup: SessionSetup, camera: Camera, frame: Frame) -> tuple[r
             focal_px=observed.fx_px,
             intrinsics_source=observed.source.value,
             mirrored=setup.config.camera.mirrored,
+            measured_hz=rate.hz,
+            frames=rate.frames,
         ),
         records.Calibration(
             method=palm.source.value,
             anchor_m=palm.length_m,
             focal_px=observed.fx_px,
-            residual_m=palm.sd_m,
+            sd_m=palm.sd_m,
+            focal_source=observed.source.value,
             text=reason_of(palm.explain()),
         ),
     )

@@ -21,7 +21,9 @@ from app.perception.pipeline import Loading
 from app.perception.reporting import (
     FPS_WINDOW,
     Context,
+    MeasuredRate,
     PreviewPacer,
+    Scale,
     frames_per_second,
     records_between,
     to_message,
@@ -37,6 +39,7 @@ from logs.reason import Reason, reason
 from logs.records import EventRaised, ProcessEnd, ProcessStart
 
 FRAME_TIMEOUT_S = 0.1
+RATE_AFTER_NS = 5_000_000_000  # of frames: then the camera's measured rate is recorded
 LOADING = reason(PerceptionNote.MODEL_LOADING)
 
 
@@ -79,6 +82,9 @@ class Perception:
         self._sequence = 0
         self._captures: deque[int] = deque(maxlen=FPS_WINDOW + 1)
         self._last: Report | None = None
+        self._scale: Scale | None = None
+        self._rate = MeasuredRate()
+        self._frame: Frame | None = None  # the newest: it carries the intrinsics
         self._last_captured_ns = 0
         self._ending = False
 
@@ -108,6 +114,7 @@ class Perception:
         detector = self._detector.ready()
         if detector is not None:
             detector.close()
+        self._record_rate()
         self._sink.emit(ProcessEnd(pid=os.getpid()))
         self._sink.close()
         for link in (self._reports, self._previews, self._commands):
@@ -128,9 +135,11 @@ class Perception:
         report = self._process(frame)
         self._send_report(report, frame.captured_ns)
         if report is not None:
-            for record in records_between(self._last, report, self._setup.profile.press_threshold_m):
+            assert self._scale is not None  # made with the pipeline
+            for record in records_between(self._last, report, self._scale):
                 self._sink.emit(record)
             self._last = report
+            self._measure_rate(frame)
         if self._pacer.due(time.monotonic_ns()):
             self._send_preview(frame, report)
 
@@ -147,11 +156,25 @@ class Perception:
         self._ready = True
         if self._pipeline is None:
             self._pipeline, self._place = assembly.make_pipeline(self._setup, detector, frame, camera.name)
+            self._scale = assembly.scale_of(self._setup, frame, camera.name)
             for record in assembly.camera_records(self._setup, camera, frame):
                 self._sink.emit(record)
             gc_freeze()
         picture = Picture(image_bgr=frame.image_bgr, captured_ns=frame.captured_ns, depth_m=frame.depth_m)
         return self._pipeline.process(picture)
+
+    def _measure_rate(self, frame: Frame) -> None:
+        """Once after some seconds the camera is recorded again, with its measured rate; and at the end, see `close`."""
+        self._frame = frame
+        before_ns = self._rate.lasts_ns
+        self._rate.add(frame.captured_ns)
+        if before_ns < RATE_AFTER_NS <= self._rate.lasts_ns:
+            self._record_rate()
+
+    def _record_rate(self) -> None:
+        if self._frame is not None:
+            record, _ = assembly.camera_records(self._setup, self._camera.camera, self._frame, self._rate)
+            self._sink.emit(record)
 
     def _send_report(self, report: Report | None, captured_ns: int) -> None:
         self._sequence += 1

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from typing import Any
 
 import cv2
 import msgspec
@@ -11,11 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.ipc.messages import PerceptionCommand, Preview, TriggerReport
-from kgdfa.gesture import Decision
+from kgdfa.button import ButtonState
+from kgdfa.gesture import Decision, Gesture
 from kgdfa.pipeline import Report
 from kgdfa.press_zone import PressZone
 from logs.reason import Reason, reason, reason_of
-from logs.records import Body, Cancel, GestureOnset, Press, Release
+from logs.records import Body, Cancel, GestureOnset, Hint, Press, Release
 
 FPS_WINDOW = 30  # frames
 
@@ -95,38 +97,72 @@ def _with_button(message: TriggerReport, report: Report) -> TriggerReport:
     )
 
 
-def records_between(before: Report | None, now: Report, threshold_m: float) -> Iterator[Body]:
-    """What changed from one frame to the next that the trail must hold; threshold_m: of the press."""
-    distance_m = now.distance.shown_m if now.distance else None
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Scale:
+    """What turns pixels into metres: the reference segment and the focal length, and where each is from."""
+
+    anchor_m: float
+    anchor_method: str
+    focal_px: float
+    focal_source: str
+
+
+def records_between(before: Report | None, now: Report, scale: Scale) -> Iterator[Body]:
+    """What changed from one frame to the next that the trail must hold, each with what the decision compared."""
+    decided = _decided(now, scale)
     if now.gesture is not (before.gesture if before else None):
         yield GestureOnset(
             gesture=now.gesture.value if now.gesture else None,
             confidence=now.verdict.confidence if now.verdict else 0.0,
             explanation=reason_of(now.verdict.explanation) if now.verdict else reason(Decision.NO_HAND),
             votes=now.votes,
-            captured_ns=now.captured_ns,
-            distance_m=distance_m,
+            **decided,
         )
-    old = before.button if before else None
+    yield from _button_records(before.button if before else ButtonState(), now, decided)
+
+
+def _button_records(old: ButtonState, now: Report, decided: dict[str, Any]) -> Iterator[Body]:
     button = now.button
-    if button.pressed and not (old and old.pressed):
-        gesture = button.pressed_gesture.value if button.pressed_gesture else None
-        yield Press(gesture=gesture, captured_ns=now.captured_ns, distance_m=distance_m, threshold_m=threshold_m)
-    if button.release_count > (old.release_count if old else 0):
+    held = _value(old.pressed_gesture)
+    if button.hint is not None and button.hint is not old.hint:
+        yield Hint(reason=reason(button.hint), gesture=_value(now.gesture), **decided)
+    if button.pressed and not old.pressed:
+        yield Press(gesture=_value(button.pressed_gesture), **decided)
+    if button.release_count > old.release_count:
+        moments = {"recognised_ns": button.released_recognised_ns, "captured_ns": button.released_ns}
         yield Release(
-            gesture=button.released_gesture.value if button.released_gesture else None,
-            recognised_ns=button.released_recognised_ns,
-            captured_ns=button.released_ns,
-            distance_m=distance_m,
+            gesture=_value(button.released_gesture),
             number=button.release_count,
+            pressed_ns=button.pressed_captured_ns,
+            **(decided | moments),
         )
-    if button.cancel_count > (old.cancel_count if old else 0):
-        pressed = old.pressed_gesture if old else None
+    if button.cancel_count > old.cancel_count:
         yield Cancel(
             reason=reason(button.cancel_reason) if button.cancel_reason else None,
-            gesture=pressed.value if pressed else None,
-            captured_ns=now.captured_ns,
+            gesture=held,
+            pressed_ns=old.pressed_captured_ns,
+            **(decided | {"recognised_ns": old.pressed_recognised_ns}),
         )
+
+
+def _decided(now: Report, scale: Scale) -> dict[str, Any]:
+    """The fields that all records of a decision share."""
+    compared = now.button.compared
+    values = {} if compared is None else asdict(compared)
+    values.pop("captured_ns", None)
+    return {
+        "captured_ns": now.captured_ns,
+        "recognised_ns": now.recognised_ns,
+        "vote_ns": now.vote_ns,
+        "distance_m": now.distance.shown_m if now.distance else None,
+        "safe_distance_m": values.pop("distance_m", None),
+        **values,
+        **asdict(scale),
+    }
+
+
+def _value(gesture: Gesture | None) -> str | None:
+    return gesture.value if gesture else None
 
 
 def frames_per_second(captures_ns: list[int]) -> float:
@@ -135,6 +171,31 @@ def frames_per_second(captures_ns: list[int]) -> float:
     if len(recent) < 2 or recent[-1] == recent[0]:
         return 0.0
     return (len(recent) - 1) * 1e9 / (recent[-1] - recent[0])
+
+
+@dataclass(slots=True)
+class MeasuredRate:
+    """The camera's rate over all captures since the first."""
+
+    frames: int = 0
+    first_ns: int = 0
+    last_ns: int = 0
+
+    def add(self, captured_ns: int) -> None:
+        """One more capture."""
+        self.first_ns = self.first_ns or captured_ns
+        self.last_ns = captured_ns
+        self.frames += 1
+
+    @property
+    def lasts_ns(self) -> int:
+        """From the first capture to the newest."""
+        return self.last_ns - self.first_ns
+
+    @property
+    def hz(self) -> float | None:
+        """1/s; None before the second capture."""
+        return (self.frames - 1) * 1e9 / self.lasts_ns if self.lasts_ns > 0 else None
 
 
 Image = NDArray[np.uint8]

@@ -30,7 +30,7 @@ from hal.errors import HardwareError
 from kgdfa.errors import KgdfaError
 from logs.reason import Reason, reason, reason_of
 from logs.records import Calibration as CalibrationRecord
-from profiles.palm import Calibrated, with_calibration
+from profiles.palm import Calibrated, ReferenceSource, with_calibration
 from profiles.schema import Profile
 from profiles.store import ChangeCause
 
@@ -145,17 +145,7 @@ class CalibrationScreen(ConsoleScreen):
             current = app.store.load(self._profile.identifier)
             calibrated = with_calibration(current, result.calibration)
             app.store.save(calibrated, by=app.operator, at=datetime.now(UTC), why=ChangeCause.CALIBRATED.key)
-            app.trail.emit(
-                CalibrationRecord(
-                    method="calibrated",
-                    anchor_m=result.reference_m,
-                    focal_px=result.calibration.focal_px,
-                    residual_m=result.calibration.residual * result.reference_m,
-                    text=reason(
-                        ChangeCause.CALIBRATED, patient=self._profile.identifier, camera=result.calibration.camera
-                    ),
-                )
-            )
+            app.trail.emit(calibration_record(self._profile.identifier, result))
             self.notify(tr("calibration.kept", camera=result.calibration.camera))
             self.dismiss()
 
@@ -229,6 +219,18 @@ def _show_palm(camera: object) -> None:
 
     if isinstance(camera, CommandedHand):
         camera.command(gesture="5")
+
+
+def calibration_record(patient: str, result: Calibrated) -> CalibrationRecord:
+    """A kept calibration for the trail; the residual is that of the fit, on the reference segment."""
+    found = result.calibration
+    return CalibrationRecord(
+        method=ReferenceSource.CALIBRATED.value,
+        anchor_m=result.reference_m,
+        focal_px=found.focal_px,
+        residual_m=found.residual * result.reference_m,
+        text=reason(ChangeCause.CALIBRATED, patient=patient, camera=found.camera),
+    )
 
 
 def _silence() -> None:

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import replace
 from enum import Flag
 from math import isfinite
 
-from app.control.diagnostics import Diagnostics
-from app.control.events.row import Latch, Row
+import numpy as np
+
+from app.control.diagnostics import RANGE_MARGIN_RAD, SPEED_MARGIN, TORQUE_MARGIN, Diagnostics
+from app.control.events.row import Above, Compared, Latch, Row
+from app.control.inputs import Settings
 from app.ipc.states import Effect, Event
-from hal.joints.protocol import BusFault, DriveFault
+from hal.joints.protocol import BusFault, DriveFault, Joint, JointArray, JointFeedback
 from logs.reason import Value, reason, reason_of
 
 JOINT_TIMEOUT_MS = 15.0  # with a tick and its margin the effect comes within 20 ms
@@ -36,8 +41,15 @@ def _any_of(flags: Flag, wanted: Flag) -> bool:
     return flags.value & wanted.value != 0
 
 
+_ANSWER_AGE = Above("answer_age_ms", lambda d: d.joints.age_ms, JOINT_TIMEOUT_MS)
+
+
 def _joint_timeout(d: Diagnostics) -> bool:
-    return d.joints.age_ms > JOINT_TIMEOUT_MS if d.powered else not d.joints.answering
+    return _ANSWER_AGE(d) if d.powered else not d.joints.answering
+
+
+def _answer_age(d: Diagnostics) -> Compared | None:
+    return replace(_ANSWER_AGE.compared(d), joint=d.joints.silent_joint) if d.powered else None
 
 
 def _report(d: Diagnostics) -> dict[str, Value]:
@@ -61,9 +73,62 @@ def _following(d: Diagnostics) -> dict[str, Value]:
     return {"angle_rad": d.joints.following_rad}
 
 
+def _warmest(d: Diagnostics) -> Compared | None:
+    return _worst(d, "temperature_c", lambda f: f.temperature_c, lambda s: s.warn_c)
+
+
+def _hottest(d: Diagnostics) -> Compared | None:
+    return _worst(d, "temperature_c", lambda f: f.temperature_c, lambda s: s.limit_c)
+
+
+def _worst_speed(d: Diagnostics) -> Compared | None:
+    return _worst(d, "speed_rad_s", lambda f: np.abs(f.velocity_rad_s), lambda s: SPEED_MARGIN * s.limits.speed_rad_s)
+
+
+def _worst_torque(d: Diagnostics) -> Compared | None:
+    return _worst(d, "torque_nm", lambda f: np.abs(f.torque_nm), lambda s: TORQUE_MARGIN * s.limits.torque_nm)
+
+
+def worst_range(d: Diagnostics) -> Compared | None:
+    """The joint that is farthest beyond its range, or nearest to its end, with the end that it is nearer to."""
+    if d.joints.feedback is None or d.joints.settings is None:
+        return None
+    angle_rad, limits = d.joints.feedback.position_rad, d.joints.settings.limits
+    low_rad, high_rad = limits.low_rad - RANGE_MARGIN_RAD, limits.high_rad + RANGE_MARGIN_RAD
+    joint = Joint(int(np.maximum(low_rad - angle_rad, angle_rad - high_rad).argmax()))
+    below = low_rad[joint] - angle_rad[joint] > angle_rad[joint] - high_rad[joint]
+    end_rad = low_rad if below else high_rad
+    return Compared("angle_rad", float(angle_rad[joint]), float(end_rad[joint]), joint)
+
+
+def _worst(
+    d: Diagnostics,
+    quantity: str,
+    values: Callable[[JointFeedback], JointArray],
+    limits: Callable[[Settings], JointArray],
+) -> Compared | None:
+    """The joint that is farthest above its limit; joints without a measurement are left out."""
+    if d.joints.feedback is None or d.joints.settings is None:
+        return None
+    value, limit = values(d.joints.feedback), limits(d.joints.settings)
+    if np.isnan(value).all():
+        return None
+    joint = Joint(int(np.nanargmax(value - limit)))
+    return Compared(quantity, float(value[joint]), float(limit[joint]), joint)
+
+
+def _guard_compared(d: Diagnostics) -> Compared | None:
+    refusal = d.joints.guard_refusal
+    return None if refusal is None else Compared(refusal.quantity.value, refusal.value, refusal.limit, refusal.joint)
+
+
+def _following_above(limit_rad: float) -> Above:
+    return Above("following_rad", lambda d: d.joints.following_rad, limit_rad)
+
+
 E, F, P = Event, Effect, Latch.POWERED
 DRIVES = (
-    Row(E.JOINT_TIMEOUT, F.HOLD, _joint_timeout, P, _report),
+    Row(E.JOINT_TIMEOUT, F.HOLD, _joint_timeout, P, _report, compares=_answer_age),
     Row(E.DRIVE_FAULT, F.HOLD, lambda d: _any_of(d.joints.drive_faults, HELD_FAULTS), P, _report),
     Row(E.DRIVE_UNTRUSTED, F.DAMP, lambda d: _any_of(d.joints.drive_faults, DAMPED_FAULTS), P, _report),
     Row(E.DRIVES_POWER_LOST, F.HOLD, lambda d: d.joints.drives_lost, Latch.ALWAYS, _report),
@@ -74,15 +139,33 @@ DRIVES = (
         Latch.ALWAYS,
         lambda d: {"detail": d.joints.drive_error or ""},
     ),
-    Row(E.OVER_TEMPERATURE_WARNING, F.NOTE, lambda d: d.joints.warm, detail=_temperature),
-    Row(E.OVER_TEMPERATURE, F.HOLD, lambda d: d.joints.hot, P, _temperature),
-    Row(E.FOLLOWING_WARNING, F.NOTE, lambda d: d.joints.following_rad > FOLLOWING_WARN_RAD, detail=_following),
-    Row(E.FOLLOWING_LIMIT, F.HOLD, lambda d: d.joints.following_rad > FOLLOWING_LIMIT_RAD, P, _following),
-    Row(E.OUT_OF_RANGE, F.HOLD, lambda d: d.powered and d.joints.beyond_range, P),
-    Row(E.OVER_SPEED, F.DAMP, lambda d: d.powered and d.joints.beyond_speed, P),
-    Row(E.OVER_TORQUE, F.DAMP, lambda d: d.powered and d.joints.beyond_torque, P),
-    Row(E.GUARD_REFUSAL, F.HOLD, lambda d: d.joints.guard_refusal is not None, P, _guard_refusal),
+    Row(E.OVER_TEMPERATURE_WARNING, F.NOTE, lambda d: d.joints.warm, detail=_temperature, compares=_warmest),
+    Row(E.OVER_TEMPERATURE, F.HOLD, lambda d: d.joints.hot, P, _temperature, compares=_hottest),
+    Row(
+        E.FOLLOWING_WARNING,
+        F.NOTE,
+        _following_above(FOLLOWING_WARN_RAD),
+        detail=_following,
+    ),
+    Row(
+        E.FOLLOWING_LIMIT,
+        F.HOLD,
+        _following_above(FOLLOWING_LIMIT_RAD),
+        P,
+        _following,
+    ),
+    Row(E.OUT_OF_RANGE, F.HOLD, lambda d: d.powered and d.joints.beyond_range, P, compares=worst_range),
+    Row(E.OVER_SPEED, F.DAMP, lambda d: d.powered and d.joints.beyond_speed, P, compares=_worst_speed),
+    Row(E.OVER_TORQUE, F.DAMP, lambda d: d.powered and d.joints.beyond_torque, P, compares=_worst_torque),
+    Row(
+        E.GUARD_REFUSAL,
+        F.HOLD,
+        lambda d: d.joints.guard_refusal is not None,
+        P,
+        _guard_refusal,
+        compares=_guard_compared,
+    ),
     Row(E.BUS_FAULT, F.HOLD, lambda d: _any_of(d.joints.bus, HELD_BUS_FAULTS), P, _report),
     Row(E.BUS_ERRORS, F.NOTE, lambda d: _any_of(d.joints.bus, NOTED_BUS_FAULTS), detail=_report),
-    Row(E.UNEXPECTED_MOTION, F.DAMP, lambda d: d.joints.drift_rad_s > DRIFT_RAD_S, P),
+    Row(E.UNEXPECTED_MOTION, F.DAMP, Above("drift_rad_s", lambda d: d.joints.drift_rad_s, DRIFT_RAD_S), P),
 )

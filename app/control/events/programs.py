@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from app.control.events.row import GESTURES, Latch, Row
+from app.control.events.row import GESTURES, Above, Compared, Latch, Row
 from app.ipc.states import Effect, Event
 from app.ipc.streams import AUDIT_HEALTH, GUARDIAN, OPERATOR, TRIGGER
 
@@ -12,25 +12,36 @@ CONTROL_STALLED_MS = 20.0
 CLOCK_STEP_S = 0.5
 HOST_SUSPENDED_S = 0.1
 
+_FRAME_AGE = Above("frame_age_ms", lambda d: d.programs.frame_age_ms, TRIGGER.stale_ms)
+_GUARDIAN_AGE = Above("message_age_ms", lambda d: d.programs.guardian_age_ms, GUARDIAN.stale_ms)
+_LATE = Above("late_ms", lambda d: d.clocks.late_ms, TICK_LATE_MS)
+
 E, F, P = Event, Effect, Latch.POWERED
 STREAMS = (
     Row(
         E.CAMERA_STALE,
         F.REFUSE,
-        lambda d: d.programs.camera_fault is not None or d.programs.frame_age_ms > TRIGGER.stale_ms,
+        lambda d: d.programs.camera_fault is not None or _FRAME_AGE(d),
+        compares=_FRAME_AGE.compared,
         detail=lambda d: {"detail": d.programs.camera_fault or ""},
         blocks=GESTURES,
     ),
-    Row(E.PERCEPTION_TIMEOUT, F.REFUSE, lambda d: d.programs.perception_age_ms > TRIGGER.stale_ms, blocks=GESTURES),
-    Row(E.CONSOLE_TIMEOUT, F.HOLD, lambda d: d.programs.console_age_ms > OPERATOR.stale_ms, P),
+    Row(
+        E.PERCEPTION_TIMEOUT,
+        F.REFUSE,
+        lambda d: d.programs.perception_age_ms > d.programs.perception_limit_ms,
+        compares=lambda d: Compared("message_age_ms", d.programs.perception_age_ms, d.programs.perception_limit_ms),
+        blocks=GESTURES,
+    ),
+    Row(E.CONSOLE_TIMEOUT, F.HOLD, Above("message_age_ms", lambda d: d.programs.console_age_ms, OPERATOR.stale_ms), P),
     Row(
         E.AUDIT_BACKLOG,
         F.REFUSE,
-        lambda d: d.programs.audit_waiting > AUDIT_WAITING_LIMIT,
+        Above("waiting_records", lambda d: d.programs.audit_waiting, AUDIT_WAITING_LIMIT),
         detail=lambda d: {"count": d.programs.audit_waiting},
     ),
     Row(E.AUDIT_QUEUE_FULL, F.HOLD, lambda d: d.programs.audit_full, P),
-    Row(E.AUDIT_TIMEOUT, F.REFUSE, lambda d: d.programs.audit_age_ms > AUDIT_HEALTH.stale_ms),
+    Row(E.AUDIT_TIMEOUT, F.REFUSE, Above("message_age_ms", lambda d: d.programs.audit_age_ms, AUDIT_HEALTH.stale_ms)),
     Row(
         E.AUDIT_WRITE_FAILED,
         F.REFUSE,
@@ -42,27 +53,28 @@ CLOCKS = (
     Row(
         E.TICK_LATE,
         F.NOTE,
-        lambda d: d.clocks.missed_ticks > 0 or d.clocks.late_ms > TICK_LATE_MS,
+        lambda d: d.clocks.missed_ticks > 0 or _LATE(d),
+        compares=_LATE.compared,
         detail=lambda d: {"late_ms": d.clocks.late_ms, "missed": d.clocks.missed_ticks},
     ),
     Row(
         E.CONTROL_STALLED,
         F.HOLD,
-        lambda d: d.clocks.late_ms > CONTROL_STALLED_MS,
+        Above("late_ms", lambda d: d.clocks.late_ms, CONTROL_STALLED_MS),
         P,
         lambda d: {"late_ms": d.clocks.late_ms},
     ),
     Row(
         E.HOST_SUSPENDED,
         F.HOLD,
-        lambda d: d.clocks.slept_s > HOST_SUSPENDED_S,
+        Above("slept_s", lambda d: d.clocks.slept_s, HOST_SUSPENDED_S),
         P,
         lambda d: {"duration_s": d.clocks.slept_s},
     ),
     Row(
         E.CLOCK_JUMP,
         F.NOTE,
-        lambda d: abs(d.clocks.step_s) > CLOCK_STEP_S,
+        Above("step_s", lambda d: abs(d.clocks.step_s), CLOCK_STEP_S),
         detail=lambda d: {"step_s": d.clocks.step_s},
     ),
 )
@@ -70,12 +82,13 @@ HELPERS = (
     Row(
         E.GUARDIAN_TIMEOUT,
         F.REFUSE,
-        lambda d: d.programs.guardian_age_ms > GUARDIAN.stale_ms or d.programs.guardian_fault is not None,
+        lambda d: _GUARDIAN_AGE(d) or d.programs.guardian_fault is not None,
+        compares=_GUARDIAN_AGE.compared,
         detail=lambda d: {"detail": d.programs.guardian_fault or ""},
     ),
     Row(E.GUARDIAN_ACTED, F.DAMP, lambda d: d.programs.guardian_acted, P),
     Row(E.PLANNER_STARTING, F.REFUSE, lambda d: not d.planning.ready),
     Row(E.PLANNER_TIMEOUT, F.REFUSE, lambda d: d.planning.timed_out, P),
     Row(E.NEXT_STEP_MISSING, F.HOLD, lambda d: d.planning.next_step_missing, P),
-    Row(E.MESSAGE_REJECTED, F.NOTE, lambda d: d.programs.rejected_messages > 0),
+    Row(E.MESSAGE_REJECTED, F.NOTE, Above("rejected_messages", lambda d: d.programs.rejected_messages, 0)),
 )

@@ -7,6 +7,9 @@ while the drives carry power: before that there is nothing that it would have st
 
 from __future__ import annotations
 
+from math import isfinite
+from typing import Any
+
 from msgspec import Struct
 from msgspec.structs import replace
 
@@ -14,7 +17,7 @@ from app.control.diagnostics import Diagnostics
 from app.control.events.drives import DRIVES
 from app.control.events.pose import POSE
 from app.control.events.programs import CLOCKS, HELPERS, STREAMS
-from app.control.events.row import Latch, Row
+from app.control.events.row import Compared, Latch, Row
 from app.control.events.session import SESSION
 from app.ipc.states import Effect, Event, Source
 from logs.reason import Reason, Value, key_of
@@ -37,6 +40,7 @@ class RaisedEvent(Struct, frozen=True, kw_only=True):
     present: bool = True
     acknowledged: bool = False
     detail: dict[str, Value] = {}
+    compared: Compared | None = None  # when it was raised
 
     @property
     def reason(self) -> Reason:
@@ -77,6 +81,19 @@ def blocker(events: RaisedEvents, source: Source) -> RaisedEvent | None:
     return next((one for one in events if one.in_force and _blocks(ROW[one.event], source)), None)
 
 
+def compared_fields(one: RaisedEvent) -> dict[str, Any]:
+    """What an event compared when it was raised, as the trail's records name it; numbers that are none are left out."""
+    compared = one.compared
+    if compared is None:
+        return {}
+    return {
+        "quantity": compared.quantity,
+        "value": compared.value if isfinite(compared.value) else None,
+        "limit": compared.limit if isfinite(compared.limit) else None,
+        "joint": "" if compared.joint is None else compared.joint.name.lower(),
+    }
+
+
 def displaced(events: RaisedEvents) -> bool:
     """Whether an event in force leaves the gait state unknown."""
     return any(one.in_force and ROW[one.event].displaces for one in events)
@@ -101,6 +118,7 @@ def _raised(row: Row, diagnostics: Diagnostics) -> RaisedEvent:
         last_ns=diagnostics.now_ns,
         latched=_latches(row, diagnostics),
         detail=row.detail(diagnostics),
+        compared=row.compared(diagnostics),
     )
 
 

@@ -18,6 +18,7 @@ from app.cli import cli
 from app.console.operator import ConsoleTrail
 from app.console.review_data import comments_on, comments_path, write_comment
 from app.console.screens.after import AfterScreen
+from app.console.screens.calibration import calibration_record
 from app.console.screens.session import SessionScreen
 from app.console.screens.signin import SignInDialog
 from app.console.state import newly_ended
@@ -27,7 +28,7 @@ from app.ipc.messages import OperatorKind, PerceptionCommand
 from app.ipc.states import Action
 from app.perception.camera import SessionRecorder
 from app.perception.pipeline import camera_records, make_camera
-from app.perception.reporting import records_between
+from app.perception.reporting import MeasuredRate, records_between
 from app.session.host import ProcessStatus
 from app.system.config import CameraConfig, Config, JointsConfig, SessionSetup
 from app.system.operators import Role, add_operator, load_store, save_store
@@ -35,7 +36,7 @@ from app.system.paths import Home
 from hal.errors import DrivesFault, HardwareError
 from hal.joints.guard import Quantity, Refusal
 from hal.joints.protocol import TICK_NS, Joint
-from kgdfa.button import ButtonState, PressCancel
+from kgdfa.button import ButtonState, PressCancel, PressHint
 from kgdfa.gesture import Gesture
 from logs.disk import Disk
 from logs.keys import load_or_make_key
@@ -44,14 +45,15 @@ from logs.mirror import CheckpointCopy
 from logs.read import records, session_paths
 from logs.records import Body, Note, ProcessEnd, SessionStart
 from logs.writer import SessionWriter
-from profiles.schema import DEMO_PATIENT
+from profiles.palm import Calibrated, reference_segment
+from profiles.schema import DEMO_PATIENT, Calibration
 from testing.session import real_session
 from tests.app.console.conftest import Console, Opener
 from tests.app.console.conftest import console as console  # noqa: PLC0414 - the fixture
 from tests.app.console.conftest import home as home  # noqa: PLC0414 - the fixture
 from tests.app.control.moments import A, K, S, moving, resting, standing
 from tests.app.control.rig import Rig
-from tests.app.perception.test_reporting import REPORT
+from tests.app.perception.test_reporting import REPORT, SCALE, compared
 
 KINDS: tuple[type[Body], ...] = Body.__args__
 PIN = "481516"
@@ -127,7 +129,7 @@ def at(second: int) -> Moment:
 
 def of_control() -> list[Body]:
     """Ticks of the step: actions by key and gesture, refusals, events, STOP."""
-    rigs = [walked(), refused(), spoiled(), stopped()]
+    rigs = [walked(), refused(), refused_by_an_event(), spoiled(), stopped()]
     feedback = rigs[0].joints.feedback(rigs[0].now_ns + TICK_NS)
     faulty = replace(feedback, detail=HardwareError(DrivesFault.STAYS_DISABLED))
     return [*(body for rig in rigs for body in rig.audit), drives_record(faulty)]
@@ -157,6 +159,18 @@ def refused() -> Rig:
     return rig
 
 
+def refused_by_an_event() -> Rig:
+    """A joint too hot: the gesture is refused with the event's numbers."""
+    rig = standing()
+    feedback = rig.joints.feedback(rig.now_ns + TICK_NS)
+    feedback.temperature_c[Joint.RIGHT_KNEE] = 81.0
+    rig.spoil["feedback"] = feedback
+    rig.report = {"released_recognised_ns": rig.now_ns}
+    rig.release(Gesture.FIVE)
+    rig.tick(40)
+    return rig
+
+
 def spoiled() -> Rig:
     """A command that the guard refuses, a clock that is moved, a stream that pauses."""
     rig = moving()
@@ -183,20 +197,36 @@ def stopped() -> Rig:
 def of_perception(root: Path) -> list[Body]:
     """A press that is released and one that is cancelled; the camera; a recording."""
     setup = setup_in(root)
-    pressed = replace(REPORT, button=ButtonState(pressed=True, pressed_gesture=Gesture.ONE))
-    released = replace(
-        REPORT,
-        button=ButtonState(release_count=1, released_gesture=Gesture.ONE, released_recognised_ns=4, released_ns=5),
-    )
-    cancelled = replace(REPORT, button=ButtonState(cancel_count=1, cancel_reason=PressCancel.HAND_LOST))
+    up = ButtonState(compared=compared())
+    seen, hinted = replace(REPORT, button=up), replace(REPORT, button=replace(up, hint=PressHint.KEEP_GESTURE))
+    down = replace(up, pressed=True, pressed_gesture=Gesture.ONE, pressed_captured_ns=3, pressed_recognised_ns=2)
+    pressed = replace(REPORT, button=down)
+    away = replace(down, release_count=1, released_gesture=Gesture.ONE, released_recognised_ns=4, released_ns=5)
+    released = replace(REPORT, button=replace(away, pressed=False))
+    cancelled = replace(REPORT, button=replace(up, cancel_count=1, cancel_reason=PressCancel.HAND_LOST))
     found: list[Body] = []
-    for before, now in ((None, REPORT), (REPORT, pressed), (pressed, released), (pressed, cancelled)):
-        found += records_between(before, now, 0.2)
+    steps = ((None, seen), (seen, hinted), (seen, pressed), (pressed, released), (pressed, cancelled))
+    for before, now in steps:
+        found += records_between(before, now, SCALE)
     camera = make_camera(setup)
     camera.open()
     frame = camera.read(5.0)
     assert frame is not None
-    found += camera_records(setup, camera, frame)
+    rate = MeasuredRate()
+    for captured_ns in (1, 2):
+        rate.add(captured_ns)
+    found += camera_records(setup, camera, frame, rate)
+    calibration = Calibration(
+        camera=camera.name,
+        focal_anchor_px_m=36.0,
+        focal_px=600.0,
+        distance_m=0.36,
+        residual=0.01,
+        calibrated_at="2026-01-01T00:00:00+00:00",
+    )
+    expected = reference_segment(DEMO_PATIENT)
+    kept = Calibrated(calibration=calibration, reference_m=0.06, expected=expected, doubt=None)
+    found.append(calibration_record("demo", kept))
     recorder = SessionRecorder(setup, Collector(found), camera.name)
     recorder.handle(PerceptionCommand(record=True))
     recorder.take(frame)
@@ -272,6 +302,7 @@ async def of_the_console(console: Opener, home: Home, monkeypatch: pytest.Monkey
         await opened.until(lambda: any(isinstance(body, ProcessEnd) for body in found))
         await opened.app.end_session()
         await opened.until(lambda: isinstance(opened.app.screen, AfterScreen))
+        await opened.until(lambda: opened.app.screen.query("#discomfort #label"))  # composed after the screen is shown
         opened.type("note", "walked well")
         opened.app.screen.query_one("#discomfort", Select).value = 3
         await opened.press("ctrl+s")

@@ -109,6 +109,7 @@ def test_two_presses_in_one_tick_damp() -> None:
     rig.send(K.STOP)
     rig.tick()
     assert now(rig).effect is Effect.DAMP
+    rig.tick()
     assert [stop.effect for stop in records_of(rig, records.Stop) if isinstance(stop, records.Stop)] == ["hold", "damp"]
 
 

@@ -6,18 +6,28 @@ from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from app.perception.reporting import Context, frames_per_second, records_between, to_message
-from kgdfa.button import ButtonState, PressCancel
+from app.perception.reporting import Context, MeasuredRate, Scale, frames_per_second, records_between, to_message
+from kgdfa.button import (
+    ButtonComparison,
+    ButtonInput,
+    ButtonMode,
+    ButtonPlace,
+    ButtonState,
+    PressCancel,
+    PressHint,
+    advance,
+)
 from kgdfa.distance import Distance
 from kgdfa.gesture import Decision, Explanation, Gesture, Verdict
-from kgdfa.hand import Hand, Side
+from kgdfa.hand import Box, Hand, Side
 from kgdfa.pipeline import Report
 from kgdfa.press_zone import PressZone
 from logs.reason import reason, reason_of
-from logs.records import Cancel, GestureOnset, Press, Release
+from logs.records import Body, Cancel, GestureOnset, Hint, Press, Release
 
 HAND = Hand(image_px=np.zeros((21, 2)), world_m=np.zeros((21, 3)), presence=0.9, side=Side.LEFT)
 VERDICT = Verdict(
@@ -36,7 +46,47 @@ REPORT = Report(
     distance=Distance(shown_m=0.3, safe_m=0.31, sd_m=0.01),
     depth_distance=None,
     button=ButtonState(),
+    vote_ns=(2, 3, 4),
 )
+SCALE = Scale(anchor_m=0.06, anchor_method="measured", focal_px=610.0, focal_source="assumed")
+PLACE = ButtonPlace(x_px=320, y_px=240, radius_px=38, threshold_m=0.2)
+OVER = Box(left_px=200, right_px=400, top_px=100, bottom_px=400)
+FRAME_NS = 33_000_000
+
+
+def compared() -> ButtonComparison:
+    """Every value that a decision may compare."""
+    return ButtonComparison(
+        captured_ns=5,
+        elapsed_ns=1,
+        distance_m=0.19,
+        previous_m=0.21,
+        threshold_m=0.2,
+        release_m=0.24,
+        nearer_m=0.02,
+        nearer_limit_m=0.1,
+        beside_px=3.0,
+        beside_limit_px=38.0,
+        held_ns=2,
+        gap_frames=1,
+    )
+
+
+def push(*moves: tuple[float, Gesture | None, Box | None]) -> tuple[list[Report], list[Body]]:
+    """The live reports and the records of a hand at these safe distances, a frame each; shown 1 cm nearer."""
+    button, reports = ButtonState(), list[Report]()
+    bodies: list[Body] = []
+    for count, (safe_m, gesture, box) in enumerate(moves, 1):
+        now_ns = count * FRAME_NS
+        seen = ButtonInput(captured_ns=now_ns, gesture=gesture, recognised_ns=4, distance_m=safe_m, box=box)
+        button = advance(button, seen, PLACE, ButtonMode.ROBUST)
+        distance = Distance(shown_m=safe_m - 0.01, safe_m=safe_m, sd_m=0.01)
+        report = replace(REPORT, captured_ns=now_ns, gesture=gesture, distance=distance, button=button)
+        bodies += records_between(reports[-1] if reports else None, report, SCALE)
+        reports.append(report)
+    return reports, bodies
+
+
 AROUND = Context(incarnation=1, sequence=2, sent_ns=9, camera="c", threshold_m=0.2, fps=30.0)
 
 
@@ -56,21 +106,85 @@ def test_a_whole_press_leaves_its_three_records() -> None:
     pressed = replace(REPORT, button=ButtonState(pressed=True, pressed_gesture=Gesture.ONE))
     released = replace(REPORT, button=ButtonState(release_count=1, released_gesture=Gesture.ONE))
     reports = (None, REPORT, pressed, released)
-    records = [record for before, now in pairwise(reports) if now for record in records_between(before, now, 0.2)]
+    records = [record for before, now in pairwise(reports) if now for record in records_between(before, now, SCALE)]
     assert [type(record) for record in records] == [GestureOnset, Press, Release]
-    assert isinstance(records[1], Press)
-    assert records[1].threshold_m == 0.2
 
 
 def test_a_cancelled_press_leaves_its_reason() -> None:
     cancelled = replace(REPORT, button=ButtonState(cancel_count=1, cancel_reason=PressCancel.HAND_LOST))
-    (record,) = records_between(REPORT, cancelled, 0.2)
+    (record,) = records_between(REPORT, cancelled, SCALE)
     assert isinstance(record, Cancel)
     assert record.reason == reason(PressCancel.HAND_LOST)
 
 
+ONE = Gesture.ONE
+
+
+def assert_as_live(body: Press | Release | Cancel | Hint, report: Report) -> None:
+    """Every number of the record is the one that the rule compared in that frame."""
+    live = report.button.compared
+    assert live is not None
+    assert report.distance is not None
+    assert (body.captured_ns, body.vote_ns) == (report.captured_ns, report.vote_ns)
+    assert (body.distance_m, body.safe_distance_m) == (report.distance.shown_m, report.distance.safe_m)
+    assert (body.safe_distance_m, body.previous_m) == (live.distance_m, live.previous_m)
+    assert (body.threshold_m, body.release_m) == (live.threshold_m, live.release_m)
+    assert (body.nearer_m, body.nearer_limit_m) == (live.nearer_m, live.nearer_limit_m)
+    assert (body.beside_px, body.beside_limit_px) == (live.beside_px, live.beside_limit_px)
+    assert (body.elapsed_ns, body.held_ns, body.gap_frames) == (live.elapsed_ns, live.held_ns, live.gap_frames)
+    assert (body.anchor_m, body.anchor_method) == (SCALE.anchor_m, SCALE.anchor_method)
+    assert (body.focal_px, body.focal_source) == (SCALE.focal_px, SCALE.focal_source)
+
+
+def test_press_and_release_record_what_the_button_compared() -> None:
+    reports, bodies = push(
+        (0.3, ONE, OVER), (0.22, ONE, OVER), (0.195, ONE, OVER), (0.19, ONE, OVER), (0.25, ONE, OVER)
+    )
+    (press,) = (body for body in bodies if isinstance(body, Press))
+    (release,) = (body for body in bodies if isinstance(body, Release))
+    assert_as_live(press, reports[2])
+    assert_as_live(release, reports[4])
+    assert (press.safe_distance_m, press.threshold_m) == (0.195, 0.2)
+    assert press.release_m == pytest.approx(0.24)
+    assert (release.pressed_ns, release.held_ns) == (press.captured_ns, 2 * FRAME_NS)
+
+
+def test_a_shown_distance_under_the_threshold_presses_nothing() -> None:
+    reports, bodies = push((0.3, ONE, OVER), (0.22, ONE, OVER), (0.205, ONE, OVER))
+    assert reports[-1].distance is not None
+    assert reports[-1].distance.shown_m < PLACE.threshold_m
+    assert not any(isinstance(body, Press) for body in bodies)
+
+
+def test_a_cancel_records_its_numbers() -> None:
+    aside = replace(OVER, right_px=270)
+    reports, bodies = push((0.3, ONE, OVER), (0.22, ONE, OVER), (0.195, ONE, OVER), (0.19, ONE, aside))
+    (cancel,) = (body for body in bodies if isinstance(body, Cancel))
+    assert_as_live(cancel, reports[3])
+    assert (cancel.reason, cancel.beside_px, cancel.beside_limit_px) == (reason(PressCancel.LEFT_SIDEWAYS), 50, 38)
+    assert (cancel.gesture, cancel.pressed_ns) == ("1", reports[2].captured_ns)
+
+
+def test_a_hand_that_slips_near_leaves_a_hint_with_the_margin_it_missed() -> None:
+    reports, bodies = push((0.4, ONE, OVER), (0.15, ONE, OVER), (0.15, ONE, OVER))
+    (hint,) = (body for body in bodies if isinstance(body, Hint))
+    assert_as_live(hint, reports[1])
+    assert hint.reason == reason(PressHint.PUSH_STEADILY)
+    assert hint.nearer_m == pytest.approx(0.25)
+    assert hint.nearer_limit_m == pytest.approx(3.5 * 0.033)
+
+
+def test_the_measured_rate_is_that_of_all_captures() -> None:
+    rate = MeasuredRate()
+    for count in range(16):
+        rate.add(1 + count * 50_000_000)
+    assert rate.frames == 16
+    assert rate.hz == pytest.approx(20.0)
+    assert MeasuredRate().hz is None
+
+
 def test_nothing_new_leaves_no_record() -> None:
-    assert list(records_between(REPORT, replace(REPORT, captured_ns=6), 0.2)) == []
+    assert list(records_between(REPORT, replace(REPORT, captured_ns=6), SCALE)) == []
 
 
 @given(rate_hz=st.floats(1, 240), frames=st.integers(2, 60))
