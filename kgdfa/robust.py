@@ -8,6 +8,7 @@ and in it the measure that lies furthest beyond the class's range.
 from __future__ import annotations
 
 import math
+import statistics
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
@@ -18,13 +19,20 @@ from typing import Any
 import numpy as np
 
 from kgdfa.errors import KgdfaError, KgdfaFault
-from kgdfa.features import FEATURES, Unit, features
+from kgdfa.features import FEATURES, Measure, Unit, features
 from kgdfa.gesture import Decision, Explanation, Finger, Gesture, Verdict
 from kgdfa.hand import FloatArray, Hand
 from reading.arrays import check_finite, read_arrays
 from reading.errors import cause_of
 
 GESTURES = tuple(Gesture)
+
+
+class Condition(Enum):
+    """What a gesture needs besides the perceptrons' verdict: the code of an explanation. In palm lengths."""
+
+    TIPS_NOT_CLOSED = "tips not closed"  # finger, other; value, limit
+    FINGER_NOT_FOLDED = "finger not folded"  # finger; value, limit
 
 
 class Limit(Enum):
@@ -117,6 +125,40 @@ _LIMITS: dict[Unit, tuple[Limit, Limit, str]] = {
 }
 
 
+def _columns(measure: Measure, *fingers: Finger) -> list[int]:
+    """Where a measure of these fingers stands among the features, in space and, if it is there, on the image."""
+    return [k for k, feature in enumerate(FEATURES) if (feature.measure, feature.fingers) == (measure, fingers)]
+
+
+# What gesture 7 needs on top of the perceptrons, in palm lengths; docs/explanation/gestures.md tells how the limits
+# were chosen. Closed tips as in Eq. 3: the thumb's from the forefinger's and the middle one's, mean of space and image,
+# since MediaPipe's depth alone parts closed tips, and a view along the fingers closes open ones. Ring and little finger
+# folded, as in Table 2: their tips stay near the palm's plane.
+_SEVEN: tuple[tuple[Condition, tuple[Finger, ...], list[int], float], ...] = tuple(
+    (condition, fingers, _columns(measure, *fingers), limit)
+    for condition, measure, fingers, limit in (
+        (Condition.TIPS_NOT_CLOSED, Measure.TIPS_APART, (Finger.THUMB, Finger.FORE), 0.65),
+        (Condition.TIPS_NOT_CLOSED, Measure.TIPS_APART, (Finger.THUMB, Finger.MIDDLE), 0.80),
+        (Condition.FINGER_NOT_FOLDED, Measure.REACH_OFF, (Finger.RING,), 0.75),
+        (Condition.FINGER_NOT_FOLDED, Measure.REACH_OFF, (Finger.PINKY,), 0.55),
+    )
+)
+
+
+def _missing_condition(gesture: Gesture, values: FloatArray) -> Explanation | None:
+    """What an accepted gesture lacks, from the features of all augmentations, (n, F); None when it lacks nothing."""
+    if gesture is not Gesture.SEVEN:
+        return None
+    for condition, fingers, columns, limit in _SEVEN:
+        value = statistics.fmean(statistics.median(values[:, column].tolist()) for column in columns)
+        if not value <= limit:
+            return Explanation(
+                condition,
+                dict[str, object](zip(("finger", "other"), fingers, strict=False)) | {"value": value, "limit": limit},
+            )
+    return None
+
+
 class RobustRules:
     """The fitted model as a RuleSet."""
 
@@ -143,22 +185,27 @@ class RobustRules:
         values = np.array([features(hand.image_px, hand.world_m) for hand in hands])
         normalized = self._model.normalize(values)
         probabilities = np.add.reduce(self._model.predict_proba(normalized), axis=0) / len(hands)
-        verdict = self._classify(values[0], normalized[0], probabilities.tolist())
+        verdict = self._classify(values, normalized[0], probabilities.tolist())
         return verdict, probabilities[: len(GESTURES)]
 
     def _classify(self, values: FloatArray, normalized: FloatArray, probabilities: list[float]) -> Verdict:
-        """The verdict from one hand's features, (F,), and the K class probabilities of all its augmentations."""
+        """The verdict from the features of all augmentations, (n, F), and their mean K class probabilities."""
         nearest = max(range(len(GESTURES)), key=probabilities.__getitem__)
         confidence = probabilities[nearest]
         rival = max((k for k in range(len(probabilities)) if k != nearest), key=probabilities.__getitem__)
         lead = confidence - probabilities[rival]
         accepted = confidence >= float(self._model.accept[nearest]) and lead >= self._model.tie
-        explain = self._explainer.accepted if accepted else self._explainer.refused
+        missing = _missing_condition(GESTURES[nearest], values) if accepted else None
+        if missing is not None:
+            explanation = Explanation(Decision.NOT, {"gesture": GESTURES[nearest], "measure": missing})
+        else:
+            explain = self._explainer.accepted if accepted else self._explainer.refused
+            explanation = explain(values[0], normalized, nearest, rival)
         return Verdict(
-            gesture=GESTURES[nearest] if accepted else None,
+            gesture=GESTURES[nearest] if accepted and missing is None else None,
             confidence=confidence,
             nearest=GESTURES[nearest],
-            explanation=explain(values, normalized, nearest, rival),
+            explanation=explanation,
         )
 
 

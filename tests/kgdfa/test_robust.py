@@ -10,12 +10,12 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from hal.cameras.digital_hand.render import keypoints_m, lens_for, posed, project_px
-from hal.cameras.digital_hand.skeleton import GESTURES, LOOK_ALIKES
+from hal.cameras.digital_hand.skeleton import ACROSS_THUMB, GESTURES, LOOK_ALIKES, POSES, Pose
 from kgdfa.errors import KgdfaError, KgdfaFault
 from kgdfa.features import FEATURES
-from kgdfa.gesture import Decision, Explanation, Gesture
+from kgdfa.gesture import Decision, Explanation, Finger, Gesture
 from kgdfa.hand import FloatArray, Hand, Side
-from kgdfa.robust import RobustRules, load_model, save_model
+from kgdfa.robust import Condition, RobustRules, load_model, save_model
 
 RULES = RobustRules()
 shaken = arrays(np.float64, (21, 3), elements=st.floats(-1, 1))
@@ -46,6 +46,44 @@ def test_look_alikes_are_refused_with_a_reason(pose: str) -> None:
     assert verdict.nearest is not None
     assert (verdict.explanation.code, verdict.explanation.values["gesture"]) == (Decision.NOT, verdict.nearest)
     assert isinstance(verdict.explanation.values["measure"], Explanation)
+
+
+SEVEN = POSES["7"]
+
+
+@pytest.mark.parametrize(
+    ("changed", "condition", "fingers"),
+    [
+        (
+            replace(SEVEN, name="changed 7", thumb=ACROSS_THUMB),
+            Condition.TIPS_NOT_CLOSED,
+            {"finger": Finger.THUMB, "other": Finger.FORE},
+        ),
+        (
+            replace(SEVEN, name="changed 7", ring=(8, 83, 22, 14), pinky=(14, 80, 26, 18)),
+            Condition.FINGER_NOT_FOLDED,
+            {"finger": Finger.RING},
+        ),
+    ],
+    ids=["thumb away from the fingers", "all five tips together"],
+)
+def test_a_7_needs_closed_tips_and_folded_fingers_whatever_the_model_says(
+    changed: Pose, condition: Condition, fingers: dict[str, Finger], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(POSES, changed.name, changed)
+    hand = true_hand(changed.name)
+    verdict = RULES.classify(hand)
+    model = load_model()
+    assert RULES.predict_proba(hand)[7] >= model.accept[7]
+    assert (verdict.gesture, verdict.nearest) == (None, Gesture.SEVEN)
+    missing = verdict.explanation.values["measure"]
+    assert isinstance(missing, Explanation)
+    assert missing.code is condition
+    assert missing.values.items() >= fingers.items()
+    value, limit = missing.values["value"], missing.values["limit"]
+    assert isinstance(value, float)
+    assert isinstance(limit, float)
+    assert value > limit
 
 
 @given(shaken, st.floats(0, 0.5))

@@ -16,7 +16,7 @@ from kgdfa.features import FEATURES, Feature, Measure
 from kgdfa.gesture import Decision, Explanation, Gesture
 from kgdfa.press_zone import ZoneAssessment, press_zone
 from kgdfa.published import Constraint, PublishedRules
-from kgdfa.robust import Limit, RobustRules
+from kgdfa.robust import Condition, Limit, RobustRules
 from logs.reason import key_of, reason
 from profiles.errors import ProfileFault
 from profiles.palm import PalmFinding, ReferenceSource, explain_estimate, palm_estimate, reference_segment
@@ -25,7 +25,7 @@ from tests.kgdfa.hands import STATES, drawn_hand
 
 LATIN = re.compile("[A-Za-z]{2,}")
 CODES: list[type[Enum]] = [
-    *(Decision, Measure, Limit, Constraint, PressCancel, PressHint, KgdfaFault, ZoneAssessment),
+    *(Decision, Measure, Condition, Limit, Constraint, PressCancel, PressHint, KgdfaFault, ZoneAssessment),
     *(PerceptionNote, PalmHint, ProfileFault, PalmFinding, ReferenceSource),
 ]
 
