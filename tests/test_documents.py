@@ -10,7 +10,8 @@ import pytest
 ROOT = Path(__file__).parents[1]
 DOCUMENTS = (ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md")))
 _LINK = re.compile(r"\]\(([^)#:]+)(?:#[^)]*)?\)")
-_FILE = re.compile(r"`((?:app|hal|kgdfa|logs|profiles|tests|tools|docs)/[\w./-]*(?:\.(?:py|toml|po|md|svg)|/))`")
+_FOLDERS = "app|hal|kgdfa|logs|profiles|reading|testing|tests|tools|docs"
+_FILE = re.compile(rf"`((?:{_FOLDERS})/[\w./-]*(?:\.(?:py|toml|po|md|svg)|/))`")
 
 
 @pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: str(path.relative_to(ROOT)))
