@@ -35,8 +35,8 @@ def render_recorded(what: Reason) -> str:
 
 def _named(field: str, value: object) -> object:
     if field in _CLASSES:
-        key = f"{_CLASSES[field]}.{str(value).upper()}"
-        return Reason(key) if knows(key) else value
+        keys = (f"{_CLASSES[field]}.{str(value).upper()}", f"recorded.{value}")  # a demonstration: no role
+        return next((Reason(key) for key in keys if knows(key)), value)
     members = _ENUMERATIONS.get(field, ())
     member = next((each for each in members if value in (each.value, each.name.lower())), None)
     return member if member is not None and knows(key_of(member)) else value
