@@ -1,10 +1,10 @@
 """Runs the mutants of one module that cosmic-ray has listed, each in a fork of a process that has loaded the libraries.
 
-The order is random but always the same, so that a run that is cut short has judged a fair sample. Survivors are printed
-as they are found and the score as it goes; an interrupted run ends with its score. Tests that have noticed a change
-before are asked first, then the quick ones, and the first failure ends a mutant. Run from the copy of the tree that
-`tools/mutation` makes: `python tools/mutate.py SESSION MODULE TESTS [FIRST [AT_MOST]]`; FIRST goes on where an earlier
-run of the same source was cut short.
+The order is random but always the same, so that a run that is cut short has tested a fair sample. Survivors are printed
+as they are found and the score as it goes; an interrupted run ends with its score. Tests that have detected a mutant
+before run first, then the quick ones, and the first failure ends a mutant. Run from the copy of the tree that
+`tools/mutation` makes: `python tools/mutate.py SESSION MODULE TESTS [FIRST [AT_MOST]]`; FIRST continues where an
+earlier run of the same source was cut short.
 """
 
 from __future__ import annotations
@@ -36,23 +36,23 @@ from rich.progress import track
 
 CPU_S = 20  # of one test; the longest takes a tenth of it, and a mutant that computes for longer never ends
 WALL_S = 3600  # one that waits instead of computing; at idle priority on a busy host a test waits long for its turn
-TOLD_EVERY = 20  # mutants; where nobody sees a progress bar
+REPORT_EVERY = 20  # mutants; without a terminal for a progress bar
 SEED = 1
 OPTIONS = ("-q", "-x", "--assert=plain", "-p", "no:cacheprovider", "-W", "ignore", "-o", "filterwarnings=")
 # The same for None and members of an Enum, and nothing else is asked so in these modules.
 SAME = {"core/ReplaceComparisonOperator_Is_Eq", "core/ReplaceComparisonOperator_IsNot_NotEq"}
-OURS = ("app", "hal", "kgdfa", "logs", "profiles", "reading", "tests")
+OURS = ("app", "hal", "kgdfa", "logs", "profiles", "reading", "testing", "tests")
 
 
 class Mutant(SourceFileLoader):
-    """Loads a changed source in a file's place."""
+    """Loads a mutated source in place of a file."""
 
     def __init__(self, name: str, path: str, source: str) -> None:
         super().__init__(name, path)
         self._source = source
 
     def get_code(self, fullname: str) -> CodeType:  # noqa: ARG002 - the loader's
-        """The changed source, compiled."""
+        """The mutated source, compiled."""
         code: CodeType = compile(self._source, self.path, "exec", dont_inherit=True)
         return code
 
@@ -222,7 +222,7 @@ def judge(jury: Jury, source: str, every: list[str], wanted: slice) -> None:
                 alive += 1
                 tell(*list(unified_diff(source.splitlines(), code.splitlines(), lineterm="", n=0))[2:])
             judged += 1
-            if judged % TOLD_EVERY == 0 and not sys.stderr.isatty():
+            if judged % REPORT_EVERY == 0 and not sys.stderr.isatty():
                 tell(f"... {judged - alive} of {judged} noticed")
     finally:
         summary = f"{judged - alive} of {judged} noticed, {jury.endless} of them by never ending"
