@@ -26,6 +26,8 @@ class AuditFault(Enum):
     PUBLIC_KEY_NOT_ED25519 = auto()  # path
     UNANSWERABLE = auto()  # detail: the query engine's message
     NOT_A_QUESTION = auto()
+    QUESTION_TOO_LONG = auto()  # limit_s
+    ANSWER_TOO_LARGE = auto()  # limit_bytes
     UNWRITABLE = auto()  # path, detail
 
 

@@ -7,11 +7,13 @@ so that another engine can answer them over the same Parquet.
 from __future__ import annotations
 
 import json
+import threading
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 import duckdb
+import pyarrow
 from rich.table import Table
 from rich.text import Text
 
@@ -20,6 +22,8 @@ from logs.line import MAX_LINE
 from logs.read import session_paths
 from logs.reason import Reason, Render
 from logs.sanitize import sanitize_terminal
+from reading.errors import cause_of
+from reading.regular import open_regular
 
 # Columns taken out of the body, by DuckDB's type; `body` holds all of it as JSON text.
 _TEXT = "kind action source gesture state from_state to_state outcome reason event effect text stream"
@@ -30,6 +34,19 @@ BODY_COLUMNS: dict[str, str] = {
     for kind, names in {"VARCHAR": _TEXT, "BIGINT": _COUNTS, "DOUBLE": _NUMBERS}.items()
     for name in names.split()
 }
+LIMIT_S = 60.0  # of one question
+ANSWER_BYTES = 256 << 20
+_BATCH = 10_000  # rows
+# From the start. python_enable_replacements: else a name in SQL may be a variable of this program.
+_LIMITS: dict[str, str | int | float | list[str]] = {
+    "memory_limit": "2GB",
+    "threads": 2,
+    "autoinstall_known_extensions": False,
+    "autoload_known_extensions": False,
+    "allow_community_extensions": False,
+    "python_enable_replacements": False,
+}
+_LOCKS = ("SET temp_directory = ''", "SET enable_external_access = false", "SET lock_configuration = true")
 MOST_ROWS = 500  # on a screen; JSON has them all
 _ENVELOPE = (
     "body: 'JSON', monotonic_ns: 'BIGINT', operator: 'VARCHAR', process: 'VARCHAR', "
@@ -75,34 +92,73 @@ QUESTIONS: dict[str, str] = {
 }
 
 
-def connect(paths: Sequence[Path]) -> duckdb.DuckDBPyConnection:
-    """A database with the view `records` over folders or files of trails, or Parquet files.
+def connect(paths: Sequence[Path], kind: str = "VIEW") -> duckdb.DuckDBPyConnection:
+    """A database with `records` over folders or files of trails, or Parquet files. kind: VIEW, or TABLE to hold them.
 
     Raises AuditError when there is nothing to read.
     """
+    for path in paths:
+        if path.suffix == ".parquet":
+            _check_regular(path)
     parquet = [str(path) for path in paths if path.suffix == ".parquet"]
     files = parquet or [str(path) for path in _trails(paths)]
     if not files:
         raise AuditError(AuditFault.NO_TRAILS, places=", ".join(map(str, paths)))
-    connection = duckdb.connect()
+    connection = duckdb.connect(config=dict(_LIMITS))
     listed = ", ".join(map(_quoted, files))
     source = f"SELECT * FROM read_parquet([{listed}])" if parquet else _trails_sql(listed)
     try:
-        connection.execute(f"CREATE VIEW records AS {source}")
+        connection.execute(f"CREATE {kind} records AS {source}")
     except duckdb.Error as error:
         raise AuditError(AuditFault.TRAIL_UNREADABLE, path=files[0], detail=_first_line(error)) from error
     return connection
 
 
-def ask(connection: duckdb.DuckDBPyConnection, sql: str) -> Any:
-    """The answer to one SQL question as a pyarrow table. Raises AuditError with the engine's message."""
+def connect_locked(paths: Sequence[Path]) -> duckdb.DuckDBPyConnection:
+    """The records in memory, and no way out of it: no file, network, extension or setting. Raises AuditError."""
+    connection = connect(paths, "TABLE")
+    for statement in _LOCKS:
+        connection.execute(statement)
+    return connection
+
+
+def ask(connection: duckdb.DuckDBPyConnection, sql: str, limit_s: float = LIMIT_S) -> Any:
+    """The answer to one SELECT as a pyarrow table. Raises AuditError with the engine's message."""
     try:
-        relation = connection.sql(sql)
-        if relation is None:
+        statements = connection.extract_statements(sql)
+        if [one.type for one in statements] != [duckdb.StatementType.SELECT]:
             raise AuditError(AuditFault.NOT_A_QUESTION)
-        return relation.to_arrow_table()
     except duckdb.Error as error:
         raise AuditError(AuditFault.UNANSWERABLE, detail=_first_line(error)) from error
+    late = threading.Event()
+
+    def end() -> None:
+        late.set()
+        connection.interrupt()
+
+    timer = threading.Timer(limit_s, end)
+    timer.start()
+    try:
+        return _fetched(connection.sql(statements[0]).to_arrow_reader(_BATCH), late)
+    except (duckdb.Error, OSError, MemoryError) as error:
+        if late.is_set():
+            raise AuditError(AuditFault.QUESTION_TOO_LONG, limit_s=limit_s) from error
+        raise AuditError(AuditFault.UNANSWERABLE, detail=_first_line(error)) from error
+    finally:
+        timer.cancel()
+
+
+def _fetched(reader: Any, late: threading.Event) -> Any:
+    """All batches as one table, within ANSWER_BYTES."""
+    batches, size = [], 0
+    for batch in reader:
+        batches.append(batch)
+        size += batch.nbytes
+        if size > ANSWER_BYTES:
+            raise AuditError(AuditFault.ANSWER_TOO_LARGE, limit_bytes=ANSWER_BYTES)
+        if late.is_set():
+            raise duckdb.InterruptException("late")
+    return pyarrow.Table.from_batches(batches, reader.schema)
 
 
 def export(paths: Sequence[Path], output: Path, *, drop_operators: bool) -> int:
@@ -151,17 +207,26 @@ def _quoted(text: str) -> str:
 
 
 def _first_line(error: Exception) -> str:
-    return str(error).strip().splitlines()[0]
+    return (str(error).strip().splitlines() or [type(error).__name__])[0]
 
 
 def _trails(paths: Sequence[Path]) -> list[Path]:
     found: list[Path] = []
     for path in paths:
         found += session_paths(path) if path.is_dir() else [path]
-    missing = [path for path in found if not path.exists()]
-    if missing:
-        raise AuditError(AuditFault.TRAIL_MISSING, path=missing[0])
+    for path in found:
+        _check_regular(path)
     return [path for path in found if path.stat().st_size]
+
+
+def _check_regular(path: Path) -> None:
+    try:
+        with open_regular(path):
+            return
+    except FileNotFoundError as error:
+        raise AuditError(AuditFault.TRAIL_MISSING, path=path) from error
+    except OSError as error:
+        raise AuditError(AuditFault.TRAIL_UNREADABLE, path=path, detail=cause_of(error)) from error
 
 
 def _trails_sql(listed: str) -> str:

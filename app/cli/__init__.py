@@ -6,13 +6,15 @@ import sys
 from contextlib import suppress
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NoReturn
 
+from app.cli.common import CliFault
 from app.system.errors import AppError
 from hal.errors import HardwareError
 from kgdfa.errors import KgdfaError
 from logs.errors import AuditError
 from profiles.errors import ProfileError
+from reading.errors import cause_of
 
 if TYPE_CHECKING:
     import typer
@@ -38,10 +40,11 @@ def main() -> None:
             use_language(language)
         tree(arguments)(arguments)
     except USER_ERRORS as error:
-        from app.text.catalogue import render
-
-        sys.stderr.write(f"rleex: {render(error)}\n")
-        raise SystemExit(2) from None
+        _refuse(error)
+    except BrokenPipeError:
+        raise  # who reads the output has had enough
+    except OSError as error:  # a full disk, a folder without permission
+        _refuse(AppError(CliFault.SYSTEM, detail=cause_of(error)))
     except ModuleNotFoundError as error:
         extra = EXTRAS.get((error.name or "").partition(".")[0])
         if extra is None:
@@ -50,6 +53,15 @@ def main() -> None:
 
         sys.stderr.write(f"rleex: {tr('EvaluateFault.EXTRA_MISSING', extra=extra)}\n")
         raise SystemExit(2) from None
+
+
+def _refuse(error: Exception) -> NoReturn:
+    """One line on stderr, with nothing in it that a terminal obeys."""
+    from app.text.catalogue import render
+    from logs.sanitize import sanitize_terminal
+
+    sys.stderr.write(f"rleex: {sanitize_terminal(' '.join(render(error).split()))}\n")
+    raise SystemExit(2) from None
 
 
 def _language_in(arguments: list[str]) -> tuple[str, list[str]]:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from app.cli.common import CliFault, HomeOption, print_text
+from app.cli.common import CliFault, HomeOption, check_output, print_text
 
 if TYPE_CHECKING:
     from logs.show import RecordSelector
@@ -26,7 +26,7 @@ def verify(
     files: Annotated[list[Path] | None, typer.Argument(help="Trails or folders; none: the home's.")] = None,
     key: KeyOption = None,
     copies: Annotated[Path | None, typer.Option(help="Mirror of the checkpoints.")] = None,
-    json: Annotated[Path | None, typer.Option(help="Write the findings here, too.")] = None,
+    json: Annotated[Path | None, typer.Option(callback=check_output, help="Write the findings here, too.")] = None,
     home: HomeOption = None,
 ) -> None:
     """Prove that nothing was changed, cut or added. Exit status: 0 sound, 1 tampered or cut, 2 unreadable."""
@@ -35,8 +35,9 @@ def verify(
     from logs.verify import verify as assess
 
     paths = files or [find_home(home).logs]
+    evidence = _evidence(paths, key, copies, home)
     with _reading_progress(paths) as progress:
-        findings = assess(paths, _evidence(paths, key, copies, home), progress)
+        findings = assess(paths, evidence, progress)
     _print_findings(findings)
     status = exit_status(findings)
     if json is not None:
@@ -46,7 +47,7 @@ def verify(
 
 @cli.command()
 def key(
-    output: Annotated[Path | None, typer.Option("--output", "-o", help="Write it here.")] = None,
+    output: Annotated[Path | None, typer.Option("--output", "-o", callback=check_output, help="Write it here.")] = None,
     home: HomeOption = None,
 ) -> None:
     """Export the console's public key (PEM), with which anybody can check its signatures."""
@@ -99,7 +100,9 @@ def show(
 @cli.command()
 def report(
     session: Annotated[str, typer.Argument(help="Path, name, beginning of a name, or last.")] = "last",
-    output: Annotated[Path, typer.Option("--output", "-o", help="The page to write.")] = Path("report.html"),
+    output: Annotated[Path, typer.Option("--output", "-o", callback=check_output, help="The page to write.")] = Path(
+        "report.html"
+    ),
     key: KeyOption = None,
     home: HomeOption = None,
 ) -> None:
@@ -129,13 +132,13 @@ def query(
     from app.system.paths import find_home
     from app.text.catalogue import tr
     from app.text.recorded import render_recorded
-    from logs.query import QUESTIONS, as_json, as_table, connect
+    from logs.query import QUESTIONS, as_json, as_table, connect_locked
     from logs.query import ask as ask_sql
 
     if bool(sql) == bool(ask) or (ask and ask not in QUESTIONS):
         ready = "; ".join(f"{name}: {tr(f'question.{name}')}" for name in QUESTIONS)
         raise AppError(CliFault.NO_QUESTION, ready=ready)
-    answer = ask_sql(connect(at or [find_home(home).logs]), sql or QUESTIONS[ask])
+    answer = ask_sql(connect_locked(at or [find_home(home).logs]), sql or QUESTIONS[ask])
     if json:
         for line in as_json(answer):
             typer.echo(line)
@@ -147,7 +150,7 @@ def query(
 
 @cli.command()
 def export(
-    parquet: Annotated[Path, typer.Option(help="The Parquet file to write.")],
+    parquet: Annotated[Path, typer.Option(callback=check_output, help="The Parquet file to write.")],
     at: Annotated[list[Path] | None, typer.Option(help="Folders or trails; none: the home's.")] = None,
     drop_operators: Annotated[bool, typer.Option("--drop-operators", help="Leave operators' names out.")] = False,
     home: HomeOption = None,

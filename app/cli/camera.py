@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from app.cli.common import check_finite
+
 if TYPE_CHECKING:
     from collections.abc import Generator
 
@@ -86,7 +88,7 @@ def calibrate(
     camera: Annotated[str, typer.Option(help="The camera's name, when a folder is given.")] = "",
     columns: Annotated[int, typer.Option(min=3, max=40, help="Inner corners across.")] = 9,
     rows: Annotated[int, typer.Option(min=3, max=40, help="Inner corners down.")] = 6,
-    square_mm: Annotated[float, typer.Option(min=1, max=500, help="Side of a square.")] = 25.0,
+    square_mm: Annotated[float, typer.Option(callback=check_finite, min=1, max=500, help="Side of a square.")] = 25.0,
     home: HomeOption = None,
 ) -> None:
     """Measure a camera's intrinsics on a chessboard, and keep them for this camera."""

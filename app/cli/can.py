@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from app.cli.common import check_finite, check_output
+
 if TYPE_CHECKING:
     from hal.joints.device import Exoskeleton, Joint
 
@@ -80,7 +82,9 @@ def monitor(
     channel: Channel = "",
     device: Device = None,
     motors: Motors = None,
-    seconds: Annotated[float, typer.Option(help="End after this long; 0: by Ctrl-C.", min=0)] = 0.0,
+    seconds: Annotated[
+        float, typer.Option(callback=check_finite, help="End after this long; 0: by Ctrl-C.", min=0)
+    ] = 0.0,
 ) -> None:
     """A live table of what the drives report and their commands; sends nothing."""
     import time
@@ -157,11 +161,13 @@ def decode(
 
 @cli.command()
 def record(
-    file: Annotated[Path, typer.Argument(help="Where to; candump's format, appended.")],
+    file: Annotated[Path, typer.Argument(callback=check_output, help="Where to; candump's format, appended.")],
     interface: Interface = "",
     channel: Channel = "",
     device: Device = None,
-    seconds: Annotated[float, typer.Option(help="End after this long; 0: by Ctrl-C.", min=0)] = 0.0,
+    seconds: Annotated[
+        float, typer.Option(callback=check_finite, help="End after this long; 0: by Ctrl-C.", min=0)
+    ] = 0.0,
 ) -> None:
     """Record everything on the bus as candump would. A session on CAN does this by itself, beside its audit log."""
     import time

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import errno
+import math
+import os
 from enum import Enum, auto
 from pathlib import Path
 from typing import Annotated
 
 import typer
+from typer import CallbackParam
 
 HomeOption = Annotated[Path | None, typer.Option("--home", help="Data directory.")]
 
@@ -19,6 +23,9 @@ class CliFault(Enum):
     NOT_AN_ENGINEER = auto()  # name
     NO_QUESTION = auto()  # ready
     NOT_KEPT = auto()  # doubt
+    OUTPUT_UNWRITABLE = auto()  # path, detail
+    NOT_FINITE = auto()  # option, value
+    SYSTEM = auto()  # detail
 
 
 def print_text(key: str, **values: object) -> None:
@@ -26,3 +33,50 @@ def print_text(key: str, **values: object) -> None:
     from app.text.catalogue import tr
 
     typer.echo(tr(key, **values))
+
+
+def check_output(path: Path | None) -> Path | None:
+    """An option's callback: refuse a file that can't be written before the work begins. Raises AppError.
+
+    Nothing stays: the folder is tried with a nameless file.
+    """
+    if path is None:
+        return None
+    import tempfile
+
+    from app.system.errors import AppError
+    from reading.errors import InputError, InputFault, cause_of
+
+    try:
+        if path.exists():
+            if not path.is_file():
+                raise InputError(InputFault.NOT_REGULAR)
+            with path.open("r+b"):
+                return path
+        with tempfile.TemporaryFile(dir=path.parent):
+            return path
+    except (OSError, ValueError) as error:
+        raise AppError(CliFault.OUTPUT_UNWRITABLE, path=path, detail=cause_of(error)) from error
+
+
+def check_output_folder(path: Path | None) -> Path | None:
+    """The same for a folder that the command makes, with those above it."""
+    if path is None:
+        return None
+    first = next(one for one in (path, *path.absolute().parents) if one.exists())
+    if first.is_dir():
+        check_output(first / f".{os.getpid()}.try")
+    else:
+        from app.system.errors import AppError
+
+        raise AppError(CliFault.OUTPUT_UNWRITABLE, path=path, detail=os.strerror(errno.ENOTDIR))
+    return path
+
+
+def check_finite(parameter: CallbackParam, value: float | None) -> float | None:
+    """An option's callback: refuse inf and nan, which pass every range. Raises AppError."""
+    if value is not None and not math.isfinite(value):
+        from app.system.errors import AppError
+
+        raise AppError(CliFault.NOT_FINITE, option=f"--{parameter.name}", value=value)
+    return value

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from app.cli.common import check_finite
+
 if TYPE_CHECKING:
     from hal.joints.body import Body
     from hal.joints.device import Exoskeleton
@@ -26,7 +28,7 @@ def emulate_drives(
     fault: Annotated[
         list[str] | None, typer.Option(help="[joint:]fault[=value][@seconds], e.g. left_knee:silent@10.")
     ] = None,
-    seconds: Annotated[float, typer.Option(help="End after this long; 0: never.", min=0)] = 0.0,
+    seconds: Annotated[float, typer.Option(callback=check_finite, help="End after this long; 0: never.", min=0)] = 0.0,
     home: Annotated[Path | None, typer.Option(help="Data directory (for --patient).")] = None,
 ) -> None:
     """Four emulated drives on a CAN bus, so that everything can be tried against a virtual exoskeleton."""

@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from app.cli.common import check_finite, check_output, check_output_folder
+
 if TYPE_CHECKING:
     from concurrent.futures import ProcessPoolExecutor
 
@@ -23,26 +25,34 @@ cli = typer.Typer(no_args_is_help=True)
 
 FIT_DIGITAL = 40  # digital hands a pose that a fit gets beside the images
 
-Json = Annotated[Path | None, typer.Option("--json", help="Write the figures here as well.")]
-Plot = Annotated[Path | None, typer.Option("--plot", help="Write a plot of it (PNG) here.")]
+Json = Annotated[Path | None, typer.Option("--json", callback=check_output, help="Write the figures here as well.")]
+Plot = Annotated[Path | None, typer.Option("--plot", callback=check_output, help="Write a plot of it (PNG) here.")]
 HomeFolder = Annotated[Path | None, typer.Option("--home", help="Data directory.")]
 Workers = Annotated[int, typer.Option(help="Processes that detect hands at the same time.", min=1, max=64)]
-Focal = Annotated[float, typer.Option(help="Focal length of the digital camera, px at 1280×720.", min=200, max=3000)]
-Click = Annotated[float, typer.Option(help="Seconds to press and withdraw.", min=0.2, max=3.0)]
+Focal = Annotated[
+    float,
+    typer.Option(callback=check_finite, help="Focal length of the digital camera, px at 1280×720.", min=200, max=3000),
+]
+Click = Annotated[float, typer.Option(callback=check_finite, help="Seconds to press and withdraw.", min=0.2, max=3.0)]
 
 
 @cli.command()
 def gestures(
     directory: Annotated[Path | None, typer.Argument(help="Folder with labels.csv and images.")] = None,
     json_file: Json = None,
-    errors: Annotated[Path | None, typer.Option(help="Write the misclassified images here, drawn upon.")] = None,
-    png: Annotated[Path | None, typer.Option(help="Write the confusion matrices here as a PNG.")] = None,
+    errors: Annotated[
+        Path | None, typer.Option(callback=check_output_folder, help="Write the misclassified images here, drawn upon.")
+    ] = None,
+    png: Annotated[
+        Path | None, typer.Option(callback=check_output, help="Write the confusion matrices here as a PNG.")
+    ] = None,
     cross_validate: Annotated[
         bool, typer.Option("--cross-validate", help="Fit anew for each source of images left out.")
     ] = False,
     seed: Annotated[int, typer.Option(help="With --cross-validate: which examples and noise are drawn.", min=0)] = 0,
     keypoints: Annotated[
-        Path | None, typer.Option(help="Keep the keypoints in this npz, and use it when it is there.")
+        Path | None,
+        typer.Option(callback=check_output, help="Keep the keypoints in this npz, and use it when it is there."),
     ] = None,
     digital: Annotated[
         int, typer.Option(help="Measure on this many digital hands a pose instead of a folder.", min=0)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from app.cli.common import CliFault, HomeOption, print_text
+from app.cli.common import CliFault, HomeOption, check_finite, check_output, print_text
 
 if TYPE_CHECKING:
     from hal.cameras.camera import Camera
@@ -49,8 +49,10 @@ def list_patients(
     """All patients, and files that can't be used."""
     from rich.console import Console
     from rich.table import Table
+    from rich.text import Text
 
     from app.text.catalogue import render, tr
+    from logs.sanitize import sanitize_terminal
     from profiles.palm import reference_segment
 
     listing = _store(home).list(archived=archived)
@@ -65,13 +67,13 @@ def list_patients(
             f"{one.mass_kg:.0f} kg",
             tr(one.hand),
             f"{palm.length_m * 100:.1f} ± {palm.sd_m * 100:.1f} cm, {palm.source.value}",
-            one.note.splitlines()[0][:40] if one.note else "",
+            Text(sanitize_terminal(one.note.splitlines()[0][:40] if one.note else "")),
         )
     console = Console()
     console.print(table)
     for name, why in listing.broken:
-        console.print(f"{tr('cli.profile.not_usable')} {name}: ", end="", style="red", markup=False)
-        console.print(render(why), markup=False)
+        console.print(f"{tr('cli.profile.not_usable')} {sanitize_terminal(name)}: ", end="", style="red", markup=False)
+        console.print(sanitize_terminal(render(why)), markup=False)
 
 
 @cli.command()
@@ -94,8 +96,8 @@ def show(patient: Patient, home: HomeOption = None) -> None:
 def new(
     patient: Patient,
     sex: Annotated[str, typer.Option(help="female or male: chooses the anthropometric table.")],
-    stature: Annotated[float, typer.Option(help="Stature, cm.")],
-    mass: Annotated[float, typer.Option(help="Body mass, kg.")],
+    stature: Annotated[float, typer.Option(callback=check_finite, help="Stature, cm.")],
+    mass: Annotated[float, typer.Option(callback=check_finite, help="Body mass, kg.")],
     more: Annotated[list[str] | None, typer.Argument(help="More fields: gait.step_length_cm=35 hand=left …")] = None,
     by: ByOption = "",
     home: HomeOption = None,
@@ -144,7 +146,9 @@ def set_fields(
 @cli.command()
 def calibrate(
     patient: Patient,
-    distance: Annotated[float, typer.Option(help="From the camera's front to the palm, cm; 30 is best.")],
+    distance: Annotated[
+        float, typer.Option(callback=check_finite, help="From the camera's front to the palm, cm; 30 is best.")
+    ],
     anyway: Annotated[bool, typer.Option("--anyway", help="Keep it even when it is not plausible.")] = False,
     by: ByOption = "",
     home: HomeOption = None,
@@ -213,7 +217,9 @@ def _watching(home: Path | None) -> Iterator[tuple[Camera, HandDetector]]:
 
 
 @cli.command()
-def export(patient: Patient, file: Path, home: HomeOption = None) -> None:
+def export(
+    patient: Patient, file: Annotated[Path, typer.Argument(callback=check_output)], home: HomeOption = None
+) -> None:
     """Copy a patient's profile to a file."""
     _store(home).export(patient, file)
     print_text("cli.profile.exported", patient=patient, path=file)
@@ -246,15 +252,16 @@ def archive(
 def history(patient: Patient, home: HomeOption = None) -> None:
     """Every change of a patient's profile: when, by whom, from what to what."""
     from app.text.catalogue import knows, tr
+    from logs.sanitize import sanitize_terminal
 
     changes = _store(home).history(patient)
     if not changes:
         print_text("cli.profile.no_history", patient=patient)
     for change in changes:
         why = tr(change.why) if knows(change.why) else change.why
-        typer.echo(f"{change.at} {change.by}{': ' + why if why else ''}")
+        typer.echo(sanitize_terminal(f"{change.at} {change.by}{': ' + why if why else ''}"))
         for field, (before, after) in change.changes.items():
-            typer.echo(f"    {field}: {_shown(before)} → {_shown(after)}")
+            typer.echo(sanitize_terminal(f"    {field}: {_shown(before)} → {_shown(after)}"))
 
 
 def _shown(value: object) -> str:

@@ -10,7 +10,7 @@ from typing import Annotated
 
 import typer
 
-from app.cli.common import HomeOption
+from app.cli.common import HomeOption, check_finite, check_output
 
 cli = typer.Typer()
 
@@ -68,8 +68,12 @@ def run(
 def demo(
     seed: Annotated[int, typer.Option(help="Which hand: side, tone, palm width, light, background.")] = 1,
     joints: Annotated[str, typer.Option(help="simulated, or can (emulated drives on a bus).")] = "simulated",
-    json_file: Annotated[Path | None, typer.Option("--json", help="Write the result here as well.")] = None,
-    click: Annotated[float, typer.Option(help="Seconds to press and withdraw.", min=0.2, max=3.0)] = 0.6,
+    json_file: Annotated[
+        Path | None, typer.Option("--json", callback=check_output, help="Write the result here as well.")
+    ] = None,
+    click: Annotated[
+        float, typer.Option(callback=check_finite, help="Seconds to press and withdraw.", min=0.2, max=3.0)
+    ] = 0.6,
     home: HomeOption = None,
     verbose: Annotated[bool, typer.Option("--verbose", help="Log more for engineers.")] = False,
 ) -> None:

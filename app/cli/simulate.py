@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from app.cli.common import check_output
+
 if TYPE_CHECKING:  # numpy and MuJoCo are only loaded when something is rehearsed
     from rich.console import Console
 
@@ -29,9 +31,13 @@ def simulate(
     action: Annotated[str, typer.Argument(help="An action's name (walk, stair-up, ...), `all`, or `corners`.")],
     profile: Annotated[str, typer.Option("--profile", "-p", help="Patient: identifier or path of a TOML.")] = "demo",
     gait: Annotated[Path | None, typer.Option(help="Folder of normative gait curves, for `walk`.")] = None,
-    plot_file: Annotated[Path | None, typer.Option("--plot", help="Write angles, torques and paths as PNG.")] = None,
-    video: Annotated[Path | None, typer.Option(help="Write a stick-figure film, MP4.")] = None,
-    json_file: Annotated[Path | None, typer.Option("--json", help="Write the figures here as well.")] = None,
+    plot_file: Annotated[
+        Path | None, typer.Option("--plot", callback=check_output, help="Write angles, torques and paths as PNG.")
+    ] = None,
+    video: Annotated[Path | None, typer.Option(callback=check_output, help="Write a stick-figure film, MP4.")] = None,
+    json_file: Annotated[
+        Path | None, typer.Option("--json", callback=check_output, help="Write the figures here as well.")
+    ] = None,
     preflight: Annotated[bool, typer.Option(help="Keep the verdicts as this patient's pre-flight.")] = False,
     home: Annotated[Path | None, typer.Option(help="Data directory.")] = None,
 ) -> None:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import fcntl
 import os
+import stat
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -16,6 +17,7 @@ from pathlib import Path
 import platformdirs
 
 from app.system.errors import AppError
+from reading.errors import cause_of
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,12 +68,21 @@ class Home:
 
 
 def find_home(given: Path | None = None) -> Home:
-    """The home: the one given, else RLEEX_HOME, else the platform's data directory. Makes nothing."""
-    if given is not None:
-        return Home(given.expanduser())
-    if from_environment := os.environ.get("RLEEX_HOME"):
-        return Home(Path(from_environment).expanduser())
-    return Home(Path(platformdirs.user_data_dir("rleex")))
+    """The home: the one given, else RLEEX_HOME, else the platform's data directory. Makes nothing.
+
+    Raises AppError when it is there and no folder.
+    """
+    chosen = given or os.environ.get("RLEEX_HOME") or platformdirs.user_data_dir("rleex")
+    try:
+        root = Path(chosen).expanduser()
+        is_folder = stat.S_ISDIR(root.stat().st_mode)
+    except FileNotFoundError:
+        is_folder = True  # it is made when first written to
+    except (OSError, ValueError, RuntimeError) as error:  # not allowed, NUL in the name, no such user
+        raise AppError(LockFault.UNUSABLE, home=chosen, detail=cause_of(error)) from error
+    if not is_folder:
+        raise AppError(LockFault.NO_FOLDER, home=root)
+    return Home(root)
 
 
 class LockFault(Enum):
@@ -79,6 +90,7 @@ class LockFault(Enum):
 
     UNUSABLE = "unusable"
     HELD = "held"
+    NO_FOLDER = "no folder"
 
 
 @contextmanager

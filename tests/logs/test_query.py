@@ -94,7 +94,7 @@ def test_a_bad_question_is_refused(logs: Path, sql: str) -> None:
     connection = connect([logs])
     with pytest.raises(AuditError) as raised:
         ask(connection, sql)
-    assert raised.value.code is AuditFault.UNANSWERABLE
+    assert raised.value.code in (AuditFault.UNANSWERABLE, AuditFault.NOT_A_QUESTION)
 
 
 def test_nothing_to_read_is_refused(tmp_path: Path) -> None:

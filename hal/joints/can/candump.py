@@ -11,6 +11,7 @@ import zlib
 from collections import Counter
 from collections.abc import Callable, Iterator
 from enum import Enum
+from functools import partial
 from pathlib import Path
 from typing import IO, NamedTuple, TextIO, cast
 
@@ -22,11 +23,16 @@ from hal.joints.can.drive import Drive
 from hal.joints.codecs.wire import Order, Reply, SetPoint
 from hal.joints.device import Exoskeleton
 from hal.joints.protocol import DriveFault, Joint
+from reading.errors import cause_of
+from reading.regular import open_regular
 
 # (1731.000001) can0 001#7FFF7FF0000007FF, candump -L; candump -l adds R or T in newer versions
 _WHOLE_LINE = re.compile(
     r"^\(\d+\.\d+\) \S+ (?:[0-9A-Fa-f]{3}|[0-9A-Fa-f]{8})#(?:(?:[0-9A-Fa-f]{2}){0,8}|R\d?)(?: [RT])?\s*$"
 )
+
+
+_LONGEST_LINE = 4096  # characters; a frame has some sixty, a packed file of zeros none
 
 
 class FrameKind(Enum):
@@ -58,7 +64,7 @@ class WholeLines:
 
     def __iter__(self) -> Iterator[str]:
         try:
-            for line in self._file:
+            for line in iter(partial(self._file.readline, _LONGEST_LINE), ""):
                 if _WHOLE_LINE.match(line) and line.endswith("\n"):
                     yield line
                 elif line.strip():
@@ -78,11 +84,13 @@ class WholeLines:
 def open_log(path: Path) -> IO[str]:
     """A candump log, also compressed. Raises HardwareError."""
     try:
+        with open_regular(path):  # refuses what is no file, before it is opened as text
+            pass
         if path.suffix == ".gz":
             return gzip.open(path, "rt", encoding="ascii", errors="replace")
         return path.open(encoding="ascii", errors="replace")
     except OSError as error:
-        raise HardwareError(CanFault.LOG_UNREADABLE, path=path, detail=error.strerror or str(error)) from error
+        raise HardwareError(CanFault.LOG_UNREADABLE, path=path, detail=cause_of(error)) from error
 
 
 class Decoder:

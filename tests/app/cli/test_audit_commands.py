@@ -11,6 +11,7 @@ import pytest
 from typer.testing import CliRunner
 
 from app.cli import cli, main
+from app.system.errors import AppError
 from app.text.catalogue import language, render, tr, use_language
 from logs.disk import Disk
 from logs.errors import AuditError
@@ -36,7 +37,7 @@ def home(tmp_path: Path) -> Path:
 
 def audit(*arguments: str) -> tuple[int, str]:
     result = CliRunner().invoke(cli, ["audit", *arguments])
-    failed = isinstance(result.exception, AuditError)
+    failed = isinstance(result.exception, AuditError | AppError)
     return result.exit_code, result.output + (render(result.exception) if result.exception and failed else "")
 
 
