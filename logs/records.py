@@ -140,6 +140,18 @@ class EffectChanged(Struct, frozen=True, kw_only=True, tag_field="kind", tag="ef
     to_effect: str
 
 
+class Pause(Struct, frozen=True, kw_only=True, tag_field="kind", tag="pause"):
+    """A running action stood still for a passing cause; `resumed`: it went on by itself, else the legs were held."""
+
+    cause: str
+    began_ns: int
+    duration_s: float
+    state: str
+    action: str
+    progress: float  # of the running plan, 0-1, when it began
+    resumed: bool = True
+
+
 class Acknowledgement(Struct, frozen=True, kw_only=True, tag_field="kind", tag="acknowledgement"):
     """The operator acknowledged what was held or damped."""
 
@@ -516,6 +528,7 @@ Body = (
     | EventRaised
     | EventCleared
     | EffectChanged
+    | Pause
     | Acknowledgement
     | Stop
     | Arming

@@ -29,6 +29,7 @@ WEIGHT: dict[type, str] = {
     r.ClockStep: "grave",
     r.SignInFailed: "grave",
     r.Refusal: "caution",
+    r.Pause: "caution",
     r.Cancel: "caution",
     r.Command: "action",
     r.Transition: "action",

@@ -28,7 +28,9 @@ cli = typer.Typer()
 
 @cli.command()
 def simulate(
-    action: Annotated[str, typer.Argument(help="An action's name (walk, stair-up, ...), `all`, or `corners`.")],
+    action: Annotated[
+        str, typer.Argument(help="An action's name (walk, stair-up, ...), `all`, `corners`, or `dropout`.")
+    ],
     profile: Annotated[str, typer.Option("--profile", "-p", help="Patient: identifier or path of a TOML.")] = "demo",
     gait: Annotated[Path | None, typer.Option(help="Folder of normative gait curves, for `walk`.")] = None,
     plot_file: Annotated[
@@ -54,6 +56,9 @@ def simulate(
     place = find_home(home)
     config = load_config(place.config)
     device = load_device(config.joints)
+    if action == "dropout":
+        _drop_out(console, profile_named(place, profile), device, json_file, plot_file)
+        return
     norm = read_norm(gait) if gait is not None else None
     if action == "corners":
         rows = _at_the_corners(console, device)
@@ -84,6 +89,29 @@ def _at_the_corners(console: Console, device: Exoskeleton) -> list[tuple[Profile
 
     with bar(console, "corners", len(list(corner_profiles())) * len(Action)) as step:
         return corners(device, step)
+
+
+def _drop_out(
+    console: Console, wearer: Profile, device: Exoskeleton, json_file: Path | None, plot_file: Path | None
+) -> None:
+    """Commands missing for some time at each action's fastest moment; exit status 1 when the guard refuses one."""
+    from msgspec import to_builtins
+
+    from app.cli.progress import bar
+    from app.evaluate.harness import write_json
+    from app.evaluate.loop.dropout import all_dropouts, dropout_table, plot_dropouts
+    from app.ipc.states import Action
+    from app.motion.dropout import MISSING_MS
+    from app.motion.plan import patient_of
+
+    with bar(console, wearer.identifier, len(Action) * len(MISSING_MS)) as step:
+        found = all_dropouts(patient_of(wearer, device), device, step)
+    console.print(dropout_table(found))
+    write_json([to_builtins(one) for one in found], json_file)
+    if plot_file is not None:
+        plot_dropouts(found, plot_file)
+    if any(one.guard_refusal is not None for one in found):
+        raise typer.Exit(1)
 
 
 def _rehearsed(

@@ -153,6 +153,10 @@ def _ending(state: SessionState) -> bool:
     return any(event.event in _ENDINGS for event in state.events)
 
 
+def _pausing(_: SessionState, now: ControlSnapshot | None) -> bool:
+    return now is not None and now.effect is Effect.PAUSE and now.action is not None
+
+
 _Applies = Callable[[SessionState, ControlSnapshot | None], bool]
 _STEPS: tuple[tuple[_Applies, str, str], ...] = (
     (lambda state, _: bool(state.fault), "failed", "bold $error"),
@@ -166,6 +170,7 @@ _STEPS: tuple[tuple[_Applies, str, str], ...] = (
     (lambda _, now: now is not None and not now.patient_confirmed, "confirm", "bold $accent"),
     (lambda state, _: not ready(state), "checks", "bold $warning"),
     (lambda _, now: now is not None and not now.armed, "arm", "bold $accent"),
+    (_pausing, "paused", "bold $accent"),
     (lambda _, now: now is not None and now.action is not None, "moving", "bold $accent"),
     (lambda _, now: now is not None and now.state in _LEGS_UNTRUSTED, "initialise", "bold $accent"),
 )

@@ -44,6 +44,7 @@ class PlanningDiagnostics(Struct, frozen=True, kw_only=True):
     ready: bool = True
     timed_out: bool = False
     next_step_missing: bool = False
+    pause_too_long: bool = False
 
 
 class ProgramDiagnostics(Struct, frozen=True, kw_only=True):

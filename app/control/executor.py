@@ -19,14 +19,15 @@ from app.control.running_action import (
     plan_request,
 )
 from app.control.state import Tick
-from app.ipc.states import Action, GaitState, Outcome, RequestRefusal
-from app.ipc.streams import PLAN_REPLY
+from app.ipc.states import Action, Effect, GaitState, Outcome, RequestRefusal
+from app.ipc.streams import NS_PER_MS, PLAN_REPLY
 from app.motion import follower
 from app.motion.follower import HOLD_S, Mode
 from app.motion.plan import Phase, Plan
 from hal.joints.protocol import TICK_HZ
 from logs.reason import Reason, reason
 
+START_LIMIT_MS = 500  # as old as a key may be
 ENABLE_LIMIT_MS = 3_000  # four drives, one after the other, with their confirmations
 # A hold covers half of its time on the path at full pace; with fewer rows left the step could not be stopped on it.
 LAST_CALL_ROWS = HOLD_S * TICK_HZ / 2 + 5
@@ -71,12 +72,16 @@ def accept_plans(tick: Tick) -> None:
 
 
 def advance_action(tick: Tick) -> None:
-    """Bring the running action to its next stage when its present one is completed."""
+    """Bring the running action to its next stage when its present one is completed; a pause begins none."""
     running = tick.state.running
     if running is None:
         return
     if planner_timed_out(tick):
         _cancel(tick, running, Outcome.REFUSED, reason(RequestRefusal.PLANNER_TIMEOUT))
+    elif tick.state.effect is Effect.PAUSE and running.stage is not Stage.MOVING:
+        _wait(tick, running)
+    elif running.stage is Stage.PLANNING and running.plan is not None:
+        _leave_planning(tick, running)
     elif running.stage is Stage.ENABLING:
         _await_power(tick, running)
     elif running.stage is Stage.STIFFENING and tick.state.motion.mode is Mode.HOLDING and not running.awaited_plans:
@@ -103,10 +108,15 @@ def _accept_first_plan(tick: Tick, running: RunningAction, plan: Plan) -> None:
     if plan.check.reason is not None:
         _refuse(tick, running, plan.check.reason)
         return
-    running = replace(running, plan=plan)
-    tick.update(running=running)
-    if running.stage is Stage.PLANNING:
-        _leave_planning(tick, running)
+    tick.update(running=replace(running, plan=plan))
+
+
+def _wait(tick: Tick, running: RunningAction) -> None:
+    """An action that was granted and has not moved anything begins soon after its request, or not at all."""
+    waited_ns = tick.now_ns - running.report.accepted_ns
+    event = blocker(tick.state.events, running.report.source)
+    if running.stage is Stage.PLANNING and waited_ns > START_LIMIT_MS * NS_PER_MS and event is not None:
+        _refuse(tick, running, event.reason)
 
 
 def _leave_planning(tick: Tick, running: RunningAction) -> None:
@@ -197,7 +207,7 @@ def _complete_movement(tick: Tick, running: RunningAction) -> None:
     tick.change_gait(gait_machine.complete(state.gait))
     if tick.state.gait.running is None:
         tick.update(motion=follower.hold(tick.state.motion))
-        _end(tick, running, Outcome.COMPLETED, None)
+        _end(tick, running, Outcome.COMPLETED, running.walk_ended_by)
         return
     # It is there: `next_step_missing` holds the legs before it could be missing.
     onward = running.next_steps[tick.state.gait.phase]

@@ -39,6 +39,7 @@ class RunningAction(Struct, frozen=True, kw_only=True):
     awaited_plans: frozenset[int]  # numbers of plan requests without an answer yet
     plan: Plan | None = None
     next_steps: Mapping[Phase, Plan] = {}  # steps of a walk, planned while one runs
+    walk_ended_by: Reason | None = None  # what ended a walk without a request
     ending: ActionReport | None = None  # gesture 6's own report while it is latched
     initial_command: JointCommand  # the command when the action was accepted
     start_rad: JointArray  # measured then
@@ -48,7 +49,7 @@ class RunningAction(Struct, frozen=True, kw_only=True):
 
     def plan_overdue(self, now_ns: int, limit_ms: float) -> bool:
         """Whether the plan that it can't go on without is overdue."""
-        waiting = self.stage is Stage.PLANNING or (self.stage is Stage.STIFFENING and bool(self.awaited_plans))
+        waiting = self.stage in {Stage.PLANNING, Stage.STIFFENING} and bool(self.awaited_plans)
         return waiting and now_ns - self.requested_ns > limit_ms * 1e6
 
 

@@ -12,8 +12,8 @@ from app.control.events.table import RaisedEvents, effect_of
 from app.control.gait.machine import Gait
 from app.control.inputs import ActionRequest, DriveOrder, Inputs, Outputs, Settings, StreamState
 from app.control.running_action import RunningAction
-from app.ipc.messages import ActionReport
-from app.ipc.states import Effect
+from app.ipc.messages import ActionReport, PauseSummary
+from app.ipc.states import Action, Effect, GaitState, PauseCause
 from app.motion.follower import Motion
 from app.motion.plan import PlanRequest
 from logs import records
@@ -21,6 +21,16 @@ from logs.reason import Reason
 from logs.records import Body
 
 REPORTS_KEPT = 24
+
+
+class RunningPause(Struct, frozen=True, kw_only=True):
+    """A pause until its cause has gone."""
+
+    cause: PauseCause
+    began_ns: int
+    action: Action
+    state: GaitState
+    progress: float
 
 
 class ControlState(Struct, frozen=True, kw_only=True):
@@ -38,6 +48,9 @@ class ControlState(Struct, frozen=True, kw_only=True):
     stop_received_ns: int = 0
     stop_command_ns: int = 0  # when the first command after a STOP was written
     stop_records: tuple[records.Stop, ...] = ()  # of STOPs whose first joint command is still to be written
+    pause: RunningPause | None = None
+    recent_pauses: tuple[tuple[int, int], ...] = ()  # begin and end, while they count for the next one
+    pauses: PauseSummary = PauseSummary()
     torque_off: bool = False  # commanded by the operator; done once the joints are fully damped
     ending_ns: int = 0  # since when the session is being ended; 0: it is not
     still_since_ns: int = 0  # since when the command has not moved; 0: it moves

@@ -11,7 +11,7 @@ from msgspec.structs import replace
 
 from app.control.diagnostics import PlanningDiagnostics, SessionDiagnostics, collect_diagnostics
 from app.control.events.programs import CLOCK_STEP_S
-from app.control.events.table import ROW, RaisedEvent, RaisedEvents, advance, blocker, compared_fields, displaced
+from app.control.events.table import ROW, RaisedEvent, RaisedEvents, advance, compared_fields, displaced, walk_ender
 from app.control.executor import (
     accept_plans,
     advance_action,
@@ -22,6 +22,7 @@ from app.control.executor import (
 )
 from app.control.gait import machine as gait_machine
 from app.control.inputs import DriveOrder, Inputs, Outputs, Settings, initial_streams, update_streams
+from app.control.pause import paused_too_long, track_pause
 from app.control.requests import arbitrate, handle_gesture, handle_operator_commands, lacks_preflight
 from app.control.running_action import Stage, measure, note_command
 from app.control.state import ControlState, Tick
@@ -56,6 +57,7 @@ def step(state: ControlState, inputs: Inputs, settings: Settings) -> tuple[Contr
     tick.update(streams=update_streams(tick.state.streams, inputs))
     _update_events(tick)
     _apply_effect(tick)
+    track_pause(tick)
     probe_planner(tick)
     arbitrate(tick)
     accept_plans(tick)
@@ -151,15 +153,18 @@ def _lose_power(tick: Tick, why: Reason | None = None) -> None:
 def _end_walk(tick: Tick) -> None:
     """Gesture 6 would be refused: the running step ends the walk."""
     running = tick.state.running
-    if running is not None and blocker(tick.state.events, running.report.source) is not None:
-        tick.update(gait=gait_machine.close_walk(tick.state.gait))
+    event = None if running is None else walk_ender(tick.state.events, running.report.source)
+    if running is not None and event is not None and not tick.state.gait.closing:
+        tick.update(gait=gait_machine.close_walk(tick.state.gait), running=replace(running, walk_ended_by=event.reason))
 
 
 def _advance_motion(tick: Tick) -> None:
-    """The next joint command; a movement whose action has ended slows down along its path and holds."""
+    """The next joint command; a movement that pauses slows down, one whose action has ended slows down and holds."""
     state = tick.state
-    motion = follower.advance(state.motion, tick.settings.gains, hold=state.gait.running is None)
-    if motion.halted:
+    ended = state.gait.running is None
+    slow = ended or state.effect is Effect.PAUSE
+    motion = follower.advance(state.motion, tick.settings.gains, hold=slow, missed=tick.inputs.missed_ticks)
+    if ended and motion.halted:
         motion = follower.hold(motion)
     moves = motion.mode is Mode.MOVING or motion.mode is not state.motion.mode
     still_since_ns = 0 if moves else state.still_since_ns or tick.now_ns
@@ -187,6 +192,7 @@ def _planning(tick: Tick) -> PlanningDiagnostics:
         ready=tick.state.planner_ready,
         timed_out=planner_timed_out(tick),
         next_step_missing=next_step_missing(tick),
+        pause_too_long=paused_too_long(tick),
     )
 
 

@@ -65,6 +65,7 @@ def snapshot(state: ControlState, inputs: Inputs, status: LoopStatus) -> Control
         acknowledged_sequence=state.sequence,
         stop_received_ns=state.stop_received_ns,
         stop_command_ns=state.stop_command_ns,
+        pauses=state.pauses,
         steps=state.steps,
         distance_walked_m=state.distance_walked_m,
         lateness=status.lateness,

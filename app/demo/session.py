@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import msgspec
@@ -13,7 +13,7 @@ from rich.table import Table
 from app.demo.attempt import Attempt, spread
 from app.demo.runner import ScenarioRunner
 from app.demo.scenario import Step, run_scenario
-from app.ipc.messages import Lateness
+from app.ipc.messages import Lateness, PauseSummary
 from app.ipc.states import ACTION_OF, Action
 from app.session.host import SessionHost, make_setup
 from app.system.config import CameraConfig, Config, JointsConfig, SessionSetup
@@ -34,6 +34,7 @@ class SessionResult:
     perception_fps: float
     lateness: Lateness
     session: str
+    pauses: PauseSummary = field(default_factory=PauseSummary)
 
     def last_of(self, scenario: Sequence[Step]) -> tuple[Attempt, ...]:
         """The last attempt of each step that was tried: what an interlock interrupted was made again."""
@@ -58,6 +59,8 @@ class SessionResult:
             "tick_lateness_ms": {"p50": late.p50_ms, "p99": late.p99_ms, "p99.9": late.p999_ms, "max": late.max_ms},
             "ticks": late.ticks,
             "missed_ticks": late.missed,
+            "pauses": self.pauses.count,
+            "paused_s": round(self.pauses.total_s, 3),
             "session": self.session,
         }
 
@@ -116,6 +119,7 @@ def run_session(
         audit_detail=detail,
         perception_fps=runner.perception_fps(),
         lateness=runner.snapshot.lateness if runner.snapshot else Lateness(),
+        pauses=runner.snapshot.pauses if runner.snapshot else PauseSummary(),
         session=setup.session,
     )
 
@@ -159,6 +163,8 @@ def print_result(console: Console, result: SessionResult, scenario: Sequence[Ste
     release = spread(attempt.response_from_release_ms for attempt in result.attempts)
     if release is not None:
         console.print(tr("demo.response", median_ms=release.p50, p99_ms=release.p99))
+    if result.pauses.count:
+        console.print(tr("demo.pauses", times=result.pauses.count, total_s=result.pauses.total_s))
     console.print(tr("demo.fps", fps=result.perception_fps))
     late = result.lateness
     console.print(

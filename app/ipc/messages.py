@@ -12,7 +12,7 @@ from enum import Enum
 
 from msgspec import Struct
 
-from app.ipc.states import Action, Effect, Event, GaitState, Outcome, Source
+from app.ipc.states import Action, Effect, Event, GaitState, Outcome, PauseCause, Source
 from kgdfa.gesture import Gesture
 from kgdfa.press_zone import PressZone
 from logs.reason import Reason, Value, key_of
@@ -165,6 +165,17 @@ class ActionReport(Struct, frozen=True, kw_only=True):
     tracking_rms_rad: float = 0.0
 
 
+class PauseSummary(Struct, frozen=True, kw_only=True):
+    """The session's pauses that are over, and the newest of them."""
+
+    count: int = 0
+    total_s: float = 0.0
+    cause: PauseCause | None = None
+    duration_s: float = 0.0
+    ended_ns: int = 0
+    resumed: bool = True  # the action went on
+
+
 class Lateness(Struct, frozen=True, kw_only=True):
     """How late ticks began, over the session."""
 
@@ -210,6 +221,7 @@ class ControlSnapshot(Struct, frozen=True, kw_only=True, tag="control"):
     acknowledged_sequence: int = 0  # newest OperatorCommand seen
     stop_received_ns: int = 0
     stop_command_ns: int = 0
+    pauses: PauseSummary = PauseSummary()
     steps: int = 0
     distance_walked_m: float = 0.0
     lateness: Lateness = Lateness()

@@ -59,9 +59,10 @@ class Effect(IntEnum):
     """What an event does to the legs; the strongest of those active wins."""
 
     NOTE = 0
-    REFUSE = 1  # no new action, the running one ends
-    HOLD = 2  # slow down along the path within 150 ms, stay there stiffly
-    DAMP = 3  # pure damping, ramped from the last command
+    REFUSE = 1  # no new action, a walk ends with its running step
+    PAUSE = 2  # no new action; slow down along the path within 150 ms, go on by itself when the cause has gone
+    HOLD = 3  # slow down along the path within 150 ms, stay there stiffly
+    DAMP = 4  # pure damping, ramped from the last command
 
 
 class Event(Enum):
@@ -85,6 +86,7 @@ class Event(Enum):
     AUDIT_TIMEOUT = "audit-timeout"
     AUDIT_WRITE_FAILED = "audit-write-failed"
     TICK_LATE = "tick-late"
+    CONTROL_LATE = "control-late"
     CONTROL_STALLED = "control-stalled"
     HOST_SUSPENDED = "host-suspended"
     CLOCK_JUMP = "clock-jump"
@@ -109,7 +111,16 @@ class Event(Enum):
     PLANNER_STARTING = "planner-starting"
     PLANNER_TIMEOUT = "planner-timeout"
     NEXT_STEP_MISSING = "next-step-missing"
+    PAUSE_TOO_LONG = "pause-too-long"
     MESSAGE_REJECTED = "message-rejected"
+
+
+class PauseCause(Enum):
+    """The events that pause, by their shorter wording."""
+
+    CONSOLE_TIMEOUT = Event.CONSOLE_TIMEOUT.value
+    CONTROL_LATE = Event.CONTROL_LATE.value
+    NEXT_STEP_MISSING = Event.NEXT_STEP_MISSING.value
 
 
 class Outcome(Enum):

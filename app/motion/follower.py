@@ -19,7 +19,7 @@ from hal.joints.device import Exoskeleton
 from hal.joints.protocol import TICK_HZ, JointArray, JointCommand
 from hal.minimum_jerk import minimum_jerk, minimum_jerk_rate
 
-HOLD_S = 0.150  # architecture: slow down along the path within this
+HOLD_S = 0.150  # slow down along the path within this; a pause comes back as slowly
 STIFFNESS_RAMP_S = 0.3  # from damped to full stiffness
 DAMPING_RAMP_S = 0.3  # from the last command to pure damping
 FADE_S = 0.5  # a plan starts from the measured pose, the command from the last one: the difference fades
@@ -76,7 +76,7 @@ class Motion(Struct, frozen=True, kw_only=True):
     command: JointCommand = NEUTRAL
     plan: Plan | None = None
     row: float = 0.0  # position in the plan
-    path_rate: float = 1.0  # rows a tick; a hold ramps it to 0
+    path_rate: float = 1.0  # rows a tick; a hold or a pause ramps it to 0, the end of a pause back to 1
     offset_rad: JointArray | None = None  # of the command from the plan at its start
     ramp: float = 0.0  # of stiffening or damping, 0 to 1
     origin: JointCommand = NEUTRAL  # the command at which the damping ramp started
@@ -124,13 +124,13 @@ def start_stiffening(measured_rad: JointArray, gains: Gains) -> Motion:
 
 
 def start_plan(motion: Motion, plan: Plan) -> Motion:
-    """Start to follow a plan, from holding or from the end of the plan before."""
+    """Start to follow a plan, from holding or, at the pace that there is, from the end of the plan before."""
     return replace(
         motion,
         mode=Mode.MOVING,
         plan=plan,
         row=0.0,
-        path_rate=1.0,
+        path_rate=motion.path_rate if motion.mode is Mode.MOVING else 1.0,
         offset_rad=motion.command.position_rad - plan.position_rad[0],
     )
 
@@ -158,10 +158,13 @@ def ramp_to_damping(motion: Motion) -> Motion:
     return Motion(mode=Mode.DAMPED, command=motion.command, origin=motion.command)
 
 
-def advance(motion: Motion, gains: Gains, *, hold: bool) -> Motion:
-    """The next tick's motion and command; with `hold` a movement slows down along its path."""
+def advance(motion: Motion, gains: Gains, *, hold: bool, missed: int = 0) -> Motion:
+    """The next tick's motion and command; with `hold` a movement slows down along its path, else it regains its pace.
+
+    missed: ticks left out before this one, in which the legs slowed down by themselves; with `hold` they count.
+    """
     if motion.mode is Mode.MOVING:
-        return _moving(motion, gains, hold=hold)
+        return _moving(motion, gains, -(1 + missed) if hold else 1)
     if motion.mode is Mode.STIFFENING:
         return _ramping_to_stiffness(motion, gains)
     return _ramping_to_damping(motion, gains) if motion.mode is Mode.DAMPED else motion
@@ -179,10 +182,11 @@ def _ramping_to_stiffness(motion: Motion, gains: Gains) -> Motion:
     return replace(motion, mode=mode, ramp=ramp, command=command)
 
 
-def _moving(motion: Motion, gains: Gains, *, hold: bool) -> Motion:
+def _moving(motion: Motion, gains: Gains, slope: int) -> Motion:
+    """slope: ticks by which the path's rate goes up, or down where it is negative."""
     plan = motion.plan
     assert plan is not None
-    rate = max(0.0, motion.path_rate - 1 / (HOLD_S * TICK_HZ)) if hold else motion.path_rate
+    rate = min(1.0, max(0.0, motion.path_rate + slope / (HOLD_S * TICK_HZ)))
     row = min(motion.row + rate, float(len(plan.position_rad) - 1))
     fade, fade_speed = _fade(row, len(plan.position_rad) - 1)
     offset = _ZERO if motion.offset_rad is None else motion.offset_rad

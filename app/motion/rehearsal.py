@@ -72,13 +72,13 @@ def rehearse(
     patient: Patient, device: Exoskeleton, action: Action, watch: Callable[[], None] = lambda: None
 ) -> Rehearsal:
     """Carry out one action (walking: seven steps) in simulation from its state's pose; `watch` is called as it goes."""
-    running = _Run(patient, device, action)
+    running = RehearsalRun(patient, device, action)
     refusal = running.run(watch)
     return running.evaluated(refusal)
 
 
-class _Run:
-    """One rehearsal while it runs."""
+class RehearsalRun:
+    """One rehearsal while it runs: planner, follower, guard and simulated joints."""
 
     def __init__(self, patient: Patient, device: Exoskeleton, action: Action) -> None:
         self.patient, self.device, self.action = patient, device, action
@@ -87,6 +87,7 @@ class _Run:
         self.guard = Guard(limits_of(device, patient.hip_max_rad, patient.knee_max_rad))
         self.joints = SimulatedJoints(device, patient.body)
         self.scene = scene_of(action, patient)
+        self.state = STARTS.get(action, S.STANDING)
         self.motion = Motion()
         self.previous: JointCommand | None = None
         self.now_ns = TICK_NS
@@ -100,8 +101,20 @@ class _Run:
 
     def run(self, watch: Callable[[], None]) -> Reason | None:
         """Why it could not be carried out; None: it was."""
-        start = STARTS.get(self.action, S.STANDING)
-        pose = CROUCH_RAD if self.action is A.INITIALISE else nominal_pose(start, self.patient)
+        if refused := self.prepare():
+            return refused
+        watch()
+        for number, (part, phase) in enumerate(SEQUENCES.get(self.action, ((self.action, P.WHOLE),))):
+            made = self.plan_next(number, part, phase)
+            if refused := made.check.reason or self.follow(made):
+                return refused
+            watch()
+        self.motion = follower.hold(self.motion)
+        return next(filter(None, (self.tick() for _ in range(SETTLE_TICKS))), None)
+
+    def prepare(self) -> Reason | None:
+        """Put the wearer into the action's pose and hold the joints there."""
+        pose = self.start_pose()
         if not np.isfinite(pose).all():
             gait, body = self.patient.gait, self.patient.body
             return reason(PlanFault.CHAIR_DOES_NOT_FIT, chair_m=gait.chair_height_m, thigh_m=body.thigh_m)
@@ -109,43 +122,45 @@ class _Run:
         self.joints.stage(self.scene)
         self.joints.open(self.now_ns)
         self.joints.enable(self.now_ns)
-        if refused := self._stiffen():
-            return refused
-        watch()
-        for number, (part, phase) in enumerate(SEQUENCES.get(self.action, ((self.action, P.WHOLE),))):
-            measured = self.joints.read(self.now_ns).position_rad
-            request = PlanRequest(number=number, action=part, phase=phase, from_state=start, start_rad=quad(measured))
-            made = plan(request, self.patient)
-            if refused := made.check.reason or self._follow(made):
-                return refused
-            watch()
-            start = made.to_state
-        self.motion = follower.hold(self.motion)
-        return next(filter(None, (self._tick() for _ in range(SETTLE_TICKS))), None)
+        return self._stiffen()
+
+    def start_pose(self) -> NDArray[np.float64]:
+        """Where the action starts, (4,) radians; not finite where the chair does not fit."""
+        return CROUCH_RAD if self.action is A.INITIALISE else nominal_pose(self.state, self.patient)
+
+    def plan_next(self, number: int, part: Action, phase: Phase) -> Plan:
+        """The next movement's plan, from where the joints are."""
+        measured = self.joints.read(self.now_ns).position_rad
+        request = PlanRequest(number=number, action=part, phase=phase, from_state=self.state, start_rad=quad(measured))
+        made = plan(request, self.patient)
+        self.state = made.to_state
+        return made
 
     def _stiffen(self) -> Reason | None:
-        self._tick()
+        self.tick()
         self.motion = follower.start_stiffening(self.joints.read(self.now_ns).position_rad, self.gains)
         for _ in range(STIFFENING_LIMIT_TICKS):
-            if refused := self._tick():
+            if refused := self.tick():
                 return refused
         return None if self.motion.mode is Mode.HOLDING else reason(RehearsalFault.NOT_STIFFENED)
 
-    def _follow(self, made: Plan) -> Reason | None:
+    def follow(self, made: Plan) -> Reason | None:
+        """Carry out a plan; why the guard refused a command of it."""
         self.starts.append(len(self.rows))
         self.motion = follower.start_plan(self.motion, made)
         self.final_rad = made.position_rad[-1]
         self.advance_m += made.advance_m
         while not self.motion.arrived:
-            if refused := self._tick():
+            if refused := self.tick():
                 return refused
             self.moving_ticks += 1
         return None
 
-    def _tick(self) -> Reason | None:
+    def tick(self, *, hold: bool = False, missed: int = 0) -> Reason | None:
+        """One tick, with the follower's `hold` and `missed`; why the guard refused its command."""
         self.now_ns += TICK_NS
         feedback = self.joints.read(self.now_ns)
-        self.motion = follower.advance(self.motion, self.gains, hold=False)
+        self.motion = follower.advance(self.motion, self.gains, hold=hold, missed=missed)
         command = self.motion.command
         refusal = self.guard.check(command, self.previous, feedback.position_rad)
         if refusal is not None:
@@ -156,6 +171,17 @@ class _Run:
                 value=refusal.value,
                 limit=refusal.limit,
             )
+        self._write(command)
+        return None
+
+    def miss_tick(self) -> None:
+        """A tick without a command: the drives go on under the last one."""
+        self.now_ns += TICK_NS
+        self.joints.read(self.now_ns)
+        assert self.previous is not None
+        self._write(self.previous)
+
+    def _write(self, command: JointCommand) -> None:
         self.joints.write(command, self.now_ns)
         self.previous = command
         wearer = self.joints.wearer
@@ -164,7 +190,6 @@ class _Run:
         )
         if len(self.rows) % TRUTH_TICKS == 0:
             self.truths.append(self.joints.ground_truth())
-        return None
 
     def evaluated(self, refusal: Reason | None) -> Rehearsal:
         """Figures and verdict."""

@@ -29,7 +29,7 @@ from logs.records import HeartbeatLost, Note, ProcessEnd, ProcessStart
 
 _log = get_logger("guardian")
 
-CHECK_S = 0.004  # twice, after the stale limit of 35 ms: the joints are damped before 50 ms are over
+CHECK_S = 0.004  # twice, after the stale limit of 65 ms: the joints are damped before 80 ms are over
 DAMP_NS = 3_000 * NS_PER_MS  # the wearer sinks into the harness; then the torque goes off
 ENDING_DAMP_NS = 500 * NS_PER_MS
 LATE_CHECK_NS = 12 * NS_PER_MS

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from enum import Enum
 
-from app.ipc.states import Action, Effect, GaitState, Outcome, Source
+from app.ipc.states import Action, Effect, GaitState, Outcome, PauseCause, Source
 from app.text.catalogue import key_of, knows, tr
 from kgdfa.gesture import Gesture
 from logs.reason import Reason
@@ -12,6 +12,7 @@ from logs.reason import Reason
 # Field of a record → the enumeration whose member's value, or name in lower case, it holds.
 _ENUMERATIONS: dict[str, type[Enum]] = {
     "action": Action,
+    "cause": PauseCause,
     "effect": Effect,
     "from_effect": Effect,
     "to_effect": Effect,

@@ -22,6 +22,7 @@ from logs.records import (
     HeartbeatLost,
     JointStatistics,
     Note,
+    Pause,
     Press,
     RealTimePrivilege,
     Record,
@@ -186,6 +187,7 @@ class ReportData:
     kinds_of_events: tuple[EventSum, ...]  # the same, summed up
     remarks: tuple[tuple[str, int], ...]  # events that were only noted
     stops_s: tuple[float, ...]
+    pauses: tuple[tuple[float, str], ...]  # when, what
     notes: tuple[tuple[float, str, str], ...]  # when, who, what
     actions: tuple[tuple[str, int, int], ...]  # name, attempts, completed
     lateness: TickLateness | None
@@ -215,6 +217,7 @@ def data_of(outline: Outline, found: Sequence[Record], render: Render) -> Report
         kinds_of_events=summed(effective),
         remarks=_counted(event.event for event in events if event.effect == NOTED),
         stops_s=tuple(at_s for at_s, _ in timed.of(Stop)),
+        pauses=tuple((at_s, record_text(body, render)) for at_s, body in timed.of(Pause)),
         notes=_notes(timed, render),
         actions=_actions([end for _, end in timed.of(ActionEnd)]),
         lateness=_last(timed.of(TickLateness)),

@@ -18,6 +18,7 @@ from app.text.catalogue import knows, tr
 _TEXTS = {
     Effect.NOTE: "stop.ready",
     Effect.REFUSE: "stop.ready",
+    Effect.PAUSE: "stop.ready",
     Effect.HOLD: "stop.held",
     Effect.DAMP: "stop.damped",
 }

@@ -6,14 +6,16 @@ from textual.message import Message
 
 from app.console.state import SessionState
 from app.console.widgets.panel import Line, Lines, Part, StatePanel, bar, cells, padded, plain
-from app.ipc.messages import ActiveEvent, ControlSnapshot
+from app.ipc.messages import ActiveEvent, ControlSnapshot, PauseSummary
 from app.ipc.states import Effect
 from app.text.catalogue import render, tr
 
-EFFECT_MARKS = {Effect.NOTE: "i", Effect.REFUSE: "-", Effect.HOLD: "!", Effect.DAMP: "‼"}
+PAUSE_SHOWN_NS = 10_000_000_000
+EFFECT_MARKS = {Effect.NOTE: "i", Effect.REFUSE: "-", Effect.PAUSE: "~", Effect.HOLD: "!", Effect.DAMP: "‼"}
 EFFECT_STYLES = {
     Effect.NOTE: "$text-muted",
     Effect.REFUSE: "$warning",
+    Effect.PAUSE: "$warning",
     Effect.HOLD: "bold $error",
     Effect.DAMP: "bold reverse $error",
 }
@@ -60,7 +62,15 @@ def event_lines(state: SessionState) -> Lines:
     lines = tuple(_line(event, state.now_ns) for event in state.events)
     if state.snapshot.refusal:
         lines = (*lines, plain(tr("events.refused", reason=render(state.snapshot.refusal)), "$warning"))
+    lines = (*lines, *_pause(state.snapshot.pauses, state.now_ns))
     return lines or (plain(tr("events.none"), "$text-muted"),)
+
+
+def _pause(pauses: PauseSummary, now_ns: int) -> Lines:
+    """The newest pause, for a while: nothing has to be done about it."""
+    if pauses.cause is None or not pauses.resumed or now_ns - pauses.ended_ns > PAUSE_SHOWN_NS:
+        return ()
+    return (plain(tr("events.paused", duration_s=pauses.duration_s, cause=pauses.cause), "$text-muted"),)
 
 
 def _line(event: ActiveEvent, now_ns: int) -> Line:

@@ -8,7 +8,9 @@ from app.ipc.streams import AUDIT_HEALTH, GUARDIAN, OPERATOR, TRIGGER
 
 AUDIT_WAITING_LIMIT = 2_000  # records; a tenth of the queue, about ten seconds of a busy session
 TICK_LATE_MS = 2.0  # a whole tick
-CONTROL_STALLED_MS = 20.0
+CONTROL_LATE_MS = 20.0
+CONTROL_STALLED_MS = 50.0  # docs/safety.md, "How long commands may be missing"
+BLIND_WALK_MS = 1_000.0  # a walk goes on for so long although the gesture that ends it could not be seen
 CLOCK_STEP_S = 0.5
 HOST_SUSPENDED_S = 0.1
 
@@ -25,6 +27,7 @@ STREAMS = (
         compares=_FRAME_AGE.compared,
         detail=lambda d: {"detail": d.programs.camera_fault or ""},
         blocks=GESTURES,
+        walk_ends_after_ms=BLIND_WALK_MS,
     ),
     Row(
         E.PERCEPTION_TIMEOUT,
@@ -32,8 +35,9 @@ STREAMS = (
         lambda d: d.programs.perception_age_ms > d.programs.perception_limit_ms,
         compares=lambda d: Compared("message_age_ms", d.programs.perception_age_ms, d.programs.perception_limit_ms),
         blocks=GESTURES,
+        walk_ends_after_ms=BLIND_WALK_MS,
     ),
-    Row(E.CONSOLE_TIMEOUT, F.HOLD, Above("message_age_ms", lambda d: d.programs.console_age_ms, OPERATOR.stale_ms), P),
+    Row(E.CONSOLE_TIMEOUT, F.PAUSE, Above("message_age_ms", lambda d: d.programs.console_age_ms, OPERATOR.stale_ms)),
     Row(
         E.AUDIT_BACKLOG,
         F.REFUSE,
@@ -56,6 +60,13 @@ CLOCKS = (
         lambda d: d.clocks.missed_ticks > 0 or _LATE(d),
         compares=_LATE.compared,
         detail=lambda d: {"late_ms": d.clocks.late_ms, "missed": d.clocks.missed_ticks},
+    ),
+    Row(
+        E.CONTROL_LATE,
+        F.PAUSE,
+        lambda d: CONTROL_LATE_MS < d.clocks.late_ms <= CONTROL_STALLED_MS,
+        compares=lambda d: Compared("late_ms", d.clocks.late_ms, CONTROL_LATE_MS),
+        detail=lambda d: {"late_ms": d.clocks.late_ms},
     ),
     Row(
         E.CONTROL_STALLED,
@@ -89,6 +100,7 @@ HELPERS = (
     Row(E.GUARDIAN_ACTED, F.DAMP, lambda d: d.programs.guardian_acted, P),
     Row(E.PLANNER_STARTING, F.REFUSE, lambda d: not d.planning.ready),
     Row(E.PLANNER_TIMEOUT, F.REFUSE, lambda d: d.planning.timed_out, P),
-    Row(E.NEXT_STEP_MISSING, F.HOLD, lambda d: d.planning.next_step_missing, P),
+    Row(E.NEXT_STEP_MISSING, F.PAUSE, lambda d: d.planning.next_step_missing),
+    Row(E.PAUSE_TOO_LONG, F.HOLD, lambda d: d.planning.pause_too_long, P),
     Row(E.MESSAGE_REJECTED, F.NOTE, Above("rejected_messages", lambda d: d.programs.rejected_messages, 0)),
 )

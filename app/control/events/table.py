@@ -20,6 +20,7 @@ from app.control.events.programs import CLOCKS, HELPERS, STREAMS
 from app.control.events.row import Compared, Latch, Row
 from app.control.events.session import SESSION
 from app.ipc.states import Effect, Event, Source
+from app.ipc.streams import NS_PER_MS
 from logs.reason import Reason, Value, key_of
 
 LINGER_NS = 1_000_000_000  # a passing event stays to be read; it has no effect any more, unless it `settles`
@@ -35,6 +36,7 @@ class RaisedEvent(Struct, frozen=True, kw_only=True):
 
     event: Event
     since_ns: int
+    present_ns: int  # since when its condition has held without a gap
     last_ns: int  # when its condition held last
     latched: bool
     present: bool = True
@@ -94,6 +96,11 @@ def compared_fields(one: RaisedEvent) -> dict[str, Any]:
     }
 
 
+def walk_ender(events: RaisedEvents, source: Source) -> RaisedEvent | None:
+    """The strongest event that refuses this source the end of its walk, and has done so for too long."""
+    return next((one for one in events if one.in_force and _blocks(ROW[one.event], source) and _ends_walk(one)), None)
+
+
 def displaced(events: RaisedEvents) -> bool:
     """Whether an event in force leaves the gait state unknown."""
     return any(one.in_force and ROW[one.event].displaces for one in events)
@@ -101,6 +108,11 @@ def displaced(events: RaisedEvents) -> bool:
 
 def _blocks(row: Row, source: Source) -> bool:
     return row.effect >= Effect.REFUSE and source in row.blocks
+
+
+def _ends_walk(one: RaisedEvent) -> bool:
+    limit_ms = ROW[one.event].walk_ends_after_ms
+    return not limit_ms or one.last_ns - one.present_ns > limit_ms * NS_PER_MS
 
 
 def _place(one: RaisedEvent) -> tuple[int, int]:
@@ -115,6 +127,7 @@ def _raised(row: Row, diagnostics: Diagnostics) -> RaisedEvent:
     return RaisedEvent(
         event=row.event,
         since_ns=diagnostics.now_ns,
+        present_ns=diagnostics.now_ns,
         last_ns=diagnostics.now_ns,
         latched=_latches(row, diagnostics),
         detail=row.detail(diagnostics),
@@ -129,6 +142,7 @@ def _updated(one: RaisedEvent, diagnostics: Diagnostics, acknowledged_ns: int, *
         return replace(
             one,
             present=True,
+            present_ns=one.present_ns if one.present else diagnostics.now_ns,
             last_ns=diagnostics.now_ns,
             latched=one.latched or _latches(ROW[one.event], diagnostics),
             acknowledged=acknowledged,

@@ -129,7 +129,7 @@ def at(second: int) -> Moment:
 
 def of_control() -> list[Body]:
     """Ticks of the step: actions by key and gesture, refusals, events, STOP."""
-    rigs = [walked(), refused(), refused_by_an_event(), spoiled(), stopped()]
+    rigs = [walked(), refused(), refused_by_an_event(), spoiled(), stopped(), paused()]
     feedback = rigs[0].joints.feedback(rigs[0].now_ns + TICK_NS)
     faulty = replace(feedback, detail=HardwareError(DrivesFault.STAYS_DISABLED))
     return [*(body for rig in rigs for body in rig.audit), drives_record(faulty)]
@@ -143,6 +143,14 @@ def walked() -> Rig:
     rig.run_until(lambda state: state.steps > 1, limit=5000)
     rig.send(K.ACT, A.WALK_END)
     rig.settle()
+    return rig
+
+
+def paused() -> Rig:
+    """Control was late for a moment in the middle of a step."""
+    rig = moving()
+    rig.spoil.update(late_ns=30_000_000, missed_ticks=15)
+    rig.tick(3)
     return rig
 
 

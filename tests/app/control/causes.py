@@ -107,8 +107,23 @@ def walk_without_planner(rig: Rig) -> None:
     """The planner dies while a step of a walk runs."""
     rig.send(OperatorKind.ACT, Action.WALK)
     rig.tick(4)
-    rig.planning = False
+    rig.answer_ticks = 10_000
     rig.tick(420)
+
+
+def planner_answers(rig: Rig) -> None:
+    """What it was asked meanwhile."""
+    rig.answer_ticks = 1
+    rig._asked = [(1, asked) for _, asked in rig._asked]
+
+
+def silent_console_in_motion(rig: Rig) -> None:
+    """The console stops answering for good while the legs move."""
+    rig.plan_s = 3.0
+    rig.send(OperatorKind.ACT, Action.STEP_RIGHT_FIRST)
+    rig.tick(100)
+    rig.alive = False
+    rig.run_until(lambda state: E.PAUSE_TOO_LONG in {one.event for one in state.events})
 
 
 def never_answered(rig: Rig) -> None:
@@ -151,7 +166,8 @@ CAUSES: dict[Event, Cause] = {
     E.AUDIT_TIMEOUT: Cause(world(auditing=False), world(auditing=True), ticks=230),
     E.AUDIT_WRITE_FAILED: Cause(world(audit_health={"fault": DISK_FULL}), world(audit_health={}), ticks=40),
     E.TICK_LATE: Cause(spoil(late_ns=2_100_000)),
-    E.CONTROL_STALLED: Cause(spoil(late_ns=20_100_000, missed_ticks=10)),
+    E.CONTROL_LATE: Cause(spoil(late_ns=20_100_000, missed_ticks=10)),
+    E.CONTROL_STALLED: Cause(spoil(late_ns=50_100_000, missed_ticks=25)),
     E.HOST_SUSPENDED: Cause(lambda rig: rig.spoil.update(boot_ns=rig.now_ns + 9_000_000_000)),
     E.CLOCK_JUMP: Cause(lambda rig: rig.spoil.update(wall_ns=rig.now_ns + 7_000_000_000)),
     E.JOINT_TIMEOUT: Cause(joints(silent=True), joints(silent=False), ticks=9),
@@ -178,7 +194,8 @@ CAUSES: dict[Event, Cause] = {
     E.GUARDIAN_ACTED: Cause(world(guardian_health={"acted": True}), world(guardian_health={}), ticks=40),
     E.PLANNER_STARTING: Cause(never_answered, answered, fresh=True),
     E.PLANNER_TIMEOUT: Cause(lambda rig: (world(planning=False)(rig), request(Action.WALK)(rig)), ticks=260),
-    E.NEXT_STEP_MISSING: Cause(walk_without_planner, world(planning=True)),
+    E.NEXT_STEP_MISSING: Cause(walk_without_planner, planner_answers),
+    E.PAUSE_TOO_LONG: Cause(silent_console_in_motion, world(alive=True)),
     E.MESSAGE_REJECTED: Cause(spoil(rejected_messages=1)),
 }
 

@@ -42,7 +42,7 @@ SETTINGS = Settings(
 )
 
 
-@dataclass
+@dataclass(repr=False)  # its history would fill a screen for minutes
 class Rig:
     """Runs the step tick by tick; the guard is the real one."""
 

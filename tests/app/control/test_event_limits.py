@@ -27,7 +27,8 @@ LIMITS = (
     (E.AUDIT_TIMEOUT, "programs.audit_age_ms", 400.0),
     (E.TICK_LATE, "clocks.late_ms", 2.0),
     (E.TICK_LATE, "clocks.missed_ticks", 0),
-    (E.CONTROL_STALLED, "clocks.late_ms", 20.0),
+    (E.CONTROL_LATE, "clocks.late_ms", 20.0),
+    (E.CONTROL_STALLED, "clocks.late_ms", 50.0),
     (E.HOST_SUSPENDED, "clocks.slept_s", 0.1),
     (E.CLOCK_JUMP, "clocks.step_s", 0.5),
     (E.JOINT_TIMEOUT, "joints.age_ms", 15.0),
@@ -113,7 +114,7 @@ def test_legs_count_as_moving_only_before_they_carry_power() -> None:
 
 
 def test_what_was_there_before_power_waits_for_an_acknowledgement_once_there_is_power() -> None:
-    late = with_one("clocks.late_ms", 25.0)
+    late = with_one("clocks.late_ms", 65.0)
     before = advance((), replace(late, powered=False))
     assert not next(one for one in before if one.event is E.CONTROL_STALLED).latched
     after = advance(before, late)
@@ -121,7 +122,7 @@ def test_what_was_there_before_power_waits_for_an_acknowledgement_once_there_is_
 
 
 def test_what_has_latched_stays_so_when_the_power_goes() -> None:
-    late = with_one("clocks.late_ms", 25.0)
+    late = with_one("clocks.late_ms", 65.0)
     unpowered = advance(advance((), late), replace(late, powered=False))
     assert next(one for one in unpowered if one.event is E.CONTROL_STALLED).latched
 

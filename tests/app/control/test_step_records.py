@@ -324,11 +324,11 @@ def test_legs_that_are_not_where_their_state_says_lose_it() -> None:
 def test_an_event_records_the_value_and_the_limit_that_it_compared() -> None:
     rig = standing()
     rig.audit.clear()
-    rig.spoil["late_ns"] = 25_000_000
+    rig.spoil["late_ns"] = 55_000_000
     rig.tick()
     by_event = {body.event: body for body in every(rig, records.EventRaised)}
     stalled = by_event[Event.CONTROL_STALLED.value]
-    assert (stalled.quantity, stalled.value, stalled.limit) == ("late_ms", 25.0, 20.0)
+    assert (stalled.quantity, stalled.value, stalled.limit) == ("late_ms", 55.0, 50.0)
     assert stalled.raised_ns == rig.now_ns
 
 
@@ -348,7 +348,7 @@ def test_an_event_of_a_joint_records_the_joint_that_exceeds_most_with_its_limit(
 
 def test_a_refusal_names_the_event_with_its_numbers_and_the_gesture_with_its_moments() -> None:
     rig = standing()
-    rig.spoil["late_ns"] = 25_000_000
+    rig.spoil["late_ns"] = 55_000_000
     rig.tick()
     rig.report = {"released_recognised_ns": 77}
     rig.release(Gesture.FIVE)
@@ -356,7 +356,7 @@ def test_a_refusal_names_the_event_with_its_numbers_and_the_gesture_with_its_mom
     body = only(rig, records.Refusal)
     (raised,) = (one for one in every(rig, records.EventRaised) if one.event == Event.CONTROL_STALLED.value)
     assert (body.event, body.raised_ns) == (raised.event, raised.raised_ns)
-    assert (body.quantity, body.value, body.limit) == ("late_ms", 25.0, 20.0)
+    assert (body.quantity, body.value, body.limit) == ("late_ms", 55.0, 50.0)
     assert (body.recognised_ns, body.refused_ns) == (77, rig.now_ns)
     assert 0 < body.released_ns < body.refused_ns
 

@@ -24,10 +24,10 @@ def silent_for(
     return state, acted_ms
 
 
-def test_it_damps_between_35_and_50_ms_after_the_last_beat() -> None:
-    state, acted_ms = silent_for(60)
+def test_it_damps_between_65_and_80_ms_after_the_last_beat() -> None:
+    state, acted_ms = silent_for(90)
     assert state.action is GuardianAction.DAMP
-    assert 35 < acted_ms < 50
+    assert 65 < acted_ms < 80
 
 
 def test_a_heartbeat_that_goes_on_is_left_alone() -> None:
@@ -55,7 +55,7 @@ def test_a_guardian_that_is_late_itself_does_not_act_on_it() -> None:
 
 
 def test_it_goes_on_to_the_end_whatever_control_says_then() -> None:
-    state, _ = silent_for(60)
+    state, _ = silent_for(90)
     back = Heartbeat(at_ns=1_100 * MS, enabled=True)
     assert check_heartbeat(state, back, 1_100 * MS).action is GuardianAction.DAMP
     assert check_heartbeat(state, back, state.since_ns + DAMP_NS).action is GuardianAction.DAMP
@@ -64,7 +64,7 @@ def test_it_goes_on_to_the_end_whatever_control_says_then() -> None:
 
 def off() -> GuardianState:
     """It has damped the joints and is switching them off."""
-    state, _ = silent_for(60)
+    state, _ = silent_for(90)
     return check_heartbeat(state, None, state.since_ns + DAMP_NS + MS)
 
 
@@ -93,7 +93,7 @@ def test_neither_powered_drives_nor_a_last_word_make_it_watch_again(enabled: boo
 
 
 def test_at_a_sessions_end_the_damping_is_short() -> None:
-    state, _ = silent_for(60)
+    state, _ = silent_for(90)
     assert check_heartbeat(state, None, state.since_ns + ENDING_DAMP_NS + MS).action is GuardianAction.DAMP
     ended = check_heartbeat(state, None, state.since_ns + ENDING_DAMP_NS + MS, ending=True)
     assert ended.action is GuardianAction.SWITCH_OFF

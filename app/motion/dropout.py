@@ -1,0 +1,117 @@
+"""How long joint commands may be missing: actions simulated with the commands withheld at their fastest moment.
+
+While commands are missing the drives go on under their own law with the last one, and nobody eases anything. Then
+the path goes on as control lets it: at the pace that the missing ticks have left (`follower.advance`), with a pause's
+slope.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from copy import deepcopy
+
+import numpy as np
+from msgspec import Struct
+
+from app.ipc.states import Action, GaitState
+from app.motion import follower
+from app.motion.plan import Patient, Phase, Plan, PlanRequest, quad
+from app.motion.rehearsal import SEQUENCES, STARTS, RehearsalRun
+from app.motion.trajectory import plan
+from hal.joints.device import Exoskeleton
+from hal.joints.protocol import TICK_HZ
+from logs.reason import Reason
+
+MISSING_MS = (0, 10, 20, 30, 40, 50, 60, 80, 100, 150, 200)
+OBSERVED_TICKS = TICK_HZ // 2  # after the return: the path has its pace again after 150 ms, the errors have died down
+
+
+class Dropout(Struct, frozen=True, kw_only=True):
+    """One action with its commands missing for so long: the worst joint from the first missing command on."""
+
+    action: Action
+    missing_ms: float
+    error_rad: float  # of the joint from where its path was to be; while commands are missing the path stands still
+    speed_share: float  # of the device's limit
+    torque_share: float
+    guard_refusal: Reason | None
+
+
+def dropouts(
+    patient: Patient,
+    device: Exoskeleton,
+    action: Action,
+    missing_ms: Iterable[float],
+    *,
+    pause_from_ms: float,
+    watch: Callable[[], None] = lambda: None,
+) -> Iterator[Dropout]:
+    """One action with every length of silence; pause_from_ms: a longer one is a pause, a shorter one is ignored.
+
+    Raises ValueError when the action can't be carried out by this patient.
+    """
+    run = _at_its_fastest(patient, device, action)
+    for length_ms in missing_ms:
+        missing = round(length_ms * TICK_HZ / 1000)
+        yield _interrupted(deepcopy(run), action, missing, pauses=length_ms > pause_from_ms)
+        watch()
+
+
+def _interrupted(run: RehearsalRun, action: Action, missing: int, *, pauses: bool) -> Dropout:
+    run.rows.clear()
+    for _ in range(missing):
+        run.miss_tick()
+    refusal = run.tick(hold=pauses, missed=missing)
+    for _ in range(OBSERVED_TICKS):
+        if refusal is not None:
+            break
+        if run.motion.arrived:
+            run.motion = follower.hold(run.motion)
+        refusal = run.tick()
+    target, angle, speed, torque = (np.array(column) for column in zip(*run.rows, strict=True))
+    limits = run.guard.limits
+    return Dropout(
+        action=action,
+        missing_ms=missing * 1000 / TICK_HZ,
+        error_rad=float(np.abs(angle - target).max()),
+        speed_share=float((np.abs(speed) / limits.speed_rad_s).max()),
+        torque_share=float((np.abs(torque) / limits.torque_nm).max()),
+        guard_refusal=refusal,
+    )
+
+
+def _at_its_fastest(patient: Patient, device: Exoskeleton, action: Action) -> RehearsalRun:
+    """The action under way, at the moment at which a joint is nearest to its speed limit."""
+    run = RehearsalRun(patient, device, action)
+    parts = SEQUENCES.get(action, ((action, Phase.WHOLE),))
+    last, row = _fastest(patient, run, action, parts)
+    refused = run.prepare()
+    for number, (part, phase) in enumerate(parts[: last + 1]):
+        made = run.plan_next(number, part, phase)
+        if refused or made.check.reason:
+            raise ValueError(str(refused or made.check.reason))
+        if number < last:
+            run.follow(made)
+            continue
+        run.motion = follower.start_plan(run.motion, made)
+        while run.motion.row < row:
+            run.tick()
+    return run
+
+
+def _fastest(
+    patient: Patient, run: RehearsalRun, action: Action, parts: tuple[tuple[Action, Phase], ...]
+) -> tuple[int, float]:
+    """Which movement of the action, and where in it, by plans from the nominal poses."""
+    state, start_rad = STARTS.get(action, GaitState.STANDING), None
+    best, found = -1.0, (0, 0.0)
+    for number, (part, phase) in enumerate(parts):
+        pose = run.start_pose() if start_rad is None else start_rad
+        made: Plan = plan(
+            PlanRequest(number=number, action=part, phase=phase, from_state=state, start_rad=quad(pose)), patient
+        )
+        shares = (np.abs(made.velocity_rad_s) / run.guard.limits.speed_rad_s).max(axis=1)
+        if part is action and shares.max() > best:
+            best, found = float(shares.max()), (number, float(shares.argmax()))
+        state, start_rad = made.to_state, made.position_rad[-1]
+    return found
