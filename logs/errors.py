@@ -13,6 +13,7 @@ class AuditFault(Enum):
     TRAIL_EMPTY = auto()  # path
     NO_TRAILS = auto()  # places
     NO_SESSION = auto()  # name, folder
+    NO_RECORD = auto()  # sequence, last
     AMBIGUOUS_SESSION = auto()  # name, matches, folder
     JOURNAL_UNREADABLE = auto()  # path, detail
     JOURNAL_CHANGED = auto()  # path, line

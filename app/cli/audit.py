@@ -98,6 +98,29 @@ def show(
 
 
 @cli.command()
+def explain(
+    session: Annotated[str, typer.Argument(help="Path, name, beginning of a name, or last.")],
+    number: Annotated[int, typer.Argument(help="The record's number, as `rleex audit show` prints it.")],
+    json: Annotated[bool, typer.Option("--json", help="One JSON object: SI units, nanoseconds.")] = False,
+    home: HomeOption = None,
+) -> None:
+    """Why a record came about: the hops from the first frame to the end, each with what it compared."""
+    from app.system.paths import find_home
+    from app.text.recorded import render_recorded
+    from logs.explain import explain_file, lines, to_values
+    from logs.read import find_session
+
+    explanation = explain_file(find_session(find_home(home).logs, session), number)
+    if json:
+        import json as text
+
+        typer.echo(text.dumps(to_values(explanation), ensure_ascii=True, sort_keys=True))
+        return
+    for line in lines(explanation, render_recorded):
+        typer.echo(line)
+
+
+@cli.command()
 def report(
     session: Annotated[str, typer.Argument(help="Path, name, beginning of a name, or last.")] = "last",
     output: Annotated[Path, typer.Option("--output", "-o", callback=check_output, help="The page to write.")] = Path(

@@ -1,0 +1,422 @@
+"""Why a record came about, from its trail alone: the hops from the first frame to the end, with what each compared."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field
+from enum import Enum
+from math import degrees
+from typing import Any, TypeVar
+
+import msgspec
+
+from logs import records as r
+from logs.errors import AuditError, AuditFault
+from logs.read import records
+from logs.reason import Reason, Render, key_of, text_of
+from logs.records import Body, Record
+from logs.sanitize import sanitize_terminal
+from logs.show import kind_of, record_text
+
+B = TypeVar("B")
+
+
+class Hop(Enum):
+    """Steps of a command, a STOP or an event, in their order."""
+
+    CAPTURED = "captured"  # the first frame of the vote
+    RECOGNISED = "recognised"
+    HINTED = "hinted"
+    PRESSED = "pressed"
+    CANCELLED = "cancelled"
+    RELEASED = "released"
+    ACCEPTED = "accepted"
+    REFUSED = "refused"
+    PLANNED = "planned"
+    COMMANDED = "commanded"  # the first joint command
+    MOVED = "moved"
+    ENDED = "ended"
+    SENT = "sent"
+    RECEIVED = "received"
+    RAISED = "raised"
+    CLEARED = "cleared"
+    RECORDED = "recorded"  # any other record
+
+
+class HopNote(Enum):
+    """What is added to the hops."""
+
+    NOT_RECORDED = "not recorded"
+    COMPARED = "compared"  # name, value, limit, margin
+    MEASURED = "measured"  # name, value
+    FROM_FIRST = "from first"  # from_first_ms, hop_ms
+
+
+# Value → its limit; None: a value that has none. The margin is limit minus value.
+_LIMITS: dict[type, dict[str, str | None]] = {
+    r.GestureOnset: {"confidence": None, "votes": None},
+    r.Press: {"safe_distance_m": "threshold_m"},
+    r.Hint: {"safe_distance_m": "threshold_m"},
+    r.Cancel: {"safe_distance_m": "release_m", "held_ns": None},
+    r.Release: {"safe_distance_m": "release_m", "held_ns": None},
+    r.EventRaised: {"value": "limit"},
+    r.Refusal: {"value": "limit"},
+    r.GuardRefusal: {"value": "limit"},
+    r.PlanChecked: {"duration_s": None, "min_clearance_m": None},
+}
+_BUTTON = {
+    "distance_m": None,
+    "previous_m": None,
+    "nearer_m": "nearer_limit_m",
+    "beside_px": "beside_limit_px",
+    "anchor_m": None,
+    "focal_px": None,
+}
+_OF_BUTTON = (r.Press, r.Hint, r.Cancel, r.Release)
+_SOURCES = {"anchor_m": "anchor_method", "focal_px": "focal_source"}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Check:
+    """A value that decided, with its limit; None: not recorded, or without one."""
+
+    name: str
+    value: float | None
+    limit: float | None = None
+    source: str = ""  # where it is from: measured, assumed
+
+    @property
+    def margin(self) -> float | None:
+        """How far the value is below its limit."""
+        return None if self.value is None or self.limit is None else self.limit - self.value
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Step:
+    """One hop. at_ns: monotonic, None where the trail does not hold it; record: the one that tells of it."""
+
+    hop: Hop
+    at_ns: int | None
+    record: Record | None = None
+    checks: tuple[Check, ...] = ()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Explanation:
+    """The hops around one record, in their order."""
+
+    about: Record
+    steps: tuple[Step, ...] = field(default=())
+
+
+def explain(found: list[Record], sequence: int) -> Explanation:
+    """Why record `sequence` came about. Raises AuditError when the trail has no such record."""
+    about = next((record for record in found if record.sequence == sequence), None)
+    if about is None:
+        last = found[-1].sequence if found else 0
+        raise AuditError(AuditFault.NO_RECORD, sequence=sequence, last=last)
+    steps = list(_Thread(found, about).steps())
+    if all(step.record is not about for step in steps):
+        steps.append(_step(Hop.RECORDED, about.monotonic_ns, about))
+    return Explanation(about=about, steps=tuple(steps))
+
+
+def explain_file(path: Any, sequence: int) -> Explanation:
+    """The same from a file."""
+    return explain(records(path), sequence)
+
+
+class _Thread:
+    """The records that belong to one."""
+
+    def __init__(self, found: list[Record], about: Record) -> None:
+        self._found = found
+        self._about = about
+
+    def steps(self) -> Iterator[Step]:
+        body = self._about.body
+        if isinstance(body, r.Stop):
+            yield from self._stop(self._about, body)
+        elif isinstance(body, r.EventRaised | r.EventCleared):
+            yield from self._event(body.event)
+        else:
+            yield from self._command()
+
+    def _command(self) -> Iterator[Step]:
+        answer = self._answer()
+        end = self._first(r.ActionEnd, lambda body: body.number == _number(answer), after=answer)
+        up = self._button_up(answer)
+        press = self._press(up)
+        hint = self._about if isinstance(self._about.body, r.Hint) else None
+        onset = self._onset(up or press or hint or answer)
+        if onset or up or press or hint:
+            yield from _recognised(onset)
+        for hop, record in ((Hop.HINTED, hint), (Hop.PRESSED, press)):
+            if record is not None:
+                yield _step(hop, record.body.captured_ns, record)  # type: ignore[union-attr]
+        if up is not None:
+            hop = Hop.CANCELLED if isinstance(up.body, r.Cancel) else Hop.RELEASED
+            yield _step(hop, up.body.captured_ns, up)  # type: ignore[union-attr]
+        if answer is not None:
+            yield from self._answered(answer, end)
+
+    def _answered(self, answer: Record, end: Record | None) -> Iterator[Step]:
+        if isinstance(answer.body, r.Refusal):
+            yield _step(Hop.REFUSED, answer.body.refused_ns, answer)
+            return
+        assert isinstance(answer.body, r.Command)
+        yield _step(Hop.ACCEPTED, answer.body.accepted_ns, answer)
+        for plan in self._plans(answer, end):
+            yield _step(Hop.PLANNED, plan.monotonic_ns, plan)
+        if end is not None and isinstance(end.body, r.ActionEnd):
+            if end.body.first_command_ns:
+                yield _step(Hop.COMMANDED, end.body.first_command_ns, end)
+            if end.body.first_motion_ns:
+                yield _step(Hop.MOVED, end.body.first_motion_ns, end)
+            yield _step(Hop.ENDED, end.body.ended_ns, end)
+
+    def _answer(self) -> Record | None:
+        """The command or refusal that this record led to, or comes from."""
+        about, body = self._about, self._about.body
+        if isinstance(body, r.Command | r.Refusal):
+            return about
+        if isinstance(body, r.Release):
+            return self._answer_to(about)
+        if isinstance(body, r.Press):
+            up = self._button_up(None)
+            return self._answer_to(up) if up is not None and isinstance(up.body, r.Release) else None
+        number = body.command if isinstance(body, r.PlanChecked) else getattr(body, "number", 0)
+        if not isinstance(body, r.PlanChecked | r.ActionEnd | r.Transition):
+            return None
+        earlier = [one for one in self._of(r.Command) if one.sequence < about.sequence]
+        named = [one for one in earlier if isinstance(one.body, r.Command) and one.body.number == number]
+        return next(reversed(named or (earlier if isinstance(body, r.PlanChecked) and not number else [])), None)
+
+    def _answer_to(self, release: Record) -> Record | None:
+        moment = release.body.captured_ns  # type: ignore[union-attr]
+        answered = self._first(r.Command, lambda body: body.released_ns == moment, after=None)
+        return answered or self._first(r.Refusal, lambda body: body.released_ns == moment, after=None)
+
+    def _button_up(self, answer: Record | None) -> Record | None:
+        about, body = self._about, self._about.body
+        if isinstance(body, r.Release | r.Cancel):
+            return about
+        if isinstance(body, r.Press):
+            later = [one for one in (*self._of(r.Release), *self._of(r.Cancel)) if one.sequence > about.sequence]
+            return min(later, key=lambda one: one.sequence, default=None)
+        moment = getattr(answer.body, "released_ns", 0) if answer is not None else 0
+        return self._first(r.Release, lambda one: one.captured_ns == moment, after=None) if moment else None
+
+    def _press(self, up: Record | None) -> Record | None:
+        if isinstance(self._about.body, r.Press):
+            return self._about
+        if up is None:
+            return None
+        pressed_ns = getattr(up.body, "pressed_ns", 0)
+        earlier = [one for one in self._of(r.Press) if one.sequence < up.sequence]
+        exact = [one for one in earlier if pressed_ns and one.body.captured_ns == pressed_ns]  # type: ignore[union-attr]
+        return next(reversed(exact or ([] if pressed_ns else earlier)), None)
+
+    def _onset(self, of: Record | None) -> Record | None:
+        if isinstance(self._about.body, r.GestureOnset):
+            return self._about
+        moment = getattr(of.body, "recognised_ns", 0) if of is not None else 0
+        if not moment:
+            return None
+        return self._first(r.GestureOnset, lambda body: moment in (body.recognised_ns, body.captured_ns), after=None)
+
+    def _plans(self, answer: Record, end: Record | None) -> list[Record]:
+        """Those that name the command; in a trail from before they did, those between it and its end."""
+        number = _number(answer)
+        until = end.sequence if end is not None else self._found[-1].sequence + 1
+        between = [one for one in self._of(r.PlanChecked) if answer.sequence < one.sequence < until]
+        return [one for one in between if getattr(one.body, "command", 0) in (0, number)]
+
+    def _stop(self, record: Record, body: r.Stop) -> Iterator[Step]:
+        yield _step(Hop.SENT, body.sent_ns, record)
+        yield _step(Hop.RECEIVED, body.seen_ns, record)
+        raised = self._first(r.EventRaised, lambda one: one.raised_ns == body.seen_ns, after=None)
+        if raised is not None and body.seen_ns:
+            yield _step(Hop.RAISED, body.seen_ns, raised)
+        # Older trails hold the moment it was seen in both.
+        yield _step(Hop.COMMANDED, body.command_ns if body.command_ns != body.seen_ns else 0, record)
+        end = self._first(r.ActionEnd, lambda one: one.ended_ns == body.seen_ns, after=None)
+        if end is not None and body.seen_ns:
+            yield _step(Hop.ENDED, body.seen_ns, end)
+
+    def _event(self, event: str) -> Iterator[Step]:
+        about = self._about
+        raised = self._newest(r.EventRaised, event)
+        if raised is not None and isinstance(raised.body, r.EventRaised):
+            yield _step(Hop.RAISED, raised.body.raised_ns or raised.monotonic_ns, raised)
+            for one in self._of(r.Refusal):
+                since_ns = getattr(one.body, "raised_ns", 0)
+                if since_ns and since_ns == raised.body.raised_ns and getattr(one.body, "event", "") == event:
+                    yield _step(Hop.REFUSED, getattr(one.body, "refused_ns", 0), one)
+        since = raised.sequence if raised is not None else about.sequence - 1
+        cleared = self._first(r.EventCleared, lambda body: body.event == event, after_sequence=since)
+        if cleared is not None:
+            yield _step(Hop.CLEARED, cleared.monotonic_ns, cleared)
+
+    def _newest(self, kind: type, event: str) -> Record | None:
+        until = self._about.sequence
+        named = (one for one in self._of(kind) if one.sequence <= until and getattr(one.body, "event", "") == event)
+        return next(reversed(list(named)), None)
+
+    def _of(self, kind: type) -> list[Record]:
+        return [record for record in self._found if isinstance(record.body, kind)]
+
+    def _first(
+        self, kind: type[B], matches: Any, *, after: Record | None = None, after_sequence: int = -1
+    ) -> Record | None:
+        since = after.sequence if after is not None else after_sequence
+        return next((one for one in self._of(kind) if one.sequence > since and matches(one.body)), None)
+
+
+def _recognised(onset: Record | None) -> Iterator[Step]:
+    body = onset.body if onset is not None else None
+    votes_ns = body.vote_ns if isinstance(body, r.GestureOnset) else ()
+    yield _step(Hop.CAPTURED, votes_ns[0] if votes_ns else 0, None)
+    if isinstance(body, r.GestureOnset):
+        yield _step(Hop.RECOGNISED, body.captured_ns, onset)
+
+
+def _number(answer: Record | None) -> int:
+    return answer.body.number if answer is not None and isinstance(answer.body, r.Command) else -1
+
+
+def _step(hop: Hop, at_ns: int, record: Record | None) -> Step:
+    tells = record is not None and hop not in {Hop.COMMANDED, Hop.MOVED, Hop.SENT}  # told once a record
+    return Step(hop=hop, at_ns=at_ns or None, record=record, checks=_checks(record.body) if record and tells else ())
+
+
+def _checks(body: Body) -> tuple[Check, ...]:
+    pairs = _LIMITS.get(type(body), {}) | (_BUTTON if isinstance(body, _OF_BUTTON) else {})
+    quantity = getattr(body, "quantity", "")
+    return tuple(
+        Check(
+            name=quantity or name if name == "value" else name,
+            value=getattr(body, name),
+            limit=getattr(body, limit) if limit else None,
+            source=getattr(body, _SOURCES.get(name, ""), ""),
+        )
+        for name, limit in pairs.items()
+        if name != "value" or quantity
+    )
+
+
+def lines(explanation: Explanation, render: Render) -> Iterator[str]:
+    """As text, safe for a terminal."""
+    first_ns = before_ns = next((step.at_ns for step in explanation.steps if step.at_ns), 0)
+    about = explanation.about
+    yield sanitize_terminal(f"#{about.sequence} {kind_of(about.body)}: {record_text(about.body, render)}")
+    for step in explanation.steps:
+        if step.at_ns is None:
+            when = text_of(Reason(key_of(HopNote.NOT_RECORDED)), render)
+        else:
+            values: dict[str, Any] = {
+                "from_first_ms": (step.at_ns - first_ns) / 1e6,
+                "hop_ms": (step.at_ns - before_ns) / 1e6,
+            }
+            when = text_of(Reason(key_of(HopNote.FROM_FIRST), values), render)
+            before_ns = step.at_ns
+        mark = "►" if step.record is about else " "
+        reference = f" [#{step.record.sequence}]" if step.record is not None else ""
+        yield sanitize_terminal(f"{mark} {when}  {text_of(Reason(key_of(step.hop)), render)}{reference}")
+        if step.record is not None and step.record is not about and step.checks:
+            yield sanitize_terminal(f"      {record_text(step.record.body, render)}")
+        yield from (sanitize_terminal(f"      {_text(check, render)}") for check in step.checks)
+
+
+# Quantities with a wording; the guard's are shown as they are recorded.
+NAMED = frozenset(
+    {
+        "confidence",
+        "votes",
+        "safe_distance_m",
+        "held_ns",
+        "distance_m",
+        "previous_m",
+        "nearer_m",
+        "beside_px",
+        "anchor_m",
+        "focal_px",
+        "duration_s",
+        "min_clearance_m",
+        "late_ms",
+        "following_rad",
+        "drift_rad_s",
+        "temperature_c",
+        "speed_rad_s",
+        "torque_nm",
+        "angle_rad",
+        "pose_error_rad",
+        "frame_age_ms",
+        "message_age_ms",
+        "answer_age_ms",
+        "waiting_records",
+        "slept_s",
+        "step_s",
+        "rejected_messages",
+        "stop_presses",
+    }
+)
+
+
+def _text(check: Check, render: Render) -> str:
+    name = text_of(Reason(f"compared.{check.name}"), render) if check.name in NAMED else check.name
+    values: dict[str, Any] = {"name": name, "value": _shown(check.name, check.value, render)}
+    if check.source:
+        values["value"] += f" ({check.source})"
+    if check.limit is None:
+        return text_of(Reason(key_of(HopNote.MEASURED), values), render)
+    values["limit"] = _shown(check.name, check.limit, render)
+    values["margin"] = _shown(check.name, check.margin, render)
+    return text_of(Reason(key_of(HopNote.COMPARED), values), render)
+
+
+# Suffix of a name → how its values are shown.
+_UNITS = (  # longer suffixes come first
+    ("_rad_s", 1.0, "rad/s"),
+    ("_rad", degrees(1.0), "°"),
+    ("_nm", 1.0, "Nm"),
+    ("_ns", 1e-6, "ms"),
+    ("_ms", 1.0, "ms"),
+    ("_px", 1.0, "px"),
+    ("_m", 100.0, "cm"),
+    ("_c", 1.0, "°C"),
+    ("_s", 1.0, "s"),
+)
+
+
+def _shown(name: str, value: float | None, render: Render) -> str:
+    if value is None:
+        return text_of(Reason(key_of(HopNote.NOT_RECORDED)), render)
+    factor, unit = next(((factor, unit) for end, factor, unit in _UNITS if name.endswith(end)), (1.0, ""))
+    return f"{value * factor:.4g} {unit}".strip()
+
+
+def to_values(explanation: Explanation) -> dict[str, Any]:
+    """For JSON: numbers as recorded, in SI units and nanoseconds; null: not recorded then."""
+    return {
+        "sequence": explanation.about.sequence,
+        "record": msgspec.to_builtins(explanation.about),
+        "hops": list(_hops(explanation.steps)),
+    }
+
+
+def _hops(steps: Iterable[Step]) -> Iterator[dict[str, Any]]:
+    before_ns: int | None = None
+    for step in steps:
+        known = step.at_ns is not None and before_ns is not None
+        yield {
+            "hop": step.hop.value,
+            "at_ns": step.at_ns,
+            "since_previous_ns": step.at_ns - before_ns if known else None,  # type: ignore[operator]
+            "record": step.record.sequence if step.record is not None else None,
+            "compared": [
+                {"name": one.name, "value": one.value, "limit": one.limit, "margin": one.margin, "source": one.source}
+                for one in step.checks
+            ],
+        }
+        before_ns = step.at_ns or before_ns

@@ -1,0 +1,175 @@
+"""`rleex audit explain`: from a trail alone, each hop with the values that decided, equal to the live ones."""
+
+from __future__ import annotations
+
+import json
+from itertools import pairwise
+from pathlib import Path
+
+import pytest
+from msgspec.structs import replace
+from typer.testing import CliRunner
+
+from app.cli import cli
+from app.ipc.states import GESTURE_OF
+from app.text.catalogue import render, use_language
+from app.text.compile import entries
+from app.text.recorded import render_recorded
+from logs.disk import Disk
+from logs.errors import AuditError, AuditFault
+from logs.explain import NAMED, Explanation, Hop, Step, explain, explain_file, lines, to_values
+from logs.keys import load_or_make_key
+from logs.read import records
+from logs.records import ActionEnd, Body, Cancel, Command, Press, Record, Refusal, Release, Stop
+from tests.app.control.moments import A, K, moving, now, standing
+from tests.app.perception.test_reporting import ONE, OVER, push
+from tests.support.audit_trails import write_session
+
+SCHEMA1 = Path(__file__).parent / "data" / "schema1"
+
+
+def trail(folder: Path, bodies: list[Body]) -> list[Record]:
+    (folder / "logs").mkdir()
+    path = write_session(folder / "logs", "s1", load_or_make_key(folder / "keys"), Disk(), tuple(bodies))
+    return records(path)
+
+
+def only(found: list[Record], kind: type[Body]) -> Record:
+    (record,) = (record for record in found if isinstance(record.body, kind))
+    return record
+
+
+def hops(explanation: Explanation) -> list[Hop]:
+    return [step.hop for step in explanation.steps]
+
+
+def at(explanation: Explanation, hop: Hop) -> Step:
+    return next(step for step in explanation.steps if step.hop is hop)
+
+
+def walked() -> list[Body]:
+    """A press at the camera, and control's records of its release."""
+    _, seen = push(*((safe_m, ONE, OVER) for safe_m in (0.3, 0.22, 0.195, 0.19, 0.25)))
+    (release,) = (body for body in seen if isinstance(body, Release))
+    rig = standing()
+    rig.audit.clear()
+    rig.report = {"released_recognised_ns": release.recognised_ns}
+    rig.release(GESTURE_OF[A.SIT_DOWN])
+    rig.tick(30)
+    rig.settle()
+    released_ns = next(body.released_ns for body in rig.audit if isinstance(body, Command))
+    timed = (replace(body, captured_ns=released_ns) if isinstance(body, Release) else body for body in seen)
+    return [*timed, *rig.audit]
+
+
+def test_a_command_is_explained_from_its_first_frame_to_its_end(tmp_path: Path) -> None:
+    bodies = walked()
+    found = trail(tmp_path, bodies)
+    end = only(found, ActionEnd)
+    explanation = explain(found, end.sequence)
+    wanted = [Hop.CAPTURED, Hop.RECOGNISED, Hop.PRESSED, Hop.RELEASED, Hop.ACCEPTED]
+    assert hops(explanation)[:5] == wanted
+    assert hops(explanation)[-3:] == [Hop.COMMANDED, Hop.MOVED, Hop.ENDED]
+    assert Hop.PLANNED in hops(explanation)
+    assert isinstance(end.body, ActionEnd)
+    assert at(explanation, Hop.COMMANDED).at_ns == end.body.first_command_ns
+    for kind in (Press, Release, Command):
+        assert hops(explain(found, only(found, kind).sequence)) == hops(explanation)
+
+
+def test_each_compared_value_is_the_live_one(tmp_path: Path) -> None:
+    reports, seen = push(*((safe_m, ONE, OVER) for safe_m in (0.3, 0.22, 0.195, 0.19, 0.25)))
+    found = trail(tmp_path, seen)
+    explanation = explain(found, only(found, Release).sequence)
+    for hop, report in ((Hop.PRESSED, reports[2]), (Hop.RELEASED, reports[4])):
+        live = report.button.compared
+        assert live is not None
+        told = {check.name: check for check in at(explanation, hop).checks}
+        limit_m = live.threshold_m if hop is Hop.PRESSED else live.release_m
+        assert (told["safe_distance_m"].value, told["safe_distance_m"].limit) == (live.distance_m, limit_m)
+        assert (told["nearer_m"].value, told["nearer_m"].limit) == (live.nearer_m, live.nearer_limit_m)
+        assert (told["beside_px"].value, told["beside_px"].limit) == (live.beside_px, live.beside_limit_px)
+        assert (told["focal_px"].value, told["focal_px"].source) == (610.0, "assumed")
+    assert at(explanation, Hop.CAPTURED).at_ns == reports[0].vote_ns[0]
+    told = {check.name: check for check in at(explanation, Hop.PRESSED).checks}
+    assert told["safe_distance_m"].margin == pytest.approx(0.005)
+
+
+def test_a_cancel_is_explained_with_its_press(tmp_path: Path) -> None:
+    _, seen = push((0.3, ONE, OVER), (0.22, ONE, OVER), (0.195, ONE, OVER), (0.19, None, OVER))
+    found = trail(tmp_path, seen)
+    explanation = explain(found, only(found, Cancel).sequence)
+    assert hops(explanation)[-2:] == [Hop.PRESSED, Hop.CANCELLED]
+
+
+def test_stop_is_explained_from_the_key_to_the_joint_command(tmp_path: Path) -> None:
+    rig = moving()
+    rig.audit.clear()
+    rig.send(K.STOP)
+    rig.tick(2)
+    found = trail(tmp_path, rig.audit)
+    explanation = explain(found, only(found, Stop).sequence)
+    assert hops(explanation) == [Hop.SENT, Hop.RECEIVED, Hop.RAISED, Hop.COMMANDED, Hop.ENDED]
+    assert at(explanation, Hop.SENT).at_ns == now(rig).stop_ns
+    assert at(explanation, Hop.RECEIVED).at_ns == now(rig).stop_received_ns
+    assert at(explanation, Hop.COMMANDED).at_ns == now(rig).stop_command_ns > now(rig).stop_received_ns
+
+
+def test_a_refusal_by_an_event_is_explained_with_its_numbers(tmp_path: Path) -> None:
+    rig = standing()
+    rig.audit.clear()
+    rig.spoil["late_ns"] = 25_000_000
+    rig.tick()
+    rig.send(K.ACT, A.SIT_DOWN)
+    rig.tick()
+    found = trail(tmp_path, rig.audit)
+    (check,) = at(explain(found, only(found, Refusal).sequence), Hop.REFUSED).checks
+    assert (check.name, check.value, check.limit, check.margin) == ("late_ms", 25.0, 20.0, -5.0)
+
+
+@pytest.mark.parametrize("language", ["en", "zh"])
+def test_every_record_is_explained_in_both_languages(tmp_path: Path, language: str) -> None:
+    use_language(language)
+    bodies = walked()
+    try:
+        for record in (found := trail(tmp_path, bodies)):
+            text = list(lines(explain(found, record.sequence), render_recorded))
+            assert len(text) > 1
+            assert any(line.startswith("►") for line in text)
+            assert not any("{" in line or "compared." in line or "Hop" in line for line in text)
+            json.dumps(to_values(explain(found, record.sequence)))
+    finally:
+        use_language("en")
+
+
+def test_what_an_older_trail_lacks_was_not_recorded_then() -> None:
+    path = next(SCHEMA1.rglob("whole.jsonl"))
+    found = records(path)
+    for record in found:
+        assert list(lines(explain(found, record.sequence), render_recorded))
+    press = only(found, Press)
+    text = "\n".join(lines(explain(found, press.sequence), render_recorded))
+    assert "not recorded then" in text
+    assert at(explain(found, press.sequence), Hop.CAPTURED).at_ns is None
+
+
+def test_the_command_prints_text_or_json_and_refuses_a_number_that_is_none(tmp_path: Path) -> None:
+    bodies = walked()
+    found = trail(tmp_path, bodies)
+    sequence = str(only(found, Command).sequence)
+    around = ("audit", "explain", "s1")
+    text = CliRunner().invoke(cli, [*around, sequence, "--home", str(tmp_path)])
+    assert (text.exit_code, "safe distance, which decides: 19.5 cm, limit 20 cm" in text.output) == (0, True)
+    told = json.loads(CliRunner().invoke(cli, [*around, sequence, "--json", "--home", str(tmp_path)]).output)
+    # A plan's moment is that of its record's envelope, which this writer makes up.
+    moments = [hop["at_ns"] for hop in told["hops"] if hop["hop"] != "planned"]
+    assert all(before <= after for before, after in pairwise(moments))
+    with pytest.raises(AuditError) as refused:
+        explain_file(tmp_path / "logs" / "s1.jsonl", 10_000)
+    assert refused.value.code is AuditFault.NO_RECORD
+    assert "10000" in render(refused.value)
+
+
+def test_each_named_quantity_is_worded() -> None:
+    keys = {key.removeprefix("compared.") for key in entries("en") if key.startswith("compared.")}
+    assert keys == NAMED
