@@ -321,6 +321,12 @@ FLOATS = [
     for parameter in command.params
     if parameter.bare_type() == "float"
 ]
+SEEDS = [
+    (path, parameter.name)
+    for path, command in COMMANDS.items()
+    for parameter in command.params
+    if "seed" in parameter.name and parameter.bare_type() == "int"
+]
 
 
 def call(path: tuple[str, ...], name: str, value: str) -> None:
@@ -361,9 +367,16 @@ def test_a_number_that_is_none_is_refused(path: tuple[str, ...], name: str, valu
         assert caught.value.code is CliFault.NOT_FINITE
 
 
+@pytest.mark.parametrize(("path", "name"), SEEDS)
+def test_a_seed_below_0_is_refused(path: tuple[str, ...], name: str) -> None:
+    with pytest.raises(typer.BadParameter):
+        call(path, name, "-1")
+
+
 def test_all_outputs_and_numbers_of_the_command_line_are_tried() -> None:
     assert len(OUTPUTS) >= 20
     assert len(FLOATS) >= 8
+    assert len(SEEDS) >= 3
 
 
 @pytest.mark.parametrize(

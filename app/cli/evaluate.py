@@ -284,7 +284,7 @@ def trigger(
 @cli.command()
 def idle(
     frames: Annotated[int, typer.Option(help="Frames to simulate.", min=100)] = 100_000,
-    seed: Annotated[int, typer.Option(help="Another seed, other hands and movements.")] = 1,
+    seed: Annotated[int, typer.Option(help="Another seed, other hands and movements.", min=0)] = 1,
     json_file: Json = None,
     home: HomeFolder = None,
 ) -> None:
