@@ -53,6 +53,7 @@ class TriggerReport(Struct, frozen=True, kw_only=True, tag="trigger"):
     detector_ready: bool = True  # False while the hand model is loading
     depth_distance_m: float | None = None  # measured by a depth camera, for comparison
     depth_pressed: bool = False
+    focal_assumed: bool = False  # distances rest on an assumed focal length, no calibration corrects it
     press_zone: PressZone | None = None  # None until a frame has told the focal length
 
 

@@ -11,7 +11,7 @@ from app.perception.reporting import MeasuredRate, Scale
 from app.system.config import SessionSetup
 from app.system.hand_model import find_model
 from app.system.paths import Home
-from hal.cameras.camera import Camera, Frame
+from hal.cameras.camera import Camera, Frame, IntrinsicsSource
 from hal.cameras.factory import open_camera
 from kgdfa.button import RADIUS_SHARE, ButtonMode, ButtonPlace
 from kgdfa.depth import DepthRange
@@ -25,7 +25,7 @@ from kgdfa.robust import RobustRules
 from kgdfa.robust_distance import RobustRange
 from logs import records
 from logs.reason import Reason, reason, reason_of
-from profiles.palm import ReferenceSegment, reference_segment
+from profiles.palm import ReferenceSegment, ReferenceSource, reference_segment
 
 if TYPE_CHECKING:
     from kgdfa.keypoints import HandDetector
@@ -129,6 +129,12 @@ def scale_of(setup: SessionSetup, frame: Frame, camera: str) -> Scale:
         focal_px=lens.fx_px,
         focal_source=lens.source.value,
     )
+
+
+def rests_on_assumption(scale: Scale) -> bool:
+    """Whether distances rest on an assumed focal length; a calibration solves f·H, whatever f is."""
+    assumed = scale.focal_source == IntrinsicsSource.ASSUMED.value
+    return assumed and scale.anchor_method != ReferenceSource.CALIBRATED.value
 
 
 def camera_records(

@@ -188,6 +188,7 @@ class Perception:
             camera_fault=self._camera.fault,
             hint=self._hint,
             detector_ready=self._ready,
+            focal_assumed=self._scale is not None and assembly.rests_on_assumption(self._scale),
             press_zone=self._zone,
         )
         self._reports.send(to_message(report, context, captured_ns))

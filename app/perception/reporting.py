@@ -35,6 +35,7 @@ class Context:
     camera_fault: Reason | None = None
     hint: Reason | None = None
     detector_ready: bool = True
+    focal_assumed: bool = False
     press_zone: PressZone | None = None
 
 
@@ -59,6 +60,7 @@ def _without_hand(context: Context, captured_ns: int) -> TriggerReport:
         camera_fault=context.camera_fault,
         hint=context.hint,
         detector_ready=context.detector_ready,
+        focal_assumed=context.focal_assumed,
         press_zone=context.press_zone,
     )
 

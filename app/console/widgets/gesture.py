@@ -103,9 +103,12 @@ def _figure(report: TriggerReport, width: int) -> Line:
     if report.distance_m is None:
         return ((tr("distance.none"), "$text-muted"), (limit, "$text-muted"))
     figure = f"{report.distance_m * 100:5.1f} ± {report.distance_sd_m * 200:.1f} cm  "
-    if cells(figure + limit) > width:
+    assumed = f"{tr('distance.assumed')}  " if report.focal_assumed else ""
+    if cells(figure + assumed + limit) > width:
         limit = f"< {report.threshold_m * 100:.0f}"  # a second line would push the button out of the panel
-    return ((figure, "bold"), (limit, "$text-muted"))
+    if cells(figure + assumed + limit) > width:
+        assumed = "≈ "  # nothing but the sign fits
+    return ((figure, "bold"), (assumed, "$warning"), (limit, "$text-muted"))
 
 
 def _gauge_line(report: TriggerReport, width: int) -> Line:

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import pytest
+
 from app.console.state import NO_NOTE, READABLE_NS, note
+from app.console.widgets.gesture import _figure
+from app.console.widgets.panel import cells
 from app.ipc.messages import TriggerReport
 from kgdfa.button import PressCancel, PressHint
 from logs.reason import reason
@@ -36,3 +40,12 @@ def test_a_cancel_is_noted_once_and_an_old_one_of_before_is_not() -> None:
     noted = note(seen, _report(cancel_count=4, cancel_reason=LOST), 10)
     assert (noted.reason, noted.cancelled) == (LOST, True)
     assert note(noted, _report(cancel_count=4, cancel_reason=LOST), READABLE_NS + 20).reason is None
+
+
+@pytest.mark.parametrize(("width", "mark"), [(60, "lens assumed"), (26, "≈")])
+def test_an_assumed_focal_length_is_marked_beside_the_distance(width: int, mark: str) -> None:
+    for assumed in (True, False):
+        figure = _figure(_report(distance_m=0.3, distance_sd_m=0.01, focal_assumed=assumed), width)
+        text = "".join(part for part, _ in figure)
+        assert (mark in text) is assumed
+        assert cells(text) <= width

@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from app.perception.pipeline import rests_on_assumption
 from app.perception.reporting import Context, MeasuredRate, Scale, frames_per_second, records_between, to_message
 from kgdfa.button import (
     ButtonComparison,
@@ -202,3 +203,13 @@ def test_the_message_tells_where_a_press_works_with_a_hand_and_without() -> None
     around = replace(AROUND, press_zone=zone)
     assert to_message(REPORT, around, captured_ns=5).press_zone == zone
     assert to_message(None, around, captured_ns=5).press_zone == zone
+
+
+@pytest.mark.parametrize(
+    ("focal", "anchor", "rests"),
+    [("assumed", "estimated", True), ("assumed", "calibrated", False), ("given", "estimated", False)],
+)
+def test_distances_that_rest_on_an_assumed_focal_length_are_marked(focal: str, anchor: str, rests: bool) -> None:
+    scale = replace(SCALE, focal_source=focal, anchor_method=anchor)
+    assert rests_on_assumption(scale) is rests
+    assert to_message(REPORT, replace(AROUND, focal_assumed=rests), captured_ns=5).focal_assumed is rests
