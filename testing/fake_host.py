@@ -63,6 +63,7 @@ class FakeHost:
     started: bool = False
     closed: bool = False
     beats: int = 0
+    silenced: bool = False
     state: GaitState = GaitState.UNPOWERED
     effect: Effect = Effect.NOTE
     armed: bool = False
@@ -103,6 +104,9 @@ class FakeHost:
 
     def heartbeat(self) -> None:
         self.beats += 1
+
+    def silence(self) -> None:
+        self.silenced = True
 
     def move_hand(self, command: HandCommand) -> None:
         self.hands.append(command)

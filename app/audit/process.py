@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 import platform
+import shutil
 import signal
 import sys
 import threading
@@ -61,6 +62,7 @@ def run_audit(setup: SessionSetup) -> None:
         done = loop.end()
     receiver.close()
     writer.close()
+    loop.remove_links()
     if not done:
         sys.stderr.write(f"{writer.fault}\n")
         sys.exit(1)
@@ -138,6 +140,11 @@ class _AuditLoop:
             time.sleep(0.1)
         return True
 
+    def remove_links(self) -> None:
+        """The sockets' directory, which a console that has died could not remove."""
+        if self._orphaned:
+            shutil.rmtree(self._setup.links, ignore_errors=True)
+
     def _take_waiting(self) -> None:
         entry = self._receiver.receive(WAIT_S)
         taken = 0
@@ -165,8 +172,11 @@ class _AuditLoop:
         idle_s = (time.monotonic_ns() - self._received_ns) / 1e9
         if self._ending:
             return idle_s > IDLE_S
-        orphan = self._setup.console_pid != 0 and os.getppid() != self._setup.console_pid
-        return orphan and idle_s > ORPHAN_IDLE_S
+        return self._orphaned and idle_s > ORPHAN_IDLE_S
+
+    @property
+    def _orphaned(self) -> bool:
+        return self._setup.console_pid != 0 and os.getppid() != self._setup.console_pid
 
     def _notice(self, notice: Notice, **values: object) -> None:
         self._record(EventRaised(event=notice.value, effect="note", text=reason(notice, **values)))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import signal
 import time
 from collections.abc import Iterable
 from contextlib import suppress
@@ -16,11 +15,14 @@ from textual.app import SystemCommand
 from textual.binding import BindingType
 from textual.css.query import NoMatches
 from textual.driver import Driver
+from textual.drivers.linux_driver import LinuxDriver
 from textual.screen import Screen
 
 from app.console import keys
+from app.console.ending import Ending
 from app.console.keys import commands
 from app.console.live import Clock, HostFactory, preload_modules
+from app.console.observer import unshare
 from app.console.operator import Idle
 from app.console.screens.base import ConsoleScreen, Dialog
 from app.console.screens.dialogs import Question
@@ -29,7 +31,7 @@ from app.console.screens.patients import PatientsScreen
 from app.console.screens.signin import LockScreen, SignInDialog
 from app.console.session_flow import SessionFlow
 from app.console.state import ProcessFault, newly_ended
-from app.console.stop import with_stop
+from app.console.terminal import TerminalDriver, TerminalEvents, with_stop
 from app.console.themes import THEME_NAMES, THEMES
 from app.session.host import ProcessStatus, SessionHost
 from app.system.config import Config
@@ -83,15 +85,32 @@ class ConsoleApp(SessionFlow):
         self._profile = profile
         self._language = config.language
         self._leaving = False
+        self._terminal: TerminalDriver | None = None  # None: no terminal's thread takes STOP
+        self._loop_of_console: asyncio.AbstractEventLoop | None = None
+        self._ending = Ending(self._lose_console, self._ask_to_end, self._restore_terminal)
         self._idle = Idle(touched_s=time.monotonic(), limit_s=config.idle_lock_s)
 
     def get_driver_class(self) -> type[Driver]:
         """The terminal's driver, with STOP taken out of the input first."""
-        return with_stop(super().get_driver_class(), lambda: self.switch)
+        base = super().get_driver_class()
+        return TerminalDriver if base is LinuxDriver else with_stop(base, lambda: self.switch)
+
+    @property
+    def terminal_events(self) -> TerminalEvents:
+        """What the terminal's driver reports to."""
+        return TerminalEvents(
+            switch=lambda: self.switch,
+            input_alive=self._input_alive,
+            lost=self._ending.begin,
+            repaint=self._paint_anew,
+            attached=self._use_terminal,
+        )
 
     async def on_mount(self) -> None:
         self.set_keymap(self.config.keys)
-        self._end_on_signals()
+        self._loop_of_console = asyncio.get_running_loop()
+        if self._terminal is not None:
+            self._ending.on_signals()
         self.set_interval(TICK_S, self._tick)
         if self._profile is not None and self.read_only:
             await self.begin_session(self._profile, self.config)  # who only watches moves nobody: no sign-in
@@ -218,6 +237,8 @@ class ConsoleApp(SessionFlow):
         state = None
         if self.live is not None and not self.live.closed:
             before = self.live.state.processes
+            if self._terminal is None:
+                self.live.input_alive()
             state = self.live.tick()
             if not (self.live.ending or self.read_only):
                 self._record_ended(newly_ended(before, state.processes))
@@ -240,10 +261,35 @@ class ConsoleApp(SessionFlow):
         if yes:
             await self._end_now()
 
-    def _end_on_signals(self) -> None:
-        loop = asyncio.get_running_loop()
-        for number in (signal.SIGTERM, signal.SIGHUP):
-            loop.add_signal_handler(number, lambda: loop.create_task(self._end_now()))
+    def _use_terminal(self, terminal: TerminalDriver) -> None:
+        self._terminal = terminal
+
+    def _input_alive(self) -> None:
+        live = self.live
+        if live is not None:
+            live.input_alive()
+
+    def _paint_anew(self) -> None:
+        loop = self._loop_of_console
+        if loop is not None:
+            with suppress(RuntimeError):  # closed meanwhile
+                loop.call_soon_threadsafe(self.refresh)
+
+    def _lose_console(self) -> None:
+        live = self.live
+        if live is not None:
+            live.console_lost()
+
+    def _ask_to_end(self) -> None:
+        loop = self._loop_of_console
+        if loop is not None:
+            loop.call_soon_threadsafe(lambda: loop.create_task(self._end_now()))
+
+    def _restore_terminal(self) -> None:
+        if self.live is not None and not self.read_only:
+            unshare(self.home)
+        if self._terminal is not None:
+            self._terminal.restore()
 
     async def _end_now(self) -> None:
         await asyncio.to_thread(self.close_live)

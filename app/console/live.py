@@ -47,10 +47,21 @@ class LiveSession:
         self.state = replace(self.state, fault=why)
 
     def tick(self) -> SessionState:
-        """Say that the event loop lives, and take what has arrived."""
-        self.host.heartbeat()
+        """Take what has arrived."""
         self.state = fold(self.state, self.host.poll(), self._clock())
         return self.state
+
+    def input_alive(self) -> None:
+        """STOP can be given: whoever takes it runs. From any thread."""
+        if not self.closed:
+            self.host.heartbeat()
+
+    def console_lost(self) -> None:
+        """The console ends, and waits for nobody: no further heartbeat, the legs come to rest. From any thread."""
+        self.ending = True
+        if not self.closed:
+            self.host.silence()
+            self.host.send(OperatorKind.SHUT_DOWN)
 
     def at_rest(self) -> None:
         """Control has ended: nothing can move, and the STOP key is a key again."""
@@ -88,7 +99,11 @@ class Host(Protocol):
         ...
 
     def heartbeat(self) -> None:
-        """The event loop is alive."""
+        """STOP can be given."""
+        ...
+
+    def silence(self) -> None:
+        """STOP can't be given any more."""
         ...
 
     def move_hand(self, command: HandCommand) -> None:

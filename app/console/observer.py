@@ -81,6 +81,9 @@ class ObserverHost:
     def heartbeat(self) -> None:
         """An observer's life means nothing to control."""
 
+    def silence(self) -> None:
+        """Nor does its end."""
+
     def move_hand(self, command: HandCommand) -> None:
         """An observer moves nothing."""
 

@@ -13,7 +13,6 @@ from dataclasses import dataclass
 from enum import Enum
 
 from textual import events
-from textual.driver import Driver
 from textual.geometry import Region
 from textual.message import Message
 
@@ -110,14 +109,3 @@ class StopSwitch:
 
     def _hit(self, click: events.MouseDown) -> bool:
         return self.region.contains(click.screen_x, click.screen_y)
-
-
-def with_stop(base: type[Driver], switch: Callable[[], StopSwitch]) -> type[Driver]:
-    """The terminal driver, with STOP taken out of the input before the event loop gets it."""
-
-    class StopDriver(base):  # type: ignore[misc, valid-type]  # the base is known at run time only
-        def process_message(self, message: Message) -> None:
-            if not switch().takes(message):
-                super().process_message(message)
-
-    return StopDriver

@@ -1,7 +1,8 @@
 """What every process of a session runs first, and when perception is started again.
 
-Ctrl-C reaches the whole process group; only the console may act on it, so that the legs are brought to rest in
-order. Native libraries write to stderr as they please, which would tear the console's screen: it goes to a file.
+Ctrl-C and the hang-up of the terminal reach the whole process group; only the console and control may act on them, so
+that the legs are brought to rest in order. Native libraries write to stderr as they please, which would tear the
+console's screen: it goes to a file.
 """
 
 from __future__ import annotations
@@ -35,6 +36,7 @@ _log = get_logger("process")
 def run_process(name: str, setup: SessionSetup) -> None:
     """Run one process of the session to its end; exit status 1, with the traceback in its log, on a defect."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGHUP, signal.SIG_IGN)
     set_oom_score_adj(name)
     home = Home(setup.home)
     start_log(home, name, session=setup.session, patient=setup.profile.identifier)

@@ -49,8 +49,8 @@ M = TypeVar("M", bound=msgspec.Struct)
 START_ORDER: tuple[str, ...] = ("audit", "perception", "guardian", "planner", "control")
 # Control holds (0.15 s), damps and disables; then the others have nothing left to send.
 END_PATIENCE_S = {"control": 6.0, "perception": 2.0, "planner": 2.0, "guardian": 2.0, "bus-log": 2.0, "audit": 5.0}
-# The event loop may be busy for a moment without the legs stopping; STOP itself does not pass through it.
-EVENT_LOOP_TIMEOUT_S = 1.0
+# The heartbeat says that STOP can be given. The terminal's input thread, which takes STOP, reports every 0.1 s.
+INPUT_TIMEOUT_S = 0.5
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -109,6 +109,7 @@ class SessionHost:
         self._lock = threading.Lock()
         self._sequence = 0
         self._heartbeat_s = time.monotonic()
+        self._silent = False
         self._ending = threading.Event()
         self._heartbeat_thread = threading.Thread(target=self._send_heartbeats, name="operator-heartbeat", daemon=True)
         self._snapshots = self._subscribe(streams.SNAPSHOT.name, ControlSnapshot)
@@ -129,8 +130,10 @@ class SessionHost:
         self.send(OperatorKind.SHUT_DOWN)
         self._end("control")
         self._ending.set()
-        for name in ("perception", "planner", "guardian", "bus-log", "audit"):
+        for name in ("perception", "planner", "guardian", "bus-log"):
             self._end(name)
+        shutil.rmtree(self.setup.links, ignore_errors=True)  # all that audit receives is connected
+        self._end("audit")
         for link in (
             self._operator,
             self._perception,
@@ -140,7 +143,6 @@ class SessionHost:
             self._audit,
         ):
             link.close()
-        shutil.rmtree(self.setup.links, ignore_errors=True)
 
     def send(self, kind: OperatorKind, action: Action | None = None, note: str = "") -> int:
         """Send an operator command to control; returns its sequence, which control acknowledges."""
@@ -159,8 +161,12 @@ class SessionHost:
             return self._sequence
 
     def heartbeat(self) -> None:
-        """The console's event loop runs; without it the heartbeat to control ends."""
+        """STOP can be given: whoever takes it runs. Without it the heartbeat to control ends."""
         self._heartbeat_s = time.monotonic()
+
+    def silence(self) -> None:
+        """STOP can't be given any more: no further heartbeat."""
+        self._silent = True
 
     def move_hand(self, command: HandCommand) -> None:
         """Move the digital hand, where the camera is one."""
@@ -230,7 +236,7 @@ class SessionHost:
     def _send_heartbeats(self) -> None:
         set_scheduling("heartbeat")
         while not self._ending.wait(1.0 / streams.OPERATOR.rate_hz):
-            if time.monotonic() - self._heartbeat_s < EVENT_LOOP_TIMEOUT_S:
+            if not self._silent and time.monotonic() - self._heartbeat_s < INPUT_TIMEOUT_S:
                 self.send(OperatorKind.HEARTBEAT)
 
     def _subscribe(self, name: str, kind: type[M]) -> LatestReceiver[M]:

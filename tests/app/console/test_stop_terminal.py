@@ -1,79 +1,312 @@
-"""STOP through a real terminal while the event loop is stuck: the input thread must send it."""
+"""A real terminal at its worst: the event loop is stuck, nobody reads, it is closed, the console is asked to end.
+
+STOP must reach control, and the console must be gone within two seconds.
+"""
 
 from __future__ import annotations
 
 import os
 import pty
 import select
+import signal
 import subprocess
 import sys
+import termios
+import threading
 import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
-STUCK = """
-import sys, time
-from pathlib import Path
+import psutil
+import pytest
+
+from app.console.observer import shared
+from app.console.terminal import FRAME_TIMEOUT_S, TerminalOutput
 from app.system.config import Config
+from app.system.hand_model import find_model
+from app.system.paths import Home, find_home, hold_home
+from logs.read import records, session_paths
+from logs.records import SessionEnd, Stop
+
+BEGIN = """
+import fcntl, sys, termios, time
+from pathlib import Path
 from app.console.app import ConsoleApp
 from app.ipc.messages import OperatorKind
-from app.system.paths import Home
+from app.system.config import CameraConfig, Config
+from app.system.paths import Home, hold_home
 from profiles.schema import DEMO_PATIENT
 from testing.fake_host import FakeHost
 
-report = Path(sys.argv[2])
-
+home, report = Home(Path(sys.argv[1])), Path(sys.argv[2])
+beat = ConsoleApp._tick
+"""
+FAKE = """
 class Reporting(FakeHost):
     def send(self, kind, action=None, note=""):
         if kind is OperatorKind.STOP:
-            report.write_text("stopped while stuck")
+            report.write_text("stopped")
         return super().send(kind, action, note)
 
-beat = ConsoleApp._tick
+def run():
+    with hold_home(home):
+        app = ConsoleApp(home, Config(), profile=DEMO_PATIENT, make_host=Reporting)
+        app.run()
+"""
+REAL = """
+from app.console.app import run_console
 
+def run():
+    camera = CameraConfig(rate_hz=15.0)
+    with hold_home(home):
+        run_console(home, Config(camera=camera, idle_lock_s=0, model=sys.argv[3]), straight=True)
+"""
+STUCK = """
 def stick(self):
     beat(self)
     if self.live and self.live.state.snapshot:
-        report.with_suffix(".stuck").touch()
-        while not report.exists():
+        report.with_suffix(".begun").touch()
+        while not (ends and report.exists()):
             time.sleep(0.01)
         self.exit()
 
 ConsoleApp._tick = stick
-ConsoleApp(Home(Path(sys.argv[1])), Config(), profile=DEMO_PATIENT, make_host=Reporting).run()
 """
-LIMIT_S = 120.0
+RUNNING = """
+def busy(self):
+    beat(self)
+    if self.live and self.live.state.snapshot and self.live.state.report:
+        report.with_suffix(".begun").touch()
+        self.sub_title = str(time.monotonic())
+        self.screen.refresh()  # a whole screen at every beat
+
+ConsoleApp._tick = busy
+"""
+RUN = """
+if __name__ == "__main__":  # the session's processes load this file again
+    fcntl.ioctl(0, termios.TIOCSCTTY, 0)
+    run()
+"""
+LIMIT_S = 40.0
+GONE_S = 2.0
+ENDED_S = 20.0  # control's and the trail's own end, on a busy machine
+
+
+class TerminalUnderTest:
+    """A console in a pseudo terminal of its own, whose other side is ours to read, to leave, or to close."""
+
+    def __init__(self, folder: Path, program: str) -> None:
+        self.report = folder / "report"
+        self.home = Home(folder / "home")
+        self._master, theirs = pty.openpty()
+        termios.tcsetwinsize(theirs, (24, 80))
+        script = folder / "console_under_test.py"
+        script.write_text(program, encoding="utf-8")
+        model = str(find_model(find_home(), Config()))
+        environment = os.environ | {"TERM": "xterm-256color", "PYTHONPATH": os.pathsep.join(sys.path)}
+        self.process = subprocess.Popen(
+            [sys.executable, str(script), str(self.home.root), str(self.report), model],
+            stdin=theirs,
+            stdout=theirs,
+            stderr=theirs,
+            env=environment,
+            start_new_session=True,
+        )
+        os.close(theirs)
+        self._reads = threading.Event()
+        self._reads.set()
+        self._open = True
+        self._reader = threading.Thread(target=self._drain, daemon=True)
+        self._reader.start()
+
+    def until(self, condition: Callable[[], object], what: str, limit_s: float = LIMIT_S) -> None:
+        """Wait for a condition."""
+        end_s = time.monotonic() + limit_s
+        while not condition():
+            assert time.monotonic() < end_s, f"{what} did not come in {limit_s:g} s"
+            time.sleep(0.01)
+
+    def begun(self) -> None:
+        """Wait until the session runs."""
+        self.until(lambda: self.report.with_suffix(".begun").exists() or self._ended(), "the session")
+
+    def type(self, keys: bytes) -> None:
+        """As from the keyboard."""
+        os.write(self._master, keys)
+
+    def stop_reading(self) -> None:
+        """As a suspended SSH client: wait until the terminal is full."""
+        self._reads.clear()
+        time.sleep(2 * FRAME_TIMEOUT_S)
+
+    def read_on(self) -> None:
+        """As one that is resumed."""
+        self._reads.set()
+
+    def close(self) -> None:
+        """The window is closed."""
+        if self._open:
+            self._open = False
+            self._reads.set()
+            os.close(self._master)
+
+    def gone(self, since_s: float) -> float:
+        """Wait for the console's end; the seconds that it took."""
+        self.process.wait(LIMIT_S)
+        return time.monotonic() - since_s
+
+    def _ended(self) -> bool:
+        assert self.process.poll() is None, f"the console ended with {self.process.returncode}"
+        return False
+
+    def _drain(self) -> None:
+        while self._open:
+            self._reads.wait()
+            with suppress(OSError, ValueError):
+                if select.select([self._master], [], [], 0.05)[0] and self._reads.is_set():
+                    os.read(self._master, 65536)
+
+
+@contextmanager
+def terminal(folder: Path, *parts: str) -> Iterator[TerminalUnderTest]:
+    """A console in a terminal; it is ended whatever happens."""
+    under_test = TerminalUnderTest(folder, "".join((BEGIN, *parts, RUN)))
+    try:
+        yield under_test
+    finally:
+        if under_test.process.poll() is None:
+            under_test.process.kill()
+        under_test.process.wait()
+        under_test.close()
 
 
 def test_stop_is_sent_while_the_event_loop_is_stuck(tmp_path: Path) -> None:
-    report = tmp_path / "report"
-    ours, theirs = pty.openpty()
-    text = [sys.executable, "-c", STUCK, str(tmp_path / "home"), str(report)]
-    environment = os.environ | {"TERM": "xterm-256color", "COLUMNS": "80", "LINES": "24"}
-    child = subprocess.Popen(text, stdin=theirs, stdout=theirs, stderr=theirs, env=environment, close_fds=True)
-    os.close(theirs)
+    with terminal(tmp_path, FAKE, "ends = True", STUCK) as console:
+        console.begun()
+        console.type(b" ")
+        console.until(console.report.exists, "STOP")
+
+
+def test_stop_is_sent_while_the_terminal_does_not_read(tmp_path: Path) -> None:
+    with terminal(tmp_path, FAKE, RUNNING) as console:
+        console.begun()
+        console.stop_reading()
+        console.type(b" ")
+        console.until(console.report.exists, "STOP", GONE_S)
+        console.read_on()
+        console.type(b"\x11")  # Ctrl-Q
+        assert console.process.wait(LIMIT_S) == 0, "the event loop has gone on"
+
+
+ENDS: dict[str, Callable[[TerminalUnderTest], object]] = {
+    "SIGTERM": lambda console: console.process.send_signal(signal.SIGTERM),
+    "SIGHUP": lambda console: console.process.send_signal(signal.SIGHUP),
+    "closed": lambda console: console.close(),
+}
+
+
+@pytest.mark.parametrize("how", ENDS)
+@pytest.mark.parametrize("state", ["reading", "not reading", "stuck"])
+def test_the_console_is_gone_within_two_seconds(tmp_path: Path, how: str, state: str) -> None:
+    parts = ("ends = False", STUCK) if state == "stuck" else (RUNNING,)
+    with terminal(tmp_path, FAKE, *parts) as console:
+        console.begun()
+        if state == "not reading":
+            console.stop_reading()
+        since_s = time.monotonic()
+        ENDS[how](console)
+        assert console.gone(since_s) < GONE_S
+        with hold_home(console.home):
+            pass  # a new console may start
+
+
+@pytest.mark.parametrize("how", ENDS)
+def test_the_session_ends_in_order_without_its_console(tmp_path: Path, how: str) -> None:
+    """Over the real processes, with a terminal that has not read for a while and STOP pressed meanwhile."""
+    with terminal(tmp_path, REAL, RUNNING) as console:
+        console.begun()
+        children = psutil.Process(console.process.pid).children(recursive=True)
+        assert len(children) >= 5
+        links = shared(console.home).links
+        console.stop_reading()
+        console.type(b" ")
+        (trail,) = session_paths(console.home.logs)
+        console.until(lambda: any(isinstance(one.body, Stop) for one in records(trail)), "STOP in the trail")
+        since_s = time.monotonic()
+        ENDS[how](console)
+        assert console.gone(since_s) < GONE_S
+        with hold_home(console.home):
+            pass
+        console.until(lambda: not any(_lives(child) for child in children), "the processes' end", ENDED_S)
+        assert any(isinstance(one.body, SessionEnd) for one in records(trail)), "the trail has its end"
+        assert not links.exists()
+
+
+def _lives(process: psutil.Process) -> bool:
     try:
-        _until(ours, report.with_suffix(".stuck"))
-        os.write(ours, b" ")
-        _until(ours, report)
-        assert report.read_text() == "stopped while stuck"
-    finally:
-        child.terminate()
-        while child.poll() is None:
-            _drain(ours)
-        os.close(ours)
+        return process.status() != psutil.STATUS_ZOMBIE
+    except psutil.NoSuchProcess:
+        return False
 
 
-def _until(terminal: int, path: Path) -> None:
-    limit = time.monotonic() + LIMIT_S
-    while not path.exists():
-        assert time.monotonic() < limit, f"{path.name} did not come"
-        _drain(terminal)
+class Pipe:
+    """A pipe that is read when we like."""
+
+    def __init__(self) -> None:
+        self.reads, self.writes = os.pipe()
+        os.set_blocking(self.writes, False)
+        self.repainted = 0
+        self.lost = 0
+        self.output = TerminalOutput(self.writes, lost=self._lose, repaint=self._repaint)
+
+    def read(self, limit_s: float = 5.0) -> bytes:
+        """All there is, once there is something."""
+        select.select([self.reads], [], [], limit_s)
+        return os.read(self.reads, 1_000_000)
+
+    def _lose(self) -> None:
+        self.lost += 1
+
+    def _repaint(self) -> None:
+        self.repainted += 1
 
 
-def _drain(terminal: int) -> None:
-    readable, _, _ = select.select([terminal], [], [], 0.05)
-    if readable:
-        try:
-            os.read(terminal, 65536)
-        except OSError:
-            time.sleep(0)  # the other end has gone
+def test_frames_are_dropped_and_modes_kept_until_somebody_reads() -> None:
+    pipe = Pipe()
+    end_s = time.monotonic() + 5.0
+    while pipe.output.dropped < 50 and time.monotonic() < end_s:
+        pipe.output.write("frame " * 2000)
+        time.sleep(0.01)
+    pipe.output.write("mode", droppable=False)
+    assert pipe.output.dropped >= 50
+    assert pipe.repainted == 0
+    text = b""
+    while not text.endswith(b"mode"):
+        text += pipe.read()
+    while pipe.repainted == 0 and time.monotonic() < end_s + 5.0:
+        time.sleep(0.01)
+    assert pipe.repainted == 1
+    pipe.output.write("anew")
+    assert pipe.read() == b"anew"
+    pipe.output.close()
+
+
+def test_an_output_that_nobody_reads_is_closed_in_time() -> None:
+    pipe = Pipe()
+    for _ in range(20):
+        pipe.output.write("frame " * 20_000)
+    since_s = time.monotonic()
+    pipe.output.close()
+    assert time.monotonic() - since_s < 1.0
+    assert pipe.lost == 0
+
+
+def test_an_output_whose_reader_has_gone_is_reported() -> None:
+    pipe = Pipe()
+    os.close(pipe.reads)
+    pipe.output.write("frame")
+    end_s = time.monotonic() + 5.0
+    while not pipe.lost and time.monotonic() < end_s:
+        time.sleep(0.01)
+    assert pipe.lost == 1

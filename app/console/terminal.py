@@ -1,0 +1,251 @@
+"""The terminal: STOP out of its input first, output that never blocks the event loop, and the end of either.
+
+Textual's own driver puts every frame into a queue of thirty and waits when that is full: a terminal that does not read
+(its output is stopped, the SSH client suspended) would stop the event loop. Here frames that the terminal does not
+take are dropped, and the screen is painted anew when it reads again.
+"""
+
+from __future__ import annotations
+
+import os
+import select
+import signal
+import sys
+import termios
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import Any
+
+from textual.app import App
+from textual.driver import Driver
+from textual.drivers.linux_driver import LinuxDriver
+from textual.message import Message
+
+from app.console.stop import StopSwitch
+from app.system.scheduling import set_scheduling
+
+FRAME_TIMEOUT_S = 0.5  # a frame that has waited so long shows the past
+CLOSE_TIMEOUT_S = 0.3  # for the sequences that restore the terminal
+POLL_MS = 50
+# As Textual's driver writes them when it stops: paste, wrap, mouse, keyboard protocol, screen, cursor, focus.
+RESTORE = (
+    "\x1b[?2026l\x1b[?2004l\x1b[?7h\x1b[?2048l\x1b[?1000l\x1b[?1003l\x1b[?1015l\x1b[?1006l"
+    "\x1b[<u\x1b[?1049l\x1b[?25h\x1b[?1004l"
+)
+_CLOSED = select.POLLHUP | select.POLLERR | select.POLLNVAL
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TerminalEvents:
+    """What the driver reports; each is called from one of its threads."""
+
+    switch: Callable[[], StopSwitch]
+    input_alive: Callable[[], object]  # the input thread runs: STOP can be given
+    lost: Callable[[], object]  # input or output has ended
+    repaint: Callable[[], object]  # frames were dropped, and the terminal reads again
+    attached: Callable[[TerminalDriver], object]
+
+
+@dataclass(frozen=True, slots=True)
+class _Chunk:
+    data: bytes
+    queued_s: float
+    droppable: bool
+
+
+class TerminalOutput:
+    """Writes to a terminal from a thread of its own. `write` never blocks."""
+
+    def __init__(self, fileno: int, *, lost: Callable[[], object], repaint: Callable[[], object]) -> None:
+        self._fileno, self._own = _reopen(fileno)
+        self._lost = lost
+        self._repaint = repaint
+        self._changed = threading.Condition()
+        self._queue: deque[_Chunk] = deque()
+        self._dirty = False  # a frame was dropped: differences to it would be wrong
+        self._dead = False
+        self._end_s: float | None = None
+        self.dropped = 0
+        self._thread = threading.Thread(target=self._run, name="terminal-output", daemon=True)
+        self._thread.start()
+
+    def write(self, data: str, *, droppable: bool = True) -> None:
+        """Queue it; a frame is dropped when frames before it have waited too long."""
+        now_s = time.monotonic()
+        with self._changed:
+            if self._dead:
+                return
+            if self._queue and now_s - self._queue[0].queued_s > FRAME_TIMEOUT_S:
+                kept = [chunk for chunk in self._queue if not chunk.droppable]
+                self.dropped += len(self._queue) - len(kept)
+                self._dirty = self._dirty or len(kept) < len(self._queue)
+                self._queue = deque(kept)
+            if self._dirty and droppable:
+                self.dropped += 1
+                return
+            self._queue.append(_Chunk(data.encode("utf-8", "replace"), now_s, droppable))
+            self._changed.notify()
+
+    def close(self, limit_s: float = CLOSE_TIMEOUT_S) -> None:
+        """Write what is queued, for at most so long."""
+        with self._changed:
+            self._end_s = time.monotonic() + limit_s
+            self._changed.notify()
+        self._thread.join(limit_s + 2 * POLL_MS / 1000)
+        if self._own and not self._thread.is_alive():
+            os.close(self._fileno)
+            self._own = False
+
+    def _run(self) -> None:
+        while True:
+            with self._changed:
+                if not self._queue and self._dirty and self._end_s is None:
+                    self._dirty = False
+                    self._repaint()
+                self._changed.wait_for(lambda: self._queue or self._end_s is not None)
+                if not self._queue:
+                    return
+                chunk = self._queue.popleft()
+            try:
+                whole = self._put(chunk.data)
+            except OSError:
+                whole = False
+            if not whole:
+                break
+        with self._changed:
+            self._dead = True
+            self._queue.clear()
+            ended = self._end_s is not None
+        if not ended:
+            self._lost()
+
+    def _put(self, data: bytes) -> bool:
+        """Write all of it, however long that takes; False when the end came first. Raises OSError."""
+        poller = select.poll()
+        poller.register(self._fileno, select.POLLOUT)
+        rest = memoryview(data)
+        while rest:
+            try:
+                rest = rest[os.write(self._fileno, rest) :]
+            except BlockingIOError:
+                if self._end_s is not None and time.monotonic() > self._end_s:
+                    return False
+                poller.poll(POLL_MS)
+        return True
+
+
+def _reopen(fileno: int) -> tuple[int, bool]:
+    """The same terminal, opened anew so that not blocking is ours alone; itself where that is not possible."""
+    try:
+        return os.open(os.ttyname(fileno), os.O_WRONLY | os.O_NOCTTY | os.O_NONBLOCK), True
+    except OSError:
+        return fileno, False
+
+
+class InputLoop(threading.Event):
+    """The driver's exit event, which its input thread asks at every turn: every 0.1 s without input."""
+
+    def __init__(self, fileno: int, alive: Callable[[], object]) -> None:
+        super().__init__()
+        self._alive = alive
+        self._poller = select.poll()
+        self._poller.register(fileno, 0)
+        self.thread: int | None = None
+
+    @property
+    def asked(self) -> bool:
+        """Whether the driver was asked to end its input."""
+        return super().is_set()
+
+    def is_set(self) -> bool:
+        """Whether to end: asked to, or the terminal has hung up."""
+        if self.asked or threading.get_ident() != self.thread:
+            return self.asked
+        if any(events & _CLOSED for _, events in self._poller.poll(0)):
+            return True
+        self._alive()
+        return False
+
+
+def with_stop(base: type[Driver], switch: Callable[[], StopSwitch]) -> type[Driver]:
+    """A driver with STOP taken out of the input before the event loop gets it."""
+
+    class StopDriver(base):  # type: ignore[misc, valid-type]  # the base is known at run time only
+        def process_message(self, message: Message) -> None:
+            if not switch().takes(message):
+                super().process_message(message)
+
+    return StopDriver
+
+
+class TerminalDriver(LinuxDriver):
+    """The driver of a terminal; its application has `terminal_events`."""
+
+    def __init__(
+        self, app: App[Any], *, debug: bool = False, mouse: bool = True, size: tuple[int, int] | None = None
+    ) -> None:
+        super().__init__(app, debug=debug, mouse=mouse, size=size)
+        self._events: TerminalEvents = app.terminal_events  # type: ignore[attr-defined]
+        self._input_loop = InputLoop(self.fileno, self._events.input_alive)
+        self.exit_event = self._input_loop
+        self._output: TerminalOutput | None = None
+        self._setting_modes = False  # sequences that set modes of the terminal are never dropped
+        self._events.attached(self)
+
+    def process_message(self, message: Message) -> None:
+        """STOP is taken here, in the input thread."""
+        if not self._events.switch().takes(message):
+            super().process_message(message)
+
+    def start_application_mode(self) -> None:
+        """As the base, with an output that does not block."""
+        assert sys.__stderr__ is not None
+        self._output = TerminalOutput(sys.__stderr__.fileno(), lost=self._events.lost, repaint=self._events.repaint)
+        self._setting_modes = True
+        super().start_application_mode()  # type: ignore[no-untyped-call]
+        self._setting_modes = False
+
+    def stop_application_mode(self) -> None:
+        """As the base; no sequence is dropped from here on."""
+        self._setting_modes = True
+        super().stop_application_mode()
+
+    def write(self, data: str) -> None:
+        """Queue it; never blocks."""
+        if self._output is not None:
+            self._output.write(data, droppable=not self._setting_modes)
+
+    def close(self) -> None:
+        """Write what is queued, for a moment."""
+        output, self._output = self._output, None
+        if output is not None:
+            output.close()
+        super().close()
+
+    def run_input_thread(self) -> None:
+        """As the base, and report when the input ends unasked."""
+        if self.input_tty:  # a file at its end is ready all the time
+            set_scheduling("heartbeat")  # STOP comes through here
+        self._input_loop.thread = threading.get_ident()
+        try:
+            with suppress(OSError):  # EIO: hung up while it was read
+                super().run_input_thread()
+        finally:
+            if not self._input_loop.asked:
+                self._events.lost()
+
+    def restore(self) -> None:
+        """Restore modes and screen, as far as the terminal takes it in a moment. From any thread but the main one."""
+        signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGTTOU})  # in the background, it would stop us
+        output, self._output = self._output, None
+        if output is None:  # it is restored
+            return
+        if self.attrs_before is not None:
+            with suppress(termios.error):
+                termios.tcsetattr(self.fileno, termios.TCSANOW, self.attrs_before)
+        output.write(RESTORE, droppable=False)
+        output.close()
