@@ -1,1 +1,1 @@
-"""From one image (and, if there, its depth map) to what the hand says: pure stages and their pipeline."""
+"""From one image (and a depth map) to gesture, distance and press: pure stages and their pipeline."""

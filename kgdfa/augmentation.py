@@ -1,6 +1,6 @@
 """Test-time augmentation of one photo: bordered, scaled, mirrored, turned, so that hands in crops are found.
 
-MediaPipe's palm detector wants room around the hand: of crops that fill their picture it misses one in six, and
+MediaPipe's palm detector wants room around the hand: of crops that fill their image it misses one in six, and
 none to speak of once they have a border and 384 pixels (measured on 360 photos: 299 found as they are, 355
 with a border of half their size). Video needs none of this: its frames have room, and the track carries it.
 """
@@ -21,7 +21,7 @@ from kgdfa.preprocess import Image, as_bgr8, brighten
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Augmentation:
     """How to show the image: a border as a share of the longer side (edge pixels repeated), the longer side in pixels
-    after scaling, a turn in degrees, mirrored or not, contrast spread or not (for dark pictures).
+    after scaling, a turn in degrees, mirrored or not, contrast spread or not (for dark images).
     """
 
     border: float = 0.5
@@ -95,7 +95,7 @@ def detect_augmented(detector: StillDetector, image_bgr: Image, augmentation: Au
 
 
 def to_image(hand: Hand, transform: FloatArray) -> Hand:
-    """A hand as it is on the picture itself, and in its space, from where `transform`, (2, 3), has shown it."""
+    """A hand as it is on the image itself, and in its space, from where `transform`, (2, 3), has shown it."""
     back = np.linalg.inv(transform[:, :2])
     turn = np.eye(3)
     turn[:2, :2] = back / np.sqrt(abs(np.linalg.det(back)))

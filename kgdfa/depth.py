@@ -1,6 +1,6 @@
-"""Hand to camera by a depth map: the depth of keypoint 21, and what is done where the map says nothing.
+"""Hand to camera by a depth map: the depth of keypoint 21, and what is done where the map has no measurement.
 
-A stereo camera gives 0 where it could not match: nearer than its minimum range, at the picture's edge, at depth
+A stereo camera gives 0 where it could not match: nearer than its minimum range, at the image's edge, at depth
 jumps and while the hand flips. `published` takes that 0 as a distance, as the paper did; `robust` takes it as no
 measurement and falls back to the keypoints' own distance, marked as such.
 """
@@ -89,7 +89,7 @@ def read_published(depth_m: DepthMap, hand: Hand) -> Distance:
 
 
 class DepthRange:
-    """A distance from each depth map: `published` or `robust`, by name. `fault` says why the newest has none."""
+    """A distance from each depth map: `published` or `robust`, by name. `fault`: why the newest has none."""
 
     def __init__(self, *, mode: str) -> None:
         """Nothing seen yet. Raises KgdfaError for a mode that does not exist."""

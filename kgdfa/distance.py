@@ -85,9 +85,9 @@ class PublishedRange:
         centre_px: tuple[float, float] | None = None,
         distortion: tuple[float, float] = (0.0, 0.0),
     ) -> None:
-        """focal_px: focal length for the picture's size; reference_m: length of 5-17. Raises KgdfaError.
+        """focal_px: focal length for the image's size; reference_m: length of 5-17. Raises KgdfaError.
 
-        centre_px: the optical axis on the picture, distortion: the lens's; Eq. 4 uses neither.
+        centre_px: the optical axis on the image, distortion: the lens's; Eq. 4 uses neither.
         """
         del centre_px, distortion
         check_range_finder(focal_px, reference_m)

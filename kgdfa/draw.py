@@ -1,4 +1,4 @@
-"""What the pipeline saw, drawn onto the picture: skeleton, both hulls, bounding box and the virtual button."""
+"""The pipeline's results drawn onto the image: skeleton, both hulls, bounding box and the virtual button."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ _SHIFT = 3  # sub-pixel drawing, in powers of two
 
 
 def draw(image_bgr: NDArray[np.uint8], report: Report, place: ButtonPlace) -> None:
-    """Draw one report onto its picture, (h, w, 3) uint8 BGR, in place."""
+    """Draw one report onto its image, (h, w, 3) uint8 BGR, in place."""
     if report.hand is not None:
         draw_hand(image_bgr, report.hand)
     draw_button(image_bgr, report.button, place)
@@ -64,7 +64,7 @@ def draw_button(image_bgr: Image, button: ButtonState, place: ButtonPlace) -> No
 
 
 def caption(image_bgr: Image, lines: list[str]) -> Image:
-    """The picture with lines of text under it, (h + n, w, 3); wide enough to be read."""
+    """The image with lines of text under it, (h + n, w, 3); wide enough to be read."""
     width = max(image_bgr.shape[1], 360)
     left = width - image_bgr.shape[1]
     padded = cv2.copyMakeBorder(image_bgr, 0, 18 * len(lines) + 6, 0, left, cv2.BORDER_CONSTANT)
@@ -76,7 +76,7 @@ def caption(image_bgr: Image, lines: list[str]) -> Image:
 
 
 def _fixed(points_px: FloatArray) -> NDArray[np.int32]:
-    """Pixels to the fixed-point numbers that OpenCV's drawing takes; far outliers are held near the picture."""
+    """Pixels to the fixed-point numbers that OpenCV's drawing takes; far outliers are held near the image."""
     held = np.clip(np.nan_to_num(points_px), -20_000, 20_000)
     return np.asarray(np.round(held * (1 << _SHIFT)), dtype=np.int32)
 

@@ -2,7 +2,7 @@
 
 Three families, as in Table 2: how far each finger is bent (angles), where each fingertip lies relative to the
 palm (the hulls and their 3-D counterparts), how far tips are apart relative to the palm. Every one is an angle
-or a ratio of lengths, so neither distance, rotation in the picture nor left or right changes it.
+or a ratio of lengths, so neither distance, rotation in the image nor left or right changes it.
 """
 
 from __future__ import annotations
@@ -144,7 +144,7 @@ _Vector = tuple[float, float, float]
 _Lines = tuple[tuple[int, int], ...]  # each between two points, by number: (end, start)
 
 # All points of a hand in one array: 21 keypoints in space, the middle of the palm's triangle 0, 5, 17, and the 21 on
-# the picture. All lines between them, in named blocks, so that every length and angle comes from one subtraction.
+# the image. All lines between them, in named blocks, so that every length and angle comes from one subtraction.
 _CENTRE, _PICTURE = 21, 22
 _ARMS: _Lines = tuple((end, vertex) for vertex, *ends in ANGLE_POINTS.values() for end in ends)
 _REACHES: _Lines = tuple((chain[4], chain[1]) for chain in _CHAINS)
@@ -166,7 +166,7 @@ _BLOCKS: dict[str, _Lines] = {
     "to centre": tuple((tip, _CENTRE) for tip in TIPS),
     "tips": _TIPS_APART,
     "thumb": tuple((4, target) for target in _THUMB_TARGETS),
-    "seen palm": _on_picture(_PALM),  # from here on, on the picture
+    "seen palm": _on_picture(_PALM),  # from here on, on the image
     "seen bones": _on_picture(_BONES),
     "seen arms": _on_picture(_ARMS),
     "seen reaches": _on_picture(_REACHES),
@@ -249,7 +249,7 @@ def features(image_px: FloatArray, world_m: FloatArray) -> FloatArray:
 
 
 def _lines(image_px: FloatArray, world_m: FloatArray) -> FloatArray:
-    """Every line of `_BLOCKS`, (lines, 3); those on the picture have no depth."""
+    """Every line of `_BLOCKS`, (lines, 3); those on the image have no depth."""
     points = np.zeros((_PICTURE + 21, 3))
     points[:_CENTRE] = world_m
     points[_CENTRE] = np.add.reduce(world_m[_TRIANGLE]) / 3

@@ -123,7 +123,7 @@ class RuleSet(Protocol):
 
 
 VOTE_FRAMES = 3  # paper, gait state machine: "across three consecutive frames"
-# During a press the hand is so near that fingertips leave the picture and fists blur: the gesture was voted before,
+# During a press the hand is so near that fingertips leave the image and fists blur: the gesture was voted before,
 # so that only another one seen for a fifth of a second, or half a second of nothing, takes it away.
 PRESS_CHANGE_FRAMES = 6
 PRESS_END_FRAMES = 15

@@ -50,7 +50,7 @@ class Side(Enum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Box:
-    """An axis-aligned rectangle on the picture, pixels."""
+    """An axis-aligned rectangle on the image, pixels."""
 
     left_px: float
     top_px: float
@@ -66,11 +66,11 @@ class Box:
 class Hand:
     """One detected hand.
 
-    image_px: (21, 2) keypoints on the picture, pixels, may lie outside of it.
+    image_px: (21, 2) keypoints on the image, pixels, may lie outside of it.
     world_m: (21, 3) keypoints in metres about the hand's geometric centre, x right, y down,
         z away from the camera (MediaPipe's hand world landmarks).
     presence: the detector's confidence that a hand is there, in [0, 1].
-    side: as the detector guesses it for an unmirrored picture; it flips now and then.
+    side: as the detector guesses it for an unmirrored image; it flips now and then.
     tracked: found from the previous frame (True) or by the palm detector anew (False).
     """
 

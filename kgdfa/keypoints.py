@@ -1,6 +1,6 @@
 """MediaPipe's hand landmarker behind our own types: the one file that imports mediapipe.
 
-The model is tracked from frame to frame (VIDEO mode); photos are looked at one by one (`still=True`).
+The model is tracked from frame to frame (VIDEO mode); photos are detected one by one (`still=True`).
 Asking the tracker for two hands runs its palm detector in every frame, twice the cost (measured: 27 against
 14 ms of CPU at 1280×720). So it follows one hand, and only when that hand is new does a second, still detection
 ask whether another one claims the command as well.
@@ -29,14 +29,14 @@ from kgdfa.hand import FloatArray, Hand, Side
 from kgdfa.preprocess import Image, as_bgr8
 from kgdfa.redetection import Redetector
 
-# The model names hands as a mirror shows them; our pictures are unmirrored.
+# The model names hands as a mirror shows them; our images are unmirrored.
 _SIDES = {"Left": Side.RIGHT, "Right": Side.LEFT}
 _SAME_HAND_REFERENCES = 2.0  # a hand this many reference segments from where one was is the same, tracked
-RIVAL_CHECK_FRAMES = 10  # how often a contested picture is asked again for a second hand
+RIVAL_CHECK_FRAMES = 10  # how often a contested image is searched again for a second hand
 
 
 class HandDetector:
-    """Finds hands in pictures. Closed by `close`, `with`, or at the latest when the interpreter ends."""
+    """Finds hands in images. Closed by `close`, `with`, or at the latest when the interpreter ends."""
 
     def __init__(
         self,
@@ -66,9 +66,9 @@ class HandDetector:
         self._free = weakref.finalize(self, _close_all, loaded)
 
     def detect(self, image_bgr: Image, captured_ns: int = 0) -> tuple[Hand, ...]:
-        """The hands in one picture, the tracked one first; () when there is none.
+        """The hands in one image, the tracked one first; () when there is none.
 
-        Raises KgdfaError for a picture that can't be read (see `images.as_bgr8`).
+        Raises KgdfaError for an image that can't be read (see `preprocess.as_bgr8`).
         """
         image = as_bgr8(image_bgr)
         hands = self._detect(image, captured_ns)
@@ -91,7 +91,7 @@ class HandDetector:
         self.close()
 
     def infer(self, image_bgr: Image, captured_ns: int = 0) -> Any:
-        """MediaPipe's own result on one picture, as it gives it: what `rleex evaluate speed` calls bare."""
+        """MediaPipe's own result on one image, as it gives it: what `rleex evaluate speed` calls bare."""
         if self._landmarker is None:
             raise KgdfaError(KgdfaFault.DETECTOR_CLOSED)
         picture = _as_mediapipe(image_bgr)

@@ -15,7 +15,7 @@ from kgdfa.gesture import VOTE_FRAMES, Gesture, RuleSet, Verdict, Vote, update_v
 from kgdfa.hand import Hand, is_cut_off
 from kgdfa.preprocess import Image, as_bgr8
 
-LOST_FRAMES = 5  # a hand gone this long is gone; fewer may be blur or the picture's edge
+LOST_FRAMES = 5  # a hand gone this long is gone; fewer may be blur or the image's edge
 REACH_REFERENCES = 1.5  # how far a hand may be from where it was a frame ago, in reference segments: 3 m/s at 30 Hz
 REACH_GROWTH_REFERENCES = 0.5  # and how much farther for each frame without it
 EQUAL_CLAIM = 0.75  # a second hand this large, relative to the first, claims the command as well
@@ -60,7 +60,7 @@ def _reach(hand: Hand, last: Hand) -> float:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Picture:
+class PipelineInput:
     """What the pipeline needs of a frame. image_bgr: (h, w, 3) uint8; depth_m: (h, w) float32, 0 = none."""
 
     image_bgr: NDArray[np.uint8]
@@ -70,7 +70,7 @@ class Picture:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Report:
-    """Everything one frame says. `gesture` is voted and steadied; `verdict` is this frame's alone."""
+    """The result of one frame. `gesture` is voted and smoothed; `verdict` is this frame's alone."""
 
     captured_ns: int
     hand: Hand | None
@@ -87,10 +87,10 @@ class Report:
 
 
 class Detector(Protocol):
-    """Finds hands in a picture, the tracked one first: `keypoints.HandDetector`, or a fake of ours."""
+    """Finds hands in an image, the tracked one first: `keypoints.HandDetector`, or a fake of ours."""
 
     def detect(self, image_bgr: Image, captured_ns: int) -> tuple[Hand, ...]:
-        """The hands in one picture; () when there is none."""
+        """The hands in one image; () when there is none."""
         ...
 
 
@@ -137,16 +137,16 @@ class Pipeline:
         self._button = ButtonState()
         self._depth_button: ButtonState | None = None
 
-    def process(self, picture: Picture) -> Report:
-        """One frame through the chain. Raises KgdfaError for a picture that can't be read."""
-        now_ns = picture.captured_ns
-        image = self._prepare(picture.image_bgr)
+    def process(self, source: PipelineInput) -> Report:
+        """One frame through the chain. Raises KgdfaError for an image that can't be read."""
+        now_ns = source.captured_ns
+        image = self._prepare(source.image_bgr)
         hand = self._update_track(self._detector.detect(image, now_ns))
         verdict = self._rules.classify(hand) if hand else None
         self._vote = self._update_vote(hand, verdict, image, now_ns)
         distance = self._range_finder.measure(hand, now_ns) if hand else None
         self._button = self._press(self._button, hand, distance, now_ns)
-        depth_distance = self._measure_depth(picture, hand, distance)
+        depth_distance = self._measure_depth(source, hand, distance)
         return Report(
             captured_ns=now_ns,
             hand=hand,
@@ -192,11 +192,11 @@ class Pipeline:
         )
         return advance(button, observed, self._place, self._mode)
 
-    def _measure_depth(self, picture: Picture, hand: Hand | None, monocular: Distance | None) -> Distance | None:
+    def _measure_depth(self, source: PipelineInput, hand: Hand | None, monocular: Distance | None) -> Distance | None:
         """The depth camera's own distance and button, beside the monocular ones; nothing without a depth map."""
-        if picture.depth_m is None or self._depth_finder is None:
+        if source.depth_m is None or self._depth_finder is None:
             return None
-        now_ns = picture.captured_ns
-        observed = self._depth_finder.measure(picture.depth_m, hand, monocular, now_ns) if hand else None
+        now_ns = source.captured_ns
+        observed = self._depth_finder.measure(source.depth_m, hand, monocular, now_ns) if hand else None
         self._depth_button = self._press(self._depth_button or ButtonState(), hand, observed, now_ns)
         return observed

@@ -1,4 +1,4 @@
-"""Any picture an image file or camera may give, as 8-bit BGR; what can't be one is refused by name."""
+"""The image of a file or a camera as 8-bit BGR; what can't be one is refused by name."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ Image = NDArray[np.uint8]
 def as_bgr8(image: NDArray[Any]) -> Image:
     """(h, w), (h, w, 1), (h, w, 3) BGR or (h, w, 4) BGRA, 8 or 16 bit, to (h, w, 3) uint8 BGR.
 
-    Raises KgdfaError for pictures of zero size, other channel counts and other number types.
+    Raises KgdfaError for images of zero size, other channel counts and other number types.
     """
     if image.ndim not in (2, 3) or image.size == 0:
         raise KgdfaError(KgdfaFault.IMAGE_EMPTY, shape=str(image.shape))
@@ -42,12 +42,12 @@ _MEDIAN_PX = 3
 _BLUR_SD_PX = 1.5
 _SHARPNESS = 0.7  # how much of what a blur takes away is added again
 _GRAINY = 0.11  # noise relative to light: digital hands show up to 0.09, the same ones dark or grainy 0.15 and more
-_DARK = 90.0  # grey level that the lightest twentieth of a picture reaches, below which it is dark
-_LIGHT = 200.0  # where a lightened picture's lightest twentieth is put,
+_DARK = 90.0  # grey level that the lightest twentieth of an image reaches, below which it is dark
+_LIGHT = 200.0  # where a lightened image's lightest twentieth is put,
 _MOST_GAIN = 8.0  # by no more than this: what is black shows noise only
 EVALUATED_EVERY = 10  # frames: light changes slowly, and judging takes half a millisecond
-_STRIDE = 16  # of the pixels that tell how dark a picture is
-_MIDDLE = 5  # a picture's grain is measured in the middle one of so many parts each way,
+_STRIDE = 16  # of the pixels that tell how dark an image is
+_MIDDLE = 5  # an image's grain is measured in the middle one of so many parts each way,
 _ROWS = 4  # by every fourth row of it
 _IMMERKAER = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], np.float32)  # blind to planes, edges and lines
 _IMMERKAER_GAIN = 6.0  # of noise
@@ -79,7 +79,7 @@ def brighten(image_bgr: NDArray[Any]) -> Image:
 
 
 def lighten(image_bgr: NDArray[Any]) -> Image:
-    """A dark picture multiplied until its lightest parts are light; any other one as it is."""
+    """A dark image multiplied until its lightest parts are light; any other one as it is."""
     image = as_bgr8(image_bgr)
     lightest = float(np.percentile(image[::_STRIDE, ::_STRIDE, 1], 95))
     if lightest >= _DARK:
@@ -88,7 +88,7 @@ def lighten(image_bgr: NDArray[Any]) -> Image:
 
 
 def as_needed(image_bgr: NDArray[Any]) -> Image:
-    """Denoised where it is grainy, then lightened where it is dark: a good picture stays as it is."""
+    """Denoised where it is grainy, then lightened where it is dark: a good image stays as it is."""
     image = as_bgr8(image_bgr)
     return lighten(denoise(image) if grain(image) > _GRAINY else image)
 
@@ -110,7 +110,7 @@ class AsNeeded:
 
 
 def grain(image_bgr: Image) -> float:
-    """The noise of a picture's middle relative to its light.
+    """The noise of an image's middle relative to its light.
 
     The noise's sd as by Immerkær (1996, Comput. Vis. Image Underst. 64, 300), with a median in place of his mean,
     so that edges don't count.

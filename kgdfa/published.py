@@ -1,4 +1,4 @@
-"""The paper's rule set, literally: Table 2 with hulls and angles on the picture, pixels as printed.
+"""The paper's rule set, literally: Table 2 with hulls and angles on the image, pixels as printed.
 
 Where the text is open (which vectors an angle takes, which hull) the reading stands in `hand`.
 """
@@ -132,7 +132,7 @@ _EXTRA = np.array([row.extra for row in TABLE_2])
 
 
 def measure(hand: Hand) -> Measures:
-    """Everything that Table 2 measures, from the keypoints on the picture."""
+    """Everything that Table 2 measures, from the keypoints on the image."""
     points = hand.image_px
     short = apart(points, Keypoint.INDEX_TIP, Keypoint.MIDDLE_TIP)
     long = apart(points, Keypoint.THUMB_TIP, Keypoint.MIDDLE_TIP)

@@ -1,11 +1,11 @@
-"""How a live picture is shown to the tracker: a near hand smaller, and other views while no hand is found.
+"""How a live image is shown to the tracker: a near hand smaller, and other views while no hand is found.
 
 A tracker searches for the hand near where it was, at the size that it had, so that a push of 0.3 s leaves it behind. A
 near hand is therefore shown smaller, by as much as it is about to grow: on the view it stays where it was. The frame
 that loses a hand all the same is given again, smaller yet: with none to track, the tracker searches everywhere.
 
 MediaPipe's palm detector misses some hands in plain sight, near ones and folded ones above all, and finds most of
-them in the same picture made smaller or turned by 25° (docs: gestures). A frame has time for one view only, so a
+them in the same image made smaller or turned by 25° (docs: gestures). A frame has time for one view only, so a
 search shows another one in each frame. What finds a hand is kept until it is lost.
 """
 
@@ -21,20 +21,20 @@ from kgdfa.augmentation import to_image
 from kgdfa.hand import FloatArray, Hand
 from kgdfa.preprocess import Image
 
-PATIENCE_FRAMES = 2  # without a hand before the search begins, plainly: the plain picture finds most that come
-# Of the picture's height. A longer palm is shown smaller, at this size: an adult's nearer than 27 cm to the usual lens.
+PATIENCE_FRAMES = 2  # without a hand before the search begins, plainly: the plain image finds most that come
+# Of the image's height. A longer palm is shown smaller, at this size: an adult's nearer than 27 cm to the usual lens.
 LARGEST_PALM = 0.30
 SOUGHT_PALM = 0.22  # a lost hand's: the palm detector finds near hands at no larger size
 GROWING_AGAIN = 1.1  # from frame to frame, from the one size to the other
 STEADY_FROM = 0.95  # so little is not worth showing smaller
-MOST_GROWTH = 1.35  # from frame to frame: a push of 0.3 s from 36 cm, 30 pictures a second, makes it grow by 1.3
+MOST_GROWTH = 1.35  # from frame to frame: a push of 0.3 s from 36 cm, 30 frames per second, makes it grow by 1.3
 _PALM = ((0, 5), (0, 9), (0, 17), (5, 17))
-SHRUNK = 2  # a view has half the picture's pixels each way: more cost time, and the landmark model sees 224
+SHRUNK = 2  # a view has half the image's pixels each way: more cost time, and the landmark model sees 224
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class View:
-    """How a picture is shown, in half its pixels each way: scaled and turned about its middle, edge pixels repeated."""
+    """How an image is shown, in half its pixels each way: scaled and turned about its middle, edge pixels repeated."""
 
     scale: float = 1.0
     turn_deg: float = 0.0
@@ -106,7 +106,7 @@ class PalmGrowth:
     palm_px: float
     spread_px: float
     growth: float = 1.0
-    shown: float = LARGEST_PALM  # length of the palm on the view, where it is shown smaller, of the picture's height
+    shown: float = LARGEST_PALM  # length of the palm on the view, where it is shown smaller, of the image's height
 
     @classmethod
     def of(cls, hand: Hand, before: PalmGrowth | None) -> PalmGrowth:
@@ -134,7 +134,7 @@ class Redetector:
         self._growth: PalmGrowth | None = None  # of the hand followed, or lost a moment ago
 
     def detect(self, image_bgr: Image, captured_ns: int) -> tuple[Hand, ...]:
-        """The hands in the next frame, where its picture has them; () when there is none."""
+        """The hands in the next frame, where its image has them; () when there is none."""
         followed = self._growth is not None and self._search.missing == 0
         hands = self._detect_in_view(image_bgr, captured_ns)
         if not hands and self._growth is not None:

@@ -1,7 +1,7 @@
 """Eq. 4 freed from the hand's tilt: the palm as a flat, rigid shape, and its distance fused from three readings.
 
 Tilting shortens lengths across the tilt's axis and leaves those along it as they are. So the largest stretch of
-the map from the palm's own plane to the picture (its first singular value) is that of a palm that faces the
+the map from the palm's own plane to the image (its first singular value) is that of a palm that faces the
 camera, whatever the tilt: Eq. 4 without its error. The ratio of the two singular values is the tilt's cosine.
 A mirrored map (left hand, back of the hand) has the same singular values.
 """
@@ -44,7 +44,7 @@ FORGET_NS = 200_000_000
 # digital hands that no evaluation uses; docs/explanation/distance.md tells how they were chosen.
 LANDMARKS_SHARE = 0.4  # of the world landmarks' word against the palm shape's, where it is the nearer one
 LANDMARKS_HOLD = 0.18  # and by how much it may be nearer
-WRIST_HOLD = 0.1  # how far Eq. 4 may be from the shape where the wrist is out of the picture
+WRIST_HOLD = 0.1  # how far Eq. 4 may be from the shape where the wrist is out of the image
 YAW_SHORTENS = 0.12  # MediaPipe draws the wrist of a palm turned about its length too near to the knuckles
 
 # The far side: what the button's distance adds for a palm that may be tilted, and for readings that disagree.
@@ -52,7 +52,7 @@ MARGIN_TILT = 0.22  # a radian
 MARGIN_NEARER = 0.30  # of what the world landmarks say nearer than the shape
 MARGIN_FARTHER = 0.20  # of what they say farther
 MOST_DISAGREEMENT = 0.30
-# A tilt only shortens 5-17 on the picture, so Eq. 4 reads far or right, but for the scatter of its two keypoints.
+# A tilt only shortens 5-17 on the image, so Eq. 4 reads far or right, but for the scatter of its two keypoints.
 # The button's distance therefore stays above it, and needs no more than a scatter beyond it.
 FLOOR_OF_EQUATION = 1.03
 
@@ -182,9 +182,9 @@ class RobustRange:
         centre_px: tuple[float, float] | None = None,
         distortion: tuple[float, float] = (0.0, 0.0),
     ) -> None:
-        """focal_px: focal length for the picture's size; reference_m: length of 5-17. Raises KgdfaError.
+        """focal_px: focal length for the image's size; reference_m: length of 5-17. Raises KgdfaError.
 
-        centre_px: the optical axis on the picture; with it, a hand off the axis is measured along its own ray, and
+        centre_px: the optical axis on the image; with it, a hand off the axis is measured along its own ray, and
         a lens's radial distortion (OpenCV's k1, k2) is taken out.
         """
         check_range_finder(focal_px, reference_m)
@@ -210,7 +210,7 @@ class RobustRange:
         return self._distance(now)
 
     def explain(self, hand: Hand) -> Reading | None:
-        """What this frame alone says, without the past; None for keypoints that are no palm."""
+        """The reading of this frame alone, without the past; None for keypoints that are no palm."""
         if not (hand.reference_px >= MIN_REFERENCE_PX and np.isfinite(hand.world_m).all()):
             return None
         observed, cosine = self._own_view(hand)
@@ -244,7 +244,7 @@ class RobustRange:
         return turned[:, :2] / turned[:, 2:], float(forward[2])
 
     def _shows(self, point_px: FloatArray) -> bool:
-        """Whether the picture, whose middle is about the optical axis, shows the point."""
+        """Whether the image, whose middle is about the optical axis, shows the point."""
         if self._centre_px is None:
             return True
         return bool((point_px >= 0).all() and (point_px <= 2 * self._centre_px).all())

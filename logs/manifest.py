@@ -238,7 +238,7 @@ def append_signed(
 ) -> None:
     """Append records to a journal and sign them; returns when they are on the disk.
 
-    Raises AuditError when the disk refuses, or when the journal was changed and must be looked at first.
+    Raises AuditError when the disk refuses, or when the journal was changed and must be checked first.
     """
     try:
         path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)

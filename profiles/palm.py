@@ -105,7 +105,7 @@ def calibration_for(profile: Profile, camera: str) -> Calibration | None:
 
 
 def _calibrated(calibration: Calibration, focal_px: float, width_px: int) -> ReferenceSegment:
-    """What was solved is f·H: with another focal length given for the same pictures, H follows."""
+    """What was solved is f·H: with another focal length given for the same images, H follows."""
     focal_then_px = calibration.focal_px
     if focal_px > 0 and width_px > 0 and calibration.width_px > 0:
         focal_then_px = focal_px * calibration.width_px / width_px

@@ -62,7 +62,7 @@ class Calibration(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
     distance_m: float
     residual: float  # relative spread of the samples
     calibrated_at: str  # ISO 8601, UTC
-    width_px: int = 0  # of the pictures it was made with; 0: unknown
+    width_px: int = 0  # of the images it was made with; 0: unknown
 
 
 class DoseTargets(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):

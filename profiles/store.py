@@ -85,7 +85,7 @@ class ProfileStore:
         return profile
 
     def list(self, *, archived: bool = False) -> Listing:
-        """All patients by identifier, the archived ones only when asked for; broken files are listed, not skipped."""
+        """All patients by identifier, the archived ones only on request; broken files are listed, not skipped."""
         profiles: dict[str, Profile] = {DEMO_PATIENT.identifier: DEMO_PATIENT}
         broken: list[tuple[str, ProfileError]] = []
         for path in sorted(self._folder.glob(f"[!.]*{SUFFIX}")):

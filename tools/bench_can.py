@@ -64,7 +64,7 @@ def target(at_s: float) -> JointCommand:
 
 @contextmanager
 def perception(home: Path | None) -> Iterator[Callable[[], float]]:
-    """The session's own perception process on the digital hand; yields its frames a second so far."""
+    """The session's own perception process on the digital hand; yields its frames per second so far."""
     place = find_home(home)
     setup = make_setup(place, Config(model=load_config(place.config).model), DEMO_PATIENT, "bench")
     process = multiprocessing.get_context("spawn").Process(target=run_process, args=("perception", setup), daemon=True)

@@ -2,7 +2,7 @@
 
 `python tools/bench_console.py [--seconds 30] [--minutes 0] [--json FILE]`. It drives `rleex run` in a pseudo terminal
 of 80×24 (`--columns`, `--rows`) as a person would: keys go in as bytes, reactions are bytes that come out and hold the
-text that the key must bring. The loop's lag is measured from the first picture on (`loop_probe.py`), while keys are
+text that the key must bring. The loop's lag is measured from the first image on (`loop_probe.py`), while keys are
 pressed and while not. `--minutes`: afterwards leave it running, sample its memory once a minute, and print the slope.
 """
 

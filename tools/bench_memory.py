@@ -2,8 +2,8 @@
 
     python -m tools.bench_memory [--hours 1] [--width 80] [--height 24] [--json FILE]
 
-Every beat brings a new snapshot, report and picture, as in a session; gestures, presses, states and events come and go,
-and a dialog opens and closes now and then. An hour has 72,000 beats (20 a second; a session's picture comes 12 times a
+Every beat brings a new snapshot, report and image, as in a session; gestures, presses, states and events come and go,
+and a dialog opens and closes now and then. An hour has 72,000 beats (20 a second; a session's image comes 12 times a
 second, here with each beat). Memory is looked at sixty times, after a collection; its slope leaves out the first sixth,
 in which caches fill. The bound is 10 MB an hour.
 """

@@ -24,7 +24,7 @@ def add(
     role: Annotated[str, typer.Option(help="therapist, engineer or reviewer.")] = "therapist",
     home: HomeOption = None,
 ) -> None:
-    """Add an operator; asks for the PIN. An engineer signs in first, unless there is none yet."""
+    """Add an operator; prompts for the PIN. An engineer signs in first, unless there is none yet."""
     from app.system.operators import add_operator, load_store
     from app.system.paths import find_home
 

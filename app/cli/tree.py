@@ -1,6 +1,6 @@
 """The commands as a tree. Each group has its own file; heavy imports wait inside the commands.
 
-The library takes a fifth of a second to build the whole tree of commands, so only the branch that was asked for is
+The library takes a fifth of a second to build the whole tree of commands, so only the requested branch is
 built: a therapist who types `rleex run` does not wait for the twenty others.
 """
 

@@ -168,7 +168,7 @@ def check_realsense(config: Config) -> Iterator[Finding]:
 
 
 def check_terminal(environment: Mapping[str, str], *, is_terminal: bool) -> Iterator[Finding]:
-    """Whether the terminal can show the camera's picture, and its locale."""
+    """Whether the terminal can show the camera's image, and its locale."""
     term = environment.get("TERM", "dumb")
     if not is_terminal:
         yield note(T.TERMINAL, reason(F.OUTPUT_TO_FILE))

@@ -102,7 +102,7 @@ def write_json(content: Mapping[str, Any] | Sequence[Any], path: Path | None) ->
 
 @contextmanager
 def writing(path: Path) -> Iterator[None]:
-    """Whatever the system says against writing is an AppError that names the file."""
+    """Any error of the system while writing is an AppError that names the file."""
     try:
         yield
     except (OSError, ValueError) as error:

@@ -1,7 +1,7 @@
 """What is asked of the planner and what it gives: a motion as a table of samples at the tick rate, and its check.
 
 Planning takes milliseconds, a tick has two: plans are made in the planner process and arrive as arrays, so that
-the tick only looks up its row. Walking is a chain of one-step plans, each asked for while the one before runs.
+the tick only looks up its row. Walking is a chain of one-step plans, each requested while the one before runs.
 """
 
 from __future__ import annotations

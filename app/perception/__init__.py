@@ -1,1 +1,1 @@
-"""The camera, the hand pipeline, the picture for the screen: a process of its own."""
+"""The camera, the hand pipeline, the image for the screen: a process of its own."""

@@ -92,7 +92,7 @@ def sample_palm(
 ) -> PalmSampler:
     """Read an open camera until there are samples enough, or ten seconds' worth of frames went by.
 
-    Raises AppError when no picture comes, HardwareError when the camera is lost.
+    Raises AppError when no image comes, HardwareError when the camera is lost.
     """
     sampler = PalmSampler(profile, detector, [])
     for _ in range(MAX_FRAMES):

@@ -1,4 +1,4 @@
-"""The perception process: camera → pipeline → report, and the picture for the screen. A thin shell.
+"""The perception process: camera → pipeline → report, and the image for the screen. A thin shell.
 
 Every frame ends in one sent report, also when there is no hand, no model yet or no camera: silence means that this
 process is gone, and control treats it so.
@@ -33,7 +33,7 @@ from app.system.scheduling import avoid_control_core, gc_freeze, set_scheduling
 from hal.cameras.camera import Frame
 from kgdfa.button import ButtonPlace
 from kgdfa.draw import draw
-from kgdfa.pipeline import Picture, Pipeline, Report
+from kgdfa.pipeline import Pipeline, PipelineInput, Report
 from kgdfa.press_zone import PressZone
 from logs.reason import Reason, reason
 from logs.records import EventRaised, ProcessEnd, ProcessStart
@@ -160,8 +160,8 @@ class Perception:
             for record in assembly.camera_records(self._setup, camera, frame):
                 self._sink.emit(record)
             gc_freeze()
-        picture = Picture(image_bgr=frame.image_bgr, captured_ns=frame.captured_ns, depth_m=frame.depth_m)
-        return self._pipeline.process(picture)
+        source = PipelineInput(image_bgr=frame.image_bgr, captured_ns=frame.captured_ns, depth_m=frame.depth_m)
+        return self._pipeline.process(source)
 
     def _measure_rate(self, frame: Frame) -> None:
         """Once after some seconds the camera is recorded again, with its measured rate; and at the end, see `close`."""

@@ -205,7 +205,7 @@ Image = NDArray[np.uint8]
 
 @dataclass(slots=True)
 class PreviewPacer:
-    """When the next picture is due, and how wide it shall be."""
+    """When the next image is due, and how wide it shall be."""
 
     width_px: int = 160
     rate_hz: float = 12.0
@@ -219,7 +219,7 @@ class PreviewPacer:
             self.rate_hz = command.preview_hz
 
     def due(self, now_ns: int) -> bool:
-        """Whether to send a picture now; a rate of 0 pauses it."""
+        """Whether to send an image now; a rate of 0 pauses it."""
         if self.rate_hz <= 0 or now_ns < self._next_ns:
             return False
         period_ns = int(1e9 / self.rate_hz)
@@ -234,7 +234,7 @@ class PreviewPacer:
         return np.asarray(cv2.resize(image_bgr, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
 
     def message(self, image_bgr: Image, captured_ns: int) -> Preview:
-        """The picture as it goes to the console."""
+        """The image as it goes to the console."""
         self._sequence += 1
         small = self.shrink(image_bgr)
         return Preview(

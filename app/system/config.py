@@ -53,7 +53,7 @@ class JointsConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
 
 
 class ButtonConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """The virtual button on the picture, as shares of width and height."""
+    """The virtual button on the image, as shares of width and height."""
 
     x: Annotated[float, Meta(ge=0, le=1)] = 0.5
     y: Annotated[float, Meta(ge=0, le=1)] = 0.5

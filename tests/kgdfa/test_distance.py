@@ -52,7 +52,7 @@ def observed(
     left: bool = False,
     noise_px: FloatArray | None = None,
 ) -> Hand:
-    """The palm as an exact detector would give it: pinhole picture, world landmarks along the hand's own ray."""
+    """The palm as an exact detector would give it: pinhole image, world landmarks along the hand's own ray."""
     placed = palm_m(left) @ turned(*turn).T
     in_space = np.add(placed, (*aside_m, distance_m))
     image = in_space[:, :2] / in_space[:, 2:] * FOCAL_PX + CENTRE_PX

@@ -85,7 +85,7 @@ def test_the_batch_measures_what_the_single_measures_say(shake: FloatArray) -> N
     outer, inner = tip_depths(picture, OUTER_HULL, INNER_HULL) / -observed_palm
     for finger in Finger:
         name, tip = finger.name.lower(), TIPS[finger]
-        said = {
+        expected = {
             f"{name} angle": finger_angles_deg(world)[finger],
             f"{name} angle on image": finger_angles_deg(picture)[finger],
             f"{name} tip beyond outer hull": outer[finger],
@@ -95,12 +95,12 @@ def test_the_batch_measures_what_the_single_measures_say(shake: FloatArray) -> N
         for where, points in (("", world), (" on image", picture)):
             bones = np.diff(points[[0, *range(4 * finger + 1, 4 * finger + 5)]], axis=0)
             bends = angles_deg(-bones[:-1], bones[1:])
-            said |= {f"{name} {joint} joint{where}": bend for joint, bend in zip(JOINTS, bends, strict=True)}
+            expected |= {f"{name} {joint} joint{where}": bend for joint, bend in zip(JOINTS, bends, strict=True)}
         for other in (other for other in Finger if other > finger):
             pair = f"{name}-{other.name.lower()} tips apart"
-            said[pair] = apart(world, tip, TIPS[other]) / palm
-            said[f"{pair} on image"] = apart(picture, tip, TIPS[other]) / observed_palm
-        assert {key: by_name[key] for key in said} == pytest.approx(said, abs=1e-6)
+            expected[pair] = apart(world, tip, TIPS[other]) / palm
+            expected[f"{pair} on image"] = apart(picture, tip, TIPS[other]) / observed_palm
+        assert {key: by_name[key] for key in expected} == pytest.approx(expected, abs=1e-6)
 
 
 def test_a_hand_without_size_is_finite() -> None:

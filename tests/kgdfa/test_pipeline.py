@@ -9,7 +9,7 @@ from kgdfa.button import ButtonPlace
 from kgdfa.draw import draw
 from kgdfa.gesture import Gesture
 from kgdfa.hand import Hand, Side
-from kgdfa.pipeline import Picture, Pipeline, Report
+from kgdfa.pipeline import Pipeline, PipelineInput, Report
 from kgdfa.preprocess import Image
 from kgdfa.published import PublishedRules
 from kgdfa.robust_distance import RobustRange
@@ -19,8 +19,8 @@ BLACK = np.zeros((720, 1280, 3), np.uint8)
 PLACE = ButtonPlace(x_px=480, y_px=400, radius_px=60, threshold_m=0.20)
 
 
-class Told:
-    """A detector that finds what it is told, frame by frame."""
+class ScriptedDetector:
+    """Finds the given hands, frame by frame."""
 
     def __init__(self, frames: Sequence[tuple[Hand, ...]]) -> None:
         self._frames = list(frames)
@@ -31,12 +31,12 @@ class Told:
 
 def run(frames: Sequence[tuple[Hand, ...]]) -> list[Report]:
     pipeline = Pipeline(
-        detector=Told(frames),
+        detector=ScriptedDetector(frames),
         rules=PublishedRules(),
         range_finder=RobustRange(focal_px=650.0, reference_m=0.065),
         place=PLACE,
     )
-    pictures = [Picture(image_bgr=BLACK, captured_ns=(k + 1) * 33_000_000) for k in range(len(frames))]
+    pictures = [PipelineInput(image_bgr=BLACK, captured_ns=(k + 1) * 33_000_000) for k in range(len(frames))]
     return [pipeline.process(picture) for picture in pictures]
 
 
@@ -66,7 +66,7 @@ def test_flips_blur_and_two_lost_frames_do_not_end_a_gesture() -> None:
 
 
 def at_edge(gesture: Gesture, off_px: float) -> tuple[Hand]:
-    """A hand moved to the left; from about 330 px on its thumb is out of the picture."""
+    """A hand moved to the left; from about 330 px on its thumb is out of the image."""
     return (drawn_hand(STATES[gesture], at_px=(-off_px, 0.0)),)
 
 

@@ -1,4 +1,4 @@
-"""Other views of a picture while there is no hand: when they are taken, kept and given up, and where a hand is then."""
+"""Other views of an image while there is no hand: when they are taken, kept and given up, and where a hand is then."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from kgdfa.redetection import (
 )
 
 PICTURE: Image = np.zeros((360, 640, 3), np.uint8)
-glances = st.builds(View, scale=st.floats(0.3, 1.0), turn_deg=st.floats(-90, 90))
+views = st.builds(View, scale=st.floats(0.3, 1.0), turn_deg=st.floats(-90, 90))
 
 
 def fold(observed: list[bool]) -> list[RedetectionState]:
@@ -62,7 +62,7 @@ def test_an_empty_room_is_seen_in_every_way_and_plainly_again() -> None:
     assert FULL_VIEW in REDETECTION_VIEWS
 
 
-@given(view=glances, x=st.floats(250, 390), y=st.floats(120, 240))
+@given(view=views, x=st.floats(250, 390), y=st.floats(120, 240))
 def test_a_hand_found_in_a_glance_is_told_where_the_picture_has_it(view: View, x: float, y: float) -> None:
     _, transform = render_view(np.zeros((360, 640, 3), np.uint8), view)
     on_glance = np.tile((x, y), (21, 1)) @ transform[:, :2].T + transform[:, 2]
@@ -83,7 +83,7 @@ def test_a_glance_shows_the_picture_where_its_map_says(view: View) -> None:
 def test_a_turned_hand_is_turned_back_in_space() -> None:
     _, transform = render_view(np.zeros((360, 640, 3), np.uint8), View(scale=0.5, turn_deg=90))
     world = np.zeros((21, 3))
-    world[12] = (0.0, -0.08, 0.02)  # fingers up on the picture
+    world[12] = (0.0, -0.08, 0.02)  # fingers up on the image
     turned = Hand(
         image_px=np.zeros((21, 2)),
         world_m=world @ np.array([[0, -1, 0], [1, 0, 0], [0, 0, 1.0]]),
@@ -146,7 +146,7 @@ class DiscTracker:
     """A tracker of ours for white discs: follows one while its size stays about what it was, and finds no large one."""
 
     REACH = 0.2  # how much larger or smaller the disc may be from one look to the next
-    LARGEST = 0.3  # of the picture's height: the radius that is found anew
+    LARGEST = 0.3  # of the image's height: the radius that is found anew
 
     def __init__(self) -> None:
         self.radius_px: float | None = None
@@ -172,7 +172,7 @@ def disc_hand(middle_px: FloatArray, radius_px: float) -> Hand:
 
 
 def pushed_discs() -> list[tuple[float, Image]]:
-    """Radius and picture while a hand comes from 30 to 15 cm and withdraws, as a push of 0.3 s does."""
+    """Radius and image while a hand comes from 30 to 15 cm and withdraws, as a push of 0.3 s does."""
     shares = [0.0] * 3 + [0.04, 0.32, 0.68, 0.96, 1.0, 0.9, 0.55, 0.2, 0.02] + [0.0] * 3
     radii = [40 * 0.30 / (0.30 - 0.15 * share) for share in shares]
     return [(radius, disc(radius)) for radius in radii]

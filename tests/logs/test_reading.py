@@ -175,11 +175,11 @@ def test_the_report_counts_what_the_trail_holds(tmp_path: Path) -> None:
     write_sample(tmp_path, minutes=3, seed=1)
     path = write_sample(tmp_path, minutes=5, seed=2)
     found = records(path)
-    told = outline(path)
-    assert told.actions == sum(isinstance(record.body, r.Command) for record in found)
+    summary = outline(path)
+    assert summary.actions == sum(isinstance(record.body, r.Command) for record in found)
     page = report(path, Evidence(), render_recorded)
-    assert f"{told.completed}/{told.actions}" in page
-    assert f"<b>{told.distance_m:.1f} m</b>" in page
+    assert f"{summary.completed}/{summary.actions}" in page
+    assert f"<b>{summary.distance_m:.1f} m</b>" in page
     assert "This patient&#39;s sessions" in page or "This patient's sessions" in page
     assert page.count("<svg") == 1 + 4 + 1 + 1
     for reason in {record.body.reason for record in found if isinstance(record.body, r.Refusal)}:

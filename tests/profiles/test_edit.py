@@ -21,7 +21,7 @@ def test_a_note_stays_the_text_that_was_typed(patient: Profile, note: str) -> No
 
 
 @pytest.mark.parametrize(
-    ("word", "says"),
+    ("word", "message"),
     [
         ("step", "NO_ASSIGNMENT"),
         ("=3", "NO_ASSIGNMENT"),
@@ -33,7 +33,7 @@ def test_a_note_stays_the_text_that_was_typed(patient: Profile, note: str) -> No
         ("stature_cm.x=3", "NO_GROUP"),
     ],
 )
-def test_a_change_that_means_nothing_is_refused_by_name(patient: Profile, word: str, says: str) -> None:
+def test_a_change_that_means_nothing_is_refused_by_name(patient: Profile, word: str, message: str) -> None:
     with pytest.raises(ProfileError) as caught:
         edit(patient, parse_assignments([word]))
-    assert says in str(caught.value)
+    assert message in str(caught.value)

@@ -159,7 +159,7 @@ def test_export_and_import_carry_a_patient_to_another_home(
 
 
 @pytest.mark.parametrize(
-    ("broken", "says"),
+    ("broken", "message"),
     [
         ('stature_cm = "tall"', "stature_cm"),
         ("stature_cm = 17", "stature_cm value=17.0 low=120 high=220 unit= cm"),
@@ -173,13 +173,13 @@ def test_export_and_import_carry_a_patient_to_another_home(
         ("", "missing required field stature_cm"),
     ],
 )
-def test_a_broken_file_names_field_and_range(store: ProfileStore, tmp_path: Path, broken: str, says: str) -> None:
+def test_a_broken_file_names_field_and_range(store: ProfileStore, tmp_path: Path, broken: str, message: str) -> None:
     path = tmp_path / "profiles" / "x.toml"
     path.parent.mkdir()
     path.write_text(f'identifier = "x"\nsex = "male"\nmass_kg = 80\n{broken}\n')
     with pytest.raises(ProfileError) as caught:
         store.load("x")
-    assert says in str(caught.value)
+    assert message in str(caught.value)
     assert str(path) in str(caught.value)
     ((name, error),) = store.list().broken
     assert (name, str(error)) == ("x.toml", str(caught.value))

@@ -23,7 +23,7 @@ COURSE: tuple[Step, ...] = tuple(leg for leg in ALL_TWELVE if leg.gesture in SOM
 
 
 def config_with(hand_model: Path) -> Config:
-    """Half the frames a second: whether the chain works must not hang on how busy the machine is."""
+    """Half the frames per second: whether the chain works must not hang on how busy the machine is."""
     config = demo_config(Config(model=str(hand_model)), seed=1, joints=JointsConfig())
     return msgspec.structs.replace(config, camera=msgspec.structs.replace(config.camera, rate_hz=15.0))
 

@@ -22,7 +22,7 @@ from app.evaluate.readings import GESTURE_NAMES, NO_HAND, SKIP, Footage, Labelle
 from kgdfa.button import ButtonPlace
 from kgdfa.gesture import END_FRAMES, VOTE_FRAMES, RuleSet, Verdict
 from kgdfa.hand import FloatArray
-from kgdfa.pipeline import Picture, Pipeline, Report
+from kgdfa.pipeline import Pipeline, PipelineInput, Report
 from kgdfa.preprocess import AsNeeded
 from kgdfa.robust_distance import RobustRange
 
@@ -170,7 +170,7 @@ def run_sequence(footage: Footage, model: Path, rules: RuleSet, step: Step = lam
     with live_detector(model) as detector:
         pipeline = Pipeline(detector=detector, rules=rules, range_finder=finder, place=PLACE, prepare=AsNeeded())
         for number, image in enumerate(footage.frames(), start=1):
-            reports.append(pipeline.process(Picture(image_bgr=image, captured_ns=number * footage.period_ns)))
+            reports.append(pipeline.process(PipelineInput(image_bgr=image, captured_ns=number * footage.period_ns)))
             step()
     return reports
 

@@ -91,7 +91,7 @@ class ResponseResult:
 
     @property
     def unintended(self) -> int:
-        """Actions nobody asked for, in all sessions."""
+        """Unintended actions, in all sessions."""
         return sum(session.unintended for session in self.sessions)
 
     def of(self, gesture: Gesture) -> tuple[Attempt, ...]:

@@ -3,7 +3,7 @@
 Each frame goes through both, one after the other, so that whatever else the machine does slows both alike. The
 ratio is the one of sums; the stages are timed inside the pipeline.
 
-Throughput: frames a second offline, when so many processes each take a recording of their own. One recording can't be
+Throughput: frames per second offline, when so many processes each take a recording of their own. One recording can't be
 shared out: tracking, vote and button go from frame to frame. The figure of one worker is by the same clock.
 """
 
@@ -31,7 +31,7 @@ from app.system.errors import AppError
 from app.text.catalogue import tr
 from kgdfa.button import ButtonPlace
 from kgdfa.draw import draw
-from kgdfa.pipeline import Picture, Pipeline
+from kgdfa.pipeline import Pipeline, PipelineInput
 from kgdfa.preprocess import AsNeeded, Image
 from kgdfa.robust import RobustRules
 from kgdfa.robust_distance import RobustRange
@@ -98,7 +98,7 @@ def _timed_pipeline(detector: HandDetector, focal_px: float, place: ButtonPlace,
 
 
 def measure_speed(images: list[Image], model: Path, *, focal_px: float, step: Step = lambda: None) -> SpeedFigures:
-    """Both over the same frames, at 30 frames a second of their own time."""
+    """Both over the same frames, at 30 frames per second of their own time."""
     from kgdfa.keypoints import HandDetector, live_detector
 
     watch, hands = Stopwatch(), 0
@@ -114,7 +114,7 @@ def measure_speed(images: list[Image], model: Path, *, focal_px: float, step: St
             if number % 2:
                 _run_bare(bare, image, now_ns, watch)
             with watch.running("whole"):
-                report = pipeline.process(Picture(image_bgr=image, captured_ns=now_ns))
+                report = pipeline.process(PipelineInput(image_bgr=image, captured_ns=now_ns))
             if not number % 2:
                 _run_bare(bare, image, now_ns, watch)
             hands += report.hand is not None
@@ -209,7 +209,7 @@ def _run(directory: Path | None, count: int, model: Path, together: Barrier) -> 
             if number == min(WARM_UP, len(images)):
                 _wait_for_others(together)
                 start_s = time.monotonic()
-            pipeline.process(Picture(image_bgr=image, captured_ns=(number + 1) * FRAME_NS))
+            pipeline.process(PipelineInput(image_bgr=image, captured_ns=(number + 1) * FRAME_NS))
         return len(images), start_s, time.monotonic()
 
 

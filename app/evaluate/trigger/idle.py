@@ -23,7 +23,7 @@ from hal.cameras.digital_hand.render import Scene, keypoints_m, lens_for, person
 from kgdfa.button import ButtonState
 from kgdfa.hand import FloatArray, Hand, Keypoint, Side
 from kgdfa.keypoints import HandDetector
-from kgdfa.pipeline import Picture
+from kgdfa.pipeline import PipelineInput
 from kgdfa.preprocess import Image
 
 CLIP_FRAMES = 90
@@ -127,7 +127,7 @@ def evaluate_idle(clips: list[NoiseClip], *, frames: int, seed: int, step: Calla
             hand = _noisy(scene, noise, index)
             for mode, (replay, pipeline) in chains.items():
                 replay.hands = (hand,) if hand else ()
-                button = pipeline.process(Picture(image_bgr=BLANK, captured_ns=now_ns)).button
+                button = pipeline.process(PipelineInput(image_bgr=BLANK, captured_ns=now_ns)).button
                 totals["presses"][mode] += button.pressed and not last[mode].pressed
                 last[mode] = button
         for mode, button in last.items():

@@ -21,7 +21,7 @@ from kgdfa.button import ButtonState
 from kgdfa.distance import CEILING_OF_EQUATION
 from kgdfa.gesture import Gesture
 from kgdfa.hand import Hand
-from kgdfa.pipeline import Picture
+from kgdfa.pipeline import PipelineInput
 from kgdfa.press_zone import PressZone, press_zone
 
 LENSES_PX = (650.0, 950.0)
@@ -148,7 +148,7 @@ def _commands(detector: PoolDetector, wanted: Approach) -> bool:
     button = ButtonState()
     for _, hands in _detected(detector, wanted, distances):
         replay.hands = hands
-        button = pipeline.process(Picture(image_bgr=blank, captured_ns=detector.now_ns)).button
+        button = pipeline.process(PipelineInput(image_bgr=blank, captured_ns=detector.now_ns)).button
     return (button.release_count, button.released_gesture) == (1, Gesture(wanted.gesture))
 
 

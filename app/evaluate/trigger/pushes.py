@@ -27,7 +27,7 @@ from hal.cameras.digital_hand.driver import DigitalHandCamera
 from hal.cameras.digital_hand.movement import SETTLED
 from kgdfa.button import ButtonState
 from kgdfa.gesture import Gesture
-from kgdfa.pipeline import Picture, Pipeline, Report
+from kgdfa.pipeline import Pipeline, PipelineInput, Report
 from logs.reason import Reason, reason
 
 BEGIN_NS = 1_000_000_000
@@ -110,7 +110,7 @@ class Stage:
         self.now_ns += FRAME_NS
         self.detector.now_ns += FRAME_NS
         image = self.camera.render(self.now_ns).image_bgr
-        return self.pipeline.process(Picture(image_bgr=image, captured_ns=self.detector.now_ns))
+        return self.pipeline.process(PipelineInput(image_bgr=image, captured_ns=self.detector.now_ns))
 
     def until(self, wanted: Callable[[Report], bool], most: int) -> Iterator[Report]:
         """Frames up to the first that is wanted, at most so many."""

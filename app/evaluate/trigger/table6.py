@@ -36,7 +36,7 @@ from kgdfa.button import ButtonMode, ButtonPlace
 from kgdfa.depth import DepthRange
 from kgdfa.distance import PublishedRange
 from kgdfa.hand import Hand
-from kgdfa.pipeline import Detector, Picture, Pipeline, Report
+from kgdfa.pipeline import Detector, Pipeline, PipelineInput, Report
 from kgdfa.preprocess import Image
 from kgdfa.published import PublishedRules
 from kgdfa.robust import RobustRules
@@ -63,7 +63,7 @@ PAPER_FPS: dict[int, tuple[int, int]] = {
 }  # fmt: skip
 
 Key = tuple[str, str]  # camera, mode
-CameraRates = dict[int, dict[str, float]]  # distance in cm → camera → frames a second
+CameraRates = dict[int, dict[str, float]]  # distance in cm → camera → frames per second
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -182,7 +182,7 @@ def run_change(detector: PoolDetector, change: Change) -> ChangeOutcome:
         hands = detector.detect(image)
         for mode, (replay, pipeline) in pipelines.items():
             replay.hands = hands
-            report = pipeline.process(Picture(image_bgr=image, captured_ns=detector.now_ns, depth_m=depth_m))
+            report = pipeline.process(PipelineInput(image_bgr=image, captured_ns=detector.now_ns, depth_m=depth_m))
             now_pressed, commands_now = _buttons(mode, report)
             commands.update(commands_now)
             pressed |= now_pressed if index >= FRAMES[0] else set()  # showing is not part of it
@@ -200,7 +200,7 @@ def _buttons(mode: str, report: Report) -> tuple[set[Key], dict[Key, int]]:
 
 
 def measure_rates(detector: Detector, *, focal_px: float, step: Step) -> CameraRates:
-    """Each camera's frames a second at each distance, in robust mode, over one change of each kind."""
+    """Each camera's frames per second at each distance, in robust mode, over one change of each kind."""
     rates: CameraRates = {}
     start_ns = 0
     for cm in DISTANCES_CM:
@@ -244,18 +244,18 @@ def chain(
 
 
 def monocular_fps(pipeline: Pipeline, moments: Sequence[Moment], start_ns: int) -> float:
-    """Decoding and the whole pipeline, frames a second."""
+    """Decoding and the whole pipeline, frames per second."""
     taken = [_jpeg(take(moment, index)[0]) for index, moment in enumerate(moments)]
 
     def one(index: int) -> None:
         image = np.asarray(cv2.imdecode(taken[index], cv2.IMREAD_COLOR), np.uint8)
-        pipeline.process(Picture(image_bgr=image, captured_ns=start_ns + index * FRAME_NS))
+        pipeline.process(PipelineInput(image_bgr=image, captured_ns=start_ns + index * FRAME_NS))
 
     return _rate(one, len(taken))
 
 
 def depth_fps(pipeline: Pipeline, moments: Sequence[Moment], start_ns: int, seed: int) -> float:
-    """librealsense, alignment, and the whole pipeline with its depth branch, frames a second."""
+    """librealsense, alignment, and the whole pipeline with its depth branch, frames per second."""
     stereo = DepthCamera(seed)
     software = SoftwareRealSense(moments[0].scene.lens, depth_size=DEPTH_SIZE)
     taken = [_with_depth(moment, index, stereo, software) for index, moment in enumerate(moments)]
@@ -268,7 +268,7 @@ def depth_fps(pipeline: Pipeline, moments: Sequence[Moment], start_ns: int, seed
         if frame is None:
             return
         pipeline.process(
-            Picture(image_bgr=frame.image_bgr, captured_ns=start_ns + index * FRAME_NS, depth_m=frame.depth_m)
+            PipelineInput(image_bgr=frame.image_bgr, captured_ns=start_ns + index * FRAME_NS, depth_m=frame.depth_m)
         )
 
     try:

@@ -72,7 +72,7 @@ def _blind_edges(measured: DepthArray) -> None:
 
 
 def _patches(height: int, width: int, draw: np.random.Generator) -> NDArray[np.bool_]:
-    """Where matching fails in a image smeared by the flip: about half of it, in patches."""
+    """Where matching fails in an image smeared by the flip: about half of it, in patches."""
     coarse = (draw.random((max(1, height // PATCH_PX), max(1, width // PATCH_PX))) < 0.5).astype(np.uint8)
     lost: NDArray[np.bool_] = cv2.resize(coarse, (width, height), interpolation=cv2.INTER_NEAREST) > 0
     return lost

@@ -95,14 +95,14 @@ class Movement:
     aside: Track
     depth: Track
     away: Track
-    named: tuple[tuple[int, str], ...]  # since when which gesture is asked for
+    named: tuple[tuple[int, str], ...]  # since when which gesture is requested
 
     def gesture(self, now_ns: int) -> str:
-        """The gesture asked for at that moment, `none` when the hand is sent away."""
+        """The gesture requested at that moment, `none` when the hand is sent away."""
         return next((name for since_ns, name in reversed(self.named) if since_ns <= now_ns), self.named[0][1])
 
     def settled(self, now_ns: int) -> bool:
-        """Whether the hand has taken the shape that was asked for."""
+        """Whether the hand has taken the requested shape."""
         return not (self.shape.moving(now_ns) or self.away.moving(now_ns))
 
     def angles_deg(self, now_ns: int) -> FloatArray:

@@ -65,7 +65,7 @@ class Drive:
         return data in self._recent
 
     def take(self, reply: Reply, measured_ns: int) -> bool:
-        """Take in a reply; False when it is one more than was asked for: two drives share the identifier."""
+        """Take in a reply; False when it is one more than was requested: two drives share the identifier."""
         self.position_rad = self.transmission.angle_to_joint(reply.position_rad)
         self.velocity_rad_s = reply.velocity_rad_s / self.transmission.ratio
         self.torque_nm = reply.torque_nm * self.transmission.ratio

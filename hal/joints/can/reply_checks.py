@@ -51,7 +51,7 @@ class RequestTracker:
         self._owed = min(self._owed + 1, _OWED_LIMIT)
 
     def receive(self, measured_ns: int) -> bool:
-        """A reply has come; False when it is one more than was asked for."""
+        """A reply has come; False when it is one more than was requested."""
         if self._pending:
             self.round_trips_ns.append(measured_ns - self._pending.popleft())
             self._least = min(self._least, len(self._pending))

@@ -45,12 +45,12 @@ class RegisterValue(NamedTuple):
 
 
 def read_register(drive_id: int, register: int) -> Frame:
-    """Asks for a register."""
+    """Requests a register."""
     return Frame(REGISTER_ID, bytes((drive_id & 0xFF, drive_id >> 8, READ, register, 0, 0, 0, 0)))
 
 
 def refresh(drive_id: int) -> Frame:
-    """Asks for a status reply without commanding anything."""
+    """Requests a status reply without commanding anything."""
     return Frame(REGISTER_ID, bytes((drive_id & 0xFF, drive_id >> 8, REFRESH, 0, 0, 0, 0, 0)))
 
 

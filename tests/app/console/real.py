@@ -186,7 +186,7 @@ class RealConsole(Console):
         if self.app.screen.query(StopBar):
             await self.shows("HELD")
 
-    async def wish(self, gesture: Gesture) -> None:
+    async def request(self, gesture: Gesture) -> None:
         """The wearer's way: sign, push, draw back, until the legs have begun."""
         action = ACTION_OF[gesture]
         for _ in self._tries(f"{action.value} by gesture"):

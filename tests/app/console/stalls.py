@@ -37,14 +37,14 @@ def walked_again(flow: Flow) -> Flow:
 
     @functools.wraps(flow)
     async def walk(tmp_path: Path) -> None:
-        told = []
+        stalls = []
         for number in range(SESSIONS):
             try:
                 await flow(tmp_path / str(number))
             except HostStalled as stall:
-                told.append(str(stall))
+                stalls.append(str(stall))
             else:
                 return
-        pytest.fail(f"the host stalled in every session: {told}")
+        pytest.fail(f"the host stalled in every session: {stalls}")
 
     return walk

@@ -51,7 +51,7 @@ async def test_a_first_patient_is_made_and_powers_the_legs_by_gesture(tmp_path: 
         await console.press("enter")
         await console.begun()
         await console.confirm_and_arm()
-        await console.wish(Gesture.ZERO)
+        await console.request(Gesture.ZERO)
         await console.bring(GaitState.STANDING)
         await end_with_note(console, "stood for the first time")
         assert console.app.store.load("P-0042").stature_m == 1.62

@@ -54,15 +54,15 @@ def test_all_twelve_come_to_an_end() -> None:
 def test_the_wrong_finger_is_named() -> None:
     assert differences(Gesture.FOUR, Gesture.FIVE) == ((Finger.THUMB, FingerState.FOLDED),)
     lesson = Lesson(done=LESSONS.index(Gesture.FOUR))
-    said = feedback(lesson, report(raw_gesture=Gesture.FIVE))
-    assert said[0][0][0] == "✗ thumb: fold it in"
+    lines = feedback(lesson, report(raw_gesture=Gesture.FIVE))
+    assert lines[0][0][0] == "✗ thumb: fold it in"
 
 
 @pytest.mark.parametrize("gesture", LESSONS)
 def test_the_right_hand_is_told_to_push(gesture: Gesture) -> None:
     lesson = Lesson(done=LESSONS.index(gesture))
-    said = feedback(lesson, report(gesture=gesture, raw_gesture=gesture))
-    assert "Push" in said[0][0][0]
+    lines = feedback(lesson, report(gesture=gesture, raw_gesture=gesture))
+    assert "Push" in lines[0][0][0]
 
 
 async def test_training_arms_and_moves_nothing(console: Opener) -> None:

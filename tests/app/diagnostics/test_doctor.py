@@ -1,4 +1,4 @@
-"""The installation's doctor: what is missing is told with what mends it."""
+"""The installation's doctor: what is missing is reported with its remedy."""
 
 from __future__ import annotations
 
@@ -99,13 +99,13 @@ def test_joints_on_can_are_examined(tmp_path: Path) -> None:
 
 
 def test_the_command_ends_1_when_something_is_bad(tmp_path: Path) -> None:
-    told = CliRunner().invoke(cli, ["doctor", "--home", str(tmp_path)])
-    assert told.exit_code == 1
-    assert "→ rleex model" in told.output
+    result = CliRunner().invoke(cli, ["doctor", "--home", str(tmp_path)])
+    assert result.exit_code == 1
+    assert "→ rleex model" in result.output
 
 
 def test_a_broken_configuration_is_one_of_its_findings(tmp_path: Path) -> None:
     (tmp_path / "config.toml").write_text("joints = 3")
-    told = CliRunner().invoke(cli, ["doctor", "--home", str(tmp_path)])
-    assert "config.toml" in told.output
-    assert told.exit_code == 1
+    result = CliRunner().invoke(cli, ["doctor", "--home", str(tmp_path)])
+    assert "config.toml" in result.output
+    assert result.exit_code == 1

@@ -46,7 +46,7 @@ class Shown:
 
 
 class Frames:
-    """A camera of ours with a number of grey pictures in it."""
+    """A camera of ours with a number of grey images in it."""
 
     name = "grey"
 
@@ -84,10 +84,10 @@ def test_a_palm_held_still_is_calibrated(patient: Profile) -> None:
 def test_what_is_no_palm_before_the_camera_is_no_sample_and_helped(
     patient: Profile, hands: tuple[Hand, ...], hint: PalmHint
 ) -> None:
-    said: list[PalmHint] = []
-    sampler = sample_palm(patient, Frames(400), Shown(*hands), lambda now, _: said.append(now.hint))
+    hints: list[PalmHint] = []
+    sampler = sample_palm(patient, Frames(400), Shown(*hands), lambda now, _: hints.append(now.hint))
     assert sampler.samples_m == []
-    assert said[-1] is hint
+    assert hints[-1] is hint
     with pytest.raises(ProfileError, match="TOO_FEW_SAMPLES count=0"):
         sampler.solve("grey", TRUE_M, AT)
 

@@ -1,4 +1,4 @@
-"""The picture for the screen: at its rate, never larger than asked, and pausable."""
+"""The image for the screen: at its rate, never larger than asked, and pausable."""
 
 from __future__ import annotations
 

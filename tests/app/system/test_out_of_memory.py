@@ -1,4 +1,4 @@
-"""The order in which the kernel would end a session's processes, as each of them has really told it."""
+"""The order in which the kernel would end a session's processes, as each of them has set it."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ TELL = "from app.system.scheduling import set_oom_score_adj; set_oom_score_adj({
 pytestmark = pytest.mark.skipif(not OWN.exists(), reason="no Linux: the kernel has no such order")
 
 
-def told(name: str) -> int:
+def score_of(name: str) -> int:
     """What the kernel has for a process that began under this name."""
     done = subprocess.run([sys.executable, "-c", TELL.format(name)], capture_output=True, text=True, check=True)
     return int(done.stdout)
@@ -30,7 +30,7 @@ def test_every_process_has_its_place() -> None:
 @pytest.mark.parametrize("name", ["perception", "audit", "control"])
 def test_each_takes_its_place(name: str) -> None:
     born = int(OWN.read_text(encoding="ascii"))
-    place = told(name)
+    place = score_of(name)
     assert place == SCORES[name] or (place == born > SCORES[name]), "only a lower place needs a privilege"
 
 
@@ -41,4 +41,4 @@ def test_what_can_be_started_again_goes_before_what_holds_the_legs() -> None:
 
 
 def test_who_is_no_process_of_a_session_keeps_its_place() -> None:
-    assert told("somebody") == int(OWN.read_text(encoding="ascii"))
+    assert score_of("somebody") == int(OWN.read_text(encoding="ascii"))

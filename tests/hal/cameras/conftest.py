@@ -1,4 +1,4 @@
-"""Pictures and recordings of the digital hand, made once."""
+"""Images and recordings of the digital hand, made once."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class Kept:
 
 
 def small_hand(depth: bool = True) -> DigitalHandCamera:
-    """A digital hand on a small picture, on a clock that tests set."""
+    """A digital hand on a small image, on a clock that tests set."""
     return DigitalHandCamera(
         seed=1, lens=lens_for(WIDTH, HEIGHT), depth=depth, gesture="5", rest_m=0.4, clock_ns=lambda: 0
     )

@@ -1,4 +1,4 @@
-"""`rleex camera`: what people type, what they get, and what they are told when it can't be."""
+"""`rleex camera`: its arguments, its output, and its errors."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The digital hand: its truth agrees with its picture, its motion with its commands, its depth with the D435i's."""
+"""The digital hand: its truth agrees with its image, its motion with its commands, its depth with the D435i's."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Recordings come back as they were, and cut or damaged ones are told by name."""
+"""Recordings come back as they were, and cut or damaged ones are reported by name."""
 
 from __future__ import annotations
 
@@ -173,7 +173,7 @@ def test_a_recorder_never_overwrites_and_tells_what_it_wrote(tmp_path: Path) -> 
 
 def test_a_full_disk_ends_the_recording_and_not_the_program(tmp_path: Path) -> None:
     recorder = Recorder(tmp_path / "full", "hand")
-    (tmp_path / "full" / "000000.jpg").mkdir()  # the first picture can't be written
+    (tmp_path / "full" / "000000.jpg").mkdir()  # the first image can't be written
     recorder.write(small_hand().render(PERIOD_NS))
     recorder.close()
     assert recorder.fault is not None

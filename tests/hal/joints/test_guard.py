@@ -81,7 +81,7 @@ ABSOLUTE = [
     ("damping_nm_s_rad", Quantity.DAMPING, LIMITS.damping_nm_s_rad, +1),
     ("damping_nm_s_rad", Quantity.DAMPING, ZERO, -1),
 ]
-MAGNITUDES = {Quantity.SPEED, Quantity.TORQUE}  # told without their sign
+MAGNITUDES = {Quantity.SPEED, Quantity.TORQUE}  # reported without their sign
 
 
 @pytest.mark.parametrize("joint", Joint)

@@ -92,9 +92,9 @@ def test_an_action_that_does_not_pass_is_told_by_the_exit_status(tmp_path: Path)
     options = ["--profile", str(profile), "--home", str(tmp_path), "--json", str(figures)]
     result = CliRunner().invoke(cli, ["simulate", "sit-down", *options])
     assert result.exit_code == 1, result.output
-    (told,) = json.loads(figures.read_text(encoding="utf-8"))
-    assert not told["passed"]
-    assert told["reasons"][0]["code"] == key_of(PlanFault.CHAIR_DOES_NOT_FIT)
+    (verdict,) = json.loads(figures.read_text(encoding="utf-8"))
+    assert not verdict["passed"]
+    assert verdict["reasons"][0]["code"] == key_of(PlanFault.CHAIR_DOES_NOT_FIT)
 
 
 def test_an_unknown_action_is_answered_with_the_names() -> None:

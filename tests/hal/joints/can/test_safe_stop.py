@@ -77,15 +77,15 @@ def test_a_silent_drive_is_not_counted_as_answered(rig: CanRig) -> None:
     guardian = SafeStop(rig.emulator.device)
     guardian.open()
     guardian.damp()
-    heard = np.zeros(4, dtype=bool)
+    received = np.zeros(4, dtype=bool)
 
     def listen() -> bool:
-        nonlocal heard
-        heard |= guardian.answered()
-        return bool(heard[[0, 2, 3]].all())
+        nonlocal received
+        received |= guardian.answered()
+        return bool(received[[0, 2, 3]].all())
 
     until(listen)
-    assert not heard[Joint.LEFT_KNEE]
+    assert not received[Joint.LEFT_KNEE]
     guardian.close()
 
 

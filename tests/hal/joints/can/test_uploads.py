@@ -31,28 +31,28 @@ def test_an_upload_comes_through_within_half_a_quantum(
 ) -> None:
     codec = codec_of(motor)
     reported = Reply(9, math.radians(degrees), speed * motor.velocity_rad_s, torque * motor.torque_nm, 31.0)
-    heard = codec.read_reply(codec.reply(reported, 0, 2))
-    assert heard is not None
+    decoded = codec.read_reply(codec.reply(reported, 0, 2))
+    assert decoded is not None
     erpm = 60 / math.tau * motor.pole_pairs * motor.gear_ratio
     ampere = motor.torque_constant_nm_a * motor.gear_ratio
-    assert heard.position_rad == pytest.approx(reported.position_rad, abs=math.radians(0.0501))
-    assert heard.velocity_rad_s == pytest.approx(reported.velocity_rad_s, abs=5.001 / erpm)
+    assert decoded.position_rad == pytest.approx(reported.position_rad, abs=math.radians(0.0501))
+    assert decoded.velocity_rad_s == pytest.approx(reported.velocity_rad_s, abs=5.001 / erpm)
     limit = 327.67 * ampere
-    assert heard.torque_nm == pytest.approx(min(max(reported.torque_nm, -limit), limit), abs=0.006 * ampere)
-    assert (heard.drive_id, heard.temperature_c, heard.faults) == (9, 31.0, DriveFault.OVER_CURRENT)
+    assert decoded.torque_nm == pytest.approx(min(max(reported.torque_nm, -limit), limit), abs=0.006 * ampere)
+    assert (decoded.drive_id, decoded.temperature_c, decoded.faults) == (9, 31.0, DriveFault.OVER_CURRENT)
 
 
 def test_golden_upload() -> None:
     """0.1°, 10 electrical rpm, 0.01 A: 90°, 12600 erpm = 6.98 rad/s at 21 pole pairs and 1:9 … by hand."""
     frame = Frame(0x2907, bytes.fromhex("0384 04EC FF9C 1E 05"), extended=True)
-    heard = codec_of(TABLE.find("AK80-9/servo")).read_reply(frame)
-    assert heard is not None
-    assert heard.drive_id == 7
-    assert heard.position_rad == pytest.approx(math.pi / 2)
-    assert heard.velocity_rad_s == pytest.approx(12600 / (21 * 9) * math.tau / 60)
-    assert heard.torque_nm == pytest.approx(-1.0 * 0.091 * 9)
-    assert heard.temperature_c == 30.0
-    assert heard.faults is DriveFault.ENCODER
+    decoded = codec_of(TABLE.find("AK80-9/servo")).read_reply(frame)
+    assert decoded is not None
+    assert decoded.drive_id == 7
+    assert decoded.position_rad == pytest.approx(math.pi / 2)
+    assert decoded.velocity_rad_s == pytest.approx(12600 / (21 * 9) * math.tau / 60)
+    assert decoded.torque_nm == pytest.approx(-1.0 * 0.091 * 9)
+    assert decoded.temperature_c == 30.0
+    assert decoded.faults is DriveFault.ENCODER
 
 
 def test_servo_mode_is_read_only() -> None:

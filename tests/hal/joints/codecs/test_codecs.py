@@ -77,9 +77,9 @@ def test_golden_orders(label: str, order: Order, frames: list[str]) -> None:
 def test_neutral_is_not_quite_zero_torque() -> None:
     for label, torque_nm in (("AK80-9/V2", -0.0044), ("AK80-64/V2", -0.0352)):
         codec = codec_of(TABLE.find(label))
-        heard = codec.read_command(1, codec.command(1, NEUTRAL))
-        assert isinstance(heard, SetPoint)
-        assert heard.torque_nm == pytest.approx(torque_nm, abs=1e-4)
+        decoded = codec.read_command(1, codec.command(1, NEUTRAL))
+        assert isinstance(decoded, SetPoint)
+        assert decoded.torque_nm == pytest.approx(torque_nm, abs=1e-4)
 
 
 def within(motor: MotorModel, fractions: tuple[float, float, float, float, float]) -> SetPoint:
@@ -115,9 +115,9 @@ def test_a_set_point_comes_through_at_most_one_quantum_low(
     """The firmware's rule truncates, so what arrives is in (x - 1 quantum, x]: half a quantum about its middle."""
     codec = codec_of(motor)
     target = within(motor, fractions)
-    heard = codec.read_command(7, codec.command(7, target))
-    assert isinstance(heard, SetPoint)
-    for sent, received, quantum in zip(target, heard, quanta(motor), strict=True):
+    decoded = codec.read_command(7, codec.command(7, target))
+    assert isinstance(decoded, SetPoint)
+    for sent, received, quantum in zip(target, decoded, quanta(motor), strict=True):
         middle = received + quantum / 2
         assert abs(sent - middle) <= quantum / 2 * (1 + 1e-4)
 
@@ -128,9 +128,9 @@ def test_what_was_decoded_encodes_to_the_same_bits(motor: MotorModel, wire: tupl
     word = (wire[0] << 48) | (wire[1] << 36) | (wire[2] << 24) | (wire[3] << 12) | wire[4]
     template = codec.command(7, NEUTRAL)
     frame = template._replace(data=word.to_bytes(8, "big"))
-    heard = codec.read_command(7, frame)
-    if isinstance(heard, SetPoint):
-        assert codec.command(7, heard) == frame
+    decoded = codec.read_command(7, frame)
+    if isinstance(decoded, SetPoint):
+        assert codec.command(7, decoded) == frame
 
 
 @given(
@@ -144,10 +144,10 @@ def test_a_reply_comes_through_at_most_one_quantum_low(motor: MotorModel, state:
         3, state[0] * motor.position_rad, state[1] * motor.velocity_rad_s, state[2] * motor.torque_nm, 40.0
     )
     frame = codec.reply(reported, 0, 0)
-    heard = codec.read_reply(frame)
-    assert heard is not None
-    assert codec.replier(frame) == heard.drive_id == 3
-    pairs = ((reported[1], heard[1], p), (reported[2], heard[2], v), (reported[3], heard[3], t))
+    decoded = codec.read_reply(frame)
+    assert decoded is not None
+    assert codec.replier(frame) == decoded.drive_id == 3
+    pairs = ((reported[1], decoded[1], p), (reported[2], decoded[2], v), (reported[3], decoded[3], t))
     assert all(-1e-4 <= (sent - received) / quantum <= 1 + 1e-4 for sent, received, quantum in pairs)
 
 
@@ -159,9 +159,9 @@ def test_no_command_at_any_corner_collides_with_a_special_frame(motor: MotorMode
         frame = codec.command(1, within(motor, (signs[0], signs[1], signs[2], signs[3], signs[4])))
         assert mit.special_order(frame.data) is None or frame.extended
         assert frame.data[:7] != b"\xff" * 7 or frame.extended
-        heard = codec.read_command(1, frame)
-        assert isinstance(heard, SetPoint)
-        assert heard.damping_nm_s_rad <= motor.damping_nm_s_rad + top
+        decoded = codec.read_command(1, frame)
+        assert isinstance(decoded, SetPoint)
+        assert decoded.damping_nm_s_rad <= motor.damping_nm_s_rad + top
 
 
 @given(motor=motors, values=st.tuples(*[st.floats(allow_nan=False)] * 5))
@@ -193,12 +193,12 @@ def test_beyond_the_range_is_the_end_of_the_range() -> None:
     ],
 )
 def test_replies_of_six_seven_and_eight_bytes(label: str, data: str, temperature_c: float, faults: DriveFault) -> None:
-    heard = codec_of(TABLE.find(label)).read_reply(Frame(0, bytes.fromhex(data.replace(" ", ""))))
-    assert heard is not None
-    assert heard.drive_id == 2
-    assert heard.position_rad == pytest.approx(0, abs=0.01)
-    assert heard.temperature_c == pytest.approx(temperature_c, nan_ok=True)
-    assert heard.faults is faults
+    decoded = codec_of(TABLE.find(label)).read_reply(Frame(0, bytes.fromhex(data.replace(" ", ""))))
+    assert decoded is not None
+    assert decoded.drive_id == 2
+    assert decoded.position_rad == pytest.approx(0, abs=0.01)
+    assert decoded.temperature_c == pytest.approx(temperature_c, nan_ok=True)
+    assert decoded.faults is faults
 
 
 @pytest.mark.parametrize(
@@ -218,9 +218,9 @@ def test_replies_of_six_seven_and_eight_bytes(label: str, data: str, temperature
 )
 def test_damiao_status(status: int, enabled: bool, faults: DriveFault) -> None:
     frame = Frame(0x11, bytes((status << 4 | 1,)) + bytes.fromhex("7FFF7FF7FF1E28"))
-    heard = codec_of(TABLE.find("DM4310/default")).read_reply(frame)
-    assert heard is not None
-    assert (heard.drive_id, heard.enabled, heard.faults, heard.temperature_c) == (1, enabled, faults, 40.0)
+    decoded = codec_of(TABLE.find("DM4310/default")).read_reply(frame)
+    assert decoded is not None
+    assert (decoded.drive_id, decoded.enabled, decoded.faults, decoded.temperature_c) == (1, enabled, faults, 40.0)
 
 
 def test_damiao_registers_travel_as_little_endian() -> None:
@@ -245,12 +245,12 @@ def test_damiao_registers_travel_as_little_endian() -> None:
 )
 def test_cybergear_faults_and_mode_ride_in_the_identifier(bits: int, faults: DriveFault) -> None:
     identifier = (2 << 24) | (2 << 22) | (bits << 16) | (0x7F << 8) | 0xFD
-    heard = codec_of(TABLE.find("CyberGear/manual")).read_reply(
+    decoded = codec_of(TABLE.find("CyberGear/manual")).read_reply(
         Frame(identifier, bytes.fromhex("7FFF7FFF7FFF0101"), extended=True)
     )
-    assert heard is not None
-    assert (heard.drive_id, heard.faults, heard.enabled) == (0x7F, faults, True)
-    assert heard.temperature_c == pytest.approx(25.7)
+    assert decoded is not None
+    assert (decoded.drive_id, decoded.faults, decoded.enabled) == (0x7F, faults, True)
+    assert decoded.temperature_c == pytest.approx(25.7)
 
 
 def test_cybergear_identifiers_round_trip() -> None:
@@ -264,8 +264,8 @@ def test_garbage_is_read_or_refused_but_never_raises(motor: MotorModel, identifi
     codec = codec_of(motor)
     for frame in (Frame(identifier, data, extended=True), Frame(identifier & 0x7FF, data)):
         codec.replier(frame)
-        heard = codec.read_reply(frame)
-        assert heard is None or math.isfinite(heard.position_rad)
+        decoded = codec.read_reply(frame)
+        assert decoded is None or math.isfinite(decoded.position_rad)
         codec.read_command(identifier & 0x7F, frame)
         damiao.register_reply(frame)
 

@@ -94,12 +94,12 @@ def test_an_upload_says_to_another_driver_what_it_says_here() -> None:
     emulated.state = MotorState(position_rad=0.7, velocity_rad_s=1.2, torque_nm=3.0, temperature_c=31.0)
     (upload,) = emulated.upload()
     assert text_of(upload) == "00002905#019100D9016E1F00"
-    heard = codec_of(model).read_reply(upload)
-    assert heard is not None
-    assert heard.position_rad == pytest.approx(math.radians(40.1))
-    assert heard.velocity_rad_s == pytest.approx(2170 / (21 * 9) * math.tau / 60)
-    assert heard.torque_nm == pytest.approx(3.66 * 0.091 * 9)
-    assert (heard.temperature_c, heard.faults) == (31.0, DriveFault.NONE)
+    decoded = codec_of(model).read_reply(upload)
+    assert decoded is not None
+    assert decoded.position_rad == pytest.approx(math.radians(40.1))
+    assert decoded.velocity_rad_s == pytest.approx(2170 / (21 * 9) * math.tau / 60)
+    assert decoded.torque_nm == pytest.approx(3.66 * 0.091 * 9)
+    assert (decoded.temperature_c, decoded.faults) == (31.0, DriveFault.NONE)
 
 
 def frame_of(text: str) -> Frame:
