@@ -14,7 +14,7 @@ from contextlib import suppress
 
 from app.system.scheduling import set_scheduling
 
-ORDERLY_S = 0.8  # with 0.4 s for the terminal's restoring, and a busy machine's delays, below two seconds
+ORDERLY_S = 0.5  # with 0.4 s for the terminal's restoring, and a busy machine's delays, below two seconds
 ENDING_SIGNALS = (signal.SIGTERM, signal.SIGHUP)
 
 
