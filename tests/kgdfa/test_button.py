@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -165,6 +166,23 @@ def test_a_hand_that_comes_faster_than_a_hand_can_is_no_push_and_told_so() -> No
     assert not leap.pressed
     assert leap.hint is PressHint.PUSH_STEADILY
     assert not run([Seen(FAR), LOST, Seen(NEAR), Seen(NEAR)]).pressed
+
+
+@pytest.mark.parametrize(("fall_m", "presses"), [(0.004, False), (0.005, False), (0.009, True), (0.02, True)])
+def test_a_hand_that_drifts_across_the_threshold_is_no_push_and_told_so(fall_m: float, presses: bool) -> None:
+    distances = [FAR - fall_m * frame for frame in range(int((FAR - NEAR) / fall_m))]
+    state = run([Seen(distance) for distance in distances])
+    assert state.pressed is presses
+    assert state.hint is (None if presses else PressHint.APPROACH_FIRST)
+    assert run([Seen(FAR), Seen(NEAR), Seen(NEAR)], state=run([Seen(FAR)], state=state)).pressed
+
+
+def test_a_hand_that_hovers_about_the_threshold_never_presses() -> None:
+    state = ButtonState()
+    for frame in range(600):
+        state = step(state, Seen(BETWEEN + 0.04 * math.cos(2 * math.pi * 0.3 * frame / 30)))
+        assert not state.pressed
+    assert state.hint is PressHint.APPROACH_FIRST or state.ready
 
 
 def test_a_press_needs_the_centre_and_keeps_within_the_radius() -> None:
