@@ -46,7 +46,7 @@ def scan(
     device: Device = None,
     force: Annotated[bool, typer.Option(help="Ask although others send: disables enabled drives.")] = False,
 ) -> None:
-    """Who answers in which protocol. Disables drives that are enabled, so it refuses on a bus in use."""
+    """List the drives that reply, with their protocol. It disables enabled drives, so it refuses a bus in use."""
     from rich.console import Console
     from rich.table import Table
 
@@ -86,7 +86,7 @@ def monitor(
         float, typer.Option(callback=check_finite, help="End after this long; 0: by Ctrl-C.", min=0)
     ] = 0.0,
 ) -> None:
-    """A live table of what the drives report and their commands; sends nothing."""
+    """Show a live table of the drives' reports and commands; sends nothing."""
     import time
 
     from rich.console import Console
@@ -117,7 +117,7 @@ def doctor(
     motors: Motors = None,
     listen: Annotated[bool, typer.Option("--listen", help="Only listen, ask nothing.")] = False,
 ) -> None:
-    """Why the bus or a drive does not answer, and what to do; ends 0 when all is well."""
+    """Check the bus and its drives, with a remedy for each finding; exit status 0 if there is no fault."""
     from rich.console import Console
 
     from app.diagnostics.can_doctor import examine
@@ -138,7 +138,7 @@ def decode(
     joint: Annotated[str, typer.Option(help="Only this joint, e.g. left_knee.")] = "",
     summary: Annotated[bool, typer.Option("--summary", help="Only the summary.")] = False,
 ) -> None:
-    """A recorded bus, frame by frame at the joints, with a summary of gaps and faults."""
+    """Decode a recorded bus into joint values, frame by frame, with a summary of gaps and faults."""
     import sys
 
     from rich.console import Console
@@ -198,7 +198,7 @@ def zero(
     device: Device = None,
     motors: Motors = None,
 ) -> None:
-    """Make a joint's present pose its zero. You confirm twice; the joint has to be still and off."""
+    """Set a joint's zero at its present pose. You confirm twice; the joint must be still and disabled."""
     import time
 
     from app.text.catalogue import tr

@@ -31,7 +31,7 @@ def emulate_drives(
     seconds: Annotated[float, typer.Option(callback=check_finite, help="End after this long; 0: never.", min=0)] = 0.0,
     home: Annotated[Path | None, typer.Option(help="Data directory (for --patient).")] = None,
 ) -> None:
-    """Four emulated drives on a CAN bus, so that everything can be tried against a virtual exoskeleton."""
+    """Emulate the four drives of the exoskeleton on a CAN bus."""
     from functools import partial
 
     from hal.joints.can.bus import with_bus

@@ -13,7 +13,7 @@ cli = typer.Typer()
 
 @cli.command()
 def doctor(home: HomeOption = None) -> None:
-    """Is this machine fit for a session? Each finding with the command that corrects it; ends 0 when nothing is bad."""
+    """Check this machine for a session, with a remedy for each finding; exit status 0 if there is no fault."""
     from rich.console import Console
 
     from app.diagnostics.doctor import examine
@@ -44,7 +44,7 @@ def model(
 
 @cli.command()
 def locate(home: HomeOption = None) -> None:
-    """Print where everything is kept."""
+    """Print where data, configuration and model are stored."""
     from rich.cells import set_cell_size
 
     from app.system.paths import find_home

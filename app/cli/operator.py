@@ -69,7 +69,7 @@ def pin(name: NameArgument, home: HomeOption = None) -> None:
 
 @cli.command("list")
 def list_operators(home: HomeOption = None) -> None:
-    """Operators, and what each role may do."""
+    """List the operators, and what each role may do."""
     from rich.console import Console
     from rich.table import Table
     from rich.text import Text

@@ -46,7 +46,7 @@ def list_patients(
     archived: Annotated[bool, typer.Option("--archived", help="The archived ones as well.")] = False,
     home: HomeOption = None,
 ) -> None:
-    """All patients, and files that can't be used."""
+    """List all patients, and files that cannot be used."""
     from rich.console import Console
     from rich.table import Table
     from rich.text import Text
@@ -78,7 +78,7 @@ def list_patients(
 
 @cli.command()
 def show(patient: Patient, home: HomeOption = None) -> None:
-    """One patient as in the file, with what is known of the palm."""
+    """Show one patient's profile, with the palm estimate and its error."""
     from rich.console import Console
 
     from app.text.catalogue import tr
@@ -102,7 +102,7 @@ def new(
     by: ByOption = "",
     home: HomeOption = None,
 ) -> None:
-    """A new patient; everything else has defaults that `set` changes."""
+    """Create a patient; other fields have defaults that `set` changes."""
     from datetime import UTC, datetime
 
     from profiles.files import edit, parse_assignments

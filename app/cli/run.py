@@ -77,7 +77,7 @@ def demo(
     home: HomeOption = None,
     verbose: Annotated[bool, typer.Option("--verbose", help="Log more for engineers.")] = False,
 ) -> None:
-    """Sign and press through all twelve actions with the real processes; ends 0 only if all is well."""
+    """Run all twelve actions by gestures with the real processes; exit status 0 only if all pass."""
     import json
 
     from app.cli.progress import spinner, wide_console
