@@ -103,6 +103,9 @@ class ButtonComparison:
     beside_limit_px: float  # 0 for a press, the radius while pressed
     held_ns: int  # since the press; 0: not pressed
     gap_frames: int  # in a row without a measurement, before this frame
+    elapsed_limit_ns: int = STALE_NS  # later, the camera paused
+    held_limit_ns: int = SHORTEST_PRESS_NS  # shorter is no press
+    gap_limit_frames: int = GAP_FRAMES  # more lose the hand
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

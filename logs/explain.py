@@ -57,8 +57,8 @@ _LIMITS: dict[type, dict[str, str | None]] = {
     r.GestureOnset: {"confidence": None, "votes": None},
     r.Press: {"safe_distance_m": "threshold_m"},
     r.Hint: {"safe_distance_m": "threshold_m"},
-    r.Cancel: {"safe_distance_m": "release_m", "held_ns": None},
-    r.Release: {"safe_distance_m": "release_m", "held_ns": None},
+    r.Cancel: {"safe_distance_m": "release_m", "held_ns": "held_limit_ns"},
+    r.Release: {"safe_distance_m": "release_m", "held_ns": "held_limit_ns"},
     r.EventRaised: {"value": "limit"},
     r.Refusal: {"value": "limit"},
     r.GuardRefusal: {"value": "limit"},
@@ -69,10 +69,13 @@ _BUTTON = {
     "previous_m": None,
     "nearer_m": "nearer_limit_m",
     "beside_px": "beside_limit_px",
+    "elapsed_ns": "elapsed_limit_ns",
+    "gap_frames": "gap_limit_frames",
     "anchor_m": None,
     "focal_px": None,
 }
 _OF_BUTTON = (r.Press, r.Hint, r.Cancel, r.Release)
+_LATER = {"held_limit_ns", "elapsed_limit_ns", "gap_limit_frames"}  # 0 in a trail from before: not recorded then
 _SOURCES = {"anchor_m": "anchor_method", "focal_px": "focal_source"}
 
 
@@ -297,7 +300,7 @@ def _checks(body: Body) -> tuple[Check, ...]:
         Check(
             name=quantity or name if name == "value" else name,
             value=getattr(body, name),
-            limit=getattr(body, limit) if limit else None,
+            limit=(getattr(body, limit) or None) if limit in _LATER else getattr(body, limit) if limit else None,
             source=getattr(body, _SOURCES.get(name, ""), ""),
         )
         for name, limit in pairs.items()
@@ -335,6 +338,8 @@ NAMED = frozenset(
         "votes",
         "safe_distance_m",
         "held_ns",
+        "elapsed_ns",
+        "gap_frames",
         "distance_m",
         "previous_m",
         "nearer_m",

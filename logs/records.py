@@ -236,6 +236,9 @@ class _Decided(Struct, frozen=True, kw_only=True):
     elapsed_ns: int = 0  # since the frame before
     held_ns: int = 0  # since the press
     gap_frames: int = 0
+    elapsed_limit_ns: int = 0
+    held_limit_ns: int = 0
+    gap_limit_frames: int = 0
     anchor_m: Measured = None
     anchor_method: str = ""
     focal_px: Measured = None

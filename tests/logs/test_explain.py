@@ -89,6 +89,8 @@ def test_each_compared_value_is_the_live_one(tmp_path: Path) -> None:
         assert (told["safe_distance_m"].value, told["safe_distance_m"].limit) == (live.distance_m, limit_m)
         assert (told["nearer_m"].value, told["nearer_m"].limit) == (live.nearer_m, live.nearer_limit_m)
         assert (told["beside_px"].value, told["beside_px"].limit) == (live.beside_px, live.beside_limit_px)
+        assert (told["elapsed_ns"].value, told["elapsed_ns"].limit) == (live.elapsed_ns, live.elapsed_limit_ns)
+        assert (told["gap_frames"].value, told["gap_frames"].limit) == (live.gap_frames, live.gap_limit_frames)
         assert (told["focal_px"].value, told["focal_px"].source) == (610.0, "assumed")
     assert at(explanation, Hop.CAPTURED).at_ns == reports[0].vote_ns[0]
     told = {check.name: check for check in at(explanation, Hop.PRESSED).checks}
@@ -118,13 +120,13 @@ def test_stop_is_explained_from_the_key_to_the_joint_command(tmp_path: Path) -> 
 def test_a_refusal_by_an_event_is_explained_with_its_numbers(tmp_path: Path) -> None:
     rig = standing()
     rig.audit.clear()
-    rig.spoil["late_ns"] = 25_000_000
+    rig.spoil["late_ns"] = 60_000_000
     rig.tick()
     rig.send(K.ACT, A.SIT_DOWN)
     rig.tick()
     found = trail(tmp_path, rig.audit)
     (check,) = at(explain(found, only(found, Refusal).sequence), Hop.REFUSED).checks
-    assert (check.name, check.value, check.limit, check.margin) == ("late_ms", 25.0, 20.0, -5.0)
+    assert (check.name, check.value, check.limit, check.margin) == ("late_ms", 60.0, 50.0, -10.0)
 
 
 @pytest.mark.parametrize("language", ["en", "zh"])
