@@ -40,6 +40,7 @@ class LiveSession:
     def start(self) -> None:
         """Start the processes; collections of garbage, which stop the heartbeat too, come rarely from now on."""
         reduce_gc()
+        gc.collect()  # it stops all threads for 0.2 s: now, before there is a control that awaits the heartbeat
         self.host.start()
 
     def failed(self, why: str) -> None:
@@ -135,12 +136,11 @@ def reduce_gc() -> None:
 
 
 def gc_freeze() -> None:
-    """Leave what is in use by now out of every later collection of garbage; what no longer is, is freed first.
+    """Leave all that exists by now out of every later collection of garbage.
 
     A full one would otherwise stop all threads for 0.1 to 0.2 s every few seconds, the heartbeat and STOP among
-    them. Undone by `restore_gc`.
+    them; so would one made here, beside a running control. Undone by `restore_gc`.
     """
-    gc.collect()
     gc.freeze()
 
 

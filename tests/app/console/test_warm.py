@@ -10,6 +10,7 @@ import pytest
 from textual.strip import Strip
 
 from app.console.live import gc_freeze, reduce_gc, restore_gc
+from testing.fake_host import FakeHost
 from tests.app.console.conftest import Opener
 
 
@@ -27,11 +28,30 @@ def as_before() -> Iterator[None]:
     restore_gc()
 
 
-def test_garbage_is_freed_before_the_rest_is_kept() -> None:
-    gone = weakref.ref(Node())
-    gc_freeze()
-    assert gone() is None
-    assert gc.get_freeze_count() > 0
+async def test_no_full_collection_stops_the_heartbeat(console: Opener) -> None:
+    full: list[bool] = []
+
+    def collected(phase: str, info: dict[str, int]) -> None:
+        if phase == "start" and info["generation"] == 2 and started:
+            full.append(True)
+
+    started: list[bool] = []
+    gc.callbacks.append(collected)
+    start = FakeHost.start
+
+    def starting(host: FakeHost) -> None:
+        started.append(True)
+        start(host)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(FakeHost, "start", starting)
+        try:
+            async with console() as open_console:
+                await open_console.until(lambda: gc.get_freeze_count() > 0)
+                assert started
+                assert not full
+        finally:
+            gc.callbacks.remove(collected)
 
 
 def test_what_was_kept_is_let_go_and_collected_as_often_as_before() -> None:
