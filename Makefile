@@ -23,7 +23,7 @@ test: check model
 check: $(DEV_STAMP)
 	@$(BIN)/ruff check .
 	@$(BIN)/ruff format --check .
-	@$(BIN)/mypy app hal kgdfa logs profiles reading testing tests tools
+	@$(BIN)/mypy app hal kgdfa logs profiles testing tests tools
 	@$(BIN)/lint-imports --no-logo
 
 test-can: $(DEV_STAMP) model

@@ -22,8 +22,8 @@ from kgdfa.errors import KgdfaError, KgdfaFault
 from kgdfa.features import FEATURES, Measure, Unit, features
 from kgdfa.gesture import Decision, Explanation, Finger, Gesture, Verdict
 from kgdfa.hand import FloatArray, Hand
-from reading.arrays import check_finite, read_arrays
-from reading.errors import cause_of
+from logs.reading.arrays import check_finite, read_arrays
+from logs.reading.errors import cause_of
 
 GESTURES = tuple(Gesture)
 

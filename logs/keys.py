@@ -25,9 +25,9 @@ from msgspec import Struct
 
 from logs.disk import Disk
 from logs.errors import AuditError, AuditFault
-from reading.errors import cause_of
-from reading.formats import read_json
-from reading.regular import read_bytes
+from logs.reading.errors import cause_of
+from logs.reading.formats import read_json
+from logs.reading.regular import read_bytes
 
 ANCHOR_FILE = "history.json"
 

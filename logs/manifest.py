@@ -17,11 +17,11 @@ from logs.disk import Disk, is_being_written
 from logs.errors import AuditError, AuditFault
 from logs.keys import Anchor, ConsoleKey, PublicKey, by_fingerprint, write_anchor
 from logs.line import GENESIS, MAX_LINE, SIGNED_KINDS
+from logs.reading.regular import open_regular
 from logs.reason import Reason, reason
 from logs.records import Body, Checkpoint, Entry, LogClosed, LogOpened, LogRecovered, Record
 from logs.scan import Scan, scan_file
 from logs.trail import Chain, DiskFault, Trail, open_logger
-from reading.regular import open_regular
 
 MANIFEST_SESSION = "manifest"
 

@@ -15,9 +15,9 @@ from logging.handlers import SysLogHandler
 from pathlib import Path
 
 from logs.line import unseal
+from logs.reading.regular import open_regular, read_bytes
 from logs.reason import Reason, reason
 from logs.scan import Head, head_of
-from reading.regular import open_regular, read_bytes
 
 MAX_COPY = 256 << 20  # bytes of a mirror of checkpoints
 

@@ -20,10 +20,10 @@ from rich.text import Text
 from logs.errors import AuditError, AuditFault
 from logs.line import MAX_LINE
 from logs.read import session_paths
+from logs.reading.errors import cause_of
+from logs.reading.regular import open_regular
 from logs.reason import Reason, Render
 from logs.sanitize import sanitize_terminal
-from reading.errors import cause_of
-from reading.regular import open_regular
 
 # Columns taken out of the body, by DuckDB's type; `body` holds all of it as JSON text.
 _TEXT = "kind action source gesture state from_state to_state outcome reason event effect text stream"

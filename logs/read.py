@@ -12,10 +12,10 @@ import msgspec
 
 from logs.errors import AuditError, AuditFault
 from logs.line import MAX_LINE
+from logs.reading.errors import cause_of
+from logs.reading.regular import open_regular
 from logs.records import ActionEnd, Command, EventRaised, PatientChosen, Record, Refusal, Stop
 from logs.verify import is_session
-from reading.errors import cause_of
-from reading.regular import open_regular
 
 _decode = msgspec.json.Decoder(Record).decode
 NOT_A_RECORD = "not-a-record"  # kinds of what is none

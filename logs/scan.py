@@ -15,9 +15,9 @@ from msgspec import Struct
 
 from logs.keys import PublicKey
 from logs.line import GENESIS, MAX_LINE, SEAL_LENGTH, SIGNED_KINDS, signed_message, unseal
+from logs.reading.regular import open_regular
 from logs.reason import Reason, reason
 from logs.records import SCHEMA
-from reading.regular import open_regular
 
 Progress = Callable[[int], None]
 _PROGRESS_LINES = 20_000

@@ -14,11 +14,11 @@ from logs.keys import Anchor, PublicKey
 from logs.line import GENESIS, MAX_LINE
 from logs.manifest import COMMENTS, OPERATORS, Listing, manifest_paths, read_listings
 from logs.mirror import SUFFIX, copied, copied_files, differing
+from logs.reading.errors import cause_of
+from logs.reading.regular import open_regular
 from logs.reason import Reason, reason
 from logs.records import SCHEMA, LogClosed, LogRecovered, Record, SessionStart
 from logs.scan import Progress, Scan, scan_file
-from reading.errors import cause_of
-from reading.regular import open_regular
 
 __all__ = ["Evidence", "Finding", "Status", "exit_status", "is_session", "verify"]
 

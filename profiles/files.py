@@ -14,12 +14,12 @@ import msgspec
 import tomlkit
 from tomlkit.exceptions import TOMLKitError
 
-import reading.regular
+import logs.reading.regular
+from logs.reading.errors import InputError, cause_of
+from logs.reading.formats import MAX_TOML, parse_toml
 from profiles.errors import ProfileError, ProfileFault
 from profiles.fields import check, file_key, from_file, to_file
 from profiles.schema import Profile
-from reading.errors import InputError, cause_of
-from reading.formats import MAX_TOML, parse_toml
 
 HEADING = "Patient profile: centimetres, degrees, kilograms, seconds. Comments are kept."
 
@@ -69,7 +69,7 @@ def _document(existing: str) -> tomlkit.TOMLDocument:
 def read_text(path: Path, limit: int = MAX_TOML) -> str:
     """A file's text. Raises ProfileError when it can't be read or can't be a profile."""
     try:
-        return reading.regular.read_text(path, limit)
+        return logs.reading.regular.read_text(path, limit)
     except OSError as error:
         raise ProfileError(ProfileFault.UNREADABLE, path=path, detail=cause_of(error)) from error
 

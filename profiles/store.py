@@ -14,12 +14,12 @@ from typing import Any
 import msgspec
 from msgspec import Struct
 
+from logs.reading.errors import cause_of
+from logs.reading.formats import read_json_lines
 from profiles.errors import ProfileError, ProfileFault
 from profiles.fields import IDENTIFIER, check, to_file
 from profiles.files import decode, encode, read_text, replace_files
 from profiles.schema import DEMO_PATIENT, Profile
-from reading.errors import cause_of
-from reading.formats import read_json_lines
 
 SUFFIX = ".toml"
 MAX_HISTORY = 64 << 20  # bytes

@@ -42,12 +42,12 @@ from logs.errors import AuditError, AuditFault
 from logs.keys import load_public_key, read_anchor
 from logs.query import ask, connect_locked
 from logs.read import records
+from logs.reading.errors import InputError, InputFault
+from logs.reading.formats import MAX_TOML, parse_json, parse_toml, read_json_lines
+from logs.reading.regular import read_bytes
 from profiles.files import decode, encode, read_text
 from profiles.schema import DEMO_PATIENT
 from profiles.store import ProfileStore
-from reading.errors import InputError, InputFault
-from reading.formats import MAX_TOML, parse_json, parse_toml, read_json_lines
-from reading.regular import read_bytes
 
 LIMIT_S = 20
 ROOT = Path(__file__).parents[1]

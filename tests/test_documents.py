@@ -10,7 +10,7 @@ import pytest
 ROOT = Path(__file__).parents[1]
 DOCUMENTS = (ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md")))
 _LINK = re.compile(r"\]\(([^)#:]+)(?:#[^)]*)?\)")
-_FOLDERS = "app|hal|kgdfa|logs|profiles|reading|testing|tests|tools|docs"
+_FOLDERS = "app|hal|kgdfa|logs|profiles|testing|tests|tools|docs"
 _FILE = re.compile(rf"`((?:{_FOLDERS})/[\w./-]*(?:\.(?:py|toml|po|md|svg)|/))`")
 
 

@@ -13,8 +13,8 @@ from app.system.errors import AppError
 from hal.errors import HardwareError
 from kgdfa.errors import KgdfaError
 from logs.errors import AuditError
+from logs.reading.errors import cause_of
 from profiles.errors import ProfileError
-from reading.errors import cause_of
 
 if TYPE_CHECKING:
     import typer

@@ -45,7 +45,7 @@ def check_output(path: Path | None) -> Path | None:
     import tempfile
 
     from app.system.errors import AppError
-    from reading.errors import InputError, InputFault, cause_of
+    from logs.reading.errors import InputError, InputFault, cause_of
 
     try:
         if path.exists():

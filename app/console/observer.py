@@ -26,7 +26,7 @@ from app.system.config import Config, SessionSetup
 from app.system.errors import AppError, ConsoleFault
 from app.system.paths import Home
 from app.system.scheduling import set_scheduling
-from reading.regular import read_bytes
+from logs.reading.regular import read_bytes
 
 _SHARED = "session.msgpack"
 

@@ -18,6 +18,8 @@ from logs.keys import load_or_make_key
 from logs.line import MAX_LINE
 from logs.manifest import COMMENTS, Moment, append_signed
 from logs.read import UnreadableLine, records, understand
+from logs.reading.errors import cause_of
+from logs.reading.regular import open_regular
 from logs.records import (
     Acknowledgement,
     Body,
@@ -36,8 +38,6 @@ from logs.records import (
     Stop,
     Transition,
 )
-from reading.errors import cause_of
-from reading.regular import open_regular
 
 MAX_SESSION = 1 << 30  # bytes of a trail that is shown whole
 

@@ -12,8 +12,8 @@ import msgspec
 from msgspec import Struct
 
 from app.system.errors import AppError
-from reading.errors import cause_of
-from reading.formats import read_json_lines
+from logs.reading.errors import cause_of
+from logs.reading.formats import read_json_lines
 
 
 class SessionIndexFault(Enum):

@@ -24,9 +24,9 @@ from hal.cameras.playback import decode_image
 from kgdfa.gesture import Gesture
 from kgdfa.hand import Hand
 from kgdfa.preprocess import Image
+from logs.reading.errors import cause_of
+from logs.reading.regular import read_text
 from logs.reason import Reason
-from reading.errors import cause_of
-from reading.regular import read_text
 
 NONE_PREFIX = "none:"
 NO_HAND = "none:nohand"

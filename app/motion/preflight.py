@@ -25,11 +25,11 @@ from app.system.paths import Home
 from hal.errors import HardwareError
 from hal.joints.device import Exoskeleton
 from hal.joints.guard import limits_of
+from logs.reading.errors import cause_of
+from logs.reading.formats import read_json
 from logs.reason import Reason, reason, reason_of
 from profiles.errors import ProfileError
 from profiles.schema import Profile
-from reading.errors import cause_of
-from reading.formats import read_json
 
 
 class PreflightResult(Struct, frozen=True, kw_only=True):

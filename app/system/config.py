@@ -10,9 +10,9 @@ import msgspec
 from msgspec import Meta, Struct
 
 from app.system.errors import AppError
+from logs.reading.errors import cause_of
+from logs.reading.formats import read_toml
 from profiles.schema import Profile
-from reading.errors import cause_of
-from reading.formats import read_toml
 
 if TYPE_CHECKING:
     from hal.joints.device import Exoskeleton

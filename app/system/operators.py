@@ -23,9 +23,9 @@ from app.system.errors import AppError
 from app.system.paths import Home
 from logs.keys import load_or_make_key
 from logs.manifest import OPERATORS, Moment, append_signed
+from logs.reading.errors import cause_of
+from logs.reading.formats import read_json
 from logs.records import Body
-from reading.errors import cause_of
-from reading.formats import read_json
 
 STORE_FILE = "operators.json"
 

@@ -17,7 +17,7 @@ from pathlib import Path
 import platformdirs
 
 from app.system.errors import AppError
-from reading.errors import cause_of
+from logs.reading.errors import cause_of
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 from hal.cameras.camera import ImageArray, Intrinsics, IntrinsicsSource
 from hal.errors import CameraFault, HardwareError
-from reading.errors import cause_of
-from reading.formats import MAX_TOML, parse_toml
-from reading.regular import read_text
+from logs.reading.errors import cause_of
+from logs.reading.formats import MAX_TOML, parse_toml
+from logs.reading.regular import read_text
 
 # An ordinary 16:9 webcam sees about 68 degrees across, which is 950 px of focal length at 1280 pixels.
 _ASSUMED_FOCAL_SHARE = 950.0 / 1280.0

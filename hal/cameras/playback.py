@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from hal.cameras.camera import DepthArray, EndOfRecording, Frame, ImageArray, Intrinsics
 from hal.cameras.intrinsics import check_size, choose
 from hal.errors import CameraFault, HardwareError, RecordingFault
-from reading.regular import MAX_IMAGE, read_bytes
+from logs.reading.regular import MAX_IMAGE, read_bytes
 
 IMAGE_SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".bmp", ".webp", ".tif", ".tiff"})
 

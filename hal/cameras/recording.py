@@ -21,9 +21,9 @@ from hal.cameras.camera import DepthArray, EndOfRecording, Frame, Intrinsics, In
 from hal.cameras.intrinsics import check_lens
 from hal.cameras.playback import FrameSource, RecordedFrame, decode_image, read_image
 from hal.errors import HardwareError, RecordingFault
-from reading.errors import InputError, cause_of
-from reading.formats import parse_json
-from reading.regular import read_bytes
+from logs.reading.errors import InputError, cause_of
+from logs.reading.formats import parse_json
+from logs.reading.regular import read_bytes
 
 INDEX = "frames.jsonl"
 FORMAT = "rleex-recording"

@@ -9,8 +9,8 @@ from typing import Annotated, Literal
 from msgspec import Meta, Struct
 
 from hal.errors import DeviceFault, HardwareError
-from reading.errors import cause_of
-from reading.formats import read_toml
+from logs.reading.errors import cause_of
+from logs.reading.formats import read_toml
 
 
 class Joint(IntEnum):

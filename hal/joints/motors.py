@@ -15,8 +15,8 @@ from msgspec import Meta, Struct
 
 from hal.errors import DeviceFault, HardwareError
 from hal.joints.protocol import DriveFault
-from reading.errors import cause_of
-from reading.formats import read_toml
+from logs.reading.errors import cause_of
+from logs.reading.formats import read_toml
 
 BUILT_IN_TABLE = Path(__file__).with_name("motors.toml")
 

@@ -30,9 +30,9 @@ from kgdfa.hand import FloatArray, Hand, Side
 from kgdfa.preprocess import Prepare, as_bgr8
 from kgdfa.published import PublishedRules
 from kgdfa.robust import RobustRules
+from logs.reading.arrays import check_finite, read_arrays
+from logs.reading.errors import cause_of
 from logs.reason import Reason, reason, reason_of
-from reading.arrays import check_finite, read_arrays
-from reading.errors import cause_of
 
 
 class ImageDetector:

@@ -29,10 +29,10 @@ from hal.joints.body import TRUNK_COM_OF_STATURE, Body
 from hal.joints.device import Exoskeleton
 from hal.joints.protocol import TICK_HZ, Joint
 from hal.joints.simulated.wearer import GroundTruth
+from logs.reading.arrays import check_finite
+from logs.reading.errors import cause_of
+from logs.reading.regular import read_text
 from profiles.schema import GaitParameters, Profile, Sex
-from reading.arrays import check_finite
-from reading.errors import cause_of
-from reading.regular import read_text
 
 STATURES_M = (1.45, 1.95)
 MASSES_KG = (45.0, 110.0)

@@ -23,8 +23,8 @@ from hal.joints.can.drive import Drive
 from hal.joints.codecs.wire import Order, Reply, SetPoint
 from hal.joints.device import Exoskeleton
 from hal.joints.protocol import DriveFault, Joint
-from reading.errors import cause_of
-from reading.regular import open_regular
+from logs.reading.errors import cause_of
+from logs.reading.regular import open_regular
 
 # (1731.000001) can0 001#7FFF7FF0000007FF, candump -L; candump -l adds R or T in newer versions
 _WHOLE_LINE = re.compile(

@@ -7,7 +7,7 @@ import stat
 from pathlib import Path
 from typing import BinaryIO
 
-from reading.errors import InputError, InputFault
+from logs.reading.errors import InputError, InputFault
 
 MAX_TEXT = 16 << 20  # bytes of a table or a list of JSON lines
 MAX_IMAGE = 64 << 20

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.lib import format as npy
 from numpy.typing import NDArray
 
-from reading.errors import InputError, InputFault
-from reading.regular import open_regular
+from logs.reading.errors import InputError, InputFault
+from logs.reading.regular import open_regular
 
 MAX_ARCHIVE = 1 << 30  # bytes, packed or unpacked
 

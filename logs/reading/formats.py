@@ -10,8 +10,8 @@ from typing import Any, TypeVar
 
 import msgspec
 
-from reading.errors import InputError, InputFault
-from reading.regular import read_bytes, read_text
+from logs.reading.errors import InputError, InputFault
+from logs.reading.regular import read_bytes, read_text
 
 MAX_TOML = 256 << 10  # bytes; the longest that is shipped has a tenth
 MAX_DEPTH = 16
