@@ -11,8 +11,6 @@ import multiprocessing
 import os
 import shutil
 import signal
-import subprocess
-import sys
 import threading
 import time
 from abc import ABC, abstractmethod
@@ -266,19 +264,6 @@ class Sniffer:
                 # the kernel's time of arrival: this thread may be late on a busy machine
                 age_ns = max(0, time.time_ns() - int(message.timestamp * 1e9))
                 self.frames.append((time.monotonic_ns() - age_ns, message.arbitration_id, bytes(message.data)))
-
-
-@contextmanager
-def saturated_cores() -> Iterator[None]:
-    """Every core kept busy by a process that does nothing else, at a user's ordinary priority."""
-    burn = [sys.executable, "-c", "while True: pass"]
-    burners = [subprocess.Popen(burn) for _ in range(os.cpu_count() or 1)]
-    try:
-        yield
-    finally:
-        for burner in burners:
-            burner.kill()
-            burner.wait()
 
 
 def _lives(pid: int) -> bool:

@@ -30,7 +30,8 @@ from app.system.paths import find_home
 
 sys.path.insert(0, str(Path(__file__).parent.parent))  # run as a script, `tools` is a folder of the tree
 
-from testing.session import TIMEOUT_S, WatchedSession, real_session, saturated_cores
+from app.demo.load import busy_processes, every_core
+from testing.session import TIMEOUT_S, WatchedSession, real_session
 from tools.bench_console import Terminal
 
 BOUNDS_MS = {"p99_ms": 0.2, "p999_ms": 1.0}  # where SCHED_FIFO is allowed
@@ -146,7 +147,7 @@ def _walk_again(session: WatchedSession, held: Counter[str]) -> None:
 def main() -> None:
     """Measure and print."""
     asked = arguments()
-    load = saturated_cores() if asked.saturate else contextlib.nullcontext()
+    load = busy_processes(every_core()) if asked.saturate else contextlib.nullcontext()
     with tempfile.TemporaryDirectory() as folder, begun(asked, Path(folder)) as session:
         with load:
             held = walk_for(session, asked.seconds)

@@ -33,7 +33,8 @@ from hal.joints.device import load_exoskeleton
 
 sys.path.insert(0, str(Path(__file__).parent.parent))  # run as a script, `tools` is a folder of the tree
 
-from testing.session import RealSession, Sniffer, real_session, saturated_cores
+from app.demo.load import busy_processes, every_core
+from testing.session import RealSession, Sniffer, real_session
 
 MIDDLE = 0.3  # of a movement: STOP is pressed beyond it
 LIMITS_MS = {"stop_p99": 25.0, "console_killed_to_hold": 250.0, "control_killed_to_damping": 50.0}
@@ -220,7 +221,7 @@ def control_killed(home: Path) -> float:
 def main() -> None:
     """Measure and print."""
     asked = arguments()
-    load = saturated_cores() if asked.saturate else contextlib.nullcontext()
+    load = busy_processes(every_core()) if asked.saturate else contextlib.nullcontext()
     with tempfile.TemporaryDirectory() as folder, load:
         home = Path(folder)
         with real_session(home, perception=not asked.no_perception) as session:

@@ -74,6 +74,7 @@ def demo(
     click: Annotated[
         float, typer.Option(callback=check_finite, help="Seconds to press and withdraw.", min=0.2, max=3.0)
     ] = 0.6,
+    load: Annotated[int, typer.Option(min=0, max=64, help="Busy processes to start beside it.")] = 0,
     home: HomeOption = None,
     verbose: Annotated[bool, typer.Option("--verbose", help="Log more for engineers.")] = False,
 ) -> None:
@@ -82,6 +83,7 @@ def demo(
 
     from app.cli.progress import spinner, wide_console
     from app.demo.drives import joints_for
+    from app.demo.load import busy_processes
     from app.demo.scenario import ALL_TWELVE
     from app.demo.session import demo_config, print_result, run_session
     from app.system.config import load_config
@@ -98,8 +100,8 @@ def demo(
         start_log(place, "demo")
         set_up_model(place, base)
         config = demo_config(base, seed=seed, joints=joints_config)
-        with spinner(console, total=len(ALL_TWELVE)) as watch:
-            result = run_session(place, config, ALL_TWELVE, click_s=click, presses=PRESSES, watch=watch)
+        with busy_processes(load), spinner(console, total=len(ALL_TWELVE)) as watch:
+            result = run_session(place, config, ALL_TWELVE, click_s=click, presses=PRESSES, watch=watch, load=load)
     print_result(console, result, ALL_TWELVE)
     if json_file is not None:
         json_file.write_text(json.dumps(result.as_json(ALL_TWELVE), indent=1) + "\n", encoding="utf-8")

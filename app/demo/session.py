@@ -35,6 +35,7 @@ class SessionResult:
     lateness: Lateness
     session: str
     pauses: PauseSummary = field(default_factory=PauseSummary)
+    load: int = 0  # busy processes beside it
 
     def last_of(self, scenario: Sequence[Step]) -> tuple[Attempt, ...]:
         """The last attempt of each step that was tried: what an interlock interrupted was made again."""
@@ -61,6 +62,7 @@ class SessionResult:
             "missed_ticks": late.missed,
             "pauses": self.pauses.count,
             "paused_s": round(self.pauses.total_s, 3),
+            "load": self.load,
             "session": self.session,
         }
 
@@ -95,10 +97,14 @@ def run_session(
     presses: int,
     watch: Callable[[str], None],
     approach_m: float = 0.0,
+    load: int = 0,
     patient: Profile | None = None,
     run_attempts: Callable[[ScenarioRunner, Sequence[Step]], list[Attempt]] = run_scenario,
 ) -> SessionResult:
-    """Start the real processes, carry out the scenario, close, verify the audit trail; None: the demo patient."""
+    """Start the real processes, carry out the scenario, close, verify the audit trail; None: the demo patient.
+
+    load: how many busy processes the caller has started beside it, for the result.
+    """
     wearer = patient or demo_patient(config.camera.seed)
     setup = make_setup(home, config, wearer, operator="demo", role=DEMONSTRATION)
     if config.joints.kind != "simulated":
@@ -120,6 +126,7 @@ def run_session(
         perception_fps=runner.perception_fps(),
         lateness=runner.snapshot.lateness if runner.snapshot else Lateness(),
         pauses=runner.snapshot.pauses if runner.snapshot else PauseSummary(),
+        load=load,
         session=setup.session,
     )
 
@@ -165,6 +172,8 @@ def print_result(console: Console, result: SessionResult, scenario: Sequence[Ste
         console.print(tr("demo.response", median_ms=release.p50, p99_ms=release.p99))
     if result.pauses.count:
         console.print(tr("demo.pauses", times=result.pauses.count, total_s=result.pauses.total_s))
+    if result.load:
+        console.print(tr("demo.load", count=result.load))
     console.print(tr("demo.fps", fps=result.perception_fps))
     late = result.lateness
     console.print(
