@@ -102,7 +102,7 @@ async def test_a_drive_fault_holds_the_legs_until_it_is_mended_and_acknowledged(
         await console.walk(steps=1)
         console.signal("control", BREAK)
         await console.until(lambda: console.in_force(Event.DRIVE_FAULT))
-        await console.shows("A drive reports a fault")
+        await console.shows("over-current")
         await console.press("t", "0")
         await console.until(lambda: console.snapshot.refusal)
         console.signal("control", MEND)
