@@ -234,13 +234,13 @@ class ConsoleApp(SessionFlow):
         self.push_screen(ReviewScreen(self.home))
 
     def _tick(self) -> None:
-        state = None
-        if self.live is not None and not self.live.closed:
-            before = self.live.state.processes
+        state, live = None, self.live  # a tick may end the session
+        if live is not None and not live.closed:
+            before = live.state.processes
             if self._terminal is None:
-                self.live.input_alive()
-            state = self.live.tick()
-            if not (self.live.ending or self.read_only):
+                live.input_alive()
+            state = live.tick()
+            if not (live.ending or self.read_only):
                 self._record_ended(newly_ended(before, state.processes))
         if self._idle.must_lock(time.monotonic(), moving=state is not None and state.moving):
             self._idle = self._idle.touched(time.monotonic())
