@@ -31,6 +31,8 @@ from app.system.config import Config, SessionSetup
 from app.system.hand_model import find_model
 from app.system.paths import Home, find_home
 from kgdfa.gesture import Gesture
+from logs.read import records, session_paths
+from logs.records import Stop
 from profiles.schema import DEMO_PATIENT, Profile
 from tests.app.console.conftest import Console, wait_until
 from tests.app.console.stalls import AFTER_STALLS, STALLS, HostStalled
@@ -49,8 +51,9 @@ AnyScreen = type[Screen[Any]]
 class RealConsole(Console):
     """A console over real processes, with what control and perception last said."""
 
-    def __init__(self, app: ConsoleApp, pilot: Pilot[None]) -> None:
+    def __init__(self, app: ConsoleApp, pilot: Pilot[None], home: Path) -> None:
         super().__init__(app, pilot, [])
+        self.home = home
         self.interruptions: list[str] = []
 
     @property
@@ -170,14 +173,23 @@ class RealConsole(Console):
                 return
 
     async def stop_in(self, goal: GaitState) -> None:
-        """STOP in a state: the legs are held where they are."""
-        rests = GaitState.BETWEEN if goal in THROUGH else goal
+        """STOP in a state, as the trail records it: between the look and the key a movement may leave it."""
         for _ in self._tries(f"STOP in {goal.value}"):
             await self.bring(goal)
+            recorded = partial(self._stopped_more_than, len(self.stops()))
             await self.stop()
-            if self.snapshot.state is rests:
+            await self.until(recorded)
+            if self.stops()[-1] == goal.value:
                 return
             await self.pick_up(f"{goal.value} was over before STOP")
+
+    def _stopped_more_than(self, times: int) -> bool:
+        return len(self.stops()) > times
+
+    def stops(self) -> list[str]:
+        """The state of every STOP that the session's trail holds so far."""
+        (trail,) = session_paths(self.home / "logs")
+        return [record.body.state for record in records(trail) if isinstance(record.body, Stop)]
 
     async def stop(self) -> None:
         """One key, and the bar of every screen of ours says what it did."""
@@ -290,7 +302,7 @@ async def real_console(
     """Open a console, with a running session unless `profile` is None; its processes end whatever happens."""
     app = ConsoleApp(Home(home), config or real_config(), profile=profile, make_host=make_host)
     async with app.run_test(size=size, notifications=True) as pilot:
-        console = RealConsole(app, pilot)
+        console = RealConsole(app, pilot, home)
         try:
             if profile is not None:
                 await console.begun()

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from importlib import import_module
 from pathlib import Path
 
+import pytest
 from textual.command import CommandPalette
 
 import app.console
@@ -25,10 +26,10 @@ from app.console.screens.signin import LockScreen, SignInDialog
 from app.console.screens.start import StartSession
 from app.console.screens.training import TrainingScreen
 from app.ipc.states import Effect, GaitState
-from logs.read import records, session_paths
-from logs.records import Stop
 from tests.app.console.real import AnyScreen, real_console, stop_on
 from tests.app.console.stalls import walked_again
+
+pytestmark = pytest.mark.serial
 
 # In this order: the states that a movement passes through leave the legs in BETWEEN, which comes last.
 STATES = (
@@ -104,7 +105,7 @@ async def test_stop_in_every_state(tmp_path: Path) -> None:
         await console.press("space")
         await console.until(lambda: console.snapshot.effect is Effect.DAMP)
         await console.shows("LEGS DAMPED")
-    assert {state.value for state in STATES} <= set(stopped_in(tmp_path))
+    assert {state.value for state in STATES} <= set(console.stops())
 
 
 @walked_again
@@ -127,9 +128,3 @@ async def test_stop_through_every_screen(tmp_path: Path) -> None:
             await console.press(closes)
             await console.until(lambda: isinstance(console.app.screen, SessionScreen))
             await console.acknowledge()
-
-
-def stopped_in(home: Path) -> list[str]:
-    """The states that the trail says STOP was heard in."""
-    (trail,) = session_paths(home / "logs")
-    return [record.body.state for record in records(trail) if isinstance(record.body, Stop)]

@@ -16,8 +16,10 @@ from pathlib import Path
 import psutil
 import pytest
 
-from app.ipc.states import Effect
+from app.ipc.states import Effect, GaitState
 from testing.session import TIMEOUT_S, RealSession, real_session
+
+pytestmark = pytest.mark.serial
 
 ROOTS = (Path("/sys/fs/cgroup/memory"), Path("/sys/fs/cgroup"))  # versions 1 and 2 of the kernel's control groups
 LIMITS = ("memory.limit_in_bytes", "memory.max")
@@ -76,6 +78,9 @@ def test_the_planner_goes_control_and_guardian_stay_and_the_legs_are_held(group:
     hog = HOG.format(members=str(group / "cgroup.procs"), planner=session.pids["planner"])
     subprocess.run([sys.executable, "-c", hog], check=True, timeout=TIMEOUT_S)
     session.until_ended("planner")
-    held = session.until(lambda s: s.effect >= Effect.HOLD and s.action is None, "hold")
-    assert held.enabled, "held, not dropped"
+    # The kernel may take the audit trail's process too before the planner's memory is free: then the walk ends with its
+    # step instead of being held in it.
+    rest = session.until(lambda s: s.action is None and not s.allowed, "rest")
+    assert rest.enabled, "held, not dropped"
+    assert rest.effect >= Effect.HOLD or rest.state is GaitState.STANDING
     assert all(psutil.Process(session.pids[name]).is_running() for name in ("control", "guardian"))
