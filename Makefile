@@ -17,7 +17,8 @@ demo: model
 	@$(BIN)/rleex demo
 
 test: check model
-	@$(BIN)/python -m pytest -q
+	@$(BIN)/python -m pytest -q -m "not serial" -n logical --dist loadfile
+	@$(BIN)/python -m pytest -q -m serial
 	@tools/test-can
 
 check: $(DEV_STAMP)

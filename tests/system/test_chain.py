@@ -17,6 +17,8 @@ from app.system.config import Config, JointsConfig
 from app.system.paths import Home
 from kgdfa.gesture import Gesture
 
+pytestmark = pytest.mark.serial
+
 SOME = (Gesture.ZERO, Gesture.LOVE, Gesture.ROCK, Gesture.FIVE, Gesture.SIX)
 SESSIONS = 3
 COURSE: tuple[Step, ...] = tuple(leg for leg in ALL_TWELVE if leg.gesture in SOME)

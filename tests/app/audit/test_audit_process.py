@@ -26,6 +26,8 @@ from logs.scan import scan_file
 from logs.verify import Evidence, exit_status, verify
 from profiles.schema import DEMO_PATIENT
 
+pytestmark = pytest.mark.serial
+
 COMMAND = Command(number=1, action="walk", source="gesture", state="standing")
 PATIENCE_S = 60.0
 

@@ -55,6 +55,8 @@ from tests.app.control.moments import A, K, S, moving, resting, standing
 from tests.app.control.rig import Rig
 from tests.app.perception.test_reporting import REPORT, SCALE, compared
 
+pytestmark = pytest.mark.serial
+
 KINDS: tuple[type[Body], ...] = Body.__args__
 PIN = "481516"
 

@@ -6,6 +6,8 @@ import signal
 import time
 from pathlib import Path
 
+import pytest
+
 from app.console.operator import Idle
 from app.console.screens.after import AfterScreen
 from app.console.screens.checks import Preflight
@@ -27,6 +29,8 @@ from profiles.schema import DEMO_PATIENT
 from tests.app.console.breakable import BREAK, MEND, UNPLUGGED, begin_breakable
 from tests.app.console.real import RealConsole, real_config, real_console, stop_on
 from tests.app.console.stalls import walked_again
+
+pytestmark = pytest.mark.serial
 
 PIN = "483920"
 AWAY_S = 0.3  # a tenth of what standing up takes: a console that locks while legs move is caught

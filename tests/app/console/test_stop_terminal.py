@@ -29,6 +29,8 @@ from app.system.paths import Home, find_home, hold_home
 from logs.read import records, session_paths
 from logs.records import SessionEnd, Stop
 
+pytestmark = pytest.mark.serial
+
 BEGIN = """
 import fcntl, sys, termios, time
 from pathlib import Path

@@ -18,6 +18,8 @@ from app.system.config import JointsConfig
 from hal.joints.device import load_exoskeleton
 from testing.session import RealSession, Sniffer, real_session
 
+pytestmark = pytest.mark.serial
+
 EVERYBODY = ("control", "planner", "guardian", "audit")
 DEVICE = load_exoskeleton()
 EXIT = bytes.fromhex("FFFFFFFFFFFFFFFD")

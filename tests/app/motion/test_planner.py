@@ -5,6 +5,8 @@ from __future__ import annotations
 import multiprocessing
 from pathlib import Path
 
+import pytest
+
 from app.ipc.links import OrderedReceiver, OrderedSender, address
 from app.ipc.states import Action, GaitState
 from app.ipc.streams import PLAN_REPLY, PLAN_REQUEST
@@ -12,6 +14,8 @@ from app.motion.plan import Phase, Plan, PlanRequest, decode_table
 from app.motion.planner import run_planner
 from app.system.config import Config, SessionSetup
 from profiles.schema import DEMO_PATIENT
+
+pytestmark = pytest.mark.serial
 
 LIMIT_S = 60.0
 

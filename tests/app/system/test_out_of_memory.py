@@ -14,7 +14,10 @@ from app.system.scheduling import SCORES
 OWN = Path("/proc/self/oom_score_adj")
 TELL = "from app.system.scheduling import set_oom_score_adj; set_oom_score_adj({!r}); print(open('/proc/self/oom_score_adj').read())"  # noqa: E501
 
-pytestmark = pytest.mark.skipif(not OWN.exists(), reason="no Linux: the kernel has no such order")
+pytestmark = [
+    pytest.mark.serial,
+    pytest.mark.skipif(not OWN.exists(), reason="no Linux: the kernel has no such order"),
+]
 
 
 def score_of(name: str) -> int:

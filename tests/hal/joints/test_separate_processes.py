@@ -9,6 +9,7 @@ from collections.abc import Callable
 from multiprocessing.synchronize import Event
 
 import numpy as np
+import pytest
 
 from hal.errors import DrivesFault
 from hal.joints.can.bus import frame_of, open_bus, with_bus
@@ -22,6 +23,8 @@ from hal.joints.factory import make_joints
 from hal.joints.protocol import JointCommand
 from hal.joints.scene import Block, BlockKind, Scene
 from tests.support.errors import refused
+
+pytestmark = pytest.mark.serial
 
 LIMIT_S = 30.0  # three interpreters start on a busy machine
 
