@@ -101,7 +101,7 @@ def fault(name: str) -> str | None:
     return "; ".join(found) or None
 
 
-def test_no_name_is_a_word_that_the_glossary_replaces() -> None:
+def test_no_name_is_a_term_that_the_glossary_replaces() -> None:
     found = []
     for folder in PRODUCT:
         for path in sorted((ROOT / folder).rglob("*.py")):

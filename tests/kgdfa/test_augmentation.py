@@ -19,7 +19,7 @@ from tests.kgdfa.hands import drawn_hand
 
 @pytest.mark.parametrize("shape", [(6, 5), (6, 5, 1), (6, 5, 3), (6, 5, 4)])
 @pytest.mark.parametrize("kind", [np.uint8, np.uint16])
-def test_every_usual_picture_becomes_eight_bit_colour(shape: tuple[int, ...], kind: type) -> None:
+def test_every_usual_image_becomes_eight_bit_colour(shape: tuple[int, ...], kind: type) -> None:
     full: np.ndarray = np.full(shape, np.iinfo(kind).max, dtype=kind)
     out = as_bgr8(full)
     assert out.shape == (6, 5, 3)
@@ -36,7 +36,7 @@ def test_every_usual_picture_becomes_eight_bit_colour(shape: tuple[int, ...], ki
         (np.zeros(5, np.uint8), KgdfaFault.IMAGE_EMPTY),
     ],
 )
-def test_other_pictures_are_refused_by_name(picture: np.ndarray, fault: KgdfaFault) -> None:
+def test_other_images_are_refused_by_name(picture: np.ndarray, fault: KgdfaFault) -> None:
     with pytest.raises(KgdfaError) as raised:
         as_bgr8(picture)
     assert raised.value.code is fault
@@ -67,13 +67,13 @@ def spotted() -> Image:
 
 
 @pytest.mark.parametrize("augmentation", [*AUGMENTATIONS, *FALLBACK_AUGMENTATIONS], ids=str)
-def test_what_any_look_finds_is_told_on_the_picture_itself(augmentation: Augmentation) -> None:
+def test_what_any_detection_finds_is_reported_on_the_image_itself(augmentation: Augmentation) -> None:
     hand = detect_augmented(SpotDetector(), spotted(), augmentation)
     assert hand is not None
     assert hand.image_px[0] == pytest.approx((53, 83), abs=4)
 
 
-def test_a_mirrored_look_tells_the_other_side_and_mirrors_space() -> None:
+def test_a_mirrored_view_reports_the_other_side_and_mirrors_space() -> None:
     plain = detect_augmented(SpotDetector(), spotted(), Augmentation())
     mirrored = detect_augmented(SpotDetector(), spotted(), Augmentation(mirrored=True))
     assert plain is not None
@@ -82,7 +82,7 @@ def test_a_mirrored_look_tells_the_other_side_and_mirrors_space() -> None:
     assert mirrored.world_m[8, 0] == pytest.approx(-plain.world_m[8, 0])
 
 
-def test_second_looks_are_taken_only_where_the_first_is_empty() -> None:
+def test_second_detections_are_taken_only_where_the_first_is_empty() -> None:
     eager = SpotDetector()
     assert len(detect_photo(SpotDetector(), eager, spotted())) == len(AUGMENTATIONS)
     assert eager.asked == 0
@@ -91,7 +91,7 @@ def test_second_looks_are_taken_only_where_the_first_is_empty() -> None:
     assert detect_photo(SpotDetector(blind=True), SpotDetector(blind=True), spotted()) == ()
 
 
-def test_a_look_has_the_size_it_says() -> None:
+def test_a_view_has_its_stated_size() -> None:
     shown, transform = augment(spotted(), Augmentation(border=0.5, size_px=300))
     assert max(shown.shape[:2]) == 300
     assert transform.shape == (2, 3)

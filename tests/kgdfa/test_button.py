@@ -131,7 +131,7 @@ def test_a_frame_given_twice_changes_nothing() -> None:
     ],
     ids=["appeared near", "appeared near after a loss", "gesture made near", "slid in sideways"],
 )
-def test_what_was_no_push_from_outside_does_not_press_and_says_why(frames: list[Seen], hint: PressHint) -> None:
+def test_what_was_no_push_from_outside_does_not_press_and_reports_why(frames: list[Seen], hint: PressHint) -> None:
     state = run(frames)
     assert not state.pressed
     assert state.hint is hint
@@ -155,13 +155,13 @@ def test_a_hand_seen_near_in_a_single_frame_is_a_slip_and_commands_nothing() -> 
     assert run([Seen(FAR), Seen(NEAR), Seen(BETWEEN), Seen(FAR)]).release_count == 1
 
 
-def test_a_gesture_made_on_the_way_is_not_what_the_push_began_with() -> None:
+def test_a_gesture_made_meanwhile_is_not_what_the_push_began_with() -> None:
     state = run([Seen(FAR), Seen(BETWEEN, Gesture.SIX), Seen(NEAR, Gesture.SIX), Seen(NEAR, Gesture.SIX)])
     assert not state.pressed
     assert state.hint is PressHint.KEEP_GESTURE
 
 
-def test_a_hand_that_comes_faster_than_a_hand_can_is_no_push_and_told_so() -> None:
+def test_a_hand_that_comes_faster_than_a_hand_can_is_no_push_and_reported() -> None:
     leap = run([Seen(FAR + 0.5), Seen(NEAR), Seen(NEAR)])
     assert not leap.pressed
     assert leap.hint is PressHint.PUSH_STEADILY
@@ -169,7 +169,7 @@ def test_a_hand_that_comes_faster_than_a_hand_can_is_no_push_and_told_so() -> No
 
 
 @pytest.mark.parametrize(("fall_m", "presses"), [(0.004, False), (0.005, False), (0.009, True), (0.02, True)])
-def test_a_hand_that_drifts_across_the_threshold_is_no_push_and_told_so(fall_m: float, presses: bool) -> None:
+def test_a_hand_that_drifts_across_the_threshold_is_no_push_and_reported(fall_m: float, presses: bool) -> None:
     distances = [FAR - fall_m * frame for frame in range(int((FAR - NEAR) / fall_m))]
     state = run([Seen(distance) for distance in distances])
     assert state.pressed is presses
@@ -256,7 +256,7 @@ ALPHABET = (
 )
 
 
-def test_every_short_sequence_commands_exactly_when_the_rule_says() -> None:
+def test_every_short_sequence_commands_exactly_when_the_rule_requires() -> None:
     commands = 0
     fronts: list[tuple[tuple[Seen, ...], ButtonState]] = [((), ButtonState())]
     for _ in range(5):
@@ -273,7 +273,7 @@ def test_every_short_sequence_commands_exactly_when_the_rule_says() -> None:
 
 
 @given(st.lists(st.sampled_from(ALPHABET), max_size=60))
-def test_long_sequences_command_exactly_when_the_rule_says(frames: list[Seen]) -> None:
+def test_long_sequences_command_exactly_when_the_rule_requires(frames: list[Seen]) -> None:
     state, path = ButtonState(), list[Seen]()
     for observed in frames:
         after = step(state, observed)

@@ -111,13 +111,13 @@ def test_another_hand_may_be_anywhere() -> None:
 
 
 @given(st.floats(allow_nan=True, allow_infinity=True, width=32))
-def test_robust_never_reads_nearer_than_the_map_says(value: float) -> None:
+def test_robust_never_reads_nearer_than_the_map_reads(value: float) -> None:
     distance = measure(DepthRange(mode="robust"), value, 1, monocular=None)
     assert distance is None or distance.safe_m >= value > 0
 
 
 @pytest.mark.parametrize("value", [0.0, 0.4])
-def test_published_takes_the_map_at_its_word(value: float) -> None:
+def test_published_takes_the_map_as_exact(value: float) -> None:
     distance = measure(DepthRange(mode="published"), value, 1)
     assert distance is not None
     assert distance.safe_m == pytest.approx(value)

@@ -119,7 +119,7 @@ def test_a_hand_off_the_axis_is_measured_along_its_ray(pitch: float, x: float, y
     assert distance.safe_m > 0.97 * 0.4
 
 
-def test_published_reads_a_tilted_hand_far_as_the_paper_says() -> None:
+def test_published_reads_a_tilted_hand_far_as_in_the_paper() -> None:
     published = PublishedRange(focal_px=FOCAL_PX, reference_m=REFERENCE_M)
     near_cosine = measured(published, observed(0.4, turn=(0.0, math.radians(40), 0.0)))
     assert near_cosine.shown_m == pytest.approx(0.4 / math.cos(math.radians(40)), rel=0.02)
@@ -165,7 +165,7 @@ def test_a_bent_lens_costs_nothing_once_its_distortion_is_known(x: float, k1: fl
     assert measured(knowing, bent).shown_m == pytest.approx(measured(robust(), straight).shown_m, rel=0.003)
 
 
-def test_a_wrist_out_of_the_picture_leaves_half_the_word_to_eq_4() -> None:
+def test_a_wrist_out_of_the_image_leaves_half_the_decision_to_eq_4() -> None:
     hand = observed(skin_m(0.18), aside_m=(0.0, 0.03))
     assert hand.image_px[0, 1] > 2 * CENTRE_PX[1]
     misplaced = hand.image_px.copy()
@@ -261,7 +261,7 @@ def test_what_is_no_camera_or_no_palm_is_refused_by_name(
 
 
 @given(tilt=st.floats(0, 1.0), roll=st.floats(-3, 3), stretch=st.floats(0.05, 5))
-def test_the_palm_s_shape_tells_tilt_and_size_whatever_the_roll(tilt: float, roll: float, stretch: float) -> None:
+def test_the_palm_s_shape_gives_tilt_and_size_whatever_the_roll(tilt: float, roll: float, stretch: float) -> None:
     flat = np.zeros((21, 3))
     flat[list(RIGID), :2] = SHAPE
     view = view_palm((flat @ turned(tilt, 0.0, roll).T)[:, :2] * stretch)

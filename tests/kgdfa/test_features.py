@@ -43,7 +43,7 @@ def turned(points: FloatArray, radians: float) -> FloatArray:
 
 
 @given(shaken, st.floats(0.1, 10), st.floats(0.1, 10), angle)
-def test_size_place_and_turn_in_the_picture_change_nothing(
+def test_size_place_and_turn_in_the_image_change_nothing(
     shake: FloatArray, zoom: float, size: float, radians: float
 ) -> None:
     picture, world = posed(shake)
@@ -74,7 +74,7 @@ def test_every_feature_has_a_name_of_its_own_and_stays_in_its_unit() -> None:
 
 
 @given(shaken)
-def test_the_batch_measures_what_the_single_measures_say(shake: FloatArray) -> None:
+def test_the_batch_measures_what_the_single_measures_give(shake: FloatArray) -> None:
     """Angles, hulls and distances computed one by one, as the published rules do."""
     picture, world = posed(shake)
     by_name = {feature.name: value for feature, value in zip(FEATURES, features(picture, world), strict=True)}
@@ -107,7 +107,7 @@ def test_a_hand_without_size_is_finite() -> None:
     assert np.isfinite(features(np.zeros((21, 2)), np.zeros((21, 3)))).all()
 
 
-def test_angles_tell_open_from_folded() -> None:
+def test_angles_distinguish_open_from_folded() -> None:
     opened, folded = finger_angles_deg(drawn_points("ooooo")), finger_angles_deg(drawn_points("fffff"))
     assert (opened[1:] > 170).all()
     assert (folded[1:] < 49).all()
@@ -115,7 +115,7 @@ def test_angles_tell_open_from_folded() -> None:
 
 
 @pytest.mark.parametrize(("states", "outside"), [("ooooo", True), ("fffff", False)])
-def test_hulls_tell_tips_outside_from_inside(states: str, outside: bool) -> None:
+def test_hulls_distinguish_tips_outside_from_inside(states: str, outside: bool) -> None:
     points = drawn_points(states)
     assert ((tip_depths(points, OUTER_HULL) < 0) == outside).all()
     assert ((tip_depths(points, INNER_HULL) < 0) == outside).all()

@@ -70,7 +70,7 @@ def at_edge(gesture: Gesture, off_px: float) -> tuple[Hand]:
     return (drawn_hand(STATES[gesture], at_px=(-off_px, 0.0)),)
 
 
-def test_a_hand_partly_out_of_the_picture_keeps_its_gesture() -> None:
+def test_a_hand_partly_out_of_the_image_keeps_its_gesture() -> None:
     leaving = [at_edge(Gesture.FIVE, off_px) for off_px in (0, 0, 0, 100, 200, 300, 400, 400, 400, 300)]
     assert {report.gesture for report in run(leaving)[2:]} == {Gesture.FIVE}
 

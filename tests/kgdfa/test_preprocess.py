@@ -36,7 +36,7 @@ def test_sharpening_makes_edges_steeper() -> None:
 
 
 @pytest.mark.parametrize("name", list(PREPARATIONS))
-def test_every_preparation_takes_every_picture(name: str) -> None:
+def test_every_preparation_takes_every_image(name: str) -> None:
     prepare = find_preparation(name)
     for shape in ((6, 5), (6, 5, 3), (6, 5, 4)):
         assert prepare(np.full(shape, 90, np.uint8)).shape == (6, 5, 3)
@@ -47,30 +47,30 @@ def test_an_unknown_preparation_is_refused_by_name() -> None:
         find_preparation("blur")
 
 
-def test_grain_is_told_from_edges() -> None:
+def test_grain_is_distinguished_from_edges() -> None:
     assert grain(edge(0)) < 0.01
     assert grain(edge(30)) > 0.11
 
 
 @pytest.mark.parametrize("light", [1.0, 0.5])
-def test_a_good_picture_needs_nothing(light: float) -> None:
+def test_a_good_image_needs_nothing(light: float) -> None:
     picture = (edge(2) * light).astype(np.uint8)
     assert (as_needed(picture) == picture).all()
 
 
-def test_a_grainy_picture_is_denoised_as_needed() -> None:
+def test_a_grainy_image_is_denoised_as_needed() -> None:
     grainy = edge(40)
     assert (as_needed(grainy) == denoise(grainy)).all()
 
 
-def test_a_dark_picture_is_made_light_and_keeps_its_order() -> None:
+def test_a_dark_image_is_made_light_and_keeps_its_order() -> None:
     dark = (edge(0) * 0.12).astype(np.uint8)
     light = lighten(dark)
     assert light.max() > 150
     assert (np.diff(light[32, :, 0].astype(int)) >= 0).all()
 
 
-def test_a_black_picture_stays_black() -> None:
+def test_a_black_image_stays_black() -> None:
     assert not lighten(np.zeros((6, 5, 3), np.uint8)).any()
 
 

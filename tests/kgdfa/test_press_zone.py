@@ -40,7 +40,7 @@ def test_the_proposed_threshold_leaves_room_on_both_sides(focal_px: float, refer
     assert zone.fits(zone.threshold_m) == zone.possible
 
 
-def test_a_lens_too_long_for_any_press_is_told() -> None:
+def test_a_lens_too_long_for_any_press_is_reported() -> None:
     zone = zone_of(0.0615, focal_px=2500, width_px=1280, height_px=720)
     assert not zone.possible
     assert zone.explain().code is ZoneAssessment.TOO_FAR

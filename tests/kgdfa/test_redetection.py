@@ -37,7 +37,7 @@ def fold(observed: list[bool]) -> list[RedetectionState]:
 
 
 @given(st.lists(st.booleans(), max_size=40))
-def test_a_glance_changes_only_after_patience_without_a_hand(observed: list[bool]) -> None:
+def test_a_redetection_changes_only_after_patience_without_a_hand(observed: list[bool]) -> None:
     states = fold(observed)
     for number, (before, now) in enumerate(pairwise(states)):
         if now.view != before.view:
@@ -54,7 +54,7 @@ def test_what_found_a_hand_is_kept_while_it_is_found(before: list[bool], frames:
     assert (held.view, held.missing) == (start.view, 0)
 
 
-def test_an_empty_room_is_seen_in_every_way_and_plainly_again() -> None:
+def test_an_empty_room_is_seen_in_every_view_and_plainly_again() -> None:
     states = fold([False] * (PATIENCE_FRAMES + 2 * len(REDETECTION_VIEWS)))
     shown = [state.view for state in states[PATIENCE_FRAMES:]]
     assert shown[: len(REDETECTION_VIEWS)] == list(REDETECTION_VIEWS)
@@ -63,7 +63,7 @@ def test_an_empty_room_is_seen_in_every_way_and_plainly_again() -> None:
 
 
 @given(view=views, x=st.floats(250, 390), y=st.floats(120, 240))
-def test_a_hand_found_in_a_glance_is_told_where_the_picture_has_it(view: View, x: float, y: float) -> None:
+def test_a_hand_found_in_a_redetection_is_reported_where_the_image_has_it(view: View, x: float, y: float) -> None:
     _, transform = render_view(np.zeros((360, 640, 3), np.uint8), view)
     on_glance = np.tile((x, y), (21, 1)) @ transform[:, :2].T + transform[:, 2]
     hand = Hand(image_px=on_glance, world_m=np.zeros((21, 3)), presence=0.9, side=Side.LEFT)
@@ -71,7 +71,7 @@ def test_a_hand_found_in_a_glance_is_told_where_the_picture_has_it(view: View, x
 
 
 @pytest.mark.parametrize("view", REDETECTION_VIEWS, ids=str)
-def test_a_glance_shows_the_picture_where_its_map_says(view: View) -> None:
+def test_a_redetection_shows_the_image_where_its_map_reads(view: View) -> None:
     image = np.zeros((360, 640, 3), np.uint8)
     image[195:206, 345:356] = 255
     shown, transform = render_view(image, view)
@@ -130,13 +130,13 @@ def test_a_hand_not_found_everywhere_is_looked_for_in_a_turned_view_and_kept_in_
     assert [image is PICTURE for image, _ in follower.looks] == [True, True, True, False, False]
 
 
-def test_a_hand_that_is_gone_costs_three_looks_more_and_an_empty_room_none() -> None:
+def test_a_hand_that_is_gone_costs_three_detections_more_and_an_empty_room_none() -> None:
     shown, follower = watched([False, True] + [False] * 7, 6)
     assert shown == [False, True] + [False] * 4
     assert follower.frames == [0, 1, 2, 2, 2, 3, 3, 4, 5]
 
 
-def test_a_hand_found_by_a_glance_is_followed_in_that_view() -> None:
+def test_a_hand_found_by_a_redetection_is_followed_in_that_view() -> None:
     finds = [False] * (PATIENCE_FRAMES + 1) + [True, True]
     _, follower = watched(finds, len(finds))
     assert [image is PICTURE for image, _ in follower.looks] == [True] * (PATIENCE_FRAMES + 1) + [False] * 2
@@ -183,12 +183,12 @@ def disc(radius_px: float) -> Image:
     return np.asarray(cv2.circle(black, (213, 120), round(radius_px), (255, 255, 255), -1), np.uint8)
 
 
-def test_the_size_of_a_pushed_hand_outruns_a_tracker_that_sees_the_plain_picture() -> None:
+def test_the_size_of_a_pushed_hand_outruns_a_tracker_that_sees_the_plain_image() -> None:
     tracker = DiscTracker()
     assert not all(tracker.look(picture, frame) for frame, (_, picture) in enumerate(pushed_discs()))
 
 
-def test_a_near_hand_that_pushes_is_shown_smaller_and_told_where_and_how_large_it_is() -> None:
+def test_a_near_hand_that_pushes_is_shown_smaller_and_reported_where_and_how_large_it_is() -> None:
     tracker = DiscTracker()
     searcher = Redetector(tracker.look)
     for frame, (radius, picture) in enumerate(pushed_discs()):

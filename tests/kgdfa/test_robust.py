@@ -34,13 +34,13 @@ def true_hand(pose: str, turn_rad: tuple[float, float, float] = (0.0, 0.0, 0.0))
 
 
 @pytest.mark.parametrize("gesture", [pose.name for pose in GESTURES])
-def test_every_gesture_of_the_digital_hand_is_told(gesture: str) -> None:
+def test_every_gesture_of_the_digital_hand_is_reported(gesture: str) -> None:
     verdict = RULES.classify(true_hand(gesture))
     assert verdict.gesture is Gesture(gesture), verdict
 
 
 @pytest.mark.parametrize("pose", [pose.name for pose in LOOK_ALIKES])
-def test_look_alikes_are_refused_with_a_reason(pose: str) -> None:
+def test_similar_hands_are_refused_with_a_reason(pose: str) -> None:
     verdict = RULES.classify(true_hand(pose))
     assert verdict.gesture is None, verdict
     assert verdict.nearest is not None
@@ -67,7 +67,7 @@ SEVEN = POSES["7"]
     ],
     ids=["thumb away from the fingers", "all five tips together"],
 )
-def test_a_7_needs_closed_tips_and_folded_fingers_whatever_the_model_says(
+def test_a_7_needs_closed_tips_and_folded_fingers_whatever_the_model_decides(
     changed: Pose, condition: Condition, fingers: dict[str, Finger], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(POSES, changed.name, changed)

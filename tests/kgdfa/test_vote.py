@@ -49,7 +49,7 @@ def test_two_odd_frames_never_end_a_held_gesture(past: list[Gesture | None], odd
 
 
 @given(spoken)
-def test_silence_ends_everything_in_time(past: list[Gesture | None]) -> None:
+def test_timeouts_end_everything_in_time(past: list[Gesture | None]) -> None:
     after = votes([*past, *[None] * END_FRAMES])
     assert after[-1].gesture is None if after else True
     assert all(vote.gesture is not None or vote.recognised_ns == 0 for vote in after)

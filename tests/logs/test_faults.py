@@ -162,7 +162,7 @@ def test_recovery_never_launders_damage(folder: Path, key: ConsoleKey) -> None:
     assert [each.file.name for each in bad] == ["s.jsonl"]
 
 
-def test_a_damaged_manifest_stays_as_it_is_and_a_new_one_says_so(folder: Path, key: ConsoleKey) -> None:
+def test_a_damaged_manifest_stays_as_it_is_and_a_new_one_is_reported(folder: Path, key: ConsoleKey) -> None:
     path = folder / "manifest.jsonl"
     data = bytearray(path.read_bytes())
     data[50] ^= 1
@@ -174,7 +174,7 @@ def test_a_damaged_manifest_stays_as_it_is_and_a_new_one_says_so(folder: Path, k
 
 
 @pytest.mark.parametrize("fail_at", range(8))
-def test_a_journal_that_could_not_be_appended_goes_on_after_the_torn_tail(
+def test_a_journal_that_could_not_be_appended_continues_after_the_torn_tail(
     tmp_path: Path, key: ConsoleKey, fail_at: int
 ) -> None:
     path = tmp_path / "operators.jsonl"

@@ -153,7 +153,7 @@ def test_a_sentence_survives_what_was_not_measured() -> None:
         (Filter(patient="P"), set()),
     ],
 )
-def test_a_filter_lets_through_what_it_says(trail: Trail, wanted: Filter, kinds: set[str]) -> None:
+def test_a_filter_lets_through_what_it_states(trail: Trail, wanted: Filter, kinds: set[str]) -> None:
     selector = RecordSelector(wanted)
     passed = {record.body.__struct_config__.tag for record in records(trail.session) if selector.passes(record)}
     assert passed == kinds

@@ -98,7 +98,7 @@ def test_every_length_of_cut_tail_is_caught(trail: Trail) -> None:
         assert found.fault is None or found.is_torn, length
 
 
-def test_a_cut_tail_is_told_with_and_without_the_manifest(trail: Trail) -> None:
+def test_a_cut_tail_is_reported_with_and_without_the_manifest(trail: Trail) -> None:
     whole = lines_of(trail.session)
     for keep in range(len(whole)):
         trail.session.write_bytes(b"".join(whole[:keep]) + whole[keep][:10])
@@ -229,7 +229,7 @@ def test_the_copy_of_checkpoints_misses_what_was_cut(three: Trail) -> None:
     assert bad.reason == reason(Verdict.CHECKPOINT_MISSING, checkpoint=len(lines_of(three.session)))
 
 
-def test_without_any_known_key_the_finding_says_that_nothing_was_proven(trail: Trail) -> None:
+def test_without_any_known_key_the_finding_reports_that_nothing_was_proven(trail: Trail) -> None:
     (finding, _) = verify([trail.folder], Evidence())
     assert finding.proven == 0
     assert Remark.KEY_NOT_CHECKED in codes(finding)

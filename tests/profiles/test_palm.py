@@ -101,7 +101,7 @@ def test_a_new_calibration_takes_the_place_of_the_old_one(patient: Profile) -> N
     assert len(second.calibrations) == 1
 
 
-def test_a_calibration_holds_for_another_resolution_and_another_word_on_the_focal_length(patient: Profile) -> None:
+def test_a_calibration_holds_for_another_resolution_and_another_focal_length(patient: Profile) -> None:
     known = with_calibration(patient, calibrated(patient, measured_m=[0.30] * 30).calibration)
     length_m = reference_segment(known, camera="cam").length_m
     half = reference_segment(known, camera="cam", focal_px=475.0, width_px=640)
@@ -136,7 +136,7 @@ def test_an_implausible_palm_is_doubted_and_a_plausible_one_is_not(patient: Prof
     assert doubt.values["estimate_m"] == palm_estimate(patient).width_m
 
 
-def test_estimates_tell_their_error(patient: Profile) -> None:
+def test_estimates_report_their_error(patient: Profile) -> None:
     found = explain_estimate(palm_estimate(patient))
     assert "palm width 8.7 cm ± 4 mm by gb10000-88, distance ± 5 %" in render(found)
 

@@ -37,7 +37,7 @@ def test_a_profile_of_release_0_1_opens(old_store: ProfileStore) -> None:
     assert (calibration.camera, calibration.focal_anchor_px_m, calibration.width_px) == ("webcam C920", 64.2, 1280)
 
 
-def test_its_history_goes_on(old_store: ProfileStore) -> None:
+def test_its_history_continues(old_store: ProfileStore) -> None:
     before = old_store.history("P-0042")
     assert [change.by for change in before] == ["engineer", "Dr Weber"]
     profile = old_store.load("P-0042")

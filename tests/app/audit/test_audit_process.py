@@ -152,7 +152,7 @@ def test_killed_at_any_moment_nothing_acknowledged_is_missing_and_the_next_sessi
     assert {finding.file.stem for finding in explained} == set(names)
 
 
-def test_the_same_session_started_again_goes_on_in_a_part_of_its_own(start: Callable[[str], Session]) -> None:
+def test_the_same_session_started_again_continues_in_a_part_of_its_own(start: Callable[[str], Session]) -> None:
     first = start("s1")
     first.wait_until(lambda health: health.written > 0)
     first.process.kill()

@@ -30,7 +30,7 @@ async def test_a_megabyte_pasted_breaks_nothing(console: Opener) -> None:
 
 
 @pytest.mark.parametrize("typed", ["abc", "", "-1", "9" * 10_000, "😀", "170 kg", "\x07\x1b]0;x\x07"])
-async def test_whatever_is_typed_the_form_says_what_is_wrong(console: Opener, typed: str) -> None:
+async def test_whatever_is_typed_the_form_reports_what_is_wrong(console: Opener, typed: str) -> None:
     async with console(profile=None) as open_console:
         await open_console.press("n")
         await open_console.shows("New patient")

@@ -47,7 +47,7 @@ async def test_a_palm_is_calibrated_before_the_camera_and_kept_with_its_history(
 
 
 @pytest.mark.parametrize("typed", ["", "abc", "-3", "1e400", "nan", "9" * 500, "😀"])
-async def test_a_calibration_distance_that_is_none_is_told(console: Opener, typed: str) -> None:
+async def test_a_calibration_distance_that_is_none_is_reported(console: Opener, typed: str) -> None:
     async with console(profile=None) as open_console:
         await open_console.shows("demo")
         await open_console.press("c")

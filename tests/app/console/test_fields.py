@@ -41,7 +41,7 @@ def test_units_are_understood(typed: str, stature_m: float) -> None:
 
 @pytest.mark.parametrize("field", NUMBERS, ids=lambda field: field.path)
 @pytest.mark.parametrize("typed", BAD, ids=lambda typed: ascii(typed[:12]))
-def test_nonsense_is_told_at_its_field(field: object, typed: str) -> None:
+def test_nonsense_is_reported_at_its_field(field: object, typed: str) -> None:
     path = field.path  # type: ignore[attr-defined]
     parsed = parse(to_texts(DEMO_PATIENT) | {path: typed}, DEMO_PATIENT)
     assert parsed.profile is None

@@ -104,7 +104,7 @@ async def test_an_event_is_on_top_until_it_is_acknowledged(console: Opener) -> N
         await open_console.shows("No events")
 
 
-async def test_a_lost_camera_is_told_and_its_return_too(console: Opener) -> None:
+async def test_a_lost_camera_is_reported_and_its_return_too(console: Opener) -> None:
     async with console() as open_console:
         open_console.host.camera_fault = reason(CameraFault.UNPLUGGED, camera="webcam")
         await open_console.shows("was unplugged")
@@ -114,7 +114,7 @@ async def test_a_lost_camera_is_told_and_its_return_too(console: Opener) -> None
         await open_console.shows("✓ Camera delivers images")
 
 
-async def test_a_silent_control_is_told(console: Opener) -> None:
+async def test_an_unresponsive_control_is_reported(console: Opener) -> None:
     async with console() as open_console:
         open_console.host.silent = True
         await open_console.shows("CONTROL TIMEOUT")
@@ -126,7 +126,7 @@ async def test_a_silent_control_is_told(console: Opener) -> None:
         await open_console.shows("press the emergency stop")
 
 
-async def test_an_observer_may_look_but_not_act(console: Opener) -> None:
+async def test_an_observer_may_watch_but_not_act(console: Opener) -> None:
     async with console(read_only=True) as open_console:
         await open_console.press("a", "c", "k", "t", "5", "enter")
         assert open_console.host.sent == []
@@ -166,7 +166,7 @@ async def test_enter_alone_never_repeats_the_last_action(console: Opener) -> Non
             open_console.host.sent.clear()
 
 
-async def test_a_dialog_kept_from_before_speaks_the_new_language(console: Opener) -> None:
+async def test_a_dialog_kept_from_before_shows_the_new_language(console: Opener) -> None:
     async with console() as open_console:
         await open_console.press("s")
         await open_console.shows("Before arming")
@@ -177,7 +177,7 @@ async def test_a_dialog_kept_from_before_speaks_the_new_language(console: Opener
         assert "Before arming" not in open_console.text()
 
 
-async def test_the_picture_pauses_but_the_chain_does_not(console: Opener) -> None:
+async def test_the_image_pauses_but_the_chain_does_not(console: Opener) -> None:
     async with console() as open_console:
         await open_console.press("z")
         await open_console.shows("Picture paused")

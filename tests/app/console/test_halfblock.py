@@ -28,7 +28,7 @@ def test_two_rows_of_pixels_make_a_row_of_cells_in_their_colours() -> None:
 
 
 @given(st.integers(1, 4000), st.integers(1, 4000), st.integers(1, 300), st.integers(1, 100))
-def test_the_picture_fits_and_is_not_distorted(width_px: int, height_px: int, columns: int, rows: int) -> None:
+def test_the_image_fits_and_is_not_distorted(width_px: int, height_px: int, columns: int, rows: int) -> None:
     width, height = fit(width_px, height_px, columns, rows)
     assert 1 <= width <= max(1, columns)
     assert 2 <= height <= max(2, 2 * rows)
@@ -36,7 +36,7 @@ def test_the_picture_fits_and_is_not_distorted(width_px: int, height_px: int, co
 
 
 @pytest.mark.parametrize("size", [(96, 54), (40, 22), (200, 112), (1, 2)])
-def test_each_pixel_shown_is_one_of_the_picture(size: tuple[int, int]) -> None:
+def test_each_pixel_shown_is_one_of_the_image(size: tuple[int, int]) -> None:
     smaller = resample(PIXELS, *size)
     assert smaller.shape == (size[1], size[0], 3)
     known = {tuple(pixel) for pixel in PIXELS.reshape(-1, 3)}

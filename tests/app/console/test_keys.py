@@ -33,7 +33,7 @@ async def test_a_remapped_stop_key_stops(console: Opener) -> None:
         await open_console.shows("F12")
 
 
-async def test_a_remapped_key_does_what_its_name_says(console: Opener) -> None:
+async def test_a_remapped_key_does_what_its_name_states(console: Opener) -> None:
     async with console(config=Config(keys={"arm": "f9"})) as open_console:
         await open_console.press("a")
         assert OperatorKind.ARM not in open_console.host.kinds()

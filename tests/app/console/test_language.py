@@ -39,7 +39,7 @@ def test_each_language_has_the_same_names_and_gaps(code: str) -> None:
 
 
 @pytest.mark.parametrize("code", CODES)
-def test_every_word_of_the_tables_is_there(code: str) -> None:
+def test_every_row_of_the_tables_is_there(code: str) -> None:
     text = entries(code)
     wanted = [
         key_of(member)

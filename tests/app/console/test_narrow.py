@@ -42,7 +42,7 @@ async def test_every_action_can_be_seen_to_choose_from(console: Opener) -> None:
         await open_console.shows("stand up")
 
 
-async def test_a_session_that_ends_is_not_called_silent(console: Opener) -> None:
+async def test_a_session_that_ends_is_not_reported_unresponsive(console: Opener) -> None:
     async with console() as open_console:
         open_console.host.events = (event(Event.SHUTDOWN_DAMPING, Effect.DAMP),)
         await open_console.shows("Session ending: the legs")
@@ -52,7 +52,7 @@ async def test_a_session_that_ends_is_not_called_silent(console: Opener) -> None
 
 
 @given(st.integers(0, 500), st.integers(0, 200))
-def test_the_picture_is_never_asked_for_oftener_than_it_can_be_drawn(columns: int, rows: int) -> None:
+def test_the_image_is_never_asked_for_oftener_than_it_can_be_drawn(columns: int, rows: int) -> None:
     command = wanted(columns, rows)
     assert command.preview_width_px is not None
     assert command.preview_hz is not None

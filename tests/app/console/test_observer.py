@@ -51,7 +51,7 @@ def test_without_a_session_there_is_nothing_to_watch(home: Home, setup: SessionS
         shared(home)
 
 
-def test_an_observer_hears_and_says_nothing(setup: SessionSetup) -> None:
+def test_an_observer_receives_and_reports_nothing(setup: SessionSetup) -> None:
     publisher = Publisher(address(setup.links, processes.TRIGGER.name))
     operator = OrderedReceiver(address(setup.links, processes.OPERATOR.name), OperatorCommand)
     observer = ObserverHost(setup)
@@ -80,7 +80,7 @@ def test_an_ended_session_is_over_for_its_observer(setup: SessionSetup) -> None:
         observer.close()
 
 
-async def test_the_bar_says_that_stop_is_elsewhere(console: Opener) -> None:
+async def test_the_bar_reports_that_stop_is_elsewhere(console: Opener) -> None:
     async with console(read_only=True) as open_console:
         await open_console.shows("View only")
         await open_console.shows("The patient is not confirmed yet")

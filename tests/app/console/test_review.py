@@ -60,7 +60,7 @@ def test_the_bands_agree_with_the_records(session: ReviewedSession) -> None:
     assert {"standing", "sitting"} <= set(states)
 
 
-def test_every_moment_is_told_by_the_records_before_it(session: ReviewedSession) -> None:
+def test_every_moment_is_reported_by_the_records_before_it(session: ReviewedSession) -> None:
     for index in range(0, len(session), 37):
         instant = session.instant(index)
         assert session.time(session.index_at(instant.at_s)) == instant.at_s
@@ -134,7 +134,7 @@ async def test_without_a_name_it_asks_which(home: Home) -> None:
         await until(pilot, lambda: screen.is_open)
 
 
-async def test_a_changed_record_is_told_on_top(home: Home) -> None:
+async def test_a_changed_record_is_reported_on_top(home: Home) -> None:
     path = next(home.logs.glob("2*.jsonl"))
     path.write_bytes(path.read_bytes().replace(b"Tired after the stairs", b"Rested after the climb"))
     app = ConsoleApp(home, Config())
@@ -143,7 +143,7 @@ async def test_a_changed_record_is_told_on_top(home: Home) -> None:
         await until(pilot, lambda: "TAMPERED" in screen_text(app))
 
 
-async def test_no_session_is_said_and_left(tmp_path: Path) -> None:
+async def test_no_session_is_reported_and_left(tmp_path: Path) -> None:
     app = ConsoleApp(Home(tmp_path), Config())
     async with app.run_test(size=(100, 30)) as pilot:
         await opened(app, pilot, ReviewScreen(Home(tmp_path)))

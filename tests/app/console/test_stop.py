@@ -32,7 +32,7 @@ def test_a_press_after_a_pause_is_sent_at_once() -> None:
     assert decisions(0, 1500, 3000) == [Press.SEND] * 3
 
 
-def test_a_second_deliberate_press_waits_for_silence() -> None:
+def test_a_second_deliberate_press_waits_for_a_pause() -> None:
     assert decisions(0, 300) == [Press.SEND, Press.WAIT]
 
 
@@ -84,7 +84,7 @@ async def test_stop_works_while_anything_is_open(console: Opener, keys: tuple[st
         await open_console.until(lambda: OperatorKind.STOP in open_console.host.kinds())
 
 
-async def test_stop_works_while_words_are_typed_into_the_palette(console: Opener) -> None:
+async def test_stop_works_while_text_is_typed_into_the_palette(console: Opener) -> None:
     async with console() as open_console:
         await open_console.press("ctrl+p", "w", "a")
         await open_console.press("space")

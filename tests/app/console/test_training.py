@@ -59,7 +59,7 @@ def test_the_wrong_finger_is_named() -> None:
 
 
 @pytest.mark.parametrize("gesture", LESSONS)
-def test_the_right_hand_is_told_to_push(gesture: Gesture) -> None:
+def test_the_right_hand_is_asked_to_push(gesture: Gesture) -> None:
     lesson = Lesson(done=LESSONS.index(gesture))
     lines = feedback(lesson, report(gesture=gesture, raw_gesture=gesture))
     assert "Push" in lines[0][0][0]

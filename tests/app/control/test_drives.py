@@ -39,7 +39,7 @@ def powered() -> tuple[CountingJoints, Drives]:
     return joints, drives
 
 
-def test_drives_told_off_are_off_at_once() -> None:
+def test_drives_commanded_off_are_off_at_once() -> None:
     joints, drives = powered()
     assert drives.execute(DriveOrder.DISABLE, 4)
     assert not drives.powered
@@ -57,7 +57,7 @@ def test_drives_left_powered_are_damped_before_they_are_let_go() -> None:
     assert np.allclose(joints.torque_nm, 0.0)
 
 
-def test_while_they_give_way_the_guardian_hears_of_it_and_at_last_that_nothing_is_left_to_guard() -> None:
+def test_while_they_are_damped_the_guardian_is_informed_and_at_last_that_nothing_is_left_to_guard() -> None:
     joints, drives = powered()
     beats: list[bool] = []
     before = joints.writes

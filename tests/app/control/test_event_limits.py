@@ -76,7 +76,7 @@ def test_a_fault_that_somebody_reports_is_an_event_and_is_passed_on(event: Event
     assert "it broke" in render(raised.reason)
 
 
-def test_the_clock_may_jump_either_way() -> None:
+def test_the_clock_may_jump_in_either_direction() -> None:
     assert E.CLOCK_JUMP in events_of(with_one("clocks.step_s", -0.6))
     assert E.CLOCK_JUMP not in events_of(with_one("clocks.step_s", -0.5))
 
@@ -100,7 +100,7 @@ def test_an_acknowledgement_sent_as_an_event_was_raised_may_not_have_seen_it() -
     assert not after
 
 
-def test_what_waits_for_its_acknowledgement_tells_that_its_condition_has_gone() -> None:
+def test_what_waits_for_its_acknowledgement_reports_that_its_condition_has_gone() -> None:
     slept = advance((), with_one("clocks.slept_s", 9.0))
     assert [one.present for one in slept] == [True]
     assert [one.present for one in advance(slept, CALM)] == [False]

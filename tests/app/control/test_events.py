@@ -26,7 +26,7 @@ def test_every_row_has_its_test_and_every_event_its_row() -> None:
 
 
 @pytest.mark.parametrize("event", Event)
-def test_the_event_happens_with_its_effect_and_is_told(event: Event) -> None:
+def test_the_event_happens_with_its_effect_and_is_reported(event: Event) -> None:
     rig = rig_with(event)
     row = ROW[event]
     assert rig.state is not None
@@ -39,7 +39,7 @@ def test_the_event_happens_with_its_effect_and_is_told(event: Event) -> None:
 
 
 @pytest.mark.parametrize("event", [event for event in Event if ROW[event].effect >= Effect.HOLD])
-def test_what_holds_or_damps_stops_every_wish_and_stays_until_acknowledged(event: Event) -> None:
+def test_what_holds_or_damps_stops_every_request_and_stays_until_acknowledged(event: Event) -> None:
     rig = rig_with(event)
     CAUSES[event].cure(rig)
     rig.tick(30)
@@ -85,7 +85,7 @@ def test_what_does_not_latch_goes_with_its_condition(event: Event) -> None:
     [event for event in Event if ROW[event].effect is Effect.REFUSE and event is not E.NO_PREFLIGHT],
 )
 @pytest.mark.parametrize("source", Source)
-def test_what_refuses_refuses_whom_it_names_and_says_why(event: Event, source: Source) -> None:
+def test_what_refuses_refuses_whom_it_names_and_reports_why(event: Event, source: Source) -> None:
     rig = rig_with(event)
     action, gesture = Action.STEP_RIGHT_FIRST, Gesture.ONE
     if CAUSES[event].fresh:
@@ -130,7 +130,7 @@ def test_a_note_stops_nothing(event: Event) -> None:
 
 @pytest.mark.parametrize("event", Event)
 @pytest.mark.parametrize("code", ["en", "zh"])
-def test_texts_say_what_happened_and_fit_the_screen(event: Event, code: str) -> None:
+def test_texts_report_what_happened_and_fit_the_screen(event: Event, code: str) -> None:
     use_language(code)
     (raised, *_) = [one for state, _ in rig_with(event).history for one in state.events if one.event is event]
     assert render(raised.reason)
@@ -209,7 +209,7 @@ def test_the_strongest_event_stands_first() -> None:
     assert rig.state.effect is Effect.DAMP
 
 
-def test_a_silent_joint_counts_within_twenty_milliseconds() -> None:
+def test_an_unresponsive_joint_counts_within_twenty_milliseconds() -> None:
     rig = standing()
     rig.joints.silent = True
     rig.tick(7)
@@ -224,7 +224,7 @@ def stall(rig: Rig, ms: int) -> None:
     rig.spoil.update(late_ns=ms * 1_000_000, missed_ticks=ms // 2)
 
 
-def test_drives_that_nobody_asked_are_not_called_silent() -> None:
+def test_drives_that_nobody_asked_are_not_reported_unresponsive() -> None:
     rig = standing()
     rig.joints.silent = True
     stall(rig, 14)
@@ -238,7 +238,7 @@ def test_drives_that_nobody_asked_are_not_called_silent() -> None:
 
 
 @pytest.mark.parametrize("stalls", [1, 2, 3])
-def test_missed_ticks_only_put_off_the_silence_of_a_drive(stalls: int) -> None:
+def test_missed_ticks_only_put_off_the_timeout_of_a_drive(stalls: int) -> None:
     rig = standing()
     rig.joints.silent = True
     for _ in range(stalls):

@@ -79,7 +79,7 @@ def test_while_something_runs_only_the_end_of_a_walk_is_latched(gait: Gait, acti
         assert answer.reason == reason(RequestRefusal.ACTION_RUNNING, action=gait.running)
 
 
-def test_a_walk_goes_on_left_and_right_until_it_is_told_to_stop() -> None:
+def test_a_walk_continues_left_and_right_until_it_is_asked_to_stop() -> None:
     gait, states = WALKING[0], []
     for _ in range(5):
         gait = gait_machine.complete(gait)
@@ -143,7 +143,7 @@ def test_allowed_is_what_would_be_granted(gait: Gait) -> None:
 
 @pytest.mark.parametrize("state", [S.UNPOWERED, S.BETWEEN])
 @pytest.mark.parametrize("action", [action for action in Action if action is not Action.INITIALISE])
-def test_the_reason_names_the_way_out(state: GaitState, action: Action) -> None:
+def test_the_reason_names_the_recovery(state: GaitState, action: Action) -> None:
     answer = gait_machine.ask(Gait(state=state), action)
     assert isinstance(answer, Refused)
     assert "Gesture 0" in render(answer.reason) or action is Action.WALK_END
@@ -157,7 +157,7 @@ def test_a_reason_names_where_the_action_starts_and_where_the_legs_are() -> None
     )
 
 
-def test_the_library_adds_no_way_round_the_table() -> None:
+def test_the_library_adds_no_bypass_of_the_table() -> None:
     assert set(gait_machine._MACHINE.events) == {
         *(action.name for action in Action),
         "complete",

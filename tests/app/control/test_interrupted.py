@@ -123,7 +123,7 @@ class Legs:
 
 
 @pytest.mark.parametrize(("action", "phase"), INTERRUPTED)
-def test_from_the_middle_of_anything_there_is_a_way_back(action: Action, phase: Phase) -> None:
+def test_from_the_middle_of_anything_there_is_a_return(action: Action, phase: Phase) -> None:
     nominal = path_of(action, phase, PATIENT).joints_rad
     for progress in PROGRESS:
         pose = nominal[round(progress * (len(nominal) - 1))]
@@ -147,7 +147,7 @@ def test_gesture_0_leads_back_and_the_next_action_works(action: Action, progress
 @pytest.mark.parametrize(
     ("action", "progress"), [(A.STAIR_UP, 0.5), (A.STAIR_DOWN, 0.3), (A.OBSTACLE, 0.7), (A.SIT_DOWN, 0.8)]
 )
-def test_asking_for_the_way_back_moves_nothing_under_a_held_wearer(action: Action, progress: float) -> None:
+def test_asking_for_the_return_moves_nothing_under_a_held_wearer(action: Action, progress: float) -> None:
     legs = Legs()
     legs.stop_at(action, progress)
     legs.drives.stage_scene(A.INITIALISE)

@@ -70,7 +70,7 @@ def test_the_guardian_acts_later_than_control_gives_up() -> None:
     assert CONTROL_STALLED_MS + two_ticks_ms < HEARTBEAT.stale_ms
 
 
-def test_a_silent_console_pauses_the_legs_and_they_go_on_when_it_answers() -> None:
+def test_an_unresponsive_console_pauses_the_legs_and_they_continue_when_it_answers() -> None:
     rig = moving()
     silence(rig, HOLD_TICKS + 50)
     assert now(rig).effect is Effect.PAUSE
@@ -83,7 +83,7 @@ def test_a_silent_console_pauses_the_legs_and_they_go_on_when_it_answers() -> No
 
 
 @pytest.mark.parametrize("ms", [22, 36, 50])
-def test_a_late_control_slows_the_legs_and_goes_on(ms: int) -> None:
+def test_a_late_control_slows_the_legs_and_continues(ms: int) -> None:
     rig = moving()
     before = now(rig).motion
     stall(rig, ms)
@@ -112,7 +112,7 @@ def test_a_control_that_was_late_for_longer_holds() -> None:
     assert now(rig).gait.state is S.BETWEEN
 
 
-def test_a_walk_waits_for_its_next_step_and_goes_on_with_it() -> None:
+def test_a_walk_waits_for_its_next_step_and_continues_with_it() -> None:
     rig = moving(A.WALK)
     rig.answer_ticks = 350
     rig.run_until(lambda m: m.effect is Effect.PAUSE)

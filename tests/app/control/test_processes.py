@@ -123,7 +123,7 @@ def test_when_control_is_killed_the_guardian_damps_the_drives_and_switches_them_
     assert damped[0][0] < first_exit_ns, "damped first, then off"
 
 
-def test_a_control_that_was_frozen_comes_back_damped_and_may_go_on_when_it_is_acknowledged(
+def test_a_control_that_was_frozen_comes_back_damped_and_may_continue_when_it_is_acknowledged(
     on_the_bus: tuple[RealSession, Sniffer],
 ) -> None:
     session, sniffer = on_the_bus

@@ -35,7 +35,7 @@ def test_gesture_0_plans_enables_grips_and_only_then_moves() -> None:
     assert report.accepted_ns < report.first_command_ns < report.first_motion_ns < report.ended_ns
 
 
-def test_a_refused_way_to_standing_never_powers_the_drives() -> None:
+def test_a_refused_path_to_standing_never_powers_the_drives() -> None:
     rig = resting(S.UNPOWERED)
     rig.refuse_plans = "the feet are not on the ground"
     rig.send(K.ACT, A.INITIALISE)
@@ -76,7 +76,7 @@ def test_legs_that_moved_while_the_drives_woke_are_planned_for_anew() -> None:
     assert now(rig).gait.state is S.STANDING
 
 
-def test_a_way_that_is_not_free_any_more_leaves_the_gripped_joints_held() -> None:
+def test_a_path_that_is_not_free_any_more_leaves_the_gripped_joints_held() -> None:
     rig = resting(S.UNPOWERED)
     rig.send(K.ACT, A.INITIALISE)
     rig.run_until(lambda m: m.running is not None and m.running.stage is Stage.STIFFENING)
@@ -99,7 +99,7 @@ def test_drives_that_do_not_wake_end_the_action_with_their_reason() -> None:
     assert Event.DRIVE_ORDER_FAILED.value in rig.events()
 
 
-def test_drives_that_never_say_that_they_woke_are_given_up() -> None:
+def test_drives_that_never_report_that_they_woke_are_given_up() -> None:
     rig = resting(S.UNPOWERED)
     rig.send(K.ACT, A.INITIALISE)
     rig.run_until(lambda m: m.running is not None and m.running.stage is Stage.ENABLING)
@@ -133,7 +133,7 @@ def test_drives_that_are_awake_already_are_gripped_without_being_woken_again() -
     assert all(outputs.drives is DriveOrder.NONE for _, outputs in rig.history)
 
 
-def test_when_the_drives_lose_power_the_state_says_so() -> None:
+def test_when_the_drives_lose_power_the_state_is_reported() -> None:
     rig = moving()
     rig.joints.state = DriveState.DISABLED
     rig.tick()
@@ -153,7 +153,7 @@ def test_one_faulted_drive_leaves_the_others_holding() -> None:
 
 
 @pytest.mark.parametrize("asked", ["word", "signal"])
-def test_the_end_holds_gives_way_switches_off_and_finishes(asked: str) -> None:
+def test_the_end_holds_damps_switches_off_and_finishes(asked: str) -> None:
     rig = moving(A.WALK)
     rig.send(K.SHUT_DOWN)
     if asked == "signal":

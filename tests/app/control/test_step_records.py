@@ -66,7 +66,7 @@ def test_a_refusal_keeps_the_numbers_that_are_some(
     )
 
 
-def test_an_event_that_is_over_tells_how_long_it_was_there() -> None:
+def test_an_event_that_is_over_reports_how_long_it_was_there() -> None:
     rig = standing()
     rig.audit.clear()
     rig.spoil["wall_ns"] = rig.now_ns + 9_000_000_000
@@ -81,7 +81,7 @@ def test_an_event_that_is_over_tells_how_long_it_was_there() -> None:
     assert cleared.lasted_s == pytest.approx(LINGER_NS / 1e9, abs=0.01)
 
 
-def test_a_stream_that_was_silent_tells_for_how_long() -> None:
+def test_a_stream_that_stopped_reports_for_how_long() -> None:
     rig = standing()
     rig.watching = False
     rig.run_until(lambda _: Event.PERCEPTION_TIMEOUT.value in rig.events())
@@ -110,7 +110,7 @@ def test_the_end_holds_for_just_so_long() -> None:
     assert END_HOLD_NS == 400_000_000
 
 
-def test_torque_off_is_said_once_and_not_for_the_next_time_that_the_joints_give_way() -> None:
+def test_torque_off_is_reported_once_and_not_for_the_next_time_that_the_joints_are_damped() -> None:
     rig = standing()
     rig.send(K.STOP)
     rig.send(K.STOP)
@@ -129,7 +129,7 @@ def test_torque_off_is_said_once_and_not_for_the_next_time_that_the_joints_give_
 
 
 @pytest.mark.parametrize("joint", Joint)
-def test_the_joint_that_is_silent_is_named(joint: Joint) -> None:
+def test_the_joint_that_is_unresponsive_is_named(joint: Joint) -> None:
     rig = standing()
     silent_since_ns = rig.now_ns
     for _ in range(9):
@@ -141,7 +141,7 @@ def test_the_joint_that_is_silent_is_named(joint: Joint) -> None:
     assert raised.text == reason(Event.JOINT_TIMEOUT, detail=joint)
 
 
-def test_a_wish_while_the_legs_come_to_rest_is_told_to_wait() -> None:
+def test_a_request_while_the_legs_come_to_rest_is_asked_to_wait() -> None:
     rig = moving()
     rig.send(K.STOP)
     rig.tick()
@@ -157,7 +157,7 @@ def test_a_wish_while_the_legs_come_to_rest_is_told_to_wait() -> None:
     assert now(rig).gait.state is S.STANDING
 
 
-def test_giving_way_goes_on_from_the_command_that_left_when_one_is_refused() -> None:
+def test_damping_continues_from_the_command_that_left_when_one_is_refused() -> None:
     rig = standing()
     rig.send(K.STOP)
     rig.send(K.STOP)
@@ -265,7 +265,7 @@ def test_every_change_of_state_stands_in_the_trail() -> None:
     ]
 
 
-def test_the_effect_and_the_streams_are_told_when_they_change() -> None:
+def test_the_effect_and_the_streams_are_reported_when_they_change() -> None:
     rig = standing()
     rig.watching = False
     rig.tick(140)
@@ -298,7 +298,7 @@ def test_a_guard_refusal_holds_the_legs_with_the_last_command_that_passed() -> N
     assert refusals[0].limit is None
 
 
-def test_a_clock_step_is_told() -> None:
+def test_a_clock_step_is_reported() -> None:
     rig = standing()
     rig.tick(20)
     rig.spoil["wall_ns"] = rig.now_ns + 9_000_000_000
@@ -307,7 +307,7 @@ def test_a_clock_step_is_told() -> None:
     assert steps == [pytest.approx(4.0, abs=0.01), pytest.approx(-4.0, abs=0.01)], "forth, and back"
 
 
-def test_legs_that_are_not_where_their_state_says_lose_it() -> None:
+def test_legs_that_are_not_where_their_state_requires_lose_it() -> None:
     rig = standing()
     rig.settings = replace(rig.settings, poses={S.STANDING: np.full(4, 0.5)})
     rig.tick()

@@ -47,7 +47,7 @@ def test_at_rest_the_table_and_the_arming_decide(state: GaitState, action: Actio
 @pytest.mark.parametrize("source", Source)
 @pytest.mark.parametrize("action", Action)
 @pytest.mark.parametrize("running", [A.STEP_RIGHT_FIRST, A.STAIR_UP, A.OBSTACLE, A.STAIR_DOWN, A.SIT_DOWN, A.WALK])
-def test_during_a_movement_only_the_end_of_a_walk_is_heard(running: Action, action: Action, source: Source) -> None:
+def test_during_a_movement_only_the_end_of_a_walk_is_received(running: Action, action: Action, source: Source) -> None:
     rig = moving(running)
     path = rig.command.position_rad
     request(rig, action, source)
@@ -64,7 +64,7 @@ def test_during_a_movement_only_the_end_of_a_walk_is_heard(running: Action, acti
         assert records_of(rig, records.Refusal)
 
 
-def test_a_release_acts_once_however_often_it_is_told() -> None:
+def test_a_release_acts_once_however_often_it_is_reported() -> None:
     rig = standing()
     rig.release(Gesture.ONE)
     rig.settle()
@@ -111,7 +111,7 @@ def test_a_release_made_just_before_the_arming_does_not_act() -> None:
     assert now(rig).refusal == reason(RequestRefusal.RELEASED_BEFORE_ARMING)
 
 
-def test_a_perception_that_restarts_repeats_nothing_and_is_heard_again() -> None:
+def test_a_perception_that_restarts_repeats_nothing_and_is_received_again() -> None:
     rig = standing()
     rig.release(Gesture.ONE)
     rig.tick(20)
@@ -134,7 +134,7 @@ def test_the_first_report_of_a_restarted_perception_may_bring_a_release() -> Non
     assert now(rig).running is not None
 
 
-def test_a_release_without_a_gesture_is_no_wish() -> None:
+def test_a_release_without_a_gesture_is_no_request() -> None:
     rig = standing()
     rig.release(Gesture.ONE)
     rig._released = None
@@ -143,7 +143,7 @@ def test_a_release_without_a_gesture_is_no_wish() -> None:
     assert now(rig).running is None
 
 
-def test_an_act_without_an_action_is_no_wish_and_old_words_are_not_heard_twice() -> None:
+def test_an_act_without_an_action_is_no_request_and_old_commands_act_once() -> None:
     rig = standing()
     rig.send(K.ACT)
     rig.tick(2)

@@ -84,7 +84,7 @@ def test_stop_at_rest_holds_and_keeps_the_state(state: GaitState) -> None:
 
 
 @pytest.mark.parametrize("state", RESTS)
-def test_a_second_press_gives_way_slowly_from_the_last_command(state: GaitState) -> None:
+def test_a_second_press_damps_slowly_from_the_last_command(state: GaitState) -> None:
     rig = resting(state)
     powered = state is not S.UNPOWERED
     rig.send(K.STOP)
@@ -114,7 +114,7 @@ def test_two_presses_in_one_tick_damp() -> None:
 
 
 @pytest.mark.parametrize(("presses", "reached"), [(1, S.STANDING), (2, S.BETWEEN)])
-def test_a_stop_before_the_plan_has_come_keeps_the_state_unless_the_joints_give_way(
+def test_a_stop_before_the_plan_has_come_keeps_the_state_unless_the_joints_are_damped(
     presses: int, reached: GaitState
 ) -> None:
     rig = standing()
@@ -128,7 +128,7 @@ def test_a_stop_before_the_plan_has_come_keeps_the_state_unless_the_joints_give_
     assert (report.outcome, report.to_state, now(rig).gait.state) == (Outcome.STOPPED, reached, reached)
 
 
-def test_stop_wins_over_a_wish_and_over_an_acknowledgement_of_the_same_tick() -> None:
+def test_stop_wins_over_a_request_and_over_an_acknowledgement_of_the_same_tick() -> None:
     for text in ((K.ACT, K.STOP), (K.STOP, K.ACT)):
         rig = standing()
         for word in text:
@@ -157,7 +157,7 @@ def test_a_stop_never_grows_old_but_a_key_does() -> None:
     assert now(rig).effect is Effect.HOLD
 
 
-def test_the_moment_of_a_stop_and_of_its_command_are_told() -> None:
+def test_the_moment_of_a_stop_and_of_its_command_are_reported() -> None:
     rig = moving()
     assert (now(rig).stop_received_ns, now(rig).stop_command_ns) == (0, 0)
     rig.send(K.STOP)
@@ -195,7 +195,7 @@ def test_acknowledging_starts_nothing_and_gesture_0_returns_slowly_from_where_th
     assert rig.settle().gait.state is S.STANDING
 
 
-def test_the_way_back_is_refused_when_it_is_not_free() -> None:
+def test_the_return_is_refused_when_it_is_not_free() -> None:
     rig = resting(S.BETWEEN)
     rig.refuse_plans = "left knee: 130° lies beyond 120°"
     held = rig.command
@@ -230,7 +230,7 @@ def test_after_a_damp_the_joints_are_gripped_where_they_sank_to() -> None:
     assert now(rig).reports[-1].outcome is Outcome.COMPLETED
 
 
-def test_torque_goes_off_only_on_the_operators_word_and_only_when_the_joints_have_given_way() -> None:
+def test_torque_goes_off_only_on_the_operators_command_and_only_when_the_joints_are_damped() -> None:
     rig = resting(S.SITTING)
     rig.send(K.TORQUE_OFF)
     rig.tick(3)
@@ -259,7 +259,7 @@ def test_torque_goes_off_only_on_the_operators_word_and_only_when_the_joints_hav
     assert now(rig).gait.state is S.STANDING
 
 
-def test_damped_joints_stay_damped_without_the_operators_word() -> None:
+def test_damped_joints_stay_damped_without_the_operators_command() -> None:
     rig = standing()
     rig.send(K.STOP)
     rig.send(K.STOP)

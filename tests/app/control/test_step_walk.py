@@ -30,7 +30,7 @@ def test_a_walk_has_no_pause_and_no_jump_between_its_steps() -> None:
     assert max(float(np.abs(b - a).max()) for a, b in pairwise(commands)) < 0.01
 
 
-def test_a_walk_counts_its_steps_and_its_way() -> None:
+def test_a_walk_counts_its_steps_and_its_distance() -> None:
     rig = standing()
     rig.send(K.ACT, A.WALK)
     rig.run_until(lambda m: m.steps == 3)
@@ -72,7 +72,7 @@ def test_a_late_next_step_is_taken_as_long_as_it_comes_before_the_last_call() ->
 
 
 @pytest.mark.parametrize("source", Source)
-def test_when_perception_goes_a_walk_of_the_wearer_ends_and_the_therapists_goes_on(source: Source) -> None:
+def test_when_perception_goes_a_walk_of_the_wearer_ends_and_the_therapists_continues(source: Source) -> None:
     rig = standing()
     request(rig, A.WALK, source)
     rig.run_until(lambda m: m.gait.phase is Phase.WALK_LEFT)

@@ -87,29 +87,29 @@ def test_four_drives_that_answer_once_are_good() -> None:
     assert {finding.grade for finding in evaluated(answers()).values()} == {Grade.GOOD}
 
 
-def test_a_silent_drive_is_named() -> None:
+def test_an_unresponsive_drive_is_named() -> None:
     finding = evaluated(answers()[1:])[Joint.LEFT_HIP]
     assert finding.grade is Grade.BAD
     assert finding.what.code == key_of(F.SILENT)
     assert "ID 1 does not answer" in render(finding.what)
 
 
-def test_a_shared_id_is_told() -> None:
+def test_a_shared_id_is_reported() -> None:
     finding = evaluated(answers(id3=2))[Joint.RIGHT_HIP]
     assert (finding.what.code, finding.what.values["answers"]) == (key_of(F.SHARED_ID), 2)
 
 
-def test_a_drive_in_another_protocol_is_told() -> None:
+def test_a_drive_in_another_protocol_is_reported() -> None:
     finding = evaluated([*answers()[1:], FoundDrive("Damiao", 1, 1, *ON_ID)])[Joint.LEFT_HIP]
     assert (finding.what.code, finding.what.values["protocol"]) == (key_of(F.OTHER_PROTOCOL), "Damiao")
     assert finding.remedy == reason(CanRemedy.CORRECT_MOTOR)
 
 
-def test_a_drive_nobody_described_is_told() -> None:
+def test_a_drive_nobody_described_is_reported() -> None:
     assert evaluated([*answers(), FoundDrive(MIT, 9, 1, *ON_ID)])["can0"].what.values["can_id"] == 9
 
 
-def test_two_joints_with_one_id_are_told() -> None:
+def test_two_joints_with_one_id_are_reported() -> None:
     same = msgspec.structs.replace(DEVICE.left_knee, can_id=1)
     device = msgspec.structs.replace(DEVICE, left_knee=same)
     assert evaluated(answers(), device)[Joint.LEFT_KNEE].what.code == key_of(F.SHARED_ID_IN_DEVICE)
@@ -122,7 +122,7 @@ def test_an_emulated_bus_is_examined_to_the_drives() -> None:
     assert [finding.grade for finding in still] == [Grade.GOOD]
 
 
-def test_a_missing_interface_is_told_and_nothing_else_is_tried() -> None:
+def test_a_missing_interface_is_reported_and_nothing_else_is_tried() -> None:
     device = with_bus(DEVICE, "socketcan", "can77")
     findings = list(examine(device, None))
     assert [finding.grade for finding in findings] == [Grade.BAD]

@@ -65,7 +65,7 @@ def test_a_webcam_that_may_not_be_opened_names_the_group(tmp_path: Path) -> None
         ({"TERM": "dumb", "LANG": "de_DE.UTF-8"}, Grade.NOTE, F.NO_PICTURES),
     ],
 )
-def test_terminals_are_told_apart(environment: dict[str, str], grade: Grade, code: F) -> None:
+def test_terminals_are_distinguished(environment: dict[str, str], grade: Grade, code: F) -> None:
     finding = one(doctor.check_terminal(environment, is_terminal=True))
     assert finding.grade is grade
     assert finding.what.code == key_of(code)

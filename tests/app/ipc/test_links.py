@@ -68,7 +68,7 @@ def test_ordered_loses_and_reorders_nothing(tmp_path: Path) -> None:
         receiver.close()
 
 
-def test_full_queue_is_told_to_the_sender(tmp_path: Path) -> None:
+def test_full_queue_is_reported_to_the_sender(tmp_path: Path) -> None:
     sender = OrderedSender(address(tmp_path, "nobody-listens"))
     try:
         accepted = 0

@@ -80,7 +80,7 @@ def test_a_preflight_is_kept_for_exactly_its_parameters(tmp_path: Path) -> None:
     assert not preflight_passed(home, patient(), weaker, Action.WALK).passed
 
 
-def test_a_failed_preflight_tells_why(tmp_path: Path) -> None:
+def test_a_failed_preflight_reports_why(tmp_path: Path) -> None:
     home = Home(tmp_path)
     keep_verdict(home, patient(), DEVICE, Action.OBSTACLE, verdict(Action.OBSTACLE, passed=False))
     result = preflight_passed(home, patient(), DEVICE, Action.OBSTACLE)

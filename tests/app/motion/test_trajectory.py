@@ -131,7 +131,7 @@ def test_too_far_from_the_states_pose_is_refused_with_the_angle() -> None:
 
 @settings(max_examples=25, deadline=None)
 @given(st.floats(-10, 90), st.floats(3, 95), st.floats(-10, 90), st.floats(3, 95))
-def test_initialise_goes_slowly_from_any_pose_to_standing_or_says_why_not(
+def test_initialise_goes_slowly_from_any_pose_to_standing_or_reports_why_not(
     left_hip: float, left_knee: float, right_hip: float, right_knee: float
 ) -> None:
     start = np.radians([left_hip, left_knee, right_hip, right_knee])

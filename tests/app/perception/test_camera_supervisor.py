@@ -73,7 +73,7 @@ def test_a_missing_camera_is_not_hammered() -> None:
     assert len(attempts) <= len(BACK_OFF_S) + 2
 
 
-def test_the_end_of_a_recording_is_said_and_final() -> None:
+def test_the_end_of_a_recording_is_reported_and_final() -> None:
     keeper = CameraSupervisor(Fragile(frames_left=1))
     assert keeper.read(0.0, 0.1) is not None
     assert keeper.read(0.1, 0.1) is None

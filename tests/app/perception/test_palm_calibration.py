@@ -105,6 +105,6 @@ def test_another_resolution_starts_anew(patient: Profile) -> None:
     assert len(sampler.samples_m) == 1
 
 
-def test_a_camera_without_pictures_is_told(patient: Profile) -> None:
+def test_a_camera_without_images_is_reported(patient: Profile) -> None:
     with pytest.raises(AppError, match="NO_FRAME camera=grey"):
         sample_palm(patient, Frames(3), Shown(palm()), lambda *_: None)

@@ -11,7 +11,7 @@ from app.perception.reporting import PreviewPacer
 
 
 @given(rate_hz=st.floats(1, 25), camera_hz=st.sampled_from([15, 30, 60]))
-def test_pictures_come_at_about_the_rate_asked_for(rate_hz: float, camera_hz: int) -> None:
+def test_images_come_at_about_the_rate_asked_for(rate_hz: float, camera_hz: int) -> None:
     pacer = PreviewPacer(rate_hz=rate_hz)
     sent = sum(pacer.due(1 + round(frame * 1e9 / camera_hz)) for frame in range(camera_hz * 10))
     assert sent <= 10 * rate_hz * 1.05 + 2
@@ -25,7 +25,7 @@ def test_rate_zero_pauses() -> None:
 
 
 @given(width=st.integers(2, 64), height=st.integers(2, 64), wanted=st.integers(2, 200))
-def test_picture_has_as_many_bytes_as_it_says_and_never_grows(width: int, height: int, wanted: int) -> None:
+def test_image_has_as_many_bytes_as_stated_and_never_grows(width: int, height: int, wanted: int) -> None:
     pacer = PreviewPacer(width_px=wanted)
     message = pacer.message(np.zeros((height, width, 3), np.uint8), 1)
     assert len(message.rgb) == message.width_px * message.height_px * 3

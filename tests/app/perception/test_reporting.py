@@ -91,7 +91,7 @@ def push(*moves: tuple[float, Gesture | None, Box | None]) -> tuple[list[Report]
 AROUND = Context(incarnation=1, sequence=2, sent_ns=9, camera="c", threshold_m=0.2, fps=30.0)
 
 
-def test_no_report_is_said_as_no_hand_with_its_reason() -> None:
+def test_no_report_is_reported_as_no_hand_with_its_reason() -> None:
     message = to_message(None, replace(AROUND, camera_fault=reason_of(OSError("unplugged"))), captured_ns=3)
     assert (message.hand, message.gesture, message.pressed, message.release_count) == (False, None, False, 0)
     assert (message.camera_fault, message.captured_ns) == (reason_of(OSError("unplugged")), 3)
@@ -198,7 +198,7 @@ def test_rate_of_too_few_frames_is_zero() -> None:
     assert frames_per_second([]) == frames_per_second([1]) == frames_per_second([1, 1]) == 0.0
 
 
-def test_the_message_tells_where_a_press_works_with_a_hand_and_without() -> None:
+def test_the_message_reports_where_a_press_works_with_a_hand_and_without() -> None:
     zone = PressZone(followed_from_m=0.13, whole_from_m=0.18, visible_to_m=1.6, threshold_m=0.2, rest_beyond_m=0.24)
     around = replace(AROUND, press_zone=zone)
     assert to_message(REPORT, around, captured_ns=5).press_zone == zone

@@ -30,7 +30,7 @@ def test_it_damps_between_65_and_80_ms_after_the_last_beat() -> None:
     assert 65 < acted_ms < 80
 
 
-def test_a_heartbeat_that_goes_on_is_left_alone() -> None:
+def test_a_heartbeat_that_continues_is_left_alone() -> None:
     state = GuardianState()
     for now_ns in range(0, 2_000 * MS, CHECK):
         beat = Heartbeat(at_ns=now_ns, enabled=True) if now_ns % (20 * MS) == 0 else None
@@ -54,7 +54,7 @@ def test_a_guardian_that_is_late_itself_does_not_act_on_it() -> None:
     assert silent_for(400, step_ns=20 * MS)[0].action is GuardianAction.MONITOR
 
 
-def test_it_goes_on_to_the_end_whatever_control_says_then() -> None:
+def test_it_continues_to_the_end_whatever_control_reports_then() -> None:
     state, _ = silent_for(90)
     back = Heartbeat(at_ns=1_100 * MS, enabled=True)
     assert check_heartbeat(state, back, 1_100 * MS).action is GuardianAction.DAMP
@@ -68,7 +68,7 @@ def off() -> GuardianState:
     return check_heartbeat(state, None, state.since_ns + DAMP_NS + MS)
 
 
-def test_it_watches_again_when_a_living_control_says_that_nothing_is_powered() -> None:
+def test_it_watches_again_when_a_control_reports_that_nothing_is_powered() -> None:
     state = off()
     now_ns = state.since_ns + OFF_NS + MS
     unpowered = Heartbeat(at_ns=now_ns, enabled=False)
@@ -82,7 +82,7 @@ def test_it_watches_again_when_a_living_control_says_that_nothing_is_powered() -
 
 
 @pytest.mark.parametrize(("enabled", "last"), [(True, False), (False, True)])
-def test_neither_powered_drives_nor_a_last_word_make_it_watch_again(enabled: bool, last: bool) -> None:
+def test_neither_powered_drives_nor_a_last_message_make_it_watch_again(enabled: bool, last: bool) -> None:
     state = off()
     now_ns = state.since_ns + OFF_NS + MS
     assert (

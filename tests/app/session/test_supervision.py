@@ -7,7 +7,7 @@ from itertools import pairwise
 from app.session.child import BACK_OFF_S, FIRST_REPORT_S, SILENCE_S, Supervisor
 
 
-def test_a_living_reporting_perception_is_left_alone() -> None:
+def test_a_reporting_perception_is_left_alone() -> None:
     supervisor = Supervisor()
     assert not any(supervisor.must_restart(0.1 * i, alive=True, reported=True) for i in range(1000))
 
@@ -20,7 +20,7 @@ def test_a_dead_one_is_started_again_and_given_up_in_the_end() -> None:
     assert pauses == sorted(pauses)
 
 
-def test_a_frozen_one_is_started_again_after_its_silence() -> None:
+def test_a_frozen_one_is_started_again_after_its_timeout() -> None:
     supervisor = Supervisor()
     assert not supervisor.must_restart(0.0, alive=True, reported=True)
     assert not supervisor.must_restart(SILENCE_S * 0.9, alive=True, reported=False)

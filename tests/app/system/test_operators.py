@@ -61,7 +61,7 @@ def test_the_right_pin_lets_in_and_forgets_failures(store: OperatorStore) -> Non
     assert (good.operator.name, good.operator.failures) == ("Tom", 0)
 
 
-def test_names_and_pins_are_refused_with_the_same_words(store: OperatorStore) -> None:
+def test_names_and_pins_are_refused_with_the_same_text(store: OperatorStore) -> None:
     assert sign_in(store, "Tom", PIN, 0.0).fault is sign_in(store, "Nobody", PIN, 0.0).fault
 
 

@@ -65,7 +65,7 @@ def test_a_policy_is_set_or_reported_as_refused(name: str) -> None:
     assert reported in (["True", *allowed], ["False", "False", str(os.nice(0))])
 
 
-def test_the_request_to_stay_awake_is_held_and_says_no_microsecond(tmp_path: Path) -> None:
+def test_the_request_to_stay_awake_is_held_and_reports_no_microsecond(tmp_path: Path) -> None:
     interface = tmp_path / "cpu_dma_latency"
     interface.touch()
     assert request_low_wake_latency(interface)
@@ -75,5 +75,5 @@ def test_the_request_to_stay_awake_is_held_and_says_no_microsecond(tmp_path: Pat
     os.close(int(request.name))
 
 
-def test_a_system_without_the_request_is_told(tmp_path: Path) -> None:
+def test_a_system_without_the_request_is_reported(tmp_path: Path) -> None:
     assert not request_low_wake_latency(tmp_path / "absent")

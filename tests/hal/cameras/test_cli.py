@@ -33,7 +33,7 @@ def test_list_names_the_simulated_camera_and_where_to_choose(tmp_path: Path) -> 
 
 
 @pytest.mark.parametrize("kind", ["video", "folder", "session", "realsense"])
-def test_show_tells_resolution_lens_and_its_source(kept: Kept, tmp_path: Path, kind: str) -> None:
+def test_show_reports_resolution_lens_and_its_source(kept: Kept, tmp_path: Path, kind: str) -> None:
     output = run(tmp_path, "show", str(getattr(kept, kind)))
     assert "320x180" in output
     source = {"video": "assumed", "folder": "assumed", "session": "given", "realsense": "measured"}[kind]

@@ -37,7 +37,7 @@ def some(camera: Camera, wanted: int) -> list[Frame]:
     return frames
 
 
-def test_frames_are_pictures_with_matching_intrinsics(camera: Camera) -> None:
+def test_frames_are_images_with_matching_intrinsics(camera: Camera) -> None:
     (frame,) = some(camera, 1)
     assert frame.image_bgr.dtype == np.uint8
     assert frame.image_bgr.shape == (frame.intrinsics.height_px, frame.intrinsics.width_px, 3)
@@ -55,7 +55,7 @@ def test_captured_times_and_numbers_grow_and_are_of_this_hosts_clock(camera: Cam
     assert times[-1] <= time.monotonic_ns()
 
 
-def test_depth_is_metres_aligned_to_the_picture_where_there_is_any(camera: Camera) -> None:
+def test_depth_is_metres_aligned_to_the_image_where_there_is_any(camera: Camera) -> None:
     (frame,) = some(camera, 1)
     if frame.depth_m is None:
         assert camera.name.startswith(("hand.avi", "pictures"))
@@ -68,7 +68,7 @@ def test_depth_is_metres_aligned_to_the_picture_where_there_is_any(camera: Camer
     assert 0.2 < known.min() <= known.max() < 20
 
 
-def test_reading_a_closed_camera_is_an_error_that_says_so(make_camera: Make) -> None:
+def test_reading_a_closed_camera_is_an_error_that_is_reported(make_camera: Make) -> None:
     camera = make_camera()
     with refused(CameraFault.NOT_OPEN):
         camera.read(0.0)

@@ -85,7 +85,7 @@ def test_every_joint_lies_inside_the_flesh_that_is_drawn(gesture: str, left: boo
     assert (in_front < joints[:, 2] + 0.001).all()
 
 
-def test_a_lone_ball_is_met_where_geometry_says() -> None:
+def test_a_lone_ball_is_met_where_geometry_predicts() -> None:
     centre = np.array([[0.0, 0.0, 0.5]])
     body = Capsules(centre, centre + np.array([0.0, 0.0, 1e-4]), np.array([0.05]), np.array([0.05]), np.array([True]))
     lens = lens_for(321, 181)
@@ -97,7 +97,7 @@ def test_a_lone_ball_is_met_where_geometry_says() -> None:
     assert wide == pytest.approx(2 * lens.fx_px * 0.05 / math.sqrt(0.5**2 - 0.05**2), abs=2.5)
 
 
-def test_the_same_moment_is_the_same_picture_and_another_seed_another() -> None:
+def test_the_same_moment_is_the_same_image_and_another_seed_another() -> None:
     first, again = hand_at().render(SECOND), hand_at().render(SECOND)
     assert np.array_equal(first.image_bgr, again.image_bgr)
     other = DigitalHandCamera(seed=2, lens=LENS).render(SECOND)
@@ -113,7 +113,7 @@ def test_seeds_give_people_of_both_hands_many_tones_and_plausible_palms() -> Non
 
 
 @pytest.mark.parametrize("gesture", [pose.name for pose in GESTURES])
-def test_a_signed_gesture_is_told_at_once_and_settles_within_a_quarter_second(gesture: str) -> None:
+def test_a_shown_gesture_is_reported_at_once_and_settles_within_a_quarter_second(gesture: str) -> None:
     camera = hand_at()
     camera.command(gesture=gesture, at_ns=SECOND)
     assert camera.ground_truth(SECOND - 1).gesture == "rest"
@@ -154,7 +154,7 @@ def test_the_past_stays_what_it_was_after_new_commands() -> None:
         assert camera.ground_truth(t).keypoints_m == pytest.approx(known)
 
 
-def test_none_leaves_the_picture_and_a_gesture_comes_back() -> None:
+def test_none_leaves_the_image_and_a_gesture_comes_back() -> None:
     camera = hand_at()
     camera.command(gesture="none", at_ns=SECOND)
     away = camera.ground_truth(2 * SECOND)
@@ -190,7 +190,7 @@ def test_what_does_not_exist_is_refused_by_name() -> None:
 
 @settings(max_examples=20, deadline=None)
 @given(pose=poses, x=st.floats(-0.5, 0.5), y=st.floats(-0.4, 0.6), z=st.floats(0.05, 1.0), turn=turns)
-def test_any_place_renders_a_whole_picture(
+def test_any_place_renders_a_whole_image(
     pose: str, x: float, y: float, z: float, turn: tuple[float, float, float]
 ) -> None:
     observed = render(posed(pose, lens=LENS, position_m=(x, y, z), turn_rad=turn), depth=True)

@@ -77,11 +77,11 @@ def test_radial_distortion_is_solved_kept_and_read_back(tmp_path: Path) -> None:
     assert load(tmp_path / "cameras.toml", "cam") == found
 
 
-def test_a_picture_without_a_board_shows_none() -> None:
+def test_an_image_without_a_board_shows_none() -> None:
     assert find_corners(np.full((360, 640, 3), 128, np.uint8), BOARD) is None
 
 
-def test_too_few_pictures_are_refused_with_what_to_show() -> None:
+def test_too_few_images_are_refused_with_what_to_show() -> None:
     with refused(CameraFault.TOO_FEW_CHESSBOARDS, found=0, needed=5):
         calibrate([], BOARD, 640, 360)
 

@@ -69,7 +69,7 @@ def test_colour_and_depth_of_the_fed_hand_come_out_aligned(
     assert sample.depth_m == pytest.approx(0.40, abs=0.03)
 
 
-def test_a_smaller_depth_stream_is_aligned_to_the_colour_picture() -> None:
+def test_a_smaller_depth_stream_is_aligned_to_the_colour_image() -> None:
     software = SoftwareRealSense(a_hand().lens, depth_size=(WIDTH // 2, HEIGHT // 2))
     camera = RealSenseCamera(software=software.device)
     camera.open()
@@ -94,9 +94,7 @@ def test_nearer_than_the_camera_can_see_is_zero_for_published_and_no_measurement
     assert reader.fault is DepthFault.ZERO
 
 
-def test_a_stream_that_falls_silent_is_told_and_comes_back(
-    camera: RealSenseCamera, software: SoftwareRealSense
-) -> None:
+def test_a_stream_that_stops_is_reported_and_comes_back(camera: RealSenseCamera, software: SoftwareRealSense) -> None:
     next_frame(camera, software, 0.40)
     with refused(CameraFault.NO_FRAMES):
         read_for(camera, LIMIT_S)

@@ -38,7 +38,7 @@ def session(kept: Kept, tmp_path: Path) -> Path:
     return Path(shutil.copytree(kept.session, tmp_path / "session"))
 
 
-def test_a_recorded_session_plays_back_pictures_depth_times_and_lens(kept: Kept) -> None:
+def test_a_recorded_session_plays_back_images_depth_times_and_lens(kept: Kept) -> None:
     frames, cut_off = played(PlaybackCamera(kept.session, recorded_source(kept.session)))
     hand = small_hand()
     assert len(frames) == FRAMES
@@ -54,7 +54,7 @@ def test_a_recorded_session_plays_back_pictures_depth_times_and_lens(kept: Kept)
         assert np.abs(frame.depth_m - original.depth_m).max() < 1e-6
 
 
-def test_pictures_in_a_folder_come_back_bit_for_bit(kept: Kept) -> None:
+def test_images_in_a_folder_come_back_bit_for_bit(kept: Kept) -> None:
     frames, _ = played(PlaybackCamera(kept.folder, folder_source(kept.folder), paced=False))
     hand = small_hand()
     assert len(frames) == FRAMES
@@ -72,7 +72,7 @@ def test_a_mirrored_camera_is_turned_back(kept: Kept) -> None:
 
 
 @pytest.mark.parametrize("keep", [2, 4, FRAMES + 1])
-def test_a_session_cut_between_lines_plays_what_is_there_and_says_that_it_is_cut(session: Path, keep: int) -> None:
+def test_a_session_cut_between_lines_plays_what_is_there_and_reports_that_it_is_cut(session: Path, keep: int) -> None:
     lines = (session / INDEX).read_text().splitlines()
     (session / INDEX).write_text("\n".join(lines[:keep]) + "\n")
     frames, cut_off = played(open_camera("recording", device=str(session)))
@@ -80,7 +80,7 @@ def test_a_session_cut_between_lines_plays_what_is_there_and_says_that_it_is_cut
     assert cut_off
 
 
-def test_a_session_cut_within_a_line_or_a_picture_ends_there(session: Path) -> None:
+def test_a_session_cut_within_a_line_or_an_image_ends_there(session: Path) -> None:
     text = (session / INDEX).read_text()
     (session / INDEX).write_text(text[: len(text) // 2])
     frames, cut_off = played(open_camera("recording", device=str(session)))
@@ -148,7 +148,7 @@ def test_a_recording_by_librealsense_that_was_cut_is_refused_by_name(kept: Kept,
         open_camera("realsense", device=str(cut)).open()
 
 
-def test_pictures_of_another_size_than_the_first_are_refused(kept: Kept, tmp_path: Path) -> None:
+def test_images_of_another_size_than_the_first_are_refused(kept: Kept, tmp_path: Path) -> None:
     folder = Path(shutil.copytree(kept.folder, tmp_path / "mixed"))
     import cv2
 
@@ -160,7 +160,7 @@ def test_pictures_of_another_size_than_the_first_are_refused(kept: Kept, tmp_pat
         camera.read(1.0)
 
 
-def test_a_recorder_never_overwrites_and_tells_what_it_wrote(tmp_path: Path) -> None:
+def test_a_recorder_never_overwrites_and_reports_what_it_wrote(tmp_path: Path) -> None:
     recorder = Recorder(tmp_path / "new", "hand")
     recorder.write(small_hand().render(PERIOD_NS))
     recorder.close()

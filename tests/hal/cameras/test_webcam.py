@@ -47,7 +47,7 @@ def test_an_unknown_webcam_is_refused_with_what_there_is(sysfs: Path, device: st
         find_webcam(device, list_webcams(sysfs))
 
 
-def test_a_listed_camera_that_cannot_be_opened_says_what_to_check(tmp_path: Path) -> None:
+def test_a_listed_camera_that_cannot_be_opened_reports_what_to_check(tmp_path: Path) -> None:
     folder = tmp_path / "video99"
     folder.mkdir()
     (folder / "name").write_text("Ghost")

@@ -102,7 +102,7 @@ def test_every_absolute_limit_at_its_boundary(
     assert refusal.value == pytest.approx(abs(value) if quantity in MAGNITUDES else value)
 
 
-def test_of_several_reasons_the_first_is_told() -> None:
+def test_of_several_reasons_the_first_is_reported() -> None:
     beyond = replace(STIFF, position_rad=LIMITS.high_rad + 1.0, torque_nm=LIMITS.torque_nm + 1.0)
     refusal = check(beyond, beyond)
     assert refusal is not None
@@ -133,7 +133,7 @@ def test_every_change_in_a_tick_at_its_boundary(
 
 
 @pytest.mark.parametrize("joint", Joint)
-def test_a_slack_joint_is_told_no_position_so_it_may_change(joint: Joint) -> None:
+def test_a_slack_joint_is_given_no_position_so_it_may_change(joint: Joint) -> None:
     far = put(NEUTRAL, "position_rad", joint, 0.5)
     assert check(far, NEUTRAL) is None
 

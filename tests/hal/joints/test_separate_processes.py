@@ -109,7 +109,7 @@ class Ear:
         self._bus.shutdown()
 
 
-def test_an_emulated_wearer_is_told_what_stands_around_the_feet() -> None:
+def test_an_emulated_wearer_is_given_what_stands_around_the_feet() -> None:
     device = with_bus(load_exoskeleton(), "virtual", f"scene-{random.random()}")
     joints = make_joints("can", device)
     assert isinstance(joints, EmulatedCanJoints)

@@ -31,14 +31,14 @@ def test_degrading_is_the_same_every_time_and_leaves_the_image_alone(name: str) 
     np.testing.assert_array_equal(GREY, before)
 
 
-def test_degrading_does_what_it_says() -> None:
+def test_degrading_does_what_is_configured() -> None:
     assert DEGRADATIONS["dark"](GREY, 1).mean() < 0.2 * GREY.mean()
     assert DEGRADATIONS["noise"](GREY, 1)[:10].std() > 20
     assert DEGRADATIONS["blur"](GREY, 1).std() < 0.97 * GREY.std()
     np.testing.assert_array_equal(DEGRADATIONS["none"](GREY, 1), GREY)
 
 
-def test_every_way_to_degrade_is_classified_with_every_preparation() -> None:
+def test_every_degradation_is_classified_with_every_preparation() -> None:
     images = iter(
         [
             (LabelledImage(path="a", label="5"), GREY, Augmentation()),

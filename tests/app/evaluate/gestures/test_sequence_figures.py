@@ -22,6 +22,6 @@ def test_a_broken_gesture_and_a_false_onset_are_counted() -> None:
     assert (figures.shown, figures.recognised, figures.broken, figures.false_onsets) == (1, 1, 1, 1)
 
 
-def test_a_gesture_never_told_is_not_recognised() -> None:
+def test_a_gesture_never_reported_is_not_recognised() -> None:
     figures = measure_sequence(["3"] * 6, ["none"] * 6, ["none"] * 6)
     assert (figures.shown, figures.recognised, figures.delay_frames) == (1, 0, 0)

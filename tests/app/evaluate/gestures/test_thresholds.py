@@ -65,7 +65,7 @@ def test_undefined_hands_count_as_a_little_surer_than_they_were_judged() -> None
     assert 0.69 < choose_thresholds(labels, chances)[ONE] <= 0.75
 
 
-def test_hands_near_the_gestures_are_labelled_and_shaped_as_they_say() -> None:
+def test_hands_near_the_gestures_are_labelled_as_they_are_shaped() -> None:
     scenes = list(near_scenes(people=1))
     labels = [photo.label for photo, _, _ in scenes]
     for label in labels:

@@ -61,7 +61,7 @@ def test_a_good_rehearsal_passes_and_where_no_foot_swings_none_comes_too_near() 
     assert list(faults_of(msgspec.structs.replace(GOOD, clearance_m=None), 0.0, struck=False)) == []
 
 
-def test_a_struck_obstacle_and_a_wrong_end_are_told() -> None:
+def test_a_struck_obstacle_and_a_wrong_end_are_reported() -> None:
     found = list(faults_of(GOOD, 0.2, struck=True))
     assert found == [reason(F.WRONG_END_POSE, angle_rad=0.2), reason(F.STRIKES_OBSTACLE)]
 
@@ -83,7 +83,7 @@ def test_an_action_is_rehearsed_drawn_filmed_and_kept(tmp_path: Path) -> None:
     assert cleared_actions(Home(tmp_path), patient_of(DEMO_PATIENT, device), device) == {Action.SIT_DOWN}
 
 
-def test_an_action_that_does_not_pass_is_told_by_the_exit_status(tmp_path: Path) -> None:
+def test_an_action_that_does_not_pass_is_reported_by_the_exit_status(tmp_path: Path) -> None:
     high = msgspec.structs.replace(DEMO_PATIENT.gait, chair_height_m=0.6)
     short = msgspec.structs.replace(DEMO_PATIENT, stature_m=1.2, gait=high)
     profile = tmp_path / "short.toml"

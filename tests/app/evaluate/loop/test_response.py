@@ -81,7 +81,7 @@ def test_every_round_powers_the_legs_anew_and_makes_all_twelve() -> None:
     assert hand.powered_off == 2, "between rounds, not after the last"
 
 
-def test_a_trial_that_did_nothing_counts_and_is_made_again() -> None:
+def test_an_attempt_that_did_nothing_counts_and_is_made_again() -> None:
     attempts = Rounds(1).run_attempts(Hand(lambda made, _: made != 4), ALL_TWELVE)
     assert len(attempts) == 13
     assert [one.gesture for one in attempts if not one.ok] == [ALL_TWELVE[4].gesture]
@@ -109,7 +109,7 @@ def test_legs_that_keep_their_power_end_the_session() -> None:
     assert rounds.left == 2
 
 
-def test_an_interruption_keeps_the_trials_made() -> None:
+def test_an_interruption_keeps_the_attempts_made() -> None:
     def interrupt(made: int, _: Step) -> bool:
         if made == 7:
             raise KeyboardInterrupt
@@ -120,7 +120,7 @@ def test_an_interruption_keeps_the_trials_made() -> None:
     assert rounds.interrupted
 
 
-def test_trials_are_shared_evenly_among_the_hands() -> None:
+def test_attempts_are_shared_evenly_among_the_hands() -> None:
     assert [(seed, rounds.left) for seed, rounds in shared(50, (1, 2, 3))] == [(1, 17), (2, 17), (3, 16)]
 
 
@@ -139,7 +139,7 @@ def test_figures_run_from_recognition_and_from_release() -> None:
     assert figures["per_gesture"]["9"]["success"] is None
 
 
-def test_failures_are_told_by_gesture_and_reason_the_commonest_first() -> None:
+def test_failures_are_reported_by_gesture_and_reason_the_commonest_first() -> None:
     lost = attempt(Gesture.SEVEN, ok=False, why=PressCancel.HAND_LOST)
     figures = result_of(attempt(Gesture.ONE, ok=False), lost, lost).as_json()
     assert figures["failures"] == [

@@ -31,7 +31,7 @@ def test_a_recording_gives_its_first_frames_and_its_focal_length(tmp_path: Path)
     assert focal_px == 600.0
 
 
-def test_a_recording_that_is_not_there_is_told_by_name(tmp_path: Path) -> None:
+def test_a_recording_that_is_not_there_is_named(tmp_path: Path) -> None:
     with pytest.raises(AppError, match="FILE_UNREADABLE"):
         frames_for_speed(tmp_path, 2)
 
@@ -41,5 +41,5 @@ def test_one_process_is_timed_beside_as_many_as_asked(workers: int, counts: list
     assert worker_counts(workers) == counts
 
 
-def test_unless_told_otherwise_every_core_has_a_process() -> None:
+def test_unless_configured_otherwise_every_core_has_a_process() -> None:
     assert worker_counts(None) == sorted({1, len(os.sched_getaffinity(0))})

@@ -51,7 +51,7 @@ class BreakingBus(can.BusABC):
         (OSError(errno.ENXIO, "No such device or address"), BusFault.INTERFACE_GONE),
     ],
 )
-def test_a_frame_that_does_not_leave_is_told(error: Exception, flag: BusFault) -> None:
+def test_a_frame_that_does_not_leave_is_reported(error: Exception, flag: BusFault) -> None:
     with BreakingBus(sending=error) as bus:
         port = BusPort(bus, "can0")
         assert not port.send(FRAME)
@@ -78,7 +78,7 @@ def _broken_datagram() -> can.CanOperationError:
         (ValueError("select on a closed socket"), BusFault.MALFORMED),
     ],
 )
-def test_receiving_that_breaks_is_told(error: Exception, flag: BusFault) -> None:
+def test_receiving_that_breaks_is_reported(error: Exception, flag: BusFault) -> None:
     with BreakingBus(receiving=error) as bus:
         port = BusPort(bus, "can0")
         assert list(port.drain(1)) == []
@@ -101,7 +101,7 @@ def test_bus_off_outweighs_what_comes_with_it() -> None:
 
 
 @given(stamp_s=st.floats(0, 4e9), empty_ns=st.integers(0, 10**12), later_ns=st.integers(0, 10**10))
-def test_an_arrival_lies_between_the_last_look_and_now(stamp_s: float, empty_ns: int, later_ns: int) -> None:
+def test_an_arrival_lies_between_the_last_detection_and_now(stamp_s: float, empty_ns: int, later_ns: int) -> None:
     """Whatever the stamp and the wall clock say."""
     now_ns = empty_ns + later_ns
     with can.Bus(interface="virtual", channel="arrival", preserve_timestamps=True) as sender:

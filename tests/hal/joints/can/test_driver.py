@@ -66,7 +66,7 @@ def test_an_error_code_becomes_its_fault_and_the_joint_is_named(rig: CanRig) -> 
     assert feedback.detail.values["faults"] == (DriveFault.OVER_CURRENT,)
 
 
-def test_a_silent_joint_grows_old_while_the_others_stay_fresh(rig: CanRig) -> None:
+def test_an_unresponsive_joint_grows_old_while_the_others_stay_fresh(rig: CanRig) -> None:
     rig.emulator.inject(Fault.SILENT, KNEE)
     others = [joint for joint in Joint if joint is not KNEE]
     rig.until(lambda now: (now.measured_ns[others] - now.measured_ns[KNEE] > 50e6).all(), HOLD)
@@ -86,7 +86,7 @@ def test_replies_that_are_wrong_become_flags_of_the_bus(rig: CanRig, fault: Faul
     assert rig.until(lambda now: flag in now.bus, HOLD).detail
 
 
-def test_bus_off_is_told_and_ends_in_the_faulted_state(rig: CanRig) -> None:
+def test_bus_off_is_reported_and_ends_in_the_faulted_state(rig: CanRig) -> None:
     rig.emulator.inject(Fault.BUS_OFF)
     feedback = rig.until(lambda now: BusFault.BUS_OFF in now.bus, HOLD)
     assert feedback.state is DriveState.FAULTED
@@ -94,7 +94,7 @@ def test_bus_off_is_told_and_ends_in_the_faulted_state(rig: CanRig) -> None:
     assert feedback.detail.code is CanFault.CONTROLLER_OFF
 
 
-def test_an_error_frame_is_told_and_leaves_the_drives_enabled(rig: CanRig) -> None:
+def test_an_error_frame_is_reported_and_leaves_the_drives_enabled(rig: CanRig) -> None:
     rig.emulator.inject(Fault.ERROR_FRAMES)
     feedback = rig.until(lambda now: BusFault.ERROR_FRAME in now.bus, HOLD)
     assert feedback.state is DriveState.ENABLED
@@ -102,7 +102,7 @@ def test_an_error_frame_is_told_and_leaves_the_drives_enabled(rig: CanRig) -> No
     assert feedback.detail.code is CanFault.NOT_ACKNOWLEDGED
 
 
-def test_lost_arbitration_is_told(make_rig: MakeRig) -> None:
+def test_lost_arbitration_is_reported(make_rig: MakeRig) -> None:
     device = with_motor("AK80-64/V2")
     rig = make_rig(device)
     start(rig)
@@ -183,7 +183,7 @@ def test_ranges_that_differ_from_the_firmwares_are_found_in_motion(make_rig: Mak
     assert rig.joints.read(rig.now_ns()).faults[Joint.LEFT_HIP] is DriveFault.NONE
 
 
-def test_ranges_that_a_drive_tells_are_compared_before_enabling(make_rig: MakeRig) -> None:
+def test_ranges_that_a_drive_reports_are_compared_before_enabling(make_rig: MakeRig) -> None:
     rig = make_rig(with_motor("DM4340/default", transmission=2.0, max_torque_nm=50.0, max_speed_deg_s=200.0))
     rig.emulator.inject(Fault.WRONG_RANGE, KNEE, 1.25)
     with refused(DrivesFault.RANGE_MISMATCH, joint=KNEE, quantity=WireQuantity.SPEED, value=10.0, expected=8.0):
@@ -216,7 +216,7 @@ def test_a_fault_present_at_opening_forbids_enabling(make_rig: MakeRig) -> None:
         rig.joints.enable(rig.now_ns())
 
 
-def test_a_drive_that_does_not_confirm_its_end_is_told_by_closing(rig: CanRig) -> None:
+def test_a_drive_that_does_not_confirm_its_end_is_reported_by_closing(rig: CanRig) -> None:
     rig.emulator.inject(Fault.SILENT, KNEE)
     with refused(DrivesFault.NOT_CONFIRMED_OFF, joints=(KNEE,)):
         rig.joints.close(rig.now_ns())
@@ -250,7 +250,7 @@ def test_gains_rise_after_enabling(make_rig: MakeRig) -> None:
     rig.until(lambda _: rig.emulator.drives[0].effective(rig.now_ns()).stiffness_nm_rad > 30.0, HOLD)
 
 
-def test_a_command_that_is_no_number_becomes_damping_and_is_told(rig: CanRig) -> None:
+def test_a_command_that_is_no_number_becomes_damping_and_is_reported(rig: CanRig) -> None:
     rig.until(
         lambda now: (
             BusFault.SEND_FAILED in now.bus and rig.emulator.drives[0].effective(rig.now_ns()).stiffness_nm_rad < 0.2

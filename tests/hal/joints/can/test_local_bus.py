@@ -77,7 +77,7 @@ def test_frames_sent_together_arrive_one_by_one_or_together() -> None:
     assert taken == list(together)
 
 
-def test_what_is_no_data_frame_is_told_and_hides_none_beside_it() -> None:
+def test_what_is_no_data_frame_is_reported_and_hides_none_beside_it() -> None:
     with ends(2) as (sender, receiver):
         port = BusPort(receiver, "local")
         sender.send(can.Message(arbitration_id=1, is_remote_frame=True))
@@ -87,7 +87,7 @@ def test_what_is_no_data_frame_is_told_and_hides_none_beside_it() -> None:
         assert port.take_faults()[0] == BusFault.MALFORMED | BusFault.BUS_OFF
 
 
-def test_everybody_else_hears_a_frame_and_the_sender_does_not() -> None:
+def test_everybody_else_receives_a_frame_and_the_sender_does_not() -> None:
     with ends(3) as (first, second, third):
         first.send(can.Message(arbitration_id=1, is_extended_id=False))
         second.send(can.Message(arbitration_id=2, is_extended_id=False))

@@ -92,7 +92,7 @@ LOST = st.lists(st.sampled_from((False, False, False, True)), min_size=1, max_si
 
 @settings(max_examples=60)
 @given(leg=WALKING, beside=BESIDE, stalls=troubles(), jitter_ns=JITTER, lost=LOST)
-def test_right_ranges_are_never_told_wrong(
+def test_right_ranges_are_never_reported_wrong(
     leg: Swing, beside: list[Swing], stalls: list[Trouble], jitter_ns: list[int], lost: list[bool]
 ) -> None:
     watch = RangeCheck()
@@ -102,7 +102,7 @@ def test_right_ranges_are_never_told_wrong(
 
 @settings(max_examples=30)
 @given(leg=WALKING, share=st.sampled_from(WRONG), jitter_ns=JITTER, begin_ns=st.integers(0, 1_000_000_000))
-def test_wrong_ranges_are_always_told(leg: Swing, share: float, jitter_ns: list[int], begin_ns: int) -> None:
+def test_wrong_ranges_are_always_reported(leg: Swing, share: float, jitter_ns: list[int], begin_ns: int) -> None:
     """Beside a stall a second, whatever it does to the replies."""
     stalls = [
         Trouble(tuple(Stall)[number % 4], begin_ns + number * 1_000_000_000, 60_000_000)
@@ -136,7 +136,7 @@ def test_wrong_ranges_are_found_within_half_a_second_of_brisk_motion(share: floa
     assert judged(share=share, silent_ms=silent_ms, seconds=0.5) is DriveFault.WRONG_RANGE
 
 
-def test_an_old_angle_with_a_fresh_time_after_each_silence_is_no_wrong_range() -> None:
+def test_an_old_angle_with_a_fresh_time_after_each_gap_is_no_wrong_range() -> None:
     """Drives that stood still for 30 ms, emulated ones or a host's, answer first with where the leg was."""
     watch = RangeCheck()
     for number in range(60):

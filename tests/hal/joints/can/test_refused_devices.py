@@ -37,7 +37,7 @@ def test_a_servo_drive_is_refused_with_what_to_do() -> None:
         SocketCanJoints(with_motor("AK80-64/servo"))
 
 
-def test_a_bus_that_does_not_exist_names_the_command_that_mends_it() -> None:
+def test_a_bus_that_does_not_exist_names_the_command_that_repairs_it() -> None:
     device = load_exoskeleton()
     gone = msgspec.structs.replace(device.buses[0], channel="vcan99")
     joints = SocketCanJoints(msgspec.structs.replace(device, buses=(gone,)))

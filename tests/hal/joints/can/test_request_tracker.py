@@ -66,7 +66,7 @@ def test_slow_replies_at_a_steady_pace_are_not_missed() -> None:
     assert (requests.answered, requests.missed) == (500, 0)
 
 
-def test_silence_is_missed_and_more_replies_than_asked_for_are_told() -> None:
+def test_missing_replies_are_counted_and_more_replies_than_asked_for_are_reported() -> None:
     requests = RequestTracker()
     run(requests, [None] * 30, ticks_more=20)
     assert requests.missed == 30

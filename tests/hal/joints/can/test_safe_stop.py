@@ -71,7 +71,7 @@ def test_damping_then_off(rig: CanRig) -> None:
     guardian.close()
 
 
-def test_a_silent_drive_is_not_counted_as_answered(rig: CanRig) -> None:
+def test_an_unresponsive_drive_is_not_counted_as_answered(rig: CanRig) -> None:
     rig.emulator.inject(Fault.SILENT, Joint.LEFT_KNEE)
     rig.until(lambda now: rig.now_ns() - now.measured_ns[Joint.LEFT_KNEE] > 50e6)  # no answer of its own on the way
     guardian = SafeStop(rig.emulator.device)
@@ -89,12 +89,12 @@ def test_a_silent_drive_is_not_counted_as_answered(rig: CanRig) -> None:
     guardian.close()
 
 
-def test_unopened_it_says_that_nothing_left() -> None:
+def test_unopened_it_reports_that_nothing_left() -> None:
     guardian = SafeStop(with_motor("AK80-64/V2"))
     assert not guardian.damp()
     assert not guardian.exit()
 
 
-def test_a_missing_bus_is_told_with_the_command_that_mends_it() -> None:
+def test_a_missing_bus_is_reported_with_the_command_that_repairs_it() -> None:
     with refused(CanFault.NO_INTERFACE, command="sudo ip link set can0 up type can bitrate 1000000 restart-ms 0"):
         SafeStop(load_exoskeleton()).open()

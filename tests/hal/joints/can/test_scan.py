@@ -36,7 +36,7 @@ PROTOCOLS = {
 
 
 @pytest.mark.parametrize("protocol", PROTOCOLS)
-def test_scanning_tells_protocols_apart_and_finds_every_drive(make_rig: MakeRig, protocol: str) -> None:
+def test_scanning_distinguishes_protocols_and_finds_every_drive(make_rig: MakeRig, protocol: str) -> None:
     device = PROTOCOLS[protocol]()
     make_rig(device)
     with open_bus(device.buses[0]) as bus:
@@ -60,7 +60,7 @@ def start(rig: CanRig) -> None:
     rig.joints.enable(rig.now_ns())
 
 
-def test_listening_tells_a_bus_in_use_from_one_that_is_still(make_rig: MakeRig) -> None:
+def test_listening_distinguishes_a_bus_in_use_from_one_that_is_still(make_rig: MakeRig) -> None:
     device = with_motor("AK80-64/V2")
     rig = make_rig(device)
     with open_bus(device.buses[0]) as bus:
@@ -158,7 +158,7 @@ def test_lines_that_are_no_frames_are_left_out_and_counted() -> None:
     assert summary.broken_lines == 4
 
 
-def test_a_log_that_is_not_there_is_told() -> None:
+def test_a_log_that_is_not_there_is_reported() -> None:
     with refused(CanFault.LOG_UNREADABLE, path=Path("nowhere.log")):
         open_log(Path("nowhere.log"))
 
@@ -221,7 +221,7 @@ def test_zeroing_is_refused_while_enabled(opened: tuple[SocketCanJoints, CanRig]
         lifecycle.request_zero(joints, Joint.LEFT_KNEE)
 
 
-def test_a_drive_that_ignores_its_zero_is_told(opened: tuple[SocketCanJoints, CanRig]) -> None:
+def test_a_drive_that_ignores_its_zero_is_reported(opened: tuple[SocketCanJoints, CanRig]) -> None:
     joints, rig = opened
     request = lifecycle.request_zero(joints, Joint.LEFT_KNEE)
     rig.emulator.drives[Joint.LEFT_KNEE].ignores_zero = True
@@ -229,7 +229,7 @@ def test_a_drive_that_ignores_its_zero_is_told(opened: tuple[SocketCanJoints, Ca
         lifecycle.set_zero(joints, request, request.code)
 
 
-def test_a_silent_drive_is_told_when_asked_for_its_zero(opened: tuple[SocketCanJoints, CanRig]) -> None:
+def test_an_unresponsive_drive_is_reported_when_asked_for_its_zero(opened: tuple[SocketCanJoints, CanRig]) -> None:
     joints, rig = opened
     rig.emulator.inject(Fault.SILENT, Joint.LEFT_KNEE)
     with refused(DrivesFault.ZERO_NO_REPLY, joint=Joint.LEFT_KNEE):

@@ -132,7 +132,7 @@ def test_the_documented_examples_are_what_happens(make_rig: MakeRig, tmp_path: P
         assert (identifier, data.replace(" ", "")) in frames(log)
 
 
-def test_an_interface_taken_down_is_told(rig: CanRig) -> None:
+def test_an_interface_taken_down_is_reported(rig: CanRig) -> None:
     _, channel = bus_of_test()
     rig.joints.open(rig.now_ns())
     rig.joints.enable(rig.now_ns())
@@ -144,7 +144,7 @@ def test_an_interface_taken_down_is_told(rig: CanRig) -> None:
         subprocess.run(["ip", "link", "set", channel, "up"], check=True)
 
 
-def test_an_interface_that_vanishes_is_told_and_never_raised(make_rig: MakeRig) -> None:
+def test_an_interface_that_vanishes_is_reported_and_never_raised(make_rig: MakeRig) -> None:
     """The adapter is pulled out under an enabled session; plugged in again, nothing is enabled by itself."""
     _, usual = bus_of_test()
     channel = f"{usual}gone"

@@ -86,7 +86,7 @@ def test_other_drivers_pack_the_same_numbers_into_the_same_bits(label: str, repo
     assert tuple(understood) == pytest.approx(tuple(reported), abs=coarsest)
 
 
-def test_an_upload_says_to_another_driver_what_it_says_here() -> None:
+def test_an_upload_reports_to_another_driver_what_it_reports_here() -> None:
     """TMotorCANControl 1.2.6 reads the emulator's upload as 40.1°, 2170 electrical rpm, 3.66 A, 31 °C."""
     model = load_motors().find("AK80-9/servo")
     joint = msgspec.structs.replace(load_exoskeleton().left_knee, can_id=5, reply_id=0)

@@ -134,7 +134,7 @@ def test_an_error_lets_go_of_the_joint_and_forbids_enabling() -> None:
     assert not bench.drive.motor_mode
 
 
-def test_damiao_registers_are_told_and_written() -> None:
+def test_damiao_registers_are_reported_and_written() -> None:
     bench = Bench("DM4310/default", reply_id=0x15)
     (reported,) = bench.drive.receive(damiao.read_register(5, damiao.Register.VELOCITY_MAX), 0)
     assert reported.arbitration_id == 0x15
@@ -147,7 +147,7 @@ def test_damiao_registers_are_told_and_written() -> None:
     assert status.data[0] == 0x05
 
 
-def test_a_cybergear_tells_its_number_and_answers_parameters() -> None:
+def test_a_cybergear_reports_its_number_and_answers_parameters() -> None:
     bench = Bench("CyberGear/manual")
     (reported,) = bench.drive.receive(cybergear.who(5), 0)
     assert cybergear.unpack_identifier(reported.arbitration_id) == (0, 5, 0xFE)
@@ -177,7 +177,7 @@ def test_a_watchdog_set_over_the_bus_acts_after_its_time(motor: str, frame: Fram
     assert bench.stiffness(21 * MS) == 0.0
 
 
-def test_a_cybergear_tells_its_position_as_a_parameter() -> None:
+def test_a_cybergear_reports_its_position_as_a_parameter() -> None:
     bench = Bench("CyberGear/manual")
     bench.drive.state = MotorState(1.25, 0.0, 0.0, 25.0)
     (reported,) = bench.drive.receive(Frame(0x1100FD05, bytes.fromhex("1970 0000 0000 0000"), extended=True), 0)

@@ -61,7 +61,7 @@ def test_without_power_the_harness_catches_the_wearer(joints: SimulatedJoints) -
     assert before - 0.08 < joints.ground_truth().hip_z_m <= before
 
 
-def test_a_silent_drive_keeps_its_last_time_and_value(joints: SimulatedJoints) -> None:
+def test_an_unresponsive_drive_keeps_its_last_time_and_value(joints: SimulatedJoints) -> None:
     tick = run(joints, 10, hold())
     joints.silence(Joint.LEFT_KNEE)
     before = joints.read(tick * TICK_NS)
@@ -72,14 +72,14 @@ def test_a_silent_drive_keeps_its_last_time_and_value(joints: SimulatedJoints) -
     assert after.measured_ns[Joint.RIGHT_KNEE] == (tick + 50) * TICK_NS
 
 
-def test_a_silent_drive_is_named_when_opening() -> None:
+def test_an_unresponsive_drive_is_named_when_opening() -> None:
     joints = SimulatedJoints(load_exoskeleton(), average_body(1.7, 65.0))
     joints.silence(Joint.RIGHT_HIP)
     with refused(DrivesFault.NO_REPLY, joints=(Joint.RIGHT_HIP,)):
         joints.open(0)
 
 
-def test_a_fault_bit_is_told_takes_the_torque_and_forbids_enabling(joints: SimulatedJoints) -> None:
+def test_a_fault_bit_is_reported_takes_the_torque_and_forbids_enabling(joints: SimulatedJoints) -> None:
     joints.raise_fault(Joint.LEFT_HIP, DriveFault.ENCODER)
     run(joints, 5, hold(STANDING + 0.2))
     feedback = joints.read(9 * TICK_NS)
@@ -120,7 +120,7 @@ def test_lost_frames_leave_old_answers(joints: SimulatedJoints) -> None:
     assert (joints.read(99 * TICK_NS).measured_ns == TICK_NS).all()
 
 
-def test_a_bus_fault_is_told_once(joints: SimulatedJoints) -> None:
+def test_a_bus_fault_is_reported_once(joints: SimulatedJoints) -> None:
     joints.disturb_bus(BusFault.BUS_OFF)
     assert joints.read(2 * TICK_NS).bus is BusFault.BUS_OFF
     assert joints.read(3 * TICK_NS).bus is BusFault.NONE
@@ -141,7 +141,7 @@ def test_no_drive_gives_more_than_it_has(joints: SimulatedJoints) -> None:
     assert (np.abs(joints.torque_nm) <= limits).all()
 
 
-def test_without_noise_and_quanta_the_truth_is_told_and_with_them_nearly(joints: SimulatedJoints) -> None:
+def test_without_noise_and_quanta_the_truth_is_reported_and_with_them_nearly(joints: SimulatedJoints) -> None:
     assert np.array_equal(joints.read(3 * TICK_NS).position_rad, joints.wearer.joints_rad)
     noisy = SimulatedJoints(load_exoskeleton(), average_body(1.7, 65.0))
     noisy.place(STANDING)
