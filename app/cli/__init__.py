@@ -29,7 +29,7 @@ USER_ERRORS = (AppError, HardwareError, KgdfaError, AuditError, ProfileError)
 
 def main() -> None:
     """Run the command line; an error that a user can cause ends with its text and exit status 2."""
-    from app.cli.tree import tree
+    from app.cli.tree import command
 
     language, arguments = _language_in(sys.argv[1:])
     use_configured_language(arguments)
@@ -38,7 +38,7 @@ def main() -> None:
             from app.text.catalogue import use_language
 
             use_language(language)
-        tree(arguments)(arguments)
+        command(arguments)(arguments)
     except USER_ERRORS as error:
         _refuse(error)
     except BrokenPipeError:

@@ -6,11 +6,12 @@ built: a therapist who types `rleex run` does not wait for the twenty others.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from importlib import import_module
 from typing import Annotated
 
 import typer
+from typer.core import TyperArgument, TyperCommand, TyperGroup, TyperOption
 
 # command → its file
 _COMMANDS = {
@@ -52,6 +53,28 @@ def options(
         from app.text.catalogue import use_language
 
         use_language(language)
+
+
+def command(arguments: Sequence[str] = ()) -> TyperCommand | TyperGroup:
+    """What the first argument names, or everything, with its help in the language in use."""
+    from app.text.catalogue import language, load
+
+    built = typer.main.get_command(tree(arguments))
+    assert isinstance(built, TyperCommand | TyperGroup)
+    if language() != "en":  # the keys are the English texts
+        _translate_help(built, load(language()).gettext)
+    return built
+
+
+def _translate_help(command: TyperCommand | TyperGroup, text: Callable[[str], str]) -> None:
+    command.help = text(command.help) if command.help else None
+    for parameter in command.params:
+        if isinstance(parameter, TyperArgument | TyperOption) and parameter.help:
+            parameter.help = text(parameter.help)
+    if isinstance(command, TyperGroup):
+        for part in command.commands.values():
+            assert isinstance(part, TyperCommand | TyperGroup)
+            _translate_help(part, text)
 
 
 def tree(arguments: Sequence[str] = ()) -> typer.Typer:
