@@ -33,7 +33,8 @@ Focal = Annotated[
     float,
     typer.Option(callback=check_finite, help="Focal length of the digital camera, px at 1280×720.", min=200, max=3000),
 ]
-Click = Annotated[float, typer.Option(callback=check_finite, help="Seconds to press and withdraw.", min=0.2, max=3.0)]
+Seeds = Annotated[str, typer.Option(help="Digital hands: seeds and ranges of seeds, separated by commas.")]
+Click = Annotated[str, typer.Option(help="Seconds to press and withdraw: 0.3, or a range, 0.3-0.8.")]
 
 
 @cli.command()
@@ -329,53 +330,49 @@ def press_zone(
 
 @cli.command()
 def pushes(
-    hands: Annotated[int, typer.Option(help="Digital hands.", min=1)] = 6,
-    first_seed: Annotated[int, typer.Option(help="Number of the first digital person.", min=0)] = 1,
-    each: Annotated[int, typer.Option(help="Pushes of a hand with each gesture.", min=1)] = 2,
-    click: Click = 0.3,
+    trials: Annotated[int, typer.Option(help="Pushes of each gesture, shared among the hands.", min=1)] = 12,
+    seeds: Seeds = "1-6",
+    click: Click = "0.3",
     workers: Workers = 2,
     json_file: Json = None,
     home: HomeFolder = None,
 ) -> None:
-    """Quick pushes of many hands with all twelve gestures, frame by frame: which command, and why others do not."""
-    from app.evaluate.harness import write_json
-    from app.evaluate.trigger import pushes as quick
+    """Quick pushes of many hands with all twelve gestures: which command, and the others frame by frame."""
+    from app.evaluate.harness import click_range, seed_numbers, write_json
+    from app.evaluate.trigger.pushes import bouts, evaluate_pushes, shown
 
-    wanted = quick.bouts(range(first_seed, first_seed + hands), pushes=each, click_s=click)
+    wanted = bouts(seed_numbers(seeds), trials=trials, click_s=click_range(click))
     with _pool(home, workers, len(wanted)) as (pool, step):
-        made = quick.evaluate_pushes(pool, wanted, step)
-    write_json({"click_s": click, "pushes": [push.as_json() for push in made]}, json_file)
-    _show(quick.by_gesture_table(made), quick.failed_table(made), quick.summary(made))
-    if any(push.unrequested for push in made):
-        raise typer.Exit(1)
+        run = evaluate_pushes(pool, wanted, step)
+    write_json({"seeds": seeds, "click_s": click, **run.as_json()}, json_file)
+    _show(*shown(run))
+    if run.interrupted or run.unrequested:
+        raise typer.Exit(130 if run.interrupted else 1)
 
 
 @cli.command()
 def response(
     attempts: Annotated[int, typer.Option("--trials", help="Attempts a gesture.", min=1)] = 50,
-    seeds: Annotated[str, typer.Option(help="Digital hands, comma-separated seeds.")] = "1,2,3",
-    click: Click = 0.3,
+    seeds: Seeds = "1-3",
+    click: Click = "0.3",
     json_file: Json = None,
     home: HomeFolder = None,
 ) -> None:
     """Table 7: success and response of the whole system, real processes, several hands."""
     from app.cli.progress import spinner, wide_console
     from app.demo.scenario import ALL_TWELVE
-    from app.evaluate.harness import EvaluateFault, write_json
+    from app.evaluate.harness import click_range, seed_numbers, write_json
     from app.evaluate.loop.response import evaluate_response, shown
     from app.system.config import load_config
-    from app.system.errors import AppError
     from app.system.hand_model import set_up_model
     from app.system.paths import find_home, hold_home
 
     place = find_home(home)
     base = load_config(place.config)
-    if not all(part.strip().isdigit() for part in seeds.split(",")):
-        raise AppError(EvaluateFault.SEEDS, seeds=seeds)
-    numbers = [int(part) for part in seeds.split(",")]
+    numbers, click_s = seed_numbers(seeds), click_range(click)
     with hold_home(place), spinner(wide_console(), total=attempts * len(ALL_TWELVE)) as watch:
         set_up_model(place, base)
-        result = evaluate_response(place, base, attempts=attempts, seeds=numbers, click_s=click, watch=watch)
+        result = evaluate_response(place, base, attempts=attempts, seeds=numbers, click_s=click_s, watch=watch)
     write_json(result.as_json(), json_file)
     _show(*shown(result))
     if result.interrupted or result.gave_up:

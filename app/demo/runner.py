@@ -41,7 +41,7 @@ class ScenarioRunner(SessionClient):
         approach_m: how much nearer than the digital hand's own place the hand rests.
         """
         super().__init__(host, approach_m=approach_m, watch=watch)
-        self._click_s = click_s
+        self.click_s = click_s
         self._presses = presses
         self._requested: set[int] = set()
         self._steps_before: dict[int, int] = {}
@@ -94,8 +94,8 @@ class ScenarioRunner(SessionClient):
     def _click(self, action: Action, known: set[int]) -> bool:
         """Press and withdraw once within the click's time; whether the button was released by it."""
         before = self.report.release_count if self.report else 0
-        self._host.move_hand(HandCommand(click_s=self._click_s))
-        self._until(lambda: self._new_action(action, known) is not None, self._click_s + ACCEPTANCE_S)
+        self._host.move_hand(HandCommand(click_s=self.click_s))
+        self._until(lambda: self._new_action(action, known) is not None, self.click_s + ACCEPTANCE_S)
         return self.report is not None and self.report.release_count > before
 
     def _push_until_pressed(self, action: Action, known: set[int]) -> bool:

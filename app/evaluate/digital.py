@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import multiprocessing
+import signal
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor
 from contextlib import contextmanager
@@ -272,6 +273,13 @@ def detector_pool(model: Path, count: int) -> Iterator[ProcessPoolExecutor]:
 
 def map_pool(pool: ProcessPoolExecutor, work: Work[Piece, Result], pieces: Sequence[Piece], step: Step) -> list[Result]:
     """`work` done on every piece, results in their order; `step` is called as each ends."""
+    return list(iterate_pool(pool, work, pieces, step))
+
+
+def iterate_pool(
+    pool: ProcessPoolExecutor, work: Work[Piece, Result], pieces: Sequence[Piece], step: Step
+) -> Iterator[Result]:
+    """The same, each result as soon as it and those before it are there."""
 
     def done(_: Future[Result]) -> None:
         step()
@@ -279,10 +287,12 @@ def map_pool(pool: ProcessPoolExecutor, work: Work[Piece, Result], pieces: Seque
     futures = [pool.submit(_do, work, piece) for piece in pieces]
     for future in futures:
         future.add_done_callback(done)
-    return [future.result() for future in futures]
+    for future in futures:
+        yield future.result()
 
 
 def _begin(model: Path) -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C ends the pool by its parent, after the work under way
     cv2.setNumThreads(1)
     detector = live_detector(model)
     # MediaPipe can't free its model any more once the interpreter winds up its threads.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from enum import Enum, auto
@@ -18,6 +19,8 @@ from app.system.errors import AppError
 from app.text.catalogue import language, tr, use_language
 
 FRAME_NS = TRIGGER.period_ns  # 30 frames per second: the camera's rate, where a recording names none
+MOST_SEEDS = 1000  # in one range
+CLICK_RANGE_S = (0.2, 3.0)  # to press and withdraw
 Step = Callable[[], None]  # called after each piece of work, for a progress bar
 
 
@@ -44,6 +47,7 @@ class EvaluateFault(Enum):
     KEYPOINTS_OF_OTHERS = auto()  # file
     FOLDER_OR_DIGITAL = auto()
     SEEDS = auto()  # seeds
+    CLICK = auto()  # click, low_s, high_s
     WORKER_TIMEOUT = auto()  # limit_s
     NORM_UNREADABLE = auto()  # file, detail
     FILM_UNWRITABLE = auto()  # file
@@ -56,6 +60,24 @@ def require_extra(extra: str, *modules: str) -> None:
     """Raises AppError unless the modules that an extra brings are installed."""
     if any(find_spec(name) is None for name in modules):
         raise AppError(EvaluateFault.EXTRA_MISSING, extra=extra)
+
+
+def seed_numbers(seeds: str) -> list[int]:
+    """Numbers and ranges of numbers, such as `1,2` or `5000-5009`. Raises AppError."""
+    parts = [re.fullmatch(r"(\d{1,9})(?:-(\d{1,9}))?", part.strip(), re.ASCII) for part in seeds.split(",")]
+    ranges = [range(int(part[1]), int(part[2] or part[1]) + 1) for part in parts if part]
+    if len(ranges) < len(parts) or not all(0 < len(one) <= MOST_SEEDS for one in ranges):
+        raise AppError(EvaluateFault.SEEDS, seeds=seeds)
+    return list(dict.fromkeys(number for one in ranges for number in one))
+
+
+def click_range(click: str) -> tuple[float, float]:
+    """`0.3`, or a range such as `0.3-0.8`, seconds. Raises AppError."""
+    parts = re.fullmatch(r"(\d+(?:\.\d+)?)(?:-(\d+(?:\.\d+)?))?", click.strip(), re.ASCII)
+    low_s, high_s = (float(parts[1]), float(parts[2] or parts[1])) if parts else (0.0, 0.0)
+    if not CLICK_RANGE_S[0] <= low_s <= high_s <= CLICK_RANGE_S[1]:
+        raise AppError(EvaluateFault.CLICK, click=click, low_s=CLICK_RANGE_S[0], high_s=CLICK_RANGE_S[1])
+    return low_s, high_s
 
 
 def table(

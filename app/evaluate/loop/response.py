@@ -13,6 +13,7 @@ from itertools import chain
 from typing import Any, Protocol
 
 import msgspec
+import numpy as np
 from rich.table import Table
 
 from app.demo.attempt import Attempt, Spread, spread, success
@@ -56,7 +57,9 @@ Watch = Callable[[str], None]
 
 
 class Runner(Protocol):
-    """What signs and presses: `app.demo.runner.ScenarioRunner`."""
+    """What signs and presses: `app.demo.runner.ScenarioRunner`. click_s: of the next push, there and back."""
+
+    click_s: float
 
     @property
     def allowed(self) -> tuple[Action, ...]:
@@ -125,9 +128,14 @@ class ResponseResult:
 
 @dataclass(slots=True)
 class Rounds:
-    """One hand's rounds that are still to be made; `run_attempts` makes them while the session lasts."""
+    """One hand's rounds that are still to be made; `run_attempts` makes them while the session lasts.
+
+    click_s: the duration of each push is drawn from this range.
+    """
 
     left: int
+    click_s: tuple[float, float] = (0.3, 0.3)
+    draw: np.random.Generator = field(default_factory=np.random.default_rng)
     interrupted: bool = field(default=False)
 
     def run_attempts(self, runner: Runner, scenario: Sequence[Step]) -> list[Attempt]:
@@ -135,7 +143,7 @@ class Rounds:
         attempts: list[Attempt] = []
         try:
             while self.left:
-                attempts.extend(_round(runner, scenario))
+                attempts.extend(self._round(runner, scenario))
                 if not (attempts[-1].ok and attempts[-1].gesture is scenario[-1].gesture):
                     break
                 self.left -= 1
@@ -145,20 +153,34 @@ class Rounds:
             self.interrupted = True
         return attempts
 
+    def _round(self, runner: Runner, scenario: Sequence[Step]) -> Iterator[Attempt]:
+        """Every attempt of one round; ends early where a transition can't be made."""
+        for leg in scenario:
+            for _ in range(ATTEMPTS):
+                runner.click_s = self.draw.uniform(*self.click_s)
+                attempt = runner.run(leg)
+                yield attempt
+                runner.relax()
+                if attempt.ok or ACTION_OF[leg.gesture] not in runner.allowed:
+                    break
+            if not attempt.ok:
+                return
+
 
 def evaluate_response(
-    home: Home, base: Config, *, attempts: int, seeds: Sequence[int], click_s: float, watch: Watch
+    home: Home, base: Config, *, attempts: int, seeds: Sequence[int], click_s: tuple[float, float], watch: Watch
 ) -> ResponseResult:
-    """At least `attempts` of every gesture, shared among the hands of the seeds.
+    """At least `attempts` of every gesture, shared among the hands of the seeds; pushes take from click_s[0] to [1].
 
     It ends with what there is on Ctrl-C, and when sessions one after the other can't make a round.
     """
     sessions: list[SessionResult] = []
-    for seed, rounds in shared(attempts, seeds):
+    for seed, count in shared(attempts, seeds):
         config, fruitless = demo_config(base, seed=seed, joints=base.joints), 0
+        rounds = Rounds(count, click_s, np.random.default_rng([seed, 0x70757368]))
         while rounds.left and not rounds.interrupted:
             before = rounds.left
-            sessions.append(_session(home, config, rounds, click_s, watch))
+            sessions.append(_session(home, config, rounds, watch))
             fruitless = fruitless + 1 if rounds.left == before else 0
             if fruitless == FRUITLESS_SESSIONS and not rounds.interrupted:
                 return ResponseResult(sessions=tuple(sessions), gave_up=_no_round(seed, sessions[-1]))
@@ -167,10 +189,10 @@ def evaluate_response(
     return ResponseResult(sessions=tuple(sessions))
 
 
-def shared(attempts: int, seeds: Sequence[int]) -> Iterator[tuple[int, Rounds]]:
-    """Each hand with its rounds, as even as can be."""
+def shared(attempts: int, seeds: Sequence[int]) -> Iterator[tuple[int, int]]:
+    """Each hand with how many of the attempts it makes, as even as can be."""
     for number, seed in enumerate(seeds):
-        yield seed, Rounds(attempts // len(seeds) + (number < attempts % len(seeds)))
+        yield seed, attempts // len(seeds) + (number < attempts % len(seeds))
 
 
 def wearer(seed: int) -> Profile:
@@ -230,31 +252,18 @@ def shown(result: ResponseResult) -> Iterator[Table | str]:
         )
 
 
-def _session(home: Home, config: Config, rounds: Rounds, click_s: float, watch: Watch) -> SessionResult:
+def _session(home: Home, config: Config, rounds: Rounds, watch: Watch) -> SessionResult:
     return run_session(
         home,
         config,
         ALL_TWELVE,
-        click_s=click_s,
+        click_s=rounds.click_s[1],
         presses=1,
         approach_m=APPROACH_M,
         watch=watch,
         patient=wearer(config.camera.seed),
         run_attempts=rounds.run_attempts,
     )
-
-
-def _round(runner: Runner, scenario: Sequence[Step]) -> Iterator[Attempt]:
-    """Every attempt of one round; ends early where a transition can't be made."""
-    for leg in scenario:
-        for _ in range(ATTEMPTS):
-            attempt = runner.run(leg)
-            yield attempt
-            runner.relax()
-            if attempt.ok or ACTION_OF[leg.gesture] not in runner.allowed:
-                break
-        if not attempt.ok:
-            return
 
 
 def _no_round(seed: int, session: SessionResult) -> Reason:

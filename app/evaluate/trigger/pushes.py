@@ -2,13 +2,13 @@
 
 As `response` makes them, without its processes: the digital hand rests, signs, is recognised, pushes and withdraws
 within the click's time, and rests again. Time is the camera's own, so that a run repeats, on a busy machine too.
-Pushes of one hand begin at different moments between two frames.
+How long each push takes, and when between two frames it begins, is drawn by the hand's seed.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from enum import Enum, auto
@@ -16,16 +16,18 @@ from itertools import pairwise
 from typing import Any
 
 import msgspec
+import numpy as np
 from rich.table import Table
 
-from app.evaluate.digital import PoolDetector, map_pool
+from app.demo.attempt import spread
+from app.evaluate.digital import PoolDetector, iterate_pool
 from app.evaluate.harness import FRAME_NS, EvaluateFault, Step, percent, table
-from app.evaluate.loop.response import APPROACH_M, THRESHOLD_M
+from app.evaluate.loop.response import APPROACH_M, THRESHOLD_M, shared
 from app.evaluate.trigger.table6 import chain
 from app.text.catalogue import render, tr
 from hal.cameras.digital_hand.driver import DigitalHandCamera
 from hal.cameras.digital_hand.movement import SETTLED
-from kgdfa.button import ButtonState
+from kgdfa.button import ButtonState, PressCancel, PressHint
 from kgdfa.gesture import Gesture
 from kgdfa.pipeline import Pipeline, PipelineInput, Report
 from logs.reason import Reason, reason
@@ -48,30 +50,75 @@ class PushFault(Enum):
     NOT_NEAR = auto()
 
 
+class ButtonPhase(Enum):
+    """What the button waits for."""
+
+    WAITING = auto()  # for a hand outside
+    READY = auto()
+    PRESSED = auto()
+
+
+@dataclass(frozen=True, slots=True)
+class Click:
+    """A push there and back again. begins_ns: after the first frame in which the hand could begin."""
+
+    duration_s: float
+    begins_ns: int
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Bout:
-    """One hand that pushes `pushes` times with one gesture."""
+    """One hand that pushes with one gesture, once for each click."""
 
     seed: int
     gesture: Gesture
-    pushes: int
-    click_s: float
+    clicks: tuple[Click, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PushFrame:
+    """One frame of a push. at_ms: since the hand began to move; None: not measured. code: hint or end of the press."""
+
+    at_ms: float
+    true_m: float
+    shown_m: float | None
+    safe_m: float | None
+    verdict: Gesture | None
+    voted: Gesture | None
+    phase: ButtonPhase
+    code: PressHint | PressCancel | None
+
+    def as_json(self) -> dict[str, Any]:
+        """As `--json` writes it, centimetres."""
+        lengths = {"true": self.true_m, "shown": self.shown_m, "safe": self.safe_m}
+        gestures = {"verdict": self.verdict, "voted": self.voted}
+        return {
+            "at_ms": round(self.at_ms, 1),
+            **{f"{name}_cm": None if one is None else round(100 * one, 1) for name, one in lengths.items()},
+            **{name: one.value if one else None for name, one in gestures.items()},
+            "phase": self.phase.name,
+            "code": self.code.name if self.code else None,
+        }
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Push:
     """What came of one push. lost: frames of it without a hand; refused: with a hand, without a distance.
 
-    commanded: every gesture that went out during this push; fault: None when it is right.
+    commanded: every gesture that went out from the rest before this push to its end; fault: None when it is right.
+    command_s: from the recognition of the gesture to the frame that commanded it; None without a command.
     """
 
     seed: int
     gesture: Gesture
+    click_s: float
     commanded: tuple[Gesture, ...]
     fault: Reason | None
     lost: int
     refused: int
     nearest_m: float
+    command_s: float | None
+    frames: tuple[PushFrame, ...]
 
     @property
     def ok(self) -> bool:
@@ -84,15 +131,43 @@ class Push:
         return len(self.commanded) - (self.gesture in self.commanded)
 
     def as_json(self) -> dict[str, Any]:
-        """As `--json` writes it."""
+        """As `--json` writes it; the frames of those that failed."""
         return {
             "seed": self.seed,
             "gesture": self.gesture.value,
+            "click_s": round(self.click_s, 3),
             "commanded": [one.value for one in self.commanded],
             "fault": msgspec.to_builtins(self.fault),
             "lost_frames": self.lost,
             "refused_frames": self.refused,
-            "nearest_cm": round(100 * self.nearest_m, 1),
+            "nearest_cm": round(100 * self.nearest_m, 1) if math.isfinite(self.nearest_m) else None,
+            "command_s": None if self.command_s is None else round(self.command_s, 4),
+            "frames": [] if self.ok else [frame.as_json() for frame in self.frames],
+        }
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PushRun:
+    """Every push made; `interrupted` when the operator ended them."""
+
+    pushes: tuple[Push, ...]
+    interrupted: bool = False
+
+    @property
+    def unrequested(self) -> int:
+        """Commands that nobody requested."""
+        return sum(push.unrequested for push in self.pushes)
+
+    def as_json(self) -> dict[str, Any]:
+        """As `--json` writes it."""
+        command = spread(push.command_s for push in self.pushes)
+        return {
+            "trials": len(self.pushes),
+            "success": round(sum(push.ok for push in self.pushes) / len(self.pushes), 4) if self.pushes else None,
+            "unintended": self.unrequested,
+            "recognition_to_command_s": None if command is None else msgspec.to_builtins(command),
+            "interrupted": self.interrupted,
+            "pushes": [push.as_json() for push in self.pushes],
         }
 
 
@@ -121,14 +196,31 @@ class Stage:
                 return
 
 
-def bouts(seeds: Sequence[int], *, pushes: int, click_s: float) -> list[Bout]:
-    """Twelve gestures a hand."""
-    return [Bout(seed=seed, gesture=gesture, pushes=pushes, click_s=click_s) for seed in seeds for gesture in Gesture]
+def bouts(seeds: Sequence[int], *, trials: int, click_s: tuple[float, float]) -> list[Bout]:
+    """So many pushes of each gesture, shared among the hands; a push takes from click_s[0] to click_s[1]."""
+    return [
+        Bout(seed=seed, gesture=gesture, clicks=tuple(_clicks(seed, number, count, click_s)))
+        for seed, count in shared(trials, seeds)
+        for number, gesture in enumerate(Gesture)
+        if count
+    ]
 
 
-def evaluate_pushes(pool: ProcessPoolExecutor, wanted: Sequence[Bout], step: Step) -> list[Push]:
-    """Every push of every bout, in their order."""
-    return [push for made in map_pool(pool, run_bout, wanted, step) for push in made]
+def _clicks(seed: int, number: int, count: int, click_s: tuple[float, float]) -> Iterator[Click]:
+    draw = np.random.default_rng([seed, number, 0x70757368])
+    for _ in range(count):
+        yield Click(duration_s=float(draw.uniform(*click_s)), begins_ns=int(draw.integers(FRAME_NS)))
+
+
+def evaluate_pushes(pool: ProcessPoolExecutor, wanted: Sequence[Bout], step: Step) -> PushRun:
+    """Every push of every bout, in their order; those made so far on Ctrl-C."""
+    made: list[Push] = []
+    try:
+        for pushes in iterate_pool(pool, run_bout, wanted, step):
+            made.extend(pushes)
+    except KeyboardInterrupt:
+        return PushRun(pushes=tuple(made), interrupted=True)
+    return PushRun(pushes=tuple(made))
 
 
 def run_bout(detector: PoolDetector, bout: Bout) -> tuple[Push, ...]:
@@ -141,48 +233,77 @@ def run_bout(detector: PoolDetector, bout: Bout) -> tuple[Push, ...]:
 
 def pushed(stage: Stage, bout: Bout) -> tuple[Push, ...]:
     """Every push of a bout by the hand on that stage."""
-    return tuple(_push(stage, bout, number) for number in range(bout.pushes))
+    return tuple(_push(stage, bout, click) for click in bout.clicks)
 
 
-def _push(stage: Stage, bout: Bout, number: int) -> Push:
-    before = _rest(stage)
+def _push(stage: Stage, bout: Bout, click: Click) -> Push:
+    resting = _rest(stage)
     stage.camera.command(gesture=bout.gesture.value, at_ns=stage.now_ns)
     signing = list(stage.until(lambda report: report.gesture is bout.gesture, RECOGNITION_FRAMES))
     if signing[-1].gesture is not bout.gesture:
-        return _outcome(bout, before, signing, [])
-    between_ns = FRAME_NS * number // bout.pushes
-    start_ns = stage.now_ns + REACTION_NS + between_ns
-    stage.camera.command(click_s=bout.click_s, at_ns=start_ns)
-    frames = int((start_ns - stage.now_ns + bout.click_s * 1e9) // FRAME_NS) + AFTER_FRAMES
-    return _outcome(bout, before, signing, [stage.next() for _ in range(frames)])
+        return _outcome(stage, bout, click, stage.now_ns, [resting, signing, []])
+    start_ns = stage.now_ns + REACTION_NS + click.begins_ns
+    stage.camera.command(click_s=click.duration_s, at_ns=start_ns)
+    frames = int((start_ns - stage.now_ns + click.duration_s * 1e9) // FRAME_NS) + AFTER_FRAMES
+    return _outcome(stage, bout, click, start_ns, [resting, signing, [stage.next() for _ in range(frames)]])
 
 
-def _rest(stage: Stage) -> ButtonState:
-    """The button, once the hand has rested until nothing is recognised any more."""
+def _rest(stage: Stage) -> list[Report]:
+    """The hand rests until nothing is recognised any more."""
     stage.camera.command(gesture=SETTLED, at_ns=stage.now_ns)
     resting = [stage.next() for _ in range(REST_FRAMES)]
-    resting += stage.until(lambda report: report.gesture is None, RECOGNITION_FRAMES)
-    return resting[-1].button
+    return resting + list(stage.until(lambda report: report.gesture is None, RECOGNITION_FRAMES))
 
 
-def _outcome(bout: Bout, before: ButtonState, signing: list[Report], pushing: list[Report]) -> Push:
-    commanded = _commanded(before, [*signing, *pushing])
+def _outcome(stage: Stage, bout: Bout, click: Click, start_ns: int, parts: list[list[Report]]) -> Push:
+    """parts: resting, signing, pushing."""
+    _, signing, pushing = parts
+    reports = [report for part in parts for report in part]
+    commanded = _commanded(reports)
+    ok, button = commanded == (bout.gesture,), reports[-1].button
     return Push(
         seed=bout.seed,
         gesture=bout.gesture,
+        click_s=click.duration_s,
         commanded=commanded,
-        fault=None if commanded == (bout.gesture,) else _fault(before, signing, pushing),
+        fault=None if ok else _fault(reports[0].button, signing, pushing),
         lost=sum(report.hand is None for report in pushing),
         refused=sum(report.hand is not None and report.distance is None for report in pushing),
         nearest_m=min((report.distance.safe_m for report in pushing if report.distance), default=math.inf),
+        command_s=(button.released_ns - button.released_recognised_ns) / 1e9 if ok else None,
+        frames=tuple(_frames(stage, start_ns, reports, len(pushing))),
     )
 
 
-def _commanded(before: ButtonState, reports: list[Report]) -> tuple[Gesture, ...]:
-    buttons = [before, *(report.button for report in reports)]
+def _frames(stage: Stage, start_ns: int, reports: list[Report], wanted: int) -> Iterator[PushFrame]:
+    """The last frames, as many as wanted."""
+    ahead_ns = stage.detector.now_ns - stage.now_ns  # the detector's clock, which reports carry, of the camera's
+    for was, report in list(pairwise(reports))[-wanted:] if wanted else ():
+        button, now_ns = report.button, report.captured_ns - ahead_ns
+        cancelled = button.cancel_reason if button.cancel_count > was.button.cancel_count else None
+        place = stage.camera.scene(now_ns).place
+        yield PushFrame(
+            at_ms=(now_ns - start_ns) / 1e6,
+            true_m=place.position_m[2] if place else math.inf,
+            shown_m=report.distance.shown_m if report.distance else None,
+            safe_m=report.distance.safe_m if report.distance else None,
+            verdict=report.verdict.gesture if report.verdict else None,
+            voted=report.gesture,
+            phase=_phase(button),
+            code=cancelled or button.hint,
+        )
+
+
+def _phase(button: ButtonState) -> ButtonPhase:
+    if button.pressed:
+        return ButtonPhase.PRESSED
+    return ButtonPhase.READY if button.ready else ButtonPhase.WAITING
+
+
+def _commanded(reports: Iterable[Report]) -> tuple[Gesture, ...]:
     return tuple(
         after.released_gesture
-        for was, after in pairwise(buttons)
+        for was, after in pairwise(report.button for report in reports)
         if after.release_count > was.release_count and after.released_gesture is not None
     )
 
@@ -203,29 +324,55 @@ def _fault(before: ButtonState, signing: list[Report], pushing: list[Report]) ->
     return reason(PushFault.HINT, hint=hints[0]) if hints else reason(PushFault.NOT_NEAR)
 
 
-def by_gesture_table(pushes: Sequence[Push]) -> Table:
-    """How many pushes of each gesture command it."""
-    rows = []
-    for gesture in Gesture:
-        of = [push for push in pushes if push.gesture is gesture]
-        right = sum(push.ok for push in of)
-        rows.append((gesture.value, len(of), right, f"{100 * right / len(of):.1f}" if of else "–"))
-    return table("pushes", "gesture pushes commanded percent", rows)
+def shown(run: PushRun) -> Iterator[Table | str]:
+    """What failed, frame by frame; by hand and by gesture; and all of them in a sentence."""
+    for push in run.pushes:
+        if not push.ok:
+            yield _frames_table(push)
+    yield _failed_table(run.pushes)
+    yield table("pushes.hands", "hand pushes commanded percent", _rows(run.pushes, lambda push: push.seed))
+    columns = "gesture pushes commanded percent recognition_to_command_s"
+    yield table("pushes", columns, _rows(run.pushes, lambda push: push.gesture.value, timed=True))
+    if run.interrupted:
+        yield tr("evaluate.pushes.interrupted")
+    if run.pushes:
+        right = sum(push.ok for push in run.pushes)
+        share = percent(right / len(run.pushes), 2)
+        made = {"right": right, "pushes": len(run.pushes), "share": share, "unrequested": run.unrequested}
+        yield tr("evaluate.pushes.summary", **made)
 
 
-def failed_table(pushes: Sequence[Push]) -> Table:
+def _rows(
+    pushes: Sequence[Push], key: Callable[[Push], object], *, timed: bool = False
+) -> Iterator[tuple[object, ...]]:
+    """A row for each key: pushes, commands, percent, and mean time to the command."""
+    for one in dict.fromkeys(map(key, pushes)):
+        of = [push for push in pushes if key(push) == one]
+        right, times = sum(push.ok for push in of), spread(push.command_s for push in of)
+        time = f"{times.mean:.3f}" if times else "–"
+        yield (one, len(of), right, f"{100 * right / len(of):.1f}", *([time] if timed else []))
+
+
+def _failed_table(pushes: Sequence[Push]) -> Table:
     """Each push that did not command just its own gesture, and why."""
-    made = table("pushes.failed", "hand gesture frames_lost refused nearest_cm", left=2)
+    made = table("pushes.failed", "hand gesture click_s frames_lost refused nearest_cm", left=2)
     made.add_column(tr("evaluate.column.why"))
     for push in pushes:
         if push.fault is not None:
-            figures = (str(push.lost), str(push.refused), f"{100 * push.nearest_m:.1f}")
+            figures = (f"{push.click_s:.2f}", str(push.lost), str(push.refused), f"{100 * push.nearest_m:.1f}")
             made.add_row(str(push.seed), push.gesture.value, *figures, render(push.fault))
     return made
 
 
-def summary(pushes: Sequence[Push]) -> str:
-    """All of them in a sentence."""
-    right, unrequested = sum(push.ok for push in pushes), sum(push.unrequested for push in pushes)
-    share = percent(right / len(pushes), 2)
-    return tr("evaluate.pushes.summary", right=right, pushes=len(pushes), share=share, unrequested=unrequested)
+def _frames_table(push: Push) -> Table:
+    """One push, frame by frame."""
+    columns, gesture = "ms true_cm shown_cm safe_cm verdict voted", push.gesture.value
+    made = table("pushes.frames", columns, left=0, hand=push.seed, gesture=gesture, click_s=f"{push.click_s:.2f}")
+    made.add_column(tr("evaluate.column.button"))
+    made.add_column(tr("evaluate.column.why"))
+    for frame in push.frames:
+        lengths = (None if one is None else f"{100 * one:.1f}" for one in (frame.true_m, frame.shown_m, frame.safe_m))
+        gestures = (one.value if one else None for one in (frame.verdict, frame.voted))
+        cells = [cell or "–" for cell in (*lengths, *gestures)]
+        made.add_row(f"{frame.at_ms:.0f}", *cells, render(frame.phase), render(frame.code) if frame.code else "")
+    return made

@@ -12,7 +12,7 @@ from app.cli import evaluate as commands
 from app.cli import main
 from app.evaluate import harness
 from app.evaluate.harness import EvaluateFault, require_extra
-from app.evaluate.trigger.pushes import PushFault
+from app.evaluate.trigger.pushes import ButtonPhase, PushFault
 from app.system.errors import AppError
 from app.text.catalogue import key_of, knows, render, use_language
 
@@ -45,7 +45,9 @@ def _columns(listed: str) -> Iterator[str]:
 @pytest.mark.parametrize("language", ["en", "zh"])
 def test_every_text_is_in_the_catalogue(language: str) -> None:
     use_language(language)
-    keys = {key for file in FILES for key in keys_of(file)} | {key_of(one) for one in (*EvaluateFault, *PushFault)}
+    keys = {key for file in FILES for key in keys_of(file)} | {
+        key_of(one) for one in (*EvaluateFault, *PushFault, *ButtonPhase)
+    }
     assert len(keys) > 130
     assert not [key for key in keys if not knows(key)]
 

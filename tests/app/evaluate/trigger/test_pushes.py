@@ -3,16 +3,30 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import cast
 
 import numpy as np
 import pytest
 
 from app.evaluate.digital import PoolDetector
-from app.evaluate.harness import EvaluateFault
+from app.evaluate.harness import FRAME_NS, EvaluateFault, click_range, seed_numbers
 from app.evaluate.loop.response import APPROACH_M, THRESHOLD_M
-from app.evaluate.trigger.pushes import BEGIN_NS, Bout, Push, PushFault, Stage, bouts, pushed
+from app.evaluate.trigger.pushes import (
+    BEGIN_NS,
+    Bout,
+    ButtonPhase,
+    Click,
+    Push,
+    PushFault,
+    PushRun,
+    Stage,
+    bouts,
+    pushed,
+    shown,
+)
 from app.evaluate.trigger.table6 import chain
+from app.system.errors import AppError
 from hal.cameras.camera import Frame
 from hal.cameras.digital_hand.driver import DigitalHandCamera
 from kgdfa.gesture import Gesture
@@ -58,7 +72,8 @@ def made(gesture: Gesture = Gesture.FIVE, *, click_s: float = 0.3, blind: Blind 
     knowing = Knowing(camera, blind)
     pipeline = chain("robust", camera.person, camera.lens, knowing, THRESHOLD_M)
     detector = PoolDetector(cast(HandDetector, knowing))
-    return pushed(Stage(camera, pipeline, detector, BEGIN_NS), Bout(seed=2, gesture=gesture, pushes=3, click_s=click_s))
+    clicks = tuple(Click(click_s, number * FRAME_NS // 3) for number in range(3))
+    return pushed(Stage(camera, pipeline, detector, BEGIN_NS), Bout(seed=2, gesture=gesture, clicks=clicks))
 
 
 @pytest.mark.parametrize("click_s", [0.3, 0.6])
@@ -81,14 +96,73 @@ def test_a_gesture_that_is_never_recognised_is_named_as_the_fault() -> None:
     assert (push.ok, push.fault) == (False, reason(PushFault.NOT_RECOGNISED, explanation=EvaluateFault.NO_HAND))
 
 
+def test_a_failed_push_is_listed_frame_by_frame() -> None:
+    push = made(blind=lambda away_m: away_m < 0.24)[0]
+    assert [frame.at_ms for frame in push.frames] == sorted(frame.at_ms for frame in push.frames)
+    nearest = min(push.frames, key=lambda frame: frame.true_m)
+    assert nearest.true_m < 0.16
+    assert 0.1 < nearest.at_ms / 300 < 0.9, "the hand is nearest in the middle of the push"
+    assert (nearest.shown_m, nearest.safe_m, nearest.verdict, nearest.voted) == (None, None, None, Gesture.FIVE)
+    assert {frame.phase for frame in push.frames} == {ButtonPhase.READY, ButtonPhase.WAITING}
+    assert len(push.as_json()["frames"]) == len(push.frames)
+
+
+def test_a_push_that_commands_tells_when_and_how_it_pressed() -> None:
+    push = made()[0]
+    assert ButtonPhase.PRESSED in {frame.phase for frame in push.frames}
+    assert push.command_s is not None
+    assert 0.2 < push.command_s < 0.5
+    assert push.as_json()["frames"] == []
+
+
+def test_the_figures_count_what_commanded_and_what_nobody_requested() -> None:
+    run = PushRun(pushes=(*made(), *made(blind=lambda away_m: away_m < 0.24)), interrupted=True)
+    figures = run.as_json()
+    assert (figures["trials"], figures["success"], figures["unintended"], figures["interrupted"]) == (6, 0.5, 0, True)
+    tables = [part for part in shown(run) if not isinstance(part, str)]
+    assert len(tables) == 3 + 3, "a table for each that failed, and three of all"
+    assert PushRun(pushes=()).as_json()["success"] is None
+    assert len(list(shown(PushRun(pushes=())))) == 3
+
+
 def test_a_command_of_another_gesture_and_a_second_one_are_unrequested() -> None:
     push = made()[0]
-    both = Push(
-        seed=1, gesture=Gesture.ONE, commanded=(Gesture.ONE, Gesture.TWO), fault=None, lost=0, refused=0, nearest_m=0.2
-    )
+    both = replace(push, gesture=Gesture.ONE, commanded=(Gesture.ONE, Gesture.TWO))
     assert (push.unrequested, both.unrequested, both.ok) == (0, 1, False)
 
 
-def test_every_hand_makes_all_twelve_gestures() -> None:
-    wanted = bouts([4, 5], pushes=2, click_s=0.3)
+def test_every_hand_makes_all_twelve_gestures_with_pushes_drawn_from_the_range() -> None:
+    wanted = bouts([4, 5], trials=3, click_s=(0.3, 0.8))
     assert {(bout.seed, bout.gesture) for bout in wanted} == {(seed, gesture) for seed in (4, 5) for gesture in Gesture}
+    assert [len(bout.clicks) for bout in wanted] == [2] * 12 + [1] * 12
+    drawn = [click for bout in wanted for click in bout.clicks]
+    assert len({click.duration_s for click in drawn}) == 36
+    assert all(0.3 <= click.duration_s <= 0.8 and 0 <= click.begins_ns < FRAME_NS for click in drawn)
+    assert wanted == bouts([4, 5], trials=3, click_s=(0.3, 0.8))
+    assert [bout.seed for bout in bouts([4, 5], trials=1, click_s=(0.3, 0.3))] == [4] * 12
+
+
+@pytest.mark.parametrize(
+    ("seeds", "numbers"), [("1,2,3", [1, 2, 3]), ("5000-5003", [5000, 5001, 5002, 5003]), ("7, 3-4,7", [7, 3, 4])]
+)
+def test_seeds_are_numbers_and_ranges(seeds: str, numbers: list[int]) -> None:
+    assert seed_numbers(seeds) == numbers
+
+
+@pytest.mark.parametrize("seeds", ["", "1,", "a", "-1", "1-", "4-3", "1.5", "0-1000000", "²", "9" * 5000])
+def test_other_seeds_are_refused(seeds: str) -> None:
+    with pytest.raises(AppError) as refused:
+        seed_numbers(seeds)
+    assert refused.value.code is EvaluateFault.SEEDS
+
+
+@pytest.mark.parametrize(("click", "range_s"), [("0.3", (0.3, 0.3)), ("0.3-0.8", (0.3, 0.8)), ("1", (1.0, 1.0))])
+def test_a_click_is_a_time_or_a_range(click: str, range_s: tuple[float, float]) -> None:
+    assert click_range(click) == range_s
+
+
+@pytest.mark.parametrize("click", ["", "0.1", "0.8-0.3", "nan", "inf", "0.3-", "-0.3", "4", "x"])
+def test_other_clicks_are_refused(click: str) -> None:
+    with pytest.raises(AppError) as refused:
+        click_range(click)
+    assert refused.value.code is EvaluateFault.CLICK
