@@ -16,7 +16,6 @@ class AuditFault(Enum):
     NO_RECORD = auto()  # sequence, last
     AMBIGUOUS_SESSION = auto()  # name, matches, folder
     JOURNAL_UNREADABLE = auto()  # path, detail
-    JOURNAL_CHANGED = auto()  # path, line
     JOURNAL_NOT_WRITTEN = auto()  # cause
     ANCHOR_DAMAGED = auto()  # path, detail
     KEY_UNUSABLE = auto()  # path, detail

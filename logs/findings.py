@@ -35,9 +35,10 @@ class Verdict(Enum):
     NOT_AS_CLOSED = auto()  # closed, found
     NOT_AS_RECOVERED = auto()  # recovered
     HISTORY_MISSING = auto()
-    MANIFEST_CUT = auto()  # remembered, found
+    JOURNAL_CUT = auto()  # remembered, found
     MANIFEST_MISSING = auto()
     MISSING_BY_MANIFEST = auto()
+    MISSING_BY_ANCHOR = auto()
     MISSING_BY_MIRROR = auto()
     CHECKPOINT_MISSING = auto()  # checkpoint
     KEY_NOT_KNOWN = auto()  # keys

@@ -1,6 +1,7 @@
-"""The console's Ed25519 key (made once, 0600, its public half exported), and the anchor beside it.
+"""The console's Ed25519 key (made once, 0600, its public half exported), and the anchors beside it.
 
-The anchor is the newest manifest entry that the console has settled: the last sessions can't be removed unseen.
+An anchor is the newest record of a journal that the console has settled: neither the last sessions nor the last
+change, comment or sign-in can be removed unseen.
 """
 
 from __future__ import annotations
@@ -29,31 +30,37 @@ from logs.reading.errors import cause_of
 from logs.reading.formats import read_json
 from logs.reading.regular import read_bytes
 
-ANCHOR_FILE = "history.json"
+ANCHOR_FOLDER = "ends"  # one file for each journal
+_FORMER_ANCHOR = "history.json"  # of the manifest alone, as homes of before have it
 
 
 class Anchor(Struct, frozen=True, kw_only=True):
-    """The newest manifest entry that was settled."""
+    """The newest record of a journal that was settled."""
 
     file: str
     entries: int
     hash: str
 
 
-def read_anchor(folder: Path) -> Anchor | None:
-    """The anchor in a console's key folder; None where there is none. Raises AuditError when it is damaged."""
-    path = folder / ANCHOR_FILE
-    try:
-        return read_json(path, Anchor)
-    except (FileNotFoundError, NotADirectoryError):
-        return None
-    except OSError as error:
-        raise AuditError(AuditFault.ANCHOR_DAMAGED, path=path, detail=cause_of(error)) from error
+def read_anchors(folder: Path) -> dict[str, Anchor]:
+    """The anchors in a console's key folder by their journals' names. Raises AuditError when one is damaged."""
+    anchors: dict[str, Anchor] = {}
+    for path in (folder / _FORMER_ANCHOR, *sorted((folder / ANCHOR_FOLDER).glob("*.json"))):
+        try:
+            anchor = read_json(path, Anchor)
+        except (FileNotFoundError, NotADirectoryError):
+            continue
+        except OSError as error:
+            raise AuditError(AuditFault.ANCHOR_DAMAGED, path=path, detail=cause_of(error)) from error
+        anchors[anchor.file] = anchor
+    return anchors
 
 
 def write_anchor(folder: Path, anchor: Anchor, disk: Disk) -> None:
-    """Replace the anchor at once. Raises OSError; the former one then stays."""
-    replace_file(folder / ANCHOR_FILE, msgspec.json.encode(anchor), disk)
+    """Replace a journal's anchor at once. Raises OSError; the former one then stays."""
+    ends = folder / ANCHOR_FOLDER
+    ends.mkdir(exist_ok=True, mode=0o700)
+    replace_file(ends / f"{anchor.file}.json", msgspec.json.encode(anchor), disk)
 
 
 def replace_file(path: Path, data: bytes, disk: Disk) -> None:

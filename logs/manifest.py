@@ -1,61 +1,30 @@
 """The manifest: a signed chain of its own that names every session file a console ever began, and how each ended.
 
-A file that was cut, replaced, removed or slipped in disagrees with it. A damaged manifest is left as it is and a
-new one begun, whose first entry records that.
+A file that was cut, replaced, removed or slipped in disagrees with it. A damaged or cut manifest is left as it is and
+a new one begun, whose first entry records that.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from enum import Enum, auto
 from pathlib import Path
 
 import msgspec
 
 from logs.disk import Disk, is_being_written
-from logs.errors import AuditError, AuditFault
-from logs.keys import Anchor, ConsoleKey, PublicKey, by_fingerprint, write_anchor
-from logs.line import GENESIS, MAX_LINE, SIGNED_KINDS
+from logs.journal import MANIFEST, Found, Moment, current_part, found_torn, keep_end, open_part, parts_of
+from logs.keys import ConsoleKey, PublicKey, by_fingerprint
+from logs.line import GENESIS, MAX_LINE
 from logs.reading.regular import open_regular
 from logs.reason import Reason, reason
-from logs.records import Body, Checkpoint, Entry, LogClosed, LogOpened, LogRecovered, Record
+from logs.records import LogClosed, LogOpened, LogRecovered, Record
 from logs.scan import Scan, scan_file
-from logs.trail import Chain, DiskFault, Trail, open_logger
+from logs.trail import open_logger
 
 MANIFEST_SESSION = "manifest"
-
-
-class Found(Enum):
-    """How a later start found a file that has no end."""
-
-    MISSING = auto()
-    NOT_CLOSED = auto()  # records
-    TORN = auto()  # records, size_bytes
-    DAMAGED = auto()  # line, why
-
-
 _LogEntry = LogOpened | LogClosed | LogRecovered
 _decode = msgspec.json.Decoder(Record).decode
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Moment:
-    """Both clocks and the operator: what an entry needs beside its body."""
-
-    wall_ns: int
-    monotonic_ns: int
-    operator: str = ""
-
-    def entry(self, body: Body) -> Entry:
-        """A record of the audit process at this moment."""
-        return Entry(
-            process="audit",
-            operator=self.operator,
-            wall_ns=self.wall_ns,
-            monotonic_ns=self.monotonic_ns,
-            body=body,
-        )
 
 
 @dataclass(slots=True, kw_only=True)
@@ -74,8 +43,7 @@ class Listing:
 
 def manifest_paths(folder: Path) -> list[Path]:
     """The manifests of a folder, oldest first."""
-    numbered = {int(path.stem.partition("-")[2] or 1): path for path in folder.glob("manifest*.jsonl")}
-    return [numbered[number] for number in sorted(numbered)]
+    return parts_of(folder / MANIFEST)
 
 
 def read_listings(folder: Path, keys: Mapping[str, PublicKey]) -> Listing:
@@ -107,17 +75,6 @@ def _note(listing: Listing, record: Record) -> None:
             listing.ended[file] = record.body
 
 
-def resume(path: Path, key: ConsoleKey, disk: Disk) -> tuple[Trail, Chain, Scan | None]:
-    """Open a chain for appending, or a new one. A torn tail gets a line end behind it; the caller records it."""
-    if not path.exists():
-        return Trail(path, disk), Chain(key), None
-    scan = scan_file(path, by_fingerprint([key.public]))
-    trail = Trail(path, disk, exists=True, offset=scan.size)
-    if scan.torn_bytes:
-        trail.prepend_line_end()
-    return trail, Chain(key, scan.records, scan.last_hash), scan
-
-
 class Manifest:
     """The manifest of one folder, open for the entries of this console."""
 
@@ -127,14 +84,12 @@ class Manifest:
         self._disk = disk
         self._anchored = ""  # hash of the newest entry that the anchor has
         self.fault: Reason | None = None
-        path, damaged = _current(folder, key)
-        self._trail, self._chain, scan = resume(path, key, disk)
+        path, scan, former = current_part(folder / MANIFEST, key)
+        self._trail, self._chain = open_part(path, scan, key, disk)
         self._logger = open_logger(self._trail, self._chain, MANIFEST_SESSION)
         self._listing = read_listings(folder, by_fingerprint([key.public]))
-        for former, former_scan in damaged:
-            self._add(found_torn(former.name, former_scan, key), now)
-        if scan is not None and scan.torn_bytes:
-            self._add(found_torn(path.name, scan, key), now)
+        for found in former:
+            self._add(found, now)
 
     @property
     def entries(self) -> int:
@@ -169,20 +124,13 @@ class Manifest:
             return False
         self.fault = None
         if self._anchored != self.head:
-            self._anchor()
+            self.fault = keep_end(self._trail.path, self._chain, self._key, self._disk)
+            self._anchored = "" if self.fault else self.head
         return self.fault is None
 
     def close(self) -> None:
         """Release the file."""
         self._trail.close()
-
-    def _anchor(self) -> None:
-        try:
-            anchor = Anchor(file=self._trail.path.name, entries=self.entries, hash=self.head)
-            write_anchor(self._key.folder, anchor, self._disk)
-            self._anchored = self.head
-        except OSError as error:
-            self.fault = reason(DiskFault.ANCHOR_NOT_WRITTEN, folder=self._key.folder, detail=error.strerror)
 
     def _add(self, body: _LogEntry, now: Moment) -> None:
         self._logger.record(now.entry(body))
@@ -195,68 +143,3 @@ class Manifest:
         if is_being_written(path):
             return None
         return found_torn(name, scan_file(path, by_fingerprint([self._key.public])), self._key)
-
-
-def _current(folder: Path, key: ConsoleKey) -> tuple[Path, list[tuple[Path, Scan]]]:
-    """The manifest to go on with, and the newest one before it if that is damaged and not yet replaced."""
-    paths = manifest_paths(folder)
-    if not paths:
-        return folder / "manifest.jsonl", []
-    scan = scan_file(paths[-1], by_fingerprint([key.public]))
-    if scan.fault is None or scan.is_torn:
-        return paths[-1], []
-    return folder / f"manifest-{len(paths) + 1}.jsonl", [(paths[-1], scan)]
-
-
-def found_torn(name: str, scan: Scan, key: ConsoleKey, how: Reason | None = None) -> LogRecovered:
-    """The entry on how a file was found at a later start, torn tail included."""
-    return LogRecovered(
-        file=name,
-        records=scan.records,
-        last_hash=scan.last_hash,
-        torn_bytes=scan.torn_bytes,
-        torn_sha256=scan.torn_sha256,
-        text=how or _how(scan),
-        key=key.public.fingerprint,
-    )
-
-
-def _how(scan: Scan) -> Reason:
-    if scan.fault is None:
-        return reason(Found.NOT_CLOSED, records=scan.records)
-    if scan.is_torn:
-        return reason(Found.TORN, records=scan.records, size_bytes=scan.torn_bytes)
-    return reason(Found.DAMAGED, line=scan.fault.line, why=scan.fault.reason)
-
-
-OPERATORS = "operators.jsonl"
-COMMENTS = ".comments.jsonl"
-
-
-def append_signed(
-    path: Path, session: str, bodies: list[Body], key: ConsoleKey, now: Moment, *, disk: Disk | None = None
-) -> None:
-    """Append records to a journal and sign them; returns when they are on the disk.
-
-    Raises AuditError when the disk refuses, or when the journal was changed and must be checked first.
-    """
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
-        trail, chain, scan = resume(path, key, disk or Disk())
-    except OSError as error:
-        raise AuditError(AuditFault.JOURNAL_UNREADABLE, path=path, detail=error.strerror) from error
-    if scan is not None and scan.fault is not None and not scan.is_torn:
-        raise AuditError(AuditFault.JOURNAL_CHANGED, path=path, line=scan.fault.line)
-    logger = open_logger(trail, chain, session)
-    if scan is not None and scan.torn_bytes:
-        logger.record(now.entry(found_torn(path.name, scan, key)))
-    for body in bodies:
-        logger.record(now.entry(body))
-    if type(bodies[-1]).__struct_config__.tag not in SIGNED_KINDS:
-        seal = Checkpoint(records=chain.sequence, closing=False, key=key.public.fingerprint)
-        logger.record(now.entry(seal))
-    try:
-        if not trail.settle():
-            raise AuditError(AuditFault.JOURNAL_NOT_WRITTEN, cause=trail.fault)
-    finally:
-        trail.close()

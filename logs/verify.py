@@ -10,9 +10,10 @@ import msgspec
 
 from logs.disk import is_being_written
 from logs.findings import Finding, Remark, Status, Verdict
+from logs.journal import MANIFEST, is_journal, part_is_cut
 from logs.keys import Anchor, PublicKey
 from logs.line import GENESIS, MAX_LINE
-from logs.manifest import COMMENTS, OPERATORS, Listing, manifest_paths, read_listings
+from logs.manifest import Listing, manifest_paths, read_listings
 from logs.mirror import SUFFIX, copied, copied_files, differing
 from logs.reading.errors import cause_of
 from logs.reading.regular import open_regular
@@ -40,7 +41,14 @@ class Evidence:
 
     keys: Mapping[str, PublicKey] = field(default_factory=dict)  # by fingerprint
     copies: Path | None = None  # the mirror of the checkpoints
-    anchor: Anchor | None = None  # the console's anchor of its manifest
+    anchors: Mapping[str, Anchor] = field(default_factory=dict)  # the console's, by the journal's file name
+    listings: dict[Path, Listing] = field(default_factory=dict)  # the manifests' entries by folder, once read
+
+    def listing(self, folder: Path) -> Listing:
+        """What a folder's manifests say: read once for a verification, not once for each file."""
+        if folder not in self.listings:
+            self.listings[folder] = read_listings(folder, self.keys)
+        return self.listings[folder]
 
 
 def exit_status(findings: Sequence[Finding]) -> int:
@@ -63,8 +71,8 @@ def assess(path: Path, scan: Scan, evidence: Evidence, *, running: bool) -> Find
         return replace(finding, status=Status.UNREADABLE, reason=reason(Verdict.NOT_A_TRAIL))
     if scan.unknown_keys and evidence.keys:
         return replace(finding, status=Status.TAMPERED, reason=reason(Verdict.KEY_NOT_KNOWN, keys=_keys(scan)))
-    if is_appended(path):
-        return _assess_appended(finding, scan, evidence)
+    if is_journal(path):
+        return _assess_journal(finding, scan, evidence)
     return _assess_session(finding, scan, evidence, running=running)
 
 
@@ -75,16 +83,14 @@ def _is_foreign(path: Path, scan: Scan, evidence: Evidence) -> bool:
     with open_regular(path) as file:
         if file.read(len(_RECORD_BEGINS)) == _RECORD_BEGINS:
             return False
-    return path.name not in read_listings(path.parent, evidence.keys).opened
+    return path.name not in evidence.listing(path.parent).opened
 
 
-def is_appended(path: Path) -> bool:
-    """A file that grows over many starts and therefore has no closing checkpoint: each entry is signed."""
-    return path.name == OPERATORS or path.name.startswith("manifest") or path.name.endswith(COMMENTS)
-
-
-def _assess_appended(finding: Finding, scan: Scan, evidence: Evidence) -> Finding:
-    if scan.fault is None and (cut := _cut_behind_anchor(finding, scan, evidence)):
+def _assess_journal(finding: Finding, scan: Scan, evidence: Evidence) -> Finding:
+    anchor = evidence.anchors.get(finding.file.name)
+    holds = scan.fault is None or scan.is_torn
+    if holds and anchor is not None and part_is_cut(finding.file, anchor):
+        cut = reason(Verdict.JOURNAL_CUT, remembered=anchor.entries, found=scan.records)
         return _bad(finding, scan, Status.TAMPERED, cut)
     if scan.fault is None and (scan.proven == scan.records or not evidence.keys):
         return finding
@@ -95,23 +101,13 @@ def _assess_appended(finding: Finding, scan: Scan, evidence: Evidence) -> Findin
     return _bad(finding, scan, Status.TAMPERED, scan.fault.reason)
 
 
-def _cut_behind_anchor(finding: Finding, scan: Scan, evidence: Evidence) -> Reason | None:
-    """Why the manifest lacks the anchored entry, if it does."""
-    anchor = evidence.anchor
-    if anchor is None or anchor.file != finding.file.name:
-        return None
-    if anchor.hash in read_listings(finding.file.parent, evidence.keys).hashes:
-        return None
-    return reason(Verdict.MANIFEST_CUT, remembered=anchor.entries, found=scan.records)
-
-
 def _assess_session(finding: Finding, scan: Scan, evidence: Evidence, *, running: bool) -> Finding:
     if scan.fault is not None and not scan.is_torn:
         return _bad(finding, scan, Status.TAMPERED, scan.fault.reason)
     folder = finding.file.parent
     if not manifest_paths(folder):
         return _by_itself(finding, scan, running=running)
-    return _against_manifest(finding, scan, read_listings(folder, evidence.keys), running=running)
+    return _against_manifest(finding, scan, evidence.listing(folder), running=running)
 
 
 def _by_itself(finding: Finding, scan: Scan, *, running: bool) -> Finding:
@@ -208,6 +204,7 @@ def _keys(scan: Scan) -> str:
 def verify(paths: Sequence[Path], evidence: Evidence, progress: Progress | None = None) -> list[Finding]:
     """Judge files and folders. A folder is judged as a whole: no file may be missing from it or too many."""
     findings: list[Finding] = []
+    evidence = replace(evidence, listings={})
     for path in paths:
         if path.is_dir():
             findings += _verify_folder(path, evidence, progress)
@@ -221,10 +218,9 @@ def _verify_folder(folder: Path, evidence: Evidence, progress: Progress | None) 
     findings = [_verify_one(path, evidence, progress) for path in files]
     if not manifest_paths(folder):
         return findings + _no_manifest(folder, files, evidence)
-    listing = read_listings(folder, evidence.keys)
-    listed = listing.opened | ({evidence.anchor.file} if evidence.anchor else set())
     named = dict.fromkeys(copied_files(evidence.copies, evidence.keys), Verdict.MISSING_BY_MIRROR)
-    named |= dict.fromkeys(listed, Verdict.MISSING_BY_MANIFEST)
+    named |= dict.fromkeys(evidence.anchors, Verdict.MISSING_BY_ANCHOR)
+    named |= dict.fromkeys(evidence.listing(folder).opened, Verdict.MISSING_BY_MANIFEST)
     return findings + [
         Finding(file=folder / name, status=Status.TAMPERED, reason=reason(witness))
         for name, witness in sorted(named.items())
@@ -233,8 +229,15 @@ def _verify_folder(folder: Path, evidence: Evidence, progress: Progress | None) 
 
 
 def _no_manifest(folder: Path, files: list[Path], evidence: Evidence) -> list[Finding]:
-    if evidence.anchor is not None or not all(is_appended(path) for path in files):
-        path = folder / "manifest.jsonl"
+    gone = [
+        Finding(file=folder / name, status=Status.TAMPERED, reason=reason(Verdict.MISSING_BY_ANCHOR))
+        for name in sorted(evidence.anchors)
+        if not (folder / name).exists()
+    ]
+    if gone:
+        return gone
+    if not all(is_journal(path) for path in files):
+        path = folder / MANIFEST
         return [Finding(file=path, status=Status.TAMPERED, reason=reason(Verdict.MANIFEST_MISSING))]
     if files:
         return []
@@ -257,7 +260,7 @@ def _verify_one(path: Path, evidence: Evidence, progress: Progress | None) -> Fi
 
 def is_session(path: Path) -> bool:
     """Whether a file of a folder of trails is a session, by its name."""
-    return path.suffix == ".jsonl" and not is_appended(path)
+    return path.suffix == ".jsonl" and not is_journal(path)
 
 
 def _with_copies(path: Path, finding: Finding, evidence: Evidence) -> Finding:

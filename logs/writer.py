@@ -7,8 +7,9 @@ from pathlib import Path
 from msgspec.structs import replace
 
 from logs.disk import Disk
+from logs.journal import Moment
 from logs.keys import ConsoleKey
-from logs.manifest import Manifest, Moment
+from logs.manifest import Manifest
 from logs.mirror import CheckpointCopy
 from logs.reason import Reason
 from logs.records import (

@@ -15,8 +15,8 @@ from pathlib import Path
 
 from logs import records as r
 from logs.disk import Disk
+from logs.journal import Moment
 from logs.keys import load_or_make_key
-from logs.manifest import Moment
 from logs.mirror import CheckpointCopy
 from logs.writer import SessionWriter
 

@@ -39,7 +39,7 @@ from hal.joints.device import DEFAULT_DEVICE, load_exoskeleton
 from hal.joints.motors import BUILT_IN_TABLE, load_motors
 from kgdfa.robust import load_model
 from logs.errors import AuditError, AuditFault
-from logs.keys import load_public_key, read_anchor
+from logs.keys import load_public_key, read_anchors
 from logs.query import ask, connect_locked
 from logs.read import records
 from logs.reading.errors import InputError, InputFault
@@ -83,7 +83,8 @@ READERS: dict[str, tuple[str, Callable[[Path], object]]] = {
     "profile": ("x.toml", lambda path: decode(read_text(path), str(path))),
     "profile history": ("history/x.jsonl", _history),
     "operators": ("operators.json", lambda path: load_store(path.parent)),
-    "anchor": ("history.json", lambda path: read_anchor(path.parent)),
+    "anchor": ("history.json", lambda path: read_anchors(path.parent)),
+    "journal's end": ("ends/changes.jsonl.json", lambda path: read_anchors(path.parent.parent)),
     "public key": ("console.pub", load_public_key),
     "session index": ("x.jsonl", lambda path: SessionRecords(path.parent).of("x")),
     "trail": ("trail.jsonl", records),

@@ -24,8 +24,8 @@ from app.ipc.streams import AUDIT_HEALTH
 from app.system.config import Config, SessionSetup
 from app.text.recorded import render_recorded
 from logs.disk import Disk
+from logs.journal import Moment
 from logs.keys import by_fingerprint, known_keys, load_or_make_key
-from logs.manifest import Moment
 from logs.mirror import CheckpointCopy
 from logs.records import Note, SessionStart
 from logs.report.page import report

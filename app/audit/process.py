@@ -29,8 +29,8 @@ from app.system.hand_model import MODEL_NAME
 from app.system.paths import Home
 from app.system.scheduling import set_scheduling
 from logs.disk import Disk
+from logs.journal import Moment
 from logs.keys import ConsoleKey, load_or_make_key
-from logs.manifest import Moment
 from logs.mirror import CheckpointCopy
 from logs.reason import Reason, reason
 from logs.records import Body, Entry, EventRaised, Loss, PatientChosen, RecordsLost, SessionStart, SignIn

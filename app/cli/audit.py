@@ -242,14 +242,14 @@ def _print_records(path: Path, selector: RecordSelector, *, follow: bool, as_jso
 def _evidence(paths: list[Path], given: list[Path] | None, copies: Path | None, home: Path | None) -> Evidence:
     """The keys given; else those of the home; else those of the console beside whose keys the trail lies."""
     from app.system.paths import find_home
-    from logs.keys import by_fingerprint, known_keys, load_public_key, read_anchor
+    from logs.keys import by_fingerprint, known_keys, load_public_key, read_anchors
     from logs.verify import Evidence
 
     beside = _logs_folder(paths[0]).parent / "keys"
     folder = find_home(home).keys if home or not beside.is_dir() else beside
     keys = tuple(load_public_key(path) for path in given) if given else known_keys(folder)
-    anchor = read_anchor(folder) if folder == beside else None  # it is for the trails of its own home only
-    return Evidence(keys=by_fingerprint(keys), copies=copies, anchor=anchor)
+    anchors = read_anchors(folder) if folder == beside else {}  # they are for the trails of their own home only
+    return Evidence(keys=by_fingerprint(keys), copies=copies, anchors=anchors)
 
 
 def _logs_folder(path: Path) -> Path:

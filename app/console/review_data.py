@@ -14,9 +14,9 @@ from pathlib import Path
 
 from app.system.paths import Home
 from logs.errors import AuditError, AuditFault
+from logs.journal import COMMENTS, Moment, append_signed, parts_of
 from logs.keys import load_or_make_key
 from logs.line import MAX_LINE
-from logs.manifest import COMMENTS, Moment, append_signed
 from logs.read import UnreadableLine, records, understand
 from logs.reading.errors import cause_of
 from logs.reading.regular import open_regular
@@ -267,9 +267,8 @@ def comments_path(session: Path) -> Path:
 
 def comments_on(session: Path) -> dict[int, list[Comment]]:
     """The comments on a session by the record that they are about. Raises AuditError when they can't be read."""
-    path = comments_path(session)
     found: dict[int, list[Comment]] = {}
-    for record in records(path) if path.exists() else []:
+    for record in (one for part in parts_of(comments_path(session)) for one in records(part)):
         if isinstance(record.body, Comment):
             found.setdefault(record.body.about_sequence, []).append(record.body)
     return found

@@ -21,8 +21,8 @@ from msgspec import Struct
 from app.system.config import Config
 from app.system.errors import AppError
 from app.system.paths import Home
+from logs.journal import OPERATORS, Moment, append_signed
 from logs.keys import load_or_make_key
-from logs.manifest import OPERATORS, Moment, append_signed
 from logs.reading.errors import cause_of
 from logs.reading.formats import read_json
 from logs.records import Body

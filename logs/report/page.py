@@ -9,7 +9,7 @@ import jinja2
 from markupsafe import Markup
 
 from logs.findings import summary
-from logs.manifest import COMMENTS
+from logs.journal import COMMENTS, parts_of
 from logs.read import Outline, outline, outline_of, records, session_paths
 from logs.reason import Reason, Render, reason, text_of
 from logs.records import Comment, Record
@@ -75,9 +75,8 @@ def _numbers(data: ReportData) -> tuple[tuple[str, str], ...]:
 
 
 def _comments(path: Path) -> list[Record]:
-    beside = path.with_name(path.stem + COMMENTS)
-    found = records(beside) if beside.exists() else []
-    return [record for record in found if isinstance(record.body, Comment)]
+    parts = parts_of(path.with_name(path.stem + COMMENTS))
+    return [record for part in parts for record in records(part) if isinstance(record.body, Comment)]
 
 
 def _earlier(path: Path, this: Outline) -> list[Outline]:

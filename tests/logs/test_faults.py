@@ -11,8 +11,8 @@ import pytest
 
 from logs.disk import Disk
 from logs.findings import Remark
-from logs.keys import ConsoleKey, by_fingerprint, load_or_make_key, read_anchor
-from logs.manifest import Found, append_signed
+from logs.journal import Found, append_signed
+from logs.keys import ConsoleKey, by_fingerprint, load_or_make_key, read_anchors
 from logs.mirror import CheckpointCopy
 from logs.reason import key_of, reason
 from logs.records import Note
@@ -55,7 +55,7 @@ def steps(folder: Path, key: ConsoleKey, disk: Disk) -> Iterator[SessionWriter]:
 
 
 def evidence(key: ConsoleKey) -> Evidence:
-    return Evidence(keys=by_fingerprint([key.public]), anchor=read_anchor(key.folder))
+    return Evidence(keys=by_fingerprint([key.public]), anchors=read_anchors(key.folder))
 
 
 def sound(folder: Path, key: ConsoleKey) -> bool:

@@ -12,7 +12,7 @@ from app.text.catalogue import tr, use_language
 from app.text.recorded import render_recorded
 from logs import records as r
 from logs.findings import Finding, Status
-from logs.keys import by_fingerprint, known_keys, read_anchor
+from logs.keys import by_fingerprint, known_keys, read_anchors
 from logs.query import ask, connect
 from logs.read import read, records
 from logs.reason import Reason
@@ -31,7 +31,7 @@ def home(tmp_path: Path) -> Path:
 
 def judged(home: Path) -> list[Finding]:
     keys = by_fingerprint(known_keys(home / "keys"))
-    return verify([home / "logs"], Evidence(keys=keys, anchor=read_anchor(home / "keys")))
+    return verify([home / "logs"], Evidence(keys=keys, anchors=read_anchors(home / "keys")))
 
 
 def test_it_verifies_with_its_crash_and_its_signatures(home: Path) -> None:

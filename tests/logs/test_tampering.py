@@ -12,7 +12,7 @@ import pytest
 
 from logs.disk import Disk
 from logs.findings import Remark, Verdict
-from logs.keys import ConsoleKey, load_or_make_key, read_anchor
+from logs.keys import ConsoleKey, load_or_make_key, read_anchors
 from logs.line import GENESIS, canonical, seal, signed_message, unseal
 from logs.reason import key_of, reason
 from logs.records import Checkpoint, Note, Payload
@@ -26,7 +26,7 @@ def scan(data: bytes, trail: Trail) -> Scan:
 
 
 def assess(trail: Trail, path: Path | None = None) -> list[Finding]:
-    return verify([path or trail.folder], Evidence(keys=trail.keys, anchor=read_anchor(trail.key.folder)))
+    return verify([path or trail.folder], Evidence(keys=trail.keys, anchors=read_anchors(trail.key.folder)))
 
 
 def the_bad(trail: Trail) -> list[Finding]:

@@ -10,8 +10,8 @@ from pathlib import Path
 from textual.app import App
 
 from logs.disk import Disk
+from logs.journal import Moment
 from logs.keys import ConsoleKey, PublicKey, by_fingerprint
-from logs.manifest import Moment
 from logs.mirror import CheckpointCopy
 from logs.records import Body, Command, EventRaised, Note, SessionStart, Stop, Transition
 from logs.writer import SessionWriter

@@ -24,8 +24,8 @@ from app.text.catalogue import render, tr
 from app.text.recorded import render_recorded
 from logs.errors import AuditError
 from logs.findings import verdict
-from logs.keys import by_fingerprint, known_keys, read_anchor
-from logs.manifest import Moment
+from logs.journal import Moment
+from logs.keys import by_fingerprint, known_keys, read_anchors
 from logs.read import find_session, session_paths
 from logs.records import Comment, Record
 from logs.sanitize import sanitize_terminal
@@ -130,7 +130,7 @@ class ReviewScreen(ConsoleScreen):
 
     def _evidence(self) -> Evidence:
         keys = by_fingerprint(known_keys(self._home.keys))
-        return Evidence(keys=keys, anchor=read_anchor(self._home.keys))
+        return Evidence(keys=keys, anchors=read_anchors(self._home.keys))
 
     def action_close(self) -> None:
         """Leave."""

@@ -19,7 +19,7 @@ from app.ipc.streams import AUDIT_HEALTH
 from app.system.config import Config, SessionSetup
 from app.system.paths import Home
 from logs.findings import Remark
-from logs.keys import by_fingerprint, known_keys, read_anchor
+from logs.keys import by_fingerprint, known_keys, read_anchors
 from logs.reason import Reason, key_of
 from logs.records import Command, Loss, Note, Record, RecordsLost, SessionEnd, SessionStart
 from logs.scan import scan_file
@@ -93,7 +93,7 @@ def evidence(home: Home) -> Evidence:
     return Evidence(
         keys=by_fingerprint(known_keys(home.keys)),
         copies=home.root / "copies",
-        anchor=read_anchor(home.keys),
+        anchors=read_anchors(home.keys),
     )
 
 

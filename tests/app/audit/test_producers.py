@@ -39,8 +39,9 @@ from hal.joints.protocol import TICK_NS, Joint
 from kgdfa.button import ButtonState, PressCancel, PressHint
 from kgdfa.gesture import Gesture
 from logs.disk import Disk
+from logs.journal import OPERATORS, Moment
 from logs.keys import load_or_make_key
-from logs.manifest import OPERATORS, Moment, manifest_paths
+from logs.manifest import manifest_paths
 from logs.mirror import CheckpointCopy
 from logs.read import records, session_paths
 from logs.records import Body, Note, ProcessEnd, SessionStart

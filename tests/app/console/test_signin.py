@@ -10,7 +10,7 @@ from app.ipc.messages import OperatorKind
 from app.system.config import Config, JointsConfig
 from app.system.operators import Role, add_operator, load_store, save_store
 from app.system.paths import Home
-from logs.manifest import OPERATORS
+from logs.journal import OPERATORS
 from logs.read import records
 from logs.records import SignIn
 from tests.app.console.conftest import Console, Opener

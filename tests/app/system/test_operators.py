@@ -30,8 +30,8 @@ from app.system.operators import (
     sign_in,
     wait_after,
 )
+from logs.journal import OPERATORS
 from logs.keys import by_fingerprint, known_keys
-from logs.manifest import OPERATORS
 from logs.read import records
 from logs.records import OperatorChanged, SignInFailed
 from logs.verify import Evidence, exit_status, verify

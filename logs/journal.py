@@ -1,0 +1,189 @@
+"""Journals: files of signed records that grow over many starts (manifest, sign-ins, changes, comments).
+
+The newest settled record of each is remembered beside the console's key (`logs.keys.Anchor`), so that no end can be
+cut unseen. A journal that was damaged or cut is left as it is: it goes on in a next part (`changes-2.jsonl`), whose
+first record is how the part before was found.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from enum import Enum, auto
+from pathlib import Path
+
+from logs.disk import Disk
+from logs.errors import AuditError, AuditFault
+from logs.keys import Anchor, ConsoleKey, by_fingerprint, read_anchors, write_anchor
+from logs.line import GENESIS, MAX_LINE, SIGNED_KINDS, unseal
+from logs.reading.errors import cause_of
+from logs.reading.regular import open_regular
+from logs.reason import Reason, reason
+from logs.records import Body, Checkpoint, Entry, LogRecovered
+from logs.scan import Scan, scan_file
+from logs.trail import Chain, DiskFault, Trail, open_logger
+
+MANIFEST = "manifest.jsonl"
+OPERATORS = "operators.jsonl"  # sign-ins and sign-outs outside of sessions
+CHANGES = "changes.jsonl"  # of patients, calibrations, configuration, operators, joints
+COMMENTS = ".comments.jsonl"  # behind the name of a session
+_PART = r"(?:-(?:[2-9]|[1-9][0-9]{1,5}))?"
+_JOURNAL = re.compile(rf"(?:manifest|operators|changes|.+\.comments){_PART}\.jsonl")
+
+
+class Found(Enum):
+    """How a later start found a file that has no end, or not the one that it had."""
+
+    MISSING = auto()
+    NOT_CLOSED = auto()  # records
+    TORN = auto()  # records, size_bytes
+    DAMAGED = auto()  # line, why
+    CUT = auto()  # remembered, found
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Moment:
+    """Both clocks and the operator: what an entry needs beside its body."""
+
+    wall_ns: int
+    monotonic_ns: int
+    operator: str = ""
+
+    def entry(self, body: Body) -> Entry:
+        """A record of the audit process at this moment."""
+        return Entry(
+            process="audit",
+            operator=self.operator,
+            wall_ns=self.wall_ns,
+            monotonic_ns=self.monotonic_ns,
+            body=body,
+        )
+
+
+def is_journal(path: Path) -> bool:
+    """A file that grows over many starts and therefore has no closing checkpoint: its end is signed each time."""
+    return _JOURNAL.fullmatch(path.name) is not None
+
+
+def parts_of(path: Path) -> list[Path]:
+    """A journal's parts that are there, oldest first."""
+    return sorted(
+        (part for part in path.parent.glob("*.jsonl") if _number(path, part.name)),
+        key=lambda part: _number(path, part.name),
+    )
+
+
+def part_is_cut(path: Path, anchor: Anchor) -> bool:
+    """Whether a sound part lacks the anchored record."""
+    with open_regular(path) as file:
+        lines = iter(lambda: file.readline(MAX_LINE), b"")
+        return not any((parts := unseal(line)) and parts[1] == anchor.hash for line in lines)
+
+
+def current_part(path: Path, key: ConsoleKey) -> tuple[Path, Scan | None, list[LogRecovered]]:
+    """The part to go on with, what it holds (None: nothing yet), and what is to be recorded first. Raises OSError."""
+    anchors = {name: anchor for name, anchor in read_anchors(key.folder).items() if _number(path, name)}
+    names = {part.name for part in parts_of(path)} | anchors.keys()
+    if not names:
+        return path, None, []
+    newest = path.with_name(max(names, key=lambda name: _number(path, name)))
+    behind = path.with_name(f"{path.stem}-{_number(path, newest.name) + 1}.jsonl")
+    if not newest.exists():
+        return behind, None, [found_torn(newest.name, Scan(last_hash=GENESIS), key, reason(Found.MISSING))]
+    scan = scan_file(newest, by_fingerprint([key.public]))
+    if scan.fault is not None and not scan.is_torn:
+        return behind, None, [found_torn(newest.name, scan, key)]
+    anchor = anchors.get(newest.name)
+    if anchor is not None and part_is_cut(newest, anchor):
+        how = reason(Found.CUT, remembered=anchor.entries, found=scan.records)
+        return behind, None, [found_torn(newest.name, scan, key, how)]
+    return newest, scan, [found_torn(newest.name, scan, key)] if scan.torn_bytes else []
+
+
+def open_part(path: Path, scan: Scan | None, key: ConsoleKey, disk: Disk) -> tuple[Trail, Chain]:
+    """Open a part for appending, or a new one. A torn tail gets a line end behind it; the caller records it."""
+    if scan is None:
+        return Trail(path, disk), Chain(key)
+    trail = Trail(path, disk, exists=True, offset=scan.size)
+    if scan.torn_bytes:
+        trail.prepend_line_end()
+    return trail, Chain(key, scan.records, scan.last_hash)
+
+
+def keep_end(path: Path, chain: Chain, key: ConsoleKey, disk: Disk) -> Reason | None:
+    """Remember a part's newest record beside the key; why not, when the disk refuses."""
+    try:
+        write_anchor(key.folder, Anchor(file=path.name, entries=chain.sequence, hash=chain.previous), disk)
+    except OSError as error:
+        return reason(DiskFault.ANCHOR_NOT_WRITTEN, folder=key.folder, detail=cause_of(error))
+    return None
+
+
+def found_torn(name: str, scan: Scan, key: ConsoleKey, how: Reason | None = None) -> LogRecovered:
+    """The entry on how a file was found at a later start, torn tail included."""
+    return LogRecovered(
+        file=name,
+        records=scan.records,
+        last_hash=scan.last_hash,
+        torn_bytes=scan.torn_bytes,
+        torn_sha256=scan.torn_sha256,
+        text=how or _how(scan),
+        key=key.public.fingerprint,
+    )
+
+
+def append_signed(
+    path: Path, session: str, bodies: list[Body], key: ConsoleKey, now: Moment, *, disk: Disk | None = None
+) -> None:
+    """Append records to a journal and sign them; returns when they are on the disk. Raises AuditError if not."""
+    disk = disk or Disk()
+    with _one_at_a_time(key.folder):
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
+            part, scan, former = current_part(path, key)
+        except OSError as error:
+            raise AuditError(AuditFault.JOURNAL_UNREADABLE, path=path, detail=cause_of(error)) from error
+        trail, chain = open_part(part, scan, key, disk)
+        logger = open_logger(trail, chain, session)
+        for body in (*former, *bodies):
+            logger.record(now.entry(body))
+        if type(bodies[-1]).__struct_config__.tag not in SIGNED_KINDS:
+            seal = Checkpoint(records=chain.sequence, closing=False, key=key.public.fingerprint)
+            logger.record(now.entry(seal))
+        try:
+            fault = keep_end(part, chain, key, disk) if trail.settle() else trail.fault
+        finally:
+            trail.close()
+    if fault is not None:
+        raise AuditError(AuditFault.JOURNAL_NOT_WRITTEN, cause=fault)
+
+
+@contextmanager
+def _one_at_a_time(folder: Path) -> Iterator[None]:
+    """Console and command line append to the same journals: who reads where one ends must be who goes on."""
+    handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX)
+        yield
+    finally:
+        os.close(handle)
+
+
+def _number(path: Path, name: str) -> int:
+    """Which part of a journal a file name is, from 1; 0: none."""
+    if name == path.name:
+        return 1
+    found = re.fullmatch(rf"{re.escape(path.stem)}{_PART}\.jsonl", name)
+    return 0 if found is None else int(name.removesuffix(".jsonl").rpartition("-")[2])
+
+
+def _how(scan: Scan) -> Reason:
+    if scan.fault is None:
+        return reason(Found.NOT_CLOSED, records=scan.records)
+    if scan.is_torn:
+        return reason(Found.TORN, records=scan.records, size_bytes=scan.torn_bytes)
+    return reason(Found.DAMAGED, line=scan.fault.line, why=scan.fault.reason)

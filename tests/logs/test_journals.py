@@ -1,0 +1,180 @@
+"""The ends of the files that grow over many starts: nothing at all can be taken from them unseen."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import msgspec
+import pytest
+
+from logs import manifest as manifests
+from logs.disk import Disk
+from logs.findings import Verdict
+from logs.journal import CHANGES, COMMENTS, MANIFEST, OPERATORS, Found, append_signed, is_journal, parts_of
+from logs.keys import ANCHOR_FOLDER, ConsoleKey, by_fingerprint, read_anchors
+from logs.line import GENESIS, seal, unseal
+from logs.read import records
+from logs.reason import Reason, key_of
+from logs.records import Body, Comment, LogRecovered, Note
+from logs.scan import Scan, scan_file
+from logs.verify import Evidence, Finding, Status, exit_status, verify
+from tests.support.audit_trails import Trail, moment, write_session
+
+JOURNALS = (OPERATORS, CHANGES, f"s1{COMMENTS}", MANIFEST)
+
+
+def body_for(name: str, key: ConsoleKey, text: str) -> Body:
+    if name.endswith(COMMENTS):
+        return Comment(about_sequence=0, about_hash=GENESIS, text=text, key=key.public.fingerprint)
+    return Note(text=text)
+
+
+def append(folder: Path, name: str, key: ConsoleKey, text: str) -> None:
+    if name == MANIFEST:
+        write_session(folder, text, key, Disk())
+    else:
+        append_signed(folder / name, "journal", [body_for(name, key, text)], key, moment(0))
+
+
+def judged(folder: Path, key: ConsoleKey) -> list[Finding]:
+    return verify([folder], Evidence(keys=by_fingerprint([key.public]), anchors=read_anchors(key.folder)))
+
+
+@pytest.fixture
+def journals(trail: Trail) -> Trail:
+    """Three entries in each journal."""
+    for name in JOURNALS:
+        for number in range(3):
+            append(trail.folder, name, trail.key, f"entry-{number}")
+    assert exit_status(judged(trail.folder, trail.key)) == 0
+    return trail
+
+
+@pytest.mark.parametrize("name", JOURNALS)
+def test_a_journal_cut_anywhere_is_told(journals: Trail, name: str) -> None:
+    path = journals.folder / name
+    data = path.read_bytes()
+    ends = [place + 1 for place, byte in enumerate(data) if byte == ord("\n")][:-1]
+    for length in sorted({0, *range(0, len(data), 97), *ends, *(end + 9 for end in ends), len(data) - 1}):
+        path.write_bytes(data[:length])
+        findings = judged(journals.folder, journals.key)
+        assert exit_status(findings) == 1, length
+        (bad,) = (finding for finding in findings if finding.file == path)
+        assert (bad.status, bad.reason and bad.reason.code) == (Status.TAMPERED, key_of(Verdict.JOURNAL_CUT))
+        assert exit_status(verify([path], Evidence(keys=journals.keys, anchors=read_anchors(journals.key.folder)))) == 1
+
+
+@pytest.mark.parametrize("name", JOURNALS)
+def test_a_journal_that_is_gone_is_told(journals: Trail, name: str) -> None:
+    (journals.folder / name).unlink()
+    findings = judged(journals.folder, journals.key)
+    assert exit_status(findings) == 1
+    assert (journals.folder / name) in {finding.file for finding in findings if finding.status is Status.TAMPERED}
+
+
+def _cut(path: Path) -> None:
+    path.write_bytes(b"".join(path.read_bytes().splitlines(keepends=True)[:2]))
+
+
+def _damage(path: Path) -> None:
+    path.write_bytes(path.read_bytes().replace(b"entry-1", b"ENTRY-1"))
+
+
+@pytest.mark.parametrize(
+    ("tamper", "found"), [(_cut, Found.CUT), (_damage, Found.DAMAGED), (Path.unlink, Found.MISSING)]
+)
+@pytest.mark.parametrize("name", JOURNALS)
+def test_going_on_hides_nothing(journals: Trail, name: str, tamper: Callable[[Path], None], found: Found) -> None:
+    path = journals.folder / name
+    tamper(path)
+    left = path.read_bytes() if path.exists() else None
+    for text in ("later", "later-2"):
+        append(journals.folder, name, journals.key, text)
+    assert (path.read_bytes() if path.exists() else None) == left
+    behind = parts_of(path)[-1]
+    assert behind.name == f"{path.stem}-2.jsonl"
+    first = records(behind)[0].body
+    assert isinstance(first, LogRecovered)
+    assert isinstance(first.text, Reason)
+    assert (first.file, first.text.code) == (name, key_of(found))
+    findings = {finding.file.name: finding.status for finding in judged(journals.folder, journals.key)}
+    assert findings[name] is Status.TAMPERED
+    assert findings[behind.name] is Status.SOUND
+
+
+def test_who_appends_at_the_same_time_waits(tmp_path: Path, key: ConsoleKey) -> None:
+    path = tmp_path / CHANGES
+    with ThreadPoolExecutor(8) as pool:
+        list(pool.map(lambda number: append(tmp_path, CHANGES, key, f"{number}"), range(40)))
+    texts = {record.body.text for record in records(path) if isinstance(record.body, Note)}
+    assert texts == {f"{number}" for number in range(40)}
+    assert exit_status(judged(tmp_path, key)) == 0
+
+
+def test_a_home_of_before_has_no_ends_and_gets_them_with_its_next_entries(journals: Trail) -> None:
+    newest = read_anchors(journals.key.folder)[MANIFEST]
+    for path in (journals.key.folder / ANCHOR_FOLDER).iterdir():
+        path.unlink()
+    (journals.key.folder / "history.json").write_bytes(msgspec.json.encode(newest))
+    assert exit_status(judged(journals.folder, journals.key)) == 0
+    for name in JOURNALS:
+        append(journals.folder, name, journals.key, "later")
+    assert set(read_anchors(journals.key.folder)) == set(JOURNALS)
+    assert exit_status(judged(journals.folder, journals.key)) == 0
+
+
+def test_only_names_that_a_part_can_have_are_parts(tmp_path: Path) -> None:
+    for name in ("manifest.jsonl", "manifest-2.jsonl", "manifest-10.jsonl"):
+        (tmp_path / name).touch()
+        assert is_journal(tmp_path / name)
+    for name in ("manifest-1.0.jsonl", "manifest-02.jsonl", "manifest-x.jsonl", "manifest-1.jsonl", "s1.jsonl"):
+        (tmp_path / name).touch()
+        assert not is_journal(tmp_path / name)
+    assert [part.name for part in parts_of(tmp_path / MANIFEST)] == [
+        "manifest.jsonl",
+        "manifest-2.jsonl",
+        "manifest-10.jsonl",
+    ]
+
+
+@pytest.mark.parametrize("number", [b'"records":', b'"sequence":', b'"schema":', b'"monotonic_ns":'])
+def test_a_number_of_the_manifest_written_otherwise_is_told(three: Trail, number: bytes) -> None:
+    data = three.manifest.read_bytes()
+    at = data.rindex(number) + len(number)
+    end = at + next(place for place, byte in enumerate(data[at:]) if not chr(byte).isdigit())
+    for written in (b"1.0", b"1e300", b"-0", b"9" * 5000, data[at:end] + b".0"):
+        three.manifest.write_bytes(data[:at] + written + data[end:])
+        assert exit_status(judged(three.folder, three.key)) == 1
+        resealed = _resealed(data[:at] + written + data[end:], three.key)
+        three.manifest.write_bytes(resealed)
+        assert exit_status(judged(three.folder, three.key)) == 1
+
+
+def _resealed(data: bytes, key: ConsoleKey) -> bytes:
+    """Each line with the right hash and place in the chain, as far as it is a record; without the key's signature."""
+    out, previous = [], GENESIS
+    for line in data.splitlines(keepends=True):
+        parts = unseal(line)
+        assert parts is not None
+        payload = parts[0].replace(
+            parts[0][parts[0].index(b'"previous":"') :][:77], b'"previous":"%s"' % previous.encode()
+        )
+        sealed, previous = seal(payload)
+        out.append(sealed)
+    return b"".join(out)
+
+
+def test_the_manifest_is_read_once_however_many_sessions_it_names(
+    three: Trail, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    read: list[Path] = []
+
+    def counted(path: Path, *arguments: object) -> Scan:
+        read.append(path)
+        return scan_file(path, *arguments)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(manifests, "scan_file", counted)
+    assert exit_status(judged(three.folder, three.key)) == 0
+    assert read == [three.manifest]
