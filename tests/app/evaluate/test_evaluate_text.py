@@ -59,7 +59,7 @@ def test_a_command_without_its_extra_ends_with_one_sentence(
     def command(_: list[str]) -> None:
         raise ModuleNotFoundError(name=module)
 
-    monkeypatch.setattr("app.cli.tree.tree", lambda _: command)
+    monkeypatch.setattr("app.cli.tree.command", lambda _: command)
     with pytest.raises(SystemExit) as ended:
         main()
     assert ended.value.code == 2
