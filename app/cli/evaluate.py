@@ -112,6 +112,35 @@ def gestures(
 
 
 @cli.command()
+def joints(
+    hands: Annotated[int, typer.Option(help="Hands drawn from the whole space of joint angles.", min=100)] = 10_000,
+    people: Annotated[int, typer.Option(help="Rendered people from whom MediaPipe's errors are taken.", min=1)] = 8,
+    json_file: Json = None,
+    home: HomeFolder = None,
+) -> None:
+    """What the robust rules accept in joint angles: on hands drawn at random, and joint by joint of every gesture.
+
+    The keypoints are simulated: the digital hand's own, with errors that MediaPipe made on rendered hands like it.
+    """
+    import msgspec
+
+    from app.evaluate.digital import MEASURE_SEEDS
+    from app.evaluate.gestures import joint_ranges, joint_space
+    from app.evaluate.gestures.synthetic import near_scenes
+    from app.evaluate.harness import write_json
+    from kgdfa.preprocess import as_bgr8
+    from kgdfa.robust import RobustRules
+
+    scenes, rules = [*near_scenes(people, MEASURE_SEEDS)], RobustRules()
+    errors = joint_space.errors_of((scene for _, scene, _ in scenes), _detected_scenes(scenes, home, as_bgr8))
+    with _bar("simulating", hands + joint_ranges.STEPS) as step:
+        figures = joint_ranges.measure_joint_space(rules, errors, hands, step)
+        ranges = joint_ranges.joint_ranges(rules, errors, step)
+    _show(joint_ranges.joint_space_table(figures), joint_ranges.joint_range_table(ranges))
+    write_json({"space": msgspec.to_builtins(figures), "ranges": msgspec.to_builtins(ranges)}, json_file)
+
+
+@cli.command()
 def finding(
     directory: Annotated[
         Path | None, typer.Argument(help="Folder with labels.csv, for its images without a hand.")

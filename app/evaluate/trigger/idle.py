@@ -16,12 +16,13 @@ from rich.table import Table
 
 from app.evaluate.digital import HEIGHT_M, smooth, take, tilted, walk
 from app.evaluate.harness import FRAME_NS, Step, table
+from app.evaluate.noise import residual, with_noise
 from app.evaluate.readings import GESTURE_NAMES
 from app.evaluate.trigger.table6 import MODES, THRESHOLD_M, replay_pipeline
 from hal.cameras.camera import Intrinsics
-from hal.cameras.digital_hand.render import Scene, keypoints_m, lens_for, person_of, posed, project_px
+from hal.cameras.digital_hand.render import Scene, lens_for, person_of, posed
 from kgdfa.button import ButtonState
-from kgdfa.hand import FloatArray, Hand, Keypoint, Side
+from kgdfa.hand import FloatArray, Hand
 from kgdfa.keypoints import HandDetector
 from kgdfa.pipeline import PipelineInput
 from kgdfa.preprocess import Image
@@ -39,11 +40,7 @@ BLANK: Image = np.zeros((720, 1280, 3), np.uint8)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NoiseClip:
-    """What MediaPipe made of one walk, less the truth: per frame, (n, 21, 2) on the image, (n, 21, 3) in space.
-
-    In reference segments (5–17): on the image that of a palm facing the camera at this distance, since a detector errs
-    with the size of the hand in the image, however its palm is turned.
-    """
+    """What MediaPipe made of one walk, less the truth: per frame, (n, 21, 2) on the image, (n, 21, 3) in space."""
 
     gesture: str
     image: FloatArray
@@ -73,42 +70,12 @@ def take_noise(detector: HandDetector, step: Step) -> list[NoiseClip]:
             now_ns += FRAME_NS
             hands = detector.detect(take(moment, index)[0], now_ns)
             if hands:
-                rows.append(_residual(hands[0], moment.scene))
+                rows.append(residual(hands[0], moment.scene))
             step()
         if rows:
             image, world = (np.array(part) for part in zip(*rows, strict=True))
             clips.append(NoiseClip(gesture=gesture, image=image, world=world))
     return clips
-
-
-def _residual(hand: Hand, scene: Scene) -> tuple[FloatArray, FloatArray]:
-    image_px, world_m, facing_px = _ground_truth(scene)
-    upright = _roll(image_px).T
-    image = (hand.image_px - image_px) @ upright.T / facing_px
-    world = (hand.world_m - world_m) / scene.person.shape.reference_m
-    world[:, :2] = world[:, :2] @ upright.T
-    return image, world
-
-
-def _roll(image_px: FloatArray) -> FloatArray:
-    """(2, 2): from the upright hand to this one. MediaPipe gets a crop turned upright by the line 0-9, so its
-    errors turn with the hand."""
-    x, y = image_px[Keypoint.MIDDLE_MCP] - image_px[Keypoint.WRIST]
-    length = max(float(np.hypot(x, y)), 1e-9)
-    c, s = -y / length, x / length
-    return np.array([[c, -s], [s, c]])
-
-
-def _ground_truth(scene: Scene) -> tuple[FloatArray, FloatArray, float]:
-    """True keypoints on the image, px, and in space about their centre, m, as MediaPipe would give them.
-
-    And the length in pixels that the reference segment would have there if it faced the camera.
-    """
-    joints = keypoints_m(scene)
-    assert joints is not None
-    away_m = float(joints[[Keypoint.INDEX_MCP, Keypoint.PINKY_MCP], 2].mean())
-    facing_px = scene.lens.fx_px * scene.person.shape.reference_m / away_m
-    return project_px(joints, scene.lens), joints - joints.mean(axis=0), facing_px
 
 
 def evaluate_idle(clips: list[NoiseClip], *, frames: int, seed: int, step: Callable[[int], None]) -> IdleResult:
@@ -140,24 +107,10 @@ def evaluate_idle(clips: list[NoiseClip], *, frames: int, seed: int, step: Calla
 
 
 def _noisy(scene: Scene, noise: NoiseClip, index: int) -> Hand | None:
-    """The hand as MediaPipe might see it; None while its palm is outside the image."""
-    image_px, world_m, facing_px = _ground_truth(scene)
-    palm = (image_px[Keypoint.INDEX_MCP] + image_px[Keypoint.PINKY_MCP]) / 2
-    if not (0 <= palm[0] < scene.lens.width_px and 0 <= palm[1] < scene.lens.height_px):
-        return None
-    # There and back again, so that the noise never jumps more than MediaPipe's own.
+    """There and back again, so that the noise never jumps more than MediaPipe's own."""
     turn = index % (2 * len(noise.image) - 1)
     row = turn if turn < len(noise.image) else 2 * len(noise.image) - 1 - turn
-    turned = _roll(image_px)
-    world = noise.world[row].copy()
-    world[:, :2] = world[:, :2] @ turned.T
-    return Hand(
-        image_px=image_px + noise.image[row] @ turned.T * facing_px,
-        world_m=world_m + world * scene.person.shape.reference_m,
-        presence=0.9,
-        side=Side.RIGHT,
-        tracked=index > 0,
-    )
+    return with_noise(scene, noise.image[row], noise.world[row], tracked=index > 0)
 
 
 Move = Callable[[np.random.Generator, Scene], Iterator[Scene]]

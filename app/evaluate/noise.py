@@ -1,0 +1,61 @@
+"""MediaPipe's errors on digital hands: taken from rendered images, put on keypoints that were never rendered."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from hal.cameras.digital_hand.render import Scene, keypoints_m, project_px
+from kgdfa.hand import FloatArray, Hand, Keypoint, Side
+
+
+def residual(hand: Hand, scene: Scene) -> tuple[FloatArray, FloatArray]:
+    """What MediaPipe made of a scene, less the truth: (21, 2) on the image, (21, 3) in space, of the upright hand.
+
+    In reference segments (5–17): on the image that of a palm facing the camera at this distance, since a detector errs
+    with the size of the hand in the image, however its palm is turned.
+    """
+    image_px, world_m, facing_px = _ground_truth(scene)
+    upright = _roll(image_px).T
+    image = (hand.image_px - image_px) @ upright.T / facing_px
+    world = (hand.world_m - world_m) / scene.person.shape.reference_m
+    world[:, :2] = world[:, :2] @ upright.T
+    return image, world
+
+
+def with_noise(scene: Scene, image: FloatArray, world: FloatArray, *, tracked: bool = False) -> Hand | None:
+    """The hand as MediaPipe might see it, with such a residual; None while its palm is outside the image."""
+    image_px, world_m, facing_px = _ground_truth(scene)
+    palm = (image_px[Keypoint.INDEX_MCP] + image_px[Keypoint.PINKY_MCP]) / 2
+    if not (0 <= palm[0] < scene.lens.width_px and 0 <= palm[1] < scene.lens.height_px):
+        return None
+    turned = _roll(image_px)
+    shift = world.copy()
+    shift[:, :2] = shift[:, :2] @ turned.T
+    return Hand(
+        image_px=image_px + image @ turned.T * facing_px,
+        world_m=world_m + shift * scene.person.shape.reference_m,
+        presence=0.9,
+        side=Side.RIGHT,
+        tracked=tracked,
+    )
+
+
+def _roll(image_px: FloatArray) -> FloatArray:
+    """(2, 2): from the upright hand to this one. MediaPipe gets a crop turned upright by the line 0-9, so its
+    errors turn with the hand."""
+    x, y = image_px[Keypoint.MIDDLE_MCP] - image_px[Keypoint.WRIST]
+    length = max(float(np.hypot(x, y)), 1e-9)
+    c, s = -y / length, x / length
+    return np.array([[c, -s], [s, c]])
+
+
+def _ground_truth(scene: Scene) -> tuple[FloatArray, FloatArray, float]:
+    """True keypoints on the image, px, and in space about their centre, m, as MediaPipe would give them.
+
+    And the length in pixels that the reference segment would have there if it faced the camera.
+    """
+    joints = keypoints_m(scene)
+    assert joints is not None
+    away_m = float(joints[[Keypoint.INDEX_MCP, Keypoint.PINKY_MCP], 2].mean())
+    facing_px = scene.lens.fx_px * scene.person.shape.reference_m / away_m
+    return project_px(joints, scene.lens), joints - joints.mean(axis=0), facing_px
