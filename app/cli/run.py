@@ -54,11 +54,13 @@ def run(
     with no_collections():
         from app.console.app import run_console
     from app.system.hand_model import set_up_model
+    from app.system.legs_lock import check_legs_free
 
     if read_only:
         run_console(place, config, read_only=True)
         return
     with hold_home(place):
+        check_legs_free(place)
         start_log(place, "console")
         set_up_model(place, config)
         run_console(place, config, straight=patient is not None)
@@ -89,6 +91,7 @@ def demo(
     from app.system.config import load_config
     from app.system.diagnostics_log import set_verbose, start_log
     from app.system.hand_model import set_up_model
+    from app.system.legs_lock import check_legs_free
     from app.system.paths import find_home, hold_home
 
     console = wide_console()
@@ -97,6 +100,7 @@ def demo(
         set_verbose()
     base = load_config(place.config)
     with hold_home(place), joints_for(joints, base) as joints_config:
+        check_legs_free(place)
         start_log(place, "demo")
         set_up_model(place, base)
         config = demo_config(base, seed=seed, joints=joints_config)

@@ -22,6 +22,7 @@ from app.ipc import streams
 from app.ipc.messages import Heartbeat, RealTime
 from app.motion.plan import Phase
 from app.system.config import SessionSetup
+from app.system.legs_lock import share_legs
 from app.system.scheduling import PeriodicTimer, acquire_real_time, disable_gc, pin_to_control_core
 from hal.joints.protocol import TICK_HZ, TICK_NS, DriveState, JointFeedback
 from logs import records
@@ -35,7 +36,8 @@ LATENESS_TICKS = 60 * TICK_HZ
 
 
 def run_control(setup: SessionSetup) -> None:
-    """Run until the session ends: SHUT_DOWN, a signal, or the console's death."""
+    """Run until the session ends: SHUT_DOWN, a signal, or the console's death. Raises AppError without the lock."""
+    legs = share_legs(setup)
     control = Control(setup, acquire_real_time())
     for number in (signal.SIGTERM, signal.SIGHUP, signal.SIGINT):
         signal.signal(number, lambda *_: control.end())
@@ -43,6 +45,7 @@ def run_control(setup: SessionSetup) -> None:
         control.run()
     finally:
         control.close()
+        legs.close()
 
 
 class Control:

@@ -20,6 +20,7 @@ from app.ipc.messages import GuardianHealth, Heartbeat
 from app.ipc.streams import NS_PER_MS
 from app.system.config import SessionSetup, load_device
 from app.system.diagnostics_log import get_logger
+from app.system.legs_lock import share_legs
 from app.system.scheduling import gc_freeze, set_scheduling
 from hal.errors import HardwareError
 from hal.joints.can.bus import with_bus
@@ -103,7 +104,8 @@ def _lost(heartbeat: Heartbeat | None, now_ns: int) -> bool:
 
 
 def run_guardian(setup: SessionSetup) -> None:
-    """Check until the session ends and control is gone or ended in good order."""
+    """Check until the session ends and control is gone or ended in good order. Raises AppError without the lock."""
+    legs = share_legs(setup)
     guardian = Guardian(setup)
     gc_freeze()
     signal.signal(signal.SIGTERM, lambda *_: guardian.end())
@@ -114,6 +116,7 @@ def run_guardian(setup: SessionSetup) -> None:
             time.sleep(CHECK_S)
     finally:
         guardian.close()
+        legs.close()
 
 
 class Guardian:

@@ -38,6 +38,7 @@ from app.ipc.states import Action
 from app.session.child import Supervisor, run_process
 from app.system.config import Config, SessionSetup
 from app.system.diagnostics_log import get_logger
+from app.system.legs_lock import LegsLock, claim_legs
 from app.system.paths import Home
 from app.system.scheduling import set_scheduling
 from profiles.schema import Profile
@@ -104,6 +105,7 @@ class SessionHost:
         self._entry = entry
         self._children: dict[str, multiprocessing.process.BaseProcess] = {}
         self._supervisor = Supervisor()
+        self._legs: LegsLock | None = None
         self._operator = OrderedSender(address(setup.links, streams.OPERATOR.name))
         self._perception = OrderedSender(address(setup.links, streams.TO_PERCEPTION.name))
         self._lock = threading.Lock()
@@ -118,7 +120,11 @@ class SessionHost:
         self._audit = self._subscribe(streams.AUDIT_HEALTH.name, AuditHealth)
 
     def start(self) -> None:
-        """Start every process; returns at once, the streams show when each is ready."""
+        """Start every process; returns at once, the streams show when each is ready.
+
+        Raises AppError while a process of an earlier session may still command or damp the legs.
+        """
+        self._legs = claim_legs(self.setup)
         for name in _start_order(self.setup.config):
             self._spawn(name)
         self._heartbeat_thread.start()
@@ -143,6 +149,8 @@ class SessionHost:
             self._audit,
         ):
             link.close()
+        if self._legs is not None:
+            self._legs.close()
 
     def send(self, kind: OperatorKind, action: Action | None = None, note: str = "") -> int:
         """Send an operator command to control; returns its sequence, which control acknowledges."""

@@ -66,6 +66,11 @@ class Home:
         """Held by the one console of this home."""
         return self.root / "console.lock"
 
+    @property
+    def legs_lock(self) -> Path:
+        """Held by every process that may command or damp the legs (`app/system/legs_lock.py`)."""
+        return self.root / "legs.lock"
+
 
 def find_home(given: Path | None = None) -> Home:
     """The home: the one given, else RLEEX_HOME, else the platform's data directory. Makes nothing.
@@ -90,6 +95,7 @@ class LockFault(Enum):
 
     UNUSABLE = "unusable"
     HELD = "held"
+    LEGS_HELD = "legs held"
     NO_FOLDER = "no folder"
 
 

@@ -15,6 +15,8 @@ from app.demo.drives import emulated_drives
 from app.ipc.messages import OperatorKind
 from app.ipc.states import Action, Effect, Event, GaitState
 from app.system.config import JointsConfig
+from app.system.errors import AppError
+from app.system.legs_lock import claim_legs
 from hal.joints.device import load_exoskeleton
 from testing.session import RealSession, Sniffer, real_session
 
@@ -67,6 +69,15 @@ def commands_after(sniffer: Sniffer, time_ns: int) -> list[tuple[int, int, bytes
     ]
 
 
+def legs_free(session: RealSession) -> bool:
+    """Whether another session may have the legs: a killed process is a zombie before its last thread lets go."""
+    try:
+        claim_legs(session.setup).close()
+    except AppError:
+        return False
+    return True
+
+
 def test_a_session_stands_walks_stops_and_ends_without_leaving_anybody(session: RealSession) -> None:
     session.walk(steps=1)
     session.send(OperatorKind.STOP)
@@ -83,11 +94,27 @@ def test_when_the_console_is_killed_the_legs_are_held_then_everybody_ends(sessio
     session.walk(steps=1)
     session.kill("console")
     session.until(lambda s: s.effect >= Effect.HOLD, "hold")
+    with pytest.raises(AppError, match="LEGS_HELD"):
+        claim_legs(session.setup)
     session.until_ended(*EVERYBODY)
+    session.until(lambda _: legs_free(session), "the lock")
     names = [name for _, name in session.effects]
     assert names.index("HOLD") < names.index("DAMP"), "first held, then given way"
     assert session.heartbeat is not None
     assert not session.heartbeat.enabled
+
+
+def test_a_frozen_control_keeps_the_legs_after_its_console_and_its_guardian_are_killed(session: RealSession) -> None:
+    session.stand()
+    session.kill("control", signal.SIGSTOP)
+    session.kill("console")
+    session.kill("guardian")
+    session.until_ended("console", "guardian")
+    with pytest.raises(AppError, match=rf"LEGS_HELD pid=.*\b{session.pids['control']}\b"):
+        claim_legs(session.setup)
+    session.kill("control")
+    session.until_ended("control")
+    session.until(lambda _: legs_free(session), "the lock")
 
 
 def test_a_closed_terminal_ends_control_in_good_order(session: RealSession) -> None:

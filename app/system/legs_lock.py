@@ -1,0 +1,111 @@
+"""The lock of the legs: held by everybody who may still command or damp them, for one session at a time.
+
+The host takes it alone and then shares it with its control and its guardian, each with a lock of its own: whoever
+outlives the host keeps the next session off the home and off the drives. The kernel drops a lock with its process.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import os
+from collections.abc import Iterable
+from contextlib import suppress
+from pathlib import Path
+
+from app.system.config import SessionSetup, load_device
+from app.system.errors import AppError
+from app.system.paths import Home, LockFault
+
+# Drives are the same to every user and every home of a host. The first folder that can be written to.
+HOST_FOLDERS = (Path("/run/lock"), Path("/tmp"))
+_HELD = Path("/proc/locks")
+
+
+class LegsLock:
+    """Open files whose locks end with `close`, or with the process."""
+
+    def __init__(self, paths: Iterable[Path]) -> None:
+        """Open the files, not locked yet. Raises AppError."""
+        self._files: list[tuple[Path, int]] = []
+        for path in paths:
+            try:
+                self._files.append((path, _open(path)))
+            except OSError as error:
+                self.close()
+                raise AppError(LockFault.UNUSABLE, home=path, detail=error.strerror) from error
+
+    def take_alone(self) -> None:
+        """Nobody else may hold it, and from then on nobody else can take it alone. Raises AppError."""
+        self._lock(fcntl.LOCK_EX)
+        self.share()  # not atomic: one who came between has it alone, and then this raises
+
+    def share(self) -> None:
+        """Beside others of this session. Raises AppError when another session has it."""
+        self._lock(fcntl.LOCK_SH)
+
+    def close(self) -> None:
+        """Release it; harmless when done twice."""
+        files, self._files = self._files, []
+        for _, handle in files:
+            os.close(handle)
+
+    def _lock(self, how: int) -> None:
+        for path, handle in self._files:
+            try:
+                fcntl.flock(handle, how | fcntl.LOCK_NB)
+            except BlockingIOError:
+                holders = _holders(handle)
+                self.close()
+                raise AppError(LockFault.LEGS_HELD, pid=", ".join(map(str, holders)) or "?", path=path) from None
+
+
+def claim_legs(setup: SessionSetup) -> LegsLock:
+    """For the host of a new session. Raises AppError while anybody of another one may still command or damp."""
+    setup.home.mkdir(parents=True, exist_ok=True)
+    lock = LegsLock(lock_paths(setup))
+    lock.take_alone()
+    return lock
+
+
+def share_legs(setup: SessionSetup) -> LegsLock:
+    """For control and guardian, to their end. Raises AppError when another session has the legs."""
+    lock = LegsLock(lock_paths(setup))
+    lock.share()
+    return lock
+
+
+def check_legs_free(home: Home) -> None:
+    """Raises AppError while control or guardian of an earlier session of this home live."""
+    lock = LegsLock([home.legs_lock])
+    lock.take_alone()
+    lock.close()
+
+
+def lock_paths(setup: SessionSetup) -> tuple[Path, ...]:
+    """The home's, and one for each bus of real drives."""
+    joints = setup.config.joints
+    at_home = (Home(setup.home).legs_lock,)
+    if joints.kind == "simulated":
+        return at_home
+    from hal.joints.can.bus import with_bus  # brings python-can: not before the console's first paint
+
+    device = with_bus(load_device(joints), joints.interface, joints.channel)
+    folder = next((one for one in HOST_FOLDERS if os.access(one, os.W_OK)), HOST_FOLDERS[-1])
+    buses = dict.fromkeys(f"rleex-{bus.interface}-{bus.channel}".replace("/", "-") for bus in device.buses)
+    return (*at_home, *(folder / f"{bus}.lock" for bus in buses))
+
+
+def _open(path: Path) -> int:
+    """For reading only, so that a file that another user has made serves as well."""
+    with suppress(FileExistsError):
+        os.close(os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW, 0o644))
+    return os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_CLOEXEC)
+
+
+def _holders(handle: int) -> list[int]:
+    """The processes that hold a lock on an open file; empty where the kernel does not tell."""
+    inode = str(os.fstat(handle).st_ino)
+    with suppress(OSError):
+        rows = [line.split() for line in _HELD.read_text(encoding="ascii").splitlines()]
+        return [int(row[4]) for row in rows if row[1] == "FLOCK" and row[5].rsplit(":", 1)[-1] == inode]
+    return []

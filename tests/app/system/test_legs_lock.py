@@ -1,0 +1,106 @@
+"""One session has the legs, whoever of it is left."""
+
+from __future__ import annotations
+
+import fcntl
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+import msgspec
+import pytest
+
+from app.system import legs_lock
+from app.system.config import Config, JointsConfig, SessionSetup
+from app.system.errors import AppError
+from app.system.legs_lock import LegsLock, check_legs_free, claim_legs, lock_paths, share_legs
+from app.system.paths import Home
+from profiles.schema import DEMO_PATIENT
+
+SHARE = """
+import sys
+from pathlib import Path
+from app.system.legs_lock import LegsLock
+lock = LegsLock([Path(name) for name in sys.argv[1:]])
+lock.share()
+print("shared", flush=True)
+sys.stdin.read()
+"""
+
+
+def setup_of(home: Path, joints: JointsConfig | None = None) -> SessionSetup:
+    """A session of this home."""
+    config = Config(joints=joints or JointsConfig())
+    return SessionSetup(session="s", home=home, links=home, config=config, profile=DEMO_PATIENT, operator="")
+
+
+@contextmanager
+def orphan(setup: SessionSetup) -> Iterator[subprocess.Popen[str]]:
+    """A process that shares the legs of a session."""
+    arguments = [sys.executable, "-c", SHARE, *map(str, lock_paths(setup))]
+    with subprocess.Popen(arguments, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "shared\n"
+        try:
+            yield process
+        finally:
+            process.kill()
+
+
+def test_whoever_outlives_the_host_keeps_the_next_session_off(tmp_path: Path) -> None:
+    setup = setup_of(tmp_path)
+    host = claim_legs(setup)
+    with orphan(setup) as control:
+        host.close()
+        with pytest.raises(AppError, match=rf"LEGS_HELD pid={control.pid}\b"):
+            claim_legs(setup)
+        with pytest.raises(AppError, match="LEGS_HELD"):
+            check_legs_free(Home(tmp_path))
+        control.kill()
+        control.wait()
+        check_legs_free(Home(tmp_path))
+        claim_legs(setup).close()
+
+
+def test_another_session_can_neither_claim_nor_share_nor_come_between(tmp_path: Path) -> None:
+    setup = setup_of(tmp_path)
+    first = claim_legs(setup)
+    own = share_legs(setup)
+    for end in (first.close, own.close):
+        with pytest.raises(AppError, match="LEGS_HELD"):
+            claim_legs(setup)
+        end()
+    alone = LegsLock(lock_paths(setup))
+    alone._lock(fcntl.LOCK_EX)  # one who has it alone, before it is shared
+    with pytest.raises(AppError, match="LEGS_HELD"):
+        share_legs(setup)
+    alone.close()
+
+
+def test_drives_are_the_same_to_every_home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(legs_lock, "HOST_FOLDERS", (tmp_path,))
+    joints = JointsConfig(kind="can", interface="local", channel="a/b")
+    here, there = setup_of(tmp_path / "here", joints), setup_of(tmp_path / "there", joints)
+    other = setup_of(tmp_path / "there", msgspec.structs.replace(joints, channel="c"))
+    first = claim_legs(here)
+    with pytest.raises(AppError, match="LEGS_HELD"):
+        claim_legs(there)
+    claim_legs(other).close()
+    first.close()
+    claim_legs(there).close()
+
+
+def test_a_file_of_another_user_serves_and_a_link_is_refused(tmp_path: Path) -> None:
+    file, link = tmp_path / "file", tmp_path / "link"
+    file.touch(mode=0o444)
+    lock = LegsLock([file])
+    lock.take_alone()
+    lock.close()
+    link.symlink_to(file)
+    with pytest.raises(AppError, match="UNUSABLE"):
+        LegsLock([link])
+    with suppress(AppError):
+        LegsLock([file, link])
+    LegsLock([file]).take_alone()
