@@ -75,6 +75,11 @@ class ButtonPlace:
         """Of a picture of that size."""
         return cls(x_px=width_px / 2, y_px=height_px / 2, radius_px=RADIUS_SHARE * width_px, threshold_m=threshold_m)
 
+    def beside_px(self, box: Box) -> float:
+        """How far the button's centre is from the box, along the farther axis; 0 inside."""
+        aside_px = max(box.left_px - self.x_px, self.x_px - box.right_px)
+        return max(aside_px, box.top_px - self.y_px, self.y_px - box.bottom_px, 0.0)
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ButtonInput:
@@ -84,7 +89,7 @@ class ButtonInput:
     gesture: Gesture | None  # voted
     recognised_ns: int  # capture of the frame whose vote made `gesture`
     distance_m: float | None  # safe distance; None: no measurement
-    box: Box | None  # bounding box of the 22 points; None: no hand
+    beside_px: float | None  # from the box of the 22 points to the button's centre, see `ButtonPlace`; None: no hand
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -103,6 +108,8 @@ class ButtonComparison:
     beside_limit_px: float  # 0 for a press, the radius while pressed
     held_ns: int  # since the press; 0: not pressed
     gap_frames: int  # in a row without a measurement, before this frame
+    approached_m: float | None  # how far the distance fell from its farthest in the last APPROACH_NS
+    approach_limit_m: float  # a press needs at least this much
     elapsed_limit_ns: int = STALE_NS  # later, the camera paused
     held_limit_ns: int = SHORTEST_PRESS_NS  # shorter is no press
     gap_limit_frames: int = GAP_FRAMES  # more lose the hand
@@ -144,6 +151,8 @@ def advance(state: ButtonState, observed: ButtonInput, place: ButtonPlace, mode:
 def _compare(state: ButtonState, observed: ButtonInput, place: ButtonPlace) -> ButtonComparison:
     elapsed_ns = observed.captured_ns - state.last_captured_ns if state.last_captured_ns else 0
     distance_m, previous_m = observed.distance_m, state.last_distance_m
+    measured_m = _measured(observed)
+    farthest_m = max((m for _, m in _recent(state, observed.captured_ns)), default=measured_m)
     return ButtonComparison(
         captured_ns=observed.captured_ns,
         elapsed_ns=elapsed_ns,
@@ -153,10 +162,12 @@ def _compare(state: ButtonState, observed: ButtonInput, place: ButtonPlace) -> B
         release_m=_outside_m(place),
         nearer_m=None if previous_m is None or distance_m is None else previous_m - distance_m,
         nearer_limit_m=APPROACH_M_S * elapsed_ns / 1e9,
-        beside_px=_beside_px(observed.box, place),
+        beside_px=observed.beside_px,
         beside_limit_px=place.radius_px if state.pressed else 0.0,
         held_ns=observed.captured_ns - state.pressed_captured_ns if state.pressed else 0,
         gap_frames=state.gap_frames,
+        approached_m=None if measured_m is None or farthest_m is None else max(farthest_m - measured_m, 0.0),
+        approach_limit_m=APPROACH_SHARE * place.threshold_m,
     )
 
 
@@ -174,7 +185,8 @@ def _robust(state: ButtonState, observed: ButtonInput, compared: ButtonCompariso
     distance_m = _measured(observed)
     if distance_m is None:
         return replace(_gap(state, observed), last_distance_m=None)
-    state = replace(state, gap_frames=0, approach=_recent(state, observed.captured_ns, distance_m))
+    now_ns = observed.captured_ns
+    state = replace(state, gap_frames=0, approach=(*_recent(state, now_ns), (now_ns, distance_m)))
     rule = _while_pressed if state.pressed else _while_up
     return replace(rule(state, observed, compared, distance_m), last_distance_m=distance_m)
 
@@ -216,7 +228,7 @@ def _no_press(state: ButtonState, observed: ButtonInput, compared: ButtonCompari
     """Why a hand that is near and was outside does not press; None when it does."""
     if compared.nearer_m is None or compared.nearer_m > compared.nearer_limit_m:  # not seen coming, or it slipped
         return PressHint.PUSH_STEADILY
-    if not _approached(state.approach, compared.threshold_m):
+    if compared.approached_m is None or compared.approached_m < compared.approach_limit_m:
         return PressHint.APPROACH_FIRST
     if observed.gesture is None:
         return PressHint.GESTURE_FIRST
@@ -225,22 +237,16 @@ def _no_press(state: ButtonState, observed: ButtonInput, compared: ButtonCompari
     return None if compared.beside_px == 0.0 else PressHint.OVER_BUTTON
 
 
-def _recent(state: ButtonState, now_ns: int, distance_m: float) -> tuple[tuple[int, float], ...]:
-    """The measurements of the last APPROACH_NS, this one the last."""
-    return (*(one for one in state.approach if now_ns - one[0] <= APPROACH_NS), (now_ns, distance_m))
-
-
-def _approached(approach: tuple[tuple[int, float], ...], threshold_m: float) -> bool:
-    """Whether the distance, from its farthest in the last APPROACH_NS, fell by as much as a push does."""
-    distances_m = [distance_m for _, distance_m in approach]
-    return max(distances_m) - distances_m[-1] >= APPROACH_SHARE * threshold_m
+def _recent(state: ButtonState, now_ns: int) -> tuple[tuple[int, float], ...]:
+    """The measurements of the last APPROACH_NS before this frame; a clock that went back leaves none."""
+    return tuple(one for one in state.approach if 0 < now_ns - one[0] <= APPROACH_NS)
 
 
 def _gap(state: ButtonState, observed: ButtonInput) -> ButtonState:
     """A frame without a measurement: short gaps are blur, longer ones end the press and the readiness."""
     if state.gap_frames < GAP_FRAMES:
         return replace(state, gap_frames=state.gap_frames + 1)
-    return _end(state, PressCancel.HAND_LOST if observed.box is None else PressCancel.DISTANCE_LOST)
+    return _end(state, PressCancel.HAND_LOST if observed.beside_px is None else PressCancel.DISTANCE_LOST)
 
 
 def _press(state: ButtonState, observed: ButtonInput) -> ButtonState:
@@ -286,7 +292,7 @@ def _end(state: ButtonState, reason: PressCancel) -> ButtonState:
 
 def _measured(observed: ButtonInput) -> float | None:
     """The distance where there is a hand and a real one; 0, negative and non-finite are no measurement."""
-    if observed.box is None or observed.distance_m is None:
+    if observed.beside_px is None or observed.distance_m is None:
         return None
     return observed.distance_m if math.isfinite(observed.distance_m) and observed.distance_m > 0 else None
 
@@ -298,15 +304,6 @@ def is_near(state: ButtonState, place: ButtonPlace) -> bool:
 
 def _outside_m(place: ButtonPlace) -> float:
     return place.threshold_m * (1 + HYSTERESIS)
-
-
-def _beside_px(box: Box | None, place: ButtonPlace) -> float | None:
-    """How far the button's centre is from the box, along the farther axis; 0 inside. None: no hand."""
-    if box is None:
-        return None
-    return max(
-        box.left_px - place.x_px, place.x_px - box.right_px, box.top_px - place.y_px, place.y_px - box.bottom_px, 0.0
-    )
 
 
 _RULES: dict[ButtonMode, Callable[[ButtonState, ButtonInput, ButtonComparison], ButtonState]] = {

@@ -147,9 +147,8 @@ class Vote:
         return len(self.candidate_ns)
 
 
-def update_vote(vote: Vote, verdict: Verdict | None, captured_ns: int, *, pressing: bool = False) -> Vote:
-    """The vote after one more frame; None: no hand seen. pressing: the virtual button is down."""
-    current = verdict.gesture if verdict else None
+def update_vote(vote: Vote, current: Gesture | None, captured_ns: int, *, pressing: bool = False) -> Vote:
+    """The vote after one more frame with that verdict; None: none, or no hand. pressing: the virtual button is down."""
     count = 0 if current is None else vote.count + 1 if current is vote.candidate else 1
     candidate_ns = (*vote.candidate_ns, captured_ns)[-min(count, PRESS_CHANGE_FRAMES) :] if count else ()
     counted = replace(vote, candidate=current, candidate_ns=candidate_ns)

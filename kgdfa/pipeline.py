@@ -9,11 +9,12 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from kgdfa.button import ButtonInput, ButtonMode, ButtonPlace, ButtonState, advance, is_near
+from kgdfa.button import ButtonInput, ButtonMode, ButtonPlace, ButtonState, advance
 from kgdfa.distance import Distance, RangeFinder
-from kgdfa.gesture import VOTE_FRAMES, Gesture, RuleSet, Verdict, Vote, update_vote
+from kgdfa.gesture import VOTE_FRAMES, Gesture, RuleSet, Verdict
 from kgdfa.hand import Hand, is_cut_off
 from kgdfa.preprocess import Image, as_bgr8
+from kgdfa.recognition import FrameReading, Recognition, recognise
 
 LOST_FRAMES = 5  # a hand gone this long is gone; fewer may be blur or the image's edge
 REACH_REFERENCES = 1.5  # how far a hand may be from where it was a frame ago, in reference segments: 3 m/s at 30 Hz
@@ -84,6 +85,7 @@ class Report:
     depth_button: ButtonState | None = None
     contested: bool = False  # two hands claim the command: neither has it
     vote_ns: tuple[int, ...] = ()  # captures of the frames that made `gesture`, or ended the one before
+    reading: FrameReading | None = None  # what vote and button took
 
 
 class Detector(Protocol):
@@ -133,8 +135,7 @@ class Pipeline:
         self._mode = mode
         self._prepare = prepare or as_bgr8
         self._track = Track()
-        self._vote = Vote()
-        self._button = ButtonState()
+        self._recognition = Recognition()
         self._depth_button: ButtonState | None = None
 
     def process(self, source: PipelineInput) -> Report:
@@ -143,32 +144,32 @@ class Pipeline:
         image = self._prepare(source.image_bgr)
         hand = self._update_track(self._detector.detect(image, now_ns))
         verdict = self._rules.classify(hand) if hand else None
-        self._vote = self._update_vote(hand, verdict, image, now_ns)
         distance = self._range_finder.measure(hand, now_ns) if hand else None
-        self._button = self._press(self._button, hand, distance, now_ns)
-        depth_distance = self._measure_depth(source, hand, distance)
+        reading = FrameReading(
+            captured_ns=now_ns,
+            hand=self._track.number,
+            gesture=verdict.gesture if verdict else None,
+            cut_off=hand is not None and is_cut_off(hand, image.shape[1], image.shape[0]),
+            distance_m=distance.safe_m if distance else None,
+            beside_px=self._place.beside_px(hand.bounding_box) if hand else None,
+        )
+        self._recognition = recognise(self._recognition, reading, self._place, self._mode)
+        vote = self._recognition.vote
+        depth_distance = self._measure_depth(source, hand, distance, reading.beside_px)
         return Report(
             captured_ns=now_ns,
             hand=hand,
             verdict=verdict,
-            gesture=self._vote.gesture,
-            recognised_ns=self._vote.recognised_ns,
-            votes=min(self._vote.count, VOTE_FRAMES),
+            gesture=vote.gesture,
+            recognised_ns=vote.recognised_ns,
+            votes=min(vote.count, VOTE_FRAMES),
             distance=distance,
             depth_distance=depth_distance,
-            button=self._button,
+            button=self._recognition.button,
             depth_button=self._depth_button,
             contested=self._track.contested,
-            vote_ns=self._vote.decided_ns,
-        )
-
-    def _update_vote(self, hand: Hand | None, verdict: Verdict | None, image: Image, now_ns: int) -> Vote:
-        """A hand that outgrows the image near the button keeps its gesture: cut off, it can't be classified."""
-        cut = self._mode is ButtonMode.ROBUST and hand is not None and is_cut_off(hand, image.shape[1], image.shape[0])
-        if cut and self._button.pressed:
-            return self._vote
-        return update_vote(
-            self._vote, None if cut else verdict, now_ns, pressing=is_near(self._button, self._place) or cut
+            vote_ns=vote.decided_ns,
+            reading=reading,
         )
 
     def _update_track(self, hands: tuple[Hand, ...]) -> Hand | None:
@@ -176,27 +177,26 @@ class Pipeline:
         before = self._track.number
         self._track = update_track(self._track, hands)
         if self._track.number != before:
-            self._vote = Vote()
             self._range_finder.reset()
             if self._depth_finder is not None:
                 self._depth_finder.reset()
         return self._track.hand
 
-    def _press(self, button: ButtonState, hand: Hand | None, distance: Distance | None, now_ns: int) -> ButtonState:
-        observed = ButtonInput(
-            captured_ns=now_ns,
-            gesture=self._vote.gesture,
-            recognised_ns=self._vote.recognised_ns,
-            distance_m=distance.safe_m if distance else None,
-            box=hand.bounding_box if hand else None,
-        )
-        return advance(button, observed, self._place, self._mode)
-
-    def _measure_depth(self, source: PipelineInput, hand: Hand | None, monocular: Distance | None) -> Distance | None:
+    def _measure_depth(
+        self, source: PipelineInput, hand: Hand | None, monocular: Distance | None, beside_px: float | None
+    ) -> Distance | None:
         """The depth camera's own distance and button, beside the monocular ones; nothing without a depth map."""
         if source.depth_m is None or self._depth_finder is None:
             return None
         now_ns = source.captured_ns
         observed = self._depth_finder.measure(source.depth_m, hand, monocular, now_ns) if hand else None
-        self._depth_button = self._press(self._depth_button or ButtonState(), hand, observed, now_ns)
+        vote = self._recognition.vote
+        observed_by_depth = ButtonInput(
+            captured_ns=now_ns,
+            gesture=vote.gesture,
+            recognised_ns=vote.recognised_ns,
+            distance_m=observed.safe_m if observed else None,
+            beside_px=beside_px,
+        )
+        self._depth_button = advance(self._depth_button or ButtonState(), observed_by_depth, self._place, self._mode)
         return observed

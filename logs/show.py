@@ -36,6 +36,7 @@ WEIGHT: dict[type, str] = {
     r.ActionEnd: "action",
     r.Acknowledgement: "action",
     r.JointStatistics: "faint",
+    r.Frames: "faint",
     r.TickLateness: "faint",
     r.Checkpoint: "faint",
 }

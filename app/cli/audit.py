@@ -107,7 +107,8 @@ def explain(
     """Why a record came about: the hops from the first frame to the end, each with what it compared."""
     from app.system.paths import find_home
     from app.text.recorded import render_recorded
-    from logs.explain import explain_file, lines, to_values
+    from logs.explain.hops import explain_file
+    from logs.explain.text import lines, to_values
     from logs.read import find_session
 
     explanation = explain_file(find_session(find_home(home).logs, session), number)
@@ -118,6 +119,38 @@ def explain(
         return
     for line in lines(explanation, render_recorded):
         typer.echo(line)
+
+
+@cli.command()
+def replay(
+    session: Annotated[str, typer.Argument(help="Path, name, beginning of a name, or last.")] = "last",
+    json: Annotated[bool, typer.Option("--json", help="One JSON object.")] = False,
+    home: HomeOption = None,
+) -> None:
+    """Make a session's decisions again from their recorded inputs. Exit status: 0 the same, 1 one differs."""
+    from app.replay.session import replay as run
+    from app.system.paths import find_home
+    from logs.read import find_session, records
+
+    again = run(records(find_session(find_home(home).logs, session)))
+    if json:
+        import json as text
+
+        typer.echo(text.dumps(again.to_values(), ensure_ascii=True, sort_keys=True))
+    else:
+        from logs.sanitize import sanitize_terminal
+
+        for one in again.differences:
+            recorded, replayed = (sanitize_terminal(str(value)) for value in (one.recorded, one.replayed))
+            place = {"sequence": one.sequence, "kind": one.kind, "field": one.field}
+            print_text("cli.audit.differs", **place, recorded=recorded, replayed=replayed)
+        print_text(
+            "cli.audit.replayed",
+            replayed=again.replayed,
+            differences=len(again.differences),
+            not_recorded=again.not_recorded,
+        )
+    raise typer.Exit(1 if again.differences else 0)
 
 
 @cli.command()

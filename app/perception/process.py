@@ -17,6 +17,7 @@ from app.ipc.links import OrderedReceiver, Publisher, address
 from app.ipc.messages import HandCommand, PerceptionCommand
 from app.perception import pipeline as assembly
 from app.perception.camera import CameraSupervisor, ImageCheck, PerceptionNote, SessionRecorder, move_hand
+from app.perception.frames import FrameBatch, button_record
 from app.perception.pipeline import Loading
 from app.perception.reporting import (
     FPS_WINDOW,
@@ -31,7 +32,7 @@ from app.perception.reporting import (
 from app.system.config import SessionSetup
 from app.system.scheduling import avoid_control_core, gc_freeze, set_scheduling
 from hal.cameras.camera import Frame
-from kgdfa.button import ButtonPlace
+from kgdfa.button import ButtonMode, ButtonPlace
 from kgdfa.draw import draw
 from kgdfa.pipeline import Pipeline, PipelineInput, Report
 from kgdfa.press_zone import PressZone
@@ -82,6 +83,7 @@ class Perception:
         self._sequence = 0
         self._captures: deque[int] = deque(maxlen=FPS_WINDOW + 1)
         self._last: Report | None = None
+        self._frames = FrameBatch()
         self._scale: Scale | None = None
         self._rate = MeasuredRate()
         self._frame: Frame | None = None  # the newest: it carries the intrinsics
@@ -115,6 +117,8 @@ class Perception:
         if detector is not None:
             detector.close()
         self._record_rate()
+        for record in self._frames.take(at_once=True):
+            self._sink.emit(record)
         self._sink.emit(ProcessEnd(pid=os.getpid()))
         self._sink.close()
         for link in (self._reports, self._previews, self._commands):
@@ -135,13 +139,20 @@ class Perception:
         report = self._process(frame)
         self._send_report(report, frame.captured_ns)
         if report is not None:
-            assert self._scale is not None  # made with the pipeline
-            for record in records_between(self._last, report, self._scale):
-                self._sink.emit(record)
-            self._last = report
+            self._record(report)
             self._measure_rate(frame)
         if self._pacer.due(time.monotonic_ns()):
             self._send_preview(frame, report)
+
+    def _record(self, report: Report) -> None:
+        """What this frame decided, after the frames that led to it."""
+        assert self._scale is not None  # made with the pipeline
+        decided = tuple(records_between(self._last, report, self._scale))
+        if report.reading is not None:
+            self._frames.add(report.reading, report.verdict.confidence if report.verdict else 0.0)
+        for record in (*self._frames.take(at_once=bool(decided)), *decided):
+            self._sink.emit(record)
+        self._last = report
 
     def _process(self, frame: Frame) -> Report | None:
         """The frame through the chain; None while the hand model is loading."""
@@ -157,7 +168,8 @@ class Perception:
         if self._pipeline is None:
             self._pipeline, self._place = assembly.make_pipeline(self._setup, detector, frame, camera.name)
             self._scale = assembly.scale_of(self._setup, frame, camera.name)
-            for record in assembly.camera_records(self._setup, camera, frame):
+            setup = button_record(self._place, ButtonMode(self._setup.config.button.mode))
+            for record in (*assembly.camera_records(self._setup, camera, frame), setup):
                 self._sink.emit(record)
             gc_freeze()
         source = PipelineInput(image_bgr=frame.image_bgr, captured_ns=frame.captured_ns, depth_m=frame.depth_m)

@@ -59,7 +59,7 @@ def step(
         gesture=observed.gesture,
         recognised_ns=7 if observed.gesture else 0,
         distance_m=observed.distance_m,
-        box=observed.box,
+        beside_px=None if observed.box is None else PLACE.beside_px(observed.box),
     )
     return advance(state, given_input, PLACE, mode)
 

@@ -3,22 +3,16 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kgdfa.gesture import END_FRAMES, VOTE_FRAMES, Decision, Explanation, Gesture, Verdict, Vote, update_vote
+from kgdfa.gesture import END_FRAMES, VOTE_FRAMES, Gesture, Vote, update_vote
 
 ONE, TWO = Gesture.ONE, Gesture.TWO
 spoken = st.lists(st.sampled_from([None, Gesture.ONE, Gesture.TWO, Gesture.FIVE]), max_size=60)
 
 
-def verdict(gesture: Gesture | None) -> Verdict | None:
-    if gesture is None:
-        return None
-    return Verdict(gesture=gesture, confidence=0.9, nearest=gesture, explanation=Explanation(Decision.NO_GESTURE))
-
-
 def votes(gestures: list[Gesture | None]) -> list[Vote]:
     vote, out = Vote(), []
     for number, gesture in enumerate(gestures):
-        vote = update_vote(vote, verdict(gesture), number)
+        vote = update_vote(vote, gesture, number)
         out.append(vote)
     return out
 

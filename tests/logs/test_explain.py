@@ -17,7 +17,8 @@ from app.text.compile import entries
 from app.text.recorded import render_recorded
 from logs.disk import Disk
 from logs.errors import AuditError, AuditFault
-from logs.explain import NAMED, Explanation, Hop, Step, explain, explain_file, lines, to_values
+from logs.explain.hops import Explanation, Hop, Step, explain, explain_file
+from logs.explain.text import NAMED, lines, to_values
 from logs.keys import load_or_make_key
 from logs.read import records
 from logs.records import ActionEnd, Body, Cancel, Command, Press, Record, Refusal, Release, Stop

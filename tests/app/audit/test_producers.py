@@ -27,6 +27,7 @@ from app.demo.drives import emulated_drives
 from app.ipc.messages import OperatorKind, PerceptionCommand
 from app.ipc.states import Action
 from app.perception.camera import SessionRecorder
+from app.perception.frames import FrameBatch, button_record
 from app.perception.pipeline import camera_records, make_camera
 from app.perception.reporting import MeasuredRate, records_between
 from app.session.host import ProcessStatus
@@ -36,8 +37,9 @@ from app.system.paths import Home
 from hal.errors import DrivesFault, HardwareError
 from hal.joints.guard import Quantity, Refusal
 from hal.joints.protocol import TICK_NS, Joint
-from kgdfa.button import ButtonState, PressCancel, PressHint
+from kgdfa.button import ButtonMode, ButtonPlace, ButtonState, PressCancel, PressHint
 from kgdfa.gesture import Gesture
+from kgdfa.recognition import FrameReading
 from logs.disk import Disk
 from logs.journal import OPERATORS, Moment
 from logs.keys import load_or_make_key
@@ -219,6 +221,7 @@ def of_perception(root: Path) -> list[Body]:
     steps = ((None, seen), (seen, hinted), (seen, pressed), (pressed, released), (pressed, cancelled))
     for before, now in steps:
         found += records_between(before, now, SCALE)
+    found += framed()
     camera = make_camera(setup)
     camera.open()
     frame = camera.read(5.0)
@@ -244,6 +247,19 @@ def of_perception(root: Path) -> list[Body]:
     recorder.close()
     camera.close()
     return found
+
+
+def framed() -> list[Body]:
+    """The button's setup, and the frames of a second batch."""
+    batch = FrameBatch()
+    for captured_ns in (1, 2, 3):
+        reading = FrameReading(
+            captured_ns=captured_ns, hand=1, gesture=Gesture.ONE, cut_off=False, distance_m=0.3, beside_px=2.0
+        )
+        batch.add(reading, 0.9)
+        list(batch.take(at_once=captured_ns == 1))
+    place = ButtonPlace(x_px=640, y_px=360, radius_px=77, threshold_m=0.2)
+    return [button_record(place, ButtonMode.ROBUST), *batch.take(at_once=True)]
 
 
 class Collector(AuditSink):

@@ -70,6 +70,8 @@ def compared() -> ButtonComparison:
         beside_limit_px=38.0,
         held_ns=2,
         gap_frames=1,
+        approached_m=0.05,
+        approach_limit_m=0.03,
     )
 
 
@@ -79,7 +81,8 @@ def push(*moves: tuple[float, Gesture | None, Box | None]) -> tuple[list[Report]
     bodies: list[Body] = []
     for count, (safe_m, gesture, box) in enumerate(moves, 1):
         now_ns = count * FRAME_NS
-        seen = ButtonInput(captured_ns=now_ns, gesture=gesture, recognised_ns=4, distance_m=safe_m, box=box)
+        beside_px = PLACE.beside_px(box) if box else None
+        seen = ButtonInput(captured_ns=now_ns, gesture=gesture, recognised_ns=4, distance_m=safe_m, beside_px=beside_px)
         button = advance(button, seen, PLACE, ButtonMode.ROBUST)
         distance = Distance(shown_m=safe_m - 0.01, safe_m=safe_m, sd_m=0.01)
         report = replace(REPORT, captured_ns=now_ns, gesture=gesture, distance=distance, button=button)
@@ -131,6 +134,7 @@ def assert_as_live(body: Press | Release | Cancel | Hint, report: Report) -> Non
     assert (body.safe_distance_m, body.previous_m) == (live.distance_m, live.previous_m)
     assert (body.threshold_m, body.release_m) == (live.threshold_m, live.release_m)
     assert (body.nearer_m, body.nearer_limit_m) == (live.nearer_m, live.nearer_limit_m)
+    assert (body.approached_m, body.approach_limit_m) == (live.approached_m, live.approach_limit_m)
     assert (body.beside_px, body.beside_limit_px) == (live.beside_px, live.beside_limit_px)
     assert (body.elapsed_ns, body.held_ns, body.gap_frames) == (live.elapsed_ns, live.held_ns, live.gap_frames)
     assert (body.anchor_m, body.anchor_method) == (SCALE.anchor_m, SCALE.anchor_method)

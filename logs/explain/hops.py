@@ -1,22 +1,18 @@
-"""Why a record came about, from its trail alone: the hops from the first frame to the end, with what each compared."""
+"""The hops of a command, a STOP or an event around one record, from its trail alone."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from enum import Enum
-from math import degrees
+from pathlib import Path
 from typing import Any, TypeVar
-
-import msgspec
 
 from logs import records as r
 from logs.errors import AuditError, AuditFault
+from logs.explain.checks import Check, checks_of
 from logs.read import records
-from logs.reason import Reason, Render, key_of, text_of
-from logs.records import Body, Record
-from logs.sanitize import sanitize_terminal
-from logs.show import kind_of, record_text
+from logs.records import Record
 
 B = TypeVar("B")
 
@@ -41,57 +37,6 @@ class Hop(Enum):
     RAISED = "raised"
     CLEARED = "cleared"
     RECORDED = "recorded"  # any other record
-
-
-class HopNote(Enum):
-    """What is added to the hops."""
-
-    NOT_RECORDED = "not recorded"
-    COMPARED = "compared"  # name, value, limit, margin
-    MEASURED = "measured"  # name, value
-    FROM_FIRST = "from first"  # from_first_ms, hop_ms
-
-
-# Value → its limit; None: a value that has none. The margin is limit minus value.
-_LIMITS: dict[type, dict[str, str | None]] = {
-    r.GestureOnset: {"confidence": None, "votes": None},
-    r.Press: {"safe_distance_m": "threshold_m"},
-    r.Hint: {"safe_distance_m": "threshold_m"},
-    r.Cancel: {"safe_distance_m": "release_m", "held_ns": "held_limit_ns"},
-    r.Release: {"safe_distance_m": "release_m", "held_ns": "held_limit_ns"},
-    r.EventRaised: {"value": "limit"},
-    r.Refusal: {"value": "limit"},
-    r.GuardRefusal: {"value": "limit"},
-    r.PlanChecked: {"duration_s": None, "min_clearance_m": None},
-}
-_BUTTON = {
-    "distance_m": None,
-    "previous_m": None,
-    "nearer_m": "nearer_limit_m",
-    "beside_px": "beside_limit_px",
-    "elapsed_ns": "elapsed_limit_ns",
-    "gap_frames": "gap_limit_frames",
-    "anchor_m": None,
-    "focal_px": None,
-}
-_OF_BUTTON = (r.Press, r.Hint, r.Cancel, r.Release)
-_LATER = {"held_limit_ns", "elapsed_limit_ns", "gap_limit_frames"}  # 0 in a trail from before: not recorded then
-_SOURCES = {"anchor_m": "anchor_method", "focal_px": "focal_source"}
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Check:
-    """A value that decided, with its limit; None: not recorded, or without one."""
-
-    name: str
-    value: float | None
-    limit: float | None = None
-    source: str = ""  # where it is from: measured, assumed
-
-    @property
-    def margin(self) -> float | None:
-        """How far the value is below its limit."""
-        return None if self.value is None or self.limit is None else self.limit - self.value
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -124,7 +69,7 @@ def explain(found: list[Record], sequence: int) -> Explanation:
     return Explanation(about=about, steps=tuple(steps))
 
 
-def explain_file(path: Any, sequence: int) -> Explanation:
+def explain_file(path: Path, sequence: int) -> Explanation:
     """The same from a file."""
     return explain(records(path), sequence)
 
@@ -290,138 +235,4 @@ def _number(answer: Record | None) -> int:
 
 def _step(hop: Hop, at_ns: int, record: Record | None) -> Step:
     tells = record is not None and hop not in {Hop.COMMANDED, Hop.MOVED, Hop.SENT}  # told once a record
-    return Step(hop=hop, at_ns=at_ns or None, record=record, checks=_checks(record.body) if record and tells else ())
-
-
-def _checks(body: Body) -> tuple[Check, ...]:
-    pairs = _LIMITS.get(type(body), {}) | (_BUTTON if isinstance(body, _OF_BUTTON) else {})
-    quantity = getattr(body, "quantity", "")
-    return tuple(
-        Check(
-            name=quantity or name if name == "value" else name,
-            value=getattr(body, name),
-            limit=(getattr(body, limit) or None) if limit in _LATER else getattr(body, limit) if limit else None,
-            source=getattr(body, _SOURCES.get(name, ""), ""),
-        )
-        for name, limit in pairs.items()
-        if name != "value" or quantity
-    )
-
-
-def lines(explanation: Explanation, render: Render) -> Iterator[str]:
-    """As text, safe for a terminal."""
-    first_ns = before_ns = next((step.at_ns for step in explanation.steps if step.at_ns), 0)
-    about = explanation.about
-    yield sanitize_terminal(f"#{about.sequence} {kind_of(about.body)}: {record_text(about.body, render)}")
-    for step in explanation.steps:
-        if step.at_ns is None:
-            when = text_of(Reason(key_of(HopNote.NOT_RECORDED)), render)
-        else:
-            values: dict[str, Any] = {
-                "from_first_ms": (step.at_ns - first_ns) / 1e6,
-                "hop_ms": (step.at_ns - before_ns) / 1e6,
-            }
-            when = text_of(Reason(key_of(HopNote.FROM_FIRST), values), render)
-            before_ns = step.at_ns
-        mark = "►" if step.record is about else " "
-        reference = f" [#{step.record.sequence}]" if step.record is not None else ""
-        yield sanitize_terminal(f"{mark} {when}  {text_of(Reason(key_of(step.hop)), render)}{reference}")
-        if step.record is not None and step.record is not about and step.checks:
-            yield sanitize_terminal(f"      {record_text(step.record.body, render)}")
-        yield from (sanitize_terminal(f"      {_text(check, render)}") for check in step.checks)
-
-
-# Quantities with a wording; the guard's are shown as they are recorded.
-NAMED = frozenset(
-    {
-        "confidence",
-        "votes",
-        "safe_distance_m",
-        "held_ns",
-        "elapsed_ns",
-        "gap_frames",
-        "distance_m",
-        "previous_m",
-        "nearer_m",
-        "beside_px",
-        "anchor_m",
-        "focal_px",
-        "duration_s",
-        "min_clearance_m",
-        "late_ms",
-        "following_rad",
-        "drift_rad_s",
-        "temperature_c",
-        "speed_rad_s",
-        "torque_nm",
-        "angle_rad",
-        "pose_error_rad",
-        "frame_age_ms",
-        "message_age_ms",
-        "answer_age_ms",
-        "waiting_records",
-        "slept_s",
-        "step_s",
-        "rejected_messages",
-        "stop_presses",
-    }
-)
-
-
-def _text(check: Check, render: Render) -> str:
-    name = text_of(Reason(f"compared.{check.name}"), render) if check.name in NAMED else check.name
-    values: dict[str, Any] = {"name": name, "value": _shown(check.name, check.value, render)}
-    if check.source:
-        values["value"] += f" ({check.source})"
-    if check.limit is None:
-        return text_of(Reason(key_of(HopNote.MEASURED), values), render)
-    values["limit"] = _shown(check.name, check.limit, render)
-    values["margin"] = _shown(check.name, check.margin, render)
-    return text_of(Reason(key_of(HopNote.COMPARED), values), render)
-
-
-# Suffix of a name → how its values are shown.
-_UNITS = (  # longer suffixes come first
-    ("_rad_s", 1.0, "rad/s"),
-    ("_rad", degrees(1.0), "°"),
-    ("_nm", 1.0, "Nm"),
-    ("_ns", 1e-6, "ms"),
-    ("_ms", 1.0, "ms"),
-    ("_px", 1.0, "px"),
-    ("_m", 100.0, "cm"),
-    ("_c", 1.0, "°C"),
-    ("_s", 1.0, "s"),
-)
-
-
-def _shown(name: str, value: float | None, render: Render) -> str:
-    if value is None:
-        return text_of(Reason(key_of(HopNote.NOT_RECORDED)), render)
-    factor, unit = next(((factor, unit) for end, factor, unit in _UNITS if name.endswith(end)), (1.0, ""))
-    return f"{value * factor:.4g} {unit}".strip()
-
-
-def to_values(explanation: Explanation) -> dict[str, Any]:
-    """For JSON: numbers as recorded, in SI units and nanoseconds; null: not recorded then."""
-    return {
-        "sequence": explanation.about.sequence,
-        "record": msgspec.to_builtins(explanation.about),
-        "hops": list(_hops(explanation.steps)),
-    }
-
-
-def _hops(steps: Iterable[Step]) -> Iterator[dict[str, Any]]:
-    before_ns: int | None = None
-    for step in steps:
-        known = step.at_ns is not None and before_ns is not None
-        yield {
-            "hop": step.hop.value,
-            "at_ns": step.at_ns,
-            "since_previous_ns": step.at_ns - before_ns if known else None,  # type: ignore[operator]
-            "record": step.record.sequence if step.record is not None else None,
-            "compared": [
-                {"name": one.name, "value": one.value, "limit": one.limit, "margin": one.margin, "source": one.source}
-                for one in step.checks
-            ],
-        }
-        before_ns = step.at_ns or before_ns
+    return Step(hop=hop, at_ns=at_ns or None, record=record, checks=checks_of(record.body) if record and tells else ())

@@ -1,0 +1,91 @@
+"""What vote and button took of each frame, as the trail's records: packed where it is seen, unpacked for a replay."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass, field
+from itertools import accumulate, pairwise
+
+from kgdfa.button import ButtonMode, ButtonPlace
+from kgdfa.gesture import Gesture
+from kgdfa.recognition import FrameReading
+from logs.records import Button, Frames
+
+BATCH_FRAMES = 60  # two seconds: what a crash may lose of frames in which nothing was decided
+CONFIDENCE_DIGITS = 4
+NO_HAND, SAME_HAND, OTHER_HAND = ".hn"  # capital: cut off
+ClassifiedFrame = tuple[FrameReading, float]  # with the confidence of its verdict
+
+
+def button_record(place: ButtonPlace, mode: ButtonMode) -> Button:
+    """The button as it is set up."""
+    return Button(mode=mode.value, **asdict(place))
+
+
+def button_of(record: Button) -> tuple[ButtonPlace, ButtonMode]:
+    """The setup that a record holds. Raises ValueError for a rule that this version does not know."""
+    place = ButtonPlace(x_px=record.x_px, y_px=record.y_px, radius_px=record.radius_px, threshold_m=record.threshold_m)
+    return place, ButtonMode(record.mode)
+
+
+@dataclass(slots=True)
+class FrameBatch:
+    """Collects frames; `take` gives their record and begins the next."""
+
+    number: int = 0  # frames before those collected
+    _hand: int = 0
+    _frames: list[ClassifiedFrame] = field(default_factory=list)
+
+    def add(self, reading: FrameReading, confidence: float) -> None:
+        """One frame."""
+        self._frames.append((reading, confidence))
+
+    def take(self, *, at_once: bool) -> Iterator[Frames]:
+        """The record of what was collected, if it is full or something was decided at the newest frame."""
+        if not self._frames or not (at_once or len(self._frames) >= BATCH_FRAMES):
+            return
+        captures_ns = [reading.captured_ns for reading, _ in self._frames]
+        with_hand = [(one, confidence) for one, confidence in self._frames if one.beside_px is not None]
+        yield Frames(
+            number=self.number,
+            captured_ns=captures_ns[0],
+            after_ns=tuple(after - before for before, after in pairwise(captures_ns)),
+            hands="".join(self._mark(reading) for reading, _ in self._frames),
+            gesture=tuple(one.gesture.value if one.gesture else None for one, _ in with_hand),
+            confidence=tuple(round(confidence, CONFIDENCE_DIGITS) for _, confidence in with_hand),
+            safe_distance_m=tuple(one.distance_m for one, _ in with_hand),
+            beside_px=tuple(one.beside_px for one, _ in with_hand if one.beside_px is not None),
+        )
+        self.number += len(self._frames)
+        self._frames.clear()
+
+    def _mark(self, reading: FrameReading) -> str:
+        if reading.beside_px is None:
+            return NO_HAND
+        mark = SAME_HAND if reading.hand == self._hand else OTHER_HAND
+        self._hand = reading.hand
+        return mark.upper() if reading.cut_off else mark
+
+
+def unpack(record: Frames, hand: int) -> Iterator[ClassifiedFrame]:
+    """The frames of a record; hand: number of the hand before it. Raises ValueError for columns that do not fit."""
+    captures_ns = tuple(accumulate(record.after_ns, initial=record.captured_ns))
+    columns = zip(record.gesture, record.confidence, record.safe_distance_m, record.beside_px, strict=True)
+    for mark, captured_ns in zip(record.hands, captures_ns, strict=True):
+        if mark == NO_HAND:
+            nothing = FrameReading(
+                captured_ns=captured_ns, hand=hand, gesture=None, cut_off=False, distance_m=None, beside_px=None
+            )
+            yield nothing, 0.0
+            continue
+        hand += mark.lower() == OTHER_HAND
+        gesture, confidence, distance_m, beside_px = next(columns)
+        reading = FrameReading(
+            captured_ns=captured_ns,
+            hand=hand,
+            gesture=None if gesture is None else Gesture(gesture),
+            cut_off=mark.isupper(),
+            distance_m=distance_m,
+            beside_px=beside_px,
+        )
+        yield reading, confidence

@@ -1,0 +1,55 @@
+"""Vote and button of the commanding hand, frame by frame: the pipeline's pure half. Needs no arrays.
+
+What it takes of a frame is recorded (`Frames` in `logs/records/perception.py`): `rleex audit replay` runs it again.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from kgdfa.button import ButtonInput, ButtonMode, ButtonPlace, ButtonState, advance, is_near
+from kgdfa.gesture import Gesture, Vote, update_vote
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FrameReading:
+    """What one frame gives to vote and button."""
+
+    captured_ns: int
+    hand: int  # number of the track; another hand inherits no votes
+    gesture: Gesture | None  # of this frame alone
+    cut_off: bool  # partly out of the image
+    distance_m: float | None  # safe distance; None: no measurement
+    beside_px: float | None  # from the hand's box to the button's centre; None: no hand
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Recognition:
+    """Vote and button after a frame."""
+
+    hand: int = 0
+    vote: Vote = field(default_factory=Vote)
+    button: ButtonState = field(default_factory=ButtonState)
+
+
+def recognise(before: Recognition, reading: FrameReading, place: ButtonPlace, mode: ButtonMode) -> Recognition:
+    """Both after one more frame."""
+    inherited = before.vote if reading.hand == before.hand else Vote()
+    vote = _update_vote(inherited, before.button, reading, place, mode)
+    observed = ButtonInput(
+        captured_ns=reading.captured_ns,
+        gesture=vote.gesture,
+        recognised_ns=vote.recognised_ns,
+        distance_m=reading.distance_m,
+        beside_px=reading.beside_px,
+    )
+    return Recognition(hand=reading.hand, vote=vote, button=advance(before.button, observed, place, mode))
+
+
+def _update_vote(vote: Vote, button: ButtonState, reading: FrameReading, place: ButtonPlace, mode: ButtonMode) -> Vote:
+    """A hand that outgrows the image near the button keeps its gesture: cut off, it can't be classified."""
+    cut = mode is ButtonMode.ROBUST and reading.cut_off
+    if cut and button.pressed:
+        return vote
+    gesture = None if cut else reading.gesture
+    return update_vote(vote, gesture, reading.captured_ns, pressing=is_near(button, place) or cut)

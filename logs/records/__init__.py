@@ -1,0 +1,74 @@
+"""The records of the audit trail: one frozen struct a kind of record, and the envelope that chains them.
+
+Values are plain types with units in their names. States, actions, gestures, effects and events are recorded as the
+values of the program's enumerations (those of former versions: `logs/legacy.py`), reasons as a code with values
+(`logs/reason.py`): text for people is made when a trail is read. A quantity that was not measured (NaN, or a drive
+that does not report it) is null.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import msgspec
+from msgspec import Struct
+
+from logs.records.control import *  # noqa: F403 - the door to all records
+from logs.records.control import ControlBody
+from logs.records.fields import *  # noqa: F403
+from logs.records.fields import Hex
+from logs.records.perception import *  # noqa: F403
+from logs.records.perception import PerceptionBody
+from logs.records.session import *  # noqa: F403
+from logs.records.session import SessionBody
+from logs.records.signed import *  # noqa: F403
+from logs.records.signed import SignedBody
+
+SCHEMA = 2  # 2: reasons are codes with values. Raised whenever an older reader could misread a newer record
+
+Body = SessionBody | PerceptionBody | ControlBody | SignedBody
+
+
+class Entry(Struct, frozen=True, kw_only=True, tag="audit-entry"):
+    """What a process hands to the audit process: a body with both clocks and whose doing it was."""
+
+    process: str
+    operator: str
+    wall_ns: int  # UTC, since 1970
+    monotonic_ns: int
+    body: Body
+
+
+class Payload(Struct, frozen=True, kw_only=True):
+    """A record without its hash: what is hashed, with its fields in sorted order (see docs/reference/audit.md)."""
+
+    body: Body
+    monotonic_ns: int
+    operator: str
+    previous: Hex  # hash of the record before; 64 zeros in the first
+    process: str
+    schema: int
+    sequence: int  # from 0, without gaps
+    session: str
+    wall: str  # UTC, ISO 8601 with microseconds
+
+
+class Record(Payload, frozen=True, kw_only=True):
+    """One line of a trail."""
+
+    hash: Hex
+
+
+def json_schema() -> dict[str, Any]:
+    """The schema of one line of a trail."""
+    schema: dict[str, Any] = msgspec.json.schema(Record)
+    return {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "title": f"rleex audit record, schema {SCHEMA}",
+        **schema,
+    }
+
+
+def schema_text() -> str:
+    """As it stands in the documents."""
+    return msgspec.json.format(msgspec.json.encode(json_schema()), indent=1).decode() + "\n"

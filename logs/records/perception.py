@@ -1,0 +1,143 @@
+"""Records of perception: camera, calibration, and what gesture and button decided."""
+
+from __future__ import annotations
+
+from msgspec import Struct
+
+from logs.records.fields import Cause, Measured
+
+
+class Camera(Struct, frozen=True, kw_only=True, tag_field="kind", tag="camera"):
+    """A camera was opened, with the intrinsics in use."""
+
+    camera: str
+    camera_kind: str = ""
+    width_px: int
+    height_px: int
+    rate_hz: float
+    focal_px: float
+    intrinsics_source: str
+    mirrored: bool = False
+    measured_hz: Measured = None  # over `frames` captures; the record is repeated with it, after seconds and at the end
+    frames: int = 0
+
+
+class Calibration(Struct, frozen=True, kw_only=True, tag_field="kind", tag="calibration"):
+    """The palm anchor in use and where it comes from."""
+
+    method: str
+    anchor_m: float
+    focal_px: float
+    residual_m: Measured = None  # of a calibration's fit, on the anchor
+    sd_m: Measured = None  # expected error of the anchor
+    focal_source: str = ""
+    text: Cause = None
+
+
+class Recording(Struct, frozen=True, kw_only=True, tag_field="kind", tag="recording"):
+    """Recording of the camera's frames began or ended, and whether the patient's consent was noted."""
+
+    on: bool
+    consent: bool
+    path: str = ""
+
+
+class Button(Struct, frozen=True, kw_only=True, tag_field="kind", tag="button"):
+    """The virtual button begins anew, as it is set up: its rule, its place on the image, its threshold."""
+
+    mode: str
+    x_px: float
+    y_px: float
+    radius_px: float
+    threshold_m: float
+
+
+class Frames(Struct, frozen=True, kw_only=True, tag_field="kind", tag="frames"):
+    """What vote and button took from each of some frames in a row, in columns; before the decision that they led to.
+
+    Frames are numbered from the newest `Button` on. `hands` has a character a frame: `.` no hand, `h` a hand, `n`
+    another hand than before, `H` and `N` one that is partly out of the image. The columns after it hold frames with a
+    hand only.
+    """
+
+    number: int  # of the first frame
+    captured_ns: int  # of the first frame
+    after_ns: tuple[int, ...] = ()  # of each other one since the one before
+    hands: str = ""
+    gesture: tuple[str | None, ...] = ()  # of this frame alone
+    confidence: tuple[float, ...] = ()
+    safe_distance_m: tuple[Measured, ...] = ()
+    beside_px: tuple[float, ...] = ()  # from the hand's box to the button's centre
+
+
+class _Decided(Struct, frozen=True, kw_only=True):
+    """What recognition and button compared in the frame that decided, and the calibration in force.
+
+    Distances of one frame: shown on the screen, and the safe one, by which the button decides.
+    """
+
+    captured_ns: int = 0  # of that frame
+    recognised_ns: int = 0  # capture of the frame whose vote made the gesture
+    vote_ns: tuple[int, ...] = ()  # captures of the frames that voted
+    distance_m: Measured = None
+    safe_distance_m: Measured = None
+    previous_m: Measured = None  # safe distance of the frame before
+    threshold_m: Measured = None  # nearer is pressed
+    release_m: Measured = None  # farther is released
+    nearer_m: Measured = None  # since the frame before
+    nearer_limit_m: Measured = None
+    beside_px: Measured = None  # from the hand's box to the button's centre
+    beside_limit_px: Measured = None
+    elapsed_ns: int = 0  # since the frame before
+    held_ns: int = 0  # since the press
+    gap_frames: int = 0
+    approached_m: Measured = None  # how far the distance fell before this frame
+    approach_limit_m: Measured = None  # a press needs at least this much
+    elapsed_limit_ns: int = 0
+    held_limit_ns: int = 0
+    gap_limit_frames: int = 0
+    anchor_m: Measured = None
+    anchor_method: str = ""
+    focal_px: Measured = None
+    focal_source: str = ""
+
+
+class GestureOnset(_Decided, frozen=True, kw_only=True, tag_field="kind", tag="gesture"):
+    """The voted gesture became another one; null is none of the twelve."""
+
+    gesture: str | None
+    confidence: float = 0.0
+    explanation: Cause = None
+    votes: int = 0
+
+
+class Hint(_Decided, frozen=True, kw_only=True, tag_field="kind", tag="hint"):
+    """A hand came near and did not press, with the reason that the screen showed."""
+
+    reason: Cause
+    gesture: str | None = None
+
+
+class Press(_Decided, frozen=True, kw_only=True, tag_field="kind", tag="press"):
+    """The virtual button went down."""
+
+    gesture: str | None
+
+
+class Cancel(_Decided, frozen=True, kw_only=True, tag_field="kind", tag="cancel"):
+    """A press ended without a command."""
+
+    reason: Cause
+    gesture: str | None = None
+    pressed_ns: int = 0
+
+
+class Release(_Decided, frozen=True, kw_only=True, tag_field="kind", tag="release"):
+    """A press ended by withdrawal: the wearer's command."""
+
+    gesture: str | None
+    number: int = 0  # release count of the perception process
+    pressed_ns: int = 0
+
+
+PerceptionBody = Camera | Calibration | Recording | Button | Frames | GestureOnset | Hint | Press | Cancel | Release

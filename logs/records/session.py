@@ -1,0 +1,140 @@
+"""Records of the session: what runs, who sits in the device, who operates it, what was lost."""
+
+from __future__ import annotations
+
+from enum import Enum, auto
+from typing import Annotated, Any
+
+from msgspec import Meta, Struct
+
+from logs.reason import Reason
+from logs.records.fields import Cause, Hex
+
+
+class SessionStart(Struct, frozen=True, kw_only=True, tag_field="kind", tag="session-start"):
+    """First record of a session: what runs, how it is set up, and where the console's history stood."""
+
+    versions: dict[str, str]  # program, Python, operating system, libraries, models' SHA-256
+    configuration: dict[str, Any]
+    simulated: bool
+    role: str = ""
+    history_entries: int = 0  # entries of the console's manifest before this session
+    history_hash: Hex = ""  # hash of its newest entry
+
+
+class SessionEnd(Struct, frozen=True, kw_only=True, tag_field="kind", tag="session-end"):
+    """The session ends in good order."""
+
+    reason: Cause = None
+
+
+class ProcessStart(Struct, frozen=True, kw_only=True, tag_field="kind", tag="process-start"):
+    """A process of the session has started; the envelope names it."""
+
+    pid: int
+
+
+class ProcessEnd(Struct, frozen=True, kw_only=True, tag_field="kind", tag="process-end"):
+    """A process ended, reported by itself or by who found it missing."""
+
+    pid: int
+    reason: Cause = None
+    ended: str = ""  # the process, when another one reports it
+
+
+class PatientChosen(Struct, frozen=True, kw_only=True, tag_field="kind", tag="patient"):
+    """Which patient, by pseudonym only, and with which profile."""
+
+    patient: str
+    profile_sha256: Hex = ""
+    parameters: dict[str, Any] = {}  # gait parameters and limits as used; never a name
+
+
+class PatientConfirmed(Struct, frozen=True, kw_only=True, tag_field="kind", tag="patient-confirmed"):
+    """The operator has confirmed who sits in the device."""
+
+    patient: str
+
+
+class SignIn(Struct, frozen=True, kw_only=True, tag_field="kind", tag="sign-in"):
+    """An operator signed in or unlocked the console."""
+
+    name: str
+    role: str
+    unlocked: bool = False
+
+
+class SignOut(Struct, frozen=True, kw_only=True, tag_field="kind", tag="sign-out"):
+    """An operator signed out, or the console locked itself."""
+
+    name: str
+    reason: Cause = None
+
+
+class SignInFailed(Struct, frozen=True, kw_only=True, tag_field="kind", tag="sign-in-failed"):
+    """A refused attempt to sign in."""
+
+    name: str
+    reason: Cause
+    failures: int
+    wait_s: float
+
+
+class OperatorChanged(Struct, frozen=True, kw_only=True, tag_field="kind", tag="operator-changed"):
+    """An operator was added, disabled or given another PIN."""
+
+    name: str
+    role: str
+    change: str
+
+
+class Note(Struct, frozen=True, kw_only=True, tag_field="kind", tag="note"):
+    """What the therapist wrote, or what a process reports."""
+
+    text: Reason | str
+
+
+class Discomfort(Struct, frozen=True, kw_only=True, tag_field="kind", tag="discomfort"):
+    """The patient's rating, 0 (none) to 10 (worst)."""
+
+    rating: Annotated[int, Meta(ge=0, le=10)]
+
+
+class ClockStep(Struct, frozen=True, kw_only=True, tag_field="kind", tag="clock-step"):
+    """The wall clock was moved against the monotonic one."""
+
+    step_s: float
+
+
+class Loss(Enum):
+    """Why records are not in the trail."""
+
+    QUEUE_FULL = auto()
+    NOT_A_RECORD = auto()
+    NOT_ENCODABLE = auto()  # kind, detail
+    TOO_LONG = auto()  # kind, size_bytes
+
+
+class RecordsLost(Struct, frozen=True, kw_only=True, tag_field="kind", tag="records-lost"):
+    """Records that a full queue or a malformed message kept from the trail: their number is known, at least."""
+
+    count: int
+    reason: Cause
+
+
+SessionBody = (
+    SessionStart
+    | SessionEnd
+    | ProcessStart
+    | ProcessEnd
+    | PatientChosen
+    | PatientConfirmed
+    | SignIn
+    | SignOut
+    | SignInFailed
+    | OperatorChanged
+    | Note
+    | Discomfort
+    | ClockStep
+    | RecordsLost
+)
