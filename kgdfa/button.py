@@ -10,9 +10,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from enum import Enum
 from typing import TYPE_CHECKING
+
+from msgspec import Struct
+from msgspec.structs import replace
 
 from kgdfa.gesture import Gesture
 
@@ -81,8 +84,7 @@ class ButtonPlace:
         return max(aside_px, box.top_px - self.y_px, self.y_px - box.bottom_px, 0.0)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ButtonInput:
+class ButtonInput(Struct, frozen=True, kw_only=True):
     """What one frame gives to the button."""
 
     captured_ns: int
@@ -92,8 +94,7 @@ class ButtonInput:
     beside_px: float | None  # from the box of the 22 points to the button's centre, see `ButtonPlace`; None: no hand
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ButtonComparison:
+class ButtonComparison(Struct, frozen=True, kw_only=True):
     """What one frame's decision compared: each value beside its limit. None: not measured."""
 
     captured_ns: int
@@ -115,8 +116,7 @@ class ButtonComparison:
     gap_limit_frames: int = GAP_FRAMES  # more lose the hand
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ButtonState:
+class ButtonState(Struct, frozen=True, kw_only=True):
     """The button after a frame. Counts only grow, so a lost report loses no release."""
 
     pressed: bool = False

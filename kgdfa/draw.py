@@ -7,19 +7,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kgdfa.button import ButtonPlace, ButtonState
-from kgdfa.hand import INNER_HULL, OUTER_HULL, FloatArray, Hand, hull
+from kgdfa.hand import INNER_HULL, OUTER_HULL, FloatArray, Hand, Keypoint, hull
 from kgdfa.pipeline import Report
 from kgdfa.preprocess import Image
 
 Colour = tuple[int, int, int]  # BGR
 
-# The paper's links: MediaPipe's bones, and 2-5 which closes the palm.
-LINKS = (
-    *((0, 1), (1, 2), (2, 3), (3, 4), (2, 5)),
-    *((5, 6), (6, 7), (7, 8), (5, 9)),
-    *((9, 10), (10, 11), (11, 12), (9, 13)),
-    *((13, 14), (14, 15), (15, 16), (13, 17)),
-    *((17, 18), (18, 19), (19, 20), (17, 0)),
+# The paper's links: MediaPipe's bones, and 2-5 which closes the palm. As lines from point to point.
+LINES = tuple(
+    np.array(line)
+    for line in (
+        (0, 1, 2, 3, 4),
+        (2, 5, 9, 13, 17, 0),
+        *((first, first + 1, first + 2, first + 3) for first in (5, 9, 13, 17)),
+    )
 )
 BONE: Colour = (240, 240, 240)
 JOINT: Colour = (200, 120, 30)
@@ -31,35 +32,34 @@ RELEASED: Colour = (60, 60, 220)
 _SHIFT = 3  # sub-pixel drawing, in powers of two
 
 
-def draw(image_bgr: NDArray[np.uint8], report: Report, place: ButtonPlace) -> None:
-    """Draw one report onto its image, (h, w, 3) uint8 BGR, in place."""
+def draw(image_bgr: NDArray[np.uint8], report: Report, place: ButtonPlace, scale: float = 1.0) -> None:
+    """Draw one report onto its image, (h, w, 3) uint8 BGR, in place; scale: of the image since the report."""
     if report.hand is not None:
-        draw_hand(image_bgr, report.hand)
-    draw_button(image_bgr, report.button, place)
+        draw_hand(image_bgr, report.hand, scale)
+    draw_button(image_bgr, report.button, place, scale)
 
 
-def draw_hand(image_bgr: Image, hand: Hand) -> None:
+def draw_hand(image_bgr: Image, hand: Hand, scale: float = 1.0) -> None:
     """Skeleton, inner and outer hull, bounding box, in place."""
-    width = max(1, round(hand.reference_px / 40))
+    width = max(1, round(scale * hand.reference_px / 40))
     points = hand.image_px
     for members, colour in ((INNER_HULL, INNER), (OUTER_HULL, OUTER)):
-        cv2.polylines(image_bgr, [_fixed(hull(points, members))], True, colour, width, cv2.LINE_AA, _SHIFT)
-    fixed = _fixed(points)
-    for first, second in LINKS:
-        cv2.line(image_bgr, _pair(fixed[first]), _pair(fixed[second]), BONE, width, cv2.LINE_AA, _SHIFT)
-    for point in (*fixed, _fixed(hand.palm_centre_px)):
-        cv2.circle(image_bgr, _pair(point), (width + 1) << _SHIFT, JOINT, -1, cv2.LINE_AA, _SHIFT)
-    box = hand.bounding_box
-    corners = _fixed(np.array([[box.left_px, box.top_px], [box.right_px, box.bottom_px]]))
-    cv2.rectangle(image_bgr, _pair(corners[0]), _pair(corners[1]), BOX, 1, cv2.LINE_AA, _SHIFT)
+        cv2.polylines(image_bgr, [_fixed(hull(points, members), scale)], True, colour, width, cv2.LINE_AA, _SHIFT)
+    fixed = _fixed(points, scale)
+    cv2.polylines(image_bgr, [fixed.take(line, axis=0) for line in LINES], False, BONE, width, cv2.LINE_AA, _SHIFT)
+    middle = (fixed[Keypoint.INDEX_MCP] + fixed[Keypoint.PINKY_MCP]) // 2
+    for point in (*fixed.tolist(), middle.tolist()):
+        cv2.circle(image_bgr, point, (width + 1) << _SHIFT, JOINT, -1, cv2.LINE_AA, _SHIFT)
+    low, high = fixed.min(axis=0).tolist(), fixed.max(axis=0).tolist()
+    cv2.rectangle(image_bgr, low, high, BOX, 1, cv2.LINE_AA, _SHIFT)
 
 
-def draw_button(image_bgr: Image, button: ButtonState, place: ButtonPlace) -> None:
+def draw_button(image_bgr: Image, button: ButtonState, place: ButtonPlace, scale: float = 1.0) -> None:
     """The virtual button: green and filled while pressed, a red ring else (never colour alone), in place."""
-    centre = _pair(_fixed(np.array([place.x_px, place.y_px])))
-    radius = round(place.radius_px) << _SHIFT
+    centre = _fixed(np.array([place.x_px, place.y_px]), scale).tolist()
+    radius = round(scale * place.radius_px * (1 << _SHIFT))
     colour = PRESSED if button.pressed else RELEASED
-    width = -1 if button.pressed else max(2, round(place.radius_px / 8))
+    width = -1 if button.pressed else max(2, round(scale * place.radius_px / 8))
     cv2.circle(image_bgr, centre, radius, colour, width, cv2.LINE_AA, _SHIFT)
 
 
@@ -75,11 +75,10 @@ def caption(image_bgr: Image, lines: list[str]) -> Image:
     return np.asarray(padded, dtype=np.uint8)
 
 
-def _fixed(points_px: FloatArray) -> NDArray[np.int32]:
-    """Pixels to the fixed-point numbers that OpenCV's drawing takes; far outliers are held near the image."""
-    held = np.clip(np.nan_to_num(points_px), -20_000, 20_000)
-    return np.asarray(np.round(held * (1 << _SHIFT)), dtype=np.int32)
+def _fixed(points_px: FloatArray, scale: float) -> NDArray[np.int32]:
+    """Scaled, as the fixed-point numbers that OpenCV's drawing takes; far outliers are held near the image.
 
-
-def _pair(point: NDArray[np.int32]) -> tuple[int, int]:
-    return int(point[0]), int(point[1])
+    A pixel is named by its middle, half a pixel from its edge.
+    """
+    scaled = np.clip(np.nan_to_num(points_px * scale + (scale - 1) / 2), -20_000, 20_000)
+    return np.asarray(np.round(scaled * (1 << _SHIFT)), dtype=np.int32)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from enum import Enum, IntEnum
 
@@ -81,6 +82,13 @@ class Hand:
     tracked: bool = False
 
     @property
+    def _palm_ends_px(self) -> tuple[float, float, float, float]:
+        """Keypoints 5 and 17 as plain numbers: of so few, NumPy's own arithmetic takes longer to start than to do."""
+        x, y = self.image_px[Keypoint.INDEX_MCP].tolist()
+        u, v = self.image_px[Keypoint.PINKY_MCP].tolist()
+        return x, y, u, v
+
+    @property
     def palm_centre_px(self) -> FloatArray:
         """Keypoint 21, (2,): the midpoint of 5 and 17."""
         centre: FloatArray = (self.image_px[Keypoint.INDEX_MCP] + self.image_px[Keypoint.PINKY_MCP]) / 2
@@ -89,24 +97,26 @@ class Hand:
     @property
     def reference_px(self) -> float:
         """Length of the reference segment, keypoints 5 to 17, pixels."""
-        return float(np.linalg.norm(self.image_px[Keypoint.INDEX_MCP] - self.image_px[Keypoint.PINKY_MCP]))
+        x, y, u, v = self._palm_ends_px
+        return math.hypot(x - u, y - v)
+
+    def palm_shift_px(self, other: Hand) -> float:
+        """How far keypoint 21 is from where the other hand has it."""
+        (x, y, u, v), (a, b, c, d) = self._palm_ends_px, other._palm_ends_px
+        return math.hypot((x + u) / 2 - (a + c) / 2, (y + v) / 2 - (b + d) / 2)
 
     @property
     def bounding_box(self) -> Box:
         """The rectangle around all 22 points (the virtual one never widens it)."""
-        low, high = self.image_px.min(axis=0), self.image_px.max(axis=0)
-        return Box(
-            left_px=float(low[0]),
-            top_px=float(low[1]),
-            right_px=float(high[0]),
-            bottom_px=float(high[1]),
-        )
+        left_px, top_px = np.minimum.reduce(self.image_px).tolist()
+        right_px, bottom_px = np.maximum.reduce(self.image_px).tolist()
+        return Box(left_px=left_px, top_px=top_px, right_px=right_px, bottom_px=bottom_px)
 
 
 def is_cut_off(hand: Hand, width_px: int, height_px: int) -> bool:
     """Whether part of the hand is out of the image, so that its gesture can't be classified (its palm may be)."""
-    inside = (hand.image_px >= 0) & (hand.image_px < (width_px, height_px))
-    return not bool(inside.all())
+    box = hand.bounding_box
+    return not (box.left_px >= 0 and box.top_px >= 0 and box.right_px < width_px and box.bottom_px < height_px)
 
 
 # Vertex and the two ends of its arms. Fingers: at the PIP joint, to MCP and to the tip. Thumb: at keypoint 2,

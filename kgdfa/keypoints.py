@@ -155,7 +155,7 @@ def _marked(hand: Hand, previous: tuple[Hand, ...]) -> Hand:
 
 def _same_place(hand: Hand, other: Hand) -> bool:
     reach_px = _SAME_HAND_REFERENCES * max(hand.reference_px, other.reference_px)
-    return float(np.linalg.norm(hand.palm_centre_px - other.palm_centre_px)) < reach_px
+    return hand.palm_shift_px(other) < reach_px
 
 
 def _array(landmarks: Any) -> FloatArray:

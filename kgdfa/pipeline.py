@@ -56,8 +56,7 @@ def _acquire(track: Track, hands: tuple[Hand, ...]) -> Track:
 
 def _reach(hand: Hand, last: Hand) -> float:
     """How far the palm has moved, in units of the larger of the two reference segments."""
-    moved_px = float(np.linalg.norm(hand.palm_centre_px - last.palm_centre_px))
-    return moved_px / max(hand.reference_px, last.reference_px, 1.0)
+    return hand.palm_shift_px(last) / max(hand.reference_px, last.reference_px, 1.0)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -11,6 +11,7 @@ search shows another one in each frame. What finds a hand is kept until it is lo
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
@@ -111,9 +112,10 @@ class PalmGrowth:
     @classmethod
     def of(cls, hand: Hand, before: PalmGrowth | None) -> PalmGrowth:
         """Its growth since the frame before; none is known of a hand that has just come."""
-        middle = hand.image_px.mean(axis=0)
-        spread_px = max(float(np.sqrt(((hand.image_px - middle) ** 2).sum(axis=1).mean())), 1.0)
-        palm_px = max(1.0, *(float(np.linalg.norm(hand.image_px[a] - hand.image_px[b])) for a, b in _PALM))
+        points = hand.image_px.tolist()
+        middle = [sum(axis) / len(points) for axis in zip(*points, strict=True)]
+        spread_px = max(math.sqrt(sum(math.dist(point, middle) ** 2 for point in points) / len(points)), 1.0)
+        palm_px = max(1.0, *(math.dist(points[a], points[b]) for a, b in _PALM))
         if before is None:
             return cls(palm_px, spread_px)
         growth = min(MOST_GROWTH, max(1 / MOST_GROWTH, spread_px / before.spread_px))

@@ -10,7 +10,9 @@ from __future__ import annotations
 
 import math
 import statistics
+from collections.abc import Sequence
 from dataclasses import dataclass
+from operator import mul
 
 import cv2
 import numpy as np
@@ -24,7 +26,7 @@ from kgdfa.distance import (
     accept_distance,
     check_range_finder,
 )
-from kgdfa.hand import FloatArray, Hand, Keypoint
+from kgdfa.hand import Hand, Keypoint
 
 # The part of the palm that moves as one piece; the thumb's base is left out.
 RIGID = (Keypoint.WRIST, Keypoint.INDEX_MCP, Keypoint.MIDDLE_MCP, Keypoint.RING_MCP, Keypoint.PINKY_MCP)
@@ -32,8 +34,12 @@ RIGID = (Keypoint.WRIST, Keypoint.INDEX_MCP, Keypoint.MIDDLE_MCP, Keypoint.RING_
 # Their places in the palm's plane in reference segments from keypoint 21, as MediaPipe marks them on a flat palm that
 # faces the camera: median of six digital hands at 35 cm (`rleex evaluate distance` uses other hands).
 SHAPE = np.array([(0.016, 1.395), (0.477, -0.121), (0.139, -0.174), (-0.179, -0.082), (-0.477, 0.121)])
-_CENTRE = SHAPE.mean(axis=0)
-_SOLVER = np.linalg.pinv(SHAPE - _CENTRE)
+_FORE, _LITTLE = RIGID.index(Keypoint.INDEX_MCP), RIGID.index(Keypoint.PINKY_MCP)
+_RIGID_ROWS = np.array(RIGID)
+# Plain numbers from here on: of so few, NumPy's arithmetic takes longer to start than to do.
+_ACROSS, _ALONG = (SHAPE - SHAPE.mean(axis=0)).T.tolist()
+_SOLVE_ACROSS, _SOLVE_ALONG = np.linalg.pinv(SHAPE - SHAPE.mean(axis=0)).tolist()
+Points = Sequence[Sequence[float]]  # the keypoints RIGID, (5, 2) or (5, 3)
 
 MAX_MISFIT = 0.16  # keypoints further from any flat palm are none: 99.9 % of well-seen hands are below 0.15
 KEYPOINT_SD = 0.03  # scatter that the keypoints' own places leave, digital hand facing the camera
@@ -71,56 +77,86 @@ class PalmView:
     misfit: float
 
 
-def view_palm(image: FloatArray) -> PalmView:
-    """Fit the palm's shape to (21, 2) keypoints, in any unit of length; the stretch has that unit."""
-    observed = image[list(RIGID)]
-    observed = observed - observed.mean(axis=0)
-    affine = _SOLVER @ observed
-    palm, (long, short), _ = np.linalg.svd(affine)
-    size = float(np.linalg.norm(observed))
-    misfit = float(np.linalg.norm((SHAPE - _CENTRE) @ affine - observed)) / size if size > 0 else math.inf
-    cosine = min(1.0, float(short / long)) if long > 0 else 0.0
-    return PalmView(stretch=float(long), tilt_rad=math.acos(cosine), along=float(palm[1, 0] ** 2), misfit=misfit)
+def view_palm(rigid: Points) -> PalmView:
+    """Fit the palm's shape to the keypoints RIGID, (5, 2) in any unit of length; the stretch has that unit."""
+    x, y = (sum(axis) / len(rigid) for axis in zip(*rigid, strict=True))
+    xs, ys = [point[0] - x for point in rigid], [point[1] - y for point in rigid]
+    # The affine map: one reference segment across the palm becomes (a, b) on the image, one along it (c, d).
+    a, b = _dot(_SOLVE_ACROSS, xs), _dot(_SOLVE_ACROSS, ys)
+    c, d = _dot(_SOLVE_ALONG, xs), _dot(_SOLVE_ALONG, ys)
+    # Its singular values, and how much of the first one's direction is along the palm.
+    mean, half = (a * a + b * b + c * c + d * d) / 2, (a * a + b * b - c * c - d * d) / 2
+    apart = math.hypot(half, a * c + b * d)
+    long = math.sqrt(mean + apart)
+    cosine = min(1.0, abs(a * d - b * c) / long**2) if long > 0 else 0.0
+    size = math.hypot(*xs, *ys)
+    rest = (
+        *(across * a + along * c - x for across, along, x in zip(_ACROSS, _ALONG, xs, strict=True)),
+        *(across * b + along * d - y for across, along, y in zip(_ACROSS, _ALONG, ys, strict=True)),
+    )
+    return PalmView(
+        stretch=long,
+        tilt_rad=math.acos(cosine),
+        along=(1 - half / apart) / 2 if apart > 0 else 0.0,
+        misfit=math.hypot(*rest) / size if size > 0 else math.inf,
+    )
 
 
-def centre_offset(world: FloatArray) -> float:
+def centre_offset(world: Points) -> float:
     """How much farther keypoint 21 is from the camera than the middle of the rigid part, in reference segments.
 
-    world: (21, 3) keypoints in any unit, z away from the camera.
+    world: (5, 3) keypoints in any unit, z away from the camera.
     """
-    reference = float(np.linalg.norm(world[Keypoint.INDEX_MCP] - world[Keypoint.PINKY_MCP]))
-    middle = (world[Keypoint.INDEX_MCP, 2] + world[Keypoint.PINKY_MCP, 2]) / 2
-    return float(middle - world[list(RIGID), 2].mean()) / reference if reference > 0 else 0.0
+    reference = math.dist(world[_FORE], world[_LITTLE])
+    middle = (world[_FORE][2] + world[_LITTLE][2]) / 2
+    return (middle - sum(point[2] for point in world) / len(world)) / reference if reference > 0 else 0.0
 
 
-def _readings(observed: FloatArray, world_m: FloatArray, view: PalmView) -> tuple[float, float, float]:
+def _readings(observed: Points, world_m: Points, view: PalmView) -> tuple[float, float, float]:
     """Distance of keypoint 21 in reference segments: by the palm's shape, by 5-17 in perspective, by Eq. 4.
 
-    seen: (21, 2) as a camera looking at keypoint 21 sees them, world_m: (21, 3) as MediaPipe gives them.
+    observed: (5, 2) as a camera looking at keypoint 21 sees them, world_m: (5, 3) as MediaPipe gives them.
     """
     by_shape = 1 / view.stretch + centre_offset(world_m)
-    by_equation = 1 / float(np.linalg.norm(observed[Keypoint.INDEX_MCP] - observed[Keypoint.PINKY_MCP]))
+    by_equation = 1 / math.dist(observed[_FORE], observed[_LITTLE])
     return by_shape, _by_perspective(observed, world_m), by_equation
 
 
-def _by_perspective(observed: FloatArray, world_m: FloatArray) -> float:
+def _by_perspective(observed: Points, world_m: Points) -> float:
     """Where 5 and 17, placed about keypoint 21 as in the world landmarks, are seen where they are.
 
     Each is at (X + x, Y + y, Z + z) and seen at u = (X + x)/(Z + z): linear in X, Y, Z, solved for Z.
     """
-    across = world_m[Keypoint.INDEX_MCP] - world_m[Keypoint.PINKY_MCP]
-    half = across / (2 * float(np.linalg.norm(across)))
-    fore, little = observed[Keypoint.INDEX_MCP], observed[Keypoint.PINKY_MCP]
-    apart = fore - little
-    wanted = 2 * half[:2] - (fore + little) * half[2]
-    return float(apart @ wanted / (apart @ apart))
+    reference = math.dist(world_m[_FORE], world_m[_LITTLE])
+    if not reference > 0:
+        return math.nan
+    x, y, z = ((fore - little) / reference for fore, little in zip(world_m[_FORE], world_m[_LITTLE], strict=True))
+    (u, v), (r, s) = observed[_FORE], observed[_LITTLE]
+    wanted = (x - (u + r) * z / 2, y - (v + s) * z / 2)
+    return ((u - r) * wanted[0] + (v - s) * wanted[1]) / ((u - r) ** 2 + (v - s) ** 2)
 
 
-def _turn_to(forward: FloatArray) -> FloatArray:
-    """(3, 3): Rodrigues' rotation that brings the camera's axis onto a unit vector."""
-    turn = np.array([[0.0, 0.0, forward[0]], [0.0, 0.0, forward[1]], [-forward[0], -forward[1], 0.0]])
-    rotation: FloatArray = np.eye(3) + turn + turn @ turn / (1 + forward[2])
-    return rotation
+def _turned_to(x: float, y: float, rays: Points) -> tuple[list[tuple[float, float]], float]:
+    """(x, y), and the other rays, as seen with (x, y) straight ahead (Rodrigues' rotation); the cosine of the turn."""
+    length = math.hypot(x, y, 1.0)
+    a, b, cosine = x / length, y / length, 1 / length
+    turned = []
+    for u, v in rays:
+        beside = u * a + v * b
+        turn, ahead = 1 + beside / (1 + cosine), cosine + beside
+        turned.append(((u - a * turn) / ahead, (v - b * turn) / ahead))
+    return turned, cosine
+
+
+def _dot(one: Sequence[float], other: Sequence[float]) -> float:
+    total: float = sum(map(mul, one, other))
+    return total
+
+
+def _scatter(values: Sequence[float]) -> float:
+    """Their standard deviation; the standard library's own is exact, at twenty times the cost."""
+    mean = sum(values) / len(values)
+    return math.sqrt(sum((value - mean) * (value - mean) for value in values) / len(values))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -190,7 +226,7 @@ class RobustRange:
         check_range_finder(focal_px, reference_m)
         self._focal_px = focal_px
         self._reference_m = reference_m
-        self._centre_px = None if centre_px is None else np.asarray(centre_px, dtype=np.float64)
+        self._centre_px = centre_px
         self._distortion = np.array([*distortion, 0.0, 0.0]) if any(distortion) else None
         self._recent: tuple[Reading, ...] = ()
         self._outliers = OutlierState()
@@ -211,53 +247,54 @@ class RobustRange:
 
     def explain(self, hand: Hand) -> Reading | None:
         """The reading of this frame alone, without the past; None for keypoints that are no palm."""
-        if not (hand.reference_px >= MIN_REFERENCE_PX and np.isfinite(hand.world_m).all()):
+        if not (MIN_REFERENCE_PX <= hand.reference_px < math.inf and np.isfinite(hand.world_m).all()):
             return None
-        observed, cosine = self._own_view(hand)
+        points_px = hand.image_px.take(_RIGID_ROWS, axis=0).tolist()
+        observed, cosine = self._own_view(points_px)
         view = view_palm(observed)
-        if view.misfit > MAX_MISFIT:
+        if not view.misfit <= MAX_MISFIT:
             return None
-        readings = _readings(observed, hand.world_m, view)
+        readings = _readings(observed, hand.world_m.take(_RIGID_ROWS, axis=0).tolist(), view)
         shape_m, perspective_m, equation_m = (_under_the_skin(self._reference_m * cosine * one) for one in readings)
-        return _fuse(view, (shape_m, perspective_m, equation_m), self._shows(hand.image_px[Keypoint.WRIST]))
+        return _fuse(view, (shape_m, perspective_m, equation_m), self._shows(points_px[0]))
 
     def reset(self) -> None:
         """Forget the last frames."""
         self._recent = ()
         self._outliers = OutlierState()
 
-    def _own_view(self, hand: Hand) -> tuple[FloatArray, float]:
-        """(21, 2) keypoints as a camera looking straight at keypoint 21 sees them, one focal length away.
+    def _own_view(self, points_px: Points) -> tuple[Points, float]:
+        """(5, 2) keypoints as a camera looking straight at keypoint 21 sees them, one focal length away.
 
         The world landmarks are seen so, too. And the cosine from that view's distance to one along the camera's axis.
         """
+        focal_px = self._focal_px
+        (x, y), (u, v) = points_px[_FORE], points_px[_LITTLE]
+        left_px, top_px = self._centre_px or ((x + u) / 2, (y + v) / 2)
+        flat: Points = [((x - left_px) / focal_px, (y - top_px) / focal_px) for x, y in points_px]
         if self._centre_px is None:
-            return (hand.image_px - hand.palm_centre_px) / self._focal_px, 1.0
-        flat = (hand.image_px - self._centre_px) / self._focal_px
+            return flat, 1.0
         if self._distortion is not None:
-            undistorted = cv2.undistortPoints(flat.reshape(-1, 1, 2), np.eye(3), self._distortion)
-            flat = np.asarray(undistorted, np.float64).reshape(-1, 2)
-        rays = np.column_stack([flat, np.ones(len(flat))])
-        middle = (rays[Keypoint.INDEX_MCP] + rays[Keypoint.PINKY_MCP]) / 2
-        forward = middle / np.linalg.norm(middle)
-        turned = rays @ _turn_to(forward)
-        return turned[:, :2] / turned[:, 2:], float(forward[2])
+            undistorted = cv2.undistortPoints(np.array([flat]), np.eye(3), self._distortion)
+            flat = np.asarray(undistorted, np.float64).reshape(-1, 2).tolist()
+        (x, y), (u, v) = flat[_FORE], flat[_LITTLE]
+        return _turned_to((x + u) / 2, (y + v) / 2, flat)
 
-    def _shows(self, point_px: FloatArray) -> bool:
+    def _shows(self, point_px: Sequence[float]) -> bool:
         """Whether the image, whose middle is about the optical axis, shows the point."""
         if self._centre_px is None:
             return True
-        return bool((point_px >= 0).all() and (point_px <= 2 * self._centre_px).all())
+        (x, y), (middle_x, middle_y) = point_px, self._centre_px
+        return 0 <= x <= 2 * middle_x and 0 <= y <= 2 * middle_y
 
     def _distance(self, now: Reading) -> Distance:
-        # The standard library's: of three numbers NumPy's cost a fifth of a millisecond.
         shown_m = statistics.median(one.shown_m for one in self._recent)
         far_m = statistics.median(one.far_m for one in self._recent)
-        scatter_m = statistics.pstdev(one.shown_m for one in self._recent)
+        scatter_m = _scatter([one.shown_m for one in self._recent])
         return Distance(
             shown_m=shown_m,
             # An outlier that is near is outvoted by the frames before it; a withdrawing hand is followed at once.
             safe_m=max(now.far_m, far_m),
-            sd_m=math.hypot(KEYPOINT_SD * shown_m, statistics.pstdev(now.readings_m), scatter_m),
+            sd_m=math.hypot(KEYPOINT_SD * shown_m, _scatter(now.readings_m), scatter_m),
             tilt_rad=now.tilt_rad,
         )

@@ -61,7 +61,7 @@ class Control:
         self._links = ControlLinks(setup.links)
         self._sink = AuditSink(setup.links, "control", setup.operator)
         self._histogram = Histogram()
-        self._joint_statistics = JointStatisticsCollector()
+        self._joint_statistics = JointStatisticsCollector(TICK_HZ)
         self._incarnation = time.monotonic_ns() // 1_000_000
         self._tick = 0
         self._must_end = False
@@ -158,7 +158,7 @@ class Control:
             self._drive_state = feedback.state
             bodies.append(drives_record(feedback))
         self._joint_statistics.add(feedback, state.motion.command.position_rad)
-        if self._joint_statistics.ticks == TICK_HZ:
+        if self._joint_statistics.full:
             bodies.append(self._joint_statistics.take(1.0, state.gait.state.value))
         if self._tick % LATENESS_TICKS == LATENESS_TICKS - 1:
             bodies.append(self._lateness_record())

@@ -161,51 +161,45 @@ class Histogram:
 
 
 class JointStatisticsCollector:
-    """Collects ticks; `take` gives the record and starts anew."""
+    """Keeps a period's ticks; `take` gives the record and starts anew. In a tick only copies are made."""
 
-    def __init__(self) -> None:
-        self._clear()
+    def __init__(self, period_ticks: int) -> None:
+        self._period_ticks = period_ticks
+        self._kept = np.empty((3, period_ticks, 4))  # angles, torques, targets
+        self._temperature_c = np.full(4, np.nan)
+        self._ticks = 0
+
+    @property
+    def full(self) -> bool:
+        """The period is over."""
+        return self._ticks == self._period_ticks
 
     def add(self, feedback: JointFeedback, target_rad: JointArray) -> None:
         """One tick."""
-        angle_rad, torque_nm = feedback.position_rad, feedback.torque_nm
-        error_rad = angle_rad - target_rad
-        self.ticks += 1
-        np.minimum(self._low[0], angle_rad, out=self._low[0])
-        np.minimum(self._low[1], torque_nm, out=self._low[1])
-        np.maximum(self._high[0], angle_rad, out=self._high[0])
-        np.maximum(self._high[1], torque_nm, out=self._high[1])
-        self._sum[0] += angle_rad
-        self._sum[1] += torque_nm
-        self._sum[2] += target_rad
-        self._sum[3] += error_rad * error_rad
+        angle_rad, torque_nm, targets_rad = self._kept
+        angle_rad[self._ticks] = feedback.position_rad
+        torque_nm[self._ticks] = feedback.torque_nm
+        targets_rad[self._ticks] = target_rad
         self._temperature_c = feedback.temperature_c
+        self._ticks += 1
 
     def take(self, period_s: float, state: str) -> JointStatistics:
         """The record of what was collected."""
-        mean = self._sum / max(1, self.ticks)
-        record = JointStatistics(
+        angle_rad, torque_nm, target_rad = self._kept[:, : self._ticks]
+        self._ticks = 0
+        return JointStatistics(
             period_s=period_s,
-            angle_min_rad=_quad(self._low[0]),
-            angle_mean_rad=_quad(mean[0]),
-            angle_max_rad=_quad(self._high[0]),
-            target_mean_rad=_quad(mean[2]),
-            torque_min_nm=_quad(self._low[1]),
-            torque_mean_nm=_quad(mean[1]),
-            torque_max_nm=_quad(self._high[1]),
+            angle_min_rad=_quad(angle_rad.min(axis=0)),
+            angle_mean_rad=_quad(angle_rad.mean(axis=0)),
+            angle_max_rad=_quad(angle_rad.max(axis=0)),
+            target_mean_rad=_quad(target_rad.mean(axis=0)),
+            torque_min_nm=_quad(torque_nm.min(axis=0)),
+            torque_mean_nm=_quad(torque_nm.mean(axis=0)),
+            torque_max_nm=_quad(torque_nm.max(axis=0)),
             temperature_c=_quad(self._temperature_c),
-            tracking_rms_rad=_quad(np.sqrt(mean[3])),
+            tracking_rms_rad=_quad(np.sqrt(np.square(angle_rad - target_rad).mean(axis=0))),
             state=state,
         )
-        self._clear()
-        return record
-
-    def _clear(self) -> None:
-        self.ticks = 0
-        self._low = np.full((2, 4), np.inf)
-        self._high = np.full((2, 4), -np.inf)
-        self._sum = np.zeros((4, 4))
-        self._temperature_c = np.full(4, np.nan)
 
 
 def _quad(values: JointArray) -> Quad:

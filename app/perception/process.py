@@ -206,11 +206,9 @@ class Perception:
         self._reports.send(to_message(report, context, captured_ns))
 
     def _send_preview(self, frame: Frame, report: Report | None) -> None:
-        image = frame.image_bgr
-        if report is not None and self._place is not None:
-            image = image.copy()
-            draw(image, report, self._place)
-        self._previews.send(self._pacer.message(image, frame.captured_ns))
+        place = self._place
+        drawn = None if report is None or place is None else lambda image, scale: draw(image, report, place, scale)
+        self._previews.send(self._pacer.message(frame.image_bgr, frame.captured_ns, drawn))
 
     def _record_fault(self, fault: Reason) -> None:
         self._sink.emit(EventRaised(event="camera-lost", effect="note", text=fault))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -111,46 +111,54 @@ class Scale:
 
 def records_between(before: Report | None, now: Report, scale: Scale) -> Iterator[Body]:
     """What changed from one frame to the next that the trail must hold, each with what the decision compared."""
-    decided = _decided(now, scale)
+    for kind, fields in _changes(before, now):
+        yield kind(**_decided(now, scale) | fields)
+
+
+def _changes(before: Report | None, now: Report) -> Iterator[tuple[Callable[..., Body], dict[str, Any]]]:
+    """Each record's kind, and the fields that it has beside those of `_decided`, or in their place."""
     if now.gesture is not (before.gesture if before else None):
-        yield GestureOnset(
-            gesture=now.gesture.value if now.gesture else None,
-            confidence=now.verdict.confidence if now.verdict else 0.0,
-            explanation=reason_of(now.verdict.explanation) if now.verdict else reason(Decision.NO_HAND),
-            votes=now.votes,
-            **decided,
+        yield (
+            GestureOnset,
+            {
+                "gesture": _value(now.gesture),
+                "confidence": now.verdict.confidence if now.verdict else 0.0,
+                "explanation": reason_of(now.verdict.explanation) if now.verdict else reason(Decision.NO_HAND),
+                "votes": now.votes,
+            },
         )
-    yield from _button_records(before.button if before else ButtonState(), now, decided)
-
-
-def _button_records(old: ButtonState, now: Report, decided: dict[str, Any]) -> Iterator[Body]:
-    button = now.button
-    held = _value(old.pressed_gesture)
+    old, button = before.button if before else ButtonState(), now.button
     if button.hint is not None and button.hint is not old.hint:
-        yield Hint(reason=reason(button.hint), gesture=_value(now.gesture), **decided)
+        yield Hint, {"reason": reason(button.hint), "gesture": _value(now.gesture)}
     if button.pressed and not old.pressed:
-        yield Press(gesture=_value(button.pressed_gesture), **decided)
+        yield Press, {"gesture": _value(button.pressed_gesture)}
     if button.release_count > old.release_count:
-        moments = {"recognised_ns": button.released_recognised_ns, "captured_ns": button.released_ns}
-        yield Release(
-            gesture=_value(button.released_gesture),
-            number=button.release_count,
-            pressed_ns=button.pressed_captured_ns,
-            **(decided | moments),
+        yield (
+            Release,
+            {
+                "gesture": _value(button.released_gesture),
+                "number": button.release_count,
+                "pressed_ns": button.pressed_captured_ns,
+                "recognised_ns": button.released_recognised_ns,
+                "captured_ns": button.released_ns,
+            },
         )
     if button.cancel_count > old.cancel_count:
-        yield Cancel(
-            reason=reason(button.cancel_reason) if button.cancel_reason else None,
-            gesture=held,
-            pressed_ns=old.pressed_captured_ns,
-            **(decided | {"recognised_ns": old.pressed_recognised_ns}),
+        yield (
+            Cancel,
+            {
+                "reason": reason(button.cancel_reason) if button.cancel_reason else None,
+                "gesture": _value(old.pressed_gesture),
+                "pressed_ns": old.pressed_captured_ns,
+                "recognised_ns": old.pressed_recognised_ns,
+            },
         )
 
 
 def _decided(now: Report, scale: Scale) -> dict[str, Any]:
     """The fields that all records of a decision share."""
     compared = now.button.compared
-    values = {} if compared is None else asdict(compared)
+    values = {} if compared is None else msgspec.structs.asdict(compared)
     values.pop("captured_ns", None)
     return {
         "captured_ns": now.captured_ns,
@@ -201,6 +209,7 @@ class MeasuredRate:
 
 
 Image = NDArray[np.uint8]
+Draw = Callable[[Image, float], None]  # onto an image of this scale
 
 
 @dataclass(slots=True)
@@ -226,21 +235,39 @@ class PreviewPacer:
         self._next_ns = max(self._next_ns + period_ns, now_ns + period_ns // 2)
         return True
 
-    def shrink(self, image_bgr: Image) -> Image:
-        """(height, width, 3) scaled to the preview's width; never up."""
-        height, width = image_bgr.shape[:2]
-        scale = min(1.0, self.width_px / width)
-        size = (max(2, round(width * scale)), max(2, round(height * scale)))
-        return np.asarray(cv2.resize(image_bgr, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
+    def message(
+        self, image_bgr: Image, captured_ns: int, draw: Callable[[Image, float], None] | None = None
+    ) -> Preview:
+        """The image as it goes to the console; draw: draws onto it, given its scale.
 
-    def message(self, image_bgr: Image, captured_ns: int) -> Preview:
-        """The image as it goes to the console."""
+        Drawn at twice the preview's width, which keeps lines fine: at the camera's it took longer than all of ours.
+        """
         self._sequence += 1
-        small = self.shrink(image_bgr)
+        small = _shrunk(image_bgr, 2 * self.width_px if draw else self.width_px)
+        if draw is not None:
+            draw(small, small.shape[1] / image_bgr.shape[1])
+            small = _shrunk(small, self.width_px)
         return Preview(
             sequence=self._sequence,
             captured_ns=captured_ns,
             width_px=small.shape[1],
             height_px=small.shape[0],
-            rgb=np.ascontiguousarray(small[:, :, ::-1]).tobytes(),
+            rgb=cv2.cvtColor(small, cv2.COLOR_BGR2RGB).tobytes(),
         )
+
+
+def _shrunk(image_bgr: Image, width_px: int) -> Image:
+    """A copy of (height, width, 3), scaled to this width; never up.
+
+    By areas of an image sampled at twice the width: areas of a camera's whole image take up to six times as long.
+    """
+    if image_bgr.shape[1] > 2 * width_px:
+        image_bgr = _resized(image_bgr, 2 * width_px, cv2.INTER_LINEAR)
+    return _resized(image_bgr, width_px, cv2.INTER_AREA)
+
+
+def _resized(image_bgr: Image, width_px: int, interpolation: int) -> Image:
+    height, width = image_bgr.shape[:2]
+    scale = min(1.0, width_px / width)
+    size = (max(2, round(width * scale)), max(2, round(height * scale)))
+    return np.asarray(cv2.resize(image_bgr, size, interpolation=interpolation), dtype=np.uint8)

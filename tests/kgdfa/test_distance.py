@@ -264,7 +264,7 @@ def test_what_is_no_camera_or_no_palm_is_refused_by_name(
 def test_the_palm_s_shape_gives_tilt_and_size_whatever_the_roll(tilt: float, roll: float, stretch: float) -> None:
     flat = np.zeros((21, 3))
     flat[list(RIGID), :2] = SHAPE
-    view = view_palm((flat @ turned(tilt, 0.0, roll).T)[:, :2] * stretch)
+    view = view_palm(((flat @ turned(tilt, 0.0, roll).T)[list(RIGID), :2] * stretch).tolist())
     assert view.stretch == pytest.approx(stretch, rel=1e-6)
     assert view.tilt_rad == pytest.approx(tilt, abs=1e-4)
     assert view.misfit < 1e-9

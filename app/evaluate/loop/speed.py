@@ -27,6 +27,7 @@ from rich.table import Table
 
 from app.evaluate.harness import FRAME_NS, EvaluateFault, Step, table
 from app.evaluate.readings import images_of, read_frames
+from app.perception.reporting import PreviewPacer
 from app.system.errors import AppError
 from app.text.catalogue import tr
 from kgdfa.button import ButtonPlace
@@ -101,7 +102,7 @@ def measure_speed(images: list[Image], model: Path, *, focal_px: float, step: St
     """Both over the same frames, at 30 frames per second of their own time."""
     from kgdfa.keypoints import HandDetector, live_detector
 
-    watch, hands = Stopwatch(), 0
+    watch, hands, preview = Stopwatch(), 0, PreviewPacer()
     height, width = images[0].shape[:2]
     place = ButtonPlace.in_the_middle(width, height, THRESHOLD_M)
     with HandDetector(model) as bare, live_detector(model) as detector:
@@ -118,9 +119,8 @@ def measure_speed(images: list[Image], model: Path, *, focal_px: float, step: St
             if not number % 2:
                 _run_bare(bare, image, now_ns, watch)
             hands += report.hand is not None
-            shown = image.copy()
             with watch.running("drawing"):
-                draw(shown, report, place)
+                preview.message(image, now_ns, lambda shown, scale: draw(shown, report, place, scale))  # noqa: B023
             step()
     return _figures(watch, len(images), hands)
 

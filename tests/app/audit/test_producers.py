@@ -9,6 +9,7 @@ from pathlib import Path
 
 import msgspec
 import pytest
+from msgspec import structs
 from textual.widgets import Select
 from typer.testing import CliRunner
 
@@ -211,12 +212,13 @@ def of_perception(root: Path) -> list[Body]:
     """A press that is released and one that is cancelled; the camera; a recording."""
     setup = setup_in(root)
     up = ButtonState(compared=compared())
-    seen, hinted = replace(REPORT, button=up), replace(REPORT, button=replace(up, hint=PressHint.KEEP_GESTURE))
-    down = replace(up, pressed=True, pressed_gesture=Gesture.ONE, pressed_captured_ns=3, pressed_recognised_ns=2)
+    seen, hinted = replace(REPORT, button=up), replace(REPORT, button=structs.replace(up, hint=PressHint.KEEP_GESTURE))
+    held = {"pressed_gesture": Gesture.ONE, "pressed_captured_ns": 3, "pressed_recognised_ns": 2}
+    down = structs.replace(up, pressed=True, **held)
     pressed = replace(REPORT, button=down)
-    away = replace(down, release_count=1, released_gesture=Gesture.ONE, released_recognised_ns=4, released_ns=5)
-    released = replace(REPORT, button=replace(away, pressed=False))
-    cancelled = replace(REPORT, button=replace(up, cancel_count=1, cancel_reason=PressCancel.HAND_LOST))
+    away = structs.replace(down, release_count=1, released_gesture=Gesture.ONE, released_recognised_ns=4, released_ns=5)
+    released = replace(REPORT, button=structs.replace(away, pressed=False))
+    cancelled = replace(REPORT, button=structs.replace(up, cancel_count=1, cancel_reason=PressCancel.HAND_LOST))
     found: list[Body] = []
     steps = ((None, seen), (seen, hinted), (seen, pressed), (pressed, released), (pressed, cancelled))
     for before, now in steps:

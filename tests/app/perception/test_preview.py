@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
+from numpy.typing import NDArray
 
 from app.ipc.messages import PerceptionCommand
 from app.perception.reporting import PreviewPacer
@@ -36,3 +37,25 @@ def test_colours_arrive_as_rgb() -> None:
     blue_bgr = np.zeros((2, 2, 3), np.uint8)
     blue_bgr[:, :, 0] = 255
     assert PreviewPacer().message(blue_bgr, 1).rgb[:3] == b"\x00\x00\xff"
+
+
+@given(width=st.integers(16, 1280), wanted=st.integers(8, 320), at=st.floats(0.1, 0.9))
+def test_what_is_drawn_is_where_it_is_on_the_image(width: int, wanted: int, at: float) -> None:
+    """A place that perception names by the image's pixels is drawn at the same share of the preview."""
+    image = np.zeros((width, width, 3), np.uint8)
+
+    def dot(picture: NDArray[np.uint8], scale: float) -> None:
+        picture[round(at * width * scale), round(at * width * scale)] = 255
+
+    message = PreviewPacer(width_px=wanted).message(image, 1, dot)
+    pixels = np.frombuffer(message.rgb, np.uint8).reshape(message.height_px, message.width_px, 3)
+    y, x, _ = np.unravel_index(pixels.argmax(), pixels.shape)
+    assert abs(x - at * message.width_px) <= 1.5
+    assert abs(y - at * message.height_px) <= 1.5
+    assert not image.any()  # the frame itself stays as it came
+
+
+@given(grey=st.integers(0, 255), width=st.integers(2, 1280))
+def test_a_plain_picture_stays_plain(grey: int, width: int) -> None:
+    message = PreviewPacer(width_px=120).message(np.full((width, width, 3), grey, np.uint8), 1)
+    assert set(message.rgb) == {grey}
