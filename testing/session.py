@@ -42,8 +42,7 @@ KEY_NS = 500_000_000  # a key that did nothing is pressed again after this
 class WatchedSession(ABC):
     """The newest message of every process of a session, from its links."""
 
-    def __init__(self, links: Path) -> None:
-        """links: the session's directory of sockets."""
+    def __init__(self, links: processes.LinkDirectory) -> None:
         self._snapshots = LatestReceiver(address(links, processes.SNAPSHOT.name), ControlSnapshot)
         self._heartbeats = LatestReceiver(address(links, processes.HEARTBEAT.name), Heartbeat)
         self._guardian = LatestReceiver(address(links, processes.GUARDIAN.name), GuardianHealth)

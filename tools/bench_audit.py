@@ -18,9 +18,9 @@ from pathlib import Path
 from app.audit.process import run_audit
 from app.audit.sink import AuditSink
 from app.console.review_data import open_session
-from app.ipc.links import LatestReceiver, address
+from app.ipc.links import LatestReceiver, address, new_link_directory
 from app.ipc.messages import AuditHealth
-from app.ipc.streams import AUDIT_HEALTH
+from app.ipc.streams import AUDIT_HEALTH, LinkDirectory
 from app.system.config import Config, SessionSetup
 from app.text.recorded import render_recorded
 from logs.disk import Disk
@@ -80,7 +80,7 @@ def bench_verify(home: Path, records: int) -> None:
 
 def bench_rate(home: Path, seconds: float, per_second: int = 10_000) -> None:
     """The real audit process under a steady load, and the lateness of a 500 Hz loop with it and without."""
-    links = Path(tempfile.mkdtemp(prefix="rleex-"))
+    links = new_link_directory(Path(tempfile.mkdtemp(prefix="rleex-")))
     setup = SessionSetup(
         session="rate",
         home=home,
@@ -117,7 +117,7 @@ def bench_rate(home: Path, seconds: float, per_second: int = 10_000) -> None:
     say("ratio", f"{busy / quiet:.2f}")
 
 
-def _send(links: Path, seconds: float, per_second: int) -> None:
+def _send(links: LinkDirectory, seconds: float, per_second: int) -> None:
     """Emits at a steady rate; exit status: how many were refused, at most 255."""
     sink = AuditSink(links, "perception")
     refused, began = 0, time.monotonic()

@@ -22,11 +22,14 @@ from rich.progress import track
 from rich.table import Table
 
 from app.console.keys import GESTURE_KEYS
+from app.console.observer import shared
 from app.ipc.messages import ControlSnapshot, OperatorKind
 from app.ipc.states import ACTION_OF, Action
+from app.ipc.streams import LinkDirectory
 from app.system.config import load_config
+from app.system.errors import AppError
 from app.system.hand_model import find_model
-from app.system.paths import find_home
+from app.system.paths import Home, find_home
 
 sys.path.insert(0, str(Path(__file__).parent.parent))  # run as a script, `tools` is a folder of the tree
 
@@ -52,7 +55,7 @@ IDLE_PERIOD_S = 1.0
 class ConsoleSession(WatchedSession):
     """Its operator commands are keys. A thread takes what the console draws, as fast as a terminal does."""
 
-    def __init__(self, terminal: Terminal, links: Path) -> None:
+    def __init__(self, terminal: Terminal, links: LinkDirectory) -> None:
         super().__init__(links)
         self._terminal = terminal
         self._idle_keys = cycle(IDLE_KEYS)
@@ -100,7 +103,7 @@ def console_session(home: Path) -> Iterator[ConsoleSession]:
         terminal = Terminal(home, 80, 24, os.environ | {"TMPDIR": sockets})
         try:
             terminal.wait(b"STOP")
-            session = ConsoleSession(terminal, _links_in(Path(sockets), terminal))
+            session = ConsoleSession(terminal, _links_of(Home(home), terminal))
             try:
                 session.until(lambda _: True, "control's first message")
                 yield session
@@ -110,13 +113,13 @@ def console_session(home: Path) -> Iterator[ConsoleSession]:
             terminal.close()
 
 
-def _links_in(folder: Path, terminal: Terminal) -> Path:
-    """Where the session's sockets are. Raises TimeoutError."""
+def _links_of(home: Home, terminal: Terminal) -> LinkDirectory:
+    """The session's sockets and their key, as an observer finds them. Raises TimeoutError."""
     deadline = time.monotonic() + TIMEOUT_S
     while time.monotonic() < deadline:
         terminal.idle(0.05)
-        for links in folder.glob("rleex-*"):
-            return links
+        with contextlib.suppress(AppError):
+            return shared(home).links
     raise TimeoutError("the console began no session")
 
 

@@ -20,6 +20,7 @@ from pathlib import Path
 from types import FrameType
 
 import msgspec
+from msgspec.structs import replace
 
 from app.ipc.links import OrderedReceiver, Publisher, address
 from app.ipc.messages import AuditHealth
@@ -89,6 +90,7 @@ class _AuditLoop:
     def __init__(self, setup: SessionSetup, writer: SessionWriter, receiver: OrderedReceiver[Entry]) -> None:
         self.writer = writer
         self.cycle_ns = time.monotonic_ns()  # when the last cycle began
+        self.foreign_peers = 0
         self._setup = setup
         self._receiver = receiver
         self._rejected = 0
@@ -154,6 +156,7 @@ class _AuditLoop:
             entry = self._receiver.receive() if taken < BATCH else None
         if taken:
             self._received_ns = time.monotonic_ns()
+        self.foreign_peers += self._receiver.foreign_peers()
         self._record_rejected()
         self._record_copy_fault()
 
@@ -207,8 +210,11 @@ class _HealthPublisher:
 
     def _run(self) -> None:
         publisher = Publisher(self._where)
+        peers = 0
         while not self._ended.wait(1.0 / AUDIT_HEALTH.rate_hz):
-            publisher.send(health(self._loop.writer, self._loop.cycle_ns, time.monotonic_ns()))
+            peers += publisher.foreign_peers()
+            now = health(self._loop.writer, self._loop.cycle_ns, time.monotonic_ns())
+            publisher.send(replace(now, foreign_peers=peers + self._loop.foreign_peers))
         publisher.close()
 
 

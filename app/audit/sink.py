@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import time
-from pathlib import Path
 
 from app.ipc.links import OrderedSender, address
-from app.ipc.streams import AUDIT
+from app.ipc.streams import AUDIT, LinkDirectory
 from logs.reason import reason
 from logs.records import Body, Entry, Loss, RecordsLost
 
@@ -14,7 +13,7 @@ from logs.records import Body, Entry, Loss, RecordsLost
 class AuditSink:
     """Sends records to the audit process in order. Each process makes its own."""
 
-    def __init__(self, links: Path, process: str, operator: str = "") -> None:
+    def __init__(self, links: LinkDirectory, process: str, operator: str = "") -> None:
         self.operator = operator
         self.lost = 0  # refused by a full queue and not yet recorded
         self._process = process

@@ -35,8 +35,9 @@ def share(home: Home, setup: SessionSetup) -> None:
     """Tell observers of this home where the session's streams are."""
     path = home.root / _SHARED
     home.root.mkdir(parents=True, exist_ok=True)
+    path.unlink(missing_ok=True)
+    path.touch(0o600)  # before the session's key is in it
     path.write_bytes(msgspec.msgpack.encode(setup, enc_hook=_encode))
-    path.chmod(0o600)
 
 
 def unshare(home: Home) -> None:
@@ -50,7 +51,7 @@ def shared(home: Home) -> SessionSetup:
         setup = msgspec.msgpack.decode(read_bytes(home.root / _SHARED, 1 << 20), type=SessionSetup, dec_hook=_decode)
     except (OSError, ValueError, TypeError, RecursionError, msgspec.MsgspecError) as error:
         raise AppError(ConsoleFault.NO_SESSION_TO_WATCH, home=home.root) from error
-    if not setup.links.exists():
+    if not setup.links.path.exists():
         raise AppError(ConsoleFault.SESSION_ENDED, session=setup.session)
     return setup
 
@@ -92,7 +93,7 @@ class ObserverHost:
 
     def poll(self) -> Latest:
         """The newest of each stream."""
-        alive = self.setup.links.exists() and _alive(self.setup.console_pid)
+        alive = self.setup.links.path.exists() and _alive(self.setup.console_pid)
         return Latest(
             snapshot=self._snapshots.receive(),
             report=self._reports.receive(),
@@ -113,7 +114,7 @@ def observe(home: Home, config: Config) -> None:
     setup = shared(home)
 
     def make_host(made: SessionSetup) -> ObserverHost:
-        made.links.rmdir()  # an observer has no links of its own
+        made.links.path.rmdir()  # an observer has no links of its own
         return ObserverHost(setup)
 
     app = ConsoleApp(home, config, profile=setup.profile, make_host=make_host, read_only=True)

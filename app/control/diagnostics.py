@@ -63,6 +63,7 @@ class ProgramDiagnostics(Struct, frozen=True, kw_only=True):
     guardian_acted: bool = False
     guardian_fault: Reason | None = None
     rejected_messages: int = 0
+    foreign_peers: int = 0
 
 
 class ClockDiagnostics(Struct, frozen=True, kw_only=True):
@@ -143,6 +144,7 @@ def _programs(inputs: Inputs, streams: StreamState) -> ProgramDiagnostics:
         guardian_acted=guardian is not None and guardian.acted,
         guardian_fault=guardian.fault if guardian else None,
         rejected_messages=inputs.rejected_messages,
+        foreign_peers=inputs.foreign_peers,
     )
 
 

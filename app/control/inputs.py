@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from enum import Enum
 
 from msgspec import Struct
+from msgspec.structs import replace
 
 from app.ipc.messages import AuditHealth, GuardianHealth, OperatorCommand, TriggerReport
 from app.ipc.states import ACTION_OF, Action, GaitState, Source
@@ -56,6 +57,7 @@ class Inputs(Struct, frozen=True, kw_only=True):
     guard_refusal: Refusal | None = None  # of the command of the tick before
     audit_full: bool = False  # a record of the tick before found the queue full
     rejected_messages: int = 0  # since the tick before
+    foreign_peers: int = 0  # turned away since the tick before: they don't have the session's key
     drive_error: Reason | None = None  # why the order of the tick before to the drives failed
     must_end: bool = False  # the console is gone, or a signal asked for the end
     cleared: frozenset[Action] | None = None  # passed the pre-flight; None: none is needed (simulated joints)
@@ -122,6 +124,16 @@ def initial_streams(inputs: Inputs) -> StreamState:
         clock_offset_ns=inputs.wall_ns - now_ns,
         sleep_ns=inputs.boot_ns - now_ns,
     )
+
+
+def without_stale_report(streams: StreamState, inputs: Inputs) -> Inputs:
+    """The inputs; a report of an earlier perception, or one that was received before, becomes a rejected message."""
+    before, report = streams.report, inputs.report
+    if before is None or report is None:
+        return inputs
+    if (report.incarnation, report.sequence) > (before.incarnation, before.sequence):
+        return inputs
+    return replace(inputs, report=None, rejected_messages=inputs.rejected_messages + 1)
 
 
 def update_streams(streams: StreamState, inputs: Inputs) -> StreamState:

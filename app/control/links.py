@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TypeVar
 
 import msgspec
 
 from app.ipc import streams
-from app.ipc.links import LatestReceiver, OrderedReceiver, OrderedSender, Publisher, address
+from app.ipc.links import Address, LatestReceiver, OrderedReceiver, OrderedSender, Publisher, address
 from app.ipc.messages import (
     AuditHealth,
     ControlSnapshot,
@@ -38,13 +37,14 @@ class Received:
     audit: AuditHealth | None
     guardian: GuardianHealth | None
     rejected: int
+    foreign_peers: int
 
 
 class ControlLinks:
     """All sockets of the control process but the audit's."""
 
-    def __init__(self, directory: Path) -> None:
-        def at(stream: streams.Stream) -> str:
+    def __init__(self, directory: streams.LinkDirectory) -> None:
+        def at(stream: streams.Stream) -> Address:
             return address(directory, stream.name)
 
         self._operator = OrderedReceiver(at(streams.OPERATOR), OperatorCommand)
@@ -56,19 +56,33 @@ class ControlLinks:
         self._heartbeats = Publisher(at(streams.HEARTBEAT))
         self._snapshots = Publisher(at(streams.SNAPSHOT))
         self._rejected = 0
+        self._links = (
+            self._operator,
+            self._plans,
+            self._requests,
+            self._reports,
+            self._audit,
+            self._guardian,
+            self._snapshots,
+            self._heartbeats,
+        )
+        self._peers_of_others = {"audit": 0, "guardian": 0}
 
     def receive(self, tick: int, *, planning: bool) -> Received:
         """Everything new. planning: a plan is awaited, plans are polled in every tick."""
         slow = tick % SLOW_STREAM_TICKS == 0
         commands = tuple(_up_to(COMMANDS_A_TICK, self._operator))
         plans = self._take_plans() if planning or slow else ()
+        audit = self._audit.receive() if slow else None
+        guardian = self._guardian.receive() if slow else None
         return Received(
             report=self._reports.receive(),
             commands=commands,
             plans=plans,
-            audit=self._audit.receive() if slow else None,
-            guardian=self._guardian.receive() if slow else None,
+            audit=audit,
+            guardian=guardian,
             rejected=self._newly_rejected(),
+            foreign_peers=self._new_foreign_peers(audit, guardian) if slow else 0,
         )
 
     def send_plan_requests(self, plan_requests: Iterable[PlanRequest]) -> None:
@@ -86,24 +100,23 @@ class ControlLinks:
 
     def close(self) -> None:
         """Release every socket."""
-        for link in (
-            self._operator,
-            self._plans,
-            self._requests,
-            self._reports,
-            self._audit,
-            self._guardian,
-            self._snapshots,
-        ):
+        for link in self._links[:-1]:
             link.close()
         self._heartbeats.close(linger_s=LAST_HEARTBEAT_S)
 
     def _take_plans(self) -> tuple[Plan, ...]:
         return tuple(_up_to(4, self._plans))
 
+    def _new_foreign_peers(self, audit: AuditHealth | None, guardian: GuardianHealth | None) -> int:
+        peers = sum(link.foreign_peers() for link in self._links)
+        for name, health in (("audit", audit), ("guardian", guardian)):
+            if health is not None:
+                peers += max(0, health.foreign_peers - self._peers_of_others[name])
+                self._peers_of_others[name] = health.foreign_peers
+        return peers
+
     def _newly_rejected(self) -> int:
-        links = (self._operator, self._plans, self._reports, self._audit, self._guardian)
-        total = sum(link.rejected for link in links)
+        total = sum(link.rejected for link in self._links)
         new, self._rejected = total - self._rejected, total
         return new
 

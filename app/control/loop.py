@@ -135,6 +135,7 @@ class Control:
             guard_refusal=self._drives.refusal,
             audit_full=self._audit_full,
             rejected_messages=received.rejected,
+            foreign_peers=received.foreign_peers,
             drive_error=self._drives.error,
             must_end=self._must_end,
             cleared=self._cleared,

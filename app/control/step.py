@@ -21,7 +21,15 @@ from app.control.executor import (
     stop_action,
 )
 from app.control.gait import machine as gait_machine
-from app.control.inputs import DriveOrder, Inputs, Outputs, Settings, initial_streams, update_streams
+from app.control.inputs import (
+    DriveOrder,
+    Inputs,
+    Outputs,
+    Settings,
+    initial_streams,
+    update_streams,
+    without_stale_report,
+)
 from app.control.pause import paused_too_long, track_pause
 from app.control.requests import arbitrate, handle_gesture, handle_operator_commands, lacks_preflight
 from app.control.running_action import Stage, measure, note_command
@@ -50,6 +58,7 @@ def initial_state(inputs: Inputs) -> ControlState:
 
 def step(state: ControlState, inputs: Inputs, settings: Settings) -> tuple[ControlState, Outputs]:
     """The state after one tick, and what the loop has to do."""
+    inputs = without_stale_report(state.streams, inputs)
     tick = Tick(state=state, inputs=inputs, settings=settings)
     _measure_last_tick(tick)
     handle_operator_commands(tick)

@@ -2,18 +2,26 @@
 
 Two kinds, no third: *latest only* (conflating PUB/SUB) and *ordered* (PUSH/PULL with a bounded queue, a full
 queue is told to the sender, never a silent drop). Receiving never blocks unless a timeout is given.
+
+Every connection is CURVE (CurveZMQ, RFC 26): a peer without the session's key fails the handshake in ZeroMQ's own
+thread, so its messages never reach a queue; a recorded message fits no other connection.
 """
 
 from __future__ import annotations
 
 import logging
+import sys
+import time
 from collections.abc import Callable
+from itertools import count
 from pathlib import Path
 from types import UnionType
 from typing import Any, Generic, TypeVar
 
 import msgspec
 import zmq
+
+from app.ipc.streams import LinkDirectory
 
 _log = logging.getLogger("rleex.links")  # this room imports nothing of app: the engineers' log takes both kinds
 
@@ -23,24 +31,74 @@ _POLLIN = int(zmq.POLLIN)
 _ORDERED_QUEUE = 20_000  # messages; an audit burst of a second at ten thousand a second fits twice
 
 
-def address(directory: Path, name: str) -> str:
-    """The ipc address of a named link in a session's private directory."""
-    return f"ipc://{directory / name}.sock"
+PEERS_PERIOD_S = 0.5  # foreign peers are told at most so often: a flood is one number
+_EVENTS_A_CALL = 32  # about 0.1 ms: a tick has 2
+_monitors = count()
+
+
+def new_link_directory(path: Path) -> LinkDirectory:
+    """A directory with a new key to it."""
+    public, secret = zmq.curve_keypair()
+    return LinkDirectory(path=path, public=public, secret=secret)
+
+
+class Address(msgspec.Struct, frozen=True):
+    """A link's name on the host, and the directory whose key opens it."""
+
+    where: str
+    links: LinkDirectory
+
+
+def address(links: LinkDirectory, name: str) -> Address:
+    """The ipc address of a named link of a session."""
+    return Address(f"ipc://{links.path / name}.sock", links)
 
 
 class _Link:
     """A socket that closes without lingering."""
 
-    def __init__(self, kind: int, where: str) -> None:
-        self.where = where
+    def __init__(self, kind: int, at: Address) -> None:
+        self.where = at.where
+        self._at = at
         self._context: zmq.Context[zmq.Socket[bytes]] = zmq.Context.instance()
         self._socket = self._context.socket(kind)
         self._socket.setsockopt(zmq.LINGER, 0)
+        self._monitor: _HandshakeMonitor | None = None
         self.rejected = 0  # messages that did not validate
 
-    def close(self) -> None:
-        """Release the socket; harmless when done twice."""
-        self._socket.close()
+    def foreign_peers(self) -> int:
+        """How many peers without the session's key were turned away, told once in PEERS_PERIOD_S; 0 in between."""
+        if self._monitor is None:
+            self._monitor = _HandshakeMonitor(self._socket, bound=self._bound)
+        peers = self._monitor.count(time.monotonic())
+        if peers:
+            _log.warning("foreign peers", extra={"link": self.where, "peers": peers})
+            if not self._bound:  # ZeroMQ gives up a server without the key for good: the true one may come back
+                self._socket.disconnect(self.where)
+                self._socket.connect(self.where)
+        return peers
+
+    def close(self, linger_s: float = 0.0) -> None:
+        """Release the socket, giving queued messages up to `linger_s` to leave; harmless when done twice."""
+        if self._monitor is not None:
+            self._monitor.close()
+            self._monitor = None
+        self._socket.close(linger=int(linger_s * 1000))
+
+    def _open(self, *, bind: bool) -> None:
+        """Bind or connect, after the socket's other options."""
+        self._bound = bind
+        if bind:
+            self._socket.setsockopt(zmq.CURVE_SERVER, 1)
+            self._socket.setsockopt(zmq.CURVE_SECRETKEY, self._at.links.secret)
+            self._socket.bind(self.where)
+            return
+        public, secret = zmq.curve_keypair()  # of this connection alone; the server's key decides
+        self._socket.setsockopt(zmq.CURVE_SERVERKEY, self._at.links.public)
+        self._socket.setsockopt(zmq.CURVE_PUBLICKEY, public)
+        self._socket.setsockopt(zmq.CURVE_SECRETKEY, secret)
+        self._socket.setsockopt(zmq.RECONNECT_IVL, 20)
+        self._socket.connect(self.where)
 
     def _reject(self) -> None:
         self.rejected += 1
@@ -53,33 +111,87 @@ class _Link:
         return bool(int(self._socket.getsockopt(zmq.EVENTS)) & _POLLIN)
 
 
+class _HandshakeMonitor:
+    """Counts a socket's peers that did not complete the handshake.
+
+    A bound end counts who connected and did not succeed within a period, whatever it sent or did not send; the other
+    end counts servers that could not show the key.
+    """
+
+    def __init__(self, socket: zmq.Socket[bytes], *, bound: bool) -> None:
+        self._socket = socket
+        self._change = {zmq.EVENT_ACCEPTED: 1, zmq.EVENT_HANDSHAKE_SUCCEEDED: -1}
+        if not bound:
+            self._change = {zmq.EVENT_HANDSHAKE_FAILED_PROTOCOL: 1, zmq.EVENT_HANDSHAKE_FAILED_AUTH: 1}
+        self._events: zmq.Socket[bytes] | None = None
+        self._until_s = 0.0
+        self._older = self._newer = 0  # peers in their handshake since before this period, and since then
+
+    def count(self, now_s: float) -> int:
+        """The peers turned away, at the end of each period."""
+        self._take()
+        if now_s < self._until_s:
+            return 0
+        self._until_s = now_s + PEERS_PERIOD_S
+        turned_away, self._older, self._newer = self._older, self._newer, 0
+        if self._events is None:
+            self._listen()
+        return turned_away
+
+    def close(self) -> None:
+        """Stop listening: the socket first, for it would wait for its listener."""
+        if self._events is not None:
+            self._socket.disable_monitor()
+            self._events.close(linger=0)
+            self._events = None
+
+    def _listen(self) -> None:
+        where = f"inproc://handshakes-{next(_monitors)}"
+        mask = 0
+        for event in self._change:
+            mask |= event
+        self._socket.monitor(where, mask)
+        self._events = zmq.Context.instance().socket(zmq.PAIR)
+        self._events.setsockopt(zmq.RCVHWM, 0)  # else a full queue would stop the socket itself
+        self._events.connect(where)
+
+    def _take(self) -> None:
+        if self._events is None:
+            return
+        for _ in range(_EVENTS_A_CALL):
+            if not int(self._events.getsockopt(zmq.EVENTS)) & _POLLIN:
+                return
+            event = zmq.Event(int.from_bytes(self._events.recv_multipart()[0][:2], sys.byteorder))
+            change = self._change.get(event, 0)
+            if change < 0 and self._older:
+                self._older -= 1
+            else:
+                self._newer = max(0, self._newer + change)
+        self.close()  # a flood: enough until the period ends
+
+
 class Publisher(_Link):
     """Sends the newest of something to whoever listens; binds."""
 
-    def __init__(self, where: str) -> None:
-        super().__init__(zmq.PUB, where)
+    def __init__(self, at: Address) -> None:
+        super().__init__(zmq.PUB, at)
         self._socket.setsockopt(zmq.CONFLATE, 1)  # else a full queue would drop the newest and keep the old
-        self._socket.bind(where)
+        self._open(bind=True)
         self._encode = msgspec.msgpack.Encoder().encode
 
     def send(self, message: msgspec.Struct) -> None:
         """Never blocks; a slow listener misses older messages."""
         self._socket.send(self._encode(message), zmq.NOBLOCK)
 
-    def close(self, linger_s: float = 0.0) -> None:
-        """Release the socket, giving the last message up to `linger_s` to leave."""
-        self._socket.close(linger=int(linger_s * 1000))
-
 
 class LatestReceiver(_Link, Generic[M]):
     """Keeps the newest message of one publisher."""
 
-    def __init__(self, where: str, kind: type[M] | UnionType) -> None:
-        super().__init__(zmq.SUB, where)
+    def __init__(self, at: Address, kind: type[M] | UnionType) -> None:
+        super().__init__(zmq.SUB, at)
         self._socket.setsockopt(zmq.CONFLATE, 1)
         self._socket.setsockopt(zmq.SUBSCRIBE, b"")
-        self._socket.setsockopt(zmq.RECONNECT_IVL, 20)
-        self._socket.connect(where)
+        self._open(bind=False)
         self._decoder: msgspec.msgpack.Decoder[M] = msgspec.msgpack.Decoder(kind)
 
     def receive(self, timeout_s: float = 0.0) -> M | None:
@@ -98,15 +210,11 @@ class LatestReceiver(_Link, Generic[M]):
 class OrderedSender(_Link):
     """Sends everything, in order, to one receiver; connects, or binds when it is the fixed end."""
 
-    def __init__(self, where: str, *, bind: bool = False, enc_hook: Callable[[Any], Any] | None = None) -> None:
+    def __init__(self, at: Address, *, bind: bool = False, enc_hook: Callable[[Any], Any] | None = None) -> None:
         """enc_hook: msgspec's, for types that it does not know."""
-        super().__init__(zmq.PUSH, where)
+        super().__init__(zmq.PUSH, at)
         self._socket.setsockopt(zmq.SNDHWM, _ORDERED_QUEUE)
-        self._socket.setsockopt(zmq.RECONNECT_IVL, 20)
-        if bind:
-            self._socket.bind(where)
-        else:
-            self._socket.connect(where)
+        self._open(bind=bind)
         self._encode = msgspec.msgpack.Encoder(enc_hook=enc_hook).encode
 
     def send(self, message: msgspec.Struct) -> bool:
@@ -117,29 +225,22 @@ class OrderedSender(_Link):
             return False
         return True
 
-    def close(self, linger_s: float = 0.0) -> None:
-        """Release the socket, giving queued messages up to `linger_s` to leave."""
-        self._socket.close(linger=int(linger_s * 1000))
-
 
 class OrderedReceiver(_Link, Generic[M]):
     """Receives everything, in order; binds, or connects when the sender is the fixed end."""
 
     def __init__(
         self,
-        where: str,
+        at: Address,
         kind: type[M] | UnionType,
         *,
         bind: bool = True,
         dec_hook: Callable[[type, Any], Any] | None = None,
     ) -> None:
         """dec_hook: msgspec's, for types that it does not know."""
-        super().__init__(zmq.PULL, where)
+        super().__init__(zmq.PULL, at)
         self._socket.setsockopt(zmq.RCVHWM, _ORDERED_QUEUE)
-        if bind:
-            self._socket.bind(where)
-        else:
-            self._socket.connect(where)
+        self._open(bind=bind)
         self._decoder: msgspec.msgpack.Decoder[M] = msgspec.msgpack.Decoder(kind, dec_hook=dec_hook)
 
     def receive(self, timeout_s: float = 0.0) -> M | None:

@@ -246,6 +246,7 @@ class AuditHealth(Struct, frozen=True, kw_only=True, tag="audit-health"):
     written: int
     waiting: int
     fault: Reason | None = None
+    foreign_peers: int = 0  # without the session's key, turned away so far
 
 
 class GuardianHealth(Struct, frozen=True, kw_only=True, tag="guardian-health"):
@@ -254,3 +255,4 @@ class GuardianHealth(Struct, frozen=True, kw_only=True, tag="guardian-health"):
     at_ns: int
     acted: bool = False
     fault: Reason | None = None  # why it can't reach the drives
+    foreign_peers: int = 0  # without the session's key, turned away so far

@@ -113,6 +113,7 @@ class Event(Enum):
     NEXT_STEP_MISSING = "next-step-missing"
     PAUSE_TOO_LONG = "pause-too-long"
     MESSAGE_REJECTED = "message-rejected"
+    FOREIGN_PEER = "foreign-peer"
 
 
 class PauseCause(Enum):

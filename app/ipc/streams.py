@@ -1,10 +1,30 @@
-"""The streams between the processes of a session: rates and stale limits, defined here only."""
+"""The streams between the processes of a session: where they are, rates and stale limits, defined here only."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
+
+from msgspec import Struct
 
 NS_PER_MS = 1_000_000
+
+
+class LinkDirectory(Struct, frozen=True, kw_only=True):
+    """A session's directory of sockets (0700) and the key to them, which its processes get with their setup.
+
+    public is a secret as well: who knows it may connect. It is in no argument, environment, log or trail.
+    """
+
+    path: Path
+    public: bytes  # a CURVE key pair, Z85
+    secret: bytes
+
+    def __fspath__(self) -> str:
+        return str(self.path)
+
+    def __repr__(self) -> str:
+        return f"LinkDirectory({self.path})"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

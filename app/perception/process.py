@@ -15,6 +15,7 @@ from app.audit.sink import AuditSink
 from app.ipc import streams as processes
 from app.ipc.links import OrderedReceiver, Publisher, address
 from app.ipc.messages import HandCommand, PerceptionCommand
+from app.ipc.states import Event
 from app.perception import pipeline as assembly
 from app.perception.camera import CameraSupervisor, ImageCheck, PerceptionNote, SessionRecorder, move_hand
 from app.perception.frames import FrameBatch, button_record
@@ -69,6 +70,7 @@ class Perception:
         self._commands: OrderedReceiver[HandCommand | PerceptionCommand] = OrderedReceiver(
             address(links, processes.TO_PERCEPTION.name), HandCommand | PerceptionCommand
         )
+        self._links = (self._reports, self._previews, self._commands)
         self._camera = CameraSupervisor(assembly.make_camera(setup), on_fault=self._record_fault)
         self._detector = Loading(lambda: assembly.make_detector(setup))
         self._pipeline: Pipeline | None = None
@@ -121,7 +123,7 @@ class Perception:
             self._sink.emit(record)
         self._sink.emit(ProcessEnd(pid=os.getpid()))
         self._sink.close()
-        for link in (self._reports, self._previews, self._commands):
+        for link in self._links:
             link.close()
 
     def _handle_commands(self) -> None:
@@ -131,6 +133,10 @@ class Perception:
             else:
                 self._pacer.configure(command)
                 self._recorder.handle(command)
+        peers = sum(link.foreign_peers() for link in self._links)
+        if peers:
+            text = reason(Event.FOREIGN_PEER, count=peers)
+            self._sink.emit(EventRaised(event=Event.FOREIGN_PEER.value, effect="note", text=text))
 
     def _take(self, frame: Frame) -> None:
         self._last_captured_ns = frame.captured_ns

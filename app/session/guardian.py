@@ -77,6 +77,8 @@ def check_heartbeat(
     not count.
     ending: the session is being closed, and the wearer is not left in damped joints for long.
     """
+    if heartbeat is not None and state.heartbeat is not None and heartbeat.at_ns < state.heartbeat.at_ns:
+        heartbeat = None  # sent before the newest one
     punctual = now_ns - state.checked_ns <= LATE_CHECK_NS
     newest = heartbeat or state.heartbeat
     missed = state.missed + 1 if punctual and _lost(newest, now_ns) else 0
@@ -133,6 +135,7 @@ class Guardian:
         self._fault = None if self._stop is None else reason(GuardianNotice.BUS_NOT_OPENED)
         self._ending = False
         self._health_ns = 0
+        self._foreign_peers = 0
         self._tried_ns = -RETRY_NS
         self._sink.emit(ProcessStart(pid=os.getpid()))
 
@@ -147,7 +150,10 @@ class Guardian:
         if now_ns - self._health_ns >= streams.GUARDIAN.period_ns:
             self._health_ns = now_ns
             acted = self._state.action is not GuardianAction.MONITOR
-            self._health.send(GuardianHealth(at_ns=now_ns, acted=acted, fault=self._fault))
+            self._foreign_peers += self._heartbeats.foreign_peers() + self._health.foreign_peers()
+            self._health.send(
+                GuardianHealth(at_ns=now_ns, acted=acted, fault=self._fault, foreign_peers=self._foreign_peers)
+            )
 
     def end(self) -> None:
         """The session wants to end; it does when nothing needs the guardian any more."""

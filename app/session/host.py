@@ -23,7 +23,7 @@ from typing import TypeVar
 import msgspec
 
 from app.ipc import streams
-from app.ipc.links import LatestReceiver, OrderedSender, address
+from app.ipc.links import LatestReceiver, OrderedSender, address, new_link_directory
 from app.ipc.messages import (
     AuditHealth,
     ControlSnapshot,
@@ -82,7 +82,7 @@ def make_setup(home: Home, config: Config, profile: Profile, operator: str, role
     return SessionSetup(
         session=f"{stamp}-{secrets.token_hex(2)}",
         home=home.root,
-        links=Path(tempfile.mkdtemp(prefix="rleex-")),  # 0700; short enough for a socket's name
+        links=new_link_directory(Path(tempfile.mkdtemp(prefix="rleex-"))),  # 0700; short enough for a socket's name
         config=config,
         profile=profile,
         operator=operator,

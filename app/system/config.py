@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import msgspec
 from msgspec import Meta, Struct
 
+from app.ipc.streams import LinkDirectory
 from app.system.errors import AppError
 from logs.reading.errors import cause_of
 from logs.reading.formats import read_toml
@@ -105,7 +106,7 @@ class SessionSetup(Struct, frozen=True, kw_only=True):
 
     session: str  # name of the session, sortable: 20261121T093000Z-1a2b
     home: Path
-    links: Path  # private directory of the sockets, 0700
+    links: LinkDirectory
     config: Config
     profile: Profile
     operator: str

@@ -81,6 +81,7 @@ NAMED = frozenset(
         "slept_s",
         "step_s",
         "rejected_messages",
+        "foreign_peers",
         "stop_presses",
     }
 )

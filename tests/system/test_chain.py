@@ -71,4 +71,4 @@ def test_killing_one_process_leaves_no_other_behind_and_the_trail_readable(
     (finding,) = verify([home.logs / f"{setup.session}.jsonl"], evidence)
     expected = {Status.SOUND} if victim != "audit" else {Status.SOUND, Status.INCOMPLETE}
     assert finding.status in expected, finding.reason
-    assert not setup.links.exists()
+    assert not setup.links.path.exists()

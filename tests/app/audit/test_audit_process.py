@@ -13,9 +13,9 @@ import pytest
 
 from app.audit.process import run_audit
 from app.audit.sink import AuditSink
-from app.ipc.links import LatestReceiver, address
+from app.ipc.links import LatestReceiver, address, new_link_directory
 from app.ipc.messages import AuditHealth
-from app.ipc.streams import AUDIT_HEALTH
+from app.ipc.streams import AUDIT_HEALTH, LinkDirectory
 from app.system.config import Config, SessionSetup
 from app.system.paths import Home
 from logs.findings import Remark
@@ -35,7 +35,7 @@ PATIENCE_S = 60.0
 class Session:
     """One session's audit process with a sender and a receiver."""
 
-    def __init__(self, home: Home, links: Path, name: str) -> None:
+    def __init__(self, home: Home, links: LinkDirectory, name: str) -> None:
         self.home = home
         self.setup = SessionSetup(
             session=name,
@@ -76,8 +76,8 @@ class Session:
 def start(tmp_path: Path) -> Iterator[Callable[[str], Session]]:
     """Start sessions of one home; whatever is left is ended."""
     begun: list[Session] = []
-    links = tmp_path / "links"
-    links.mkdir()
+    (tmp_path / "links").mkdir()
+    links = new_link_directory(tmp_path / "links")
 
     def begin(name: str) -> Session:
         begun.append(Session(Home(tmp_path / "home"), links, name))

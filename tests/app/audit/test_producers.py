@@ -25,6 +25,7 @@ from app.console.screens.signin import SignInDialog
 from app.console.state import newly_ended
 from app.control.loop import drives_record
 from app.demo.drives import emulated_drives
+from app.ipc.links import new_link_directory
 from app.ipc.messages import OperatorKind, PerceptionCommand
 from app.ipc.states import Action
 from app.perception.camera import SessionRecorder
@@ -279,7 +280,7 @@ def setup_in(root: Path) -> SessionSetup:
     return SessionSetup(
         session="s",
         home=root,
-        links=root,
+        links=new_link_directory(root),
         config=Config(camera=CameraConfig(mirrored=True)),
         profile=DEMO_PATIENT,
         operator="ann",

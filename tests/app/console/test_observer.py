@@ -12,7 +12,7 @@ import pytest
 
 from app.console.observer import ObserverHost, share, shared, unshare
 from app.ipc import streams as processes
-from app.ipc.links import OrderedReceiver, Publisher, address
+from app.ipc.links import OrderedReceiver, Publisher, address, new_link_directory
 from app.ipc.messages import HandCommand, OperatorCommand, OperatorKind, TriggerReport
 from app.session.host import make_setup
 from app.system.config import Config, SessionSetup
@@ -27,10 +27,9 @@ LIMIT_S = 10.0
 @pytest.fixture
 def setup(home: Home, tmp_path: Path) -> SessionSetup:
     made = make_setup(home, Config(), DEMO_PATIENT, operator="Ada")
-    made.links.rmdir()
-    links = tmp_path / "links"
-    links.mkdir()
-    return msgspec.structs.replace(made, links=links)
+    made.links.path.rmdir()
+    (tmp_path / "links").mkdir()
+    return msgspec.structs.replace(made, links=new_link_directory(tmp_path / "links"))
 
 
 def test_what_is_shared_is_found(home: Home, setup: SessionSetup) -> None:
@@ -46,7 +45,7 @@ def test_without_a_session_there_is_nothing_to_watch(home: Home, setup: SessionS
     with pytest.raises(AppError, match="NO_SESSION_TO_WATCH"):
         shared(home)
     share(home, setup)
-    setup.links.rmdir()
+    setup.links.path.rmdir()
     with pytest.raises(AppError, match="SESSION_ENDED"):
         shared(home)
 

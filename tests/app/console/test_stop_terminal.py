@@ -242,7 +242,7 @@ def test_the_session_ends_in_order_without_its_console(tmp_path: Path, how: str)
             pass
         console.until(lambda: not any(_lives(child) for child in children), "the processes' end", ENDED_S)
         assert any(isinstance(one.body, SessionEnd) for one in records(trail)), "the trail has its end"
-        assert not links.exists()
+        assert not links.path.exists()
 
 
 def _lives(process: psutil.Process) -> bool:

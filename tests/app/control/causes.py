@@ -197,6 +197,7 @@ CAUSES: dict[Event, Cause] = {
     E.NEXT_STEP_MISSING: Cause(walk_without_planner, planner_answers),
     E.PAUSE_TOO_LONG: Cause(silent_console_in_motion, world(alive=True)),
     E.MESSAGE_REJECTED: Cause(spoil(rejected_messages=1)),
+    E.FOREIGN_PEER: Cause(spoil(foreign_peers=1)),
 }
 
 

@@ -37,6 +37,7 @@ LIMITS = (
     (E.UNEXPECTED_MOTION, "joints.drift_rad_s", 0.6),
     (E.GUARDIAN_TIMEOUT, "programs.guardian_age_ms", 250.0),
     (E.MESSAGE_REJECTED, "programs.rejected_messages", 0),
+    (E.FOREIGN_PEER, "programs.foreign_peers", 0),
 )
 REPORTED = (
     (E.CAMERA_STALE, "programs.camera_fault"),

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import msgspec
 import numpy as np
 import pytest
 
+from app.ipc.messages import OperatorCommand
 from app.ipc.states import GESTURE_OF, Action, Event, GaitState, Outcome, RequestRefusal, Source
 from kgdfa.gesture import Gesture
 from logs import records
@@ -132,6 +134,38 @@ def test_the_first_report_of_a_restarted_perception_may_bring_a_release() -> Non
     rig.release(Gesture.ONE)
     rig.tick(20)
     assert now(rig).running is not None
+
+
+@pytest.mark.parametrize("restarted", [False, True])
+def test_a_report_received_again_or_of_an_earlier_perception_is_dropped(restarted: bool) -> None:
+    """Even while the frame that it released is fresh, and whatever its counts are."""
+    rig = standing()
+    rig.incarnation += 1
+    rig.release(Gesture.ONE)
+    rig.tick(20)
+    rig.settle()
+    heard = now(rig).streams.report
+    assert heard is not None
+    again = msgspec.structs.replace(heard, release_count=heard.release_count + 1, released_ns=rig.now_ns)
+    if restarted:
+        again = msgspec.structs.replace(again, incarnation=heard.incarnation - 1, sequence=heard.sequence + 1)
+    rig.spoil = {"report": again}
+    rig.tick()
+    assert now(rig).streams.report == heard
+    assert Event.MESSAGE_REJECTED.value in rig.events()
+    rig.settle()
+    assert len(records_of(rig, records.Command)) == 1
+
+
+def test_a_command_received_again_does_nothing() -> None:
+    rig = standing()
+    act = OperatorCommand(sequence=rig._sequence + 1, kind=K.ACT, sent_ns=rig.now_ns, action=Action.STEP_RIGHT_FIRST)
+    rig.spoil = {"commands": (act, act)}
+    rig.tick()
+    rig.spoil = {"commands": (act,)}
+    rig.tick()
+    assert len(records_of(rig, records.Command)) == 1
+    assert now(rig).refusal_count == now(rig).ignored_count == 0
 
 
 def test_a_release_without_a_gesture_is_no_request() -> None:

@@ -8,9 +8,8 @@ from pathlib import Path
 
 import msgspec
 import pytest
-import zmq
 
-from app.ipc.links import LatestReceiver, OrderedReceiver, OrderedSender, Publisher, address
+from app.ipc.links import LatestReceiver, OrderedReceiver, OrderedSender, Publisher, address, new_link_directory
 from app.ipc.messages import HandCommand, Heartbeat
 
 
@@ -28,7 +27,7 @@ def until(condition: Callable[[], bool], limit_s: float = 5.0) -> bool:
 
 
 def test_latest_keeps_only_the_newest(tmp_path: Path) -> None:
-    where = address(tmp_path, "x")
+    where = address(new_link_directory(tmp_path), "x")
     sender, receiver = Publisher(where), LatestReceiver(where, Heartbeat)
     try:
         observed: list[int] = []
@@ -55,7 +54,7 @@ def test_latest_keeps_only_the_newest(tmp_path: Path) -> None:
 
 
 def test_ordered_loses_and_reorders_nothing(tmp_path: Path) -> None:
-    where = address(tmp_path, "x")
+    where = address(new_link_directory(tmp_path), "x")
     receiver, sender = OrderedReceiver(where, Heartbeat), OrderedSender(where)
     try:
         assert all(sender.send(beat(number)) for number in range(1000))
@@ -69,7 +68,7 @@ def test_ordered_loses_and_reorders_nothing(tmp_path: Path) -> None:
 
 
 def test_full_queue_is_reported_to_the_sender(tmp_path: Path) -> None:
-    sender = OrderedSender(address(tmp_path, "nobody-listens"))
+    sender = OrderedSender(address(new_link_directory(tmp_path), "nobody-listens"))
     try:
         accepted = 0
         while sender.send(beat(accepted)) and accepted < 1_000_000:
@@ -83,17 +82,16 @@ def test_full_queue_is_reported_to_the_sender(tmp_path: Path) -> None:
     "garbage", [b"", b"\xff\xfe", b"x" * 5000, msgspec.msgpack.encode(HandCommand()), msgspec.msgpack.encode({"a": 1})]
 )
 def test_malformed_messages_are_counted_and_skipped(tmp_path: Path, garbage: bytes) -> None:
-    where = address(tmp_path, "x")
+    where = address(new_link_directory(tmp_path), "x")
     receiver = OrderedReceiver(where, Heartbeat)
-    raw: zmq.Socket[bytes] = zmq.Context.instance().socket(zmq.PUSH)
+    raw = OrderedSender(where)
     try:
-        raw.connect(where)
-        raw.send(garbage)
-        raw.send(msgspec.msgpack.encode(beat(7)))
+        raw._socket.send(garbage)
+        raw.send(beat(7))
         message = receiver.receive(2.0)
         assert message is None or message.at_ns == 7
         assert until(lambda: message is not None or receiver.receive(0.05) is not None)
         assert receiver.rejected == 1
     finally:
-        raw.close(linger=0)
+        raw.close()
         receiver.close()

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from app.ipc.links import OrderedReceiver, OrderedSender, address
+from app.ipc.links import OrderedReceiver, OrderedSender, address, new_link_directory
 from app.ipc.states import Action, GaitState
 from app.ipc.streams import PLAN_REPLY, PLAN_REQUEST
 from app.motion.plan import Phase, Plan, PlanRequest, decode_table
@@ -21,13 +21,14 @@ LIMIT_S = 60.0
 
 
 def test_requests_are_answered_in_order(tmp_path: Path) -> None:
+    links = new_link_directory(tmp_path)
     setup = SessionSetup(
-        session="s", home=tmp_path, links=tmp_path, config=Config(), profile=DEMO_PATIENT, operator="tester"
+        session="s", home=tmp_path, links=links, config=Config(), profile=DEMO_PATIENT, operator="tester"
     )
-    replies = OrderedReceiver(address(tmp_path, PLAN_REPLY.name), Plan, dec_hook=decode_table)
+    replies = OrderedReceiver(address(links, PLAN_REPLY.name), Plan, dec_hook=decode_table)
     planner = multiprocessing.get_context("spawn").Process(target=run_planner, args=(setup,), daemon=True)
     planner.start()
-    requests = OrderedSender(address(tmp_path, PLAN_REQUEST.name))
+    requests = OrderedSender(address(links, PLAN_REQUEST.name))
     try:
         for number in (1, 2):
             request = PlanRequest(

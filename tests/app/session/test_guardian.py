@@ -98,3 +98,15 @@ def test_at_a_sessions_end_the_damping_is_short() -> None:
     ended = check_heartbeat(state, None, state.since_ns + ENDING_DAMP_NS + MS, ending=True)
     assert ended.action is GuardianAction.SWITCH_OFF
     assert check_heartbeat(ended, None, ended.since_ns + 10 * DAMP_NS).action is GuardianAction.SWITCH_OFF
+
+
+def test_an_older_beat_received_again_makes_nobody_silent_or_alive() -> None:
+    """Not even one that said that nothing is powered."""
+    old = Heartbeat(at_ns=0, enabled=False)
+    state = GuardianState()
+    for now_ns in range(CHECK, 2_000 * MS, CHECK):
+        beat = Heartbeat(at_ns=now_ns, enabled=True) if now_ns <= 1_000 * MS else old
+        state = check_heartbeat(check_heartbeat(state, beat, now_ns), old, now_ns)
+        if now_ns <= 1_000 * MS:
+            assert state.action is GuardianAction.MONITOR
+    assert state.action is not GuardianAction.MONITOR

@@ -12,6 +12,7 @@ from pathlib import Path
 import msgspec
 import pytest
 
+from app.ipc.links import new_link_directory
 from app.system import legs_lock
 from app.system.config import Config, JointsConfig, SessionSetup
 from app.system.errors import AppError
@@ -33,7 +34,8 @@ sys.stdin.read()
 def setup_of(home: Path, joints: JointsConfig | None = None) -> SessionSetup:
     """A session of this home."""
     config = Config(joints=joints or JointsConfig())
-    return SessionSetup(session="s", home=home, links=home, config=config, profile=DEMO_PATIENT, operator="")
+    links = new_link_directory(home)
+    return SessionSetup(session="s", home=home, links=links, config=config, profile=DEMO_PATIENT, operator="")
 
 
 @contextmanager
