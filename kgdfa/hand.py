@@ -70,8 +70,8 @@ class Hand:
     image_px: (21, 2) keypoints on the image, pixels, may lie outside of it.
     world_m: (21, 3) keypoints in metres about the hand's geometric centre, x right, y down,
         z away from the camera (MediaPipe's hand world landmarks).
-    presence: the detector's confidence that a hand is there, in [0, 1].
-    side: as the detector guesses it for an unmirrored image; it flips now and then.
+    presence: the detector's confidence in the side, in [0, 1]; it gives no other.
+    side: as the detector guesses it for an unmirrored image; it flips now and then (see `track`).
     tracked: found from the previous frame (True) or by the palm detector anew (False).
     """
 

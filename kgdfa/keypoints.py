@@ -1,9 +1,9 @@
 """MediaPipe's hand landmarker behind our own types: the one file that imports mediapipe.
 
 The model is tracked from frame to frame (VIDEO mode); photos are detected one by one (`still=True`).
-Asking the tracker for two hands runs its palm detector in every frame, twice the cost (measured: 27 against
-14 ms of CPU at 1280×720). So it follows one hand, and only when that hand is new does a second, still detection
-ask whether another one claims the command as well.
+Asking the tracker for two hands while one is there runs its palm detector in every frame, twice the cost
+(docs/decisions.md). So one hand is tracked. Only when it is new, and now and then until it is known to be the
+enrolled one, is a second tracker asked for two; where there are two, that one goes on, until one is left.
 """
 
 from __future__ import annotations
@@ -29,10 +29,11 @@ from kgdfa.hand import FloatArray, Hand, Side
 from kgdfa.preprocess import Image, as_bgr8
 from kgdfa.redetection import Redetector
 
-# The model names hands as a mirror shows them; our images are unmirrored.
-_SIDES = {"Left": Side.RIGHT, "Right": Side.LEFT}
+# MediaPipe 1.x names the person's own hand on an unmirrored image, as ours are (0.10 had them the other way round).
+_SIDES = {"Left": Side.LEFT, "Right": Side.RIGHT}
 _SAME_HAND_REFERENCES = 2.0  # a hand this many reference segments from where one was is the same, tracked
-RIVAL_CHECK_FRAMES = 10  # how often a contested image is searched again for a second hand
+SEEK_FRAMES = 5  # how often a second hand is searched for until the enrolled one is known
+ALONE_FRAMES = 10  # with one hand in view until the tracker of one takes over again
 
 
 class HandDetector:
@@ -51,19 +52,27 @@ class HandDetector:
     ) -> None:
         """Load the model. Raises KgdfaError when the file is missing or is no hand model.
 
-        watch_rivals: ask for a second hand whenever one is new. search: re-detect a lost hand in other views of the
-        image (video only; see `redetection`).
+        watch_rivals: look for a second hand whenever one is new or unknown. search: re-detect a lost hand in other
+        views of the image (video only; see `redetection`).
         """
         self._still = still
-        self._searcher = Redetector(self._observed) if search and not still else None
+        self._searcher = Redetector(self._observed, self._ordered) if search and not still else None
         self._last_ms = -1
         self._previous: tuple[Hand, ...] = ()
-        self._contested_frames = 0
+        self._unknown = False  # whether the hand in view is the enrolled one
+        self._frames = 0
+        self._alone_frames = ALONE_FRAMES
         mode = RunningMode.IMAGE if still else RunningMode.VIDEO
         self._landmarker = _load(model, mode, max_hands, min_detection, min_presence)
-        self._rival_look = _load(model, RunningMode.IMAGE, 2, 0.5, 0.5) if watch_rivals else None
-        loaded = [one for one in (self._landmarker, self._rival_look) if one is not None]
+        self._two_hands = _load(model, RunningMode.VIDEO, 2, 0.5, 0.5) if watch_rivals else None
+        loaded = [one for one in (self._landmarker, self._two_hands) if one is not None]
         self._free = weakref.finalize(self, _close_all, loaded)
+
+    def follow(self, hand: Hand | None, unknown: bool) -> None:
+        """Which of the hands just found commands, to be the next ones' first; unknown: another one may be enrolled."""
+        self._unknown = unknown
+        if hand is not None:
+            self._previous = (hand, *(other for other in self._previous if other is not hand))
 
     def detect(self, image_bgr: Image, captured_ns: int = 0) -> tuple[Hand, ...]:
         """The hands in one image, the tracked one first; () when there is none.
@@ -72,15 +81,15 @@ class HandDetector:
         """
         image = as_bgr8(image_bgr)
         hands = self._detect(image, captured_ns)
-        if self._rival_look is not None and hands:
-            hands = self._with_rival(image, hands)
+        if self._two_hands is not None:
+            hands = self._with_second(image, captured_ns, hands)
         self._previous = hands
         return hands
 
     def close(self) -> None:
         """Free the model; harmless when done twice."""
         self._free()
-        self._landmarker = self._rival_look = None
+        self._landmarker = self._two_hands = None
 
     def __enter__(self) -> Self:
         return self
@@ -94,11 +103,13 @@ class HandDetector:
         """MediaPipe's own result on one image, as it gives it: what `rleex evaluate speed` calls bare."""
         if self._landmarker is None:
             raise KgdfaError(KgdfaFault.DETECTOR_CLOSED)
-        picture = _as_mediapipe(image_bgr)
         if self._still:
-            return self._landmarker.detect(picture)
+            return self._landmarker.detect(_as_mediapipe(image_bgr))
+        return self._track(self._landmarker, image_bgr, captured_ns)
+
+    def _track(self, landmarker: Any, image: Image, captured_ns: int) -> Any:
         self._last_ms = max(self._last_ms + 1, captured_ns // 1_000_000)  # MediaPipe wants growing time
-        return self._landmarker.detect_for_video(picture, self._last_ms)
+        return landmarker.detect_for_video(_as_mediapipe(image), self._last_ms)
 
     def _detect(self, image: Image, captured_ns: int) -> tuple[Hand, ...]:
         if self._still:
@@ -107,18 +118,29 @@ class HandDetector:
         return tuple(_marked(hand, self._previous) for hand in hands)
 
     def _observed(self, image: Image, captured_ns: int) -> tuple[Hand, ...]:
-        return _hands(self.infer(image, captured_ns), image)
+        one = self._alone_frames >= ALONE_FRAMES
+        result = self.infer(image, captured_ns) if one else self._track(self._two_hands, image, captured_ns)
+        return _hands(result, image)
 
-    def _with_rival(self, image: Image, hands: tuple[Hand, ...]) -> tuple[Hand, ...]:
-        """Ask for a second hand when this one is new, and again now and then while two were there."""
-        self._contested_frames = self._contested_frames + 1 if len(self._previous) > 1 else 0
-        if hands[0].tracked and self._contested_frames % RIVAL_CHECK_FRAMES:
-            return hands + self._previous[1:]
-        if hands[0].tracked and not self._contested_frames:
+    def _ordered(self, hands: tuple[Hand, ...]) -> tuple[Hand, ...]:
+        """The one that is nearest to the first of the frame before in front."""
+        if len(hands) < 2 or not self._previous:
             return hands
-        assert self._rival_look is not None
-        observed = _hands(self._rival_look.detect(_as_mediapipe(image)), image)
+        first = self._previous[0].palm_centre_px
+        return tuple(sorted(hands, key=lambda hand: float(np.linalg.norm(hand.palm_centre_px - first))))
+
+    def _with_second(self, image: Image, captured_ns: int, hands: tuple[Hand, ...]) -> tuple[Hand, ...]:
+        """Two hands where there are two: looked for while the first is new or unknown, tracked until one is left."""
+        self._frames += 1
+        if self._alone_frames < ALONE_FRAMES:
+            self._alone_frames = 0 if len(hands) > 1 else self._alone_frames + 1
+            return hands
+        if not hands or (hands[0].tracked and not (self._unknown and self._frames % SEEK_FRAMES == 0)):
+            return hands
+        observed = _hands(self._track(self._two_hands, image, captured_ns), image)
         others = tuple(hand for hand in observed if not _same_place(hand, hands[0]))
+        if others:
+            self._alone_frames = 0
         return hands + others[:1]
 
 

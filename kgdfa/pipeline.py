@@ -1,9 +1,9 @@
-"""The chain of one camera: hand, gesture, distance and button, frame by frame; and which hand commands."""
+"""The chain of one camera: hand, gesture, distance and button, frame by frame."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
@@ -11,52 +11,11 @@ from numpy.typing import NDArray
 
 from kgdfa.button import ButtonInput, ButtonMode, ButtonPlace, ButtonState, advance
 from kgdfa.distance import Distance, RangeFinder
-from kgdfa.gesture import VOTE_FRAMES, Gesture, RuleSet, Verdict
+from kgdfa.gesture import VOTE_FRAMES, Explanation, Gesture, RuleSet, Verdict
 from kgdfa.hand import Hand, is_cut_off
 from kgdfa.preprocess import Image, as_bgr8
 from kgdfa.recognition import FrameReading, Recognition, recognise
-
-LOST_FRAMES = 5  # a hand gone this long is gone; fewer may be blur or the image's edge
-REACH_REFERENCES = 1.5  # how far a hand may be from where it was a frame ago, in reference segments: 3 m/s at 30 Hz
-REACH_GROWTH_REFERENCES = 0.5  # and how much farther for each frame without it
-EQUAL_CLAIM = 0.75  # a second hand this large, relative to the first, claims the command as well
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Track:
-    """The commanding hand. `number` grows with every new one; `lost` counts frames without it."""
-
-    hand: Hand | None = None
-    last: Hand | None = None
-    lost: int = 0
-    number: int = 0
-    contested: bool = False
-
-
-def update_track(track: Track, hands: tuple[Hand, ...]) -> Track:
-    """The track after one frame. A new hand is taken only when none is followed and none claims as well."""
-    last = track.last
-    if last is not None:
-        near = [hand for hand in hands if _reach(hand, last) <= REACH_REFERENCES + REACH_GROWTH_REFERENCES * track.lost]
-        if near:
-            hand = min(near, key=lambda candidate: _reach(candidate, last))
-            return replace(track, hand=hand, last=hand, lost=0, contested=False)
-        if track.lost < LOST_FRAMES:
-            return replace(track, hand=None, lost=track.lost + 1)
-    return _acquire(track, hands)
-
-
-def _acquire(track: Track, hands: tuple[Hand, ...]) -> Track:
-    by_size = sorted(hands, key=lambda hand: hand.reference_px, reverse=True)
-    contested = len(by_size) > 1 and by_size[1].reference_px >= EQUAL_CLAIM * by_size[0].reference_px
-    if not by_size or contested:
-        return Track(number=track.number, contested=contested)
-    return Track(hand=by_size[0], last=by_size[0], number=track.number + 1)
-
-
-def _reach(hand: Hand, last: Hand) -> float:
-    """How far the palm has moved, in units of the larger of the two reference segments."""
-    return hand.palm_shift_px(last) / max(hand.reference_px, last.reference_px, 1.0)
+from kgdfa.track import Enrolment, Tracks, update_tracks
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -82,7 +41,7 @@ class Report:
     depth_distance: Distance | None
     button: ButtonState
     depth_button: ButtonState | None = None
-    contested: bool = False  # two hands claim the command: neither has it
+    refusal: Explanation | None = None  # why no hand in view commands
     vote_ns: tuple[int, ...] = ()  # captures of the frames that made `gesture`, or ended the one before
     reading: FrameReading | None = None  # what vote and button took
 
@@ -110,6 +69,7 @@ class DepthFinder(Protocol):
 
 
 Prepare = Callable[[NDArray[np.uint8]], Image]
+Follow = Callable[[Hand | None, bool], None]
 
 
 class Pipeline:
@@ -125,7 +85,15 @@ class Pipeline:
         mode: ButtonMode = ButtonMode.ROBUST,
         prepare: Prepare | None = None,
         depth_finder: DepthFinder | None = None,
+        enrolment: Enrolment | None = None,
+        follow: Follow = lambda _hand, _unknown: None,
     ) -> None:
+        """enrolment: whose hand commands; None: anybody's.
+
+        follow: is given each frame's commanding hand, if any, and whether another one may be the enrolled one.
+        """
+        self._enrolment = enrolment
+        self._follow = follow
         self._detector = detector
         self._rules = rules
         self._range_finder = range_finder
@@ -133,7 +101,8 @@ class Pipeline:
         self._place = place
         self._mode = mode
         self._prepare = prepare or as_bgr8
-        self._track = Track()
+        self._tracks = Tracks()
+        self._hand_number = 0  # of the newest hand that commanded
         self._recognition = Recognition()
         self._depth_button: ButtonState | None = None
 
@@ -141,13 +110,13 @@ class Pipeline:
         """One frame through the chain. Raises KgdfaError for an image that can't be read."""
         now_ns = source.captured_ns
         image = self._prepare(source.image_bgr)
-        hand = self._update_track(self._detector.detect(image, now_ns))
-        verdict = self._rules.classify(hand) if hand else None
+        verdicts = [(hand, self._rules.classify(hand)) for hand in self._detector.detect(image, now_ns)]
+        hand, verdict = self._update_tracks(verdicts, now_ns)
         distance = self._range_finder.measure(hand, now_ns) if hand else None
         reading = FrameReading(
             captured_ns=now_ns,
-            hand=self._track.number,
-            gesture=verdict.gesture if verdict else None,
+            hand=self._hand_number,
+            gesture=verdict.gesture if verdict and self._tracks.known else None,
             cut_off=hand is not None and is_cut_off(hand, image.shape[1], image.shape[0]),
             distance_m=distance.safe_m if distance else None,
             beside_px=self._place.beside_px(hand.bounding_box) if hand else None,
@@ -166,20 +135,25 @@ class Pipeline:
             depth_distance=depth_distance,
             button=self._recognition.button,
             depth_button=self._depth_button,
-            contested=self._track.contested,
+            refusal=self._tracks.refusal,
             vote_ns=vote.decided_ns,
             reading=reading,
         )
 
-    def _update_track(self, hands: tuple[Hand, ...]) -> Hand | None:
-        """The commanding hand; another one inherits neither votes nor a steadied distance."""
-        before = self._track.number
-        self._track = update_track(self._track, hands)
-        if self._track.number != before:
+    def _update_tracks(self, verdicts: list[tuple[Hand, Verdict]], now_ns: int) -> tuple[Hand | None, Verdict | None]:
+        """The commanding hand and its verdict; another one inherits neither votes nor a steadied distance."""
+        hands = tuple(hand for hand, _ in verdicts)
+        signing = [verdict.gesture is not None for _, verdict in verdicts]
+        self._tracks = update_tracks(self._tracks, hands, now_ns, self._enrolment, signing)
+        track = self._tracks.commanding
+        if track is not None and track.number != self._hand_number:
+            self._hand_number = track.number
             self._range_finder.reset()
             if self._depth_finder is not None:
                 self._depth_finder.reset()
-        return self._track.hand
+        commanding = track.hand if track else None
+        self._follow(commanding, not self._tracks.known)
+        return next((both for both in verdicts if both[0] is commanding), (None, None))
 
     def _measure_depth(
         self, source: PipelineInput, hand: Hand | None, monocular: Distance | None, beside_px: float | None

@@ -130,8 +130,14 @@ class PalmGrowth:
 class Redetector:
     """Gives each frame to a tracker, `track`: a near hand smaller, and other views when it has lost the hand."""
 
-    def __init__(self, track: Callable[[Image, int], tuple[Hand, ...]]) -> None:
+    def __init__(
+        self,
+        track: Callable[[Image, int], tuple[Hand, ...]],
+        order: Callable[[tuple[Hand, ...]], tuple[Hand, ...]] = lambda hands: hands,
+    ) -> None:
+        """order: puts the hand that is to be kept in view in front of the others."""
         self._track = track
+        self._order = order
         self._search = RedetectionState()
         self._growth: PalmGrowth | None = None  # of the hand followed, or lost a moment ago
 
@@ -165,4 +171,4 @@ class Redetector:
             view = self._growth.fitted(view, image_bgr.shape[0])
         shown, transform = render_view(image_bgr, view)
         hands = self._track(shown, captured_ns)
-        return hands if shown is image_bgr else tuple(to_image(hand, transform) for hand in hands)
+        return self._order(hands if shown is image_bgr else tuple(to_image(hand, transform) for hand in hands))

@@ -68,7 +68,7 @@ def run(
 
 @cli.command()
 def demo(
-    seed: Annotated[int, typer.Option(min=0, help="Which hand: side, tone, palm width, light, background.")] = 1,
+    seed: Annotated[int, typer.Option(min=0, help="Which hand: tone, palm width, light, background.")] = 1,
     joints: Annotated[str, typer.Option(help="simulated, or can (emulated drives on a bus).")] = "simulated",
     json_file: Annotated[
         Path | None, typer.Option("--json", callback=check_output, help="Write the result here as well.")

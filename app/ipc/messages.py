@@ -33,6 +33,7 @@ class TriggerReport(Struct, frozen=True, kw_only=True, tag="trigger"):
     raw_gesture: Gesture | None = None  # of this frame alone
     confidence: float = 0.0
     explanation: Reason | None = None
+    hand_refusal: Reason | None = None  # why no hand in view commands
     votes: int = 0
     distance_m: float | None = None  # as shown
     distance_sd_m: float = 0.0

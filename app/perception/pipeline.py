@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import math
 import threading
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Generic, TypeVar
 
 from app.perception.camera import PerceptionNote
 from app.perception.reporting import MeasuredRate, Scale
-from app.system.config import SessionSetup
+from app.system.config import ArmFrom, SessionSetup
 from app.system.hand_model import find_model
 from app.system.paths import Home
 from hal.cameras.camera import Camera, Frame, IntrinsicsSource
@@ -17,21 +18,29 @@ from kgdfa.button import RADIUS_SHARE, ButtonMode, ButtonPlace
 from kgdfa.depth import DepthRange
 from kgdfa.distance import PublishedRange, RangeFinder
 from kgdfa.gesture import RuleSet
-from kgdfa.pipeline import Detector, Pipeline
+from kgdfa.hand import Side
+from kgdfa.pipeline import Pipeline
 from kgdfa.preprocess import AsNeeded
 from kgdfa.press_zone import PressZone, press_zone
 from kgdfa.published import PublishedRules
 from kgdfa.robust import RobustRules
 from kgdfa.robust_distance import RobustRange
+from kgdfa.track import Enrolment
 from logs import records
 from logs.reason import Reason, reason, reason_of
 from profiles.palm import ReferenceSegment, ReferenceSource, reference_segment
+from profiles.schema import HandUsed
 
 if TYPE_CHECKING:
     from kgdfa.keypoints import HandDetector
 
 RULES: dict[str, type[PublishedRules] | type[RobustRules]] = {"published": PublishedRules, "robust": RobustRules}
 RANGES: dict[str, type[PublishedRange] | type[RobustRange]] = {"published": PublishedRange, "robust": RobustRange}
+
+SIDES: dict[HandUsed, Side | None] = {HandUsed.LEFT: Side.LEFT, HandUsed.RIGHT: Side.RIGHT, HandUsed.EITHER: None}
+ARMS_RAD: dict[ArmFrom, float | None] = {
+    "below": 0.0, "left": math.pi / 2, "above": math.pi, "right": -math.pi / 2, "anywhere": None,
+}  # fmt: skip
 
 
 def make_camera(setup: SessionSetup) -> Camera:
@@ -47,6 +56,7 @@ def make_camera(setup: SessionSetup) -> Camera:
         mirrored=wanted.mirrored,
         seed=wanted.seed,
         depth=wanted.depth,
+        left=None if setup.profile.hand is HandUsed.EITHER else setup.profile.hand is HandUsed.LEFT,
         store=Home(setup.home).cameras,
     )
 
@@ -58,7 +68,9 @@ def make_detector(setup: SessionSetup) -> HandDetector:
     return live_detector(find_model(Home(setup.home), setup.config))
 
 
-def make_pipeline(setup: SessionSetup, detector: Detector, frame: Frame, camera: str) -> tuple[Pipeline, ButtonPlace]:
+def make_pipeline(
+    setup: SessionSetup, detector: HandDetector, frame: Frame, camera: str
+) -> tuple[Pipeline, ButtonPlace]:
     """The chain for this patient before this camera, whose first frame carries its intrinsics."""
     place = make_place(setup, frame)
     config = setup.config
@@ -79,8 +91,15 @@ def make_pipeline(setup: SessionSetup, detector: Detector, frame: Frame, camera:
         mode=mode,
         prepare=AsNeeded(),
         depth_finder=depth,
+        enrolment=enrolment_of(setup),
+        follow=detector.follow,
     )
     return pipeline, place
+
+
+def enrolment_of(setup: SessionSetup) -> Enrolment:
+    """Whose hand commands: the profile's side, its arm from where the configuration says."""
+    return Enrolment(side=SIDES[setup.profile.hand], arm_rad=ARMS_RAD[setup.config.camera.arm])
 
 
 def make_place(setup: SessionSetup, frame: Frame) -> ButtonPlace:

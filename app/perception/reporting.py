@@ -70,6 +70,7 @@ def _with_hand(message: TriggerReport, report: Report) -> TriggerReport:
     return msgspec.structs.replace(
         message,
         hand=report.hand is not None,
+        hand_refusal=reason_of(report.refusal) if report.refusal else None,
         gesture=report.gesture,
         recognised_ns=report.recognised_ns,
         raw_gesture=verdict.gesture if verdict else None,
@@ -127,6 +128,8 @@ def _changes(before: Report | None, now: Report) -> Iterator[tuple[Callable[...,
                 "votes": now.votes,
             },
         )
+    if now.refusal and (before is None or before.refusal is None or now.refusal.code is not before.refusal.code):
+        yield Hint, {"reason": reason_of(now.refusal), "gesture": _value(now.gesture)}
     old, button = before.button if before else ButtonState(), now.button
     if button.hint is not None and button.hint is not old.hint:
         yield Hint, {"reason": reason(button.hint), "gesture": _value(now.gesture)}

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from hal.joints.device import Exoskeleton
 
 CameraKind = Literal["digital-hand", "webcam", "realsense", "recording"]
+ArmFrom = Literal["below", "left", "above", "right", "anywhere"]
 JointsKind = Literal["simulated", "can"]
 
 
@@ -39,6 +40,7 @@ class CameraConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
     rate_hz: Annotated[float, Meta(ge=0.1, le=120)] = 30.0
     focal_px: Annotated[float, Meta(gt=0, le=100_000)] | None = None
     mirrored: bool = False
+    arm: ArmFrom = "below"  # where on the unmirrored image the patient's arm comes from
     seed: Annotated[int, Meta(ge=0)] = 1  # digital hand: which person
     depth: bool = False  # digital hand: give a D435i's depth as well, to compare
 

@@ -13,6 +13,7 @@ from kgdfa.pipeline import Pipeline, PipelineInput, Report
 from kgdfa.preprocess import Image
 from kgdfa.published import PublishedRules
 from kgdfa.robust_distance import RobustRange
+from kgdfa.track import Enrolment, HandRefusal
 from tests.kgdfa.hands import STATES, drawn_hand
 
 BLACK = np.zeros((720, 1280, 3), np.uint8)
@@ -29,12 +30,13 @@ class ScriptedDetector:
         return self._frames.pop(0)
 
 
-def run(frames: Sequence[tuple[Hand, ...]]) -> list[Report]:
+def run(frames: Sequence[tuple[Hand, ...]], enrolment: Enrolment | None = None) -> list[Report]:
     pipeline = Pipeline(
         detector=ScriptedDetector(frames),
         rules=PublishedRules(),
         range_finder=RobustRange(focal_px=650.0, reference_m=0.065),
         place=PLACE,
+        enrolment=enrolment,
     )
     pictures = [PipelineInput(image_bgr=BLACK, captured_ns=(k + 1) * 33_000_000) for k in range(len(frames))]
     return [pipeline.process(picture) for picture in pictures]
@@ -95,7 +97,23 @@ def test_votes_of_one_hand_do_not_count_for_the_next() -> None:
 def test_two_hands_of_equal_claim_are_none() -> None:
     two, other = shown(Gesture.TWO), drawn_hand(STATES[Gesture.FIVE], at_px=(600.0, 0.0))
     reports = run([(two, other)] * 5)
-    assert all(report.hand is None and report.gesture is None and report.contested for report in reports)
+    assert all(report.hand is None and report.gesture is None for report in reports)
+    assert {report.refusal.code for report in reports if report.refusal} == {HandRefusal.TWO_HANDS}
+
+
+def nearer(scale: float) -> Hand:
+    """A two that has come nearer by this factor."""
+    return drawn_hand(STATES[Gesture.TWO], scale=scale, at_px=(490 * (1 - scale), 400 * (1 - scale)))
+
+
+def test_the_other_hand_signs_and_pushes_in_vain() -> None:
+    """The enrolled hand commands with the very same frames."""
+    push = [nearer(scale) for scale in (1, 1, 1, 1, 1.1, 1.25, 1.4, 1.6, 1.75, 1.75, 1.6, 1.4, 1.25, 1.1, 1, 1)]
+    for side, commands in ((Side.RIGHT, 1), (Side.LEFT, 0)):
+        reports = run([(hand,) for hand in push], Enrolment(side=side))
+        assert reports[-1].button.release_count == commands
+        assert (reports[-1].refusal is None) is bool(commands)
+        assert any(report.gesture for report in reports) is bool(commands)
 
 
 def test_drawing_marks_the_hand_and_the_button() -> None:

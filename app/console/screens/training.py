@@ -52,7 +52,8 @@ def feedback(lesson: Lesson, report: TriggerReport | None) -> Lines:
     if target is None:
         return (plain(tr("training.finished"), "bold $success"),)
     if report is None or not report.hand:
-        return (plain(tr("training.show", gesture=tr(target)), "bold $primary"),)
+        refusal = report.hand_refusal if report is not None else None
+        return (plain(render(refusal) if refusal else tr("training.show", gesture=tr(target)), "bold $primary"),)
     if report.gesture is target and report.pressed:
         return (plain(tr("training.withdraw"), "bold $success"),)
     if report.gesture is target:

@@ -33,7 +33,7 @@ def gesture_lines(state: SessionState) -> Lines:
         return (plain(tr("gesture.stale"), "bold $error"),)
     if report.camera_fault:
         return (plain(tr("gesture.no_picture"), "bold $error"), plain(render(report.camera_fault)))
-    why = report.hint or (report.explanation if report.gesture is None else None)
+    why = report.hand_refusal or report.hint or (report.explanation if report.gesture is None else None)
     return (_headline(report), _votes(report), plain(render(why) if why else "", "$text-muted"))
 
 
@@ -45,6 +45,8 @@ def _headline(report: TriggerReport) -> tuple[tuple[str, str], ...]:
             (f" {FINGERS[report.gesture]} ", "bold"),
             (tr(ACTION_OF[report.gesture]), "bold $primary"),
         )
+    if report.hand_refusal is not None:
+        return plain(tr("gesture.refused"), "bold $warning")
     return plain(tr("gesture.none") if report.hand else tr("gesture.no_hand"), "bold $text-muted")
 
 

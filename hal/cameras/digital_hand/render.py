@@ -44,14 +44,15 @@ class Person:
     noise_sd: float = 3.0  # grey levels
 
 
-def person_of(seed: int) -> Person:
-    """One of endlessly many people, rooms and lamps; the same for the same seed."""
+def person_of(seed: int, *, left: bool | None = None) -> Person:
+    """One of endlessly many people, rooms and lamps; the same for the same seed. left: which hand; None: drawn."""
     draw = np.random.default_rng([seed, 0x6861_6E64])
     side, height = draw.uniform(-0.7, 0.7), draw.uniform(0.2, 0.8)
     lamp = np.array([side, -height, -0.8])
     warmth = draw.uniform(-0.08, 0.08)
+    palm_width_m, drawn = round(float(draw.uniform(0.072, 0.090)), 4), bool(draw.random() < 0.5)
     return Person(
-        shape=HandShape(palm_width_m=round(float(draw.uniform(0.072, 0.090)), 4), left=bool(draw.random() < 0.5)),
+        shape=HandShape(palm_width_m=palm_width_m, left=drawn if left is None else left),
         tone_bgr=TONES_BGR[int(draw.integers(len(TONES_BGR)))],
         light=Light(
             towards=tuple(lamp / np.linalg.norm(lamp)),
@@ -66,12 +67,16 @@ def person_of(seed: int) -> Person:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Scene:
-    """One moment. angles_deg: (5, 6) joint angles as `skeleton.joints_m` takes them; place None: no hand."""
+    """One moment. angles_deg: (5, 6) joint angles as `skeleton.joints_m` takes them; place None: no hand.
+
+    second: another hand, in this room before this lens, whatever its own are.
+    """
 
     person: Person = field(default_factory=Person)
     lens: Intrinsics = field(default_factory=lens_for)
     angles_deg: FloatArray
     place: HandPlace | None
+    second: Scene | None = None
 
 
 def posed(
@@ -123,21 +128,27 @@ def render(scene: Scene, noise_seed: int = 0, *, depth: bool = False) -> Rendere
     rooms = _noisy_rooms(person.room_seed, person.light, person.noise_sd, lens.width_px, lens.height_px)
     image = rooms[noise_seed % NOISE_BANK].copy()
     surface = np.full(image.shape[:2], WALL_M, np.float32) if depth else None
-    joints = keypoints_m(scene)
-    if joints is None:
-        return Rendered(image, surface)
-    body = capsules_of(joints, person.shape)
+    shown = [(joints, one.person) for one in (scene, scene.second) if one and (joints := keypoints_m(one)) is not None]
+    rendered = Rendered(image, surface)
+    for joints, owner in sorted(shown, key=lambda hand: -float(hand[0][:, 2].mean())):  # the nearer one in front
+        _add_hand(rendered, joints, owner, scene, noise_seed)
+    return rendered
+
+
+def _add_hand(rendered: Rendered, joints: FloatArray, owner: Person, scene: Scene, noise_seed: int) -> None:
+    """One hand in front of what is there, in the scene's light, in place."""
+    image, surface = rendered.image_bgr, rendered.surface_m
+    lens, body = scene.lens, capsules_of(joints, owner.shape)
     distance_m = max(0.08, float(joints[:, 2].mean()))
     grid = grid_over(body, lens, CELLS_PER_M, distance_m)
     if grid is None:
-        return Rendered(image, surface)
+        return
     hand_m = cast(body, grid, lens)
     cell_m = grid.width / grid.columns * distance_m / lens.fx_px
-    _lay(image, paint(hand_m, cell_m, person.tone_bgr, person.light), grid)
-    _grain(image, grid, person.noise_sd, noise_seed)
+    _lay(image, paint(hand_m, cell_m, owner.tone_bgr, scene.person.light), grid)
+    _grain(image, grid, scene.person.noise_sd, noise_seed)
     if surface is not None:
         _sink(surface, hand_m, grid)
-    return Rendered(image, surface)
 
 
 def scaled(person: Person, **changes: float) -> Person:

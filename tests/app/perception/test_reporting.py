@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from app.perception.pipeline import rests_on_assumption
 from app.perception.reporting import Context, MeasuredRate, Scale, frames_per_second, records_between, to_message
+from app.text.catalogue import render
 from kgdfa.button import (
     ButtonComparison,
     ButtonInput,
@@ -27,7 +28,8 @@ from kgdfa.gesture import Decision, Explanation, Gesture, Verdict
 from kgdfa.hand import Box, Hand, Side
 from kgdfa.pipeline import Report
 from kgdfa.press_zone import PressZone
-from logs.reason import reason, reason_of
+from kgdfa.track import HandRefusal
+from logs.reason import Reason, reason, reason_of
 from logs.records import Body, Cancel, GestureOnset, Hint, Press, Release
 
 HAND = Hand(image_px=np.zeros((21, 2)), world_m=np.zeros((21, 3)), presence=0.9, side=Side.LEFT)
@@ -177,6 +179,19 @@ def test_a_hand_that_slips_near_leaves_a_hint_with_the_margin_it_missed() -> Non
     assert hint.reason == reason(PressHint.PUSH_STEADILY)
     assert hint.nearer_m == pytest.approx(0.25)
     assert hint.nearer_limit_m == pytest.approx(3.5 * 0.033)
+
+
+def test_a_refused_hand_is_told_and_recorded_once() -> None:
+    why = Explanation(
+        HandRefusal.OTHER_SIDE, {"side": Side.LEFT, "enrolled": Side.RIGHT, "log_odds": -6.0, "limit": 4.0}
+    )
+    refused = replace(REPORT, hand=None, verdict=None, gesture=None, distance=None, refusal=why)
+    assert to_message(refused, AROUND, 1).hand_refusal == reason_of(why)
+    (hint,) = [body for body in records_between(REPORT, refused, SCALE) if isinstance(body, Hint)]
+    assert isinstance(hint.reason, Reason)
+    assert (hint.reason.code, hint.reason.values["log_odds"]) == ("HandRefusal.OTHER_SIDE", -6.0)
+    assert render(hint.reason) == "left hand; the right one commands"
+    assert [*records_between(refused, replace(refused, captured_ns=9), SCALE)] == []
 
 
 def test_the_measured_rate_is_that_of_all_captures() -> None:

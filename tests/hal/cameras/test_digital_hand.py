@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from itertools import pairwise
 
 import cv2
@@ -50,6 +51,19 @@ def test_bones_keep_their_lengths_in_every_pose(palm: float, pose: str, other: s
     a, b = (joints_m(shape, POSES[name].angles_deg) for name in (pose, other))
     for start, end in bones:
         assert np.linalg.norm(a[start] - a[end]) == pytest.approx(np.linalg.norm(b[start] - b[end]))
+
+
+def test_two_hands_stand_in_one_scene_the_nearer_one_in_front() -> None:
+    near, far = (posed("5", lens=LENS, position_m=(0.0, 0.02, z)) for z in (0.3, 0.5))
+    alone, behind = render(near, 1).image_bgr, replace(near, second=far)
+    both = render(behind, 1, depth=True)
+    swapped = render(replace(far, second=near), 1, depth=True)
+    assert both.surface_m is not None
+    assert swapped.surface_m is not None
+    assert (both.surface_m == swapped.surface_m).all()
+    assert both.surface_m.min() == pytest.approx(render(near, 1, depth=True).surface_m.min())  # type: ignore[union-attr]
+    beside = replace(near, second=posed("0", person=person_of(3), lens=LENS, position_m=(0.15, 0.02, 0.5)))
+    assert (render(beside, 1).image_bgr != alone).any()
 
 
 @given(pose=poses, palm=palms)

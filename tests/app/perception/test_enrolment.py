@@ -1,0 +1,64 @@
+"""The hand that the profile names is the one that commands, and the one that the digital person shows."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import msgspec
+import pytest
+
+from app.console.screens.training import Lesson, feedback
+from app.console.widgets.panel import Lines
+from app.ipc.messages import TriggerReport
+from app.ipc.streams import LinkDirectory
+from app.perception.pipeline import enrolment_of, make_camera
+from app.system.config import CameraConfig, Config, SessionSetup
+from hal.cameras.digital_hand.driver import DigitalHandCamera
+from kgdfa.hand import Side
+from kgdfa.track import HandRefusal
+from logs.reason import reason
+from profiles.schema import DEMO_PATIENT, HandUsed
+
+
+def setup_for(hand: HandUsed, camera: CameraConfig | None = None) -> SessionSetup:
+    profile = msgspec.structs.replace(DEMO_PATIENT, hand=hand)
+    config = Config(camera=camera or CameraConfig())
+    return SessionSetup(
+        session="s",
+        home=Path(),
+        links=LinkDirectory(path=Path(), public=b"", secret=b""),
+        config=config,
+        profile=profile,
+        operator="ann",
+    )
+
+
+@pytest.mark.parametrize(
+    ("hand", "side"), [(HandUsed.LEFT, Side.LEFT), (HandUsed.RIGHT, Side.RIGHT), (HandUsed.EITHER, None)]
+)
+def test_the_profiles_hand_is_enrolled_and_shown(hand: HandUsed, side: Side | None) -> None:
+    setup = setup_for(hand)
+    assert enrolment_of(setup).side is side
+    camera = make_camera(setup)
+    assert isinstance(camera, DigitalHandCamera)
+    drawn = DigitalHandCamera(seed=setup.config.camera.seed).person.shape.left
+    assert camera.person.shape.left is (drawn if side is None else side is Side.LEFT)
+
+
+def test_the_arm_comes_from_where_the_camera_sees_it() -> None:
+    angles = {arm: enrolment_of(setup_for(HandUsed.RIGHT, CameraConfig(arm=arm))).arm_rad for arm in ("below", "left")}
+    assert angles == {"below": 0.0, "left": pytest.approx(math.pi / 2)}
+    assert enrolment_of(setup_for(HandUsed.RIGHT, CameraConfig(arm="anywhere"))).arm_rad is None
+
+
+def test_a_learner_with_the_wrong_hand_is_told() -> None:
+    refusal = reason(HandRefusal.OTHER_SIDE, side=Side.LEFT, enrolled=Side.RIGHT, log_odds=-8.0, limit=4.0)
+    report = TriggerReport(
+        incarnation=1, sequence=1, captured_ns=1, sent_ns=1, hand=False, gesture=None, hand_refusal=refusal
+    )
+    assert "left hand; the right one commands" in shown(feedback(Lesson(), report))
+
+
+def shown(lines: Lines) -> str:
+    return " ".join(text for line in lines for text, _ in line)
