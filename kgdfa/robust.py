@@ -185,15 +185,17 @@ class RobustRules:
         values = np.array([features(hand.image_px, hand.world_m) for hand in hands])
         normalized = self._model.normalize(values)
         probabilities = np.add.reduce(self._model.predict_proba(normalized), axis=0) / len(hands)
-        verdict = self._classify(values, normalized[0], probabilities.tolist())
+        verdict = self._classify(values, normalized[0], probabilities)
         return verdict, probabilities[: len(GESTURES)]
 
-    def _classify(self, values: FloatArray, normalized: FloatArray, probabilities: list[float]) -> Verdict:
+    def _classify(self, values: FloatArray, normalized: FloatArray, probabilities: FloatArray) -> Verdict:
         """The verdict from the features of all augmentations, (n, F), and their mean K class probabilities."""
-        nearest = max(range(len(GESTURES)), key=probabilities.__getitem__)
-        confidence = probabilities[nearest]
-        rival = max((k for k in range(len(probabilities)) if k != nearest), key=probabilities.__getitem__)
-        lead = confidence - probabilities[rival]
+        nearest = int(probabilities[: len(GESTURES)].argmax())
+        others = probabilities.copy()
+        others[nearest] = -1.0
+        rival = int(others.argmax())
+        confidence = float(probabilities[nearest])
+        lead = confidence - float(probabilities[rival])
         accepted = confidence >= float(self._model.accept[nearest]) and lead >= self._model.tie
         missing = _missing_condition(GESTURES[nearest], values) if accepted else None
         if missing is not None:

@@ -46,7 +46,9 @@ class Terminal:
     def __init__(self, home: Path, columns: int, rows: int, environment: Mapping[str, str] = os.environ) -> None:
         self.master, slave = pty.openpty()
         fcntl.ioctl(slave, termios.TIOCSWINSZ, struct.pack("HHHH", rows, columns, 0, 0))
-        environment = {**environment, "TERM": "xterm-256color", "COLORTERM": "truecolor"}
+        # Compiled modules are kept, as an installed program's are, whatever this shell says.
+        compiled = {"PYTHONDONTWRITEBYTECODE": "", "PYTHONPYCACHEPREFIX": str(home / "compiled")}
+        environment = {**environment, **compiled, "TERM": "xterm-256color", "COLORTERM": "truecolor"}
         self._lags = home / "lags.txt"
         probe = Path(__file__).with_name("loop_probe.py")
         text = [sys.executable, str(probe), str(self._lags), "run", "--home", str(home)]

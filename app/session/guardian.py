@@ -12,6 +12,7 @@ import time
 from dataclasses import dataclass, replace
 from enum import Enum
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from app.audit.sink import AuditSink
 from app.ipc import streams
@@ -23,10 +24,11 @@ from app.system.diagnostics_log import get_logger
 from app.system.legs_lock import share_legs
 from app.system.scheduling import gc_freeze, set_scheduling
 from hal.errors import HardwareError
-from hal.joints.can.bus import with_bus
-from hal.joints.can.safe_stop import SafeStop
 from logs.reason import reason, reason_of
 from logs.records import HeartbeatLost, Note, ProcessEnd, ProcessStart
+
+if TYPE_CHECKING:
+    from hal.joints.can.safe_stop import SafeStop
 
 _log = get_logger("guardian")
 
@@ -220,6 +222,9 @@ def _safe_stop_of(setup: SessionSetup) -> SafeStop | None:
     joints = setup.config.joints
     if joints.kind == "simulated":
         return None
+    from hal.joints.can.bus import with_bus
+    from hal.joints.can.safe_stop import SafeStop
+
     device = load_device(joints)
     motors = Path(joints.motors) if joints.motors else None
     return SafeStop(with_bus(device, joints.interface, joints.channel), motors)

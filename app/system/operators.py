@@ -11,21 +11,23 @@ import os
 import time
 import unicodedata
 from enum import Enum
+from functools import cache
 from itertools import pairwise
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-import argon2
 import msgspec
 from msgspec import Struct
 
 from app.system.config import Config
 from app.system.errors import AppError
 from app.system.paths import Home
-from logs.journal import OPERATORS, Moment, append_signed
-from logs.keys import load_or_make_key
 from logs.reading.errors import cause_of
 from logs.reading.formats import read_json
 from logs.records import Body
+
+if TYPE_CHECKING:
+    import argon2
 
 STORE_FILE = "operators.json"
 
@@ -134,7 +136,14 @@ MIN_DIGITS, MAX_DIGITS = 6, 12
 MAX_NAME = 60
 FREE_FAILURES = 2  # typing errors
 LONGEST_WAIT_S = 300.0
-_hasher = argon2.PasswordHasher()  # the library's defaults, RFC 9106's second recommendation
+
+
+@cache
+def _hasher() -> argon2.PasswordHasher:
+    """The library's defaults, RFC 9106's second recommendation. Imported when first needed, not before first paint."""
+    import argon2
+
+    return argon2.PasswordHasher()
 
 
 def sign_in(store: OperatorStore, name: str, pin: str, now_s: float) -> SignInResult:
@@ -170,7 +179,7 @@ def add_operator(store: OperatorStore, name: str, role: Role, pin: str) -> Opera
         raise AppError(OperatorFault.NAME_TAKEN, name=name)
     if not store.operators and role is not Role.ENGINEER:
         raise AppError(OperatorFault.FIRST_NOT_ENGINEER)
-    added = Operator(name=name, role=role, pin_hash=_hasher.hash(_checked_pin(pin)))
+    added = Operator(name=name, role=role, pin_hash=_hasher().hash(_checked_pin(pin)))
     return msgspec.structs.replace(store, operators=(*store.operators, added))
 
 
@@ -186,7 +195,7 @@ def disable_operator(store: OperatorStore, name: str) -> OperatorStore:
 def change_pin(store: OperatorStore, name: str, pin: str) -> OperatorStore:
     """A store with another PIN for an operator, who is enabled by it. Raises AppError."""
     operator = _existing(store, name)
-    pin_hash = _hasher.hash(_checked_pin(pin))
+    pin_hash = _hasher().hash(_checked_pin(pin))
     return _with(
         store,
         msgspec.structs.replace(operator, pin_hash=pin_hash, enabled=True, failures=0, wait_until_s=0.0),
@@ -233,8 +242,10 @@ def _failed(store: OperatorStore, operator: Operator | None, failures: int, now_
 
 
 def _matches(pin_hash: str, pin: str) -> bool:
+    import argon2
+
     try:
-        return _hasher.verify(pin_hash, pin.encode("utf-8", "replace"))
+        return _hasher().verify(pin_hash, pin.encode("utf-8", "replace"))
     except (argon2.exceptions.VerificationError, argon2.exceptions.InvalidHashError):
         return False
 
@@ -277,5 +288,8 @@ _STRANGER_HASH = "$argon2id$v=19$m=65536,t=3,p=4$AAAAAAAAAAAAAAAAAAAAAA$AAAAAAAA
 
 def append_to_journal(home: Home, body: Body, operator: str = "") -> None:
     """Record it for good, or raise AuditError: who may not be recorded may not be let in."""
+    from logs.journal import OPERATORS, Moment, append_signed
+    from logs.keys import load_or_make_key
+
     now = Moment(wall_ns=time.time_ns(), monotonic_ns=time.monotonic_ns(), operator=operator)
     append_signed(home.logs / OPERATORS, "operators", [body], load_or_make_key(home.keys), now)

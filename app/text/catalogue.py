@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import gettext
 from enum import Enum
-from functools import cache
+from functools import cache, lru_cache
 from math import degrees
 from pathlib import Path
 from string import Formatter
@@ -53,8 +53,10 @@ def languages() -> dict[str, str]:
 
 def use_language(wanted: str) -> None:
     """Speak this language from now on. Raises AppError naming those that exist."""
-    if wanted not in languages():
-        raise AppError(TextFault.NO_SUCH_LANGUAGE, language=wanted, known=", ".join(languages()))
+    known = sorted(folder.name for folder in LOCALES.iterdir())  # the others' catalogues stay unread
+    if wanted not in known:
+        raise AppError(TextFault.NO_SUCH_LANGUAGE, language=wanted, known=", ".join(known))
+    load(wanted)
     _State.language = wanted
 
 
@@ -76,10 +78,9 @@ def knows(key: str) -> bool:
 def tr(key: str | Enum, /, **values: object) -> str:
     """The text of a key, or of an Enum member, with values put in."""
     wanted = key_of(key) if isinstance(key, Enum) else key
-    catalogue = load(_State.language)
     count = values.get("count")
-    text = catalogue.ngettext(wanted, wanted, count) if isinstance(count, int) else wanted
-    text = catalogue.gettext(wanted) if text == wanted else text  # no plural form
+    text = load(_State.language).ngettext(wanted, wanted, count) if isinstance(count, int) else wanted
+    text = _message(_State.language, wanted) if text == wanted else text  # no plural form
     if text == wanted:
         return _missing(wanted, values)
     return _FORMATTER.vformat(text, (), values) if values or "{" in text else text
@@ -103,6 +104,12 @@ def load(code: str) -> gettext.NullTranslations:
     for other in others:
         first.add_fallback(other)
     return first
+
+
+@lru_cache(maxsize=4096)
+def _message(code: str, key: str) -> str:
+    """As gettext finds it, which asks one catalogue after the other: a screen shows the same hundred all the time."""
+    return load(code).gettext(key)
 
 
 def _read(file: Path) -> gettext.GNUTranslations:

@@ -43,7 +43,7 @@ PIN, OTHER_PIN = "135792", "802461"
 def cheap_hash(monkeypatch: pytest.MonkeyPatch) -> None:
     """The real argon2 at a cost that lets a test try many PINs."""
     cheap = argon2.PasswordHasher(time_cost=1, memory_cost=64, parallelism=1)
-    monkeypatch.setattr(operators, "_hasher", cheap)
+    monkeypatch.setattr(operators, "_hasher", lambda: cheap)
     monkeypatch.setattr(operators, "_STRANGER_HASH", cheap.hash("nobody's"))
 
 
