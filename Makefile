@@ -7,6 +7,8 @@ STAMP := $(VENV)/.installed
 DEV_STAMP := $(VENV)/.installed-dev
 DATA ?= ../shared/data
 export TF_CPP_MIN_LOG_LEVEL ?= 3
+# A session starts five interpreters: let them read compiled modules.
+unexport PYTHONDONTWRITEBYTECODE
 
 .PHONY: run demo test test-can check lock evaluate bench mutation coverage pictures system model clean
 
