@@ -1,25 +1,21 @@
-"""Bad input at every reader and at the command line's doors: a coded refusal, in time, and nothing written."""
+"""Bad input at every reader: a coded refusal, in time, and nothing written."""
 
 from __future__ import annotations
 
-import os
+import re
 import shutil
-import signal
-import subprocess
-import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+import struct
+import zlib
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
+import cv2
+import numpy as np
 import pytest
-import typer
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from app.cli import USER_ERRORS, main
-from app.cli.common import CliFault
-from app.cli.tree import tree
+from app.cli import USER_ERRORS
 from app.console.review_data import open_session
 from app.console.session_index import SessionRecords
 from app.evaluate.gestures.images import load_hands
@@ -38,9 +34,8 @@ from hal.joints.can.candump import open_log
 from hal.joints.device import DEFAULT_DEVICE, load_exoskeleton
 from hal.joints.motors import BUILT_IN_TABLE, load_motors
 from kgdfa.robust import load_model
-from logs.errors import AuditError, AuditFault
 from logs.keys import load_public_key, read_anchors
-from logs.query import ask, connect_locked
+from logs.query import connect_locked
 from logs.read import records
 from logs.reading.errors import InputError, InputFault
 from logs.reading.formats import MAX_TOML, parse_json, parse_toml, read_json_lines
@@ -48,26 +43,10 @@ from logs.reading.regular import read_bytes
 from profiles.files import decode, encode, read_text
 from profiles.schema import DEMO_PATIENT
 from profiles.store import ProfileStore
+from tests.support.bad_input import NODES, in_time
 
-LIMIT_S = 20
 ROOT = Path(__file__).parents[1]
 SCHEMA1 = ROOT / "tests/logs/data/schema1"
-
-
-@contextmanager
-def in_time(limit_s: int = LIMIT_S) -> Iterator[None]:
-    """Fail instead of hanging."""
-
-    def late(*_: object) -> None:
-        pytest.fail(f"longer than {limit_s} s")
-
-    before = signal.signal(signal.SIGALRM, late)
-    signal.alarm(limit_s)
-    try:
-        yield
-    finally:
-        signal.alarm(0)
-        signal.signal(signal.SIGALRM, before)
 
 
 def _history(path: Path) -> object:
@@ -125,14 +104,6 @@ CONTENTS: dict[str, bytes] = {
     "escapes": b"\x1b[2J\x1b]0;x\x07 = 1\n",
     "half a PNG": b"\x89PNG\r\n\x1a\n\x00\x00\x00\rIHDR\xff\xff\xff\xff\xff\xff\xff\xff",
     "zip of nothing": b"PK\x05\x06" + bytes(18),
-}
-NODES: dict[str, Callable[[Path], object]] = {
-    "folder": lambda path: path.mkdir(),
-    "pipe": os.mkfifo,
-    "endless device": lambda path: path.symlink_to("/dev/zero"),
-    "random device": lambda path: path.symlink_to("/dev/urandom"),
-    "terminal": lambda path: path.symlink_to("/dev/tty"),
-    "itself": lambda path: path.symlink_to(path.name),
 }
 
 
@@ -252,207 +223,55 @@ def test_sizes_are_limited_and_a_byte_order_mark_is_none_of_the_text(tmp_path: P
     assert read_json_lines(path, object) == ({}, [])
 
 
-def command_line(
-    arguments: list[str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> tuple[object, str]:
-    """Exit status and stderr of `rleex` in this process."""
-    monkeypatch.setattr(sys, "argv", ["rleex", *arguments])
-    with in_time(), pytest.raises(SystemExit) as caught:
-        main()
-    return caught.value.code, capsys.readouterr().err
+def _claiming(suffix: str, width: int, height: int) -> bytes:
+    """A small image whose header claims another size."""
+    _, encoded = cv2.imencode(suffix, np.zeros((8, 8, 3), np.uint8))
+    data = bytearray(encoded.tobytes())
+    if suffix == ".png":
+        data[16:24] = struct.pack(">II", width, height)
+        data[29:33] = struct.pack(">I", zlib.crc32(data[12:29]))
+    elif suffix == ".bmp":
+        data[18:26] = struct.pack("<ii", width, height)
+    else:
+        start = data.index(b"\xff\xc0") + 5
+        data[start : start + 4] = struct.pack(">HH", height, width)
+    return bytes(data)
 
 
-DOORS: dict[str, tuple[str, ...]] = {
-    "import": ("profile", "import", "{file}"),
-    "show": ("audit", "show", "{file}"),
-    "key": ("audit", "verify", "{home}", "--key", "{file}"),
-    "query": ("audit", "query", "select 1", "--at", "{file}"),
-    "export trail": ("audit", "export", "--parquet", "{home}/x.parquet", "--at", "{file}"),
-    "report": ("audit", "report", "{file}", "-o", "{home}/x.html"),
-    "decode": ("can", "decode", "{file}"),
-    "decode device": ("can", "decode", "{home}/x.log", "--device", "{file}"),
-    "emulate device": ("emulate-drives", "--device", "{file}"),
-    "simulate gait": ("simulate", "walk", "--gait", "{file}"),
-    "simulate profile": ("simulate", "walk", "--profile", "{file}"),
-    "gestures": ("evaluate", "gestures", "{file}"),
-    "distance": ("evaluate", "distance", "{file}"),
-    "video": ("evaluate", "video", "{file}"),
-    "camera": ("camera", "show", "{file}"),
-    "home": ("locate", "--home", "{file}"),
-}
-
-
-@pytest.mark.parametrize("node", ["pipe", "endless device"])
-@pytest.mark.parametrize("door", DOORS)
-def test_no_door_opens_to_a_pipe_or_a_device(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], door: str, node: str
+@pytest.mark.parametrize("suffix", [".png", ".bmp", ".jpg"])
+def test_a_huge_image_is_refused_before_it_is_decoded(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, suffix: str
 ) -> None:
-    home = tmp_path / "home"
-    home.mkdir()
-    monkeypatch.setenv("RLEEX_HOME", str(home))
-    path = tmp_path / "x.toml"
-    NODES[node](path)
-    arguments = [part.format(file=path, home=home) for part in DOORS[door]]
-    status, err = command_line(arguments, monkeypatch, capsys)
-    assert status == 2, err
-    assert err.startswith("rleex: "), err
-    assert len(err.splitlines()) == 1
-    assert not list(home.iterdir())
+    path = tmp_path / f"a{suffix}"
+    path.write_bytes(_claiming(suffix, 8, 8))
+    assert read_image(path).shape == (8, 8, 3)
+    monkeypatch.setattr(cv2, "imdecode", lambda *_: pytest.fail("decoded"))
+    path.write_bytes(_claiming(suffix, 30_000, 30_000))
+    assert opened(path, read_image) is not None
 
 
-def _commands(group: Any, path: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], Any]]:
-    for name, command in group.commands.items():
-        if hasattr(command, "commands"):
-            yield from _commands(command, (*path, name))
-        else:
-            yield (*path, name), command
+def _numbers(text: str) -> list[str]:
+    """The keys of a TOML that hold a number, each once."""
+    return sorted(set(re.findall(r"^(\w+) = -?[\d._]+$", text, re.MULTILINE)))
 
 
-COMMANDS = dict(_commands(typer.main.get_group(tree())))
-WRITTEN = {"json", "json_file", "plot", "plot_file", "png", "video", "output", "errors", "keypoints", "parquet"}
-OUTPUTS = [
-    (path, parameter.name)
-    for path, command in COMMANDS.items()
-    for parameter in command.params
-    if parameter.name in WRITTEN and not getattr(parameter, "is_flag", False)
-]
-FLOATS = [
-    (path, parameter.name)
-    for path, command in COMMANDS.items()
-    for parameter in command.params
-    if parameter.bare_type() == "float"
-]
-SEEDS = [
-    (path, parameter.name)
-    for path, command in COMMANDS.items()
-    for parameter in command.params
-    if "seed" in parameter.name and parameter.bare_type() == "int"
-]
+DEVICE_NUMBERS = [("device", key) for key in _numbers(DEFAULT_DEVICE.read_text())]
+MOTOR_NUMBERS = [("motors", key) for key in _numbers(BUILT_IN_TABLE.read_text())]
 
 
-def call(path: tuple[str, ...], name: str, value: str) -> None:
-    """A command with one option given, and anything for the arguments and options that it must have."""
-    arguments: list[str] = []
-    for parameter in COMMANDS[path].params:
-        if parameter.name == name:
-            arguments += [parameter.opts[0], value] if parameter.param_type_name == "option" else [value]
-        elif parameter.required:
-            some = "1" if parameter.bare_type() == "float" else "x"
-            arguments += [parameter.opts[0], some] if parameter.param_type_name == "option" else [some]
-    with in_time():
-        COMMANDS[path].main(arguments, standalone_mode=False)
+@pytest.mark.parametrize("value", ["1e300", "-1e300", "9e18", "9000000000000000000", "-9000000000000000000"])
+@pytest.mark.parametrize(("reader", "key"), [*DEVICE_NUMBERS, *MOTOR_NUMBERS])
+def test_a_number_of_a_device_has_a_limit_at_both_ends(tmp_path: Path, reader: str, key: str, value: str) -> None:
+    """A torque of 1e300 would take the guard's limit away."""
+    name, read = READERS[reader]
+    path = place(tmp_path, name)
+    path.write_text(re.sub(rf"^{key} = .*$", f"{key} = {value}", _valid(tmp_path)[reader].decode(), flags=re.MULTILINE))
+    assert opened(path, read) is not None
 
 
-@pytest.mark.parametrize(("path", "name"), OUTPUTS)
-@pytest.mark.parametrize("place", ["file/x", "no/x", "folder"])
-def test_an_output_that_can_not_be_written_is_refused_before_the_work(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, path: tuple[str, ...], name: str, place: str
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    Path("file").touch()
-    Path("folder").mkdir()
-    if name == "errors" and place != "file/x":
-        pytest.skip("a folder that is made")
-    with pytest.raises(AppError) as caught:
-        call(path, name, place)
-    assert caught.value.code is CliFault.OUTPUT_UNWRITABLE
-    assert sorted(one.name for one in tmp_path.rglob("*")) == ["file", "folder"]
-
-
-@pytest.mark.parametrize(("path", "name"), FLOATS)
-@pytest.mark.parametrize("value", ["nan", "inf", "1e400"])
-def test_a_number_that_is_none_is_refused(path: tuple[str, ...], name: str, value: str) -> None:
-    with pytest.raises((AppError, typer.BadParameter)) as caught:
-        call(path, name, value)
-    if isinstance(caught.value, AppError):
-        assert caught.value.code is CliFault.NOT_FINITE
-
-
-@pytest.mark.parametrize(("path", "name"), SEEDS)
-def test_a_seed_below_0_is_refused(path: tuple[str, ...], name: str) -> None:
-    with pytest.raises(typer.BadParameter):
-        call(path, name, "-1")
-
-
-def test_all_outputs_and_numbers_of_the_command_line_are_tried() -> None:
-    assert len(OUTPUTS) >= 20
-    assert len(FLOATS) >= 8
-    assert len(SEEDS) >= 3
-
-
-@pytest.mark.parametrize(
-    "sql",
-    [
-        "COPY records TO '{out}'",
-        "COPY (SELECT 1) TO '{out}'",
-        "ATTACH '{out}'",
-        "EXPORT DATABASE '{out}'",
-        "SELECT * FROM read_csv('/etc/passwd')",
-        "SELECT * FROM read_text('/etc/passwd')",
-        "SELECT * FROM read_blob('/etc/passwd')",
-        "SELECT * FROM glob('/etc/*')",
-        "SELECT * FROM '/etc/passwd'",
-        "INSTALL httpfs",
-        "LOAD httpfs",
-        "PRAGMA database_list",
-        "SET enable_external_access = true",
-        "SET memory_limit = '100GB'",
-        "CREATE TABLE a AS SELECT 1",
-        "DROP TABLE records",
-        "DELETE FROM records",
-        "SELECT 1; DROP TABLE records",
-        "CALL pragma_version()",
-        "SELECT * FROM connection",
-        "SELECT",
-        "",
-    ],
-)
-def test_a_query_only_selects_from_the_records(tmp_path: Path, sql: str) -> None:
-    connection = connect_locked([SCHEMA1 / "logs"])
-    with in_time(), pytest.raises(AuditError) as caught:
-        ask(connection, sql.format(out=tmp_path / "out"))
-    assert caught.value.code in (AuditFault.NOT_A_QUESTION, AuditFault.UNANSWERABLE)
-    assert render(caught.value)
-    assert not list(tmp_path.iterdir())
-    assert ask(connection, "SELECT count(*) FROM records").num_rows == 1
-
-
-@pytest.mark.parametrize("sql", ["SELECT count(*) FROM range(10000000000000) a", "SELECT * FROM range(10000000000)"])
-def test_a_query_ends_in_time_and_within_its_size(sql: str) -> None:
-    connection = connect_locked([SCHEMA1 / "logs"])
-    with in_time(), pytest.raises(AuditError) as caught:
-        ask(connection, f"{sql}, range(1000) b", limit_s=0.5)
-    assert caught.value.code in (AuditFault.QUESTION_TOO_LONG, AuditFault.ANSWER_TOO_LARGE)
-
-
-def test_the_list_of_patients_prints_no_markup_and_no_escapes(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    folder = place(tmp_path, "profiles/x").parent
-    fields = b'sex = "male"\nstature_cm = 170\nmass_kg = 70\n'
-    (folder / "a.toml").write_bytes(b'identifier = "a"\nnote = "[red]note[/x]"\n' + fields)
-    (folder / "b\x1b[2J.toml").write_bytes(b'"\\u001b[2Jx" = 1\n')
-    monkeypatch.setenv("COLUMNS", "200")
-    monkeypatch.setattr(sys, "argv", ["rleex", "profile", "list", "--home", str(tmp_path)])
-    with pytest.raises(SystemExit) as caught:
-        main()
-    assert not caught.value.code
-    printed = capsys.readouterr().out
-    assert "[red]note[/x]" in printed
-    assert "\x1b[2J" not in printed
-
-
-@pytest.mark.parametrize(
-    "arguments", [("profile", "import", "/dev/zero"), ("locate", "--home", "{file}"), ("demo", "--json", "no/x.json")]
-)
-def test_as_a_process_it_ends_with_one_sentence_and_status_2(tmp_path: Path, arguments: tuple[str, ...]) -> None:
-    (tmp_path / "file").touch()
-    command = [sys.executable, "-c", "from app.cli import main; main()"]
-    command += [part.format(file=tmp_path / "file") for part in arguments]
-    environment = {**os.environ, "RLEEX_HOME": str(tmp_path / "home"), "PYTHONPATH": str(ROOT)}
-    done = subprocess.run(
-        command, capture_output=True, text=True, env=environment, timeout=60, check=False, cwd=tmp_path
-    )
-    assert done.returncode == 2, done.stderr
-    assert len(done.stderr.splitlines()) == 1
-    assert not (tmp_path / "home").exists()
+@pytest.mark.parametrize(("key", "value"), [("max_deg", "-40.0"), ("limit_c", "60.0")])
+def test_the_limits_of_a_joint_stand_in_their_order(tmp_path: Path, key: str, value: str) -> None:
+    path = tmp_path / "device.toml"
+    text = re.sub(rf"^{key} = .*\n", "", DEFAULT_DEVICE.read_text(), flags=re.MULTILINE)
+    path.write_text(text.replace("min_deg", f"{key} = {value}\nmin_deg"))
+    assert opened(path, load_exoskeleton) is not None

@@ -25,6 +25,7 @@ class CliFault(Enum):
     NOT_KEPT = auto()  # doubt
     OUTPUT_UNWRITABLE = auto()  # path, detail
     NOT_FINITE = auto()  # option, value
+    NO_TERMINAL = auto()
     SYSTEM = auto()  # detail
 
 
@@ -71,6 +72,20 @@ def check_output_folder(path: Path | None) -> Path | None:
 
         raise AppError(CliFault.OUTPUT_UNWRITABLE, path=path, detail=os.strerror(errno.ENOTDIR))
     return path
+
+
+def check_terminal() -> None:
+    """Refuse a console that nobody could see or type at; a browser's has a driver of its own. Raises AppError.
+
+    Without one Textual draws into a file, and its input thread reads an end of file again and again.
+    """
+    if not (os.environ.get("TEXTUAL_DRIVER") or (os.isatty(0) and os.isatty(2))):  # it draws on stderr
+        from app.system.errors import AppError
+
+        raise AppError(CliFault.NO_TERMINAL)
+
+
+MAX_SEED = 2**32 - 1
 
 
 def check_finite(parameter: CallbackParam, value: float | None) -> float | None:

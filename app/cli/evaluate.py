@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from app.cli.common import check_finite, check_output, check_output_folder
+from app.cli.common import MAX_SEED, check_finite, check_output, check_output_folder
 
 if TYPE_CHECKING:
     from concurrent.futures import ProcessPoolExecutor
@@ -50,7 +50,9 @@ def gestures(
     cross_validate: Annotated[
         bool, typer.Option("--cross-validate", help="Fit anew for each source of images left out.")
     ] = False,
-    seed: Annotated[int, typer.Option(help="With --cross-validate: which examples and noise are drawn.", min=0)] = 0,
+    seed: Annotated[
+        int, typer.Option(help="With --cross-validate: which examples and noise are drawn.", min=0, max=MAX_SEED)
+    ] = 0,
     keypoints: Annotated[
         Path | None,
         typer.Option(callback=check_output, help="Keep the keypoints in this npz, and use it when it is there."),
@@ -146,7 +148,7 @@ def finding(
         Path | None, typer.Argument(help="Folder with labels.csv, for its images without a hand.")
     ] = None,
     digital: Annotated[int, typer.Option(help="Digital hands a pose, and empty rooms.", min=1)] = 10,
-    first_seed: Annotated[int, typer.Option(help="Number of the first digital person.", min=0)] = 20_000,
+    first_seed: Annotated[int, typer.Option(help="Number of the first digital person.", min=0, max=MAX_SEED)] = 20_000,
     home: HomeFolder = None,
 ) -> None:
     """What re-detection of a hand wins that the plain image misses, and what it costs."""
@@ -314,7 +316,7 @@ def trigger(
 @cli.command()
 def idle(
     frames: Annotated[int, typer.Option(help="Frames to simulate.", min=100)] = 100_000,
-    seed: Annotated[int, typer.Option(help="Another seed, other hands and movements.", min=0)] = 1,
+    seed: Annotated[int, typer.Option(help="Another seed, other hands and movements.", min=0, max=MAX_SEED)] = 1,
     json_file: Json = None,
     home: HomeFolder = None,
 ) -> None:

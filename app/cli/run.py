@@ -10,7 +10,7 @@ from typing import Annotated
 
 import typer
 
-from app.cli.common import HomeOption, check_finite, check_output
+from app.cli.common import MAX_SEED, HomeOption, check_finite, check_output, check_terminal
 
 cli = typer.Typer()
 
@@ -51,6 +51,7 @@ def run(
 
         serve_console(place)
         return
+    check_terminal()
     with no_collections():
         from app.console.app import run_console
     from app.system.hand_model import set_up_model
@@ -68,7 +69,9 @@ def run(
 
 @cli.command()
 def demo(
-    seed: Annotated[int, typer.Option(min=0, help="Which hand: tone, palm width, light, background.")] = 1,
+    seed: Annotated[
+        int, typer.Option(min=0, max=MAX_SEED, help="Which hand: tone, palm width, light, background.")
+    ] = 1,
     joints: Annotated[str, typer.Option(help="simulated, or can (emulated drives on a bus).")] = "simulated",
     json_file: Annotated[
         Path | None, typer.Option("--json", callback=check_output, help="Write the result here as well.")

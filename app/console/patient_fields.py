@@ -160,6 +160,8 @@ def parse(typed: dict[str, str], base: Profile) -> Parsed:
 
 def _value(field: Field, text: str) -> str | float | Reason | None:
     """The SI value, or why there is none."""
+    if field.path == "identifier" and not text:
+        return reason(FieldFault.EMPTY)
     if field.kind in (Kind.TEXT, Kind.CHOICE):
         return text
     if not text:

@@ -5,18 +5,22 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image
 
 from hal.cameras.camera import DepthArray, EndOfRecording, Frame, ImageArray, Intrinsics
 from hal.cameras.intrinsics import check_size, choose
 from hal.errors import CameraFault, HardwareError, RecordingFault
 from logs.reading.regular import MAX_IMAGE, read_bytes
 
+MAX_PIXELS = 100_000_000  # of an image: 300 MB decoded; a file of a megabyte can claim a thousand times as many
+Image.MAX_IMAGE_PIXELS = None  # Pillow's own limit warns; here it only reads headers
 IMAGE_SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".bmp", ".webp", ".tif", ".tiff"})
 
 
@@ -125,6 +129,8 @@ def video_source(path: Path) -> FrameSource:
         capture = cv2.VideoCapture(str(path)) if path.is_file() else None  # not a pattern, a device or an address
         if capture is None or not capture.isOpened():
             raise HardwareError(RecordingFault.VIDEO_UNREADABLE, path=path)
+        if capture.get(cv2.CAP_PROP_FRAME_WIDTH) * capture.get(cv2.CAP_PROP_FRAME_HEIGHT) > MAX_PIXELS:
+            raise HardwareError(RecordingFault.VIDEO_UNREADABLE, path=path)
         rate = capture.get(cv2.CAP_PROP_FPS)
         period_ns = 1e9 / (rate if 0 < rate <= 1000 else 30.0)
         number = 0
@@ -170,13 +176,21 @@ def read_image(path: Path) -> ImageArray:
 
 
 def decode_image(path: Path, flags: int) -> NDArray[Any] | None:
-    """A regular file decoded by OpenCV, None when that can't be done."""
+    """A regular file decoded by OpenCV, None when that can't be done, or would take gigabytes."""
     try:
-        data = np.frombuffer(read_bytes(path, MAX_IMAGE), np.uint8)
-        image: NDArray[Any] | None = cv2.imdecode(data, flags)
-    except (OSError, cv2.error, MemoryError):
+        data = read_bytes(path, MAX_IMAGE)
+        if pixels_of(data) > MAX_PIXELS:
+            return None
+        image: NDArray[Any] | None = cv2.imdecode(np.frombuffer(data, np.uint8), flags)
+    except (OSError, ValueError, cv2.error, MemoryError):
         return None
     return image
+
+
+def pixels_of(data: bytes) -> int:
+    """Width times height as an image's header claims them. Raises OSError when it is no image."""
+    with Image.open(BytesIO(data), formats=("BMP", "JPEG", "PNG", "TIFF", "WEBP")) as image:
+        return image.width * image.height
 
 
 def _wait_until(due_ns: int, timeout_s: float) -> bool:

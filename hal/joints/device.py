@@ -24,34 +24,47 @@ class Joint(IntEnum):
 
 DEFAULT_DEVICE = Path(__file__).with_name("exoskeleton.toml")
 
-Positive = Annotated[float, Meta(gt=0)]
+# Upper limits: ten times what drives for legs have, so that a slip of the keyboard is refused and no limit vanishes.
+Degrees = Annotated[float, Meta(ge=-360, le=360)]
+Celsius = Annotated[float, Meta(ge=0, le=200)]
+Speed = Annotated[float, Meta(gt=0, le=10_000)]  # degrees per second
+Torque = Annotated[float, Meta(gt=0, le=2_000)]  # Nm
+Gain = Annotated[float, Meta(gt=0, le=10_000)]  # Nm/rad, Nm s/rad
+Ratio = Annotated[float, Meta(gt=0, le=1_000)]
+Thermal = Annotated[float, Meta(gt=0, le=1e6)]
 
 
 class JointDevice(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """One joint's drive, wiring, transmission and hard limits; angles at the joint, degrees in the file's `_deg`."""
 
     motor: str  # name of an entry of the motor table
-    can_bus: int = 0
+    can_bus: Annotated[int, Meta(ge=0, le=3)] = 0
     can_id: Annotated[int, Meta(ge=0, le=0x7F)]
     reply_id: Annotated[int, Meta(ge=0, le=0x7FF)] = 0
     direction: Literal[1, -1] = 1  # +1 or -1: motor's positive against the joint's
-    zero_offset_deg: float = 0.0
-    transmission: Positive = 1.0  # motor output turns per joint turn, after the drive's own gearbox
-    min_deg: float
-    max_deg: float
-    max_speed_deg_s: Positive
-    max_torque_nm: Positive
-    max_stiffness_nm_rad: Positive
-    max_damping_nm_s_rad: Positive
-    damp_nm_s_rad: Positive  # damping used by the damp effect and by the guardian
-    rotor_inertia_kgm2: Positive  # reflected to the joint
-    friction_nm: Annotated[float, Meta(ge=0)]
-    no_load_speed_deg_s: Positive
-    thermal_resistance_k_w: Positive
-    thermal_capacity_j_k: Positive
-    torque_constant_loss_w_nm2: Positive  # copper loss per joint torque squared
-    warn_c: float = 65.0
-    limit_c: float = 80.0
+    zero_offset_deg: Degrees = 0.0
+    transmission: Ratio = 1.0  # motor output turns per joint turn, after the drive's own gearbox
+    min_deg: Degrees
+    max_deg: Degrees
+    max_speed_deg_s: Speed
+    max_torque_nm: Torque
+    max_stiffness_nm_rad: Gain
+    max_damping_nm_s_rad: Gain
+    damp_nm_s_rad: Gain  # damping used by the damp effect and by the guardian
+    rotor_inertia_kgm2: Annotated[float, Meta(gt=0, le=100)]  # reflected to the joint
+    friction_nm: Annotated[float, Meta(ge=0, le=200)]
+    no_load_speed_deg_s: Speed
+    thermal_resistance_k_w: Thermal
+    thermal_capacity_j_k: Thermal
+    torque_constant_loss_w_nm2: Thermal  # copper loss per joint torque squared
+    warn_c: Celsius = 65.0
+    limit_c: Celsius = 80.0
+
+    def __post_init__(self) -> None:
+        if self.min_deg >= self.max_deg:
+            raise ValueError("max_deg must be above min_deg")
+        if self.warn_c > self.limit_c:
+            raise ValueError("limit_c must not be below warn_c")
 
 
 class BusDevice(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -59,16 +72,16 @@ class BusDevice(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
 
     interface: str = "socketcan"
     channel: str = "can0"
-    bitrate: Annotated[int, Meta(gt=0)] = 1_000_000
+    bitrate: Annotated[int, Meta(gt=0, le=8_000_000)] = 1_000_000  # CAN FD's fastest
     options: dict[str, str | int | float | bool] = {}  # further arguments of python-can's interface
 
 
 class Exoskeleton(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """The whole device."""
 
-    schema: int = 1
+    schema: Literal[1] = 1
     name: str
-    mass_kg: Positive
+    mass_kg: Annotated[float, Meta(gt=0, le=200)]
     buses: Annotated[tuple[BusDevice, ...], Meta(min_length=1, max_length=4)]
     soft_start_s: Annotated[float, Meta(ge=0, le=5)] = 0.3  # stiffness and torque ramp after enabling
     left_hip: JointDevice

@@ -20,7 +20,7 @@ from logs.reading.formats import read_toml
 
 BUILT_IN_TABLE = Path(__file__).with_name("motors.toml")
 
-Positive = Annotated[float, Meta(gt=0)]
+Positive = Annotated[float, Meta(gt=0, le=100_000)]
 
 
 class WireProtocol(Enum):
@@ -52,7 +52,7 @@ class Watchdog(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """The drive's own timeout, as its source documents it."""
 
     on_silence: OnTimeout = OnTimeout.HOLDS
-    after_ms: Annotated[float, Meta(ge=0)] = 0.0
+    after_ms: Annotated[float, Meta(ge=0, le=100_000)] = 0.0
 
 
 class MotorModel(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -69,7 +69,7 @@ class MotorModel(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     damping_nm_s_rad: Positive = 5.0
     reply: ReplyLayout = ReplyLayout.TEMPERATURE
     errors: dict[str, str] = {}  # the drive's code (or bit number) → name of a DriveFault
-    temperature_offset_c: float = 0.0  # raw byte − offset = °C
+    temperature_offset_c: Annotated[float, Meta(ge=-500, le=500)] = 0.0  # raw byte − offset = °C
     watchdog: Watchdog = Watchdog()
     zero_in_motor_mode: bool = False  # accepts "set zero" while enabled
     answers_each_command: bool = True  # else it uploads by itself

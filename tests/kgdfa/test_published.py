@@ -2,9 +2,12 @@ from __future__ import annotations
 
 from dataclasses import replace
 from itertools import product
+from unittest.mock import patch
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from kgdfa.gesture import Decision, Explanation, Finger, Gesture
 from kgdfa.hand import FloatArray
@@ -144,4 +147,28 @@ def test_a_very_clear_gesture_is_explained_by_a_constraint_that_its_line_has(
     monkeypatch.setattr("kgdfa.published.measure", lambda _: clear)
     verdict = RULES.classify(drawn_hand(STATES[row.gesture]))
     assert verdict.gesture is row.gesture
+    assert isinstance(verdict.explanation.values["measure"], Explanation)
+
+
+DEPTHS = st.floats(-1e6, 1e6)
+
+
+@given(
+    st.lists(st.lists(DEPTHS, min_size=5, max_size=5), min_size=2, max_size=2),
+    st.lists(st.floats(0.0, 180.0), min_size=5, max_size=5),
+    st.lists(st.floats(0.0, 1e6), min_size=3, max_size=3),
+    st.floats(0.0, 1e4),
+)
+@settings(max_examples=300)
+def test_no_measures_are_explained_by_an_extra_that_the_line_has_not(
+    depths_px: list[list[float]], angles_deg: list[float], lengths: list[float], reference_px: float
+) -> None:
+    measures = Measures(
+        depths_px=np.array(depths_px),
+        angles_deg=np.array(angles_deg),
+        reference_px=reference_px,
+        lengths=np.array([0.0, *lengths]),
+    )
+    with patch("kgdfa.published.measure", return_value=measures):
+        verdict = RULES.classify(drawn_hand(STATES[Gesture.ZERO]))
     assert isinstance(verdict.explanation.values["measure"], Explanation)

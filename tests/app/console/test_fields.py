@@ -55,6 +55,8 @@ def test_nonsense_is_reported_at_its_field(field: object, typed: str) -> None:
     ("path", "typed", "expected"),
     [
         ("stature_m", "", reason(FieldFault.EMPTY)),
+        ("identifier", "", reason(FieldFault.EMPTY)),
+        ("identifier", " \t", reason(FieldFault.EMPTY)),
         ("stature_m", "tall", reason(FieldFault.NOT_A_NUMBER, text="tall", unit="cm")),
         ("stature_m", "170 kg", reason(FieldFault.UNKNOWN_UNIT, unit="kg", known="cm, mm, m")),
         ("dose.steps", "10.5", reason(FieldFault.NOT_WHOLE, text="10.5")),

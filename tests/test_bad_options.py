@@ -1,0 +1,263 @@
+"""Bad input at the command line's doors: one sentence and status 2 before any work, and nothing written."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+import typer
+
+from app.cli import main
+from app.cli.common import CliFault
+from app.cli.tree import tree
+from app.system.errors import AppError
+from app.text.catalogue import render
+from logs.errors import AuditError, AuditFault
+from logs.query import ask, connect_locked
+from tests.support.bad_input import NODES, in_time
+
+ROOT = Path(__file__).parents[1]
+SCHEMA1 = ROOT / "tests/logs/data/schema1"
+
+
+def command_line(
+    arguments: list[str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> tuple[object, str]:
+    """Exit status and stderr of `rleex` in this process."""
+    monkeypatch.setattr(sys, "argv", ["rleex", *arguments])
+    with in_time(), pytest.raises(SystemExit) as caught:
+        main()
+    return caught.value.code, capsys.readouterr().err
+
+
+DOORS: dict[str, tuple[str, ...]] = {
+    "import": ("profile", "import", "{file}"),
+    "show": ("audit", "show", "{file}"),
+    "key": ("audit", "verify", "{home}", "--key", "{file}"),
+    "query": ("audit", "query", "select 1", "--at", "{file}"),
+    "export trail": ("audit", "export", "--parquet", "{home}/x.parquet", "--at", "{file}"),
+    "report": ("audit", "report", "{file}", "-o", "{home}/x.html"),
+    "decode": ("can", "decode", "{file}"),
+    "decode device": ("can", "decode", "{home}/x.log", "--device", "{file}"),
+    "emulate device": ("emulate-drives", "--device", "{file}"),
+    "simulate gait": ("simulate", "walk", "--gait", "{file}"),
+    "simulate profile": ("simulate", "walk", "--profile", "{file}"),
+    "gestures": ("evaluate", "gestures", "{file}"),
+    "distance": ("evaluate", "distance", "{file}"),
+    "video": ("evaluate", "video", "{file}"),
+    "camera": ("camera", "show", "{file}"),
+    "home": ("locate", "--home", "{file}"),
+}
+
+
+@pytest.mark.parametrize("node", ["pipe", "endless device"])
+@pytest.mark.parametrize("door", DOORS)
+def test_no_door_opens_to_a_pipe_or_a_device(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], door: str, node: str
+) -> None:
+    home = tmp_path / "home"
+    home.mkdir()
+    monkeypatch.setenv("RLEEX_HOME", str(home))
+    path = tmp_path / "x.toml"
+    NODES[node](path)
+    arguments = [part.format(file=path, home=home) for part in DOORS[door]]
+    status, err = command_line(arguments, monkeypatch, capsys)
+    assert status == 2, err
+    assert err.startswith("rleex: "), err
+    assert len(err.splitlines()) == 1
+    assert not list(home.iterdir())
+
+
+def _commands(group: Any, path: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], Any]]:
+    for name, command in group.commands.items():
+        if hasattr(command, "commands"):
+            yield from _commands(command, (*path, name))
+        else:
+            yield (*path, name), command
+
+
+COMMANDS = dict(_commands(typer.main.get_group(tree())))
+WRITTEN = {"json", "json_file", "plot", "plot_file", "png", "video", "output", "errors", "keypoints", "parquet"}
+OUTPUTS = [
+    (path, parameter.name)
+    for path, command in COMMANDS.items()
+    for parameter in command.params
+    if parameter.name in WRITTEN and not getattr(parameter, "is_flag", False)
+]
+FLOATS = [
+    (path, parameter.name)
+    for path, command in COMMANDS.items()
+    for parameter in command.params
+    if parameter.bare_type() == "float"
+]
+SEEDS = [
+    (path, parameter.name)
+    for path, command in COMMANDS.items()
+    for parameter in command.params
+    if "seed" in parameter.name and parameter.bare_type() == "int"
+]
+
+
+def call(path: tuple[str, ...], name: str, value: str) -> None:
+    """A command with one option given, and anything for the arguments and options that it must have."""
+    arguments: list[str] = []
+    for parameter in COMMANDS[path].params:
+        if parameter.name == name:
+            arguments += [parameter.opts[0], value] if parameter.param_type_name == "option" else [value]
+        elif parameter.required:
+            some = "1" if parameter.bare_type() == "float" else "x"
+            arguments += [parameter.opts[0], some] if parameter.param_type_name == "option" else [some]
+    with in_time():
+        COMMANDS[path].main(arguments, standalone_mode=False)
+
+
+@pytest.mark.parametrize(("path", "name"), OUTPUTS)
+@pytest.mark.parametrize("place", ["file/x", "no/x", "folder"])
+def test_an_output_that_can_not_be_written_is_refused_before_the_work(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, path: tuple[str, ...], name: str, place: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("file").touch()
+    Path("folder").mkdir()
+    if name == "errors" and place != "file/x":
+        pytest.skip("a folder that is made")
+    with pytest.raises(AppError) as caught:
+        call(path, name, place)
+    assert caught.value.code is CliFault.OUTPUT_UNWRITABLE
+    assert sorted(one.name for one in tmp_path.rglob("*")) == ["file", "folder"]
+
+
+@pytest.mark.parametrize(("path", "name"), FLOATS)
+@pytest.mark.parametrize("value", ["nan", "inf", "1e400"])
+def test_a_number_that_is_none_is_refused(path: tuple[str, ...], name: str, value: str) -> None:
+    with pytest.raises((AppError, typer.BadParameter)) as caught:
+        call(path, name, value)
+    if isinstance(caught.value, AppError):
+        assert caught.value.code is CliFault.NOT_FINITE
+
+
+@pytest.mark.parametrize(("path", "name"), SEEDS)
+def test_a_seed_below_0_is_refused(path: tuple[str, ...], name: str) -> None:
+    with pytest.raises(typer.BadParameter):
+        call(path, name, "-1")
+
+
+@pytest.mark.parametrize(("path", "name"), SEEDS)
+@pytest.mark.parametrize("value", [2**32, 10**30, 10**400])
+def test_a_seed_beyond_32_bits_is_refused(path: tuple[str, ...], name: str, value: int) -> None:
+    with pytest.raises(typer.BadParameter):
+        call(path, name, str(value))
+
+
+def test_every_json_file_is_tried_before_the_work() -> None:
+    writers = {path for path, one in COMMANDS.items() for option in one.params if _writes_json(option)}
+    assert len(writers) >= 10
+    assert writers <= {path for path, name in OUTPUTS if name in {"json", "json_file"}}
+
+
+def _writes_json(option: Any) -> bool:
+    return "--json" in option.opts and not getattr(option, "is_flag", False)
+
+
+def test_all_outputs_and_numbers_of_the_command_line_are_tried() -> None:
+    assert len(OUTPUTS) >= 20
+    assert len(FLOATS) >= 8
+    assert len(SEEDS) >= 3
+
+
+@pytest.mark.parametrize(
+    "sql",
+    [
+        "COPY records TO '{out}'",
+        "COPY (SELECT 1) TO '{out}'",
+        "ATTACH '{out}'",
+        "EXPORT DATABASE '{out}'",
+        "SELECT * FROM read_csv('/etc/passwd')",
+        "SELECT * FROM read_text('/etc/passwd')",
+        "SELECT * FROM read_blob('/etc/passwd')",
+        "SELECT * FROM glob('/etc/*')",
+        "SELECT * FROM '/etc/passwd'",
+        "INSTALL httpfs",
+        "LOAD httpfs",
+        "PRAGMA database_list",
+        "SET enable_external_access = true",
+        "SET memory_limit = '100GB'",
+        "CREATE TABLE a AS SELECT 1",
+        "DROP TABLE records",
+        "DELETE FROM records",
+        "SELECT 1; DROP TABLE records",
+        "CALL pragma_version()",
+        "SELECT * FROM connection",
+        "SELECT",
+        "",
+    ],
+)
+def test_a_query_only_selects_from_the_records(tmp_path: Path, sql: str) -> None:
+    connection = connect_locked([SCHEMA1 / "logs"])
+    with in_time(), pytest.raises(AuditError) as caught:
+        ask(connection, sql.format(out=tmp_path / "out"))
+    assert caught.value.code in (AuditFault.NOT_A_QUESTION, AuditFault.UNANSWERABLE)
+    assert render(caught.value)
+    assert not list(tmp_path.iterdir())
+    assert ask(connection, "SELECT count(*) FROM records").num_rows == 1
+
+
+@pytest.mark.parametrize("sql", ["SELECT count(*) FROM range(10000000000000) a", "SELECT * FROM range(10000000000)"])
+def test_a_query_ends_in_time_and_within_its_size(sql: str) -> None:
+    connection = connect_locked([SCHEMA1 / "logs"])
+    with in_time(), pytest.raises(AuditError) as caught:
+        ask(connection, f"{sql}, range(1000) b", limit_s=0.5)
+    assert caught.value.code in (AuditFault.QUESTION_TOO_LONG, AuditFault.ANSWER_TOO_LARGE)
+
+
+def test_the_list_of_patients_prints_no_markup_and_no_escapes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = tmp_path / "profiles"
+    folder.mkdir()
+    fields = b'sex = "male"\nstature_cm = 170\nmass_kg = 70\n'
+    (folder / "a.toml").write_bytes(b'identifier = "a"\nnote = "[red]note[/x]"\n' + fields)
+    (folder / "b\x1b[2J.toml").write_bytes(b'"\\u001b[2Jx" = 1\n')
+    monkeypatch.setenv("COLUMNS", "200")
+    monkeypatch.setattr(sys, "argv", ["rleex", "profile", "list", "--home", str(tmp_path)])
+    with pytest.raises(SystemExit) as caught:
+        main()
+    assert not caught.value.code
+    printed = capsys.readouterr().out
+    assert "[red]note[/x]" in printed
+    assert "\x1b[2J" not in printed
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("profile", "import", "/dev/zero"),
+        ("locate", "--home", "{file}"),
+        ("demo", "--json", "no/x.json"),
+        ("run",),
+        ("run", "--read-only"),
+    ],
+)
+def test_as_a_process_it_ends_with_one_sentence_and_status_2(tmp_path: Path, arguments: tuple[str, ...]) -> None:
+    (tmp_path / "file").touch()
+    command = [sys.executable, "-c", "from app.cli import main; main()"]
+    command += [part.format(file=tmp_path / "file") for part in arguments]
+    environment = {**os.environ, "RLEEX_HOME": str(tmp_path / "home"), "PYTHONPATH": str(ROOT)}
+    done = subprocess.run(
+        command,
+        capture_output=True,
+        stdin=subprocess.DEVNULL,
+        text=True,
+        env=environment,
+        timeout=60,
+        check=False,
+        cwd=tmp_path,
+    )
+    assert done.returncode == 2, done.stderr
+    assert len(done.stderr.splitlines()) == 1
+    assert not (tmp_path / "home").exists()
