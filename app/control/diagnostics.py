@@ -158,7 +158,7 @@ def _clocks(inputs: Inputs, streams: StreamState) -> ClockDiagnostics:
 
 
 def _joints(inputs: Inputs, state: ControlState, settings: Settings) -> JointDiagnostics:
-    now_ns, feedback, limits = inputs.now_ns, inputs.feedback, settings.limits
+    now_ns, feedback = inputs.now_ns, inputs.feedback
     motion, streams = state.motion, state.streams
     oldest_ns = min(feedback.measured_ns.tolist())
     temperatures_c = feedback.temperature_c.tolist()
@@ -172,19 +172,27 @@ def _joints(inputs: Inputs, state: ControlState, settings: Settings) -> JointDia
         drive_error=inputs.drive_error,
         bus=feedback.bus,
         hottest_c=max(temperatures_c, key=lambda c: -inf if isnan(c) else c),
-        warm=_any_above(temperatures_c, settings.warn_c.tolist()),
-        hot=_any_above(temperatures_c, settings.limit_c.tolist()),
         following_rad=_following_rad(motion, feedback),
         pose_error_rad=_pose_error_rad(state, feedback, settings),
         drift_rad_s=_drift_rad_s(state, feedback, now_ns),
         fastest_rad_s=max(map(abs, feedback.velocity_rad_s.tolist())),
-        beyond_range=_beyond_range(feedback.position_rad.tolist(), settings),
-        beyond_speed=_any_beyond(feedback.velocity_rad_s.tolist(), SPEED_MARGIN, limits.speed_rad_s.tolist()),
-        beyond_torque=_any_beyond(feedback.torque_nm.tolist(), TORQUE_MARGIN, limits.torque_nm.tolist()),
         guard_refusal=inputs.guard_refusal,
         feedback=feedback,
         settings=settings,
+        **exceeded(feedback, settings),
     )
+
+
+def exceeded(feedback: JointFeedback, settings: Settings) -> dict[str, bool]:
+    """Which limits any of the joints exceeds: fields of `JointDiagnostics`."""
+    limits, temperatures_c = settings.limits, feedback.temperature_c.tolist()
+    return {
+        "warm": _any_above(temperatures_c, settings.warn_c.tolist()),
+        "hot": _any_above(temperatures_c, settings.limit_c.tolist()),
+        "beyond_range": _beyond_range(feedback.position_rad.tolist(), settings),
+        "beyond_speed": _any_beyond(feedback.velocity_rad_s.tolist(), SPEED_MARGIN, limits.speed_rad_s.tolist()),
+        "beyond_torque": _any_beyond(feedback.torque_nm.tolist(), TORQUE_MARGIN, limits.torque_nm.tolist()),
+    }
 
 
 def _age_ms(now_ns: int, then_ns: int) -> float:

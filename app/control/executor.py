@@ -7,7 +7,7 @@ from msgspec.structs import replace
 
 from app.control.events.table import RaisedEvent, blocker
 from app.control.gait import machine as gait_machine
-from app.control.gait.machine import Gait
+from app.control.gait.machine import Change, Gait
 from app.control.inputs import ActionRequest, DriveOrder
 from app.control.requests import refuse
 from app.control.running_action import (
@@ -116,7 +116,7 @@ def _wait(tick: Tick, running: RunningAction) -> None:
     waited_ns = tick.now_ns - running.report.accepted_ns
     event = blocker(tick.state.events, running.report.source)
     if running.stage is Stage.PLANNING and waited_ns > START_LIMIT_MS * NS_PER_MS and event is not None:
-        _refuse(tick, running, event.reason)
+        _refuse(tick, running, event.reason, event)
 
 
 def _leave_planning(tick: Tick, running: RunningAction) -> None:
@@ -148,7 +148,7 @@ def _refuse(tick: Tick, running: RunningAction, why: Reason, event: RaisedEvent 
         recognised_ns=report.recognised_ns,
         released_ns=report.released_ns,
     )
-    refuse(tick, request, why, report.number, event)
+    refuse(tick, request, why, report.number, event=event)
     _cancel(tick, running, Outcome.REFUSED, why)
 
 
@@ -157,7 +157,7 @@ def _accept_next_step(tick: Tick, running: RunningAction, plan: Plan) -> None:
     if plan.check.ok:
         tick.update(running=replace(running, next_steps={**running.next_steps, plan.phase: plan}))
     elif plan.action is Action.WALK:
-        tick.update(gait=gait_machine.close_walk(tick.state.gait))
+        tick.change_gait(Change.WALK_CLOSED)
 
 
 def _await_power(tick: Tick, running: RunningAction) -> None:
@@ -171,7 +171,7 @@ def _await_power(tick: Tick, running: RunningAction) -> None:
 def _cancel(tick: Tick, running: RunningAction, outcome: Outcome, why: Reason) -> None:
     """Cancel before the first row of the plan; joints that were being stiffened stay held."""
     held = running.stage is Stage.STIFFENING
-    tick.change_gait((gait_machine.interrupt if held else gait_machine.abandon)(tick.state.gait))
+    tick.change_gait(Change.INTERRUPTED if held else Change.ABANDONED)
     _end(tick, running, outcome, why)
 
 
@@ -204,7 +204,7 @@ def _complete_movement(tick: Tick, running: RunningAction) -> None:
         steps=state.steps + running.plan.steps,
         distance_walked_m=state.distance_walked_m + running.plan.advance_m,
     )
-    tick.change_gait(gait_machine.complete(state.gait))
+    tick.change_gait(Change.COMPLETED)
     if tick.state.gait.running is None:
         tick.update(motion=follower.hold(tick.state.motion))
         _end(tick, running, Outcome.COMPLETED, running.walk_ended_by)

@@ -14,15 +14,12 @@ from msgspec.structs import replace
 
 from app.ipc.messages import AuditHealth, GuardianHealth, OperatorCommand, TriggerReport
 from app.ipc.states import ACTION_OF, Action, GaitState, Source
-from app.ipc.streams import NS_PER_MS, TRIGGER
 from app.motion.follower import Gains
 from app.motion.plan import Plan, PlanRequest
 from hal.joints.guard import Limits, Refusal
 from hal.joints.protocol import JointArray, JointCommand, JointFeedback, carries_power
 from logs.reason import Reason
 from logs.records import Body
-
-_FUTURE_NS = 50 * NS_PER_MS  # a capture time farther ahead of now than this is invalid
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -89,6 +86,7 @@ class ActionRequest:
     source: Source
     recognised_ns: int = 0
     released_ns: int = 0
+    requested_ns: int = 0  # when a key's request was sent
 
 
 class StreamState(Struct, frozen=True, kw_only=True):
@@ -165,15 +163,12 @@ def _own_delay_ns(streams: StreamState, inputs: Inputs) -> int:
     return before_ns + (inputs.late_ns if inputs.missed_ticks else 0)
 
 
-def new_release(streams: StreamState, report: TriggerReport | None, now_ns: int) -> ActionRequest | None:
-    """The request of a gesture released in this report, if it is new and its frame is fresh.
+def new_release(streams: StreamState, report: TriggerReport | None) -> ActionRequest | None:
+    """The request of a gesture released in this report, if it is new; its age is judged by `requests`.
 
-    streams: as they were before this report. A count that grew acts once, in a perception that restarted from 0; a
-    stale release never acts, not even later.
+    streams: as they were before this report. A count that grew acts once, in a perception that restarted from 0.
     """
     if report is None or report.released_gesture is None or not _is_new(streams.report, report):
-        return None
-    if not -_FUTURE_NS <= now_ns - report.released_ns <= TRIGGER.stale_ms * NS_PER_MS:
         return None
     return ActionRequest(
         action=ACTION_OF[report.released_gesture],

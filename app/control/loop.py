@@ -13,11 +13,11 @@ from msgspec.structs import asdict, replace
 
 from app.audit.sink import AuditSink
 from app.control.assembly import cleared_of, drives_of, settings_of
-from app.control.inputs import DriveOrder, Inputs, Outputs
+from app.control.inputs import DriveOrder, Inputs, Outputs, Settings
 from app.control.links import ControlLinks
 from app.control.state import ControlState
 from app.control.step import initial_state, step
-from app.control.telemetry import Histogram, JointStatisticsCollector, LoopStatus, snapshot
+from app.control.telemetry import Histogram, JointStatisticsCollector, LoopStatus, quad, snapshot
 from app.ipc import streams
 from app.ipc.messages import Heartbeat, RealTime
 from app.motion.plan import Phase
@@ -78,6 +78,7 @@ class Control:
         self._sink.emit(records.ProcessStart(pid=os.getpid()))
         self._real_time = replace(self._real_time, core=pin_to_control_core())
         self._sink.emit(records.RealTimePrivilege(**asdict(self._real_time)))
+        self._sink.emit(limits_record(self._settings))
         self._drives.open(time.monotonic_ns())
         disable_gc()
         timer = PeriodicTimer(period_ns=TICK_NS, next_ns=time.monotonic_ns() + TICK_NS)
@@ -177,6 +178,19 @@ class Control:
 
     def _lateness_record(self) -> records.TickLateness:
         return records.TickLateness(**asdict(self._histogram.summary()))
+
+
+def limits_record(settings: Settings) -> records.JointLimits:
+    """What the joints are compared with, for the audit trail."""
+    limits = settings.limits
+    return records.JointLimits(
+        low_rad=quad(limits.low_rad),
+        high_rad=quad(limits.high_rad),
+        speed_rad_s=quad(limits.speed_rad_s),
+        torque_nm=quad(limits.torque_nm),
+        warn_c=quad(settings.warn_c),
+        limit_c=quad(settings.limit_c),
+    )
 
 
 def drives_record(feedback: JointFeedback) -> records.Drives:

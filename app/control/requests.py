@@ -3,22 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 from msgspec.structs import replace
 
+from app.control.events.row import Compared
 from app.control.events.table import RaisedEvent, blocker, compared_fields
 from app.control.gait import machine as gait_machine
-from app.control.gait.machine import Ignored, Latched, Refused, Started
+from app.control.gait.machine import Answer, Change, Gait, Ignored, Latched, Refused, Started
 from app.control.inputs import ActionRequest, DriveOrder, new_release
 from app.control.running_action import RunningAction, command_record, new_report, plan_request
 from app.control.state import Tick
 from app.ipc.messages import ActionReport, OperatorCommand, OperatorKind
 from app.ipc.states import GESTURE_OF, Action, Effect, RequestRefusal, Source
-from app.ipc.streams import NS_PER_MS
+from app.ipc.streams import NS_PER_MS, TRIGGER
 from app.motion.follower import Mode
 from logs import records
 from logs.reason import Reason, reason
 
+FUTURE_MS = 50.0  # a capture time farther ahead of now than this is invalid
 ACT_STALE_MS = 500  # a key pressed longer ago requests nothing any more; STOP never expires
 
 
@@ -34,11 +37,12 @@ def handle_operator_commands(tick: Tick) -> None:
 
 def handle_gesture(tick: Tick) -> None:
     """Take the request of a newly released gesture."""
-    request = new_release(tick.state.streams, tick.inputs.report, tick.now_ns)
+    request = new_release(tick.state.streams, tick.inputs.report)
     if request is None:
         return
-    if request.released_ns < tick.state.armed_ns:
-        refuse(tick, request, reason(RequestRefusal.RELEASED_BEFORE_ARMING))
+    untimely = untimely_release(request.released_ns, tick.state.armed_ns, tick.now_ns)
+    if untimely is not None:
+        refuse(tick, request, reason(untimely[0]), compared=untimely[1])
     else:
         tick.requests.append(request)  # while gestures are not armed, NOT_ARMED refuses it
 
@@ -54,26 +58,65 @@ def lacks_preflight(tick: Tick) -> bool:
 def arbitrate(tick: Tick) -> None:
     """Answer each request: by an event in force that refuses it, else by the gait machine."""
     for request in tick.requests:
-        answer = gait_machine.ask(tick.state.gait, request.action)
+        state, event = tick.state, blocker(tick.state.events, request.source)
+        answer = answer_to(state.gait, request.action, event.reason if event else None, settled=state.motion.settled)
         if isinstance(answer, Ignored):
             _ignore(tick, request, answer.reason)
-        elif event := blocker(tick.state.events, request.source):
-            refuse(tick, request, event.reason, event=event)
-        elif tick.state.gait.running is None and not tick.state.motion.settled:
-            refuse(tick, request, reason(RequestRefusal.COMING_TO_REST))
         elif isinstance(answer, Refused):
-            refuse(tick, request, answer.reason)
+            refuse(tick, request, answer.reason, event=event)
         elif isinstance(answer, Latched):
-            _latch(tick, request, answer)
+            _latch(tick, request)
         else:
             _begin(tick, request, answer)
 
 
-def refuse(tick: Tick, request: ActionRequest, why: Reason, number: int = 0, event: RaisedEvent | None = None) -> None:
-    """Show and record why a request is not granted; event: the one in force that refuses it."""
+def answer_to(gait: Gait, action: Action, forbidden: Reason | None, *, settled: bool) -> Answer:
+    """The answer to a request; forbidden: by the strongest event in force that refuses it, if one does."""
+    answer = gait_machine.ask(gait, action)
+    if isinstance(answer, Ignored):
+        return answer
+    if forbidden is not None:
+        return Refused(reason=forbidden)
+    if gait.running is None and not settled:
+        return Refused(reason=reason(RequestRefusal.COMING_TO_REST))
+    return answer
+
+
+Untimely = tuple[RequestRefusal, Compared]  # why a request of that moment is not answered at all
+
+
+def untimely_release(released_ns: int, armed_ns: int, now_ns: int) -> Untimely | None:
+    """A stale release never acts, not even later, nor does one from before the arming."""
+    age_ms, before_ms = (now_ns - released_ns) / NS_PER_MS, (armed_ns - released_ns) / NS_PER_MS
+    if not -FUTURE_MS <= age_ms <= TRIGGER.stale_ms:
+        limit_ms = TRIGGER.stale_ms if age_ms > 0 else -FUTURE_MS
+        return RequestRefusal.RELEASE_EXPIRED, Compared("request_age_ms", age_ms, limit_ms)
+    if before_ms > 0:
+        return RequestRefusal.RELEASED_BEFORE_ARMING, Compared("before_arming_ms", before_ms, 0.0)
+    return None
+
+
+def untimely_key(sent_ns: int, now_ns: int) -> Untimely | None:
+    """A key pressed too long ago requests nothing any more."""
+    age_ms = (now_ns - sent_ns) / NS_PER_MS
+    if age_ms > ACT_STALE_MS:
+        return RequestRefusal.KEY_EXPIRED, Compared("request_age_ms", age_ms, ACT_STALE_MS)
+    return None
+
+
+def refuse(
+    tick: Tick,
+    request: ActionRequest,
+    why: Reason,
+    number: int = 0,
+    *,
+    event: RaisedEvent | None = None,
+    compared: Compared | None = None,
+) -> None:
+    """Show and record why a request is not granted; event: the one in force that refuses it, else what was compared."""
     state = tick.state
     tick.state = replace(state, refusal=why, refusal_count=state.refusal_count + 1)
-    _record_refusal(tick, request, why, number, event)
+    _record_refusal(tick, request, why, number, event=event, compared=compared)
 
 
 def _ignore(tick: Tick, request: ActionRequest, why: Reason) -> None:
@@ -82,7 +125,13 @@ def _ignore(tick: Tick, request: ActionRequest, why: Reason) -> None:
 
 
 def _record_refusal(
-    tick: Tick, request: ActionRequest, why: Reason, number: int, event: RaisedEvent | None = None
+    tick: Tick,
+    request: ActionRequest,
+    why: Reason,
+    number: int,
+    *,
+    event: RaisedEvent | None = None,
+    compared: Compared | None = None,
 ) -> None:
     by_gesture = request.source is Source.GESTURE
     tick.audit.append(
@@ -98,16 +147,23 @@ def _record_refusal(
             refused_ns=tick.now_ns,
             event=event.event.value if event else "",
             raised_ns=event.since_ns if event else 0,
-            **(compared_fields(event) if event else {}),
+            **compared_fields(event.compared if event else compared),
+            **_grounds(tick, request),
         )
     )
 
 
-def _latch(tick: Tick, request: ActionRequest, answer: Latched) -> None:
+def _grounds(tick: Tick, request: ActionRequest) -> dict[str, Any]:
+    """What else an answer takes, for the trail."""
+    return {"requested_ns": request.requested_ns, "settled": tick.state.motion.settled, "in_force": tick.in_force}
+
+
+def _latch(tick: Tick, request: ActionRequest) -> None:
     running = tick.state.running
     assert running is not None
     report = _accept(tick, request)
-    tick.update(gait=answer.gait, running=replace(running, ending=report))
+    tick.change_gait(Change.REQUESTED, request.action)
+    tick.update(running=replace(running, ending=report))
 
 
 def _begin(tick: Tick, request: ActionRequest, answer: Started) -> None:
@@ -122,7 +178,7 @@ def _begin(tick: Tick, request: ActionRequest, answer: Started) -> None:
         initial_command=tick.state.motion.command,
         start_rad=measured_rad,
     )
-    tick.change_gait(answer.gait)
+    tick.change_gait(Change.REQUESTED, request.action)
     tick.update(running=running, plan_number=number)
 
 
@@ -130,7 +186,7 @@ def _accept(tick: Tick, request: ActionRequest) -> ActionReport:
     number = tick.state.number + 1
     report = new_report(request, number, tick.state.gait.state, tick.now_ns)
     tick.update(number=number)
-    tick.audit.append(command_record(report))
+    tick.audit.append(command_record(report, **_grounds(tick, request)))
     return report
 
 
@@ -172,12 +228,12 @@ def _acknowledge(tick: Tick, command: OperatorCommand) -> None:
 
 def _arm(tick: Tick, _: OperatorCommand) -> None:
     tick.update(armed_ns=tick.now_ns)
-    tick.audit.append(records.Arming(armed=True))
+    tick.audit.append(records.Arming(armed=True, at_ns=tick.now_ns))
 
 
 def _disarm(tick: Tick, _: OperatorCommand) -> None:
     tick.update(armed_ns=0)
-    tick.audit.append(records.Arming(armed=False))
+    tick.audit.append(records.Arming(armed=False, at_ns=tick.now_ns))
 
 
 def _confirm_patient(tick: Tick, _: OperatorCommand) -> None:
@@ -188,9 +244,10 @@ def _confirm_patient(tick: Tick, _: OperatorCommand) -> None:
 def _act(tick: Tick, command: OperatorCommand) -> None:
     if command.action is None:
         return
-    request = ActionRequest(action=command.action, source=Source.THERAPIST)
-    if tick.now_ns - command.sent_ns > ACT_STALE_MS * NS_PER_MS:
-        refuse(tick, request, reason(RequestRefusal.KEY_EXPIRED))
+    request = ActionRequest(action=command.action, source=Source.THERAPIST, requested_ns=command.sent_ns)
+    untimely = untimely_key(command.sent_ns, tick.now_ns)
+    if untimely is not None:
+        refuse(tick, request, reason(untimely[0]), compared=untimely[1])
     else:
         tick.requests.append(request)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from enum import Enum
 from math import radians, sqrt
+from typing import Any
 
 import numpy as np
 from msgspec import Struct
@@ -106,8 +107,8 @@ def ended(
     )
 
 
-def command_record(report: ActionReport) -> records.Command:
-    """An accepted action for the audit trail."""
+def command_record(report: ActionReport, **grounds: Any) -> records.Command:
+    """An accepted action for the audit trail; grounds: what else the answer took."""
     by_gesture = report.source is Source.GESTURE
     return records.Command(
         number=report.number,
@@ -118,6 +119,7 @@ def command_record(report: ActionReport) -> records.Command:
         recognised_ns=report.recognised_ns,
         released_ns=report.released_ns,
         accepted_ns=report.accepted_ns,
+        **grounds,
     )
 
 

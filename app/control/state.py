@@ -9,7 +9,7 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from app.control.events.table import RaisedEvents, effect_of
-from app.control.gait.machine import Gait
+from app.control.gait.machine import Change, Gait, changed
 from app.control.inputs import ActionRequest, DriveOrder, Inputs, Outputs, Settings, StreamState
 from app.control.running_action import RunningAction
 from app.ipc.messages import ActionReport, PauseSummary
@@ -100,9 +100,22 @@ class Tick:
         older = (report for report in self.state.reports if report.number not in numbers)
         self.update(reports=(*older, *reports)[-REPORTS_KEPT:])
 
-    def change_gait(self, gait: Gait) -> None:
-        """Change the gait, and record a change of its state."""
+    def change_gait(self, change: Change, action: Action | None = None) -> None:
+        """Change the gait, and record it; action: the granted one, with REQUESTED."""
         before = self.state.gait
+        gait = changed(before, change, action)
+        if gait == before:
+            return
+        self.audit.append(
+            records.GaitChanged(
+                change=change.value,
+                action=action.value if action else None,
+                state=gait.state.value,
+                running=gait.running.value if gait.running else None,
+                phase=gait.phase.value,
+                closing=gait.closing,
+            )
+        )
         if gait.state is not before.state:
             action = gait.running or before.running
             self.audit.append(
@@ -114,6 +127,11 @@ class Tick:
                 )
             )
         self.update(gait=gait)
+
+    @property
+    def in_force(self) -> tuple[str, ...]:
+        """The events in force, strongest first, as the trail names them."""
+        return tuple(one.event.value for one in self.state.events if one.in_force)
 
     def outputs(self) -> Outputs:
         """What the loop has to do."""

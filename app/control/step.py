@@ -20,7 +20,7 @@ from app.control.executor import (
     probe_planner,
     stop_action,
 )
-from app.control.gait import machine as gait_machine
+from app.control.gait.machine import Change
 from app.control.inputs import (
     DriveOrder,
     Inputs,
@@ -119,7 +119,11 @@ def _update_events(tick: Tick) -> None:
         tick.audit.extend(_event_records(before, after, tick.now_ns))
         if tick.state.effect is not effect_before:
             tick.audit.append(
-                records.EffectChanged(from_effect=effect_before.name.lower(), to_effect=tick.state.effect.name.lower())
+                records.EffectChanged(
+                    from_effect=effect_before.name.lower(),
+                    to_effect=tick.state.effect.name.lower(),
+                    in_force=tick.in_force,
+                )
             )
     if abs(diagnostics.clocks.step_s) > CLOCK_STEP_S:
         tick.audit.append(records.ClockStep(step_s=diagnostics.clocks.step_s))
@@ -136,7 +140,7 @@ def _apply_effect(tick: Tick) -> None:
     elif effect is Effect.HOLD and tick.state.gait.running is not None:
         _interrupt(tick)
     elif displaced(tick.state.events) and tick.state.gait.running is None:
-        tick.change_gait(gait_machine.interrupt(tick.state.gait))
+        tick.change_gait(Change.INTERRUPTED)
     elif effect is Effect.REFUSE and tick.state.gait.walking:
         _end_walk(tick)
 
@@ -146,15 +150,15 @@ def _interrupt(tick: Tick) -> None:
     state = tick.state
     planning = state.running is not None and state.running.stage is Stage.PLANNING
     if state.motion.mode is Mode.DISABLED or (planning and state.effect is Effect.HOLD):
-        tick.change_gait(gait_machine.abandon(state.gait))  # nothing has moved yet
+        tick.change_gait(Change.ABANDONED)  # nothing has moved yet
     else:
-        tick.change_gait(gait_machine.interrupt(state.gait))
+        tick.change_gait(Change.INTERRUPTED)
     stop_action(tick)
 
 
 def _lose_power(tick: Tick, why: Reason | None = None) -> None:
     """The drives have no power any more."""
-    tick.change_gait(gait_machine.power_off(tick.state.gait))
+    tick.change_gait(Change.POWER_LOST)
     tick.update(motion=follower.disable(tick.state.motion), torque_off=False)
     stop_action(tick, why)
 
@@ -164,7 +168,8 @@ def _end_walk(tick: Tick) -> None:
     running = tick.state.running
     event = None if running is None else walk_ender(tick.state.events, running.report.source)
     if running is not None and event is not None and not tick.state.gait.closing:
-        tick.update(gait=gait_machine.close_walk(tick.state.gait), running=replace(running, walk_ended_by=event.reason))
+        tick.change_gait(Change.WALK_CLOSED)
+        tick.update(running=replace(running, walk_ended_by=event.reason))
 
 
 def _advance_motion(tick: Tick) -> None:
@@ -228,7 +233,7 @@ def _event_records(before: RaisedEvents, after: RaisedEvents, now_ns: int) -> li
             effect=ROW[one.event].effect.name.lower(),
             text=one.reason,
             raised_ns=one.since_ns,
-            **compared_fields(one),
+            **compared_fields(one.compared),
         )
         for one in after
         if one.event not in was

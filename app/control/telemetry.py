@@ -189,19 +189,20 @@ class JointStatisticsCollector:
         self._ticks = 0
         return JointStatistics(
             period_s=period_s,
-            angle_min_rad=_quad(angle_rad.min(axis=0)),
-            angle_mean_rad=_quad(angle_rad.mean(axis=0)),
-            angle_max_rad=_quad(angle_rad.max(axis=0)),
-            target_mean_rad=_quad(target_rad.mean(axis=0)),
-            torque_min_nm=_quad(torque_nm.min(axis=0)),
-            torque_mean_nm=_quad(torque_nm.mean(axis=0)),
-            torque_max_nm=_quad(torque_nm.max(axis=0)),
-            temperature_c=_quad(self._temperature_c),
-            tracking_rms_rad=_quad(np.sqrt(np.square(angle_rad - target_rad).mean(axis=0))),
+            angle_min_rad=quad(angle_rad.min(axis=0)),
+            angle_mean_rad=quad(angle_rad.mean(axis=0)),
+            angle_max_rad=quad(angle_rad.max(axis=0)),
+            target_mean_rad=quad(target_rad.mean(axis=0)),
+            torque_min_nm=quad(torque_nm.min(axis=0)),
+            torque_mean_nm=quad(torque_nm.mean(axis=0)),
+            torque_max_nm=quad(torque_nm.max(axis=0)),
+            temperature_c=quad(self._temperature_c),
+            tracking_rms_rad=quad(np.sqrt(np.square(angle_rad - target_rad).mean(axis=0))),
             state=state,
         )
 
 
-def _quad(values: JointArray) -> Quad:
+def quad(values: JointArray) -> Quad:
+    """Plain numbers for the trail; null: not measured."""
     one, two, three, four = (float(value) if isfinite(value) else None for value in values)
     return one, two, three, four

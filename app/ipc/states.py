@@ -138,6 +138,7 @@ class RequestRefusal(Enum):
 
     COMING_TO_REST = "coming-to-rest"
     RELEASED_BEFORE_ARMING = "released-before-arming"
+    RELEASE_EXPIRED = "release-expired"
     KEY_EXPIRED = "key-expired"
     TORQUE_OFF_NEEDS_DAMPING = "torque-off-needs-damping"
     NO_WALK = "no-walk"

@@ -13,7 +13,9 @@ from logs.records import Button, Frames
 
 BATCH_FRAMES = 60  # two seconds: what a crash may lose of frames in which nothing was decided
 CONFIDENCE_DIGITS = 4
-NO_HAND, SAME_HAND, OTHER_HAND = ".hn"  # capital: cut off
+# Of each frame: whether there is a hand, and whether another one commands than in the frame before. Capital: cut off.
+MARKS = {(False, False): ".", (False, True): "x", (True, False): "h", (True, True): "n"}
+PRESENT_OTHER = {mark: both for both, mark in MARKS.items()}
 ClassifiedFrame = tuple[FrameReading, float]  # with the confidence of its verdict
 
 
@@ -60,25 +62,27 @@ class FrameBatch:
         self._frames.clear()
 
     def _mark(self, reading: FrameReading) -> str:
-        if reading.beside_px is None:
-            return NO_HAND
-        mark = SAME_HAND if reading.hand == self._hand else OTHER_HAND
+        mark = MARKS[reading.beside_px is not None, reading.hand != self._hand]
         self._hand = reading.hand
         return mark.upper() if reading.cut_off else mark
 
 
 def unpack(record: Frames, hand: int) -> Iterator[ClassifiedFrame]:
-    """The frames of a record; hand: number of the hand before it. Raises ValueError for columns that do not fit."""
+    """The frames of a record; hand: number of the hand before it.
+
+    Raises ValueError for columns that do not fit, KeyError for marks that are none.
+    """
     captures_ns = tuple(accumulate(record.after_ns, initial=record.captured_ns))
     columns = zip(record.gesture, record.confidence, record.safe_distance_m, record.beside_px, strict=True)
     for mark, captured_ns in zip(record.hands, captures_ns, strict=True):
-        if mark == NO_HAND:
+        present, other = PRESENT_OTHER[mark.lower()]
+        hand += other
+        if not present:
             nothing = FrameReading(
                 captured_ns=captured_ns, hand=hand, gesture=None, cut_off=False, distance_m=None, beside_px=None
             )
             yield nothing, 0.0
             continue
-        hand += mark.lower() == OTHER_HAND
         gesture, confidence, distance_m, beside_px = next(columns)
         reading = FrameReading(
             captured_ns=captured_ns,

@@ -6,6 +6,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
+from app.replay.control import ControlReplay
 from app.replay.difference import Difference
 from app.replay.perception import PerceptionReplay
 from logs.records import Record
@@ -35,8 +36,12 @@ class Replayed:
 
 
 def replay(found: Iterable[Record]) -> Replayed:
-    """Every decision of perception again."""
-    perception = PerceptionReplay()
-    differing = [one for record in found for one in perception.take(record)]
-    differing += perception.end()
-    return Replayed(replayed=perception.replayed, not_recorded=perception.not_recorded, differences=tuple(differing))
+    """Every decision of perception and control again; differences in the order of their records."""
+    parts = (PerceptionReplay(), ControlReplay())
+    differing = [one for record in found for part in parts for one in part.take(record)]
+    differing += [one for part in parts for one in part.end()]
+    return Replayed(
+        replayed=sum(part.replayed for part in parts),
+        not_recorded=sum(part.not_recorded for part in parts),
+        differences=tuple(sorted(differing, key=lambda one: one.sequence)),
+    )

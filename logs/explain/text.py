@@ -83,6 +83,8 @@ NAMED = frozenset(
         "rejected_messages",
         "foreign_peers",
         "stop_presses",
+        "request_age_ms",
+        "before_arming_ms",
     }
 )
 

@@ -18,6 +18,9 @@ class Command(Struct, frozen=True, kw_only=True, tag_field="kind", tag="command"
     recognised_ns: int = 0
     released_ns: int = 0
     accepted_ns: int = 0
+    requested_ns: int = 0  # a key's request: when it was sent
+    settled: bool = False  # the legs were at rest
+    in_force: tuple[str, ...] = ()  # events, strongest first
 
 
 class Refusal(Struct, frozen=True, kw_only=True, tag_field="kind", tag="refusal"):
@@ -38,6 +41,9 @@ class Refusal(Struct, frozen=True, kw_only=True, tag_field="kind", tag="refusal"
     value: Measured = None
     limit: Measured = None
     joint: str = ""
+    requested_ns: int = 0  # a key's request: when it was sent
+    settled: bool = False  # the legs were at rest
+    in_force: tuple[str, ...] = ()  # events, strongest first
 
 
 class GuardRefusal(Struct, frozen=True, kw_only=True, tag_field="kind", tag="guard-refusal"):
@@ -74,6 +80,17 @@ class Transition(Struct, frozen=True, kw_only=True, tag_field="kind", tag="trans
     to_state: str
     action: str | None = None
     number: int = 0
+
+
+class GaitChanged(Struct, frozen=True, kw_only=True, tag_field="kind", tag="gait"):
+    """The gait machine's gait after a change; `transition` tells where its state changed with it."""
+
+    change: str
+    action: str | None = None  # that was requested
+    state: str
+    running: str | None = None
+    phase: str
+    closing: bool = False
 
 
 class ActionEnd(Struct, frozen=True, kw_only=True, tag_field="kind", tag="action-end"):
@@ -123,6 +140,7 @@ class EffectChanged(Struct, frozen=True, kw_only=True, tag_field="kind", tag="ef
 
     from_effect: str
     to_effect: str
+    in_force: tuple[str, ...] = ()  # events, strongest first
 
 
 class Pause(Struct, frozen=True, kw_only=True, tag_field="kind", tag="pause"):
@@ -163,6 +181,18 @@ class Arming(Struct, frozen=True, kw_only=True, tag_field="kind", tag="arming"):
     """The operator armed or disarmed the device."""
 
     armed: bool
+    at_ns: int = 0
+
+
+class JointLimits(Struct, frozen=True, kw_only=True, tag_field="kind", tag="limits"):
+    """What control compares the joints with, as it starts: the device's limits, or the patient's where narrower."""
+
+    low_rad: Quad
+    high_rad: Quad
+    speed_rad_s: Quad
+    torque_nm: Quad
+    warn_c: Quad
+    limit_c: Quad
 
 
 class Drives(Struct, frozen=True, kw_only=True, tag_field="kind", tag="drives"):
@@ -228,6 +258,7 @@ ControlBody = (
     | GuardRefusal
     | PlanChecked
     | Transition
+    | GaitChanged
     | ActionEnd
     | EventRaised
     | EventCleared
@@ -236,6 +267,7 @@ ControlBody = (
     | Acknowledgement
     | Stop
     | Arming
+    | JointLimits
     | Drives
     | JointStatistics
     | TickLateness

@@ -55,9 +55,9 @@ class Button(Struct, frozen=True, kw_only=True, tag_field="kind", tag="button"):
 class Frames(Struct, frozen=True, kw_only=True, tag_field="kind", tag="frames"):
     """What vote and button took from each of some frames in a row, in columns; before the decision that they led to.
 
-    Frames are numbered from the newest `Button` on. `hands` has a character a frame: `.` no hand, `h` a hand, `n`
-    another hand than before, `H` and `N` one that is partly out of the image. The columns after it hold frames with a
-    hand only.
+    Frames are numbered from the newest `Button` on. `hands` has a character a frame: `.` no hand, `h` a hand; `x` and
+    `n` if another hand commands than before; `H` and `N` if it is partly out of the image. The columns after it hold
+    frames with a hand only.
     """
 
     number: int  # of the first frame

@@ -80,12 +80,11 @@ def effect_of(events: RaisedEvents) -> Effect:
 
 def blocker(events: RaisedEvents, source: Source) -> RaisedEvent | None:
     """The strongest event in force that refuses this source's requests."""
-    return next((one for one in events if one.in_force and _blocks(ROW[one.event], source)), None)
+    return next((one for one in events if one.in_force and blocks(ROW[one.event], source)), None)
 
 
-def compared_fields(one: RaisedEvent) -> dict[str, Any]:
-    """What an event compared when it was raised, as the trail's records name it; numbers that are none are left out."""
-    compared = one.compared
+def compared_fields(compared: Compared | None) -> dict[str, Any]:
+    """What was compared, as the trail's records name it; numbers that are none are left out."""
     if compared is None:
         return {}
     return {
@@ -98,7 +97,7 @@ def compared_fields(one: RaisedEvent) -> dict[str, Any]:
 
 def walk_ender(events: RaisedEvents, source: Source) -> RaisedEvent | None:
     """The strongest event that refuses this source the end of its walk, and has done so for too long."""
-    return next((one for one in events if one.in_force and _blocks(ROW[one.event], source) and _ends_walk(one)), None)
+    return next((one for one in events if one.in_force and blocks(ROW[one.event], source) and _ends_walk(one)), None)
 
 
 def displaced(events: RaisedEvents) -> bool:
@@ -106,7 +105,8 @@ def displaced(events: RaisedEvents) -> bool:
     return any(one.in_force and ROW[one.event].displaces for one in events)
 
 
-def _blocks(row: Row, source: Source) -> bool:
+def blocks(row: Row, source: Source) -> bool:
+    """Whether a row refuses requests of that source while it is in force."""
     return row.effect >= Effect.REFUSE and source in row.blocks
 
 

@@ -16,6 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from enum import Enum
 from functools import cache
 from typing import Any
 
@@ -116,6 +117,36 @@ def interrupt(gait: Gait) -> Gait:
 def power_off(gait: Gait) -> Gait:
     """The drives have no power any more; a running movement is over."""
     return _fire(gait, "power_off") or gait
+
+
+class Change(Enum):
+    """What changes a gait, as the trail names it."""
+
+    REQUESTED = "requested"  # an action was granted
+    COMPLETED = "completed"
+    ABANDONED = "abandoned"
+    INTERRUPTED = "interrupted"
+    POWER_LOST = "power-lost"
+    WALK_CLOSED = "walk-closed"
+
+
+_CHANGES: dict[Change, Callable[[Gait], Gait]] = {
+    Change.COMPLETED: complete,
+    Change.ABANDONED: abandon,
+    Change.INTERRUPTED: interrupt,
+    Change.POWER_LOST: power_off,
+    Change.WALK_CLOSED: close_walk,
+}
+
+
+def changed(gait: Gait, change: Change, action: Action | None = None) -> Gait:
+    """The gait after a change; action: the granted one, with REQUESTED. Raises ValueError for what can't be."""
+    if change is not Change.REQUESTED:
+        return _CHANGES[change](gait)
+    after = None if action is None else _fire(gait, action.name)
+    if after is None:
+        raise ValueError(f"no row grants {action} in {gait}")
+    return after
 
 
 def following_phases(gait: Gait) -> tuple[Phase, ...]:

@@ -23,7 +23,7 @@ from app.console.screens.calibration import calibration_record
 from app.console.screens.session import SessionScreen
 from app.console.screens.signin import SignInDialog
 from app.console.state import newly_ended
-from app.control.loop import drives_record
+from app.control.loop import drives_record, limits_record
 from app.demo.drives import emulated_drives
 from app.ipc.links import new_link_directory
 from app.ipc.messages import OperatorKind, PerceptionCommand
@@ -57,7 +57,7 @@ from tests.app.console.conftest import Console, Opener
 from tests.app.console.conftest import console as console  # noqa: PLC0414 - the fixture
 from tests.app.console.conftest import home as home  # noqa: PLC0414 - the fixture
 from tests.app.control.moments import A, K, S, moving, resting, standing
-from tests.app.control.rig import Rig
+from tests.app.control.rig import SETTINGS, Rig
 from tests.app.perception.test_reporting import REPORT, SCALE, compared
 
 pytestmark = pytest.mark.serial
@@ -139,7 +139,7 @@ def of_control() -> list[Body]:
     rigs = [walked(), refused(), refused_by_an_event(), spoiled(), stopped(), paused()]
     feedback = rigs[0].joints.feedback(rigs[0].now_ns + TICK_NS)
     faulty = replace(feedback, detail=HardwareError(DrivesFault.STAYS_DISABLED))
-    return [*(body for rig in rigs for body in rig.audit), drives_record(faulty)]
+    return [*(body for rig in rigs for body in rig.audit), drives_record(faulty), limits_record(SETTINGS)]
 
 
 def walked() -> Rig:
@@ -150,6 +150,8 @@ def walked() -> Rig:
     rig.run_until(lambda state: state.steps > 1, limit=5000)
     rig.send(K.ACT, A.WALK_END)
     rig.settle()
+    rig.send(K.DISARM)
+    rig.act(A.SIT_DOWN)  # by key, while gestures are refused
     return rig
 
 

@@ -114,18 +114,25 @@ hands = st.builds(
     seen,
     st.one_of(st.none(), st.floats(0.05, 0.7)),
     st.sampled_from([None, ONE, TWO]),
-    hand=st.integers(0, 1),
+    hand=st.sampled_from([0] * 9 + [1]),
     cut_off=st.booleans(),
     beside_px=st.one_of(st.just(0.0), st.floats(0.0, 300.0)),
 )
-frames = st.lists(st.one_of(hands, st.just(NOBODY), st.sampled_from(PUSH)), max_size=80)
+frames = st.lists(
+    st.one_of(
+        hands,
+        st.sampled_from([NOBODY, replace(NOBODY, hand=0)]),
+        st.sampled_from([replace(one, hand=0) for one in PUSH]),
+    ),
+    max_size=80,
+)
 
 
 def renumbered(readings: Iterable[FrameReading]) -> list[FrameReading]:
     """`hand` says whether it is another one than before: numbers as the track counts them."""
     number, found = 0, []
     for reading in readings:
-        number += reading.hand if reading.beside_px is not None else 0
+        number += reading.hand
         found.append(replace(reading, hand=number))
     return found
 

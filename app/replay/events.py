@@ -1,0 +1,142 @@
+"""Rows of the table of events again, over the values that the trail holds of them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from math import nan
+from typing import Any
+
+import numpy as np
+from msgspec.structs import replace
+
+from app.control.diagnostics import (
+    ClockDiagnostics,
+    Diagnostics,
+    JointDiagnostics,
+    ProgramDiagnostics,
+    exceeded,
+)
+from app.control.events.table import ROW, advance, compared_fields
+from app.control.inputs import Settings
+from app.ipc.states import Event
+from app.ipc.streams import TRIGGER
+from app.motion.follower import Gains
+from app.replay.difference import Difference, difference, differences
+from hal.joints.guard import Limits, Quantity, Refusal
+from hal.joints.protocol import DriveFault, DriveState, Joint, JointFeedback
+from logs.reason import Reason
+from logs.records import EventRaised, JointLimits, Record
+
+UNPOWERED = {Event.NOT_HOMED, Event.LEGS_MOVING}
+
+
+def event_differences(record: Record, body: EventRaised, limits: JointLimits) -> Iterator[Difference]:
+    """What its row of the table makes of the recorded value, with the limits that control started with."""
+    if body.event not in {one.value for one in Event}:
+        yield difference(record, "event", body.event, None)
+        return
+    event = Event(body.event)
+    again = replace(body, effect=ROW[event].effect.name.lower())
+    if body.quantity and body.value is not None and body.limit is not None:
+        raised = {one.event: one for one in advance((), _diagnostics(event, body, limits))}
+        if event in raised:
+            again = replace(again, **compared_fields(raised[event].compared))
+        else:
+            again = replace(again, event="")
+    yield from differences(record, again)
+
+
+# Where a row's value stands in the diagnostics; what one joint measured stands in its feedback.
+_PLACE: dict[Event, tuple[str, str]] = {
+    Event.STOP_AGAIN: ("session", "stop_presses"),
+    Event.CAMERA_STALE: ("programs", "frame_age_ms"),
+    Event.PERCEPTION_TIMEOUT: ("programs", "perception_age_ms"),
+    Event.CONSOLE_TIMEOUT: ("programs", "console_age_ms"),
+    Event.AUDIT_TIMEOUT: ("programs", "audit_age_ms"),
+    Event.AUDIT_BACKLOG: ("programs", "audit_waiting"),
+    Event.GUARDIAN_TIMEOUT: ("programs", "guardian_age_ms"),
+    Event.MESSAGE_REJECTED: ("programs", "rejected_messages"),
+    Event.FOREIGN_PEER: ("programs", "foreign_peers"),
+    Event.TICK_LATE: ("clocks", "late_ms"),
+    Event.CONTROL_LATE: ("clocks", "late_ms"),
+    Event.CONTROL_STALLED: ("clocks", "late_ms"),
+    Event.HOST_SUSPENDED: ("clocks", "slept_s"),
+    Event.CLOCK_JUMP: ("clocks", "step_s"),
+    Event.JOINT_TIMEOUT: ("joints", "age_ms"),
+    Event.LEGS_MOVING: ("joints", "fastest_rad_s"),
+    Event.FAR_FROM_POSE: ("joints", "pose_error_rad"),
+    Event.FOLLOWING_WARNING: ("joints", "following_rad"),
+    Event.FOLLOWING_LIMIT: ("joints", "following_rad"),
+    Event.UNEXPECTED_MOTION: ("joints", "drift_rad_s"),
+}
+_FEEDBACK = {"angle_rad": "position_rad", "speed_rad_s": "velocity_rad_s"}  # others are named alike
+
+
+def _diagnostics(event: Event, body: EventRaised, limits: JointLimits) -> Diagnostics:
+    """A tick in which nothing but the recorded value is remarkable."""
+    value, limit, values = body.value or 0.0, body.limit or 0.0, _values(body)
+    detail = values.get("detail")
+    fault = detail if isinstance(detail, Reason) else None
+    tick = Diagnostics(
+        now_ns=body.raised_ns,
+        powered=event not in UNPOWERED,
+        programs=ProgramDiagnostics(
+            camera_fault=fault if event is Event.CAMERA_STALE else None,
+            guardian_fault=fault if event is Event.GUARDIAN_TIMEOUT else None,
+            perception_limit_ms=limit if event is Event.PERCEPTION_TIMEOUT else TRIGGER.stale_ms,
+        ),
+        clocks=ClockDiagnostics(missed_ticks=int(values.get("missed", 0))),
+        joints=_joints(event, body, limits),
+    )
+    if event not in _PLACE:
+        return tick
+    part, field = _PLACE[event]
+    return replace(tick, **{part: replace(getattr(tick, part), **{field: value})})
+
+
+def _joints(event: Event, body: EventRaised, limits: JointLimits) -> JointDiagnostics:
+    value = body.value or 0.0
+    joint = Joint[body.joint.upper()] if body.joint else None
+    if event is Event.GUARD_REFUSAL and joint is not None:
+        refused = Refusal(joint=joint, quantity=Quantity(body.quantity), value=value, limit=body.limit or 0.0)
+        return JointDiagnostics(guard_refusal=refused)
+    if joint is None or event in _PLACE:
+        return JointDiagnostics(silent_joint=joint)
+    settings, feedback = _settings(limits), _at_rest(limits)
+    getattr(feedback, _FEEDBACK.get(body.quantity, body.quantity))[joint] = value
+    return replace(JointDiagnostics(feedback=feedback, settings=settings), **exceeded(feedback, settings))
+
+
+def _values(body: EventRaised) -> dict[str, Any]:
+    return body.text.values if isinstance(body.text, Reason) else {}
+
+
+def _settings(limits: JointLimits) -> Settings:
+    """Only what the rows compare with is real."""
+    none = np.zeros(4)
+    arrays = {
+        name: np.array(getattr(limits, name), dtype=float)
+        for name in ("low_rad", "high_rad", "speed_rad_s", "torque_nm")
+    }
+    return Settings(
+        limits=Limits(stiffness_nm_rad=none, damping_nm_s_rad=none, **arrays),
+        gains=Gains(stiffness_nm_rad=none, damping_nm_s_rad=none, damped_nm_s_rad=none, assist=none),
+        poses={},
+        warn_c=np.array(limits.warn_c, dtype=float),
+        limit_c=np.array(limits.limit_c, dtype=float),
+        patient="",
+    )
+
+
+def _at_rest(limits: JointLimits) -> JointFeedback:
+    """In the middle of the range, without a temperature."""
+    middle = (np.array(limits.low_rad, dtype=float) + np.array(limits.high_rad, dtype=float)) / 2
+    return JointFeedback(
+        measured_ns=np.ones(4, dtype=np.int64),
+        position_rad=middle,
+        velocity_rad_s=np.zeros(4),
+        torque_nm=np.zeros(4),
+        temperature_c=np.full(4, nan),
+        faults=(DriveFault.NONE,) * 4,
+        state=DriveState.ENABLED,
+    )
