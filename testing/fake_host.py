@@ -62,6 +62,7 @@ class FakeHost:
     perception_commands: list[PerceptionCommand] = field(default_factory=list)
     started: bool = False
     closed: bool = False
+    left: bool = False
     beats: int = 0
     silenced: bool = False
     state: GaitState = GaitState.UNPOWERED
@@ -80,6 +81,9 @@ class FakeHost:
 
     def start(self) -> None:
         self.started = True
+
+    def leave(self) -> None:
+        self.left = True
 
     def close(self) -> None:
         self.closed = True

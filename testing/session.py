@@ -19,7 +19,6 @@ from contextlib import contextmanager, suppress
 from multiprocessing.connection import Connection
 from pathlib import Path
 
-import msgspec
 import psutil
 
 from app.ipc import streams as processes
@@ -29,6 +28,7 @@ from app.ipc.states import Action, Effect, GaitState
 from app.motion.plan import patient_of
 from app.motion.preflight import run_preflight
 from app.session import host as hosting
+from app.session.shared import held_session
 from app.system.config import Config, JointsConfig, SessionSetup
 from app.system.paths import Home, find_home
 from hal.joints.can.bus import open_bus
@@ -149,12 +149,9 @@ def run_console(setup: SessionSetup, commands: Connection, perception: bool, gro
     """The console process: joins the control group, starts the processes, sends heartbeats, forwards commands."""
     if group is not None:
         (group / "cgroup.procs").write_text("0", encoding="ascii")  # its children are born there
-    if not perception:
-        hosting.START_ORDER = tuple(name for name in hosting.START_ORDER if name != "perception")
-    setup = msgspec.structs.replace(setup, console_pid=os.getpid())
-    host = hosting.SessionHost(setup)
+    host = hosting.SessionHost(setup, without=frozenset() if perception else frozenset({"perception"}))
     host.start()
-    commands.send({one.name: one.pid for one in host.processes()})
+    commands.send({"session": host.host_pid} | {one.name: one.pid for one in host.processes()})
     while True:
         host.heartbeat()
         if not commands.poll(0.01):
@@ -171,11 +168,18 @@ class RealSession(WatchedSession):
     """Its operator commands go through a pipe."""
 
     def __init__(
-        self, home: Path, joints: JointsConfig | None = None, *, perception: bool = False, group: Path | None = None
+        self,
+        home: Path,
+        joints: JointsConfig | None = None,
+        *,
+        perception: bool = False,
+        group: Path | None = None,
+        unattended_s: float = 120.0,
     ) -> None:
-        """group: the kernel's control group that all its processes are to be in."""
+        """group: the kernel's control group that all its processes are to be in. unattended_s: without a console."""
+        self._taken: hosting.SessionHost | None = None  # by another console, which is this process
         model = str(find_home().models / "hand_landmarker.task") if perception else ""
-        config = Config(joints=joints or JointsConfig(), model=model)
+        config = Config(joints=joints or JointsConfig(), model=model, unattended_s=unattended_s)
         if config.joints.kind == "can":
             device = load_exoskeleton()
             run_preflight(Home(home), patient_of(DEMO_PATIENT, device), device, (Action.INITIALISE,))
@@ -190,7 +194,28 @@ class RealSession(WatchedSession):
 
     def send(self, kind: OperatorKind, action: Action | None = None) -> None:
         """Send an operator command."""
-        self._commands.send((kind, action))
+        if self._taken is not None:
+            self._taken.send(kind, action)
+        else:
+            self._commands.send((kind, action))
+
+    def poll(self, wait_s: float = 0.02) -> None:
+        """As the base, and say that STOP can be given."""
+        if self._taken is not None:
+            self._taken.heartbeat()
+        super().poll(wait_s)
+
+    def take_over(self) -> None:
+        """Command from this process, after the console has gone. Raises AppError when the session is over."""
+        held = held_session(Home(self.setup.home))
+        assert held is not None, "no session is held"
+        self._taken = hosting.SessionHost(held)
+        self._taken.start()
+
+    def leave(self) -> None:
+        """Lose the console that took over, without a word."""
+        assert self._taken is not None
+        self._taken.leave()
 
     def until_ended(self, *names: str) -> None:
         """Poll until these processes are gone. Raises TimeoutError naming those that are not."""
@@ -210,6 +235,8 @@ class RealSession(WatchedSession):
 
     def finish(self) -> None:
         """Let the console end the session in good order."""
+        if self._taken is not None:
+            self._taken.close()
         if self._console.is_alive():
             with suppress(OSError):
                 self._commands.send(END)
@@ -230,10 +257,15 @@ class RealSession(WatchedSession):
 
 @contextmanager
 def real_session(
-    home: Path, joints: JointsConfig | None = None, *, perception: bool = False, group: Path | None = None
+    home: Path,
+    joints: JointsConfig | None = None,
+    *,
+    perception: bool = False,
+    group: Path | None = None,
+    unattended_s: float = 120.0,
 ) -> Iterator[RealSession]:
     """A session that is ended whatever happens."""
-    session = RealSession(home, joints, perception=perception, group=group)
+    session = RealSession(home, joints, perception=perception, group=group, unattended_s=unattended_s)
     try:
         yield session
     finally:

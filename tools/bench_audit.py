@@ -88,7 +88,7 @@ def bench_rate(home: Path, seconds: float, per_second: int = 10_000) -> None:
         config=Config(),
         profile=DEMO_PATIENT,
         operator="bench",
-        console_pid=os.getpid(),
+        host_pid=os.getpid(),
     )
     quiet = _lateness(min(seconds, 20.0))
     process = multiprocessing.get_context("spawn").Process(target=run_audit, args=(setup,))

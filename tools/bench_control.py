@@ -22,10 +22,10 @@ from rich.progress import track
 from rich.table import Table
 
 from app.console.keys import GESTURE_KEYS
-from app.console.observer import shared
 from app.ipc.messages import ControlSnapshot, OperatorKind
 from app.ipc.states import ACTION_OF, Action
 from app.ipc.streams import LinkDirectory
+from app.session.shared import shared
 from app.system.config import load_config
 from app.system.errors import AppError
 from app.system.hand_model import find_model

@@ -1,6 +1,6 @@
 """The audit process: receives every process's records, writes them, and reports how far it is.
 
-It ends last: asked by SIGTERM when the others are gone, or by itself when the console has died and no record
+It ends last: asked by SIGTERM when the others are gone, or by itself when the session's process has died and no record
 has come for a while.
 """
 
@@ -179,7 +179,7 @@ class _AuditLoop:
 
     @property
     def _orphaned(self) -> bool:
-        return self._setup.console_pid != 0 and os.getppid() != self._setup.console_pid
+        return self._setup.host_pid != 0 and os.getppid() != self._setup.host_pid
 
     def _notice(self, notice: Notice, **values: object) -> None:
         self._record(EventRaised(event=notice.value, effect="note", text=reason(notice, **values)))

@@ -54,6 +54,7 @@ def run(
     check_terminal()
     with no_collections():
         from app.console.app import run_console
+    from app.session.shared import held_session
     from app.system.hand_model import set_up_model
     from app.system.legs_lock import check_legs_free
 
@@ -61,7 +62,8 @@ def run(
         run_console(place, config, read_only=True)
         return
     with hold_home(place):
-        check_legs_free(place)
+        if held_session(place) is None:  # else it is taken over
+            check_legs_free(place)
         start_log(place, "console")
         set_up_model(place, config)
         run_console(place, config, straight=patient is not None)

@@ -22,7 +22,6 @@ from app.console import keys
 from app.console.ending import Ending
 from app.console.keys import commands
 from app.console.live import Clock, HostFactory, preload_modules
-from app.console.observer import unshare
 from app.console.operator import Idle
 from app.console.screens.base import ConsoleScreen, Dialog
 from app.console.screens.dialogs import Question
@@ -34,7 +33,7 @@ from app.console.state import ProcessFault, newly_ended
 from app.console.terminal import TerminalDriver, TerminalEvents, with_stop
 from app.console.themes import THEME_NAMES, THEMES
 from app.session.host import ProcessStatus, SessionHost
-from app.system.config import Config
+from app.system.config import Config, SessionSetup
 from app.system.operators import Permission, needs_sign_in
 from app.system.paths import Home
 from app.system.scheduling import set_scheduling
@@ -72,8 +71,9 @@ class ConsoleApp(SessionFlow):
         make_host: HostFactory = SessionHost,
         clock: Clock = time.monotonic_ns,
         read_only: bool = False,
+        held: SessionSetup | None = None,
     ) -> None:
-        """profile: begin a session with this patient at once; None: begin with the list."""
+        """profile: begin a session with this patient at once; None: begin with the list. held: take this one over."""
         keys.check_keymap(config.keys)
         use_language(config.language)
         resource_tracker.ensure_running()  # it inherits stderr, which the application is about to replace
@@ -83,6 +83,7 @@ class ConsoleApp(SessionFlow):
         self.theme = config.theme if config.theme in THEME_NAMES else THEME_NAMES[0]
         self.switch.keys = frozenset(keys.keys_of("stop", config.keys))
         self._profile = profile
+        self._held = held
         self._language = config.language
         self._leaving = False
         self._terminal: TerminalDriver | None = None  # None: no terminal's thread takes STOP
@@ -114,6 +115,9 @@ class ConsoleApp(SessionFlow):
         self.set_interval(TICK_S, self._tick)
         if self._profile is not None and self.read_only:
             await self.begin_session(self._profile, self.config)  # who only watches moves nobody: no sign-in
+            return
+        if self._held is not None:
+            await self.take_over(self._held)
             return
         if self._profile is None or needs_sign_in(self.config):
             await self.push_screen(PatientsScreen())
@@ -283,13 +287,15 @@ class ConsoleApp(SessionFlow):
     def _ask_to_end(self) -> None:
         loop = self._loop_of_console
         if loop is not None:
-            loop.call_soon_threadsafe(lambda: loop.create_task(self._end_now()))
+            loop.call_soon_threadsafe(lambda: loop.create_task(self._leave_now()))
 
     def _restore_terminal(self) -> None:
-        if self.live is not None and not self.read_only:
-            unshare(self.home)
         if self._terminal is not None:
             self._terminal.restore()
+
+    async def _leave_now(self) -> None:
+        await asyncio.to_thread(self.leave_live)
+        self.exit()
 
     async def _end_now(self) -> None:
         await asyncio.to_thread(self.close_live)
@@ -300,22 +306,31 @@ def run_console(home: Home, config: Config, *, straight: bool = False, read_only
     """Run the console until its operator leaves.
 
     straight: begin with the configured patient's session; so does a console that only simulates, because then
-    nothing can happen to anybody. Raises AppError or ProfileError for what configuration or profile gets wrong.
+    nothing can happen to anybody. A session of this home whose console is gone is taken over instead.
+    Raises AppError or ProfileError for what configuration or profile gets wrong.
     """
     from app.console.observer import observe
+    from app.session.shared import held_session
     from profiles.store import ProfileStore
 
     if read_only:
         observe(home, config)
         return
+    held = held_session(home)
+    config = held.config if held else config
     simulated = config.joints.kind == "simulated"
-    profile = ProfileStore(home.profiles).load(config.patient) if straight or simulated else None
-    app = ConsoleApp(home, config, profile=profile)
+    profile = ProfileStore(home.profiles).load(config.patient) if (straight or simulated) and not held else None
+    app = ConsoleApp(home, config, profile=profile, held=held)
     set_scheduling("console")
+    left = False
     try:
         app.run()
+        left = not app.return_code
     finally:
-        app.close_live()
+        if left:
+            app.close_live()
+        else:  # a defect of the console ends no session: another console takes it over
+            app.leave_live()
         app.trail.keep(home)
     if app.return_code:
         raise SystemExit(app.return_code)

@@ -1,6 +1,6 @@
 """The end of the console by a signal or with its terminal: within two seconds, whatever its threads wait for.
 
-The processes of the session need no console to end: they notice its death, and control holds, damps and disables first.
+The session stays, held, for the console that takes it over (`app/session/supervise.py`).
 """
 
 from __future__ import annotations
@@ -19,12 +19,12 @@ ENDING_SIGNALS = (signal.SIGTERM, signal.SIGHUP)
 
 
 class Ending:
-    """Ends the process in three steps: the legs, the program's own end, and the process where that takes too long."""
+    """Ends the process in three steps: the heartbeat, the program's own end, and by force where that takes too long."""
 
     def __init__(
         self, lose_console: Callable[[], object], ask: Callable[[], object], restore: Callable[[], object]
     ) -> None:
-        """lose_console: bring the legs to rest; ask: end in order; restore: the terminal. None of them may block."""
+        """lose_console: end the heartbeat; ask: end in order; restore: the terminal. None of them may block."""
         self._lose_console = lose_console
         self._ask = ask
         self._restore = restore

@@ -58,11 +58,10 @@ class LiveSession:
             self.host.heartbeat()
 
     def console_lost(self) -> None:
-        """The console ends, and waits for nobody: no further heartbeat, the legs come to rest. From any thread."""
+        """The console ends, and waits for nobody: no further heartbeat, so the legs are held. From any thread."""
         self.ending = True
         if not self.closed:
             self.host.silence()
-            self.host.send(OperatorKind.SHUT_DOWN)
 
     def at_rest(self) -> None:
         """Control has ended: nothing can move, and the STOP key is a key again."""
@@ -77,6 +76,14 @@ class LiveSession:
         self.host.close()
         restore_gc()
 
+    def leave(self) -> None:
+        """Leave the session, held, to the console that takes it over."""
+        if not self.closed:
+            self.closed = True
+            self._connect(None)
+            self.host.silence()
+            self.host.leave()
+
     def _connect(self, send: Callable[[], object] | None) -> None:
         if self._switch is not None:
             self._switch.connect(send)
@@ -88,11 +95,15 @@ class Host(Protocol):
     setup: SessionSetup
 
     def start(self) -> None:
-        """Start the processes; may take a second."""
+        """Start the processes, or take running ones over; may take a second."""
         ...
 
     def close(self) -> None:
         """Bring the legs to rest and the processes to their end; harmless when done twice."""
+        ...
+
+    def leave(self) -> None:
+        """Leave the session to itself."""
         ...
 
     def send(self, kind: OperatorKind, action: Action | None = None, note: str = "") -> int:

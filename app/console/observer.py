@@ -7,8 +7,6 @@ import shlex
 import sys
 from pathlib import Path
 
-import msgspec
-
 from app.ipc import streams as processes
 from app.ipc.links import LatestReceiver, address
 from app.ipc.messages import (
@@ -22,38 +20,10 @@ from app.ipc.messages import (
 )
 from app.ipc.states import Action
 from app.session.host import Latest, ProcessStatus
+from app.session.shared import shared
 from app.system.config import Config, SessionSetup
-from app.system.errors import AppError, ConsoleFault
 from app.system.paths import Home
 from app.system.scheduling import set_scheduling
-from logs.reading.regular import read_bytes
-
-_SHARED = "session.msgpack"
-
-
-def share(home: Home, setup: SessionSetup) -> None:
-    """Tell observers of this home where the session's streams are."""
-    path = home.root / _SHARED
-    home.root.mkdir(parents=True, exist_ok=True)
-    path.unlink(missing_ok=True)
-    path.touch(0o600)  # before the session's key is in it
-    path.write_bytes(msgspec.msgpack.encode(setup, enc_hook=_encode))
-
-
-def unshare(home: Home) -> None:
-    """The session has ended."""
-    (home.root / _SHARED).unlink(missing_ok=True)
-
-
-def shared(home: Home) -> SessionSetup:
-    """The running session. Raises AppError when there is none."""
-    try:
-        setup = msgspec.msgpack.decode(read_bytes(home.root / _SHARED, 1 << 20), type=SessionSetup, dec_hook=_decode)
-    except (OSError, ValueError, TypeError, RecursionError, msgspec.MsgspecError) as error:
-        raise AppError(ConsoleFault.NO_SESSION_TO_WATCH, home=home.root) from error
-    if not setup.links.path.exists():
-        raise AppError(ConsoleFault.SESSION_ENDED, session=setup.session)
-    return setup
 
 
 class ObserverHost:
@@ -70,8 +40,12 @@ class ObserverHost:
     def start(self) -> None:
         """The session runs already."""
 
-    def close(self) -> None:
+    def leave(self) -> None:
         """Stop listening; the session goes on."""
+        self.close()
+
+    def close(self) -> None:
+        """The same."""
         for link in (self._snapshots, self._reports, self._previews, self._audit):
             link.close()
 
@@ -93,7 +67,7 @@ class ObserverHost:
 
     def poll(self) -> Latest:
         """The newest of each stream."""
-        alive = self.setup.links.path.exists() and _alive(self.setup.console_pid)
+        alive = self.setup.links.path.exists() and _alive(self.setup.host_pid)
         return Latest(
             snapshot=self._snapshots.receive(),
             report=self._reports.receive(),
@@ -132,16 +106,6 @@ def _alive(pid: int) -> bool:
     except PermissionError:
         return True
     return True
-
-
-def _encode(value: object) -> object:
-    if isinstance(value, Path):
-        return str(value)
-    raise NotImplementedError(type(value))
-
-
-def _decode(kind: type, value: object) -> object:
-    return Path(str(value)) if issubclass(kind, Path) else value
 
 
 LOOPBACK = "127.0.0.1"

@@ -6,10 +6,10 @@ import asyncio
 from collections.abc import Callable
 from typing import Any, TypeVar
 
+import msgspec
 from textual.screen import Screen
 
 from app.console.live import Clock, Host, HostFactory, LiveSession, gc_freeze, preload_modules
-from app.console.observer import share, unshare
 from app.console.operator import SignedInApp
 from app.console.patient_fields import fits
 from app.console.screens.after import AfterScreen
@@ -17,6 +17,7 @@ from app.console.screens.base import USER_ERRORS, Dialog
 from app.console.screens.dialogs import Question
 from app.console.screens.patients import PatientsScreen
 from app.console.screens.session import SessionScreen
+from app.console.screens.signin import SignInDialog
 from app.console.screens.training import TrainingScreen
 from app.console.session_index import SessionRecords
 from app.console.state import SessionState
@@ -25,7 +26,7 @@ from app.ipc.messages import OperatorKind
 from app.session.host import make_setup
 from app.system.config import Config, SessionSetup
 from app.system.errors import AppError, ConsoleFault
-from app.system.operators import Permission
+from app.system.operators import Operator, Permission, needs_sign_in
 from app.system.paths import Home
 from app.text.catalogue import render, tr
 from profiles.schema import DEMO_PATIENT, Profile
@@ -70,10 +71,22 @@ class SessionFlow(SignedInApp):
 
     async def begin_training(self) -> None:
         """The guided tour: digital hand or the configured camera, simulated joints, never armed."""
-        import msgspec
-
         joints = msgspec.structs.replace(self.config.joints, kind="simulated")
         await self._begin(DEMO_PATIENT, msgspec.structs.replace(self.config, joints=joints), TrainingScreen())
+
+    async def take_over(self, held: SessionSetup) -> None:
+        """Take over a session whose console is gone: by its operator's PIN or a therapist's where drives can move."""
+        if needs_sign_in(held.config):
+            self.push_screen(SignInDialog(held=held), lambda operator: self._taken_over(held, operator))
+        else:
+            await self._enter_session(held)
+
+    async def _taken_over(self, held: SessionSetup, operator: Operator | None) -> None:
+        if operator is None:
+            self.exit()
+            return
+        self.signed_in = operator
+        await self._enter_session(msgspec.structs.replace(held, operator=operator.name, role=operator.role.value))
 
     async def end_session_asking(self) -> None:
         """End the session; while drives are powered, only after a yes. An observer just leaves."""
@@ -110,9 +123,14 @@ class SessionFlow(SignedInApp):
         live, self.live = self.live, None
         if live is not None:
             self.trail.close()
-            if not self.read_only:
-                unshare(self.home)
             live.close()
+
+    def leave_live(self) -> None:
+        """Leave the session, held: the console ends and its session stays, for another console."""
+        live, self.live = self.live, None
+        if live is not None:
+            self.trail.close()
+            live.leave()
 
     async def show_patients(self) -> None:
         """The list, with nothing above it."""
@@ -149,10 +167,13 @@ class SessionFlow(SignedInApp):
         if self.live is not None:
             return
         role = self.signed_in.role.value if self.signed_in else "therapist"
-        setup = make_setup(self.home, config, profile, operator=self.operator, role=role)
+        await self._enter_session(make_setup(self.home, config, profile, operator=self.operator, role=role), screen)
+
+    async def _enter_session(self, setup: SessionSetup, screen: Screen[None] | None = None) -> None:
+        """Show a session, new or running, and start it or take it over."""
         switch = None if self.read_only else self.switch
         live = self.live = LiveSession(self._make_host(setup), switch, self._clock)
-        await self.push_screen(screen)
+        await self.push_screen(screen or SessionScreen())
         self.run_worker(self._start(live))
 
     async def _start(self, live: LiveSession) -> None:
@@ -160,7 +181,6 @@ class SessionFlow(SignedInApp):
             await asyncio.to_thread(live.start)
             if not self.read_only and self.live is live:  # it may have been closed meanwhile
                 self.trail.open(live.host.setup)
-                share(self.home, live.host.setup)
             await asyncio.to_thread(preload_modules)
             if self.live is live:
                 gc_freeze()

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from enum import Enum, auto
 
+import msgspec
+
 from app.ipc.messages import ActiveEvent, AuditHealth, ControlSnapshot, Preview, TriggerReport
 from app.ipc.states import Effect
 from app.ipc.streams import SNAPSHOT, TRIGGER
@@ -36,9 +38,7 @@ class ProcessFault(Enum):
 def newly_ended(before: tuple[ProcessStatus, ...], now: tuple[ProcessStatus, ...]) -> tuple[ProcessStatus, ...]:
     """The processes that were alive before and are not any more, restarted ones too."""
     latest = {(process.name, process.pid): process for process in now}
-    ended = (
-        latest.get((process.name, process.pid), replace(process, alive=False)) for process in before if process.alive
-    )
+    ended = (latest.get((one.name, one.pid), msgspec.structs.replace(one, alive=False)) for one in before if one.alive)
     return tuple(process for process in ended if not process.alive)
 
 

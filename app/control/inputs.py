@@ -33,6 +33,7 @@ class Settings:
     limit_c: JointArray
     patient: str
     simulated: bool = True
+    unattended_ns: int = 120_000_000_000  # without a console for so long, the session ends
 
 
 class Inputs(Struct, frozen=True, kw_only=True):
@@ -56,7 +57,7 @@ class Inputs(Struct, frozen=True, kw_only=True):
     rejected_messages: int = 0  # since the tick before
     foreign_peers: int = 0  # turned away since the tick before: they don't have the session's key
     drive_error: Reason | None = None  # why the order of the tick before to the drives failed
-    must_end: bool = False  # the console is gone, or a signal asked for the end
+    must_end: bool = False  # the session's process is gone, or a signal asked for the end
     cleared: frozenset[Action] | None = None  # passed the pre-flight; None: none is needed (simulated joints)
 
 
@@ -134,14 +135,14 @@ def without_stale_report(streams: StreamState, inputs: Inputs) -> Inputs:
     return replace(inputs, report=None, rejected_messages=inputs.rejected_messages + 1)
 
 
-def update_streams(streams: StreamState, inputs: Inputs) -> StreamState:
-    """The streams after this tick's messages."""
+def update_streams(streams: StreamState, inputs: Inputs, lease: int) -> StreamState:
+    """The streams after this tick's messages; lease: of the console that counts."""
     now_ns = inputs.now_ns
     offset_ns, sleep_ns = inputs.wall_ns - now_ns, inputs.boot_ns - now_ns
     return StreamState(
         report=inputs.report or streams.report,
         report_ns=now_ns if inputs.report else streams.report_ns,
-        console_ns=max(streams.console_ns, *(command.sent_ns for command in inputs.commands), 0),
+        console_ns=max(streams.console_ns, *(one.sent_ns for one in inputs.commands if one.lease == lease), 0),
         audit=inputs.audit or streams.audit,
         audit_ns=now_ns if inputs.audit else streams.audit_ns,
         guardian=inputs.guardian or streams.guardian,

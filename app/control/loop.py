@@ -36,7 +36,7 @@ LATENESS_TICKS = 60 * TICK_HZ
 
 
 def run_control(setup: SessionSetup) -> None:
-    """Run until the session ends: SHUT_DOWN, a signal, or the console's death. Raises AppError without the lock."""
+    """Run until the session ends: asked to, orphaned, or left alone. Raises AppError without the lock."""
     legs = share_legs(setup)
     control = Control(setup, acquire_real_time())
     for number in (signal.SIGTERM, signal.SIGHUP, signal.SIGINT):
@@ -54,7 +54,7 @@ class Control:
     def __init__(self, setup: SessionSetup, real_time: RealTime) -> None:
         self._setup = setup
         self._cleared = cleared_of(setup)
-        self._console_pid = setup.console_pid
+        self._host_pid = setup.host_pid
         self._real_time = real_time
         self._settings = settings_of(setup)
         self._drives = drives_of(setup, self._settings)
@@ -118,7 +118,7 @@ class Control:
         if self._tick % CLEARED_TICKS == 0 and not self._drives.powered:
             self._cleared = cleared_of(self._setup)  # a pre-flight may have passed meanwhile; it reads files
         if self._tick % PARENT_TICKS == 0:
-            self._must_end = self._must_end or os.getppid() != self._console_pid
+            self._must_end = self._must_end or os.getppid() != self._host_pid
         return Inputs(
             now_ns=now_ns,
             wall_ns=time.time_ns(),
@@ -154,6 +154,7 @@ class Control:
         self._record(state, inputs, outputs)
 
     def _record(self, state: ControlState, inputs: Inputs, outputs: Outputs) -> None:
+        self._sink.operator = state.operator or self._setup.operator
         bodies = list(outputs.audit)
         feedback = inputs.feedback
         if feedback.state is not self._drive_state:

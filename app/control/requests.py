@@ -15,7 +15,7 @@ from app.control.inputs import ActionRequest, DriveOrder, new_release
 from app.control.running_action import RunningAction, command_record, new_report, plan_request
 from app.control.state import Tick
 from app.ipc.messages import ActionReport, OperatorCommand, OperatorKind
-from app.ipc.states import GESTURE_OF, Action, Effect, RequestRefusal, Source
+from app.ipc.states import GESTURE_OF, Action, ConsoleChange, Effect, RequestRefusal, Source
 from app.ipc.streams import NS_PER_MS, TRIGGER
 from app.motion.follower import Mode
 from logs import records
@@ -26,13 +26,30 @@ ACT_STALE_MS = 500  # a key pressed longer ago requests nothing any more; STOP n
 
 
 def handle_operator_commands(tick: Tick) -> None:
-    """Handle the new operator commands in their order."""
+    """Handle the new operator commands in their order; without a console for too long, end the session."""
     for command in tick.inputs.commands:
-        if command.sequence > tick.state.sequence:
-            tick.update(sequence=command.sequence)
+        if admits(tick.state.lease, tick.state.sequence, command):
             _HANDLERS[command.kind](tick, command)
+            if command.lease == tick.state.lease:
+                tick.update(sequence=command.sequence)
     if tick.inputs.must_end:
         _end(tick)
+    elif tick.now_ns - tick.state.streams.console_ns > tick.settings.unattended_ns and not tick.state.ending_ns:
+        tick.update(unattended=True)
+        tick.audit.append(records.Note(text=reason(ConsoleChange.NOBODY_CAME)))
+        _end(tick)
+
+
+def admits(lease: int, sequence: int, command: OperatorCommand) -> bool:
+    """Whether control hears this command: of the console that has the lease, each once and in order.
+
+    A console with a later lease takes over first. STOP is heard from everybody.
+    """
+    if command.lease == lease:
+        return command.sequence > sequence
+    if command.kind is OperatorKind.TAKE_OVER:
+        return command.lease > lease
+    return command.kind is OperatorKind.STOP
 
 
 def handle_gesture(tick: Tick) -> None:
@@ -265,6 +282,20 @@ def _torque_off(tick: Tick, _: OperatorCommand) -> None:
         )
 
 
+def _take_over(tick: Tick, command: OperatorCommand) -> None:
+    """Another console commands. Nothing moves by it: the legs are held as by STOP, and gestures disarmed."""
+    if command.lease == tick.state.lease:
+        return
+    if tick.state.armed_ns:
+        _disarm(tick, command)
+    tick.update(lease=command.lease, operator=command.operator)
+    tick.audit.append(
+        records.Note(text=reason(ConsoleChange.TAKEN_OVER, operator=command.operator or "–", lease=command.lease))
+    )
+    if not tick.state.stop_presses:
+        _stop(tick, command)
+
+
 def _shut_down(tick: Tick, _: OperatorCommand) -> None:
     _end(tick)
 
@@ -284,4 +315,5 @@ _HANDLERS: dict[OperatorKind, Callable[[Tick, OperatorCommand], None]] = {
     OperatorKind.TORQUE_OFF: _torque_off,
     OperatorKind.CONFIRM_PATIENT: _confirm_patient,
     OperatorKind.SHUT_DOWN: _shut_down,
+    OperatorKind.TAKE_OVER: _take_over,
 }

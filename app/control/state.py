@@ -54,7 +54,10 @@ class ControlState(Struct, frozen=True, kw_only=True):
     torque_off: bool = False  # commanded by the operator; done once the joints are fully damped
     ending_ns: int = 0  # since when the session is being ended; 0: it is not
     still_since_ns: int = 0  # since when the command has not moved; 0: it moves
-    sequence: int = 0  # of the newest OperatorCommand
+    unattended: bool = False  # it is ended because no console came back
+    lease: int = 1  # of the console that commands
+    operator: str = ""  # who has taken the session over; empty: who began it
+    sequence: int = 0  # of that console's newest OperatorCommand
     number: int = 0  # of the newest action
     plan_number: int = 0  # of the newest plan request
     planner_ready: bool = False  # it has answered once

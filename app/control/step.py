@@ -49,6 +49,7 @@ STREAM_OF = {
     Event.GUARDIAN_TIMEOUT: GUARDIAN,
 }
 END_HOLD_NS = 400 * NS_PER_MS  # a session that ends holds first, longer than a hold takes; then it damps
+UNATTENDED_DAMP_NS = 3_000 * NS_PER_MS  # with nobody there to support, the wearer sinks into the harness first
 
 
 def initial_state(inputs: Inputs) -> ControlState:
@@ -63,7 +64,7 @@ def step(state: ControlState, inputs: Inputs, settings: Settings) -> tuple[Contr
     _measure_last_tick(tick)
     handle_operator_commands(tick)
     handle_gesture(tick)
-    tick.update(streams=update_streams(tick.state.streams, inputs))
+    tick.update(streams=update_streams(tick.state.streams, inputs, tick.state.lease))
     _update_events(tick)
     _apply_effect(tick)
     track_pause(tick)
@@ -192,7 +193,8 @@ def _disable_drives(tick: Tick) -> None:
     Before the tick's own command: while the last stiffness is on the drives, a neutral command would be a jump.
     """
     state = tick.state
-    wanted = state.torque_off or state.ending_ns
+    damped_ns = END_HOLD_NS + UNATTENDED_DAMP_NS if state.unattended else 0
+    wanted = state.torque_off or (state.ending_ns and tick.now_ns - state.ending_ns >= damped_ns)
     if wanted and state.motion.fully_damped:
         tick.drives = DriveOrder.DISABLE
         _lose_power(tick, reason(RequestRefusal.TORQUE_OFF))

@@ -107,12 +107,14 @@ class OperatorKind(Enum):
     TORQUE_OFF = "torque off"  # after damp: the joints off, on the operator's command
     CONFIRM_PATIENT = "confirm patient"
     SHUT_DOWN = "shut down"  # damp, disable, end the process
+    TAKE_OVER = "take over"  # a console with the next lease: from now on it alone commands; the legs are held
 
 
 class OperatorCommand(Struct, frozen=True, kw_only=True, tag="operator"):
     """Console to control; control acknowledges the sequence in its snapshot."""
 
     sequence: int
+    lease: int = 1  # of the console that sends it; control hears the newest
     kind: OperatorKind
     sent_ns: int
     operator: str = ""
@@ -220,7 +222,8 @@ class ControlSnapshot(Struct, frozen=True, kw_only=True, tag="control"):
     refusal: Reason | None = None  # the newest
     refusal_count: int = 0
     ignored_count: int = 0
-    acknowledged_sequence: int = 0  # newest OperatorCommand seen
+    lease: int = 1  # of the console that control hears
+    acknowledged_sequence: int = 0  # its newest OperatorCommand seen
     stop_received_ns: int = 0
     stop_command_ns: int = 0
     pauses: PauseSummary = PauseSummary()
@@ -257,3 +260,20 @@ class GuardianHealth(Struct, frozen=True, kw_only=True, tag="guardian-health"):
     acted: bool = False
     fault: Reason | None = None  # why it can't reach the drives
     foreign_peers: int = 0  # without the session's key, turned away so far
+
+
+class ProcessStatus(Struct, frozen=True, kw_only=True):
+    """One process of the session."""
+
+    name: str
+    pid: int
+    alive: bool
+    restarts: int
+    exit_code: int | None
+
+
+class SessionStatus(Struct, frozen=True, kw_only=True, tag="session"):
+    """The session's own process to consoles: each of its processes."""
+
+    at_ns: int
+    processes: tuple[ProcessStatus, ...]

@@ -151,6 +151,13 @@ class RequestRefusal(Enum):
     TORQUE_OFF = "torque-off"
 
 
+class ConsoleChange(Enum):
+    """What control records about who commands."""
+
+    TAKEN_OVER = "taken-over"  # operator, lease
+    NOBODY_CAME = "nobody-came"
+
+
 class Source(Enum):
     """Who requested an action."""
 

@@ -48,6 +48,7 @@ TRIGGER = Stream(name="trigger", sender="perception", rate_hz=30, stale_ms=200)
 PREVIEW = Stream(name="preview", sender="perception", rate_hz=12, stale_ms=1000)
 SNAPSHOT = Stream(name="snapshot", sender="control", rate_hz=20, stale_ms=300)
 OPERATOR = Stream(name="operator", sender="console", rate_hz=20, stale_ms=230)
+SESSION = Stream(name="session", sender="session", rate_hz=20, stale_ms=1000)
 TO_PERCEPTION = Stream(name="to-perception", sender="console", rate_hz=0, stale_ms=0)
 HEARTBEAT = Stream(name="heartbeat", sender="control", rate_hz=250, stale_ms=65)
 GUARDIAN = Stream(name="guardian", sender="guardian", rate_hz=20, stale_ms=250)
@@ -61,6 +62,7 @@ STREAMS = (
     PREVIEW,
     SNAPSHOT,
     OPERATOR,
+    SESSION,
     TO_PERCEPTION,
     HEARTBEAT,
     GUARDIAN,

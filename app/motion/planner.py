@@ -16,7 +16,7 @@ WAIT_S = 0.2  # between checks that the console still runs
 
 
 def run_planner(setup: SessionSetup) -> None:
-    """Answer every request until the console is gone."""
+    """Answer every request until the session ends."""
     parent = os.getppid()
     device = load_device(setup.config.joints)
     patient = patient_of(setup.profile, device)

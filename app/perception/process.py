@@ -46,7 +46,7 @@ LOADING = reason(PerceptionNote.MODEL_LOADING)
 
 
 def run_perception(setup: SessionSetup) -> None:
-    """Run until the session ends, the console dies, or SIGTERM."""
+    """Run until the session ends, its process dies, or SIGTERM."""
     # Both before any thread starts: they inherit it.
     set_scheduling("perception")
     avoid_control_core()
@@ -95,7 +95,7 @@ class Perception:
     def run(self) -> None:
         """Frame after frame."""
         self._sink.emit(ProcessStart(pid=os.getpid()))
-        while not self._ending and os.getppid() == self._setup.console_pid:
+        while not self._ending and os.getppid() == self._setup.host_pid:
             self._handle_commands()
             frame = self._camera.read(time.monotonic(), FRAME_TIMEOUT_S)
             if frame is not None or self._camera.fault:  # while there is no camera, there is time to load

@@ -32,9 +32,9 @@ def log_path(home: Home, session: str) -> Path:
 
 
 def run_bus_log(setup: SessionSetup) -> None:
-    """Record until asked to end or the console is gone. A bus that can't be opened is noted in the audit trail."""
+    """Record until asked to end or orphaned. A bus that can't be opened is noted in the audit trail."""
     sink = AuditSink(setup.links, "bus log", setup.operator)
-    ending = _Ending(setup.console_pid)
+    ending = _Ending(setup.host_pid)
     signal.signal(signal.SIGTERM, ending.ask)
     signal.signal(signal.SIGHUP, signal.SIG_IGN)
     set_scheduling("bus log")
@@ -65,8 +65,8 @@ def _record(setup: SessionSetup, ending: _Ending) -> None:
 class _Ending:
     """Whether to end: asked to, or orphaned."""
 
-    def __init__(self, console_pid: int) -> None:
-        self._console_pid = console_pid
+    def __init__(self, host_pid: int) -> None:
+        self._host_pid = host_pid
         self.asked = False
 
     def ask(self, _number: int, _frame: object) -> None:
@@ -74,4 +74,4 @@ class _Ending:
         self.asked = True
 
     def __call__(self) -> bool:
-        return self.asked or os.getppid() != self._console_pid
+        return self.asked or os.getppid() != self._host_pid

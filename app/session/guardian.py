@@ -128,7 +128,7 @@ class Guardian:
 
     def __init__(self, setup: SessionSetup) -> None:
         set_scheduling("guardian")  # first: the threads of the links inherit it
-        self._console_pid = setup.console_pid
+        self._host_pid = setup.host_pid
         self._sink = AuditSink(setup.links, "guardian", setup.operator)
         self._heartbeats = LatestReceiver(address(setup.links, streams.HEARTBEAT.name), Heartbeat)
         self._health = Publisher(address(setup.links, streams.GUARDIAN.name))
@@ -183,7 +183,7 @@ class Guardian:
         self._sink.close()
 
     def _ended(self) -> bool:
-        return self._ending or os.getppid() != self._console_pid
+        return self._ending or os.getppid() != self._host_pid
 
     def _act(self) -> None:
         """At every check: a drive that goes limp without commands needs its damping again and again."""

@@ -1,22 +1,23 @@
-"""A session: its processes, their links, and what the console or the demo receives from them.
+"""A session as its console or the demo holds it: started or taken over, commanded, watched, ended or left.
 
-The host decides nothing about legs. It starts the processes in the order in which they are needed, sends the
-operator's commands, gives the newest message of each stream, restarts a perception that died or froze, and ends all in
-order: control first (hold, damp, disable), the audit trail last.
+The processes belong to the session's own process (`app/session/supervise.py`), which outlives the console. Everything
+goes over links, so that any console with the newest lease can command.
 """
 
 from __future__ import annotations
 
-import multiprocessing
 import os
 import secrets
 import shutil
+import sys
 import tempfile
 import threading
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from enum import Enum, auto
 from pathlib import Path
 from typing import TypeVar
 
@@ -32,37 +33,37 @@ from app.ipc.messages import (
     OperatorKind,
     PerceptionCommand,
     Preview,
+    ProcessStatus,
+    SessionStatus,
     TriggerReport,
 )
 from app.ipc.states import Action
-from app.session.child import Supervisor, run_process
+from app.session.child import run_process
+from app.session.peer import Peer
+from app.session.shared import Launch, current_lease, encode, take_lease
 from app.system.config import Config, SessionSetup
-from app.system.diagnostics_log import get_logger
-from app.system.legs_lock import LegsLock, claim_legs
+from app.system.errors import AppError
+from app.system.legs_lock import claim_legs
 from app.system.paths import Home
 from app.system.scheduling import set_scheduling
 from profiles.schema import Profile
 
-_log = get_logger("host")
+__all__ = ["Latest", "ProcessStatus", "SessionHost", "make_setup"]
 
 M = TypeVar("M", bound=msgspec.Struct)
 
 START_ORDER: tuple[str, ...] = ("audit", "perception", "guardian", "planner", "control")
-# Control holds (0.15 s), damps and disables; then the others have nothing left to send.
-END_PATIENCE_S = {"control": 6.0, "perception": 2.0, "planner": 2.0, "guardian": 2.0, "bus-log": 2.0, "audit": 5.0}
+START_S = 30.0  # the session's process spawns the others, on a busy machine
+END_S = 25.0  # each process's patience, and the trail's
 # The heartbeat says that STOP can be given. The terminal's input thread, which takes STOP, reports every 0.1 s.
 INPUT_TIMEOUT_S = 0.5
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ProcessStatus:
-    """One process of the session as the host sees it."""
+class SessionFault(Enum):
+    """Why a session can't be had."""
 
-    name: str
-    pid: int
-    alive: bool
-    restarts: int
-    exit_code: int | None
+    NOT_STARTED = auto()  # folder
+    NOT_TAKEN_OVER = auto()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -87,85 +88,117 @@ def make_setup(home: Home, config: Config, profile: Profile, operator: str, role
         profile=profile,
         operator=operator,
         role=role,
-        console_pid=os.getpid(),
     )
 
 
-def _start_order(config: Config) -> tuple[str, ...]:
-    """Joints on CAN have their buses recorded from the first frame on."""
-    return (*START_ORDER[:1], "bus-log", *START_ORDER[1:]) if config.joints.kind == "can" else START_ORDER
-
-
 class SessionHost:
-    """Starts, supervises and ends one session. `send` may be called from any thread."""
+    """Starts one session, or takes over one that runs. `send` may be called from any thread."""
 
-    def __init__(self, setup: SessionSetup, *, entry: Callable[[str, SessionSetup], None] = run_process) -> None:
-        """entry: what each process runs with its name and the setup; importable, for it is spawned."""
+    def __init__(
+        self,
+        setup: SessionSetup,
+        *,
+        entry: Callable[[str, SessionSetup], None] = run_process,
+        without: frozenset[str] = frozenset(),
+    ) -> None:
+        """setup: with a `host_pid` it is a running session's. entry: what each process runs with its name and the
+
+        setup; importable, for it is spawned. without: processes that are not to be started.
+        """
         self.setup = setup
-        self._entry = entry
-        self._children: dict[str, multiprocessing.process.BaseProcess] = {}
-        self._supervisor = Supervisor()
-        self._legs: LegsLock | None = None
+        self._entry = f"{entry.__module__}:{entry.__qualname__}"
+        self._without = without
+        self._host: Peer | None = None
+        self._processes: tuple[ProcessStatus, ...] = ()
         self._operator = OrderedSender(address(setup.links, streams.OPERATOR.name))
         self._perception = OrderedSender(address(setup.links, streams.TO_PERCEPTION.name))
         self._lock = threading.Lock()
+        self._lease = 1
         self._sequence = 0
         self._heartbeat_s = time.monotonic()
         self._silent = False
+        self._closed = False
         self._ending = threading.Event()
         self._heartbeat_thread = threading.Thread(target=self._send_heartbeats, name="operator-heartbeat", daemon=True)
         self._snapshots = self._subscribe(streams.SNAPSHOT.name, ControlSnapshot)
         self._reports = self._subscribe(streams.TRIGGER.name, TriggerReport)
         self._previews = self._subscribe(streams.PREVIEW.name, Preview)
         self._audit = self._subscribe(streams.AUDIT_HEALTH.name, AuditHealth)
+        self._statuses = self._subscribe(streams.SESSION.name, SessionStatus)
 
     def start(self) -> None:
-        """Start every process; returns at once, the streams show when each is ready.
+        """Start every process, or take the running ones over; the streams show when each is ready.
 
-        Raises AppError while a process of an earlier session may still command or damp the legs.
+        Raises AppError while a process of another session may still command or damp the legs, or when this one is over.
         """
-        self._legs = claim_legs(self.setup)
-        for name in _start_order(self.setup.config):
-            self._spawn(name)
+        if self.setup.host_pid:
+            self._take_over()
+        else:
+            self._launch()
         self._heartbeat_thread.start()
+        limit_s = time.monotonic() + START_S
+        while not self.processes():
+            if not self._host_lives() or time.monotonic() > limit_s:
+                raise AppError(SessionFault.NOT_STARTED, folder=self.setup.home / "diagnostics")
+            time.sleep(0.01)
+
+    @property
+    def host_pid(self) -> int:
+        """The session's own process; 0 before the start."""
+        return self._host.pid if self._host else 0
 
     def close(self) -> None:
-        """Bring the legs to rest and every process to its end; harmless when done twice."""
-        if self._ending.is_set():
+        """Bring the legs to rest and every process to its end; harmless when done twice.
+
+        A session that another console has taken over is left to it.
+        """
+        if self._closed:
             return
-        self.send(OperatorKind.SHUT_DOWN)
-        self._end("control")
+        lease = current_lease(self.setup.links)
+        ours = lease is None or lease.number == self._lease
+        if ours:
+            self.send(OperatorKind.SHUT_DOWN)
+            if self._host is not None:
+                self._host.end(END_S)
+            shutil.rmtree(self.setup.links.path, ignore_errors=True)
+        self.leave()
+
+    def leave(self) -> None:
+        """Leave the session to itself: held, until a console takes it over or its time is over."""
+        if self._closed:
+            return
+        self._closed = True
         self._ending.set()
-        for name in ("perception", "planner", "guardian", "bus-log"):
-            self._end(name)
-        shutil.rmtree(self.setup.links, ignore_errors=True)  # all that audit receives is connected
-        self._end("audit")
-        for link in (
-            self._operator,
-            self._perception,
-            self._snapshots,
-            self._reports,
-            self._previews,
-            self._audit,
-        ):
-            link.close()
-        if self._legs is not None:
-            self._legs.close()
+        with self._lock:
+            for link in (
+                self._operator,
+                self._perception,
+                self._snapshots,
+                self._reports,
+                self._previews,
+                self._audit,
+                self._statuses,
+            ):
+                link.close()
+        if self._host is not None:
+            self._host.close()
 
     def send(self, kind: OperatorKind, action: Action | None = None, note: str = "") -> int:
         """Send an operator command to control; returns its sequence, which control acknowledges."""
         with self._lock:
             self._sequence += 1
-            self._operator.send(
-                OperatorCommand(
-                    sequence=self._sequence,
-                    kind=kind,
-                    sent_ns=time.monotonic_ns(),
-                    operator=self.setup.operator,
-                    action=action,
-                    note=note,
+            if not self._closed:
+                self._operator.send(
+                    OperatorCommand(
+                        lease=self._lease,
+                        sequence=self._sequence,
+                        kind=kind,
+                        sent_ns=time.monotonic_ns(),
+                        operator=self.setup.operator,
+                        action=action,
+                        note=note,
+                    )
                 )
-            )
             return self._sequence
 
     def heartbeat(self) -> None:
@@ -188,58 +221,60 @@ class SessionHost:
 
     def poll(self) -> Latest:
         """The newest of each stream, without waiting."""
-        report = self._reports.receive()
-        self._supervise_perception(reported=report is not None)
         return Latest(
             snapshot=self._snapshots.receive(),
-            report=report,
+            report=self._reports.receive(),
             preview=self._previews.receive(),
             audit=self._audit.receive(),
             processes=self.processes(),
         )
 
     def processes(self) -> tuple[ProcessStatus, ...]:
-        """Each process and whether it lives."""
-        return tuple(
-            ProcessStatus(
-                name=name,
-                pid=child.pid or 0,
-                alive=child.is_alive(),
-                restarts=self._supervisor.restarts if name == "perception" else 0,
-                exit_code=child.exitcode,
-            )
-            for name, child in self._children.items()
+        """Each process and whether it lives, as the session's process last said; without that one, as far as we see."""
+        status = self._statuses.receive()
+        if status is not None:
+            self._processes = status.processes
+        elif self._host is not None and not self._host_lives():
+            self._processes = tuple(_with_liveness(one) for one in self._processes)
+        return self._processes
+
+    def _launch(self) -> None:
+        """A process of its own session, which no terminal's end reaches."""
+        claim_legs(self.setup).close()  # the session's process takes it; here it can be told why not
+        order = tuple(name for name in _start_order(self.setup.config) if name not in self._without)
+        launch = Launch(setup=self.setup, entry=self._entry, order=order)
+        take_lease(self.setup.links)
+        folder = self.setup.home / "diagnostics"
+        folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+        output = str(folder / f"{self.setup.session}-session.txt")
+        reads, writes = os.pipe()
+        pid = os.posix_spawn(
+            sys.executable,
+            [sys.executable, "-m", "app.session.supervise"],
+            os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
+            file_actions=[
+                (os.POSIX_SPAWN_DUP2, reads, 0),
+                (os.POSIX_SPAWN_OPEN, 1, output, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o600),
+                (os.POSIX_SPAWN_DUP2, 1, 2),
+            ],
+            setsid=True,
         )
+        self._host = Peer(pid)
+        os.close(reads)
+        with os.fdopen(writes, "wb") as pipe, suppress(BrokenPipeError):
+            pipe.write(encode(launch))
 
-    def _spawn(self, name: str) -> None:
-        child = multiprocessing.get_context("spawn").Process(
-            target=self._entry, args=(name, self.setup), daemon=True, name=f"rleex-{name}"
-        )
-        child.start()  # daemon: a console that dies by an exception still asks it to end (SIGTERM)
-        _log.info("process spawned", child=name, child_pid=child.pid)
-        self._children = {**self._children, name: child}  # anew: another thread may be going through the old one
+    def _take_over(self) -> None:
+        """The next lease; control holds the legs from then on, and hears no earlier console."""
+        self._host = Peer(self.setup.host_pid)
+        try:
+            self._lease = take_lease(self.setup.links).number
+        except OSError as error:
+            raise AppError(SessionFault.NOT_TAKEN_OVER) from error
+        self.send(OperatorKind.TAKE_OVER)
 
-    def _supervise_perception(self, *, reported: bool) -> None:
-        child = self._children.get("perception")
-        if child is None or self._ending.is_set():
-            return
-        if self._supervisor.must_restart(time.monotonic(), alive=child.is_alive(), reported=reported):
-            _log.warning("perception restarts", restarts=self._supervisor.restarts, exit_code=child.exitcode)
-            child.kill()  # a driver frozen in the kernel handles no SIGTERM
-            child.join(1.0)
-            self._spawn("perception")
-
-    def _end(self, name: str) -> None:
-        child = self._children.get(name)
-        if child is None:
-            return
-        if name != "control":  # control was asked by SHUT_DOWN, and needs its time
-            child.terminate()
-        child.join(END_PATIENCE_S[name])
-        if child.is_alive():
-            _log.warning("process killed", child=name, patience_s=END_PATIENCE_S[name])
-            child.kill()
-            child.join(1.0)
+    def _host_lives(self) -> bool:
+        return self._host is not None and self._host.alive
 
     def _send_heartbeats(self) -> None:
         set_scheduling("heartbeat")
@@ -249,3 +284,15 @@ class SessionHost:
 
     def _subscribe(self, name: str, kind: type[M]) -> LatestReceiver[M]:
         return LatestReceiver(address(self.setup.links, name), kind)
+
+
+def _start_order(config: Config) -> tuple[str, ...]:
+    """Joints on CAN have their buses recorded from the first frame on."""
+    return (*START_ORDER[:1], "bus-log", *START_ORDER[1:]) if config.joints.kind == "can" else START_ORDER
+
+
+def _with_liveness(process: ProcessStatus) -> ProcessStatus:
+    peer = Peer(process.pid)
+    alive = process.alive and peer.alive
+    peer.close()
+    return msgspec.structs.replace(process, alive=alive)

@@ -74,6 +74,7 @@ class Config(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     patient: str = "demo"
     language: str = "en"
     theme: str = "dark"
+    unattended_s: Annotated[float, Meta(ge=2, le=3600)] = 120.0  # a session without a console ends after this
     idle_lock_s: Annotated[float, Meta(ge=0, le=1e9)] = 600.0
     keys: dict[str, str] = {}  # console action → key
     checkpoint_copy: str = ""  # a second place for signed checkpoints
@@ -113,7 +114,7 @@ class SessionSetup(Struct, frozen=True, kw_only=True):
     profile: Profile
     operator: str
     role: str = "therapist"
-    console_pid: int = 0
+    host_pid: int = 0  # the process that runs the session (app/session/supervise.py)
 
 
 def load_device(joints: JointsConfig) -> Exoskeleton:

@@ -172,6 +172,11 @@ def needs_sign_in(config: Config) -> bool:
     return config.joints.kind != "simulated"
 
 
+def may_take_over(operator: Operator, owner: str) -> bool:
+    """Whether they may take over the session that `owner` operates: the same person, or any therapist."""
+    return operator.may(Permission.OPERATE) and (operator.name == owner or operator.role is Role.THERAPIST)
+
+
 def add_operator(store: OperatorStore, name: str, role: Role, pin: str) -> OperatorStore:
     """A store with one more. Raises AppError on an unusable name or PIN, or when the first is no engineer."""
     name = _checked_name(name)

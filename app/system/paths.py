@@ -67,6 +67,11 @@ class Home:
         return self.root / "console.lock"
 
     @property
+    def session_file(self) -> Path:
+        """Where other terminals find the running session; 0600."""
+        return self.root / "session.msgpack"
+
+    @property
     def legs_lock(self) -> Path:
         """Held by every process that may command or damp the legs (`app/system/legs_lock.py`)."""
         return self.root / "legs.lock"

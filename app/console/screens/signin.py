@@ -13,8 +13,18 @@ from textual.containers import Vertical
 from textual.widgets import Input, Static
 
 from app.console.screens.base import Dialog
+from app.system.config import SessionSetup
 from app.system.errors import AppError
-from app.system.operators import Operator, Role, SignInResult, add_operator, load_store, save_store, sign_in
+from app.system.operators import (
+    Operator,
+    Role,
+    SignInResult,
+    add_operator,
+    load_store,
+    may_take_over,
+    save_store,
+    sign_in,
+)
 from app.text.catalogue import render, tr
 from logs.reason import reason
 from logs.records import SignIn, SignInFailed
@@ -24,6 +34,7 @@ class SignInFault(Enum):
     """Why the console refuses a right PIN."""
 
     LOCKED_BY_ANOTHER = auto()  # name
+    MAY_NOT_TAKE_OVER = auto()  # name
 
 
 class SignInDialog(Dialog[Operator]):
@@ -31,29 +42,35 @@ class SignInDialog(Dialog[Operator]):
 
     HELP_PAGE = "sign_in"
 
-    def __init__(self, *, unlock: str = "") -> None:
-        """unlock: the operator whose console this is; nobody else's PIN opens it, and Escape doesn't leave it."""
+    def __init__(self, *, unlock: str = "", held: SessionSetup | None = None) -> None:
+        """unlock: the operator whose console this is; nobody else's PIN opens it, and Escape doesn't leave it.
+
+        held: the session to take over, by its operator's PIN or a therapist's.
+        """
         super().__init__()
         self._unlock = unlock
+        self._held = held
         self._first = False
 
     def compose(self) -> ComposeResult:
         reason = ""
         try:
-            self._first = not self._unlock and not load_store(self.console_app.home.keys).operators
+            self._first = not (self._unlock or self._held) and not load_store(self.console_app.home.keys).operators
         except AppError as error:
             reason = f"✗ {render(error)}"
-        kind = "first" if self._first else "unlock" if self._unlock else "sign_in"
+        kind = "take_over" if self._held else "first" if self._first else "unlock" if self._unlock else "sign_in"
+        name = self._held.operator if self._held else self._unlock
+        patient = self._held.profile.identifier if self._held else ""
         with Vertical(classes="dialog") as box:
             box.border_title = tr(f"{kind}.title")
-            yield Static(tr(f"{kind}.text", **self.console_app.key_names), markup=False)
-            yield Input(self._unlock, placeholder=tr("sign_in.name"), id="name", max_length=60)
+            yield Static(tr(f"{kind}.text", name=name, patient=patient, **self.console_app.key_names), markup=False)
+            yield Input(name, placeholder=tr("sign_in.name"), id="name", max_length=60)
             yield Input(placeholder=tr("sign_in.pin"), id="pin", password=True, max_length=12)
             yield Static(reason, id="reason", markup=False)
         yield from self.compose_bottom()
 
     def on_mount(self) -> None:
-        self.query_one("#pin" if self._unlock else "#name").focus()
+        self.query_one("#pin" if self._unlock or self._held else "#name").focus()
 
     async def on_input_submitted(self, event: Input.Submitted) -> None:
         """Enter in the name goes on to the PIN; Enter in the PIN tries."""
@@ -91,16 +108,16 @@ class SignInDialog(Dialog[Operator]):
             raise AppError(attempt.fault, wait_s=attempt.wait_s)
         operator = attempt.operator
         if self._unlock and operator.name != self._unlock:
-            failed = SignInFailed(
-                name=operator.name,
-                reason=reason(SignInFault.LOCKED_BY_ANOTHER, name=self._unlock),
-                failures=0,
-                wait_s=0.0,
-            )
-            self.console_app.trail.emit(failed)
-            raise AppError(SignInFault.LOCKED_BY_ANOTHER, name=self._unlock)
+            raise self._refused(operator, SignInFault.LOCKED_BY_ANOTHER, self._unlock)
+        if self._held and not may_take_over(operator, self._held.operator):
+            raise self._refused(operator, SignInFault.MAY_NOT_TAKE_OVER, self._held.operator)
         self.console_app.trail.emit(SignIn(name=operator.name, role=operator.role.value, unlocked=bool(self._unlock)))
         return operator
+
+    def _refused(self, operator: Operator, fault: SignInFault, owner: str) -> AppError:
+        cause = reason(fault, name=owner)
+        self.console_app.trail.emit(SignInFailed(name=operator.name, reason=cause, failures=0, wait_s=0.0))
+        return AppError(fault, name=owner)
 
 
 class LockScreen(Dialog[bool]):

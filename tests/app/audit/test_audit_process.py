@@ -44,7 +44,7 @@ class Session:
             config=Config(checkpoint_copy=str(home.root / "copies")),
             profile=DEMO_PATIENT,
             operator="ann",
-            console_pid=os.getpid(),
+            host_pid=os.getpid(),
         )
         self.process: BaseProcess = multiprocessing.get_context("spawn").Process(target=run_audit, args=(self.setup,))
         self.process.start()

@@ -287,7 +287,7 @@ def setup_in(root: Path) -> SessionSetup:
         profile=DEMO_PATIENT,
         operator="ann",
         role="therapist",
-        console_pid=1,
+        host_pid=1,
     )
 
 

@@ -101,6 +101,7 @@ def console(home: Home) -> Opener:
         config: Config | None = None,
         profile: Profile | None = DEMO_PATIENT,
         read_only: bool = False,
+        held: SessionSetup | None = None,
     ) -> AsyncIterator[Console]:
         hosts: list[FakeHost] = []
 
@@ -108,10 +109,10 @@ def console(home: Home) -> Opener:
             hosts.append(FakeHost(setup))
             return hosts[-1]
 
-        app = ConsoleApp(home, config or Config(), profile=profile, make_host=make_host, read_only=read_only)
+        app = ConsoleApp(home, config or Config(), profile=profile, make_host=make_host, read_only=read_only, held=held)
         async with app.run_test(size=size, notifications=True) as pilot:
             opened_console = Console(app, pilot, hosts)
-            if profile is not None:
+            if profile is not None and held is None:
                 await opened_console.until(lambda: (state := app.live_state()) and state.snapshot)
             try:
                 yield opened_console

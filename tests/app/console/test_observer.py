@@ -10,11 +10,12 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from app.console.observer import ObserverHost, share, shared, unshare
+from app.console.observer import ObserverHost
 from app.ipc import streams as processes
 from app.ipc.links import OrderedReceiver, Publisher, address, new_link_directory
 from app.ipc.messages import HandCommand, OperatorCommand, OperatorKind, TriggerReport
 from app.session.host import make_setup
+from app.session.shared import share, shared, unshare
 from app.system.config import Config, SessionSetup
 from app.system.errors import AppError
 from app.system.paths import Home
@@ -33,18 +34,18 @@ def setup(home: Home, tmp_path: Path) -> SessionSetup:
 
 
 def test_what_is_shared_is_found(home: Home, setup: SessionSetup) -> None:
-    share(home, setup)
+    share(setup)
     assert shared(home) == setup
 
 
 def test_without_a_session_there_is_nothing_to_watch(home: Home, setup: SessionSetup) -> None:
     with pytest.raises(AppError, match="NO_SESSION_TO_WATCH"):
         shared(home)
-    share(home, setup)
-    unshare(home)
+    share(setup)
+    unshare(setup)
     with pytest.raises(AppError, match="NO_SESSION_TO_WATCH"):
         shared(home)
-    share(home, setup)
+    share(setup)
     setup.links.path.rmdir()
     with pytest.raises(AppError, match="SESSION_ENDED"):
         shared(home)
@@ -70,7 +71,7 @@ def test_an_observer_receives_and_reports_nothing(setup: SessionSetup) -> None:
 
 
 def test_an_ended_session_is_over_for_its_observer(setup: SessionSetup) -> None:
-    observer = ObserverHost(msgspec.structs.replace(setup, console_pid=os.getpid()))
+    observer = ObserverHost(msgspec.structs.replace(setup, host_pid=os.getpid()))
     try:
         assert all(process.alive for process in observer.poll().processes)
         shutil.rmtree(setup.links)

@@ -73,6 +73,7 @@ class Rig:
     _released: Gesture | None = None
     _released_ns: int = 0
     incarnation: int = 1
+    lease: int = 1
     _commands: list[OperatorCommand] = field(default_factory=list)
     _asked: list[tuple[int, PlanRequest]] = field(default_factory=list)
     _written: JointCommand | None = None
@@ -83,7 +84,8 @@ class Rig:
         """An operator command, received in the next tick."""
         self._sequence += 1
         sent_ns = self.now_ns + TICK_NS - int(age_ms * 1e6)
-        self._commands.append(OperatorCommand(sequence=self._sequence, kind=kind, sent_ns=sent_ns, action=action))
+        command = OperatorCommand(lease=self.lease, sequence=self._sequence, kind=kind, sent_ns=sent_ns, action=action)
+        self._commands.append(command)
 
     def release(self, gesture: Gesture, age_ms: float = 30.0) -> None:
         """A released gesture, reported from the next report on."""
@@ -221,4 +223,4 @@ class Rig:
 
 def replace_sent(command: OperatorCommand, sent_ns: int) -> OperatorCommand:
     """The same word, sent then."""
-    return OperatorCommand(sequence=command.sequence, kind=command.kind, sent_ns=sent_ns, action=command.action)
+    return msgspec.structs.replace(command, sent_ns=sent_ns)

@@ -6,6 +6,8 @@ No limit here is a measurement; `tools/bench_stop.py` measures.
 from __future__ import annotations
 
 import signal
+import subprocess
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -14,10 +16,14 @@ import pytest
 from app.demo.drives import emulated_drives
 from app.ipc.messages import OperatorKind
 from app.ipc.states import Action, Effect, Event, GaitState
+from app.session.shared import held_session
 from app.system.config import JointsConfig
 from app.system.errors import AppError
 from app.system.legs_lock import claim_legs
+from app.system.paths import Home
 from hal.joints.device import load_exoskeleton
+from logs.read import records, session_paths
+from logs.records import ProcessEnd, SessionEnd
 from testing.session import RealSession, Sniffer, real_session
 
 pytestmark = pytest.mark.serial
@@ -90,26 +96,78 @@ def test_a_session_stands_walks_stops_and_ends_without_leaving_anybody(session: 
     session.until_ended(*EVERYBODY)
 
 
-def test_when_the_console_is_killed_the_legs_are_held_then_everybody_ends(session: RealSession) -> None:
-    session.walk(steps=1)
-    session.kill("console")
-    session.until(lambda s: s.effect >= Effect.HOLD, "hold")
-    with pytest.raises(AppError, match="LEGS_HELD"):
-        claim_legs(session.setup)
-    session.until_ended(*EVERYBODY)
-    session.until(lambda _: legs_free(session), "the lock")
+def test_without_a_console_the_legs_are_held_and_everybody_ends_when_nobody_comes(tmp_path: Path) -> None:
+    with real_session(tmp_path, unattended_s=2.0) as session:
+        session.walk(steps=1)
+        session.kill("console")
+        session.until(lambda s: s.effect >= Effect.HOLD, "hold")
+        with pytest.raises(AppError, match="LEGS_HELD"):
+            claim_legs(session.setup)
+        session.until_ended("session", *EVERYBODY)
+        session.until(lambda _: legs_free(session), "the lock")
+    assert held_session(Home(tmp_path)) is None
+    assert not session.setup.links.path.exists()
+    (trail,) = session_paths(Home(tmp_path).logs)
+    found = [one.body for one in records(trail)]
+    assert [one.ended for one in found if isinstance(one, ProcessEnd) and one.ended] == ["console"]
+    assert any(isinstance(one, SessionEnd) for one in found), "the trail has its end"
     names = [name for _, name in session.effects]
     assert names.index("HOLD") < names.index("DAMP"), "first held, then given way"
     assert session.heartbeat is not None
     assert not session.heartbeat.enabled
 
 
+TAKE = """
+import sys
+from pathlib import Path
+from app.session.host import SessionHost
+from app.session.shared import held_session
+from app.system.errors import AppError
+from app.system.paths import Home, hold_home
+home = Home(Path(sys.argv[1]))
+try:
+    with hold_home(home):
+        host = SessionHost(held_session(home))
+        host.start()
+        print("taken", flush=True)
+        sys.stdin.read()
+        host.leave()
+except AppError as error:
+    print(error.code.name, flush=True)
+"""
+
+
+def test_a_session_is_taken_over_in_standing_and_in_mid_step_by_one_console_at_a_time(session: RealSession) -> None:
+    session.stand()
+    session.kill("console")
+    session.until(lambda s: Event.CONSOLE_TIMEOUT in {event.event for event in s.events}, "the console's silence")
+    session.take_over()
+    taken = session.until(lambda s: s.lease == 2, "the takeover")
+    assert taken.effect is Effect.HOLD
+    assert taken.state is GaitState.STANDING
+    session.walk(steps=1)
+    session.leave()
+    held = session.until(lambda s: s.effect >= Effect.HOLD and s.action is None, "hold")
+    assert held.state is GaitState.BETWEEN
+    arguments = [sys.executable, "-c", TAKE, str(session.setup.home)]
+    both = [subprocess.Popen(arguments, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) for _ in range(2)]
+    said = sorted(one.stdout.readline().strip() for one in both if one.stdout is not None)
+    assert said == ["HELD", "taken"]
+    for one in both:
+        one.communicate()
+    session.take_over()
+    session.until(lambda s: s.lease == 4, "the third takeover")
+    assert session.stand().state is GaitState.STANDING
+    session.finish()
+    session.until_ended("session", *EVERYBODY)
+
+
 def test_a_frozen_control_keeps_the_legs_after_its_console_and_its_guardian_are_killed(session: RealSession) -> None:
     session.stand()
     session.kill("control", signal.SIGSTOP)
-    session.kill("console")
-    session.kill("guardian")
-    session.until_ended("console", "guardian")
+    for name in ("console", "session", "guardian"):
+        session.kill(name)
+    session.until_ended("console", "session", "guardian")
     with pytest.raises(AppError, match=rf"LEGS_HELD pid=.*\b{session.pids['control']}\b"):
         claim_legs(session.setup)
     session.kill("control")

@@ -27,7 +27,7 @@ def score_of(name: str) -> int:
 
 
 def test_every_process_has_its_place() -> None:
-    assert set(SCORES) == set(ENTRY_POINTS)
+    assert set(SCORES) == {"session", *ENTRY_POINTS}
 
 
 @pytest.mark.parametrize("name", ["perception", "audit", "control"])
@@ -40,7 +40,7 @@ def test_each_takes_its_place(name: str) -> None:
 def test_what_can_be_started_again_goes_before_what_holds_the_legs() -> None:
     order = sorted(SCORES, key=SCORES.__getitem__, reverse=True)
     assert order[0] == "perception"
-    assert set(order[-2:]) == {"control", "guardian"}
+    assert set(order[-3:]) == {"control", "guardian", "session"}
 
 
 def test_who_is_no_process_of_a_session_keeps_its_place() -> None:

@@ -1,0 +1,126 @@
+"""What a running session leaves for other terminals: where it is, how it was started, and who commands it.
+
+The session's file lies in its home, readable by its user alone, while the session runs. The lease lies beside the
+session's sockets: the console that takes the next number commands, and control hears no other.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import os
+from pathlib import Path
+from typing import TypeVar
+
+import msgspec
+from msgspec import Struct
+
+from app.ipc.streams import LinkDirectory
+from app.session.peer import Peer
+from app.system.config import SessionSetup
+from app.system.errors import AppError, ConsoleFault
+from app.system.paths import Home
+from logs.reading.regular import read_bytes
+
+M = TypeVar("M", bound=Struct)
+
+_LEASE = "lease"
+_MAX_BYTES = 1 << 20
+
+
+class Launch(Struct, frozen=True, kw_only=True):
+    """What a console starts a session with; it comes through a pipe, since it holds the session's key."""
+
+    setup: SessionSetup
+    entry: str  # "module:function" that each process runs with its name and the setup
+    order: tuple[str, ...]
+
+
+class Lease(Struct, frozen=True, kw_only=True):
+    """The console that commands; number 1 began the session."""
+
+    number: int
+    pid: int
+
+
+def share(setup: SessionSetup) -> None:
+    """Let other terminals of this home find the session."""
+    path = Home(setup.home).session_file
+    path.parent.mkdir(parents=True, exist_ok=True)
+    partial = path.with_suffix(".partial")
+    handle = os.open(partial, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC, 0o600)
+    with os.fdopen(handle, "wb") as file:
+        file.write(encode(setup))
+    partial.replace(path)
+
+
+def unshare(setup: SessionSetup) -> None:
+    """The session ends."""
+    Home(setup.home).session_file.unlink(missing_ok=True)
+
+
+def shared(home: Home) -> SessionSetup:
+    """The running session. Raises AppError when there is none."""
+    try:
+        content = read_bytes(home.session_file, _MAX_BYTES)
+        setup = decode(content, SessionSetup)
+    except (OSError, ValueError, TypeError, RecursionError, msgspec.MsgspecError) as error:
+        raise AppError(ConsoleFault.NO_SESSION_TO_WATCH, home=home.root) from error
+    if not setup.links.path.exists():
+        raise AppError(ConsoleFault.SESSION_ENDED, session=setup.session)
+    return setup
+
+
+def held_session(home: Home) -> SessionSetup | None:
+    """The session of this home whose console is gone, for one who holds the home's lock; None: there is none."""
+    try:
+        setup = shared(home)
+    except AppError:
+        return None
+    host = Peer(setup.host_pid)
+    try:
+        return setup if host.alive else None
+    finally:
+        host.close()
+
+
+def take_lease(links: LinkDirectory) -> Lease:
+    """Take the next number for this process, one at a time. Raises OSError when the session has ended."""
+    handle = os.open(links.path / _LEASE, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX)
+        content = os.pread(handle, 256, 0)
+        before = msgspec.json.decode(content, type=Lease).number if content else 0
+        lease = Lease(number=before + 1, pid=os.getpid())
+        os.pwrite(handle, msgspec.json.encode(lease).ljust(64), 0)
+    finally:
+        os.close(handle)
+    return lease
+
+
+def current_lease(links: LinkDirectory) -> Lease | None:
+    """The console that commands; None before the first, and after the session's end."""
+    try:
+        content = read_bytes(links.path / _LEASE, 256)
+        return msgspec.json.decode(content, type=Lease)
+    except (OSError, ValueError, msgspec.MsgspecError):
+        return None
+
+
+def encode(value: Struct) -> bytes:
+    """A value with paths in it, for `decode`."""
+    return msgspec.msgpack.encode(value, enc_hook=_encode)
+
+
+def decode(content: bytes, kind: type[M]) -> M:
+    """Raises MsgspecError."""
+    return msgspec.msgpack.decode(content, type=kind, dec_hook=_decode)
+
+
+def _encode(value: object) -> object:
+    if isinstance(value, Path):
+        return str(value)
+    raise NotImplementedError(type(value))
+
+
+def _decode(kind: type, value: object) -> object:
+    return Path(str(value)) if issubclass(kind, Path) else value

@@ -1,0 +1,187 @@
+"""The session's own process: starts the others, restarts a perception that died or froze, ends all in order.
+
+It belongs to no terminal and outlives its console: control, guardian, audit and perception stay, and another console
+takes the session over. It decides nothing about legs. It ends when it is asked to (SIGTERM), and by itself when
+neither a control nor a console is left: control first (hold, damp, disable), the audit trail last.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import shutil
+import signal
+import sys
+import time
+from collections.abc import Callable
+from enum import Enum, auto
+from importlib import import_module
+from types import FrameType
+
+from msgspec.structs import replace
+
+from app.audit.sink import AuditSink
+from app.ipc import streams
+from app.ipc.links import LatestReceiver, Publisher, address, end_links
+from app.ipc.messages import ProcessStatus, SessionStatus, TriggerReport
+from app.session.child import Supervisor
+from app.session.peer import Peer
+from app.session.shared import Launch, Lease, current_lease, decode, share, unshare
+from app.system.config import SessionSetup
+from app.system.diagnostics_log import get_logger, start_log, stop_log
+from app.system.legs_lock import claim_legs
+from app.system.paths import Home
+from app.system.scheduling import set_oom_score_adj
+from logs.reason import reason
+from logs.records import ProcessEnd
+
+_log = get_logger("session")
+
+# Control holds (0.15 s), damps (3 s if nobody is there) and disables; then the others have nothing left to send.
+END_PATIENCE_S = {"control": 6.0, "perception": 2.0, "planner": 2.0, "guardian": 2.0, "bus-log": 2.0, "audit": 5.0}
+
+
+class SessionNotice(Enum):
+    """What the session's process records."""
+
+    CONSOLE_GONE = auto()
+
+
+class SessionProcesses:
+    """The processes of one session, and the console that commands it."""
+
+    def __init__(self, launch: Launch) -> None:
+        self._setup = launch.setup
+        self._order = launch.order
+        self._entry = _entry_of(launch.entry)
+        self._children: dict[str, multiprocessing.process.BaseProcess] = {}
+        self._supervisor = Supervisor()
+        self._ending = False
+        self._lease: Lease | None = None
+        self._console: Peer | None = None
+        self._console_ended = False  # recorded
+        links = self._setup.links
+        self._reports = LatestReceiver(address(links, streams.TRIGGER.name), TriggerReport)
+        self._statuses = Publisher(address(links, streams.SESSION.name))
+        self._sink = AuditSink(links, "session", self._setup.operator)
+
+    def start(self) -> None:
+        """Start every process in the order in which they are needed."""
+        for name in self._order:
+            self._spawn(name)
+
+    def ask(self, _number: int, _frame: FrameType | None) -> None:
+        """Asked to end; the signal's handler."""
+        self._ending = True
+
+    def run(self) -> None:
+        """Until it is time to end."""
+        while not self._must_end():
+            self._supervise_perception(reported=self._reports.receive() is not None)
+            self._statuses.send(SessionStatus(at_ns=time.monotonic_ns(), processes=self._status()))
+            time.sleep(1.0 / streams.SESSION.rate_hz)
+
+    def close(self) -> None:
+        """Bring the legs to rest and every process to its end."""
+        for name in ("control", "perception", "planner", "guardian", "bus-log"):
+            self._end(name)
+        self._sink.close()
+        shutil.rmtree(self._setup.links.path, ignore_errors=True)  # all that audit receives is connected
+        self._end("audit")
+        self._reports.close()
+        self._statuses.close()
+
+    def _must_end(self) -> bool:
+        """Asked to, or nobody is left who moves or commands; a console takes leave when it has ended control."""
+        console, control = self._console_lives(), self._children["control"]
+        return self._ending or not (console or control.is_alive())
+
+    def _console_lives(self) -> bool:
+        lease = current_lease(self._setup.links)
+        if lease is not None and lease != self._lease:
+            if self._console is not None:
+                self._console.close()
+            self._lease, self._console, self._console_ended = lease, Peer(lease.pid), False
+        if self._console is None:
+            return True  # it starts us: its lease comes at once
+        if self._console.alive:
+            return True
+        if not self._console_ended:
+            self._console_ended = True
+            cause = reason(SessionNotice.CONSOLE_GONE)
+            self._sink.emit(ProcessEnd(pid=self._console.pid, ended="console", reason=cause))
+            _log.warning("console gone", console_pid=self._console.pid)
+        return False
+
+    def _status(self) -> tuple[ProcessStatus, ...]:
+        return tuple(
+            ProcessStatus(
+                name=name,
+                pid=child.pid or 0,
+                alive=child.is_alive(),
+                restarts=self._supervisor.restarts if name == "perception" else 0,
+                exit_code=child.exitcode,
+            )
+            for name, child in self._children.items()
+        )
+
+    def _spawn(self, name: str) -> None:
+        child = multiprocessing.get_context("spawn").Process(
+            target=self._entry, args=(name, self._setup), daemon=True, name=f"rleex-{name}"
+        )
+        child.start()  # daemon: if this process fails by an exception, it still asks it to end (SIGTERM)
+        _log.info("process spawned", child=name, child_pid=child.pid)
+        self._children[name] = child
+
+    def _supervise_perception(self, *, reported: bool) -> None:
+        child = self._children.get("perception")
+        if child is None:
+            return
+        if self._supervisor.must_restart(time.monotonic(), alive=child.is_alive(), reported=reported):
+            _log.warning("perception restarts", restarts=self._supervisor.restarts, exit_code=child.exitcode)
+            child.kill()  # a driver frozen in the kernel handles no SIGTERM
+            child.join(1.0)
+            self._spawn("perception")
+
+    def _end(self, name: str) -> None:
+        child = self._children.get(name)
+        if child is None:
+            return
+        child.terminate()
+        child.join(END_PATIENCE_S[name])
+        if child.is_alive():
+            _log.warning("process killed", child=name, patience_s=END_PATIENCE_S[name])
+            child.kill()
+            child.join(1.0)
+
+
+def _entry_of(path: str) -> Callable[[str, SessionSetup], None]:
+    module, name = path.split(":")
+    entry: Callable[[str, SessionSetup], None] = getattr(import_module(module), name)
+    return entry
+
+
+def supervise(launch: Launch) -> None:
+    """Run a session to its end. Raises AppError while its legs are held."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    set_oom_score_adj("session")
+    setup = replace(launch.setup, host_pid=os.getpid())
+    legs = claim_legs(setup)
+    start_log(Home(setup.home), "session", session=setup.session, patient=setup.profile.identifier)
+    processes = SessionProcesses(replace(launch, setup=setup))
+    signal.signal(signal.SIGTERM, processes.ask)
+    try:
+        processes.start()
+        share(setup)
+        processes.run()
+    finally:
+        unshare(setup)
+        processes.close()
+        end_links()
+        legs.close()
+        stop_log()
+
+
+if __name__ == "__main__":
+    supervise(decode(sys.stdin.buffer.read(), Launch))

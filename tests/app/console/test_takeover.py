@@ -1,0 +1,85 @@
+"""A held session in another terminal: who may take it over, and what that leaves untouched; over the host we own."""
+
+from __future__ import annotations
+
+import pytest
+
+from app.console.screens.session import SessionScreen
+from app.console.screens.signin import SignInDialog
+from app.ipc.messages import OperatorKind
+from app.session.host import make_setup
+from app.system.config import Config, JointsConfig, SessionSetup
+from app.system.operators import Role, add_operator, load_store, may_take_over, save_store
+from app.system.paths import Home
+from logs.journal import OPERATORS
+from logs.read import records
+from logs.records import SignInFailed
+from profiles.schema import DEMO_PATIENT
+from tests.app.console.conftest import Opener
+
+PIN, OTHER = "483920", "592817"
+
+
+@pytest.fixture
+def held(home: Home) -> SessionSetup:
+    """Of the engineer Ada, over real drives; there is a therapist Tom, an engineer Eve and a reviewer Rex."""
+    store = add_operator(load_store(home.keys), "Ada", Role.ENGINEER, PIN)
+    for name, role in (("Tom", Role.THERAPIST), ("Eve", Role.ENGINEER), ("Rex", Role.REVIEWER)):
+        store = add_operator(store, name, role, OTHER)
+    save_store(home.keys, store)
+    return make_setup(home, Config(joints=JointsConfig(kind="can")), DEMO_PATIENT, operator="Ada", role="engineer")
+
+
+def test_only_the_same_operator_and_therapists_may(held: SessionSetup, home: Home) -> None:
+    may = {one.name for one in load_store(home.keys).operators if may_take_over(one, held.operator)}
+    assert may == {"Ada", "Tom"}
+
+
+@pytest.mark.parametrize("size", [(80, 24), (20, 5)])
+async def test_the_same_operator_takes_over_by_the_pin_alone(
+    console: Opener, held: SessionSetup, size: tuple[int, int]
+) -> None:
+    async with console(held=held, config=held.config, profile=None, size=size) as open_console:
+        await open_console.until(lambda: isinstance(open_console.app.screen, SignInDialog))
+        await open_console.press(*PIN, "enter")
+        await open_console.until(lambda: isinstance(open_console.app.screen, SessionScreen))
+        await open_console.until(lambda: (state := open_console.app.live_state()) and state.snapshot)
+        assert open_console.app.live_setup().session == held.session
+        assert open_console.app.operator == "Ada"
+        await open_console.press("space")
+        await open_console.until(lambda: (OperatorKind.STOP, None) in open_console.host.sent)
+
+
+@pytest.mark.parametrize(
+    ("name", "pin", "told"),
+    [
+        ("Ada", "000111", "Name or PIN is wrong"),
+        ("Rex", OTHER, "Only Ada or a therapist takes this session over"),
+        ("Eve", OTHER, "Only Ada or a therapist takes this session over"),
+    ],
+)
+async def test_others_read_one_sentence_and_touch_nothing_and_a_therapist_takes_over(
+    console: Opener, held: SessionSetup, name: str, pin: str, told: str
+) -> None:
+    async with console(held=held, config=held.config, profile=None) as open_console:
+        await open_console.until(lambda: isinstance(open_console.app.screen, SignInDialog))
+        open_console.type("name", name)
+        await open_console.press(*pin, "enter")
+        await open_console.shows(told)
+        assert open_console.app.live is None
+        open_console.type("name", "Tom")
+        await open_console.press(*OTHER, "enter")
+        await open_console.until(lambda: open_console.app.live)
+        assert open_console.app.live_setup().operator == "Tom"
+
+
+async def test_who_leaves_the_question_leaves_the_session_held(console: Opener, held: SessionSetup, home: Home) -> None:
+    async with console(held=held, config=held.config, profile=None) as open_console:
+        await open_console.until(lambda: isinstance(open_console.app.screen, SignInDialog))
+        await open_console.press(*"000111", "enter")
+        await open_console.shows("Name or PIN is wrong")
+        await open_console.press("escape")
+        await open_console.until(lambda: not open_console.app.is_running or open_console.app._exit)
+        assert open_console.app.live is None
+    open_console.app.trail.keep(home)
+    assert any(isinstance(one.body, SignInFailed) for one in records(home.logs / OPERATORS))
