@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from kgdfa.gesture import Finger
 
 FloatArray = NDArray[np.float64]
+SAME_HAND_REFERENCES = 2.0  # a hand this many reference segments from where one was is the same, tracked
 
 
 class Keypoint(IntEnum):
@@ -111,6 +112,12 @@ class Hand:
         left_px, top_px = np.minimum.reduce(self.image_px).tolist()
         right_px, bottom_px = np.maximum.reduce(self.image_px).tolist()
         return Box(left_px=left_px, top_px=top_px, right_px=right_px, bottom_px=bottom_px)
+
+
+def same_place(hand: Hand, other: Hand) -> bool:
+    """Whether two detections may be of the same hand."""
+    reach_px = SAME_HAND_REFERENCES * max(hand.reference_px, other.reference_px)
+    return hand.palm_shift_px(other) < reach_px
 
 
 def is_cut_off(hand: Hand, width_px: int, height_px: int) -> bool:

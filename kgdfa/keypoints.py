@@ -25,13 +25,13 @@ from mediapipe.tasks.python import BaseOptions
 from mediapipe.tasks.python.vision import HandLandmarker, HandLandmarkerOptions, RunningMode
 
 from kgdfa.errors import KgdfaError, KgdfaFault
-from kgdfa.hand import FloatArray, Hand, Side
+from kgdfa.hand import FloatArray, Hand, Side, same_place
 from kgdfa.preprocess import Image, as_bgr8
 from kgdfa.redetection import Redetector
 
 # MediaPipe 1.x names the person's own hand on an unmirrored image, as ours are (0.10 had them the other way round).
 _SIDES = {"Left": Side.LEFT, "Right": Side.RIGHT}
-_SAME_HAND_REFERENCES = 2.0  # a hand this many reference segments from where one was is the same, tracked
+_EMPTY: Image = np.zeros((64, 64, 3), np.uint8)
 SEEK_FRAMES = 5  # how often a second hand is searched for until the enrolled one is known
 ALONE_FRAMES = 10  # with one hand in view until the tracker of one takes over again
 
@@ -56,7 +56,7 @@ class HandDetector:
         views of the image (video only; see `redetection`).
         """
         self._still = still
-        self._searcher = Redetector(self._observed, self._ordered) if search and not still else None
+        self._searcher = Redetector(self._observed, self._ordered, self._look) if search and not still else None
         self._last_ms = -1
         self._previous: tuple[Hand, ...] = ()
         self._unknown = False  # whether the hand in view is the enrolled one
@@ -122,6 +122,13 @@ class HandDetector:
         result = self.infer(image, captured_ns) if one else self._track(self._two_hands, image, captured_ns)
         return _hands(result, image)
 
+    def _look(self, image: Image, captured_ns: int) -> tuple[Hand, ...]:
+        """The hands as if none were tracked; () while two are, or where no second one is watched for."""
+        if self._two_hands is None or self._alone_frames < ALONE_FRAMES:
+            return ()
+        self._track(self._two_hands, _EMPTY, captured_ns)  # ends what it tracked when it was last used
+        return _hands(self._track(self._two_hands, image, captured_ns), image)
+
     def _ordered(self, hands: tuple[Hand, ...]) -> tuple[Hand, ...]:
         """The one that is nearest to the first of the frame before in front."""
         if len(hands) < 2 or not self._previous:
@@ -138,7 +145,7 @@ class HandDetector:
         if not hands or (hands[0].tracked and not (self._unknown and self._frames % SEEK_FRAMES == 0)):
             return hands
         observed = _hands(self._track(self._two_hands, image, captured_ns), image)
-        others = tuple(hand for hand in observed if not _same_place(hand, hands[0]))
+        others = tuple(hand for hand in observed if not same_place(hand, hands[0]))
         if others:
             self._alone_frames = 0
         return hands + others[:1]
@@ -172,12 +179,7 @@ def _hand(image_px: FloatArray, world_m: FloatArray, side: Any) -> Hand:
 
 def _marked(hand: Hand, previous: tuple[Hand, ...]) -> Hand:
     """The hand, marked as tracked where the first one of the frame before was in the same place."""
-    return replace(hand, tracked=any(_same_place(hand, other) for other in previous[:1]))
-
-
-def _same_place(hand: Hand, other: Hand) -> bool:
-    reach_px = _SAME_HAND_REFERENCES * max(hand.reference_px, other.reference_px)
-    return hand.palm_shift_px(other) < reach_px
+    return replace(hand, tracked=any(same_place(hand, other) for other in previous[:1]))
 
 
 def _array(landmarks: Any) -> FloatArray:

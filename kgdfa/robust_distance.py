@@ -199,6 +199,13 @@ def _under_the_skin(observed_m: float) -> float:
     return observed_m + HALF_PALM_M * (1 - observed_m / REFERENCE_HOLDS_M)
 
 
+def _accept_far(state: OutlierState, far_m: float, captured_ns: int) -> tuple[OutlierState, bool]:
+    """Whether a hand can have withdrawn so far; nearer ones are the button's to doubt."""
+    if state.last_m is not None and far_m <= state.last_m:
+        return OutlierState(last_m=far_m, last_ns=captured_ns), True
+    return accept_distance(state, far_m, captured_ns)
+
+
 class RobustRange:
     """Eq. 4 freed from the hand's tilt, steadied over three frames, with a distance that is safe to press by.
 
@@ -229,7 +236,7 @@ class RobustRange:
         self._centre_px = centre_px
         self._distortion = np.array([*distortion, 0.0, 0.0]) if any(distortion) else None
         self._recent: tuple[Reading, ...] = ()
-        self._outliers = OutlierState()
+        self._outliers = self._far = OutlierState()
         self._last_ns = 0
 
     def measure(self, hand: Hand, captured_ns: int) -> Distance | None:
@@ -238,7 +245,8 @@ class RobustRange:
         if now is None:
             return None
         self._outliers, believed = accept_distance(self._outliers, now.shown_m, captured_ns)
-        if not believed:
+        self._far, far_believed = _accept_far(self._far, now.far_m, captured_ns)
+        if not (believed and far_believed):
             return None
         if not 0 <= captured_ns - self._last_ns <= FORGET_NS:
             self._recent = ()
@@ -261,7 +269,7 @@ class RobustRange:
     def reset(self) -> None:
         """Forget the last frames."""
         self._recent = ()
-        self._outliers = OutlierState()
+        self._outliers = self._far = OutlierState()
 
     def _own_view(self, points_px: Points) -> tuple[Points, float]:
         """(5, 2) keypoints as a camera looking straight at keypoint 21 sees them, one focal length away.

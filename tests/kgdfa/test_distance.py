@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -195,6 +196,25 @@ def test_a_jump_that_no_hand_can_make_is_no_measurement_until_it_has_stayed(befo
     assert jumped[:-1] == [None] * (CONFIRM_FRAMES - 1)
     assert CONFIRM_FRAMES - 1 > GAP_FRAMES  # so the press has ended before the jump is believed
     assert jumped[-1] is not None
+
+
+def test_knuckles_that_slip_together_in_one_frame_are_no_withdrawal() -> None:
+    finder = robust()
+    near = observed(0.16)
+    slipped_px = near.image_px.copy()
+    middle_px = near.palm_centre_px
+    slipped_px[[5, 17]] = middle_px + (slipped_px[[5, 17]] - middle_px) / 2
+    for frame in range(3):
+        assert measured(finder, near, frame * FRAME_NS).safe_m < 0.19
+    slipped = replace(near, image_px=slipped_px)
+    reading = finder.explain(slipped)
+    assert reading is not None
+    assert reading.far_m > 0.27
+    assert finder.measure(slipped, 3 * FRAME_NS) is None
+    assert measured(finder, near, 4 * FRAME_NS).safe_m < 0.19
+    for frame in range(5, 9):
+        last = finder.measure(slipped, frame * FRAME_NS)
+    assert last is not None, "it has stayed"
 
 
 @given(st.floats(0.0, 1.0))

@@ -212,3 +212,37 @@ def test_a_hand_that_is_not_near_is_shown_as_it_is() -> None:
     for frame in range(4):
         searcher.detect(picture, frame)
     assert all(image.shape == picture.shape and (image == picture).all() for image in observed)
+
+
+def palm(breadth_px: float, *, at_px: float = 100.0) -> Hand:
+    """Keypoints on a line, but for 5-17, which is so broad."""
+    image_px = np.column_stack([np.full(21, at_px), np.linspace(70.0, 130.0, 21)])
+    image_px[[5, 17], 0] += (-breadth_px / 2, breadth_px / 2)
+    image_px[[5, 17], 1] = 100.0
+    return Hand(image_px=image_px, world_m=np.zeros((21, 3)), presence=0.9, side=Side.LEFT)
+
+
+@pytest.mark.parametrize(
+    ("tracked_px", "anew", "reported_px", "looks"),
+    [
+        ((20, 20, 18), (), 18, 0),
+        ((20, 20, 10), (palm(19),), 19, 1),
+        ((20, 20, 10), (palm(11),), 10, 1),
+        ((20, 20, 10), (palm(19, at_px=400.0),), 10, 1),
+        ((20, 20, 10), (), 10, 1),
+    ],
+    ids=["a hand that turns", "a slip", "narrow all the same", "another place", "not found"],
+)
+def test_a_palm_that_narrows_as_no_hand_can_is_detected_anew(
+    tracked_px: tuple[float, ...], anew: tuple[Hand, ...], reported_px: float, looks: int
+) -> None:
+    followed, looked = iter(tracked_px), list[int]()
+
+    def look(_: Image, captured_ns: int) -> tuple[Hand, ...]:
+        looked.append(captured_ns)
+        return anew
+
+    searcher = Redetector(lambda _, __: (palm(next(followed)),), look=look)
+    reported = [searcher.detect(PICTURE, frame) for frame in range(3)]
+    assert reported[-1][0].reference_px == pytest.approx(reported_px, abs=0.1)
+    assert len(looked) == looks
