@@ -339,6 +339,70 @@ def idle(
         raise typer.Exit(1)
 
 
+@cli.command()
+def side(
+    directory: Annotated[Path | None, typer.Argument(help="Folder with labels.csv and images.")] = None,
+    every: Annotated[int, typer.Option(help="Take every n-th image.", min=1)] = 1,
+    digital: Annotated[int, typer.Option(help="Digital people, each with every gesture, without a folder.", min=1)] = 6,
+    keypoints: Annotated[
+        Path | None, typer.Option(help="Use the looks stored in this npz instead of the images.")
+    ] = None,
+    json_file: Json = None,
+    home: HomeFolder = None,
+) -> None:
+    """How surely the side of a hand is told: on photos beside their mirror images, or on digital hands."""
+    import msgspec
+
+    from app.evaluate.gestures.side import digital_hands, measure_digital, measure_looks, measure_photos, side_table
+    from app.evaluate.harness import percent, write_json
+    from app.evaluate.readings import read_labels
+    from app.text.catalogue import tr
+
+    if directory is not None and keypoints is not None:
+        figures = measure_looks(detected_images(directory, keypoints, home))
+    elif directory is not None:
+        images = [one for one in read_labels(directory) if one.gesture is not None][::every]
+        with _detector(home) as detector, _bar("detecting", len(images)) as step:
+            figures = measure_photos(detector, images, directory, step)
+    else:
+        with _detector(home) as detector, _bar("detecting", len([*digital_hands(digital)])) as step:
+            figures = measure_digital(detector, digital, step)
+    write_json({"right": figures.right, **msgspec.to_builtins(figures)}, json_file)
+    total, right = figures.frames.total(), percent(figures.right, 2)
+    summary = tr("evaluate.side.summary", right=right, frames=total, images=figures.images, without=figures.without)
+    _show(side_table(figures), summary)
+    if figures.interrupted:
+        raise typer.Exit(130)
+
+
+@cli.command()
+def foreign(
+    frames: Annotated[int, typer.Option(help="Frames with a foreign hand.", min=0)] = 10_000,
+    trials: Annotated[
+        int, typer.Option(help="Pushes of the enrolled hand, alone and beside a foreign one.", min=0)
+    ] = 24,
+    seed: Annotated[int, typer.Option(help="Another seed, other hands and movements.", min=0)] = 1,
+    json_file: Json = None,
+    home: HomeFolder = None,
+) -> None:
+    """A second person's hand that signs and pushes: no command may come of it, none of the enrolled hand's be lost."""
+    import msgspec
+
+    from app.evaluate.harness import write_json
+    from app.evaluate.trigger.foreign import costs_table, evaluate_foreign, foreign_table, measure_costs, steps, summary
+    from app.text.catalogue import tr
+
+    with _detector(home) as detector, _bar("simulating", steps(frames, trials)) as step:
+        result = evaluate_foreign(detector, frames=frames, pushes=trials, seed=seed, step=step)
+    costs = measure_costs(hand_model(home))
+    write_json({**msgspec.to_builtins(result), "cpu_ms": costs}, json_file)
+    _show(foreign_table(result), summary(result), costs_table(costs))
+    if result.interrupted:
+        _show(tr("evaluate.foreign.interrupted"))
+    if result.interrupted or result.commands:
+        raise typer.Exit(130 if result.interrupted else 1)
+
+
 @cli.command("press-zone")
 def press_zone(
     hands: Annotated[int, typer.Option(help="Digital hands a gesture.", min=1)] = 3,

@@ -228,9 +228,14 @@ def replay_pipeline(
 
 
 def chain(
-    mode: str, person: Person, lens: Intrinsics, detector: Detector, threshold_m: float = THRESHOLD_M
+    mode: str,
+    person: Person,
+    lens: Intrinsics,
+    detector: Detector,
+    threshold_m: float = THRESHOLD_M,
+    **enrolled: Any,
 ) -> Pipeline:
-    """The mode's whole chain for a person whose palm is known by ruler."""
+    """The mode's whole chain for a person whose palm is known by ruler. enrolled: as `Pipeline` takes it."""
     reference_m, centre_px = person.shape.reference_m, (lens.cx_px, lens.cy_px)
     finder = PublishedRange if mode == "published" else RobustRange
     return Pipeline(
@@ -240,6 +245,7 @@ def chain(
         place=ButtonPlace.in_the_middle(lens.width_px, lens.height_px, threshold_m),
         mode=ButtonMode(mode),
         depth_finder=DepthRange(mode=mode),
+        **enrolled,
     )
 
 

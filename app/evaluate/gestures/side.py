@@ -1,0 +1,160 @@
+"""How surely a hand's side is told: on photos each beside its mirror image, and on digital hands of known side.
+
+A photo is shown to the live tracker for some frames, then its mirror image; a frame counts once a gesture is voted. Of
+a photo and its mirror image that give the same side one is wrong: half of their frames count as wrong. Where both are
+wrong nobody can tell from a photo without a label of its side; the digital hand can.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import cv2
+import numpy as np
+from rich.table import Table
+
+from app.evaluate.digital import BLANK_FRAMES, GAP_NS, MEASURE_SEEDS, image_of_scene, scene_of
+from app.evaluate.harness import FRAME_NS, Step, table
+from app.evaluate.readings import GESTURE_NAMES, DetectedImage, LabelledImage
+from hal.cameras.digital_hand.render import person_of
+from hal.cameras.playback import decode_image
+from kgdfa.augmentation import AUGMENTATIONS, Augmentation, augment
+from kgdfa.gesture import RuleSet, Vote, update_vote
+from kgdfa.hand import Hand, Side
+from kgdfa.keypoints import HandDetector
+from kgdfa.preprocess import Image, as_bgr8
+from kgdfa.robust import RobustRules
+from kgdfa.track import Enrolment, Tracks, update_tracks
+
+HELD_FRAMES = 8
+PLAIN, MIRRORED = Augmentation(), Augmentation(mirrored=True)
+MIRRORED_LOOK = AUGMENTATIONS.index(MIRRORED)
+_OTHER = {Side.LEFT: Side.RIGHT, Side.RIGHT: Side.LEFT, None: None}
+
+
+@dataclass(slots=True)
+class SideFigures:
+    """Frames of voted gestures, a gesture; unclear: no side was known yet. interrupted: not all images were shown."""
+
+    frames: Counter[str] = field(default_factory=Counter)
+    wrong: Counter[str] = field(default_factory=Counter)
+    unclear: Counter[str] = field(default_factory=Counter)
+    images: int = 0
+    without: int = 0  # images without a voted gesture
+    interrupted: bool = False
+
+    @property
+    def right(self) -> float:
+        """Share of the frames with a voted gesture whose side is right."""
+        total = self.frames.total()
+        return 1 - (self.wrong.total() + self.unclear.total()) / total if total else 0.0
+
+    def add(self, label: str, sides: Sequence[Side | None], truth: Side | None) -> None:
+        """Frames of one image. truth None: not known."""
+        self.frames[label] += len(sides)
+        self.unclear[label] += sides.count(None)
+        if truth is not None:
+            self.wrong[label] += sides.count(_OTHER[truth])
+
+
+class SideMeasure:
+    """Shows still images to the live tracker, and follows them as the pipeline does."""
+
+    def __init__(self, detector: HandDetector, rules: RuleSet | None = None) -> None:
+        self._detector = detector
+        self._rules = rules or RobustRules()
+        self._now_ns = GAP_NS
+
+    def sides(self, image: Image) -> list[Side | None]:
+        """The side in every frame of a voted gesture; [] where none is voted."""
+        tracks, vote, sides = Tracks(), Vote(), []
+        self._now_ns += GAP_NS
+        for _ in range(BLANK_FRAMES):
+            self._detect(np.zeros((72, 128, 3), np.uint8))
+        for _ in range(HELD_FRAMES):
+            verdicts = [(hand, self._rules.classify(hand)) for hand in self._detect(image)]
+            signing = [verdict.gesture is not None for _, verdict in verdicts]
+            hands = tuple(hand for hand, _ in verdicts)
+            tracks = update_tracks(tracks, hands, self._now_ns, Enrolment(arm_rad=None), signing)
+            now = tracks.commanding.hand if tracks.commanding else None
+            gesture = next((verdict.gesture for hand, verdict in verdicts if hand is now), None)
+            vote = update_vote(vote, gesture, self._now_ns)
+            if vote.gesture is not None and tracks.commanding is not None:
+                sides.append(tracks.commanding.side)
+        return sides
+
+    def _detect(self, image: Image) -> tuple[Hand, ...]:
+        self._now_ns += FRAME_NS
+        return self._detector.detect(image, self._now_ns)
+
+
+def measure_photos(detector: HandDetector, images: Iterable[LabelledImage], directory: Path, step: Step) -> SideFigures:
+    """Each photo and its mirror image."""
+    measure, figures = SideMeasure(detector), SideFigures()
+    try:
+        for labelled in images:
+            image = decode_image(directory / labelled.path, cv2.IMREAD_UNCHANGED)
+            if image is not None:
+                plain, mirrored = (measure.sides(augment(as_bgr8(image), one)[0]) for one in (PLAIN, MIRRORED))
+                _add_pair(figures, labelled.label, plain, [_OTHER[side] for side in mirrored])
+            step()
+    except KeyboardInterrupt:
+        figures.interrupted = True
+    return figures
+
+
+def measure_looks(detected: Iterable[DetectedImage]) -> SideFigures:
+    """From stored keypoints: one look at each photo, and the one at its mirror image."""
+    rules, figures = RobustRules(), SideFigures()
+    for one in detected:
+        if len(one.hands) == len(AUGMENTATIONS) and one.image.gesture is not None:
+            looks = (one.hands[0], one.hands[MIRRORED_LOOK])
+            plain, mirrored = ([hand.side] if rules.classify(hand).gesture else [] for hand in looks)
+            _add_pair(figures, one.image.label, plain, mirrored)
+    return figures
+
+
+def _add_pair(figures: SideFigures, label: str, plain: Sequence[Side | None], mirrored: Sequence[Side | None]) -> None:
+    figures.images += 1
+    figures.without += not (plain and mirrored)
+    if plain and mirrored:
+        contrary = sum(a is not None and b is not None and a is not b for a, b in zip(plain, mirrored, strict=False))
+        figures.add(label, [*plain, *mirrored], None)
+        figures.wrong[label] += contrary  # one of the two
+
+
+def measure_digital(detector: HandDetector, people: int, step: Step) -> SideFigures:
+    """Digital hands of known side, every gesture of every person."""
+    measure, figures = SideMeasure(detector), SideFigures()
+    try:
+        for label, person in digital_hands(people):
+            seed = person * len(GESTURE_NAMES) + GESTURE_NAMES.index(label)
+            truth = Side.LEFT if person_of(person).shape.left else Side.RIGHT
+            sides = measure.sides(image_of_scene(scene_of(label, person, seed), seed))
+            figures.images += 1
+            figures.without += not sides
+            figures.add(label, sides, truth)
+            step()
+    except KeyboardInterrupt:
+        figures.interrupted = True
+    return figures
+
+
+def digital_hands(people: int) -> Iterator[tuple[str, int]]:
+    """Gesture and person."""
+    for person in range(MEASURE_SEEDS, MEASURE_SEEDS + people):
+        for label in GESTURE_NAMES:
+            yield label, person
+
+
+def side_table(figures: SideFigures) -> Table:
+    """A row a gesture."""
+    rows = [
+        (label, figures.frames[label], figures.wrong[label], figures.unclear[label])
+        for label in GESTURE_NAMES
+        if figures.frames[label]
+    ]
+    return table("side", "gesture frames wrong unclear", rows)
