@@ -6,16 +6,22 @@ No limit here is a measurement; `tools/bench_stop.py` measures.
 from __future__ import annotations
 
 import signal
+import stat
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
+import msgspec
 import pytest
+import zmq
 
 from app.demo.drives import emulated_drives
-from app.ipc.messages import OperatorKind
+from app.ipc.links import address
+from app.ipc.messages import OperatorCommand, OperatorKind
 from app.ipc.states import Action, Effect, Event, GaitState
+from app.ipc.streams import AUDIT, OPERATOR
 from app.session.shared import held_session
 from app.system.config import JointsConfig
 from app.system.errors import AppError
@@ -23,7 +29,7 @@ from app.system.legs_lock import claim_legs
 from app.system.paths import Home
 from hal.joints.device import load_exoskeleton
 from logs.read import records, session_paths
-from logs.records import ProcessEnd, SessionEnd
+from logs.records import Command, EventRaised, ProcessEnd, SessionEnd
 from testing.session import RealSession, Sniffer, real_session
 
 pytestmark = pytest.mark.serial
@@ -75,6 +81,17 @@ def commands_after(sniffer: Sniffer, time_ns: int) -> list[tuple[int, int, bytes
     ]
 
 
+def forged(kind: OperatorKind, action: Action | None = None) -> bytes:
+    """A command of another process: newer than any of the console's."""
+    command = OperatorCommand(sequence=10**9, kind=kind, sent_ns=time.monotonic_ns(), action=action)
+    return msgspec.msgpack.encode(command)
+
+
+def with_an_earlier_key(foreign: zmq.Socket[bytes]) -> None:
+    foreign.curve_serverkey, _ = zmq.curve_keypair()
+    foreign.curve_publickey, foreign.curve_secretkey = zmq.curve_keypair()
+
+
 def legs_free(session: RealSession) -> bool:
     """Whether another session may have the legs: a killed process is a zombie before its last thread lets go."""
     try:
@@ -94,6 +111,34 @@ def test_a_session_stands_walks_stops_and_ends_without_leaving_anybody(session: 
     assert session.stand().state is GaitState.STANDING
     session.finish()
     session.until_ended(*EVERYBODY)
+
+
+def test_a_process_without_the_key_moves_nothing_and_is_recorded(session: RealSession) -> None:
+    """One that knows no key, and one of an earlier session; to control and to the audit process."""
+    before = session.stand()
+    assert stat.S_IMODE(session.setup.links.path.stat().st_mode) == 0o700  # nobody else's process comes near
+    foreign: list[zmq.Socket[bytes]] = [zmq.Context.instance().socket(zmq.PUSH) for _ in range(4)]
+    try:
+        with_an_earlier_key(foreign[1])
+        with_an_earlier_key(foreign[3])
+        for one, stream in zip(foreign, (OPERATOR, OPERATOR, AUDIT, AUDIT), strict=True):
+            one.setsockopt(zmq.LINGER, 0)
+            one.connect(address(session.setup.links, stream.name).where)
+            for _ in range(100):
+                one.send(forged(OperatorKind.ACT, Action.WALK))
+                one.send(forged(OperatorKind.SHUT_DOWN))
+        now = session.until(lambda s: any(one.event is Event.FOREIGN_PEER for one in s.events), "the event")
+    finally:
+        for one in foreign:
+            one.close()
+    assert (now.state, now.action, now.steps) == (before.state, None, 0)
+    assert (now.refusal_count, now.ignored_count) == (before.refusal_count, before.ignored_count)
+    session.finish()
+    (trail,) = session_paths(Home(session.setup.home).logs)
+    kinds = [record.body for record in records(trail)]
+    told = [body for body in kinds if isinstance(body, EventRaised) and body.event == Event.FOREIGN_PEER.value]
+    assert 1 <= len(told) <= 5  # of 800 messages
+    assert not [body for body in kinds if isinstance(body, Command) and body.action == Action.WALK.value]
 
 
 def test_without_a_console_the_legs_are_held_and_everybody_ends_when_nobody_comes(tmp_path: Path) -> None:
