@@ -20,9 +20,12 @@ from kgdfa.hand import FloatArray, Hand, Keypoint, Side
 LOST_FRAMES = 5  # a hand gone this long is gone; fewer may be blur or the image's edge
 REACH_REFERENCES = 1.5  # how far a hand may be from where it was a frame ago, in reference segments: 3 m/s at 30 Hz
 REACH_GROWTH_REFERENCES = 0.5  # and how much farther for each frame without it
-LARGEST_TURN_RAD = math.radians(60)  # of the arm from frame to frame; more is another hand in the same place
+# From frame to frame at 30 Hz, and in each further 30th of a second since a hand was found: more is another hand in its
+# place. Of the arm's direction, and of the palm's size, which a push of 0.3 s makes 1.3 times as large.
+FRAME_NS, MOST_FRAMES = 33_333_333, 6
+LARGEST_TURN_RAD, FURTHER_TURN_RAD = math.radians(60), math.radians(15)
+LARGEST_GROWTH, FURTHER_GROWTH = 1.6, 1.35
 EQUAL_CLAIM = 0.75  # a second hand this large, relative to the first, claims the command as well
-LARGEST_GROWTH = 1.6  # of the palm from frame to frame; a push of 0.3 s makes 1.3
 # Log-odds of the side, as the detector's scores give them: what one frame may add, from where the side counts as known
 # (two sure frames), and what all frames together may reach. A hand that is followed can't change its side, but the
 # detector may err through a whole gesture (the digital hand's 3), so frames against a known side count half: two
@@ -149,7 +152,7 @@ def _continued(
         for place, track in enumerate(followed)
         for number, hand in enumerate(hands)
         if (reach := _reach(hand, track.last)) <= REACH_REFERENCES + REACH_GROWTH_REFERENCES * track.lost
-        and _same_hand(hand, track.last)
+        and _same_hand(hand, track, captured_ns)
     )
     found: dict[int, int] = {}
     for _, place, number in pairs:
@@ -167,7 +170,7 @@ def _continued(
 
 def _begun(hand: Hand, number: int, captured_ns: int, gone: Track | None) -> Track:
     begun = Track(last=hand, number=number, first_px=hand.image_px, began_ns=captured_ns, captured_ns=captured_ns)
-    if gone is None or captured_ns - gone.captured_ns > KEPT_NS or not _same_hand(hand, gone.last):
+    if gone is None or captured_ns - gone.captured_ns > KEPT_NS or not _same_hand(hand, gone, captured_ns):
         return begun
     near = _reach(hand, gone.last) <= REACH_REFERENCES + REACH_GROWTH_REFERENCES * LOST_FRAMES
     return replace(begun, side_log_odds=gone.side_log_odds, moved=gone.moved) if near else begun
@@ -202,15 +205,17 @@ def _reach(hand: Hand, last: Hand) -> float:
     return hand.palm_shift_px(last) / max(hand.reference_px, last.reference_px, 1.0)
 
 
-def _same_hand(hand: Hand, last: Hand) -> bool:
-    """Whether its size and its arm's direction are those of a moment ago: if not, the tracker has slipped."""
-    if max(_palm_px(hand), _palm_px(last)) > LARGEST_GROWTH * min(_palm_px(hand), _palm_px(last)):
+def _same_hand(hand: Hand, track: Track, captured_ns: int) -> bool:
+    """Whether its size and its arm's direction may be those of a moment ago: if not, the tracker has slipped."""
+    further = min(max((captured_ns - track.captured_ns) / FRAME_NS - 1, 0.0), MOST_FRAMES)
+    sizes_px = _palm_px(hand), _palm_px(track.last)
+    if max(sizes_px) > LARGEST_GROWTH * FURTHER_GROWTH**further * min(sizes_px):
         return False
-    now, before = _arm(hand), _arm(last)
+    now, before = _arm(hand), _arm(track.last)
     if now is None or before is None:
         return True
     turn_rad = abs(math.atan2((now * before.conjugate()).imag, (now * before.conjugate()).real))
-    return turn_rad <= LARGEST_TURN_RAD
+    return turn_rad <= LARGEST_TURN_RAD + FURTHER_TURN_RAD * further
 
 
 def _palm_px(hand: Hand) -> float:

@@ -112,7 +112,7 @@ class GestureOnset(_Decided, frozen=True, kw_only=True, tag_field="kind", tag="g
 
 
 class Hint(_Decided, frozen=True, kw_only=True, tag_field="kind", tag="hint"):
-    """A hand came near and did not press, with the reason that the screen showed."""
+    """A hand came near and did not press, or it does not command at all, with the reason that the screen showed."""
 
     reason: Cause
     gesture: str | None = None

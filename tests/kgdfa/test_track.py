@@ -148,7 +148,9 @@ def test_a_hand_that_comes_back_soon_is_still_known() -> None:
 def test_a_hand_that_grows_at_once_is_another_hand() -> None:
     tracks = after([(HERE,)] * 5, RIGHT)
     points = HERE.palm_centre_px + 1.8 * (HERE.image_px - HERE.palm_centre_px)
-    assert after([(replace(HERE, image_px=points),)], RIGHT, tracks).made == 2
+    grown = (replace(HERE, image_px=points),)
+    assert update_tracks(tracks, grown, 6 * FRAME_NS, RIGHT).made == 2
+    assert update_tracks(tracks, grown, 8 * FRAME_NS, RIGHT).made == 1  # at 10 frames a second a push does so
 
 
 def test_a_known_hand_displaces_one_that_is_not_known() -> None:
