@@ -33,6 +33,7 @@ WEIGHT: dict[type, str] = {
     r.Cancel: "caution",
     r.Command: "action",
     r.Transition: "action",
+    r.Change: "action",
     r.ActionEnd: "action",
     r.Acknowledgement: "action",
     r.JointStatistics: "faint",
@@ -52,6 +53,9 @@ def record_text(body: Body, render: Render) -> str:
     values: dict[str, Any] = {name: _shown(name, value) for name, value in msgspec.structs.asdict(body).items()}
     if isinstance(body, r.SessionStart):
         values["version"] = body.versions.get("rleex", UNKNOWN)
+    if isinstance(body, r.Change):
+        both = ((name, *("" if one is None else str(one) for one in two)) for name, two in body.values.items())
+        values["values"] = ", ".join(f"{name}: {before} → {after}" for name, before, after in both)
     return text_of(Reason(f"Record.{type(body).__name__}", values), render).replace("  ", " ").rstrip(" :：")
 
 

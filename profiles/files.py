@@ -184,10 +184,10 @@ def _set(table: dict[str, Any], field: str, typed: str) -> None:
     if typed == CLEARED:
         table.pop(name, None)
     else:
-        table[name] = _value(typed, table.get(name))
+        table[name] = typed_value(typed, table.get(name))
 
 
-def _value(typed: str, now: Any) -> Any:
+def typed_value(typed: str, now: Any) -> Any:
     """A number or truth value as TOML reads it, anything else as text; texts stay texts ("1.80" as a note)."""
     if isinstance(now, str):
         return typed

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from enum import Enum
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import msgspec
 from msgspec import Struct
@@ -63,8 +63,19 @@ class Listing:
     broken: tuple[tuple[str, ProfileError], ...] = ()
 
 
+class Author(Protocol):
+    """Whose change it is: what signing in gives (`app/system/authority.py`)."""
+
+    @property
+    def name(self) -> str:
+        """The name for the history."""
+
+    def change_profile(self, patient: str, change: Change) -> None:
+        """Return when the change may be made and is on record; raise otherwise."""
+
+
 class ProfileStore:
-    """Profiles in a folder. Every method may raise ProfileError."""
+    """Profiles in a folder. Every method may raise ProfileError; those that change ask the author first."""
 
     def __init__(self, folder: Path, checks: tuple[Check, ...] = ()) -> None:
         """folder: made when first written to. checks: more that a profile must pass to be saved."""
@@ -97,21 +108,21 @@ class ProfileStore:
         wanted = (profiles[name] for name in sorted(profiles) if archived or not profiles[name].archived)
         return Listing(profiles=tuple(wanted), broken=tuple(broken))
 
-    def create(self, profile: Profile, *, by: str, at: datetime) -> None:
+    def create(self, profile: Profile, *, by: Author, at: datetime) -> None:
         """A new patient; an identifier that exists is refused."""
         with self._locked():
             if self._taken(profile.identifier):
                 raise ProfileError(ProfileFault.PATIENT_EXISTS, identifier=profile.identifier)
             self._write(profile, None, by=by, at=at, why=ChangeCause.NEW.key)
 
-    def save(self, profile: Profile, *, by: str, at: datetime, why: str = "") -> Change | None:
+    def save(self, profile: Profile, *, by: Author, at: datetime, why: str = "") -> Change | None:
         """Keep a profile as it is now, and what changed. None: nothing did."""
         with self._locked():
             known = self._path(profile.identifier).exists() or profile.identifier == DEMO_PATIENT.identifier
             before = self.load(profile.identifier) if known else None
             return self._write(profile, before, by=by, at=at, why=why)
 
-    def archive(self, identifier: str, *, by: str, at: datetime, archived: bool = True) -> None:
+    def archive(self, identifier: str, *, by: Author, at: datetime, archived: bool = True) -> None:
         """Take a patient out of the list, or back into it; nothing is deleted."""
         profile = msgspec.structs.replace(self.load(identifier), archived=archived)
         self.save(profile, by=by, at=at, why=(ChangeCause.ARCHIVED if archived else ChangeCause.RESTORED).key)
@@ -132,20 +143,21 @@ class ProfileStore:
         own = self._path(identifier)
         replace_files({path: read_text(own) if own.exists() else encode(profile)})
 
-    def import_file(self, path: Path, *, by: str, at: datetime) -> Profile:
+    def import_file(self, path: Path, *, by: Author, at: datetime) -> Profile:
         """Take in an exported profile as a new patient, or as a change of the one with its identifier."""
         profile = decode(read_text(path), str(path))
         self.save(profile, by=by, at=at, why=ChangeCause.IMPORTED.key)
         return profile
 
-    def _write(self, profile: Profile, before: Profile | None, *, by: str, at: datetime, why: str) -> Change | None:
+    def _write(self, profile: Profile, before: Profile | None, *, by: Author, at: datetime, why: str) -> Change | None:
         check(profile)
         for one in self._checks:
             one(profile)
         changes = differences(before, profile)
         if not changes:
             return None
-        change = Change(at=at.astimezone(UTC).isoformat(timespec="seconds"), by=by, changes=changes, why=why)
+        change = Change(at=at.astimezone(UTC).isoformat(timespec="seconds"), by=by.name, changes=changes, why=why)
+        by.change_profile(profile.identifier, change)
         path, history = self._path(profile.identifier), self._history_path(profile.identifier)
         kept = read_text(history, MAX_HISTORY) if history.exists() else ""
         replace_files(

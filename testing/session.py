@@ -29,6 +29,7 @@ from app.motion.plan import patient_of
 from app.motion.preflight import run_preflight
 from app.session import host as hosting
 from app.session.shared import held_session
+from app.system.authority import demonstration
 from app.system.config import Config, JointsConfig, SessionSetup
 from app.system.paths import Home, find_home
 from hal.joints.can.bus import open_bus
@@ -183,7 +184,9 @@ class RealSession(WatchedSession):
         if config.joints.kind == "can":
             device = load_exoskeleton()
             run_preflight(Home(home), patient_of(DEMO_PATIENT, device), device, (Action.INITIALISE,))
-        self.setup = hosting.make_setup(Home(home), config, DEMO_PATIENT, "bench")
+        self.setup = hosting.make_setup(
+            Home(home), config, DEMO_PATIENT, demonstration(Home(home), config.joints, "bench")
+        )
         context = multiprocessing.get_context("spawn")
         self._commands, theirs = context.Pipe()
         self._console = context.Process(target=run_console, args=(self.setup, theirs, perception, group))

@@ -155,7 +155,7 @@ def test_what_is_no_regular_file_is_refused(tmp_path: Path, reader: str, node: s
 
 def _valid(folder: Path) -> dict[str, bytes]:
     """A valid file of most kinds."""
-    save_intrinsics(folder / "cameras.toml", "camera", assumed(1280, 720), 0.2)
+    save_intrinsics(folder / "cameras.toml", "camera", assumed(1280, 720), 0.2, print)
     return {
         "configuration": b'language = "zh"\n[camera]\nkind = "webcam"\nrate_hz = 30.0\n[keys]\nstop = "s"\n',
         "device": DEFAULT_DEVICE.read_bytes(),

@@ -24,6 +24,7 @@ from app.ipc.messages import TriggerReport
 from app.ipc.streams import TRIGGER
 from app.session.child import run_process
 from app.session.host import make_setup
+from app.system.authority import demonstration
 from app.system.config import Config, load_config
 from app.system.paths import find_home
 from app.system.scheduling import PeriodicTimer, acquire_real_time, disable_gc
@@ -66,7 +67,8 @@ def target(at_s: float) -> JointCommand:
 def perception(home: Path | None) -> Iterator[Callable[[], float]]:
     """The session's own perception process on the digital hand; yields its frames per second so far."""
     place = find_home(home)
-    setup = make_setup(place, Config(model=load_config(place.config).model), DEMO_PATIENT, "bench")
+    config = Config(model=load_config(place.config).model)
+    setup = make_setup(place, config, DEMO_PATIENT, demonstration(place, config.joints, "bench"))
     process = multiprocessing.get_context("spawn").Process(target=run_process, args=("perception", setup), daemon=True)
     receiver: LatestReceiver[TriggerReport] = LatestReceiver(address(setup.links, TRIGGER.name), TriggerReport)
     process.start()

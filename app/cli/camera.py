@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from app.cli.common import check_finite
+from app.cli.permission import sign_in
+from app.system.operators import Permission
 
 if TYPE_CHECKING:
     from collections.abc import Generator
@@ -92,19 +94,24 @@ def calibrate(
     home: HomeOption = None,
 ) -> None:
     """Measure a camera's intrinsics on a chessboard, and keep them for this camera."""
+    from functools import partial
+
     from rich.console import Console
 
+    from app.system.authority import Subject
     from app.system.paths import find_home
     from app.text.catalogue import tr
     from hal.cameras.intrinsics import Board, save
     from hal.cameras.intrinsics import calibrate as solve
 
+    by = sign_in(home, Permission.CALIBRATE)
     place = find_home(home)
     board = Board(columns=columns, rows=rows, square_m=square_mm / 1000)
     name, images = _images(source, camera, place)
     corners, size = _find_boards(board, images)
     result = solve(corners, board, *size)
-    save(place.cameras, name, result.intrinsics, result.residual_px)
+    permit = partial(by.change, Permission.CALIBRATE, Subject.CALIBRATION, name)
+    save(place.cameras, name, result.intrinsics, result.residual_px, permit)
     measured = result.intrinsics
     text = tr(
         "camera.calibrated",

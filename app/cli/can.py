@@ -7,7 +7,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from app.cli.common import check_finite, check_output
+from app.cli.common import HomeOption, check_finite, check_output
+from app.cli.permission import sign_in
+from app.system.operators import Permission
 
 if TYPE_CHECKING:
     from hal.joints.device import Exoskeleton, Joint
@@ -45,6 +47,7 @@ def scan(
     channel: Channel = "",
     device: Device = None,
     force: Annotated[bool, typer.Option(help="Ask although others send: disables enabled drives.")] = False,
+    home: HomeOption = None,
 ) -> None:
     """List the drives that reply, with their protocol. It disables enabled drives, so it refuses a bus in use."""
     from rich.console import Console
@@ -56,6 +59,7 @@ def scan(
     from hal.joints.can.scan import listen
     from hal.joints.can.scan import scan as scan_bus
 
+    sign_in(home, Permission.CONFIGURE)
     console = Console()
     columns = ("bus", "id", "protocol", "answers", "detail")
     table = Table(*(tr(f"drives.{column}") for column in columns), box=None)
@@ -116,6 +120,7 @@ def doctor(
     device: Device = None,
     motors: Motors = None,
     listen: Annotated[bool, typer.Option("--listen", help="Only listen, ask nothing.")] = False,
+    home: HomeOption = None,
 ) -> None:
     """Check the bus and its drives, with a remedy for each finding; exit status 0 if there is no fault."""
     from rich.console import Console
@@ -124,6 +129,8 @@ def doctor(
     from app.diagnostics.findings import show
     from app.text.catalogue import tr
 
+    if not listen:
+        sign_in(home, Permission.CONFIGURE)
     console = Console()
     with console.status(tr("can.examining")):
         well = show(console, examine(_device(device, interface, channel), motors, ask=not listen))
@@ -197,14 +204,18 @@ def zero(
     channel: Channel = "",
     device: Device = None,
     motors: Motors = None,
+    home: HomeOption = None,
 ) -> None:
     """Set a joint's zero at its present pose. You confirm twice; the joint must be still and disabled."""
     import time
+    from functools import partial
 
+    from app.system.authority import Subject
     from app.text.catalogue import tr
     from hal.joints.can.driver import SocketCanJoints
     from hal.joints.can.lifecycle import request_zero, set_zero
 
+    by = sign_in(home, Permission.CONFIGURE)
     wanted = _joint(joint)
     joints = SocketCanJoints(_device(device, interface, channel), motors=motors)
     joints.open(time.monotonic_ns())
@@ -212,7 +223,9 @@ def zero(
         typer.confirm(tr("can.zero_pose", joint=wanted), abort=True)
         request = request_zero(joints, wanted)
         question = tr("can.zero_confirm", angle_rad=request.angle_rad, code=request.code)
-        angle_rad = set_zero(joints, request, typer.prompt(question))
+        values = {"zero_rad": (0.0, request.angle_rad)}
+        permit = partial(by.change, Permission.CONFIGURE, Subject.JOINT, wanted.name.lower(), values)
+        angle_rad = set_zero(joints, request, typer.prompt(question), permit)
         typer.echo(tr("can.zero_done", angle_rad=angle_rad))
     finally:
         joints.close(time.monotonic_ns())

@@ -20,7 +20,7 @@ class CliFault(Enum):
 
     NO_SUCH_ROLE = auto()  # role
     NO_OPERATORS = auto()
-    NOT_AN_ENGINEER = auto()  # name
+    NO_SUCH_PERMISSION = auto()  # permission, known
     NO_QUESTION = auto()  # ready
     NOT_KEPT = auto()  # doubt
     OUTPUT_UNWRITABLE = auto()  # path, detail

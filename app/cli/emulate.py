@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from app.cli.common import check_finite
+from app.cli.permission import sign_in
+from app.system.operators import Permission
 
 if TYPE_CHECKING:
     from hal.joints.body import Body
@@ -39,6 +41,7 @@ def emulate_drives(
     from hal.joints.emulator.emulator import run_emulator
     from hal.joints.emulator.firmware import read_schedule
 
+    sign_in(home, Permission.CONFIGURE)
     described = with_bus(load_exoskeleton(device or DEFAULT_DEVICE), interface, channel)
     schedule = tuple(read_schedule(text) for text in fault or ())
     body = _body(patient, home) if patient else None

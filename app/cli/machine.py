@@ -7,6 +7,8 @@ from typing import Annotated
 import typer
 
 from app.cli.common import HomeOption, print_text
+from app.cli.permission import sign_in
+from app.system.operators import Permission
 
 cli = typer.Typer()
 
@@ -36,10 +38,29 @@ def model(
 
     place = find_home(home)
     if again:
+        sign_in(home, Permission.CONFIGURE)
         (place.models / MODEL_NAME).unlink(missing_ok=True)
     path = set_up_model(place, load_config(place.config))
     if not quiet:
         print_text("cli.model", path=path)
+
+
+@cli.command()
+def configure(
+    changes: Annotated[list[str], typer.Argument(help="camera.kind=webcam joints.kind=can language=zh … ")],
+    home: HomeOption = None,
+) -> None:
+    """Change the configuration, in its own names and units; `none` takes a value away. An engineer signs in first."""
+    from app.system.configure import change_config
+    from logs.sanitize import sanitize_terminal
+    from profiles.files import parse_assignments
+
+    by = sign_in(home, Permission.CONFIGURE)
+    changed = change_config(by, parse_assignments(changes))
+    for field, (before, after) in changed.items():
+        typer.echo(sanitize_terminal(f"{field}: {before} → {after}"))
+    if not changed:
+        print_text("cli.profile.unchanged")
 
 
 @cli.command()

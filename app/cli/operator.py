@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-import time
+import os
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from app.cli.common import CliFault, HomeOption, print_text
+from app.cli.common import CliFault, HomeOption, check_finite, check_output, print_text
+from app.cli.permission import ask, sign_in
+from app.system.operators import Permission, Role
 
 if TYPE_CHECKING:
-    from app.system.operators import OperatorStore, Role
     from app.system.paths import Home
-    from logs.records import Body
 
 cli = typer.Typer(no_args_is_help=True)
 NameArgument = Annotated[str, typer.Argument(help="The operator's name.")]
@@ -25,46 +26,64 @@ def add(
     home: HomeOption = None,
 ) -> None:
     """Add an operator; prompts for the PIN. An engineer signs in first, unless there is none yet."""
-    from app.system.operators import add_operator, load_store
+    from app.system.enrolment import enrol, enrol_first
+    from app.system.errors import AppError
+    from app.system.operators import OperatorFault, load_store
     from app.system.paths import find_home
 
     place = find_home(home)
     wanted = _role(role)
-    store = load_store(place.keys)
-    by = ""
-    if store.operators:
-        store, by = _engineer(place, store)
-    changed = add_operator(store, name, wanted, _new_pin(name))
-    _keep(place, changed, _change(name, role, "added"), by)
+    if load_store(place.keys).operators:
+        by = sign_in(home, Permission.MANAGE_OPERATORS)
+        enrol(by, name, wanted, _new_pin(name))
+    elif wanted is not Role.ENGINEER:
+        raise AppError(OperatorFault.FIRST_NOT_ENGINEER)
+    else:
+        enrol_first(place, name, _new_pin(name))
     print_text("cli.operator.added", name=name.strip(), role=wanted)
 
 
 @cli.command()
 def disable(name: NameArgument, home: HomeOption = None) -> None:
     """Keep an operator from signing in; the name stays in the trails. An engineer signs in first."""
-    from app.system.operators import disable_operator, load_store
-    from app.system.paths import find_home
+    from app.system import enrolment
 
-    place = find_home(home)
-    store, by = _engineer(place, load_store(place.keys))
-    changed = disable_operator(store, name)
-    operator = changed.find(name)
-    _keep(place, changed, _change(name, operator.role.value if operator else "", "disabled"), by)
+    enrolment.disable(sign_in(home, Permission.MANAGE_OPERATORS), name)
     print_text("cli.operator.disabled", name=name.strip())
 
 
 @cli.command()
 def pin(name: NameArgument, home: HomeOption = None) -> None:
-    """Give an operator another PIN (and let a disabled one in again). An engineer signs in first."""
-    from app.system.operators import change_pin, load_store
-    from app.system.paths import find_home
+    """Give an operator another PIN (and let a disabled or locked one in again). An engineer signs in first."""
+    from app.system.enrolment import give_pin
 
-    place = find_home(home)
-    store, by = _engineer(place, load_store(place.keys))
-    changed = change_pin(store, name, _new_pin(name))
-    operator = changed.find(name)
-    _keep(place, changed, _change(name, operator.role.value if operator else "", "pin_changed"), by)
+    give_pin(sign_in(home, Permission.MANAGE_OPERATORS), name, _new_pin(name))
     print_text("cli.operator.pin_changed", name=name.strip())
+
+
+@cli.command()
+def token(
+    file: Annotated[Path, typer.Argument(help="Where to; set RLEEX_TOKEN to it.", callback=check_output)],
+    may: Annotated[
+        list[str] | None, typer.Option(help="What it may do, as `operator list` names it; may be repeated.")
+    ] = None,
+    hours: Annotated[float, typer.Option(callback=check_finite, min=0.01, max=720, help="Until it expires.")] = 8.0,
+    home: HomeOption = None,
+) -> None:
+    """Write a token with which a script may act in your name until it expires, or your PIN changes."""
+    from app.system.enrolment import issue_token
+    from app.system.errors import AppError
+
+    wanted = frozenset(_permission(one) for one in may or [Permission.EDIT_PATIENTS.value])
+    by = ask(find_operators(home))
+    data = issue_token(by, wanted, hours)
+    try:
+        with os.fdopen(os.open(file, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600), "wb") as written:
+            os.fchmod(written.fileno(), 0o600)
+            written.write(data)
+    except OSError as error:
+        raise AppError(CliFault.OUTPUT_UNWRITABLE, path=file, detail=error.strerror) from error
+    print_text("cli.operator.token", path=file, hours=hours, name=by.name)
 
 
 @cli.command("list")
@@ -74,7 +93,7 @@ def list_operators(home: HomeOption = None) -> None:
     from rich.table import Table
     from rich.text import Text
 
-    from app.system.operators import PERMISSIONS, Permission, Role, load_store
+    from app.system.operators import PERMISSIONS, load_store
     from app.system.paths import find_home
     from app.text.catalogue import tr
     from logs.sanitize import sanitize_terminal
@@ -88,13 +107,14 @@ def list_operators(home: HomeOption = None) -> None:
     console.print(people if store.operators else tr("cli.operator.nobody"))
     table = Table(tr("cli.operator.may"), *(tr(role) for role in Role), title=tr("cli.operator.roles"))
     for permission in Permission:
-        table.add_row(tr(permission), *("✓" if permission in PERMISSIONS[role] else "–" for role in Role))
+        table.add_row(
+            f"{permission.value}: {tr(permission)}", *("✓" if permission in PERMISSIONS[role] else "–" for role in Role)
+        )
     console.print(table)
 
 
 def _role(text: str) -> Role:
     from app.system.errors import AppError
-    from app.system.operators import Role
 
     try:
         return Role(text)
@@ -110,39 +130,23 @@ def _new_pin(name: str) -> str:
     return answer
 
 
-def _engineer(place: Home, store: OperatorStore) -> tuple[OperatorStore, str]:
-    """An engineer's sign-in; a refused one is slowed down and recorded."""
+def _permission(text: str) -> Permission:
     from app.system.errors import AppError
-    from app.system.operators import Permission, append_to_journal, save_store, sign_in
-    from app.text.catalogue import tr
-    from logs.reason import reason
-    from logs.records import SignInFailed
 
-    if not store.operators:
+    try:
+        return Permission(text)
+    except ValueError:
+        known = ", ".join(one.value for one in Permission)
+        raise AppError(CliFault.NO_SUCH_PERMISSION, permission=text, known=known) from None
+
+
+def find_operators(home: Path | None) -> Home:
+    """The home, which must have operators. Raises AppError."""
+    from app.system.errors import AppError
+    from app.system.operators import load_store
+    from app.system.paths import find_home
+
+    place = find_home(home)
+    if not load_store(place.keys).operators:
         raise AppError(CliFault.NO_OPERATORS)
-    name: str = typer.prompt(tr("Role.ENGINEER"))
-    attempt = sign_in(store, name, typer.prompt("PIN", hide_input=True), time.time())
-    if attempt.operator is None:
-        assert attempt.fault is not None
-        cause = reason(attempt.fault)
-        failed = SignInFailed(name=name, reason=cause, failures=attempt.failures, wait_s=attempt.wait_s)
-        save_store(place.keys, attempt.store)
-        append_to_journal(place, failed, "")
-        raise AppError(attempt.fault, wait_s=attempt.wait_s)
-    if not attempt.operator.may(Permission.MANAGE_OPERATORS):
-        raise AppError(CliFault.NOT_AN_ENGINEER, name=attempt.operator.name)
-    return attempt.store, attempt.operator.name
-
-
-def _change(name: str, role: str, change: str) -> Body:
-    from logs.records import OperatorChanged
-
-    return OperatorChanged(name=name.strip(), role=role, change=change)
-
-
-def _keep(place: Home, store: OperatorStore, body: Body, by: str) -> None:
-    """The trail first: a change that is not recorded is not made."""
-    from app.system.operators import append_to_journal, save_store
-
-    append_to_journal(place, body, by)
-    save_store(place.keys, store)
+    return place

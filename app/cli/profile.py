@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from app.cli.common import CliFault, HomeOption, check_finite, check_output, print_text
+from app.cli.permission import sign_in
+from app.system.operators import Permission
 
 if TYPE_CHECKING:
     from hal.cameras.camera import Camera
@@ -19,7 +21,6 @@ if TYPE_CHECKING:
 cli = typer.Typer(no_args_is_help=True)
 
 Patient = Annotated[str, typer.Argument(help="The patient's pseudonym, such as P-0042.")]
-ByOption = Annotated[str, typer.Option("--by", help="Who makes the change; by default your user name.")]
 
 
 def _store(home: Path | None) -> ProfileStore:
@@ -33,12 +34,6 @@ def _store(home: Path | None) -> ProfileStore:
     described = load_config(place.config).joints.device
     device = load_exoskeleton(Path(described) if described else DEFAULT_DEVICE)
     return ProfileStore(place.profiles, checks=(refuse_unfit(device),))
-
-
-def _who(by: str) -> str:
-    import getpass
-
-    return by or getpass.getuser()
 
 
 @cli.command("list")
@@ -99,10 +94,10 @@ def new(
     stature: Annotated[float, typer.Option(callback=check_finite, help="Stature, cm.")],
     mass: Annotated[float, typer.Option(callback=check_finite, help="Body mass, kg.")],
     more: Annotated[list[str] | None, typer.Argument(help="More fields: gait.step_length_cm=35 hand=left …")] = None,
-    by: ByOption = "",
     home: HomeOption = None,
 ) -> None:
     """Create a patient; other fields have defaults that `set` changes."""
+    by = sign_in(home, Permission.EDIT_PATIENTS)
     from datetime import UTC, datetime
 
     from profiles.files import edit, parse_assignments
@@ -112,7 +107,7 @@ def new(
     blank = Profile(identifier=patient, sex=Sex.FEMALE, stature_m=1.7, mass_kg=70.0)
     typed = {"sex": sex, "stature_cm": str(stature), "mass_kg": str(mass), **parse_assignments(more or [])}
     profile = edit(blank, typed)
-    _store(home).create(profile, by=_who(by), at=datetime.now(UTC))
+    _store(home).create(profile, by=by, at=datetime.now(UTC))
     print_text("cli.profile.created", patient=patient, palm=reference_segment(profile).explain())
 
 
@@ -120,11 +115,11 @@ def new(
 def set_fields(
     patient: Patient,
     changes: Annotated[list[str], typer.Argument(help="gait.step_length_cm=35 palm.measured_width_cm=8.2 note=… ")],
-    by: ByOption = "",
     why: Annotated[str, typer.Option(help="Kept in the history.")] = "",
     home: HomeOption = None,
 ) -> None:
     """Change fields, in the names and units that `show` shows; `none` takes an optional value away."""
+    by = sign_in(home, Permission.EDIT_PATIENTS)
     from datetime import UTC, datetime
 
     from profiles.files import edit, parse_assignments
@@ -135,7 +130,7 @@ def set_fields(
         from profiles.errors import ProfileError, ProfileFault
 
         raise ProfileError(ProfileFault.IDENTIFIER_FIXED)
-    change = store.save(profile, by=_who(by), at=datetime.now(UTC), why=why)
+    change = store.save(profile, by=by, at=datetime.now(UTC), why=why)
     if change is None:
         print_text("cli.profile.unchanged")
         return
@@ -150,10 +145,10 @@ def calibrate(
         float, typer.Option(callback=check_finite, help="From the camera's front to the palm, cm; 30 is best.")
     ],
     anyway: Annotated[bool, typer.Option("--anyway", help="Keep it even when it is not plausible.")] = False,
-    by: ByOption = "",
     home: HomeOption = None,
 ) -> None:
     """Solve focal length × palm for this patient and the configured camera, at a distance measured by ruler."""
+    by = sign_in(home, Permission.CALIBRATE)
     from datetime import UTC, datetime
 
     from rich.console import Console
@@ -180,7 +175,7 @@ def calibrate(
     if made.doubt and not anyway:
         raise AppError(CliFault.NOT_KEPT, doubt=made.doubt)
     known = with_calibration(profile, made.calibration)
-    store.save(known, by=_who(by), at=datetime.now(UTC), why=ChangeCause.CALIBRATED.key)
+    store.save(known, by=by, at=datetime.now(UTC), why=ChangeCause.CALIBRATED.key)
     kept = {"camera": camera.name, "palm": reference_segment(known, camera=camera.name).explain()}
     console.print(tr("cli.profile.kept", scatter=made.calibration.residual, **kept), highlight=False)
     console.print(render(made.doubt) if made.doubt else tr("cli.profile.plausible"))
@@ -226,11 +221,12 @@ def export(
 
 
 @cli.command("import")
-def import_file(file: Path, by: ByOption = "", home: HomeOption = None) -> None:
+def import_file(file: Path, home: HomeOption = None) -> None:
     """Import an exported profile; one that exists is changed, and its history kept."""
+    by = sign_in(home, Permission.EDIT_PATIENTS)
     from datetime import UTC, datetime
 
-    profile = _store(home).import_file(file, by=_who(by), at=datetime.now(UTC))
+    profile = _store(home).import_file(file, by=by, at=datetime.now(UTC))
     print_text("cli.profile.imported", patient=profile.identifier)
 
 
@@ -238,13 +234,13 @@ def import_file(file: Path, by: ByOption = "", home: HomeOption = None) -> None:
 def archive(
     patient: Patient,
     back: Annotated[bool, typer.Option("--back", help="Put the patient back on the list.")] = False,
-    by: ByOption = "",
     home: HomeOption = None,
 ) -> None:
     """Remove a patient from the list; nothing is ever deleted."""
+    by = sign_in(home, Permission.EDIT_PATIENTS)
     from datetime import UTC, datetime
 
-    _store(home).archive(patient, by=_who(by), at=datetime.now(UTC), archived=not back)
+    _store(home).archive(patient, by=by, at=datetime.now(UTC), archived=not back)
     print_text("cli.profile.restored" if back else "cli.profile.archived", patient=patient)
 
 
@@ -259,7 +255,7 @@ def history(patient: Patient, home: HomeOption = None) -> None:
         print_text("cli.profile.no_history", patient=patient)
     for change in changes:
         why = tr(change.why) if knows(change.why) else change.why
-        typer.echo(sanitize_terminal(f"{change.at} {change.by}{': ' + why if why else ''}"))
+        typer.echo(sanitize_terminal(f"{change.at} {change.by or tr('history.nobody')}{': ' + why if why else ''}"))
         for field, (before, after) in change.changes.items():
             typer.echo(sanitize_terminal(f"    {field}: {_shown(before)} → {_shown(after)}"))
 

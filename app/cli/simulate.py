@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from app.cli.common import check_output
+from app.cli.permission import sign_in
+from app.system.operators import Permission
 
 if TYPE_CHECKING:  # numpy and MuJoCo are only loaded when something is rehearsed
     from rich.console import Console
@@ -52,6 +54,8 @@ def simulate(
     from app.system.config import load_config, load_device
     from app.system.paths import find_home
 
+    if preflight:
+        sign_in(home, Permission.OPERATE)
     console = wide_console()
     place = find_home(home)
     config = load_config(place.config)

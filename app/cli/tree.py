@@ -22,6 +22,7 @@ _COMMANDS = {
     "emulate-drives": "emulate",
     "model": "machine",
     "locate": "machine",
+    "configure": "machine",
 }
 # group → its help; the file has the group's name
 _GROUPS = {

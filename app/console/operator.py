@@ -10,8 +10,10 @@ from textual.app import App
 
 from app.audit.sink import AuditSink
 from app.console.screens.signin import SignInDialog
+from app.system.authority import Authority, unsigned
 from app.system.config import Config, SessionSetup
-from app.system.operators import Operator, Permission, load_store, needs_sign_in
+from app.system.errors import AppError
+from app.system.operators import Permission, load_store, needs_sign_in
 from app.system.paths import Home
 from app.text.catalogue import tr
 from logs.records import Body
@@ -25,7 +27,7 @@ class SignedInApp(App[None]):
         self.home = home
         self.config = config
         self.read_only = read_only
-        self.signed_in: Operator | None = None
+        self.signed_in: Authority | None = None
         self.trail = ConsoleTrail()
 
     @property
@@ -33,11 +35,19 @@ class SignedInApp(App[None]):
         """Who is signed in; empty in simulation."""
         return self.signed_in.name if self.signed_in else ""
 
+    @property
+    def authority(self) -> Authority:
+        """Whose changes they are. Raises AppError where somebody must sign in first."""
+        return self.signed_in or unsigned(self.home, self.config)
+
     def may(self, permission: Permission, config: Config | None = None) -> bool:
-        """Whether the table of roles allows it; with simulated joints everybody may everything."""
-        if not needs_sign_in(config or self.config):
+        """Whether the table of roles allows it; simulated joints move for everybody."""
+        if permission is Permission.OPERATE and not needs_sign_in(config or self.config):
             return True
-        return self.signed_in is not None and self.signed_in.may(permission)
+        try:
+            return self.authority.may(permission)
+        except AppError:
+            return False
 
     async def permitted(
         self, permission: Permission, then: Callable[[], Awaitable[object]], config: Config | None = None
@@ -46,7 +56,7 @@ class SignedInApp(App[None]):
         if self.may(permission, config):
             await then()
         elif self.signed_in is not None:
-            role = tr(self.signed_in.role)
+            role = tr(self.signed_in.role) if self.signed_in.role else ""
             may_not = tr(permission)
             self.notify(tr("sign_in.may_not", role=role, what=may_not), severity="error", timeout=15)
         else:
@@ -55,7 +65,7 @@ class SignedInApp(App[None]):
     def ask_who(self, then: Callable[[], Awaitable[object]]) -> None:
         """Ask for name and PIN, and go on with whoever gives them."""
 
-        async def signed_in(operator: Operator | None) -> None:
+        async def signed_in(operator: Authority | None) -> None:
             if operator is not None:
                 self.signed_in = operator
                 await then()

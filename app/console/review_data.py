@@ -6,13 +6,15 @@ hundred thousand records open at once.
 
 from __future__ import annotations
 
+import time
 from bisect import bisect_left, bisect_right
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from functools import lru_cache, partial
 from pathlib import Path
 
-from app.system.paths import Home
+from app.system.authority import Authority
+from app.system.operators import Permission
 from logs.errors import AuditError, AuditFault
 from logs.journal import COMMENTS, Moment, append_signed, parts_of
 from logs.keys import load_or_make_key
@@ -274,8 +276,10 @@ def comments_on(session: Path) -> dict[int, list[Comment]]:
     return found
 
 
-def write_comment(home: Home, session: Path, about: Record, text: str, now: Moment) -> None:
-    """Sign a comment with the console's key and append it. Raises AuditError when it can't be written."""
-    key = load_or_make_key(home.keys)
+def write_comment(by: Authority, session: Path, about: Record, text: str) -> None:
+    """Sign a comment with the console's key and append it. Raises AppError, AuditError when it can't be written."""
+    by.require(Permission.REVIEW)
+    now = Moment(wall_ns=time.time_ns(), monotonic_ns=time.monotonic_ns(), operator=by.name)
+    key = load_or_make_key(by.home.keys)
     comment = Comment(about_sequence=about.sequence, about_hash=about.hash, text=text, key=key.public.fingerprint)
     append_signed(comments_path(session), f"comments {about.session}", [comment], key, now)

@@ -24,9 +24,10 @@ from app.console.state import SessionState
 from app.console.stop import StopSwitch
 from app.ipc.messages import OperatorKind
 from app.session.host import make_setup
+from app.system.authority import Authority
 from app.system.config import Config, SessionSetup
 from app.system.errors import AppError, ConsoleFault
-from app.system.operators import Operator, Permission, needs_sign_in
+from app.system.operators import Permission, needs_sign_in
 from app.system.paths import Home
 from app.text.catalogue import render, tr
 from profiles.schema import DEMO_PATIENT, Profile
@@ -81,12 +82,12 @@ class SessionFlow(SignedInApp):
         else:
             await self._enter_session(held)
 
-    async def _taken_over(self, held: SessionSetup, operator: Operator | None) -> None:
+    async def _taken_over(self, held: SessionSetup, operator: Authority | None) -> None:
         if operator is None:
             self.exit()
             return
         self.signed_in = operator
-        await self._enter_session(msgspec.structs.replace(held, operator=operator.name, role=operator.role.value))
+        await self._enter_session(msgspec.structs.replace(held, operator=operator.name, role=operator.role_name))
 
     async def end_session_asking(self) -> None:
         """End the session; while drives are powered, only after a yes. An observer just leaves."""
@@ -166,8 +167,13 @@ class SessionFlow(SignedInApp):
     async def _begin(self, profile: Profile, config: Config, screen: Screen[None]) -> None:
         if self.live is not None:
             return
-        role = self.signed_in.role.value if self.signed_in else "therapist"
-        await self._enter_session(make_setup(self.home, config, profile, operator=self.operator, role=role), screen)
+        moves = None if self.read_only else Permission.OPERATE
+        try:
+            setup = make_setup(self.home, config, profile, self.signed_in, moves)
+        except USER_ERRORS as error:
+            self.notify(render(error), severity="error", timeout=15)
+            return
+        await self._enter_session(setup, screen)
 
     async def _enter_session(self, setup: SessionSetup, screen: Screen[None] | None = None) -> None:
         """Show a session, new or running, and start it or take it over."""

@@ -16,6 +16,7 @@ from app.demo.scenario import Step, run_scenario
 from app.ipc.messages import Lateness, PauseSummary
 from app.ipc.states import ACTION_OF, Action
 from app.session.host import SessionHost, make_setup
+from app.system.authority import demonstration
 from app.system.config import CameraConfig, Config, JointsConfig, SessionSetup
 from app.system.paths import Home
 from app.text.catalogue import tr
@@ -79,9 +80,6 @@ def demo_config(base: Config, *, seed: int, joints: JointsConfig) -> Config:
     return Config(camera=camera, joints=joints, button=base.button, rules=base.rules, model=base.model)
 
 
-DEMONSTRATION = "demonstration"  # role in the trail: no operator, no rights
-
-
 def demo_patient(seed: int) -> Profile:
     """The demo patient with the palm of that seed's digital hand, as a therapist would have measured it."""
     width_m = person_of(seed).shape.palm_width_m
@@ -106,7 +104,7 @@ def run_session(
     load: how many busy processes the caller has started beside it, for the result.
     """
     wearer = patient or demo_patient(config.camera.seed)
-    setup = make_setup(home, config, wearer, operator="demo", role=DEMONSTRATION)
+    setup = make_setup(home, config, wearer, demonstration(home, config.joints))
     if config.joints.kind != "simulated":
         rehearse_missing(setup, watch)
     host = SessionHost(setup)

@@ -41,9 +41,11 @@ from app.ipc.states import Action
 from app.session.child import run_process
 from app.session.peer import Peer
 from app.session.shared import Launch, current_lease, encode, take_lease
+from app.system.authority import Authority, AuthorityFault
 from app.system.config import Config, SessionSetup
 from app.system.errors import AppError
 from app.system.legs_lock import claim_legs
+from app.system.operators import Permission, needs_sign_in
 from app.system.paths import Home
 from app.system.scheduling import set_scheduling
 from profiles.schema import Profile
@@ -77,8 +79,24 @@ class Latest:
     processes: tuple[ProcessStatus, ...]
 
 
-def make_setup(home: Home, config: Config, profile: Profile, operator: str, role: str = "therapist") -> SessionSetup:
-    """Name a session and give it its private directory of sockets."""
+def make_setup(
+    home: Home,
+    config: Config,
+    profile: Profile,
+    authority: Authority | None,
+    permission: Permission | None = Permission.OPERATE,
+) -> SessionSetup:
+    """Name a session and give it its private directory of sockets.
+
+    Real joints ask for the permission; None: nothing will move, somebody watches. Raises AppError when it is not there.
+    """
+    if permission is not None and needs_sign_in(config):
+        if authority is None:
+            raise AppError(AuthorityFault.SIGN_IN_NEEDED)
+        from app.system.configure import record_outside_change  # brings the trail's readers
+
+        authority.require(permission)
+        record_outside_change(authority)
     stamp = datetime.now(UTC).strftime("%Y%m%dT%H%M%SZ")
     return SessionSetup(
         session=f"{stamp}-{secrets.token_hex(2)}",
@@ -86,8 +104,8 @@ def make_setup(home: Home, config: Config, profile: Profile, operator: str, role
         links=new_link_directory(Path(tempfile.mkdtemp(prefix="rleex-"))),  # 0700; short enough for a socket's name
         config=config,
         profile=profile,
-        operator=operator,
-        role=role,
+        operator=authority.name if authority else "",
+        role=authority.role_name if authority else "",
     )
 
 

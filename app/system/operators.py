@@ -7,9 +7,12 @@ training need no sign-in.
 
 from __future__ import annotations
 
+import fcntl
 import os
 import time
 import unicodedata
+from collections.abc import Iterator
+from contextlib import contextmanager
 from enum import Enum
 from functools import cache
 from itertools import pairwise
@@ -24,12 +27,13 @@ from app.system.errors import AppError
 from app.system.paths import Home
 from logs.reading.errors import cause_of
 from logs.reading.formats import read_json
-from logs.records import Body
+from logs.records import Body, Change
 
 if TYPE_CHECKING:
     import argon2
 
 STORE_FILE = "operators.json"
+LOCK_FILE = "operators.lock"
 
 
 class Role(Enum):
@@ -57,8 +61,12 @@ class OperatorFault(Enum):
 
     WRONG_NAME_OR_PIN = "wrong name or PIN"
     TOO_MANY_ATTEMPTS = "too many attempts"
+    LOCKED = "locked"
     NAME_TAKEN = "name taken"
     FIRST_NOT_ENGINEER = "first not an engineer"
+    FIRST_EXISTS = "first exists"
+    PIN_NEEDED = "PIN needed"
+    NEVER_BY_TOKEN = "never by token"
     LAST_ENGINEER = "last engineer"
     UNKNOWN = "unknown"
     BAD_NAME = "bad name"
@@ -136,6 +144,7 @@ MIN_DIGITS, MAX_DIGITS = 6, 12
 MAX_NAME = 60
 FREE_FAILURES = 2  # typing errors
 LONGEST_WAIT_S = 300.0
+LOCKS_AFTER = 12  # wrong PINs in a row; with the waits that is more than half an hour of trying
 
 
 @cache
@@ -147,10 +156,15 @@ def _hasher() -> argon2.PasswordHasher:
 
 
 def sign_in(store: OperatorStore, name: str, pin: str, now_s: float) -> SignInResult:
-    """Try a name and a PIN at a wall-clock time in seconds. A name that doesn't exist costs the same time."""
+    """Try a name and a PIN at a wall-clock time in seconds. A name that doesn't exist costs the same time.
+
+    Too many wrong PINs lock a name until an engineer gives it another PIN; the last engineer only waits.
+    """
     operator = store.find(name)
     wait_s = (operator.wait_until_s if operator else store.stranger_wait_until_s) - now_s
     failures = operator.failures if operator else store.stranger_failures
+    if failures >= LOCKS_AFTER and not (operator and _is_last_engineer(store, operator)):
+        return SignInResult(store=store, operator=None, fault=OperatorFault.LOCKED, failures=failures)
     if wait_s > 0:
         wait_s = min(wait_s, LONGEST_WAIT_S)  # a clock set back must not lock anybody out for years
         fault = OperatorFault.TOO_MANY_ATTEMPTS
@@ -158,6 +172,7 @@ def sign_in(store: OperatorStore, name: str, pin: str, now_s: float) -> SignInRe
     matches = _matches(operator.pin_hash if operator else _STRANGER_HASH, pin)
     if operator is not None and operator.enabled and matches:
         fresh = msgspec.structs.replace(operator, failures=0, wait_until_s=0.0)
+        store = msgspec.structs.replace(store, stranger_failures=0, stranger_wait_until_s=0.0)
         return SignInResult(store=_with(store, fresh), operator=fresh)
     return _failed(store, operator, failures + 1, now_s)
 
@@ -191,8 +206,7 @@ def add_operator(store: OperatorStore, name: str, role: Role, pin: str) -> Opera
 def disable_operator(store: OperatorStore, name: str) -> OperatorStore:
     """A store in which nobody can sign in by that name. Raises AppError for strangers and the last engineer."""
     operator = _existing(store, name)
-    left = [other for other in store.operators if other.enabled and _key(other.name) != _key(name)]
-    if operator.role is Role.ENGINEER and not any(other.role is Role.ENGINEER for other in left):
+    if _is_last_engineer(store, operator):
         raise AppError(OperatorFault.LAST_ENGINEER, name=operator.name)
     return _with(store, msgspec.structs.replace(operator, enabled=False))
 
@@ -205,6 +219,32 @@ def change_pin(store: OperatorStore, name: str, pin: str) -> OperatorStore:
         store,
         msgspec.structs.replace(operator, pin_hash=pin_hash, enabled=True, failures=0, wait_until_s=0.0),
     )
+
+
+def try_pin(folder: Path, name: str, pin: str, now_s: float) -> SignInResult:
+    """`sign_in` with the operators kept in a key folder, and the outcome kept: wrong PINs count over restarts.
+
+    Raises AppError when they can't be read or saved: who can't be counted is not let in.
+    """
+    with store_held(folder):
+        result = sign_in(load_store(folder), name, pin, now_s)
+        save_store(folder, result.store)
+    return result
+
+
+@contextmanager
+def store_held(folder: Path) -> Iterator[None]:
+    """One at a time: PINs tried side by side would all count as one. Raises AppError."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+        handle = os.open(folder / LOCK_FILE, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
+    except OSError as error:
+        raise AppError(OperatorFault.STORE_NOT_SAVED, path=folder, detail=cause_of(error)) from error
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX)
+        yield
+    finally:
+        os.close(handle)
 
 
 def load_store(folder: Path) -> OperatorStore:
@@ -232,6 +272,11 @@ def save_store(folder: Path, store: OperatorStore) -> None:
         partial.replace(path)
     except OSError as error:
         raise AppError(OperatorFault.STORE_NOT_SAVED, path=path, detail=error.strerror) from error
+
+
+def _is_last_engineer(store: OperatorStore, operator: Operator) -> bool:
+    engineers = {_key(one.name) for one in store.operators if one.enabled and one.role is Role.ENGINEER}
+    return operator.role is Role.ENGINEER and engineers <= {_key(operator.name)}
 
 
 def _failed(store: OperatorStore, operator: Operator | None, failures: int, now_s: float) -> SignInResult:
@@ -293,8 +338,9 @@ _STRANGER_HASH = "$argon2id$v=19$m=65536,t=3,p=4$AAAAAAAAAAAAAAAAAAAAAA$AAAAAAAA
 
 def append_to_journal(home: Home, body: Body, operator: str = "") -> None:
     """Record it for good, or raise AuditError: who may not be recorded may not be let in."""
-    from logs.journal import OPERATORS, Moment, append_signed
+    from logs.journal import CHANGES, OPERATORS, Moment, append_signed
     from logs.keys import load_or_make_key
 
     now = Moment(wall_ns=time.time_ns(), monotonic_ns=time.monotonic_ns(), operator=operator)
-    append_signed(home.logs / OPERATORS, "operators", [body], load_or_make_key(home.keys), now)
+    path = home.logs / (CHANGES if isinstance(body, Change) else OPERATORS)
+    append_signed(path, path.stem, [body], load_or_make_key(home.keys), now)

@@ -26,7 +26,13 @@ _ENUMERATIONS: dict[str, type[Enum]] = {
 
 
 # Fields of enumerations that are not loaded here, and the class in their members' keys.
-_CLASSES = {"change": "OperatorChange", "joint": "Joint", "role": "Role"}
+_CLASSES = {
+    "change": "OperatorChange",
+    "joint": "Joint",
+    "proof": "Proof",
+    "role": "Role",
+    "subject": "Subject",
+}
 
 
 def render_recorded(what: Reason) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -104,13 +104,21 @@ def load(store: Path, camera: str) -> Intrinsics | None:
         raise HardwareError(CameraFault.INTRINSICS_UNREADABLE, path=store, detail=cause_of(error)) from error
 
 
-def save(store: Path, camera: str, intrinsics: Intrinsics, residual_px: float) -> None:
-    """Keep measured intrinsics beside those of other cameras. Raises HardwareError when it can't be written."""
+Permit = Callable[[dict[str, tuple[Any, Any]]], object]  # field → before, after; raises when it may not be changed
+
+
+def save(store: Path, camera: str, intrinsics: Intrinsics, residual_px: float, permit: Permit) -> None:
+    """Keep measured intrinsics beside those of other cameras, if permitted.
+
+    Raises HardwareError when it can't be written.
+    """
     try:
         kept = read_text(store, MAX_TOML) if store.exists() else ""
         parse_toml(kept)  # refuses what tomlkit would take
         document = tomlkit.parse(kept)
         values = {name: value for name, value in asdict(intrinsics).items() if name != "source"}
+        former = dict(document.get(camera, {}))
+        permit({name: (former.get(name), value) for name, value in values.items() if former.get(name) != value})
         document[camera] = values | {"residual_px": round(residual_px, 4)}
         store.parent.mkdir(parents=True, exist_ok=True)
         fresh = store.with_suffix(".new")

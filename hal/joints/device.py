@@ -67,6 +67,9 @@ class JointDevice(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
             raise ValueError("limit_c must not be below warn_c")
 
 
+EMULATED_INTERFACES = ("local", "udp_multicast", "virtual")  # no real drive can hang on these
+
+
 class BusDevice(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """One CAN bus as python-can opens it."""
 

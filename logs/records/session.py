@@ -81,11 +81,22 @@ class SignInFailed(Struct, frozen=True, kw_only=True, tag_field="kind", tag="sig
 
 
 class OperatorChanged(Struct, frozen=True, kw_only=True, tag_field="kind", tag="operator-changed"):
-    """An operator was added, disabled or given another PIN."""
+    """An operator was added, disabled or given another PIN; a `Change` since there is a journal of changes."""
 
     name: str
     role: str
     change: str
+
+
+class Change(Struct, frozen=True, kw_only=True, tag_field="kind", tag="change"):
+    """A patient, calibration, configuration, operator or joint was changed; the envelope names by whom."""
+
+    subject: str  # patient, calibration, configuration, operator, joint
+    name: str  # pseudonym, camera, file, operator's name, joint
+    values: dict[str, tuple[Any, Any]]  # field → before, after; null: absent
+    proof: str  # how who did it was known: pin, token; none: unsigned
+    role: str = ""  # of who did it
+    reason: Cause = None
 
 
 class Note(Struct, frozen=True, kw_only=True, tag_field="kind", tag="note"):
@@ -133,6 +144,7 @@ SessionBody = (
     | SignOut
     | SignInFailed
     | OperatorChanged
+    | Change
     | Note
     | Discomfort
     | ClockStep

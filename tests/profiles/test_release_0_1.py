@@ -11,6 +11,7 @@ import pytest
 from msgspec.structs import replace
 
 from profiles.store import ProfileStore
+from tests.support.authors import Named
 
 DATA = Path(__file__).with_name("data") / "release-0.1"
 
@@ -41,5 +42,5 @@ def test_its_history_continues(old_store: ProfileStore) -> None:
     before = old_store.history("P-0042")
     assert [change.by for change in before] == ["engineer", "Dr Weber"]
     profile = old_store.load("P-0042")
-    old_store.save(replace(profile, mass_kg=80.0), by="engineer", at=datetime(2026, 11, 22, tzinfo=UTC))
+    old_store.save(replace(profile, mass_kg=80.0), by=Named("engineer"), at=datetime(2026, 11, 22, tzinfo=UTC))
     assert [change.changes for change in old_store.history("P-0042")][2] == {"mass_kg": (81.5, 80.0)}

@@ -14,6 +14,7 @@ from profiles.fields import RANGES, check_value, file_key, violations
 from profiles.files import decode, encode
 from profiles.schema import DEMO_PATIENT, Calibration, GaitParameters, Palm, Profile, Sex
 from profiles.store import ChangeCause, ProfileStore, differences
+from tests.support.authors import Named
 
 AT = datetime(2026, 3, 1, tzinfo=UTC)
 
@@ -46,7 +47,7 @@ def test_what_is_saved_is_loaded(store: ProfileStore, patient: Profile, at: date
             ),
         ),
     )
-    store.create(full, by="anna", at=at)
+    store.create(full, by=Named("anna"), at=at)
     assert differences(full, store.load("P-0042")) == {}
     assert store.load("P-0042").hip_max_rad == pytest.approx(1.2345, abs=1e-10)
 
@@ -83,10 +84,10 @@ def test_any_profile_in_range_survives_the_file(
 
 
 def test_comments_survive_a_save(store: ProfileStore, patient: Profile, at: datetime, tmp_path: Path) -> None:
-    store.create(patient, by="anna", at=at)
+    store.create(patient, by=Named("anna"), at=at)
     path = tmp_path / "profiles" / "P-0042.toml"
     path.write_text(path.read_text().replace("mass_kg = 81.5", "mass_kg = 81.5 # with shoes"))
-    store.save(changed(patient, stature_m=1.8), by="anna", at=at)
+    store.save(changed(patient, stature_m=1.8), by=Named("anna"), at=at)
     assert "mass_kg = 81.5 # with shoes" in path.read_text()
     assert "stature_cm = 180.0" in path.read_text()
 
@@ -94,21 +95,21 @@ def test_comments_survive_a_save(store: ProfileStore, patient: Profile, at: date
 def test_a_calibration_comes_and_goes_without_touching_the_rest(
     store: ProfileStore, patient: Profile, at: datetime
 ) -> None:
-    store.create(patient, by="anna", at=at)
+    store.create(patient, by=Named("anna"), at=at)
     one = Calibration(
         camera="c", focal_anchor_px_m=58.0, focal_px=950, distance_m=0.3, residual=0.01, calibrated_at="2026"
     )
     for calibrations in ((one,), (one, msgspec.structs.replace(one, camera="d")), ()):
         wanted = changed(patient, calibrations=calibrations)
-        store.save(wanted, by="anna", at=at)
+        store.save(wanted, by=Named("anna"), at=at)
         assert differences(wanted, store.load("P-0042")) == {}
 
 
 def test_every_change_is_kept_with_who_and_what(store: ProfileStore, patient: Profile, at: datetime) -> None:
-    store.create(patient, by="anna", at=at)
+    store.create(patient, by=Named("anna"), at=at)
     longer = changed(patient, gait=GaitParameters(step_length_m=0.4))
-    store.save(longer, by="ben", at=at, why="walks better")
-    assert store.save(longer, by="ben", at=at) is None
+    store.save(longer, by=Named("ben"), at=at, why="walks better")
+    assert store.save(longer, by=Named("ben"), at=at) is None
     first, second = store.history("P-0042")
     assert first.by == "anna"
     assert second.changes == {"gait.step_length_cm": (30.0, 40.0)}
@@ -116,27 +117,27 @@ def test_every_change_is_kept_with_who_and_what(store: ProfileStore, patient: Pr
 
 
 def test_archived_patients_leave_the_list_and_stay(store: ProfileStore, patient: Profile, at: datetime) -> None:
-    store.create(patient, by="anna", at=at)
-    store.archive("P-0042", by="anna", at=at)
+    store.create(patient, by=Named("anna"), at=at)
+    store.archive("P-0042", by=Named("anna"), at=at)
     assert [one.identifier for one in store.list().profiles] == ["demo"]
     assert [one.identifier for one in store.list(archived=True).profiles] == ["P-0042", "demo"]
-    store.archive("P-0042", by="anna", at=at, archived=False)
+    store.archive("P-0042", by=Named("anna"), at=at, archived=False)
     assert not store.load("P-0042").archived
 
 
 def test_the_demo_patient_needs_no_file_and_can_be_changed(store: ProfileStore, at: datetime) -> None:
     assert store.load("demo") == DEMO_PATIENT
-    store.save(changed(DEMO_PATIENT, mass_kg=70.0), by="anna", at=at)
+    store.save(changed(DEMO_PATIENT, mass_kg=70.0), by=Named("anna"), at=at)
     assert store.load("demo").mass_kg == 70.0
     assert store.history("demo")[0].changes == {"mass_kg": (65.0, 70.0)}
 
 
 def test_an_identifier_is_taken_once_whatever_its_case(store: ProfileStore, patient: Profile, at: datetime) -> None:
-    store.create(patient, by="anna", at=at)
+    store.create(patient, by=Named("anna"), at=at)
     with pytest.raises(ProfileError, match="PATIENT_EXISTS"):
-        store.create(changed(patient, identifier="p-0042"), by="anna", at=at)
+        store.create(changed(patient, identifier="p-0042"), by=Named("anna"), at=at)
     with pytest.raises(ProfileError, match="PATIENT_EXISTS"):
-        store.create(changed(patient, identifier="demo"), by="anna", at=at)
+        store.create(changed(patient, identifier="demo"), by=Named("anna"), at=at)
 
 
 @pytest.mark.parametrize("name", ["", "../etc", "a/b", "a.b", "ä", "-a", "a" * 41, "a b", "\x1b[2J"])
@@ -144,16 +145,16 @@ def test_hostile_identifiers_never_become_paths(store: ProfileStore, patient: Pr
     with pytest.raises(ProfileError, match="IDENTIFIER"):
         store.load(name)
     with pytest.raises(ProfileError, match="IDENTIFIER"):
-        store.save(changed(patient, identifier=name), by="anna", at=at)
+        store.save(changed(patient, identifier=name), by=Named("anna"), at=at)
 
 
 def test_export_and_import_carry_a_patient_to_another_home(
     store: ProfileStore, patient: Profile, at: datetime, tmp_path: Path
 ) -> None:
-    store.create(patient, by="anna", at=at)
+    store.create(patient, by=Named("anna"), at=at)
     store.export("P-0042", tmp_path / "out.toml")
     other = ProfileStore(tmp_path / "other")
-    other.import_file(tmp_path / "out.toml", by="ben", at=at)
+    other.import_file(tmp_path / "out.toml", by=Named("ben"), at=at)
     assert other.load("P-0042") == store.load("P-0042")
     assert other.history("P-0042")[0].why == ChangeCause.IMPORTED.key
 
@@ -228,7 +229,7 @@ def test_a_full_disk_loses_nothing(
     failing: tuple[str, int],
 ) -> None:
     call, nth = failing
-    store.create(patient, by="anna", at=AT)
+    store.create(patient, by=Named("anna"), at=AT)
     calls = 0
     owner = os if call == "fsync" else Path
     real = getattr(owner, call)
@@ -242,7 +243,7 @@ def test_a_full_disk_loses_nothing(
 
     monkeypatch.setattr(owner, call, full)
     with pytest.raises(ProfileError, match="No space left on device"):
-        store.save(changed(patient, mass_kg=90.0), by="anna", at=AT)
+        store.save(changed(patient, mass_kg=90.0), by=Named("anna"), at=AT)
     monkeypatch.undo()
     assert store.load("P-0042").mass_kg == 81.5
     assert len(store.history("P-0042")) in {1, 2}
@@ -255,7 +256,7 @@ def test_a_check_of_the_caller_can_refuse_a_save(patient: Profile, at: datetime,
             raise ProfileError(ProfileFault.OUT_OF_RANGE, field="stairs")
 
     store = ProfileStore(tmp_path, checks=(stairs,))
-    store.create(patient, by="anna", at=at)
+    store.create(patient, by=Named("anna"), at=at)
     with pytest.raises(ProfileError, match="stairs"):
-        store.save(changed(patient, gait=GaitParameters(stair_rise_m=0.25)), by="anna", at=at)
+        store.save(changed(patient, gait=GaitParameters(stair_rise_m=0.25)), by=Named("anna"), at=at)
     assert store.load("P-0042").gait.stair_rise_m == 0.12

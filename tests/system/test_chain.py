@@ -13,6 +13,7 @@ from app.demo.runner import ScenarioRunner
 from app.demo.scenario import ALL_TWELVE, Step
 from app.demo.session import SessionResult, demo_config, demo_patient, run_session
 from app.session.host import SessionHost, make_setup
+from app.system.authority import demonstration
 from app.system.config import Config, JointsConfig
 from app.system.paths import Home
 from kgdfa.gesture import Gesture
@@ -57,7 +58,7 @@ def test_killing_one_process_leaves_no_other_behind_and_the_trail_readable(
     from logs.keys import by_fingerprint, known_keys
     from logs.verify import Evidence, Status, verify
 
-    setup = make_setup(home, config_with(hand_model), demo_patient(1), operator="test", role="engineer")
+    setup = make_setup(home, config_with(hand_model), demo_patient(1), demonstration(home, JointsConfig(), "test"))
     host = SessionHost(setup)
     try:
         host.start()

@@ -138,7 +138,7 @@ class AfterScreen(ConsoleScreen):
         dose = msgspec.structs.replace(now.dose, steps=int(typed))
         changed = msgspec.structs.replace(now, dose=dose)
         self.console_app.store.save(
-            changed, by=self.console_app.operator, at=datetime.now(UTC), why=ChangeCause.TARGETS.key
+            changed, by=self.console_app.authority, at=datetime.now(UTC), why=ChangeCause.TARGETS.key
         )
 
     def _figures(self, profile: Profile) -> str:

@@ -25,6 +25,7 @@ from app.console.widgets.picture import Picture
 from app.ipc.messages import Preview
 from app.session.host import make_setup
 from app.system.config import SessionSetup
+from app.system.operators import Permission
 from app.text.catalogue import render, tr
 from hal.errors import HardwareError
 from kgdfa.errors import KgdfaError
@@ -116,7 +117,7 @@ class CalibrationScreen(ConsoleScreen):
         self._end_child()
         self._result = None
         app = self.console_app
-        setup = make_setup(app.home, app.config, self._profile, app.operator)
+        setup = make_setup(app.home, app.config, self._profile, app.signed_in, Permission.CALIBRATE)
         shutil.rmtree(setup.links)  # no session: nobody needs its sockets
         context = multiprocessing.get_context("spawn")
         self._pipe, theirs = context.Pipe(duplex=False)
@@ -144,7 +145,7 @@ class CalibrationScreen(ConsoleScreen):
         with self.notify_errors():
             current = app.store.load(self._profile.identifier)
             calibrated = with_calibration(current, result.calibration)
-            app.store.save(calibrated, by=app.operator, at=datetime.now(UTC), why=ChangeCause.CALIBRATED.key)
+            app.store.save(calibrated, by=app.authority, at=datetime.now(UTC), why=ChangeCause.CALIBRATED.key)
             app.trail.emit(calibration_record(self._profile.identifier, result))
             self.notify(tr("calibration.kept", camera=result.calibration.camera))
             self.dismiss()

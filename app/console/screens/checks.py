@@ -106,7 +106,7 @@ class Checklist(Lists):
             self.notify(tr("checks.threshold_kept", cm=f"{threshold_m * 100:.0f}"))
             return
         changed = msgspec.structs.replace(now, press_threshold_m=threshold_m)
-        app.store.save(changed, by=app.operator, at=datetime.now(UTC), why=ChangeCause.PRESS_ZONE.key)
+        app.store.save(changed, by=app.authority, at=datetime.now(UTC), why=ChangeCause.PRESS_ZONE.key)
         app.trail.emit(Note(text=reason(ChangeCause.PRESS_ZONE, patient=name, threshold_m=threshold_m, camera=camera)))
         self.notify(tr("checks.threshold_set", cm=f"{threshold_m * 100:.0f}"))
 

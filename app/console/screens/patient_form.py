@@ -12,12 +12,11 @@ from textual.containers import Horizontal, Vertical, VerticalScroll
 from textual.widgets import Input, Label, Select, Static
 
 from app.console.patient_fields import FIELDS, SECTIONS, Field, Kind, Parsed, parse, to_texts
-from app.console.screens.base import ConsoleScreen
+from app.console.screens.base import USER_ERRORS, ConsoleScreen
 from app.console.screens.dialogs import Question
 from app.console.widgets.drawing import draw_step
 from app.text.catalogue import render, tr
 from profiles.anthropometry import estimate_palm
-from profiles.errors import ProfileError
 from profiles.schema import Profile, Sex
 
 MAX_TYPED = 20_000  # a paste beyond it is refused by the field itself
@@ -82,7 +81,7 @@ class PatientForm(ConsoleScreen):
             return
         try:
             self._save(parsed.profile)
-        except ProfileError as error:
+        except USER_ERRORS as error:
             self.notify(render(error), severity="error", timeout=15)
             return
         self.dismiss()
@@ -156,7 +155,7 @@ class PatientForm(ConsoleScreen):
 
     def _save(self, profile: Profile) -> None:
         store, now = self.console_app.store, datetime.now(UTC)
-        by = self.console_app.operator
+        by = self.console_app.authority
         if self._new:
             store.create(profile, by=by, at=now)
         else:

@@ -66,7 +66,7 @@ class PatientsScreen(ConsoleScreen):
     def show_session(self, state: SessionState | None) -> None:
         super().show_session(state)
         operator = self.console_app.signed_in
-        who = "" if operator is None else f" · {operator.name}, {tr(operator.role)}"
+        who = "" if operator is None else f" · {operator.name}, {tr(operator.role or '')}"
         if who != self._operator_shown:
             self._operator_shown = who
             self.query_one("#title", Label).update(tr("patients.title") + who)
@@ -209,7 +209,7 @@ class PatientsScreen(ConsoleScreen):
         if name and profile is not None:
             copy = msgspec.structs.replace(profile, identifier=name, archived=False, calibrations=())
             with self.notify_errors():
-                self.console_app.store.create(copy, by=self.console_app.operator, at=datetime.now(UTC))
+                self.console_app.store.create(copy, by=self.console_app.authority, at=datetime.now(UTC))
             self.reload()
 
     def _archive(self, yes: bool | None) -> None:
@@ -218,7 +218,7 @@ class PatientsScreen(ConsoleScreen):
             with self.notify_errors():
                 self.console_app.store.archive(
                     profile.identifier,
-                    by=self.console_app.operator,
+                    by=self.console_app.authority,
                     at=datetime.now(UTC),
                     archived=not profile.archived,
                 )
@@ -236,7 +236,7 @@ class PatientsScreen(ConsoleScreen):
         if typed:
             with self.notify_errors():
                 path = Path(typed).expanduser()
-                profile = self.console_app.store.import_file(path, by=self.console_app.operator, at=datetime.now(UTC))
+                profile = self.console_app.store.import_file(path, by=self.console_app.authority, at=datetime.now(UTC))
                 self.notify(tr("patients.imported", name=profile.identifier))
             self.reload()
 

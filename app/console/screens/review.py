@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import time
 from pathlib import Path
 from typing import ClassVar
 
@@ -24,7 +23,6 @@ from app.text.catalogue import render, tr
 from app.text.recorded import render_recorded
 from logs.errors import AuditError
 from logs.findings import verdict
-from logs.journal import Moment
 from logs.keys import by_fingerprint, known_keys, read_anchors
 from logs.read import find_session, session_paths
 from logs.records import Comment, Record
@@ -189,10 +187,8 @@ class ReviewScreen(ConsoleScreen):
         record = session.record(self._index)
         if not isinstance(record, Record):
             return
-        operator = self.console_app.operator
-        now = Moment(wall_ns=time.time_ns(), monotonic_ns=time.monotonic_ns(), operator=operator)
         with self.notify_errors():
-            await asyncio.to_thread(write_comment, self._home, session.path, record, text, now)
+            await asyncio.to_thread(write_comment, self.console_app.authority, session.path, record, text)
             self._comments = await asyncio.to_thread(comments_on, session.path)
             self._go_to(self._index)
 

@@ -13,18 +13,11 @@ from textual.containers import Vertical
 from textual.widgets import Input, Static
 
 from app.console.screens.base import Dialog
+from app.system.authority import Authority, Proof, of_operator
 from app.system.config import SessionSetup
+from app.system.enrolment import enrol_first
 from app.system.errors import AppError
-from app.system.operators import (
-    Operator,
-    Role,
-    SignInResult,
-    add_operator,
-    load_store,
-    may_take_over,
-    save_store,
-    sign_in,
-)
+from app.system.operators import Operator, load_store, may_take_over, try_pin
 from app.text.catalogue import render, tr
 from logs.reason import reason
 from logs.records import SignIn, SignInFailed
@@ -37,8 +30,8 @@ class SignInFault(Enum):
     MAY_NOT_TAKE_OVER = auto()  # name
 
 
-class SignInDialog(Dialog[Operator]):
-    """Gives the operator, or None when left with Escape."""
+class SignInDialog(Dialog[Authority]):
+    """Gives who has signed in, or None when left with Escape."""
 
     HELP_PAGE = "sign_in"
 
@@ -90,16 +83,11 @@ class SignInDialog(Dialog[Operator]):
         if not self._unlock:
             self.dismiss(None)
 
-    def _set_up(self, name: str, pin: str) -> Operator:
-        keys = self.console_app.home.keys
-        store = add_operator(load_store(keys), name, Role.ENGINEER, pin)
-        save_store(keys, store)
-        return store.operators[-1]
+    def _set_up(self, name: str, pin: str) -> Authority:
+        return enrol_first(self.console_app.home, name, pin)
 
-    def _sign_in(self, name: str, pin: str) -> Operator:
-        keys = self.console_app.home.keys
-        attempt: SignInResult = sign_in(load_store(keys), name, pin, time.time())
-        save_store(keys, attempt.store)
+    def _sign_in(self, name: str, pin: str) -> Authority:
+        attempt = try_pin(self.console_app.home.keys, name, pin, time.time())
         if attempt.operator is None:
             assert attempt.fault is not None
             cause = reason(attempt.fault)
@@ -112,7 +100,7 @@ class SignInDialog(Dialog[Operator]):
         if self._held and not may_take_over(operator, self._held.operator):
             raise self._refused(operator, SignInFault.MAY_NOT_TAKE_OVER, self._held.operator)
         self.console_app.trail.emit(SignIn(name=operator.name, role=operator.role.value, unlocked=bool(self._unlock)))
-        return operator
+        return of_operator(self.console_app.home, operator, Proof.PIN)
 
     def _refused(self, operator: Operator, fault: SignInFault, owner: str) -> AppError:
         cause = reason(fault, name=owner)

@@ -214,9 +214,10 @@ def request_zero(joints: SocketCanJoints, joint: Joint) -> ZeroRequest:
     return ZeroRequest(joint, angle_rad, secrets.token_hex(2), time.monotonic())
 
 
-def set_zero(joints: SocketCanJoints, request: ZeroRequest, code: str) -> float:
+def set_zero(joints: SocketCanJoints, request: ZeroRequest, code: str, permit: Callable[[], object]) -> float:
     """Make the present angle the joint's zero offset, and verify it; the drive's own new angle, radians.
 
+    permit: called right before the drive is asked; raises when it may not be.
     Raises HardwareError when the code is wrong or late, the joint has moved, or the drive did not take the zero.
     """
     if code != request.code:
@@ -226,6 +227,7 @@ def set_zero(joints: SocketCanJoints, request: ZeroRequest, code: str) -> float:
     drive = _idle_drive(joints, request.joint)
     if abs(_watch_still(joints, drive) - request.angle_rad) > STILL_WITHIN_RAD:
         raise HardwareError(DrivesFault.ZERO_MOVED, **drive.identity)
+    permit()
     joints.send(drive, drive.order(Order.ZERO, joints.now_ns()))
     return _verify(joints, drive)
 

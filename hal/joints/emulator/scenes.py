@@ -9,15 +9,13 @@ import msgspec
 
 from hal.errors import DrivesFault, HardwareError
 from hal.joints.can.driver import SocketCanJoints
-from hal.joints.device import Exoskeleton
+from hal.joints.device import EMULATED_INTERFACES, Exoskeleton
 from hal.joints.scene import Scene
-
-_EMULATED = ("local", "udp_multicast", "virtual")
 
 
 def may_be_emulated(device: Exoskeleton) -> bool:
     """Whether no real drive can hang on these buses."""
-    return all(bus.interface in _EMULATED or bus.channel.startswith("vcan") for bus in device.buses)
+    return all(bus.interface in EMULATED_INTERFACES or bus.channel.startswith("vcan") for bus in device.buses)
 
 
 def _address(device: Exoskeleton) -> str:

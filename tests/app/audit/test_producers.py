@@ -43,7 +43,7 @@ from kgdfa.button import ButtonMode, ButtonPlace, ButtonState, PressCancel, Pres
 from kgdfa.gesture import Gesture
 from kgdfa.recognition import FrameReading
 from logs.disk import Disk
-from logs.journal import OPERATORS, Moment
+from logs.journal import CHANGES, Moment
 from logs.keys import load_or_make_key
 from logs.manifest import manifest_paths
 from logs.mirror import CheckpointCopy
@@ -59,6 +59,7 @@ from tests.app.console.conftest import home as home  # noqa: PLC0414 - the fixtu
 from tests.app.control.moments import A, K, S, moving, resting, standing
 from tests.app.control.rig import SETTINGS, Rig
 from tests.app.perception.test_reporting import REPORT, SCALE, compared
+from tests.support.authors import signed_in
 
 pytestmark = pytest.mark.serial
 
@@ -76,6 +77,7 @@ def filled(bodies: Iterable[Body]) -> set[tuple[str, str]]:
     }
 
 
+FORMER = {("OperatorChanged", field) for field in ("name", "role", "change")}  # in older trails; now `Change`
 # The machine grants these, or not; control copies them field by field.
 GRANTED = {("RealTimePrivilege", field) for field in ("fifo", "memory_locked", "core", "cores_awake")}
 
@@ -87,7 +89,7 @@ async def test_every_field_of_every_record_is_filled_by_somebody(
     bodies += of_the_operators(tmp_path / "operators")
     bodies += await of_the_console(console, home, monkeypatch)
     wanted = {(kind.__name__, field) for kind in KINDS for field in kind.__struct_fields__}
-    assert wanted - filled(bodies) - GRANTED == set()
+    assert wanted - filled(bodies) - GRANTED - FORMER == set()
 
 
 def of_a_real_session(root: Path) -> list[Body]:
@@ -108,8 +110,7 @@ def of_a_real_session(root: Path) -> list[Body]:
             session.finish()
     path = session_paths(place.logs)[-1]
     found = records(path)
-    now = Moment(wall_ns=1, monotonic_ns=1, operator="ann")
-    write_comment(place, path, found[-1], "A word.", now)
+    write_comment(signed_in(place), path, found[-1], "A word.")
     comments = [comment for about in comments_on(path).values() for comment in about]
     journals = [record for manifest in manifest_paths(place.logs) for record in records(manifest)]
     assert comments_path(path).exists()
@@ -297,7 +298,7 @@ def of_the_operators(root: Path) -> list[Body]:
         cli, ["operator", "add", "Eva", "--role", "engineer", "--home", str(root)], input=f"{PIN}\n{PIN}\n"
     )
     assert added.exit_code == 0, added.output
-    found = [record.body for record in records(root / "logs" / OPERATORS)]
+    found = [record.body for record in records(root / "logs" / CHANGES)]
     writer = SessionWriter(root / "logs", "clock", load_or_make_key(root / "keys"), Disk(), CheckpointCopy(""))
     writer.begin(audit_process.start_record(setup_in(root)), at(0))
     moved = Moment(wall_ns=at(9).wall_ns, monotonic_ns=at(1).monotonic_ns, operator="ann")

@@ -12,13 +12,13 @@ from app.motion.plan import patient_of
 from app.motion.preflight import preflight_passed
 from app.system.config import Config, JointsConfig
 from app.system.hand_model import find_model
-from app.system.operators import OperatorStore, Role, add_operator
 from app.system.paths import Home, find_home
 from hal.joints.device import load_exoskeleton
 from kgdfa.press_zone import PressZone
 from profiles.schema import DEMO_PATIENT
 from profiles.store import ChangeCause, ProfileStore
 from tests.app.console.conftest import Console, Opener, wait_until
+from tests.support.authors import signed_in
 
 PROCESS_LIMIT_S = 120.0  # an interpreter, camera, hand model or physics, on a machine that tests other things too
 
@@ -73,7 +73,7 @@ async def test_a_rehearsal_runs_beside_the_console_and_is_kept(console: Opener, 
 async def test_the_checks_rehearse_by_a_key_for_real_joints(console: Opener) -> None:
     async with console(profile=None, config=Config(joints=JointsConfig(kind="can"))) as open_console:
         await open_console.shows("demo")
-        open_console.app.signed_in = add_operator(OperatorStore(), "Ada", Role.ENGINEER, "483920").operators[-1]
+        open_console.app.signed_in = signed_in(open_console.app.home)
         await open_console.press("enter")
         await open_console.shows("Begin (Enter)")
         await open_console.press("enter")

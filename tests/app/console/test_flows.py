@@ -18,6 +18,7 @@ from profiles.schema import DEMO_PATIENT
 from profiles.store import ProfileStore
 from testing.fake_host import event
 from tests.app.console.conftest import Console, Opener
+from tests.support.authors import Named
 
 
 async def test_a_first_patient_is_made_and_walks(console: Opener, home: Home) -> None:
@@ -198,7 +199,7 @@ async def test_archived_patients_leave_the_list_and_are_found_by_search(console:
     store = ProfileStore(home.profiles)
     from datetime import UTC, datetime
 
-    store.create(msgspec.structs.replace(DEMO_PATIENT, identifier="P-3"), by="", at=datetime.now(UTC))
+    store.create(msgspec.structs.replace(DEMO_PATIENT, identifier="P-3"), by=Named(""), at=datetime.now(UTC))
     async with console(profile=None) as open_console:
         await open_console.press("a")
         await open_console.shows("Archive?")

@@ -21,13 +21,14 @@ from app.system.errors import AppError
 from app.system.paths import Home
 from profiles.schema import DEMO_PATIENT
 from tests.app.console.conftest import Opener
+from tests.support.authors import signed_in
 
 LIMIT_S = 10.0
 
 
 @pytest.fixture
 def setup(home: Home, tmp_path: Path) -> SessionSetup:
-    made = make_setup(home, Config(), DEMO_PATIENT, operator="Ada")
+    made = make_setup(home, Config(), DEMO_PATIENT, signed_in(home))
     made.links.path.rmdir()
     (tmp_path / "links").mkdir()
     return msgspec.structs.replace(made, links=new_link_directory(tmp_path / "links"))

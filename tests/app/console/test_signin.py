@@ -76,6 +76,7 @@ async def test_a_patient_is_changed_by_who_signs_in_for_it(console: Opener, home
         await _sign_in(open_console, "Ben", PIN)
         await open_console.until(lambda: isinstance(open_console.app.screen, PatientForm))
         assert open_console.app.operator == "Ben"
+        await open_console.until(lambda: (field := open_console.app.focused) and field.id == "stature_m")
 
 
 async def test_who_only_watches_signs_nobody_in(console: Opener) -> None:

@@ -16,6 +16,7 @@ from logs.read import records
 from logs.records import SignInFailed
 from profiles.schema import DEMO_PATIENT
 from tests.app.console.conftest import Opener
+from tests.support.authors import signed_in
 
 PIN, OTHER = "483920", "592817"
 
@@ -27,7 +28,7 @@ def held(home: Home) -> SessionSetup:
     for name, role in (("Tom", Role.THERAPIST), ("Eve", Role.ENGINEER), ("Rex", Role.REVIEWER)):
         store = add_operator(store, name, role, OTHER)
     save_store(home.keys, store)
-    return make_setup(home, Config(joints=JointsConfig(kind="can")), DEMO_PATIENT, operator="Ada", role="engineer")
+    return make_setup(home, Config(joints=JointsConfig(kind="can")), DEMO_PATIENT, signed_in(home))
 
 
 def test_only_the_same_operator_and_therapists_may(held: SessionSetup, home: Home) -> None:

@@ -8,6 +8,7 @@ import pytest
 
 from app.audit.process import start_record
 from app.demo import session as demo
+from app.system.authority import DEMONSTRATION
 from app.system.config import Config, SessionSetup
 from app.system.operators import Role
 from app.system.paths import Home
@@ -30,6 +31,6 @@ def test_a_demonstration_is_no_engineer(tmp_path: Path, monkeypatch: pytest.Monk
     with pytest.raises(StartedError):
         demo.run_session(Home(tmp_path), Config(), (), click_s=1.0, presses=1, watch=print)
     role = start_record(begun[0]).role
-    assert role == demo.DEMONSTRATION
+    assert role == DEMONSTRATION
     assert role not in {each.value for each in Role}
     assert render_recorded(Reason("Record.SignIn", {"name": "demo", "role": role})) == "demo signs in as demonstration"

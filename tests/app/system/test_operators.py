@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import argon2
@@ -10,14 +11,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from typer.testing import CliRunner
 
-from app.cli import cli
+from app.cli import cli, permission
 from app.system import operators
 from app.system.config import Config, JointsConfig
 from app.system.errors import AppError
 from app.system.operators import (
     FREE_FAILURES,
+    LOCKS_AFTER,
     LONGEST_WAIT_S,
     PERMISSIONS,
+    OperatorFault,
     OperatorStore,
     Permission,
     Role,
@@ -28,12 +31,13 @@ from app.system.operators import (
     needs_sign_in,
     save_store,
     sign_in,
+    try_pin,
     wait_after,
 )
-from logs.journal import OPERATORS
+from logs.journal import CHANGES, OPERATORS
 from logs.keys import by_fingerprint, known_keys
 from logs.read import records
-from logs.records import OperatorChanged, SignInFailed
+from logs.records import Change, SignInFailed
 from logs.verify import Evidence, exit_status, verify
 
 PIN, OTHER_PIN = "135792", "802461"
@@ -76,7 +80,7 @@ def test_a_disabled_operator_stays_out_and_in_the_store(store: OperatorStore) ->
 def test_failures_wait_longer_and_longer_and_a_wait_is_not_cut_short(store: OperatorStore, name: str) -> None:
     now_s = 0.0
     waits: list[float] = []
-    for _ in range(14):
+    for _ in range(LOCKS_AFTER):
         attempt = sign_in(store, name, "000000", now_s)
         store, waits = attempt.store, [*waits, attempt.wait_s]
         if attempt.wait_s > 0:
@@ -87,6 +91,27 @@ def test_failures_wait_longer_and_longer_and_a_wait_is_not_cut_short(store: Oper
     assert waits[:FREE_FAILURES] == [0.0] * FREE_FAILURES
     assert waits == sorted(waits)
     assert waits[-1] == LONGEST_WAIT_S
+    locked = sign_in(store, name, OTHER_PIN, now_s)
+    assert (locked.operator, locked.fault) == (None, OperatorFault.LOCKED)
+    found = sign_in(change_pin(store, "Tom", PIN), "Tom", PIN, now_s)
+    assert (found.operator is not None, found.store.stranger_failures) == (True, 0)
+
+
+def test_the_last_engineer_waits_and_is_never_locked_out(store: OperatorStore) -> None:
+    now_s = 0.0
+    for _ in range(3 * LOCKS_AFTER):
+        attempt = sign_in(store, "Eva", "000000", now_s)
+        store, now_s = attempt.store, now_s + attempt.wait_s
+    assert sign_in(store, "Eva", PIN, now_s).operator is not None
+
+
+def test_pins_tried_side_by_side_all_count(tmp_path: Path, store: OperatorStore) -> None:
+    save_store(tmp_path, store)
+    with ThreadPoolExecutor(6) as pool:
+        list(pool.map(lambda number: try_pin(tmp_path, "Tom", f"99900{number}", 1000.0 * number), range(6)))
+    tom = load_store(tmp_path).find("Tom")
+    assert tom is not None
+    assert tom.failures == 6 - sum(wait_after(count) > 1000.0 for count in range(6))
 
 
 def test_a_clock_set_back_locks_nobody_out_for_long(store: OperatorStore) -> None:
@@ -152,7 +177,11 @@ def test_the_store_is_kept_private_and_comes_back(tmp_path: Path, store: Operato
         load_store(tmp_path)
 
 
-def test_operators_are_managed_from_the_command_line_and_all_of_it_is_recorded(tmp_path: Path) -> None:
+def test_operators_are_managed_from_the_command_line_and_all_of_it_is_recorded(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(permission, "is_terminal", lambda: True)
+
     def rleex(*arguments: str, answers: str = "") -> str:
         result = CliRunner().invoke(cli, ["operator", *arguments, "--home", str(tmp_path)], input=answers)
         return result.output + str(result.exception or "")
@@ -160,13 +189,18 @@ def test_operators_are_managed_from_the_command_line_and_all_of_it_is_recorded(t
     assert "added as engineer" in rleex("add", "Eva", "--role", "engineer", answers=f"{PIN}\n{PIN}\n")
     assert "WRONG_NAME_OR_PIN" in rleex("add", "Tom", answers="Eva\n999999\n")
     assert "added as therapist" in rleex("add", "Tom", answers=f"Eva\n{PIN}\n{OTHER_PIN}\n{OTHER_PIN}\n")
-    assert "NOT_AN_ENGINEER" in rleex("disable", "Eva", answers=f"Tom\n{OTHER_PIN}\n")
+    assert "NOT_ALLOWED" in rleex("disable", "Eva", answers=f"Tom\n{OTHER_PIN}\n")
     assert "can't sign in" in rleex("disable", "Tom", answers=f"Eva\n{PIN}\n")
     assert "disabled" in rleex("list")
     assert "NO_SUCH_ROLE" in rleex("add", "X", "--role", "king")
     bodies = [record.body for record in records(tmp_path / "logs" / OPERATORS)]
-    changes = [(body.name, body.change) for body in bodies if isinstance(body, OperatorChanged)]
-    assert changes == [("Eva", "added"), ("Tom", "added"), ("Tom", "disabled")]
+    changed = [(record.operator, record.body) for record in records(tmp_path / "logs" / CHANGES)]
+    changes = [(by, one.name, one.values) for by, one in changed if isinstance(one, Change)]
+    assert changes == [
+        ("Eva", "Eva", {"role": (None, "engineer")}),
+        ("Eva", "Tom", {"role": (None, "therapist")}),
+        ("Eva", "Tom", {"enabled": (True, False)}),
+    ]
     assert [body.failures for body in bodies if isinstance(body, SignInFailed)] == [1]
     evidence = Evidence(keys=by_fingerprint(known_keys(tmp_path / "keys")))
     assert exit_status(verify([tmp_path / "logs"], evidence)) == 0

@@ -73,7 +73,7 @@ def test_radial_distortion_is_solved_kept_and_read_back(tmp_path: Path) -> None:
     found = calibrate(distorted, BOARD, 640, 360).intrinsics
     assert found.k1 == pytest.approx(-0.2, abs=0.04)
     assert found.fx_px == pytest.approx(LENS.fx_px, rel=0.01)
-    save(tmp_path / "cameras.toml", "cam", found, 0.1)
+    save(tmp_path / "cameras.toml", "cam", found, 0.1, print)
     assert load(tmp_path / "cameras.toml", "cam") == found
 
 
@@ -111,7 +111,7 @@ def test_an_impossible_focal_length_is_refused(focal: float) -> None:
 def test_stated_wins_over_measured_and_measured_over_assumed(tmp_path: Path) -> None:
     store = tmp_path / "cameras.toml"
     assert choose(640, 360, camera="cam", store=store).source is IntrinsicsSource.ASSUMED
-    save(store, "cam", LENS, 0.2)
+    save(store, "cam", LENS, 0.2, print)
     measured = choose(640, 360, camera="cam", store=store)
     assert (measured.source, measured.fx_px) == (IntrinsicsSource.MEASURED, 480.0)
     assert choose(640, 360, camera="other", store=store).source is IntrinsicsSource.ASSUMED
@@ -120,7 +120,7 @@ def test_stated_wins_over_measured_and_measured_over_assumed(tmp_path: Path) -> 
 
 def test_intrinsics_of_another_resolution_are_refused_by_name(tmp_path: Path) -> None:
     store = tmp_path / "cameras.toml"
-    save(store, "cam", LENS, 0.2)
+    save(store, "cam", LENS, 0.2, print)
     with refused(CameraFault.OTHER_RESOLUTION, camera="cam", width_px=640, image_width_px=1280):
         choose(1280, 720, camera="cam", store=store)
 
@@ -128,7 +128,7 @@ def test_intrinsics_of_another_resolution_are_refused_by_name(tmp_path: Path) ->
 def test_cameras_are_kept_beside_each_other_whatever_their_names(tmp_path: Path) -> None:
     store = tmp_path / "deep" / "cameras.toml"
     for name, focal in (('Cam "A" [1].b', 400.0), ("相机", 500.0), ('Cam "A" [1].b', 450.0)):
-        save(store, name, pinhole(640, 360, focal, IntrinsicsSource.MEASURED), 0.1)
+        save(store, name, pinhole(640, 360, focal, IntrinsicsSource.MEASURED), 0.1, print)
     kept = [load(store, name) for name in ('Cam "A" [1].b', "相机")]
     assert [lens.fx_px for lens in kept if lens] == [450.0, 500.0]
 

@@ -191,7 +191,7 @@ def opened(make_rig: MakeRig, quick: None) -> tuple[SocketCanJoints, CanRig]:
 def test_zeroing_makes_the_pose_the_described_offset(opened: tuple[SocketCanJoints, CanRig]) -> None:
     joints, rig = opened
     request = lifecycle.request_zero(joints, Joint.LEFT_KNEE)
-    assert lifecycle.set_zero(joints, request, request.code) == pytest.approx(math.radians(10.0), abs=0.01)
+    assert lifecycle.set_zero(joints, request, request.code, print) == pytest.approx(math.radians(10.0), abs=0.01)
     assert rig.emulator.drives[Joint.LEFT_HIP].zero_rad == -0.3
 
 
@@ -199,10 +199,10 @@ def test_zeroing_needs_the_code(opened: tuple[SocketCanJoints, CanRig]) -> None:
     joints, rig = opened
     request = lifecycle.request_zero(joints, Joint.LEFT_KNEE)
     with refused(DrivesFault.ZERO_WRONG_CODE):
-        lifecycle.set_zero(joints, request, "yes")
+        lifecycle.set_zero(joints, request, "yes", print)
     late = lifecycle.ZeroRequest(request.joint, request.angle_rad, request.code, request.at_s - 60)
     with refused(DrivesFault.ZERO_TOO_LATE):
-        lifecycle.set_zero(joints, late, request.code)
+        lifecycle.set_zero(joints, late, request.code, print)
     assert rig.emulator.drives[Joint.LEFT_KNEE].zero_rad == -0.3
 
 
@@ -211,7 +211,7 @@ def test_zeroing_needs_the_joint_still(opened: tuple[SocketCanJoints, CanRig]) -
     request = lifecycle.request_zero(joints, Joint.LEFT_KNEE)
     rig.emulator.drives[Joint.LEFT_KNEE].zero_rad = -0.35
     with refused(DrivesFault.ZERO_MOVED, joint=Joint.LEFT_KNEE):
-        lifecycle.set_zero(joints, request, request.code)
+        lifecycle.set_zero(joints, request, request.code, print)
 
 
 def test_zeroing_is_refused_while_enabled(opened: tuple[SocketCanJoints, CanRig]) -> None:
@@ -226,7 +226,7 @@ def test_a_drive_that_ignores_its_zero_is_reported(opened: tuple[SocketCanJoints
     request = lifecycle.request_zero(joints, Joint.LEFT_KNEE)
     rig.emulator.drives[Joint.LEFT_KNEE].ignores_zero = True
     with refused(DrivesFault.ZERO_NOT_TAKEN, joint=Joint.LEFT_KNEE):
-        lifecycle.set_zero(joints, request, request.code)
+        lifecycle.set_zero(joints, request, request.code, print)
 
 
 def test_an_unresponsive_drive_is_reported_when_asked_for_its_zero(opened: tuple[SocketCanJoints, CanRig]) -> None:

@@ -1,0 +1,109 @@
+"""Changes of the configuration: by who may, on record before they are made; and those that an editor made."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from enum import Enum
+from hashlib import sha256
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import tomlkit
+
+from app.system.authority import Authority, Subject
+from app.system.config import Config, ConfigFault, load_config
+from app.system.errors import AppError
+from app.system.operators import Permission
+from logs.journal import CHANGES, parts_of
+from logs.read import records
+from logs.reading.errors import cause_of
+from logs.reading.formats import MAX_TOML, as_struct, parse_toml
+from logs.reading.regular import read_text
+from logs.reason import reason
+from logs.records import Change
+from profiles.files import CLEARED, replace_files, typed_value
+
+
+class ConfigChange(Enum):
+    """How the configuration changed."""
+
+    BY_COMMAND = "by command"
+    OUTSIDE = "outside"  # found at a session's start: an editor, or another program
+
+
+_DIGEST = "sha256"  # field of a change: of the whole file
+
+
+def change_config(by: Authority, typed: Mapping[str, str]) -> dict[str, tuple[Any, Any]]:
+    """Set dotted fields, keeping the file's comments; what changed. Raises AppError, ProfileError, AuditError."""
+    by.require(Permission.CONFIGURE)
+    path = by.home.config
+    before = _flat(msgspec.to_builtins(load_config(path)))
+    document = tomlkit.parse(_text(path))
+    for field, value in typed.items():
+        _set(document, field, value, before.get(field))
+    text = tomlkit.dumps(document)
+    try:
+        after = _flat(msgspec.to_builtins(as_struct(parse_toml(text), Config)))
+    except OSError as error:
+        raise AppError(ConfigFault.UNREADABLE, path=path, detail=cause_of(error)) from error
+    fields = dict.fromkeys((*before, *after))
+    changes = {
+        field: (before.get(field), after.get(field)) for field in fields if before.get(field) != after.get(field)
+    }
+    if changes:
+        recorded = changes | {_DIGEST: (_digest(_text(path)), _digest(text))}
+        why = reason(ConfigChange.BY_COMMAND)
+        by.change(Permission.CONFIGURE, Subject.CONFIGURATION, path.name, recorded, why)
+        replace_files({path: text})
+    return changes
+
+
+def record_outside_change(by: Authority) -> None:
+    """Put on record that the file is not as the last change on record left it. Raises AppError, AuditError."""
+    path = by.home.config
+    former, now = _recorded_digest(by.home.logs / CHANGES), _digest(_text(path))
+    if now != former and (former is not None or path.exists()):
+        by.record_own(Subject.CONFIGURATION, path.name, {_DIGEST: (former, now)}, reason(ConfigChange.OUTSIDE))
+
+
+def _recorded_digest(journal: Path) -> str | None:
+    bodies = (record.body for part in reversed(parts_of(journal)) for record in reversed(records(part)))
+    for body in bodies:
+        if isinstance(body, Change) and body.subject == Subject.CONFIGURATION.value and _DIGEST in body.values:
+            return str(body.values[_DIGEST][1])
+    return None
+
+
+def _set(document: Any, field: str, typed: str, now: Any) -> None:
+    *groups, name = field.split(".")
+    table = document
+    for group in groups:
+        table = table.setdefault(group, tomlkit.table())
+        if not isinstance(table, dict):
+            raise AppError(ConfigFault.NO_SUCH_CHOICE, detail=field)
+    if typed == CLEARED:
+        table.pop(name, None)
+    else:
+        table[name] = typed_value(typed, now)
+
+
+def _text(path: Path) -> str:
+    try:
+        return read_text(path, MAX_TOML)
+    except FileNotFoundError:
+        return ""
+    except OSError as error:
+        raise AppError(ConfigFault.UNREADABLE, path=path, detail=cause_of(error)) from error
+
+
+def _digest(text: str) -> str:
+    return sha256(text.encode()).hexdigest()
+
+
+def _flat(table: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+    flat: dict[str, Any] = {}
+    for key, value in table.items():
+        flat |= _flat(value, f"{prefix}{key}.") if isinstance(value, Mapping) else {prefix + key: value}
+    return flat
