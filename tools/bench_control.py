@@ -1,4 +1,7 @@
-"""How late control's ticks begin while everything runs and the legs walk: real processes, N seconds; --json too."""
+"""How late control's ticks begin while everything runs and the legs walk: real processes, N seconds; --json too.
+
+And what they cost: CPU time of control a tick, of perception a frame, while the legs walk.
+"""
 
 from __future__ import annotations
 
@@ -11,12 +14,14 @@ import tempfile
 import threading
 import time
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from itertools import cycle
 from pathlib import Path
+from typing import TypeVar
 
 import msgspec
+import psutil
 from rich.console import Console
 from rich.progress import track
 from rich.table import Table
@@ -34,9 +39,10 @@ from app.system.paths import Home, find_home
 sys.path.insert(0, str(Path(__file__).parent.parent))  # run as a script, `tools` is a folder of the tree
 
 from app.demo.load import busy_processes, every_core
-from testing.session import TIMEOUT_S, WatchedSession, real_session
+from testing.session import TIMEOUT_S, RealSession, WatchedSession, real_session
 from tools.bench_console import Terminal
 
+Result = TypeVar("Result")
 BOUNDS_MS = {"p99_ms": 0.2, "p999_ms": 1.0}  # where SCHED_FIFO is allowed
 LEAST_FPS = 28.0
 ESCAPE = b"\x1b"
@@ -153,15 +159,40 @@ def main() -> None:
     load = busy_processes(every_core()) if asked.saturate else contextlib.nullcontext()
     with tempfile.TemporaryDirectory() as folder, begun(asked, Path(folder)) as session:
         with load:
-            held = walk_for(session, asked.seconds)
+            held, costs_ms = measure_costs(session, lambda: walk_for(session, asked.seconds))
         session.send(OperatorKind.ACT, Action.WALK_END)
         snapshot = session.until(lambda s: s.action is None, "the end of the walk")
         fps = session.perception_fps()
         if isinstance(session, ConsoleSession):
             Console().print(f"{session.keys} keys were typed at the console.")
-    show(snapshot, fps, held)
+    show(snapshot, fps, held, costs_ms)
     if asked.json:
-        asked.json.write_text(json.dumps(figures_of(snapshot, fps), indent=1) + "\n", encoding="utf-8")
+        asked.json.write_text(json.dumps(figures_of(snapshot, fps) | costs_ms, indent=1) + "\n", encoding="utf-8")
+
+
+def measure_costs(session: WatchedSession, work: Callable[[], Result]) -> tuple[Result, dict[str, float]]:
+    """What the work gives, and the CPU time of control a tick and of perception a frame meanwhile; of known processes.
+
+    Perception's holds the digital camera's own rendering.
+    """
+    session.walk()  # everything is loaded
+    before = _spent(session)
+    result = work()
+    names = {"control": "cpu_ms_a_tick", "perception": "perception_cpu_ms_a_frame"}
+    costs_ms = {}
+    for name, (spent_s, count) in _spent(session).items():
+        before_s, before_count = before[name]
+        costs_ms[names[name]] = 1000 * (spent_s - before_s) / max(1, count - before_count)
+    return result, costs_ms
+
+
+def _spent(session: WatchedSession) -> dict[str, tuple[float, int]]:
+    """Of control and perception: CPU seconds, and ticks or frames so far."""
+    counts = {"control": session.snapshot.lateness.ticks if session.snapshot else 0}
+    counts |= {"perception": session.report.sequence} if session.report else {}
+    pids = session.pids if isinstance(session, RealSession) else {}
+    times = {name: psutil.Process(pids[name]).cpu_times() for name in counts if name in pids}
+    return {name: (spent.user + spent.system, counts[name]) for name, spent in times.items()}
 
 
 def begun(asked: argparse.Namespace, home: Path) -> contextlib.AbstractContextManager[WatchedSession]:
@@ -183,7 +214,7 @@ def arguments() -> argparse.Namespace:
     return parser.parse_args()
 
 
-def show(snapshot: ControlSnapshot, fps: float, held: Counter[str]) -> None:
+def show(snapshot: ControlSnapshot, fps: float, held: Counter[str], costs_ms: dict[str, float]) -> None:
     """The figures beside their bounds."""
     real_time = snapshot.real_time
     table = Table("lateness", "value", "bound")
@@ -194,6 +225,8 @@ def show(snapshot: ControlSnapshot, fps: float, held: Counter[str]) -> None:
     table.add_row("SCHED_FIFO / locked / core / cores awake", got, "")
     table.add_row("steps walked", str(snapshot.steps), "")
     table.add_row("what ended a walk", ", ".join(f"{name} {times}" for name, times in held.items()) or "nothing", "")
+    for name, cost_ms in costs_ms.items():
+        table.add_row(name, f"{cost_ms:.3f}", "")
     if fps:
         table.add_row("perception fps", f"{fps:.1f}", f"≥ {LEAST_FPS:g} {'yes' if fps >= LEAST_FPS else 'NO'}")
     Console().print(table)

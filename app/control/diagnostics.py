@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from math import inf, isnan, nan, radians
+from math import isnan, nan, radians
+from operator import ge, gt
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -160,18 +161,18 @@ def _clocks(inputs: Inputs, streams: StreamState) -> ClockDiagnostics:
 def _joints(inputs: Inputs, state: ControlState, settings: Settings) -> JointDiagnostics:
     now_ns, feedback = inputs.now_ns, inputs.feedback
     motion, streams = state.motion, state.streams
-    oldest_ns = min(feedback.measured_ns.tolist())
-    temperatures_c = feedback.temperature_c.tolist()
+    measured_ns, temperatures_c = feedback.measured_ns.tolist(), feedback.temperature_c.tolist()
+    oldest_ns = min(measured_ns)
     return JointDiagnostics(
         answering=oldest_ns > 0,
         age_ms=_age_ms(now_ns - streams.own_delay_ns, oldest_ns),
         drives_lost=motion.mode is not Mode.DISABLED and not streams.powered,
         drive_faults=_union(feedback.faults),
         drive_detail=feedback.detail,
-        silent_joint=_silent_joint(feedback),
+        silent_joint=_silent_joint(measured_ns, oldest_ns),
         drive_error=inputs.drive_error,
         bus=feedback.bus,
-        hottest_c=max(temperatures_c, key=lambda c: -inf if isnan(c) else c),
+        hottest_c=max([value for value in temperatures_c if not isnan(value)], default=nan),
         following_rad=_following_rad(motion, feedback),
         pose_error_rad=_pose_error_rad(state, feedback, settings),
         drift_rad_s=_drift_rad_s(state, feedback, now_ns),
@@ -184,14 +185,15 @@ def _joints(inputs: Inputs, state: ControlState, settings: Settings) -> JointDia
 
 
 def exceeded(feedback: JointFeedback, settings: Settings) -> dict[str, bool]:
-    """Which limits any of the joints exceeds: fields of `JointDiagnostics`."""
+    """Which limits any joint exceeds: fields of `JointDiagnostics`. A temperature not measured (NaN) is above none."""
     limits, temperatures_c = settings.limits, feedback.temperature_c.tolist()
+    speeds, torques = map(abs, feedback.velocity_rad_s.tolist()), map(abs, feedback.torque_nm.tolist())
     return {
-        "warm": _any_above(temperatures_c, settings.warn_c.tolist()),
-        "hot": _any_above(temperatures_c, settings.limit_c.tolist()),
+        "warm": any(map(ge, temperatures_c, settings.warn_c.tolist())),
+        "hot": any(map(ge, temperatures_c, settings.limit_c.tolist())),
         "beyond_range": _beyond_range(feedback.position_rad.tolist(), settings),
-        "beyond_speed": _any_beyond(feedback.velocity_rad_s.tolist(), SPEED_MARGIN, limits.speed_rad_s.tolist()),
-        "beyond_torque": _any_beyond(feedback.torque_nm.tolist(), TORQUE_MARGIN, limits.torque_nm.tolist()),
+        "beyond_speed": any(map(gt, speeds, [SPEED_MARGIN * limit for limit in limits.speed_rad_s.tolist()])),
+        "beyond_torque": any(map(gt, torques, [TORQUE_MARGIN * limit for limit in limits.torque_nm.tolist()])),
     }
 
 
@@ -199,13 +201,11 @@ def _age_ms(now_ns: int, then_ns: int) -> float:
     return (now_ns - then_ns) / NS_PER_MS
 
 
-def _silent_joint(feedback: JointFeedback) -> Joint | None:
+def _silent_joint(measured_ns: list[int], oldest_ns: int) -> Joint | None:
     """The joint without an answer for the longest time; None when all answer."""
-    oldest = int(feedback.measured_ns.argmin())
-    newest_ns = int(feedback.measured_ns.max())
-    if newest_ns - int(feedback.measured_ns[oldest]) < 10 * NS_PER_MS:
+    if max(measured_ns) - oldest_ns < 10 * NS_PER_MS:
         return None
-    return Joint(oldest)
+    return Joint(measured_ns.index(oldest_ns))
 
 
 def _union(faults: Iterable[DriveFault]) -> DriveFault:
@@ -214,15 +214,6 @@ def _union(faults: Iterable[DriveFault]) -> DriveFault:
         if fault is not DriveFault.NONE:
             union |= fault
     return union
-
-
-def _any_above(values: list[float], limits: list[float]) -> bool:
-    """A quantity that is not measured (NaN) is above nothing."""
-    return any(value >= limit for value, limit in zip(values, limits, strict=True))
-
-
-def _any_beyond(values: list[float], margin: float, limits: list[float]) -> bool:
-    return any(abs(value) > margin * limit for value, limit in zip(values, limits, strict=True))
 
 
 def _beyond_range(values: list[float], settings: Settings) -> bool:

@@ -166,7 +166,7 @@ class JointStatisticsCollector:
 
     def __init__(self, period_ticks: int) -> None:
         self._period_ticks = period_ticks
-        self._kept = np.empty((3, period_ticks, 4))  # angles, torques, targets
+        self._kept = np.empty((3, 4, period_ticks))  # angles, torques, targets; ticks side by side
         self._temperature_c = np.full(4, np.nan)
         self._ticks = 0
 
@@ -178,27 +178,27 @@ class JointStatisticsCollector:
     def add(self, feedback: JointFeedback, target_rad: JointArray) -> None:
         """One tick."""
         angle_rad, torque_nm, targets_rad = self._kept
-        angle_rad[self._ticks] = feedback.position_rad
-        torque_nm[self._ticks] = feedback.torque_nm
-        targets_rad[self._ticks] = target_rad
+        angle_rad[:, self._ticks] = feedback.position_rad
+        torque_nm[:, self._ticks] = feedback.torque_nm
+        targets_rad[:, self._ticks] = target_rad
         self._temperature_c = feedback.temperature_c
         self._ticks += 1
 
     def take(self, period_s: float, state: str) -> JointStatistics:
         """The record of what was collected."""
-        angle_rad, torque_nm, target_rad = self._kept[:, : self._ticks]
+        angle_rad, torque_nm, target_rad = self._kept[:, :, : self._ticks]
         self._ticks = 0
         return JointStatistics(
             period_s=period_s,
-            angle_min_rad=quad(angle_rad.min(axis=0)),
-            angle_mean_rad=quad(angle_rad.mean(axis=0)),
-            angle_max_rad=quad(angle_rad.max(axis=0)),
-            target_mean_rad=quad(target_rad.mean(axis=0)),
-            torque_min_nm=quad(torque_nm.min(axis=0)),
-            torque_mean_nm=quad(torque_nm.mean(axis=0)),
-            torque_max_nm=quad(torque_nm.max(axis=0)),
+            angle_min_rad=quad(angle_rad.min(axis=1)),
+            angle_mean_rad=quad(angle_rad.mean(axis=1)),
+            angle_max_rad=quad(angle_rad.max(axis=1)),
+            target_mean_rad=quad(target_rad.mean(axis=1)),
+            torque_min_nm=quad(torque_nm.min(axis=1)),
+            torque_mean_nm=quad(torque_nm.mean(axis=1)),
+            torque_max_nm=quad(torque_nm.max(axis=1)),
             temperature_c=quad(self._temperature_c),
-            tracking_rms_rad=quad(np.sqrt(np.square(angle_rad - target_rad).mean(axis=0))),
+            tracking_rms_rad=quad(np.sqrt(np.square(angle_rad - target_rad).mean(axis=1))),
             state=state,
         )
 

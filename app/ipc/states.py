@@ -68,6 +68,8 @@ class Effect(IntEnum):
 class Event(Enum):
     """What can forbid or stop motion: the rows of control's table of events. The value stands in the audit trail."""
 
+    __hash__ = object.__hash__  # of the one member itself: Enum's own is Python, asked thirty times a tick
+
     STOP = "stop"
     STOP_AGAIN = "stop-again"
     SHUTTING_DOWN = "shutting-down"

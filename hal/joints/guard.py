@@ -122,24 +122,24 @@ ROWS = (
     (Quantity.TORQUE_STEP, 1),
 )
 _SLACK = 1e-9  # rounding of binary fractions is no reason to refuse
-_NONE = np.zeros(4)
+_NONE = [0.0] * 4
 
 
 class Guard:
     """Checks a command against the limits, and against the command before it.
 
-    One comparison of all rows at once: it runs every tick, and eleven one by one took a tenth of it.
+    In plain numbers: it runs every tick, and of four joints NumPy's arithmetic takes longer to start than to do.
     """
 
     def __init__(self, limits: Limits) -> None:
         self.limits = limits
-        within = [-limits.low_rad, limits.high_rad, limits.speed_rad_s, limits.torque_nm]
-        within += [_NONE, limits.stiffness_nm_rad, _NONE, limits.damping_nm_s_rad]
-        steps = [limits.position_step_rad, np.full(4, ENGAGE_RAD), limits.stiffness_step_nm_rad, limits.torque_step_nm]
-        self._limits = np.stack(within + steps)
+        within = [(-limits.low_rad).tolist(), limits.high_rad.tolist(), limits.speed_rad_s.tolist()]
+        within += [limits.torque_nm.tolist(), _NONE, limits.stiffness_nm_rad.tolist()]
+        within += [_NONE, limits.damping_nm_s_rad.tolist()]
+        steps = [limits.position_step_rad.tolist(), [ENGAGE_RAD] * 4, limits.stiffness_step_nm_rad.tolist()]
+        self._limits = [*within, *steps, limits.torque_step_nm.tolist()]
         # The first command of all must carry nothing: where the joints are is not known.
-        self._first_limits = np.stack(within + [_NONE] * 4)
-        self._rows = np.zeros_like(self._limits)
+        self._first_limits = [*within, *[_NONE] * 4]
 
     def check(self, command: JointCommand, previous: JointCommand | None, measured_rad: JointArray) -> Refusal | None:
         """None when the command may pass, else the first reason why not.
@@ -150,34 +150,38 @@ class Guard:
             if values.shape != (4,):
                 return Refusal(joint=Joint.LEFT_HIP, quantity=Quantity.SHAPE, value=float(values.size), limit=4.0)
         limits = self._first_limits if previous is None else self._limits
-        self._fill(command, previous, measured_rad)
-        over = ~(self._rows <= limits + _SLACK)  # an unknown value is not within a limit
-        if not over.any():
-            return None
-        row, joint = np.argwhere(over)[0]
-        quantity, sign = ROWS[row]
-        return _not_finite(command) or Refusal(
-            joint=Joint(int(joint)),
-            quantity=quantity,
-            value=float(sign * self._rows[row, joint]) + 0.0,  # no minus zero
-            limit=float(sign * limits[row, joint]) + 0.0,
-        )
+        rows = _rows(command, previous, measured_rad)
+        for (quantity, sign), row, bounds in zip(ROWS, rows, limits, strict=True):
+            for joint in range(4):
+                if not row[joint] <= bounds[joint] + _SLACK:  # an unknown value is not within a limit
+                    return _not_finite(command) or Refusal(
+                        joint=Joint(joint),
+                        quantity=quantity,
+                        value=sign * row[joint] + 0.0,  # no minus zero
+                        limit=sign * bounds[joint] + 0.0,
+                    )
+        return None
 
-    def _fill(self, command: JointCommand, previous: JointCommand | None, measured_rad: JointArray) -> None:
-        rows, stiffness, torque = self._rows, command.stiffness_nm_rad, np.abs(command.torque_nm)
-        rows[0], rows[1] = -command.position_rad, command.position_rad
-        rows[2], rows[3] = np.abs(command.velocity_rad_s), torque
-        rows[4], rows[5] = -stiffness, stiffness
-        rows[6], rows[7] = -command.damping_nm_s_rad, command.damping_nm_s_rad
-        if previous is None:
-            rows[8:] = (_NONE, _NONE, stiffness, torque)
-            return
-        was_stiff = previous.stiffness_nm_rad > 0
-        gripping = (stiffness > 0) & ~was_stiff
-        rows[8] = np.where(was_stiff, np.abs(command.position_rad - previous.position_rad), 0.0)
-        rows[9] = np.where(gripping, np.abs(command.position_rad - measured_rad), 0.0)
-        rows[10] = np.abs(stiffness - previous.stiffness_nm_rad)
-        rows[11] = np.abs(command.torque_nm - previous.torque_nm)
+
+def _rows(command: JointCommand, previous: JointCommand | None, measured_rad: JointArray) -> list[list[float]]:
+    """What `ROWS` compares, joint by joint."""
+    position, velocity, stiffness, damping, torque = (values.tolist() for values in command.fields)
+    least = [[-value for value in position], [-value for value in stiffness], [-value for value in damping]]
+    speed, strength = [abs(value) for value in velocity], [abs(value) for value in torque]
+    within = [least[0], position, speed, strength, least[1], stiffness, least[2], damping]
+    if previous is None:
+        return [*within, _NONE, _NONE, stiffness, strength]
+    was_rad, was_stiff, was_nm = (
+        values.tolist() for values in (previous.position_rad, previous.stiffness_nm_rad, previous.torque_nm)
+    )
+    step, grip = [0.0] * 4, [0.0] * 4
+    for joint, measured in enumerate(measured_rad.tolist()):
+        if was_stiff[joint] > 0:
+            step[joint] = abs(position[joint] - was_rad[joint])
+        elif stiffness[joint] > 0:
+            grip[joint] = abs(position[joint] - measured)
+    stiffening = [abs(value - was) for value, was in zip(stiffness, was_stiff, strict=True)]
+    return [*within, step, grip, stiffening, [abs(value - was) for value, was in zip(torque, was_nm, strict=True)]]
 
 
 def _not_finite(command: JointCommand) -> Refusal | None:

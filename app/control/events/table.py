@@ -29,6 +29,7 @@ LINGER_NS = 1_000_000_000  # a passing event stays to be read; it has no effect 
 TABLE = (*SESSION, *POSE, *STREAMS, *CLOCKS, *DRIVES, *HELPERS)
 ROW = {row.event: row for row in TABLE}
 ORDER = {row.event: place for place, row in enumerate(TABLE)}
+_CONDITIONS = tuple((row, row.present) for row in TABLE)
 
 
 class RaisedEvent(Struct, frozen=True, kw_only=True):
@@ -63,7 +64,7 @@ def advance(events: RaisedEvents, diagnostics: Diagnostics, acknowledged_ns: int
 
     acknowledged_ns: when the operator acknowledged, 0 if not in this tick; it covers only what was raised before.
     """
-    present = [row for row in TABLE if row.present(diagnostics)]
+    present = [row for row, condition in _CONDITIONS if condition(diagnostics)]
     if not present and not events:
         return events
     raised = {row.event for row in present}
@@ -75,7 +76,7 @@ def advance(events: RaisedEvents, diagnostics: Diagnostics, acknowledged_ns: int
 
 def effect_of(events: RaisedEvents) -> Effect:
     """What all events in force together do: the strongest wins."""
-    return max((ROW[one.event].effect for one in events if one.in_force), default=Effect.NOTE)
+    return max([ROW[one.event].effect for one in events if one.in_force], default=Effect.NOTE)
 
 
 def blocker(events: RaisedEvents, source: Source) -> RaisedEvent | None:

@@ -7,8 +7,9 @@ in the wire's quanta; each fault that real ones have can be injected.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from math import copysign, isfinite, radians
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,8 +37,8 @@ NOISE = np.array([[2e-4], [0.01], [0.2]])  # rad, rad/s, Nm; standard deviations
 class Faults:
     """What has been injected, by joint; the methods of SimulatedJoints set it."""
 
-    silent: NDArray[np.bool_]
-    stuck: NDArray[np.bool_]
+    silent: set[Joint] = field(default_factory=set)
+    stuck: set[Joint] = field(default_factory=set)
     lost_share: float = 0.0
     bits: list[DriveFault] | None = None
     bus: BusFault = BusFault.NONE
@@ -62,22 +63,19 @@ class SimulatedJoints:
         self._noisy, self._quantised = noisy, quantised
         self._state = DriveState.UNCONFIGURED
         self._torque = [0.0] * 4
-        self._square, self._ticks = np.zeros(4), 0
+        self._square, self._ticks = [0.0] * 4, 0
         self._stuck_at = np.zeros(4)
-        self._last = JointFeedback(
-            measured_ns=np.zeros(4, dtype=np.int64),
-            position_rad=np.zeros(4),
-            velocity_rad_s=np.zeros(4),
-            torque_nm=np.zeros(4),
-            temperature_c=np.full(4, ROOM_C),
-            faults=(DriveFault.NONE,) * 4,
-            state=DriveState.UNCONFIGURED,
+        # Times, angles, speeds, torques, temperatures as reported last; never changed, only replaced.
+        self._last: tuple[NDArray[Any], ...] = (
+            np.zeros(4, dtype=np.int64),
+            *(np.zeros(4), np.zeros(4), np.zeros(4)),
+            np.full(4, ROOM_C),
         )
-        self.faults = Faults(silent=np.zeros(4, dtype=bool), stuck=np.zeros(4, dtype=bool))
+        self.faults = Faults()
 
     def open(self, now_ns: int) -> None:
         """Probe: raises HardwareError naming the joints that are silent."""
-        missing = tuple(Joint(int(number)) for number in np.flatnonzero(self.faults.silent))
+        missing = tuple(sorted(self.faults.silent))
         if missing:
             can_ids = ", ".join(str(self._device.joints[joint].can_id) for joint in missing)
             raise HardwareError(DrivesFault.NO_REPLY, joints=missing, can_ids=can_ids)
@@ -100,30 +98,30 @@ class SimulatedJoints:
         """One tick of physics under this command; without power the wearer hangs in the harness."""
         powered = self._state is DriveState.ENABLED
         pose = None
-        if powered and command.stiffness_nm_rad.any() and np.isfinite(command.position_rad).all():
+        if powered and any(command.stiffness_nm_rad.tolist()) and all(map(isfinite, command.position_rad.tolist())):
             pose = ReferencePose(self.wearer.body, command.position_rad, command.velocity_rad_s)
         for _ in range(SUBSTEPS):
             self._torque = self._drives(command) if powered else [0.0] * 4
             self.wearer.advance(self._at_joint(self._torque), pose)
-            self._square += np.square(self._torque)
+            self._square = [square + torque * torque for square, torque in zip(self._square, self._torque, strict=True)]
         self._ticks += 1
         if self._ticks % THERMAL_TICKS == 0:
-            square = self._square / (THERMAL_TICKS * SUBSTEPS)
+            square = np.array(self._square) / (THERMAL_TICKS * SUBSTEPS)
             self._temperatures = warm(self._thermal, self._temperatures, square, ROOM_C, THERMAL_TICKS * TICK_S)
-            self._square = np.zeros(4)
+            self._square = [0.0] * 4
 
     def read(self, now_ns: int) -> JointFeedback:
         """What the drives report now; silent ones keep their last report and its time."""
         if self._state is not DriveState.UNCONFIGURED:
             self._measure(now_ns)
         bus, self.faults.bus = self.faults.bus, BusFault.NONE
-        last = self._last
+        measured_ns, position_rad, velocity_rad_s, torque_nm, temperature_c = self._last
         return JointFeedback(
-            measured_ns=last.measured_ns.copy(),
-            position_rad=last.position_rad.copy(),
-            velocity_rad_s=last.velocity_rad_s.copy(),
-            torque_nm=last.torque_nm.copy(),
-            temperature_c=last.temperature_c.copy(),
+            measured_ns=measured_ns,
+            position_rad=position_rad,
+            velocity_rad_s=velocity_rad_s,
+            torque_nm=torque_nm,
+            temperature_c=temperature_c,
             faults=_four(self.faults.bits),
             state=self._reported_state(),
             bus=bus,
@@ -160,7 +158,7 @@ class SimulatedJoints:
 
     def silence(self, joint: Joint) -> None:
         """Fault: this drive does not answer any more; it goes on with its last command."""
-        self.faults.silent[joint] = True
+        self.faults.silent.add(joint)
 
     def raise_fault(self, joint: Joint, fault: DriveFault) -> None:
         """Fault: this drive reports a fault bit and gives no torque."""
@@ -170,8 +168,8 @@ class SimulatedJoints:
 
     def jam(self, joint: Joint) -> None:
         """Fault: this joint is stuck where it is."""
-        self.faults.stuck[joint] = True
-        self._stuck_at = np.where(self.faults.stuck, self.wearer.joints_rad, self._stuck_at)
+        self.faults.stuck.add(joint)
+        self._stuck_at = np.where(_among(self.faults.stuck), self.wearer.joints_rad, self._stuck_at)
 
     def drag(self, joint: Joint, torque_nm: float) -> None:
         """Fault: something holds this joint back with this torque: its following error grows."""
@@ -189,7 +187,7 @@ class SimulatedJoints:
 
     def clear_faults(self) -> None:
         """All injected faults end."""
-        self.faults = Faults(silent=np.zeros(4, dtype=bool), stuck=np.zeros(4, dtype=bool))
+        self.faults = Faults()
 
     def _drives(self, command: JointCommand) -> list[float]:
         """Motor torques of the impedance law, saturated, four; plain numbers, because arrays of four cost more."""
@@ -210,19 +208,19 @@ class SimulatedJoints:
 
     def _at_joint(self, motor_nm: list[float]) -> Sequence[float]:
         faults = self.faults
-        if faults.drag_nm is None and not faults.stuck.any():
+        if faults.drag_nm is None and not faults.stuck:
             return motor_nm
         torque = np.array(motor_nm)
         speeds = self.wearer.speeds_rad_s
         if faults.drag_nm is not None:
             torque -= faults.drag_nm * np.tanh(speeds / 0.02)
         held = -10_000.0 * (self.wearer.joints_rad - self._stuck_at) - 100.0 * speeds
-        blocked: list[float] = np.where(faults.stuck, held, torque).tolist()
+        blocked: list[float] = np.where(_among(faults.stuck), held, torque).tolist()
         return blocked
 
     def _measure(self, now_ns: int) -> None:
-        wearer = self.wearer
-        values = np.stack([wearer.joints_rad, wearer.speeds_rad_s, self._torque])
+        values = np.empty((3, 4))
+        values[0], values[1], values[2] = self.wearer.joints_rad, self.wearer.speeds_rad_s, self._torque
         if self._noisy:
             values += NOISE * self._random.standard_normal((3, 4))
         if self._state is not DriveState.ENABLED:
@@ -232,24 +230,20 @@ class SimulatedJoints:
         temperature = self._temperatures.winding_c
         if self.faults.temperature_c is not None:
             temperature = np.where(np.isnan(self.faults.temperature_c), temperature, self.faults.temperature_c)
-        arrived = self._arrived()
-        last = self._last
-        last.measured_ns[arrived] = now_ns
-        last.position_rad[arrived] = values[0, arrived]
-        last.velocity_rad_s[arrived] = values[1, arrived]
-        last.torque_nm[arrived] = values[2, arrived]
-        last.temperature_c[arrived] = temperature[arrived]
-
-    def _arrived(self) -> NDArray[np.bool_] | slice:
-        """Whose answers arrive."""
-        if not self.faults.silent.any() and not self.faults.lost_share:
-            return slice(None)
-        arrived: NDArray[np.bool_] = ~self.faults.silent & (self._random.random(4) >= self.faults.lost_share)
-        return arrived
+        now: tuple[NDArray[Any], ...] = (np.array([now_ns] * 4), values[0], values[1], values[2], temperature)
+        if self.faults.silent or self.faults.lost_share:
+            arrived = ~_among(self.faults.silent) & (self._random.random(4) >= self.faults.lost_share)
+            now = tuple(np.where(arrived, new, last) for new, last in zip(now, self._last, strict=True))
+        self._last = now
 
     def _reported_state(self) -> DriveState:
         faulted = self.faults.bits is not None and any(self.faults.bits) and self._state is DriveState.ENABLED
         return DriveState.FAULTED if faulted else self._state
+
+
+def _among(joints: set[Joint]) -> NDArray[np.bool_]:
+    """(4,): which joints these are."""
+    return np.array([joint in joints for joint in Joint])
 
 
 def _saturated(joint: JointDevice, wanted_nm: float, speed_rad_s: float) -> float:

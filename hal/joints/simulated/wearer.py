@@ -109,6 +109,7 @@ class Wearer:
         self._v = np.array([model.joint(name).dofadr[0] for name in _JOINTS])
         self._ankle_q = np.array([model.joint(name).qposadr[0] for name in _ANKLES])
         self._ankle_v = np.array([model.joint(name).dofadr[0] for name in _ANKLES])
+        self._torques_at, self._ankles_at = self._v.tolist(), self._ankle_v.tolist()
         self._feet = [model.geom(f"{side}_foot").id for side in ("left", "right")]
         self._ankle_bodies = [model.body(f"{side}_foot").id for side in ("left", "right")]
         self._floor = int(model.body("floor").mocapid[0])
@@ -120,7 +121,9 @@ class Wearer:
         self._slack_s = 0.0
         self._pose = ReferencePose(body, np.zeros(4), np.zeros(4))
         self._on_left = 0.5  # how much of the standing is the left foot's
-        self._forces = np.zeros(model.nv)
+        self._forces = [0.0] * model.nv
+        # Views of the simulation's own memory: to ask for one anew costs a microsecond.
+        self._qpos, self._qvel, self._xpos = self._data.qpos, self._data.qvel, self._data.xpos
         self.harness_n = self.balance_nm = self.hold_n = 0.0
         self.place(np.zeros(4))
 
@@ -157,30 +160,30 @@ class Wearer:
 
     def advance(self, torque_nm: Sequence[float], pose: ReferencePose | None) -> None:
         """One step of physics; without a commanded posture the arms keep the lean there was and hold no place."""
-        data, forces = self._data, self._forces
+        forces, qpos, qvel = self._forces, self._qpos.tolist(), self._qvel.tolist()
         if pose is not None:
             self._pose = pose
-        forces[self._v] = torque_nm
-        forces[self._ankle_v] = [_ankle_spring(angle) for angle in data.qpos[self._ankle_q].tolist()]
-        self.harness_n = self._supported_n + self._reel()
-        lean = self._pose.lean_rad
-        pitch, turning = float(data.qpos[2]), float(data.qvel[2])
-        self.balance_nm = BALANCE_NM_RAD * (lean - pitch) - BALANCE_NM_S_RAD * turning
-        self.hold_n = 0.0 if pose is None else self._hold(pose)
+        for at, torque in zip(self._torques_at, torque_nm, strict=True):
+            forces[at] = torque
+        for at, angle in zip(self._ankles_at, self._qpos.take(self._ankle_q).tolist(), strict=True):
+            forces[at] = _ankle_spring(angle)
+        self.harness_n = self._supported_n + self._reel(qpos[1], qvel[1])
+        self.balance_nm = BALANCE_NM_RAD * (self._pose.lean_rad - qpos[2]) - BALANCE_NM_S_RAD * qvel[2]
+        self.hold_n = 0.0 if pose is None else self._hold(pose, qpos[0], qvel[0])
         forces[:3] = self.hold_n, self.harness_n, self.balance_nm
-        data.qfrc_applied[:] = forces
-        mujoco.mj_step(self._model, data)
+        self._data.qfrc_applied[:] = forces
+        mujoco.mj_step(self._model, self._data)
 
     @property
     def joints_rad(self) -> JointArray:
         """(4,)."""
-        angles: JointArray = self._data.qpos[self._q]
+        angles: JointArray = self._qpos.take(self._q)
         return angles
 
     @property
     def speeds_rad_s(self) -> JointArray:
         """(4,)."""
-        speeds: JointArray = self._data.qvel[self._v]
+        speeds: JointArray = self._qvel.take(self._v)
         return speeds
 
     def ground_truth(self) -> GroundTruth:
@@ -204,7 +207,7 @@ class Wearer:
             struck=struck,
         )
 
-    def _hold(self, pose: ReferencePose) -> float:
+    def _hold(self, pose: ReferencePose, at: float, moving: float) -> float:
         """The arms' horizontal force towards where the commanded posture has the hip over the standing feet."""
         touching = self._data.contact.geom.ravel().tolist()
         left, right = self._feet[0] in touching, self._feet[1] in touching
@@ -212,17 +215,15 @@ class Wearer:
             wanted = 0.5 if left and right else float(left)
             self._on_left += (wanted - self._on_left) * (TIMESTEP_S / SHIFT_S)
         on_left, on_right = self._on_left, 1 - self._on_left
-        feet = self._data.xpos[self._ankle_bodies, 0].tolist()
+        feet = self._xpos[self._ankle_bodies, 0].tolist()
         place = on_left * (feet[0] - pose.ankle_x_m[0]) + on_right * (feet[1] - pose.ankle_x_m[1])
         speed = -on_left * pose.ankle_speed_m_s[0] - on_right * pose.ankle_speed_m_s[1]
-        at, moving = float(self._data.qpos[0]), float(self._data.qvel[0])
         force = HOLD_N_M * (place - at) + HOLD_N_S_M * (speed - moving)
         held: float = min(max(force, -HOLD_MOST_N), HOLD_MOST_N)
         return held
 
-    def _reel(self) -> float:
+    def _reel(self, height: float, speed: float) -> float:
         """The force of a harness that locks when it pays out too fast, newtons."""
-        height, speed = float(self._data.qpos[1]), float(self._data.qvel[1])
         if self._reel_m is None:
             if speed > -REEL_SPEED_M_S:
                 return 0.0
