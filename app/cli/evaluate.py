@@ -353,24 +353,25 @@ def side(
     """How surely the side of a hand is told: on photos beside their mirror images, or on digital hands."""
     import msgspec
 
-    from app.evaluate.gestures.side import digital_hands, measure_digital, measure_looks, measure_photos, side_table
+    from app.evaluate.gestures import side as sides
     from app.evaluate.harness import percent, write_json
     from app.evaluate.readings import read_labels
     from app.text.catalogue import tr
 
     if directory is not None and keypoints is not None:
-        figures = measure_looks(detected_images(directory, keypoints, home))
+        figures = sides.measure_looks(detected_images(directory, keypoints, home))
     elif directory is not None:
         images = [one for one in read_labels(directory) if one.gesture is not None][::every]
         with _detector(home) as detector, _bar("detecting", len(images)) as step:
-            figures = measure_photos(detector, images, directory, step)
+            figures = sides.measure_photos(detector, images, directory, step)
     else:
-        with _detector(home) as detector, _bar("detecting", len([*digital_hands(digital)])) as step:
-            figures = measure_digital(detector, digital, step)
+        with _detector(home) as detector, _bar("detecting", len([*sides.digital_hands(digital)])) as step:
+            figures = sides.measure_digital(detector, digital, step)
     write_json({"right": figures.right, **msgspec.to_builtins(figures)}, json_file)
-    total, right = figures.frames.total(), percent(figures.right, 2)
+    total = figures.frames.total()
+    right = percent(figures.right, 2) if total else "–"
     summary = tr("evaluate.side.summary", right=right, frames=total, images=figures.images, without=figures.without)
-    _show(side_table(figures), summary)
+    _show(sides.side_table(figures), sides.sources_table(figures), summary)
     if figures.interrupted:
         raise typer.Exit(130)
 

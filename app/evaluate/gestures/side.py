@@ -2,7 +2,8 @@
 
 A photo is shown to the live tracker for some frames, then its mirror image; a frame counts once a gesture is voted. Of
 a photo and its mirror image that give the same side one is wrong: half of their frames count as wrong. Where both are
-wrong nobody can tell from a photo without a label of its side; the digital hand can.
+wrong nobody can tell from a photo without a label of its side; the digital hand can, and so can a source whose people
+all show the same hand: its sides are counted.
 """
 
 from __future__ import annotations
@@ -42,6 +43,7 @@ class SideFigures:
     frames: Counter[str] = field(default_factory=Counter)
     wrong: Counter[str] = field(default_factory=Counter)
     unclear: Counter[str] = field(default_factory=Counter)
+    sources: dict[str, Counter[str]] = field(default_factory=dict)  # source and group → sides of the plain look
     images: int = 0
     without: int = 0  # images without a voted gesture
     interrupted: bool = False
@@ -51,6 +53,11 @@ class SideFigures:
         """Share of the frames with a voted gesture whose side is right."""
         total = self.frames.total()
         return 1 - (self.wrong.total() + self.unclear.total()) / total if total else 0.0
+
+    def count_source(self, image: LabelledImage, side: Side | None) -> None:
+        """One photo's side."""
+        counted = self.sources.setdefault(f"{image.source} {image.group}".strip(), Counter())
+        counted[side.value if side else "unclear"] += 1
 
     def add(self, label: str, sides: Sequence[Side | None], truth: Side | None) -> None:
         """Frames of one image. truth None: not known."""
@@ -99,7 +106,7 @@ def measure_photos(detector: HandDetector, images: Iterable[LabelledImage], dire
             image = decode_image(directory / labelled.path, cv2.IMREAD_UNCHANGED)
             if image is not None:
                 plain, mirrored = (measure.sides(augment(as_bgr8(image), one)[0]) for one in (PLAIN, MIRRORED))
-                _add_pair(figures, labelled.label, plain, [_OTHER[side] for side in mirrored])
+                _add_pair(figures, labelled, plain, [_OTHER[side] for side in mirrored])
             step()
     except KeyboardInterrupt:
         figures.interrupted = True
@@ -107,23 +114,29 @@ def measure_photos(detector: HandDetector, images: Iterable[LabelledImage], dire
 
 
 def measure_looks(detected: Iterable[DetectedImage]) -> SideFigures:
-    """From stored keypoints: one look at each photo, and the one at its mirror image."""
+    """From stored keypoints: one look at each photo, and the one at its mirror image where every look is stored."""
     rules, figures = RobustRules(), SideFigures()
     for one in detected:
-        if len(one.hands) == len(AUGMENTATIONS) and one.image.gesture is not None:
-            looks = (one.hands[0], one.hands[MIRRORED_LOOK])
-            plain, mirrored = ([hand.side] if rules.classify(hand).gesture else [] for hand in looks)
-            _add_pair(figures, one.image.label, plain, mirrored)
+        if one.hands and one.image.gesture is not None:
+            mirrored = (
+                one.hands[MIRRORED_LOOK] if len(one.hands) == len(AUGMENTATIONS) else None
+            )  # else: which is which?
+            looks = ([hand.side] if hand and rules.classify(hand).gesture else [] for hand in (one.hands[0], mirrored))
+            _add_pair(figures, one.image, *looks)
     return figures
 
 
-def _add_pair(figures: SideFigures, label: str, plain: Sequence[Side | None], mirrored: Sequence[Side | None]) -> None:
+def _add_pair(
+    figures: SideFigures, image: LabelledImage, plain: Sequence[Side | None], mirrored: Sequence[Side | None]
+) -> None:
     figures.images += 1
     figures.without += not (plain and mirrored)
+    if plain:
+        figures.count_source(image, plain[-1])
     if plain and mirrored:
         contrary = sum(a is not None and b is not None and a is not b for a, b in zip(plain, mirrored, strict=False))
-        figures.add(label, [*plain, *mirrored], None)
-        figures.wrong[label] += contrary  # one of the two
+        figures.add(image.label, [*plain, *mirrored], None)
+        figures.wrong[image.label] += contrary  # one of the two
 
 
 def measure_digital(detector: HandDetector, people: int, step: Step) -> SideFigures:
@@ -148,6 +161,12 @@ def digital_hands(people: int) -> Iterator[tuple[str, int]]:
     for person in range(MEASURE_SEEDS, MEASURE_SEEDS + people):
         for label in GESTURE_NAMES:
             yield label, person
+
+
+def sources_table(figures: SideFigures) -> Table:
+    """A row a source: of one that shows one hand only, the rarer side is wrong."""
+    rows = [(source, sides["left"], sides["right"], sides["unclear"]) for source, sides in figures.sources.items()]
+    return table("side.sources", "source left_hand right_hand unclear", rows)
 
 
 def side_table(figures: SideFigures) -> Table:

@@ -36,9 +36,10 @@ def test_frames_count_from_the_vote_on(side: Side) -> None:
 
 def test_of_looks_that_contradict_each_other_one_is_wrong(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("app.evaluate.gestures.side.RobustRules", PublishedRules)
-    image = LabelledImage(path="a", label="5")
+    image = LabelledImage(path="a", label="5", source="daocunyang", group="p1")
     right, left = replace(FIVE, side=Side.RIGHT), replace(FIVE, side=Side.LEFT)
     agreeing = (right,) * len(AUGMENTATIONS)
     contrary = tuple(left if look.mirrored else right for look in AUGMENTATIONS)
     figures = measure_looks([DetectedImage(image=image, hands=hands) for hands in (agreeing, contrary)])
     assert (figures.frames["5"], figures.wrong["5"], figures.right) == (4, 1, 0.75)
+    assert figures.sources == {"daocunyang p1": {"right": 2}}
