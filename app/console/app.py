@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import sys
 import time
 from collections.abc import Iterable
 from contextlib import suppress
@@ -329,8 +330,10 @@ def run_console(home: Home, config: Config, *, straight: bool = False, read_only
     finally:
         if left:
             app.close_live()
-        else:  # a defect of the console ends no session: another console takes it over
+        elif app.live is not None:  # a defect of the console ends no session: another console takes it over
+            limit_s = app.live.host.setup.config.unattended_s
             app.leave_live()
+            sys.stderr.write(f"{tr('console.left', limit_s=limit_s)}\n")
         app.trail.keep(home)
     if app.return_code:
         raise SystemExit(app.return_code)

@@ -9,12 +9,16 @@ from dataclasses import replace
 from importlib import import_module
 from typing import Protocol
 
+import msgspec
+
 from app.console.state import SessionState, fold
 from app.console.stop import StopSwitch
 from app.ipc.messages import HandCommand, OperatorKind, PerceptionCommand
 from app.ipc.states import Action
 from app.session.host import Latest
+from app.system.authority import Authority
 from app.system.config import SessionSetup
+from app.system.operators import Permission
 
 Clock = Callable[[], int]
 
@@ -42,6 +46,13 @@ class LiveSession:
         reduce_gc()
         gc.collect()  # it stops all threads for 0.2 s: now, before there is a control that awaits the heartbeat
         self.host.start()
+
+    def assign(self, authority: Authority) -> None:
+        """To who takes it over. Raises AppError when they may not move legs."""
+        authority.require(Permission.OPERATE)
+        setup = msgspec.structs.replace(self.host.setup, operator=authority.name, role=authority.role_name)
+        self.host.setup = setup
+        self.state = replace(self.state, setup=setup)
 
     def failed(self, why: str) -> None:
         """The processes could not be started."""

@@ -76,18 +76,23 @@ class SessionFlow(SignedInApp):
         await self._begin(DEMO_PATIENT, msgspec.structs.replace(self.config, joints=joints), TrainingScreen())
 
     async def take_over(self, held: SessionSetup) -> None:
-        """Take over a session whose console is gone: by its operator's PIN or a therapist's where drives can move."""
-        if needs_sign_in(held.config):
-            self.push_screen(SignInDialog(held=held), lambda operator: self._taken_over(held, operator))
-        else:
-            await self._enter_session(held)
+        """Take over a session whose console is gone: by its operator's PIN or a therapist's where drives can move.
 
-    async def _taken_over(self, held: SessionSetup, operator: Authority | None) -> None:
+        Who has not signed in yet sees what it does, and can stop it.
+        """
+        live = self._live_of(held)
+        if needs_sign_in(held.config):
+            self.push_screen(SignInDialog(held=held), lambda operator: self._taken_over(live, operator))
+        else:
+            await self._show(live, SessionScreen())
+
+    async def _taken_over(self, live: LiveSession, operator: Authority | None) -> None:
         if operator is None:
             self.exit()
             return
         self.signed_in = operator
-        await self._enter_session(msgspec.structs.replace(held, operator=operator.name, role=operator.role_name))
+        live.assign(operator)
+        await self._show(live, SessionScreen())
 
     async def end_session_asking(self) -> None:
         """End the session; while drives are powered, only after a yes. An observer just leaves."""
@@ -173,13 +178,16 @@ class SessionFlow(SignedInApp):
         except USER_ERRORS as error:
             self.notify(render(error), severity="error", timeout=15)
             return
-        await self._enter_session(setup, screen)
+        await self._show(self._live_of(setup), screen)
 
-    async def _enter_session(self, setup: SessionSetup, screen: Screen[None] | None = None) -> None:
-        """Show a session, new or running, and start it or take it over."""
-        switch = None if self.read_only else self.switch
-        live = self.live = LiveSession(self._make_host(setup), switch, self._clock)
-        await self.push_screen(screen or SessionScreen())
+    def _live_of(self, setup: SessionSetup) -> LiveSession:
+        """A session, new or running, that STOP reaches."""
+        live = self.live = LiveSession(self._make_host(setup), None if self.read_only else self.switch, self._clock)
+        return live
+
+    async def _show(self, live: LiveSession, screen: Screen[None]) -> None:
+        """Show a session, and start it or take it over."""
+        await self.push_screen(screen)
         self.run_worker(self._start(live))
 
     async def _start(self, live: LiveSession) -> None:

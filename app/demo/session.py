@@ -74,10 +74,20 @@ class SessionResult:
         return all_done and self.unintended == 0 and self.audit_verified
 
 
+UNATTENDED_S = 10.0  # nobody takes over a demo that was killed
+
+
 def demo_config(base: Config, *, seed: int, joints: JointsConfig) -> Config:
     """The lab's configuration with the digital hand of that seed and those joints."""
     camera = CameraConfig(kind="digital-hand", seed=seed)
-    return Config(camera=camera, joints=joints, button=base.button, rules=base.rules, model=base.model)
+    return Config(
+        camera=camera,
+        joints=joints,
+        button=base.button,
+        rules=base.rules,
+        model=base.model,
+        unattended_s=UNATTENDED_S,
+    )
 
 
 def demo_patient(seed: int) -> Profile:

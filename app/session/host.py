@@ -131,7 +131,7 @@ class SessionHost:
         self._operator = OrderedSender(address(setup.links, streams.OPERATOR.name))
         self._perception = OrderedSender(address(setup.links, streams.TO_PERCEPTION.name))
         self._lock = threading.Lock()
-        self._lease = 1
+        self._lease = 0 if setup.host_pid else 1  # 0: has not taken over yet, and can but stop
         self._sequence = 0
         self._heartbeat_s = time.monotonic()
         self._silent = False

@@ -56,7 +56,8 @@ class SignInDialog(Dialog[Authority]):
         patient = self._held.profile.identifier if self._held else ""
         with Vertical(classes="dialog") as box:
             box.border_title = tr(f"{kind}.title")
-            yield Static(tr(f"{kind}.text", name=name, patient=patient, **self.console_app.key_names), markup=False)
+            text = tr(f"{kind}.text", name=name, patient=patient, **self.console_app.key_names)
+            yield Static(text, markup=False, classes="intro")
             yield Input(name, placeholder=tr("sign_in.name"), id="name", max_length=60)
             yield Input(placeholder=tr("sign_in.pin"), id="pin", password=True, max_length=12)
             yield Static(reason, id="reason", markup=False)
@@ -75,9 +76,16 @@ class SignInDialog(Dialog[Authority]):
         try:
             operator = await asyncio.to_thread(self._set_up if self._first else self._sign_in, name, pin)
         except AppError as error:
-            self.query_one("#reason", Static).update(f"✗ {render(error)}")
+            why = self.query_one("#reason", Static)
+            why.update(f"✗ {render(error)}")
+            self.call_after_refresh(why.scroll_visible, animate=False)
             return
         self.dismiss(operator)
+
+    def on_input_changed(self, event: Input.Changed) -> None:
+        """On a small screen the reason may have covered the field."""
+        if event.value:
+            event.input.scroll_visible(animate=False)
 
     def action_cancel(self) -> None:
         if not self._unlock:

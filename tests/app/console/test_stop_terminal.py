@@ -85,6 +85,29 @@ def busy(self):
 
 ConsoleApp._tick = busy
 """
+FAILING = """
+from app.console.app import run_console
+
+class Left(FakeHost):
+    def leave(self):
+        report.write_text("left")
+
+    def close(self):
+        report.write_text("closed")
+        super().close()
+
+def run():
+    ConsoleApp.__init__.__kwdefaults__["make_host"] = Left
+    with hold_home(home):
+        run_console(home, Config(), straight=True)
+
+def fail(self):
+    beat(self)
+    if self.live and self.live.state.snapshot:
+        raise RuntimeError
+
+ConsoleApp._tick = fail
+"""
 RUN = """
 if __name__ == "__main__":  # the session's processes load this file again
     fcntl.ioctl(0, termios.TIOCSCTTY, 0)
@@ -223,7 +246,13 @@ def test_the_console_is_gone_within_two_seconds(tmp_path: Path, how: str, state:
             pass  # a new console may start
 
 
-@pytest.mark.parametrize("how", ENDS)
+def test_a_console_that_fails_leaves_its_session_to_the_next(tmp_path: Path) -> None:
+    with terminal(tmp_path, FAILING) as console:
+        assert console.process.wait(LIMIT_S) != 0
+        assert console.report.read_text() == "left"
+
+
+@pytest.mark.parametrize("how", ["SIGHUP", "closed"])
 def test_the_session_outlives_its_console_and_is_taken_over_from_another_terminal(
     tmp_path: Path, how: str, ends: ExitStack
 ) -> None:

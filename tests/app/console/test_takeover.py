@@ -42,7 +42,13 @@ async def test_the_same_operator_takes_over_by_the_pin_alone(
 ) -> None:
     async with console(held=held, config=held.config, profile=None, size=size) as open_console:
         await open_console.until(lambda: isinstance(open_console.app.screen, SignInDialog))
-        await open_console.press(*PIN, "enter")
+        await open_console.press("space")
+        assert open_console.host.sent == [(OperatorKind.STOP, None)], "everybody may stop"
+        await open_console.press(*"000111", "enter")
+        await open_console.shows("✗")
+        await open_console.press(*PIN[:3])
+        await open_console.shows("•••")
+        await open_console.press(*PIN[3:], "enter")
         await open_console.until(lambda: isinstance(open_console.app.screen, SessionScreen))
         await open_console.until(lambda: (state := open_console.app.live_state()) and state.snapshot)
         assert open_console.app.live_setup().session == held.session
@@ -55,8 +61,8 @@ async def test_the_same_operator_takes_over_by_the_pin_alone(
     ("name", "pin", "told"),
     [
         ("Ada", "000111", "Name or PIN is wrong"),
-        ("Rex", OTHER, "Only Ada or a therapist takes this session over"),
-        ("Eve", OTHER, "Only Ada or a therapist takes this session over"),
+        ("Rex", OTHER, "Only Ada or a therapist can take over"),
+        ("Eve", OTHER, "Only Ada or a therapist can take over"),
     ],
 )
 async def test_others_read_one_sentence_and_touch_nothing_and_a_therapist_takes_over(
@@ -67,10 +73,11 @@ async def test_others_read_one_sentence_and_touch_nothing_and_a_therapist_takes_
         open_console.type("name", name)
         await open_console.press(*pin, "enter")
         await open_console.shows(told)
-        assert open_console.app.live is None
+        assert not open_console.host.started
+        assert {kind for kind, _ in open_console.host.sent} <= {OperatorKind.STOP}
         open_console.type("name", "Tom")
         await open_console.press(*OTHER, "enter")
-        await open_console.until(lambda: open_console.app.live)
+        await open_console.until(lambda: open_console.host.started)
         assert open_console.app.live_setup().operator == "Tom"
 
 
@@ -81,6 +88,6 @@ async def test_who_leaves_the_question_leaves_the_session_held(console: Opener, 
         await open_console.shows("Name or PIN is wrong")
         await open_console.press("escape")
         await open_console.until(lambda: not open_console.app.is_running or open_console.app._exit)
-        assert open_console.app.live is None
+        assert not open_console.host.started
     open_console.app.trail.keep(home)
     assert any(isinstance(one.body, SignInFailed) for one in records(home.logs / OPERATORS))
