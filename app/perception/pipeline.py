@@ -38,6 +38,7 @@ RULES: dict[str, type[PublishedRules] | type[RobustRules]] = {"published": Publi
 RANGES: dict[str, type[PublishedRange] | type[RobustRange]] = {"published": PublishedRange, "robust": RobustRange}
 
 SIDES: dict[HandUsed, Side | None] = {HandUsed.LEFT: Side.LEFT, HandUsed.RIGHT: Side.RIGHT, HandUsed.EITHER: None}
+_LEFT = {"left": True, "right": False, "either": None}
 ARMS_RAD: dict[ArmFrom, float | None] = {
     "below": 0.0, "left": math.pi / 2, "above": math.pi, "right": -math.pi / 2, "anywhere": None,
 }  # fmt: skip
@@ -56,7 +57,7 @@ def make_camera(setup: SessionSetup) -> Camera:
         mirrored=wanted.mirrored,
         seed=wanted.seed,
         depth=wanted.depth,
-        left=None if setup.profile.hand is HandUsed.EITHER else setup.profile.hand is HandUsed.LEFT,
+        left=_LEFT[setup.profile.hand.value if wanted.hand == "profile" else wanted.hand],
         store=Home(setup.home).cameras,
     )
 

@@ -42,6 +42,7 @@ class CameraConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
     mirrored: bool = False
     arm: ArmFrom = "below"  # where on the unmirrored image the patient's arm comes from
     seed: Annotated[int, Meta(ge=0)] = 1  # digital hand: which person
+    hand: Literal["profile", "left", "right"] = "profile"  # digital hand: which one it shows; a wrong one is refused
     depth: bool = False  # digital hand: give a D435i's depth as well, to compare
 
 

@@ -9,11 +9,14 @@ import msgspec
 import pytest
 
 from app.console.screens.training import Lesson, feedback
+from app.console.state import SessionState
+from app.console.widgets.gesture import gesture_lines
 from app.console.widgets.panel import Lines
 from app.ipc.messages import TriggerReport
 from app.ipc.streams import LinkDirectory
 from app.perception.pipeline import enrolment_of, make_camera
 from app.system.config import CameraConfig, Config, SessionSetup
+from app.text.catalogue import use_language
 from hal.cameras.digital_hand.driver import DigitalHandCamera
 from kgdfa.hand import Side
 from kgdfa.track import HandRefusal
@@ -46,18 +49,36 @@ def test_the_profiles_hand_is_enrolled_and_shown(hand: HandUsed, side: Side | No
     assert camera.person.shape.left is (drawn if side is None else side is Side.LEFT)
 
 
+def test_the_digital_person_shows_the_wrong_hand_where_asked() -> None:
+    camera = make_camera(setup_for(HandUsed.RIGHT, CameraConfig(hand="left")))
+    assert isinstance(camera, DigitalHandCamera)
+    assert camera.person.shape.left
+
+
 def test_the_arm_comes_from_where_the_camera_sees_it() -> None:
     angles = {arm: enrolment_of(setup_for(HandUsed.RIGHT, CameraConfig(arm=arm))).arm_rad for arm in ("below", "left")}
     assert angles == {"below": 0.0, "left": pytest.approx(math.pi / 2)}
     assert enrolment_of(setup_for(HandUsed.RIGHT, CameraConfig(arm="anywhere"))).arm_rad is None
 
 
-def test_a_learner_with_the_wrong_hand_is_told() -> None:
+@pytest.mark.parametrize(
+    ("language", "told"), [("en", "left hand; the right one commands"), ("zh", "这是左手；由右手发出指令")]
+)
+def test_the_wrong_hand_is_told_in_both_languages(language: str, told: str) -> None:
+    use_language(language)
+    try:
+        state = SessionState(setup=setup_for(HandUsed.RIGHT), started_ns=0, now_ns=2, report=wrong_hand())
+        assert told in shown(gesture_lines(state))
+        assert told in shown(feedback(Lesson(), wrong_hand()))
+    finally:
+        use_language("en")
+
+
+def wrong_hand() -> TriggerReport:
     refusal = reason(HandRefusal.OTHER_SIDE, side=Side.LEFT, enrolled=Side.RIGHT, log_odds=-8.0, limit=4.0)
-    report = TriggerReport(
+    return TriggerReport(
         incarnation=1, sequence=1, captured_ns=1, sent_ns=1, hand=False, gesture=None, hand_refusal=refusal
     )
-    assert "left hand; the right one commands" in shown(feedback(Lesson(), report))
 
 
 def shown(lines: Lines) -> str:
