@@ -250,6 +250,27 @@ def test_a_huge_image_is_refused_before_it_is_decoded(
     assert opened(path, read_image) is not None
 
 
+@pytest.mark.parametrize("value", ["9" * 400, "-" + "9" * 30, "1e308", "-1", "0"])
+@pytest.mark.parametrize("reader", sorted({*READERS} - {"gesture model", "public key"}))
+def test_each_number_made_huge_ends_in_a_code_or_is_taken(tmp_path: Path, reader: str, value: str) -> None:
+    text = _valid(tmp_path).get(reader, b"").decode()
+    name, read = READERS[reader]
+    path = place(tmp_path, name)
+    spots = [found.span() for found in re.finditer(r"(?<![\w.\"])-?\d+(\.\d+)?", text)]
+    for start, end in spots[:: len(spots) // 8 + 1]:
+        path.write_text(text[:start] + value + text[end:])
+        opened(path, read)
+
+
+@pytest.mark.parametrize(
+    "row", ["a.jpg,1,0,6.7", "a.jpg,1,-900,6.7", "a.jpg,1,1e308,6.7", "a.jpg,1,900,0", "a.jpg,1,900,-6"]
+)
+def test_a_frame_has_a_focal_length_and_a_hand(tmp_path: Path, row: str) -> None:
+    path = tmp_path / "frames.csv"
+    path.write_text(f"path,label,fx,anchor_cm\n{row}\n")
+    assert opened(path, read_frames) is not None
+
+
 def _numbers(text: str) -> list[str]:
     """The keys of a TOML that hold a number, each once."""
     return sorted(set(re.findall(r"^(\w+) = -?[\d._]+$", text, re.MULTILINE)))

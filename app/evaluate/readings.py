@@ -143,16 +143,19 @@ def _some(listed: list[Item], file: Path) -> list[Item]:
     return listed
 
 
-def _finite(text: str) -> float:
+_POSITIVE = {"fx": 100_000.0, "anchor_cm": 100.0}  # column → what no camera and no hand has
+
+
+def _number(column: str, text: str) -> float:
     number = float(text)
-    if not math.isfinite(number):
-        raise ValueError(text)
+    if not math.isfinite(number) or (column in _POSITIVE and not 0 < number < _POSITIVE[column]):
+        raise ValueError(f"{column} = {text}")
     return number
 
 
 def _frame(file: Path, line: int, row: Row, columns: Sequence[str]) -> LabelledFrame:
     try:
-        number = {name: _finite(row[name]) for name in columns if name not in ("path", "label", "distance_cm")}
+        number = {name: _number(name, row[name]) for name in columns if name not in ("path", "label", "distance_cm")}
         number |= {name: float(row[name]) for name in columns if name == "distance_cm"}  # has a fault of its own
     except ValueError as error:
         raise AppError(EvaluateFault.ROW_NUMBER, file=file, line=line, detail=str(error)) from error
