@@ -7,9 +7,12 @@ the labels of synthetic hands. The digital hand may not import this package; a t
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from enum import Enum, IntEnum
 from typing import TYPE_CHECKING, Protocol
+
+from msgspec import Struct
+from msgspec.structs import replace
 
 if TYPE_CHECKING:
     from kgdfa.hand import FloatArray, Hand
@@ -130,8 +133,7 @@ PRESS_END_FRAMES = 15
 END_FRAMES = 5  # a held gesture ends at the fifth frame in a row that doesn't support it
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Vote:
+class Vote(Struct, frozen=True, kw_only=True):
     """The vote after a frame. `gesture` is in force since the frame captured at `recognised_ns`."""
 
     gesture: Gesture | None = None

@@ -64,6 +64,9 @@ class Box:
         return self.left_px <= x_px <= self.right_px and self.top_px <= y_px <= self.bottom_px
 
 
+_PALM = np.array([Keypoint.WRIST, Keypoint.INDEX_MCP, Keypoint.MIDDLE_MCP, Keypoint.PINKY_MCP])
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Hand:
     """One detected hand.
@@ -100,6 +103,12 @@ class Hand:
         """Length of the reference segment, keypoints 5 to 17, pixels."""
         x, y, u, v = self._palm_ends_px
         return math.hypot(x - u, y - v)
+
+    @property
+    def palm_px(self) -> float:
+        """The longest of the palm's sides, at least 1: one is seen at full length however the palm is turned."""
+        wrist, fore, middle, little = self.image_px.take(_PALM, axis=0).tolist()
+        return max(1.0, math.dist(fore, little), *(math.dist(wrist, knuckle) for knuckle in (fore, middle, little)))
 
     def palm_shift_px(self, other: Hand) -> float:
         """How far keypoint 21 is from where the other hand has it."""

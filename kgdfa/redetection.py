@@ -34,7 +34,6 @@ STEADY_FROM = 0.95  # so little is not worth showing smaller
 # did in 120 pushes 25 read too far by a quarter and more, and these were 25 of 37 such readings.
 LEAST_NARROWING = 0.80
 MOST_GROWTH = 1.35  # from frame to frame: a push of 0.3 s from 36 cm, 30 frames per second, makes it grow by 1.3
-_PALM = ((0, 5), (0, 9), (0, 17), (5, 17))
 SHRUNK = 2  # a view has half the image's pixels each way: more cost time, and the landmark model sees 224
 
 
@@ -125,13 +124,12 @@ class PalmGrowth:
         points = hand.image_px.tolist()
         middle = [sum(axis) / len(points) for axis in zip(*points, strict=True)]
         spread_px = max(math.sqrt(sum(math.dist(point, middle) ** 2 for point in points) / len(points)), 1.0)
-        palm_px = max(1.0, *(math.dist(points[a], points[b]) for a, b in _PALM))
         breadth = hand.reference_px / spread_px
         if before is None:
-            return cls(palm_px, spread_px, breadth)
+            return cls(hand.palm_px, spread_px, breadth)
         growth = min(MOST_GROWTH, max(1 / MOST_GROWTH, spread_px / before.spread_px))
         narrowed = breadth < LEAST_NARROWING * before.breadth
-        return cls(palm_px, spread_px, breadth, narrowed, growth, min(LARGEST_PALM, before.shown * GROWING_AGAIN))
+        return cls(hand.palm_px, spread_px, breadth, narrowed, growth, min(LARGEST_PALM, before.shown * GROWING_AGAIN))
 
     def fitted(self, view: View, height_px: int) -> View:
         """The view, made smaller where the hand would be too large in the next frame."""

@@ -41,9 +41,6 @@ STILL_NS, STILL_REFERENCES = 2_000_000_000, 0.08
 UNCLEAR_FRAMES = 15  # with a gesture, and the side is still unclear: it is told
 
 
-_PALM = np.array([(0, 0, 0, 5), (5, 9, 17, 17)])
-
-
 class HandRefusal(Enum):
     """Why a hand in view does not command."""
 
@@ -115,7 +112,8 @@ def arm_rad(hand: Hand) -> float | None:
 
 
 def _arm(hand: Hand) -> complex | None:
-    x, y = (hand.image_px[Keypoint.MIDDLE_MCP] - hand.image_px[Keypoint.WRIST]).tolist()
+    (u, v), (a, b) = hand.image_px[Keypoint.MIDDLE_MCP].tolist(), hand.image_px[Keypoint.WRIST].tolist()
+    x, y = u - a, v - b
     length = math.hypot(x, y)
     return complex(-y, x) / length if length >= SHORT_ARM * max(hand.reference_px, 1.0) else None
 
@@ -178,7 +176,8 @@ def _begun(hand: Hand, number: int, captured_ns: int, gone: Track | None) -> Tra
 
 def _advanced(track: Track, hand: Hand, captured_ns: int, resting: set[int]) -> Track:
     arm = _arm(hand) if track.arm_frames < ENTRY_FRAMES else None
-    away_px = float(np.linalg.norm(hand.image_px - track.first_px, axis=1).mean())
+    away = hand.image_px - track.first_px
+    away_px = float(np.add.reduce(np.sqrt(np.vecdot(away, away)))) / len(away)
     return replace(
         track,
         hand=hand,
@@ -208,7 +207,7 @@ def _reach(hand: Hand, last: Hand) -> float:
 def _same_hand(hand: Hand, track: Track, captured_ns: int) -> bool:
     """Whether its size and its arm's direction may be those of a moment ago: if not, the tracker has slipped."""
     further = min(max((captured_ns - track.captured_ns) / FRAME_NS - 1, 0.0), MOST_FRAMES)
-    sizes_px = _palm_px(hand), _palm_px(track.last)
+    sizes_px = hand.palm_px, track.last.palm_px
     if max(sizes_px) > LARGEST_GROWTH * FURTHER_GROWTH**further * min(sizes_px):
         return False
     now, before = _arm(hand), _arm(track.last)
@@ -216,12 +215,6 @@ def _same_hand(hand: Hand, track: Track, captured_ns: int) -> bool:
         return True
     turn_rad = abs(math.atan2((now * before.conjugate()).imag, (now * before.conjugate()).real))
     return turn_rad <= LARGEST_TURN_RAD + FURTHER_TURN_RAD * further
-
-
-def _palm_px(hand: Hand) -> float:
-    """The longest of the palm's sides: one is seen at full length however the palm is turned."""
-    x, y = (hand.image_px[_PALM[1]] - hand.image_px[_PALM[0]]).T
-    return max(1.0, float(np.hypot(x, y).max()))
 
 
 def refusal_of(track: Track, enrolment: Enrolment) -> Explanation | None:
