@@ -167,7 +167,8 @@ def export(paths: Sequence[Path], output: Path, *, drop_operators: bool) -> int:
     Pseudonyms of patients stay. Without operators, their names leave the column and every body that names one.
     """
     names = ", ".join(map(_quoted, _NAMES))
-    cleared = f"REPLACE ('' AS operator, CASE WHEN kind IN ({names}) THEN '{{}}' ELSE body END AS body)"
+    named = f"kind IN ({names}) OR (kind = 'change' AND json_extract_string(body, '$.subject') = 'operator')"
+    cleared = f"REPLACE ('' AS operator, CASE WHEN {named} THEN '{{}}' ELSE body END AS body)"
     columns = f"* {cleared}" if drop_operators else "*"
     try:
         copy = f"COPY (SELECT {columns} FROM records) TO {_quoted(str(output))} (FORMAT parquet)"

@@ -9,6 +9,8 @@ import pytest
 
 from logs import records as r
 from logs.errors import AuditError, AuditFault
+from logs.journal import CHANGES, Moment, append_signed
+from logs.keys import load_or_make_key
 from logs.query import QUESTIONS, ask, connect, export
 from logs.read import records, session_paths
 from testing.trails import write_sample
@@ -78,6 +80,19 @@ def test_operators_can_be_left_out_and_pseudonyms_stay(logs: Path, tmp_path: Pat
     answer = rows(ask(connection, "SELECT DISTINCT operator, patient FROM records"))
     assert answer == [{"operator": "", "patient": "P-017"}]
     assert b"Ann Berg" not in parquet.read_bytes()
+
+
+def test_a_changed_operators_name_is_left_out_too(tmp_path: Path) -> None:
+    key, parquet = load_or_make_key(tmp_path / "keys"), tmp_path / "records.parquet"
+    bodies: list[r.Body] = [
+        r.Change(subject="operator", name="Ann Berg", values={"enabled": (True, False)}, proof="pin"),
+        r.Change(subject="patient", name="P-017", values={"mass_kg": (65.0, 71.0)}, proof="pin"),
+    ]
+    append_signed(tmp_path / CHANGES, "changes", bodies, key, Moment(wall_ns=1, monotonic_ns=1, operator="Ann Berg"))
+    export([tmp_path / CHANGES], parquet, drop_operators=True)
+    assert b"Ann Berg" not in parquet.read_bytes()
+    (row,) = rows(ask(connect([parquet]), "SELECT body->>'$.name' AS name FROM records WHERE body LIKE '%mass_kg%'"))
+    assert row["name"] == "P-017"
 
 
 def test_torn_and_foreign_lines_become_no_rows(logs: Path, tmp_path: Path) -> None:

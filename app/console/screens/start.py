@@ -14,6 +14,7 @@ from app.console.screens.base import ConsoleScreen
 from app.console.screens.checks import Preflight
 from app.console.widgets.patient_details import identity
 from app.system.config import Config
+from app.system.operators import Permission
 from app.text.catalogue import tr
 from profiles.schema import Profile
 
@@ -69,9 +70,10 @@ class StartSession(ConsoleScreen):
         """Start the processes with what is chosen."""
         await self.console_app.begin_signed_in(self._profile, self._chosen())
 
-    def action_preflight(self) -> None:
-        """Rehearse every action for this patient."""
-        self.app.push_screen(Preflight(self._profile, self._chosen()))
+    async def action_preflight(self) -> None:
+        """Rehearse every action for this patient, for who may move one."""
+        app, config = self.console_app, self._chosen()
+        await app.permitted(Permission.OPERATE, lambda: app.push_screen(Preflight(self._profile, config)), config)
 
     def action_back(self) -> None:
         """To the list."""

@@ -102,6 +102,21 @@ def test_assumed_intrinsics_are_marked_and_scale_with_the_long_side(width: int, 
     assert lens.fx_px == lens.fy_px == assumed(height, width).fx_px  # a camera on its side has the same lens
 
 
+def test_what_is_not_permitted_is_not_kept(tmp_path: Path) -> None:
+    store = tmp_path / "cameras.toml"
+    save(store, "cam", LENS, 0.2, print)
+    before, asked = store.read_bytes(), []
+
+    def refuse(values: dict[str, tuple[object, object]]) -> None:
+        asked.append(values)
+        raise PermissionError
+
+    with refused(CameraFault.INTRINSICS_UNWRITABLE):
+        save(store, "cam", pinhole(640, 360, 450.0, IntrinsicsSource.MEASURED), 0.1, refuse)
+    assert asked[0]["fx_px"] == (480.0, 450.0)
+    assert store.read_bytes() == before
+
+
 @pytest.mark.parametrize("focal", [0.0, -5.0, float("nan"), float("inf")])
 def test_an_impossible_focal_length_is_refused(focal: float) -> None:
     with refused(CameraFault.FOCAL_LENGTH_OUT_OF_RANGE):

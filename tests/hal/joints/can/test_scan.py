@@ -206,6 +206,18 @@ def test_zeroing_needs_the_code(opened: tuple[SocketCanJoints, CanRig]) -> None:
     assert rig.emulator.drives[Joint.LEFT_KNEE].zero_rad == -0.3
 
 
+def test_zeroing_needs_a_permission_at_the_last_moment(opened: tuple[SocketCanJoints, CanRig]) -> None:
+    joints, rig = opened
+    request = lifecycle.request_zero(joints, Joint.LEFT_KNEE)
+
+    def refuse() -> None:
+        raise PermissionError
+
+    with pytest.raises(PermissionError):
+        lifecycle.set_zero(joints, request, request.code, refuse)
+    assert rig.emulator.drives[Joint.LEFT_KNEE].zero_rad == -0.3
+
+
 def test_zeroing_needs_the_joint_still(opened: tuple[SocketCanJoints, CanRig]) -> None:
     joints, rig = opened
     request = lifecycle.request_zero(joints, Joint.LEFT_KNEE)

@@ -1,0 +1,53 @@
+"""Who may begin a session on real joints, and what its start puts on record."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from app.session.host import make_setup
+from app.system.authority import demonstration
+from app.system.config import Config, JointsConfig
+from app.system.errors import AppError
+from app.system.operators import Permission, Role
+from app.system.paths import Home
+from logs.journal import CHANGES
+from logs.read import records
+from logs.records import Change
+from profiles.schema import DEMO_PATIENT
+from tests.support.authors import signed_in
+
+REAL = Config(joints=JointsConfig(kind="can"))
+EMULATED = Config(joints=JointsConfig(kind="can", interface="local"))
+
+
+def test_real_joints_take_a_sign_in_that_may_move_a_patient(tmp_path: Path) -> None:
+    home = Home(tmp_path)
+    with pytest.raises(AppError, match="SIGN_IN_NEEDED"):
+        make_setup(home, REAL, DEMO_PATIENT, None)
+    with pytest.raises(AppError, match="NOT_ALLOWED"):
+        make_setup(home, REAL, DEMO_PATIENT, signed_in(home, Role.REVIEWER))
+    with pytest.raises(AppError, match="SIGN_IN_NEEDED"):
+        demonstration(home, REAL.joints)
+    setup = make_setup(home, REAL, DEMO_PATIENT, signed_in(home))
+    assert (setup.operator, setup.role) == ("Ada", "engineer")
+    setup = make_setup(home, EMULATED, DEMO_PATIENT, demonstration(home, EMULATED.joints))
+    assert (setup.operator, setup.role) == ("demo", "demonstration")
+    assert not demonstration(home, EMULATED.joints).may(Permission.EDIT_PATIENTS)
+    setup = make_setup(home, Config(), DEMO_PATIENT, None)
+    assert (setup.operator, setup.role) == ("", "")
+
+
+def test_a_configuration_changed_by_an_editor_is_on_record_once(tmp_path: Path) -> None:
+    home = Home(tmp_path)
+    for text in ("", 'theme = "light"\n', 'theme = "light"\n', 'theme = "dark"\n'):
+        if text:
+            home.config.write_text(text)
+        make_setup(home, REAL, DEMO_PATIENT, signed_in(home))
+    found = [record for record in records(home.logs / CHANGES) if isinstance(record.body, Change)]
+    bodies = [record.body for record in found if isinstance(record.body, Change)]
+    assert [(record.operator, body.subject) for record, body in zip(found, bodies, strict=True)] == [
+        ("Ada", "configuration")
+    ] * 2
+    assert bodies[1].values["sha256"][0] == bodies[0].values["sha256"][1]
