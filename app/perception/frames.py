@@ -6,10 +6,12 @@ from collections.abc import Iterator
 from dataclasses import asdict, dataclass, field
 from itertools import accumulate, pairwise
 
+from app.perception.reporting import Scale, records_between
 from kgdfa.button import ButtonMode, ButtonPlace
 from kgdfa.gesture import Gesture
+from kgdfa.pipeline import Report
 from kgdfa.recognition import FrameReading
-from logs.records import Button, Frames
+from logs.records import Body, Button, Frames
 
 BATCH_FRAMES = 60  # two seconds: what a crash may lose of frames in which nothing was decided
 CONFIDENCE_DIGITS = 4
@@ -65,6 +67,28 @@ class FrameBatch:
         mark = MARKS[reading.beside_px is not None, reading.hand != self._hand]
         self._hand = reading.hand
         return mark.upper() if reading.cut_off else mark
+
+
+@dataclass(slots=True)
+class DecisionRecorder:
+    """Records what each frame decided, after the frames that led to it."""
+
+    scale: Scale
+    _before: Report | None = None
+    _frames: FrameBatch = field(default_factory=FrameBatch)
+
+    def take(self, report: Report) -> Iterator[Body]:
+        """The records of one more frame."""
+        decided = tuple(records_between(self._before, report, self.scale))
+        if report.reading is not None:
+            self._frames.add(report.reading, report.verdict.confidence if report.verdict else 0.0)
+        yield from self._frames.take(at_once=bool(decided))
+        yield from decided
+        self._before = report
+
+    def end(self) -> Iterator[Body]:
+        """Frames that are not recorded yet."""
+        return self._frames.take(at_once=True)
 
 
 def unpack(record: Frames, hand: int) -> Iterator[ClassifiedFrame]:

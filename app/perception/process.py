@@ -18,7 +18,7 @@ from app.ipc.messages import HandCommand, PerceptionCommand
 from app.ipc.states import Event
 from app.perception import pipeline as assembly
 from app.perception.camera import CameraSupervisor, ImageCheck, PerceptionNote, SessionRecorder, move_hand
-from app.perception.frames import FrameBatch, button_record
+from app.perception.frames import DecisionRecorder, button_record
 from app.perception.pipeline import Loading
 from app.perception.reporting import (
     FPS_WINDOW,
@@ -27,7 +27,6 @@ from app.perception.reporting import (
     PreviewPacer,
     Scale,
     frames_per_second,
-    records_between,
     to_message,
 )
 from app.system.config import SessionSetup
@@ -84,8 +83,7 @@ class Perception:
         self._incarnation = time.monotonic_ns() // 1_000_000
         self._sequence = 0
         self._captures: deque[int] = deque(maxlen=FPS_WINDOW + 1)
-        self._last: Report | None = None
-        self._frames = FrameBatch()
+        self._decisions: DecisionRecorder | None = None
         self._scale: Scale | None = None
         self._rate = MeasuredRate()
         self._frame: Frame | None = None  # the newest: it carries the intrinsics
@@ -119,7 +117,7 @@ class Perception:
         if detector is not None:
             detector.close()
         self._record_rate()
-        for record in self._frames.take(at_once=True):
+        for record in self._decisions.end() if self._decisions else ():
             self._sink.emit(record)
         self._sink.emit(ProcessEnd(pid=os.getpid()))
         self._sink.close()
@@ -145,20 +143,12 @@ class Perception:
         report = self._process(frame)
         self._send_report(report, frame.captured_ns)
         if report is not None:
-            self._record(report)
+            assert self._decisions is not None  # made with the pipeline
+            for record in self._decisions.take(report):
+                self._sink.emit(record)
             self._measure_rate(frame)
         if self._pacer.due(time.monotonic_ns()):
             self._send_preview(frame, report)
-
-    def _record(self, report: Report) -> None:
-        """What this frame decided, after the frames that led to it."""
-        assert self._scale is not None  # made with the pipeline
-        decided = tuple(records_between(self._last, report, self._scale))
-        if report.reading is not None:
-            self._frames.add(report.reading, report.verdict.confidence if report.verdict else 0.0)
-        for record in (*self._frames.take(at_once=bool(decided)), *decided):
-            self._sink.emit(record)
-        self._last = report
 
     def _process(self, frame: Frame) -> Report | None:
         """The frame through the chain; None while the hand model is loading."""
@@ -174,6 +164,7 @@ class Perception:
         if self._pipeline is None:
             self._pipeline, self._place = assembly.make_pipeline(self._setup, detector, frame, camera.name)
             self._scale = assembly.scale_of(self._setup, frame, camera.name)
+            self._decisions = DecisionRecorder(self._scale)
             setup = button_record(self._place, ButtonMode(self._setup.config.button.mode))
             for record in (*assembly.camera_records(self._setup, camera, frame), setup):
                 self._sink.emit(record)

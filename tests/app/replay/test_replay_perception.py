@@ -10,8 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from app.perception.frames import FrameBatch, button_of, button_record, unpack
-from app.perception.reporting import records_between
+from app.perception.frames import DecisionRecorder, FrameBatch, button_of, button_record, unpack
 from app.replay.difference import Difference
 from app.replay.perception import DECISIONS, NOT_REPLAYED
 from app.replay.session import replay
@@ -56,15 +55,11 @@ def recorded(readings: Sequence[FrameReading], mode: ButtonMode = ButtonMode.ROB
         focal_source=SCALE.focal_source,
     )
     bodies: list[Body] = [scale, button_record(PLACE, mode)]
-    state, before, batch = Recognition(), None, FrameBatch()
+    state, recorder = Recognition(), DecisionRecorder(SCALE)
     for reading in readings:
         state = recognise(state, reading, PLACE, mode)
-        now = report(reading, state)
-        decided = tuple(records_between(before, now, SCALE))
-        batch.add(reading, now.verdict.confidence if now.verdict else 0.0)
-        bodies += [*batch.take(at_once=bool(decided)), *decided]
-        before = now
-    return [*bodies, *batch.take(at_once=True)]
+        bodies += recorder.take(report(reading, state))
+    return [*bodies, *recorder.end()]
 
 
 def report(reading: FrameReading, state: Recognition) -> Report:
