@@ -8,6 +8,8 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
+import msgspec
+
 from app.ipc.messages import (
     ActiveEvent,
     AuditHealth,
@@ -74,6 +76,7 @@ class FakeHost:
     events: tuple[ActiveEvent, ...] = ()
     camera_fault: Reason | None = None
     press_zone: PressZone | None = None
+    message: TriggerReport | None = None  # that perception sends; None: as the other fields have it
     silent: bool = False
     guardian_gone: bool = False
     rests_at_once: bool = True
@@ -178,6 +181,8 @@ class FakeHost:
         )
 
     def _report(self, now_ns: int) -> TriggerReport:
+        if self.message is not None:
+            return msgspec.structs.replace(self.message, captured_ns=now_ns, sent_ns=now_ns)
         return TriggerReport(
             incarnation=1,
             sequence=1,
@@ -189,7 +194,8 @@ class FakeHost:
             confidence=0.93 if self.gesture else 0.0,
             explanation=reason(Decision.NO_HAND) if self.gesture is None else None,
             votes=3 if self.gesture else 0,
-            distance_m=0.31,
+            distance_m=0.305,
+            safe_distance_m=0.325,
             distance_sd_m=0.004,
             pressed=self.pressed,
             fps=30.0,

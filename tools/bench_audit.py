@@ -7,12 +7,15 @@ because a busy machine lengthens only the latter.
 from __future__ import annotations
 
 import argparse
+import math
 import multiprocessing
 import os
 import tempfile
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
+from itertools import chain
 from pathlib import Path
 
 from app.audit.process import run_audit
@@ -21,13 +24,20 @@ from app.console.review_data import open_session
 from app.ipc.links import LatestReceiver, address, new_link_directory
 from app.ipc.messages import AuditHealth
 from app.ipc.streams import AUDIT_HEALTH, LinkDirectory
+from app.perception.frames import DecisionRecorder
+from app.perception.reporting import Scale
 from app.system.config import Config, SessionSetup
 from app.text.recorded import render_recorded
+from kgdfa.button import ButtonMode, ButtonPlace
+from kgdfa.gesture import Decision, Explanation, Gesture, Verdict
+from kgdfa.pipeline import Report
+from kgdfa.recognition import FrameReading, Recognition, recognise
 from logs.disk import Disk
 from logs.journal import Moment
 from logs.keys import by_fingerprint, known_keys, load_or_make_key
+from logs.line import GENESIS, SEAL_LENGTH, canonical
 from logs.mirror import CheckpointCopy
-from logs.records import Note, SessionStart
+from logs.records import Body, Note, Payload, SessionStart
 from logs.report.page import report
 from logs.verify import Evidence, exit_status, verify
 from logs.writer import SessionWriter
@@ -173,6 +183,72 @@ def bench_reading(home: Path) -> None:
     say(f"open {len(session)} records for review, s", f"{wall:.2f} wall, {cpu:.2f} CPU")
 
 
+def bench_frames(frames: int = 18_000) -> None:
+    """What recording each frame costs: ten minutes of a hand that pushes every three seconds, and ten without one."""
+    place = ButtonPlace.in_the_middle(1280, 720, 0.20)
+    scale = Scale(anchor_m=0.065, anchor_method="measured", focal_px=650.0, focal_source="given")
+    for name, in_view in (("with a hand", True), ("without a hand", False)):
+        readings = [_reading(number, in_view) for number in range(frames)]
+        state, reports = Recognition(), []
+        for reading in readings:
+            state = recognise(state, reading, place, ButtonMode.ROBUST)
+            reports.append(_report(reading, state))
+        found: list[Body] = []
+        recorded = chain.from_iterable(map(DecisionRecorder(scale).take, reports))
+        wall_s, cpu_s = timed(partial(found.extend, recorded))
+        size = sum(len(canonical(_payload(number, body))) + SEAL_LENGTH for number, body in enumerate(found))
+        hour_mb = size / frames * 30 * 3600 / 1e6
+        say(f"recording frames {name}, {len(found)} records", f"{hour_mb:.1f} MB an hour at 30 frames/s")
+        say("  time a frame", f"{wall_s / frames * 1e6:.1f} µs (CPU {cpu_s / frames * 1e6:.1f})")
+
+
+def _reading(number: int, in_view: bool) -> FrameReading:
+    """A push every three seconds; numbers as long as measured ones."""
+    at_s = number / 30
+    distance_m = 0.30 + 0.1234567 * math.cos(2 * math.pi * at_s / 3) + 1e-4 * math.sin(number)
+    return FrameReading(
+        captured_ns=1_000_000_000_000 + number * 33_366_123,
+        hand=1,
+        gesture=Gesture.FIVE if in_view else None,
+        cut_off=False,
+        distance_m=distance_m if in_view else None,
+        beside_px=0.0 if in_view else None,
+    )
+
+
+def _report(reading: FrameReading, state: Recognition) -> Report:
+    named = Verdict(
+        gesture=reading.gesture, confidence=0.987654, nearest=reading.gesture, explanation=Explanation(Decision.CLOSEST)
+    )
+    return Report(
+        captured_ns=reading.captured_ns,
+        hand=None,
+        verdict=named if reading.gesture else None,
+        gesture=state.vote.gesture,
+        recognised_ns=state.vote.recognised_ns,
+        votes=3,
+        distance=None,
+        depth_distance=None,
+        button=state.button,
+        vote_ns=state.vote.decided_ns,
+        reading=reading,
+    )
+
+
+def _payload(number: int, body: Body) -> Payload:
+    return Payload(
+        body=body,
+        monotonic_ns=1_000_000_000_000 + number,
+        operator="Ann Berg",
+        previous=GENESIS,
+        process="perception",
+        schema=2,
+        sequence=number,
+        session="20261121T093000Z-1a2b",
+        wall="2026-11-21T09:30:00.123456Z",
+    )
+
+
 def _must_be_sound(paths: list[Path], known: Evidence) -> None:
     findings = verify(paths, known)
     if exit_status(findings) != 0:
@@ -189,6 +265,7 @@ def main() -> None:
         bench_verify(Path(folder) / "verify", options.records)
         bench_rate(Path(folder) / "rate", options.seconds)
         bench_reading(Path(folder) / "reading")
+    bench_frames()
 
 
 if __name__ == "__main__":

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from app.console.state import PressNote, SessionState
 from app.console.widgets.panel import Line, Lines, StatePanel, bar, cells, plain
 from app.ipc.messages import TriggerReport
@@ -80,10 +82,18 @@ def distance_lines(state: SessionState, width: int) -> Lines:
     return (_figure(report, width), _gauge_line(report, width), _button(report, state.press_note), *_zone(report))
 
 
-def gauge(distance_m: float | None, sd_m: float, threshold_m: float, width: int, blind_m: float = 0.0) -> str:
+def gauge(
+    distance_m: float | None,
+    sd_m: float,
+    threshold_m: float,
+    width: int,
+    *,
+    blind_m: float = 0.0,
+    best_m: float | None = None,
+) -> str:
     """A scale from the camera (left) to SCALE_M: `┃` threshold, `●` hand, `░` its uncertainty (±2 sd).
 
-    blind_m: nearer the camera loses the hand (`╌`).
+    blind_m: nearer the camera loses the hand (`╌`). best_m: the best guess that is uncertain by sd_m; None: distance_m.
     """
 
     def at(metres: float) -> int:
@@ -92,31 +102,49 @@ def gauge(distance_m: float | None, sd_m: float, threshold_m: float, width: int,
     drawn = ["╌"] * min(width, at(blind_m) if blind_m else 0)
     drawn += ["─"] * (width - len(drawn))
     if distance_m is not None:
-        for index in range(at(distance_m - 2 * sd_m), at(distance_m + 2 * sd_m) + 1):
+        middle_m = distance_m if best_m is None else best_m
+        for index in range(at(middle_m - 2 * sd_m), at(middle_m + 2 * sd_m) + 1):
             drawn[index] = "░"
-    drawn[at(threshold_m)] = "┃"
+    mark = at(threshold_m)
+    drawn[mark] = "┃"
     if distance_m is not None:
-        drawn[at(distance_m)] = "●"
+        hand = at(distance_m)
+        if hand == mark:  # beside it, on its side
+            hand += -1 if distance_m < threshold_m else 1
+        drawn[max(0, min(width - 1, hand))] = "●"
     return "".join(drawn)
 
 
 def _figure(report: TriggerReport, width: int) -> Line:
-    limit = tr("distance.threshold", cm=f"{report.threshold_m * 100:.0f}")
-    if report.distance_m is None:
+    """The safe distance, by which the button decides, its threshold, and the best guess as far as there is room."""
+    threshold_cm = f"{report.threshold_m * 100:.1f}".removesuffix(".0")
+    limit = tr("distance.threshold", cm=threshold_cm)
+    if report.safe_distance_m is None:
         return ((tr("distance.none"), "$text-muted"), (limit, "$text-muted"))
-    figure = f"{report.distance_m * 100:5.1f} ± {report.distance_sd_m * 200:.1f} cm  "
+    figure = f"{_on_its_side(report.safe_distance_m, report.threshold_m):5.1f} cm  "
     assumed = f"{tr('distance.assumed')}  " if report.focal_assumed else ""
     if cells(figure + assumed + limit) > width:
-        limit = f"< {report.threshold_m * 100:.0f}"  # a second line would push the button out of the panel
+        limit = f"< {threshold_cm}"  # a second line would push the button out of the panel
     if cells(figure + assumed + limit) > width:
         assumed = "≈ "  # nothing but the sign fits
-    return ((figure, "bold"), (assumed, "$warning"), (limit, "$text-muted"))
+    best = "" if report.distance_m is None else f"{report.distance_m * 100:.1f} ± {report.distance_sd_m * 200:.1f}"
+    best = f"  {tr('distance.best', figure=best)}" if best else ""
+    if cells(figure + assumed + limit + best) > width:
+        best = ""
+    return ((figure, "bold"), (assumed, "$warning"), (limit, "$text-muted"), (best, "$text-muted"))
+
+
+def _on_its_side(distance_m: float, threshold_m: float) -> float:
+    """In cm, rounded to a millimetre, but never over to the threshold's other side."""
+    millimetres = distance_m * 1000
+    return (math.floor(millimetres) if distance_m < threshold_m else math.ceil(millimetres)) / 10
 
 
 def _gauge_line(report: TriggerReport, width: int) -> Line:
     style = "$success" if report.pressed else "$primary"
     blind_m = report.press_zone.followed_from_m if report.press_zone else 0.0
-    return plain(gauge(report.distance_m, report.distance_sd_m, report.threshold_m, width, blind_m), style)
+    safe_m, best_m, sd_m = report.safe_distance_m, report.distance_m, report.distance_sd_m
+    return plain(gauge(safe_m, sd_m, report.threshold_m, width, blind_m=blind_m, best_m=best_m), style)
 
 
 def _button(report: TriggerReport | None, press_note: PressNote) -> Line:

@@ -45,7 +45,9 @@ def test_a_cancel_is_noted_once_and_an_old_one_of_before_is_not() -> None:
 @pytest.mark.parametrize(("width", "mark"), [(60, "lens assumed"), (26, "≈")])
 def test_an_assumed_focal_length_is_marked_beside_the_distance(width: int, mark: str) -> None:
     for assumed in (True, False):
-        figure = _figure(_report(distance_m=0.3, distance_sd_m=0.01, focal_assumed=assumed), width)
+        figure = _figure(
+            _report(safe_distance_m=0.32, distance_m=0.3, distance_sd_m=0.01, focal_assumed=assumed), width
+        )
         text = "".join(part for part, _ in figure)
         assert (mark in text) is assumed
         assert cells(text) <= width

@@ -35,8 +35,8 @@ from kgdfa.robust_distance import RobustRange
 from logs import records as r
 from logs.disk import Disk
 from logs.explain.hops import Hop, explain
+from logs.journal import Moment
 from logs.keys import load_or_make_key
-from logs.manifest import Moment
 from logs.mirror import CheckpointCopy
 from logs.read import records
 from logs.records import Body, Entry, Record
@@ -267,17 +267,23 @@ def test_each_press_release_cancel_and_hint_is_explained_with_the_numbers_of_its
         assert compared is not None
         (step,) = (step for step in explain(found, record.sequence).steps if step.record is record)
         told = {check.name: (check.value, check.limit) for check in step.checks}
-        near = isinstance(record.body, r.Press | r.Hint)
-        limit_m = message.threshold_m if near else compared.release_m
-        assert told["safe_distance_m"] == (message.safe_distance_m, limit_m)
-        assert told["distance_m"] == (message.distance_m, None)
-        assert told["previous_m"] == (compared.previous_m, None)
-        assert told["nearer_m"] == (compared.nearer_m, compared.nearer_limit_m)
-        assert told["approached_m"] == (compared.approached_m, compared.approach_limit_m)
-        assert told["beside_px"] == (compared.beside_px, compared.beside_limit_px)
-        assert told["elapsed_ns"] == (compared.elapsed_ns, compared.elapsed_limit_ns)
-        if not near:
-            assert told["held_ns"] == (compared.held_ns, compared.held_limit_ns)
+        released = isinstance(record.body, r.Release | r.Cancel)
+        limit_m = compared.release_m if released else message.threshold_m
+        wanted: dict[str, tuple[float | None, float | None]] = {
+            "safe_distance_m": (message.safe_distance_m, limit_m),
+            "distance_m": (message.distance_m, None),
+            "previous_m": (compared.previous_m, None),
+            "nearer_m": (compared.nearer_m, compared.nearer_limit_m),
+            "approached_m": (compared.approached_m, compared.approach_limit_m),
+            "beside_px": (compared.beside_px, compared.beside_limit_px),
+            "elapsed_ns": (compared.elapsed_ns, compared.elapsed_limit_ns),
+            "gap_frames": (compared.gap_frames, compared.gap_limit_frames),
+            "anchor_m": (SCALE.anchor_m, None),
+            "focal_px": (SCALE.focal_px, None),
+        }
+        if released:
+            wanted["held_ns"] = (compared.held_ns, compared.held_limit_ns)
+        assert told == wanted
 
 
 def test_each_onset_is_explained_with_the_numbers_of_its_message(live: Live12, found: list[Record]) -> None:
