@@ -243,13 +243,14 @@ class PreviewPacer:
     ) -> Preview:
         """The image as it goes to the console; draw: draws onto it, given its scale.
 
-        Drawn at twice the preview's width, which keeps lines fine: at the camera's it took longer than all of ours.
+        It is sampled at twice the preview's width, drawn on, and averaged, which keeps lines fine. To draw at the
+        camera's size, or to average all of its pixels, takes several times as long.
         """
         self._sequence += 1
-        small = _shrunk(image_bgr, 2 * self.width_px if draw else self.width_px)
+        large = _resized(image_bgr, 2 * self.width_px, cv2.INTER_LINEAR)
         if draw is not None:
-            draw(small, small.shape[1] / image_bgr.shape[1])
-            small = _shrunk(small, self.width_px)
+            draw(large, large.shape[1] / image_bgr.shape[1])
+        small = _resized(large, self.width_px, cv2.INTER_AREA)
         return Preview(
             sequence=self._sequence,
             captured_ns=captured_ns,
@@ -259,17 +260,8 @@ class PreviewPacer:
         )
 
 
-def _shrunk(image_bgr: Image, width_px: int) -> Image:
-    """A copy of (height, width, 3), scaled to this width; never up.
-
-    By areas of an image sampled at twice the width: areas of a camera's whole image take up to six times as long.
-    """
-    if image_bgr.shape[1] > 2 * width_px:
-        image_bgr = _resized(image_bgr, 2 * width_px, cv2.INTER_LINEAR)
-    return _resized(image_bgr, width_px, cv2.INTER_AREA)
-
-
 def _resized(image_bgr: Image, width_px: int, interpolation: int) -> Image:
+    """A copy of (height, width, 3), scaled to this width; never up."""
     height, width = image_bgr.shape[:2]
     scale = min(1.0, width_px / width)
     size = (max(2, round(width * scale)), max(2, round(height * scale)))
