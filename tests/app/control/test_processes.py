@@ -162,6 +162,16 @@ def test_without_a_console_the_legs_are_held_and_everybody_ends_when_nobody_come
     assert not session.heartbeat.enabled
 
 
+def test_without_the_sessions_own_process_the_legs_are_held_then_everybody_ends(session: RealSession) -> None:
+    session.walk(steps=1)
+    session.kill("session")
+    session.until_ended(*EVERYBODY)
+    names = [name for _, name in session.effects]
+    assert names.index("HOLD") < names.index("DAMP"), "first held, then given way"
+    assert session.heartbeat is not None
+    assert not session.heartbeat.enabled
+
+
 TAKE = """
 import sys
 from pathlib import Path
