@@ -78,7 +78,7 @@ class SignInDialog(Dialog[Authority]):
         except AppError as error:
             why = self.query_one("#reason", Static)
             why.update(f"✗ {render(error)}")
-            self.call_after_refresh(why.scroll_visible, animate=False)
+            self.call_after_refresh(self.query_one(".dialog").scroll_end, animate=False)
             return
         self.dismiss(operator)
 

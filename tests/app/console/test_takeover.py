@@ -45,7 +45,11 @@ async def test_the_same_operator_takes_over_by_the_pin_alone(
         await open_console.press("space")
         assert open_console.host.sent == [(OperatorKind.STOP, None)], "everybody may stop"
         await open_console.press(*"000111", "enter")
-        await open_console.shows("✗")
+        await open_console.shows("wrong.")
+        open_console.type("name", "Rex")
+        await open_console.press(*OTHER, "enter")
+        await open_console.shows("take over." if size[0] > 20 else "over.")
+        open_console.type("name", "Ada")
         await open_console.press(*PIN[:3])
         await open_console.shows("•••")
         await open_console.press(*PIN[3:], "enter")
