@@ -165,11 +165,13 @@ def paused() -> Rig:
 
 
 def refused() -> Rig:
-    """By the gait machine, by the planner's check, by a gesture, an acknowledgement of nothing."""
+    """By the gait machine, by the planner's check, by gesture and key, an acknowledgement of nothing."""
     rig = resting(S.SITTING)
     rig.release(Gesture.FIVE)
     rig.tick(20)
     rig.send(K.ACKNOWLEDGE)
+    rig.tick(2)
+    rig.send(K.ACT, A.WALK)  # by key, from a seat
     rig.tick(2)
     rig.refuse_plans = "too fast"
     rig.send(K.ACT, A.STAND_UP)
