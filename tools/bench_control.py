@@ -175,7 +175,7 @@ def measure_costs(session: WatchedSession, work: Callable[[], Result]) -> tuple[
 
     Perception's holds the digital camera's own rendering.
     """
-    session.walk()  # everything is loaded
+    session.stand()  # everything is loaded
     before = _spent(session)
     result = work()
     names = {"control": "cpu_ms_a_tick", "perception": "perception_cpu_ms_a_frame"}
