@@ -379,8 +379,8 @@ def side(
 @cli.command()
 def foreign(
     frames: Annotated[int, typer.Option(help="Frames with a foreign hand.", min=0)] = 10_000,
-    trials: Annotated[
-        int, typer.Option(help="Pushes of the enrolled hand, alone and beside a foreign one.", min=0)
+    attempts: Annotated[
+        int, typer.Option("--trials", help="Pushes of the enrolled hand, alone and beside a foreign one.", min=0)
     ] = 24,
     seed: Annotated[int, typer.Option(help="Another seed, other hands and movements.", min=0)] = 1,
     json_file: Json = None,
@@ -393,8 +393,8 @@ def foreign(
     from app.evaluate.trigger.foreign import costs_table, evaluate_foreign, foreign_table, measure_costs, steps, summary
     from app.text.catalogue import tr
 
-    with _detector(home) as detector, _bar("simulating", steps(frames, trials)) as step:
-        result = evaluate_foreign(detector, frames=frames, pushes=trials, seed=seed, step=step)
+    with _detector(home) as detector, _bar("simulating", steps(frames, attempts)) as step:
+        result = evaluate_foreign(detector, frames=frames, pushes=attempts, seed=seed, step=step)
     costs = measure_costs(hand_model(home))
     write_json({**msgspec.to_builtins(result), "cpu_ms": costs}, json_file)
     _show(foreign_table(result), summary(result), costs_table(costs))
