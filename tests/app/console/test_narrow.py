@@ -18,7 +18,7 @@ async def test_the_button_stays_in_its_panel(console: Opener) -> None:
     async with console(size=NARROW) as open_console:
         await open_console.press("5")
         await open_console.shows("RELEASED")
-        await open_console.shows("< 20")
+        await open_console.shows("press under 20 cm")
         open_console.host.pressed = True
         await open_console.shows("PRESSED")
 
