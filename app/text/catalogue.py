@@ -71,8 +71,8 @@ def be_strict(on: bool = True) -> None:
 
 
 def knows(key: str) -> bool:
-    """Whether the language in use has this key."""
-    return load(_State.language).gettext(key) != key
+    """Whether the language in use has this key; the empty one is a catalogue's own header."""
+    return bool(key) and load(_State.language).gettext(key) != key
 
 
 def tr(key: str | Enum, /, **values: object) -> str:

@@ -204,7 +204,9 @@ def test_what_can_not_be_recorded_is_not_changed(clinic: Home, monkeypatch: pyte
     assert not (clinic.profiles / "demo.toml").exists()
 
 
-def test_without_drives_and_operators_changes_are_unsigned_and_recorded_as_that(home: Home) -> None:
+def test_without_drives_and_operators_changes_are_unsigned_and_recorded_as_that(
+    home: Home, capsys: pytest.CaptureFixture[str]
+) -> None:
     home.config.unlink()
     COMMANDS["profile set"].main(["demo", "mass_kg=71"], standalone_mode=False)
     (change,) = (record for record in records(home.logs / JOURNAL) if isinstance(record.body, Change))
@@ -213,6 +215,7 @@ def test_without_drives_and_operators_changes_are_unsigned_and_recorded_as_that(
         Change(subject="patient", name="demo", values={"mass_kg": (65.0, 71.0)}, proof="none", reason=""),
     )
     COMMANDS["profile history"].main(["demo"], standalone_mode=False)
+    assert "Project-Id-Version" not in capsys.readouterr().out  # no reason was given
 
 
 def test_an_engineer_calibrates_and_edits_no_patient(clinic: Home, monkeypatch: pytest.MonkeyPatch) -> None:
