@@ -207,14 +207,20 @@ def _reach(hand: Hand, last: Hand) -> float:
 def _same_hand(hand: Hand, track: Track, captured_ns: int) -> bool:
     """Whether its size and its arm's direction may be those of a moment ago: if not, the tracker has slipped."""
     further = min(max((captured_ns - track.captured_ns) / FRAME_NS - 1, 0.0), MOST_FRAMES)
-    sizes_px = hand.palm_px, track.last.palm_px
-    if max(sizes_px) > LARGEST_GROWTH * FURTHER_GROWTH**further * min(sizes_px):
+    # Near the camera the wrist is out of the image and the palm's length a guess; 5-17 slips together now and then.
+    grown = min(_ratio(hand.palm_px, track.last.palm_px), _ratio(hand.reference_px, track.last.reference_px))
+    if grown > LARGEST_GROWTH * FURTHER_GROWTH**further:
         return False
     now, before = _arm(hand), _arm(track.last)
     if now is None or before is None:
         return True
     turn_rad = abs(math.atan2((now * before.conjugate()).imag, (now * before.conjugate()).real))
     return turn_rad <= LARGEST_TURN_RAD + FURTHER_TURN_RAD * further
+
+
+def _ratio(first_px: float, second_px: float) -> float:
+    """Of the larger to the smaller."""
+    return max(first_px, second_px) / max(min(first_px, second_px), 1.0)
 
 
 def refusal_of(track: Track, enrolment: Enrolment) -> Explanation | None:

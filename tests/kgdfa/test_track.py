@@ -213,3 +213,15 @@ def test_a_picture_of_a_hand_is_refused_until_it_moves() -> None:
     assert (commanding(tracks), refusal(tracks)) == (None, HandRefusal.STILL)
     assert commanding(after([(moved(HERE, 40),)], RIGHT, tracks)) is not None
     assert commanding(after([*picture, *[(moved(HERE, 40),)] * 2], RIGHT)) is not None
+
+
+def test_a_wrist_guessed_out_of_the_image_makes_no_other_hand_but_a_larger_palm_does() -> None:
+    guessed_px = HERE.image_px.copy()
+    guessed_px[0] = HERE.palm_centre_px + 2 * (guessed_px[0] - HERE.palm_centre_px)
+    guessed = replace(HERE, image_px=guessed_px)
+    assert guessed.palm_px > 1.7 * HERE.palm_px
+    tracks = after([(HERE,), (guessed,), (HERE,)])
+    assert (tracks.made, commanding(tracks)) == (1, HERE)
+    middle = HERE.image_px.mean(axis=0)
+    larger = replace(HERE, image_px=middle + 1.8 * (HERE.image_px - middle))
+    assert after([(HERE,), (larger,)]).made == 2
