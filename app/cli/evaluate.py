@@ -426,7 +426,9 @@ def press_zone(
 
 @cli.command()
 def pushes(
-    trials: Annotated[int, typer.Option(help="Pushes of each gesture, shared among the hands.", min=1)] = 12,
+    attempts: Annotated[
+        int, typer.Option("--trials", help="Pushes of each gesture, shared among the hands.", min=1)
+    ] = 12,
     seeds: Seeds = "1-6",
     click: Click = "0.3",
     workers: Workers = 2,
@@ -437,7 +439,7 @@ def pushes(
     from app.evaluate.harness import click_range, seed_numbers, write_json
     from app.evaluate.trigger.pushes import bouts, evaluate_pushes, shown
 
-    wanted = bouts(seed_numbers(seeds), trials=trials, click_s=click_range(click))
+    wanted = bouts(seed_numbers(seeds), attempts=attempts, click_s=click_range(click))
     with _pool(home, workers, len(wanted)) as (pool, step):
         run = evaluate_pushes(pool, wanted, step)
     write_json({"seeds": seeds, "click_s": click, **run.as_json()}, json_file)

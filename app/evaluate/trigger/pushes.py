@@ -196,11 +196,11 @@ class Stage:
                 return
 
 
-def bouts(seeds: Sequence[int], *, trials: int, click_s: tuple[float, float]) -> list[Bout]:
+def bouts(seeds: Sequence[int], *, attempts: int, click_s: tuple[float, float]) -> list[Bout]:
     """So many pushes of each gesture, shared among the hands; a push takes from click_s[0] to click_s[1]."""
     return [
         Bout(seed=seed, gesture=gesture, clicks=tuple(_clicks(seed, number, count, click_s)))
-        for seed, count in shared(trials, seeds)
+        for seed, count in shared(attempts, seeds)
         for number, gesture in enumerate(Gesture)
         if count
     ]

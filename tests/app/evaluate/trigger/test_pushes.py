@@ -132,14 +132,14 @@ def test_a_command_of_another_gesture_and_a_second_one_are_unrequested() -> None
 
 
 def test_every_hand_makes_all_twelve_gestures_with_pushes_drawn_from_the_range() -> None:
-    wanted = bouts([4, 5], trials=3, click_s=(0.3, 0.8))
+    wanted = bouts([4, 5], attempts=3, click_s=(0.3, 0.8))
     assert {(bout.seed, bout.gesture) for bout in wanted} == {(seed, gesture) for seed in (4, 5) for gesture in Gesture}
     assert [len(bout.clicks) for bout in wanted] == [2] * 12 + [1] * 12
     drawn = [click for bout in wanted for click in bout.clicks]
     assert len({click.duration_s for click in drawn}) == 36
     assert all(0.3 <= click.duration_s <= 0.8 and 0 <= click.begins_ns < FRAME_NS for click in drawn)
-    assert wanted == bouts([4, 5], trials=3, click_s=(0.3, 0.8))
-    assert [bout.seed for bout in bouts([4, 5], trials=1, click_s=(0.3, 0.3))] == [4] * 12
+    assert wanted == bouts([4, 5], attempts=3, click_s=(0.3, 0.8))
+    assert [bout.seed for bout in bouts([4, 5], attempts=1, click_s=(0.3, 0.3))] == [4] * 12
 
 
 @pytest.mark.parametrize(
