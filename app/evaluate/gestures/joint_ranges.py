@@ -129,7 +129,7 @@ def _accepted(rules: RobustRules, errors: Errors, gesture: str, angles_deg: Floa
     """The share of people whose hand with these angles is taken for the gesture."""
     random = np.random.default_rng(FIRST_PERSON)
     scenes = [scene_about(angles_deg, FIRST_PERSON + k, random, turned_like=gesture) for k in range(SAMPLES)]
-    hands = [hand for scene in scenes if (hand := errors.seen(scene, random)) is not None]
+    hands = [hand for scene in scenes if (hand := errors.observe(scene, random)) is not None]
     return float(np.mean([rules.classify(hand).gesture is Gesture(gesture) for hand in hands]))
 
 

@@ -52,7 +52,7 @@ class Errors:
     image: FloatArray
     world: FloatArray
 
-    def seen(self, scene: Scene, random: Generator) -> Hand | None:
+    def observe(self, scene: Scene, random: Generator) -> Hand | None:
         """A scene's hand with the error of a hand like it; None when it is out of view."""
         apart = np.abs(self.angles_deg - scene.angles_deg).sum(axis=(1, 2))
         nearest = np.argsort(apart)[:NEIGHBOURS]
@@ -192,7 +192,7 @@ def joint_hands(errors: Errors, count: int, first_person: int, poses: Sequence[s
         label = label_by_joints(angles)
         if label is None:
             continue
-        hand = errors.seen(scene_about(angles, first_person + made, random, turned_like=pose), random)
+        hand = errors.observe(scene_about(angles, first_person + made, random, turned_like=pose), random)
         if hand is not None:
             made += 1
             yield JointHand(label=label, angles_deg=angles, hand=hand)

@@ -43,7 +43,7 @@ def test_an_error_taken_from_a_hand_is_put_back_on_it() -> None:
         side=Side.RIGHT,
     )
     image, world = residual(seen, scene)
-    again = Errors(angles_deg=scene.angles_deg[None], image=image[None], world=world[None]).seen(scene, random)
+    again = Errors(angles_deg=scene.angles_deg[None], image=image[None], world=world[None]).observe(scene, random)
     assert again is not None
     np.testing.assert_allclose(again.image_px, seen.image_px, atol=1e-6)
     np.testing.assert_allclose(again.world_m, seen.world_m, atol=1e-9)
