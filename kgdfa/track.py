@@ -28,9 +28,11 @@ LARGEST_GROWTH, FURTHER_GROWTH = 1.6, 1.35
 EQUAL_CLAIM = 0.75  # a second hand this large, relative to the first, claims the command as well
 # Log-odds of the side, as the detector's scores give them: what one frame may add, from where the side counts as known
 # (two sure frames), and what all frames together may reach. A hand that is followed can't change its side, but the
-# detector may err through a whole gesture (the digital hand's 3), so frames against a known side count half: two
-# seconds of them turn it over.
+# detector may err for a moment, so frames against a known side count half. A run of sure ones means that the tracker
+# has slipped onto another hand: the side is voted anew.
 SIDE_STEP, SIDE_KNOWN, SIDE_MOST, SIDE_AGAINST = 2.0, 4.0, 60.0, 0.5
+SLIPPED_FRAMES, SURE = 8, 0.8
+AMBIGUOUS = 0.5  # `signing` of a gesture whose side the detector may miss all along: the rendered 3
 KEPT_NS = 1_000_000_000  # a hand that comes back so soon, to where it was lost, is still known
 ENTRY_FRAMES = 10  # of a track show where its arm comes from
 LEAST_ENTRY_FRAMES = 3  # as many as a gesture's vote needs
@@ -73,6 +75,7 @@ class Track:
     number: int
     side_log_odds: float = 0.0
     signing: int = 0  # frames that showed a gesture
+    contrary: int = 0  # in a row, of the other side for sure
     arm: complex = 0j
     arm_frames: int = 0
     first_px: FloatArray
@@ -123,26 +126,26 @@ def update_tracks(
     hands: tuple[Hand, ...],
     captured_ns: int,
     enrolment: Enrolment | None = None,
-    signing: Sequence[bool] = (),
+    signing: Sequence[float] = (),
 ) -> Tracks:
     """The tracks after one frame. A hand that commands keeps the command until it is lost or refused.
 
     enrolment: None refuses nobody; the largest hand is taken, unless another claims as well. signing: which hands
-    show a gesture, () for all; only then their side counts, since a hand at rest may be taken for either.
+    show a gesture (1; 0: none; AMBIGUOUS), () for all; only then their side counts: at rest it may be either.
     """
     before = tracks.commanding
-    resting = {id(hand) for hand, signs in zip(hands, signing, strict=False) if not signs}
-    followed, others = _continued(tracks.followed, hands, captured_ns, resting)
+    weights = {id(hand): signs for hand, signs in zip(hands, signing, strict=False)}
+    followed, others = _continued(tracks.followed, hands, captured_ns, weights)
     gone = before if before and all(track.number != before.number for track in followed) else tracks.gone
     made = tracks.made
     for hand in others:
         made += 1
-        followed.append(_advanced(_begun(hand, made, captured_ns, gone), hand, captured_ns, resting))
+        followed.append(_advanced(_begun(hand, made, captured_ns, gone), hand, captured_ns, weights))
     return _decided(Tracks(followed=tuple(followed), number=tracks.number, made=made, gone=gone), enrolment)
 
 
 def _continued(
-    followed: tuple[Track, ...], hands: tuple[Hand, ...], captured_ns: int, resting: set[int]
+    followed: tuple[Track, ...], hands: tuple[Hand, ...], captured_ns: int, weights: dict[int, float]
 ) -> tuple[list[Track], list[Hand]]:
     """Every track with its hand, the nearest pairs first; and the hands that belong to none."""
     pairs = sorted(
@@ -157,7 +160,7 @@ def _continued(
         if place not in found and number not in found.values():
             found[place] = number
     continued = [
-        _advanced(track, hands[found[place]], captured_ns, resting)
+        _advanced(track, hands[found[place]], captured_ns, weights)
         if place in found
         else replace(track, hand=None, lost=track.lost + 1)
         for place, track in enumerate(followed)
@@ -174,8 +177,13 @@ def _begun(hand: Hand, number: int, captured_ns: int, gone: Track | None) -> Tra
     return replace(begun, side_log_odds=gone.side_log_odds, moved=gone.moved) if near else begun
 
 
-def _advanced(track: Track, hand: Hand, captured_ns: int, resting: set[int]) -> Track:
+def _advanced(track: Track, hand: Hand, captured_ns: int, weights: dict[int, float]) -> Track:
     arm = _arm(hand) if track.arm_frames < ENTRY_FRAMES else None
+    signs, contrary = weights.get(id(hand), 1.0), track.contrary
+    if signs == 1.0:
+        against = track.side not in {None, hand.side} and hand.presence >= SURE
+        contrary = contrary + 1 if against else 0
+    slipped = contrary >= SLIPPED_FRAMES
     away = hand.image_px - track.first_px
     away_px = float(np.add.reduce(np.sqrt(np.vecdot(away, away)))) / len(away)
     return replace(
@@ -183,8 +191,9 @@ def _advanced(track: Track, hand: Hand, captured_ns: int, resting: set[int]) -> 
         hand=hand,
         last=hand,
         lost=0,
-        side_log_odds=track.side_log_odds if id(hand) in resting else _side_log_odds(track, hand),
-        signing=track.signing + (id(hand) not in resting),
+        side_log_odds=0.0 if slipped else _side_log_odds(track, hand) if signs else track.side_log_odds,
+        signing=track.signing + bool(signs),
+        contrary=0 if slipped else contrary,
         arm=track.arm + (arm or 0),
         arm_frames=track.arm_frames + (arm is not None),
         captured_ns=captured_ns,
