@@ -345,7 +345,8 @@ def side(
     every: Annotated[int, typer.Option(help="Take every n-th image.", min=1)] = 1,
     digital: Annotated[int, typer.Option(help="Digital people, each with every gesture, without a folder.", min=1)] = 6,
     keypoints: Annotated[
-        Path | None, typer.Option(help="Use the looks stored in this npz instead of the images.")
+        Path | None,
+        typer.Option(callback=check_output, help="Keep the keypoints in this npz, and use it when it is there."),
     ] = None,
     json_file: Json = None,
     home: HomeFolder = None,
@@ -382,7 +383,7 @@ def foreign(
     attempts: Annotated[
         int, typer.Option("--trials", help="Pushes of the enrolled hand, alone and beside a foreign one.", min=0)
     ] = 24,
-    seed: Annotated[int, typer.Option(help="Another seed, other hands and movements.", min=0)] = 1,
+    seed: Annotated[int, typer.Option(help="Another seed, other hands and movements.", min=0, max=MAX_SEED)] = 1,
     json_file: Json = None,
     home: HomeFolder = None,
 ) -> None:
