@@ -122,8 +122,7 @@ class Wearer:
         self._pose = ReferencePose(body, np.zeros(4), np.zeros(4))
         self._on_left = 0.5  # how much of the standing is the left foot's
         self._forces = [0.0] * model.nv
-        # Views of the simulation's own memory: to ask for one anew costs a microsecond.
-        self._qpos, self._qvel, self._xpos = self._data.qpos, self._data.qvel, self._data.xpos
+        self._view_memory()
         self.harness_n = self.balance_nm = self.hold_n = 0.0
         self.place(np.zeros(4))
 
@@ -157,6 +156,15 @@ class Wearer:
             for number in range(count):
                 block = blocks[number] if number < len(blocks) else _HIDDEN
                 self._put(f"{name}{number}", block)
+
+    def _view_memory(self) -> None:
+        """Views of the simulation's own memory: to ask for one anew costs a microsecond."""
+        self._qpos, self._qvel, self._xpos = self._data.qpos, self._data.qvel, self._data.xpos
+
+    def __setstate__(self, state: dict[str, object]) -> None:
+        """A copy views its own memory, not copies of the original's views."""
+        self.__dict__.update(state)
+        self._view_memory()
 
     def advance(self, torque_nm: Sequence[float], pose: ReferencePose | None) -> None:
         """One step of physics; without a commanded posture the arms keep the lean there was and hold no place."""
