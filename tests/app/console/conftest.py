@@ -49,8 +49,8 @@ class Console:
         await wait_until(self.pilot, condition)
 
     async def shows(self, text: str) -> None:
-        """Wait until the screen shows these words."""
-        await self.until(lambda: text in self.text())
+        """Wait until the screen shows this text, on one line or broken over several."""
+        await self.until(lambda: text in self.text() or text in " ".join(self.text().split()))
 
     async def tells(self, text: str) -> None:
         """Wait until a message to the operator contains these words."""

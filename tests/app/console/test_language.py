@@ -70,6 +70,7 @@ DYNAMIC = set(re.findall(r"""f["']([a-z0-9_.-]+\.)\{""", "\n".join(SOURCES))) | 
     "sign_in.",
     "first.",
     "unlock.",
+    "take_over.",
 }
 
 
