@@ -22,12 +22,14 @@ import psutil
 import pytest
 
 from app.console.terminal import FRAME_TIMEOUT_S, TerminalOutput
+from app.ipc.states import ConsoleChange
 from app.session.shared import held_session, shared
 from app.system.config import Config
 from app.system.hand_model import find_model
 from app.system.paths import Home, find_home, hold_home
 from logs.read import records, session_paths
-from logs.records import ProcessEnd, SessionEnd, Stop
+from logs.reason import Reason, key_of
+from logs.records import Note, ProcessEnd, SessionEnd, Stop
 
 pytestmark = pytest.mark.serial
 
@@ -278,6 +280,9 @@ def test_the_session_outlives_its_console_and_is_taken_over_from_another_termina
         second.begun()
         assert all(_lives(child) for child in children)
         assert shared(second.home).links == links
+        second.until(
+            lambda: _taken_over(trail), "the takeover in the trail"
+        )  # before it, Ctrl-Q would leave the session
         second.type(b"\x11")  # Ctrl-Q: ended by hand
         assert second.process.wait(LIMIT_S) == 0
     console.until(lambda: not any(_lives(child) for child in children), "the processes' end", ENDED_S)
@@ -286,6 +291,11 @@ def test_the_session_outlives_its_console_and_is_taken_over_from_another_termina
     assert "console" in {one.ended for one in found if isinstance(one, ProcessEnd)}
     assert not links.path.exists()
     assert held_session(console.home) is None
+
+
+def _taken_over(trail: Path) -> bool:
+    notes = (one.body.text for one in records(trail) if isinstance(one.body, Note))
+    return any(isinstance(text, Reason) and text.code == key_of(ConsoleChange.TAKEN_OVER) for text in notes)
 
 
 @pytest.fixture
