@@ -31,7 +31,7 @@ from app.system.config import SessionSetup
 from app.system.diagnostics_log import get_logger, start_log, stop_log
 from app.system.legs_lock import claim_legs
 from app.system.paths import Home
-from app.system.scheduling import set_oom_score_adj
+from app.system.scheduling import set_autogroup_nice, set_oom_score_adj
 from logs.reason import reason
 from logs.records import ProcessEnd
 
@@ -166,6 +166,7 @@ def supervise(launch: Launch) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGHUP, signal.SIG_IGN)
     set_oom_score_adj("session")
+    set_autogroup_nice("session")
     setup = replace(launch.setup, host_pid=os.getpid())
     legs = claim_legs(setup)
     start_log(Home(setup.home), "session", session=setup.session, patient=setup.profile.identifier)

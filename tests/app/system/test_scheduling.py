@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from app.system.scheduling import SCHEDULING, control_core, request_low_wake_latency
+from app.system.scheduling import SCHEDULING, control_core, request_low_wake_latency, set_autogroup_nice
 
 ASK = "import os; from app.system import scheduling; {}; print(*sorted(os.sched_getaffinity(0)))"
 
@@ -44,6 +44,31 @@ def test_who_keeps_the_legs_safe_comes_first() -> None:
     assert fifo == sorted(fifo, reverse=True)
     assert all(0 < priority < 99 for priority in fifo)
     assert len(fifo) == 4
+
+
+AUTOGROUP = Path("/proc/self/autogroup")
+
+
+@pytest.mark.skipif(not AUTOGROUP.exists(), reason="this kernel doesn't group processes by login session")
+def test_a_session_weighs_more_than_another_terminal_where_that_is_allowed() -> None:
+    allowed, group = subprocess.run(
+        [
+            sys.executable,
+            "-c",
+            "from app.system.scheduling import set_autogroup_nice; print(set_autogroup_nice('session')); "
+            f"print(open({str(AUTOGROUP)!r}).read())",
+        ],
+        capture_output=True,
+        text=True,
+        check=True,
+        start_new_session=True,
+        timeout=60,
+    ).stdout.split(maxsplit=1)
+    assert group.split()[-1] == (str(SCHEDULING["session"].nice) if allowed == "True" else "0")
+
+
+def test_a_kernel_without_groups_refuses(tmp_path: Path) -> None:
+    assert not set_autogroup_nice("session", tmp_path / "missing" / "autogroup")
 
 
 @pytest.mark.parametrize("name", list(SCHEDULING))
