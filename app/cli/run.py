@@ -98,6 +98,7 @@ def demo(
     from app.system.hand_model import set_up_model
     from app.system.legs_lock import check_legs_free
     from app.system.paths import find_home, hold_home
+    from app.system.scheduling import set_scheduling
 
     console = wide_console()
     place = find_home(home)
@@ -107,6 +108,7 @@ def demo(
     with hold_home(place), joints_for(joints, base) as joints_config:
         check_legs_free(place)
         start_log(place, "demo")
+        set_scheduling("console")  # in whose place it is
         set_up_model(place, base)
         config = demo_config(base, seed=seed, joints=joints_config)
         with busy_processes(load), spinner(console, total=len(ALL_TWELVE)) as watch:

@@ -256,6 +256,11 @@ class OrderedReceiver(_Link, Generic[M]):
         return None
 
 
+def start_links() -> None:
+    """Start ZeroMQ's own threads, which carry every message; they inherit the scheduling of the first call."""
+    zmq.Context.instance().socket(zmq.PAIR).close()
+
+
 def end_links(linger_s: float = 0.5) -> None:
     """Close what is left and let queued messages leave: a process that ends without it takes its last words along."""
     zmq.Context.instance().destroy(linger=int(linger_s * 1000))

@@ -24,7 +24,7 @@ from typing import TypeVar
 import msgspec
 
 from app.ipc import streams
-from app.ipc.links import LatestReceiver, OrderedSender, address, new_link_directory
+from app.ipc.links import LatestReceiver, OrderedSender, address, new_link_directory, start_links
 from app.ipc.messages import (
     AuditHealth,
     ControlSnapshot,
@@ -47,7 +47,7 @@ from app.system.errors import AppError
 from app.system.legs_lock import claim_legs
 from app.system.operators import Permission, needs_sign_in
 from app.system.paths import Home
-from app.system.scheduling import set_scheduling
+from app.system.scheduling import call_with_scheduling, set_scheduling
 from profiles.schema import Profile
 
 __all__ = ["Latest", "ProcessStatus", "SessionHost", "make_setup"]
@@ -128,6 +128,7 @@ class SessionHost:
         self._without = without
         self._host: Peer | None = None
         self._processes: tuple[ProcessStatus, ...] = ()
+        call_with_scheduling("heartbeat", start_links)  # STOP and heartbeat leave through them
         self._operator = OrderedSender(address(setup.links, streams.OPERATOR.name))
         self._perception = OrderedSender(address(setup.links, streams.TO_PERCEPTION.name))
         self._lock = threading.Lock()

@@ -7,7 +7,9 @@ import gc
 import os
 import resource
 import struct
+import threading
 import time
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -62,6 +64,18 @@ def set_scheduling(name: str) -> bool:
     except PermissionError:
         return False
     return True
+
+
+def call_with_scheduling(name: str, call: Callable[[], object]) -> None:
+    """Call it in a thread of that policy: threads that it starts inherit the policy, the caller keeps its own."""
+
+    def run() -> None:
+        set_scheduling(name)
+        call()
+
+    thread = threading.Thread(target=run, name=f"start {name}")
+    thread.start()
+    thread.join()
 
 
 def set_autogroup_nice(name: str, autogroup: Path = _AUTOGROUP) -> bool:

@@ -102,3 +102,24 @@ def test_the_request_to_stay_awake_is_held_and_reports_no_microsecond(tmp_path: 
 
 def test_a_system_without_the_request_is_reported(tmp_path: Path) -> None:
     assert not request_low_wake_latency(tmp_path / "absent")
+
+
+LINKS = """
+import os
+from pathlib import Path
+from app.ipc.links import start_links
+from app.system.scheduling import call_with_scheduling
+before = set(os.listdir("/proc/self/task"))
+call_with_scheduling("heartbeat", start_links)
+comms = {task: Path(f"/proc/self/task/{task}/comm") for task in set(os.listdir("/proc/self/task")) - before}
+links = [int(task) for task, comm in comms.items() if comm.exists() and comm.read_text().startswith("ZMQ")]
+print(os.sched_getscheduler(0), *{os.sched_getscheduler(task) for task in links}, len(links))
+"""
+
+
+def test_the_links_threads_carry_stop_before_other_programs_and_their_process_stays_as_it_was() -> None:
+    reported = subprocess.run([sys.executable, "-c", LINKS], capture_output=True, text=True, check=True, timeout=60)
+    own, links, threads = map(int, reported.stdout.split())
+    assert own == os.sched_getscheduler(0)
+    assert links in {os.SCHED_FIFO, own}  # where it is not allowed, as their process
+    assert threads == 2
