@@ -81,6 +81,7 @@ def demo(
     click: Annotated[
         float, typer.Option(callback=check_finite, help="Seconds to press and withdraw.", min=0.2, max=3.0)
     ] = 0.6,
+    record: Annotated[bool, typer.Option("--record", help="Record it: one MCAP file beside its trail.")] = False,
     load: Annotated[int, typer.Option(min=0, max=64, help="Busy processes to start beside it.")] = 0,
     home: HomeOption = None,
     verbose: Annotated[bool, typer.Option("--verbose", help="Log more for engineers.")] = False,
@@ -110,10 +111,15 @@ def demo(
         start_log(place, "demo")
         set_scheduling("console")  # in whose place it is
         set_up_model(place, base)
-        config = demo_config(base, seed=seed, joints=joints_config)
+        config = demo_config(base, seed=seed, joints=joints_config, record=record)
         with busy_processes(load), spinner(console, total=len(ALL_TWELVE)) as watch:
             result = run_session(place, config, ALL_TWELVE, click_s=click, presses=PRESSES, watch=watch, load=load)
     print_result(console, result, ALL_TWELVE)
+    if record:
+        from app.cli.common import print_text
+        from app.recording.read import recording_path
+
+        print_text("recording.written", path=recording_path(place.logs, result.session))
     if json_file is not None:
         json_file.write_text(json.dumps(result.as_json(ALL_TWELVE), indent=1) + "\n", encoding="utf-8")
     raise typer.Exit(0 if result.passed(ALL_TWELVE) else 1)

@@ -32,6 +32,7 @@ _GROUPS = {
     "evaluate": "Measure what the documents claim.",
     "operator": "Operators and what they may do.",
     "profile": "Patient profiles.",
+    "recording": "What a session's recording holds.",
 }
 
 

@@ -306,8 +306,9 @@ class SessionHost:
 
 
 def _start_order(config: Config) -> tuple[str, ...]:
-    """Joints on CAN have their buses recorded from the first frame on."""
-    return (*START_ORDER[:1], "bus-log", *START_ORDER[1:]) if config.joints.kind == "can" else START_ORDER
+    """Recorders first: joints on CAN have their buses recorded from the first frame on."""
+    recorders = [("bus-log", config.joints.kind == "can"), ("recording", config.recording.on)]
+    return (*START_ORDER[:1], *(name for name, wanted in recorders if wanted), *START_ORDER[1:])
 
 
 def _with_liveness(process: ProcessStatus) -> ProcessStatus:

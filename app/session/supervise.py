@@ -38,7 +38,15 @@ from logs.records import ProcessEnd
 _log = get_logger("session")
 
 # Control holds (0.15 s), damps (3 s if nobody is there) and disables; then the others have nothing left to send.
-END_PATIENCE_S = {"control": 6.0, "perception": 2.0, "planner": 2.0, "guardian": 2.0, "bus-log": 2.0, "audit": 5.0}
+END_PATIENCE_S = {
+    "control": 6.0,
+    "perception": 2.0,
+    "planner": 2.0,
+    "guardian": 2.0,
+    "bus-log": 2.0,
+    "recording": 5.0,
+    "audit": 5.0,
+}
 
 
 class SessionNotice(Enum):
@@ -83,7 +91,7 @@ class SessionProcesses:
 
     def close(self) -> None:
         """Bring the legs to rest and every process to its end."""
-        for name in ("control", "perception", "planner", "guardian", "bus-log"):
+        for name in ("control", "perception", "planner", "guardian", "bus-log", "recording"):
             self._end(name)
         self._sink.close()
         shutil.rmtree(self._setup.links.path, ignore_errors=True)  # all that audit receives is connected

@@ -39,6 +39,7 @@ SCHEDULING = MappingProxyType(
         "console": SchedPolicy(nice=-5),  # after perception, whose core it shares; before other programs
         "observer": SchedPolicy(nice=5),  # another console on this host must not keep the therapist's waiting
         "rehearsal": SchedPolicy(nice=5),  # half a minute of physics, while somebody presses keys
+        "recording": SchedPolicy(nice=5),  # its queue holds 20 s
         "bus log": SchedPolicy(nice=5),  # its socket holds a second's frames: it can wait, perception can't
     }
 )
@@ -199,6 +200,7 @@ SCORES = {
     "perception": 700,  # the largest, and started again: the running action ends, no further one by gesture
     "planner": 500,
     "bus-log": 400,
+    "recording": 400,
     "audit": 200,
     "session": -800,  # without it all the others end, in order
     "guardian": -900,

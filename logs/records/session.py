@@ -133,6 +133,18 @@ class RecordsLost(Struct, frozen=True, kw_only=True, tag_field="kind", tag="reco
     reason: Cause
 
 
+class RecordingFile(Struct, frozen=True, kw_only=True, tag_field="kind", tag="recording-file"):
+    """A file of the session's recording was finished: its hash, and how many messages it holds and lacks, by topic."""
+
+    file: str
+    sha256: Hex
+    size_bytes: int
+    messages: dict[str, int]
+    lost: dict[str, int] = {}  # a slow or full disk, or a full queue, cost them
+    whole: bool  # index and footer are there
+    fault: Cause = None
+
+
 SessionBody = (
     SessionStart
     | SessionEnd
@@ -149,4 +161,5 @@ SessionBody = (
     | Discomfort
     | ClockStep
     | RecordsLost
+    | RecordingFile
 )

@@ -150,6 +150,10 @@ class SimulatedJoints:
         """What the drives really give, (4,)."""
         return np.array(self._torque)
 
+    def contact_n(self) -> tuple[float, float]:
+        """Vertical force on the left and the right foot."""
+        return self.wearer.contact_n()
+
     def ground_truth(self) -> GroundTruth:
         """Where everything really is."""
         return self.wearer.ground_truth()

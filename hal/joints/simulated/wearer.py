@@ -204,6 +204,11 @@ class Wearer:
         speeds: JointArray = self._qvel.take(self._v)
         return speeds
 
+    def contact_n(self) -> tuple[float, float]:
+        """Vertical force on the left and the right foot."""
+        left_n, right_n = self._contacts()[0].tolist()
+        return left_n, right_n
+
     def ground_truth(self) -> GroundTruth:
         """Everything that can be known now; too slow for every tick of a real-time loop."""
         data = self._data
