@@ -28,6 +28,7 @@ from app.ipc.streams import AUDIT, AUDIT_HEALTH
 from app.system.config import SessionSetup
 from app.system.hand_model import MODEL_NAME
 from app.system.paths import Home
+from app.system.program import program_identity
 from app.system.scheduling import set_scheduling
 from logs.disk import Disk
 from logs.journal import Moment
@@ -38,7 +39,7 @@ from logs.records import Body, Entry, EventRaised, Loss, PatientChosen, RecordsL
 from logs.trail import DiskFault
 from logs.writer import SessionWriter
 
-LIBRARIES = ("rleex", "mediapipe", "mujoco", "numpy", "opencv-python-headless", "python-can", "textual", "pyzmq")
+LIBRARIES = ("mediapipe", "mujoco", "numpy", "opencv-python-headless", "python-can", "textual", "pyzmq")
 BATCH = 4096  # messages between two checks of the disk and the clock
 WAIT_S = 0.01
 IDLE_S = 0.2  # asked to end: nothing has come for so long
@@ -237,7 +238,7 @@ def start_record(setup: SessionSetup) -> SessionStart:
 
 
 def _versions(setup: SessionSetup) -> dict[str, str]:
-    found = {name: version(name) for name in LIBRARIES}
+    found = program_identity() | {name: version(name) for name in LIBRARIES}
     model = Path(setup.config.model) if setup.config.model else Home(setup.home).models / MODEL_NAME
     if model.is_file():
         found["hand model, SHA-256"] = sha256(model.read_bytes()).hexdigest()

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import msgspec
 import typer
@@ -28,6 +28,9 @@ from logs.sanitize import sanitize_terminal
 from logs.show import Filter, RecordSelector, json_of, line_of
 from logs.verify import Evidence, Finding, exit_status
 from logs.verify import verify as assess
+
+if TYPE_CHECKING:
+    from app.replay.session import Replayed
 
 cli = typer.Typer(no_args_is_help=True)
 KeyOption = Annotated[
@@ -134,18 +137,9 @@ def replay(
     if json:
         import json as text
 
-        typer.echo(text.dumps(again.to_values(), ensure_ascii=True, sort_keys=True))
+        typer.echo(text.dumps(msgspec.to_builtins(again.to_values()), ensure_ascii=True, sort_keys=True))
     else:
-        for one in again.differences:
-            recorded, replayed = (sanitize_terminal(str(value)) for value in (one.recorded, one.replayed))
-            place = {"sequence": one.sequence, "kind": one.kind, "field": one.field}
-            print_text("cli.audit.differs", **place, recorded=recorded, replayed=replayed)
-        print_text(
-            "cli.audit.replayed",
-            replayed=again.replayed,
-            differences=len(again.differences),
-            not_recorded=again.not_recorded,
-        )
+        _print_replayed(again)
     raise typer.Exit(1 if again.differences else 0)
 
 
@@ -225,6 +219,25 @@ def list_sessions(home: HomeOption = None) -> None:
         numbers = (f"{one.duration_s / 60:.1f}", one.records, one.actions, one.stops)
         table.add_row(*(sanitize_terminal(text) for text in texts), *(str(number) for number in numbers))
     Console(highlight=False, markup=False).print(table)
+
+
+def _print_replayed(again: Replayed) -> None:
+    from app.system.program import RULES
+
+    for one in again.differences:
+        recorded, replayed = (sanitize_terminal(str(value)) for value in (one.recorded, one.replayed))
+        place = {"sequence": one.sequence, "kind": one.kind, "field": one.field}
+        print_text("cli.audit.differs", **place, recorded=recorded, replayed=replayed)
+    typer.echo(tr(again.writer, recorded=again.recorded.get(RULES, "")[:8], now=again.now[RULES][:8]))
+    print_text("cli.audit.not_covered")
+    print_text(
+        "cli.audit.replayed",
+        replayed=again.replayed,
+        differences=len(again.differences),
+        not_recorded=again.not_recorded,
+    )
+    if not again.replayed:
+        print_text("cli.audit.nothing_replayed")
 
 
 def _print_records(path: Path, selector: RecordSelector, *, follow: bool, as_json: bool) -> None:

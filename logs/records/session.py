@@ -14,7 +14,7 @@ from logs.records.fields import Cause, Hex
 class SessionStart(Struct, frozen=True, kw_only=True, tag_field="kind", tag="session-start"):
     """First record of a session: what runs, how it is set up, and where the console's history stood."""
 
-    versions: dict[str, str]  # program, Python, operating system, libraries, models' SHA-256
+    versions: dict[str, str]  # program, Python, operating system, libraries; SHA-256 of program, rules, models
     configuration: dict[str, Any]
     simulated: bool
     role: str = ""

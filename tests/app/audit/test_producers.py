@@ -173,10 +173,10 @@ def walked() -> Rig:
 
 
 def paused() -> Rig:
-    """Control was late for a moment in the middle of a step."""
+    """Control was late for a moment in the middle of a step, and foreign programs knocked."""
     rig = moving()
-    rig.spoil.update(late_ns=30_000_000, missed_ticks=15)
-    rig.tick(3)
+    rig.spoil.update(late_ns=30_000_000, missed_ticks=15, foreign_peers=3)
+    rig.tick(520)
     return rig
 
 
