@@ -95,6 +95,7 @@ class _AuditLoop:
         self._setup = setup
         self._receiver = receiver
         self._rejected = 0
+        self._operator = setup.operator
         self._ending = False
         self._received_ns = self.cycle_ns
         self._copy_fault: Reason | None = None
@@ -152,7 +153,7 @@ class _AuditLoop:
         entry = self._receiver.receive(WAIT_S)
         taken = 0
         while entry is not None:
-            self.writer.take(entry)
+            self.writer.take(self._signed(entry))
             taken += 1
             entry = self._receiver.receive() if taken < BATCH else None
         if taken:
@@ -160,6 +161,14 @@ class _AuditLoop:
         self.foreign_peers += self._receiver.foreign_peers()
         self._record_rejected()
         self._record_copy_fault()
+
+    def _signed(self, entry: Entry) -> Entry:
+        """With who commands the legs now: control hears of a takeover, the others only know who began the session."""
+        if entry.process == "control":
+            self._operator = entry.operator
+        if entry.operator != self._setup.operator or entry.process == "console":
+            return entry
+        return replace(entry, operator=self._operator)
 
     def _record_rejected(self) -> None:
         lost, self._rejected = self._receiver.rejected - self._rejected, self._receiver.rejected
@@ -190,7 +199,7 @@ class _AuditLoop:
         self.writer.take(now.entry(body))
 
     def _now(self) -> Moment:
-        return Moment(wall_ns=time.time_ns(), monotonic_ns=time.monotonic_ns(), operator=self._setup.operator)
+        return Moment(wall_ns=time.time_ns(), monotonic_ns=time.monotonic_ns(), operator=self._operator)
 
 
 class _HealthPublisher:

@@ -166,6 +166,12 @@ class SessionHost:
         """The session's own process; 0 before the start."""
         return self._host.pid if self._host else 0
 
+    @property
+    def commands(self) -> bool:
+        """Whether the session is this one's to end: begun or taken over here, and by nobody since."""
+        lease = current_lease(self.setup.links)
+        return lease is None or lease.number == self._lease
+
     def close(self) -> None:
         """Bring the legs to rest and every process to its end; harmless when done twice.
 
@@ -173,9 +179,7 @@ class SessionHost:
         """
         if self._closed:
             return
-        lease = current_lease(self.setup.links)
-        ours = lease is None or lease.number == self._lease
-        if ours:
+        if self.commands:
             self.send(OperatorKind.SHUT_DOWN)
             if self._host is not None:
                 self._host.end(END_S)

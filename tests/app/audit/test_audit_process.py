@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterator
 from multiprocessing.process import BaseProcess
 from pathlib import Path
 
+import msgspec
 import pytest
 
 from app.audit.process import run_audit
@@ -98,9 +99,29 @@ def evidence(home: Home) -> Evidence:
 
 
 def bodies(path: Path) -> list[object]:
-    import msgspec
+    return [_record(line).body for line in path.read_bytes().splitlines()]
 
-    return [msgspec.json.decode(line, type=Record).body for line in path.read_bytes().splitlines()]
+
+def _record(line: bytes) -> Record:
+    return msgspec.json.decode(line, type=Record)
+
+
+def test_after_a_takeover_every_process_signs_with_who_commands(start: Callable[[str], Session]) -> None:
+    session = start("s1")
+    guardian = AuditSink(session.setup.links, "guardian", "ann")
+    for number, operator in enumerate(("ann", "tom"), 1):
+        session.sink.operator = operator
+        written = session.wait_until(lambda health: health.written > 0).written
+        assert session.sink.emit(Note(text=f"control {number}"))
+        session.wait_until(lambda health, least=written: health.written > least)
+        assert guardian.emit(Note(text=f"guardian {number}"))
+        session.wait_until(lambda health, least=written + 1: health.written > least)
+    guardian.close()
+    assert session.end() == 0
+    lines = (session.home.logs / "s1.jsonl").read_bytes().splitlines()
+    written_by = {one.body.text: one.operator for one in map(_record, lines) if isinstance(one.body, Note)}
+    assert written_by == {"control 1": "ann", "guardian 1": "ann", "control 2": "tom", "guardian 2": "tom"}
+    assert [one.operator for one in map(_record, lines) if isinstance(one.body, SessionEnd)] == ["tom"]
 
 
 def test_everything_sent_is_written_in_order_and_signed_at_the_end(start: Callable[[str], Session]) -> None:
