@@ -6,6 +6,7 @@ import multiprocessing
 import os
 import time
 from collections.abc import Callable, Iterator
+from functools import partial
 from multiprocessing.process import BaseProcess
 from pathlib import Path
 
@@ -102,6 +103,10 @@ def bodies(path: Path) -> list[object]:
     return [_record(line).body for line in path.read_bytes().splitlines()]
 
 
+def _has_written_more(before: int, health: AuditHealth) -> bool:
+    return health.written > before
+
+
 def _record(line: bytes) -> Record:
     return msgspec.json.decode(line, type=Record)
 
@@ -111,11 +116,10 @@ def test_after_a_takeover_every_process_signs_with_who_commands(start: Callable[
     guardian = AuditSink(session.setup.links, "guardian", "ann")
     for number, operator in enumerate(("ann", "tom"), 1):
         session.sink.operator = operator
-        written = session.wait_until(lambda health: health.written > 0).written
-        assert session.sink.emit(Note(text=f"control {number}"))
-        session.wait_until(lambda health, least=written: health.written > least)
-        assert guardian.emit(Note(text=f"guardian {number}"))
-        session.wait_until(lambda health, least=written + 1: health.written > least)
+        for sink, name in ((session.sink, "control"), (guardian, "guardian")):
+            before = session.wait_until(lambda health: health.written > 0).written
+            assert sink.emit(Note(text=f"{name} {number}"))
+            session.wait_until(partial(_has_written_more, before))
     guardian.close()
     assert session.end() == 0
     lines = (session.home.logs / "s1.jsonl").read_bytes().splitlines()
