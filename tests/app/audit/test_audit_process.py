@@ -103,8 +103,8 @@ def bodies(path: Path) -> list[object]:
     return [_record(line).body for line in path.read_bytes().splitlines()]
 
 
-def _has_written_more(before: int, health: AuditHealth) -> bool:
-    return health.written > before
+def _has_written(trail: Path, text: str, _: AuditHealth) -> bool:
+    return trail.exists() and text in trail.read_text(encoding="utf-8")
 
 
 def _record(line: bytes) -> Record:
@@ -113,16 +113,16 @@ def _record(line: bytes) -> Record:
 
 def test_after_a_takeover_every_process_signs_with_who_commands(start: Callable[[str], Session]) -> None:
     session = start("s1")
+    trail = session.home.logs / "s1.jsonl"
     guardian = AuditSink(session.setup.links, "guardian", "ann")
     for number, operator in enumerate(("ann", "tom"), 1):
         session.sink.operator = operator
         for sink, name in ((session.sink, "control"), (guardian, "guardian")):
-            before = session.wait_until(lambda health: health.written > 0).written
             assert sink.emit(Note(text=f"{name} {number}"))
-            session.wait_until(partial(_has_written_more, before))
+            session.wait_until(partial(_has_written, trail, f"{name} {number}"))
     guardian.close()
     assert session.end() == 0
-    lines = (session.home.logs / "s1.jsonl").read_bytes().splitlines()
+    lines = trail.read_bytes().splitlines()
     written_by = {one.body.text: one.operator for one in map(_record, lines) if isinstance(one.body, Note)}
     assert written_by == {"control 1": "ann", "guardian 1": "ann", "control 2": "tom", "guardian 2": "tom"}
     assert [one.operator for one in map(_record, lines) if isinstance(one.body, SessionEnd)] == ["tom"]
