@@ -3,7 +3,9 @@
 `published` is the paper's rule, literally: pressed while the hand is nearer than the threshold and its bounding
 box covers the button, else released, and every release commands. `robust` presses only a hand that was seen
 outside the threshold and crossed it with a voted gesture over the button, and commands only when that hand
-withdraws; any other end of a press is a cancel with its reason.
+withdraws; any other end of a press is a cancel with its reason. In the frame in which another source begins to measure
+(depth, or the keypoints that bridge its holes) nothing is pressed, released or made ready; what was measured before is
+put in the new source's terms, so that only the hand's own movement counts as an approach.
 """
 
 from __future__ import annotations
@@ -17,6 +19,7 @@ from typing import TYPE_CHECKING
 from msgspec import Struct
 from msgspec.structs import replace
 
+from kgdfa.distance import DistanceSource
 from kgdfa.gesture import Gesture
 
 if TYPE_CHECKING:
@@ -92,6 +95,8 @@ class ButtonInput(Struct, frozen=True, kw_only=True):
     recognised_ns: int  # capture of the frame whose vote made `gesture`
     distance_m: float | None  # safe distance; None: no measurement
     beside_px: float | None  # from the box of the 22 points to the button's centre, see `ButtonPlace`; None: no hand
+    source: DistanceSource = DistanceSource.MONOCULAR  # of distance_m
+    bridge_m: float | None = None  # what the keypoints would have decided by, while depth decides
 
 
 class ButtonComparison(Struct, frozen=True, kw_only=True):
@@ -114,6 +119,8 @@ class ButtonComparison(Struct, frozen=True, kw_only=True):
     elapsed_limit_ns: int = STALE_NS  # later, the camera paused
     held_limit_ns: int = SHORTEST_PRESS_NS  # shorter is no press
     gap_limit_frames: int = GAP_FRAMES  # more lose the hand
+    source: DistanceSource = DistanceSource.MONOCULAR  # of distance_m
+    source_changed: bool = False  # since the measurement before: nothing is pressed or released
 
 
 class ButtonState(Struct, frozen=True, kw_only=True):
@@ -136,6 +143,8 @@ class ButtonState(Struct, frozen=True, kw_only=True):
     gap_frames: int = 0  # frames in a row without a measurement
     approach: tuple[tuple[int, float], ...] = ()  # (captured_ns, distance_m) of the last APPROACH_NS, oldest first
     hint: PressHint | None = None  # why a hand that is near does not press
+    source: DistanceSource | None = None  # of the newest measurement
+    bridge_ratio: float | None = None  # newest depth over what the keypoints then measured; None: not both
     compared: ButtonComparison | None = None  # in the newest frame; None before the first
 
 
@@ -143,12 +152,31 @@ def advance(state: ButtonState, observed: ButtonInput, place: ButtonPlace, mode:
     """The button after one more frame. A frame given twice changes nothing."""
     if observed.captured_ns == state.last_captured_ns:
         return state
-    compared = _compare(state, observed, place)
+    measured_m = _measured(observed)
+    changed = measured_m is not None and state.source is not None and observed.source is not state.source
+    if changed or observed.bridge_m is not None:
+        state = _in_terms_of(state, observed, measured_m, changed=changed)
+    compared = _compare(state, observed, place, changed=changed)
     after = _RULES[mode](state, observed, compared)
-    return replace(after, last_captured_ns=observed.captured_ns, compared=compared)
+    source = state.source if measured_m is None else observed.source
+    return replace(after, last_captured_ns=observed.captured_ns, compared=compared, source=source)
 
 
-def _compare(state: ButtonState, observed: ButtonInput, place: ButtonPlace) -> ButtonComparison:
+def _in_terms_of(state: ButtonState, observed: ButtonInput, measured_m: float | None, *, changed: bool) -> ButtonState:
+    """What was measured before, as the source of this frame would have measured it; forgotten where nobody knows."""
+    now_m = observed.bridge_m
+    ratio = measured_m / now_m if measured_m is not None and now_m is not None and now_m > 0 else state.bridge_ratio
+    if not changed:
+        return replace(state, bridge_ratio=ratio)
+    if ratio is None:
+        return replace(state, approach=(), last_distance_m=None)
+    factor = ratio if observed.source is DistanceSource.DEPTH else 1 / ratio
+    last_m = None if state.last_distance_m is None else state.last_distance_m * factor
+    approach = tuple((captured_ns, metres * factor) for captured_ns, metres in state.approach)
+    return replace(state, bridge_ratio=ratio, last_distance_m=last_m, approach=approach)
+
+
+def _compare(state: ButtonState, observed: ButtonInput, place: ButtonPlace, *, changed: bool) -> ButtonComparison:
     elapsed_ns = observed.captured_ns - state.last_captured_ns if state.last_captured_ns else 0
     distance_m, previous_m = observed.distance_m, state.last_distance_m
     measured_m = _measured(observed)
@@ -168,13 +196,15 @@ def _compare(state: ButtonState, observed: ButtonInput, place: ButtonPlace) -> B
         gap_frames=state.gap_frames,
         approached_m=None if measured_m is None or farthest_m is None else max(farthest_m - measured_m, 0.0),
         approach_limit_m=APPROACH_SHARE * place.threshold_m,
+        source=observed.source,
+        source_changed=changed,
     )
 
 
 def _published(state: ButtonState, observed: ButtonInput, compared: ButtonComparison) -> ButtonState:
     near = compared.distance_m is not None and compared.distance_m < compared.threshold_m
     pressed = near and compared.beside_px == 0.0
-    if pressed == state.pressed:
+    if pressed == state.pressed or compared.source_changed:
         return replace(state, ready=True)
     return _press(state, observed) if pressed else _release(state, observed, observed.gesture or state.pressed_gesture)
 
@@ -198,7 +228,7 @@ def _while_pressed(
         return _end(state, PressCancel.GESTURE_CHANGED)
     if compared.beside_px is None or compared.beside_px > compared.beside_limit_px:
         return _end(state, PressCancel.LEFT_SIDEWAYS)
-    if distance_m <= compared.release_m:
+    if distance_m <= compared.release_m or compared.source_changed:
         return state
     reason = _no_withdrawal(compared)
     return _end(state, reason) if reason else _release(state, observed, state.pressed_gesture)
@@ -212,6 +242,8 @@ def _no_withdrawal(compared: ButtonComparison) -> PressCancel | None:
 
 
 def _while_up(state: ButtonState, observed: ButtonInput, compared: ButtonComparison, distance_m: float) -> ButtonState:
+    if compared.source_changed:
+        return _at_change(state, compared, distance_m)
     if distance_m >= compared.threshold_m:
         if distance_m <= compared.release_m:
             return state
@@ -222,6 +254,14 @@ def _while_up(state: ButtonState, observed: ButtonInput, compared: ButtonCompari
     if reason:
         return replace(state, ready=False, hint=reason)
     return _press(state, observed)
+
+
+def _at_change(state: ButtonState, compared: ButtonComparison, distance_m: float) -> ButtonState:
+    """A hand that only the former source saw outside has not been outside."""
+    farthest_m = distance_m + (compared.approached_m or 0.0)
+    if farthest_m >= compared.threshold_m or not state.ready:
+        return state
+    return replace(state, ready=False, hint=PressHint.WITHDRAW_FIRST)
 
 
 def _no_press(state: ButtonState, observed: ButtonInput, compared: ButtonComparison) -> PressHint | None:

@@ -2,7 +2,7 @@
 
 A stereo camera gives 0 where it could not match: nearer than its minimum range, at the image's edge, at depth
 jumps and while the hand flips. `published` takes that 0 as a distance, as the paper did; `robust` takes it as no
-measurement and falls back to the keypoints' own distance, marked as such.
+measurement. Which distance commands, the map's or the keypoints', is chosen in `choose_distance`.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from enum import Enum
 import numpy as np
 from numpy.typing import NDArray
 
-from kgdfa.distance import HALF_PALM_M, Distance, DistanceSource, OutlierState, accept_distance
+from kgdfa.distance import HALF_PALM_M, Distance, DistanceChoice, DistanceSource, OutlierState, accept_distance
 from kgdfa.errors import KgdfaError, KgdfaFault
 from kgdfa.hand import Hand
 
@@ -24,6 +24,11 @@ MAX_DEPTH_M = 10.0  # D435i data sheet: use range to about 10 m; 65.535 is its 1
 WINDOW_REFERENCES = 0.25  # side of the neighbourhood, in reference segments: on the palm at any tilt that counts
 MIN_VALID = 0.5  # share of the neighbourhood that must have measured
 MAX_SPREAD_M = 0.04  # between its quartiles: more is an edge, not a palm
+LEAST_M = 0.25  # the paper: nearer, a D435i gives 0
+# Where the keypoints see a hand this much farther than the map, the map has not seen the palm: an error of theirs of
+# 25 % (a tilt that they miss) and a palm width wrong by 15 % are less than that together.
+AGREEMENT = 0.6
+MOST_RATIO = 1.25  # how much farther than the keypoints' own a bridged hole may read
 SENSOR_SD = 0.01  # D435i: about 1 % of distance in the near field, well inside its 2 % specification
 
 
@@ -38,6 +43,7 @@ class DepthFault(Enum):
     SATURATED = "saturated"
     EDGE = "edge"
     JUMP = "jump"  # further than a hand can move
+    DISAGREEMENT = "disagreement"  # much nearer than the keypoints see the hand
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -99,8 +105,8 @@ class DepthRange:
         self.fault = DepthFault.NONE
         self._outliers = OutlierState()
 
-    def measure(self, depth_m: DepthMap, hand: Hand, monocular: Distance | None, captured_ns: int) -> Distance | None:
-        """The palm's distance; `robust` gives `monocular`, marked as a fallback, where the map has none.
+    def measure(self, depth_m: DepthMap, hand: Hand, captured_ns: int) -> Distance | None:
+        """The palm's distance; None where the map has none.
 
         The map shows the skin; the joints, of which all distances speak, lie half a palm under it.
         """
@@ -108,14 +114,43 @@ class DepthRange:
             return read_published(depth_m, hand)
         self._outliers, sample = reject_outlier(self._outliers, sample_palm(hand, depth_m), captured_ns)
         self.fault = sample.fault
-        if sample.depth_m is not None:
-            joints_m, sd_m = sample.depth_m + HALF_PALM_M, SENSOR_SD * sample.depth_m
-            return Distance(shown_m=joints_m, safe_m=joints_m + sd_m, sd_m=sd_m, source=DistanceSource.DEPTH)
-        return None if monocular is None else replace(monocular, source=DistanceSource.KEYPOINTS_FOR_DEPTH)
+        if sample.depth_m is None:
+            return None
+        joints_m, sd_m = sample.depth_m + HALF_PALM_M, SENSOR_SD * sample.depth_m
+        return Distance(shown_m=joints_m, safe_m=joints_m + sd_m, sd_m=sd_m, source=DistanceSource.DEPTH)
 
     def reset(self) -> None:
         """Forget what was accepted last: another hand, or a gap."""
         self._outliers = OutlierState()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ChosenDistance:
+    """The distance that decides. bridge_m: what the keypoints would have decided by, while depth decides.
+
+    ratio: how much farther than the keypoints' own the bridge reads, from the newest frame that measured both; at
+    least 1, since a distance may read far, never near.
+    """
+
+    distance: Distance | None = None
+    bridge_m: float | None = None
+    ratio: float = 1.0
+    fault: DepthFault = DepthFault.NONE
+
+
+def choose_distance(
+    before: ChosenDistance, choice: DistanceChoice, monocular: Distance | None, depth: Distance | None
+) -> ChosenDistance:
+    """Which of a frame's two measurements decides; before: of the frame before, of the same hand."""
+    if choice is not DistanceChoice.BOTH:
+        return ChosenDistance(distance=monocular if choice is DistanceChoice.MONOCULAR else depth)
+    if depth is None or monocular is None:
+        bridge = None if monocular is None else replace(monocular, safe_m=monocular.safe_m * before.ratio)
+        return ChosenDistance(distance=depth or bridge, ratio=before.ratio)
+    if depth.safe_m < AGREEMENT * monocular.shown_m:
+        return replace(choose_distance(before, choice, monocular, None), fault=DepthFault.DISAGREEMENT)
+    ratio = min(MOST_RATIO, max(1.0, depth.safe_m / monocular.safe_m))
+    return ChosenDistance(distance=depth, bridge_m=monocular.safe_m * ratio, ratio=ratio)
 
 
 def _neighbourhood(hand: Hand, depth_m: DepthMap) -> DepthMap:

@@ -33,9 +33,16 @@ CONFIRM_FRAMES = 4
 class DistanceSource(Enum):
     """What a distance was measured with."""
 
-    KEYPOINTS = "keypoints"
+    MONOCULAR = "monocular"  # the keypoints
+    DEPTH = "depth"  # a depth camera's map
+
+
+class DistanceChoice(Enum):
+    """Which distance commands in a session."""
+
+    MONOCULAR = "monocular"
     DEPTH = "depth"
-    KEYPOINTS_FOR_DEPTH = "keypoints for depth"  # the depth map has no measurement
+    BOTH = "both"  # depth where it measures; the keypoints bridge its holes
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -46,7 +53,7 @@ class Distance:
     safe_m: float
     sd_m: float
     tilt_rad: float = 0.0
-    source: DistanceSource = DistanceSource.KEYPOINTS
+    source: DistanceSource = DistanceSource.MONOCULAR
 
 
 class RangeFinder(Protocol):

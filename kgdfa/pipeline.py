@@ -9,8 +9,9 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from kgdfa.button import ButtonInput, ButtonMode, ButtonPlace, ButtonState, advance
-from kgdfa.distance import Distance, RangeFinder
+from kgdfa.button import ButtonMode, ButtonPlace, ButtonState
+from kgdfa.depth import ChosenDistance, DepthFault, choose_distance
+from kgdfa.distance import Distance, DistanceChoice, DistanceSource, RangeFinder
 from kgdfa.gesture import VOTE_FRAMES, Explanation, Gesture, RuleSet, Verdict
 from kgdfa.hand import Hand, is_cut_off
 from kgdfa.preprocess import Image, as_bgr8
@@ -29,7 +30,10 @@ class PipelineInput:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Report:
-    """The result of one frame. `gesture` is voted and smoothed; `verdict` is this frame's alone."""
+    """The result of one frame. `gesture` is voted and smoothed; `verdict` is this frame's alone.
+
+    distance: by which the button decided; `monocular` and `depth_distance` are what each source measured.
+    """
 
     captured_ns: int
     hand: Hand | None
@@ -40,7 +44,8 @@ class Report:
     distance: Distance | None
     depth_distance: Distance | None
     button: ButtonState
-    depth_button: ButtonState | None = None
+    monocular: Distance | None = None
+    depth_fault: DepthFault = DepthFault.NONE  # why there is no depth_distance, or it does not decide
     refusal: Explanation | None = None  # why no hand in view commands
     vote_ns: tuple[int, ...] = ()  # captures of the frames that made `gesture`, or ended the one before
     reading: FrameReading | None = None  # what vote and button took
@@ -55,12 +60,12 @@ class Detector(Protocol):
 
 
 class DepthFinder(Protocol):
-    """Measures distance on a depth map, falling back on the monocular one where the map has nothing."""
+    """Measures distance on a depth map. fault: why there was none."""
 
-    def measure(
-        self, depth_m: NDArray[np.float32], hand: Hand, monocular: Distance | None, captured_ns: int
-    ) -> Distance | None:
-        """The distance now, or None."""
+    fault: DepthFault
+
+    def measure(self, depth_m: NDArray[np.float32], hand: Hand, captured_ns: int) -> Distance | None:
+        """The distance now, or None where the map has none."""
         ...
 
     def reset(self) -> None:
@@ -88,10 +93,11 @@ class Pipeline:
         mode: ButtonMode = ButtonMode.ROBUST,
         prepare: Prepare | None = None,
         depth_finder: DepthFinder | None = None,
+        choice: DistanceChoice = DistanceChoice.MONOCULAR,
         enrolment: Enrolment | None = None,
         follow: Follow = lambda _hand, _unknown: None,
     ) -> None:
-        """enrolment: whose hand commands; None: anybody's.
+        """choice: which distance commands; depth needs a depth_finder. enrolment: whose hand commands; None: anybody's.
 
         follow: is given each frame's commanding hand, if any, and whether another one may be the enrolled one.
         """
@@ -107,7 +113,8 @@ class Pipeline:
         self._tracks = Tracks()
         self._hand_number = 0  # of the newest hand that commanded
         self._recognition = Recognition()
-        self._depth_button: ButtonState | None = None
+        self._choice = choice
+        self._chosen = ChosenDistance()
 
     def process(self, source: PipelineInput) -> Report:
         """One frame through the chain. Raises KgdfaError for an image that can't be read."""
@@ -115,7 +122,10 @@ class Pipeline:
         image = self._prepare(source.image_bgr)
         verdicts = [(hand, self._rules.classify(hand)) for hand in self._detector.detect(image, now_ns)]
         hand, verdict = self._update_tracks(verdicts, now_ns)
-        distance = self._range_finder.measure(hand, now_ns) if hand else None
+        monocular = self._range_finder.measure(hand, now_ns) if hand else None
+        depth, fault = self._measure_depth(source, hand)
+        self._chosen = choose_distance(self._chosen, self._choice, monocular, depth)
+        distance = self._chosen.distance
         reading = FrameReading(
             captured_ns=now_ns,
             hand=self._hand_number,
@@ -123,10 +133,11 @@ class Pipeline:
             cut_off=hand is not None and is_cut_off(hand, image.shape[1], image.shape[0]),
             distance_m=distance.safe_m if distance else None,
             beside_px=self._place.beside_px(hand.bounding_box) if hand else None,
+            source=distance.source if distance else DistanceSource.MONOCULAR,
+            bridge_m=self._chosen.bridge_m,
         )
         self._recognition = recognise(self._recognition, reading, self._place, self._mode)
         vote = self._recognition.vote
-        depth_distance = self._measure_depth(source, hand, distance, reading.beside_px)
         return Report(
             captured_ns=now_ns,
             hand=hand,
@@ -135,9 +146,10 @@ class Pipeline:
             recognised_ns=vote.recognised_ns,
             votes=min(vote.count, VOTE_FRAMES),
             distance=distance,
-            depth_distance=depth_distance,
+            depth_distance=depth,
+            monocular=monocular,
+            depth_fault=fault if self._chosen.fault is DepthFault.NONE else self._chosen.fault,
             button=self._recognition.button,
-            depth_button=self._depth_button,
             refusal=self._tracks.refusal,
             vote_ns=vote.decided_ns,
             reading=reading,
@@ -152,27 +164,16 @@ class Pipeline:
         if track is not None and track.number != self._hand_number:
             self._hand_number = track.number
             self._range_finder.reset()
+            self._chosen = ChosenDistance()
             if self._depth_finder is not None:
                 self._depth_finder.reset()
         commanding = track.hand if track else None
         self._follow(commanding, not self._tracks.known)
         return next((both for both in verdicts if both[0] is commanding), (None, None))
 
-    def _measure_depth(
-        self, source: PipelineInput, hand: Hand | None, monocular: Distance | None, beside_px: float | None
-    ) -> Distance | None:
-        """The depth camera's own distance and button, beside the monocular ones; nothing without a depth map."""
-        if source.depth_m is None or self._depth_finder is None:
-            return None
-        now_ns = source.captured_ns
-        observed = self._depth_finder.measure(source.depth_m, hand, monocular, now_ns) if hand else None
-        vote = self._recognition.vote
-        observed_by_depth = ButtonInput(
-            captured_ns=now_ns,
-            gesture=vote.gesture,
-            recognised_ns=vote.recognised_ns,
-            distance_m=observed.safe_m if observed else None,
-            beside_px=beside_px,
-        )
-        self._depth_button = advance(self._depth_button or ButtonState(), observed_by_depth, self._place, self._mode)
-        return observed
+    def _measure_depth(self, source: PipelineInput, hand: Hand | None) -> tuple[Distance | None, DepthFault]:
+        """The depth camera's distance, or why there is none; nothing without a depth map."""
+        if source.depth_m is None or self._depth_finder is None or hand is None:
+            return None, DepthFault.NONE
+        depth = self._depth_finder.measure(source.depth_m, hand, source.captured_ns)
+        return depth, self._depth_finder.fault

@@ -60,12 +60,23 @@ class PressZone:
         return Explanation(ZoneAssessment.USABLE if self.possible else ZoneAssessment.TOO_FAR, asdict(self))
 
 
-def press_zone(*, focal_px: float, width_px: int, height_px: int, reference_m: float, palm_width_m: float) -> PressZone:
-    """The zone for a camera and a palm. Raises KgdfaError for what is no camera or no palm."""
+def press_zone(
+    *,
+    focal_px: float,
+    width_px: int,
+    height_px: int,
+    reference_m: float,
+    palm_width_m: float,
+    least_m: float = 0.0,
+) -> PressZone:
+    """The zone for a camera and a palm. least_m: nearer, the distance can't be measured.
+
+    Raises KgdfaError for what is no camera or no palm.
+    """
     check_range_finder(focal_px, reference_m)
     if min(width_px, height_px) <= 0:
         raise KgdfaError(KgdfaFault.IMAGE_SIZE, width_px=width_px, height_px=height_px)
-    followed_m = focal_px * palm_width_m / (TRACKED_SHARE * min(width_px, height_px))
+    followed_m = max(least_m, focal_px * palm_width_m / (TRACKED_SHARE * min(width_px, height_px)))
     threshold_m = math.ceil(max(LEAST_THRESHOLD_M, _least_threshold(followed_m)) * 100 - 1e-9) / 100
     return PressZone(
         followed_from_m=followed_m,

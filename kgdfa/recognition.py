@@ -8,6 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from kgdfa.button import ButtonInput, ButtonMode, ButtonPlace, ButtonState, advance, is_near
+from kgdfa.distance import DistanceSource
 from kgdfa.gesture import Gesture, Vote, update_vote
 
 
@@ -21,6 +22,8 @@ class FrameReading:
     cut_off: bool  # partly out of the image
     distance_m: float | None  # safe distance; None: no measurement
     beside_px: float | None  # from the hand's box to the button's centre; None: no hand
+    source: DistanceSource = DistanceSource.MONOCULAR  # of distance_m
+    bridge_m: float | None = None  # what the keypoints would have decided by, while depth decides
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -42,6 +45,8 @@ def recognise(before: Recognition, reading: FrameReading, place: ButtonPlace, mo
         recognised_ns=vote.recognised_ns,
         distance_m=reading.distance_m,
         beside_px=reading.beside_px,
+        source=reading.source,
+        bridge_m=reading.bridge_m,
     )
     return Recognition(hand=reading.hand, vote=vote, button=advance(before.button, observed, place, mode))
 

@@ -22,6 +22,14 @@ class HandUsed(Enum):
     EITHER = "either"
 
 
+class DistanceUsed(Enum):
+    """Which distance commands: the keypoints', a depth camera's, or depth with its holes bridged by the keypoints."""
+
+    MONOCULAR = "monocular"
+    DEPTH = "depth"
+    BOTH = "both"
+
+
 class Population(Enum):
     """Named models that estimate palm width from sex and stature."""
 
@@ -82,6 +90,7 @@ class Profile(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     stature_m: float
     mass_kg: float
     hand: HandUsed = HandUsed.RIGHT
+    distance_source: DistanceUsed = DistanceUsed.MONOCULAR
     palm: Palm = Palm()
     calibrations: tuple[Calibration, ...] = ()
     thigh_length_m: float | None = None

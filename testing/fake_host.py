@@ -25,6 +25,7 @@ from app.ipc.messages import (
 from app.ipc.states import ACTION_OF, Action, Effect, Event, GaitState
 from app.session.host import Latest, ProcessStatus
 from app.system.config import SessionSetup
+from kgdfa.distance import DistanceSource
 from kgdfa.gesture import Decision, Gesture
 from kgdfa.press_zone import PressZone
 from logs.reason import Reason, Value, reason
@@ -81,10 +82,6 @@ class FakeHost:
     guardian_gone: bool = False
     rests_at_once: bool = True
     control_ended: bool = False
-
-    @property
-    def commands(self) -> bool:
-        return self.started or not self.setup.host_pid
 
     def start(self) -> None:
         self.started = True
@@ -199,6 +196,8 @@ class FakeHost:
             explanation=reason(Decision.NO_HAND) if self.gesture is None else None,
             votes=3 if self.gesture else 0,
             distance_m=0.305,
+            monocular_m=0.305,
+            distance_source=DistanceSource.MONOCULAR,
             safe_distance_m=0.325,
             distance_sd_m=0.004,
             pressed=self.pressed,

@@ -11,6 +11,7 @@ from typing import Annotated
 import typer
 
 from app.cli.common import MAX_SEED, HomeOption, check_finite, check_output, check_terminal
+from profiles.schema import DistanceUsed
 
 cli = typer.Typer()
 
@@ -81,7 +82,9 @@ def demo(
     click: Annotated[
         float, typer.Option(callback=check_finite, help="Seconds to press and withdraw.", min=0.2, max=3.0)
     ] = 0.6,
-    record: Annotated[bool, typer.Option("--record", help="Record it: one MCAP file beside its trail.")] = False,
+    distance: Annotated[
+        DistanceUsed, typer.Option(help="Which distance commands; both: depth, its holes bridged by the keypoints.")
+    ] = DistanceUsed.MONOCULAR,
     load: Annotated[int, typer.Option(min=0, max=64, help="Busy processes to start beside it.")] = 0,
     home: HomeOption = None,
     verbose: Annotated[bool, typer.Option("--verbose", help="Log more for engineers.")] = False,
@@ -93,13 +96,12 @@ def demo(
     from app.demo.drives import joints_for
     from app.demo.load import busy_processes
     from app.demo.scenario import ALL_TWELVE
-    from app.demo.session import demo_config, print_result, run_session
+    from app.demo.session import DEPTH_APPROACH_M, demo_config, demo_patient, print_result, run_session
     from app.system.config import load_config
     from app.system.diagnostics_log import set_verbose, start_log
     from app.system.hand_model import set_up_model
     from app.system.legs_lock import check_legs_free
     from app.system.paths import find_home, hold_home
-    from app.system.scheduling import set_scheduling
 
     console = wide_console()
     place = find_home(home)
@@ -109,17 +111,21 @@ def demo(
     with hold_home(place), joints_for(joints, base) as joints_config:
         check_legs_free(place)
         start_log(place, "demo")
-        set_scheduling("console")  # in whose place it is
         set_up_model(place, base)
-        config = demo_config(base, seed=seed, joints=joints_config, record=record)
+        config = demo_config(base, seed=seed, joints=joints_config)
         with busy_processes(load), spinner(console, total=len(ALL_TWELVE)) as watch:
-            result = run_session(place, config, ALL_TWELVE, click_s=click, presses=PRESSES, watch=watch, load=load)
+            result = run_session(
+                place,
+                config,
+                ALL_TWELVE,
+                click_s=click,
+                presses=PRESSES,
+                watch=watch,
+                approach_m=DEPTH_APPROACH_M if distance is DistanceUsed.DEPTH else 0.0,
+                load=load,
+                patient=demo_patient(seed, distance),
+            )
     print_result(console, result, ALL_TWELVE)
-    if record:
-        from app.cli.common import print_text
-        from app.recording.read import recording_path
-
-        print_text("recording.written", path=recording_path(place.logs, result.session))
     if json_file is not None:
         json_file.write_text(json.dumps(result.as_json(ALL_TWELVE), indent=1) + "\n", encoding="utf-8")
     raise typer.Exit(0 if result.passed(ALL_TWELVE) else 1)

@@ -13,7 +13,7 @@ import msgspec
 from app.system.config import JointsConfig, load_device
 from logs.reason import Reason, reason, reason_of
 from profiles.fields import file_key, to_file, unit_of, violations
-from profiles.schema import HandUsed, Population, Profile, Sex
+from profiles.schema import DistanceUsed, HandUsed, Population, Profile, Sex
 from profiles.store import Check
 
 MAX_SHOWN = 30  # characters of a wrong value that are quoted back
@@ -83,6 +83,7 @@ SECTIONS = (
             Field("palm.population", Kind.CHOICE, Population),
             Field("palm.measured_width_m", Kind.OPTIONAL),
             Field("press_threshold_m"),
+            Field("distance_source", Kind.CHOICE, DistanceUsed),
         ),
     ),
     Section(

@@ -21,7 +21,7 @@ from app.system.config import CameraConfig, Config, JointsConfig, SessionSetup
 from app.system.paths import Home
 from app.text.catalogue import tr
 from hal.cameras.digital_hand.render import person_of
-from profiles.schema import DEMO_PATIENT, Palm, Profile
+from profiles.schema import DEMO_PATIENT, DistanceUsed, Palm, Profile
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -77,24 +77,31 @@ class SessionResult:
 UNATTENDED_S = 10.0  # nobody takes over a demo that was killed
 
 
-def demo_config(base: Config, *, seed: int, joints: JointsConfig, record: bool = False) -> Config:
-    """The lab's configuration with the digital hand of that seed and those joints, recorded or not."""
-    camera = CameraConfig(kind="digital-hand", seed=seed)
+def demo_config(base: Config, *, seed: int, joints: JointsConfig) -> Config:
+    """The lab's configuration with the digital hand of that seed, its depth's holes, and those joints."""
+    camera = CameraConfig(kind="digital-hand", seed=seed, depth_holes=base.camera.depth_holes)
     return Config(
         camera=camera,
         joints=joints,
         button=base.button,
-        recording=msgspec.structs.replace(base.recording, on=record),
         rules=base.rules,
         model=base.model,
         unattended_s=UNATTENDED_S,
     )
 
 
-def demo_patient(seed: int) -> Profile:
+# A D435i is blind nearer than 25 cm: by depth alone the press is farther out, and so is the hand.
+DEPTH_THRESHOLD_M = 0.34
+DEPTH_APPROACH_M = -0.14
+
+
+def demo_patient(seed: int, distance: DistanceUsed = DistanceUsed.MONOCULAR) -> Profile:
     """The demo patient with the palm of that seed's digital hand, as a therapist would have measured it."""
-    width_m = person_of(seed).shape.palm_width_m
-    return msgspec.structs.replace(DEMO_PATIENT, palm=Palm(measured_width_m=width_m))
+    palm = Palm(measured_width_m=person_of(seed).shape.palm_width_m)
+    patient = msgspec.structs.replace(DEMO_PATIENT, palm=palm, distance_source=distance)
+    if distance is not DistanceUsed.DEPTH:
+        return patient
+    return msgspec.structs.replace(patient, press_threshold_m=DEPTH_THRESHOLD_M)
 
 
 def run_session(

@@ -54,6 +54,7 @@ class EvaluateFault(Enum):
     ACTION_UNKNOWN = auto()  # name, names
     NO_ROUND = auto()  # seed, sessions, reason, session
     NO_HAND = auto()
+    PROGRESS_OF_OTHERS = auto()  # file
 
 
 def require_extra(extra: str, *modules: str) -> None:

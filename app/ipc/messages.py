@@ -13,6 +13,7 @@ from enum import Enum
 from msgspec import Struct
 
 from app.ipc.states import Action, Effect, Event, GaitState, Outcome, PauseCause, Source
+from kgdfa.distance import DistanceSource
 from kgdfa.gesture import Gesture
 from kgdfa.press_zone import PressZone
 from logs.reason import Reason, Value, key_of
@@ -52,8 +53,10 @@ class TriggerReport(Struct, frozen=True, kw_only=True, tag="trigger"):
     camera_fault: Reason | None = None  # while the camera delivers nothing
     hint: Reason | None = None  # for the therapist: dark, blurred, too near
     detector_ready: bool = True  # False while the hand model is loading
-    depth_distance_m: float | None = None  # measured by a depth camera, for comparison
-    depth_pressed: bool = False
+    distance_source: DistanceSource | None = None  # what measured distance_m; None: nothing did
+    monocular_m: float | None = None  # what each source measured, whichever decides
+    depth_distance_m: float | None = None
+    depth_fault: Reason | None = None  # why depth measured nothing, or does not decide
     focal_assumed: bool = False  # distances rest on an assumed focal length, no calibration corrects it
     press_zone: PressZone | None = None  # None until a frame has told the focal length
 

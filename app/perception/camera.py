@@ -31,6 +31,7 @@ class PerceptionNote(Enum):
 
     MODEL_LOADING = "model loading"
     THRESHOLD_UNSUITED = "threshold unsuited"  # threshold_m, zone: the press zone's explanation
+    NO_DEPTH = "no depth"  # camera: the patient commands by depth
     FRAMES_DROPPED = "frames dropped"  # count
     FRAMES_DROPPED_BY_FAULT = "frames dropped by fault"  # count, fault
 

@@ -8,6 +8,7 @@ from itertools import accumulate, pairwise
 
 from app.perception.reporting import Scale, records_between
 from kgdfa.button import ButtonMode, ButtonPlace
+from kgdfa.distance import DistanceChoice, DistanceSource
 from kgdfa.gesture import Gesture
 from kgdfa.pipeline import Report
 from kgdfa.recognition import FrameReading
@@ -18,12 +19,14 @@ CONFIDENCE_DIGITS = 4
 # Of each frame: whether there is a hand, and whether another one commands than in the frame before. Capital: cut off.
 MARKS = {(False, False): ".", (False, True): "x", (True, False): "h", (True, True): "n"}
 PRESENT_OTHER = {mark: both for both, mark in MARKS.items()}
+SOURCES = {DistanceSource.MONOCULAR: "m", DistanceSource.DEPTH: "d"}
+SOURCE_OF = {mark: source for source, mark in SOURCES.items()}
 ClassifiedFrame = tuple[FrameReading, float]  # with the confidence of its verdict
 
 
-def button_record(place: ButtonPlace, mode: ButtonMode) -> Button:
+def button_record(place: ButtonPlace, mode: ButtonMode, choice: DistanceChoice) -> Button:
     """The button as it is set up."""
-    return Button(mode=mode.value, **asdict(place))
+    return Button(mode=mode.value, distance_source=choice.value, **asdict(place))
 
 
 def button_of(record: Button) -> tuple[ButtonPlace, ButtonMode]:
@@ -50,6 +53,7 @@ class FrameBatch:
             return
         captures_ns = [reading.captured_ns for reading, _ in self._frames]
         with_hand = [(one, confidence) for one, confidence in self._frames if one.beside_px is not None]
+        depth = any(one.source is DistanceSource.DEPTH for one, _ in with_hand)
         yield Frames(
             number=self.number,
             captured_ns=captures_ns[0],
@@ -59,6 +63,8 @@ class FrameBatch:
             confidence=tuple(round(confidence, CONFIDENCE_DIGITS) for _, confidence in with_hand),
             safe_distance_m=tuple(one.distance_m for one, _ in with_hand),
             beside_px=tuple(one.beside_px for one, _ in with_hand if one.beside_px is not None),
+            sources="".join(SOURCES[one.source] for one, _ in with_hand) if depth else "",
+            bridge_m=tuple(one.bridge_m for one, _ in with_hand if one.source is DistanceSource.DEPTH),
         )
         self.number += len(self._frames)
         self._frames.clear()
@@ -97,7 +103,11 @@ def unpack(record: Frames, hand: int) -> Iterator[ClassifiedFrame]:
     Raises ValueError for columns that do not fit, KeyError for marks that are none.
     """
     captures_ns = tuple(accumulate(record.after_ns, initial=record.captured_ns))
-    columns = zip(record.gesture, record.confidence, record.safe_distance_m, record.beside_px, strict=True)
+    sources = record.sources or SOURCES[DistanceSource.MONOCULAR] * len(record.gesture)
+    columns = zip(record.gesture, record.confidence, record.safe_distance_m, record.beside_px, sources, strict=True)
+    bridges = iter(record.bridge_m)
+    if len(record.bridge_m) != record.sources.count(SOURCES[DistanceSource.DEPTH]):
+        raise ValueError(len(record.bridge_m))
     for mark, captured_ns in zip(record.hands, captures_ns, strict=True):
         present, other = PRESENT_OTHER[mark.lower()]
         hand += other
@@ -107,7 +117,8 @@ def unpack(record: Frames, hand: int) -> Iterator[ClassifiedFrame]:
             )
             yield nothing, 0.0
             continue
-        gesture, confidence, distance_m, beside_px = next(columns)
+        gesture, confidence, distance_m, beside_px, source = next(columns)
+        depth = SOURCE_OF[source] is DistanceSource.DEPTH
         reading = FrameReading(
             captured_ns=captured_ns,
             hand=hand,
@@ -115,5 +126,7 @@ def unpack(record: Frames, hand: int) -> Iterator[ClassifiedFrame]:
             cut_off=mark.isupper(),
             distance_m=distance_m,
             beside_px=beside_px,
+            source=SOURCE_OF[source],
+            bridge_m=next(bridges, None) if depth else None,
         )
         yield reading, confidence

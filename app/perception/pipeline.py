@@ -15,8 +15,8 @@ from app.system.paths import Home
 from hal.cameras.camera import Camera, Frame, IntrinsicsSource
 from hal.cameras.factory import open_camera
 from kgdfa.button import RADIUS_SHARE, ButtonMode, ButtonPlace
-from kgdfa.depth import DepthRange
-from kgdfa.distance import PublishedRange, RangeFinder
+from kgdfa.depth import LEAST_M, DepthRange
+from kgdfa.distance import DistanceChoice, PublishedRange, RangeFinder
 from kgdfa.gesture import RuleSet
 from kgdfa.hand import Side
 from kgdfa.pipeline import Pipeline
@@ -29,7 +29,7 @@ from kgdfa.track import Enrolment
 from logs import records
 from logs.reason import Reason, reason, reason_of
 from profiles.palm import ReferenceSegment, ReferenceSource, reference_segment
-from profiles.schema import HandUsed
+from profiles.schema import DistanceUsed, HandUsed
 
 if TYPE_CHECKING:
     from kgdfa.keypoints import HandDetector
@@ -56,7 +56,8 @@ def make_camera(setup: SessionSetup) -> Camera:
         focal_px=wanted.focal_px,
         mirrored=wanted.mirrored,
         seed=wanted.seed,
-        depth=wanted.depth,
+        depth=wanted.depth or setup.profile.distance_source is not DistanceUsed.MONOCULAR,
+        depth_holes=wanted.depth_holes,
         left=_LEFT[setup.profile.hand.value if wanted.hand == "profile" else wanted.hand],
         store=Home(setup.home).cameras,
     )
@@ -83,7 +84,8 @@ def make_pipeline(
     )
     rules: RuleSet = RULES[config.rules]()
     mode = ButtonMode(config.button.mode)
-    depth = DepthRange(mode=config.button.mode) if frame.depth_m is not None else None
+    # Always robust: the published reading takes a hole for a hand at the lens, which is for the evaluations only.
+    depth = DepthRange(mode="robust") if frame.depth_m is not None else None
     pipeline = Pipeline(
         detector=detector,
         rules=rules,
@@ -92,6 +94,7 @@ def make_pipeline(
         mode=mode,
         prepare=AsNeeded(),
         depth_finder=depth,
+        choice=choice_of(setup),
         enrolment=enrolment_of(setup),
         follow=detector.follow,
     )
@@ -101,6 +104,11 @@ def make_pipeline(
 def enrolment_of(setup: SessionSetup) -> Enrolment:
     """Whose hand commands: the profile's side, its arm from where the configuration says."""
     return Enrolment(side=SIDES[setup.profile.hand], arm_rad=ARMS_RAD[setup.config.camera.arm])
+
+
+def choice_of(setup: SessionSetup) -> DistanceChoice:
+    """Which distance commands for this patient."""
+    return DistanceChoice(setup.profile.distance_source.value)
 
 
 def make_place(setup: SessionSetup, frame: Frame) -> ButtonPlace:
@@ -129,11 +137,14 @@ def zone_for(setup: SessionSetup, frame: Frame, camera: str) -> PressZone:
         height_px=lens.height_px,
         reference_m=segment.length_m,
         palm_width_m=segment.palm_width_m,
+        least_m=LEAST_M if choice_of(setup) is DistanceChoice.DEPTH else 0.0,
     )
 
 
-def zone_hint(setup: SessionSetup, zone: PressZone) -> Reason | None:
-    """Why the patient's press threshold does not suit this camera; None when it does."""
+def lasting_hint(setup: SessionSetup, zone: PressZone, frame: Frame, camera: str) -> Reason | None:
+    """Why this camera does not suit the patient: it gives no depth, or the press threshold does not fit; else None."""
+    if frame.depth_m is None and choice_of(setup) is not DistanceChoice.MONOCULAR:
+        return reason(PerceptionNote.NO_DEPTH, camera=camera)
     threshold_m = setup.profile.press_threshold_m
     if zone.fits(threshold_m):
         return None

@@ -27,10 +27,8 @@ from app.perception.reporting import (
     PreviewPacer,
     Scale,
     frames_per_second,
-    hand_frame,
     to_message,
 )
-from app.recording.sink import RecordingSink
 from app.system.config import SessionSetup
 from app.system.scheduling import avoid_control_core, gc_freeze, set_scheduling
 from hal.cameras.camera import Frame
@@ -72,7 +70,6 @@ class Perception:
             address(links, processes.TO_PERCEPTION.name), HandCommand | PerceptionCommand
         )
         self._links = (self._reports, self._previews, self._commands)
-        self._recording = RecordingSink(links, processes.RECORDING) if setup.config.recording.on else None
         self._camera = CameraSupervisor(assembly.make_camera(setup), on_fault=self._record_fault)
         self._detector = Loading(lambda: assembly.make_detector(setup))
         self._pipeline: Pipeline | None = None
@@ -123,8 +120,6 @@ class Perception:
         for record in self._decisions.end() if self._decisions else ():
             self._sink.emit(record)
         self._sink.emit(ProcessEnd(pid=os.getpid()))
-        if self._recording is not None:
-            self._recording.close()
         self._sink.close()
         for link in self._links:
             link.close()
@@ -160,7 +155,9 @@ class Perception:
         camera = self._camera.camera
         if self._zone is None:
             self._zone = assembly.zone_for(self._setup, frame, camera.name)
-        self._hint = self._image_check.update(frame) or assembly.zone_hint(self._setup, self._zone)
+        self._hint = self._image_check.update(frame) or assembly.lasting_hint(
+            self._setup, self._zone, frame, camera.name
+        )
         detector = self._detector.ready()
         if detector is None:
             self._hint = LOADING
@@ -170,7 +167,8 @@ class Perception:
             self._pipeline, self._place = assembly.make_pipeline(self._setup, detector, frame, camera.name)
             self._scale = assembly.scale_of(self._setup, frame, camera.name)
             self._decisions = DecisionRecorder(self._scale)
-            setup = button_record(self._place, ButtonMode(self._setup.config.button.mode))
+            mode, choice = ButtonMode(self._setup.config.button.mode), assembly.choice_of(self._setup)
+            setup = button_record(self._place, mode, choice)
             for record in (*assembly.camera_records(self._setup, camera, frame), setup):
                 self._sink.emit(record)
             gc_freeze()
@@ -205,10 +203,7 @@ class Perception:
             focal_assumed=self._scale is not None and assembly.rests_on_assumption(self._scale),
             press_zone=self._zone,
         )
-        message = to_message(report, context, captured_ns)
-        self._reports.send(message)
-        if self._recording is not None:
-            self._recording.send(hand_frame(message, report, self._recording.lost))
+        self._reports.send(to_message(report, context, captured_ns))
 
     def _send_preview(self, frame: Frame, report: Report | None) -> None:
         place = self._place

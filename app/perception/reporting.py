@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.ipc.messages import PerceptionCommand, Preview, TriggerReport
-from app.ipc.recording import HandFrame
 from kgdfa.button import ButtonState
+from kgdfa.depth import DepthFault
 from kgdfa.gesture import Decision, Gesture
 from kgdfa.pipeline import Report
 from kgdfa.press_zone import PressZone
@@ -45,19 +45,6 @@ def to_message(report: Report | None, context: Context, captured_ns: int) -> Tri
     if report is None:
         return _without_hand(context, captured_ns)
     return _with_button(_with_hand(_without_hand(context, report.captured_ns), report), report)
-
-
-def hand_frame(message: TriggerReport, report: Report | None, lost: int) -> HandFrame:
-    """One frame for the recording; lost: frames that it has missed."""
-    hand = report.hand if report is not None else None
-    if hand is None:
-        return HandFrame(report=message, lost=lost)
-    return HandFrame(
-        report=message,
-        lost=lost,
-        image_px=np.asarray(hand.image_px, dtype=np.float64).tobytes(),
-        world_m=np.asarray(hand.world_m, dtype=np.float64).tobytes(),
-    )
 
 
 def _without_hand(context: Context, captured_ns: int) -> TriggerReport:
@@ -94,7 +81,10 @@ def _with_hand(message: TriggerReport, report: Report) -> TriggerReport:
         distance_m=distance.shown_m if distance else None,
         distance_sd_m=distance.sd_m if distance else 0.0,
         safe_distance_m=distance.safe_m if distance else None,
+        distance_source=distance.source if distance else None,
+        monocular_m=report.monocular.shown_m if report.monocular else None,
         depth_distance_m=depth.shown_m if depth else None,
+        depth_fault=None if report.depth_fault is DepthFault.NONE else reason(report.depth_fault),
     )
 
 
@@ -110,7 +100,6 @@ def _with_button(message: TriggerReport, report: Report) -> TriggerReport:
         cancel_count=button.cancel_count,
         cancel_reason=reason(button.cancel_reason) if button.cancel_reason else None,
         press_hint=reason(button.hint) if button.hint else None,
-        depth_pressed=report.depth_button.pressed if report.depth_button else False,
     )
 
 
@@ -177,12 +166,14 @@ def _decided(now: Report, scale: Scale) -> dict[str, Any]:
     compared = now.button.compared
     values = {} if compared is None else msgspec.structs.asdict(compared)
     values.pop("captured_ns", None)
+    source = values.pop("source", None)
     return {
         "captured_ns": now.captured_ns,
         "recognised_ns": now.recognised_ns,
         "vote_ns": now.vote_ns,
         "distance_m": now.distance.shown_m if now.distance else None,
         "safe_distance_m": values.pop("distance_m", None),
+        "distance_source": source.value if source else "",
         **values,
         **asdict(scale),
     }

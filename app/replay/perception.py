@@ -36,6 +36,7 @@ class PerceptionReplay:
         self._recognition = Recognition()
         self._before: Report | None = None
         self._frames = 0
+        self._without = NOT_REPLAYED
         self._expected: deque[Body] = deque()
         self._newest: Record | None = None
 
@@ -54,6 +55,7 @@ class PerceptionReplay:
         elif isinstance(body, Button):
             yield from self.end()
             self._setup, self._recognition, self._before, self._frames = button_of(body), Recognition(), None, 0
+            self._without = NOT_REPLAYED if body.distance_source else NOT_REPLAYED | {"distance_source"}
         elif isinstance(body, Frames):
             yield from self.end()
             yield from self._run(record, body)
@@ -91,7 +93,7 @@ class PerceptionReplay:
         if not self._expected:
             yield difference(record, "decision", kind_of(record.body), None)
             return
-        yield from differences(_rounded(record), self._expected.popleft(), without=NOT_REPLAYED)
+        yield from differences(_rounded(record), self._expected.popleft(), without=self._without)
 
 
 def _of_hands(hint: Hint) -> bool:

@@ -43,7 +43,8 @@ class CameraConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
     arm: ArmFrom = "below"  # where on the unmirrored image the patient's arm comes from
     seed: Annotated[int, Meta(ge=0)] = 1  # digital hand: which person
     hand: Literal["profile", "left", "right"] = "profile"  # digital hand: which one it shows; a wrong one is refused
-    depth: bool = False  # digital hand: give a D435i's depth as well, to compare
+    depth: bool = False  # digital hand: give a D435i's depth as well, also where the patient needs none
+    depth_holes: Annotated[float, Meta(ge=0, le=1)] = 0.0  # digital hand: share of frames whose depth misses the hand
 
 
 class JointsConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -64,21 +65,12 @@ class ButtonConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
     mode: Literal["robust", "published"] = "robust"
 
 
-class RecordingConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """The session's recording; pictures need the patient's consent besides, in each session."""
-
-    on: bool = False
-    pictures_hz: Annotated[float, Meta(gt=0, le=60)] = 10.0
-    pictures_width_px: Annotated[int, Meta(ge=80, le=4096)] = 640
-
-
 class Config(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Everything a lab sets once."""
 
     camera: CameraConfig = CameraConfig()
     joints: JointsConfig = JointsConfig()
     button: ButtonConfig = ButtonConfig()
-    recording: RecordingConfig = RecordingConfig()
     rules: Literal["robust", "published"] = "robust"
     model: str = ""  # path of a hand_landmarker.task; empty: the one set up into models/
     patient: str = "demo"

@@ -23,6 +23,7 @@ class CameraRequest:
     mirrored: bool = False
     seed: int = 1
     depth: bool = False
+    depth_holes: float = 0.0
     left: bool | None = None
     store: Path | None = None
 
@@ -32,8 +33,9 @@ def open_camera(kind: str, **settings: Any) -> Camera:
 
     device: webcam: name or index; recording: a video, a folder of images or a recorded session; realsense:
     serial number, or path of a .bag or .db3. store: the cameras.toml with measured intrinsics.
-    depth: whether the digital hand also gives depth. left: which of the digital person's hands; None: as the seed draws
-    it. Raises HardwareError for an unknown kind or bad settings.
+    depth: whether the digital hand also gives depth; depth_holes: share of frames in which it misses the hand.
+    left: which of the digital person's hands; None: as the seed draws it.
+    Raises HardwareError for an unknown kind or bad settings.
     """
     if kind not in _BUILDERS:
         raise HardwareError(CameraFault.UNKNOWN_KIND, kind=kind, known=", ".join(_BUILDERS))
@@ -46,7 +48,14 @@ def _digital_hand(wanted: CameraRequest) -> Camera:
 
     lens = lens_for(wanted.width_px, wanted.height_px, wanted.focal_px)
     person = person_of(wanted.seed, left=wanted.left)
-    return DigitalHandCamera(seed=wanted.seed, person=person, lens=lens, rate_hz=wanted.rate_hz, depth=wanted.depth)
+    return DigitalHandCamera(
+        seed=wanted.seed,
+        person=person,
+        lens=lens,
+        rate_hz=wanted.rate_hz,
+        depth=wanted.depth,
+        depth_holes=wanted.depth_holes,
+    )
 
 
 def _webcam(wanted: CameraRequest) -> Camera:

@@ -50,6 +50,7 @@ class Button(Struct, frozen=True, kw_only=True, tag_field="kind", tag="button"):
     y_px: float
     radius_px: float
     threshold_m: float
+    distance_source: str = ""  # monocular, depth or both; empty: recorded before there was a choice, monocular
 
 
 class Frames(Struct, frozen=True, kw_only=True, tag_field="kind", tag="frames"):
@@ -68,6 +69,8 @@ class Frames(Struct, frozen=True, kw_only=True, tag_field="kind", tag="frames"):
     confidence: tuple[float, ...] = ()
     safe_distance_m: tuple[Measured, ...] = ()
     beside_px: tuple[float, ...] = ()  # from the hand's box to the button's centre
+    sources: str = ""  # `m` the keypoints, `d` a depth map measured the distance; empty: the keypoints in every frame
+    bridge_m: tuple[Measured, ...] = ()  # in frames with `d`: what the keypoints would have decided by
 
 
 class _Decided(Struct, frozen=True, kw_only=True):
@@ -96,6 +99,8 @@ class _Decided(Struct, frozen=True, kw_only=True):
     elapsed_limit_ns: int = 0
     held_limit_ns: int = 0
     gap_limit_frames: int = 0
+    distance_source: str = ""  # what measured the distance: monocular or depth; empty: not recorded then
+    source_changed: bool = False  # since the measurement before: nothing is pressed or released in this frame
     anchor_m: Measured = None
     anchor_method: str = ""
     focal_px: Measured = None

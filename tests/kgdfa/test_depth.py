@@ -7,8 +7,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kgdfa.depth import DepthFault, DepthMap, DepthRange, sample_palm
-from kgdfa.distance import CONFIRM_FRAMES, HALF_PALM_M, Distance, DistanceSource
+from kgdfa.depth import (
+    AGREEMENT,
+    MOST_RATIO,
+    ChosenDistance,
+    DepthFault,
+    DepthMap,
+    DepthRange,
+    choose_distance,
+    sample_palm,
+)
+from kgdfa.distance import CONFIRM_FRAMES, HALF_PALM_M, Distance, DistanceChoice, DistanceSource
 from kgdfa.errors import KgdfaError
 from kgdfa.hand import Hand, Side
 
@@ -26,8 +35,8 @@ def depth_map(value: float) -> DepthMap:
     return np.full((480, 640), value, np.float32)
 
 
-def measure(reader: DepthRange, value: float, frame: int, monocular: Distance | None = MONOCULAR) -> Distance | None:
-    return reader.measure(depth_map(value), hand(), monocular, frame * FRAME_NS)
+def measure(reader: DepthRange, value: float, frame: int) -> Distance | None:
+    return reader.measure(depth_map(value), hand(), frame * FRAME_NS)
 
 
 def test_the_palm_s_neighbourhood_outvotes_holes_in_it() -> None:
@@ -46,14 +55,10 @@ def test_the_palm_s_neighbourhood_outvotes_holes_in_it() -> None:
         (65.535, DepthFault.SATURATED),
     ],
 )
-def test_what_is_no_depth_is_named_and_falls_back_marked_as_such(value: float, fault: DepthFault) -> None:
+def test_what_is_no_depth_is_no_measurement_and_named(value: float, fault: DepthFault) -> None:
     reader = DepthRange(mode="robust")
-    distance = measure(reader, value, 1)
-    assert distance is not None
-    assert distance.source is DistanceSource.KEYPOINTS_FOR_DEPTH
-    assert (distance.shown_m, distance.safe_m) == (MONOCULAR.shown_m, MONOCULAR.safe_m)
+    assert measure(reader, value, 1) is None
     assert reader.fault is fault
-    assert measure(reader, value, 2, monocular=None) is None
 
 
 @pytest.mark.parametrize(("x", "y"), [(-5, 240), (320, 481), (700, 240), (math.inf, 240), (math.nan, math.nan)])
@@ -76,9 +81,7 @@ def test_a_jump_is_held_back_until_it_stays() -> None:
     reader = DepthRange(mode="robust")
     measure(reader, 0.60, 1)
     for frame in range(2, 2 + CONFIRM_FRAMES - 1):
-        jumped = measure(reader, 0.20, frame)
-        assert jumped is not None
-        assert jumped.source is DistanceSource.KEYPOINTS_FOR_DEPTH
+        assert measure(reader, 0.20, frame) is None
         assert reader.fault is DepthFault.JUMP
     stayed = measure(reader, 0.20, 1 + CONFIRM_FRAMES)
     assert stayed is not None
@@ -88,7 +91,7 @@ def test_a_jump_is_held_back_until_it_stays() -> None:
 def test_a_single_near_reading_never_gets_through() -> None:
     reader = DepthRange(mode="robust")
     for frame in range(1, 30):
-        distance = measure(reader, 0.12 if frame % 5 == 0 else 0.60, frame, monocular=None)
+        distance = measure(reader, 0.12 if frame % 5 == 0 else 0.60, frame)
         assert distance is None or distance.shown_m == pytest.approx(0.60 + HALF_PALM_M)
 
 
@@ -112,7 +115,7 @@ def test_another_hand_may_be_anywhere() -> None:
 
 @given(st.floats(allow_nan=True, allow_infinity=True, width=32))
 def test_robust_never_reads_nearer_than_the_map_reads(value: float) -> None:
-    distance = measure(DepthRange(mode="robust"), value, 1, monocular=None)
+    distance = measure(DepthRange(mode="robust"), value, 1)
     assert distance is None or distance.safe_m >= value > 0
 
 
@@ -124,7 +127,7 @@ def test_published_takes_the_map_as_exact(value: float) -> None:
 
 
 def test_published_takes_the_edge_for_zero() -> None:
-    distance = DepthRange(mode="published").measure(depth_map(0.4), hand(-5.0), MONOCULAR, FRAME_NS)
+    distance = DepthRange(mode="published").measure(depth_map(0.4), hand(-5.0), FRAME_NS)
     assert distance is not None
     assert distance.safe_m == 0.0
 
@@ -132,3 +135,43 @@ def test_published_takes_the_edge_for_zero() -> None:
 def test_a_mode_that_does_not_exist_is_refused() -> None:
     with pytest.raises(KgdfaError, match="DEPTH_MODE"):
         DepthRange(mode="best")
+
+
+DEPTH = Distance(shown_m=0.30, safe_m=0.303, sd_m=0.003, source=DistanceSource.DEPTH)
+NOTHING = ChosenDistance()
+
+
+@pytest.mark.parametrize("monocular", [None, MONOCULAR])
+@pytest.mark.parametrize("depth", [None, DEPTH])
+def test_one_source_alone_never_takes_the_other(monocular: Distance | None, depth: Distance | None) -> None:
+    assert choose_distance(NOTHING, DistanceChoice.MONOCULAR, monocular, depth).distance is monocular
+    assert choose_distance(NOTHING, DistanceChoice.DEPTH, monocular, depth).distance is depth
+
+
+def test_depth_decides_where_it_measures_and_the_keypoints_bridge_its_holes() -> None:
+    both = choose_distance(NOTHING, DistanceChoice.BOTH, MONOCULAR, DEPTH)
+    assert (both.distance, both.bridge_m) == (DEPTH, MONOCULAR.safe_m)
+    hole = choose_distance(both, DistanceChoice.BOTH, MONOCULAR, None)
+    assert (hole.distance, hole.bridge_m) == (MONOCULAR, None)
+    assert choose_distance(hole, DistanceChoice.BOTH, None, DEPTH).distance is DEPTH
+    assert choose_distance(hole, DistanceChoice.BOTH, None, None).distance is None
+
+
+@given(st.floats(0.1, 2.0), st.floats(0.1, 2.0), st.floats(0.1, 2.0))
+def test_a_bridge_reads_far_never_near(before_m: float, depth_m: float, after_m: float) -> None:
+    """It takes over how much farther depth read, never how much nearer."""
+
+    def keypoints(metres: float) -> Distance:
+        return Distance(shown_m=metres, safe_m=metres, sd_m=0.0)
+
+    depth = Distance(shown_m=depth_m, safe_m=depth_m, sd_m=0.0, source=DistanceSource.DEPTH)
+    chosen = choose_distance(NOTHING, DistanceChoice.BOTH, keypoints(before_m), depth)
+    bridged = choose_distance(chosen, DistanceChoice.BOTH, keypoints(after_m), None).distance
+    assert bridged is not None
+    assert after_m <= bridged.safe_m <= MOST_RATIO * after_m
+
+
+def test_depth_much_nearer_than_the_hand_is_seen_is_no_measurement() -> None:
+    near = Distance(shown_m=0.1, safe_m=0.99 * AGREEMENT * MONOCULAR.shown_m, sd_m=0.0, source=DistanceSource.DEPTH)
+    chosen = choose_distance(NOTHING, DistanceChoice.BOTH, MONOCULAR, near)
+    assert (chosen.distance, chosen.fault) == (MONOCULAR, DepthFault.DISAGREEMENT)

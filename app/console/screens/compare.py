@@ -16,6 +16,7 @@ from app.console.widgets.panel import Lines, Panel, plain
 from app.console.widgets.picture import Picture
 from app.ipc.messages import TriggerReport
 from app.text.catalogue import tr
+from kgdfa.distance import DistanceSource
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,19 +33,23 @@ class Tally:
 
 def measurement_lines(report: TriggerReport, tally: Tally, width: int, *, depth: bool) -> Lines:
     """One camera's column."""
-    distance_m = report.depth_distance_m if depth else report.distance_m
-    sd_m = 0.0 if depth else report.distance_sd_m
-    pressed = report.depth_pressed if depth else report.pressed
+    distance_m = report.depth_distance_m if depth else report.monocular_m
+    pressed = report.pressed and decides(report, depth=depth)
     shown = tr("compare.no_measurement") if distance_m is None else f"{distance_m * 100:.1f} cm"
     word = tr("button.pressed") if pressed else tr("button.released")
     return (
         plain(tr("compare.depth") if depth else tr("compare.monocular"), "bold $primary"),
         plain(shown, "bold"),
-        plain(gauge(distance_m, sd_m, report.threshold_m, width)),
+        plain(gauge(distance_m, 0.0, report.threshold_m, width)),
         plain(f"{'◉' if pressed else '○'} {word}", "bold $success" if pressed else "bold $error"),
         plain(tr("compare.presses", count=tally.presses)),
         plain(tr("compare.fps", fps=f"{report.fps:.0f}")),
     )
+
+
+def decides(report: TriggerReport, *, depth: bool) -> bool:
+    """Whether that source measured the distance by which the button decided."""
+    return report.distance_source is (DistanceSource.DEPTH if depth else DistanceSource.MONOCULAR)
 
 
 class CompareScreen(ConsoleScreen):
@@ -82,7 +87,10 @@ class CompareScreen(ConsoleScreen):
 
     def _show(self, report: TriggerReport) -> None:
         left, right = self._tallies
-        self._tallies = left.after(report.pressed), right.after(report.depth_pressed)
+        self._tallies = (
+            left.after(report.pressed and decides(report, depth=False)),
+            right.after(report.pressed and decides(report, depth=True)),
+        )
         for id_, tally, depth in (("monocular", left, False), ("depth", right, True)):
             panel = self.query_one(f"#{id_}", Panel)
             if depth and report.depth_distance_m is None and not right.presses:

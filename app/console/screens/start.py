@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from datetime import UTC, datetime
 from typing import ClassVar
 
 import msgspec
@@ -16,7 +17,8 @@ from app.console.widgets.patient_details import identity
 from app.system.config import Config
 from app.system.operators import Permission
 from app.text.catalogue import tr
-from profiles.schema import Profile
+from profiles.schema import DistanceUsed, Profile
+from profiles.store import ChangeCause
 
 CAMERAS = ("digital-hand", "webcam", "realsense", "recording")
 JOINTS = ("simulated", "can")
@@ -53,6 +55,11 @@ class StartSession(ConsoleScreen):
             cameras = [(tr(f"camera.{kind}"), kind) for kind in CAMERAS]
             yield Select(cameras, value=config.camera.kind, allow_blank=False, id="camera", compact=True)
             yield Input(config.camera.device, placeholder=tr("start.device"), id="device", compact=True)
+            yield Label(tr("start.distance"), classes="section")
+            distances = [(tr(used), used) for used in DistanceUsed]
+            yield Select(
+                distances, value=self._profile.distance_source, allow_blank=False, id="distance-source", compact=True
+            )
             yield Label(tr("start.joints"), classes="section")
             joints = [(tr(f"joints.{kind}"), kind) for kind in JOINTS]
             yield Select(joints, value=config.joints.kind, allow_blank=False, id="joints-kind", compact=True)
@@ -67,8 +74,9 @@ class StartSession(ConsoleScreen):
         await self.action_begin()
 
     async def action_begin(self) -> None:
-        """Start the processes with what is chosen."""
-        await self.console_app.begin_signed_in(self._profile, self._chosen())
+        """Start the processes with what is chosen; another source of the distance is kept in the profile."""
+        app, config = self.console_app, self._chosen()
+        await app.permitted(Permission.OPERATE, lambda: self._begin(config), config)
 
     async def action_preflight(self) -> None:
         """Rehearse every action for this patient, for who may move one."""
@@ -78,6 +86,15 @@ class StartSession(ConsoleScreen):
     def action_back(self) -> None:
         """To the list."""
         self.dismiss()
+
+    async def _begin(self, config: Config) -> None:
+        app, used = self.console_app, DistanceUsed(self.query_one("#distance-source", Select).value)
+        if used is not self._profile.distance_source:
+            self._profile = msgspec.structs.replace(self._profile, distance_source=used)
+            with self.notify_errors():
+                current = msgspec.structs.replace(app.store.load(self._profile.identifier), distance_source=used)
+                app.store.save(current, by=app.authority, at=datetime.now(UTC), why=ChangeCause.DISTANCE.key)
+        await app.begin_session(self._profile, config)
 
     def _chosen(self) -> Config:
         return choose(

@@ -120,7 +120,8 @@ def _figure(report: TriggerReport, width: int) -> Line:
     threshold_cm = f"{report.threshold_m * 100:.1f}".removesuffix(".0")
     limit = tr("distance.threshold", cm=threshold_cm)
     if report.safe_distance_m is None:
-        return ((tr("distance.none"), "$text-muted"), (limit, "$text-muted"))
+        why = f"{render(report.depth_fault)}  " if report.depth_fault else tr("distance.none")
+        return ((why, "$text-muted"), (limit, "$text-muted"))
     figure = f"{_on_its_side(report.safe_distance_m, report.threshold_m):5.1f} cm  "
     assumed = f"{tr('distance.assumed')}  " if report.focal_assumed else ""
     if cells(figure + assumed + limit) > width:
@@ -129,9 +130,23 @@ def _figure(report: TriggerReport, width: int) -> Line:
         assumed = "≈ "  # nothing but the sign fits
     best = "" if report.distance_m is None else f"{report.distance_m * 100:.1f} ± {report.distance_sd_m * 200:.1f}"
     best = f"  {tr('distance.best', figure=best)}" if best else ""
-    if cells(figure + assumed + limit + best) > width:
+    source = f"  {tr(report.distance_source)}" if report.distance_source and _has_depth(report) else ""
+    if cells(figure + assumed + limit + source + best) > width:
         best = ""
-    return ((figure, "bold"), (assumed, "$warning"), (limit, "$text-muted"), (best, "$text-muted"))
+    if cells(figure + assumed + limit + source) > width:
+        source = ""
+    return (
+        (figure, "bold"),
+        (assumed, "$warning"),
+        (limit, "$text-muted"),
+        (source, "$primary"),
+        (best, "$text-muted"),
+    )
+
+
+def _has_depth(report: TriggerReport) -> bool:
+    """Whether there is a depth camera, so that one asks which source measured."""
+    return report.depth_distance_m is not None or report.depth_fault is not None
 
 
 def _on_its_side(distance_m: float, threshold_m: float) -> float:

@@ -235,8 +235,7 @@ def _facing(detector: PoolDetector, subject: Subject) -> dict[int, _Held]:
             hands = detector.detect(image)
             for name, finder in zip(MODES, finders, strict=True):
                 mono[name].append(finder.measure(hands[0], detector.now_ns) if hands else None)
-                # Without the monocular fallback, so that the depth camera's own range is measured.
-                depth[name].append(readers[name].measure(depth_m, hands[0], None, detector.now_ns) if hands else None)
+                depth[name].append(readers[name].measure(depth_m, hands[0], detector.now_ns) if hands else None)
         zeros = [one.shown_m == 0 for one in depth["published"] if one]
         found[cm] = _Held(
             mono={name: _errors(row, moments) for name, row in mono.items()},

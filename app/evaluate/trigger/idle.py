@@ -3,6 +3,10 @@
 To make 100,000 frames possible the keypoints are simulated, not detected: the digital hand's true keypoints plus
 noise taken from MediaPipe, that is, from what it made of rendered frames of the same hands and gestures, frame by
 frame in order, so that the noise's own persistence is kept. Rules, vote, distance and button are the real ones.
+
+With depth, each frame also has the map that a D435i would measure of the hand, and in a share of frames it misses it:
+then the hands command by depth, and by both, as well. Every clip is drawn by its own number, so that a run that was
+ended goes on where it was.
 """
 
 from __future__ import annotations
@@ -10,32 +14,45 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from pathlib import Path
 
+import msgspec
 import numpy as np
+from msgspec import Struct, structs
 from rich.table import Table
 
 from app.evaluate.digital import HEIGHT_M, smooth, take, tilted, walk
-from app.evaluate.harness import FRAME_NS, Step, table
+from app.evaluate.harness import FRAME_NS, EvaluateFault, Step, table, writing
 from app.evaluate.noise import residual, with_noise
 from app.evaluate.readings import GESTURE_NAMES
-from app.evaluate.trigger.table6 import MODES, THRESHOLD_M, replay_pipeline
+from app.evaluate.trigger.table6 import THRESHOLD_M, replay_pipeline
+from app.system.errors import AppError
 from hal.cameras.camera import Intrinsics
-from hal.cameras.digital_hand.render import Scene, lens_for, person_of, posed
+from hal.cameras.digital_hand.depth import DepthCamera
+from hal.cameras.digital_hand.render import Scene, lens_for, person_of, posed, true_depth
 from kgdfa.button import ButtonState
+from kgdfa.distance import DistanceChoice, DistanceSource
 from kgdfa.hand import FloatArray, Hand
 from kgdfa.keypoints import HandDetector
 from kgdfa.pipeline import PipelineInput
 from kgdfa.preprocess import Image
+from logs.reading.formats import read_json
 
 CLIP_FRAMES = 90
 NOISE_WALKS = 36
 NOISE_FRAMES = 24
 FIRST_HAND = 5_001
 LOOK_ALIKES = ("tiger claw", "thumb up", "ok", "rest", "gun")
-CLEAR_M = (
-    THRESHOLD_M + 0.03
-)  # a hand that does not press stays this far away, or beside the button, or gives no gesture
-BLANK: Image = np.zeros((720, 1280, 3), np.uint8)
+CLEAR_M = 0.03  # beyond the threshold a hand that does not press stays, or beside the button, or gives no gesture
+BLANK: Image = np.zeros((360, 640, 3), np.uint8)
+SAVED_CLIPS = 25  # between two notes of the progress
+# What commands: mode and source of the distance; the last two where there is depth.
+CHAINS = {
+    "published": ("published", DistanceChoice.MONOCULAR),
+    "robust": ("robust", DistanceChoice.MONOCULAR),
+    "depth": ("robust", DistanceChoice.DEPTH),
+    "both": ("robust", DistanceChoice.BOTH),
+}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -47,15 +64,53 @@ class NoiseClip:
     world: FloatArray
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class IdleResult:
-    """How many commands the frames gave, a mode; presses are reported beside, none of which became a command."""
+class IdleSettings(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """holes: share of frames in which the depth map misses the hand; None: no depth."""
 
-    frames: int
-    noise_frames: int
-    commands: dict[str, int]
-    presses: dict[str, int]
-    cancels: dict[str, int]
+    seed: int = 1
+    threshold_m: float = THRESHOLD_M
+    holes: float | None = None
+
+    @property
+    def chains(self) -> tuple[str, ...]:
+        """Of CHAINS."""
+        return tuple(CHAINS)[: 2 if self.holes is None else 4]
+
+
+class IdleResult(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """How many commands the frames gave, for each chain; presses are reported beside.
+
+    depth_frames: in which depth decided for `both`, the others were bridged. changes: of what measured, for `both`.
+    """
+
+    settings: IdleSettings
+    clips: int = 0
+    frames: int = 0
+    with_hand: int = 0
+    depth_frames: int = 0
+    changes: int = 0
+    commands: dict[str, int] = {}
+    presses: dict[str, int] = {}
+    cancels: dict[str, int] = {}
+
+    @property
+    def passed(self) -> bool:
+        """Whether no chain of ours gave a command, and none with depth a press."""
+        ours = [name for name in self.settings.chains if name != "published"]
+        by_depth = [name for name in ours if name != "robust"]
+        return not any(self.commands.get(name, 0) for name in ours) and not any(
+            self.presses.get(name, 0) for name in by_depth
+        )
+
+
+def kept_progress(path: Path | None, settings: IdleSettings) -> IdleResult:
+    """What an earlier run kept there. Raises AppError when it is no progress, or that of other settings."""
+    if path is None or not path.exists() or not path.stat().st_size:
+        return IdleResult(settings=settings)
+    kept = read_json(path, IdleResult)
+    if kept.settings != settings:
+        raise AppError(EvaluateFault.PROGRESS_OF_OTHERS, file=path)
+    return kept
 
 
 def take_noise(detector: HandDetector, step: Step) -> list[NoiseClip]:
@@ -78,32 +133,76 @@ def take_noise(detector: HandDetector, step: Step) -> list[NoiseClip]:
     return clips
 
 
-def evaluate_idle(clips: list[NoiseClip], *, frames: int, seed: int, step: Callable[[int], None]) -> IdleResult:
-    """Simulated frames through both modes. `step` is called with the number of frames done since the last call."""
-    draw, lens = np.random.default_rng([seed, 0x69646C65]), lens_for()
-    totals = {what: dict.fromkeys(MODES, 0) for what in ("commands", "presses", "cancels")}
-    done, now_ns = 0, 1_000_000_000
-    while done < frames:
-        noise = clips[int(draw.integers(len(clips)))]
-        person = person_of(int(draw.integers(1_000_000)))
-        chains = {mode: replay_pipeline(mode, person, lens) for mode in MODES}
-        last = dict.fromkeys(MODES, ButtonState())
-        move = MOVES[int(draw.integers(len(MOVES)))]
-        for index, scene in enumerate(move(draw, posed(_gesture(draw, noise, move), person=person, lens=lens))):
-            now_ns += FRAME_NS
-            hand = _noisy(scene, noise, index)
-            for mode, (replay, pipeline) in chains.items():
-                replay.hands = (hand,) if hand else ()
-                button = pipeline.process(PipelineInput(image_bgr=BLANK, captured_ns=now_ns)).button
-                totals["presses"][mode] += button.pressed and not last[mode].pressed
-                last[mode] = button
-        for mode, button in last.items():
-            totals["commands"][mode] += button.release_count
-            totals["cancels"][mode] += button.cancel_count
-        now_ns += 1_000_000_000
-        done += CLIP_FRAMES
-        step(CLIP_FRAMES)
-    return IdleResult(frames=done, noise_frames=sum(len(clip.image) for clip in clips), **totals)
+def evaluate_idle(
+    clips: list[NoiseClip],
+    before: IdleResult,
+    *,
+    frames: int,
+    step: Callable[[int], None],
+    keep: Path | None = None,
+) -> IdleResult:
+    """Simulated frames through every chain, from `before` on; step: called with the number of frames done since.
+
+    keep: where the progress is kept. Raises AppError when it can't be.
+    """
+    result = before
+    try:
+        while result.frames < frames:
+            result = _after_clip(result, clips)
+            step(CLIP_FRAMES)
+            if result.clips % SAVED_CLIPS == 0:
+                _keep(result, keep)
+    finally:
+        _keep(result, keep)
+    return result
+
+
+def _keep(result: IdleResult, path: Path | None) -> None:
+    if path is not None:
+        with writing(path):
+            path.write_bytes(msgspec.json.encode(result))
+
+
+def _after_clip(before: IdleResult, clips: list[NoiseClip]) -> IdleResult:
+    """One more clip, drawn by its number."""
+    settings = before.settings
+    draw = np.random.default_rng([settings.seed, before.clips, 0x69646C65])
+    lens, noise = lens_for(BLANK.shape[1], BLANK.shape[0]), clips[int(draw.integers(len(clips)))]
+    person, move = person_of(int(draw.integers(1_000_000))), MOVES[int(draw.integers(len(MOVES)))]
+    scene = posed(_gesture(draw, noise, move), person=person, lens=lens)
+    camera = None if settings.holes is None else DepthCamera(before.clips, holes=settings.holes)
+    chains = {
+        name: replay_pipeline(mode, person, lens, settings.threshold_m, choice=choice)
+        for name, (mode, choice) in CHAINS.items()
+        if name in settings.chains
+    }
+    last, presses = dict.fromkeys(chains, ButtonState()), dict(before.presses)
+    with_hand, depth_frames, changes = before.with_hand, before.depth_frames, before.changes
+    for index, now in enumerate(move(draw, scene, settings.threshold_m)):
+        hand = _noisy(now, noise, index)
+        with_hand += hand is not None
+        depth_m = None if camera is None else camera.measure(true_depth(now), index, flipping=move is _turn)
+        source = PipelineInput(image_bgr=BLANK, captured_ns=1_000_000_000 + index * FRAME_NS, depth_m=depth_m)
+        for name, (replay, pipeline) in chains.items():
+            replay.hands = (hand,) if hand else ()
+            button = pipeline.process(source).button
+            presses[name] = presses.get(name, 0) + (button.pressed and not last[name].pressed)
+            last[name] = button
+        compared = last["both"].compared if "both" in last else None
+        if compared is not None and compared.distance_m is not None:
+            depth_frames += compared.source is DistanceSource.DEPTH
+            changes += compared.source_changed
+    return structs.replace(
+        before,
+        clips=before.clips + 1,
+        frames=before.frames + CLIP_FRAMES,
+        with_hand=with_hand,
+        depth_frames=depth_frames,
+        changes=changes,
+        presses=presses,
+        commands={name: before.commands.get(name, 0) + one.release_count for name, one in last.items()},
+        cancels={name: before.cancels.get(name, 0) + one.cancel_count for name, one in last.items()},
+    )
 
 
 def _noisy(scene: Scene, noise: NoiseClip, index: int) -> Hand | None:
@@ -113,44 +212,44 @@ def _noisy(scene: Scene, noise: NoiseClip, index: int) -> Hand | None:
     return with_noise(scene, noise.image[row], noise.world[row], tracked=index > 0)
 
 
-Move = Callable[[np.random.Generator, Scene], Iterator[Scene]]
+Move = Callable[[np.random.Generator, Scene, float], Iterator[Scene]]  # with the threshold
 
 
-def _wander(draw: np.random.Generator, scene: Scene) -> Iterator[Scene]:
+def _wander(draw: np.random.Generator, scene: Scene, threshold_m: float) -> Iterator[Scene]:
     """Anywhere beyond the threshold, with any tilt up to 55°."""
-    poses = [_place(draw, scene.lens, CLEAR_M) for _ in range(4)]
+    poses = [_place(draw, scene.lens, threshold_m + CLEAR_M) for _ in range(4)]
     yield from _along(scene, poses)
 
 
-def _wave(draw: np.random.Generator, scene: Scene) -> Iterator[Scene]:
+def _wave(draw: np.random.Generator, scene: Scene, threshold_m: float) -> Iterator[Scene]:
     """Rolling from side to side over the button."""
-    z, swing, rate = draw.uniform(CLEAR_M, 0.6), draw.uniform(0.3, 0.9), draw.uniform(1.0, 3.0)
+    z, swing, rate = draw.uniform(threshold_m + CLEAR_M, 0.6), draw.uniform(0.3, 0.9), draw.uniform(1.0, 3.0)
     for frame in range(CLIP_FRAMES):
         phase = math.sin(2 * math.pi * rate * frame / 30)
         yield _put(scene, np.array([0.06 * phase, HEIGHT_M, z, 0.0, 0.3 * phase, swing * phase]))
 
 
-def _turn(draw: np.random.Generator, scene: Scene) -> Iterator[Scene]:
+def _turn(draw: np.random.Generator, scene: Scene, threshold_m: float) -> Iterator[Scene]:
     """Turning the palm away and back, over the button."""
-    z, most = draw.uniform(CLEAR_M, 0.6), draw.uniform(0.8, math.pi)
+    z, most = draw.uniform(threshold_m + CLEAR_M, 0.6), draw.uniform(0.8, math.pi)
     for frame in range(CLIP_FRAMES):
         amount = most * (1 - math.cos(2 * math.pi * frame / CLIP_FRAMES)) / 2
         yield _put(scene, np.array([0.0, HEIGHT_M, z, 0.0, amount, 0.0]))
 
 
-def _pass(draw: np.random.Generator, scene: Scene) -> Iterator[Scene]:
+def _pass(draw: np.random.Generator, scene: Scene, threshold_m: float) -> Iterator[Scene]:
     """In from one side, across the button nearer than the threshold, out at the other."""
-    z = draw.uniform(0.12, THRESHOLD_M)
+    z = draw.uniform(0.12, threshold_m)
     reach = 0.6 * z * scene.lens.width_px / scene.lens.fx_px
     start, end = (-reach, reach) if draw.random() < 0.5 else (reach, -reach)
     poses = [np.array([x, HEIGHT_M, z, 0.0, 0.0, 0.0]) for x in (start, end, start)]
     yield from _along(scene, poses)
 
 
-def _reach_without_gesture(draw: np.random.Generator, scene: Scene) -> Iterator[Scene]:
+def _reach_without_gesture(draw: np.random.Generator, scene: Scene, threshold_m: float) -> Iterator[Scene]:
     """Straight to the camera and back with a hand that signs nothing."""
-    nearest = draw.uniform(0.12, THRESHOLD_M)
-    far, near = (np.array([0.0, HEIGHT_M, z, 0.0, 0.0, 0.0]) for z in (0.45, nearest))
+    nearest = draw.uniform(0.12, threshold_m)
+    far, near = (np.array([0.0, HEIGHT_M, z, 0.0, 0.0, 0.0]) for z in (threshold_m + 0.25, nearest))
     yield from _along(scene, [far, near, far])
 
 
@@ -193,6 +292,8 @@ def _put(scene: Scene, now: FloatArray) -> Scene:
 
 def idle_table(result: IdleResult) -> Table:
     """Commands of hands that pressed nothing."""
-    rows = [(mode, result.commands[mode], result.presses[mode], result.cancels[mode]) for mode in MODES]
-    columns = "empty commands presses cancelled"
-    return table("idle", columns, rows, left=4, frames=f"{result.frames:,}", noise_frames=result.noise_frames)
+    rows = [
+        (name, result.commands.get(name, 0), result.presses.get(name, 0), result.cancels.get(name, 0))
+        for name in result.settings.chains
+    ]
+    return table("idle", "empty commands presses cancelled", rows, left=4, frames=f"{result.frames:,}")

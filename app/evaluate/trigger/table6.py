@@ -34,9 +34,9 @@ from hal.cameras.realsense import DEPTH_SIZE, RealSenseCamera
 from hal.cameras.software_realsense import SoftwareRealSense
 from kgdfa.button import ButtonMode, ButtonPlace
 from kgdfa.depth import DepthRange
-from kgdfa.distance import PublishedRange
+from kgdfa.distance import DistanceChoice, PublishedRange
 from kgdfa.hand import Hand
-from kgdfa.pipeline import Detector, Pipeline, PipelineInput, Report
+from kgdfa.pipeline import Detector, Pipeline, PipelineInput
 from kgdfa.preprocess import Image
 from kgdfa.published import PublishedRules
 from kgdfa.robust import RobustRules
@@ -48,6 +48,7 @@ FIRST_HAND = 301
 THRESHOLD_M = 0.20
 MODES = ("published", "robust")
 CAMERAS = ("monocular", "D435i")
+CHOICES = dict(zip(CAMERAS, (DistanceChoice.MONOCULAR, DistanceChoice.DEPTH), strict=True))
 JPEG_QUALITY = 90  # a webcam sends 1280×720 as MJPEG, 30 a second
 READ_S = 1.0
 WARM_UP = 3  # the first frames detect the hand and fill caches
@@ -174,29 +175,24 @@ def _row(cm: int, outcomes: list[ChangeOutcome], fps: dict[str, float]) -> Trigg
 def run_change(detector: PoolDetector, change: Change) -> ChangeOutcome:
     """One change before both cameras, in both modes."""
     camera = DepthCamera(FIRST_HAND + change.number)
-    pipelines = {mode: replay_pipeline(mode, change.person, change.lens) for mode in MODES}
+    pipelines = {
+        (name, mode): replay_pipeline(mode, change.person, change.lens, choice=choice)
+        for name, choice in CHOICES.items()
+        for mode in MODES
+    }
     pressed: set[Key] = set()
     commands: dict[Key, int] = {}
     for index, moment in enumerate(change.moments()):
         image, depth_m = take(moment, index, camera)
         hands = detector.detect(image)
-        for mode, (replay, pipeline) in pipelines.items():
+        for key, (replay, pipeline) in pipelines.items():
             replay.hands = hands
-            report = pipeline.process(PipelineInput(image_bgr=image, captured_ns=detector.now_ns, depth_m=depth_m))
-            now_pressed, commands_now = _buttons(mode, report)
-            commands.update(commands_now)
-            pressed |= now_pressed if index >= FRAMES[0] else set()  # showing is not part of it
+            source = PipelineInput(image_bgr=image, captured_ns=detector.now_ns, depth_m=depth_m)
+            button = pipeline.process(source).button
+            commands[key] = button.release_count
+            if button.pressed and index >= FRAMES[0]:  # showing is not part of it
+                pressed.add(key)
     return ChangeOutcome(pressed=frozenset(pressed), commands=commands)
-
-
-def _buttons(mode: str, report: Report) -> tuple[set[Key], dict[Key, int]]:
-    """Which buttons are down, and the commands that each has given so far."""
-    both = {("monocular", mode): report.button, ("D435i", mode): report.depth_button}
-    known = {key: button for key, button in both.items() if button is not None}
-    return (
-        {key for key, button in known.items() if button.pressed},
-        {key: button.release_count for key, button in known.items()},
-    )
 
 
 def measure_rates(detector: Detector, *, focal_px: float, step: Step) -> CameraRates:
@@ -209,7 +205,8 @@ def measure_rates(detector: Detector, *, focal_px: float, step: Step) -> CameraR
             for number in range(len(CHANGES))
             for moment in Change(distance_cm=cm, number=number, focal_px=focal_px).moments()[-FRAMES[2] :]
         ]
-        pipelines = [chain("robust", person_of(FIRST_HAND), lens_for(focal_px=focal_px), detector) for _ in CAMERAS]
+        person, lens = person_of(FIRST_HAND), lens_for(focal_px=focal_px)
+        pipelines = [chain("robust", person, lens, detector, choice=choice) for choice in CHOICES.values()]
         start_ns += 1_000_000_000 + 2 * len(moments) * FRAME_NS
         rates[cm] = {
             "monocular": monocular_fps(pipelines[0], moments, start_ns),
@@ -220,11 +217,11 @@ def measure_rates(detector: Detector, *, focal_px: float, step: Step) -> CameraR
 
 
 def replay_pipeline(
-    mode: str, person: Person, lens: Intrinsics, threshold_m: float = THRESHOLD_M
+    mode: str, person: Person, lens: Intrinsics, threshold_m: float = THRESHOLD_M, **chosen: Any
 ) -> tuple[Replay, Pipeline]:
-    """The mode's whole chain behind a `Replay`."""
+    """The mode's whole chain behind a `Replay`. chosen: as `Pipeline` takes it."""
     replay = Replay()
-    return replay, chain(mode, person, lens, replay, threshold_m)
+    return replay, chain(mode, person, lens, replay, threshold_m, **chosen)
 
 
 def chain(
@@ -233,9 +230,9 @@ def chain(
     lens: Intrinsics,
     detector: Detector,
     threshold_m: float = THRESHOLD_M,
-    **enrolled: Any,
+    **chosen: Any,
 ) -> Pipeline:
-    """The mode's whole chain for a person whose palm is known by ruler. enrolled: as `Pipeline` takes it."""
+    """The mode's whole chain for a person whose palm is known by ruler. chosen: as `Pipeline` takes it."""
     reference_m, centre_px = person.shape.reference_m, (lens.cx_px, lens.cy_px)
     finder = PublishedRange if mode == "published" else RobustRange
     return Pipeline(
@@ -245,7 +242,7 @@ def chain(
         place=ButtonPlace.in_the_middle(lens.width_px, lens.height_px, threshold_m),
         mode=ButtonMode(mode),
         depth_finder=DepthRange(mode=mode),
-        **enrolled,
+        **chosen,
     )
 
 

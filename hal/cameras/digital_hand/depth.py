@@ -3,6 +3,9 @@
 Zero readings (the paper's section on the depth camera; Intel D400 series data sheet for the least distance):
 nearer than about 25 cm, at the image's edge, around depth jumps, in patches while the hand flips. The noise of
 a stereo camera grows with the square of distance: sd = z² · subpixel / (f · baseline).
+
+Beside these, `holes` is a share of frames, drawn by their seed, in which the map misses the hand in one of three ways:
+0 all over it (sun, a dark glove), 0 in patches of half of it, or displaced, so that its edge lies across the palm.
 """
 
 from __future__ import annotations
@@ -21,14 +24,17 @@ EDGE_SHARE = 0.04  # of the width: stereo has no partner there
 JUMP_M = 0.03  # a step in depth that leaves a shadow
 SHADOW_PX = 7  # half width of the shadow around a jump, at 1280 pixels of width
 PATCH_PX = 40
+REACH_M = 0.9  # what is nearer is a hand, not the room
+DISPLACED_SHARE = 0.06  # of the width: about half a palm at 40 cm
 
 
 class DepthCamera:
     """The D435i's stereo as a function of true depth and a seed."""
 
-    def __init__(self, seed: int = 0) -> None:
-        """seed: another camera of the same kind."""
+    def __init__(self, seed: int = 0, *, holes: float = 0.0) -> None:
+        """seed: another camera of the same kind. holes: 0-1, in so many frames it misses the hand."""
         self._seed = seed
+        self._holes = holes
 
     def measure(self, surface_m: DepthArray, noise_seed: int, flipping: bool = False) -> DepthArray:
         """(h, w) true depth in metres to (h, w) float32 as measured, millimetre steps, 0 where it fails."""
@@ -41,6 +47,8 @@ class DepthCamera:
         _blind_edges(measured)
         if flipping:
             measured[_patches(surface_m.shape[0], surface_m.shape[1], draw)] = 0.0
+        if self._holes and draw.random() < self._holes:
+            measured = _missed(measured, int(draw.integers(3)), draw)
         kept: DepthArray = measured.astype(np.float32, copy=False)
         return kept
 
@@ -76,3 +84,14 @@ def _patches(height: int, width: int, draw: np.random.Generator) -> NDArray[np.b
     coarse = (draw.random((max(1, height // PATCH_PX), max(1, width // PATCH_PX))) < 0.5).astype(np.uint8)
     lost: NDArray[np.bool_] = cv2.resize(coarse, (width, height), interpolation=cv2.INTER_NEAREST) > 0
     return lost
+
+
+def _missed(measured: DepthArray, how: int, draw: np.random.Generator) -> DepthArray:
+    """Without the hand: all of it, in patches, or displaced to one side."""
+    height, width = measured.shape
+    if how == 0:
+        return np.where(measured < REACH_M, np.float32(0.0), measured)
+    if how == 1:
+        return np.where(_patches(height, width, draw), np.float32(0.0), measured)
+    aside = round(DISPLACED_SHARE * width)
+    return np.roll(measured, aside if draw.random() < 0.5 else -aside, axis=1)

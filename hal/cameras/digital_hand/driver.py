@@ -47,19 +47,22 @@ class DigitalHandCamera:
         rate_hz: float = 30.0,
         person: Person | None = None,
         depth: bool = False,
+        depth_holes: float = 0.0,
         rest_m: float = REST_M,
         press_m: float = PRESS_M,
         gesture: str = hand_motion.SETTLED,
         clock_ns: Callable[[], int] = time.monotonic_ns,
     ) -> None:
-        """seed chooses person, room and lamp; `person` overrides it. Raises HardwareError for a bad rate."""
+        """seed chooses person, room and lamp; `person` overrides it. depth_holes: see `DepthCamera`.
+
+        Raises HardwareError for a bad rate."""
         if not 0 < rate_hz <= MAX_RATE_HZ:
             raise HardwareError(CameraFault.RATE_OUT_OF_RANGE, rate_hz=rate_hz, limit_hz=MAX_RATE_HZ)
         self.person = person or person_of(seed)
         self.lens = lens or lens_for()
         self._period_ns = round(1e9 / rate_hz)
         self._seed = seed
-        self._depth = DepthCamera(seed) if depth else None
+        self._depth = DepthCamera(seed, holes=depth_holes) if depth else None
         self._clock_ns = clock_ns
         self._movement = hand_motion.begin(self.person, rest_m=rest_m, press_m=press_m, gesture=gesture)
         self._opened_ns: int | None = None

@@ -135,6 +135,17 @@ def render(scene: Scene, noise_seed: int = 0, *, depth: bool = False) -> Rendere
     return rendered
 
 
+def true_depth(scene: Scene) -> DepthArray:
+    """(h, w) float32: hand and wall, without their image."""
+    surface, joints = np.full((scene.lens.height_px, scene.lens.width_px), WALL_M, np.float32), keypoints_m(scene)
+    if joints is not None:
+        body, distance_m = capsules_of(joints, scene.person.shape), max(0.08, float(joints[:, 2].mean()))
+        grid = grid_over(body, scene.lens, CELLS_PER_M, distance_m)
+        if grid is not None:
+            _sink(surface, cast(body, grid, scene.lens), grid)
+    return surface
+
+
 def _add_hand(rendered: Rendered, joints: FloatArray, owner: Person, scene: Scene, noise_seed: int) -> None:
     """One hand in front of what is there, in the scene's light, in place."""
     image, surface = rendered.image_bgr, rendered.surface_m

@@ -32,9 +32,6 @@ from app.perception.camera import SessionRecorder
 from app.perception.frames import FrameBatch, button_record
 from app.perception.pipeline import camera_records, make_camera
 from app.perception.reporting import MeasuredRate, records_between
-from app.recording.process import file_record
-from app.recording.schemas import CONTACT, TOPICS, FootContact
-from app.recording.writer import RecordingWriter
 from app.session.host import ProcessStatus
 from app.system.config import CameraConfig, Config, JointsConfig, SessionSetup
 from app.system.operators import Role, add_operator, load_store, save_store
@@ -43,6 +40,7 @@ from hal.errors import DrivesFault, HardwareError
 from hal.joints.guard import Quantity, Refusal
 from hal.joints.protocol import TICK_NS, Joint
 from kgdfa.button import ButtonMode, ButtonPlace, ButtonState, PressCancel, PressHint
+from kgdfa.distance import DistanceChoice, DistanceSource
 from kgdfa.gesture import Gesture
 from kgdfa.recognition import FrameReading
 from logs.disk import Disk
@@ -89,7 +87,6 @@ async def test_every_field_of_every_record_is_filled_by_somebody(
     tmp_path: Path, console: Opener, home: Home, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     bodies = [*of_a_real_session(tmp_path / "real"), *of_control(), *of_perception(tmp_path / "perception")]
-    bodies += [of_a_recording(tmp_path / "recording.mcap")]
     bodies += of_the_operators(tmp_path / "operators")
     bodies += await of_the_console(console, home, monkeypatch)
     wanted = {(kind.__name__, field) for kind in KINDS for field in kind.__struct_fields__}
@@ -119,18 +116,6 @@ def of_a_real_session(root: Path) -> list[Body]:
     journals = [record for manifest in manifest_paths(place.logs) for record in records(manifest)]
     assert comments_path(path).exists()
     return [record.body for record in (*found, *journals)] + comments
-
-
-def of_a_recording(path: Path) -> Body:
-    """A recording whose disk had little room for a while."""
-    free = [0]
-    writer = RecordingWriter(path, TOPICS, 0, floor_bytes=1, free_bytes=lambda _: free[0])
-    writer.settle(1_000_000_000)
-    writer.add(CONTACT, 1, FootContact(left_n=1.0, right_n=2.0))
-    free[0] = 2
-    writer.settle(2_000_000_000)
-    writer.add(CONTACT, 2, FootContact(left_n=1.0, right_n=2.0))
-    return file_record(writer, whole=writer.finish())
 
 
 def leave_torn(place: Home) -> None:
@@ -173,10 +158,10 @@ def walked() -> Rig:
 
 
 def paused() -> Rig:
-    """Control was late for a moment in the middle of a step, and foreign programs knocked."""
+    """Control was late for a moment in the middle of a step."""
     rig = moving()
-    rig.spoil.update(late_ns=30_000_000, missed_ticks=15, foreign_peers=3)
-    rig.tick(520)
+    rig.spoil.update(late_ns=30_000_000, missed_ticks=15)
+    rig.tick(3)
     return rig
 
 
@@ -278,12 +263,19 @@ def framed() -> list[Body]:
     batch = FrameBatch()
     for captured_ns in (1, 2, 3):
         reading = FrameReading(
-            captured_ns=captured_ns, hand=1, gesture=Gesture.ONE, cut_off=False, distance_m=0.3, beside_px=2.0
+            captured_ns=captured_ns,
+            hand=1,
+            gesture=Gesture.ONE,
+            cut_off=False,
+            distance_m=0.3,
+            beside_px=2.0,
+            source=DistanceSource.DEPTH,
+            bridge_m=0.32,
         )
         batch.add(reading, 0.9)
         list(batch.take(at_once=captured_ns == 1))
     place = ButtonPlace(x_px=640, y_px=360, radius_px=77, threshold_m=0.2)
-    return [button_record(place, ButtonMode.ROBUST), *batch.take(at_once=True)]
+    return [button_record(place, ButtonMode.ROBUST, DistanceChoice.BOTH), *batch.take(at_once=True)]
 
 
 class Collector(AuditSink):

@@ -14,8 +14,8 @@ from app.system.paths import Home
 from app.text.catalogue import tr
 from hal.errors import CameraFault
 from logs.reason import reason
-from profiles.schema import DEMO_PATIENT
-from profiles.store import ProfileStore
+from profiles.schema import DEMO_PATIENT, DistanceUsed
+from profiles.store import ChangeCause, ProfileStore
 from testing.fake_host import event
 from tests.app.console.conftest import Console, Opener
 from tests.support.authors import Named
@@ -39,6 +39,18 @@ async def test_a_first_patient_is_made_and_walks(console: Opener, home: Home) ->
         await open_console.press("t", "0")
         await open_console.shows("standing")
         assert (OperatorKind.ACT, Action.INITIALISE) in open_console.host.sent
+
+
+async def test_the_distance_chosen_at_the_start_is_used_and_kept(console: Opener, home: Home) -> None:
+    async with console(profile=None) as open_console:
+        await open_console.press("enter")
+        await open_console.shows("Session with demo")
+        open_console.app.screen.query_one("#distance-source", Select).value = DistanceUsed.BOTH
+        await open_console.press("enter")
+        await open_console.shows("NOT ARMED")
+        assert open_console.host.setup.profile.distance_source is DistanceUsed.BOTH
+    assert ProfileStore(home.profiles).load("demo").distance_source is DistanceUsed.BOTH
+    assert ProfileStore(home.profiles).history("demo")[-1].why == ChangeCause.DISTANCE.key
 
 
 async def test_a_session_ends_with_a_note_that_the_list_then_shows(console: Opener, home: Home) -> None:

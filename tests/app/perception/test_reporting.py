@@ -74,6 +74,7 @@ def compared() -> ButtonComparison:
         gap_frames=1,
         approached_m=0.05,
         approach_limit_m=0.03,
+        source_changed=True,
     )
 
 

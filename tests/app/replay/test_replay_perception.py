@@ -15,7 +15,7 @@ from app.replay.difference import Difference
 from app.replay.perception import DECISIONS, NOT_REPLAYED
 from app.replay.session import replay
 from kgdfa.button import ButtonMode, ButtonPlace
-from kgdfa.distance import Distance
+from kgdfa.distance import Distance, DistanceChoice
 from kgdfa.gesture import VOTE_FRAMES, Decision, Explanation, Gesture, Verdict
 from kgdfa.pipeline import Report
 from kgdfa.recognition import FrameReading, Recognition, recognise
@@ -54,7 +54,7 @@ def recorded(readings: Sequence[FrameReading], mode: ButtonMode = ButtonMode.ROB
         focal_px=SCALE.focal_px,
         focal_source=SCALE.focal_source,
     )
-    bodies: list[Body] = [scale, button_record(PLACE, mode)]
+    bodies: list[Body] = [scale, button_record(PLACE, mode, DistanceChoice.MONOCULAR)]
     state, recorder = Recognition(), DecisionRecorder(SCALE)
     for reading in readings:
         state = recognise(state, reading, PLACE, mode)
@@ -153,7 +153,10 @@ def test_frames_are_unpacked_as_they_were(readings: list[FrameReading]) -> None:
 
 
 def test_the_setup_of_the_button_is_kept() -> None:
-    assert button_of(button_record(PLACE, ButtonMode.PUBLISHED)) == (PLACE, ButtonMode.PUBLISHED)
+    assert button_of(button_record(PLACE, ButtonMode.PUBLISHED, DistanceChoice.MONOCULAR)) == (
+        PLACE,
+        ButtonMode.PUBLISHED,
+    )
 
 
 SESSION = recorded(timed((*PUSH, *[NOBODY] * 5, *CANCELLED, *PUSH)))
@@ -171,6 +174,8 @@ def changed(field: str, value: object) -> object:
     """Another value of the same kind."""
     if isinstance(value, tuple):
         return (*value, 1)
+    if isinstance(value, bool):
+        return not value
     if isinstance(value, int | float):
         return value + 1
     return 1.0 if value is None and field != "gesture" else "2" if value == "1" else "1"

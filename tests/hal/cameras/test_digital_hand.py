@@ -16,7 +16,16 @@ from hal.cameras.digital_hand import skeleton
 from hal.cameras.digital_hand.depth import LEAST_M, DepthCamera
 from hal.cameras.digital_hand.driver import DigitalHandCamera
 from hal.cameras.digital_hand.raycast import Capsules, capsules_of, cast, grid_over
-from hal.cameras.digital_hand.render import Person, keypoints_m, lens_for, person_of, posed, project_px, render
+from hal.cameras.digital_hand.render import (
+    Person,
+    keypoints_m,
+    lens_for,
+    person_of,
+    posed,
+    project_px,
+    render,
+    true_depth,
+)
 from hal.cameras.digital_hand.skeleton import GESTURES, POSES, HandPlace, HandShape, joints_m, placed_m
 from hal.errors import CameraFault
 from profiles import palm as palm_calibration
@@ -249,6 +258,25 @@ def test_a_flipping_hand_loses_patches_of_depth() -> None:
     flat = np.full((180, 320), 0.5, np.float32)
     still, flipping = (DepthCamera(1).measure(flat, 5, flip) for flip in (False, True))
     assert (flipping == 0).mean() > (still == 0).mean() + 0.3
+
+
+def test_depth_misses_the_hand_in_its_share_of_frames() -> None:
+    surface = np.full((180, 320), 1.2, np.float32)
+    surface[60:120, 120:200] = 0.5
+    inside = (slice(75, 105), slice(130, 190))
+    holed = DepthCamera(1, holes=0.4)
+
+    def missed(camera: DepthCamera, frame: int) -> bool:
+        return bool((np.abs(camera.measure(surface, frame)[inside] - 0.5) > 0.02).mean() > 0.1)
+
+    # Of the patchy third some leave this part of it whole.
+    assert 0.25 < sum(missed(holed, frame) for frame in range(300)) / 300 < 0.45
+    assert not any(missed(DepthCamera(1), frame) for frame in range(10))
+
+
+def test_true_depth_is_what_the_image_is_rendered_from() -> None:
+    scene = posed("5", lens=LENS, position_m=(0.02, 0, 0.3))
+    np.testing.assert_array_equal(true_depth(scene), render(scene, depth=True).surface_m)
 
 
 def test_the_rendered_hand_has_the_ratio_that_the_calibration_assumes() -> None:

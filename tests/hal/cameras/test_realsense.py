@@ -90,7 +90,7 @@ def test_nearer_than_the_camera_can_see_is_zero_for_published_and_no_measurement
     assert frame.depth_m is not None
     assert read_published(frame.depth_m, hand).safe_m == 0.0
     reader = DepthRange(mode="robust")
-    assert reader.measure(frame.depth_m, hand, None, frame.captured_ns) is None
+    assert reader.measure(frame.depth_m, hand, frame.captured_ns) is None
     assert reader.fault is DepthFault.ZERO
 
 
