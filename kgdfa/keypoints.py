@@ -31,7 +31,6 @@ from kgdfa.redetection import Redetector
 
 # MediaPipe 1.x names the person's own hand on an unmirrored image, as ours are (0.10 had them the other way round).
 _SIDES = {"Left": Side.LEFT, "Right": Side.RIGHT}
-_EMPTY: Image = np.zeros((64, 64, 3), np.uint8)
 SEEK_FRAMES = 5  # how often a second hand is searched for until the enrolled one is known
 ALONE_FRAMES = 10  # with one hand in view until the tracker of one takes over again
 
@@ -65,7 +64,9 @@ class HandDetector:
         mode = RunningMode.IMAGE if still else RunningMode.VIDEO
         self._landmarker = _load(model, mode, max_hands, min_detection, min_presence)
         self._two_hands = _load(model, RunningMode.VIDEO, 2, 0.5, 0.5) if watch_rivals else None
-        loaded = [one for one in (self._landmarker, self._two_hands) if one is not None]
+        # What has tracked nothing detects at half the cost of a tracker that must forget first.
+        self._untracked = _load(model, RunningMode.IMAGE, 1, 0.5, 0.5) if self._searcher else None
+        loaded = [one for one in (self._landmarker, self._two_hands, self._untracked) if one is not None]
         self._free = weakref.finalize(self, _close_all, loaded)
 
     def follow(self, hand: Hand | None, unknown: bool) -> None:
@@ -89,7 +90,7 @@ class HandDetector:
     def close(self) -> None:
         """Free the model; harmless when done twice."""
         self._free()
-        self._landmarker = self._two_hands = None
+        self._landmarker = self._two_hands = self._untracked = None
 
     def __enter__(self) -> Self:
         return self
@@ -122,12 +123,11 @@ class HandDetector:
         result = self.infer(image, captured_ns) if one else self._track(self._two_hands, image, captured_ns)
         return _hands(result, image)
 
-    def _look(self, image: Image, captured_ns: int) -> tuple[Hand, ...]:
-        """The hands as if none were tracked; () while two are, or where no second one is watched for."""
-        if self._two_hands is None or self._alone_frames < ALONE_FRAMES:
+    def _look(self, image: Image) -> tuple[Hand, ...]:
+        """The hand as if none were tracked; () while two are."""
+        if self._untracked is None or self._alone_frames < ALONE_FRAMES:
             return ()
-        self._track(self._two_hands, _EMPTY, captured_ns)  # ends what it tracked when it was last used
-        return _hands(self._track(self._two_hands, image, captured_ns), image)
+        return _hands(self._untracked.detect(_as_mediapipe(image)), image)
 
     def _ordered(self, hands: tuple[Hand, ...]) -> tuple[Hand, ...]:
         """The one that is nearest to the first of the frame before in front."""

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from rich.text import Text
 
-from logs.reason import Reason, Render, reason, text_of
+from logs.reason import Reason, Render, key_of, reason, text_of
 from logs.sanitize import sanitize_terminal
 
 
@@ -58,6 +58,7 @@ class Remark(Enum):
     NEWER_SCHEMA = auto()  # schema, known
     TEARS_EXPLAINED = auto()  # tears
     KEY_NOT_CHECKED = auto()  # keys
+    END_NOT_KNOWN = auto()  # of a journal: without the console's keys/ends a cut can't be told
 
 
 class Summary(Enum):
@@ -92,6 +93,7 @@ _STYLE = {
     Status.TAMPERED: "bold red",
     Status.UNREADABLE: "bold magenta",
 }
+_WARNINGS = {key_of(Remark.END_NOT_KNOWN), key_of(Remark.KEY_NOT_CHECKED)}
 _BROKEN = (Status.INCOMPLETE, Status.TAMPERED)
 
 
@@ -104,7 +106,8 @@ def describe(finding: Finding, render: Render) -> Text:
     if finding.last_hash.strip("0"):
         text.append(f"\n  {render(reason(Summary.NEWEST_HASH, hash=finding.last_hash))}", "dim")
     for remark in finding.remarks:
-        text.append(f"\n  · {sanitize_terminal(text_of(remark, render))}", "dim")
+        style = "yellow" if remark.code in _WARNINGS else "dim"
+        text.append(f"\n  · {sanitize_terminal(text_of(remark, render))}", style)
     return text
 
 

@@ -56,7 +56,9 @@ def record_text(body: Body, render: Render) -> str:
     if isinstance(body, r.Change):
         both = ((name, *("" if one is None else str(one) for one in two)) for name, two in body.values.items())
         values["values"] = ", ".join(f"{name}: {before} → {after}" for name, before, after in both)
-    return text_of(Reason(f"Record.{type(body).__name__}", values), render).replace("  ", " ").rstrip(" :：")
+    counted = isinstance(body, r.EventCleared) and body.total is not None
+    name = "EventCounted" if counted else type(body).__name__
+    return text_of(Reason(f"Record.{name}", values), render).replace("  ", " ").rstrip(" :：")
 
 
 def _shown(name: str, value: Any) -> Any:

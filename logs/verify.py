@@ -92,6 +92,8 @@ def _assess_journal(finding: Finding, scan: Scan, evidence: Evidence) -> Finding
     if holds and anchor is not None and part_is_cut(finding.file, anchor):
         cut = reason(Verdict.JOURNAL_CUT, remembered=anchor.entries, found=scan.records)
         return _bad(finding, scan, Status.TAMPERED, cut)
+    if anchor is None:
+        finding = replace(finding, remarks=(*finding.remarks, reason(Remark.END_NOT_KNOWN)))
     if scan.fault is None and (scan.proven == scan.records or not evidence.keys):
         return finding
     if scan.fault is None:

@@ -83,6 +83,10 @@ class FakeHost:
     rests_at_once: bool = True
     control_ended: bool = False
 
+    @property
+    def commands(self) -> bool:
+        return self.started or not self.setup.host_pid
+
     def start(self) -> None:
         self.started = True
 

@@ -17,7 +17,7 @@ from rich.console import Console
 from rich.table import Table
 
 from app.cli import USER_ERRORS
-from app.cli.evaluate import detected_images, fitted_digital
+from app.cli.evaluate.gestures import detected_images, fitted_digital
 from app.evaluate.gestures.fit import MEMBERS, fit, view_set
 from kgdfa.features import FEATURES
 from kgdfa.robust import GESTURES, RobustModel, save_model

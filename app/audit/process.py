@@ -28,6 +28,7 @@ from app.ipc.streams import AUDIT, AUDIT_HEALTH
 from app.system.config import SessionSetup
 from app.system.hand_model import MODEL_NAME
 from app.system.paths import Home
+from app.system.program import program_identity
 from app.system.scheduling import set_scheduling
 from logs.disk import Disk
 from logs.journal import Moment
@@ -38,7 +39,7 @@ from logs.records import Body, Entry, EventRaised, Loss, PatientChosen, RecordsL
 from logs.trail import DiskFault
 from logs.writer import SessionWriter
 
-LIBRARIES = ("rleex", "mediapipe", "mujoco", "numpy", "opencv-python-headless", "python-can", "textual", "pyzmq")
+LIBRARIES = ("mediapipe", "mujoco", "numpy", "opencv-python-headless", "python-can", "textual", "pyzmq")
 BATCH = 4096  # messages between two checks of the disk and the clock
 WAIT_S = 0.01
 IDLE_S = 0.2  # asked to end: nothing has come for so long
@@ -94,6 +95,7 @@ class _AuditLoop:
         self._setup = setup
         self._receiver = receiver
         self._rejected = 0
+        self._operator = setup.operator
         self._ending = False
         self._received_ns = self.cycle_ns
         self._copy_fault: Reason | None = None
@@ -151,7 +153,7 @@ class _AuditLoop:
         entry = self._receiver.receive(WAIT_S)
         taken = 0
         while entry is not None:
-            self.writer.take(entry)
+            self.writer.take(self._signed(entry))
             taken += 1
             entry = self._receiver.receive() if taken < BATCH else None
         if taken:
@@ -159,6 +161,14 @@ class _AuditLoop:
         self.foreign_peers += self._receiver.foreign_peers()
         self._record_rejected()
         self._record_copy_fault()
+
+    def _signed(self, entry: Entry) -> Entry:
+        """With who commands the legs now: control hears of a takeover, the others only know who began the session."""
+        if entry.process == "control":
+            self._operator = entry.operator
+        if entry.operator != self._setup.operator or entry.process == "console":
+            return entry
+        return replace(entry, operator=self._operator)
 
     def _record_rejected(self) -> None:
         lost, self._rejected = self._receiver.rejected - self._rejected, self._receiver.rejected
@@ -189,7 +199,7 @@ class _AuditLoop:
         self.writer.take(now.entry(body))
 
     def _now(self) -> Moment:
-        return Moment(wall_ns=time.time_ns(), monotonic_ns=time.monotonic_ns(), operator=self._setup.operator)
+        return Moment(wall_ns=time.time_ns(), monotonic_ns=time.monotonic_ns(), operator=self._operator)
 
 
 class _HealthPublisher:
@@ -237,7 +247,7 @@ def start_record(setup: SessionSetup) -> SessionStart:
 
 
 def _versions(setup: SessionSetup) -> dict[str, str]:
-    found = {name: version(name) for name in LIBRARIES}
+    found = program_identity() | {name: version(name) for name in LIBRARIES}
     model = Path(setup.config.model) if setup.config.model else Home(setup.home).models / MODEL_NAME
     if model.is_file():
         found["hand model, SHA-256"] = sha256(model.read_bytes()).hexdigest()

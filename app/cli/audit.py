@@ -7,13 +7,30 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
+import msgspec
 import typer
+from rich.console import Console
+from rich.progress import BarColumn, DownloadColumn, Progress, TimeRemainingColumn
+from rich.table import Table
 
 from app.cli.common import CliFault, HomeOption, check_output, print_text
+from app.system.errors import AppError
+from app.system.paths import find_home
+from app.text.catalogue import tr
+from app.text.recorded import render_recorded
+from logs.disk import is_being_written
+from logs.errors import AuditError, AuditFault
+from logs.findings import describe, to_values
+from logs.keys import PUBLIC_FILE, by_fingerprint, known_keys, load_public_key, read_anchors
+from logs.read import find_session, outline, read, records, session_paths
+from logs.read import follow as follow_file
+from logs.sanitize import sanitize_terminal
+from logs.show import Filter, RecordSelector, json_of, line_of
+from logs.verify import Evidence, Finding, exit_status
+from logs.verify import verify as assess
 
 if TYPE_CHECKING:
-    from logs.show import RecordSelector
-    from logs.verify import Evidence, Finding
+    from app.replay.session import Replayed
 
 cli = typer.Typer(no_args_is_help=True)
 KeyOption = Annotated[
@@ -30,10 +47,6 @@ def verify(
     home: HomeOption = None,
 ) -> None:
     """Prove that nothing was changed, cut or added. Exit status: 0 sound, 1 tampered or cut, 2 unreadable."""
-    from app.system.paths import find_home
-    from logs.verify import exit_status
-    from logs.verify import verify as assess
-
     paths = files or [find_home(home).logs]
     evidence = _evidence(paths, key, copies, home)
     with _reading_progress(paths) as progress:
@@ -51,9 +64,6 @@ def key(
     home: HomeOption = None,
 ) -> None:
     """Export the console's public key (PEM), with which anybody can check its signatures."""
-    from app.system.paths import find_home
-    from logs.keys import PUBLIC_FILE, load_public_key
-
     pem = load_public_key(find_home(home).keys / PUBLIC_FILE).pem
     if output is None:
         typer.echo(pem.decode(), nl=False)
@@ -78,10 +88,6 @@ def show(
     home: HomeOption = None,
 ) -> None:
     """Print a session's records, one a line."""
-    from app.system.paths import find_home
-    from logs.read import find_session, session_paths
-    from logs.show import Filter, RecordSelector
-
     wanted = Filter(
         since=since,
         until=until,
@@ -105,11 +111,8 @@ def explain(
     home: HomeOption = None,
 ) -> None:
     """Why a record came about: the hops from the first frame to the end, each with what it compared."""
-    from app.system.paths import find_home
-    from app.text.recorded import render_recorded
     from logs.explain.hops import explain_file
     from logs.explain.text import lines, to_values
-    from logs.read import find_session
 
     explanation = explain_file(find_session(find_home(home).logs, session), number)
     if json:
@@ -129,27 +132,14 @@ def replay(
 ) -> None:
     """Make a session's decisions again from their recorded inputs. Exit status: 0 the same, 1 one differs."""
     from app.replay.session import replay as run
-    from app.system.paths import find_home
-    from logs.read import find_session, records
 
     again = run(records(find_session(find_home(home).logs, session)))
     if json:
         import json as text
 
-        typer.echo(text.dumps(again.to_values(), ensure_ascii=True, sort_keys=True))
+        typer.echo(text.dumps(msgspec.to_builtins(again.to_values()), ensure_ascii=True, sort_keys=True))
     else:
-        from logs.sanitize import sanitize_terminal
-
-        for one in again.differences:
-            recorded, replayed = (sanitize_terminal(str(value)) for value in (one.recorded, one.replayed))
-            place = {"sequence": one.sequence, "kind": one.kind, "field": one.field}
-            print_text("cli.audit.differs", **place, recorded=recorded, replayed=replayed)
-        print_text(
-            "cli.audit.replayed",
-            replayed=again.replayed,
-            differences=len(again.differences),
-            not_recorded=again.not_recorded,
-        )
+        _print_replayed(again)
     raise typer.Exit(1 if again.differences else 0)
 
 
@@ -163,10 +153,7 @@ def report(
     home: HomeOption = None,
 ) -> None:
     """Write one self-contained page about a session, for reading and for printing."""
-    from app.system.paths import find_home
     from app.text import catalogue
-    from app.text.recorded import render_recorded
-    from logs.read import find_session
     from logs.report.page import report as make
 
     path = find_session(find_home(home).logs, session)
@@ -184,10 +171,6 @@ def query(
     home: HomeOption = None,
 ) -> None:
     """Query many sessions, of one site or several, at once."""
-    from app.system.errors import AppError
-    from app.system.paths import find_home
-    from app.text.catalogue import tr
-    from app.text.recorded import render_recorded
     from logs.query import QUESTIONS, as_json, as_table, connect_locked
     from logs.query import ask as ask_sql
 
@@ -199,8 +182,6 @@ def query(
         for line in as_json(answer):
             typer.echo(line)
     else:
-        from rich.console import Console
-
         Console(highlight=False, markup=False).print(as_table(answer, render_recorded))
 
 
@@ -212,7 +193,6 @@ def export(
     home: HomeOption = None,
 ) -> None:
     """Write all records as one Parquet table; patients' pseudonyms stay."""
-    from app.system.paths import find_home
     from logs.query import export as write
 
     rows = write(at or [find_home(home).logs], parquet, drop_operators=drop_operators)
@@ -230,14 +210,6 @@ def schema() -> None:
 @cli.command("list")
 def list_sessions(home: HomeOption = None) -> None:
     """Sessions of this home, oldest first."""
-    from rich.console import Console
-    from rich.table import Table
-
-    from app.system.paths import find_home
-    from app.text.catalogue import tr
-    from logs.read import outline, session_paths
-    from logs.sanitize import sanitize_terminal
-
     table = Table(box=None, collapse_padding=True)
     for column in ("session", "patient", "operator", "started", "minutes", "records", "actions", "stops"):
         table.add_column(tr(f"cli.audit.{column}"), no_wrap=column == "session")
@@ -249,15 +221,26 @@ def list_sessions(home: HomeOption = None) -> None:
     Console(highlight=False, markup=False).print(table)
 
 
+def _print_replayed(again: Replayed) -> None:
+    from app.system.program import RULES
+
+    for one in again.differences:
+        recorded, replayed = (sanitize_terminal(str(value)) for value in (one.recorded, one.replayed))
+        place = {"sequence": one.sequence, "kind": one.kind, "field": one.field}
+        print_text("cli.audit.differs", **place, recorded=recorded, replayed=replayed)
+    typer.echo(tr(again.writer, recorded=again.recorded.get(RULES, "")[:8], now=again.now[RULES][:8]))
+    print_text("cli.audit.not_covered")
+    print_text(
+        "cli.audit.replayed",
+        replayed=again.replayed,
+        differences=len(again.differences),
+        not_recorded=again.not_recorded,
+    )
+    if not again.replayed:
+        print_text("cli.audit.nothing_replayed")
+
+
 def _print_records(path: Path, selector: RecordSelector, *, follow: bool, as_json: bool) -> None:
-    from rich.console import Console
-
-    from app.text.recorded import render_recorded
-    from logs.disk import is_being_written
-    from logs.read import follow as follow_file
-    from logs.read import read
-    from logs.show import json_of, line_of
-
     console = Console(soft_wrap=True, highlight=False, markup=False, emoji=False)
     found = follow_file(path, lambda: not is_being_written(path)) if follow else read(path)
     try:
@@ -274,10 +257,6 @@ def _print_records(path: Path, selector: RecordSelector, *, follow: bool, as_jso
 
 def _evidence(paths: list[Path], given: list[Path] | None, copies: Path | None, home: Path | None) -> Evidence:
     """The keys given; else those of the home; else those of the console beside whose keys the trail lies."""
-    from app.system.paths import find_home
-    from logs.keys import by_fingerprint, known_keys, load_public_key, read_anchors
-    from logs.verify import Evidence
-
     beside = _logs_folder(paths[0]).parent / "keys"
     folder = find_home(home).keys if home or not beside.is_dir() else beside
     keys = tuple(load_public_key(path) for path in given) if given else known_keys(folder)
@@ -292,11 +271,6 @@ def _logs_folder(path: Path) -> Path:
 
 @contextmanager
 def _reading_progress(paths: list[Path]) -> Iterator[Callable[[int], None]]:
-    from rich.console import Console
-    from rich.progress import BarColumn, DownloadColumn, Progress, TimeRemainingColumn
-
-    from app.text.catalogue import tr
-
     files = [file for path in paths for file in (path.glob("*.jsonl") if path.is_dir() else [path])]
     total = sum(file.stat().st_size for file in files if file.exists())
     columns = (BarColumn(), DownloadColumn(), TimeRemainingColumn())
@@ -306,29 +280,17 @@ def _reading_progress(paths: list[Path]) -> Iterator[Callable[[int], None]]:
 
 
 def _print_findings(findings: list[Finding]) -> None:
-    from rich.console import Console
-
-    from app.text.recorded import render_recorded
-    from logs.findings import describe
-
     console = Console(soft_wrap=True, highlight=False)
     for finding in findings:
         console.print(describe(finding, render_recorded))
 
 
 def _write_findings(path: Path, findings: list[Finding], status: int) -> None:
-    import msgspec
-
-    from app.text.recorded import render_recorded
-    from logs.findings import to_values
-
     content = {"files": [to_values(finding, render_recorded) for finding in findings], "exit": status}
     _write(path, msgspec.json.format(msgspec.json.encode(content)) + b"\n")
 
 
 def _write(path: Path, data: bytes) -> None:
-    from logs.errors import AuditError, AuditFault
-
     try:
         path.write_bytes(data)
     except OSError as error:

@@ -2,22 +2,35 @@
 
 from __future__ import annotations
 
+import time
+from contextlib import closing, suppress
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
+from rich.console import Console
+from rich.progress import Progress
+from rich.table import Table
+from rich.text import Text
 
 from app.cli.common import check_finite
 from app.cli.permission import sign_in
+from app.system.authority import Subject
+from app.system.config import CameraConfig, load_config
 from app.system.operators import Permission
+from app.system.paths import Home, find_home
+from app.text.catalogue import render, tr
+from hal.cameras.camera import Camera, EndOfRecording, Frame, ImageArray
+from hal.cameras.factory import open_camera
+from hal.cameras.intrinsics import Board, Corners, find_corners, save
+from hal.cameras.intrinsics import calibrate as solve
+from hal.cameras.playback import image_files, read_image
+from hal.errors import CameraFault, HardwareError
 
 if TYPE_CHECKING:
     from collections.abc import Generator
 
-    from app.system.config import CameraConfig
-    from app.system.paths import Home
-    from hal.cameras.camera import Camera, Frame, ImageArray
-    from hal.cameras.intrinsics import Board, Corners
 
 cli = typer.Typer()
 
@@ -30,11 +43,6 @@ HomeOption = Annotated[Path | None, typer.Option(help="Data directory.")]
 @cli.command("list")
 def list_cameras(home: HomeOption = None) -> None:
     """List the cameras of this machine, and how to name them in the configuration."""
-    from rich.console import Console
-    from rich.table import Table
-
-    from app.system.paths import find_home
-    from app.text.catalogue import tr
     from hal.cameras.webcam import list_webcams
 
     table = Table(*(tr(f"camera.{column}") for column in ("kind", "device", "name")), box=None)
@@ -54,12 +62,6 @@ def show(
     home: HomeOption = None,
 ) -> None:
     """Open a camera or recording, and show its resolution, rate, intrinsics and faults of its image."""
-    from rich.console import Console
-    from rich.table import Table
-    from rich.text import Text
-
-    from app.system.paths import find_home
-    from app.text.catalogue import tr
     from hal.cameras.exposure import image_fault
 
     camera = _open(source, find_home(home))
@@ -94,16 +96,6 @@ def calibrate(
     home: HomeOption = None,
 ) -> None:
     """Measure a camera's intrinsics on a chessboard, and keep them for this camera."""
-    from functools import partial
-
-    from rich.console import Console
-
-    from app.system.authority import Subject
-    from app.system.paths import find_home
-    from app.text.catalogue import tr
-    from hal.cameras.intrinsics import Board, save
-    from hal.cameras.intrinsics import calibrate as solve
-
     by = sign_in(home, Permission.CALIBRATE)
     place = find_home(home)
     board = Board(columns=columns, rows=rows, square_m=square_mm / 1000)
@@ -131,14 +123,6 @@ def calibrate(
 
 def _find_boards(board: Board, images: Generator[ImageArray, None, None]) -> tuple[list[Corners], tuple[int, int]]:
     """The board's corners wherever it is visible whole, and the images' size; Ctrl-C ends the search early."""
-    from contextlib import closing, suppress
-
-    from rich.progress import Progress
-
-    from app.text.catalogue import tr
-    from hal.cameras.intrinsics import find_corners
-    from hal.errors import CameraFault, HardwareError
-
     found: list[Corners] = []
     size = (0, 0)
     with Progress(transient=True) as progress, suppress(KeyboardInterrupt), closing(images):
@@ -160,9 +144,6 @@ def _find_boards(board: Board, images: Generator[ImageArray, None, None]) -> tup
 
 def _images(source: str, camera: str, home: Home) -> tuple[str, Generator[ImageArray, None, None]]:
     """The camera's name, and images of the board: of a folder, or one a second of a live camera."""
-    from hal.cameras.playback import image_files, read_image
-    from hal.errors import CameraFault, HardwareError
-
     folder = Path(source).expanduser()
     if folder.is_dir():
         if not camera:
@@ -174,8 +155,6 @@ def _images(source: str, camera: str, home: Home) -> tuple[str, Generator[ImageA
 
 
 def _live_images(camera: Camera) -> Generator[ImageArray, None, None]:
-    import time
-
     last_s = 0.0
     try:
         while True:
@@ -189,9 +168,6 @@ def _live_images(camera: Camera) -> Generator[ImageArray, None, None]:
 
 def _open(source: str, home: Home) -> Camera:
     """A source as people name it, with the configuration's settings."""
-    from app.system.config import load_config
-    from hal.cameras.factory import open_camera
-
     settings: CameraConfig = load_config(home.config).camera
     kind, device = _kind_of(source)
     return open_camera(
@@ -220,11 +196,6 @@ def _kind_of(source: str) -> tuple[str, str]:
 
 def _first_and_rate(camera: Camera) -> tuple[Frame, float]:
     """The first frame, and the rate over the next ones as far as there are any."""
-    import time
-
-    from hal.cameras.camera import EndOfRecording
-    from hal.errors import CameraFault, HardwareError
-
     first: Frame | None = None
     times: list[int] = []
     give_up = time.monotonic() + FIRST_FRAME_S
@@ -243,9 +214,7 @@ def _first_and_rate(camera: Camera) -> tuple[Frame, float]:
 
 
 def _realsense_rows() -> list[tuple[str, str, str]]:
-    from app.text.catalogue import render
     from hal.cameras.realsense import list_realsense
-    from hal.errors import HardwareError
 
     try:
         return [("realsense", serial, name) for serial, name in list_realsense()]

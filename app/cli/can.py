@@ -2,17 +2,30 @@
 
 from __future__ import annotations
 
+import sys
+import time
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
+from rich.console import Console
+from rich.live import Live
+from rich.table import Table
 
 from app.cli.common import HomeOption, check_finite, check_output
+from app.cli.drive_table import decoded_line, monitor_table, summary_table
 from app.cli.permission import sign_in
+from app.diagnostics.findings import show
+from app.system.authority import Subject
 from app.system.operators import Permission
-
-if TYPE_CHECKING:
-    from hal.joints.device import Exoskeleton, Joint
+from app.text.catalogue import tr
+from hal.errors import CanFault, DeviceFault, HardwareError
+from hal.joints.can.bus import open_bus, with_bus
+from hal.joints.can.candump import BusRecorder, Decoder, LogSummary, messages_of, open_log
+from hal.joints.can.scan import BusMonitor, drives_of
+from hal.joints.can.scan import scan as scan_bus
+from hal.joints.device import DEFAULT_DEVICE, Exoskeleton, Joint, load_exoskeleton
 
 cli = typer.Typer(no_args_is_help=True)
 
@@ -20,20 +33,15 @@ Interface = Annotated[str, typer.Option(help="python-can's interface; default: t
 Channel = Annotated[str, typer.Option(help="e.g. can0, vcan0, or 43113 for local.")]
 Device = Annotated[Path | None, typer.Option(help="Device description; default: the built-in one.")]
 Motors = Annotated[Path | None, typer.Option(help="A TOML that extends the motor table.")]
+Seconds = Annotated[float, typer.Option(callback=check_finite, help="End after this long; 0: by Ctrl-C.", min=0)]
 
 
 def _device(device: Path | None, interface: str, channel: str) -> Exoskeleton:
-    from hal.joints.can.bus import with_bus
-    from hal.joints.device import DEFAULT_DEVICE, load_exoskeleton
-
     return with_bus(load_exoskeleton(device or DEFAULT_DEVICE), interface, channel)
 
 
 def _joint(name: str) -> Joint:
     """The joint with this name. Raises HardwareError."""
-    from hal.errors import DeviceFault, HardwareError
-    from hal.joints.device import Joint
-
     wanted = name.strip().upper().replace(" ", "_")
     if wanted not in Joint.__members__:
         known = ", ".join(joint.name.lower() for joint in Joint)
@@ -50,14 +58,7 @@ def scan(
     home: HomeOption = None,
 ) -> None:
     """List the drives that reply, with their protocol. It disables enabled drives, so it refuses a bus in use."""
-    from rich.console import Console
-    from rich.table import Table
-
-    from app.text.catalogue import tr
-    from hal.errors import CanFault, HardwareError
-    from hal.joints.can.bus import open_bus
     from hal.joints.can.scan import listen
-    from hal.joints.can.scan import scan as scan_bus
 
     sign_in(home, Permission.CONFIGURE)
     console = Console()
@@ -86,19 +87,9 @@ def monitor(
     channel: Channel = "",
     device: Device = None,
     motors: Motors = None,
-    seconds: Annotated[
-        float, typer.Option(callback=check_finite, help="End after this long; 0: by Ctrl-C.", min=0)
-    ] = 0.0,
+    seconds: Seconds = 0.0,
 ) -> None:
     """Show a live table of the drives' reports and commands; sends nothing."""
-    import time
-
-    from rich.console import Console
-    from rich.live import Live
-
-    from app.cli.drive_table import monitor_table
-    from hal.joints.can.scan import BusMonitor
-
     console = Console()
     watched = BusMonitor(_device(device, interface, channel), motors)
     end_s = time.monotonic() + seconds if seconds else float("inf")
@@ -123,11 +114,7 @@ def doctor(
     home: HomeOption = None,
 ) -> None:
     """Check the bus and its drives, with a remedy for each finding; exit status 0 if there is no fault."""
-    from rich.console import Console
-
     from app.diagnostics.can_doctor import examine
-    from app.diagnostics.findings import show
-    from app.text.catalogue import tr
 
     if not listen:
         sign_in(home, Permission.CONFIGURE)
@@ -146,14 +133,6 @@ def decode(
     summary: Annotated[bool, typer.Option("--summary", help="Only the summary.")] = False,
 ) -> None:
     """Decode a recorded bus into joint values, frame by frame, with a summary of gaps and faults."""
-    import sys
-
-    from rich.console import Console
-
-    from app.cli.drive_table import decoded_line, summary_table
-    from hal.joints.can.candump import Decoder, LogSummary, messages_of, open_log
-    from hal.joints.can.scan import drives_of
-
     decoder = Decoder(drives_of(_device(device, "", ""), motors))
     wanted = _joint(joint) if joint else None
     totals = LogSummary()
@@ -172,18 +151,9 @@ def record(
     interface: Interface = "",
     channel: Channel = "",
     device: Device = None,
-    seconds: Annotated[
-        float, typer.Option(callback=check_finite, help="End after this long; 0: by Ctrl-C.", min=0)
-    ] = 0.0,
+    seconds: Seconds = 0.0,
 ) -> None:
     """Record everything on the bus as candump would. A session on CAN does this by itself, beside its audit log."""
-    import time
-
-    from rich.console import Console
-
-    from app.text.catalogue import tr
-    from hal.joints.can.candump import BusRecorder
-
     console = Console()
     recorder = BusRecorder(_device(device, interface, channel), file)
     end_s = time.monotonic() + seconds if seconds else float("inf")
@@ -207,11 +177,6 @@ def zero(
     home: HomeOption = None,
 ) -> None:
     """Set a joint's zero at its present pose. You confirm twice; the joint must be still and disabled."""
-    import time
-    from functools import partial
-
-    from app.system.authority import Subject
-    from app.text.catalogue import tr
     from hal.joints.can.driver import SocketCanJoints
     from hal.joints.can.lifecycle import request_zero, set_zero
 

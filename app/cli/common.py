@@ -5,12 +5,17 @@ from __future__ import annotations
 import errno
 import math
 import os
+import tempfile
 from enum import Enum, auto
 from pathlib import Path
 from typing import Annotated
 
 import typer
 from typer import CallbackParam
+
+from app.system.errors import AppError
+from app.text.catalogue import tr
+from logs.reading.errors import InputError, InputFault, cause_of
 
 HomeOption = Annotated[Path | None, typer.Option("--home", help="Data directory.")]
 
@@ -31,8 +36,6 @@ class CliFault(Enum):
 
 def print_text(key: str, **values: object) -> None:
     """Print a text of the catalogues."""
-    from app.text.catalogue import tr
-
     typer.echo(tr(key, **values))
 
 
@@ -43,10 +46,6 @@ def check_output(path: Path | None) -> Path | None:
     """
     if path is None:
         return None
-    import tempfile
-
-    from app.system.errors import AppError
-    from logs.reading.errors import InputError, InputFault, cause_of
 
     try:
         if path.exists():
@@ -68,8 +67,6 @@ def check_output_folder(path: Path | None) -> Path | None:
     if first.is_dir():
         check_output(first / f".{os.getpid()}.try")
     else:
-        from app.system.errors import AppError
-
         raise AppError(CliFault.OUTPUT_UNWRITABLE, path=path, detail=os.strerror(errno.ENOTDIR))
     return path
 
@@ -80,8 +77,6 @@ def check_terminal() -> None:
     Without one Textual draws into a file, and its input thread reads an end of file again and again.
     """
     if not (os.environ.get("TEXTUAL_DRIVER") or (os.isatty(0) and os.isatty(2))):  # it draws on stderr
-        from app.system.errors import AppError
-
         raise AppError(CliFault.NO_TERMINAL)
 
 
@@ -91,7 +86,5 @@ MAX_SEED = 2**32 - 1
 def check_finite(parameter: CallbackParam, value: float | None) -> float | None:
     """An option's callback: refuse inf and nan, which pass every range. Raises AppError."""
     if value is not None and not math.isfinite(value):
-        from app.system.errors import AppError
-
         raise AppError(CliFault.NOT_FINITE, option=f"--{parameter.name}", value=value)
     return value

@@ -2,19 +2,27 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
+from rich.console import Console
+from rich.live import Live
 
 from app.cli.common import check_finite
 from app.cli.permission import sign_in
 from app.system.operators import Permission
+from app.system.paths import find_home
+from app.text.catalogue import tr
+from hal.joints.device import DEFAULT_DEVICE, Exoskeleton, load_exoskeleton
+from profiles.schema import DEMO_PATIENT
+from profiles.store import ProfileStore
 
 if TYPE_CHECKING:
     from hal.joints.body import Body
-    from hal.joints.device import Exoskeleton
     from hal.joints.emulator.emulator import DriveEmulator
 
 cli = typer.Typer()
@@ -34,10 +42,7 @@ def emulate_drives(
     home: Annotated[Path | None, typer.Option(help="Data directory (for --patient).")] = None,
 ) -> None:
     """Emulate the four drives of the exoskeleton on a CAN bus."""
-    from functools import partial
-
     from hal.joints.can.bus import with_bus
-    from hal.joints.device import DEFAULT_DEVICE, load_exoskeleton
     from hal.joints.emulator.emulator import run_emulator
     from hal.joints.emulator.firmware import read_schedule
 
@@ -50,13 +55,7 @@ def emulate_drives(
 
 def _run_shown(described: Exoskeleton, run: Callable[..., None], seconds: float) -> None:
     """Show what the drives do, each second, until they end."""
-    import time
-
-    from rich.console import Console
-    from rich.live import Live
-
     from app.cli.drive_table import emulated_drives_table
-    from app.text.catalogue import tr
 
     console = Console()
     buses = ", ".join(f"{bus.channel} ({bus.interface})" for bus in described.buses)
@@ -77,9 +76,6 @@ def _run_shown(described: Exoskeleton, run: Callable[..., None], seconds: float)
 
 def _body(patient: str, home: Path | None) -> Body:
     from app.motion.plan import body_of
-    from app.system.paths import find_home
-    from profiles.schema import DEMO_PATIENT
-    from profiles.store import ProfileStore
 
     if patient == DEMO_PATIENT.identifier:
         return body_of(DEMO_PATIENT)

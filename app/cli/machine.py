@@ -5,10 +5,17 @@ from __future__ import annotations
 from typing import Annotated
 
 import typer
+from rich.console import Console
 
 from app.cli.common import HomeOption, print_text
 from app.cli.permission import sign_in
+from app.diagnostics.findings import show
+from app.system.config import load_config
+from app.system.hand_model import MODEL_NAME, set_up_model
 from app.system.operators import Permission
+from app.system.paths import find_home
+from app.text.catalogue import tr
+from logs.sanitize import sanitize_terminal
 
 cli = typer.Typer()
 
@@ -16,11 +23,7 @@ cli = typer.Typer()
 @cli.command()
 def doctor(home: HomeOption = None) -> None:
     """Check this machine for a session, with a remedy for each finding; exit status 0 if there is no fault."""
-    from rich.console import Console
-
     from app.diagnostics.doctor import examine
-    from app.diagnostics.findings import show
-    from app.system.paths import find_home
 
     raise typer.Exit(0 if show(Console(), examine(find_home(home))) else 1)
 
@@ -32,10 +35,6 @@ def model(
     quiet: Annotated[bool, typer.Option("--quiet", help="Print nothing when all is well.")] = False,
 ) -> None:
     """Find the hand model, or download and build it (36 MB, once)."""
-    from app.system.config import load_config
-    from app.system.hand_model import MODEL_NAME, set_up_model
-    from app.system.paths import find_home
-
     place = find_home(home)
     if again:
         sign_in(home, Permission.CONFIGURE)
@@ -52,7 +51,6 @@ def configure(
 ) -> None:
     """Change the configuration, in its own names and units; `none` takes a value away. An engineer signs in first."""
     from app.system.configure import change_config
-    from logs.sanitize import sanitize_terminal
     from profiles.files import parse_assignments
 
     by = sign_in(home, Permission.CONFIGURE)
@@ -67,9 +65,6 @@ def configure(
 def locate(home: HomeOption = None) -> None:
     """Print where data, configuration and model are stored."""
     from rich.cells import set_cell_size
-
-    from app.system.paths import find_home
-    from app.text.catalogue import tr
 
     place = find_home(home)
     places = {

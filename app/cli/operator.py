@@ -4,16 +4,21 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
 
 from app.cli.common import CliFault, HomeOption, check_finite, check_output, print_text
 from app.cli.permission import ask, sign_in
-from app.system.operators import Permission, Role
-
-if TYPE_CHECKING:
-    from app.system.paths import Home
+from app.system.enrolment import enrol, enrol_first, give_pin, issue_token
+from app.system.errors import AppError
+from app.system.operators import PERMISSIONS, OperatorFault, Permission, Role, load_store
+from app.system.paths import Home, find_home
+from app.text.catalogue import tr
+from logs.sanitize import sanitize_terminal
 
 cli = typer.Typer(no_args_is_help=True)
 NameArgument = Annotated[str, typer.Argument(help="The operator's name.")]
@@ -26,11 +31,6 @@ def add(
     home: HomeOption = None,
 ) -> None:
     """Add an operator; prompts for the PIN. An engineer signs in first, unless there is none yet."""
-    from app.system.enrolment import enrol, enrol_first
-    from app.system.errors import AppError
-    from app.system.operators import OperatorFault, load_store
-    from app.system.paths import find_home
-
     place = find_home(home)
     wanted = _role(role)
     if load_store(place.keys).operators:
@@ -55,8 +55,6 @@ def disable(name: NameArgument, home: HomeOption = None) -> None:
 @cli.command()
 def pin(name: NameArgument, home: HomeOption = None) -> None:
     """Give an operator another PIN (and let a disabled or locked one in again). An engineer signs in first."""
-    from app.system.enrolment import give_pin
-
     give_pin(sign_in(home, Permission.MANAGE_OPERATORS), name, _new_pin(name))
     print_text("cli.operator.pin_changed", name=name.strip())
 
@@ -71,9 +69,6 @@ def token(
     home: HomeOption = None,
 ) -> None:
     """Write a token with which a script may act in your name until it expires, or your PIN changes."""
-    from app.system.enrolment import issue_token
-    from app.system.errors import AppError
-
     wanted = frozenset(_permission(one) for one in may or [Permission.EDIT_PATIENTS.value])
     by = ask(find_operators(home))
     data = issue_token(by, wanted, hours)
@@ -89,15 +84,6 @@ def token(
 @cli.command("list")
 def list_operators(home: HomeOption = None) -> None:
     """List the operators, and what each role may do."""
-    from rich.console import Console
-    from rich.table import Table
-    from rich.text import Text
-
-    from app.system.operators import PERMISSIONS, load_store
-    from app.system.paths import find_home
-    from app.text.catalogue import tr
-    from logs.sanitize import sanitize_terminal
-
     console = Console()
     store = load_store(find_home(home).keys)
     people = Table(tr("cli.operator.name"), tr("cli.operator.role"), "", title=tr("cli.operator.operators"))
@@ -114,8 +100,6 @@ def list_operators(home: HomeOption = None) -> None:
 
 
 def _role(text: str) -> Role:
-    from app.system.errors import AppError
-
     try:
         return Role(text)
     except ValueError:
@@ -123,16 +107,12 @@ def _role(text: str) -> Role:
 
 
 def _new_pin(name: str) -> str:
-    from app.text.catalogue import tr
-
     asked, again = tr("cli.operator.pin_for", name=name.strip()), tr("cli.operator.pin_again")
     answer: str = typer.prompt(asked, hide_input=True, confirmation_prompt=again)
     return answer
 
 
 def _permission(text: str) -> Permission:
-    from app.system.errors import AppError
-
     try:
         return Permission(text)
     except ValueError:
@@ -142,10 +122,6 @@ def _permission(text: str) -> Permission:
 
 def find_operators(home: Path | None) -> Home:
     """The home, which must have operators. Raises AppError."""
-    from app.system.errors import AppError
-    from app.system.operators import load_store
-    from app.system.paths import find_home
-
     place = find_home(home)
     if not load_store(place.keys).operators:
         raise AppError(CliFault.NO_OPERATORS)

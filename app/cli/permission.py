@@ -12,11 +12,16 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from app.system.operators import Permission
+import typer
+
+from app.system.errors import AppError
+from app.system.operators import Permission, append_to_journal
+from app.system.paths import Home, find_home
+from app.text.catalogue import tr
+from logs.reason import reason
 
 if TYPE_CHECKING:
     from app.system.authority import Authority
-    from app.system.paths import Home
 
 TOKEN_VARIABLE = "RLEEX_TOKEN"  # names a file that `rleex operator token` has written
 
@@ -66,8 +71,6 @@ def sign_in(home: Path | None, permission: Permission) -> Authority:
     """
     from app.system.authority import AuthorityFault, unsigned
     from app.system.enrolment import by_token
-    from app.system.errors import AppError
-    from app.system.paths import find_home
 
     place = find_home(home)
     token = os.environ.get(TOKEN_VARIABLE)
@@ -86,13 +89,7 @@ def sign_in(home: Path | None, permission: Permission) -> Authority:
 
 def ask(place: Home) -> Authority:
     """Name and PIN, on a terminal; a wrong one is counted and recorded. Raises AppError."""
-    import typer
-
     from app.system.authority import AuthorityFault, sign_in_by_pin
-    from app.system.errors import AppError
-    from app.system.operators import append_to_journal
-    from app.text.catalogue import tr
-    from logs.reason import reason
     from logs.records import SignInFailed
 
     if not is_terminal():

@@ -4,19 +4,33 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
 
 from app.cli.common import CliFault, HomeOption, check_finite, check_output, print_text
 from app.cli.permission import sign_in
+from app.system.config import load_config
+from app.system.errors import AppError
+from app.system.hand_model import set_up_model
 from app.system.operators import Permission
+from app.system.paths import find_home
+from app.text.catalogue import knows, render, tr
+from logs.sanitize import sanitize_terminal
+from profiles.errors import ProfileError, ProfileFault
+from profiles.files import edit, encode, parse_assignments
+from profiles.palm import explain_estimate, palm_estimate, reference_segment, with_calibration
+from profiles.schema import Profile, Sex
+from profiles.store import ChangeCause, ProfileStore
 
 if TYPE_CHECKING:
     from hal.cameras.camera import Camera
     from kgdfa.keypoints import HandDetector
-    from profiles.store import ProfileStore
 
 cli = typer.Typer(no_args_is_help=True)
 
@@ -25,10 +39,7 @@ Patient = Annotated[str, typer.Argument(help="The patient's pseudonym, such as P
 
 def _store(home: Path | None) -> ProfileStore:
     from app.motion.preflight import refuse_unfit
-    from app.system.config import load_config
-    from app.system.paths import find_home
     from hal.joints.device import DEFAULT_DEVICE, load_exoskeleton
-    from profiles.store import ProfileStore
 
     place = find_home(home)
     described = load_config(place.config).joints.device
@@ -42,14 +53,6 @@ def list_patients(
     home: HomeOption = None,
 ) -> None:
     """List all patients, and files that cannot be used."""
-    from rich.console import Console
-    from rich.table import Table
-    from rich.text import Text
-
-    from app.text.catalogue import render, tr
-    from logs.sanitize import sanitize_terminal
-    from profiles.palm import reference_segment
-
     listing = _store(home).list(archived=archived)
     columns = ("patient", "sex", "stature", "mass", "hand", "palm", "note")
     table = Table(*(tr(f"cli.profile.{column}") for column in columns))
@@ -74,12 +77,6 @@ def list_patients(
 @cli.command()
 def show(patient: Patient, home: HomeOption = None) -> None:
     """Show one patient's profile, with the palm estimate and its error."""
-    from rich.console import Console
-
-    from app.text.catalogue import tr
-    from profiles.files import encode
-    from profiles.palm import explain_estimate, palm_estimate, reference_segment
-
     profile = _store(home).load(patient)
     console = Console()
     console.print(encode(profile), markup=False, highlight=True)
@@ -98,11 +95,6 @@ def new(
 ) -> None:
     """Create a patient; other fields have defaults that `set` changes."""
     by = sign_in(home, Permission.EDIT_PATIENTS)
-    from datetime import UTC, datetime
-
-    from profiles.files import edit, parse_assignments
-    from profiles.palm import reference_segment
-    from profiles.schema import Profile, Sex
 
     blank = Profile(identifier=patient, sex=Sex.FEMALE, stature_m=1.7, mass_kg=70.0)
     typed = {"sex": sex, "stature_cm": str(stature), "mass_kg": str(mass), **parse_assignments(more or [])}
@@ -120,15 +112,10 @@ def set_fields(
 ) -> None:
     """Change fields, in the names and units that `show` shows; `none` takes an optional value away."""
     by = sign_in(home, Permission.EDIT_PATIENTS)
-    from datetime import UTC, datetime
-
-    from profiles.files import edit, parse_assignments
 
     store = _store(home)
     profile = edit(store.load(patient), parse_assignments(changes))
     if profile.identifier != patient:
-        from profiles.errors import ProfileError, ProfileFault
-
         raise ProfileError(ProfileFault.IDENTIFIER_FIXED)
     change = store.save(profile, by=by, at=datetime.now(UTC), why=why)
     if change is None:
@@ -149,15 +136,8 @@ def calibrate(
 ) -> None:
     """Solve focal length × palm for this patient and the configured camera, at a distance measured by ruler."""
     by = sign_in(home, Permission.CALIBRATE)
-    from datetime import UTC, datetime
-
-    from rich.console import Console
 
     from app.perception.palm_calibration import WANTED_SAMPLES, sample_palm
-    from app.system.errors import AppError
-    from app.text.catalogue import render, tr
-    from profiles.palm import reference_segment, with_calibration
-    from profiles.store import ChangeCause
 
     store, console = _store(home), Console(soft_wrap=True)
     profile = store.load(patient)
@@ -184,9 +164,6 @@ def calibrate(
 @contextmanager
 def _watching(home: Path | None) -> Iterator[tuple[Camera, HandDetector]]:
     """The configured camera, open, and a hand detector."""
-    from app.system.config import load_config
-    from app.system.hand_model import set_up_model
-    from app.system.paths import find_home
     from hal.cameras.factory import open_camera
     from kgdfa.keypoints import HandDetector
 
@@ -224,7 +201,6 @@ def export(
 def import_file(file: Path, home: HomeOption = None) -> None:
     """Import an exported profile; one that exists is changed, and its history kept."""
     by = sign_in(home, Permission.EDIT_PATIENTS)
-    from datetime import UTC, datetime
 
     profile = _store(home).import_file(file, by=by, at=datetime.now(UTC))
     print_text("cli.profile.imported", patient=profile.identifier)
@@ -238,7 +214,6 @@ def archive(
 ) -> None:
     """Remove a patient from the list; nothing is ever deleted."""
     by = sign_in(home, Permission.EDIT_PATIENTS)
-    from datetime import UTC, datetime
 
     _store(home).archive(patient, by=by, at=datetime.now(UTC), archived=not back)
     print_text("cli.profile.restored" if back else "cli.profile.archived", patient=patient)
@@ -247,9 +222,6 @@ def archive(
 @cli.command()
 def history(patient: Patient, home: HomeOption = None) -> None:
     """Every change of a patient's profile: when, by whom, from what to what."""
-    from app.text.catalogue import knows, tr
-    from logs.sanitize import sanitize_terminal
-
     changes = _store(home).history(patient)
     if not changes:
         print_text("cli.profile.no_history", patient=patient)

@@ -82,6 +82,7 @@ def demo(
     click: Annotated[
         float, typer.Option(callback=check_finite, help="Seconds to press and withdraw.", min=0.2, max=3.0)
     ] = 0.6,
+    record: Annotated[bool, typer.Option("--record", help="Record it: one MCAP file beside its trail.")] = False,
     distance: Annotated[
         DistanceUsed, typer.Option(help="Which distance commands; both: depth, its holes bridged by the keypoints.")
     ] = DistanceUsed.MONOCULAR,
@@ -102,6 +103,7 @@ def demo(
     from app.system.hand_model import set_up_model
     from app.system.legs_lock import check_legs_free
     from app.system.paths import find_home, hold_home
+    from app.system.scheduling import set_scheduling
 
     console = wide_console()
     place = find_home(home)
@@ -111,8 +113,9 @@ def demo(
     with hold_home(place), joints_for(joints, base) as joints_config:
         check_legs_free(place)
         start_log(place, "demo")
+        set_scheduling("console")  # in whose place it is
         set_up_model(place, base)
-        config = demo_config(base, seed=seed, joints=joints_config)
+        config = demo_config(base, seed=seed, joints=joints_config, record=record)
         with busy_processes(load), spinner(console, total=len(ALL_TWELVE)) as watch:
             result = run_session(
                 place,
@@ -126,6 +129,11 @@ def demo(
                 patient=demo_patient(seed, distance),
             )
     print_result(console, result, ALL_TWELVE)
+    if record:
+        from app.cli.common import print_text
+        from app.recording.read import recording_path
+
+        print_text("recording.written", path=recording_path(place.logs, result.session))
     if json_file is not None:
         json_file.write_text(json.dumps(result.as_json(ALL_TWELVE), indent=1) + "\n", encoding="utf-8")
     raise typer.Exit(0 if result.passed(ALL_TWELVE) else 1)

@@ -7,21 +7,26 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
+import msgspec
 import typer
+from msgspec import to_builtins
 
 from app.cli.common import check_output
 from app.cli.permission import sign_in
+from app.cli.progress import bar, wide_console
+from app.ipc.states import Action
+from app.system.config import load_config, load_device
 from app.system.operators import Permission
+from app.system.paths import Home, find_home
+from app.text.catalogue import tr
 
 if TYPE_CHECKING:  # numpy and MuJoCo are only loaded when something is rehearsed
     from rich.console import Console
 
     from app.evaluate.loop.rehearsal import Norm
-    from app.ipc.states import Action
     from app.motion.plan import Patient
     from app.motion.rehearsal import Rehearsal
     from app.motion.rehearsal_checks import RehearsalVerdict
-    from app.system.paths import Home
     from hal.joints.device import Exoskeleton
     from profiles.schema import Profile
 
@@ -46,13 +51,8 @@ def simulate(
     home: Annotated[Path | None, typer.Option(help="Data directory.")] = None,
 ) -> None:
     """Rehearse an action in simulation through planner, follower and guard; exit status 1 when it does not pass."""
-    import msgspec
-
-    from app.cli.progress import wide_console
     from app.evaluate.harness import write_json
     from app.evaluate.loop.rehearsal import profile_named, read_norm, verdict_table
-    from app.system.config import load_config, load_device
-    from app.system.paths import find_home
 
     if preflight:
         sign_in(home, Permission.OPERATE)
@@ -87,9 +87,7 @@ class _Wanted:
 
 
 def _at_the_corners(console: Console, device: Exoskeleton) -> list[tuple[Profile, RehearsalVerdict]]:
-    from app.cli.progress import bar
     from app.evaluate.loop.rehearsal import corner_profiles, corners
-    from app.ipc.states import Action
 
     with bar(console, "corners", len(list(corner_profiles())) * len(Action)) as step:
         return corners(device, step)
@@ -99,12 +97,8 @@ def _drop_out(
     console: Console, wearer: Profile, device: Exoskeleton, json_file: Path | None, plot_file: Path | None
 ) -> None:
     """Commands missing for some time at each action's fastest moment; exit status 1 when the guard refuses one."""
-    from msgspec import to_builtins
-
-    from app.cli.progress import bar
     from app.evaluate.harness import write_json
     from app.evaluate.loop.dropout import all_dropouts, dropout_table, plot_dropouts
-    from app.ipc.states import Action
     from app.motion.dropout import MISSING_MS
     from app.motion.plan import patient_of
 
@@ -122,7 +116,6 @@ def _rehearsed(
     console: Console, wearer: Profile, device: Exoskeleton, action: str, wanted: _Wanted
 ) -> Iterator[RehearsalVerdict]:
     """The verdicts of one patient's actions, one after the other."""
-    from app.cli.progress import bar
     from app.evaluate.loop.rehearsal import actions_named
     from app.motion.plan import patient_of
     from app.motion.rehearsal import rehearse
@@ -150,7 +143,6 @@ def _keep(
     """Pre-flight, plot, film and correlation with the norm, as far as they are wanted."""
     from app.evaluate.loop.rehearsal import correlation, film, plot
     from app.motion.preflight import keep_verdict
-    from app.text.catalogue import tr
 
     if wanted.preflight is not None:
         keep_verdict(wanted.preflight, patient, device, action, shown.verdict)

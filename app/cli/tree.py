@@ -1,7 +1,7 @@
 """The commands as a tree. Each group has its own file; heavy imports wait inside the commands.
 
-The library takes a fifth of a second to build the whole tree of commands, so only the requested branch is
-built: a therapist who types `rleex run` does not wait for the twenty others.
+Only the requested branch is built: a therapist who types `rleex run` does not wait for the twenty others, and the
+overview of the groups imports none of them.
 """
 
 from __future__ import annotations
@@ -32,6 +32,7 @@ _GROUPS = {
     "evaluate": "Measure what the documents claim.",
     "operator": "Operators and what they may do.",
     "profile": "Patient profiles.",
+    "recording": "What a session's recording holds.",
 }
 
 
@@ -56,8 +57,8 @@ def options(
         use_language(language)
 
 
-def command(arguments: Sequence[str] = ()) -> TyperCommand | TyperGroup:
-    """What the first argument names, or everything, with its help in the language in use."""
+def command(arguments: Sequence[str] | None = None) -> TyperCommand | TyperGroup:
+    """What the first argument names, an overview, or everything, with its help in the language in use."""
     from app.text.catalogue import language, load
 
     built = typer.main.get_command(tree(arguments))
@@ -78,17 +79,17 @@ def _translate_help(command: TyperCommand | TyperGroup, text: Callable[[str], st
             _translate_help(part, text)
 
 
-def tree(arguments: Sequence[str] = ()) -> typer.Typer:
-    """The commands as a tree: the one branch that the first argument names, or all of it."""
+def tree(arguments: Sequence[str] | None = None) -> typer.Typer:
+    """The one branch that the first argument names; without it all of them, or groups that are empty yet."""
     known = {*_COMMANDS, *_GROUPS}
-    asked = {arguments[0]} & known if arguments and arguments[0] in known else known
+    asked = {arguments[0]} & known if arguments else set()
     built = typer.Typer(name="rleex", no_args_is_help=True, pretty_exceptions_enable=False)
     built.callback()(options)
-    for file in dict.fromkeys(file for name, file in _COMMANDS.items() if name in asked):
+    for file in dict.fromkeys(file for name, file in _COMMANDS.items() if not asked or name in asked):
         built.add_typer(_part(file))
     for name, about in _GROUPS.items():
-        if name in asked:
-            built.add_typer(_part(name), name=name, help=about)
+        if not asked or name in asked:
+            built.add_typer(_part(name) if asked or arguments is None else typer.Typer(), name=name, help=about)
     return built
 
 

@@ -330,6 +330,8 @@ def run_console(home: Home, config: Config, *, straight: bool = False, read_only
     finally:
         if left:
             app.close_live()
+            if app.left_held and held is not None:
+                sys.stderr.write(f"{tr('console.left_held', limit_s=held.config.unattended_s)}\n")
         elif app.live is not None:  # a defect of the console ends no session: another console takes it over
             limit_s = app.live.host.setup.config.unattended_s
             app.leave_live()

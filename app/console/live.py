@@ -105,6 +105,11 @@ class Host(Protocol):
 
     setup: SessionSetup
 
+    @property
+    def commands(self) -> bool:
+        """Whether the session is this console's to end."""
+        ...
+
     def start(self) -> None:
         """Start the processes, or take running ones over; may take a second."""
         ...

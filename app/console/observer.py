@@ -37,6 +37,11 @@ class ObserverHost:
         self._previews = LatestReceiver(address(links, processes.PREVIEW.name), Preview)
         self._audit = LatestReceiver(address(links, processes.AUDIT_HEALTH.name), AuditHealth)
 
+    @property
+    def commands(self) -> bool:
+        """An observer's never is."""
+        return False
+
     def start(self) -> None:
         """The session runs already."""
 

@@ -45,6 +45,7 @@ class SessionFlow(SignedInApp):
         super().__init__(home, config, read_only=read_only)
         self.switch = StopSwitch()
         self.live: LiveSession | None = None
+        self.left_held = False  # this console ended without having taken the session over
         self.store = ProfileStore(home.profiles, (fits(config.joints),))
         self.sessions = SessionRecords(home.root / "sessions")
         self._make_host = make_host
@@ -128,6 +129,7 @@ class SessionFlow(SignedInApp):
         """End the session's processes, if there are any; may take seconds."""
         live, self.live = self.live, None
         if live is not None:
+            self.left_held = not live.host.commands
             self.trail.close()
             live.close()
 

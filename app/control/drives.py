@@ -31,6 +31,15 @@ class StageableJoints(Protocol):
         ...
 
 
+@runtime_checkable
+class FeltJoints(Protocol):
+    """Simulated joints, whose feet feel the ground."""
+
+    def contact_n(self) -> tuple[float, float]:
+        """Vertical force on the left and the right foot."""
+        ...
+
+
 class Drives:
     """Joints behind their guard."""
 
@@ -79,6 +88,10 @@ class Drives:
         scene = self._scenes.get(action)
         if scene is not None and isinstance(self._joints, StageableJoints):
             self._joints.stage(scene)
+
+    def contact_n(self) -> tuple[float, float] | None:
+        """Force on simulated feet; None: these joints know none."""
+        return self._joints.contact_n() if isinstance(self._joints, FeltJoints) else None
 
     def execute(self, order: DriveOrder, now_ns: int) -> bool:
         """Execute an order; whether there was one (it waits for the drives' answers)."""

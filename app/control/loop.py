@@ -15,11 +15,12 @@ from app.audit.sink import AuditSink
 from app.control.assembly import cleared_of, drives_of, settings_of
 from app.control.inputs import DriveOrder, Inputs, Outputs, Settings
 from app.control.links import ControlLinks
+from app.control.recording import TickRecorder
 from app.control.state import ControlState
 from app.control.step import initial_state, step
 from app.control.telemetry import Histogram, JointStatisticsCollector, LoopStatus, quad, snapshot
 from app.ipc import streams
-from app.ipc.messages import Heartbeat, RealTime
+from app.ipc.messages import ControlSnapshot, Heartbeat, RealTime
 from app.motion.plan import Phase
 from app.system.config import SessionSetup
 from app.system.legs_lock import share_legs
@@ -32,6 +33,7 @@ HEARTBEAT_TICKS = TICK_HZ // int(streams.HEARTBEAT.rate_hz)
 SNAPSHOT_TICKS = TICK_HZ // int(streams.SNAPSHOT.rate_hz)
 PARENT_TICKS = 25  # 50 ms
 CLEARED_TICKS = 2 * TICK_HZ
+CONTACT_TICKS = TICK_HZ // 50
 LATENESS_TICKS = 60 * TICK_HZ
 
 
@@ -60,12 +62,14 @@ class Control:
         self._drives = drives_of(setup, self._settings)
         self._links = ControlLinks(setup.links)
         self._sink = AuditSink(setup.links, "control", setup.operator)
+        self._recorder = TickRecorder(setup.links) if setup.config.recording.on else None
         self._histogram = Histogram()
         self._joint_statistics = JointStatisticsCollector(TICK_HZ)
         self._incarnation = time.monotonic_ns() // 1_000_000
         self._tick = 0
         self._must_end = False
         self._audit_full = False
+        self._snapshot: ControlSnapshot | None = None
         self._drive_state = DriveState.UNCONFIGURED
         self._state: ControlState | None = None
 
@@ -90,6 +94,8 @@ class Control:
             self._state, outputs = step(self._state or initial_state(inputs), inputs, self._settings)
             self._drives.write(outputs.command, inputs.feedback, now_ns)
             self._publish(self._state, inputs, outputs)
+            if self._recorder is not None:
+                self._record_tick(self._recorder, self._state, inputs, outputs)
             if outputs.drives is DriveOrder.DISABLE:
                 self._send_heartbeat(False)  # damped already; their answers may take longer than the guardian's limit
             if self._drives.execute(outputs.drives, now_ns):
@@ -105,6 +111,8 @@ class Control:
         self._links.send_heartbeat(Heartbeat(at_ns=time.monotonic_ns(), enabled=False, last=True))
         self._sink.emit(self._lateness_record())
         self._sink.emit(records.ProcessEnd(pid=os.getpid(), reason="asked to end" if self._must_end else ""))
+        if self._recorder is not None and self._state is not None and self._snapshot is not None:
+            self._recorder.close(self._state.streams, self._snapshot)
         self._links.close()
         self._sink.close()
 
@@ -150,7 +158,8 @@ class Control:
         if self._tick % HEARTBEAT_TICKS == 0:
             self._send_heartbeat(self._drives.powered)
         if self._tick % SNAPSHOT_TICKS == 0:
-            self._links.send_snapshot(snapshot(state, inputs, self._status()))
+            self._snapshot = snapshot(state, inputs, self._status())
+            self._links.send_snapshot(self._snapshot)
         self._record(state, inputs, outputs)
 
     def _record(self, state: ControlState, inputs: Inputs, outputs: Outputs) -> None:
@@ -167,6 +176,13 @@ class Control:
             bodies.append(self._lateness_record())
         taken = [self._sink.emit(body) for body in bodies]
         self._audit_full = not all(taken)
+
+    def _record_tick(self, recorder: TickRecorder, state: ControlState, inputs: Inputs, outputs: Outputs) -> None:
+        if self._tick % CONTACT_TICKS == 0:
+            recorder.add_contact(inputs.now_ns, self._drives.contact_n())
+        recorder.add(inputs, outputs.command)
+        if recorder.full and self._snapshot is not None:
+            recorder.send(state.streams, self._snapshot)
 
     def _status(self) -> LoopStatus:
         return LoopStatus(

@@ -294,6 +294,7 @@ def _take_over(tick: Tick, command: OperatorCommand) -> None:
     )
     if not tick.state.stop_presses:
         _stop(tick, command)
+    tick.update(stop_received_ns=0)  # nobody pressed STOP: there is no time to show
 
 
 def _shut_down(tick: Tick, _: OperatorCommand) -> None:

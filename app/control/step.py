@@ -254,6 +254,7 @@ def _cleared(one: RaisedEvent, now_ns: int) -> list[records.Body]:
         event=one.event.value,
         effect=ROW[one.event].effect.name.lower(),
         lasted_s=(now_ns - one.since_ns) / 1e9,
+        total=one.total if ROW[one.event].counts else None,
     )
     stream = STREAM_OF.get(one.event)
     if stream is None:

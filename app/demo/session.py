@@ -77,13 +77,14 @@ class SessionResult:
 UNATTENDED_S = 10.0  # nobody takes over a demo that was killed
 
 
-def demo_config(base: Config, *, seed: int, joints: JointsConfig) -> Config:
-    """The lab's configuration with the digital hand of that seed, its depth's holes, and those joints."""
+def demo_config(base: Config, *, seed: int, joints: JointsConfig, record: bool = False) -> Config:
+    """The lab's configuration with the digital hand of that seed, its depth's holes, those joints; recorded or not."""
     camera = CameraConfig(kind="digital-hand", seed=seed, depth_holes=base.camera.depth_holes)
     return Config(
         camera=camera,
         joints=joints,
         button=base.button,
+        recording=msgspec.structs.replace(base.recording, on=record),
         rules=base.rules,
         model=base.model,
         unattended_s=UNATTENDED_S,

@@ -210,10 +210,17 @@ class LatestReceiver(_Link, Generic[M]):
 class OrderedSender(_Link):
     """Sends everything, in order, to one receiver; connects, or binds when it is the fixed end."""
 
-    def __init__(self, at: Address, *, bind: bool = False, enc_hook: Callable[[Any], Any] | None = None) -> None:
-        """enc_hook: msgspec's, for types that it does not know."""
+    def __init__(
+        self,
+        at: Address,
+        *,
+        bind: bool = False,
+        enc_hook: Callable[[Any], Any] | None = None,
+        queue: int = _ORDERED_QUEUE,
+    ) -> None:
+        """enc_hook: msgspec's, for types that it does not know. queue: so many messages may wait."""
         super().__init__(zmq.PUSH, at)
-        self._socket.setsockopt(zmq.SNDHWM, _ORDERED_QUEUE)
+        self._socket.setsockopt(zmq.SNDHWM, queue)
         self._open(bind=bind)
         self._encode = msgspec.msgpack.Encoder(enc_hook=enc_hook).encode
 
@@ -236,10 +243,11 @@ class OrderedReceiver(_Link, Generic[M]):
         *,
         bind: bool = True,
         dec_hook: Callable[[type, Any], Any] | None = None,
+        queue: int = _ORDERED_QUEUE,
     ) -> None:
-        """dec_hook: msgspec's, for types that it does not know."""
+        """dec_hook: msgspec's, for types that it does not know. queue: so many messages may wait."""
         super().__init__(zmq.PULL, at)
-        self._socket.setsockopt(zmq.RCVHWM, _ORDERED_QUEUE)
+        self._socket.setsockopt(zmq.RCVHWM, queue)
         self._open(bind=bind)
         self._decoder: msgspec.msgpack.Decoder[M] = msgspec.msgpack.Decoder(kind, dec_hook=dec_hook)
 
@@ -254,6 +262,11 @@ class OrderedReceiver(_Link, Generic[M]):
                 self._reject()
                 timeout_s = 0.0
         return None
+
+
+def start_links() -> None:
+    """Start ZeroMQ's own threads, which carry every message; they inherit the scheduling of the first call."""
+    zmq.Context.instance().socket(zmq.PAIR).close()
 
 
 def end_links(linger_s: float = 0.5) -> None:

@@ -56,6 +56,8 @@ AUDIT = Stream(name="audit", sender="everyone", rate_hz=0, stale_ms=0)
 AUDIT_HEALTH = Stream(name="audit-health", sender="audit", rate_hz=20, stale_ms=400)
 PLAN_REQUEST = Stream(name="plan-request", sender="control", rate_hz=0, stale_ms=0)
 PLAN_REPLY = Stream(name="plan-reply", sender="planner", rate_hz=0, stale_ms=500)
+RECORDING = Stream(name="recording", sender="control, perception", rate_hz=0, stale_ms=0)
+PICTURES = Stream(name="pictures", sender="perception", rate_hz=0, stale_ms=0)
 
 STREAMS = (
     TRIGGER,
@@ -70,4 +72,6 @@ STREAMS = (
     AUDIT_HEALTH,
     PLAN_REQUEST,
     PLAN_REPLY,
+    RECORDING,
+    PICTURES,
 )

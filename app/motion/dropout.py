@@ -57,7 +57,30 @@ def dropouts(
         watch()
 
 
-def _interrupted(run: RehearsalRun, action: Action, missing: int, *, pauses: bool) -> Dropout:
+def dropouts_about(
+    patient: Patient,
+    device: Exoskeleton,
+    action: Action,
+    missing_ms: Iterable[float],
+    times: int,
+    *,
+    pause_from_ms: float,
+    hold_from_ms: float,
+) -> Iterator[Dropout]:
+    """Each length of silence at so many ticks in a row about the action's fastest moment; a long one ends in a hold.
+
+    Raises ValueError when the action can't be carried out by this patient.
+    """
+    run = _at_its_fastest(patient, device, action, before_ticks=times // 2)
+    for _ in range(times):
+        for length_ms in missing_ms:
+            missing = round(length_ms * TICK_HZ / 1000)
+            pauses, holds = length_ms > pause_from_ms, length_ms > hold_from_ms
+            yield _interrupted(deepcopy(run), action, missing, pauses=pauses, holds=holds)
+        run.tick()
+
+
+def _interrupted(run: RehearsalRun, action: Action, missing: int, *, pauses: bool, holds: bool = False) -> Dropout:
     run.rows.clear()
     for _ in range(missing):
         run.miss_tick()
@@ -65,9 +88,9 @@ def _interrupted(run: RehearsalRun, action: Action, missing: int, *, pauses: boo
     for _ in range(OBSERVED_TICKS):
         if refusal is not None:
             break
-        if run.motion.arrived:
+        if run.motion.arrived or (holds and run.motion.halted):
             run.motion = follower.hold(run.motion)
-        refusal = run.tick()
+        refusal = run.tick(hold=holds)
     target, angle, speed, torque = (np.array(column) for column in zip(*run.rows, strict=True))
     limits = run.guard.limits
     return Dropout(
@@ -80,11 +103,11 @@ def _interrupted(run: RehearsalRun, action: Action, missing: int, *, pauses: boo
     )
 
 
-def _at_its_fastest(patient: Patient, device: Exoskeleton, action: Action) -> RehearsalRun:
-    """The action under way, at the moment at which a joint is nearest to its speed limit."""
+def _at_its_fastest(patient: Patient, device: Exoskeleton, action: Action, before_ticks: int = 0) -> RehearsalRun:
+    """The action under way, at or before the moment at which a joint is nearest to its speed limit."""
     run = RehearsalRun(patient, device, action)
     parts = SEQUENCES.get(action, ((action, Phase.WHOLE),))
-    last, row = _fastest(patient, run, action, parts)
+    last, row, _ = fastest_moment(patient, run, action)
     refused = run.prepare()
     for number, (part, phase) in enumerate(parts[: last + 1]):
         made = run.plan_next(number, part, phase)
@@ -94,17 +117,16 @@ def _at_its_fastest(patient: Patient, device: Exoskeleton, action: Action) -> Re
             run.follow(made)
             continue
         run.motion = follower.start_plan(run.motion, made)
-        while run.motion.row < row:
+        while run.motion.row < row - before_ticks:
             run.tick()
     return run
 
 
-def _fastest(
-    patient: Patient, run: RehearsalRun, action: Action, parts: tuple[tuple[Action, Phase], ...]
-) -> tuple[int, float]:
-    """Which movement of the action, and where in it, by plans from the nominal poses."""
+def fastest_moment(patient: Patient, run: RehearsalRun, action: Action) -> tuple[int, int, int]:
+    """Which movement of the action, and at which row of its plan of how many, by plans from the nominal poses."""
+    parts = SEQUENCES.get(action, ((action, Phase.WHOLE),))
     state, start_rad = STARTS.get(action, GaitState.STANDING), None
-    best, found = -1.0, (0, 0.0)
+    best, found = -1.0, (0, 0, 1)
     for number, (part, phase) in enumerate(parts):
         pose = run.start_pose() if start_rad is None else start_rad
         made: Plan = plan(
@@ -112,6 +134,6 @@ def _fastest(
         )
         shares = (np.abs(made.velocity_rad_s) / run.guard.limits.speed_rad_s).max(axis=1)
         if part is action and shares.max() > best:
-            best, found = float(shares.max()), (number, float(shares.argmax()))
+            best, found = float(shares.max()), (number, int(shares.argmax()), len(shares) - 1)
         state, start_rad = made.to_state, made.position_rad[-1]
     return found

@@ -27,8 +27,10 @@ from app.perception.reporting import (
     PreviewPacer,
     Scale,
     frames_per_second,
+    hand_frame,
     to_message,
 )
+from app.recording.sink import RecordingSink
 from app.system.config import SessionSetup
 from app.system.scheduling import avoid_control_core, gc_freeze, set_scheduling
 from hal.cameras.camera import Frame
@@ -70,6 +72,7 @@ class Perception:
             address(links, processes.TO_PERCEPTION.name), HandCommand | PerceptionCommand
         )
         self._links = (self._reports, self._previews, self._commands)
+        self._recording = RecordingSink(links, processes.RECORDING) if setup.config.recording.on else None
         self._camera = CameraSupervisor(assembly.make_camera(setup), on_fault=self._record_fault)
         self._detector = Loading(lambda: assembly.make_detector(setup))
         self._pipeline: Pipeline | None = None
@@ -120,6 +123,8 @@ class Perception:
         for record in self._decisions.end() if self._decisions else ():
             self._sink.emit(record)
         self._sink.emit(ProcessEnd(pid=os.getpid()))
+        if self._recording is not None:
+            self._recording.close()
         self._sink.close()
         for link in self._links:
             link.close()
@@ -203,7 +208,10 @@ class Perception:
             focal_assumed=self._scale is not None and assembly.rests_on_assumption(self._scale),
             press_zone=self._zone,
         )
-        self._reports.send(to_message(report, context, captured_ns))
+        message = to_message(report, context, captured_ns)
+        self._reports.send(message)
+        if self._recording is not None:
+            self._recording.send(hand_frame(message, report, self._recording.lost))
 
     def _send_preview(self, frame: Frame, report: Report | None) -> None:
         place = self._place

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.ipc.messages import PerceptionCommand, Preview, TriggerReport
+from app.ipc.recording import HandFrame
 from kgdfa.button import ButtonState
 from kgdfa.depth import DepthFault
 from kgdfa.gesture import Decision, Gesture
@@ -45,6 +46,19 @@ def to_message(report: Report | None, context: Context, captured_ns: int) -> Tri
     if report is None:
         return _without_hand(context, captured_ns)
     return _with_button(_with_hand(_without_hand(context, report.captured_ns), report), report)
+
+
+def hand_frame(message: TriggerReport, report: Report | None, lost: int) -> HandFrame:
+    """One frame for the recording; lost: frames that it has missed."""
+    hand = report.hand if report is not None else None
+    if hand is None:
+        return HandFrame(report=message, lost=lost)
+    return HandFrame(
+        report=message,
+        lost=lost,
+        image_px=np.asarray(hand.image_px, dtype=np.float64).tobytes(),
+        world_m=np.asarray(hand.world_m, dtype=np.float64).tobytes(),
+    )
 
 
 def _without_hand(context: Context, captured_ns: int) -> TriggerReport:

@@ -15,13 +15,18 @@ from app.ipc.states import ACTION_OF, Action, Effect, Event, GaitState, Source
 from app.motion.plan import Phase
 from app.replay.difference import Difference, difference, differences
 from app.replay.events import event_differences
+from app.replay.plans import plan_differences
+from app.replay.stops import StopReplay
 from kgdfa.gesture import Gesture
 from logs import records as r
 from logs.reason import Reason, reason
 from logs.records import Body, Record
 
 REQUESTS = (r.Command, r.Refusal)
-DECISIONS = (*REQUESTS, r.GaitChanged, r.Transition, r.EventRaised, r.EffectChanged, r.ActionEnd)
+DECISIONS = (
+    *REQUESTS, r.PlanChecked, r.GaitChanged, r.Transition, r.EventRaised, r.EffectChanged, r.Stop, r.ActionEnd,
+)  # fmt: skip
+GESTURES = {one.value for one in Gesture}
 _NO_EVENT = {"event": "", "raised_ns": 0, "quantity": "", "value": None, "limit": None, "joint": ""}
 
 
@@ -40,6 +45,7 @@ class ControlReplay:
         self._plans: dict[int, Reason | str | None] = {}  # why the newest plan for a command was refused
         self._expected: deque[Body] = deque()  # that must follow at once
         self._newest: Record | None = None
+        self._stops = StopReplay()
         self._releases: dict[int, r.Release] | None = None  # None: perception recorded nothing to compare with
         self._gestures: list[Record] = []  # requests by gesture
 
@@ -59,17 +65,19 @@ class ControlReplay:
             return
         self.replayed += isinstance(body, DECISIONS)
         yield from self._follows(record)
+        yield from self._stops.take(record, self._gait, self._raised)
         yield from _HANDLERS.get(type(body), lambda *_: ())(self, record, body)
         self._newest = record
 
     def end(self) -> Iterator[Difference]:
         """What should have followed, and requests that no release of perception gave."""
         yield from self._missing()
+        yield from self._stops.end()
         for record in self._gestures if self._releases is not None else ():
             body = record.body
             assert isinstance(body, REQUESTS)
             release = (self._releases or {}).get(body.released_ns)
-            if release is None or release.gesture is None:
+            if release is None or release.gesture not in GESTURES:
                 yield difference(record, "released_ns", body.released_ns, None)
                 continue
             again = replace(
@@ -176,10 +184,11 @@ class ControlReplay:
             )
             self._expected.append(transition)
 
-    def _plan(self, _: Record, body: r.PlanChecked) -> Iterator[Difference]:
+    def _plan(self, record: Record, body: r.PlanChecked) -> Iterator[Difference]:
         if not body.ok:
             self._plans[body.command] = body.reason
-        return iter(())
+        assert self._limits is not None
+        yield from plan_differences(record, body, self._limits)
 
     def _action_end(self, record: Record, body: r.ActionEnd) -> Iterator[Difference]:
         command = self._commands.get(body.number)

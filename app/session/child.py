@@ -23,6 +23,7 @@ from app.system.scheduling import set_oom_score_adj
 ENTRY_POINTS = {
     "audit": "app.audit.process:run_audit",
     "bus-log": "app.session.bus_log:run_bus_log",
+    "recording": "app.recording.process:run_recording",
     "guardian": "app.session.guardian:run_guardian",
     "planner": "app.motion.planner:run_planner",
     "control": "app.control.loop:run_control",

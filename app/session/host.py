@@ -24,7 +24,7 @@ from typing import TypeVar
 import msgspec
 
 from app.ipc import streams
-from app.ipc.links import LatestReceiver, OrderedSender, address, new_link_directory
+from app.ipc.links import LatestReceiver, OrderedSender, address, new_link_directory, start_links
 from app.ipc.messages import (
     AuditHealth,
     ControlSnapshot,
@@ -47,7 +47,7 @@ from app.system.errors import AppError
 from app.system.legs_lock import claim_legs
 from app.system.operators import Permission, needs_sign_in
 from app.system.paths import Home
-from app.system.scheduling import set_scheduling
+from app.system.scheduling import call_with_scheduling, set_scheduling
 from profiles.schema import Profile
 
 __all__ = ["Latest", "ProcessStatus", "SessionHost", "make_setup"]
@@ -128,6 +128,7 @@ class SessionHost:
         self._without = without
         self._host: Peer | None = None
         self._processes: tuple[ProcessStatus, ...] = ()
+        call_with_scheduling("heartbeat", start_links)  # STOP and heartbeat leave through them
         self._operator = OrderedSender(address(setup.links, streams.OPERATOR.name))
         self._perception = OrderedSender(address(setup.links, streams.TO_PERCEPTION.name))
         self._lock = threading.Lock()
@@ -165,6 +166,12 @@ class SessionHost:
         """The session's own process; 0 before the start."""
         return self._host.pid if self._host else 0
 
+    @property
+    def commands(self) -> bool:
+        """Whether the session is this one's to end: begun or taken over here, and by nobody since."""
+        lease = current_lease(self.setup.links)
+        return lease is None or lease.number == self._lease
+
     def close(self) -> None:
         """Bring the legs to rest and every process to its end; harmless when done twice.
 
@@ -172,9 +179,7 @@ class SessionHost:
         """
         if self._closed:
             return
-        lease = current_lease(self.setup.links)
-        ours = lease is None or lease.number == self._lease
-        if ours:
+        if self.commands:
             self.send(OperatorKind.SHUT_DOWN)
             if self._host is not None:
                 self._host.end(END_S)
@@ -305,8 +310,9 @@ class SessionHost:
 
 
 def _start_order(config: Config) -> tuple[str, ...]:
-    """Joints on CAN have their buses recorded from the first frame on."""
-    return (*START_ORDER[:1], "bus-log", *START_ORDER[1:]) if config.joints.kind == "can" else START_ORDER
+    """Recorders first: joints on CAN have their buses recorded from the first frame on."""
+    recorders = [("bus-log", config.joints.kind == "can"), ("recording", config.recording.on)]
+    return (*START_ORDER[:1], *(name for name, wanted in recorders if wanted), *START_ORDER[1:])
 
 
 def _with_liveness(process: ProcessStatus) -> ProcessStatus:

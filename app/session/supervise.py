@@ -31,14 +31,22 @@ from app.system.config import SessionSetup
 from app.system.diagnostics_log import get_logger, start_log, stop_log
 from app.system.legs_lock import claim_legs
 from app.system.paths import Home
-from app.system.scheduling import set_oom_score_adj
+from app.system.scheduling import set_autogroup_nice, set_oom_score_adj
 from logs.reason import reason
 from logs.records import ProcessEnd
 
 _log = get_logger("session")
 
 # Control holds (0.15 s), damps (3 s if nobody is there) and disables; then the others have nothing left to send.
-END_PATIENCE_S = {"control": 6.0, "perception": 2.0, "planner": 2.0, "guardian": 2.0, "bus-log": 2.0, "audit": 5.0}
+END_PATIENCE_S = {
+    "control": 6.0,
+    "perception": 2.0,
+    "planner": 2.0,
+    "guardian": 2.0,
+    "bus-log": 2.0,
+    "recording": 5.0,
+    "audit": 5.0,
+}
 
 
 class SessionNotice(Enum):
@@ -83,7 +91,7 @@ class SessionProcesses:
 
     def close(self) -> None:
         """Bring the legs to rest and every process to its end."""
-        for name in ("control", "perception", "planner", "guardian", "bus-log"):
+        for name in ("control", "perception", "planner", "guardian", "bus-log", "recording"):
             self._end(name)
         self._sink.close()
         shutil.rmtree(self._setup.links.path, ignore_errors=True)  # all that audit receives is connected
@@ -166,6 +174,7 @@ def supervise(launch: Launch) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGHUP, signal.SIG_IGN)
     set_oom_score_adj("session")
+    set_autogroup_nice("session")
     setup = replace(launch.setup, host_pid=os.getpid())
     legs = claim_legs(setup)
     start_log(Home(setup.home), "session", session=setup.session, patient=setup.profile.identifier)

@@ -65,12 +65,21 @@ class ButtonConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
     mode: Literal["robust", "published"] = "robust"
 
 
+class RecordingConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """The session's recording; pictures need the patient's consent besides, in each session."""
+
+    on: bool = False
+    pictures_hz: Annotated[float, Meta(gt=0, le=60)] = 10.0
+    pictures_width_px: Annotated[int, Meta(ge=80, le=4096)] = 640
+
+
 class Config(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Everything a lab sets once."""
 
     camera: CameraConfig = CameraConfig()
     joints: JointsConfig = JointsConfig()
     button: ButtonConfig = ButtonConfig()
+    recording: RecordingConfig = RecordingConfig()
     rules: Literal["robust", "published"] = "robust"
     model: str = ""  # path of a hand_landmarker.task; empty: the one set up into models/
     patient: str = "demo"

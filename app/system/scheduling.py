@@ -7,7 +7,9 @@ import gc
 import os
 import resource
 import struct
+import threading
 import time
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -32,10 +34,12 @@ SCHEDULING = MappingProxyType(
         "planner": SchedPolicy(fifo=30),  # a step waits for its short work
         "heartbeat": SchedPolicy(fifo=20),  # a busy machine must not look like a dead console
         "perception": SchedPolicy(nice=-10),  # the wearer's command must not wait for the screen, or for other programs
+        "session": SchedPolicy(nice=-10),  # its group of processes against those of other terminals
         "audit": SchedPolicy(nice=-10),  # needs little, but a trail that falls behind stops the legs
         "console": SchedPolicy(nice=-5),  # after perception, whose core it shares; before other programs
         "observer": SchedPolicy(nice=5),  # another console on this host must not keep the therapist's waiting
         "rehearsal": SchedPolicy(nice=5),  # half a minute of physics, while somebody presses keys
+        "recording": SchedPolicy(nice=5),  # its queue holds 20 s
         "bus log": SchedPolicy(nice=5),  # its socket holds a second's frames: it can wait, perception can't
     }
 )
@@ -43,6 +47,7 @@ _MCL_CURRENT, _MCL_FUTURE = 1, 2
 _PR_SET_TIMERSLACK = 29
 WAKE_LATENCY = Path("/dev/cpu_dma_latency")  # the kernel's PM QoS interface: an int32, the longest wake-up in µs
 _ISOLATED = Path("/sys/devices/system/cpu/isolated")
+_AUTOGROUP = Path("/proc/self/autogroup")
 
 
 def acquire_real_time() -> RealTime:
@@ -58,6 +63,31 @@ def set_scheduling(name: str) -> bool:
             os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(policy.fifo))
         os.setpriority(os.PRIO_PROCESS, 0, policy.nice)  # not `nice`: a child inherits its parent's
     except PermissionError:
+        return False
+    return True
+
+
+def call_with_scheduling(name: str, call: Callable[[], object]) -> None:
+    """Call it in a thread of that policy: threads that it starts inherit the policy, the caller keeps its own."""
+
+    def run() -> None:
+        set_scheduling(name)
+        call()
+
+    thread = threading.Thread(target=run, name=f"start {name}")
+    thread.start()
+    thread.join()
+
+
+def set_autogroup_nice(name: str, autogroup: Path = _AUTOGROUP) -> bool:
+    """Weigh this login session's group of processes by that policy's niceness; whether that was allowed.
+
+    Where the kernel groups processes by login session (sched_autogroup, sched(7)), a niceness counts only inside its
+    group: a busy program of another terminal would get as much as a whole session of ours.
+    """
+    try:
+        autogroup.write_text(f"{SCHEDULING[name].nice}\n", encoding="ascii")
+    except OSError:
         return False
     return True
 
@@ -170,6 +200,7 @@ SCORES = {
     "perception": 700,  # the largest, and started again: the running action ends, no further one by gesture
     "planner": 500,
     "bus-log": 400,
+    "recording": 400,
     "audit": 200,
     "session": -800,  # without it all the others end, in order
     "guardian": -900,

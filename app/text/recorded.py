@@ -29,6 +29,7 @@ _ENUMERATIONS: dict[str, type[Enum]] = {
 _CLASSES = {
     "change": "OperatorChange",
     "joint": "Joint",
+    "phase": "Phase",
     "proof": "Proof",
     "role": "Role",
     "subject": "Subject",
@@ -42,8 +43,11 @@ def render_recorded(what: Reason) -> str:
 
 def _named(field: str, value: object) -> object:
     if field in _CLASSES:
-        keys = (f"{_CLASSES[field]}.{str(value).upper()}", f"recorded.{value}")  # a demonstration: no role
+        keys = (
+            f"{_CLASSES[field]}.{str(value).upper().replace(' ', '_')}",
+            f"recorded.{value}",
+        )  # a demonstration: no role
         return next((Reason(key) for key in keys if knows(key)), value)
     members = _ENUMERATIONS.get(field, ())
-    member = next((each for each in members if value in (each.value, each.name.lower())), None)
-    return member if member is not None and knows(key_of(member)) else value
+    named = next((each for each in members if value in (each.value, each.name.lower())), None)
+    return named if named is not None and knows(key_of(named)) else value

@@ -24,8 +24,9 @@ def make_joints(
     interface: str = "",
     channel: str = "",
 ) -> Joints:
-    """A driver that isn't open yet. `simulated` needs a body; `interface` and `channel` override the device's bus.
+    """A driver that isn't open yet; `interface` and `channel` override the device's bus.
 
+    `simulated` needs a body, which has come to rest in the harness.
     Raises HardwareError for an unknown kind, a missing body or a device that the motor table can't serve.
     """
     if kind == "can":
@@ -41,5 +42,7 @@ def make_joints(
             raise HardwareError(DeviceFault.NO_BODY)
         from hal.joints.simulated.driver import SimulatedJoints
 
-        return SimulatedJoints(device, body)
+        joints = SimulatedJoints(device, body)
+        joints.settle()
+        return joints
     raise HardwareError(DeviceFault.UNKNOWN_JOINTS_KIND, kind=kind, known=", ".join(KINDS))

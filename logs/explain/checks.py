@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from logs import records as r
 from logs.records import Body
 
-# Value → its limit; None: a value that has none. The margin is limit minus value.
+# Value → its limit; None: a value that has none.
 _LIMITS: dict[type, dict[str, str | None]] = {
     r.GestureOnset: {"confidence": None, "votes": None},
     r.Press: {"safe_distance_m": "threshold_m"},
@@ -19,11 +19,19 @@ _LIMITS: dict[type, dict[str, str | None]] = {
     r.GuardRefusal: {"value": "limit"},
     r.PlanChecked: {"duration_s": None, "min_clearance_m": None},
 }
+_LEAST = {  # limits that the value must reach; others it may not exceed
+    (r.Press, "approached_m"),
+    (r.Hint, "approached_m"),
+    (r.Cancel, "safe_distance_m"),
+    (r.Cancel, "held_ns"),
+    (r.Release, "safe_distance_m"),
+    (r.Release, "held_ns"),
+}
+_APPROACH = {"approached_m": "approach_limit_m"}  # a press alone asks for it
 _BUTTON = {
     "distance_m": None,
     "previous_m": None,
     "nearer_m": "nearer_limit_m",
-    "approached_m": "approach_limit_m",
     "beside_px": "beside_limit_px",
     "elapsed_ns": "elapsed_limit_ns",
     "gap_frames": "gap_limit_frames",
@@ -32,7 +40,8 @@ _BUTTON = {
 }
 _OF_BUTTON = (r.Press, r.Hint, r.Cancel, r.Release)
 _LATER = {"held_limit_ns", "elapsed_limit_ns", "gap_limit_frames"}  # 0 in a trail from before: not recorded then
-_SOURCES = {"anchor_m": "anchor_method", "focal_px": "focal_source"}
+_SOURCES = {"anchor_m": ("anchor_method", "ReferenceSource"), "focal_px": ("focal_source", "IntrinsicsSource")}
+_NO_SOURCE = ("", "")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -42,24 +51,35 @@ class Check:
     name: str
     value: float | None
     limit: float | None = None
+    least: bool = False  # the value must reach the limit
     source: str = ""  # where it is from: measured, assumed
+    source_class: str = ""  # in the catalogues
+    recorded: bool = True  # False: by a version that did not record it
 
     @property
     def margin(self) -> float | None:
-        """How far the value is below its limit."""
-        return None if self.value is None or self.limit is None else self.limit - self.value
+        """How far the value is within its limit; negative beyond it."""
+        if self.value is None or self.limit is None:
+            return None
+        return self.value - self.limit if self.least else self.limit - self.value
 
 
 def checks_of(body: Body) -> tuple[Check, ...]:
     """All of one record, in the order of the tables."""
-    pairs = _LIMITS.get(type(body), {}) | (_BUTTON if isinstance(body, _OF_BUTTON) else {})
+    kind = type(body)
+    pairs = _LIMITS.get(kind, {}) | (_BUTTON if kind in _OF_BUTTON else {})
+    pairs |= _APPROACH if kind in (r.Press, r.Hint) else {}
     quantity = getattr(body, "quantity", "")
+    recorded = kind not in _OF_BUTTON or bool(getattr(body, "captured_ns", 0))
     return tuple(
         Check(
             name=quantity or name if name == "value" else name,
             value=getattr(body, name),
             limit=(getattr(body, limit) or None) if limit in _LATER else getattr(body, limit) if limit else None,
-            source=getattr(body, _SOURCES.get(name, ""), ""),
+            least=(kind, name) in _LEAST,
+            source=getattr(body, _SOURCES.get(name, _NO_SOURCE)[0], ""),
+            source_class=_SOURCES.get(name, _NO_SOURCE)[1],
+            recorded=recorded,
         )
         for name, limit in pairs.items()
         if name != "value" or quantity

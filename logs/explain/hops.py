@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from enum import Enum
 from pathlib import Path
@@ -30,6 +30,7 @@ class Hop(Enum):
     REFUSED = "refused"
     PLANNED = "planned"
     COMMANDED = "commanded"  # the first joint command
+    CLOSING = "closing"  # the walk's last step, which gesture 6 asked for
     MOVED = "moved"
     ENDED = "ended"
     SENT = "sent"
@@ -63,10 +64,18 @@ def explain(found: list[Record], sequence: int) -> Explanation:
     if about is None:
         last = found[-1].sequence if found else 0
         raise AuditError(AuditFault.NO_RECORD, sequence=sequence, last=last)
-    steps = list(_Thread(found, about).steps())
+    steps = _in_time(_Thread(found, about).steps())
     if all(step.record is not about for step in steps):
         steps.append(_step(Hop.RECORDED, about.monotonic_ns, about))
     return Explanation(about=about, steps=tuple(steps))
+
+
+def _in_time(steps: Iterable[Step]) -> list[Step]:
+    """As they happened; a hop without a moment stays behind the one before it."""
+    placed: list[tuple[int, Step]] = []
+    for step in steps:
+        placed.append((step.at_ns or (placed[-1][0] if placed else 0), step))
+    return [step for _, step in sorted(placed, key=lambda one: one[0])]
 
 
 def explain_file(path: Path, sequence: int) -> Explanation:
@@ -85,6 +94,9 @@ class _Thread:
         body = self._about.body
         if isinstance(body, r.Stop):
             yield from self._stop(self._about, body)
+        elif isinstance(body, r.EventRaised) and (stop := self._first(r.Stop, lambda one: _raises(one, body))):
+            assert isinstance(stop.body, r.Stop)
+            yield from self._stop(stop, stop.body)
         elif isinstance(body, r.EventRaised | r.EventCleared):
             yield from self._event(body.event)
         else:
@@ -109,13 +121,22 @@ class _Thread:
             yield from self._answered(answer, end)
 
     def _answered(self, answer: Record, end: Record | None) -> Iterator[Step]:
+        if requested_ns := getattr(answer.body, "requested_ns", 0):
+            yield _step(Hop.SENT, requested_ns, answer)
         if isinstance(answer.body, r.Refusal):
+            if answer.body.raised_ns:
+                moment, event = answer.body.raised_ns, answer.body.event
+                raised = self._first(r.EventRaised, lambda one: (one.raised_ns, one.event) == (moment, event))
+                yield _step(Hop.RAISED, moment, raised)
             yield _step(Hop.REFUSED, answer.body.refused_ns, answer)
             return
         assert isinstance(answer.body, r.Command)
         yield _step(Hop.ACCEPTED, answer.body.accepted_ns, answer)
         for plan in self._plans(answer, end):
             yield _step(Hop.PLANNED, plan.monotonic_ns, plan)
+        closing = self._closing(answer, end)
+        if closing is not None:
+            yield _step(Hop.CLOSING, closing.monotonic_ns, closing)
         if end is not None and isinstance(end.body, r.ActionEnd):
             if end.body.first_command_ns:
                 yield _step(Hop.COMMANDED, end.body.first_command_ns, end)
@@ -173,6 +194,14 @@ class _Thread:
             return None
         return self._first(r.GestureOnset, lambda body: moment in (body.recognised_ns, body.captured_ns), after=None)
 
+    def _closing(self, answer: Record, end: Record | None) -> Record | None:
+        """Where a walk took up its end: that command has no joint command of its own."""
+        if end is None or not isinstance(end.body, r.ActionEnd) or end.body.first_command_ns:
+            return None
+        action = answer.body.action  # type: ignore[union-attr]
+        taken_up = self._first(r.GaitChanged, lambda one: one.running == action, after=answer)
+        return taken_up if taken_up is not None and taken_up.sequence < end.sequence else None
+
     def _plans(self, answer: Record, end: Record | None) -> list[Record]:
         """Those that name the command; in a trail from before they did, those between it and its end."""
         number = _number(answer)
@@ -227,6 +256,10 @@ def _recognised(onset: Record | None) -> Iterator[Step]:
     yield _step(Hop.CAPTURED, votes_ns[0] if votes_ns else 0, None)
     if isinstance(body, r.GestureOnset):
         yield _step(Hop.RECOGNISED, body.captured_ns, onset)
+
+
+def _raises(stop: r.Stop, event: r.EventRaised) -> bool:
+    return event.event in ("stop", "stop-again") and stop.seen_ns == event.raised_ns != 0
 
 
 def _number(answer: Record | None) -> int:

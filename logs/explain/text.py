@@ -10,7 +10,7 @@ from typing import Any
 import msgspec
 
 from logs.explain.checks import Check
-from logs.explain.hops import Explanation, Step
+from logs.explain.hops import Explanation, Hop, Step
 from logs.reason import Reason, Render, key_of, text_of
 from logs.sanitize import sanitize_terminal
 from logs.show import kind_of, record_text
@@ -20,15 +20,20 @@ class HopNote(Enum):
     """What is added to the hops."""
 
     NOT_RECORDED = "not recorded"
-    COMPARED = "compared"  # name, value, limit, margin
+    NOT_MEASURED = "not measured"
+    AT_MOST = "at most"  # name, value, limit, margin: words of the next two
+    AT_LEAST = "at least"
+    WITHIN = "within"  # margin
+    BEYOND = "beyond"  # margin
     MEASURED = "measured"  # name, value
     FROM_FIRST = "from first"  # from_first_ms, hop_ms
 
 
 def lines(explanation: Explanation, render: Render) -> Iterator[str]:
     """As text, safe for a terminal."""
-    first_ns = before_ns = next((step.at_ns for step in explanation.steps if step.at_ns), 0)
     about = explanation.about
+    before_ns = next((step.at_ns for step in explanation.steps if step.at_ns), 0)
+    first_ns = next((step.at_ns for step in explanation.steps if step.at_ns and step.hop is Hop.CAPTURED), before_ns)
     yield sanitize_terminal(f"#{about.sequence} {kind_of(about.body)}: {record_text(about.body, render)}")
     for step in explanation.steps:
         if step.at_ns is None:
@@ -43,7 +48,7 @@ def lines(explanation: Explanation, render: Render) -> Iterator[str]:
         mark = "►" if step.record is about else " "
         reference = f" [#{step.record.sequence}]" if step.record is not None else ""
         yield sanitize_terminal(f"{mark} {when}  {text_of(Reason(key_of(step.hop)), render)}{reference}")
-        if step.record is not None and step.record is not about and step.checks:
+        if step.record not in (None, about) and (step.checks or step.hop is Hop.RAISED):
             yield sanitize_terminal(f"      {record_text(step.record.body, render)}")
         yield from (sanitize_terminal(f"      {_text(check, render)}") for check in step.checks)
 
@@ -90,15 +95,26 @@ NAMED = frozenset(
 
 
 def _text(check: Check, render: Render) -> str:
+    def worded(note: HopNote, **values: Any) -> str:
+        return text_of(Reason(key_of(note), values), render)
+
     name = text_of(Reason(f"compared.{check.name}"), render) if check.name in NAMED else check.name
-    values: dict[str, Any] = {"name": name, "value": _shown(check.name, check.value, render)}
+    if check.value is None:
+        return worded(HopNote.MEASURED, name=name, value=worded(_absent(check)))
+    value = _shown(check.name, check.value)
     if check.source:
-        values["value"] += f" ({check.source})"
-    if check.limit is None:
-        return text_of(Reason(key_of(HopNote.MEASURED), values), render)
-    values["limit"] = _shown(check.name, check.limit, render)
-    values["margin"] = _shown(check.name, check.margin, render)
-    return text_of(Reason(key_of(HopNote.COMPARED), values), render)
+        value += f" ({text_of(Reason(f'{check.source_class}.{check.source.upper()}'), render)})"
+    if check.limit is None or check.margin is None:
+        return worded(HopNote.MEASURED, name=name, value=value)
+    note = HopNote.AT_LEAST if check.least else HopNote.AT_MOST
+    margin = worded(
+        HopNote.BEYOND if check.margin < 0 else HopNote.WITHIN, margin=_shown(check.name, abs(check.margin))
+    )
+    return worded(note, name=name, value=value, limit=_shown(check.name, check.limit), margin=margin)
+
+
+def _absent(check: Check) -> HopNote:
+    return HopNote.NOT_MEASURED if check.recorded else HopNote.NOT_RECORDED
 
 
 # Suffix of a name → how its values are shown.
@@ -115,9 +131,7 @@ _UNITS = (  # longer suffixes come first
 )
 
 
-def _shown(name: str, value: float | None, render: Render) -> str:
-    if value is None:
-        return text_of(Reason(key_of(HopNote.NOT_RECORDED)), render)
+def _shown(name: str, value: float) -> str:
     factor, unit = next(((factor, unit) for end, factor, unit in _UNITS if name.endswith(end)), (1.0, ""))
     return f"{value * factor:.4g} {unit}".strip()
 
@@ -141,7 +155,8 @@ def _hops(steps: Iterable[Step]) -> Iterator[dict[str, Any]]:
             "since_previous_ns": step.at_ns - before_ns if known else None,  # type: ignore[operator]
             "record": step.record.sequence if step.record is not None else None,
             "compared": [
-                {"name": one.name, "value": one.value, "limit": one.limit, "margin": one.margin, "source": one.source}
+                {"name": one.name, "value": one.value, "limit": one.limit, "least": one.least}
+                | {"margin": one.margin, "source": one.source}
                 for one in step.checks
             ],
         }

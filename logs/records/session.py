@@ -14,7 +14,7 @@ from logs.records.fields import Cause, Hex
 class SessionStart(Struct, frozen=True, kw_only=True, tag_field="kind", tag="session-start"):
     """First record of a session: what runs, how it is set up, and where the console's history stood."""
 
-    versions: dict[str, str]  # program, Python, operating system, libraries, models' SHA-256
+    versions: dict[str, str]  # program, Python, operating system, libraries; SHA-256 of program, rules, models
     configuration: dict[str, Any]
     simulated: bool
     role: str = ""
@@ -133,6 +133,18 @@ class RecordsLost(Struct, frozen=True, kw_only=True, tag_field="kind", tag="reco
     reason: Cause
 
 
+class RecordingFile(Struct, frozen=True, kw_only=True, tag_field="kind", tag="recording-file"):
+    """A file of the session's recording was finished: its hash, and how many messages it holds and lacks, by topic."""
+
+    file: str
+    sha256: Hex
+    size_bytes: int
+    messages: dict[str, int]
+    lost: dict[str, int] = {}  # a slow or full disk, or a full queue, cost them
+    whole: bool  # index and footer are there
+    fault: Cause = None
+
+
 SessionBody = (
     SessionStart
     | SessionEnd
@@ -149,4 +161,5 @@ SessionBody = (
     | Discomfort
     | ClockStep
     | RecordsLost
+    | RecordingFile
 )

@@ -16,8 +16,10 @@ from kgdfa.preprocess import Image
 from kgdfa.redetection import (
     FULL_VIEW,
     LARGEST_PALM,
+    LOOK_FRAMES,
     PATIENCE_FRAMES,
     REDETECTION_VIEWS,
+    SOUGHT_PALM,
     RedetectionState,
     Redetector,
     View,
@@ -26,6 +28,7 @@ from kgdfa.redetection import (
 )
 
 PICTURE: Image = np.zeros((360, 640, 3), np.uint8)
+NEAR: Image = np.zeros((200, 640, 3), np.uint8)  # in which `palm` is a near hand's, and just not shown smaller
 views = st.builds(View, scale=st.floats(0.3, 1.0), turn_deg=st.floats(-90, 90))
 
 
@@ -216,7 +219,7 @@ def test_a_hand_that_is_not_near_is_shown_as_it_is() -> None:
 
 def palm(breadth_px: float, *, at_px: float = 100.0) -> Hand:
     """Keypoints on a line, but for 5-17, which is so broad."""
-    image_px = np.column_stack([np.full(21, at_px), np.linspace(70.0, 130.0, 21)])
+    image_px = np.column_stack([np.full(21, at_px), np.linspace(40.0, 160.0, 21)])
     image_px[[5, 17], 0] += (-breadth_px / 2, breadth_px / 2)
     image_px[[5, 17], 1] = 100.0
     return Hand(image_px=image_px, world_m=np.zeros((21, 3)), presence=0.9, side=Side.LEFT)
@@ -230,19 +233,35 @@ def palm(breadth_px: float, *, at_px: float = 100.0) -> Hand:
         ((20, 20, 10), (palm(11),), 10, 1),
         ((20, 20, 10), (palm(19, at_px=400.0),), 10, 1),
         ((20, 20, 10), (), 10, 1),
+        ((20, 20, 10, 20, 10), (palm(19),), 10, 1),
+        ((20, 20, 10, *[20] * (LOOK_FRAMES - 1), 10), (palm(19),), 19, 2),
     ],
-    ids=["a hand that turns", "a slip", "narrow all the same", "another place", "not found"],
+    ids=["a hand that turns", "a slip", "narrow all the same", "another place", "not found", "at once", "later"],
 )
-def test_a_palm_that_narrows_as_no_hand_can_is_detected_anew(
+def test_a_near_palm_that_narrows_as_no_hand_can_is_detected_anew(
     tracked_px: tuple[float, ...], anew: tuple[Hand, ...], reported_px: float, looks: int
 ) -> None:
-    followed, looked = iter(tracked_px), list[int]()
+    reported, looked = followed_px(tracked_px, anew, NEAR)
+    assert reported == pytest.approx(reported_px, abs=0.1)
+    assert looked == looks
 
-    def look(_: Image, captured_ns: int) -> tuple[Hand, ...]:
-        looked.append(captured_ns)
-        return anew
 
-    searcher = Redetector(lambda _, __: (palm(next(followed)),), look=look)
-    reported = [searcher.detect(PICTURE, frame) for frame in range(3)]
-    assert reported[-1][0].reference_px == pytest.approx(reported_px, abs=0.1)
-    assert len(looked) == looks
+def test_a_far_palm_that_narrows_is_left_to_the_tracker() -> None:
+    reported, looked = followed_px((20, 20, 10), (palm(19),), PICTURE)
+    assert reported == pytest.approx(10, abs=0.1)
+    assert looked == 0
+
+
+def followed_px(tracked_px: tuple[float, ...], anew: tuple[Hand, ...], image: Image) -> tuple[float, int]:
+    """The breadth that the last frame reports, and how often the palm was detected anew."""
+    tracked, looked = iter(tracked_px), list[Image]()
+
+    def look(shown: Image) -> tuple[Hand, ...]:
+        looked.append(shown)
+        view = View(scale=SOUGHT_PALM * image.shape[0] / palm(tracked_px[0]).palm_px)
+        onto_view = np.asarray(cv2.invertAffineTransform(render_view(image, view)[1]), dtype=np.float64)
+        return tuple(to_image(hand, onto_view) for hand in anew)
+
+    searcher = Redetector(lambda _, __: (palm(next(tracked)),), look=look)
+    reported = [searcher.detect(image, frame) for frame in range(len(tracked_px))]
+    return reported[-1][0].reference_px, len(looked)

@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import msgspec
 import pytest
+from typer.testing import CliRunner
 
+from app.cli import cli
+from app.text.catalogue import use_language
 from logs import manifest as manifests
 from logs.disk import Disk
-from logs.findings import Verdict
+from logs.findings import Remark, Verdict
 from logs.journal import CHANGES, COMMENTS, MANIFEST, OPERATORS, Found, append_signed, is_journal, parts_of
-from logs.keys import ANCHOR_FOLDER, ConsoleKey, by_fingerprint, read_anchors
+from logs.keys import ANCHOR_FOLDER, PUBLIC_FILE, ConsoleKey, by_fingerprint, read_anchors
 from logs.line import GENESIS, seal, unseal
 from logs.read import records
 from logs.reason import Reason, key_of
@@ -64,6 +68,27 @@ def test_a_journal_cut_anywhere_is_told(journals: Trail, name: str) -> None:
         (bad,) = (finding for finding in findings if finding.file == path)
         assert (bad.status, bad.reason and bad.reason.code) == (Status.TAMPERED, key_of(Verdict.JOURNAL_CUT))
         assert exit_status(verify([path], Evidence(keys=journals.keys, anchors=read_anchors(journals.key.folder)))) == 1
+
+
+@pytest.mark.parametrize(("language", "warned"), [("en", "would NOT be noticed"), ("zh", "将无法发现")])
+def test_a_copy_without_the_ends_says_that_it_can_not_tell_a_cut(
+    journals: Trail, tmp_path: Path, language: str, warned: str
+) -> None:
+    copy = tmp_path / "copy"
+    shutil.copytree(journals.folder, copy)
+    lines = (copy / CHANGES).read_bytes().splitlines(keepends=True)
+    (copy / CHANGES).write_bytes(b"".join(lines[:-2]))  # with its signature
+    public = journals.key.folder / PUBLIC_FILE
+    arguments = ["--language", language, "audit", "verify"]
+    try:
+        copied = CliRunner().invoke(
+            cli, [*arguments, str(copy), "--key", str(public), "--home", str(tmp_path / "none")]
+        )
+    finally:
+        use_language("en")
+    assert (copied.exit_code, copied.output.count(warned)) == (0, len(JOURNALS))
+    codes = {remark.code for finding in judged(journals.folder, journals.key) for remark in finding.remarks}
+    assert key_of(Remark.END_NOT_KNOWN) not in codes
 
 
 @pytest.mark.parametrize("name", JOURNALS)

@@ -63,6 +63,7 @@ class Row:
     displaces: bool = False  # afterwards the gait state is unknown: it becomes BETWEEN
     compares: Callable[[Diagnostics], Compared | None] | None = None  # None: `present` tells, if it is a limit
     walk_ends_after_ms: float = 0.0  # present for longer than this, it ends a walk whose end it would refuse
+    counts: bool = False  # what is compared happened so often: added up until the event is cleared
     settles: bool = False  # keeps its effect while it lingers: its condition may come back at any moment
 
     def compared(self, diagnostics: Diagnostics) -> Compared | None:

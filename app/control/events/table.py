@@ -44,6 +44,7 @@ class RaisedEvent(Struct, frozen=True, kw_only=True):
     acknowledged: bool = False
     detail: dict[str, Value] = {}
     compared: Compared | None = None  # when it was raised
+    total: float = 0.0  # of a row that counts, since then
 
     @property
     def reason(self) -> Reason:
@@ -124,6 +125,11 @@ def _latches(row: Row, diagnostics: Diagnostics) -> bool:
     return row.latch is Latch.ALWAYS or (row.latch is Latch.POWERED and diagnostics.powered)
 
 
+def _counted(row: Row, diagnostics: Diagnostics) -> float:
+    compared = row.compared(diagnostics) if row.counts else None
+    return compared.value if compared is not None else 0.0
+
+
 def _raised(row: Row, diagnostics: Diagnostics) -> RaisedEvent:
     return RaisedEvent(
         event=row.event,
@@ -133,6 +139,7 @@ def _raised(row: Row, diagnostics: Diagnostics) -> RaisedEvent:
         latched=_latches(row, diagnostics),
         detail=row.detail(diagnostics),
         compared=row.compared(diagnostics),
+        total=_counted(row, diagnostics),
     )
 
 
@@ -147,6 +154,7 @@ def _updated(one: RaisedEvent, diagnostics: Diagnostics, acknowledged_ns: int, *
             last_ns=diagnostics.now_ns,
             latched=one.latched or _latches(ROW[one.event], diagnostics),
             acknowledged=acknowledged,
+            total=one.total + _counted(ROW[one.event], diagnostics),
         )
     if one.latched:
         return None if acknowledged else replace(one, present=False)

@@ -105,6 +105,7 @@ class WornExoskeleton:
         from hal.joints.simulated.driver import SimulatedJoints
 
         self._joints: SimulatedJoints = SimulatedJoints(device, body, noisy=False, quantised=False)
+        self._joints.settle()
         self._joints.open(0)
         self._joints.enable(0)
         self._ticks = 0

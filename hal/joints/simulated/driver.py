@@ -141,10 +141,18 @@ class SimulatedJoints:
         """Put the wearer at rest in a pose (4,), the harness tight."""
         self.wearer.place(joints_rad)
 
+    def settle(self) -> None:
+        """Let the wearer come to rest in the harness, without power, before the first tick."""
+        self.wearer.settle()
+
     @property
     def torque_nm(self) -> JointArray:
         """What the drives really give, (4,)."""
         return np.array(self._torque)
+
+    def contact_n(self) -> tuple[float, float]:
+        """Vertical force on the left and the right foot."""
+        return self.wearer.contact_n()
 
     def ground_truth(self) -> GroundTruth:
         """Where everything really is."""

@@ -39,6 +39,8 @@ SLUMP_M = 0.01  # a wearer put on the floor without power sinks so far into the 
 REEL_SLACK_S = 0.3  # without load for this long it runs free again
 BLOCK_WIDTH_M = 0.6
 DEEP_M = 2.0  # blocks reach this far down, so that nothing passes under them
+# Without power the wearer sinks into the harness and swings, 10 s at most; so slow for so long is rest.
+SETTLED_RAD_S, SETTLED_S, SINKS_S = 0.05, 2.0, 15.0
 _HIDDEN = Block(kind=BlockKind.STEP, from_x_m=-0.01, to_x_m=0.01, top_m=-50.0)
 _JOINTS = ("left_hip", "left_knee", "right_hip", "right_knee")
 _ANKLES = ("left_ankle", "right_ankle")
@@ -143,6 +145,14 @@ class Wearer:
         self._surround(Surroundings())
         mujoco.mj_forward(self._model, data)
 
+    def settle(self) -> None:
+        """Let the wearer sink into the harness without power, until the legs are at rest."""
+        still_s = sunk_s = 0.0
+        while still_s < SETTLED_S and sunk_s < SINKS_S:
+            self.advance([0.0] * 4, None)
+            sunk_s += TIMESTEP_S
+            still_s = still_s + TIMESTEP_S if max(map(abs, self.speeds_rad_s.tolist())) < SETTLED_RAD_S else 0.0
+
     def stage(self, scene: Scene) -> None:
         """Put the scene of the coming action around the feet; a wearer in the midst of something finds it as it is."""
         left, right = (float(self._data.xpos[number][0]) for number in self._ankle_bodies)
@@ -193,6 +203,11 @@ class Wearer:
         """(4,)."""
         speeds: JointArray = self._qvel.take(self._v)
         return speeds
+
+    def contact_n(self) -> tuple[float, float]:
+        """Vertical force on the left and the right foot."""
+        left_n, right_n = self._contacts()[0].tolist()
+        return left_n, right_n
 
     def ground_truth(self) -> GroundTruth:
         """Everything that can be known now; too slow for every tick of a real-time loop."""

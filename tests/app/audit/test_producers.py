@@ -32,6 +32,9 @@ from app.perception.camera import SessionRecorder
 from app.perception.frames import FrameBatch, button_record
 from app.perception.pipeline import camera_records, make_camera
 from app.perception.reporting import MeasuredRate, records_between
+from app.recording.process import file_record
+from app.recording.schemas import CONTACT, TOPICS, FootContact
+from app.recording.writer import RecordingWriter
 from app.session.host import ProcessStatus
 from app.system.config import CameraConfig, Config, JointsConfig, SessionSetup
 from app.system.operators import Role, add_operator, load_store, save_store
@@ -87,6 +90,7 @@ async def test_every_field_of_every_record_is_filled_by_somebody(
     tmp_path: Path, console: Opener, home: Home, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     bodies = [*of_a_real_session(tmp_path / "real"), *of_control(), *of_perception(tmp_path / "perception")]
+    bodies += [of_a_recording(tmp_path / "recording.mcap")]
     bodies += of_the_operators(tmp_path / "operators")
     bodies += await of_the_console(console, home, monkeypatch)
     wanted = {(kind.__name__, field) for kind in KINDS for field in kind.__struct_fields__}
@@ -116,6 +120,18 @@ def of_a_real_session(root: Path) -> list[Body]:
     journals = [record for manifest in manifest_paths(place.logs) for record in records(manifest)]
     assert comments_path(path).exists()
     return [record.body for record in (*found, *journals)] + comments
+
+
+def of_a_recording(path: Path) -> Body:
+    """A recording whose disk had little room for a while."""
+    free = [0]
+    writer = RecordingWriter(path, TOPICS, 0, floor_bytes=1, free_bytes=lambda _: free[0])
+    writer.settle(1_000_000_000)
+    writer.add(CONTACT, 1, FootContact(left_n=1.0, right_n=2.0))
+    free[0] = 2
+    writer.settle(2_000_000_000)
+    writer.add(CONTACT, 2, FootContact(left_n=1.0, right_n=2.0))
+    return file_record(writer, whole=writer.finish())
 
 
 def leave_torn(place: Home) -> None:
@@ -158,10 +174,10 @@ def walked() -> Rig:
 
 
 def paused() -> Rig:
-    """Control was late for a moment in the middle of a step."""
+    """Control was late for a moment in the middle of a step, and foreign programs knocked."""
     rig = moving()
-    rig.spoil.update(late_ns=30_000_000, missed_ticks=15)
-    rig.tick(3)
+    rig.spoil.update(late_ns=30_000_000, missed_ticks=15, foreign_peers=3)
+    rig.tick(520)
     return rig
 
 

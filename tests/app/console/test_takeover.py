@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import os
+
+import msgspec
 import pytest
 
+from app.console.app import ConsoleApp, run_console
 from app.console.screens.session import SessionScreen
 from app.console.screens.signin import SignInDialog
 from app.ipc.messages import OperatorKind
 from app.session.host import make_setup
+from app.session.shared import current_lease, take_lease
 from app.system.config import Config, JointsConfig, SessionSetup
 from app.system.operators import Role, add_operator, load_store, may_take_over, save_store
 from app.system.paths import Home
@@ -95,3 +100,18 @@ async def test_who_leaves_the_question_leaves_the_session_held(console: Opener, 
         assert not open_console.host.started
     open_console.app.trail.keep(home)
     assert any(isinstance(one.body, SignInFailed) for one in records(home.logs / OPERATORS))
+
+
+def test_who_leaves_before_the_takeover_is_done_reads_that_the_session_stays(
+    held: SessionSetup, home: Home, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    running = msgspec.structs.replace(held, host_pid=os.getpid())
+    first = take_lease(running.links)
+    monkeypatch.setattr("app.session.shared.held_session", lambda _: running)
+    monkeypatch.setattr("app.console.app.set_scheduling", lambda _: True)
+    monkeypatch.setattr(ConsoleApp, "run", lambda app: app._live_of(running))  # Ctrl-Q before anything else
+    run_console(home, Config())
+    assert current_lease(running.links) == first
+    reported = capsys.readouterr().err
+    assert "`rleex run` takes it over" in reported
+    assert "120 seconds" in reported

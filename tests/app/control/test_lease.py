@@ -87,6 +87,18 @@ def test_nothing_moves_by_a_takeover_at_rest(state: GaitState) -> None:
     assert now(rig).operator == "Ada"
 
 
+def test_a_takeover_holds_as_stop_does_and_shows_no_time_that_stop_took() -> None:
+    rig = moving()
+    rig.send(K.STOP)
+    rig.tick(3)
+    assert now(rig).stop_received_ns < now(rig).stop_command_ns
+    for of in (rig, moving()):
+        take_over(of)
+        of.tick(3)
+        assert Event.STOP.value in of.events()
+        assert now(of).stop_received_ns == 0
+
+
 def test_a_step_that_pauses_is_held_by_a_takeover_and_led_back_to_standing() -> None:
     rig = moving()
     rig.alive = False

@@ -81,6 +81,18 @@ def test_an_event_that_is_over_reports_how_long_it_was_there() -> None:
     assert cleared.lasted_s == pytest.approx(LINGER_NS / 1e9, abs=0.01)
 
 
+@pytest.mark.parametrize("field", ["foreign_peers", "rejected_messages"])
+def test_a_flood_is_one_record_that_comes_and_one_that_goes_with_all_it_counted(field: str) -> None:
+    rig = standing()
+    rig.audit.clear()
+    for _ in range(20):
+        rig.spoil[field] = 700
+        rig.tick(250)  # links tell of them twice a second
+    rig.tick(LINGER_NS // TICK_NS + 10)
+    raised, cleared = only(rig, records.EventRaised), only(rig, records.EventCleared)
+    assert (raised.value, cleared.total) == (700, 14_000)
+
+
 def test_a_stream_that_stopped_reports_for_how_long() -> None:
     rig = standing()
     rig.watching = False

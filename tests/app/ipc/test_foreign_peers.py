@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import errno
+import os
+import shutil
 import socket
+import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -24,6 +28,7 @@ from app.ipc.links import (
 from app.ipc.messages import Heartbeat, OperatorCommand, OperatorKind
 
 LIMIT_S = 20.0
+NOBODY = 65534
 STOP = OperatorCommand(sequence=1, kind=OperatorKind.STOP, sent_ns=1)
 FORGED = msgspec.msgpack.encode(msgspec.structs.replace(STOP, sequence=99))
 _GREETING = b"\xff" + bytes(8) + b"\x7f\x03\x00NULL" + bytes(48)
@@ -250,6 +255,38 @@ def test_the_processes_of_the_session_are_not_foreign(receiver: OrderedReceiver[
         counts: list[int] = []
         until(lambda: _another(counts, receiver) > 0)
     assert sum(counts) == 1
+
+
+def _connects(where: str, user: int | None) -> int:
+    """The errno of connecting in another process, as that user; 0: connected."""
+    child = os.fork()
+    if child == 0:
+        try:
+            if user is not None:
+                os.setgroups([])
+                os.setgid(user)
+                os.setuid(user)
+            with socket.socket(socket.AF_UNIX) as one:
+                one.connect(where)
+            os._exit(0)
+        except OSError as error:
+            os._exit(error.errno or 255)
+    return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root can try as another user")
+@pytest.mark.filterwarnings("ignore:This process")  # of fork beside ZeroMQ's threads: the child only connects
+def test_another_user_of_the_host_does_not_come_near() -> None:
+    folder = Path(tempfile.mkdtemp(prefix="rleex-"))  # as a session makes it
+    at = address(new_link_directory(folder), "x")
+    receiver = OrderedReceiver(at, OperatorCommand)
+    try:
+        where = at.where.removeprefix("ipc://")
+        assert _connects(where, None) == 0
+        assert _connects(where, NOBODY) == errno.EACCES
+    finally:
+        receiver.close()
+        shutil.rmtree(folder)
 
 
 def test_the_key_stands_in_no_text(at: Address) -> None:

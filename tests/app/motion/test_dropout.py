@@ -12,7 +12,7 @@ from app.control.events.drives import FOLLOWING_LIMIT_RAD
 from app.control.events.programs import CONTROL_LATE_MS, CONTROL_STALLED_MS
 from app.evaluate.loop.dropout import dropout_table, plot_dropouts
 from app.ipc.states import Action
-from app.motion.dropout import Dropout, dropouts
+from app.motion.dropout import Dropout, dropouts, dropouts_about
 from app.motion.plan import patient_of
 from hal.joints.device import load_exoskeleton
 from profiles.schema import DEMO_PATIENT
@@ -34,6 +34,19 @@ def test_the_legs_survive_what_control_pauses_for(action: Action) -> None:
         assert one.speed_share < SPEED_MARGIN - 0.1
         assert one.torque_share < 0.7
     assert without.error_rad < short.error_rad < longest.error_rad
+
+
+def test_beyond_its_limit_control_holds_at_every_phase_and_the_legs_come_to_rest_softly() -> None:
+    patient = patient_of(DEMO_PATIENT, DEVICE)
+    lengths = (10.0, 80.0)
+    limits = {"pause_from_ms": CONTROL_LATE_MS, "hold_from_ms": CONTROL_STALLED_MS}
+    every = list(dropouts_about(patient, DEVICE, Action.STEP_END, lengths, 3, **limits))
+    assert [one.missing_ms for one in every] == [*lengths] * 3
+    for one in every:
+        assert one.guard_refusal is None
+        assert one.speed_share < 1
+        assert one.torque_share < 1
+    assert len({one.error_rad for one in every[::2]}) == 3, "at another tick each"
 
 
 def test_the_figures_are_shown_and_drawn(tmp_path: Path) -> None:

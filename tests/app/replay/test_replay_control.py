@@ -13,12 +13,14 @@ from hypothesis.stateful import initialize
 from app.control.loop import limits_record
 from app.ipc.messages import OperatorKind
 from app.ipc.states import Action, Event
+from app.motion.plan import PLAN_SPEED_SHARE, PlanFault
 from app.replay.control import DECISIONS
-from app.replay.session import Replayed, replay
+from app.replay.session import Replayed, Writer, replay
+from app.system.program import PROGRAM, RULES, program_identity
 from hal.joints.protocol import Joint
 from kgdfa.gesture import Gesture
 from logs import records as r
-from logs.reason import Reason
+from logs.reason import Reason, reason
 from logs.records import Body
 from tests.app.control.causes import CAUSES
 from tests.app.control.moments import standing
@@ -120,6 +122,80 @@ def test_a_changed_gait_is_told(session: list[Body]) -> None:
         tampered[place] = msgspec.structs.replace(session[place], **{field: "sitting"})
         told = replay(trail(tampered, "control")).differences
         assert (told[0].sequence, told[0].field, told[0].recorded) == (place, field, "sitting")
+
+
+def _tampered(session: list[Body], place: int, **values: object) -> set[tuple[int, str]]:
+    tampered = [*session]
+    tampered[place] = msgspec.structs.replace(session[place], **values)
+    return {(one.sequence, one.field) for one in replay(trail(tampered, "control")).differences}
+
+
+def test_a_stop_and_what_it_ends_are_made_again(session: list[Body]) -> None:
+    stops = [at for at, body in enumerate(session) if isinstance(body, r.Stop)]
+    assert [session[at].effect for at in stops] == ["hold", "hold", "damp"]  # type: ignore[union-attr]
+    for place in stops:
+        assert (place, "effect") in _tampered(session, place, effect="pause")
+        assert (place, "state") in _tampered(session, place, state="between")
+    place = next(at for at, body in enumerate(session) if isinstance(body, r.ActionEnd) and body.outcome == "stopped")
+    assert (place, "outcome") in _tampered(session, place, outcome="completed")
+    assert (place, "reason") in _tampered(session, place, reason=Reason("Event.CAMERA_STALE"))
+    raised = next(at for at, body in enumerate(session) if isinstance(body, r.EventRaised) and body.event == "stop")
+    assert replay(trail([*session[:raised], *session[raised + 1 :]], "control")).differences
+    later = next(at for at, body in enumerate(session) if at > raised and isinstance(body, r.Refusal))
+    assert (later, "in_force") in _tampered(session, later, in_force=())  # a STOP stays until acknowledged
+
+
+def test_a_plan_beyond_a_limit_may_not_run_and_a_refused_one_is_beyond_its_limit() -> None:
+    limits = limits_record(SETTINGS)
+    assert limits.speed_rad_s[0] is not None
+    limit = PLAN_SPEED_SHARE * limits.speed_rad_s[0]
+    quick = r.PlanChecked(
+        number=1,
+        action="walk",
+        phase="x",
+        ok=True,
+        reason=None,
+        duration_s=1.0,
+        peak_speed_rad_s=(limit, 0, 0, 0),
+        min_clearance_m=0.05,
+    )
+
+    def told(**values: object) -> list[str]:
+        body = msgspec.structs.replace(quick, **values)
+        return [one.field for one in replay(trail([limits, body], "control")).differences]
+
+    assert told() == []
+    assert told(peak_speed_rad_s=(limit + 1e-9, 0, 0, 0)) == ["ok"]
+    assert told(min_clearance_m=0.0199) == ["ok"]
+    too_fast = reason(PlanFault.TOO_FAST, joint=Joint(0), speed_rad_s=limit + 1, limit_rad_s=limit)
+    assert told(ok=False, reason=too_fast, peak_speed_rad_s=(limit + 1, 0, 0, 0)) == []
+    assert told(ok=False, reason=too_fast) == ["reason"]
+
+
+NAMES = ("state", "action", "source", "change", "phase", "event", "effect", "to_effect", "in_force")
+
+
+def test_a_name_that_this_program_does_not_have_is_told(session: list[Body]) -> None:
+    for kind in {type(body) for body in session if isinstance(body, DECISIONS)} - {r.PlanChecked}:
+        place = next(at for at, body in enumerate(session) if type(body) is kind)
+        for field in set(NAMES) & set(kind.__struct_fields__):
+            name = ("bogus",) if field == "in_force" else "bogus"
+            told = _tampered(session[: place + 3], place, **{field: name})
+            assert place in {sequence for sequence, _ in told}, (kind, field)
+
+
+def test_the_replay_tells_who_wrote_the_trail(session: list[Body]) -> None:
+    now = program_identity()
+
+    def writer(versions: dict[str, str]) -> Writer:
+        start = r.SessionStart(versions=versions, configuration={}, simulated=True)
+        return replay(trail([start, *session[:3]], "control")).writer
+
+    assert writer(now | {"numpy": "1"}) is Writer.SAME
+    assert writer(now | {PROGRAM: "0"}) is Writer.SAME_RULES
+    assert writer(now | {RULES: "0"}) is Writer.OTHER_RULES
+    assert writer({"rleex": "0.1.0"}) is Writer.NOT_RECORDED
+    assert replay(trail(session, "control")).writer is Writer.NOT_RECORDED
 
 
 def test_a_record_left_out_is_told(session: list[Body]) -> None:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from app.system.scheduling import SCHEDULING, control_core, request_low_wake_latency
+from app.system.scheduling import SCHEDULING, control_core, request_low_wake_latency, set_autogroup_nice
 
 ASK = "import os; from app.system import scheduling; {}; print(*sorted(os.sched_getaffinity(0)))"
 
@@ -46,6 +46,31 @@ def test_who_keeps_the_legs_safe_comes_first() -> None:
     assert len(fifo) == 4
 
 
+AUTOGROUP = Path("/proc/self/autogroup")
+
+
+@pytest.mark.skipif(not AUTOGROUP.exists(), reason="this kernel doesn't group processes by login session")
+def test_a_session_weighs_more_than_another_terminal_where_that_is_allowed() -> None:
+    allowed, group = subprocess.run(
+        [
+            sys.executable,
+            "-c",
+            "from app.system.scheduling import set_autogroup_nice; print(set_autogroup_nice('session')); "
+            f"print(open({str(AUTOGROUP)!r}).read())",
+        ],
+        capture_output=True,
+        text=True,
+        check=True,
+        start_new_session=True,
+        timeout=60,
+    ).stdout.split(maxsplit=1)
+    assert group.split()[-1] == (str(SCHEDULING["session"].nice) if allowed == "True" else "0")
+
+
+def test_a_kernel_without_groups_refuses(tmp_path: Path) -> None:
+    assert not set_autogroup_nice("session", tmp_path / "missing" / "autogroup")
+
+
 @pytest.mark.parametrize("name", list(SCHEDULING))
 def test_a_policy_is_set_or_reported_as_refused(name: str) -> None:
     reported = subprocess.run(
@@ -77,3 +102,24 @@ def test_the_request_to_stay_awake_is_held_and_reports_no_microsecond(tmp_path: 
 
 def test_a_system_without_the_request_is_reported(tmp_path: Path) -> None:
     assert not request_low_wake_latency(tmp_path / "absent")
+
+
+LINKS = """
+import os
+from pathlib import Path
+from app.ipc.links import start_links
+from app.system.scheduling import call_with_scheduling
+before = set(os.listdir("/proc/self/task"))
+call_with_scheduling("heartbeat", start_links)
+comms = {task: Path(f"/proc/self/task/{task}/comm") for task in set(os.listdir("/proc/self/task")) - before}
+links = [int(task) for task, comm in comms.items() if comm.exists() and comm.read_text().startswith("ZMQ")]
+print(os.sched_getscheduler(0), *{os.sched_getscheduler(task) for task in links}, len(links))
+"""
+
+
+def test_the_links_threads_carry_stop_before_other_programs_and_their_process_stays_as_it_was() -> None:
+    reported = subprocess.run([sys.executable, "-c", LINKS], capture_output=True, text=True, check=True, timeout=60)
+    own, links, threads = map(int, reported.stdout.split())
+    assert own == os.sched_getscheduler(0)
+    assert links in {os.SCHED_FIFO, own}  # where it is not allowed, as their process
+    assert threads == 2

@@ -1,0 +1,11 @@
+"""rleex evaluate: measures what the documents claim. The evaluations are in `app/evaluate`, loaded when they run."""
+
+from __future__ import annotations
+
+import typer
+
+from app.cli.evaluate import gestures, loop, trigger
+
+cli = typer.Typer(no_args_is_help=True)
+for subject in (gestures, loop, trigger):
+    cli.add_typer(subject.cli)

@@ -1,0 +1,290 @@
+"""rleex evaluate: gestures, joints, finding, video, preprocessing, side."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import msgspec
+import typer
+
+from app.cli.common import MAX_SEED, HomeOption, check_output, check_output_folder
+from app.cli.evaluate.common import (
+    Directory,
+    Json,
+    Keypoints,
+    hand_model,
+    open_detector,
+    progress,
+    show,
+    status_line,
+)
+from app.evaluate.harness import EvaluateFault, percent, require_extra, write_json
+from app.evaluate.readings import DetectedImage, LabelledImage, read_footage, read_labels
+from app.system.errors import AppError
+from app.text.catalogue import render, tr
+from hal.cameras.digital_hand.skeleton import POSES
+from kgdfa.gesture import RuleSet
+from kgdfa.preprocess import Prepare, as_bgr8, find_preparation
+from kgdfa.published import PublishedRules
+from kgdfa.robust import RobustRules
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from app.evaluate.digital import LabelledScene
+    from app.evaluate.gestures.measures import Classified
+
+
+cli = typer.Typer()
+
+FIT_DIGITAL = 40  # digital hands a pose that a fit gets beside the images
+
+
+@cli.command()
+def gestures(
+    directory: Directory = None,
+    json_file: Json = None,
+    errors: Annotated[
+        Path | None, typer.Option(callback=check_output_folder, help="Write the misclassified images here, drawn upon.")
+    ] = None,
+    png: Annotated[
+        Path | None, typer.Option(callback=check_output, help="Write the confusion matrices here as a PNG.")
+    ] = None,
+    cross_validate: Annotated[
+        bool, typer.Option("--cross-validate", help="Fit anew for each source of images left out.")
+    ] = False,
+    seed: Annotated[
+        int, typer.Option(help="With --cross-validate: which examples and noise are drawn.", min=0, max=MAX_SEED)
+    ] = 0,
+    keypoints: Keypoints = None,
+    digital: Annotated[
+        int, typer.Option(help="Measure on this many digital hands a pose instead of a folder.", min=0)
+    ] = 0,
+    single_look: Annotated[
+        bool, typer.Option("--single-look", help="Classify one view of an image, as in video.")
+    ] = False,
+    prepare: Annotated[str, typer.Option(help="Preprocessing: none, denoise, sharpen or denoise+sharpen.")] = "none",
+    home: HomeOption = None,
+) -> None:
+    """Table 3: how well both rule sets recognise gestures, and refuse what is none."""
+    from app.evaluate.digital import MEASURE_SEEDS, digital_scenes
+    from app.evaluate.gestures import images, report
+    from app.evaluate.gestures.measures import measure
+
+    require_extra("evaluate", "sklearn")
+    if (directory is None) == (not digital):
+        raise AppError(EvaluateFault.FOLDER_OR_DIGITAL)
+    step, views = find_preparation(prepare), 1 if single_look else None
+    if directory is None:
+        detected = detected_scenes([*digital_scenes(digital, MEASURE_SEEDS)], home, step)
+    else:
+        detected = detected_images(directory, keypoints, home, step)
+    if cross_validate:
+        classified = _cross_validated(detected, fitted_digital(keypoints, home), seed, views)
+    else:
+        classified = images.classify_as_shipped(detected, views=views)
+    figures = {name: measure(some) for name, some in classified.items()}
+    for name, one in figures.items():
+        show(*report.shown(name, one, len(detected)))
+    show(
+        tr("evaluate.gestures.cross_validated" if cross_validate else "evaluate.gestures.shipped"),
+        tr("evaluate.gestures.one_view" if single_look or digital else "evaluate.gestures.all_views"),
+    )
+    unreadable = [one for one in detected if one.error]
+    if unreadable:
+        show(tr("evaluate.gestures.unreadable", count=len(unreadable)))
+        show(*(f"  {one.image.path}: {render(one.error)}" for one in unreadable if one.error))
+    write_json(report.as_json(figures, detected, cross_validated=cross_validate, views=views), json_file)
+    if png is not None:
+        report.plot_confusion(figures, png)
+    if errors is not None and directory is not None:
+        count = report.write_errors(classified["robust"], detected, directory, errors)
+        show(tr("evaluate.gestures.errors", count=count, folder=errors))
+
+
+def _cross_validated(
+    detected: list[DetectedImage], fitted_on: list[DetectedImage], seed: int, views: int | None
+) -> dict[str, list[Classified]]:
+    from app.evaluate.gestures.images import classify_cross_validated
+
+    with status_line() as status:
+        return classify_cross_validated(
+            detected,
+            fitted_on,
+            lambda source: status(tr("evaluate.progress.fold", source=source)),
+            views=views,
+            seed=seed,
+        )
+
+
+@cli.command()
+def joints(
+    hands: Annotated[int, typer.Option(help="Hands drawn from the whole space of joint angles.", min=100)] = 10_000,
+    people: Annotated[int, typer.Option(help="Rendered people from whom MediaPipe's errors are taken.", min=1)] = 8,
+    json_file: Json = None,
+    home: HomeOption = None,
+) -> None:
+    """What the robust rules accept in joint angles: on hands drawn at random, and joint by joint of every gesture.
+
+    The keypoints are simulated: the digital hand's own, with errors that MediaPipe made on rendered hands like it.
+    """
+    from app.evaluate.digital import MEASURE_SEEDS
+    from app.evaluate.gestures import joint_ranges, joint_space
+    from app.evaluate.gestures.synthetic import near_scenes
+
+    scenes, rules = [*near_scenes(people, MEASURE_SEEDS)], RobustRules()
+    errors = joint_space.errors_of((scene for _, scene, _ in scenes), detected_scenes(scenes, home, as_bgr8))
+    with progress("simulating", hands + joint_ranges.STEPS) as step:
+        figures = joint_ranges.measure_joint_space(rules, errors, hands, step)
+        ranges = joint_ranges.joint_ranges(rules, errors, step)
+    show(joint_ranges.joint_space_table(figures), joint_ranges.joint_range_table(ranges))
+    write_json({"space": msgspec.to_builtins(figures), "ranges": msgspec.to_builtins(ranges)}, json_file)
+
+
+@cli.command()
+def finding(
+    directory: Annotated[
+        Path | None, typer.Argument(help="Folder with labels.csv, for its images without a hand.")
+    ] = None,
+    digital: Annotated[int, typer.Option(help="Digital hands a pose, and empty rooms.", min=1)] = 10,
+    first_seed: Annotated[int, typer.Option(help="Number of the first digital person.", min=0, max=MAX_SEED)] = 20_000,
+    home: HomeOption = None,
+) -> None:
+    """What re-detection of a hand wins that the plain image misses, and what it costs."""
+    from app.evaluate.gestures import ablation
+    from kgdfa.keypoints import HandDetector
+
+    total, empty = digital * len(POSES), ablation.empty_rooms(digital, first_seed)
+    if directory is not None:
+        empty += ablation.images_without_hand(read_labels(directory), directory)
+    with progress("detecting", total) as step, HandDetector(hand_model(home), still=True) as detector:
+        missed = ablation.missed_hands(detector, digital, first_seed, step)
+        measured = ablation.measure_redetection(detector, missed, empty)
+    show(ablation.redetection_table(measured, total, len(missed), len(empty)))
+
+
+@cli.command()
+def video(
+    where: Annotated[Path, typer.Argument(help="Folder with frames.csv, or a video file.")],
+    labels: Annotated[
+        Path | None, typer.Option(help="A video's labels, as lines of frame,label; else the .csv beside it.")
+    ] = None,
+    json_file: Json = None,
+    home: HomeOption = None,
+) -> None:
+    """How steadily both rule sets recognise gestures in labelled footage."""
+    from app.evaluate.gestures.measures import measure_sequence, run_sequence, verdict_and_vote
+    from app.evaluate.gestures.report import sequence_table
+
+    footage, figures = read_footage(where, labels), {}
+    rule_sets: tuple[RuleSet, ...] = (PublishedRules(), RobustRules())
+    for rules in rule_sets:
+        with progress("rules", len(footage.labels), rules=rules.name) as step:
+            pairs = [verdict_and_vote(report) for report in run_sequence(footage, hand_model(home), rules, step)]
+        raw, voted = ([pair[number] for pair in pairs] for number in (0, 1))
+        figures[rules.name] = measure_sequence(footage.labels, raw, voted)
+    show(sequence_table(where, figures))
+    write_json({"frames": len(footage.labels), "rules": msgspec.to_builtins(figures)}, json_file)
+
+
+@cli.command()
+def preprocessing(
+    directory: Annotated[Path | None, typer.Argument(help="Folder with labels.csv; without it, digital hands.")] = None,
+    every: Annotated[int, typer.Option(help="Take every n-th image.", min=1)] = 12,
+    digital: Annotated[int, typer.Option(help="How many digital hands a pose, without a folder.", min=1)] = 5,
+    json_file: Json = None,
+    home: HomeOption = None,
+) -> None:
+    """What denoising, sharpening and brightening are worth on dark, grainy and blurred images."""
+    from app.evaluate.digital import MEASURE_SEEDS
+    from app.evaluate.gestures import ablation
+    from kgdfa.keypoints import HandDetector
+
+    listed = read_labels(directory)[::every] if directory is not None else []
+    read = ablation.read_images(listed, directory) if directory else ablation.digital_images(digital, MEASURE_SEEDS)
+    total = len(listed) if directory else digital * len(POSES)
+    with progress("preparing", total) as step, HandDetector(hand_model(home), still=True) as detector:
+        measured = ablation.measure_preparations(read, detector, step)
+    costs_ms = ablation.preparation_costs()
+    show(ablation.preparation_table(measured, costs_ms))
+    write_json({"worth": msgspec.to_builtins(measured), "cost_ms": costs_ms}, json_file)
+
+
+@cli.command()
+def side(
+    directory: Directory = None,
+    every: Annotated[int, typer.Option(help="Take every n-th image.", min=1)] = 1,
+    digital: Annotated[int, typer.Option(help="Digital people, each with every gesture, without a folder.", min=1)] = 6,
+    keypoints: Keypoints = None,
+    json_file: Json = None,
+    home: HomeOption = None,
+) -> None:
+    """How surely the side of a hand is told: on photos beside their mirror images, or on digital hands."""
+    from app.evaluate.gestures import side as sides
+
+    if directory is not None and keypoints is not None:
+        figures = sides.measure_looks(detected_images(directory, keypoints, home))
+    elif directory is not None:
+        images = [one for one in read_labels(directory) if one.gesture is not None][::every]
+        with open_detector(home) as detector, progress("detecting", len(images)) as step:
+            figures = sides.measure_photos(detector, images, directory, step)
+    else:
+        with (
+            open_detector(home) as detector,
+            progress("detecting", len([*sides.digital_hands(digital)])) as step,
+        ):
+            figures = sides.measure_digital(detector, digital, step)
+    write_json({"right": figures.right, **msgspec.to_builtins(figures)}, json_file)
+    total = figures.frames.total()
+    right = percent(figures.right, 2) if total else "–"
+    summary = tr("evaluate.side.summary", right=right, frames=total, images=figures.images, without=figures.without)
+    show(sides.side_table(figures), sides.sources_table(figures), summary)
+    if figures.interrupted:
+        raise typer.Exit(130)
+
+
+def detected_images(
+    directory: Path, keypoints: Path | None, home: Path | None, prepare: Prepare = as_bgr8
+) -> list[DetectedImage]:
+    """The hands in a folder's images, detected now or read from the keypoint file."""
+    from app.evaluate.gestures.images import detect_images
+
+    images = read_labels(directory)
+
+    def detect() -> list[DetectedImage]:
+        with progress("detecting", len(images)) as step:
+            return detect_images(images, directory, hand_model(home), step, prepare)
+
+    return _kept(keypoints, images, detect)
+
+
+def fitted_digital(keypoints: Path | None, home: Path | None) -> list[DetectedImage]:
+    """The digital hands that every fit gets, kept beside the images' keypoints."""
+    from app.evaluate.digital import FIT_SEEDS, digital_scenes
+    from app.evaluate.gestures.synthetic import near_scenes
+
+    scenes = [*digital_scenes(FIT_DIGITAL, FIT_SEEDS), *near_scenes()]
+    file = keypoints and keypoints.with_stem(keypoints.stem + "-digital")
+    return _kept(file, [labelled for labelled, _, _ in scenes], lambda: detected_scenes(scenes, home, as_bgr8))
+
+
+def _kept(
+    file: Path | None, images: list[LabelledImage], detect: Callable[[], list[DetectedImage]]
+) -> list[DetectedImage]:
+    """Read from the file where it is there; else detected now, and kept in it."""
+    from app.evaluate.gestures.images import load_hands, save_hands
+
+    if file is not None and file.exists():
+        return load_hands(file, images)
+    detected = detect()
+    if file is not None:
+        save_hands(detected, file)
+    return detected
+
+
+def detected_scenes(scenes: list[LabelledScene], home: Path | None, prepare: Prepare) -> list[DetectedImage]:
+    from app.evaluate.digital import detect_digital
+
+    with progress("digital", len(scenes)) as step:
+        return detect_digital(hand_model(home), scenes, step, prepare)

@@ -1,0 +1,83 @@
+"""rleex evaluate: speed and response, of the whole pipeline and the whole system."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import msgspec
+import typer
+
+from app.cli.common import HomeOption
+from app.cli.evaluate.common import (
+    Click,
+    Json,
+    Seeds,
+    hand_model,
+    progress,
+    show,
+    status_line,
+)
+from app.cli.progress import spinner, wide_console
+from app.demo.scenario import ALL_TWELVE
+from app.evaluate.harness import click_range, seed_numbers, write_json
+from app.system.config import load_config
+from app.system.hand_model import set_up_model
+from app.system.paths import find_home, hold_home
+from app.text.catalogue import tr
+
+cli = typer.Typer()
+
+
+@cli.command()
+def speed(
+    directory: Annotated[
+        Path | None, typer.Argument(help="Folder with frames.csv; without it, the digital hand.")
+    ] = None,
+    frames: Annotated[int, typer.Option(help="How many frames at most.", min=30)] = 300,
+    workers: Annotated[
+        int | None,
+        typer.Option(help="Time also 1 and N processes at once, each with a recording of its own [cores].", min=0),
+    ] = None,
+    json_file: Json = None,
+    home: HomeOption = None,
+) -> None:
+    """Table 4's row: the whole pipeline's speed beside bare MediaPipe's on the same frames."""
+    from app.evaluate.loop import speed as timing
+
+    model = hand_model(home)
+    images, focal_px = timing.frames_for_speed(directory, frames)
+    with progress("timing", len(images) + min(timing.WARM_UP, len(images))) as step:
+        figures = timing.measure_speed(images, model, focal_px=focal_px, step=step)
+    height, width = images[0].shape[:2]
+    show(timing.speed_table(figures, width, height), tr("evaluate.speed.summary", **msgspec.to_builtins(figures)))
+    offline = []
+    for count in timing.worker_counts(workers):
+        with status_line() as status:
+            status(tr("evaluate.progress.processes", count=count))
+            offline.append(timing.measure_throughput(directory, frames, model, count))
+        show(tr("evaluate.speed.offline", workers=count, fps=offline[-1].fps))
+    write_json({**msgspec.to_builtins(figures), "offline": msgspec.to_builtins(offline)}, json_file)
+
+
+@cli.command()
+def response(
+    attempts: Annotated[int, typer.Option("--trials", help="Attempts a gesture.", min=1)] = 50,
+    seeds: Seeds = "1-3",
+    click: Click = "0.3",
+    json_file: Json = None,
+    home: HomeOption = None,
+) -> None:
+    """Table 7: success and response of the whole system, real processes, several hands."""
+    from app.evaluate.loop.response import evaluate_response, shown
+
+    place = find_home(home)
+    base = load_config(place.config)
+    numbers, click_s = seed_numbers(seeds), click_range(click)
+    with hold_home(place), spinner(wide_console(), total=attempts * len(ALL_TWELVE)) as watch:
+        set_up_model(place, base)
+        result = evaluate_response(place, base, attempts=attempts, seeds=numbers, click_s=click_s, watch=watch)
+    write_json(result.as_json(), json_file)
+    show(*shown(result))
+    if result.interrupted or result.gave_up:
+        raise typer.Exit(130 if result.interrupted else 1)

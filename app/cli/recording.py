@@ -1,0 +1,103 @@
+"""rleex recording: what a session's recording holds, and whether it is the one that its trail names."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from app.cli.common import HomeOption, check_output, print_text
+
+if TYPE_CHECKING:
+    from app.recording.read import Proof, Recording
+    from logs.records import RecordingFile
+
+cli = typer.Typer(no_args_is_help=True)
+FileArgument = Annotated[str, typer.Argument(help="A recording, or a session: name, beginning of a name, or last.")]
+
+
+@cli.command()
+def info(
+    file: FileArgument = "last",
+    json: Annotated[Path | None, typer.Option(callback=check_output, help="Write it here, too.")] = None,
+    home: HomeOption = None,
+) -> None:
+    """Topics, counts, losses, and the hash against the trail."""
+    from msgspec import json as text
+
+    from app.cli.progress import wide_console
+    from app.recording.read import proof_of, survey
+
+    path = _found(file, home)
+    found = survey(path)
+    proof, recorded = proof_of(path)
+    wide_console().print(_table(found, recorded))
+    _print_state(found, proof)
+    if json is not None:
+        values = {
+            "file": path.name,
+            "duration_s": found.duration_s,
+            "messages": found.counts,
+            "lost": found.lost,
+            "chunks": found.chunks,
+            "whole": found.whole,
+            "damage": found.damage,
+            "hash": proof.name.lower(),
+        }
+        json.write_bytes(text.format(text.encode(values), indent=1) + b"\n")
+
+
+@cli.command()
+def verify(file: FileArgument = "last", home: HomeOption = None) -> None:
+    """Prove that it is whole and the one that its trail names. Exit status: 0 sound, 1 not, 2 unreadable."""
+    from app.recording.read import Proof, proof_of, survey
+
+    path = _found(file, home)
+    found = survey(path)
+    proof, recorded = proof_of(path)
+    _print_state(found, proof)
+    counted = recorded is None or recorded.messages == dict(found.counts)
+    if not counted:
+        print_text("recording.miscounted")
+    raise typer.Exit(0 if found.whole and not found.damage and proof is Proof.SAME and counted else 1)
+
+
+@cli.command()
+def schema() -> None:
+    """Print every topic with its JSON Schema."""
+    from app.recording.schemas import schemas_text
+
+    typer.echo(schemas_text(), nl=False)
+
+
+def _found(file: str, home: Path | None) -> Path:
+    from app.recording.read import find_recording
+    from app.system.paths import find_home
+
+    return find_recording(find_home(home).logs, file)
+
+
+def _table(found: Recording, recorded: RecordingFile | None) -> object:
+    from rich.table import Table
+
+    from app.text.catalogue import tr
+
+    table = Table(title=found.path.name)
+    for heading in ("topic", "schema", "messages", "rate", "lost"):
+        table.add_column(tr(f"recording.{heading}"), justify="left" if heading in {"topic", "schema"} else "right")
+    lost = (recorded.lost if recorded is not None else None) or found.lost
+    for topic, schema in found.schemas.items():
+        count = found.counts[topic]
+        rate = f"{count / found.duration_s:.1f} Hz" if found.duration_s else "–"
+        table.add_row(topic, schema, str(count), rate, str(lost.get(topic, 0)))
+    return table
+
+
+def _print_state(found: Recording, proof: Proof) -> None:
+    state = "whole" if found.whole and not found.damage else "damaged" if found.damage else "cut"
+    size_bytes = found.path.stat().st_size
+    per_hour_mb = size_bytes / 1e6 / found.duration_s * 3600 if found.duration_s else 0.0
+    print_text(f"recording.{state}", chunks=found.chunks, duration_s=found.duration_s, damage=found.damage)
+    print_text("recording.size", size_mb=size_bytes / 1e6, per_hour_mb=per_hour_mb)
+    print_text(f"recording.hash.{proof.name.lower()}")

@@ -1,0 +1,1 @@
+"""A session's recording: one MCAP file beside its trail, written, read, checked and handed on."""

@@ -1,0 +1,178 @@
+"""The recording process: receives what control and perception hand over, follows the trail, writes the file.
+
+It is beside the session: nothing waits for it, and nothing stops when it ends. The file's hash goes into the trail,
+which ends after it.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+from functools import partial
+from pathlib import Path
+from typing import BinaryIO
+
+from app.audit.sink import AuditSink
+from app.ipc.links import OrderedReceiver, address
+from app.ipc.recording import HandFrame, Recorded, TickBatch
+from app.ipc.streams import RECORDING
+from app.recording import schemas
+from app.recording.read import recording_path
+from app.recording.sink import QUEUE
+from app.recording.topics import TickMessages, log_of, of_hand
+from app.recording.writer import RecordingWriter
+from app.system.config import SessionSetup
+from app.system.paths import Home
+from app.system.scheduling import set_scheduling
+from logs.line import MAX_LINE
+from logs.read import understand
+from logs.reading.regular import open_regular
+from logs.records import ProcessEnd, ProcessStart, Record, RecordingFile
+
+WAIT_S = 0.02
+BATCH = 200  # messages between two looks at disk and trail
+TRAIL_NS = 200_000_000
+IDLE_S = 0.2  # asked to end: nothing has come for so long
+ORPHAN_IDLE_S = 3.0
+
+
+def run_recording(setup: SessionSetup) -> None:
+    """Record until asked to end, or orphaned and idle."""
+    set_scheduling("recording")
+    sink = AuditSink(setup.links, "recording", setup.operator)
+    sink.emit(ProcessStart(pid=os.getpid()))
+    receiver: OrderedReceiver[TickBatch | HandFrame] = OrderedReceiver(
+        address(setup.links, RECORDING.name), Recorded, queue=QUEUE
+    )
+    recorder = SessionRecording(setup, sink)
+    ending = _Ending(setup.host_pid)
+    signal.signal(signal.SIGTERM, ending.ask)
+    while not ending.is_due():
+        message = receiver.receive(WAIT_S)
+        for _ in range(BATCH):
+            if message is None:
+                break
+            ending.received_s = time.monotonic()
+            recorder.take(message)
+            message = receiver.receive()
+        receiver.foreign_peers()
+        recorder.settle(time.monotonic_ns())
+    recorder.close()
+    receiver.close()
+    sink.emit(ProcessEnd(pid=os.getpid()))
+    sink.close()
+
+
+class SessionRecording:
+    """A session's file, from its first message to its hash in the trail."""
+
+    def __init__(self, setup: SessionSetup, sink: AuditSink) -> None:
+        """Raises OSError when the file can't be made."""
+        home = Home(setup.home)
+        home.logs.mkdir(parents=True, exist_ok=True, mode=0o700)
+        self._setup = setup
+        self._sink = sink
+        self._offset_ns = time.time_ns() - time.monotonic_ns()
+        topics = [topic for topic in schemas.TOPICS if topic.name != schemas.PICTURES]
+        self.writer = RecordingWriter(recording_path(home.logs, setup.session), topics, self._offset_ns)
+        self._ticks = TickMessages(self._offset_ns)
+        self._trail = TrailLines(home.logs / f"{setup.session}.jsonl")
+        self._lost_frames = 0
+        self._trail_ns = 0
+
+    def take(self, message: TickBatch | HandFrame) -> None:
+        """One message."""
+        if isinstance(message, TickBatch):
+            messages = self._ticks.of(message)
+        else:
+            self._lost_frames = message.lost
+            messages = of_hand(message)
+        for topic, at_ns, what in messages:
+            self.writer.add(topic, at_ns, what)
+
+    def settle(self, now_ns: int) -> None:
+        """Follow the trail, and bring to the disk what is due."""
+        if now_ns - self._trail_ns >= TRAIL_NS:
+            self._trail_ns = now_ns
+            self._follow_trail()
+        self.writer.settle(now_ns)
+
+    def close(self) -> None:
+        """The index, and the file's hash in the trail."""
+        self._follow_trail()
+        self._trail.close()
+        writer = self.writer
+        for topic in (schemas.JOINT_STATE, schemas.JOINT_SETPOINT):
+            writer.lost[topic] += self._ticks.lost_ticks
+        for topic in (schemas.KEYPOINTS, schemas.VERDICT, schemas.BUTTON):
+            writer.lost[topic] += self._lost_frames
+        whole = writer.finish()
+        self._sink.emit(file_record(writer, whole=whole))
+
+    def _follow_trail(self) -> None:
+        for number, line in self._trail.new():
+            record = understand(line, number)
+            if isinstance(record, Record):
+                self.writer.add(schemas.TRAIL, record.monotonic_ns, line.rstrip(b"\n"))
+                self.writer.add(schemas.LOG, record.monotonic_ns, log_of(record, line, self._offset_ns))
+
+
+def file_record(writer: RecordingWriter, *, whole: bool) -> RecordingFile:
+    """A finished file for the trail."""
+    return RecordingFile(
+        file=writer.path.name,
+        sha256=writer.sha256,
+        size_bytes=writer.size_bytes,
+        messages=dict(writer.written),
+        lost={topic: number for topic, number in writer.lost.items() if number},
+        whole=whole,
+        fault=writer.fault,
+    )
+
+
+class TrailLines:
+    """The whole lines that have been added to a file since the last call."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._file: BinaryIO | None = None
+        self._number, self._rest = 0, b""
+
+    def new(self) -> list[tuple[int, bytes]]:
+        """Number and text of each; none while there is no file."""
+        if self._file is None:
+            try:
+                self._file = open_regular(self._path)
+            except OSError:
+                return []
+        found = []
+        for part in iter(partial(self._file.readline, MAX_LINE), b""):
+            self._rest += part
+            if part.endswith(b"\n"):
+                self._number += 1
+                found.append((self._number, self._rest))
+                self._rest = b""
+        return found
+
+    def close(self) -> None:
+        """Release the file."""
+        if self._file is not None:
+            self._file.close()
+
+
+class _Ending:
+    """Whether to end: asked to, or orphaned, and nothing comes any more."""
+
+    def __init__(self, host_pid: int) -> None:
+        self._host_pid = host_pid
+        self._asked = False
+        self.received_s = time.monotonic()
+
+    def ask(self, _number: int, _frame: object) -> None:
+        """The signal's handler."""
+        self._asked = True
+
+    def is_due(self) -> bool:
+        idle_s = time.monotonic() - self.received_s
+        return (self._asked and idle_s > IDLE_S) or (os.getppid() != self._host_pid and idle_s > ORPHAN_IDLE_S)

@@ -1,0 +1,211 @@
+"""Recordings as they are found: whole, cut by a crash, foreign, newer. What can be read is read."""
+
+from __future__ import annotations
+
+import struct
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from enum import Enum, auto
+from functools import partial
+from hashlib import sha256
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import zstandard
+from mcap.exceptions import EndOfFile, McapError
+from mcap.records import Channel, Chunk, DataEnd, Footer, Header, McapRecord, Message, Metadata, Schema
+from mcap.stream_reader import CRCValidationError, StreamReader, breakup_chunk
+
+from app.recording.writer import CLOCK, LIBRARY, LOST, PROFILE, VERSION
+from app.system.errors import AppError
+from logs.read import records
+from logs.reading.errors import cause_of
+from logs.reading.regular import open_regular
+from logs.records import RecordingFile
+
+FILE_SUFFIX = ".mcap"
+PICTURES_SUFFIX = ".pictures.mcap"  # a session's name has no dot
+MOST_RECORD = 64 << 20  # bytes
+
+
+class RecordingReadFault(Enum):
+    """Why a file is not read as a recording."""
+
+    UNREADABLE = auto()  # path, detail
+    NOT_MCAP = auto()  # path
+    FOREIGN = auto()  # path
+    NEWER = auto()  # path, version, known
+    NO_RECORDING = auto()  # name, folder, matches
+
+
+@dataclass(slots=True, kw_only=True)
+class Recording:
+    """What has been read of a file so far; `messages` fills it."""
+
+    path: Path
+    clock_offset_ns: int = 0  # wall minus monotonic
+    counts: Counter[str] = field(default_factory=Counter)
+    schemas: dict[str, str] = field(default_factory=dict)  # by topic
+    lost: dict[str, int] = field(default_factory=dict)
+    chunks: int = 0
+    whole: bool = False  # up to its footer
+    damage: str = ""  # why the rest can't be read; empty: the end, or cut between two chunks
+    first_ns: int = 0  # monotonic
+    last_ns: int = 0
+
+    @property
+    def duration_s(self) -> float:
+        """From the first message to the last."""
+        return (self.last_ns - self.first_ns) / 1e9
+
+
+@dataclass(frozen=True, slots=True)
+class Sample:
+    """One message; monotonic time."""
+
+    topic: str
+    at_ns: int
+    data: bytes
+
+    @property
+    def value(self) -> dict[str, Any]:
+        """The message's fields."""
+        found: dict[str, Any] = msgspec.json.decode(self.data)
+        return found
+
+
+def recording_path(folder: Path, session: str) -> Path:
+    """Where a session's recording lies: beside its trail."""
+    return folder / f"{session}{FILE_SUFFIX}"
+
+
+def find_recording(folder: Path, named: str) -> Path:
+    """A recording by its path, or by its session's name, the name's beginning, or "last". Raises AppError."""
+    given = Path(named)
+    if given.suffix == FILE_SUFFIX:
+        return given
+    whole = [path for path in sorted(folder.glob(f"*{FILE_SUFFIX}")) if not path.name.endswith(PICTURES_SUFFIX)]
+    matches = whole[-1:] if named == "last" else [path for path in whole if path.name.startswith(named)]
+    if len(matches) != 1:
+        raise AppError(RecordingReadFault.NO_RECORDING, name=named, folder=folder, matches=len(matches))
+    return matches[0]
+
+
+def trail_of(path: Path) -> Path:
+    """The trail beside a recording."""
+    return path.with_name(f"{path.name.partition('.')[0]}.jsonl")
+
+
+def messages(recording: Recording, *topics: str) -> Iterator[Sample]:
+    """The messages of these topics, or all, in the file's order, up to its end or to where it is cut.
+
+    Raises AppError for a file that is no recording of this version or an older one.
+    """
+    channels: dict[int, str] = {}
+    for record in _inner_records(recording):
+        if isinstance(record, Channel):
+            channels[record.id] = record.topic
+        if not isinstance(record, Message):
+            continue
+        topic, at_ns = channels[record.channel_id], record.log_time - recording.clock_offset_ns
+        recording.counts[topic] += 1
+        recording.first_ns = min(recording.first_ns or at_ns, at_ns)
+        recording.last_ns = max(recording.last_ns, at_ns)
+        if not topics or topic in topics:
+            yield Sample(topic, at_ns, record.data)
+
+
+def survey(path: Path) -> Recording:
+    """A file read to its end, or to where it is cut. Raises AppError."""
+    recording = Recording(path=path)
+    for _ in messages(recording):
+        pass
+    return recording
+
+
+def _inner_records(recording: Recording) -> Iterator[McapRecord]:
+    names: dict[int, str] = {}
+    for record in _outer_records(recording):
+        inner = [record]
+        if isinstance(record, Chunk):
+            try:
+                inner = breakup_chunk(record, validate_crc=True)
+            except (CRCValidationError, zstandard.ZstdError, EndOfFile, struct.error, ValueError) as error:
+                recording.damage = str(error)
+                return
+            recording.chunks += 1
+        for one in inner:
+            if isinstance(one, Schema):
+                names[one.id] = one.name
+            elif isinstance(one, Channel):
+                recording.schemas[one.topic] = names.get(one.schema_id, "")
+            yield one
+
+
+def _outer_records(recording: Recording) -> Iterator[McapRecord]:
+    path = recording.path
+    try:
+        with open_regular(path) as file:
+            found = StreamReader(file, emit_chunks=True, record_size_limit=MOST_RECORD).records
+            begun = False
+            try:
+                _check_header(next(found, None), path)
+                begun = True
+                for record in found:
+                    if isinstance(record, Metadata):
+                        _take_metadata(record, recording)
+                    if isinstance(record, DataEnd):  # what follows repeats channels and schemas
+                        recording.whole = sum(isinstance(rest, Footer) for rest in found) == 1
+                        return
+                    yield record
+            except (McapError, struct.error, UnicodeDecodeError, ValueError, MemoryError) as error:
+                if not begun:
+                    raise AppError(RecordingReadFault.NOT_MCAP, path=path) from error
+                if not isinstance(error, EndOfFile):  # that one is a cut
+                    recording.damage = str(error) or type(error).__name__
+    except OSError as error:
+        raise AppError(RecordingReadFault.UNREADABLE, path=path, detail=cause_of(error)) from error
+
+
+def _check_header(header: McapRecord | None, path: Path) -> None:
+    if not isinstance(header, Header) or header.profile != PROFILE or not header.library.startswith(f"{LIBRARY} "):
+        raise AppError(RecordingReadFault.FOREIGN, path=path)
+    version = header.library.removeprefix(f"{LIBRARY} ")
+    if not version.isdigit() or int(version) > VERSION:
+        raise AppError(RecordingReadFault.NEWER, path=path, version=version, known=VERSION)
+
+
+def _take_metadata(record: Metadata, recording: Recording) -> None:
+    if record.name == CLOCK:
+        recording.clock_offset_ns = int(record.metadata["wall_minus_monotonic_ns"])
+    elif record.name == LOST:
+        recording.lost = {topic: int(number) for topic, number in record.metadata.items()}
+
+
+class Proof(Enum):
+    """How a file compares with what its trail says of it."""
+
+    SAME = auto()
+    OTHER = auto()  # another content
+    UNKNOWN = auto()  # the trail names no hash: it ended before the recording did
+    NO_TRAIL = auto()
+
+
+def proof_of(path: Path) -> tuple[Proof, RecordingFile | None]:
+    """Compare the file's hash with the trail beside it. Raises AppError, AuditError."""
+    trail = trail_of(path)
+    if not trail.exists():
+        return Proof.NO_TRAIL, None
+    named = [one.body for one in records(trail) if isinstance(one.body, RecordingFile) and one.body.file == path.name]
+    if not named:
+        return Proof.UNKNOWN, None
+    try:
+        digest = sha256()
+        with open_regular(path) as file:
+            for part in iter(partial(file.read, 1 << 20), b""):
+                digest.update(part)
+    except OSError as error:
+        raise AppError(RecordingReadFault.UNREADABLE, path=path, detail=cause_of(error)) from error
+    return (Proof.SAME if digest.hexdigest() == named[-1].sha256 else Proof.OTHER), named[-1]

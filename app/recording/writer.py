@@ -1,0 +1,218 @@
+"""One MCAP file: chunks that reach the disk whole, a disk that refuses, the trail's disk that must stay free.
+
+The library writes into memory; what it gives goes to the disk at its own offset, again and again while the disk
+refuses, so that the offsets in the file's index hold. A chunk ends each second: a crash loses at most the newest one.
+The file's clock is the session's monotonic clock plus one offset, kept in the file: UTC as it was at the beginning.
+"""
+
+from __future__ import annotations
+
+import os
+from collections import Counter
+from collections.abc import Callable, Iterable
+from enum import Enum, auto
+from hashlib import sha256
+from pathlib import Path
+from typing import IO, cast
+
+import msgspec
+from mcap.writer import CompressionType, Writer
+from msgspec import Struct
+
+from app.recording.schemas import Topic, schema_of
+from logs.disk import Disk
+from logs.reason import Reason, reason
+
+VERSION = 1
+PROFILE = "rleex"
+LIBRARY = "rleex-recording"
+CHUNK_NS = 1_000_000_000
+CHUNK_BYTES = 4 << 20  # of pictures
+SYNC_NS = 5_000_000_000
+RETRY_NS = 500_000_000
+MOST_PENDING = 16 << 20  # bytes that wait for the disk; then everything is refused, and counted
+FLOOR_BYTES = 512 << 20  # of the disk stay free: a trail that can't be written stops the legs
+PICTURE_FLOOR_BYTES = 2 * FLOOR_BYTES  # pictures end first
+CLOCK = "rleex.clock"  # names of metadata
+LOST = "rleex.lost"  # by topic; there only in a file that was finished
+
+
+class RecordingFault(Enum):
+    """Why a recording is not whole."""
+
+    DISK = auto()  # detail
+    DISK_LOW = auto()  # free_bytes
+    SLOW = auto()  # waiting_bytes
+
+
+class _Memory:
+    """What the library has written since the last `take`; it tells the offset in the file."""
+
+    def __init__(self) -> None:
+        self.taken = 0
+        self.buffer = bytearray()
+
+    def write(self, data: bytes) -> int:
+        self.buffer += data
+        return len(data)
+
+    def tell(self) -> int:
+        return self.taken + len(self.buffer)
+
+    def flush(self) -> None:
+        """Nothing waits here for anything but `take`."""
+
+    def take(self) -> bytes:
+        data = bytes(self.buffer)
+        self.taken += len(data)
+        self.buffer.clear()
+        return data
+
+
+class RecordingWriter:
+    """Writes messages of some topics; `lost` counts those that a slow or full disk cost, by topic."""
+
+    def __init__(
+        self,
+        path: Path,
+        topics: Iterable[Topic],
+        clock_offset_ns: int,
+        *,
+        disk: Disk | None = None,
+        floor_bytes: int = FLOOR_BYTES,
+        free_bytes: Callable[[Path], int] | None = None,
+    ) -> None:
+        """Raises OSError when the file exists or can't be made. clock_offset_ns: wall minus monotonic."""
+        self.path = path
+        self.written: Counter[str] = Counter()
+        self.lost: Counter[str] = Counter()
+        self.fault: Reason | None = None  # the newest
+        self._disk = disk or Disk()
+        self._floor_bytes = floor_bytes
+        self._free_bytes = free_bytes or _free_bytes
+        self._handle = self._disk.create(path)
+        self._offset_ns = clock_offset_ns
+        self._encode = msgspec.json.Encoder().encode
+        self._memory = _Memory()
+        self._pending = bytearray()  # taken from the library, not on the disk
+        self._at = 0  # in the file
+        self._digest = sha256()
+        self._low = False
+        self._chunk_ns = self._sync_ns = self._retry_ns = 0
+        self._mcap = Writer(cast("IO[bytes]", self._memory), chunk_size=CHUNK_BYTES, compression=CompressionType.ZSTD)
+        self._mcap.start(profile=PROFILE, library=f"{LIBRARY} {VERSION}")
+        self._mcap.add_metadata(CLOCK, {"wall_minus_monotonic_ns": str(clock_offset_ns)})
+        self._channels = {topic.name: self._channel(topic) for topic in topics}
+
+    def add(self, topic: str, at_ns: int, message: Struct | bytes, sent_ns: int = 0) -> None:
+        """One message at its monotonic time; refused, and counted, while the disk is behind or low."""
+        if self.refuses:
+            self.lost[topic] += 1
+            return
+        data = message if isinstance(message, bytes) else self._encode(message)
+        self._mcap.add_message(
+            self._channels[topic],
+            log_time=at_ns + self._offset_ns,
+            publish_time=(sent_ns or at_ns) + self._offset_ns,
+            data=data,
+            sequence=self.written[topic] & 0xFFFFFFFF,
+        )
+        self.written[topic] += 1
+
+    def add_many(self, topic: str, messages: Iterable[tuple[int, Struct]]) -> None:
+        """Messages with their times."""
+        for at_ns, message in messages:
+            self.add(topic, at_ns, message)
+
+    def wall_ns(self, at_ns: int) -> int:
+        """A monotonic time on the file's clock."""
+        return at_ns + self._offset_ns
+
+    @property
+    def refuses(self) -> bool:
+        """Whether messages are refused for now."""
+        return self._low or len(self._pending) > MOST_PENDING
+
+    @property
+    def behind(self) -> bool:
+        """Whether the disk refuses, or little of it is free: pictures end then."""
+        return bool(self._pending) or self._low
+
+    def settle(self, now_ns: int) -> None:
+        """End the chunk when it is time, and bring to the disk what waits."""
+        if now_ns - self._chunk_ns >= CHUNK_NS:
+            self._chunk_ns = now_ns
+            self._mcap.flush()  # type: ignore[no-untyped-call]
+            self._look_at_disk()
+        self._pending += self._memory.take()
+        if self._pending and now_ns >= self._retry_ns and not self._write():
+            self._retry_ns = now_ns + RETRY_NS
+        if len(self._pending) > MOST_PENDING and self.fault is None:
+            self.fault = reason(RecordingFault.SLOW, waiting_bytes=len(self._pending))
+        if now_ns - self._sync_ns >= SYNC_NS:
+            self._sync_ns = now_ns
+            self._sync()
+
+    def finish(self) -> bool:
+        """Losses, index and footer; False when the disk refuses them: the file reads to its last whole chunk."""
+        self._mcap.add_metadata(LOST, {topic: str(number) for topic, number in self.lost.items() if number})
+        self._mcap.finish()  # type: ignore[no-untyped-call]
+        self._pending += self._memory.take()
+        whole = self._write()
+        self._sync()
+        self._disk.close(self._handle)
+        return whole
+
+    @property
+    def sha256(self) -> str:
+        """Of what has reached the disk."""
+        return self._digest.hexdigest()
+
+    @property
+    def size_bytes(self) -> int:
+        """Of what has reached the disk."""
+        return self._at
+
+    def delete(self) -> None:
+        """Give up the file and what waits for it."""
+        self._disk.close(self._handle)
+        self.path.unlink(missing_ok=True)
+
+    def _channel(self, topic: Topic) -> int:
+        text = msgspec.json.encode(schema_of(topic))
+        schema = self._mcap.register_schema(name=topic.schema_name, encoding="jsonschema", data=text)
+        about = {"about": topic.about}
+        return self._mcap.register_channel(topic.name, message_encoding="json", schema_id=schema, metadata=about)
+
+    def _look_at_disk(self) -> None:
+        try:
+            free_bytes = self._free_bytes(self.path.parent)
+        except OSError as error:
+            self.fault = reason(RecordingFault.DISK, detail=error.strerror or str(error))
+            return
+        self._low = free_bytes < self._floor_bytes
+        if self._low:
+            self.fault = reason(RecordingFault.DISK_LOW, free_bytes=free_bytes)
+
+    def _write(self) -> bool:
+        try:
+            while self._pending:
+                taken = self._disk.write(self._handle, bytes(self._pending), self._at)
+                self._digest.update(self._pending[:taken])
+                self._at += taken
+                del self._pending[:taken]
+        except OSError as error:
+            self.fault = reason(RecordingFault.DISK, detail=error.strerror or str(error))
+            return False
+        return True
+
+    def _sync(self) -> None:
+        try:
+            self._disk.sync(self._handle)
+        except OSError as error:
+            self.fault = reason(RecordingFault.DISK, detail=error.strerror or str(error))
+
+
+def _free_bytes(folder: Path) -> int:
+    status = os.statvfs(folder)
+    return status.f_bavail * status.f_frsize

@@ -1,0 +1,182 @@
+"""A crash, a cut, a foreign file, a disk that refuses: what was written is read, what was lost is counted."""
+
+from __future__ import annotations
+
+import errno
+import os
+import random
+import signal
+from contextlib import suppress
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from mcap.writer import Writer
+
+from app.recording import schemas
+from app.recording.read import Recording, RecordingReadFault, messages, survey
+from app.recording.schemas import FootContact, Topic
+from app.recording.writer import LIBRARY, MOST_PENDING, PROFILE, VERSION, RecordingFault, RecordingWriter
+from app.system.errors import AppError
+from logs.disk import Disk
+
+TOPIC = Topic(name=schemas.CONTACT, schema=FootContact, about="")
+PER_CHUNK = 50
+CHUNK_NS = 1_000_000_000
+
+
+def write_chunk(writer: RecordingWriter, number: int) -> None:
+    """One chunk of numbered messages."""
+    for one in range(number * PER_CHUNK, (number + 1) * PER_CHUNK):
+        writer.add(TOPIC.name, one, FootContact(left_n=float(one), right_n=random.random()))
+    writer.settle((number + 1) * CHUNK_NS)
+
+
+def numbers(path: Path) -> list[int]:
+    return [int(one.value["left_n"]) for one in messages(Recording(path=path))]
+
+
+@pytest.mark.serial
+def test_killed_at_any_moment_it_loses_at_most_the_newest_chunk(tmp_path: Path) -> None:
+    rng = random.Random(17)
+    for attempt in range(20):
+        path = tmp_path / f"{attempt}.mcap"
+        reads, writes = os.pipe()
+        child = os.fork()
+        if child == 0:
+            writer = RecordingWriter(path, [TOPIC], 0)
+            for number in range(1_000_000):
+                write_chunk(writer, number)
+                os.write(writes, number.to_bytes(4, "little"))
+        os.close(writes)
+        with os.fdopen(reads, "rb") as pipe:
+            done = [pipe.read(4) for _ in range(rng.randint(1, 30))]
+            for _ in range(rng.randint(0, 20_000)):  # a moment within a chunk
+                pass
+            os.kill(child, signal.SIGKILL)
+            os.waitpid(child, 0)
+            done += [rest for rest in iter(lambda pipe=pipe: pipe.read(4), b"") if len(rest) == 4]  # type: ignore[misc]
+        found = numbers(path)
+        assert found == list(range(len(found)))
+        whole_chunks = int.from_bytes(done[-1], "little") + 1
+        assert whole_chunks * PER_CHUNK <= len(found) <= (whole_chunks + 1) * PER_CHUNK
+        assert not survey(path).whole
+
+
+@pytest.fixture(scope="session")
+def small(tmp_path_factory: pytest.TempPathFactory) -> bytes:
+    path = tmp_path_factory.mktemp("small") / "s.mcap"
+    writer = RecordingWriter(path, [TOPIC], 7)
+    for number in range(4):
+        write_chunk(writer, number)
+    assert writer.finish()
+    return path.read_bytes()
+
+
+@given(share=st.floats(0, 1), flip=st.booleans())
+def test_cut_or_damaged_at_any_byte_it_is_read_to_there(
+    small: bytes, tmp_path_factory: pytest.TempPathFactory, share: float, flip: bool
+) -> None:
+    at = int(share * (len(small) - 1))
+    path = tmp_path_factory.mktemp("cut") / "s.mcap"
+    damaged = small[:at] + (bytes([small[at] ^ 0xFF]) + small[at + 1 :] if flip else b"")
+    path.write_bytes(damaged)
+    if at < 64:  # magic and header
+        with suppress(AppError):
+            numbers(path)
+        return
+    found = numbers(path)
+    assert found == list(range(len(found))), "what is read is right"
+    if not flip:
+        assert not survey(path).whole
+
+
+def write_other(path: Path, profile: str, library: str) -> Path:
+    with path.open("wb") as file:
+        writer = Writer(file)
+        writer.start(profile=profile, library=library)
+        writer.finish()  # type: ignore[no-untyped-call]
+    return path
+
+
+@pytest.mark.parametrize(
+    ("content", "fault"),
+    [
+        (b"", RecordingReadFault.NOT_MCAP),
+        (b"hello, world, this is text", RecordingReadFault.NOT_MCAP),
+        (("ros2", "libmcap"), RecordingReadFault.FOREIGN),
+        ((PROFILE, f"{LIBRARY} {VERSION + 1}"), RecordingReadFault.NEWER),
+        ((PROFILE, f"{LIBRARY} x"), RecordingReadFault.NEWER),
+    ],
+)
+def test_what_is_no_recording_is_refused(
+    tmp_path: Path, content: bytes | tuple[str, str], fault: RecordingReadFault
+) -> None:
+    path = tmp_path / "x.mcap"
+    if isinstance(content, bytes):
+        path.write_bytes(content)
+    else:
+        write_other(path, *content)
+    with pytest.raises(AppError) as caught:
+        survey(path)
+    assert caught.value.code is fault
+
+
+class FullDisk(Disk):
+    """Takes so many bytes, then half a write, then none, until `room` grows."""
+
+    def __init__(self, room: int) -> None:
+        self.room = room
+
+    def write(self, handle: int, data: bytes, offset: int) -> int:
+        if self.room == 0:
+            raise OSError(errno.ENOSPC, "No space left on device")
+        taken = super().write(handle, data[: self.room], offset)
+        self.room -= taken
+        return taken
+
+
+def test_a_disk_that_fills_and_is_freed_leaves_a_whole_file(tmp_path: Path) -> None:
+    disk = FullDisk(6_000)
+    writer = RecordingWriter(tmp_path / "s.mcap", [TOPIC], 0, disk=disk)
+    for number in range(20):
+        if number == 15:
+            disk.room = 1 << 30
+        write_chunk(writer, number)
+        if number == 14:
+            assert writer.behind
+    assert writer.finish()
+    found = survey(writer.path)
+    assert found.counts[TOPIC.name] == writer.written[TOPIC.name] == 20 * PER_CHUNK
+    assert writer.fault is not None
+    assert writer.fault.code == f"RecordingFault.{RecordingFault.DISK.name}"
+
+
+def test_a_disk_that_stays_full_costs_messages_that_are_counted(tmp_path: Path) -> None:
+    writer = RecordingWriter(tmp_path / "s.mcap", [TOPIC], 0, disk=FullDisk(20_000))
+    sent, big = 0, b'{"left_n":1,"x":"' + random.Random(1).randbytes(1 << 19).hex().encode() + b'"}'
+    for number in range(3 * MOST_PENDING // len(big)):
+        writer.add(TOPIC.name, number, big)
+        sent += 1
+        writer.settle(number * CHUNK_NS)
+    assert writer.lost[TOPIC.name] > 0
+    assert writer.written[TOPIC.name] + writer.lost[TOPIC.name] == sent
+    assert not writer.finish()
+    assert not survey(writer.path).whole
+
+
+def test_the_trails_part_of_the_disk_stays_free(tmp_path: Path) -> None:
+    free = [10_000]
+    writer = RecordingWriter(tmp_path / "s.mcap", [TOPIC], 0, floor_bytes=5_000, free_bytes=lambda _: free[0])
+    write_chunk(writer, 0)
+    free[0] = 4_000
+    write_chunk(writer, 1)
+    write_chunk(writer, 2)
+    free[0] = 10_000
+    write_chunk(writer, 3)
+    write_chunk(writer, 4)
+    assert writer.finish()
+    assert writer.lost[TOPIC.name] == 2 * PER_CHUNK
+    assert survey(writer.path).lost == {TOPIC.name: 2 * PER_CHUNK}
+    assert numbers(writer.path) == [*range(2 * PER_CHUNK), *range(4 * PER_CHUNK, 5 * PER_CHUNK)]

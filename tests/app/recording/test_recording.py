@@ -1,0 +1,121 @@
+"""A recording holds what was sent: every message, every sample; the trail holds its hash."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from hashlib import sha256
+from pathlib import Path
+
+import numpy as np
+from mcap.reader import make_reader
+
+from app.control.telemetry import snapshot
+from app.ipc.recording import LinkAges, TickBatch
+from app.recording import schemas
+from app.recording.read import Proof, Recording, messages, proof_of, survey
+from app.recording.schemas import TOPICS, schema_of
+from app.recording.topics import TickMessages
+from logs.records import RecordingFile
+from tests.app.recording.conftest import STATUS, Session, WatchedRig
+
+JOINTS = ["left_hip", "left_knee", "right_hip", "right_knee"]
+
+
+def test_joint_states_are_controls_own_sample_by_sample(recorded: Session) -> None:
+    found: dict[str, list[tuple[int, list[float]]]] = {schemas.JOINT_STATE: [], schemas.JOINT_SETPOINT: []}
+    for one in messages(Recording(path=recorded.path), *found):
+        joints = one.value["joints"]
+        assert [joint["name"] for joint in joints] == JOINTS
+        found[one.topic].append((one.at_ns, [joint["position"] for joint in joints]))
+    assert found[schemas.JOINT_STATE] == [(at_ns, measured) for at_ns, measured, _ in recorded.ticks]
+    assert found[schemas.JOINT_SETPOINT] == [(at_ns, commanded) for at_ns, _, commanded in recorded.ticks]
+
+
+def test_every_message_is_there(recorded: Session) -> None:
+    found = survey(recorded.path)
+    ticks, frames = len(recorded.ticks), len(recorded.frames)
+    batches = -(-ticks // 25)
+    wanted = {
+        schemas.JOINT_STATE: ticks,
+        schemas.JOINT_SETPOINT: ticks,
+        schemas.CONTACT: ticks,
+        schemas.GAIT: batches,
+        schemas.LINKS: batches,
+        schemas.JOINT_HEALTH: batches,
+        schemas.OPERATOR: recorded.commands,
+        schemas.KEYPOINTS: frames,
+        schemas.VERDICT: frames,
+        schemas.BUTTON: frames,
+        schemas.TRAIL: recorded.trail_lines,
+        schemas.LOG: recorded.trail_lines,
+    }
+    assert {topic: found.counts[topic] for topic in wanted} == wanted
+    assert found.counts[schemas.JOINT_GAINS] > 0
+    assert found.whole
+    assert not found.lost
+
+
+def test_keypoints_are_perceptions_own(recorded: Session) -> None:
+    found = [one.value for one in messages(Recording(path=recorded.path), schemas.KEYPOINTS)]
+    for sent, read in zip(recorded.frames, found, strict=True):
+        assert np.array(read["image_px"]).tobytes() == sent.image_px
+        assert np.array(read["world_m"]).tobytes() == sent.world_m
+
+
+def test_the_libraries_own_reader_opens_it(recorded: Session) -> None:
+    with recorded.path.open("rb") as file:
+        reader = make_reader(file, validate_crcs=True)
+        summary = reader.get_summary()
+        counts = Counter(channel.topic for _, channel, _ in reader.iter_messages())
+    assert summary is not None
+    assert counts == survey(recorded.path).counts
+    assert {schema.encoding for schema in summary.schemas.values()} == {"jsonschema"}
+
+
+def test_the_trail_gets_hash_and_counts(recorded: Session) -> None:
+    (body,) = recorded.sink.bodies
+    assert isinstance(body, RecordingFile)
+    assert body.sha256 == sha256(recorded.path.read_bytes()).hexdigest()
+    assert body.size_bytes == recorded.path.stat().st_size
+    assert body.messages == survey(recorded.path).counts
+    assert (body.lost, body.whole, body.fault) == ({}, True, None)
+    assert proof_of(recorded.path)[0] is Proof.UNKNOWN  # the sample trail ended before the recording
+
+
+AGES = LinkAges(report_ms=1, console_ms=1, audit_ms=1, guardian_ms=1)
+
+
+def test_ticks_that_never_came_are_counted() -> None:
+    rig = WatchedRig()
+    shown = snapshot(rig.tick(), rig.given, STATUS)
+    messages_of = TickMessages(0)
+    values, times = np.zeros((25, 8, 4)).tobytes(), np.zeros(25, dtype=np.int64).tobytes()
+    for first_tick in (0, 25, 100):
+        batch = TickBatch(first_tick=first_tick, lost_ticks=0, at_ns=times, values=values, ages=AGES, snapshot=shown)
+        assert len([one for one in messages_of.of(batch) if one[0] == schemas.JOINT_STATE]) == 25
+    assert messages_of.lost_ticks == 50
+
+
+def test_every_topic_has_a_schema() -> None:
+    for topic in TOPICS:
+        assert schema_of(topic)["title"]
+
+
+def test_the_commands_show_and_prove_it(recorded: Session, tmp_path: Path) -> None:
+    from typer.testing import CliRunner
+
+    from app.cli import cli
+
+    values = tmp_path / "info.json"
+    shown = CliRunner().invoke(cli, ["recording", "info", str(recorded.path), "--json", str(values)])
+    assert shown.exit_code == 0, shown.output
+    assert schemas.JOINT_STATE in shown.output
+    assert json.loads(values.read_text())["messages"][schemas.JOINT_STATE] == len(recorded.ticks)
+    home = ["--home", str(recorded.setup.home)]
+    proved = CliRunner().invoke(cli, ["recording", "verify", recorded.setup.session[:12], *home])
+    assert proved.exit_code == 1, "its trail names no hash"
+    assert (
+        CliRunner().invoke(cli, ["recording", "schema"]).output
+        == Path("docs/reference/recording-schema.json").read_text()
+    )
