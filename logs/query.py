@@ -45,8 +45,9 @@ _LIMITS: dict[str, str | int | float | list[str]] = {
     "autoload_known_extensions": False,
     "allow_community_extensions": False,
     "python_enable_replacements": False,
+    "temp_directory": "",  # what does not fit into memory is refused, not written
 }
-_LOCKS = ("SET temp_directory = ''", "SET enable_external_access = false", "SET lock_configuration = true")
+_LOCKS = ("SET enable_external_access = false", "SET lock_configuration = true")
 MOST_ROWS = 500  # on a screen; JSON has them all
 _ENVELOPE = (
     "body: 'JSON', monotonic_ns: 'BIGINT', operator: 'VARCHAR', process: 'VARCHAR', "

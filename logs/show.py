@@ -58,7 +58,16 @@ def record_text(body: Body, render: Render) -> str:
         values["values"] = ", ".join(f"{name}: {before} → {after}" for name, before, after in both)
     counted = isinstance(body, r.EventCleared) and body.total is not None
     name = "EventCounted" if counted else type(body).__name__
-    return text_of(Reason(f"Record.{name}", values), render).replace("  ", " ").rstrip(" :：")
+    text = text_of(Reason(f"Record.{name}", values), render).replace("  ", " ").rstrip(" :：")
+    if _rests_on_assumption(body):
+        text += f" {text_of(Reason('distance.assumed'), render)}"
+    return text
+
+
+def _rests_on_assumption(body: Body) -> bool:
+    """Whether a distance in it rests on an assumed focal length that no calibration corrects."""
+    shows = isinstance(body, r.Press | r.Release | r.Cancel) and body.safe_distance_m is not None
+    return shows and body.focal_source == "assumed" and body.anchor_method != "calibrated"  # type: ignore[union-attr]
 
 
 def _shown(name: str, value: Any) -> Any:

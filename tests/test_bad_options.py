@@ -16,7 +16,9 @@ from app.cli import main
 from app.cli.common import CliFault
 from app.cli.tree import tree
 from app.system.errors import AppError
+from app.system.paths import LockFault
 from app.text.catalogue import render
+from logs import query
 from logs.errors import AuditError, AuditFault
 from logs.query import ask, connect_locked
 from tests.support.bad_input import NODES, in_time
@@ -89,6 +91,7 @@ OUTPUTS = [
     for parameter in command.params
     if parameter.name in WRITTEN and not getattr(parameter, "is_flag", False)
 ]
+HOMES = [path for path, command in COMMANDS.items() if any(one.name == "home" for one in command.params)]
 FLOATS = [
     (path, parameter.name)
     for path, command in COMMANDS.items()
@@ -110,7 +113,7 @@ def call(path: tuple[str, ...], name: str, value: str) -> None:
         if parameter.name == name:
             arguments += [parameter.opts[0], value] if parameter.param_type_name == "option" else [value]
         elif parameter.required:
-            some = "1" if parameter.bare_type() == "float" else "x"
+            some = "1" if parameter.bare_type() in {"int", "float"} else "x"
             arguments += [parameter.opts[0], some] if parameter.param_type_name == "option" else [some]
     with in_time():
         COMMANDS[path].main(arguments, standalone_mode=False)
@@ -130,6 +133,17 @@ def test_an_output_that_can_not_be_written_is_refused_before_the_work(
         call(path, name, place)
     assert caught.value.code is CliFault.OUTPUT_UNWRITABLE
     assert sorted(one.name for one in tmp_path.rglob("*")) == ["file", "folder"]
+
+
+@pytest.mark.parametrize("path", HOMES, ids=" ".join)
+def test_a_home_that_is_a_file_is_refused_before_the_work(tmp_path: Path, path: tuple[str, ...]) -> None:
+    file = tmp_path / "file"
+    file.write_text("kept")
+    with pytest.raises(AppError) as caught:
+        call(path, "home", str(file))
+    assert caught.value.code is LockFault.NO_FOLDER
+    assert [one.name for one in tmp_path.rglob("*")] == ["file"]
+    assert file.read_text() == "kept"
 
 
 @pytest.mark.parametrize(("path", "name"), FLOATS)
@@ -168,6 +182,7 @@ def test_all_outputs_and_numbers_of_the_command_line_are_tried() -> None:
     assert len(OUTPUTS) >= 20
     assert len(FLOATS) >= 8
     assert len(SEEDS) >= 3
+    assert len(HOMES) >= 40
 
 
 @pytest.mark.parametrize(
@@ -193,6 +208,7 @@ def test_all_outputs_and_numbers_of_the_command_line_are_tried() -> None:
         "SELECT 1; DROP TABLE records",
         "CALL pragma_version()",
         "SELECT * FROM connection",
+        "SELECT repeat('x', 10000000000)",
         "SELECT",
         "",
     ],
@@ -207,12 +223,32 @@ def test_a_query_only_selects_from_the_records(tmp_path: Path, sql: str) -> None
     assert ask(connection, "SELECT count(*) FROM records").num_rows == 1
 
 
-@pytest.mark.parametrize("sql", ["SELECT count(*) FROM range(10000000000000) a", "SELECT * FROM range(10000000000)"])
+ENDLESS = "WITH RECURSIVE a(x) AS (SELECT 1 UNION ALL SELECT x + 1 FROM a)"
+
+
+@pytest.mark.parametrize(
+    "sql",
+    [
+        "SELECT count(*) FROM range(10000000000000) a, range(1000) b",
+        "SELECT * FROM range(10000000000), range(1000) b",
+        f"{ENDLESS} SELECT count(*) FROM a",
+        f"{ENDLESS} SELECT * FROM a",
+        "SELECT list(range) FROM range(10000000000)",
+        "SELECT range FROM range(10000000000) ORDER BY hash(range)",
+    ],
+)
 def test_a_query_ends_in_time_and_within_its_size(sql: str) -> None:
     connection = connect_locked([SCHEMA1 / "logs"])
     with in_time(), pytest.raises(AuditError) as caught:
-        ask(connection, f"{sql}, range(1000) b", limit_s=0.5)
-    assert caught.value.code in (AuditFault.QUESTION_TOO_LONG, AuditFault.ANSWER_TOO_LARGE)
+        ask(connection, sql, limit_s=0.3)
+    assert caught.value.code in (AuditFault.QUESTION_TOO_LONG, AuditFault.ANSWER_TOO_LARGE, AuditFault.UNANSWERABLE)
+
+
+def test_trails_that_do_not_fit_into_memory_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(query._LIMITS, "memory_limit", "1MB")
+    with pytest.raises(AuditError) as caught:
+        connect_locked([SCHEMA1 / "logs"])
+    assert caught.value.code is AuditFault.TRAIL_UNREADABLE
 
 
 def test_the_list_of_patients_prints_no_markup_and_no_escapes(

@@ -1,18 +1,27 @@
-"""What a session's key costs: CPU time a message with CURVE and without, and a receiver under forged connections.
+"""What a session's key costs: CPU time a message with CURVE and without, and a receiver under forged messages.
 
-`python tools/bench_links.py`. CPU time of both ends with ZeroMQ's threads; of the receiving thread apart.
+`python tools/bench_links.py [--senders 4] [--seconds 5] [--session]`. CPU time of both ends with ZeroMQ's threads; of
+the receiving thread apart. The flood comes from as many processes as are named: half write an unencrypted conversation
+of forged commands to the socket, again and again, half are ZeroMQ senders with another session's key. With `--session`
+the same flood meets a real session of simulated joints, whose trail tells what it recorded.
 """
 
 from __future__ import annotations
 
+import multiprocessing
 import os
 import socket
 import sys
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Iterator
+from contextlib import contextmanager
+from multiprocessing.sharedctypes import Synchronized
 from pathlib import Path
+from typing import Annotated, Any
 
+import msgspec
+import typer
 import zmq
 from rich.console import Console
 from rich.table import Table
@@ -20,15 +29,34 @@ from rich.table import Table
 sys.path.insert(0, str(Path(__file__).parent.parent))  # run as a script, `tools` is a folder of the tree
 
 from app.ipc.links import Address, OrderedReceiver, OrderedSender, address, new_link_directory
-from app.ipc.messages import Heartbeat, OperatorCommand
+from app.ipc.messages import Heartbeat, OperatorCommand, OperatorKind
+from app.ipc.states import Action, Event
+from app.ipc.streams import AUDIT, OPERATOR
+from app.system.paths import Home
+from logs.read import records, session_paths
+from logs.records import Command, EventCleared, EventRaised
+from testing.session import real_session
 
 SIZES = {"heartbeat": 50, "snapshot": 2_000, "plan": 60_000, "preview 160 x 90": 43_200}
 MESSAGES = 2_000
-FLOOD_S = 5.0
 TICKS_HZ = 500
+FRAMES = 50  # forged messages that a connection writes at once
+FORGED = msgspec.msgpack.encode(OperatorCommand(sequence=99, kind=OperatorKind.ACT, action=Action.WALK, sent_ns=1))
+GREETING = b"\xff" + bytes(8) + b"\x7f\x03\x00NULL" + bytes(48)  # ZMTP 3.0, no security
+READY = b"\x04\x19\x05READY\x0bSocket-Type\x00\x00\x00\x04PUSH"
+CONVERSATION = GREETING + READY + FRAMES * (b"\x00" + bytes([len(FORGED)]) + FORGED)
+Counts = tuple["Synchronized[int]", "Synchronized[int]"]  # connections, messages
 
 
-def main() -> None:
+def main(
+    senders: Annotated[int, typer.Option(help="Processes that flood.")] = 4,
+    seconds: Annotated[float, typer.Option(help="How long.")] = 5.0,
+    session: Annotated[bool, typer.Option("--session", help="Flood a real session instead.")] = False,
+) -> None:
+    """Print the table, then the flood's lines."""
+    if session:
+        flood_session(senders, seconds)
+        return
     table = Table("message", "bytes", "without key, us", "with key, us")
     with tempfile.TemporaryDirectory(prefix="bench-") as folder:
         at = address(new_link_directory(Path(folder)), "bench")
@@ -38,14 +66,104 @@ def main() -> None:
             )
         Console().print(table)
         receiver = OrderedReceiver(at, OperatorCommand)
-        quiet_us, _ = tick_us(receiver, lambda: None)
-        flooded_us, connections = tick_us(receiver, forger(at))
+        quiet_us, true, _ = tick_us(receiver, at, seconds)
+        print_line(f"no flood: receiving thread {quiet_us:.1f} us of CPU a tick; true commands {true}")
+        with flood([at.where], senders) as counts:
+            flooded_us, true, peers = tick_us(receiver, at, seconds)
+            reached = rates(counts, seconds)
         receiver.close()
-    say = Console().print
-    say(
-        f"receiving thread, CPU a tick: {quiet_us:.1f} us; "
-        f"with {connections:.0f} forged connections/s: {flooded_us:.1f} us"
+    print_line(f"{reached}: receiving thread {flooded_us:.1f} us of CPU a tick; true commands {true}; {peers} told of")
+
+
+def flood_session(senders: int, seconds: float) -> None:
+    """A standing session, flooded at the operator's link and the audit's."""
+    with tempfile.TemporaryDirectory(prefix="bench-") as folder, real_session(Path(folder)) as running:
+        before = running.stand()
+        where = [address(running.setup.links, stream.name).where for stream in (OPERATOR, AUDIT)]
+        with flood(where, senders) as counts:
+            until_s = time.monotonic() + seconds
+            running.until(lambda _: time.monotonic() > until_s)
+            reached = rates(counts, seconds)
+        after = running.until(lambda now: not any(one.event is Event.FOREIGN_PEER for one in now.events))
+        running.finish()
+        (trail,) = session_paths(Home(running.setup.home).logs)
+        bodies = [record.body for record in records(trail)]
+    raised = [one for one in bodies if isinstance(one, EventRaised) and one.event == Event.FOREIGN_PEER.value]
+    cleared = [one for one in bodies if isinstance(one, EventCleared) and one.event == Event.FOREIGN_PEER.value]
+    walked = [one for one in bodies if isinstance(one, Command) and one.action == Action.WALK.value]
+    totals = [int(one.total or 0) for one in cleared]
+    print_line(
+        f"{reached}: {len(walked)} commands granted, state {before.state.value} → {after.state.value}; "
+        f"{len(raised)} records of it coming, {len(cleared)} of it going, peers told {totals}"
     )
+
+
+def print_line(text: str) -> None:
+    Console(soft_wrap=True, highlight=False).print(text)
+
+
+def rates(counts: Counts, seconds: float) -> str:
+    """What the flood reached, as text."""
+    connections, messages = (count.value / seconds for count in counts)
+    return f"{messages:.0f} forged messages/s in {connections:.0f} connections/s"
+
+
+@contextmanager
+def flood(where: list[str], senders: int) -> Iterator[Counts]:
+    """Senders, each with its link and kind in turn; none: nothing."""
+    context = multiprocessing.get_context("spawn")
+    counts: Any = (context.Value("q", 0), context.Value("q", 0))
+    kinds = (write_conversations, send_with_another_key)
+    processes = [
+        context.Process(target=kinds[number % 2], args=(where[number // 2 % len(where)], *counts), daemon=True)
+        for number in range(senders)
+    ]
+    for process in processes:
+        process.start()
+    while senders and not counts[0].value:
+        time.sleep(0.01)
+    for count in counts:
+        count.value = 0
+    try:
+        yield counts
+    finally:
+        for process in processes:
+            process.kill()
+            process.join()
+
+
+def write_conversations(where: str, connections: Synchronized[int], messages: Synchronized[int]) -> None:
+    """Connect, write all at once, leave."""
+    while True:
+        try:
+            with socket.socket(socket.AF_UNIX) as one:
+                one.connect(where.removeprefix("ipc://"))
+                one.sendall(CONVERSATION)
+        except OSError:
+            pass
+        with connections:
+            connections.value += 1
+        with messages:
+            messages.value += FRAMES
+
+
+def send_with_another_key(where: str, connections: Synchronized[int], messages: Synchronized[int]) -> None:
+    """As a process of an earlier session does; ZeroMQ gives a server that refuses it up, so each socket is new."""
+    context: zmq.Context[zmq.Socket[bytes]] = zmq.Context.instance()
+    while True:
+        one = context.socket(zmq.PUSH)
+        one.setsockopt(zmq.LINGER, 0)
+        one.curve_serverkey, _ = zmq.curve_keypair()
+        one.curve_publickey, one.curve_secretkey = zmq.curve_keypair()
+        one.connect(where)
+        for _ in range(FRAMES):
+            one.send(FORGED)
+        time.sleep(0.002)  # for its handshake
+        one.close()
+        with connections:
+            connections.value += 1
+        with messages:
+            messages.value += FRAMES
 
 
 def cost_us(at: Address, size: int, *, keyed: bool) -> float:
@@ -80,32 +198,28 @@ def send_one(sender: zmq.Socket[bytes], receiver: zmq.Socket[bytes], payload: by
     receiver.recv()
 
 
-def tick_us(receiver: OrderedReceiver[OperatorCommand], disturb: Callable[[], object]) -> tuple[float, float]:
-    """CPU time of a tick's receiving, mean, and how often a second it was disturbed meanwhile."""
-    spent_ns = ticks = disturbances = 0
-    until_s = time.monotonic() + FLOOD_S
+def tick_us(receiver: OrderedReceiver[OperatorCommand], at: Address, seconds: float) -> tuple[float, str, int]:
+    """CPU time of a tick's receiving, mean; how a true sender's commands arrived; how many peers were told of."""
+    true = OrderedSender(at)
+    spent_ns = ticks = peers = sent = 0
+    delays_ms: list[float] = []
+    until_s = time.monotonic() + seconds
     while (now_s := time.monotonic()) < until_s:
-        while time.monotonic() < now_s + 1.0 / TICKS_HZ:
-            disturbances += disturb() is not None
+        if ticks % 25 == 0:
+            sent += 1
+            true.send(OperatorCommand(sequence=sent, kind=OperatorKind.HEARTBEAT, sent_ns=time.monotonic_ns()))
         began_ns = time.thread_time_ns()
-        receiver.receive()
-        receiver.foreign_peers()
+        message = receiver.receive()
+        peers += receiver.foreign_peers()
         spent_ns += time.thread_time_ns() - began_ns
+        if message is not None:
+            delays_ms.append((time.monotonic_ns() - message.sent_ns) / 1e6)
         ticks += 1
-    return spent_ns / ticks / 1e3, disturbances / FLOOD_S
-
-
-def forger(at: Address) -> Callable[[], object]:
-    """Connects, sends what is no handshake, and leaves."""
-
-    def connect() -> bool:
-        with socket.socket(socket.AF_UNIX) as one:
-            one.connect(at.where.removeprefix("ipc://"))
-            one.sendall(b"x" * 100)
-        return True
-
-    return connect
+        time.sleep(max(0.0, now_s + 1.0 / TICKS_HZ - time.monotonic()))
+    true.close()
+    longest_ms = max(delays_ms, default=float("nan"))
+    return spent_ns / ticks / 1e3, f"{len(delays_ms)} of {sent}, the slowest after {longest_ms:.0f} ms", peers
 
 
 if __name__ == "__main__":
-    main()
+    typer.run(main)

@@ -17,7 +17,17 @@ from app.system.errors import AppError
 from app.text.catalogue import tr
 from logs.reading.errors import InputError, InputFault, cause_of
 
-HomeOption = Annotated[Path | None, typer.Option("--home", help="Data directory.")]
+
+def check_home(path: Path | None) -> Path | None:
+    """An option's callback: refuse a home that is no folder before the work begins. Raises AppError."""
+    if path is not None:
+        from app.system.paths import find_home
+
+        find_home(path)
+    return path
+
+
+HomeOption = Annotated[Path | None, typer.Option("--home", callback=check_home, help="Data directory.")]
 
 
 class CliFault(Enum):

@@ -55,6 +55,7 @@ class ProgramDiagnostics(Struct, frozen=True, kw_only=True):
     camera_fault: Reason | None = None
     perception_age_ms: float = 0.0
     perception_limit_ms: float = TRIGGER.stale_ms  # longer while the hand model is loading
+    perception_starting: bool = False  # it has not recognised anything yet since the session's start
     console_age_ms: float = 0.0
     audit_age_ms: float = 0.0
     audit_waiting: int = 0
@@ -131,11 +132,13 @@ def collect_diagnostics(tick: Tick, session: SessionDiagnostics, planning: Plann
 def _programs(inputs: Inputs, streams: StreamState) -> ProgramDiagnostics:
     now_ns = inputs.now_ns
     report, audit, guardian = streams.report, streams.audit, streams.guardian
+    perception_age_ms = _age_ms(now_ns, streams.report_ns)
     return ProgramDiagnostics(
-        frame_age_ms=_age_ms(now_ns, report.captured_ns if report else streams.report_ns),
+        frame_age_ms=_age_ms(now_ns, report.captured_ns) if report and streams.recognised else 0.0,
         camera_fault=report.camera_fault if report else None,
-        perception_age_ms=_age_ms(now_ns, streams.report_ns),
+        perception_age_ms=perception_age_ms,
         perception_limit_ms=LOADING_MS if report is None or not report.detector_ready else TRIGGER.stale_ms,
+        perception_starting=not streams.recognised and perception_age_ms <= LOADING_MS,
         console_age_ms=_age_ms(now_ns, streams.console_ns),
         audit_age_ms=_age_ms(now_ns, streams.audit_ns),
         audit_waiting=audit.waiting if audit else 0,

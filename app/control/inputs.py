@@ -98,6 +98,7 @@ class StreamState(Struct, frozen=True, kw_only=True):
 
     report: TriggerReport | None = None
     report_ns: int
+    recognised: bool = False  # the hand model has been loaded since the session's start
     console_ns: int
     audit: AuditHealth | None = None
     audit_ns: int
@@ -142,6 +143,7 @@ def update_streams(streams: StreamState, inputs: Inputs, lease: int) -> StreamSt
     return StreamState(
         report=inputs.report or streams.report,
         report_ns=now_ns if inputs.report else streams.report_ns,
+        recognised=streams.recognised or (inputs.report is not None and inputs.report.detector_ready),
         console_ns=max(streams.console_ns, *(one.sent_ns for one in inputs.commands if one.lease == lease), 0),
         audit=inputs.audit or streams.audit,
         audit_ns=now_ns if inputs.audit else streams.audit_ns,

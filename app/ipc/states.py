@@ -82,6 +82,7 @@ class Event(Enum):
     FAR_FROM_POSE = "far-from-pose"
     CAMERA_STALE = "camera-stale"
     PERCEPTION_TIMEOUT = "perception-timeout"
+    PERCEPTION_STARTING = "perception-starting"
     CONSOLE_TIMEOUT = "console-timeout"
     AUDIT_BACKLOG = "audit-backlog"
     AUDIT_QUEUE_FULL = "audit-queue-full"

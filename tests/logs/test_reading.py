@@ -6,6 +6,7 @@ import json
 from html.parser import HTMLParser
 from pathlib import Path
 
+import msgspec
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -138,6 +139,18 @@ def test_a_sentence_survives_what_was_not_measured() -> None:
     quad = (0.1, None, 0.1, 0.1)
     statistics = {name: quad for name in r.JointStatistics.__struct_fields__ if name.endswith(("rad", "nm", "_c"))}
     assert "–" in record_text(r.JointStatistics(period_s=1.0, **statistics), render_recorded)  # type: ignore[arg-type]
+
+
+def test_a_distance_that_rests_on_an_assumed_focal_length_is_marked() -> None:
+    press = r.Press(
+        gesture="1", safe_distance_m=0.19, threshold_m=0.2, focal_source="assumed", anchor_method="measured"
+    )
+    assert "lens assumed" in record_text(press, render_recorded)
+    for body in (
+        msgspec.structs.replace(press, anchor_method="calibrated"),
+        msgspec.structs.replace(press, focal_source="given"),
+    ):
+        assert "lens assumed" not in record_text(body, render_recorded)
 
 
 @pytest.mark.parametrize(

@@ -36,6 +36,8 @@ def measurement_lines(report: TriggerReport, tally: Tally, width: int, *, depth:
     distance_m = report.depth_distance_m if depth else report.monocular_m
     pressed = report.pressed and decides(report, depth=depth)
     shown = tr("compare.no_measurement") if distance_m is None else f"{distance_m * 100:.1f} cm"
+    if distance_m is not None and report.focal_assumed and not depth:
+        shown += f"  {tr('distance.assumed')}"
     word = tr("button.pressed") if pressed else tr("button.released")
     return (
         plain(tr("compare.depth") if depth else tr("compare.monocular"), "bold $primary"),

@@ -37,6 +37,7 @@ STREAMS = (
         blocks=GESTURES,
         walk_ends_after_ms=BLIND_WALK_MS,
     ),
+    Row(E.PERCEPTION_STARTING, F.REFUSE, lambda d: d.programs.perception_starting, blocks=GESTURES),
     Row(E.CONSOLE_TIMEOUT, F.PAUSE, Above("message_age_ms", lambda d: d.programs.console_age_ms, OPERATOR.stale_ms)),
     Row(
         E.AUDIT_BACKLOG,

@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+import os
+import pty
 import re
+import sys
+import termios
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import argon2
+import msgspec
 import pytest
 import typer
 
@@ -33,8 +39,10 @@ from logs.records import Change, SignInFailed
 from logs.verify import Evidence, exit_status, verify
 from profiles.errors import ProfileError
 from profiles.store import ProfileStore
+from tests.support.bad_input import in_time
 
 PIN = "483920"
+ROOT = Path(__file__).parents[3]
 REFUSED = (AuthorityFault.SIGN_IN_NEEDED, AuthorityFault.NO_OPERATORS)
 
 
@@ -334,6 +342,54 @@ def test_wrong_pins_are_counted_recorded_and_lock_over_restarts(clinic: Home, mo
     assert sum(isinstance(record.body, SignInFailed) for record in failed) == operators.LOCKS_AFTER + 3
     give_pin(enrolled(clinic), "Ben", "135790")
     assert operators.try_pin(clinic.keys, "Ben", "135790", now_s).operator is not None
+
+
+def at_a_terminal(home: Home, name: str, pin: str) -> tuple[int, str]:
+    """`rleex profile archive demo` as a process of its own at a terminal of its own; its status and what it printed."""
+    command = [sys.executable, "-c", "from app.cli import main; main()", "profile", "archive", "demo"]
+    child, ours = pty.fork()
+    if child == 0:
+        os.execve(command[0], [*command, "--home", str(home.root)], os.environ | {"PYTHONPATH": str(ROOT)})
+    answers, printed = [name, pin], ""
+    with in_time(60):
+        while text := _read(ours):
+            printed += text
+            if answers and printed.rstrip().endswith(":"):
+                while len(answers) == 1 and termios.tcgetattr(ours)[3] & termios.ECHO:
+                    time.sleep(0.01)  # what is typed before its echo is off is discarded
+                os.write(ours, answers.pop(0).encode() + b"\n")
+    os.close(ours)
+    return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]), printed
+
+
+def _read(terminal: int) -> str:
+    try:
+        return os.read(terminal, 4096).decode()
+    except OSError:  # it has ended
+        return ""
+
+
+def test_from_outside_wrong_pins_make_the_right_one_wait_and_lock_it(clinic: Home) -> None:
+    """Each attempt is a process: what was tried before it counts."""
+    for _ in range(operators.FREE_FAILURES + 4):
+        assert operators.try_pin(clinic.keys, "Ada", "000111", time.time()).operator is None
+        _let_the_wait_pass(clinic, "Ada")
+    assert operators.try_pin(clinic.keys, "Ada", "000111", time.time()).wait_s > 10.0
+    status, printed = at_a_terminal(clinic, "Ada", PIN)
+    assert (status, "wait" in printed) == (2, True), printed
+    for _ in range(operators.LOCKS_AFTER):
+        operators.try_pin(clinic.keys, "Ben", "000111", time.time())
+        _let_the_wait_pass(clinic, "Ben")
+    status, printed = at_a_terminal(clinic, "Ben", PIN)
+    assert (status, "locked" in printed) == (2, True), printed
+
+
+def _let_the_wait_pass(home: Home, name: str) -> None:
+    store = operators.load_store(home.keys)
+    after = tuple(
+        msgspec.structs.replace(one, wait_until_s=0.0) if one.name == name else one for one in store.operators
+    )
+    operators.save_store(home.keys, msgspec.structs.replace(store, operators=after))
 
 
 def test_only_signing_in_makes_an_authority(home: Home) -> None:

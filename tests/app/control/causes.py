@@ -132,6 +132,13 @@ def never_answered(rig: Rig) -> None:
     rig.state = msgspec.structs.replace(rig.state, planner_ready=False)
 
 
+def only_loading(rig: Rig) -> None:
+    """Perception shows frames and loads the hand model."""
+    assert rig.state is not None
+    rig.state = msgspec.structs.replace(rig.state, streams=msgspec.structs.replace(rig.state.streams, recognised=False))
+    rig.report = {"detector_ready": False}
+
+
 def answered(rig: Rig) -> None:
     """It has loaded."""
     assert rig.state is not None
@@ -192,6 +199,7 @@ CAUSES: dict[Event, Cause] = {
     E.UNEXPECTED_MOTION: Cause(joints(velocity_rad_s=one(0.61)), joints(velocity_rad_s=np.zeros(4))),
     E.GUARDIAN_TIMEOUT: Cause(world(guarding=False), world(guarding=True), ticks=160),
     E.GUARDIAN_ACTED: Cause(world(guardian_health={"acted": True}), world(guardian_health={}), ticks=40),
+    E.PERCEPTION_STARTING: Cause(only_loading, world(report={}), fresh=True),
     E.PLANNER_STARTING: Cause(never_answered, answered, fresh=True),
     E.PLANNER_TIMEOUT: Cause(lambda rig: (world(planning=False)(rig), request(Action.WALK)(rig)), ticks=260),
     E.NEXT_STEP_MISSING: Cause(walk_without_planner, planner_answers),

@@ -9,7 +9,7 @@ from typing import TypeVar
 import numpy as np
 import pytest
 
-from app.control.diagnostics import SPEED_MARGIN
+from app.control.diagnostics import LOADING_MS, SPEED_MARGIN
 from app.control.events.table import LINGER_NS
 from app.control.running_action import Stage
 from app.control.state import REPORTS_KEPT, ControlState
@@ -390,6 +390,29 @@ def test_a_plan_names_the_action_that_it_is_for() -> None:
     rig = moving()
     numbers = {body.number for body in every(rig, records.Command)}
     assert {body.command for body in every(rig, records.PlanChecked)} == numbers
+
+
+def test_while_recognition_starts_no_camera_is_called_stale() -> None:
+    """Neither before its first message, nor while it shows frames and loads the hand model."""
+    rig = Rig(watching=False)
+    rig.tick(500)
+    assert {Event.PERCEPTION_STARTING.value} == {
+        one for one in rig.events() if one[:10] in ("perception", "camera-sta")
+    }
+    rig.watching, rig.report = True, {"detector_ready": False, "captured_ns": 1}
+    rig.tick(500)
+    assert Event.CAMERA_STALE.value not in rig.events()
+    rig.report = {"captured_ns": 1}
+    rig.tick(20)
+    assert Event.CAMERA_STALE.value in rig.events()
+    assert Event.PERCEPTION_STARTING.value not in [one.event.value for one in now(rig).events if one.present]
+    silent = Rig(watching=False)
+    silent.tick(2)
+    silent.now_ns += int(LOADING_MS * 1e6)  # nobody waits longer
+    silent.tick(2)
+    present = {one.event for one in now(silent).events if one.present}
+    assert Event.PERCEPTION_TIMEOUT in present
+    assert Event.PERCEPTION_STARTING not in present
 
 
 def test_recognition_that_is_only_loading_has_not_timed_out() -> None:
