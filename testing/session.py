@@ -30,7 +30,7 @@ from app.motion.preflight import run_preflight
 from app.session import host as hosting
 from app.session.shared import held_session
 from app.system.authority import demonstration
-from app.system.config import Config, JointsConfig, SessionSetup
+from app.system.config import Config, JointsConfig, RecordingConfig, SessionSetup
 from app.system.paths import Home, find_home
 from hal.joints.can.bus import open_bus
 from hal.joints.device import BusDevice, load_exoskeleton
@@ -176,11 +176,17 @@ class RealSession(WatchedSession):
         perception: bool = False,
         group: Path | None = None,
         unattended_s: float = 120.0,
+        recording: bool = False,
     ) -> None:
         """group: the kernel's control group that all its processes are to be in. unattended_s: without a console."""
         self._taken: hosting.SessionHost | None = None  # by another console, which is this process
         model = str(find_home().models / "hand_landmarker.task") if perception else ""
-        config = Config(joints=joints or JointsConfig(), model=model, unattended_s=unattended_s)
+        config = Config(
+            joints=joints or JointsConfig(),
+            model=model,
+            unattended_s=unattended_s,
+            recording=RecordingConfig(on=recording),
+        )
         if config.joints.kind == "can":
             device = load_exoskeleton()
             run_preflight(Home(home), patient_of(DEMO_PATIENT, device), device, (Action.INITIALISE,))
@@ -266,9 +272,12 @@ def real_session(
     perception: bool = False,
     group: Path | None = None,
     unattended_s: float = 120.0,
+    recording: bool = False,
 ) -> Iterator[RealSession]:
     """A session that is ended whatever happens."""
-    session = RealSession(home, joints, perception=perception, group=group, unattended_s=unattended_s)
+    session = RealSession(
+        home, joints, perception=perception, group=group, unattended_s=unattended_s, recording=recording
+    )
     try:
         yield session
     finally:

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 # Module → the extra that brings it: what a session needs none of.
 EXTRAS = {
     **dict.fromkeys(("matplotlib", "sklearn", "threadpoolctl"), "evaluate"),
-    **dict.fromkeys(("duckdb", "jinja2", "pyarrow"), "analysis"),
+    **dict.fromkeys(("duckdb", "ezc3d", "jinja2", "pyarrow"), "analysis"),
 }
 USER_ERRORS = (AppError, HardwareError, KgdfaError, AuditError, ProfileError)
 

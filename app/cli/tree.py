@@ -20,6 +20,7 @@ _COMMANDS = {
     "simulate": "simulate",
     "doctor": "machine",
     "emulate-drives": "emulate",
+    "export": "export",
     "model": "machine",
     "locate": "machine",
     "configure": "machine",

@@ -93,9 +93,14 @@ def find_recording(folder: Path, named: str) -> Path:
     return matches[0]
 
 
+def session_of(path: Path) -> str:
+    """The session that a recording is of."""
+    return path.name.partition(".")[0]
+
+
 def trail_of(path: Path) -> Path:
     """The trail beside a recording."""
-    return path.with_name(f"{path.name.partition('.')[0]}.jsonl")
+    return path.with_name(f"{session_of(path)}.jsonl")
 
 
 def messages(recording: Recording, *topics: str) -> Iterator[Sample]:
