@@ -1,8 +1,9 @@
 """Which hand commands: every hand in view is followed, and refused with a reason unless it is the enrolled one.
 
 A hand's side is voted over its frames that show a gesture, with hysteresis; where its arm came from is what its first
-frames showed. Both end with the track. The size of a hand tells nobody from another: one camera sees size over
-distance, and MediaPipe's world landmarks give every palm about the same size (docs/decisions.md).
+frames showed. Both end with the track, and begin anew where one hand can't have moved so (`kgdfa/continuity.py`) or two
+overlap: there the detector may follow from the one hand to the other. The size of a hand tells nobody from another: one
+camera sees size over distance, and MediaPipe's world landmarks give every palm about the same size (docs/decisions.md).
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from enum import Enum
 
 import numpy as np
 
+from kgdfa.continuity import DOUBTFUL_FRAMES, HandFrame, Jump, jump_between
 from kgdfa.gesture import Explanation
 from kgdfa.hand import FloatArray, Hand, Keypoint, Side
 
@@ -28,12 +30,14 @@ LARGEST_GROWTH, FURTHER_GROWTH = 1.6, 1.35
 EQUAL_CLAIM = 0.75  # a second hand this large, relative to the first, claims the command as well
 # Log-odds of the side, as the detector's scores give them: what one frame may add, from where the side counts as known
 # (two sure frames), and what all frames together may reach. A hand that is followed can't change its side, but the
-# detector may err for a moment, so frames against a known side count half. A run of sure ones means that the tracker
-# has slipped onto another hand: the side is voted anew.
-SIDE_STEP, SIDE_KNOWN, SIDE_MOST, SIDE_AGAINST = 2.0, 4.0, 60.0, 0.5
-SLIPPED_FRAMES, SURE = 8, 0.8
+# detector may err for a moment, so frames against a known side count half. As many sure ones in a row as make a vote
+# let the hand be judged anew: the tracker may have slipped onto another.
+SIDE_STEP, SIDE_KNOWN, SIDE_MOST, SIDE_AGAINST = 2.0, 4.0, 12.0, 0.5
+CONTRARY_FRAMES, SURE = 3, 0.8
 AMBIGUOUS = 0.5  # `signing` of a gesture whose side the detector may miss all along: the rendered 3
-KEPT_NS = 1_000_000_000  # a hand that comes back so soon, to where it was lost, is still known
+OVERLAP_REFERENCES = REACH_REFERENCES  # two palms this near touch, and may be taken for one another in the next frame
+SAME_POINTS_REFERENCES = 0.5  # two detections whose keypoints are this near on average are one hand, found twice
+HINT_NS = 500_000_000  # how long the screen says that a hand is judged anew
 ENTRY_FRAMES = 10  # of a track show where its arm comes from
 LEAST_ENTRY_FRAMES = 3  # as many as a gesture's vote needs
 ARM_LIMIT_RAD = math.radians(75)
@@ -51,6 +55,8 @@ class HandRefusal(Enum):
     SIDE_UNCLEAR = "side unclear"  # log_odds, limit
     STILL = "still"  # moved: reference segments, limit, duration_s
     TWO_HANDS = "two hands"  # share: of the larger one's size, limit
+    OVERLAP = "overlap"  # apart: reference segments between the palms, limit
+    JUMPED = "jumped"  # jump: what can't be, value, limit
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -67,6 +73,8 @@ class Track:
 
     side_log_odds: positive for right. arm: sum of the arm's directions in the first frames, unit vectors as complex
     numbers. moved: farthest mean displacement of its keypoints from the first frame, reference segments.
+    trusted: the newest one that may have come of those before; doubtful: frames in a row since that may not.
+    anew: why, and anew_ns: when it was last judged anew.
     """
 
     hand: Hand | None = None
@@ -82,6 +90,10 @@ class Track:
     began_ns: int
     captured_ns: int
     moved: float = 0.0
+    trusted: HandFrame
+    doubtful: int = 0
+    anew: Explanation | None = None
+    anew_ns: int = 0
 
     @property
     def side(self) -> Side | None:
@@ -100,7 +112,7 @@ class Tracks:
     made: int = 0
     refusal: Explanation | None = None
     known: bool = False  # the commanding one is the enrolled one for certain
-    gone: Track | None = None  # the last that was lost while it commanded
+    captured_ns: int = 0
 
     @property
     def commanding(self) -> Track | None:
@@ -133,21 +145,29 @@ def update_tracks(
     enrolment: None refuses nobody; the largest hand is taken, unless another claims as well. signing: which hands
     show a gesture (1; 0: none; AMBIGUOUS), () for all; only then their side counts: at rest it may be either.
     """
-    before = tracks.commanding
+    hands = _without_doubles(hands)
     weights = {id(hand): signs for hand, signs in zip(hands, signing, strict=False)}
-    followed, others = _continued(tracks.followed, hands, captured_ns, weights)
-    gone = before if before and all(track.number != before.number for track in followed) else tracks.gone
-    made = tracks.made
+    followed, others = _continued(tracks, hands, captured_ns, weights)
+    made, number = tracks.made, tracks.number
     for hand in others:
         made += 1
-        followed.append(_advanced(_begun(hand, made, captured_ns, gone), hand, captured_ns, weights))
-    return _decided(Tracks(followed=tuple(followed), number=tracks.number, made=made, gone=gone), enrolment)
+        followed.append(_advanced(_begun(hand, made, captured_ns), hand, captured_ns, 0, weights))
+    if enrolment is not None:
+        followed = [_overlapping(track, followed, captured_ns) for track in followed]
+        for place, track in enumerate(followed):
+            if track.anew is not None and track.anew_ns == captured_ns:  # no vote is carried across
+                made += 1
+                number = made if track.number == number else number
+                followed[place] = replace(track, number=made)
+    now = Tracks(followed=tuple(followed), number=number, made=made, captured_ns=captured_ns)
+    return _decided(now, enrolment)
 
 
 def _continued(
-    followed: tuple[Track, ...], hands: tuple[Hand, ...], captured_ns: int, weights: dict[int, float]
+    tracks: Tracks, hands: tuple[Hand, ...], captured_ns: int, weights: dict[int, float]
 ) -> tuple[list[Track], list[Hand]]:
     """Every track with its hand, the nearest pairs first; and the hands that belong to none."""
+    followed, elapsed_ns = tracks.followed, captured_ns - tracks.captured_ns
     pairs = sorted(
         (reach, place, number)
         for place, track in enumerate(followed)
@@ -160,7 +180,7 @@ def _continued(
         if place not in found and number not in found.values():
             found[place] = number
     continued = [
-        _advanced(track, hands[found[place]], captured_ns, weights)
+        _advanced(track, hands[found[place]], captured_ns, elapsed_ns, weights)
         if place in found
         else replace(track, hand=None, lost=track.lost + 1)
         for place, track in enumerate(followed)
@@ -169,39 +189,97 @@ def _continued(
     return [track for track in continued if track.lost <= LOST_FRAMES], others
 
 
-def _begun(hand: Hand, number: int, captured_ns: int, gone: Track | None) -> Track:
-    begun = Track(last=hand, number=number, first_px=hand.image_px, began_ns=captured_ns, captured_ns=captured_ns)
-    if gone is None or captured_ns - gone.captured_ns > KEPT_NS or not _same_hand(hand, gone, captured_ns):
-        return begun
-    near = _reach(hand, gone.last) <= REACH_REFERENCES + REACH_GROWTH_REFERENCES * LOST_FRAMES
-    return replace(begun, side_log_odds=gone.side_log_odds, moved=gone.moved) if near else begun
+def _without_doubles(hands: tuple[Hand, ...]) -> tuple[Hand, ...]:
+    """Without a second detection of one hand."""
+    return tuple(
+        hand
+        for place, hand in enumerate(hands)
+        if all(_apart(hand, one) > SAME_POINTS_REFERENCES for one in hands[:place])
+    )
 
 
-def _advanced(track: Track, hand: Hand, captured_ns: int, weights: dict[int, float]) -> Track:
-    arm = _arm(hand) if track.arm_frames < ENTRY_FRAMES else None
-    signs, contrary = weights.get(id(hand), 1.0), track.contrary
-    if signs == 1.0:
-        against = track.side not in {None, hand.side} and hand.presence >= SURE
-        contrary = contrary + 1 if against else 0
-    slipped = contrary >= SLIPPED_FRAMES
-    away = hand.image_px - track.first_px
-    away_px = float(np.add.reduce(np.sqrt(np.vecdot(away, away)))) / len(away)
-    return replace(
+def _apart(hand: Hand, other: Hand) -> float:
+    """Mean distance of their keypoints, reference segments."""
+    return _mean_px(hand.image_px - other.image_px) / max(hand.reference_px, other.reference_px, 1.0)
+
+
+def _mean_px(shifts_px: FloatArray) -> float:
+    return float(np.add.reduce(np.sqrt(np.vecdot(shifts_px, shifts_px)))) / len(shifts_px)
+
+
+def _begun(hand: Hand, number: int, captured_ns: int) -> Track:
+    return Track(
+        last=hand,
+        number=number,
+        first_px=hand.image_px,
+        began_ns=captured_ns,
+        captured_ns=captured_ns,
+        trusted=HandFrame(hand=hand),
+    )
+
+
+def _advanced(track: Track, hand: Hand, captured_ns: int, elapsed_ns: int, weights: dict[int, float]) -> Track:
+    """The track with its hand of one more frame; judged anew where that hand can't have come of those before."""
+    signs = weights.get(id(hand), 1.0)
+    now = HandFrame(hand=hand, ambiguous=signs == AMBIGUOUS)
+    followed = replace(
         track,
         hand=hand,
         last=hand,
         lost=0,
-        side_log_odds=0.0 if slipped else _side_log_odds(track, hand) if signs else track.side_log_odds,
         signing=track.signing + bool(signs),
-        contrary=0 if slipped else contrary,
+        captured_ns=captured_ns,
+        moved=max(track.moved, _mean_px(hand.image_px - track.first_px) / max(hand.reference_px, 1.0)),
+    )
+    jump = jump_between(track.trusted, now, elapsed_ns, track.lost)
+    if jump is not None and track.doubtful < DOUBTFUL_FRAMES and jump.code is not Jump.UNSEEN:
+        return replace(followed, doubtful=track.doubtful + 1)
+    contrary = _contrary(track, hand, signs)
+    if jump is None and contrary >= CONTRARY_FRAMES:
+        jump = Explanation(Jump.SIDE, {"value": contrary, "limit": CONTRARY_FRAMES})
+    followed = replace(followed, doubtful=0, trusted=now, contrary=0 if jump is not None else contrary)
+    if jump is not None:
+        return _anew(followed, Explanation(HandRefusal.JUMPED, {"jump": jump.code, **jump.values}), captured_ns)
+    arm = _arm(hand) if track.arm_frames < ENTRY_FRAMES else None
+    return replace(
+        followed,
+        side_log_odds=_side_log_odds(track, hand, signs),
         arm=track.arm + (arm or 0),
         arm_frames=track.arm_frames + (arm is not None),
-        captured_ns=captured_ns,
-        moved=max(track.moved, away_px / max(hand.reference_px, 1.0)),
     )
 
 
-def _side_log_odds(track: Track, hand: Hand) -> float:
+def _contrary(track: Track, hand: Hand, signs: float) -> int:
+    """Frames in a row that are sure of the other side; unsure ones, and those that tell no side, change nothing."""
+    if signs != 1.0 or track.side is None or hand.presence < SURE:
+        return track.contrary
+    return track.contrary + 1 if hand.side is not track.side else 0
+
+
+def _anew(track: Track, why: Explanation, captured_ns: int) -> Track:
+    return replace(track, side_log_odds=0.0, arm=0j, arm_frames=0, anew=why, anew_ns=captured_ns)
+
+
+def _overlapping(track: Track, followed: list[Track], captured_ns: int) -> Track:
+    """Judged anew in every frame in which another hand is within its reach."""
+    hand = track.hand
+    others = [one.hand for one in followed if one.hand is not None and one is not track]
+    apart = min((_palms_apart(hand, other) for other in others), default=math.inf) if hand is not None else math.inf
+    if apart > OVERLAP_REFERENCES:
+        return track
+    values = {"apart": apart, "limit": OVERLAP_REFERENCES}
+    return _anew(track, Explanation(HandRefusal.OVERLAP, values), captured_ns)
+
+
+def _palms_apart(hand: Hand, other: Hand) -> float:
+    """How far the two palms are apart on the image, in the mean of their reference segments."""
+    return 2 * hand.palm_shift_px(other) / max(hand.reference_px + other.reference_px, 1.0)
+
+
+def _side_log_odds(track: Track, hand: Hand, signs: float) -> float:
+    """Frames without a gesture tell no side, and an ambiguous one does not speak against a known one."""
+    if not signs or (signs == AMBIGUOUS and track.side not in {None, hand.side}):
+        return track.side_log_odds
     score = min(max(hand.presence, 0.5), 1 - 1e-9)
     step = min(math.log(score / (1 - score)), SIDE_STEP) * (1 if track.side in (None, hand.side) else SIDE_AGAINST)
     after = track.side_log_odds + (step if hand.side is Side.RIGHT else -step)
@@ -258,11 +336,15 @@ def _is_known(track: Track, enrolment: Enrolment | None) -> bool:
 
 
 def _commanded(tracks: Tracks, track: Track, enrolment: Enrolment | None) -> Tracks:
-    """This hand commands: once it is known to be the enrolled one."""
+    """This hand commands: once it is known to be the enrolled one, and while it may be the same one."""
     known = _is_known(track, enrolment)
-    unclear = not known and track.side is None and track.signing >= UNCLEAR_FRAMES
-    values = {"log_odds": track.side_log_odds, "limit": SIDE_KNOWN}
-    refusal = Explanation(HandRefusal.SIDE_UNCLEAR, values) if unclear else None
+    refusal = None
+    if not known and tracks.captured_ns - track.anew_ns <= HINT_NS:
+        refusal = track.anew
+    elif not known and track.side is None and track.signing >= UNCLEAR_FRAMES:
+        values = {"log_odds": track.side_log_odds, "limit": SIDE_KNOWN}
+        refusal = Explanation(HandRefusal.SIDE_UNCLEAR, values)
+    known = known and (enrolment is None or not track.doubtful)
     return replace(tracks, number=track.number, known=known, refusal=refusal)
 
 

@@ -134,19 +134,26 @@ def foreign(
     frames: Annotated[int, typer.Option(help="Frames with a foreign hand.", min=0)] = 10_000,
     attempts: Annotated[
         int, typer.Option("--trials", help="Pushes of the enrolled hand, alone and beside a foreign one.", min=0)
-    ] = 24,
+    ] = 100,
     seed: Annotated[int, typer.Option(help="Another seed, other hands and movements.", min=0, max=MAX_SEED)] = 1,
+    keep: Annotated[
+        Path | None,
+        typer.Option(callback=check_output, help="Keep each clip's figures in this file; go on where it ends."),
+    ] = None,
+    workers: Workers = 2,
     json_file: Json = None,
     home: HomeOption = None,
 ) -> None:
     """A second person's hand that signs and pushes: no command may come of it, none of the enrolled hand's be lost."""
-    from app.evaluate.trigger.foreign import costs_table, evaluate_foreign, foreign_table, measure_costs, steps, summary
+    from app.evaluate.trigger import foreign as scenes
+    from app.evaluate.trigger.foreign_clips import clips
 
-    with open_detector(home) as detector, progress("simulating", steps(frames, attempts)) as step:
-        result = evaluate_foreign(detector, frames=frames, pushes=attempts, seed=seed, step=step)
-    costs = measure_costs(hand_model(home))
+    wanted = clips(frames=frames, pushes=attempts, seed=seed)
+    with detector_processes(home, workers, len(wanted)) as (pool, step):
+        result = scenes.evaluate_foreign(pool, wanted, step, keep)
+    costs = scenes.measure_costs(hand_model(home))
     write_json({**msgspec.to_builtins(result), "cpu_ms": costs}, json_file)
-    show(foreign_table(result), summary(result), costs_table(costs))
+    show(scenes.foreign_table(result), scenes.pushes_table(result), scenes.costs_table(costs))
     if result.interrupted:
         show(tr("evaluate.foreign.interrupted"))
     if result.interrupted or result.commands:

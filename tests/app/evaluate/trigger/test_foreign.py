@@ -3,13 +3,27 @@
 from __future__ import annotations
 
 import math
+from concurrent.futures import Future
+from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+from app.evaluate.digital import PoolDetector
 from app.evaluate.trigger import foreign
-from app.evaluate.trigger.foreign import ForeignKind, evaluate_foreign, steps, turned
+from app.evaluate.trigger.foreign import ForeignResult, PushResult, evaluate_foreign
+from app.evaluate.trigger.foreign_clips import (
+    BESIDE_M,
+    CLIP_FRAMES,
+    OUTSIDE_M,
+    Clip,
+    ForeignKind,
+    PushKind,
+    clips,
+    turned,
+)
 from hal.cameras.digital_hand.render import Rendered, Scene, keypoints_m, person_of, posed
 from kgdfa.hand import Hand
 from tests.app.evaluate.known_hands import known_hand
@@ -40,29 +54,72 @@ def inside(hand: Hand) -> bool:
     return bool(0 <= x < 1280 and 0 <= y < 720)
 
 
-def test_only_the_enrolled_hand_commands(monkeypatch: pytest.MonkeyPatch) -> None:
-    known = KnownHands()
-    monkeypatch.setattr(foreign, "render", known.render)
-    done = []
-    detector: Any = known
-    result = evaluate_foreign(detector, frames=5 * foreign.CLIP_FRAMES, pushes=1, seed=1, step=lambda: done.append(1))
-    assert len(done) == steps(5 * foreign.CLIP_FRAMES, 1)
-    assert (result.frames, result.commands, result.interrupted) == (5 * foreign.CLIP_FRAMES, 0, False)
-    assert (result.pushes, result.alone, result.beside) == (1, 1, 1)
+class HerePool:
+    """Runs each piece of work when it is asked for, before those hands."""
+
+    def __init__(self, known: KnownHands, stop_after: int = 1000) -> None:
+        inner: Any = known
+        self.detector, self._left = PoolDetector(inner), stop_after
+
+    def submit(self, _do: Any, work: Any, piece: Any) -> Future[Any]:
+        self._left -= 1
+        done: Future[Any] = Future()
+        if self._left < 0:
+            done.set_exception(KeyboardInterrupt())
+        else:
+            done.set_result(work(self.detector, piece))
+        return done
+
+
+@pytest.fixture
+def known(monkeypatch: pytest.MonkeyPatch) -> KnownHands:
+    hands = KnownHands()
+    monkeypatch.setattr(foreign, "render", hands.render)
+    return hands
+
+
+def run(known: KnownHands, wanted: list[Clip], keep: Path | None = None, stop_after: int = 1000) -> ForeignResult:
+    pool: Any = HerePool(known, stop_after)
+    return evaluate_foreign(pool, wanted, lambda: None, keep)
+
+
+def test_only_the_enrolled_hand_commands(known: KnownHands) -> None:
+    result = run(known, clips(frames=5 * CLIP_FRAMES, pushes=1, seed=1))
+    assert (result.frames, result.commands, result.interrupted) == (5 * CLIP_FRAMES, 0, False)
+    assert result.pushes == {"alone": PushResult(pushes=1, right=1), "beside": PushResult(pushes=1, right=1)}
     alone = (result.kinds[kind.value] for kind in (ForeignKind.OTHER_SIDE, ForeignKind.SAME_SIDE))
     assert [(one.without > 0, one.refused > 50) for one in alone] == [(True, True)] * 2
 
 
-def test_an_interrupt_keeps_what_there_is(monkeypatch: pytest.MonkeyPatch) -> None:
-    known = KnownHands()
-    monkeypatch.setattr(foreign, "render", known.render)
+def test_a_run_that_was_ended_goes_on_where_it_was(
+    known: KnownHands, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(foreign, "CLIP_FRAMES", 10)
+    wanted, keep = clips(frames=2 * CLIP_FRAMES, pushes=0, seed=1), tmp_path / "clips.jsonl"
+    ended = run(known, wanted, keep, stop_after=1)
+    assert (ended.frames, ended.interrupted) == (10, True)
+    rest: Any = HerePool(known, stop_after=1)
+    result = evaluate_foreign(rest, wanted, lambda: None, keep)
+    assert (result.frames, result.interrupted) == (20, False)
+    assert result == run(known, wanted)
 
-    def interrupt() -> None:
-        raise KeyboardInterrupt
 
-    detector: Any = known
-    result = evaluate_foreign(detector, frames=1000, pushes=5, seed=1, step=interrupt)
-    assert (result.frames, result.interrupted) == (foreign.CLIP_FRAMES, True)
+def test_clips_are_the_same_for_the_same_seed_and_others_for_another() -> None:
+    drawn = [clips(frames=1000, pushes=4, seed=seed) for seed in (1, 1, 2)]
+    assert drawn[0] == drawn[1]
+    assert all(one.other != two.other for one, two in zip(drawn[0], drawn[2], strict=True) if one.other is not None)
+    assert len({clip.name for clip in (*drawn[0], *drawn[2])}) == len(drawn[0]) + len(drawn[2])
+
+
+@pytest.mark.parametrize(
+    ("roll_deg", "aside", "kind"),
+    [(90, 1, PushKind.PAST), (90, -1, PushKind.BESIDE), (-90, 1, PushKind.BESIDE), (180, 1, PushKind.BESIDE)],
+)
+def test_a_hand_that_comes_from_the_other_side_reaches_across(roll_deg: int, aside: int, kind: PushKind) -> None:
+    push = next(clip for clip in clips(frames=0, pushes=1, seed=1) if clip.other is not None)
+    assert push.other is not None
+    other = replace(push.other, roll_rad=math.radians(roll_deg), shift_m=(aside * BESIDE_M, 0.0))
+    assert replace(push, other=other).push is kind
 
 
 @pytest.mark.parametrize("degrees", [0, 90, 180, -90])
@@ -75,4 +132,4 @@ def test_a_hand_reaches_in_along_its_arm(degrees: int) -> None:
     arm = (at[0] - at[9])[:2]
     shift = (gone - at).mean(axis=0)[:2]
     assert float(arm @ shift) / float(np.linalg.norm(arm) * np.linalg.norm(shift)) > 0.95
-    assert np.linalg.norm(shift) == pytest.approx(foreign.OUTSIDE_M)
+    assert np.linalg.norm(shift) == pytest.approx(OUTSIDE_M)

@@ -1,0 +1,149 @@
+"""The clips of `rleex evaluate foreign`: who is before the camera and what their hands do, drawn before any is run."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from enum import Enum
+
+import numpy as np
+
+from hal.cameras.digital_hand.driver import DigitalHandCamera
+from hal.cameras.digital_hand.render import Scene, person_of
+from kgdfa.gesture import Gesture
+
+CLIP_FRAMES = 105
+SECOND_NS = 1_000_000_000
+IN_NS, SIGN_NS, PUSH_NS, AGAIN_NS = (round(s * SECOND_NS) for s in (0.4, 0.5, 1.2, 2.2))  # of a clip
+CLICK_S = 0.6
+OUTSIDE_M = 0.55  # along the arm, out of the image
+BESIDE_M = 0.19  # the enrolled hand stands aside by it
+FIRST_FOREIGN = 700_000  # nobody else's seed
+GESTURES = tuple(Gesture)
+# MediaPipe takes a rendered 3 for either side (docs/decisions.md), so it can't show what a foreign side commands;
+# on photos it tells the 3's side as it tells others': `evaluate side`.
+TELLING = tuple(gesture for gesture in Gesture if gesture is not Gesture.THREE)
+
+
+class ForeignKind(Enum):
+    """What the foreign hand does. Sides: of the enrolled hand."""
+
+    OTHER_SIDE = "other side alone"  # from below, as the enrolled hand would come
+    SAME_SIDE = "same side alone"  # its arm from the side or from above
+    BESIDE = "beside"  # the enrolled hand rests in view; other side
+    ACROSS_OTHER = "across, other side"  # before the enrolled hand, which shows a gesture
+    ACROSS_SAME = "across, same side"
+
+
+ACROSS = (ForeignKind.ACROSS_OTHER, ForeignKind.ACROSS_SAME)
+SAME = (ForeignKind.SAME_SIDE, ForeignKind.ACROSS_SAME)
+
+
+class PushKind(Enum):
+    """Where the foreign hand is while the enrolled one pushes."""
+
+    ALONE = "alone"  # nowhere
+    BESIDE = "beside"
+    PAST = "past"  # beside, and on its way there it reached across the enrolled hand
+
+
+def turned(scene: Scene, roll_rad: float, shift_m: tuple[float, float], away: float) -> Scene:
+    """The hand turned clockwise about the image's middle, shifted, and away along its arm: 1 is out of the image."""
+    if scene.place is None:
+        return scene
+    (x, y, z), (pitch, yaw, roll) = scene.place.position_m, scene.place.turn_rad
+    c, s = np.cos(roll_rad), np.sin(roll_rad)
+    y += away * OUTSIDE_M
+    position = (float(c * x - s * y + shift_m[0]), float(s * x + c * y + shift_m[1]), z)
+    return replace(scene, place=replace(scene.place, position_m=position, turn_rad=(pitch, yaw, roll + roll_rad)))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Foreigner:
+    """A therapist's hand: it reaches in, signs, pushes, signs another gesture and pushes again."""
+
+    seed: int
+    left: bool
+    nearer_m: float
+    gestures: tuple[Gesture, Gesture]
+    roll_rad: float
+    shift_m: tuple[float, float]
+
+    @property
+    def reaches_across(self) -> bool:
+        """Whether it comes from one side and stands on the other."""
+        return float(np.sin(self.roll_rad)) * self.shift_m[0] > BESIDE_M / 2
+
+    def camera(self) -> DigitalHandCamera:
+        """Its hand, whose movements are begun."""
+        camera = DigitalHandCamera(seed=self.seed, person=person_of(self.seed, left=self.left), clock_ns=lambda: 0)
+        camera.command(move_m=(0.0, 0.0, -self.nearer_m), at_ns=0)
+        for sign_ns, gesture in zip((SIGN_NS, AGAIN_NS - SECOND_NS // 5), self.gestures, strict=True):
+            camera.command(gesture=gesture.value, at_ns=sign_ns)
+        for push_ns in (PUSH_NS, AGAIN_NS + SECOND_NS // 3):
+            camera.command(click_s=CLICK_S, at_ns=push_ns)
+        return camera
+
+    def scene(self, camera: DigitalHandCamera, clip_ns: int) -> Scene:
+        """Its scene at a moment of the clip."""
+        away = max(0.0, 1 - clip_ns / IN_NS)
+        return turned(camera.scene(clip_ns), self.roll_rad, self.shift_m, away)
+
+
+def foreigner(draw: np.random.Generator, kind: ForeignKind, own_left: bool) -> Foreigner:
+    """A person drawn at random, with the side and the arm of that kind."""
+    seed = FIRST_FOREIGN + int(draw.integers(100_000))
+    nearer_m = float(draw.uniform(0.04, 0.10))
+    shown = GESTURES if kind in SAME else TELLING
+    first, second = draw.choice(len(shown), 2, replace=False)
+    # From the left, the right or above (π), each spread by 10°; of the other side also from below.
+    roll = float(draw.choice([np.pi / 2, -np.pi / 2, np.pi])) + float(draw.normal(0, np.radians(5)))
+    if kind in {ForeignKind.OTHER_SIDE, ForeignKind.BESIDE, ForeignKind.ACROSS_OTHER}:
+        roll = float(draw.choice([0.0, roll])) + float(draw.normal(0, np.radians(10)))
+    return Foreigner(
+        seed=seed,
+        left=own_left if kind in SAME else not own_left,
+        nearer_m=nearer_m,
+        gestures=(shown[first], shown[second]),
+        roll_rad=roll,
+        shift_m=(BESIDE_M / 2, 0.0) if kind is ForeignKind.BESIDE else (0.0, 0.0),
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Clip:
+    """One clip, all of it drawn. kind: None, the enrolled hand's own push, with `other` in view or alone."""
+
+    name: str  # of all clips of every seed its own
+    kind: ForeignKind | None
+    own_seed: int
+    gesture: Gesture | None = None  # of the enrolled hand
+    other: Foreigner | None = None
+
+    @property
+    def push(self) -> PushKind:
+        """Of the enrolled hand's own push."""
+        if self.other is None:
+            return PushKind.ALONE
+        return PushKind.PAST if self.other.reaches_across else PushKind.BESIDE
+
+
+def clips(*, frames: int, pushes: int, seed: int) -> list[Clip]:
+    """At least so many frames with a foreign hand, and so many pushes of the enrolled one, alone and beside one."""
+    return list(_clips(frames, pushes, seed))
+
+
+def _clips(frames: int, pushes: int, seed: int) -> Iterator[Clip]:
+    draw, kinds = np.random.default_rng([seed, 0x666F_7265]), tuple(ForeignKind)
+    for number in range(-(-frames // CLIP_FRAMES)):
+        kind, own_seed = kinds[number % len(kinds)], FIRST_FOREIGN - 1 - number
+        other = foreigner(draw, kind, person_of(own_seed).shape.left)
+        gesture = GESTURES[int(draw.integers(len(GESTURES)))] if kind in ACROSS else None
+        yield Clip(name=f"{seed}-{number}", kind=kind, own_seed=own_seed, gesture=gesture, other=other)
+    draw = np.random.default_rng([seed, 0x7075_7368])
+    for number in range(pushes):
+        own_seed, gesture = FIRST_FOREIGN // 2 + number, GESTURES[number % len(GESTURES)]
+        other = foreigner(draw, ForeignKind.OTHER_SIDE, person_of(own_seed).shape.left)
+        other = replace(other, shift_m=(float(draw.choice([-1, 1])) * BESIDE_M, 0.0))
+        for name, one in (("alone", None), ("beside", other)):
+            yield Clip(name=f"{seed}-{name}-{number}", kind=None, own_seed=own_seed, gesture=gesture, other=one)
