@@ -148,6 +148,7 @@ END = "end"
 
 def run_console(setup: SessionSetup, commands: Connection, perception: bool, group: Path | None) -> None:
     """The console process: joins the control group, starts the processes, sends heartbeats, forwards commands."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # of a whole terminal: whoever measures ends the session in order
     if group is not None:
         (group / "cgroup.procs").write_text("0", encoding="ascii")  # its children are born there
     host = hosting.SessionHost(setup, without=frozenset() if perception else frozenset({"perception"}))

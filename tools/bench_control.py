@@ -50,6 +50,7 @@ KEYS = {
     OperatorKind.CONFIRM_PATIENT: b"cy",
     OperatorKind.ACKNOWLEDGE: b"ky",
     OperatorKind.TORQUE_OFF: b"oy",
+    OperatorKind.STOP: b" ",
 }
 ACTION_KEYS = {ACTION_OF[gesture]: b"t" + key.encode() for key, gesture in GESTURE_KEYS.items()}
 BETWEEN_KEYS_S = 0.25  # as a person types; long enough for a dialog to open
@@ -67,9 +68,7 @@ class ConsoleSession(WatchedSession):
         self._idle_keys = cycle(IDLE_KEYS)
         self._typed_s = time.monotonic()
         self.keys = 0
-        self._ending = threading.Event()
-        self._drawing = threading.Thread(target=self._draw, daemon=True)
-        self._drawing.start()
+        self._start_drawing()
 
     def send(self, kind: OperatorKind, action: Action | None = None) -> None:
         """Leave any open dialog, and type the command."""
@@ -86,14 +85,22 @@ class ConsoleSession(WatchedSession):
 
     def end(self) -> None:
         """Look and draw no more."""
-        self._ending.set()
-        self._drawing.join()
+        self._stop_drawing()
         self.close_links()
 
     def _type(self, key: bytes) -> None:
         os.write(self._terminal.master, key)
         self._typed_s = time.monotonic()
         self.keys += 1
+
+    def _start_drawing(self) -> None:
+        self._ending = threading.Event()
+        self._drawing = threading.Thread(target=self._draw, daemon=True)
+        self._drawing.start()
+
+    def _stop_drawing(self) -> None:
+        self._ending.set()
+        self._drawing.join()
 
     def _draw(self) -> None:
         while not self._ending.is_set():
@@ -109,7 +116,7 @@ def console_session(home: Path) -> Iterator[ConsoleSession]:
         terminal = Terminal(home, 80, 24, os.environ | {"TMPDIR": sockets})
         try:
             terminal.wait(b"STOP")
-            session = ConsoleSession(terminal, _links_of(Home(home), terminal))
+            session = ConsoleSession(terminal, links_of(Home(home), terminal))
             try:
                 session.until(lambda _: True, "control's first message")
                 yield session
@@ -119,7 +126,7 @@ def console_session(home: Path) -> Iterator[ConsoleSession]:
             terminal.close()
 
 
-def _links_of(home: Home, terminal: Terminal) -> LinkDirectory:
+def links_of(home: Home, terminal: Terminal) -> LinkDirectory:
     """The session's sockets and their key, as an observer finds them. Raises TimeoutError."""
     deadline = time.monotonic() + TIMEOUT_S
     while time.monotonic() < deadline:

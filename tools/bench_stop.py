@@ -34,7 +34,7 @@ from hal.joints.device import load_exoskeleton
 sys.path.insert(0, str(Path(__file__).parent.parent))  # run as a script, `tools` is a folder of the tree
 
 from app.demo.load import busy_processes, every_core
-from testing.session import RealSession, Sniffer, real_session
+from testing.session import Sniffer, WatchedSession, real_session
 
 MIDDLE = 0.3  # of a movement: STOP is pressed beyond it
 LIMITS_MS = {"stop_p99": 25.0, "console_killed_to_pause": 250.0, "control_killed_to_damping": 50.0}
@@ -90,7 +90,7 @@ class Stops:
     interlocks: int = 0
 
 
-def stops(session: RealSession, presses: int) -> Stops:
+def stops(session: WatchedSession, presses: int) -> Stops:
     """STOP in every situation in turn; the two before there is power come first."""
     session.send(OperatorKind.CONFIRM_PATIENT)
     session.until(lambda s: s.patient_confirmed and bool(s.allowed), "readiness")
@@ -105,7 +105,7 @@ def stops(session: RealSession, presses: int) -> Stops:
     return found
 
 
-def press_in(session: RealSession, situation: Situation, found: Stops) -> None:
+def press_in(session: WatchedSession, situation: Situation, found: Stops) -> None:
     """From wherever the legs are into the situation, as often as an interlock comes between, and STOP there."""
     while True:
         try:
@@ -118,7 +118,7 @@ def press_in(session: RealSession, situation: Situation, found: Stops) -> None:
             return
 
 
-def go(session: RealSession, situation: Situation) -> None:
+def go(session: WatchedSession, situation: Situation) -> None:
     """From standing into the situation. Raises InterlockError."""
     for action in situation.after:
         act(session, action)
@@ -127,7 +127,7 @@ def go(session: RealSession, situation: Situation) -> None:
         reach(session, lambda s: s.action is situation.during and s.progress > MIDDLE, situation.name)
 
 
-def act(session: RealSession, action: Action) -> None:
+def act(session: WatchedSession, action: Action) -> None:
     """Carry one action out to its end. Raises InterlockError."""
     reach(session, lambda s: action in s.allowed, f"leave for {action.value}")
     session.send(OperatorKind.ACT, action)
@@ -135,7 +135,7 @@ def act(session: RealSession, action: Action) -> None:
     reach(session, lambda s: s.action is None and bool(s.allowed), f"the end of {action.value}")
 
 
-def reach(session: RealSession, wanted: Callable[[ControlSnapshot], bool], what: str) -> ControlSnapshot:
+def reach(session: WatchedSession, wanted: Callable[[ControlSnapshot], bool], what: str) -> ControlSnapshot:
     """Look until control says so. Raises InterlockError where the legs are held instead."""
     now = session.until(lambda s: wanted(s) or s.effect >= Effect.HOLD, what)
     if now.effect >= Effect.HOLD:
@@ -143,19 +143,19 @@ def reach(session: RealSession, wanted: Callable[[ControlSnapshot], bool], what:
     return now
 
 
-def press(session: RealSession) -> float:
+def press(session: WatchedSession) -> float:
     """One STOP: ms until the first command after it has been written."""
     pressed_ns = time.monotonic_ns()
     session.send(OperatorKind.STOP)
     return (stop_written(session, pressed_ns) - pressed_ns) / 1e6
 
 
-def stop_written(session: RealSession, pressed_ns: int) -> int:
+def stop_written(session: WatchedSession, pressed_ns: int) -> int:
     """When the first command after this press left."""
     return session.until(lambda s: s.stop_command_ns > pressed_ns, "the stop").stop_command_ns
 
 
-def stand(session: RealSession) -> None:
+def stand(session: WatchedSession) -> None:
     """From wherever the legs are back to standing; where the way back is refused, by torque off and on again.
 
     Raises InterlockError.
@@ -168,13 +168,13 @@ def stand(session: RealSession) -> None:
             torque_off(session)
 
 
-def granted(session: RealSession, refusals: int) -> bool:
+def granted(session: WatchedSession, refusals: int) -> bool:
     """Whether the action just asked for is carried out, to its end; refusals: how many there had been."""
     reach(session, lambda s: s.action is not None or s.refusal_count > refusals, "an answer")
     return reach(session, lambda s: s.action is None, "the end of the action").refusal_count == refusals
 
 
-def torque_off(session: RealSession) -> None:
+def torque_off(session: WatchedSession) -> None:
     """STOP twice, torque off when the joints have given way, acknowledge."""
     session.send(OperatorKind.STOP)
     session.send(OperatorKind.STOP)
