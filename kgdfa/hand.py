@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from enum import Enum, IntEnum
+from functools import cached_property
 
 import cv2
 import numpy as np
@@ -67,9 +68,9 @@ class Box:
 _PALM = np.array([Keypoint.WRIST, Keypoint.INDEX_MCP, Keypoint.MIDDLE_MCP, Keypoint.PINKY_MCP])
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True)
 class Hand:
-    """One detected hand.
+    """One detected hand; what follows from its keypoints is computed once (arrays are never changed in place).
 
     image_px: (21, 2) keypoints on the image, pixels, may lie outside of it.
     world_m: (21, 3) keypoints in metres about the hand's geometric centre, x right, y down,
@@ -85,26 +86,26 @@ class Hand:
     side: Side
     tracked: bool = False
 
-    @property
+    @cached_property
     def _palm_ends_px(self) -> tuple[float, float, float, float]:
         """Keypoints 5 and 17 as plain numbers: of so few, NumPy's own arithmetic takes longer to start than to do."""
         x, y = self.image_px[Keypoint.INDEX_MCP].tolist()
         u, v = self.image_px[Keypoint.PINKY_MCP].tolist()
         return x, y, u, v
 
-    @property
+    @cached_property
     def palm_centre_px(self) -> FloatArray:
         """Keypoint 21, (2,): the midpoint of 5 and 17."""
         centre: FloatArray = (self.image_px[Keypoint.INDEX_MCP] + self.image_px[Keypoint.PINKY_MCP]) / 2
         return centre
 
-    @property
+    @cached_property
     def reference_px(self) -> float:
         """Length of the reference segment, keypoints 5 to 17, pixels."""
         x, y, u, v = self._palm_ends_px
         return math.hypot(x - u, y - v)
 
-    @property
+    @cached_property
     def palm_px(self) -> float:
         """The longest of the palm's sides, at least 1: one is seen at full length however the palm is turned."""
         wrist, fore, middle, little = self.image_px.take(_PALM, axis=0).tolist()
@@ -115,7 +116,7 @@ class Hand:
         (x, y, u, v), (a, b, c, d) = self._palm_ends_px, other._palm_ends_px
         return math.hypot((x + u) / 2 - (a + c) / 2, (y + v) / 2 - (b + d) / 2)
 
-    @property
+    @cached_property
     def bounding_box(self) -> Box:
         """The rectangle around all 22 points (the virtual one never widens it)."""
         left_px, top_px = np.minimum.reduce(self.image_px).tolist()
