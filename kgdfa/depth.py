@@ -16,20 +16,33 @@ from numpy.typing import NDArray
 
 from kgdfa.distance import HALF_PALM_M, Distance, DistanceChoice, DistanceSource, OutlierState, accept_distance
 from kgdfa.errors import KgdfaError, KgdfaFault
-from kgdfa.hand import Hand
+from kgdfa.hand import Hand, Keypoint
 
 DepthMap = NDArray[np.float32]
 
 MAX_DEPTH_M = 10.0  # D435i data sheet: use range to about 10 m; 65.535 is its 16-bit saturation in millimetres
-WINDOW_REFERENCES = 0.25  # side of the neighbourhood, in reference segments: on the palm at any tilt that counts
-MIN_VALID = 0.5  # share of the neighbourhood that must have measured
-MAX_SPREAD_M = 0.04  # between its quartiles: more is an edge, not a palm
+# Where the palm is read: points of the triangle 0-5-17, as shares of its corners, half a step inside it. Keypoint 21
+# alone is under folded fingers in most gestures: there the map reads 5 cm near, or has their shadow.
+_STEPS = 9
+PALM_POINTS = np.array(
+    [
+        ((a + 0.5) / _STEPS, (b + 0.5) / _STEPS, 1 - (a + b + 1) / _STEPS)
+        for a in range(_STEPS)
+        for b in range(_STEPS - a)
+    ]
+)
+MIN_VALID = 0.25  # share of them that must have measured
+QUANTILE = 85  # of what they say: a thumb or folded fingers before the palm read near
+MAX_SPREAD_M = 0.10  # between 5 and 95 % of them: a fist is half as thick, more is an edge
 LEAST_M = 0.25  # the paper: nearer, a D435i gives 0
 # Where the keypoints see a hand this much farther than the map, the map has not seen the palm: an error of theirs of
 # 25 % (a tilt that they miss) and a palm width wrong by 15 % are less than that together.
 AGREEMENT = 0.6
 MOST_RATIO = 1.25  # how much farther than the keypoints' own a bridged hole may read
 SENSOR_SD = 0.01  # D435i: about 1 % of distance in the near field, well inside its 2 % specification
+
+
+_CORNERS = [Keypoint.WRIST, Keypoint.INDEX_MCP, Keypoint.PINKY_MCP]
 
 
 class DepthFault(Enum):
@@ -64,18 +77,24 @@ _INVALID: tuple[tuple[DepthFault, Callable[[DepthMap], NDArray[np.bool_]]], ...]
 
 
 def sample_palm(hand: Hand, depth_m: DepthMap) -> DepthSample:
-    """The palm's depth: median of a small neighbourhood of keypoint 21, (h, w) float32 map, metres."""
-    patch = _neighbourhood(hand, depth_m)
-    if patch.size == 0:
+    """The depth of keypoint 21 by all of the palm, (h, w) float32 map, metres: each point by the landmarks' tilt."""
+    x, y = hand.palm_centre_px
+    height, width = depth_m.shape
+    if not (0 <= x < width and 0 <= y < height):
         return DepthSample(depth_m=None, fault=DepthFault.OUTSIDE)
-    valid = patch[np.isfinite(patch) & (patch > 0) & (patch <= MAX_DEPTH_M)]
-    if len(valid) < MIN_VALID * patch.size:
-        fault = max(_INVALID, key=lambda row: int(np.count_nonzero(row[1](patch))))[0]
+    columns, rows = np.clip(np.round(PALM_POINTS @ hand.image_px[_CORNERS]), -1, max(width, height)).astype(int).T
+    inside = (columns >= 0) & (columns < width) & (rows >= 0) & (rows < height)
+    found = depth_m[rows[inside], columns[inside]]
+    corners_m = hand.world_m[_CORNERS, 2]
+    beyond_m = (PALM_POINTS @ corners_m - corners_m[1:].mean())[inside]
+    measured = np.isfinite(found) & (found > 0) & (found <= MAX_DEPTH_M)
+    if np.count_nonzero(measured) < MIN_VALID * len(PALM_POINTS):
+        fault = max(_INVALID, key=lambda row: int(np.count_nonzero(row[1](found))))[0]
         return DepthSample(depth_m=None, fault=fault)
-    low, middle, high = np.percentile(valid, (25, 50, 75))
-    if high - low > MAX_SPREAD_M:
+    low, palm, high = np.percentile((found - beyond_m)[measured], (5, QUANTILE, 95))
+    if not high - low <= MAX_SPREAD_M:
         return DepthSample(depth_m=None, fault=DepthFault.EDGE)
-    return DepthSample(depth_m=float(middle))
+    return DepthSample(depth_m=float(palm))
 
 
 def reject_outlier(state: OutlierState, sample: DepthSample, captured_ns: int) -> tuple[OutlierState, DepthSample]:
@@ -151,14 +170,3 @@ def choose_distance(
         return replace(choose_distance(before, choice, monocular, None), fault=DepthFault.DISAGREEMENT)
     ratio = min(MOST_RATIO, max(1.0, depth.safe_m / monocular.safe_m))
     return ChosenDistance(distance=depth, bridge_m=monocular.safe_m * ratio, ratio=ratio)
-
-
-def _neighbourhood(hand: Hand, depth_m: DepthMap) -> DepthMap:
-    """The square about keypoint 21 that lies on the map, flat; empty when the keypoint is off the map."""
-    x, y = hand.palm_centre_px
-    height, width = depth_m.shape
-    if not (0 <= x < width and 0 <= y < height):
-        return np.empty(0, np.float32)
-    half = max(1, round(WINDOW_REFERENCES * hand.reference_px / 2))
-    top, left = max(0, round(y) - half), max(0, round(x) - half)
-    return depth_m[top : round(y) + half + 1, left : round(x) + half + 1].ravel()

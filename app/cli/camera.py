@@ -14,8 +14,10 @@ from rich.progress import Progress
 from rich.table import Table
 from rich.text import Text
 
-from app.cli.common import check_finite
+from app.cli.common import check_finite, check_output
+from app.cli.compare_cameras import compare_cameras, write_csv, write_plot
 from app.cli.permission import sign_in
+from app.perception.look import kind_of
 from app.system.authority import Subject
 from app.system.config import CameraConfig, load_config
 from app.system.operators import Permission
@@ -27,6 +29,7 @@ from hal.cameras.intrinsics import Board, Corners, find_corners, save
 from hal.cameras.intrinsics import calibrate as solve
 from hal.cameras.playback import image_files, read_image
 from hal.errors import CameraFault, HardwareError
+from profiles.store import ProfileStore
 
 if TYPE_CHECKING:
     from collections.abc import Generator
@@ -84,6 +87,40 @@ def show(
         Console(soft_wrap=True, highlight=False).print(table)
     finally:
         camera.close()
+
+
+@cli.command()
+def compare(
+    first: Annotated[str, typer.Argument(help="As for show; digital-d435i gives depth; :SEED, @RATE behind a name.")],
+    second: Annotated[str, typer.Argument(help="The other camera, before the same hand.")],
+    seconds: Annotated[float, typer.Option(callback=check_finite, min=1, max=86_400, help="How long.")] = 60.0,
+    alone: Annotated[
+        float, typer.Option(callback=check_finite, min=0, max=3600, help="Seconds of the first camera alone before.")
+    ] = 0.0,
+    ruler: Annotated[
+        float | None, typer.Option(callback=check_finite, min=5, max=200, help="The true distance, cm.")
+    ] = None,
+    patient: Annotated[str, typer.Option(help="Whose palm and press threshold.")] = "demo",
+    csv: Annotated[Path | None, typer.Option(callback=check_output, help="Write the table here.")] = None,
+    plot: Annotated[Path | None, typer.Option(callback=check_output, help="Write a plot of it (PNG) here.")] = None,
+    home: HomeOption = None,
+) -> None:
+    """Compare two cameras before one hand; a number and Enter is the ruler's cm from then on, Ctrl-C ends."""
+    place = find_home(home)
+    result = compare_cameras(
+        place,
+        (first, second),
+        seconds=seconds,
+        alone_s=alone,
+        ruler_m=None if ruler is None else ruler / 100,
+        patient=ProfileStore(place.profiles).load(patient),
+    )
+    if csv is not None:
+        write_csv(result, csv)
+    if plot is not None:
+        write_plot(result, plot)
+    if not all(result.total(which).frames for which in (0, 1)):
+        raise typer.Exit(1)
 
 
 @cli.command()
@@ -169,7 +206,7 @@ def _live_images(camera: Camera) -> Generator[ImageArray, None, None]:
 def _open(source: str, home: Home) -> Camera:
     """A source as people name it, with the configuration's settings."""
     settings: CameraConfig = load_config(home.config).camera
-    kind, device = _kind_of(source)
+    kind, device = kind_of(source)
     return open_camera(
         kind,
         device=device,
@@ -181,17 +218,6 @@ def _open(source: str, home: Home) -> Camera:
         seed=settings.seed,
         store=home.cameras,
     )
-
-
-def _kind_of(source: str) -> tuple[str, str]:
-    if source == "digital-hand":
-        return source, ""
-    if source == "realsense" or source.lower().endswith((".bag", ".db3")):
-        return "realsense", "" if source == "realsense" else source
-    looks_like_path = "/" in source and not source.startswith("/dev/video")
-    if looks_like_path or Path(source).expanduser().exists():
-        return "recording", source
-    return "webcam", source
 
 
 def _first_and_rate(camera: Camera) -> tuple[Frame, float]:

@@ -97,7 +97,7 @@ def demo(
     from app.demo.drives import joints_for
     from app.demo.load import busy_processes
     from app.demo.scenario import ALL_TWELVE
-    from app.demo.session import DEPTH_APPROACH_M, demo_config, demo_patient, print_result, run_session
+    from app.demo.session import demo_config, demo_patient, print_result, run_session
     from app.system.config import load_config
     from app.system.diagnostics_log import set_verbose, start_log
     from app.system.hand_model import set_up_model
@@ -124,7 +124,6 @@ def demo(
                 click_s=click,
                 presses=PRESSES,
                 watch=watch,
-                approach_m=DEPTH_APPROACH_M if distance is DistanceUsed.DEPTH else 0.0,
                 load=load,
                 patient=demo_patient(seed, distance),
             )

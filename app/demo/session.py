@@ -91,9 +91,7 @@ def demo_config(base: Config, *, seed: int, joints: JointsConfig, record: bool =
     )
 
 
-# A D435i is blind nearer than 25 cm: by depth alone the press is farther out, and so is the hand.
-DEPTH_THRESHOLD_M = 0.34
-DEPTH_APPROACH_M = -0.14
+DEPTH_THRESHOLD_M = 0.34  # a D435i is blind nearer than 25 cm: by depth alone the press is farther out
 
 
 def demo_patient(seed: int, distance: DistanceUsed = DistanceUsed.MONOCULAR) -> Profile:

@@ -24,6 +24,7 @@ class CameraRequest:
     seed: int = 1
     depth: bool = False
     depth_holes: float = 0.0
+    threshold_m: float | None = None
     left: bool | None = None
     store: Path | None = None
 
@@ -34,6 +35,7 @@ def open_camera(kind: str, **settings: Any) -> Camera:
     device: webcam: name or index; recording: a video, a folder of images or a recorded session; realsense:
     serial number, or path of a .bag or .db3. store: the cameras.toml with measured intrinsics.
     depth: whether the digital hand also gives depth; depth_holes: share of frames in which it misses the hand.
+    threshold_m: how near the digital hand must push; it rests and stops as far from it as it does by itself from 20 cm.
     left: which of the digital person's hands; None: as the seed draws it.
     Raises HardwareError for an unknown kind or bad settings.
     """
@@ -43,7 +45,7 @@ def open_camera(kind: str, **settings: Any) -> Camera:
 
 
 def _digital_hand(wanted: CameraRequest) -> Camera:
-    from hal.cameras.digital_hand.driver import DigitalHandCamera
+    from hal.cameras.digital_hand.driver import PRESS_M, REST_M, THRESHOLD_M, DigitalHandCamera
     from hal.cameras.digital_hand.render import lens_for, person_of
 
     lens = lens_for(wanted.width_px, wanted.height_px, wanted.focal_px)
@@ -55,6 +57,8 @@ def _digital_hand(wanted: CameraRequest) -> Camera:
         rate_hz=wanted.rate_hz,
         depth=wanted.depth,
         depth_holes=wanted.depth_holes,
+        rest_m=REST_M if wanted.threshold_m is None else wanted.threshold_m + REST_M - THRESHOLD_M,
+        press_m=PRESS_M if wanted.threshold_m is None else wanted.threshold_m + PRESS_M - THRESHOLD_M,
     )
 
 

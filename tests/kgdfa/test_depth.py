@@ -39,7 +39,7 @@ def measure(reader: DepthRange, value: float, frame: int) -> Distance | None:
     return reader.measure(depth_map(value), hand(), frame * FRAME_NS)
 
 
-def test_the_palm_s_neighbourhood_outvotes_holes_in_it() -> None:
+def test_the_rest_of_the_palm_outvotes_holes_in_it() -> None:
     holed = depth_map(0.40)
     holed[235:245, 312:328] = 0.0
     assert sample_palm(hand(), holed).depth_m == pytest.approx(0.40)

@@ -48,7 +48,12 @@ FIRST_HAND = 301
 THRESHOLD_M = 0.20
 MODES = ("published", "robust")
 CAMERAS = ("monocular", "D435i")
-CHOICES = dict(zip(CAMERAS, (DistanceChoice.MONOCULAR, DistanceChoice.DEPTH), strict=True))
+CHOICES = {
+    ("monocular", "published"): DistanceChoice.MONOCULAR,
+    ("monocular", "robust"): DistanceChoice.MONOCULAR,
+    ("D435i", "published"): DistanceChoice.DEPTH,
+    ("D435i", "robust"): DistanceChoice.BOTH,
+}
 JPEG_QUALITY = 90  # a webcam sends 1280×720 as MJPEG, 30 a second
 READ_S = 1.0
 WARM_UP = 3  # the first frames detect the hand and fill caches
@@ -176,9 +181,7 @@ def run_change(detector: PoolDetector, change: Change) -> ChangeOutcome:
     """One change before both cameras, in both modes."""
     camera = DepthCamera(FIRST_HAND + change.number)
     pipelines = {
-        (name, mode): replay_pipeline(mode, change.person, change.lens, choice=choice)
-        for name, choice in CHOICES.items()
-        for mode in MODES
+        key: replay_pipeline(key[1], change.person, change.lens, choice=choice) for key, choice in CHOICES.items()
     }
     pressed: set[Key] = set()
     commands: dict[Key, int] = {}
@@ -206,7 +209,7 @@ def measure_rates(detector: Detector, *, focal_px: float, step: Step) -> CameraR
             for moment in Change(distance_cm=cm, number=number, focal_px=focal_px).moments()[-FRAMES[2] :]
         ]
         person, lens = person_of(FIRST_HAND), lens_for(focal_px=focal_px)
-        pipelines = [chain("robust", person, lens, detector, choice=choice) for choice in CHOICES.values()]
+        pipelines = [chain("robust", person, lens, detector, choice=CHOICES[name, "robust"]) for name in CAMERAS]
         start_ns += 1_000_000_000 + 2 * len(moments) * FRAME_NS
         rates[cm] = {
             "monocular": monocular_fps(pipelines[0], moments, start_ns),

@@ -15,8 +15,9 @@ from hal.errors import CameraFault, HardwareError
 
 MAX_RATE_HZ = 240.0
 MAX_CLICK_S = 10.0
+THRESHOLD_M = 0.20
 REST_M = 0.36
-PRESS_M = 0.145  # well under the 20 cm threshold, and the fingertips still in the image of the default lens
+PRESS_M = 0.145  # well under the threshold, and the fingertips still in the image of the default lens
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

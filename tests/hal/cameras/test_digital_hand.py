@@ -28,6 +28,8 @@ from hal.cameras.digital_hand.render import (
 )
 from hal.cameras.digital_hand.skeleton import GESTURES, POSES, HandPlace, HandShape, joints_m, placed_m
 from hal.errors import CameraFault
+from kgdfa.depth import DepthRange
+from kgdfa.hand import Hand, Side
 from profiles import palm as palm_calibration
 from tests.support.errors import refused
 
@@ -272,6 +274,22 @@ def test_depth_misses_the_hand_in_its_share_of_frames() -> None:
     # Of the patchy third some leave this part of it whole.
     assert 0.25 < sum(missed(holed, frame) for frame in range(300)) / 300 < 0.45
     assert not any(missed(DepthCamera(1), frame) for frame in range(10))
+
+
+@pytest.mark.parametrize("gesture", [pose.name for pose in GESTURES])
+def test_the_palm_is_measured_under_folded_fingers_in_every_gesture(gesture: str) -> None:
+    """At keypoint 21 alone a fist reads 5 cm near."""
+    lens = lens_for(640, 360)
+    for seed in (5000, 5001):
+        scene = posed(gesture, person=person_of(seed), lens=lens, position_m=(0, 0.015, 0.34))
+        joints = keypoints_m(scene)
+        assert joints is not None
+        shown = Hand(
+            image_px=project_px(joints, lens), world_m=joints - joints.mean(axis=0), presence=0.9, side=Side.RIGHT
+        )
+        distance = DepthRange(mode="robust").measure(DepthCamera(seed).measure(true_depth(scene), seed), shown, 1)
+        assert distance is not None
+        assert -0.02 < distance.safe_m - joints[[5, 17], 2].mean() < 0.01
 
 
 def test_true_depth_is_what_the_image_is_rendered_from() -> None:

@@ -1,0 +1,150 @@
+"""Two cameras side by side: what each measured, counted for each value of a ruler that was typed in. Pure."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Any
+
+from app.perception.look import CameraSample
+from logs.reason import Reason
+
+Ruler = float | None  # the true distance, metres; None: nobody has measured it
+COLUMNS = (
+    "ruler_cm", "camera", "frames", "fps", "latency_ms", "lost_percent", "distance_cm", "error_percent",
+    "from_other_cm", "presses_true", "presses_false", "presses_unknown",
+)  # fmt: skip
+
+SUMS = ("frames", "lost", "samples", "measured", "sum_m", "sum_latency_ms", "seconds", "apart", "sum_apart_m")
+
+
+@dataclass(slots=True)
+class Tally:
+    """One camera at one value of the ruler. Presses: true, false, and where nobody knows the true distance."""
+
+    ruler_m: Ruler
+    camera: str
+    frames: int = 0
+    lost: int = 0
+    samples: int = 0
+    measured: int = 0
+    sum_m: float = 0.0
+    sum_latency_ms: float = 0.0
+    apart: int = 0  # samples in which both measured
+    sum_apart_m: float = 0.0
+    presses: dict[bool | None, int] = field(default_factory=lambda: {True: 0, False: 0, None: 0})
+    seconds: float = 0.0
+
+    @property
+    def fps(self) -> float:
+        """Frames per second as measured."""
+        return self.frames / self.seconds if self.seconds else 0.0
+
+    @property
+    def latency_ms(self) -> float:
+        """From capture to the measured distance, mean."""
+        return self.sum_latency_ms / self.samples if self.samples else 0.0
+
+    @property
+    def lost_share(self) -> float:
+        """Frames without keypoints."""
+        return self.lost / self.frames if self.frames else 0.0
+
+    @property
+    def distance_m(self) -> float | None:
+        """Mean."""
+        return self.sum_m / self.measured if self.measured else None
+
+    @property
+    def error(self) -> float | None:
+        """Of the mean distance against the ruler, as a share of it."""
+        if self.distance_m is None or self.ruler_m is None:
+            return None
+        return self.distance_m / self.ruler_m - 1
+
+    @property
+    def from_other_m(self) -> float | None:
+        """How much farther it reads than the other camera, mean."""
+        return self.sum_apart_m / self.apart if self.apart else None
+
+    def row(self) -> dict[str, Any]:
+        """As the CSV has it, for COLUMNS."""
+        values = (
+            _scaled(self.ruler_m, 100, 1), self.camera, self.frames, round(self.fps, 1), round(self.latency_ms, 1),
+            round(100 * self.lost_share, 1), _scaled(self.distance_m, 100, 1), _scaled(self.error, 100, 1),
+            _scaled(self.from_other_m, 100, 1), self.presses[True], self.presses[False], self.presses[None],
+        )  # fmt: skip
+        return dict(zip(COLUMNS, values, strict=True))
+
+
+@dataclass(slots=True)
+class Comparison:
+    """The running table. threshold_m: nearer is a true press."""
+
+    threshold_m: float
+    ruler_m: Ruler = None
+    newest: list[CameraSample | None] = field(default_factory=lambda: [None, None])
+    faults: list[Reason | None] = field(default_factory=lambda: [None, None])  # why a camera gives no picture
+    _before: list[CameraSample | None] = field(default_factory=lambda: [None, None])
+    _tallies: dict[tuple[Ruler, int], Tally] = field(default_factory=dict)
+
+    def take(self, which: int, sample: CameraSample) -> None:
+        """One more sample of the first (0) or second (1) camera."""
+        before, self.newest[which], self.faults[which] = self._before[which], sample, None
+        self._before[which] = sample
+        tally = self._tallies.setdefault((self.ruler_m, which), Tally(self.ruler_m, sample.camera))
+        tally.samples += 1
+        tally.sum_latency_ms += sample.latency_ms
+        other = self.newest[1 - which]
+        if sample.distance_m is not None:
+            tally.measured += 1
+            tally.sum_m += sample.distance_m
+            if other is not None and other.distance_m is not None:
+                tally.apart += 1
+                tally.sum_apart_m += sample.distance_m - other.distance_m
+        if before is None or sample.frames <= before.frames:
+            return
+        tally.frames += sample.frames - before.frames
+        tally.lost += max(0, sample.lost - before.lost)
+        tally.seconds += (sample.captured_ns - before.captured_ns) / 1e9
+        if sample.presses > before.presses:
+            tally.presses[self._is_true(other)] += sample.presses - before.presses
+
+    def _is_true(self, other: CameraSample | None) -> bool | None:
+        """Whether a press now is one: by the ruler, else by the other camera; None: neither measures."""
+        if self.ruler_m is not None:
+            return self.ruler_m < self.threshold_m
+        if other is None or other.distance_m is None:
+            return None
+        return other.distance_m < self.threshold_m
+
+    def rows(self) -> Iterator[Tally]:
+        """By ruler, nearest first and what was not measured last; the first camera above the second."""
+        order = sorted(self._tallies, key=lambda key: (math.inf if key[0] is None else key[0], key[1]))
+        return (self._tallies[key] for key in order)
+
+    def total(self, which: int) -> Tally:
+        """One camera over all values of the ruler."""
+        parts = [one for (_, side), one in self._tallies.items() if side == which]
+        total = Tally(None, parts[0].camera if parts else "")
+        for part in parts:
+            for name in SUMS:
+                setattr(total, name, getattr(total, name) + getattr(part, name))
+            for known, count in part.presses.items():
+                total.presses[known] += count
+        return total
+
+    def as_csv(self) -> str:
+        """Every row."""
+        text = io.StringIO()
+        writer = csv.DictWriter(text, COLUMNS)
+        writer.writeheader()
+        writer.writerows(one.row() for one in self.rows())
+        return text.getvalue()
+
+
+def _scaled(value: float | None, factor: float, digits: int) -> float | None:
+    return None if value is None else round(value * factor, digits)

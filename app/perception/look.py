@@ -1,0 +1,284 @@
+"""A camera that only looks: in a process of its own, with its own capture thread, pipeline and rate.
+
+It commands nothing; whoever compares it takes its newest `CameraSample`. Its process yields to the one that commands.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import time
+from contextlib import suppress
+from dataclasses import dataclass
+from enum import Enum, auto
+from multiprocessing import get_context
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import msgspec
+
+from app.ipc.messages import HandCommand, Preview
+from app.system.config import CameraConfig, SessionSetup
+from app.system.errors import AppError
+from logs.reason import Reason, reason, reason_of
+from profiles.schema import DistanceUsed
+
+if TYPE_CHECKING:
+    from hal.cameras.camera import Camera, DepthArray, Frame, ImageArray
+    from kgdfa.button import ButtonPlace
+    from kgdfa.keypoints import HandDetector
+    from kgdfa.pipeline import Pipeline, Report
+
+NICENESS = 10  # of a camera that only looks, beside one that commands
+FRAME_TIMEOUT_S = 0.1
+END_S = 3.0
+PREVIEW_PX = 96
+PREVIEW_HZ = 8.0
+PUSH_EVERY_S = 4.0  # what a digital hand does by itself: all cameras' at the same moments
+PUSH_S = 1.0
+COLOURS_M = (0.15, 1.2)  # nearest and farthest depth that the false colours tell apart
+_DIGITAL = re.compile(r"(digital-hand|digital-d435i)(?::(\d{1,9}))?")
+_RATE = re.compile(r"(.+)@(\d{1,3}(?:\.\d+)?)")
+
+
+class LookFault(Enum):
+    """Why two cameras can't be compared, or one that looks gives nothing more."""
+
+    SAME_DEVICE = auto()  # first, second
+    DIED = auto()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CameraSample:
+    """What one camera measured in one frame; counts run from its first frame on, so that a missed sample loses none.
+
+    lost: frames without a hand after the first with one. safe_m: by which its button decides.
+    """
+
+    camera: str
+    captured_ns: int
+    frames: int
+    lost: int
+    latency_ms: float
+    hand: bool
+    distance_m: float | None
+    safe_m: float | None
+    pressed: bool
+    presses: int
+    by_depth: bool = False
+    why: Reason | None = None  # no distance, or no picture
+
+
+def parse_camera(source: str, base: CameraConfig) -> tuple[CameraConfig, DistanceUsed]:
+    """A camera as people name it, and what it measures the distance with.
+
+    digital-hand or digital-d435i (which gives depth), with `:SEED`; realsense; a webcam's name or number; the path of a
+    recording. `@RATE` behind it: frames per second.
+    """
+    rated = _RATE.fullmatch(source)
+    rate_hz = float(rated[2]) if rated else base.rate_hz
+    source = rated[1] if rated else source
+    digital = _DIGITAL.fullmatch(source)
+    kind, device = ("digital-hand", "") if digital else kind_of(source)
+    own = {} if base.kind == kind else {"focal_px": None, "mirrored": False}
+    made = msgspec.structs.replace(base, kind=kind, device=device, rate_hz=rate_hz, **own)
+    depth = kind == "realsense"
+    if digital:
+        depth = digital[1] == "digital-d435i"
+        made = msgspec.structs.replace(made, depth=depth, seed=int(digital[2]) if digital[2] else base.seed)
+    return made, DistanceUsed.DEPTH if depth else DistanceUsed.MONOCULAR
+
+
+def kind_of(source: str) -> tuple[str, str]:
+    """Kind and device of a camera's name."""
+    if source == "digital-hand":
+        return source, ""
+    if source == "realsense" or source.lower().endswith((".bag", ".db3")):
+        return "realsense", "" if source == "realsense" else source
+    looks_like_path = "/" in source and not source.startswith("/dev/video")
+    if looks_like_path or Path(source).expanduser().exists():
+        return "recording", source
+    return "webcam", source
+
+
+def refuse_same_device(first: CameraConfig, second: CameraConfig) -> None:
+    """Two names of one device can't be compared; one digital hand may be looked at twice. Raises AppError."""
+    if first.kind == second.kind != "digital-hand" and _device_of(first) == _device_of(second):
+        names = (first.device or first.kind, second.device or second.kind)
+        raise AppError(LookFault.SAME_DEVICE, first=names[0], second=names[1])
+
+
+def _device_of(camera: CameraConfig) -> str:
+    if camera.kind == "webcam":
+        from hal.cameras.webcam import find_webcam, list_webcams
+
+        return str(find_webcam(camera.device, list_webcams()).index)
+    if camera.kind == "recording" or camera.device.lower().endswith((".bag", ".db3")):
+        return str(Path(camera.device).expanduser().resolve())
+    if camera.device:
+        return camera.device
+    from hal.cameras.realsense import list_realsense
+
+    return next((serial for serial, _ in list_realsense()), "")
+
+
+class Looker:
+    """The process that looks, held by whoever compares."""
+
+    def __init__(self, setup: SessionSetup, *, niceness: int = NICENESS) -> None:
+        """setup: its configuration's camera and its profile's distance are those to look with. Starts at once."""
+        context = get_context("spawn")
+        self._pipe, theirs = context.Pipe()
+        self._process = context.Process(target=look, args=(theirs, setup, niceness), daemon=True)
+        self._process.start()
+        theirs.close()
+
+    def receive(self) -> list[CameraSample | Preview | Reason]:
+        """What came since the last call. A reason: why there is no picture, or will be none any more."""
+        received: list[CameraSample | Preview | Reason] = []
+        try:
+            while self._pipe.poll():
+                received.append(self._pipe.recv())
+        except (EOFError, OSError):
+            received.append(reason(LookFault.DIED))
+        return received
+
+    def move_hand(self, command: HandCommand) -> None:
+        """A digital hand follows the session's."""
+        with suppress(OSError):
+            self._pipe.send(command)
+
+    def close(self) -> None:
+        """End it, whatever its driver does."""
+        self._pipe.close()
+        self._process.join(END_S)
+        if self._process.is_alive():
+            self._process.kill()
+            self._process.join()
+
+
+def look(pipe: Connection, setup: SessionSetup, niceness: int) -> None:
+    """Frames through the chain until the other end closes; a fault is sent and the camera is opened again."""
+    os.nice(niceness)
+    _silence()
+    from app.perception.pipeline import make_camera, make_detector
+    from hal.errors import HardwareError
+    from kgdfa.errors import KgdfaError
+
+    try:
+        camera = make_camera(setup)
+        with make_detector(setup) as detector:
+            _Look(pipe, setup, camera, detector).run()
+    except (AppError, HardwareError, KgdfaError) as error:
+        pipe.send(reason_of(error))
+    except (BrokenPipeError, EOFError):
+        pass  # nobody compares any more
+
+
+class _Look:
+    """Camera, chain and counts of one process."""
+
+    def __init__(self, pipe: Connection, setup: SessionSetup, camera: Camera, detector: HandDetector) -> None:
+        from app.perception.camera import CameraSupervisor
+        from app.perception.reporting import PreviewPacer
+
+        self._pipe, self._setup, self._detector = pipe, setup, detector
+        self._camera = CameraSupervisor(camera, on_fault=pipe.send)
+        self._pacer = PreviewPacer(width_px=PREVIEW_PX, rate_hz=PREVIEW_HZ)
+        self._chain: tuple[Pipeline, ButtonPlace] | None = None
+        self._frames = self._lost = self._presses = 0
+        self._pressed = self._had_hand = False
+        self._next_push_s = 0.0
+        self._by_itself = True
+
+    def run(self) -> None:
+        """Until the pipe breaks."""
+        try:
+            while self._handle_commands():
+                frame = self._camera.read(time.monotonic(), FRAME_TIMEOUT_S)
+                if frame is not None:
+                    self._take(frame)
+                elif self._camera.fault:
+                    time.sleep(FRAME_TIMEOUT_S)
+        finally:
+            self._camera.close()
+
+    def _handle_commands(self) -> bool:
+        from app.perception.camera import move_hand
+        from hal.cameras.camera import CommandedHand
+
+        camera = self._camera.camera
+        while self._pipe.poll():
+            move_hand(camera, self._pipe.recv())
+            self._by_itself = False
+        if self._by_itself and isinstance(camera, CommandedHand):
+            now_s = time.monotonic()
+            if now_s >= self._next_push_s:  # at whole multiples: every camera's hand pushes at the same moment
+                first = not self._next_push_s
+                self._next_push_s = (now_s // PUSH_EVERY_S + 1) * PUSH_EVERY_S
+                camera.command(gesture="5" if first else None, click_s=None if first else PUSH_S)
+        return True
+
+    def _take(self, frame: Frame) -> None:
+        from app.perception.pipeline import make_pipeline
+        from kgdfa.draw import draw
+        from kgdfa.pipeline import PipelineInput
+
+        if self._chain is None:
+            self._chain = make_pipeline(self._setup, self._detector, frame, self._camera.camera.name)
+        pipeline, place = self._chain
+        source = PipelineInput(image_bgr=frame.image_bgr, captured_ns=frame.captured_ns, depth_m=frame.depth_m)
+        report = pipeline.process(source)
+        self._pipe.send(self._sample(report))
+        if self._pacer.due(time.monotonic_ns()):
+            by_depth = self._setup.profile.distance_source is DistanceUsed.DEPTH and frame.depth_m is not None
+            image = false_colours(frame.depth_m) if by_depth and frame.depth_m is not None else frame.image_bgr
+            self._pipe.send(
+                self._pacer.message(image, frame.captured_ns, lambda small, scale: draw(small, report, place, scale))
+            )
+
+    def _sample(self, report: Report) -> CameraSample:
+        from kgdfa.depth import DepthFault
+
+        hand, distance, button = report.hand is not None, report.distance, report.button
+        self._frames += 1
+        self._had_hand = self._had_hand or hand
+        self._lost += self._had_hand and not hand
+        self._presses += button.pressed and not self._pressed
+        self._pressed = button.pressed
+        why = report.depth_fault if distance is None and report.depth_fault is not DepthFault.NONE else None
+        return CameraSample(
+            camera=self._camera.camera.name,
+            captured_ns=report.captured_ns,
+            frames=self._frames,
+            lost=self._lost,
+            latency_ms=(time.monotonic_ns() - report.captured_ns) / 1e6,
+            hand=hand,
+            distance_m=distance.shown_m if distance else None,
+            safe_m=distance.safe_m if distance else None,
+            pressed=button.pressed,
+            presses=self._presses,
+            by_depth=distance is not None and report.depth_distance is distance,
+            why=None if why is None else reason(why),
+        )
+
+
+def false_colours(depth_m: DepthArray) -> ImageArray:
+    """(h, w, 3) uint8: near red, far blue, and black where nothing was measured."""
+    import cv2
+    import numpy as np
+
+    near_m, far_m = COLOURS_M
+    measured = np.isfinite(depth_m) & (depth_m > 0)
+    share = np.clip((far_m - np.where(measured, depth_m, 0.0)) / (far_m - near_m), 0, 1)
+    coloured = cv2.applyColorMap((255 * share).astype(np.uint8), cv2.COLORMAP_TURBO)
+    coloured[~measured] = 0
+    return np.asarray(coloured, np.uint8)
+
+
+def _silence() -> None:
+    """Libraries write to stderr, which is the terminal that shows the comparison."""
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    for stream in (1, 2):
+        os.dup2(nowhere, stream)

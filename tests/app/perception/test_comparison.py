@@ -1,0 +1,122 @@
+"""Two cameras before one hand: what each measured, counted for each value of the ruler."""
+
+from __future__ import annotations
+
+import csv
+import io
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from app.perception import look as looking
+from app.perception.comparison import Comparison
+from app.perception.look import CameraSample, LookFault, false_colours, parse_camera, refuse_same_device
+from app.system.config import CameraConfig
+from app.system.errors import AppError
+from profiles.schema import DistanceUsed
+
+FRAME_NS = 33_333_333
+
+
+def sample(frame: int, distance_m: float | None, *, camera: str = "a", lost: int = 0, presses: int = 0) -> CameraSample:
+    return CameraSample(
+        camera=camera,
+        captured_ns=frame * FRAME_NS,
+        frames=frame,
+        lost=lost,
+        latency_ms=20.0,
+        hand=distance_m is not None,
+        distance_m=distance_m,
+        safe_m=distance_m,
+        pressed=False,
+        presses=presses,
+    )
+
+
+def test_each_value_of_the_ruler_has_a_row_of_each_camera() -> None:
+    comparison = Comparison(threshold_m=0.2, ruler_m=0.30)
+    for frame in range(1, 32):
+        comparison.take(0, sample(frame, 0.303))
+        if frame % 3 == 1:
+            comparison.take(1, sample(frame // 3 + 1, 0.30 if frame % 2 else None, camera="b", lost=frame // 6))
+    comparison.ruler_m = 0.15
+    for frame in range(32, 40):
+        comparison.take(0, sample(frame, 0.15, presses=1 if frame > 34 else 0))
+    rows = list(comparison.rows())
+    assert [(row.ruler_m, row.camera) for row in rows] == [(0.15, "a"), (0.30, "a"), (0.30, "b")]
+    near_only, far, other = rows
+    assert (far.frames, round(far.fps, 1)) == (30, 30.0)
+    assert far.error == pytest.approx(0.01)
+    assert far.from_other_m == pytest.approx(0.003)
+    assert other.lost_share == pytest.approx(0.5)
+    assert (near_only.presses[True], near_only.presses[False]) == (1, 0)
+    assert comparison.total(0).frames == 38
+
+
+@pytest.mark.parametrize(
+    ("ruler_m", "other_m", "known"),
+    [(0.25, 0.15, False), (0.18, 0.5, True), (None, 0.15, True), (None, 0.5, False), (None, None, None)],
+)
+def test_a_press_is_true_by_the_ruler_else_by_the_other_camera(
+    ruler_m: float | None, other_m: float | None, known: bool | None
+) -> None:
+    comparison = Comparison(threshold_m=0.2, ruler_m=ruler_m)
+    comparison.take(1, sample(1, other_m))
+    comparison.take(0, sample(1, 0.21))
+    comparison.take(0, sample(2, 0.19, presses=1))
+    assert comparison.total(0).presses == {True: 0, False: 0, None: 0} | {known: 1}
+
+
+def test_the_table_is_written_as_csv() -> None:
+    comparison = Comparison(threshold_m=0.2)
+    for frame in (1, 2, 3):
+        comparison.take(0, sample(frame, 0.3))
+    (row,) = csv.DictReader(io.StringIO(comparison.as_csv()))
+    assert (row["camera"], row["frames"], row["distance_cm"], row["ruler_cm"]) == ("a", "2", "30.0", "")
+
+
+BASE = CameraConfig(kind="webcam", device="0", focal_px=900.0, mirrored=True)
+
+
+@pytest.mark.parametrize(
+    ("source", "expected", "used"),
+    [
+        ("digital-hand", ("digital-hand", "", 1, False, 30.0), DistanceUsed.MONOCULAR),
+        ("digital-d435i:7@10", ("digital-hand", "", 7, True, 10.0), DistanceUsed.DEPTH),
+        ("realsense@15", ("realsense", "", 1, False, 15.0), DistanceUsed.DEPTH),
+        ("/data/one.bag", ("realsense", "/data/one.bag", 1, False, 30.0), DistanceUsed.DEPTH),
+        ("C920", ("webcam", "C920", 1, False, 30.0), DistanceUsed.MONOCULAR),
+    ],
+)
+def test_cameras_are_named_as_people_name_them(source: str, expected: tuple[object, ...], used: DistanceUsed) -> None:
+    made, found = parse_camera(source, BASE)
+    assert (made.kind, made.device, made.seed, made.depth, made.rate_hz) == expected
+    assert found is used
+    assert made.mirrored == (made.kind == "webcam"), "what is known of one camera is not taken for another"
+
+
+def test_two_names_of_one_device_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(looking, "_device_of", lambda _: "0")
+    with pytest.raises(AppError) as refused:
+        refuse_same_device(parse_camera("0", BASE)[0], parse_camera("C920", BASE)[0])
+    assert refused.value.code is LookFault.SAME_DEVICE
+    monkeypatch.undo()
+    recording = tmp_path / "one"
+    recording.mkdir()
+    beside = f"{tmp_path}/../{tmp_path.name}/one"
+    with pytest.raises(AppError):
+        refuse_same_device(parse_camera(str(recording), BASE)[0], parse_camera(beside, BASE)[0])
+    hand = parse_camera("digital-hand", BASE)[0]
+    refuse_same_device(hand, hand)  # may be looked at twice
+    refuse_same_device(hand, parse_camera("digital-d435i", BASE)[0])
+
+
+def test_depth_in_false_colours_is_black_where_it_has_holes() -> None:
+    depth = np.array([[0.0, 0.2, 1.1, np.nan, 5.0]], np.float32)
+    coloured = false_colours(depth)[0].astype(int)
+    assert (coloured[0] == 0).all()
+    assert (coloured[3] == 0).all()
+    assert coloured[1][2] > coloured[1][0], "near is red"
+    assert coloured[2][0] > coloured[2][2], "far is blue"
+    assert coloured[4].any()
