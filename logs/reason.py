@@ -23,6 +23,7 @@ class Reason(Struct, frozen=True):
     values: dict[str, Value] = {}
 
 
+_MOST = 1 << 63
 Render = Callable[[Reason], str]  # a reason as text for people; the catalogues are the application's
 
 
@@ -44,6 +45,13 @@ def key_of(code: Enum) -> str:
     return f"{type(code).__name__}.{code.name}"
 
 
+def _fits(value: int | float | str) -> bool:
+    """Whether JSON of ours can hold it: no NaN, no integer beyond 64 bits, which a tampered trail may claim."""
+    if isinstance(value, float):
+        return isfinite(value)
+    return isinstance(value, str) or abs(value) < _MOST
+
+
 def _value(value: object) -> Value:
     if isinstance(value, Reason):
         return value
@@ -52,7 +60,7 @@ def _value(value: object) -> Value:
     if isinstance(value, BaseException) or isinstance(getattr(value, "code", None), Enum):
         return reason_of(value)
     if isinstance(value, int | float | str):
-        return value if isinstance(value, str) or isfinite(value) else str(value)  # JSON has no NaN
+        return value if _fits(value) else str(value)
     if isinstance(value, Sequence):
         return tuple(each if isinstance(each, Reason) else Reason(key_of(each)) for each in value)
     return str(value)

@@ -8,10 +8,10 @@ from enum import Enum, auto
 from functools import partial
 from hashlib import sha256
 from pathlib import Path
-from typing import BinaryIO
+from typing import Annotated, BinaryIO
 
 import msgspec
-from msgspec import Struct
+from msgspec import Meta, Struct
 
 from logs.keys import PublicKey
 from logs.line import GENESIS, MAX_LINE, SEAL_LENGTH, SIGNED_KINDS, signed_message, unseal
@@ -38,6 +38,9 @@ class Break(Enum):
     NOT_SEALED = auto()
 
 
+Count = Annotated[int, Meta(ge=0, le=1 << 53)]  # a line that claims more is no record
+
+
 class BodyHead(Struct, frozen=True, kw_only=True):
     """What the chain needs to know of a body."""
 
@@ -45,7 +48,7 @@ class BodyHead(Struct, frozen=True, kw_only=True):
     closing: bool = False
     key: str = ""
     signature: str = ""
-    torn_bytes: int = 0
+    torn_bytes: Count = 0
     torn_sha256: str = ""
 
 
@@ -54,8 +57,8 @@ class Head(Struct, frozen=True, kw_only=True):
 
     body: BodyHead
     previous: str
-    schema: int
-    sequence: int
+    schema: Count
+    sequence: Count
     session: str
 
 

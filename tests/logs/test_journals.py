@@ -169,7 +169,7 @@ def test_a_number_of_the_manifest_written_otherwise_is_told(three: Trail, number
     data = three.manifest.read_bytes()
     at = data.rindex(number) + len(number)
     end = at + next(place for place, byte in enumerate(data[at:]) if not chr(byte).isdigit())
-    for written in (b"1.0", b"1e300", b"-0", b"9" * 5000, data[at:end] + b".0"):
+    for written in (b"1.0", b"1e300", b"-0", b"9" * 5000, b"9" * 400, b"9" * 19, data[at:end] + b".0"):
         three.manifest.write_bytes(data[:at] + written + data[end:])
         assert exit_status(judged(three.folder, three.key)) == 1
         resealed = _resealed(data[:at] + written + data[end:], three.key)
