@@ -39,6 +39,7 @@ SESSION = (
     _key("act", "t", "act"),
     _key("torque_off", "o", "torque_off", show=False),
     _key("checks", "s", "checks", show=False),
+    _key("health", "i", "health", show=False),
     _key("compare", "v", "compare", show=False),
     _key("pause", "z", "pause_picture", show=False),
     _key("end", "e", "end_session"),

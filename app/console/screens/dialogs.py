@@ -16,8 +16,10 @@ from app.console.keys import GESTURE_KEYS
 from app.console.screens.base import Dialog
 from app.console.state import SessionState
 from app.console.widgets.gesture import FINGERS
-from app.console.widgets.panel import Lines, content_of
+from app.console.widgets.health import health_lines
+from app.console.widgets.panel import Lines, Panel, content_of
 from app.ipc.states import ACTION_OF, GESTURE_OF, Action
+from app.system.config import load_device
 from app.text.catalogue import tr
 
 MAX_ANSWER = 4096  # a path
@@ -54,6 +56,28 @@ class Question(Dialog[bool]):
     def action_answer(self, yes: bool) -> None:
         """Answer by key."""
         self.dismiss(yes)
+
+
+class HealthPage(Dialog[None]):
+    """What is behind the dot: camera, control, links, joints, in figures for an engineer."""
+
+    HELP_PAGE = "health"
+    BINDINGS: ClassVar[list[BindingType]] = [("i", "cancel", "bind.cancel")]
+
+    def compose(self) -> ComposeResult:
+        with VerticalScroll(classes="dialog page") as box:
+            box.border_title = tr("health.title")
+            yield Panel(id="health")
+        yield from self.compose_bottom()
+
+    def show_session(self, state: SessionState | None) -> None:
+        super().show_session(state)
+        if state is not None:
+            panel, joints = self.query_one("#health", Panel), load_device(state.setup.config.joints).joints
+            before = len(panel.lines)
+            panel.lines = health_lines(state, joints, panel.content_size.width)
+            if len(panel.lines) != before:
+                panel.refresh(layout=True)
 
 
 class TherapistAct(Dialog[Action]):

@@ -2,26 +2,28 @@
 
 from __future__ import annotations
 
+import asyncio
 from typing import ClassVar
 
 from textual.app import ComposeResult
 from textual.binding import BindingType
-from textual.containers import Container, Horizontal, Vertical
+from textual.containers import Container, Vertical
 
 from app.console import keys
 from app.console.guidance import guidance_line
 from app.console.screens.base import ConsoleScreen
 from app.console.screens.checks import Checklist
 from app.console.screens.compare import CompareScreen
-from app.console.screens.dialogs import Question, TherapistAct
+from app.console.screens.dialogs import HealthPage, Question, TherapistAct
 from app.console.state import SessionState
-from app.console.widgets.gait import MachinePanel
+from app.console.widgets.gait import GaitPanel
 from app.console.widgets.gesture import DistancePanel, GesturePanel
-from app.console.widgets.joints import JointsPanel
+from app.console.widgets.hold import HoldPanel, held
 from app.console.widgets.panel import Panel, StatePanel
 from app.console.widgets.patient_details import identity
 from app.console.widgets.picture import Picture
-from app.console.widgets.status import EventsPanel, HealthPanel, status_line
+from app.console.widgets.status import DosePanel, EventsPanel, status_line
+from app.console.widgets.wearer import FigurePanel, JointsPanel, Wearer, load_wearer
 from app.ipc.messages import HandCommand, HandPose, OperatorKind
 from app.ipc.states import Action, Effect
 from app.text.catalogue import render, tr
@@ -75,31 +77,46 @@ class SessionScreen(HandKeys):
 
     HELP_PAGE = "session"
     BINDINGS: ClassVar[list[BindingType]] = [*keys.SESSION, *keys.HAND]
+    wearer: Wearer | None = None  # until it is loaded there is no figure
 
     def compose(self) -> ComposeResult:
         yield Panel(id="status")
-        with Horizontal(id="top"):
+        yield Panel(id="guide")
+        with Container(id="main"):  # the hand on the left, the legs beside it, figures on the right of wide terminals
             yield Picture(id="picture")
-            with Vertical(id="side"):
+            yield FigurePanel(id="figure", title=tr("panel.figure"))
+            with Vertical(id="numbers"):
+                yield JointsPanel(id="joints", title=tr("panel.joints"))
+                yield DosePanel(id="dose", title=tr("panel.dose"))
+            with Vertical(id="hand-side"):
                 yield GesturePanel(id="gesture", title=tr("panel.gesture"))
                 yield DistancePanel(id="distance", title=tr("panel.distance"))
-                yield HealthPanel(id="health", title=tr("panel.health"))
-        yield Panel(id="guide")
-        with Container(id="middle"):
-            yield MachinePanel(id="machine", title=tr("panel.machine"))
-            yield EventsPanel(id="events", title=tr("panel.events"))
-        yield JointsPanel(id="joints", title=tr("panel.joints"))
+            with Vertical(id="legs-side"):
+                yield GaitPanel(id="gait", title=tr("panel.gait"))
+                yield EventsPanel(id="events", title=tr("panel.events"))
+            yield HoldPanel(id="hold", title=tr("panel.hold"))
         yield from self.compose_bottom()
+
+    def on_mount(self) -> None:
+        super().on_mount()
+        self.run_worker(self._load_wearer(), exit_on_error=False)
+
+    async def _load_wearer(self) -> None:
+        self.wearer = await asyncio.to_thread(load_wearer, self.console_app.live_setup())
 
     def show_session(self, state: SessionState | None) -> None:
         super().show_session(state)
         if state is None:
             return
-        self.query_one("#status", Panel).lines = status_line(state)
         app = self.console_app
+        status = self.query_one("#status", Panel)
+        status.lines = status_line(state, status.size.width, app.key_names["health"])
         guide = guidance_line(state, app.key_names, watching=app.read_only)
         self.query_one("#guide", Panel).lines = guide
         self.query_one(Picture).show(state)
+        self.query_one("#main").set_class(held(state), "-held")
+        self.query_one(HoldPanel).show(state, app.key_names, watching=app.read_only)
+        self.query_one(FigurePanel).wearer = self.query_one(JointsPanel).wearer = self.wearer
         for panel in self.query(StatePanel):
             panel.show(state)
 
@@ -154,6 +171,10 @@ class SessionScreen(HandKeys):
     def action_checks(self) -> None:
         """Show the checks."""
         self.console_app.push_kept("checks", Checklist)
+
+    def action_health(self) -> None:
+        """Show camera, control, links and joints in figures."""
+        self.console_app.push_kept("health", HealthPage)
 
     def action_compare(self) -> None:
         """Both cameras side by side."""

@@ -7,39 +7,13 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
 
+from app.console.widgets.canvas import Canvas
 from kgdfa.gesture import FINGER_STATES, Finger, FingerState, Gesture
 from profiles.anthropometry import limb_lengths
 from profiles.schema import Profile
 
 Point = tuple[float, float]
 Stroke = Callable[[Point, Point], None]
-
-_DOTS = ((0x01, 0x08), (0x02, 0x10), (0x04, 0x20), (0x40, 0x80))
-
-
-class Braille:
-    """A bitmap of two by four dots a cell."""
-
-    def __init__(self, columns: int, rows: int) -> None:
-        self.width = 2 * columns
-        self.height = 4 * rows
-        self._cells = [[0] * columns for _ in range(rows)]
-
-    def dot(self, x: int, y: int) -> None:
-        """Set one dot; outside of the bitmap nothing happens."""
-        if 0 <= x < self.width and 0 <= y < self.height:
-            self._cells[y // 4][x // 2] |= _DOTS[y % 4][x % 2]
-
-    def line(self, x0: int, y0: int, x1: int, y1: int) -> None:
-        """A straight line, both ends included."""
-        steps = max(abs(x1 - x0), abs(y1 - y0), 1)
-        for step in range(steps + 1):
-            self.dot(round(x0 + (x1 - x0) * step / steps), round(y0 + (y1 - y0) * step / steps))
-
-    def text(self) -> str:
-        """One line of text a row of cells."""
-        return "\n".join("".join(chr(0x2800 + cell) for cell in row) for row in self._cells)
-
 
 # A step: points in metres, x forward, y up.
 VIEW_M = 2.0  # across
@@ -48,7 +22,7 @@ FOOT_M = 0.16
 
 def draw_step(profile: Profile, columns: int, rows: int) -> str:
     """The level step on the left; stair, obstacle and chair to scale on the right."""
-    canvas = Braille(columns, rows)
+    canvas = Canvas(columns, rows)
     scale = min(canvas.width / VIEW_M, canvas.height / (1.12 * _leg(profile)))
 
     def line(a: Point, b: Point) -> None:
@@ -67,7 +41,7 @@ def draw_step(profile: Profile, columns: int, rows: int) -> str:
     _box(line, x + gait.stair_tread_m, 2 * gait.stair_rise_m, gait.stair_tread_m)
     x += 2 * gait.stair_tread_m + 0.12
     _box(line, x, gait.obstacle_height_m, gait.obstacle_depth_m)
-    return canvas.text()
+    return canvas.plain()
 
 
 def _leg(profile: Profile) -> float:
@@ -140,7 +114,7 @@ _PINCH = (12.0, 20.0)
 
 def draw_hand(gesture: Gesture, columns: int, rows: int) -> str:
     """The gesture as lines of braille."""
-    canvas = Braille(columns, rows)
+    canvas = Canvas(columns, rows)
     scale = min(canvas.width / 60, canvas.height / 72)
 
     def line(a: Point, b: Point) -> None:
@@ -154,7 +128,7 @@ def draw_hand(gesture: Gesture, columns: int, rows: int) -> str:
             moved = [(x + shift, y) for x, y in points]
             for a, b in pairwise(moved):
                 line(a, b)
-    return canvas.text()
+    return canvas.plain()
 
 
 def _points(finger: _Drawn, state: FingerState, *, thumb: bool) -> list[Point]:

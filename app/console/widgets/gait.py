@@ -1,11 +1,11 @@
-"""The gait machine, drawn: where the legs are, what may come next, and by which gesture."""
+"""The gait as a map: places, the ways out of them with their gesture, where the legs are and where they are going."""
 
 from __future__ import annotations
 
 from app.console.state import SessionState
+from app.console.widgets.canvas import Canvas
 from app.console.widgets.gesture import FINGERS
-from app.console.widgets.panel import Line, Lines, StatePanel, bar, cells, padded, plain
-from app.console.widgets.status import event_lines
+from app.console.widgets.panel import DrawnPanel, Line, Lines, bar, cells, fitted, padded, plain, wrapped
 from app.ipc.messages import ControlSnapshot
 from app.ipc.states import GESTURE_OF, Action, GaitState
 from app.text.catalogue import render, tr
@@ -13,60 +13,116 @@ from app.text.catalogue import render, tr
 G = GaitState
 A = Action
 
-# The paper's machine as rows of a drawing: states in turn, and the actions that lead from each to the next.
-_ROWS: tuple[tuple[GaitState | Action, ...], ...] = (
-    (G.UNPOWERED, A.INITIALISE, G.STANDING, A.SIT_DOWN, G.SITTING, A.STAND_UP, G.STANDING),
-    (G.STANDING, A.STEP_RIGHT_FIRST, G.RIGHT_FORWARD, A.STEP_LEFT, G.LEFT_FORWARD, A.STEP_RIGHT, G.RIGHT_FORWARD),
-    (G.RIGHT_FORWARD, A.STEP_END, G.STANDING),
-    (G.STANDING, A.WALK, G.LEFT_FORWARD, A.WALK_END, G.STANDING),
-    (G.STANDING, A.STAIR_UP, G.RIGHT_HIGH_STEP),
-    (G.STANDING, A.STAIR_DOWN, G.RIGHT_LOW_STEP),
-    (G.STANDING, A.OBSTACLE, G.RIGHT_OBSTACLE),
+# Where each action leads; a crossing passes through this place and ends standing. tests/app/console/test_gait_map.py
+# compares it with control's table.
+LEADS_TO = {
+    A.INITIALISE: G.STANDING,
+    A.STAND_UP: G.STANDING,
+    A.SIT_DOWN: G.SITTING,
+    A.STEP_RIGHT_FIRST: G.RIGHT_FORWARD,
+    A.STEP_LEFT: G.LEFT_FORWARD,
+    A.STEP_RIGHT: G.RIGHT_FORWARD,
+    A.STEP_END: G.STANDING,
+    A.WALK: G.LEFT_FORWARD,
+    A.WALK_END: G.STANDING,
+    A.STAIR_UP: G.RIGHT_HIGH_STEP,
+    A.STAIR_DOWN: G.RIGHT_LOW_STEP,
+    A.OBSTACLE: G.RIGHT_OBSTACLE,
+}
+# The map: a row of it is the place on the left, the way between it and standing, the way on the right, its place.
+# A way that leads to standing points to it; `None` leaves a gap.
+_LEFT: tuple[tuple[GaitState | None, Action | None], ...] = (
+    (G.UNPOWERED, A.INITIALISE),
+    (None, None),
+    (G.SITTING, A.SIT_DOWN),
+    (None, A.STAND_UP),
+    (None, None),
+    (G.BETWEEN, A.INITIALISE),
+    (None, None),
+    (None, None),
 )
+_RIGHT: tuple[tuple[Action, GaitState | None], ...] = (
+    (A.STEP_RIGHT_FIRST, G.RIGHT_FORWARD),
+    (A.STEP_END, None),
+    (A.WALK, None),
+    (A.WALK_END, G.LEFT_FORWARD),
+    (A.STAIR_UP, G.RIGHT_HIGH_STEP),
+    (A.STAIR_DOWN, G.RIGHT_LOW_STEP),
+    (A.OBSTACLE, G.RIGHT_OBSTACLE),
+)
+_BETWEEN_STEPS = ((1, A.STEP_LEFT, "▼"), (2, A.STEP_RIGHT, "▲"))  # row, and the way's direction on the map
+_HOME = (A.STEP_END, A.WALK_END, A.INITIALISE, A.STAND_UP)
+MAP_ROWS = len(_LEFT)
+LEAST_EDGE = 9  # a gesture's name with a stroke on both sides
+LIT, DARK, RUNNING, HERE = "bold $success", "$foreground-muted", "bold $accent", "bold reverse $primary"
 
 
-def gait_lines(state: SessionState, width: int, height: int, *, alone: bool = False) -> Lines:
-    """The drawing where there is room for it, else what is allowed as a list; alone, with what the events would say."""
+def gait_lines(state: SessionState, width: int, height: int) -> Lines:
+    """The map where there is room for it, else a signpost: the place, and the ways that are lit."""
     snapshot = state.snapshot
     if snapshot is None:
-        return (plain(state.fault or tr("machine.waiting"), "bold $error" if state.fault else "$text-muted"),)
+        return (plain(state.fault or tr("machine.waiting"), "bold $error" if state.fault else "$foreground-muted"),)
     if not state.snapshot_fresh:
-        return (_now(snapshot, width), plain(f" {tr('machine.silent')}", "bold $error"))
-    drawn = height >= len(_ROWS) + 2 and width >= 72
-    why = event_lines(state)[: max(1, height // 2)] if alone and state.events else _why_not(snapshot)
-    body = tuple(_row(row, snapshot) for row in _ROWS) if drawn else _allowed(snapshot, width, height - 1 - len(why))
-    return (_now(snapshot, width), *((plain(""),) if drawn else ()), *why, *body)
+        silent = (plain(f" {part}", "bold $error") for part in wrapped(tr("machine.silent"), width - 1))
+        return (_here(snapshot, width), *silent)[:height]
+    why = _why_not(snapshot, width)
+    full = gait_map(snapshot, width) if height >= MAP_ROWS + 1 + len(why) else ()
+    body = full or signpost(snapshot, width, height - 1 - len(why))
+    now = (plain(""),) if full and snapshot.action is None else _now(snapshot, width)  # the map says where
+    return (*now, *why, *body)[:height]
 
 
-def _now(snapshot: ControlSnapshot, width: int) -> Line:
-    head = (f" ● {tr(snapshot.state)} ", "bold reverse $primary")
+def _here(snapshot: ControlSnapshot, width: int) -> Line:
+    return fitted([(f" ● {tr(snapshot.state)} ", HERE)], width)
+
+
+def _now(snapshot: ControlSnapshot, width: int) -> Lines:
+    """Where the legs are; while they move, what is being done, where it leads, how far it has come."""
     if snapshot.action is None:
-        return (head,)
-    share = bar(snapshot.progress, max(6, min(20, width - 50)))
+        return (_here(snapshot, width),)
+    name = (f" ▸ {tr(snapshot.action)} ", "bold reverse $accent")
+    share = f" {snapshot.progress:4.0%}"
+    room = max(4, min(20, width - cells(name[0]) - cells(share) - 1))
     latched = f"  {tr('machine.pending', action=tr(snapshot.pending))}" if snapshot.pending else ""
-    return (head, (f" ▸ {tr(snapshot.action)} ", "bold $accent"), (share, "$accent"), (latched, "$warning"))
+    parts = [name, (" ", ""), (bar(snapshot.progress, room), "$accent"), (share, "bold"), (latched, "bold $warning")]
+    return (fitted(parts, width),)
 
 
-def _why_not(snapshot: ControlSnapshot) -> Lines:
+def _why_not(snapshot: ControlSnapshot, width: int) -> Lines:
     """Why nothing is allowed, unless an event beside says the same."""
     if snapshot.allowed or snapshot.action is not None or not snapshot.why_not:
         return ()
     known = any(event.reason == snapshot.why_not for event in snapshot.events)
-    return () if known else (plain(f" {render(snapshot.why_not)}", "$warning"),)
+    return (
+        () if known else tuple(plain(f" {part}", "$warning") for part in wrapped(render(snapshot.why_not), width - 1))
+    )
 
 
-def _allowed(snapshot: ControlSnapshot, width: int, height: int) -> Lines:
-    """Every allowed action: with its fingers where there is room for all, else without."""
-    for fingers in (True, False):
-        rows = _columns([_item(action, fingers=fingers) for action in snapshot.allowed], width)
-        if len(rows) <= height:
-            break
-    return tuple(plain(row, "$success") for row in rows[: max(1, height)])
+def signpost(snapshot: ControlSnapshot, width: int, height: int) -> Lines:
+    """Every way that is open now: with its fingers where there is room for all, else without, else in columns."""
+    if snapshot.action is not None:
+        edge = [(f" ● {tr(snapshot.state)} ", ""), ("━━", RUNNING), (f"▶ ◎ {tr(_goal(snapshot))}", RUNNING)]
+        return (plain(""), fitted(edge, width))[-max(1, height) :]
+    edges = [_edge(action, fingers=True) for action in snapshot.allowed]
+    if edges and len(edges) <= height and max(map(cells, edges)) + 3 <= width:
+        joints = ["┬", *"├" * (len(edges) - 2), "╰"] if len(edges) > 1 else ["╰"]
+        return tuple(((f" {joint}━", "$success"), (edge, LIT)) for joint, edge in zip(joints, edges, strict=True))
+    rows = _columns([_edge(action, fingers=False) for action in snapshot.allowed], width)
+    return tuple(plain(row, LIT) for row in rows[: max(1, height)])
 
 
-def _item(action: Action, *, fingers: bool) -> str:
+def _goal(snapshot: ControlSnapshot) -> GaitState:
+    """Where the running action leads next."""
+    assert snapshot.action is not None
+    goal = LEADS_TO[snapshot.action]
+    if goal is snapshot.state:
+        return G.RIGHT_FORWARD if snapshot.action is A.WALK else G.STANDING
+    return goal
+
+
+def _edge(action: Action, *, fingers: bool) -> str:
     drawn = f" {FINGERS[GESTURE_OF[action]]}" if fingers else ""
-    return f"{tr(GESTURE_OF[action]):>4}{drawn} {tr(action)}"
+    return f"{tr(GESTURE_OF[action]):>4}{drawn} ▶ {tr(action)}"
 
 
 def _columns(items: list[str], width: int) -> list[str]:
@@ -79,30 +135,85 @@ def _columns(items: list[str], width: int) -> list[str]:
     ]
 
 
-def _row(row: tuple[GaitState | Action, ...], snapshot: ControlSnapshot) -> Line:
-    parts: list[tuple[str, str]] = []
-    for item in row:
-        parts.append(_state(item, snapshot) if isinstance(item, GaitState) else _arrow(item, snapshot))
-    return tuple(parts)
+def gait_map(snapshot: ControlSnapshot, width: int) -> Lines:
+    """All places and ways; nothing where they need more than `width` cells."""
+    left = max(cells(tr(place)) for place, _ in _LEFT if place) + 2
+    right = max(cells(tr(place)) for _, place in _RIGHT if place) + 2
+    middle = cells(tr(G.STANDING)) + 6
+    edge = (width - left - right - middle - 5) // 2
+    if edge < LEAST_EDGE:
+        return ()
+    edges = _Edges(snapshot, edge)
+    canvas = Canvas(width, MAP_ROWS)
+    box, beyond = left + edge + 2, left + middle + 2 * edge + 4
+    for row in range(MAP_ROWS):
+        for x in (box, box + middle - 1):
+            canvas.text(x, row, "┃", "bold $primary" if snapshot.state is G.STANDING else "$secondary")
+    name, style = _place(G.STANDING, snapshot)
+    canvas.text(box + 1, MAP_ROWS // 2 - 1, padded(f" {name}", middle - 2), style)
+    for row, (place, action) in enumerate(_LEFT):
+        if place is not None:
+            canvas.text(0, row, *_place(place, snapshot))
+        if action is not None:
+            source = place if action is A.INITIALISE else None
+            canvas.text(left + 1, row, *edges.drawn(action, source))
+    for row, (action, place) in enumerate(_RIGHT):
+        canvas.text(box + middle + 1, row, *edges.drawn(action))
+        if place is not None:
+            canvas.text(beyond, row, *_place(place, snapshot))
+    for row, action, arrow in _BETWEEN_STEPS:
+        style = edges.style(action)
+        canvas.text(beyond + 2, row, f"{'┃' if style != DARK else '│'}{arrow} {tr(GESTURE_OF[action])}", style)
+    return canvas.lines()
 
 
-def _state(state: GaitState, snapshot: ControlSnapshot) -> tuple[str, str]:
-    here = state is snapshot.state
-    return (f"{'●' if here else '○'} {tr(state)}", "bold $primary" if here else "$text-muted")
+class _Edges:
+    """How a way is drawn: heavy where it is open, double where the legs are on it, thin where it is closed."""
+
+    def __init__(self, snapshot: ControlSnapshot, width: int) -> None:
+        self._snapshot = snapshot
+        self._width = width
+
+    def style(self, action: Action, source: GaitState | None = None) -> str:
+        """Of this action, from this place (None: from any that it has)."""
+        if source is not None and self._snapshot.state is not source:
+            return DARK
+        if action is self._snapshot.action:
+            return RUNNING
+        return LIT if action in self._snapshot.allowed else DARK
+
+    def drawn(self, action: Action, source: GaitState | None = None) -> tuple[str, str]:
+        """The way with its gesture, its fingers where it is open, its name where there is room."""
+        style = self.style(action, source)
+        stroke = {RUNNING: "═", LIT: "━"}.get(style, "─")
+        gesture = tr(GESTURE_OF[action])
+        labels = (f"{gesture} {FINGERS[GESTURE_OF[action]]} {tr(action)}", f"{gesture} {FINGERS[GESTURE_OF[action]]}")
+        label = next(
+            (f" {text} " for text in labels if cells(text) + 6 <= self._width and style != DARK), f" {gesture} "
+        )
+        rest = self._width - cells(label) - 1
+        line = f"{stroke * (rest // 2)}{label}{stroke * (rest - rest // 2)}"
+        to_left = action in (*_HOME, A.SIT_DOWN) and not (source or action is A.STAND_UP)
+        head = ("◀" if to_left else "▶") if style != DARK else ("◁" if to_left else "▷")
+        return (f"{head}{line}" if to_left else f"{line}{head}", style)
 
 
-def _arrow(action: Action, snapshot: ControlSnapshot) -> tuple[str, str]:
-    if action is snapshot.action:
-        return (f" ━━{tr(GESTURE_OF[action])}━▶ ", "bold $accent")
-    if action in snapshot.allowed:
-        return (f" ━━{tr(GESTURE_OF[action])}━▶ ", "bold $success")
-    return (f" ──{tr(GESTURE_OF[action])}─▷ ", "$text-muted")
+def _place(place: GaitState, snapshot: ControlSnapshot) -> tuple[str, str]:
+    if place is snapshot.state:
+        return (f"● {tr(place)}", HERE)
+    if snapshot.action is not None and place is _goal(snapshot):
+        return (f"◎ {tr(place)}", RUNNING)
+    return (f"○ {tr(place)}", DARK)
 
 
-class MachinePanel(StatePanel):
+class GaitPanel(DrawnPanel):
     """State, running action, allowed actions."""
+
+    DRAWN_HZ = 5.0  # of a progress; a change of state is drawn at once
 
     def show(self, state: SessionState) -> None:
         """Draw the newest snapshot."""
-        alone = self.screen.has_class("-narrow")  # the events have no panel there
-        self.lines = gait_lines(state, self.content_size.width, self.content_size.height, alone=alone)
+        now = state.snapshot
+        at_once = now and (now.state, now.action, now.pending, now.allowed, now.why_not, now.events)
+        if self.due(state.now_ns, (at_once, state.snapshot_fresh, state.fault)):
+            self.lines = gait_lines(state, self.content_size.width, self.content_size.height)

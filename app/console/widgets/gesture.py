@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 
-from app.console.state import PressNote, SessionState
-from app.console.widgets.panel import Line, Lines, StatePanel, bar, cells, plain
+from app.console.state import NO_NOTE, PressNote, SessionState
+from app.console.widgets.panel import DrawnPanel, Line, Lines, StatePanel, bar, cells, fitted, plain, wrapped
+from app.console.widgets.push import TRACE_ROWS, Push, draw_push
 from app.ipc.messages import TriggerReport
 from app.ipc.states import ACTION_OF
 from app.text.catalogue import render, tr
@@ -30,13 +31,13 @@ def gesture_lines(state: SessionState) -> Lines:
     """Four lines; the last two are the reason."""
     report = state.report
     if report is None:
-        return (plain(tr("gesture.waiting"), "$text-muted"),)
+        return (plain(tr("gesture.waiting"), "$foreground-muted"),)
     if not state.report_fresh:
         return (plain(tr("gesture.stale"), "bold $error"),)
     if report.camera_fault:
         return (plain(tr("gesture.no_picture"), "bold $error"), plain(render(report.camera_fault)))
     why = report.hand_refusal or report.hint or (report.explanation if report.gesture is None else None)
-    return (_headline(report), _votes(report), plain(render(why) if why else "", "$text-muted"))
+    return (_headline(report), _votes(report), plain(render(why) if why else "", "$foreground-muted"))
 
 
 def _headline(report: TriggerReport) -> tuple[tuple[str, str], ...]:
@@ -49,7 +50,7 @@ def _headline(report: TriggerReport) -> tuple[tuple[str, str], ...]:
         )
     if report.hand_refusal is not None:
         return plain(tr("gesture.refused"), "bold $warning")
-    return plain(tr("gesture.none") if report.hand else tr("gesture.no_hand"), "bold $text-muted")
+    return plain(tr("gesture.none") if report.hand else tr("gesture.no_hand"), "bold $foreground-muted")
 
 
 def _votes(report: TriggerReport) -> tuple[tuple[str, str], ...]:
@@ -74,12 +75,24 @@ class GesturePanel(StatePanel):
 SCALE_M = 0.70  # the paper's farthest
 
 
-def distance_lines(state: SessionState, width: int) -> Lines:
-    """The figure, the gauge, and the button."""
-    report = state.report
-    if report is None or not state.report_fresh:
-        return (plain("–", "$text-muted"), plain(gauge(None, 0.0, 0.20, width)), _button(None, state.press_note))
-    return (_figure(report, width), _gauge_line(report, width), _button(report, state.press_note), *_zone(report))
+def distance_lines(state: SessionState, width: int, height: int, push: Push) -> Lines:
+    """The figure, the push of the last seconds (a gauge where there is no room for it), and the button."""
+    report, fresh = state.report, state.report_fresh
+    if report is None or not fresh:
+        return (plain("–", "$foreground-muted"), _button(None, state.press_note, width))
+    figure = _fault(report, width) or (_figure(report, width),)
+    rows = height - 1 - len(figure)
+    if rows < TRACE_ROWS:
+        return (*figure, _gauge_line(report, width), _button(report, state.press_note, width), *_zone(report, width))
+    trace = draw_push(push, state.now_ns, report.threshold_m, width, rows)
+    return (*figure, *trace, _button(report, NO_NOTE, width))  # why a push gave nothing stands in the trace
+
+
+def _fault(report: TriggerReport, width: int) -> Lines:
+    """Why a depth camera that should measure does not."""
+    if report.safe_distance_m is not None or not report.depth_fault:
+        return ()
+    return tuple(plain(part, "$warning") for part in wrapped(render(report.depth_fault), width))
 
 
 def gauge(
@@ -120,8 +133,7 @@ def _figure(report: TriggerReport, width: int) -> Line:
     threshold_cm = f"{report.threshold_m * 100:.1f}".removesuffix(".0")
     limit = tr("distance.threshold", cm=threshold_cm)
     if report.safe_distance_m is None:
-        why = f"{render(report.depth_fault)}  " if report.depth_fault else tr("distance.none")
-        return ((why, "$text-muted"), (limit, "$text-muted"))
+        return ((tr("distance.none"), "$foreground-muted"), (limit, "$foreground-muted"))
     figure = f"{_on_its_side(report.safe_distance_m, report.threshold_m):5.1f} cm  "
     assumed = f"{tr('distance.assumed')}  " if report.focal_assumed else ""
     if cells(figure + assumed + limit) > width:
@@ -138,9 +150,9 @@ def _figure(report: TriggerReport, width: int) -> Line:
     return (
         (figure, "bold"),
         (assumed, "$warning"),
-        (limit, "$text-muted"),
+        (limit, "$foreground-muted"),
         (source, "$primary"),
-        (best, "$text-muted"),
+        (best, "$foreground-muted"),
     )
 
 
@@ -162,33 +174,28 @@ def _gauge_line(report: TriggerReport, width: int) -> Line:
     return plain(gauge(safe_m, sd_m, report.threshold_m, width, blind_m=blind_m, best_m=best_m), style)
 
 
-def _button(report: TriggerReport | None, press_note: PressNote) -> Line:
+def _button(report: TriggerReport | None, press_note: PressNote, width: int) -> Line:
     if report is not None and report.pressed:
-        name = tr(report.gesture) if report.gesture else ""
-        return (
-            (f" ◉ {tr('button.pressed')} ", "bold reverse $success"),
-            (" " + tr("button.withdraw", gesture=name), "$success"),
-        )
-    return (
-        (f" ○ {tr('button.released')} ", "bold reverse $error"),
-        (_why(press_note), "$warning"),
-    )
+        withdraw = tr("button.withdraw", gesture=tr(report.gesture) if report.gesture else "")
+        return fitted([(f" ◉ {tr('button.pressed')} ", "bold reverse $success"), (f" {withdraw}", "$success")], width)
+    released = (f" ○ {tr('button.released')} ", "bold reverse $error")
+    return (released, *(plain(f" {part}", "$warning")[0] for part in wrapped(why_nothing(press_note), width - 14)[:1]))
 
 
-def _why(press_note: PressNote) -> str:
+def why_nothing(press_note: PressNote) -> str:
+    """Why a push gave no command."""
     if press_note.reason is None:
         return ""
-    why = tr("button.cancelled", reason=press_note.reason) if press_note.cancelled else render(press_note.reason)
-    return f" {why}"
+    return tr("button.cancelled", reason=press_note.reason) if press_note.cancelled else render(press_note.reason)
 
 
-def _zone(report: TriggerReport) -> Lines:
+def _zone(report: TriggerReport, width: int) -> Lines:
     """Where a press works before this camera; it stands below the button, where there is room for it."""
     zone = report.press_zone
     if zone is None:
         return ()
-    style = "$text-muted" if zone.fits(report.threshold_m) else "bold $warning"
-    return (plain(zone_text(zone, report.threshold_m), style),)
+    style = "$foreground-muted" if zone.fits(report.threshold_m) else "bold $warning"
+    return tuple(plain(part, style) for part in wrapped(zone_text(zone, report.threshold_m), width))
 
 
 def zone_text(zone: PressZone, threshold_m: float) -> str:
@@ -200,9 +207,21 @@ def zone_text(zone: PressZone, threshold_m: float) -> str:
     return text if zone.fits(threshold_m) else f"{text} · {tr('distance.proposed', cm=proposed)}"
 
 
-class DistancePanel(StatePanel):
-    """Distance, gauge and button."""
+class DistancePanel(DrawnPanel):
+    """Distance, push and button."""
+
+    DRAWN_HZ = 8.0
+
+    def __init__(self, id: str | None = None, title: str = "") -> None:  # noqa: A002 - Textual's own name
+        super().__init__(id, title)
+        self._push = Push()
 
     def show(self, state: SessionState) -> None:
         """Draw the newest report."""
-        self.lines = distance_lines(state, max(10, self.content_size.width))
+        report, why = state.report, why_nothing(state.press_note)
+        if report is not None:
+            self._push.take(report, why)
+        pressed = report is not None and (report.pressed, report.release_count)
+        if self.due(state.now_ns, (pressed, why, state.report_fresh)):
+            width, height = self.content_size
+            self.lines = distance_lines(state, max(10, width), height, self._push)

@@ -2,9 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 from rich.cells import cell_len, set_cell_size
+from rich.segment import Segment
+from rich.style import Style as RichStyle
 from textual.content import Content
+from textual.geometry import Region
 from textual.reactive import reactive
+from textual.strip import Strip
+from textual.style import Style
 from textual.widget import Widget
 
 from app.console.state import SessionState
@@ -32,6 +39,21 @@ def cells(text: str) -> int:
 def padded(text: str, width: int) -> str:
     """The text, filled or cut to `width` cells."""
     return set_cell_size(text, width)
+
+
+def fitted(parts: Iterable[Part], width: int) -> Line:
+    """The parts that fit, first ones first: a part is left out whole, so that no figure is ever cut."""
+    kept: list[Part] = []
+    for text, style in parts:
+        if cells(text) <= width:
+            kept.append((text, style))
+            width -= cells(text)
+    return tuple(kept)
+
+
+def wrapped(text: str, width: int) -> list[str]:
+    """The text in lines of `width` cells, broken between words, and between the letters of a script without spaces."""
+    return [line.plain for line in Content(text).wrap(width)] if width > 0 and text else []
 
 
 def bar(share: float, width: int) -> str:
@@ -66,3 +88,52 @@ class StatePanel(Panel):
     def show(self, state: SessionState) -> None:
         """Take the newest state."""
         raise NotImplementedError
+
+
+class DrawnPanel(StatePanel):
+    """Lines that fit as they are, drawn without Textual's wrapping, and only those that have changed.
+
+    The session's drawings change many times a second: as Content each of them cost several times what drawing it does.
+    """
+
+    DRAWN_HZ = 20.0
+    lines = reactive[Lines]((), repaint=False)
+
+    def __init__(self, id: str | None = None, title: str = "") -> None:  # noqa: A002 - Textual's own name
+        super().__init__(id, title)
+        self._next_ns = 0
+        self._at_once: object = None
+        self._styles_of: object = None
+        self._rich: dict[str, RichStyle] = {}
+
+    def due(self, now_ns: int, at_once: object) -> bool:
+        """Whether to draw: DRAWN_HZ times a second, and whenever what must be seen at once has changed."""
+        at_once = (at_once, self.content_size)
+        if at_once == self._at_once and now_ns < self._next_ns:
+            return False
+        self._at_once = at_once
+        self._next_ns = max(self._next_ns + round(1e9 / self.DRAWN_HZ), now_ns)
+        return True
+
+    def watch_lines(self, before: Lines, now: Lines) -> None:
+        """Paint the rows that differ."""
+        rows = range(max(len(before), len(now)))
+        changed = [row for row in rows if before[row : row + 1] != now[row : row + 1]]
+        if changed:
+            self.refresh(*(Region(0, row, self.content_size.width, 1) for row in changed))
+
+    def render_line(self, y: int) -> Strip:
+        """A row of the content."""
+        width, known = self.content_size.width, (self.app.theme, self.visual_style)
+        if known != self._styles_of:
+            self._styles_of, self._rich = known, {"": self.visual_style.rich_style}
+        parts = self.lines[y] if y < len(self.lines) else ()
+        return Strip([Segment(text, self._style(style)) for text, style in parts]).adjust_cell_length(
+            width, self._rich[""]
+        )
+
+    def _style(self, name: str) -> RichStyle:
+        found = self._rich.get(name)
+        if found is None:
+            found = self._rich[name] = (self.visual_style + Style.parse(name)).rich_style
+        return found

@@ -1,11 +1,12 @@
-"""The status line on top, the dose and health panel, and the list of events."""
+"""The status line on top, the session's dose, and the list of events."""
 
 from __future__ import annotations
 
 from textual.message import Message
 
 from app.console.state import SessionState
-from app.console.widgets.panel import Line, Lines, Part, StatePanel, bar, cells, padded, plain
+from app.console.widgets.health import health_dot
+from app.console.widgets.panel import Line, Lines, Part, StatePanel, bar, cells, fitted, padded, plain
 from app.ipc.messages import ActiveEvent, ControlSnapshot, PauseSummary
 from app.ipc.states import Effect
 from app.text.catalogue import render, tr
@@ -13,7 +14,7 @@ from app.text.catalogue import render, tr
 PAUSE_SHOWN_NS = 10_000_000_000
 EFFECT_MARKS = {Effect.NOTE: "i", Effect.REFUSE: "-", Effect.PAUSE: "~", Effect.HOLD: "!", Effect.DAMP: "‼"}
 EFFECT_STYLES = {
-    Effect.NOTE: "$text-muted",
+    Effect.NOTE: "$foreground-muted",
     Effect.REFUSE: "$warning",
     Effect.PAUSE: "$warning",
     Effect.HOLD: "bold $error",
@@ -21,27 +22,49 @@ EFFECT_STYLES = {
 }
 
 
-def status_line(state: SessionState) -> Lines:
-    """One line."""
+def status_line(state: SessionState, width: int, health_key: str) -> Lines:
+    """One line: what is needed most is kept longest where there is little room; health stands at its end."""
     snapshot, config = state.snapshot, state.setup.config
-    operator = (f" {state.setup.operator} ", "$text-muted")
-    parts = [
-        (f" {state.setup.profile.identifier} ", "bold reverse $primary"),
-        *((operator,) if state.setup.operator else ()),
-        (f" {tr(f'camera.{config.camera.kind}')} · {tr(f'joints.{config.joints.kind}')} ", "$text-muted"),
+    dot, key = health_dot(state), f"{health_key} "
+    kept = {name: part for name, part in _status_parts(state, snapshot) if part[0]}
+    place = f"{tr(f'camera.{config.camera.kind}')} · {tr(f'joints.{config.joints.kind}')}"
+    kept["place"] = (f" {place} ", "$foreground-muted")
+    kept["joints"] = (f" {tr(f'joints.{config.joints.kind}')} ", "$foreground-muted")
+    room, chosen = width - cells(dot[0] + key), set[str]()
+    for name in _NEEDED:
+        if name in kept and cells(kept[name][0]) <= room and not (name == "joints" and "place" in chosen):
+            chosen.add(name)
+            room -= cells(kept[name][0])
+    line = [kept[name] for name in _ORDER if name in chosen]
+    return ((*line, (" " * room, ""), dot, (key, "bold $accent")) if room >= 0 else tuple(line),)
+
+
+# What the line holds, from left to right, and in the order in which it is given room.
+_ORDER = ("patient", "operator", "place", "joints", "arming", "state", "effect", "silent", "stop", "steps")
+_NEEDED = ("silent", "effect", "arming", "patient", "state", "place", "joints", "steps", "stop", "operator")
+
+
+def _status_parts(state: SessionState, snapshot: ControlSnapshot | None) -> list[tuple[str, Part]]:
+    setup = state.setup
+    parts: list[tuple[str, Part]] = [
+        ("patient", (f" {setup.profile.identifier} ", "bold reverse $primary")),
+        ("operator", (f" {setup.operator} " if setup.operator else "", "$foreground-muted")),
     ]
     if snapshot is None:
-        return ((*parts, (tr("status.starting"), "$text-muted")),)
-    parts.append(_arming(snapshot, fresh=state.snapshot_fresh))
-    parts.append((f" {tr(snapshot.state)} ", "bold"))
+        return [*parts, ("arming", (f" {tr('status.starting')} ", "$foreground-muted"))]
+    parts += [
+        ("arming", _arming(snapshot, fresh=state.snapshot_fresh)),
+        ("state", (f" {tr(snapshot.state)} ", "bold")),
+        ("steps", (f" {tr('health.steps')} {snapshot.steps}/{setup.profile.dose.steps} ", "")),
+    ]
     if snapshot.effect >= Effect.HOLD:
-        parts.append((f" {tr(snapshot.effect).upper()} ", EFFECT_STYLES[Effect.DAMP]))
+        parts.append(("effect", (f" {tr(snapshot.effect).upper()} ", EFFECT_STYLES[Effect.DAMP])))
     if not state.snapshot_fresh:
-        parts.append((f" {tr('status.silent')} ", EFFECT_STYLES[Effect.DAMP]))
+        parts.append(("silent", (f" {tr('status.silent')} ", EFFECT_STYLES[Effect.DAMP])))
     if snapshot.stop_received_ns and snapshot.stop_command_ns:
         took_ms = (snapshot.stop_command_ns - snapshot.stop_received_ns) / 1e6
-        parts.append((f" {tr('status.stop_took', ms=f'{took_ms:.0f}')}", "$text-muted"))
-    return (tuple(parts),)
+        parts.append(("stop", (f" {tr('status.stop_took', ms=f'{took_ms:.0f}')} ", "$foreground-muted")))
+    return parts
 
 
 def _arming(snapshot: ControlSnapshot, *, fresh: bool) -> Part:
@@ -56,54 +79,56 @@ def _arming(snapshot: ControlSnapshot, *, fresh: bool) -> Part:
 def event_lines(state: SessionState) -> Lines:
     """One line an event, then the newest refusal."""
     if state.snapshot is None:
-        return (plain(tr("events.waiting"), "$text-muted"),)
+        return (plain(tr("events.waiting"), "$foreground-muted"),)
     if not state.snapshot_fresh:
         return (plain(tr("events.silent"), "bold $error"), *(_line(event, state.now_ns) for event in state.events))
     lines = tuple(_line(event, state.now_ns) for event in state.events)
     if state.snapshot.refusal:
         lines = (*lines, plain(tr("events.refused", reason=render(state.snapshot.refusal)), "$warning"))
-    lines = (*lines, *_pause(state.snapshot.pauses, state.now_ns))
-    return lines or (plain(tr("events.none"), "$text-muted"),)
+    return (*lines, *_pause(state.snapshot.pauses, state.now_ns))
 
 
 def _pause(pauses: PauseSummary, now_ns: int) -> Lines:
     """The newest pause, for a while: nothing has to be done about it."""
     if pauses.cause is None or not pauses.resumed or now_ns - pauses.ended_ns > PAUSE_SHOWN_NS:
         return ()
-    return (plain(tr("events.paused", duration_s=pauses.duration_s, cause=pauses.cause), "$text-muted"),)
+    return (plain(tr("events.paused", duration_s=pauses.duration_s, cause=pauses.cause), "$foreground-muted"),)
 
 
 def _line(event: ActiveEvent, now_ns: int) -> Line:
     settled = event.acknowledged and not event.present  # what is still there still acts, seen or not
-    style = "$text-muted" if settled else EFFECT_STYLES[event.effect]
+    style = "$foreground-muted" if settled else EFFECT_STYLES[event.effect]
     observed = "✓" if settled else EFFECT_MARKS[event.effect]
     gone = "" if event.present else tr("events.gone")
     age = f"{max(0, now_ns - event.since_ns) // 1_000_000_000} s"
     return (
         (f"{observed} {tr(event.effect)} ", style),
         (render(event.reason), ""),
-        (f" {gone}{age}", "$text-muted"),
+        (f" {gone}{age}", "$foreground-muted"),
     )
 
 
 class EventsPanel(StatePanel):
-    """A click asks for the acknowledgement."""
+    """As high as it has something to tell; a click asks for the acknowledgement."""
 
     class Clicked(Message):
         """The list was clicked."""
 
     def show(self, state: SessionState) -> None:
         """Draw the newest snapshot."""
-        self.lines = event_lines(state)
+        before, self.lines = len(self.lines), event_lines(state)
+        self.set_class(not self.lines or state.snapshot is None, "-quiet")
+        if len(self.lines) != before:
+            self.refresh(layout=True)
 
     def on_click(self) -> None:
         self.post_message(self.Clicked())
 
 
-def health_lines(state: SessionState, width: int) -> Lines:
-    """Dose against target, then latency, frame rate and lateness."""
+def dose_lines(state: SessionState, width: int) -> Lines:
+    """Steps, distance and time against what the session aims at."""
     if state.snapshot is None:
-        return (plain(tr("health.waiting"), "$text-muted"),)
+        return (plain(tr("health.waiting"), "$foreground-muted"),)
     dose, snapshot, elapsed_s = state.setup.profile.dose, state.snapshot, state.elapsed_s
     walked_m = snapshot.distance_walked_m
     doses = (
@@ -111,9 +136,11 @@ def health_lines(state: SessionState, width: int) -> Lines:
         ("health.distance", walked_m, dose.distance_m, f"{walked_m:.1f}/{dose.distance_m:.0f} m"),
         ("health.time", elapsed_s, dose.duration_s, f"{_minutes(elapsed_s)}/{_minutes(dose.duration_s)}"),
     )
-    name_width = max(cells(tr(name)) for name, *_ in doses)
-    lines = (_dose(padded(tr(name), name_width), done, target, figures, width) for name, done, target, figures in doses)
-    return (*lines, _chain(state), _ticks(state))
+    names = max(cells(tr(name)) for name, *_ in doses)
+    figures = max(cells(figures) for *_, figures in doses)
+    return tuple(
+        _dose(padded(tr(name), names), done, target, padded(text, figures), width) for name, done, target, text in doses
+    )
 
 
 def _minutes(seconds: float) -> str:
@@ -121,28 +148,14 @@ def _minutes(seconds: float) -> str:
 
 
 def _dose(name: str, done: float, target: float, figures: str, width: int) -> Line:
-    room = max(4, min(24, width - cells(name) - cells(figures) - 3))
-    return ((f"{name} ", ""), (bar(done / target if target else 1.0, room), "$primary"), (f" {figures}", "bold"))
+    room = max(4, width - cells(name) - cells(figures) - 3)
+    share = (bar(done / target if target else 1.0, room), "$primary")
+    return fitted([(f" {figures} ", "bold"), (name, ""), (" ", ""), share], width)
 
 
-def _chain(state: SessionState) -> Line:
-    report, snapshot = state.report, state.snapshot
-    fps = f"{report.fps:.0f}" if report is not None and state.report_fresh else "–"
-    age = f"{snapshot.report_age_ms:.0f}" if snapshot is not None else "–"
-    return plain(tr("health.chain", fps=fps, age=age))
-
-
-def _ticks(state: SessionState) -> Line:
-    assert state.snapshot is not None
-    late, real_time = state.snapshot.lateness, state.snapshot.real_time
-    text = tr("health.ticks", p99=f"{late.p99_ms:.2f}", worst=f"{late.max_ms:.1f}", missed=late.missed)
-    privilege = "" if real_time.fifo else f" {tr('health.no_fifo')}"
-    return ((text, "$warning" if late.missed else ""), (privilege, "$warning"))
-
-
-class HealthPanel(StatePanel):
-    """Dose and health of the chain."""
+class DosePanel(StatePanel):
+    """How far the session has come."""
 
     def show(self, state: SessionState) -> None:
         """Draw the newest state."""
-        self.lines = health_lines(state, self.content_size.width)
+        self.lines = dose_lines(state, self.content_size.width)

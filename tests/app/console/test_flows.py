@@ -112,9 +112,9 @@ async def test_an_event_is_on_top_until_it_is_acknowledged(console: Opener) -> N
         await open_console.shows("Acknowledging never starts motion")
         await open_console.press("n")
         assert OperatorKind.ACKNOWLEDGE not in host.kinds()
-        await open_console.pilot.click("#events")
+        await open_console.pilot.click("#hold")
         await open_console.press("y")
-        await open_console.shows("No events")
+        await open_console.until(lambda: "81 °C" not in open_console.text())
 
 
 async def test_a_lost_camera_is_reported_and_its_return_too(console: Opener) -> None:

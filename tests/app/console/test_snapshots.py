@@ -17,6 +17,7 @@ from textual.strip import Strip
 
 from app.console.app import ConsoleApp
 from app.console.screens.after import AfterScreen
+from app.console.screens.session import SessionScreen
 from app.console.themes import THEME_NAMES
 from app.system.config import Config, SessionSetup
 from app.system.paths import Home
@@ -71,6 +72,7 @@ async def test_screen(snapshot: SnapshotAssertion, tmp_path: Path, name: str) ->
         try:
             if session:
                 await wait_until(pilot, lambda: (state := app.live_state()) and state.snapshot)
+                await wait_until(pilot, lambda: isinstance(app.screen, SessionScreen) and app.screen.wearer)
             await pilot.press(*keys)
             if name == "after":
                 await wait_until(pilot, lambda: isinstance(app.screen, AfterScreen) and note_has_focus(app))

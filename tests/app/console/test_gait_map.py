@@ -1,0 +1,84 @@
+"""The gait as a map: what it shows is what control's table allows."""
+
+from __future__ import annotations
+
+import msgspec
+import pytest
+
+from app.console.widgets.gait import DARK, LEADS_TO, LIT, RUNNING, gait_map, signpost
+from app.console.widgets.panel import Lines, cells
+from app.control.gait.table import TABLE
+from app.ipc.messages import ControlSnapshot
+from app.ipc.states import GESTURE_OF, Action, Effect, GaitState
+from app.text.catalogue import tr, use_language
+from testing.fake_host import ALLOWED_STANDING, JOINT
+
+STANDING = ControlSnapshot(
+    incarnation=1,
+    sequence=1,
+    at_ns=0,
+    state=GaitState.STANDING,
+    effect=Effect.NOTE,
+    armed=True,
+    patient_confirmed=True,
+    enabled=True,
+    allowed=ALLOWED_STANDING,
+    joints=(JOINT, JOINT, JOINT, JOINT),
+)
+
+
+def in_state(state: GaitState) -> ControlSnapshot:
+    """Nothing runs; every action that the table has from here is allowed."""
+    allowed = tuple(dict.fromkeys(row.action for row in TABLE if row.source is state and not row.chained))
+    return msgspec.structs.replace(STANDING, state=state, allowed=allowed)
+
+
+def text_of(lines: Lines) -> str:
+    return "\n".join("".join(text for text, _ in line) for line in lines)
+
+
+@pytest.mark.parametrize("row", [row for row in TABLE if not row.chained], ids=lambda row: f"{row.action}-{row.source}")
+def test_each_way_leads_where_control_leads(row: object) -> None:
+    assert row in TABLE
+    found = next(each for each in TABLE if each is row)
+    assert LEADS_TO[found.action] is (found.through or found.to)
+
+
+@pytest.mark.parametrize("language", ["en", "zh"])
+@pytest.mark.parametrize("state", GaitState)
+def test_the_map_has_every_place_once_and_lights_what_is_allowed(language: str, state: GaitState) -> None:
+    use_language(language)
+    lines = gait_map(in_state(state), 110)
+    assert lines, "there is room for it"
+    text = text_of(lines)
+    for place in GaitState:
+        assert sum(text.count(f"{mark} {tr(place)}") for mark in "●○") == 1
+    assert text.count("●") == 1
+    assert f"● {tr(state)}" in text
+    lit = " ".join(text for line in lines for text, style in line if style == LIT)
+    for action in in_state(state).allowed:
+        assert f" {tr(GESTURE_OF[action])}" in lit
+    assert all(cells(text_of((line,))) <= 110 for line in lines)
+
+
+def test_closed_ways_are_thin_and_open_ones_heavy() -> None:
+    lines = gait_map(STANDING, 110)
+    dark = "".join(text for line in lines for text, style in line if style == DARK)
+    lit = "".join(text for line in lines for text, style in line if style == LIT)
+    assert not set("━▶◀") & set(dark)
+    assert not set("─▷◁") & set(lit)
+
+
+def test_the_running_action_and_where_it_leads_stand_out() -> None:
+    climbing = msgspec.structs.replace(STANDING, allowed=(), action=Action.STAIR_UP, progress=0.3)
+    for lines in (gait_map(climbing, 110), signpost(climbing, 40, 6)):
+        running = "".join(text for line in lines for text, style in line if style == RUNNING)
+        assert f"◎ {tr(GaitState.RIGHT_HIGH_STEP)}" in running
+
+
+def test_the_signpost_of_the_small_terminal_says_standing_nowhere_again() -> None:
+    lines = signpost(STANDING, 40, 6)
+    assert len(lines) == len(ALLOWED_STANDING)
+    for action, line in zip(ALLOWED_STANDING, lines, strict=True):
+        assert tr(action) in text_of((line,))
+    assert tr(GaitState.STANDING) not in text_of(lines)

@@ -1,0 +1,94 @@
+"""After a hold: what happened in order, what the legs do, the next key; and the dot that sums up the health."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+
+import msgspec
+import pytest
+
+from app.console.state import SessionState
+from app.console.widgets.health import Health, health_dot, health_of
+from app.console.widgets.hold import held, hold_lines
+from app.ipc.messages import Lateness, RealTime
+from app.text.catalogue import tr
+from tests.app.console.conftest import Opener
+from tests.app.console.test_sizes import KEYS, READY, STOPPED, text_of
+
+
+def test_what_happened_stands_in_order_with_times_from_the_first_cause() -> None:
+    text = text_of(hold_lines(STOPPED, KEYS, 76, 20, watching=False))
+    times = [float(time) for time in re.findall(r"^ *([+-]?\d+\.\d+) s ", text, re.MULTILINE)]
+    assert times == [-2.46, -2.21, 0.0, 0.0, 0.1, 0.15]
+    order = [
+        "gesture accepted: climb stair",
+        "began to move",
+        "STOP:",
+        "4 ms after the key",
+        "too hot",
+        "stopped: climb",
+    ]
+    places = [text.index(words) for words in order]
+    assert places == sorted(places)
+    assert text.index(tr("hold.held")) > places[-1]
+
+
+def test_what_is_still_there_comes_before_the_key_and_an_observer_gets_none() -> None:
+    assert "remove it" in text_of(hold_lines(STOPPED, KEYS, 76, 20, watching=False))
+    watched = text_of(hold_lines(STOPPED, KEYS, 76, 20, watching=True))
+    assert tr("hold.watching") in watched
+    assert " k " not in watched
+
+
+def test_in_little_room_the_legs_and_the_key_stay() -> None:
+    text = text_of(hold_lines(STOPPED, KEYS, 60, 3, watching=False))
+    assert tr("hold.held") in text
+    assert "▶" in text
+
+
+def test_only_a_hold_takes_the_middle() -> None:
+    assert held(STOPPED)
+    assert not held(READY)
+
+
+async def test_it_leaves_with_the_acknowledgement(console: Opener) -> None:
+    async with console() as opened:
+        await opened.press("space")
+        await opened.shows("What happened")
+        await opened.shows("The legs stand stiffly")
+        await opened.press("k", "y")
+        await opened.until(lambda: "What happened" not in opened.text())
+
+
+def changed(**more: object) -> SessionState:
+    """A ready session whose control reports this."""
+    assert READY.snapshot is not None
+    return replace(READY, snapshot=msgspec.structs.replace(READY.snapshot, **more))
+
+
+@pytest.mark.parametrize(
+    ("state", "health"),
+    [
+        (READY, Health.GOOD),
+        (changed(lateness=Lateness(p99_ms=3.0)), Health.SLOW),
+        (changed(report_age_ms=200.0), Health.SLOW),
+        (changed(real_time=RealTime()), Health.SLOW),
+        (replace(READY, now_ns=READY.now_ns + 10_000_000_000), Health.BAD),
+        (replace(READY, processes=(msgspec.structs.replace(READY.processes[0], alive=False),)), Health.BAD),
+        (replace(READY, snapshot=None), Health.SLOW),
+    ],
+)
+def test_health_is_a_shape_and_a_word(state: SessionState, health: Health) -> None:
+    assert health_of(state) is health
+    assert health_dot(state)[0] == f" {health.value} {tr(health)} "
+
+
+async def test_the_page_behind_the_dot(console: Opener) -> None:
+    async with console() as opened:
+        await opened.shows("● good i")
+        await opened.press("i")
+        await opened.shows("30 FPS")
+        await opened.shows("control: running")
+        await opened.press("i")
+        await opened.until(lambda: "30 FPS" not in opened.text())
