@@ -133,9 +133,7 @@ class EventCleared(Struct, frozen=True, kw_only=True, tag_field="kind", tag="eve
     event: str
     effect: str
     lasted_s: float = 0.0
-    total: Measured = (
-        None  # of an event that counts (rejected messages, foreign peers): all of them, since it was raised
-    )
+    total: Measured = None  # of an event that counts, since it was raised: rejected messages, foreign peers
 
 
 class EffectChanged(Struct, frozen=True, kw_only=True, tag_field="kind", tag="effect"):
