@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from enum import Enum, auto
 
+from logs.reading.errors import CodedError
+
 
 class CameraFault(Enum):
     """Cameras and their intrinsics."""
@@ -125,16 +127,8 @@ class CanFault(Enum):
     ERROR_FRAME = auto()
 
 
-class HardwareError(Exception):
-    """A device that is missing, broken or misconfigured. `str()` is for engineers, `render()` for users.
+class HardwareError(CodedError):
+    """A device that is missing, broken or misconfigured.
 
     Also a value: the detail of a fault that feedback carries without being raised.
     """
-
-    def __init__(self, code: Enum, **values: object) -> None:
-        super().__init__(code.name, values)
-        self.code = code
-        self.values = values
-
-    def __str__(self) -> str:
-        return " ".join([self.code.name, *(f"{key}={value}" for key, value in self.values.items())])

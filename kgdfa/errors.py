@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from enum import Enum
 
+from logs.reading.errors import CodedError
+
 
 class KgdfaFault(Enum):
     """Why an image, a model or a setting can't be used. The values of each are named beside it."""
@@ -23,13 +25,5 @@ class KgdfaFault(Enum):
     GESTURE_MODEL_OUTDATED = "gesture model outdated"  # path
 
 
-class KgdfaError(Exception):
-    """An image, model or value that cannot be used: a code and its values."""
-
-    def __init__(self, code: KgdfaFault, **values: object) -> None:
-        super().__init__(code.name, values)
-        self.code = code
-        self.values = values
-
-    def __str__(self) -> str:
-        return " ".join([self.code.name, *(f"{name}={value}" for name, value in self.values.items())])
+class KgdfaError(CodedError):
+    """An image, model or value that cannot be used."""

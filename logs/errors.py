@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from enum import Enum, auto
 
+from logs.reading.errors import CodedError
+
 
 class AuditFault(Enum):
     """Why an audit file or key can't be used."""
@@ -31,13 +33,5 @@ class AuditFault(Enum):
     UNWRITABLE = auto()  # path, detail
 
 
-class AuditError(Exception):
-    """An audit file or key that can't be used. `str()` is for engineers; users read the rendered code."""
-
-    def __init__(self, code: Enum, **values: object) -> None:
-        super().__init__(code.name, values)
-        self.code = code
-        self.values = values
-
-    def __str__(self) -> str:
-        return " ".join([self.code.name, *(f"{name}={value}" for name, value in self.values.items())])
+class AuditError(CodedError):
+    """An audit file or key that can't be used."""

@@ -9,9 +9,9 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from enum import Enum
 from math import isfinite
-from typing import Union
+from typing import Annotated, Union
 
-from msgspec import Struct
+from msgspec import Meta, Struct
 
 Value = Union[int, float, str, "Reason", tuple["Reason", ...]]  # units stand in the values' names: `angle_rad`
 
@@ -74,3 +74,9 @@ def text_of(cause: Reason | str | None, render: Render) -> str:
         return render(cause).strip()
     except (KeyError, ValueError, TypeError, IndexError, AttributeError, RecursionError):
         return " ".join([cause.code, *(f"{name}={value}" for name, value in cause.values.items())])
+
+
+Measured = float | None  # null: not measured
+Quad = tuple[Measured, Measured, Measured, Measured]  # left hip, left knee, right hip, right knee
+Cause = Reason | str | None  # a code with values; text as schema 1 recorded it; null: none
+Hex = Annotated[str, Meta(pattern="^[0-9a-f]*$")]

@@ -11,11 +11,58 @@ import msgspec
 from rich.text import Text
 
 from logs import records as r
-from logs.legacy import EVENTS
 from logs.read import UnreadableLine
 from logs.reason import Reason, Render, text_of
 from logs.records import Body, PatientChosen, Record
 from logs.sanitize import sanitize_terminal
+
+# Event as recorded with schema 1 → the value of `Event` that stands for it now.
+EVENTS: dict[str, str] = {
+    "STOP": "stop",
+    "STOP pressed again": "stop-again",
+    "shutting down": "shutting-down",
+    "shutting down, giving way": "shutdown-damping",
+    "not armed": "not-armed",
+    "no patient confirmed": "no-patient",
+    "pre-flight missing": "no-preflight",
+    "joint not homed": "not-homed",
+    "legs moving": "legs-moving",
+    "far from the state's pose": "far-from-pose",
+    "camera stale": "camera-stale",
+    "perception gone": "perception-timeout",
+    "console silent": "console-timeout",
+    "audit behind": "audit-backlog",
+    "audit queue full": "audit-queue-full",
+    "audit gone": "audit-timeout",
+    "audit can't write": "audit-write-failed",
+    "tick late": "tick-late",
+    "control stalled": "control-stalled",
+    "host slept": "host-suspended",
+    "clock jump": "clock-jump",
+    "joint silent": "joint-timeout",
+    "drive fault": "drive-fault",
+    "drive astray": "drive-untrusted",
+    "drives lost power": "drives-power-lost",
+    "drives don't obey": "drive-order-failed",
+    "joint warm": "over-temperature-warning",
+    "joint too hot": "over-temperature",
+    "following error": "following-warning",
+    "following error too large": "following-limit",
+    "joint beyond its range": "out-of-range",
+    "joint too fast": "over-speed",
+    "torque too high": "over-torque",
+    "guard refusal": "guard-refusal",
+    "bus fault": "bus-fault",
+    "bus disturbed": "bus-errors",
+    "unexpected motion": "unexpected-motion",
+    "guardian gone": "guardian-timeout",
+    "guardian acted": "guardian-acted",
+    "planner starting": "planner-starting",
+    "planner silent": "planner-timeout",
+    "next step missing": "next-step-missing",
+    "message rejected": "message-rejected",
+}
+
 
 CAUSES = {"reason", "text", "detail", "explanation"}  # fields with a reason, which may be none
 UNKNOWN = "–"

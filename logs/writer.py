@@ -11,12 +11,11 @@ from logs.journal import Moment
 from logs.keys import ConsoleKey
 from logs.manifest import Manifest
 from logs.mirror import CheckpointCopy
-from logs.reason import Reason
+from logs.reason import Cause, Reason
 from logs.records import (
     Acknowledgement,
     ActionEnd,
     Arming,
-    Cause,
     Checkpoint,
     ClockStep,
     Command,

@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import Enum
 
+from logs.reading.errors import CodedError
+
 
 class ProfileFault(Enum):
     """Why a profile, a change or a calibration can't be taken. The values of each are named beside it."""
@@ -38,16 +40,8 @@ class ProfileFault(Enum):
     SCATTER = "scatter"  # residual, most: shares
 
 
-class ProfileError(Exception):
-    """A profile that is missing, broken or out of range: a code and its values."""
-
-    def __init__(self, code: Enum, **values: object) -> None:
-        super().__init__(code.name, values)
-        self.code = code
-        self.values = values
-
-    def __str__(self) -> str:
-        return " ".join([self.code.name, *(f"{name}={value}" for name, value in self.values.items())])
+class ProfileError(CodedError):
+    """A profile that is missing, broken or out of range."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,7 +15,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from app.cli import USER_ERRORS
 from app.console.review_data import open_session
 from app.console.session_index import SessionRecords
 from app.evaluate.gestures.images import load_hands
@@ -37,7 +36,7 @@ from kgdfa.robust import load_model
 from logs.keys import load_public_key, read_anchors
 from logs.query import connect_locked
 from logs.read import records
-from logs.reading.errors import InputError, InputFault
+from logs.reading.errors import CodedError, InputError, InputFault
 from logs.reading.formats import MAX_TOML, parse_json, parse_toml, read_json_lines
 from logs.reading.regular import read_bytes
 from profiles.files import decode, encode, read_text
@@ -121,7 +120,7 @@ def opened(path: Path, read: Callable[[Path], object]) -> Exception | None:
     with in_time():
         try:
             read(path)
-        except (*USER_ERRORS, InputError) as error:
+        except (CodedError, InputError) as error:
             return worded(error)
         finally:
             assert sorted(path.parent.rglob("*")) == before

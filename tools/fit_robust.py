@@ -16,11 +16,11 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from app.cli import USER_ERRORS
 from app.cli.evaluate.gestures import detected_images, fitted_digital
 from app.evaluate.gestures.fit import MEMBERS, fit, view_set
 from kgdfa.features import FEATURES
 from kgdfa.robust import GESTURES, RobustModel, save_model
+from logs.reading.errors import CodedError
 
 SHIPPED = Path(__file__).resolve().parents[1] / "kgdfa" / "robust.npz"
 
@@ -70,6 +70,6 @@ def _print(console: Console, model: RobustModel) -> None:
 if __name__ == "__main__":
     try:
         typer.run(main)
-    except USER_ERRORS as error:
+    except CodedError as error:
         sys.stderr.write(f"{error}\n")
         raise SystemExit(2) from None

@@ -10,11 +10,7 @@ from typing import TYPE_CHECKING, NoReturn
 
 from app.cli.common import CliFault
 from app.system.errors import AppError
-from hal.errors import HardwareError
-from kgdfa.errors import KgdfaError
-from logs.errors import AuditError
-from logs.reading.errors import cause_of
-from profiles.errors import ProfileError
+from logs.reading.errors import CodedError, cause_of
 
 if TYPE_CHECKING:
     import typer
@@ -24,7 +20,6 @@ EXTRAS = {
     **dict.fromkeys(("matplotlib", "sklearn", "threadpoolctl"), "evaluate"),
     **dict.fromkeys(("duckdb", "ezc3d", "jinja2", "pyarrow"), "analysis"),
 }
-USER_ERRORS = (AppError, HardwareError, KgdfaError, AuditError, ProfileError)
 
 
 def main() -> None:
@@ -39,7 +34,7 @@ def main() -> None:
 
             use_language(language)
         command(arguments)(arguments)
-    except USER_ERRORS as error:
+    except CodedError as error:
         _refuse(error)
     except BrokenPipeError:
         raise  # who reads the output has had enough

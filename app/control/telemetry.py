@@ -22,8 +22,8 @@ from app.ipc.messages import (
 from app.ipc.states import Action, RequestRefusal, Source
 from app.ipc.streams import NS_PER_MS
 from hal.joints.protocol import Joint, JointArray, JointFeedback
-from logs.reason import Reason, reason
-from logs.records import JointStatistics, Quad
+from logs.reason import Quad, Reason, reason
+from logs.records import JointStatistics
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

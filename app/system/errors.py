@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from enum import Enum
 
+from logs.reading.errors import CodedError
+
 
 class ConsoleFault(Enum):
     """What the console refuses."""
@@ -15,13 +17,5 @@ class ConsoleFault(Enum):
     KEY_TAKEN = "key taken"
 
 
-class AppError(Exception):
-    """A configuration, process or session that can't go on. `str()` is for engineers, `render()` for users."""
-
-    def __init__(self, code: Enum, **values: object) -> None:
-        super().__init__(code, values)
-        self.code = code
-        self.values = values
-
-    def __str__(self) -> str:
-        return " ".join([str(self.code), *(f"{name}={value}" for name, value in self.values.items())])
+class AppError(CodedError):
+    """A configuration, process or session that can't go on."""

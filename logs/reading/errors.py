@@ -1,9 +1,21 @@
-"""What the readers refuse, as a code with values; the catalogues hold the wording."""
+"""What every package's errors are, and what the readers refuse: codes with values; the catalogues hold the wording."""
 
 from __future__ import annotations
 
 import errno
 from enum import Enum
+
+
+class CodedError(Exception):
+    """A refusal: a code and its values. `str()` is for engineers; users read the rendered code."""
+
+    def __init__(self, code: Enum, **values: object) -> None:
+        super().__init__(code.name, values)
+        self.code = code
+        self.values = values
+
+    def __str__(self) -> str:
+        return " ".join([self.code.name, *(f"{name}={value}" for name, value in self.values.items())])
 
 
 class InputFault(Enum):

@@ -1,7 +1,9 @@
 """The records of the audit trail: one frozen struct a kind of record, and the envelope that chains them.
 
+The one door to all of them: who records imports from here.
+
 Values are plain types with units in their names. States, actions, gestures, effects and events are recorded as the
-values of the program's enumerations (those of former versions: `logs/legacy.py`), reasons as a code with values
+values of the program's enumerations (those of former versions: `logs/show.py`), reasons as a code with values
 (`logs/reason.py`): text for people is made when a trail is read. A quantity that was not measured (NaN, or a drive
 that does not report it) is null.
 """
@@ -13,16 +15,64 @@ from typing import Any
 import msgspec
 from msgspec import Struct
 
-from logs.records.control import *  # noqa: F403 - the door to all records
-from logs.records.control import ControlBody
-from logs.records.fields import *  # noqa: F403
-from logs.records.fields import Hex
-from logs.records.perception import *  # noqa: F403
-from logs.records.perception import PerceptionBody
-from logs.records.session import *  # noqa: F403
-from logs.records.session import SessionBody
-from logs.records.signed import *  # noqa: F403
-from logs.records.signed import SignedBody
+from logs.reason import Hex
+from logs.records.control import (
+    Acknowledgement,
+    ActionEnd,
+    Arming,
+    Command,
+    ControlBody,
+    Drives,
+    EffectChanged,
+    EventCleared,
+    EventRaised,
+    GaitChanged,
+    GuardRefusal,
+    HeartbeatFound,
+    HeartbeatLost,
+    JointLimits,
+    JointStatistics,
+    Pause,
+    PlanChecked,
+    RealTimePrivilege,
+    Refusal,
+    Stop,
+    TickLateness,
+    Transition,
+)
+from logs.records.perception import (
+    Button,
+    Calibration,
+    Camera,
+    Cancel,
+    Frames,
+    GestureOnset,
+    Hint,
+    PerceptionBody,
+    Press,
+    Recording,
+    Release,
+)
+from logs.records.session import (
+    Change,
+    ClockStep,
+    Discomfort,
+    Loss,
+    Note,
+    OperatorChanged,
+    PatientChosen,
+    PatientConfirmed,
+    ProcessEnd,
+    ProcessStart,
+    RecordsLost,
+    SessionBody,
+    SessionEnd,
+    SessionStart,
+    SignIn,
+    SignInFailed,
+    SignOut,
+)
+from logs.records.signed import Checkpoint, Comment, LogClosed, LogOpened, LogRecovered, SignedBody
 
 SCHEMA = 2  # 2: reasons are codes with values. Raised whenever an older reader could misread a newer record
 

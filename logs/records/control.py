@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from msgspec import Struct
 
-from logs.records.fields import Cause, Measured, Quad
+from logs.reason import Cause, Measured, Quad
 
 
 class Command(Struct, frozen=True, kw_only=True, tag_field="kind", tag="command"):

@@ -7,8 +7,7 @@ from typing import Annotated, Any
 
 from msgspec import Meta, Struct
 
-from logs.reason import Reason
-from logs.records.fields import Cause, Hex
+from logs.reason import Cause, Hex, Reason
 
 
 class SessionStart(Struct, frozen=True, kw_only=True, tag_field="kind", tag="session-start"):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from msgspec import Struct
 
-from logs.records.fields import Cause, Hex
+from logs.reason import Cause, Hex
 
 
 class Checkpoint(Struct, frozen=True, kw_only=True, tag_field="kind", tag="checkpoint"):

@@ -17,13 +17,10 @@ from textual.widget import Widget
 
 from app.console.state import SessionState
 from app.console.widgets.bars import KeyBar, StopBar
-from app.system.errors import AppError
 from app.text.catalogue import knows, render, tr
-from hal.errors import HardwareError
-from logs.errors import AuditError
-from profiles.errors import ProfileError
+from logs.reading.errors import CodedError
 
-USER_ERRORS = (AppError, HardwareError, AuditError, ProfileError, OSError)
+USER_ERRORS = (CodedError, OSError)
 
 if TYPE_CHECKING:
     from app.console.app import ConsoleApp

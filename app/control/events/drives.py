@@ -169,3 +169,35 @@ DRIVES = (
     Row(E.BUS_ERRORS, F.NOTE, lambda d: _any_of(d.joints.bus, NOTED_BUS_FAULTS), detail=_report),
     Row(E.UNEXPECTED_MOTION, F.DAMP, Above("drift_rad_s", lambda d: d.joints.drift_rad_s, DRIFT_RAD_S), P),
 )
+
+
+POSE_LIMIT_RAD = 0.21  # 12°
+STILL_RAD_S = 0.5
+
+_FASTEST = Above("speed_rad_s", lambda d: d.joints.fastest_rad_s, STILL_RAD_S)
+
+E, F = Event, Effect
+POSE = (
+    Row(
+        E.NOT_HOMED,
+        F.REFUSE,
+        lambda d: not d.powered and d.joints.answering and d.joints.beyond_range,
+        compares=worst_range,
+    ),
+    # A swinging leg is slow for a moment at each turning point: the event settles.
+    Row(
+        E.LEGS_MOVING,
+        F.REFUSE,
+        lambda d: not d.powered and _FASTEST(d),
+        compares=_FASTEST.compared,
+        settles=True,
+    ),
+    Row(
+        E.FAR_FROM_POSE,
+        F.REFUSE,
+        Above("pose_error_rad", lambda d: d.joints.pose_error_rad, POSE_LIMIT_RAD),
+        Latch.POWERED,
+        lambda d: {"angle_rad": d.joints.pose_error_rad},
+        displaces=True,
+    ),
+)

@@ -14,8 +14,7 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from app.control.diagnostics import Diagnostics
-from app.control.events.drives import DRIVES
-from app.control.events.pose import POSE
+from app.control.events.drives import DRIVES, POSE
 from app.control.events.programs import CLOCKS, HELPERS, STREAMS
 from app.control.events.row import Compared, Latch, Row
 from app.control.events.session import SESSION

@@ -7,8 +7,7 @@ import pytest
 
 from app.control.diagnostics import SPEED_MARGIN, TORQUE_MARGIN
 from app.control.drives import Drives
-from app.control.events.drives import FOLLOWING_LIMIT_RAD
-from app.control.events.pose import POSE_LIMIT_RAD
+from app.control.events.drives import FOLLOWING_LIMIT_RAD, POSE_LIMIT_RAD
 from app.control.gait import machine as gait_machine
 from app.control.gait.machine import Gait, Started
 from app.control.inputs import DriveOrder
