@@ -15,7 +15,6 @@ from dataclasses import dataclass
 from profiles.schema import Population, Sex
 
 # GB 10000-88, men 18-60, women 18-55: mm at the percentiles 1, 5, 10, 50, 90, 95, 99.
-PERCENTILES = (1.0, 5.0, 10.0, 50.0, 90.0, 95.0, 99.0)
 GB_STATURE_MM: dict[Sex, tuple[float, ...]] = {
     Sex.MALE: (1543, 1583, 1604, 1678, 1754, 1775, 1814),
     Sex.FEMALE: (1449, 1484, 1503, 1570, 1640, 1659, 1697),
@@ -77,11 +76,6 @@ def limb_lengths(stature_m: float) -> LimbLengths:
         shank_m=SHANK_OF_STATURE * stature_m,
         ankle_height_m=ANKLE_OF_STATURE * stature_m,
     )
-
-
-def stature_percentile(sex: Sex, stature_m: float) -> float:
-    """Where a stature stands in GB 10000-88, 1 to 99."""
-    return _between(stature_m * 1000, GB_STATURE_MM[sex], PERCENTILES)
 
 
 def _gb10000_88(sex: Sex, stature_mm: float) -> tuple[float, float]:

@@ -166,12 +166,6 @@ def check(profile: Profile) -> Profile:
     return profile
 
 
-def check_value(field: str, value: float) -> Violation | None:
-    """One dotted SI field's value against its range (for forms that check while one types)."""
-    low, high = RANGES[field]
-    return _outside(field, value, low, high)
-
-
 def _violations(profile: Profile) -> Iterator[Violation]:
     yield from _texts(profile)
     for field, (low, high) in RANGES.items():

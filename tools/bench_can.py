@@ -32,10 +32,11 @@ from hal.joints.can.bus import with_bus
 from hal.joints.can.driver import SocketCanJoints
 from hal.joints.can.reply_checks import RequestTracker
 from hal.joints.device import load_exoskeleton
-from hal.joints.emulator.emulator import DriveEmulator, EmulatorThread
+from hal.joints.emulator.emulator import DriveEmulator
 from hal.joints.emulator.firmware import Fault
 from hal.joints.protocol import BusFault, Joint, JointCommand, JointFeedback
 from profiles.schema import DEMO_PATIENT
+from testing.emulated_drives import emulating
 
 PERIOD_NS = 2_000_000
 ROUND_TRIP_BOUND_MS = 2.0
@@ -210,7 +211,7 @@ def measure(seconds: float) -> bool:
     real_time = acquire_real_time()
     sys.setswitchinterval(0.0005)  # emulator and driver share an interpreter here; real drives do not
     print(f"real time        {'SCHED_FIFO' if real_time.fifo else 'no privilege'}")
-    with EmulatorThread(DriveEmulator(device)) as emulator:
+    with emulating(DriveEmulator(device)) as emulator:
         run = Run(SocketCanJoints(device), emulator)
         disable_gc()
         run.start()

@@ -38,7 +38,7 @@ from app.system.paths import Home, find_home
 
 sys.path.insert(0, str(Path(__file__).parent.parent))  # run as a script, `tools` is a folder of the tree
 
-from app.demo.load import busy_processes, every_core
+from app.demo.load import busy_processes
 from testing.session import TIMEOUT_S, RealSession, WatchedSession, real_session
 from tools.bench_console import Terminal
 
@@ -163,7 +163,7 @@ def _walk_again(session: WatchedSession, held: Counter[str]) -> None:
 def main() -> None:
     """Measure and print."""
     asked = arguments()
-    load = busy_processes(every_core()) if asked.saturate else contextlib.nullcontext()
+    load = busy_processes(len(os.sched_getaffinity(0))) if asked.saturate else contextlib.nullcontext()
     with tempfile.TemporaryDirectory() as folder, begun(asked, Path(folder)) as session:
         with load:
             held, costs_ms = measure_costs(session, lambda: walk_for(session, asked.seconds))

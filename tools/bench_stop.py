@@ -33,7 +33,7 @@ from hal.joints.device import load_exoskeleton
 
 sys.path.insert(0, str(Path(__file__).parent.parent))  # run as a script, `tools` is a folder of the tree
 
-from app.demo.load import busy_processes, every_core
+from app.demo.load import busy_processes
 from testing.session import Sniffer, WatchedSession, real_session
 
 MIDDLE = 0.3  # of a movement: STOP is pressed beyond it
@@ -228,7 +228,7 @@ def control_killed(home: Path) -> float:
 def main() -> None:
     """Measure and print."""
     asked = arguments()
-    load = busy_processes(every_core()) if asked.saturate else contextlib.nullcontext()
+    load = busy_processes(len(os.sched_getaffinity(0))) if asked.saturate else contextlib.nullcontext()
     with tempfile.TemporaryDirectory() as folder, load:
         home = Path(folder)
         with real_session(home, perception=not asked.no_perception) as session:

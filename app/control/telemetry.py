@@ -63,7 +63,6 @@ def snapshot(state: ControlState, inputs: Inputs, status: LoopStatus) -> Control
         refusal_count=state.refusal_count,
         ignored_count=state.ignored_count,
         lease=state.lease,
-        acknowledged_sequence=state.sequence,
         stop_received_ns=state.stop_received_ns,
         stop_command_ns=state.stop_command_ns,
         pauses=state.pauses,

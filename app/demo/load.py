@@ -28,8 +28,3 @@ def busy_processes(count: int) -> Iterator[tuple[int, ...]]:
         for process in started:
             process.kill()
             process.wait()
-
-
-def every_core() -> int:
-    """As many processes as this one has cores."""
-    return len(os.sched_getaffinity(0))

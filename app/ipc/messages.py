@@ -114,7 +114,7 @@ class OperatorKind(Enum):
 
 
 class OperatorCommand(Struct, frozen=True, kw_only=True, tag="operator"):
-    """Console to control; control acknowledges the sequence in its snapshot."""
+    """Console to control."""
 
     sequence: int
     lease: int = 1  # of the console that sends it; control hears the newest
@@ -226,7 +226,6 @@ class ControlSnapshot(Struct, frozen=True, kw_only=True, tag="control"):
     refusal_count: int = 0
     ignored_count: int = 0
     lease: int = 1  # of the console that control hears
-    acknowledged_sequence: int = 0  # its newest OperatorCommand seen
     stop_received_ns: int = 0
     stop_command_ns: int = 0
     pauses: PauseSummary = PauseSummary()

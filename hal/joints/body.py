@@ -45,11 +45,6 @@ class Body:
     body_weight_support: float = 0.5  # share of the weight, wearer and device, that a harness carries
 
     @property
-    def leg_m(self) -> float:
-        """Hip to ankle with the knee straight."""
-        return self.thigh_m + self.shank_m
-
-    @property
     def thigh_kg(self) -> float:
         """One thigh."""
         return THIGH_OF_MASS * self.mass_kg

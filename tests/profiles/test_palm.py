@@ -11,10 +11,8 @@ from app.text.catalogue import render
 from profiles.anthropometry import (
     GB_HAND_BREADTH_MM,
     GB_STATURE_MM,
-    PERCENTILES,
     estimate_palm,
     limb_lengths,
-    stature_percentile,
 )
 from profiles.errors import ProfileError, ProfileFault
 from profiles.palm import (
@@ -53,7 +51,6 @@ def test_the_table_stands_at_its_percentiles(sex: Sex, index: int) -> None:
     stature_m = GB_STATURE_MM[sex][index] / 1000
     estimate = estimate_palm(sex, stature_m, Population.GB10000_88)
     assert estimate.width_m * 1000 == pytest.approx(GB_HAND_BREADTH_MM[sex][index])
-    assert stature_percentile(sex, stature_m) == pytest.approx(PERCENTILES[index])
 
 
 @given(

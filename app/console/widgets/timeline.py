@@ -80,11 +80,6 @@ class Timeline(Widget):
         """How much time one column stands for."""
         return self._shown_s / self._columns
 
-    @property
-    def shown_s(self) -> float:
-        """How much time is in view."""
-        return self._shown_s
-
     def render_line(self, y: int) -> Strip:
         """One lane."""
         if not self._drawn or y >= len(LANES):

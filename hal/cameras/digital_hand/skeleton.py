@@ -21,7 +21,6 @@ FloatArray = NDArray[np.float64]
 
 JOINTS = 21
 REFERENCE_OF_PALM = 0.75  # the paper's H: palm width less one finger of a quarter of it
-PALM_WIDTH_RANGE_M = (0.05, 0.12)
 FINGER_NAMES = ("index", "middle", "ring", "pinky")
 
 # Right hand seen from the palm, metres; x to the thumb's side, y to the fingertips, z out of the palm.
@@ -167,8 +166,6 @@ RING_IN: Finger = (6, *_IN)
 PINKY_IN: Finger = (16, *_IN)
 INDEX_OUT: Finger = (1, 4, 4, 3)
 MIDDLE_OUT: Finger = (0, 3, 4, 3)
-RING_OUT: Finger = (0, 3, 4, 3)
-PINKY_OUT: Finger = (-2, 5, 5, 4)
 
 GESTURES: tuple[Pose, ...] = (
     Pose("0", OVER_THUMB, INDEX_IN, MIDDLE_IN, RING_IN, PINKY_IN),

@@ -8,14 +8,12 @@ from __future__ import annotations
 import gc
 import os
 import signal
-import threading
 import time
 from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
 from multiprocessing.synchronize import Event
 from pathlib import Path
-from types import TracebackType
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -177,27 +175,6 @@ class DriveEmulator:
         for port in self._ports:
             if not port.send_error(bits):
                 self.send_failures += 1
-
-
-class EmulatorThread:
-    """An emulator beside the test or the program that uses it: `with EmulatorThread(emulator): …`."""
-
-    def __init__(self, emulator: DriveEmulator) -> None:
-        self.emulator = emulator
-        self._stop = threading.Event()
-        self._thread = threading.Thread(target=emulator.run, args=(self._stop.is_set,), daemon=True)
-
-    def __enter__(self) -> DriveEmulator:
-        self.emulator.open()
-        self._thread.start()
-        return self.emulator
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self._stop.set()
-        self._thread.join(5.0)
-        self.emulator.close()
 
 
 _SCENE_POLLS = 4  # an action's plan takes longer than these few milliseconds

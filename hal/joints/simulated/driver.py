@@ -1,13 +1,12 @@
 """Simulated joints: the drives' impedance law on a simulated wearer, stepped by the control tick, never by a clock.
 
 One write is one tick of 2 ms. Drives saturate, lose torque with speed, have friction, warm up, report with noise and
-in the wire's quanta; each fault that real ones have can be injected.
+in the wire's quanta. Faults are the drive emulator's part.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from math import copysign, isfinite, radians
 from typing import Any
 
@@ -17,10 +16,9 @@ from numpy.typing import NDArray
 from hal.errors import DrivesFault, HardwareError
 from hal.joints.body import Body
 from hal.joints.device import Exoskeleton, JointDevice
-from hal.joints.protocol import TICK_S, BusFault, DriveFault, DriveState, Joint, JointArray, JointCommand, JointFeedback
+from hal.joints.protocol import TICK_S, DriveFault, DriveState, JointArray, JointCommand, JointFeedback
 from hal.joints.scene import Scene
 from hal.joints.simulated.mjcf import TIMESTEP_S
-from hal.joints.simulated.thermal import at_rest, thermal_model, warm
 from hal.joints.simulated.wearer import GroundTruth, ReferencePose, Wearer
 
 SUBSTEPS = round(TICK_S / TIMESTEP_S)
@@ -31,19 +29,6 @@ FULL_TORQUE_SPEED = 0.5  # share of the no-load speed up to which a drive gives 
 # Quanta of the AK80-64's reply at a direct joint: 16 bit over ±12.5 rad, 12 bit over ±8 rad/s and ±144 Nm.
 QUANTA = np.array([[25.0 / 65535], [16.0 / 4095], [288.0 / 4095]])
 NOISE = np.array([[2e-4], [0.01], [0.2]])  # rad, rad/s, Nm; standard deviations
-
-
-@dataclass(slots=True)
-class Faults:
-    """What has been injected, by joint; the methods of SimulatedJoints set it."""
-
-    silent: set[Joint] = field(default_factory=set)
-    stuck: set[Joint] = field(default_factory=set)
-    lost_share: float = 0.0
-    bits: list[DriveFault] | None = None
-    bus: BusFault = BusFault.NONE
-    temperature_c: JointArray | None = None
-    drag_nm: JointArray | None = None
 
 
 class SimulatedJoints:
@@ -64,33 +49,22 @@ class SimulatedJoints:
         self._state = DriveState.UNCONFIGURED
         self._torque = [0.0] * 4
         self._square, self._ticks = [0.0] * 4, 0
-        self._stuck_at = np.zeros(4)
         # Times, angles, speeds, torques, temperatures as reported last; never changed, only replaced.
         self._last: tuple[NDArray[Any], ...] = (
             np.zeros(4, dtype=np.int64),
             *(np.zeros(4), np.zeros(4), np.zeros(4)),
             np.full(4, ROOM_C),
         )
-        self.faults = Faults()
 
     def open(self, now_ns: int) -> None:
-        """Probe: raises HardwareError naming the joints that are silent."""
-        missing = tuple(sorted(self.faults.silent))
-        if missing:
-            can_ids = ", ".join(str(self._device.joints[joint].can_id) for joint in missing)
-            raise HardwareError(DrivesFault.NO_REPLY, joints=missing, can_ids=can_ids)
+        """Probe."""
         self._state = DriveState.PROBED
         self._measure(now_ns)
 
     def enable(self, now_ns: int) -> None:
-        """Switch the drives on; raises HardwareError when they aren't open or a fault is present."""
+        """Switch the drives on; raises HardwareError when they aren't open."""
         if self._state not in {DriveState.PROBED, DriveState.DISABLED}:
             raise HardwareError(DrivesFault.NOT_READY_TO_ENABLE, state=self._state)
-        for joint, fault in zip(Joint, self.faults.bits or (), strict=False):
-            if fault:
-                device = self._device.joints[joint]
-                identity = {"joint": joint, "can_id": device.can_id, "motor": device.motor}
-                raise HardwareError(DrivesFault.FAULT_BEFORE_ENABLING, **identity, faults=tuple(fault))
         self._state = DriveState.ENABLED
         self._measure(now_ns)
 
@@ -102,7 +76,7 @@ class SimulatedJoints:
             pose = ReferencePose(self.wearer.body, command.position_rad, command.velocity_rad_s)
         for _ in range(SUBSTEPS):
             self._torque = self._drives(command) if powered else [0.0] * 4
-            self.wearer.advance(self._at_joint(self._torque), pose)
+            self.wearer.advance(self._torque, pose)
             self._square = [square + torque * torque for square, torque in zip(self._square, self._torque, strict=True)]
         self._ticks += 1
         if self._ticks % THERMAL_TICKS == 0:
@@ -111,10 +85,9 @@ class SimulatedJoints:
             self._square = [0.0] * 4
 
     def read(self, now_ns: int) -> JointFeedback:
-        """What the drives report now; silent ones keep their last report and its time."""
+        """What the drives report now."""
         if self._state is not DriveState.UNCONFIGURED:
             self._measure(now_ns)
-        bus, self.faults.bus = self.faults.bus, BusFault.NONE
         measured_ns, position_rad, velocity_rad_s, torque_nm, temperature_c = self._last
         return JointFeedback(
             measured_ns=measured_ns,
@@ -122,9 +95,8 @@ class SimulatedJoints:
             velocity_rad_s=velocity_rad_s,
             torque_nm=torque_nm,
             temperature_c=temperature_c,
-            faults=_four(self.faults.bits),
-            state=self._reported_state(),
-            bus=bus,
+            faults=(DriveFault.NONE,) * 4,
+            state=self._state,
         )
 
     def close(self, now_ns: int) -> None:
@@ -158,45 +130,6 @@ class SimulatedJoints:
         """Where everything really is."""
         return self.wearer.ground_truth()
 
-    def warm_to(self, joint: Joint, temperature_c: float) -> None:
-        """Fault: this winding has this temperature from now on, whatever it does."""
-        temperature = np.full(4, np.nan) if self.faults.temperature_c is None else self.faults.temperature_c
-        temperature[joint] = temperature_c
-        self.faults.temperature_c = temperature
-
-    def silence(self, joint: Joint) -> None:
-        """Fault: this drive does not answer any more; it goes on with its last command."""
-        self.faults.silent.add(joint)
-
-    def raise_fault(self, joint: Joint, fault: DriveFault) -> None:
-        """Fault: this drive reports a fault bit and gives no torque."""
-        bits = list(_four(self.faults.bits))
-        bits[joint] = fault
-        self.faults.bits = bits
-
-    def jam(self, joint: Joint) -> None:
-        """Fault: this joint is stuck where it is."""
-        self.faults.stuck.add(joint)
-        self._stuck_at = np.where(_among(self.faults.stuck), self.wearer.joints_rad, self._stuck_at)
-
-    def drag(self, joint: Joint, torque_nm: float) -> None:
-        """Fault: something holds this joint back with this torque: its following error grows."""
-        dragged = np.zeros(4) if self.faults.drag_nm is None else self.faults.drag_nm
-        dragged[joint] = torque_nm
-        self.faults.drag_nm = dragged
-
-    def lose_frames(self, share: float) -> None:
-        """Fault: this share of the drives' answers, 0 to 1, never arrives."""
-        self.faults.lost_share = share
-
-    def disturb_bus(self, fault: BusFault) -> None:
-        """Fault: the next read reports this of the bus."""
-        self.faults.bus |= fault
-
-    def clear_faults(self) -> None:
-        """All injected faults end."""
-        self.faults = Faults()
-
     def _drives(self, command: JointCommand) -> list[float]:
         """Motor torques of the impedance law, saturated, four; plain numbers, because arrays of four cost more."""
         rows = zip(
@@ -206,25 +139,10 @@ class SimulatedJoints:
             self._device.joints,
             strict=True,
         )
-        torques = [
+        return [
             _saturated(joint, kp * (target - at) + kd * (target_speed - speed) + forward, speed)
             for (target, target_speed, kp, kd, forward), at, speed, joint in rows
         ]
-        if self.faults.bits:
-            return [0.0 if bit else torque for bit, torque in zip(self.faults.bits, torques, strict=True)]
-        return torques
-
-    def _at_joint(self, motor_nm: list[float]) -> Sequence[float]:
-        faults = self.faults
-        if faults.drag_nm is None and not faults.stuck:
-            return motor_nm
-        torque = np.array(motor_nm)
-        speeds = self.wearer.speeds_rad_s
-        if faults.drag_nm is not None:
-            torque -= faults.drag_nm * np.tanh(speeds / 0.02)
-        held = -10_000.0 * (self.wearer.joints_rad - self._stuck_at) - 100.0 * speeds
-        blocked: list[float] = np.where(_among(faults.stuck), held, torque).tolist()
-        return blocked
 
     def _measure(self, now_ns: int) -> None:
         values = np.empty((3, 4))
@@ -235,23 +153,7 @@ class SimulatedJoints:
             values[2] = 0.0
         if self._quantised:
             values = np.rint(values / QUANTA) * QUANTA
-        temperature = self._temperatures.winding_c
-        if self.faults.temperature_c is not None:
-            temperature = np.where(np.isnan(self.faults.temperature_c), temperature, self.faults.temperature_c)
-        now: tuple[NDArray[Any], ...] = (np.array([now_ns] * 4), values[0], values[1], values[2], temperature)
-        if self.faults.silent or self.faults.lost_share:
-            arrived = ~_among(self.faults.silent) & (self._random.random(4) >= self.faults.lost_share)
-            now = tuple(np.where(arrived, new, last) for new, last in zip(now, self._last, strict=True))
-        self._last = now
-
-    def _reported_state(self) -> DriveState:
-        faulted = self.faults.bits is not None and any(self.faults.bits) and self._state is DriveState.ENABLED
-        return DriveState.FAULTED if faulted else self._state
-
-
-def _among(joints: set[Joint]) -> NDArray[np.bool_]:
-    """(4,): which joints these are."""
-    return np.array([joint in joints for joint in Joint])
+        self._last = (np.array([now_ns] * 4), values[0], values[1], values[2], self._temperatures.winding_c)
 
 
 def _saturated(joint: JointDevice, wanted_nm: float, speed_rad_s: float) -> float:
@@ -263,7 +165,51 @@ def _saturated(joint: JointDevice, wanted_nm: float, speed_rad_s: float) -> floa
     return min(max(wanted_nm, -limit), limit)
 
 
-def _four(bits: list[DriveFault] | None) -> tuple[DriveFault, DriveFault, DriveFault, DriveFault]:
-    if bits is None:
-        return (DriveFault.NONE, DriveFault.NONE, DriveFault.NONE, DriveFault.NONE)
-    return (bits[0], bits[1], bits[2], bits[3])
+WINDING_CAPACITY_SHARE = 0.12
+WINDING_RESISTANCE_SHARE = 0.3
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ThermalModel:
+    """Each (4,): heat capacities J/K, resistances K/W winding to housing and housing to room, loss W/Nm²."""
+
+    winding_j_k: JointArray
+    housing_j_k: JointArray
+    winding_k_w: JointArray
+    housing_k_w: JointArray
+    loss_w_nm2: JointArray
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Temperatures:
+    """Each (4,), °C."""
+
+    winding_c: JointArray
+    housing_c: JointArray
+
+
+def thermal_model(device: Exoskeleton) -> ThermalModel:
+    """The device's drives, each divided into winding and housing."""
+    capacity = np.array([joint.thermal_capacity_j_k for joint in device.joints])
+    resistance = np.array([joint.thermal_resistance_k_w for joint in device.joints])
+    return ThermalModel(
+        winding_j_k=WINDING_CAPACITY_SHARE * capacity,
+        housing_j_k=(1 - WINDING_CAPACITY_SHARE) * capacity,
+        winding_k_w=WINDING_RESISTANCE_SHARE * resistance,
+        housing_k_w=(1 - WINDING_RESISTANCE_SHARE) * resistance,
+        loss_w_nm2=np.array([joint.torque_constant_loss_w_nm2 for joint in device.joints]),
+    )
+
+
+def at_rest(room_c: float) -> Temperatures:
+    """Drives that have long been off."""
+    return Temperatures(winding_c=np.full(4, room_c), housing_c=np.full(4, room_c))
+
+
+def warm(model: ThermalModel, now: Temperatures, square_nm2: JointArray, room_c: float, time_s: float) -> Temperatures:
+    """Temperatures after a time short against seconds; square_nm2: (4,) mean square of the joint torque in it."""
+    across = (now.winding_c - now.housing_c) / model.winding_k_w
+    winding = now.winding_c + (model.loss_w_nm2 * square_nm2 - across) * (time_s / model.winding_j_k)
+    away = (now.housing_c - room_c) / model.housing_k_w
+    housing = now.housing_c + (across - away) * (time_s / model.housing_j_k)
+    return Temperatures(winding_c=winding, housing_c=housing)

@@ -26,7 +26,6 @@ SOLE_RADIUS_M = 0.015
 LIMB_RADIUS_M = 0.05
 ANKLE_DAMPING_NM_S_RAD = 1.5
 STEPS, OBSTACLES, CHAIRS = 2, 1, 1  # blocks kept ready of each kind
-BLOCK_HALF_LENGTH_M = 3.0
 
 # Who touches whom: bits of contype (bodies) and conaffinity (surroundings).
 GROUND, HURDLE, SEAT = 1, 2, 4

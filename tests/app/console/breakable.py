@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import signal
 from collections.abc import Callable
+from dataclasses import replace
 
 from app.control import assembly as assemble
 from app.perception import pipeline as build
@@ -13,7 +14,8 @@ from hal.cameras.camera import Camera, Frame
 from hal.cameras.digital_hand.driver import DigitalHandCamera
 from hal.cameras.digital_hand.render import lens_for
 from hal.errors import CameraFault, HardwareError
-from hal.joints.protocol import DriveFault, Joint, Joints
+from hal.joints.protocol import DriveFault, DriveState, JointFeedback, Joints
+from hal.joints.simulated import driver
 from hal.joints.simulated.driver import SimulatedJoints
 from logs.reason import reason
 
@@ -51,14 +53,33 @@ def begin_breakable(name: str, setup: SessionSetup) -> None:
     run_process(name, setup)
 
 
+class BreakableJoints(SimulatedJoints):
+    """Simulated joints of which the right knee's drive reports a fault while it is broken."""
+
+    broken = False
+
+    def read(self, now_ns: int) -> JointFeedback:
+        """As ever, but for the fault."""
+        feedback = super().read(now_ns)
+        if not self.broken:
+            return feedback
+        none = DriveFault.NONE
+        return replace(feedback, faults=(none, none, none, DriveFault.OVER_CURRENT), state=DriveState.FAULTED)
+
+    def hurt(self, *, broken: bool) -> None:
+        """Break the drive, or mend it."""
+        self.broken = broken
+
+
 def _breakable_joint() -> None:
     make = assemble.joints_of
+    driver.SimulatedJoints = BreakableJoints  # type: ignore[misc]  # what the factory makes
 
     def joints_of(setup: SessionSetup) -> Joints:
         joints = make(setup)
-        assert isinstance(joints, SimulatedJoints)
-        signal.signal(BREAK, lambda *_: joints.raise_fault(Joint.RIGHT_KNEE, DriveFault.OVER_CURRENT))
-        signal.signal(MEND, lambda *_: joints.clear_faults())
+        assert isinstance(joints, BreakableJoints)
+        signal.signal(BREAK, lambda *_: joints.hurt(broken=True))
+        signal.signal(MEND, lambda *_: joints.hurt(broken=False))
         return joints
 
     assemble.joints_of = joints_of

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from app.control.drives import Drives
-from app.control.events.pose import STILL_RAD_S
+from app.control.events.drives import STILL_RAD_S
 from app.control.inputs import DriveOrder
 from app.control.running_action import Stage
 from app.ipc.messages import OperatorKind

@@ -14,9 +14,10 @@ from app.text.catalogue import render
 from hal.joints.can.bus import with_bus
 from hal.joints.can.scan import FoundDrive, ScanReply
 from hal.joints.device import BusDevice, Exoskeleton, load_exoskeleton
-from hal.joints.emulator.emulator import DriveEmulator, EmulatorThread
+from hal.joints.emulator.emulator import DriveEmulator
 from hal.joints.protocol import Joint
 from logs.reason import key_of, reason
+from testing.emulated_drives import emulating
 
 CAN0 = BusDevice()
 MIT = "MIT (AK V1/V2, bgkatz)"
@@ -117,7 +118,7 @@ def test_two_joints_with_one_id_are_reported() -> None:
 
 def test_an_emulated_bus_is_examined_to_the_drives() -> None:
     device = with_bus(DEVICE, "virtual", "doctor")
-    with EmulatorThread(DriveEmulator(device)):
+    with emulating(DriveEmulator(device)):
         still = list(examine(device, None, ask=False))
     assert [finding.grade for finding in still] == [Grade.GOOD]
 

@@ -29,12 +29,12 @@ def test_flexing_the_hip_brings_the_foot_forward_and_flexing_the_knee_brings_it_
     straight = kinematics.ankle(body, np.array(0.0), np.array(0.0))
     assert kinematics.ankle(body, np.array(0.3), np.array(0.0))[0] > straight[0]
     assert kinematics.ankle(body, np.array(0.0), np.array(0.3))[0] < straight[0]
-    assert straight[1] == -body.leg_m
+    assert straight[1] == -(body.thigh_m + body.shank_m)
 
 
 def test_a_place_out_of_reach_is_no_number() -> None:
     body = average_body(1.7, 70.0)
-    assert np.isnan(kinematics.joints(body, np.array([0.0, -body.leg_m - 0.01])).knee)
+    assert np.isnan(kinematics.joints(body, np.array([0.0, -(body.thigh_m + body.shank_m) - 0.01])).knee)
 
 
 @given(statures, st.floats(-0.8, 0.8))

@@ -10,7 +10,8 @@ import pytest
 from hal.errors import HardwareError
 from hal.joints.can.driver import SocketCanJoints
 from hal.joints.device import Exoskeleton
-from hal.joints.emulator.emulator import DriveEmulator, EmulatorThread
+from hal.joints.emulator.emulator import DriveEmulator
+from testing.emulated_drives import emulating
 from tests.support.can_rig import CanRig, MakeRig
 
 
@@ -20,7 +21,7 @@ def make_rig() -> Iterator[MakeRig]:
     with ExitStack() as stack:
 
         def make(device: Exoskeleton, emulated: Exoskeleton | None = None) -> CanRig:
-            emulator = stack.enter_context(EmulatorThread(DriveEmulator(emulated or device)))
+            emulator = stack.enter_context(emulating(DriveEmulator(emulated or device)))
             joints = SocketCanJoints(device)
             stack.callback(_close, joints)
             return CanRig(joints, emulator)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from hal.joints.device import load_exoskeleton
-from hal.joints.simulated.thermal import Temperatures, at_rest, thermal_model, warm
+from hal.joints.simulated.driver import Temperatures, at_rest, thermal_model, warm
 
 ROOM_C = 25.0
 MODEL = thermal_model(load_exoskeleton())
