@@ -64,6 +64,7 @@ from logs.records.session import (
     PatientConfirmed,
     ProcessEnd,
     ProcessStart,
+    RecordingFile,
     RecordsLost,
     SessionBody,
     SessionEnd,
