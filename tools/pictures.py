@@ -25,6 +25,7 @@ from app.system.hand_model import set_up_model
 from app.system.paths import Home, find_home
 from kgdfa.gesture import Gesture
 from profiles.schema import DEMO_PATIENT
+from testing.screen import screen_text
 
 FOLDER = Path(__file__).parent.parent / "docs" / "pictures"
 SMALL, LARGE = (80, 24), (200, 50)
@@ -89,7 +90,7 @@ class Photographer:
 
     def text(self) -> str:
         """The text on the screen."""
-        return "\n".join(strip.text for strip in self.app.screen._compositor.render_strips())
+        return screen_text(self.app)
 
     async def take(self, name: str) -> None:
         """One picture of what is on the screen."""

@@ -7,8 +7,6 @@ import os
 from dataclasses import dataclass
 from pathlib import Path
 
-from textual.app import App
-
 from logs.disk import Disk
 from logs.journal import Moment
 from logs.keys import ConsoleKey, PublicKey, by_fingerprint
@@ -139,8 +137,3 @@ def write_session(folder: Path, name: str, key: ConsoleKey, disk: Disk, bodies: 
     assert writer.finish(last)
     writer.close()
     return writer.path
-
-
-def screen_text(app: App[None]) -> str:
-    """The cells of the screen as text."""
-    return "\n".join(strip.text for strip in app.screen._compositor.render_strips())

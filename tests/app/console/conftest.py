@@ -8,7 +8,6 @@ from contextlib import AbstractAsyncContextManager, asynccontextmanager
 from pathlib import Path
 
 import pytest
-from textual.app import App
 from textual.pilot import Pilot
 from textual.widgets import Input
 
@@ -18,6 +17,7 @@ from app.system.paths import Home
 from app.text.catalogue import use_language
 from profiles.schema import DEMO_PATIENT, Profile
 from testing.fake_host import FakeHost
+from testing.screen import screen_text
 
 Opener = Callable[..., AbstractAsyncContextManager["Console"]]
 LIMIT_S = 120.0  # a busy machine is slow, not wrong
@@ -69,11 +69,6 @@ async def wait_until(pilot: Pilot[None], condition: Callable[[], object], limit_
                 await pilot.pause(0.01)
     except TimeoutError:
         pytest.fail(f"did not come within {limit_s:g} s; the screen shows:\n{screen_text(pilot.app)}")
-
-
-def screen_text(app: App[None]) -> str:
-    """The cells of the screen as text."""
-    return "\n".join(strip.text for strip in app.screen._compositor.render_strips())
 
 
 @pytest.fixture(autouse=True)

@@ -105,7 +105,10 @@ async def in_all_themes(app: ConsoleApp, pilot: Pilot[None]) -> str:
 
 
 async def settled(app: ConsoleApp, pilot: Pilot[None]) -> list[Strip]:
-    """The screen once two ticks and the drawing after them have changed nothing: a busy machine draws late."""
+    """The screen once two ticks and the drawing after them have changed nothing: a busy machine draws late.
+
+    The one look at Textual's compositor: no public method gives the style of each cell but by the picture of a screen.
+    """
     looks: list[list[str]] = []
     while len(looks) < 4 or any(look != looks[-1] for look in looks[-4:]):
         await pilot.pause(0.05)
