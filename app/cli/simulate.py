@@ -1,17 +1,20 @@
-"""rleex simulate: rehearse actions on the simulated exoskeleton."""
+"""rleex simulate, rleex emulate-drives: actions rehearsed on the simulated exoskeleton, drives emulated on a bus."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import msgspec
 import typer
-from msgspec import to_builtins
+from rich.console import Console
+from rich.live import Live
 
-from app.cli.common import check_output
+from app.cli.common import HomeOption, check_finite, check_output
 from app.cli.permission import sign_in
 from app.cli.progress import bar, wide_console
 from app.ipc.states import Action
@@ -19,16 +22,17 @@ from app.system.config import load_config, load_device
 from app.system.operators import Permission
 from app.system.paths import Home, find_home
 from app.text.catalogue import tr
+from hal.joints.device import DEFAULT_DEVICE, Exoskeleton, load_exoskeleton
+from profiles.schema import DEMO_PATIENT, Profile
+from profiles.store import ProfileStore
 
-if TYPE_CHECKING:  # numpy and MuJoCo are only loaded when something is rehearsed
-    from rich.console import Console
-
+if TYPE_CHECKING:
     from app.evaluate.loop.rehearsal import Norm
     from app.motion.plan import Patient
     from app.motion.rehearsal import Rehearsal
     from app.motion.rehearsal_checks import RehearsalVerdict
-    from hal.joints.device import Exoskeleton
-    from profiles.schema import Profile
+    from hal.joints.body import Body
+    from hal.joints.emulator.emulator import DriveEmulator
 
 cli = typer.Typer()
 
@@ -48,7 +52,7 @@ def simulate(
         Path | None, typer.Option("--json", callback=check_output, help="Write the figures here as well.")
     ] = None,
     preflight: Annotated[bool, typer.Option(help="Keep the verdicts as this patient's pre-flight.")] = False,
-    home: Annotated[Path | None, typer.Option(help="Data directory.")] = None,
+    home: HomeOption = None,
 ) -> None:
     """Rehearse an action in simulation through planner, follower and guard; exit status 1 when it does not pass."""
     from app.evaluate.harness import write_json
@@ -105,7 +109,7 @@ def _drop_out(
     with bar(console, wearer.identifier, len(Action) * len(MISSING_MS)) as step:
         found = all_dropouts(patient_of(wearer, device), device, step)
     console.print(dropout_table(found))
-    write_json([to_builtins(one) for one in found], json_file)
+    write_json([msgspec.to_builtins(one) for one in found], json_file)
     if plot_file is not None:
         plot_dropouts(found, plot_file)
     if any(one.guard_refusal is not None for one in found):
@@ -158,3 +162,57 @@ def _keep(
 def named(file: Path, action: str, *, many: bool) -> Path:
     """The file for one action of several."""
     return file.with_stem(f"{file.stem}-{action.lower().replace('_', '-')}") if many else file
+
+
+@cli.command("emulate-drives")
+def emulate_drives(
+    interface: Annotated[str, typer.Option(help="socketcan, local, or any of python-can's.")] = "",
+    channel: Annotated[str, typer.Option(help="e.g. vcan0, or 43113 for local.")] = "",
+    device: Annotated[Path | None, typer.Option(help="Device description; default: the built-in one.")] = None,
+    motors: Annotated[Path | None, typer.Option(help="A TOML that extends the motor table.")] = None,
+    patient: Annotated[str, typer.Option(help="Hang this patient's simulated body on the drives.")] = "",
+    fault: Annotated[
+        list[str] | None, typer.Option(help="[joint:]fault[=value][@seconds], e.g. left_knee:silent@10.")
+    ] = None,
+    seconds: Annotated[float, typer.Option(callback=check_finite, help="End after this long; 0: never.", min=0)] = 0.0,
+    home: Annotated[Path | None, typer.Option(help="Data directory (for --patient).")] = None,
+) -> None:
+    """Emulate the four drives of the exoskeleton on a CAN bus."""
+    from hal.joints.can.bus import with_bus
+    from hal.joints.emulator.emulator import run_emulator
+    from hal.joints.emulator.firmware import read_schedule
+
+    sign_in(home, Permission.CONFIGURE)
+    described = with_bus(load_exoskeleton(device or DEFAULT_DEVICE), interface, channel)
+    schedule = tuple(read_schedule(text) for text in fault or ())
+    body = _body(patient, home) if patient else None
+    _run_shown(described, partial(run_emulator, described, body=body, motors=motors, schedule=schedule), seconds)
+
+
+def _run_shown(described: Exoskeleton, run: Callable[..., None], seconds: float) -> None:
+    """Show what the drives do, each second, until they end."""
+    from app.cli.drive_table import emulated_drives_table
+
+    console = Console()
+    buses = ", ".join(f"{bus.channel} ({bus.interface})" for bus in described.buses)
+    console.print(tr("emulate.running", device=described.name, buses=buses))
+    end_s = time.monotonic() + seconds if seconds else float("inf")
+    with Live(console=console, auto_refresh=False, transient=True) as live:
+
+        def poll(emulator: DriveEmulator) -> None:
+            live.update(emulated_drives_table(emulator), refresh=True)
+            if time.monotonic() >= end_s:
+                raise KeyboardInterrupt
+
+        try:
+            run(each_second=poll)
+        except KeyboardInterrupt:
+            console.print(tr("emulate.ended"))
+
+
+def _body(patient: str, home: Path | None) -> Body:
+    from app.motion.plan import body_of
+
+    if patient == DEMO_PATIENT.identifier:
+        return body_of(DEMO_PATIENT)
+    return body_of(ProfileStore(find_home(home).profiles).load(patient))

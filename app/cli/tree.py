@@ -19,7 +19,7 @@ _COMMANDS = {
     "demo": "run",
     "simulate": "simulate",
     "doctor": "machine",
-    "emulate-drives": "emulate",
+    "emulate-drives": "simulate",
     "export": "export",
     "model": "machine",
     "locate": "machine",
