@@ -11,6 +11,7 @@ from typing import Any
 
 from app.perception.look import CameraSample
 from logs.reason import Reason
+from logs.records import CameraComparison
 
 Ruler = float | None  # the true distance, metres; None: nobody has measured it
 COLUMNS = (
@@ -144,6 +145,24 @@ class Comparison:
         writer.writeheader()
         writer.writerows(one.row() for one in self.rows())
         return text.getvalue()
+
+
+def comparison_record(comparison: Comparison, path: str) -> CameraComparison:
+    """For the trail, when the comparison ends; path: of the table."""
+    both = [comparison.total(which) for which in (0, 1)]
+    return CameraComparison(
+        cameras=tuple(one.camera for one in both),
+        frames=tuple(one.frames for one in both),
+        fps=tuple(one.fps for one in both),
+        latency_ms=tuple(one.latency_ms for one in both),
+        lost=tuple(one.lost_share for one in both),
+        distance_m=tuple(one.distance_m for one in both),
+        from_other_m=tuple(one.from_other_m for one in both),
+        presses_true=tuple(one.presses[True] for one in both),
+        presses_false=tuple(one.presses[False] for one in both),
+        rulers_m=tuple(sorted({one.ruler_m for one in comparison.rows() if one.ruler_m is not None})),
+        path=path,
+    )
 
 
 def _scaled(value: float | None, factor: float, digits: int) -> float | None:

@@ -44,6 +44,7 @@ from logs.records.perception import (
     Button,
     Calibration,
     Camera,
+    CameraComparison,
     Cancel,
     Frames,
     GestureOnset,

@@ -145,4 +145,35 @@ class Release(_Decided, frozen=True, kw_only=True, tag_field="kind", tag="releas
     pressed_ns: int = 0
 
 
-PerceptionBody = Camera | Calibration | Recording | Button | Frames | GestureOnset | Hint | Press | Cancel | Release
+class CameraComparison(Struct, frozen=True, kw_only=True, tag_field="kind", tag="camera comparison"):
+    """A second camera looked beside the session's and commanded nothing: the first is the session's.
+
+    Columns hold a value a camera, over all values of the ruler; `path` is the table's file in `comparisons/`.
+    """
+
+    cameras: tuple[str, ...]
+    frames: tuple[int, ...] = ()
+    fps: tuple[float, ...] = ()
+    latency_ms: tuple[float, ...] = ()
+    lost: tuple[float, ...] = ()  # share of the frames without keypoints
+    distance_m: tuple[Measured, ...] = ()
+    from_other_m: tuple[Measured, ...] = ()  # how much farther than the other one
+    presses_true: tuple[int, ...] = ()  # by the ruler, else by the other camera
+    presses_false: tuple[int, ...] = ()
+    rulers_m: tuple[float, ...] = ()  # that were typed in
+    path: str = ""
+
+
+PerceptionBody = (
+    Camera
+    | Calibration
+    | Recording
+    | Button
+    | Frames
+    | GestureOnset
+    | Hint
+    | Press
+    | Cancel
+    | Release
+    | CameraComparison
+)

@@ -29,7 +29,9 @@ from app.ipc.links import new_link_directory
 from app.ipc.messages import OperatorKind, PerceptionCommand
 from app.ipc.states import Action
 from app.perception.camera import SessionRecorder
+from app.perception.comparison import Comparison, comparison_record
 from app.perception.frames import FrameBatch, button_record
+from app.perception.look import CameraSample
 from app.perception.pipeline import camera_records, make_camera
 from app.perception.reporting import MeasuredRate, records_between
 from app.recording.process import file_record
@@ -247,6 +249,7 @@ def of_perception(root: Path) -> list[Body]:
     for before, now in steps:
         found += records_between(before, now, SCALE)
     found += framed()
+    found.append(comparison_record(compared_cameras(), "table.csv"))
     camera = make_camera(setup)
     camera.open()
     frame = camera.read(5.0)
@@ -272,6 +275,33 @@ def of_perception(root: Path) -> list[Body]:
     recorder.close()
     camera.close()
     return found
+
+
+def compared_cameras() -> Comparison:
+    """Two cameras at one value of a ruler, one of which loses the hand and presses falsely."""
+    comparison = Comparison(threshold_m=0.2, ruler_m=0.3)
+    for ruler_m in (0.3, 0.15):
+        comparison.ruler_m = ruler_m
+        for frame in (1, 2, 3):
+            for which in (0, 1):
+                number = frame + (10 if ruler_m < 0.2 else 0)
+                comparison.take(which, looked(number, 0.3 + 0.01 * which))
+    return comparison
+
+
+def looked(frame: int, distance_m: float) -> CameraSample:
+    return CameraSample(
+        camera="c",
+        captured_ns=frame * 10**8,
+        frames=frame,
+        lost=frame // 2,
+        latency_ms=20.0,
+        hand=True,
+        distance_m=distance_m,
+        safe_m=distance_m,
+        pressed=False,
+        presses=frame,
+    )
 
 
 def framed() -> list[Body]:
