@@ -141,7 +141,8 @@ def stop_and_see(session: RealSession, name: str, stop_s: float, action: Action,
 
     now = session.until(over, "the end of the movement")
     if now.effect >= Effect.HOLD:
-        return "damped" if now.effect is Effect.DAMP else "held"
+        causes = (one.event.value for one in now.events if one.effect is now.effect and not one.acknowledged)
+        return f"{'damped' if now.effect is Effect.DAMP else 'held'} ({', '.join(causes)})"
     done = [report.outcome for report in now.reports if report.number not in known]
     if Outcome.COMPLETED not in done:
         return "ended early"

@@ -35,6 +35,7 @@ from tools.bench_stop import MIDDLE, SITUATIONS, InterlockError, Situation, go, 
 
 GONE_S = 2.0  # docs/safety.md: the console is gone within it
 POWER_ON = Situation(during=Action.INITIALISE)
+ANSWER_S = 3.0
 TRIES = 5  # a busy host may hold the legs on their way
 
 
@@ -46,6 +47,24 @@ class Terminals(ConsoleSession):
         first = self._open()
         first.wait(b"STOP")
         super().__init__(first, links_of(Home(home), first))
+
+    def poll(self, wait_s: float = 0.02) -> None:
+        """Without the keys that a bench of the console types meanwhile."""
+        WatchedSession.poll(self, wait_s)
+
+    def send(self, kind: OperatorKind, action: Action | None = None) -> None:
+        """Type it; an action's key that did nothing, as on a busy host, is typed again."""
+        before = self.snapshot.refusal_count if self.snapshot else 0
+        for _ in range(TRIES):
+            super().send(kind, action)
+            limit_s = time.monotonic() + ANSWER_S
+            while action is not None and time.monotonic() < limit_s:
+                self.poll()
+                now = _now(self)
+                if action in {now.action, now.pending} or now.refusal_count > before or now.effect >= Effect.HOLD:
+                    return
+            if action is None:
+                return
 
     def hang_up(self) -> float:
         """Close the terminal, as a lost SSH connection does: seconds until its console has ended."""
@@ -114,6 +133,7 @@ def taken_over(session: Terminals, name: str, situation: Situation | None) -> di
         "console_gone_s": round(gone_s, 2),
         "taken_over_s": round(took_s, 2),
         "held_in": after.state.value,
+        "held_by": ", ".join(one.event.value for one in after.events if one.effect >= Effect.HOLD),
         "armed": after.armed,
         "second_refused": refused,
     }
