@@ -54,8 +54,11 @@ class _Console(Screen[T], Generic[T]):
 
     @on(events.Resize)
     def _skip_known_size(self, event: events.Resize) -> None:
-        """Textual sends a size that is laid out already; without this it lays out again, the screens below too."""
-        if event.size == self.size and all(map(self.has_class, self._breakpoints(event.size))):
+        """Textual sends a size that is laid out already; without this it lays out again, the screens below too.
+
+        `size` is the application's, new before anything is laid out; `outer_size` is what was laid out last.
+        """
+        if event.size == self.outer_size and all(map(self.has_class, self._breakpoints(event.size))):
             event.prevent_default()
             event.stop()
 
