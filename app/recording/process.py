@@ -49,13 +49,12 @@ def run_recording(setup: SessionSetup) -> None:
     ending = _Ending(setup.host_pid)
     signal.signal(signal.SIGTERM, ending.ask)
     while not ending.is_due():
-        message = receiver.receive(WAIT_S)
-        for _ in range(BATCH):
-            if message is None:
-                break
+        taken, message = 0, receiver.receive(WAIT_S)
+        while message is not None:
             ending.received_s = time.monotonic()
             recorder.take(message)
-            message = receiver.receive()
+            taken += 1
+            message = receiver.receive() if taken < BATCH else None
         receiver.foreign_peers()
         recorder.settle(time.monotonic_ns())
     recorder.close()
