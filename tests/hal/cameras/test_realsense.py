@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
+import os
 import time
 from collections.abc import Iterator
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from hal.cameras.camera import Frame
+from hal.cameras.camera import Frame, IntrinsicsSource
 from hal.cameras.digital_hand.depth import LEAST_M
+from hal.cameras.factory import open_camera
 from hal.cameras.realsense import RealSenseCamera, clean_depth
 from hal.cameras.software_realsense import SoftwareRealSense
 from hal.errors import CameraFault
 from kgdfa.depth import DepthFault, DepthRange, read_published, sample_palm
-from kgdfa.hand import Hand, Side
+from kgdfa.distance import HALF_PALM_M
+from kgdfa.hand import Hand, Keypoint, Side
 from tests.support.errors import refused
 from tests.support.software_realsense import HEIGHT, PERIOD_NS, WIDTH, a_hand, feed
 
@@ -106,3 +110,30 @@ def test_a_stream_that_stops_is_reported_and_comes_back(camera: RealSenseCamera,
 def test_what_is_no_depth_becomes_no_measurement() -> None:
     raw = np.array([[np.nan, -1.0, 0.0, 65535.0, 400.0, np.inf]])
     assert clean_depth(raw, 0.001).tolist() == [[0.0, 0.0, 0.0, 0.0, pytest.approx(0.4), 0.0]]
+
+
+@pytest.mark.skipif(
+    "RLEEX_TEST_DATA" not in os.environ, reason="RLEEX_TEST_DATA: folder of the data beside the project"
+)
+def test_a_recording_of_a_real_camera_opens_shows_depth_and_measures() -> None:
+    """librealsense's own sample: one frame set of a D400 camera, nothing nearer than half a metre."""
+    path = Path(os.environ["RLEEX_TEST_DATA"]) / "realsense" / "single_depth_color_640x480.bag"
+    camera = open_camera("realsense", device=str(path))
+    camera.open()
+    try:
+        frame = next(frame for _ in range(20) if (frame := camera.read(LIMIT_S)) is not None)
+    finally:
+        camera.close()
+    depth = frame.depth_m
+    assert depth is not None
+    assert depth.shape == frame.image_bgr.shape[:2] == (480, 640)
+    assert (depth > 0).mean() > 0.9
+    assert frame.intrinsics.source is IntrinsicsSource.MEASURED
+    places = [(x, y) for y in range(100, 380, 20) for x in range(100, 540, 20)]
+    x, y = min(places, key=lambda at: float(np.ptp(depth[at[1] - 30 : at[1] + 31, at[0] - 30 : at[0] + 31])))
+    image = np.full((21, 2), (x, y), float)
+    image[Keypoint.INDEX_MCP], image[Keypoint.PINKY_MCP], image[Keypoint.WRIST] = (x - 20, y), (x + 20, y), (x, y + 25)
+    palm = Hand(image_px=image, world_m=np.zeros((21, 3)), presence=0.9, side=Side.RIGHT)
+    measured = DepthRange(mode="robust").measure(depth, palm, frame.captured_ns)
+    assert measured is not None
+    assert measured.shown_m == pytest.approx(float(np.median(depth[y : y + 20, x])) + HALF_PALM_M, rel=0.05)
