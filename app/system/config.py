@@ -66,11 +66,9 @@ class ButtonConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
 
 
 class RecordingConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """The session's recording; pictures need the patient's consent besides, in each session."""
+    """The session's recording, without pictures."""
 
     on: bool = False
-    pictures_hz: Annotated[float, Meta(gt=0, le=60)] = 10.0
-    pictures_width_px: Annotated[int, Meta(ge=80, le=4096)] = 640
 
 
 class Config(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
