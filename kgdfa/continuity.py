@@ -61,7 +61,7 @@ def jump_between(before: HandFrame, now: HandFrame, elapsed_ns: int, lost_frames
     reference_px = max(now.hand.reference_px, before.hand.reference_px, 1.0)
     bend_px, turn_rad = _bend_px(_palm(before.hand), _palm(now.hand))
     if before.ambiguous and now.ambiguous:
-        bend_px, turn_rad = min((bend_px, turn_rad), _bend_px(_palm(before.hand).conjugate(), _palm(now.hand)))
+        bend_px, turn_rad = min((bend_px, turn_rad), _bend_px(_mirrored_palm(before.hand), _palm(now.hand)))
     compared = {
         Jump.PLACE: (now.hand.palm_shift_px(before.hand) / reference_px, LARGEST_SHIFT * frames),
         Jump.SHAPE: (bend_px / reference_px, LARGEST_BEND),
@@ -78,6 +78,13 @@ def _palm(hand: Hand) -> NDArray[np.complex128]:
     palm = points[:, 0] + 1j * points[:, 1]
     centred: NDArray[np.complex128] = palm - palm.mean()
     return centred
+
+
+def _mirrored_palm(hand: Hand) -> NDArray[np.complex128]:
+    """(5,) as the detector would have it of the other side: mirrored at the line from the wrist to the knuckles."""
+    u, v = (hand.image_px[Keypoint.MIDDLE_MCP] - hand.image_px[Keypoint.WRIST]).tolist()
+    along = complex(u, v)
+    return _palm(hand).conjugate() * (along / abs(along)) ** 2 if along else _palm(hand)
 
 
 def _bend_px(before: NDArray[np.complex128], now: NDArray[np.complex128]) -> tuple[float, float]:

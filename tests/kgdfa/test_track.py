@@ -149,6 +149,16 @@ def test_a_gesture_of_ambiguous_side_does_not_speak_against_a_known_one() -> Non
     assert (tracks.known, tracks.number) == (True, 1)
 
 
+@pytest.mark.parametrize("tilt_deg", [-40, 0, 40])
+def test_an_ambiguous_gesture_that_is_read_as_its_mirror_image_is_the_same_hand(tilt_deg: int) -> None:
+    upright, tilt_rad = drawn_hand("oooff"), math.radians(tilt_deg)
+    either = rolled(upright, tilt_rad), rolled(mirrored(upright), tilt_rad)
+    tracks = after([(either[0],)] * 30, RIGHT)
+    for number in range(31, 61):
+        tracks = update_tracks(tracks, (either[number % 2],), number * FRAME_NS, RIGHT, [AMBIGUOUS])
+        assert (tracks.known or number == 31, tracks.number) == (True, 1)
+
+
 def test_frames_without_a_gesture_tell_no_side() -> None:
     tracks = Tracks()
     for number in range(20):
