@@ -3,8 +3,9 @@
 A tracker searches for the hand near where it was, at the size that it had, so that a push of 0.3 s leaves it behind. A
 near hand is therefore shown smaller, by as much as it is about to grow: on the view it stays where it was. The frame
 that loses a hand all the same is given again, smaller yet: with none to track, the tracker searches everywhere.
-A frame in which the palm narrows as no hand can is detected untracked as well: led by a wrist outside the image, the
-tracker looked beside the hand.
+A frame in which a near palm narrows as no hand can is detected untracked as well: led by a wrist outside the image, the
+tracker looked beside the hand. That costs the next frame, so it is done for near hands only, and not for the frames
+after it.
 
 MediaPipe's palm detector misses some hands in plain sight, near ones and folded ones above all, and finds most of
 them in the same image made smaller or turned by 25° (docs: gestures). A frame has time for one view only, so a
@@ -33,6 +34,7 @@ STEADY_FROM = 0.95  # so little is not worth showing smaller
 # From frame to frame 5-17, beside all keypoints' spread, narrows by less, but for hands that turn edge on: of 28 that
 # did in 120 pushes 25 read too far by a quarter and more, and these were 25 of 37 such readings.
 LEAST_NARROWING = 0.80
+LOOK_FRAMES = 6  # from one untracked detection to the next, at least: as many as a push of 0.3 s is near in
 MOST_GROWTH = 1.35  # from frame to frame: a push of 0.3 s from 36 cm, 30 frames per second, makes it grow by 1.3
 SHRUNK = 2  # a view has half the image's pixels each way: more cost time, and the landmark model sees 224
 
@@ -131,6 +133,10 @@ class PalmGrowth:
         narrowed = breadth < LEAST_NARROWING * before.breadth
         return cls(hand.palm_px, spread_px, breadth, narrowed, growth, min(LARGEST_PALM, before.shown * GROWING_AGAIN))
 
+    def is_near(self, height_px: int) -> bool:
+        """Whether it is, or is about to be, so large that it is shown smaller."""
+        return self.palm_px * self.growth > LARGEST_PALM * height_px
+
     def fitted(self, view: View, height_px: int) -> View:
         """The view, made smaller where the hand would be too large in the next frame."""
         scale = self.shown * height_px / (self.palm_px * self.growth)
@@ -152,6 +158,7 @@ class Redetector:
         self._look = look
         self._search = RedetectionState()
         self._growth: PalmGrowth | None = None  # of the hand followed, or lost a moment ago
+        self._since_look = LOOK_FRAMES
 
     def detect(self, image_bgr: Image, captured_ns: int) -> tuple[Hand, ...]:
         """The hands in the next frame, where its image has them; () when there is none."""
@@ -162,7 +169,9 @@ class Redetector:
         self._search = next_state(self._search, found=bool(hands))
         if hands:
             growth = PalmGrowth.of(hands[0], self._growth)
-            if growth.narrowed:
+            self._since_look += 1
+            if growth.narrowed and growth.is_near(image_bgr.shape[0]) and self._since_look >= LOOK_FRAMES:
+                self._since_look = 0
                 hands = self._look_again(image_bgr, hands[0]) or hands
                 growth = PalmGrowth.of(hands[0], self._growth)
             self._growth = growth

@@ -16,6 +16,7 @@ from kgdfa.preprocess import Image
 from kgdfa.redetection import (
     FULL_VIEW,
     LARGEST_PALM,
+    LOOK_FRAMES,
     PATIENCE_FRAMES,
     REDETECTION_VIEWS,
     SOUGHT_PALM,
@@ -232,15 +233,23 @@ def palm(breadth_px: float, *, at_px: float = 100.0) -> Hand:
         ((20, 20, 10), (palm(11),), 10, 1),
         ((20, 20, 10), (palm(19, at_px=400.0),), 10, 1),
         ((20, 20, 10), (), 10, 1),
+        ((20, 20, 10, 20, 10), (palm(19),), 10, 1),
+        ((20, 20, 10, *[20] * (LOOK_FRAMES - 1), 10), (palm(19),), 19, 2),
     ],
-    ids=["a hand that turns", "a slip", "narrow all the same", "another place", "not found"],
+    ids=["a hand that turns", "a slip", "narrow all the same", "another place", "not found", "at once", "later"],
 )
-def test_a_palm_that_narrows_as_no_hand_can_is_detected_anew(
+def test_a_near_palm_that_narrows_as_no_hand_can_is_detected_anew(
     tracked_px: tuple[float, ...], anew: tuple[Hand, ...], reported_px: float, looks: int
 ) -> None:
     reported, looked = followed_px(tracked_px, anew, NEAR)
     assert reported == pytest.approx(reported_px, abs=0.1)
     assert looked == looks
+
+
+def test_a_far_palm_that_narrows_is_left_to_the_tracker() -> None:
+    reported, looked = followed_px((20, 20, 10), (palm(19),), PICTURE)
+    assert reported == pytest.approx(10, abs=0.1)
+    assert looked == 0
 
 
 def followed_px(tracked_px: tuple[float, ...], anew: tuple[Hand, ...], image: Image) -> tuple[float, int]:
