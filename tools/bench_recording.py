@@ -20,7 +20,7 @@ from rich.table import Table
 
 sys.path.insert(0, str(Path(__file__).parent.parent))  # run as a script, `tools` is a folder of the tree
 
-from app.recording.read import Proof, proof_of, recording_path, survey
+from app.recording.read import HashCheck, proof_of, recording_path, survey
 from testing.session import real_session
 
 
@@ -78,7 +78,7 @@ def run(home: Path, seconds: float, *, recording: bool) -> Run:
         mb_an_hour=path.stat().st_size / 1e6 / found.duration_s * 3600,
         messages=found.counts.total(),
         lost=sum(recorded.lost.values()) if recorded else 0,
-        proven=found.whole and proof is Proof.SAME and recorded is not None and recorded.messages == found.counts,
+        proven=found.whole and proof is HashCheck.SAME and recorded is not None and recorded.messages == found.counts,
     )
 
 

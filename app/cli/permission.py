@@ -52,11 +52,13 @@ READS = frozenset(
             f"audit {name}"
             for name in ("explain", "export", "key", "list", "query", "replay", "report", "schema", "show", "verify")
         ),
-        *(f"camera {name}" for name in ("list", "show")),
+        *(f"camera {name}" for name in ("compare", "list", "show")),
         *(f"can {name}" for name in ("decode", "monitor", "record")),
         *(f"profile {name}" for name in ("export", "history", "list", "show")),
+        *(f"recording {name}" for name in ("info", "schema", "verify")),
         "demo",  # simulated joints, or emulated drives on a bus of its own
         "doctor",
+        "export",
         "locate",
         "operator list",
         "run",

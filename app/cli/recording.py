@@ -10,7 +10,7 @@ import typer
 from app.cli.common import HomeOption, check_output, print_text
 
 if TYPE_CHECKING:
-    from app.recording.read import Proof, Recording
+    from app.recording.read import HashCheck, Recording
     from logs.records import RecordingFile
 
 cli = typer.Typer(no_args_is_help=True)
@@ -51,7 +51,7 @@ def info(
 @cli.command()
 def verify(file: FileArgument = "last", home: HomeOption = None) -> None:
     """Prove that it is whole and the one that its trail names. Exit status: 0 sound, 1 not, 2 unreadable."""
-    from app.recording.read import Proof, proof_of, survey
+    from app.recording.read import HashCheck, proof_of, survey
 
     path = _found(file, home)
     found = survey(path)
@@ -60,7 +60,7 @@ def verify(file: FileArgument = "last", home: HomeOption = None) -> None:
     counted = recorded is None or recorded.messages == dict(found.counts)
     if not counted:
         print_text("recording.miscounted")
-    raise typer.Exit(0 if found.whole and not found.damage and proof is Proof.SAME and counted else 1)
+    raise typer.Exit(0 if found.whole and not found.damage and proof is HashCheck.SAME and counted else 1)
 
 
 @cli.command()
@@ -94,7 +94,7 @@ def _table(found: Recording, recorded: RecordingFile | None) -> object:
     return table
 
 
-def _print_state(found: Recording, proof: Proof) -> None:
+def _print_state(found: Recording, proof: HashCheck) -> None:
     state = "whole" if found.whole and not found.damage else "damaged" if found.damage else "cut"
     size_bytes = found.path.stat().st_size
     per_hour_mb = size_bytes / 1e6 / found.duration_s * 3600 if found.duration_s else 0.0

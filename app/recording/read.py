@@ -189,7 +189,7 @@ def _take_metadata(record: Metadata, recording: Recording) -> None:
         recording.lost = {topic: int(number) for topic, number in record.metadata.items()}
 
 
-class Proof(Enum):
+class HashCheck(Enum):
     """How a file compares with what its trail says of it."""
 
     SAME = auto()
@@ -198,14 +198,14 @@ class Proof(Enum):
     NO_TRAIL = auto()
 
 
-def proof_of(path: Path) -> tuple[Proof, RecordingFile | None]:
+def proof_of(path: Path) -> tuple[HashCheck, RecordingFile | None]:
     """Compare the file's hash with the trail beside it. Raises AppError, AuditError."""
     trail = trail_of(path)
     if not trail.exists():
-        return Proof.NO_TRAIL, None
+        return HashCheck.NO_TRAIL, None
     named = [one.body for one in records(trail) if isinstance(one.body, RecordingFile) and one.body.file == path.name]
     if not named:
-        return Proof.UNKNOWN, None
+        return HashCheck.UNKNOWN, None
     try:
         digest = sha256()
         with open_regular(path) as file:
@@ -213,4 +213,4 @@ def proof_of(path: Path) -> tuple[Proof, RecordingFile | None]:
                 digest.update(part)
     except OSError as error:
         raise AppError(RecordingReadFault.UNREADABLE, path=path, detail=cause_of(error)) from error
-    return (Proof.SAME if digest.hexdigest() == named[-1].sha256 else Proof.OTHER), named[-1]
+    return (HashCheck.SAME if digest.hexdigest() == named[-1].sha256 else HashCheck.OTHER), named[-1]

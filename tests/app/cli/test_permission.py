@@ -91,7 +91,8 @@ def call(name: str, *extra: str) -> None:
     arguments = list(extra)
     for parameter in COMMANDS[name].params:
         if parameter.required:
-            some = {"float": "1", "int": "1"}.get(parameter.bare_type(), "x=1" if parameter.name == "changes" else "x")
+            some = {"float": "1", "int": "1"}.get(parameter.bare_type(), "x")
+            some = {"changes": "x=1", "to": "csv"}.get(parameter.name, some)
             arguments += [parameter.opts[0], some] if parameter.param_type_name == "option" else [some]
     COMMANDS[name].main(arguments, standalone_mode=False)
 

@@ -203,7 +203,7 @@ async def test_a_terminal_made_tiny_and_large_again_shows_all(console: Opener) -
         for size in ((20, 5), (250, 70), (1, 1), (80, 24)):
             await open_console.pilot.resize_terminal(*size)
             await open_console.pilot.pause()
-        await open_console.shows("R knee")
+        await open_console.shows("Press c to confirm the patient")
         await open_console.shows("STOP")
 
 

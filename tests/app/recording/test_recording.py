@@ -13,7 +13,7 @@ from mcap.reader import make_reader
 from app.control.telemetry import snapshot
 from app.ipc.recording import LinkAges, TickBatch
 from app.recording import schemas
-from app.recording.read import Proof, Recording, messages, proof_of, survey
+from app.recording.read import HashCheck, Recording, messages, proof_of, survey
 from app.recording.schemas import TOPICS, schema_of
 from app.recording.topics import TickMessages
 from logs.records import RecordingFile
@@ -80,7 +80,7 @@ def test_the_trail_gets_hash_and_counts(recorded: Session) -> None:
     assert body.size_bytes == recorded.path.stat().st_size
     assert body.messages == survey(recorded.path).counts
     assert (body.lost, body.whole, body.fault) == ({}, True, None)
-    assert proof_of(recorded.path)[0] is Proof.UNKNOWN  # the sample trail ended before the recording
+    assert proof_of(recorded.path)[0] is HashCheck.UNKNOWN  # the sample trail ended before the recording
 
 
 AGES = LinkAges(report_ms=1, console_ms=1, audit_ms=1, guardian_ms=1)
