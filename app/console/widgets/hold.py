@@ -5,11 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from app.console.state import SessionState
+from app.console.widgets.curves import SILENT_MS
 from app.console.widgets.panel import Lines, Panel, cells, plain, wrapped
 from app.console.widgets.status import EFFECT_STYLES, EventsPanel
 from app.ipc.messages import ActionReport, ControlSnapshot
 from app.ipc.states import Effect, Event, Outcome
 from app.text.catalogue import render, tr
+from hal.joints.device import Joint
 
 RECENT_NS = 60_000_000_000  # an action that ended longer before has nothing to do with it
 Moment = tuple[int, str]
@@ -36,6 +38,7 @@ def hold_lines(state: SessionState, keys: Mapping[str, str], width: int, height:
     below += [(f"▶ {next_key[0]}", "bold $accent"), *((f"  {part}", "bold $accent") for part in next_key[1:])]
     room = height - len(below)
     happened = [(text, "") for text in _sequence(state, snapshot, width)]
+    happened += [(part, "bold $error") for line in _joints(snapshot) for part in wrapped(line, width)]
     if len(happened) > room:  # the newest matter most
         happened = happened[-room:] if room > 0 else []
     gap = [("", "")] * min(2, max(0, room - len(happened)))
@@ -64,6 +67,17 @@ def _sequence(state: SessionState, snapshot: ControlSnapshot, width: int) -> lis
         for part in wrapped(text, width - cells(time)):
             lines.append(f"{time}{part}")
             time = " " * cells(time)
+    return lines
+
+
+def _joints(snapshot: ControlSnapshot) -> list[str]:
+    """What is wrong with which joint: the panel stands where small screens show the joints."""
+    lines = []
+    for joint in Joint:
+        now = snapshot.joints[joint]
+        wrong = [render(each) for each in now.faults] or ([tr("joints.silent")] if now.age_ms > SILENT_MS else [])
+        if wrong:
+            lines.append(f"‼ {tr(f'joints.{joint.name.lower()}')}: {tr('list.separator').join(wrong)}")
     return lines
 
 

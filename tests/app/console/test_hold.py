@@ -13,6 +13,9 @@ from app.console.widgets.health import Health, health_dot, health_of
 from app.console.widgets.hold import held, hold_lines
 from app.ipc.messages import Lateness, RealTime
 from app.text.catalogue import tr
+from hal.joints.device import Joint
+from hal.joints.protocol import DriveFault
+from logs.reason import reason
 from tests.app.console.conftest import Opener
 from tests.app.console.test_sizes import KEYS, READY, STOPPED, text_of
 
@@ -39,6 +42,17 @@ def test_what_is_still_there_comes_before_the_key_and_an_observer_gets_none() ->
     watched = text_of(hold_lines(STOPPED, KEYS, 76, 20, watching=True))
     assert tr("hold.watching") in watched
     assert " k " not in watched
+
+
+def test_the_joint_and_what_is_wrong_with_it_are_named() -> None:
+    assert STOPPED.snapshot is not None
+    joints = list(STOPPED.snapshot.joints)
+    joints[Joint.RIGHT_KNEE] = msgspec.structs.replace(
+        joints[Joint.RIGHT_KNEE], faults=(reason(DriveFault.OVER_CURRENT),)
+    )
+    state = replace(STOPPED, snapshot=msgspec.structs.replace(STOPPED.snapshot, joints=tuple(joints)))
+    text = text_of(hold_lines(state, KEYS, 76, 20, watching=False))
+    assert re.search(rf"‼ {tr('joints.right_knee')}: .*over-current", text)
 
 
 def test_in_little_room_the_legs_and_the_key_stay() -> None:

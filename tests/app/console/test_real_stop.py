@@ -16,7 +16,7 @@ from app.console.screens.base import ConsoleScreen, Dialog
 from app.console.screens.calibration import CalibrationScreen
 from app.console.screens.checks import Checklist, Preflight
 from app.console.screens.compare import CompareScreen
-from app.console.screens.dialogs import AskText, Question, TherapistAct
+from app.console.screens.dialogs import AskText, HealthPage, Question, TherapistAct
 from app.console.screens.help import HelpPage
 from app.console.screens.patient_form import PatientForm
 from app.console.screens.patients import History, PatientsScreen
@@ -49,6 +49,7 @@ OVER_A_SESSION: dict[AnyScreen, tuple[str, str]] = {
     TherapistAct: ("t", "escape"),
     Checklist: ("s", "escape"),
     CompareScreen: ("v", "escape"),
+    HealthPage: ("i", "escape"),
     HelpPage: ("f1", "escape"),
     CommandPalette: ("ctrl+p", "escape"),
     LockScreen: ("ctrl+l", "enter"),
