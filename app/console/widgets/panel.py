@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable
+from itertools import pairwise
 
 from rich.cells import cell_len, set_cell_size
 from rich.segment import Segment
@@ -51,9 +53,27 @@ def fitted(parts: Iterable[Part], width: int) -> Line:
     return tuple(kept)
 
 
+_NUMBER_AT_END, _NUMBER_GOES_ON = re.compile(r"[-+−]?\d[\d.:]*$"), re.compile(r"[.:]?\d")
+
+
 def wrapped(text: str, width: int) -> list[str]:
-    """The text in lines of `width` cells, broken between words, and between the letters of a script without spaces."""
-    return [line.plain for line in Content(text).wrap(width)] if width > 0 and text else []
+    """The text in lines of `width` cells, broken between words, and between the letters of a script without spaces.
+
+    Never within a number that fits into a line: half of it would read as another one.
+    """
+    lines = [line.plain for line in Content(text).wrap(width)] if width > 0 and text else []
+    for place, (line, after) in enumerate(pairwise(lines)):
+        number = _NUMBER_AT_END.search(line)
+        if number and number.start() and _NUMBER_GOES_ON.match(after):
+            kept = "".join(lines[:place]).replace(" ", "") + line[: number.start()].replace(" ", "")
+            return [*lines[:place], line[: number.start()].rstrip(), *wrapped(_after(text, len(kept)), width)]
+    return lines
+
+
+def _after(text: str, letters: int) -> str:
+    """What follows so many letters that are no space."""
+    solid = [place for place, letter in enumerate(text) if not letter.isspace()]
+    return text[solid[letters] :]
 
 
 def bar(share: float, width: int) -> str:

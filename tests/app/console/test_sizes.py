@@ -20,7 +20,7 @@ from app.console.widgets.gait import gait_lines
 from app.console.widgets.gesture import distance_lines
 from app.console.widgets.health import health_lines
 from app.console.widgets.hold import hold_lines
-from app.console.widgets.panel import Lines, cells
+from app.console.widgets.panel import Lines, cells, wrapped
 from app.console.widgets.push import Push
 from app.console.widgets.status import dose_lines, status_line
 from app.ipc.messages import ActionReport
@@ -107,21 +107,35 @@ PANELS: dict[str, Draw] = {
     "hold": lambda state, width, height: hold_lines(state, KEYS, width, height, watching=False),
     "health": lambda state, width, _: health_lines(state, DEVICES, width),
 }
+STATES = {"ready": READY, "moving": MOVING, "stopped": STOPPED}
 FREE = {"status", "health", "dose", "distance"}  # of one row, scrolled, or in a panel of their own height
 
 
 @pytest.mark.parametrize("panel", PANELS)
 @pytest.mark.parametrize("language", ["en", "zh"])
 @settings(max_examples=30, deadline=None)
-@given(width=st.integers(20, 300), height=st.integers(3, 100), state=st.sampled_from([READY, MOVING, STOPPED]))
+@given(width=st.integers(20, 300), height=st.integers(3, 100), name=st.sampled_from(sorted(STATES)))
 def test_no_line_is_wider_than_its_panel_and_no_figure_is_cut(
-    panel: str, language: str, width: int, height: int, state: SessionState
+    panel: str, language: str, width: int, height: int, name: str
 ) -> None:
     use_language(language)
+    state = STATES[name]
     lines, whole = PANELS[panel](state, width, height), PANELS[panel](state, 400, 200)
     assert all(cells(text_of((line,))) <= width for line in lines), text_of(lines)
     assert set(NUMBER.findall(text_of(lines))) <= set(NUMBER.findall(text_of(whole)))
     assert panel in FREE or len(lines) <= height
+
+
+@given(
+    width=st.integers(4, 40), words=st.lists(st.sampled_from(["耗时", "0.15", "120", "毫秒。", " ", "cm"]), max_size=12)
+)
+def test_no_number_is_broken_and_nothing_is_lost(width: int, words: list[str]) -> None:
+    text = "".join(words)
+    lines = wrapped(text, width)
+    assert all(cells(line) <= width for line in lines)
+    assert "".join("".join(lines).split()) == "".join(text.split())
+    whole = [number for number in NUMBER.findall(text) if len(number) <= width]
+    assert len(whole) != len(NUMBER.findall(text)) or set(NUMBER.findall(" ".join(lines))) == set(whole)
 
 
 def text_of(lines: Lines) -> str:
