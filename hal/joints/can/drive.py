@@ -94,7 +94,7 @@ class Router:
 
     def __init__(self, drives: list[Drive]) -> None:
         self._commands: dict[tuple[int, bool], Drive] = {}
-        self._registers: tuple[Drive, dict[int, float]] | None = None
+        self._awaited: dict[tuple[int, int], dict[int, float]] = {}  # drive's ID, register: where its value goes
         self._by_reply_id: dict[int, Drive] = {}
         self._by_drive: dict[WireProtocol, tuple[Codec, dict[int, Drive]]] = {}
         shared = Counter(drive.device.reply_id for drive in drives)
@@ -109,7 +109,7 @@ class Router:
 
     def deliver(self, frame: Frame, measured_ns: int) -> BusReport | None:
         """Hand a frame to its drive; what is wrong with it otherwise."""
-        if self._registers is not None and self._take_register(frame, *self._registers):
+        if self._awaited and self._take_register(frame):
             return None
         commanded = self._commands.get((frame.arbitration_id, frame.extended))
         if commanded is not None and commanded.is_echo(frame.data):
@@ -119,13 +119,18 @@ class Router:
             return self._unassigned(frame, commanded)
         return _take_in(drive, frame, measured_ns)
 
-    def expect_registers(self, drive: Drive, reported: dict[int, float] | None) -> None:
-        """From now on, register replies of this drive go into `reported`; None ends that."""
-        self._registers = None if reported is None else (drive, reported)
+    def expect_register(self, drive: Drive, register: int, reported: dict[int, float]) -> None:
+        """From now on, this drive's replies about this register go into `reported`."""
+        self._awaited[drive.device.can_id, register] = reported
 
-    def _take_register(self, frame: Frame, drive: Drive, reported: dict[int, float]) -> bool:
+    def forget_reported(self) -> None:
+        """Registers that were reported are awaited no more; a late reply about another one still is no status."""
+        self._awaited = {key: reported for key, reported in self._awaited.items() if key[1] not in reported}
+
+    def _take_register(self, frame: Frame) -> bool:
         value = damiao.register_reply(frame)
-        if value is None or value.drive_id != drive.device.can_id:
+        reported = self._awaited.get((value.drive_id, value.register)) if value is not None else None
+        if value is None or reported is None:
             return False
         reported[value.register] = value.value
         return True

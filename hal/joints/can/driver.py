@@ -159,14 +159,14 @@ class SocketCanJoints:
         """What a Damiao drive reports of its registers; those it does not know are missing (for the life cycle)."""
         reported: dict[int, float] = {}
         router = self._routers[drive.device.can_bus]
-        router.expect_registers(drive, reported)
         for register in wanted:
+            router.expect_register(drive, register, reported)
             question = damiao.read_register(drive.device.can_id, register)
             self.send(drive, [drive.ask(question, self._clock())])
             self.listen(lambda register=register: register in reported, 0.05)  # type: ignore[misc]
             if not reported:
                 break
-        router.expect_registers(drive, None)
+        router.forget_reported()
         return reported
 
     def take_bus_fault(self) -> HardwareError | None:

@@ -199,6 +199,14 @@ def test_a_missing_drive_is_named_at_opening(make_rig: MakeRig) -> None:
     rig.joints.open(rig.now_ns())
 
 
+def test_a_late_reply_about_a_register_is_no_angle(make_rig: MakeRig) -> None:
+    """Read as a status it would be an angle of -12.48 rad."""
+    rig = make_rig(with_motor("DM10010/default"))
+    rig.emulator.inject(Fault.LATE, value=60)
+    rig.joints.open(rig.now_ns())
+    assert np.abs(rig.tick(None).position_rad).max() < 0.05
+
+
 def test_a_drive_that_dies_before_enabling_leaves_none_enabled(make_rig: MakeRig) -> None:
     rig = make_rig(with_motor("AK80-64/V2"))
     rig.joints.open(rig.now_ns())
