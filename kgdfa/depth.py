@@ -48,7 +48,6 @@ _CORNERS = [Keypoint.WRIST, Keypoint.INDEX_MCP, Keypoint.PINKY_MCP]
 class DepthFault(Enum):
     """Why a neighbourhood of the depth map gives no distance."""
 
-    NONE = "none"
     OUTSIDE = "outside"
     ZERO = "zero"  # too near, an edge, or a turning hand
     NOT_FINITE = "not finite"
@@ -64,7 +63,7 @@ class DepthSample:
     """Depth of the palm in one frame, metres, or the fault that prevents it."""
 
     depth_m: float | None
-    fault: DepthFault = DepthFault.NONE
+    fault: DepthFault | None = None
 
 
 # In the order in which a neighbourhood without enough measurements is named: what holds there most.
@@ -121,7 +120,7 @@ class DepthRange:
         if mode not in {"published", "robust"}:
             raise KgdfaError(KgdfaFault.DEPTH_MODE, mode=mode)
         self.name = mode
-        self.fault = DepthFault.NONE
+        self.fault: DepthFault | None = None
         self._outliers = OutlierState()
 
     def measure(self, depth_m: DepthMap, hand: Hand, captured_ns: int) -> Distance | None:
@@ -154,7 +153,7 @@ class ChosenDistance:
     distance: Distance | None = None
     bridge_m: float | None = None
     ratio: float = 1.0
-    fault: DepthFault = DepthFault.NONE
+    fault: DepthFault | None = None
 
 
 def choose_distance(

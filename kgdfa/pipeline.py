@@ -45,7 +45,7 @@ class Report:
     depth_distance: Distance | None
     button: ButtonState
     monocular: Distance | None = None
-    depth_fault: DepthFault = DepthFault.NONE  # why there is no depth_distance, or it does not decide
+    depth_fault: DepthFault | None = None  # why there is no depth_distance, or it does not decide
     refusal: Explanation | None = None  # why no hand in view commands
     vote_ns: tuple[int, ...] = ()  # captures of the frames that made `gesture`, or ended the one before
     reading: FrameReading | None = None  # what vote and button took
@@ -62,7 +62,7 @@ class Detector(Protocol):
 class DepthFinder(Protocol):
     """Measures distance on a depth map. fault: why there was none."""
 
-    fault: DepthFault
+    fault: DepthFault | None
 
     def measure(self, depth_m: NDArray[np.float32], hand: Hand, captured_ns: int) -> Distance | None:
         """The distance now, or None where the map has none."""
@@ -148,7 +148,7 @@ class Pipeline:
             distance=distance,
             depth_distance=depth,
             monocular=monocular,
-            depth_fault=fault if self._chosen.fault is DepthFault.NONE else self._chosen.fault,
+            depth_fault=self._chosen.fault or fault,
             button=self._recognition.button,
             refusal=self._tracks.refusal,
             vote_ns=vote.decided_ns,
@@ -171,9 +171,9 @@ class Pipeline:
         self._follow(commanding, not self._tracks.known)
         return next((both for both in verdicts if both[0] is commanding), (None, None))
 
-    def _measure_depth(self, source: PipelineInput, hand: Hand | None) -> tuple[Distance | None, DepthFault]:
+    def _measure_depth(self, source: PipelineInput, hand: Hand | None) -> tuple[Distance | None, DepthFault | None]:
         """The depth camera's distance, or why there is none; nothing without a depth map."""
         if source.depth_m is None or self._depth_finder is None or hand is None:
-            return None, DepthFault.NONE
+            return None, None
         depth = self._depth_finder.measure(source.depth_m, hand, source.captured_ns)
         return depth, self._depth_finder.fault

@@ -239,15 +239,12 @@ class _Look:
             )
 
     def _sample(self, report: Report) -> CameraSample:
-        from kgdfa.depth import DepthFault
-
         hand, distance, button = report.hand is not None, report.distance, report.button
         self._frames += 1
         self._had_hand = self._had_hand or hand
         self._lost += self._had_hand and not hand
         self._presses += button.pressed and not self._pressed
         self._pressed = button.pressed
-        why = report.depth_fault if distance is None and report.depth_fault is not DepthFault.NONE else None
         return CameraSample(
             camera=self._camera.camera.name,
             captured_ns=report.captured_ns,
@@ -260,7 +257,7 @@ class _Look:
             pressed=button.pressed,
             presses=self._presses,
             by_depth=distance is not None and report.depth_distance is distance,
-            why=None if why is None else reason(why),
+            why=reason(report.depth_fault) if report.depth_fault and distance is None else None,
         )
 
 

@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from app.ipc.messages import PerceptionCommand, Preview, TriggerReport
 from app.ipc.recording import HandFrame
 from kgdfa.button import ButtonState
-from kgdfa.depth import DepthFault
 from kgdfa.gesture import Decision, Gesture
 from kgdfa.pipeline import Report
 from kgdfa.press_zone import PressZone
@@ -98,7 +97,7 @@ def _with_hand(message: TriggerReport, report: Report) -> TriggerReport:
         distance_source=distance.source if distance else None,
         monocular_m=report.monocular.shown_m if report.monocular else None,
         depth_distance_m=depth.shown_m if depth else None,
-        depth_fault=None if report.depth_fault is DepthFault.NONE else reason(report.depth_fault),
+        depth_fault=reason(report.depth_fault) if report.depth_fault else None,
     )
 
 
