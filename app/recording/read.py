@@ -15,8 +15,8 @@ from typing import Any
 import msgspec
 import zstandard
 from mcap.exceptions import EndOfFile, McapError
-from mcap.records import Channel, Chunk, DataEnd, Footer, Header, McapRecord, Message, Metadata, Schema
-from mcap.stream_reader import CRCValidationError, StreamReader, breakup_chunk
+from mcap.records import Channel, Chunk, DataEnd, Footer, Header, McapRecord, Message, Metadata, Schema, Statistics
+from mcap.stream_reader import StreamReader, breakup_chunk
 
 from app.recording.writer import CLOCK, LIBRARY, LOST, PROFILE, VERSION
 from app.system.errors import AppError
@@ -28,6 +28,8 @@ from logs.records import RecordingFile
 FILE_SUFFIX = ".mcap"
 PICTURES_SUFFIX = ".pictures.mcap"  # a session's name has no dot
 MOST_RECORD = 64 << 20  # bytes
+# What the library makes of bytes that are no record; UnicodeDecodeError is a ValueError.
+_DAMAGE = (McapError, zstandard.ZstdError, struct.error, LookupError, MemoryError, OverflowError, ValueError)
 
 
 class RecordingReadFault(Enum):
@@ -114,7 +116,11 @@ def messages(recording: Recording, *topics: str) -> Iterator[Sample]:
             channels[record.id] = record.topic
         if not isinstance(record, Message):
             continue
-        topic, at_ns = channels[record.channel_id], record.log_time - recording.clock_offset_ns
+        topic = channels.get(record.channel_id)
+        if topic is None:
+            recording.damage = f"no channel {record.channel_id}"
+            return
+        at_ns = record.log_time - recording.clock_offset_ns
         recording.counts[topic] += 1
         recording.first_ns = min(recording.first_ns or at_ns, at_ns)
         recording.last_ns = max(recording.last_ns, at_ns)
@@ -137,10 +143,13 @@ def _inner_records(recording: Recording) -> Iterator[McapRecord]:
         if isinstance(record, Chunk):
             try:
                 inner = breakup_chunk(record, validate_crc=True)
-            except (CRCValidationError, zstandard.ZstdError, EndOfFile, struct.error, ValueError) as error:
-                recording.damage = str(error)
+            except _DAMAGE as error:
+                recording.damage = _text(error)
                 return
             recording.chunks += 1
+        elif isinstance(record, Message):  # outside of a chunk no checksum protects it, and we write none
+            recording.damage = "a message outside of a chunk"
+            return
         for one in inner:
             if isinstance(one, Schema):
                 names[one.id] = one.name
@@ -162,14 +171,14 @@ def _outer_records(recording: Recording) -> Iterator[McapRecord]:
                     if isinstance(record, Metadata):
                         _take_metadata(record, recording)
                     if isinstance(record, DataEnd):  # what follows repeats channels and schemas
-                        recording.whole = sum(isinstance(rest, Footer) for rest in found) == 1
+                        _take_summary(list(found), recording)
                         return
                     yield record
-            except (McapError, struct.error, UnicodeDecodeError, ValueError, MemoryError) as error:
+            except _DAMAGE as error:
                 if not begun:
                     raise AppError(RecordingReadFault.NOT_MCAP, path=path) from error
                 if not isinstance(error, EndOfFile):  # that one is a cut
-                    recording.damage = str(error) or type(error).__name__
+                    recording.damage = _text(error)
     except OSError as error:
         raise AppError(RecordingReadFault.UNREADABLE, path=path, detail=cause_of(error)) from error
 
@@ -180,6 +189,17 @@ def _check_header(header: McapRecord | None, path: Path) -> None:
     version = header.library.removeprefix(f"{LIBRARY} ")
     if not version.isdigit() or int(version) > VERSION:
         raise AppError(RecordingReadFault.NEWER, path=path, version=version, known=VERSION)
+
+
+def _take_summary(summary: list[McapRecord], recording: Recording) -> None:
+    messages_written = [one.message_count for one in summary if isinstance(one, Statistics)]
+    recording.whole = sum(isinstance(one, Footer) for one in summary) == 1
+    if recording.whole and messages_written != [recording.counts.total()]:
+        recording.damage = f"{recording.counts.total()} messages of {messages_written}"
+
+
+def _text(error: Exception) -> str:
+    return str(error) or type(error).__name__
 
 
 def _take_metadata(record: Metadata, recording: Recording) -> None:

@@ -92,6 +92,17 @@ def test_cut_or_damaged_at_any_byte_it_is_read_to_there(
         assert not survey(path).whole
 
 
+def test_a_bit_flipped_before_the_first_message_hides_no_message(small: bytes, tmp_path: Path) -> None:
+    path = tmp_path / "s.mcap"
+    for at in range(64, 180):  # the clock's metadata, and the head of the first chunk
+        for bit in range(8):
+            path.write_bytes(small[:at] + bytes([small[at] ^ 1 << bit]) + small[at + 1 :])
+            found = numbers(path)
+            assert found == list(range(len(found))), (at, bit)
+            read = survey(path)
+            assert len(found) == 4 * PER_CHUNK or read.damage or not read.whole, (at, bit)
+
+
 def write_other(path: Path, profile: str, library: str) -> Path:
     with path.open("wb") as file:
         writer = Writer(file)
