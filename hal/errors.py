@@ -38,23 +38,16 @@ class CameraFault(Enum):
 
 
 class RecordingFault(Enum):
-    """Recorded sessions, videos and folders of images."""
+    """Videos and folders of images as a camera."""
 
     NOT_NAMED = auto()
     NOT_FOUND = auto()
     FOLDER_NOT_FOUND = auto()
     FOLDER_EMPTY = auto()
     EMPTY = auto()
-    CUT_OFF = auto()
     ENDED = auto()
     VIDEO_UNREADABLE = auto()
     IMAGE_UNREADABLE = auto()
-    DEPTH_UNREADABLE = auto()
-    INDEX_UNREADABLE = auto()
-    OTHER_VERSION = auto()
-    NO_INTRINSICS = auto()
-    UNWRITABLE = auto()
-    ENDED_EARLY = auto()
 
 
 class DeviceFault(Enum):

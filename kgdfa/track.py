@@ -15,7 +15,7 @@ from enum import Enum
 
 import numpy as np
 
-from kgdfa.continuity import DOUBTFUL_FRAMES, HandFrame, Jump, jump_between
+from kgdfa.continuity import DOUBTFUL_FRAMES, FRAME_NS, MOST_FRAMES, HandFrame, Jump, jump_between
 from kgdfa.gesture import Explanation
 from kgdfa.hand import FloatArray, Hand, Keypoint, Side
 
@@ -24,8 +24,7 @@ REACH_REFERENCES = 1.5  # how far a hand may be from where it was a frame ago, i
 REACH_GROWTH_REFERENCES = 0.5  # and how much farther for each frame without it
 # From frame to frame at 30 Hz, and in each further 30th of a second since a hand was found: more is another hand in its
 # place. Of the arm's direction, and of the palm's size, which a push of 0.3 s makes 1.3 times as large.
-FRAME_NS, MOST_FRAMES = 33_333_333, 6
-LARGEST_TURN_RAD, FURTHER_TURN_RAD = math.radians(60), math.radians(15)
+LARGEST_ARM_TURN_RAD, FURTHER_ARM_TURN_RAD = math.radians(60), math.radians(15)
 LARGEST_GROWTH, FURTHER_GROWTH = 1.6, 1.35
 EQUAL_CLAIM = 0.75  # a second hand this large, relative to the first, claims the command as well
 # Log-odds of the side, as the detector's scores give them: what one frame may add, from where the side counts as known
@@ -302,7 +301,7 @@ def _same_hand(hand: Hand, track: Track, captured_ns: int) -> bool:
     if now is None or before is None:
         return True
     turn_rad = abs(math.atan2((now * before.conjugate()).imag, (now * before.conjugate()).real))
-    return turn_rad <= LARGEST_TURN_RAD + FURTHER_TURN_RAD * further
+    return turn_rad <= LARGEST_ARM_TURN_RAD + FURTHER_ARM_TURN_RAD * further
 
 
 def _ratio(first_px: float, second_px: float) -> float:

@@ -73,7 +73,6 @@ READERS: dict[str, tuple[str, Callable[[Path], object]]] = {
     "gait norm": ("gait_norm.csv", lambda path: read_norm(path.parent)),
     "footage": ("film.mp4", read_footage),
     "video": ("film.mp4", lambda path: open_camera("recording", device=str(path)).open()),
-    "recording": ("frames.jsonl", lambda path: open_camera("recording", device=str(path.parent)).open()),
     "image": ("a.png", read_image),
     "keypoints": ("hands.npz", lambda path: load_hands(path, [])),
     "gesture model": ("robust.npz", load_model),

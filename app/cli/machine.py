@@ -74,7 +74,6 @@ def locate(home: HomeOption = None) -> None:
         "trails": place.logs,
         "model": place.models,
         "keys": place.keys,
-        "recordings": place.recordings,
     }
     for name, path in places.items():  # a path is never cut short
         missing = "" if path.exists() else f"  ({tr('cli.locate.missing')})"

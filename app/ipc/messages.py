@@ -95,7 +95,6 @@ class PerceptionCommand(Struct, frozen=True, kw_only=True, tag="perception"):
 
     preview_width_px: int | None = None
     preview_hz: float | None = None
-    record: bool | None = None
 
 
 class OperatorKind(Enum):

@@ -1,22 +1,16 @@
-"""The camera of a session: supervised, recorded where the patient consents, its images checked for light and focus."""
+"""The camera of a session: supervised, its images checked for light and focus."""
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from enum import Enum
 
-from app.audit.sink import AuditSink
-from app.ipc.messages import HandCommand, PerceptionCommand
-from app.system.config import SessionSetup
+from app.ipc.messages import HandCommand
 from app.system.diagnostics_log import get_logger
-from app.system.paths import Home
 from hal.cameras.camera import Camera, CommandedHand, EndOfRecording, Frame
 from hal.cameras.exposure import image_fault
-from hal.cameras.recording import Recorder
 from hal.errors import HardwareError, RecordingFault
-from logs import records
 from logs.reason import Reason, reason, reason_of
 
 _log = get_logger("camera")
@@ -32,8 +26,6 @@ class PerceptionNote(Enum):
     MODEL_LOADING = "model loading"
     THRESHOLD_UNSUITED = "threshold unsuited"  # threshold_m, zone: the press zone's explanation
     NO_DEPTH = "no depth"  # camera: the patient commands by depth
-    FRAMES_DROPPED = "frames dropped"  # count
-    FRAMES_DROPPED_BY_FAULT = "frames dropped by fault"  # count, fault
 
 
 @dataclass(slots=True)
@@ -95,50 +87,6 @@ class CameraSupervisor:
             _log.warning("camera lost", camera=self.camera.name, code=fault.code, values=fault.values)
             self.on_fault(fault)
         self.fault = fault
-
-
-class SessionRecorder:
-    """Records frames once the operator has noted the patient's consent; each recording has a folder of its own."""
-
-    def __init__(self, setup: SessionSetup, sink: AuditSink, camera: str) -> None:
-        self._setup = setup
-        self._sink = sink
-        self._camera = camera
-        self._recorder: Recorder | None = None
-
-    def handle(self, command: PerceptionCommand) -> None:
-        """Begin or end recording. To begin is to state that the patient has consented (the console asks)."""
-        if command.record is True and self._recorder is None:
-            self._begin()
-        elif command.record is False:
-            self.close()
-
-    def take(self, frame: Frame) -> None:
-        """Keep a frame, where recording is on."""
-        if self._recorder is not None:
-            self._recorder.write(frame)
-
-    def close(self) -> None:
-        """End the recording, if any; how much of it is missing goes into the trail."""
-        recorder, self._recorder = self._recorder, None
-        if recorder is None:
-            return
-        recorder.close()
-        self._sink.emit(records.Recording(on=False, consent=True, path=recorder.folder.name))
-        if recorder.fault:
-            dropped = reason(PerceptionNote.FRAMES_DROPPED_BY_FAULT, count=recorder.dropped, fault=recorder.fault)
-            self._sink.emit(records.Note(text=dropped))
-        elif recorder.dropped:
-            self._sink.emit(records.Note(text=reason(PerceptionNote.FRAMES_DROPPED, count=recorder.dropped)))
-
-    def _begin(self) -> None:
-        folder = Home(self._setup.home).recordings / f"{self._setup.session}-{time.strftime('%H%M%S', time.gmtime())}"
-        try:
-            self._recorder = Recorder(folder, self._camera)
-        except HardwareError as error:
-            self._sink.emit(records.Note(text=reason_of(error)))
-            return
-        self._sink.emit(records.Recording(on=True, consent=True, path=folder.name))
 
 
 def move_hand(camera: Camera, command: HandCommand) -> None:

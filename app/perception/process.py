@@ -17,7 +17,7 @@ from app.ipc.links import OrderedReceiver, Publisher, address
 from app.ipc.messages import HandCommand, PerceptionCommand
 from app.ipc.states import Event
 from app.perception import pipeline as assembly
-from app.perception.camera import CameraSupervisor, ImageCheck, PerceptionNote, SessionRecorder, move_hand
+from app.perception.camera import CameraSupervisor, ImageCheck, PerceptionNote, move_hand
 from app.perception.frames import DecisionRecorder, button_record
 from app.perception.pipeline import Loading
 from app.perception.reporting import (
@@ -81,7 +81,6 @@ class Perception:
         self._zone: PressZone | None = None
         self._ready = False
         self._image_check = ImageCheck()
-        self._recorder = SessionRecorder(setup, self._sink, self._camera.camera.name)
         self._pacer = PreviewPacer()
         self._incarnation = time.monotonic_ns() // 1_000_000
         self._sequence = 0
@@ -115,7 +114,6 @@ class Perception:
     def close(self) -> None:
         """Release everything; the camera first, since others wait for it."""
         self._camera.close()
-        self._recorder.close()
         detector = self._detector.ready()
         if detector is not None:
             detector.close()
@@ -135,7 +133,6 @@ class Perception:
                 move_hand(self._camera.camera, command)
             else:
                 self._pacer.configure(command)
-                self._recorder.handle(command)
         peers = sum(link.foreign_peers() for link in self._links)
         if peers:
             text = reason(Event.FOREIGN_PEER, count=peers)
@@ -144,7 +141,6 @@ class Perception:
     def _take(self, frame: Frame) -> None:
         self._last_captured_ns = frame.captured_ns
         self._captures.append(frame.captured_ns)
-        self._recorder.take(frame)
         report = self._process(frame)
         self._send_report(report, frame.captured_ns)
         if report is not None:

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.recording import schemas
-from app.recording.read import PICTURES_SUFFIX, Recording, messages, session_of
+from app.recording.read import Recording, messages, session_of
 from app.recording.writer import RecordingWriter
 from app.system.errors import AppError
 from hal.joints.device import Joint
@@ -158,7 +158,7 @@ def to_opensim(samples: Samples, target: Path) -> None:
 
 
 def to_mcap(source: Path, target: Path) -> None:
-    """A whole file of what can be read, the pictures in it."""
+    """A whole file of what can be read."""
     if target.exists():
         raise AppError(ExportFault.EXISTS, path=target)
     recording = Recording(path=source)
@@ -168,9 +168,7 @@ def to_mcap(source: Path, target: Path) -> None:
         raise AppError(ExportFault.NO_SAMPLES, path=source)
     writer = RecordingWriter(target, schemas.TOPICS, recording.clock_offset_ns)
     writer.add(first.topic, first.at_ns, first.data)
-    pictures = source.with_name(f"{session_of(source)}{PICTURES_SUFFIX}")
-    parts = [found, messages(Recording(path=pictures))] if pictures.exists() else [found]
-    for number, one in enumerate(message for part in parts for message in part):
+    for number, one in enumerate(found):
         writer.add(one.topic, one.at_ns, one.data)
         if number % 1000 == 0:
             writer.settle(one.at_ns)

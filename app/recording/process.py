@@ -49,18 +49,24 @@ def run_recording(setup: SessionSetup) -> None:
     ending = _Ending(setup.host_pid)
     signal.signal(signal.SIGTERM, ending.ask)
     while not ending.is_due():
-        taken, message = 0, receiver.receive(WAIT_S)
-        while message is not None:
+        if take_batch(receiver, recorder):
             ending.received_s = time.monotonic()
-            recorder.take(message)
-            taken += 1
-            message = receiver.receive() if taken < BATCH else None
         receiver.foreign_peers()
         recorder.settle(time.monotonic_ns())
     recorder.close()
     receiver.close()
     sink.emit(ProcessEnd(pid=os.getpid()))
     sink.close()
+
+
+def take_batch(receiver: OrderedReceiver[TickBatch | HandFrame], recorder: SessionRecording) -> int:
+    """Hand over what has come, at most BATCH messages; how many."""
+    for taken in range(BATCH):
+        message = receiver.receive(0.0 if taken else WAIT_S)
+        if message is None:
+            return taken
+        recorder.take(message)
+    return BATCH
 
 
 class SessionRecording:
@@ -73,8 +79,7 @@ class SessionRecording:
         self._setup = setup
         self._sink = sink
         self._offset_ns = time.time_ns() - time.monotonic_ns()
-        topics = [topic for topic in schemas.TOPICS if topic.name != schemas.PICTURES]
-        self.writer = RecordingWriter(recording_path(home.logs, setup.session), topics, self._offset_ns)
+        self.writer = RecordingWriter(recording_path(home.logs, setup.session), schemas.TOPICS, self._offset_ns)
         self._ticks = TickMessages(self._offset_ns)
         self._trail = TrailLines(home.logs / f"{setup.session}.jsonl")
         self._lost_frames = 0

@@ -26,7 +26,6 @@ from logs.reading.regular import open_regular
 from logs.records import RecordingFile
 
 FILE_SUFFIX = ".mcap"
-PICTURES_SUFFIX = ".pictures.mcap"  # a session's name has no dot
 MOST_RECORD = 64 << 20  # bytes
 # What the library makes of bytes that are no record; UnicodeDecodeError is a ValueError.
 _DAMAGE = (McapError, zstandard.ZstdError, struct.error, LookupError, MemoryError, OverflowError, ValueError)
@@ -88,8 +87,8 @@ def find_recording(folder: Path, named: str) -> Path:
     given = Path(named)
     if given.suffix == FILE_SUFFIX:
         return given
-    whole = [path for path in sorted(folder.glob(f"*{FILE_SUFFIX}")) if not path.name.endswith(PICTURES_SUFFIX)]
-    matches = whole[-1:] if named == "last" else [path for path in whole if path.name.startswith(named)]
+    found = sorted(folder.glob(f"*{FILE_SUFFIX}"))
+    matches = found[-1:] if named == "last" else [path for path in found if path.name.startswith(named)]
     if len(matches) != 1:
         raise AppError(RecordingReadFault.NO_RECORDING, name=named, folder=folder, matches=len(matches))
     return matches[0]

@@ -57,15 +57,6 @@ class Log(Struct, frozen=True, kw_only=True):
     line: int = 0
 
 
-class CompressedImage(Struct, frozen=True, kw_only=True):
-    """Foxglove's; data: base64."""
-
-    timestamp: Time
-    frame_id: str
-    data: bytes
-    format: str
-
-
 class Gains(Struct, frozen=True, kw_only=True):
     """Stiffness and damping of the command; written when they change."""
 
@@ -191,7 +182,6 @@ VERDICT = "/hand/verdict"
 BUTTON = "/hand/button"
 TRAIL = "/trail"
 LOG = "/log"
-PICTURES = "/camera/image"
 
 TOPICS = (
     Topic(name=JOINT_STATE, schema="foxglove.JointStates", about="measured, 500 Hz"),
@@ -207,7 +197,6 @@ TOPICS = (
     Topic(name=BUTTON, schema=Button, about="each frame"),
     Topic(name=TRAIL, schema="rleex.AuditRecord", about="each line of the trail up to the recording's end"),
     Topic(name=LOG, schema="foxglove.Log", about="the same, as lines of a log"),
-    Topic(name=PICTURES, schema="foxglove.CompressedImage", about="JPEG, with the patient's consent, in its own file"),
 )
 
 _TIME = {
@@ -243,10 +232,6 @@ FOXGLOVE = {
             "file": _TEXT,
             "line": {"type": "integer"},
         },
-    ),
-    "foxglove.CompressedImage": _foxglove(
-        "foxglove.CompressedImage",
-        {"frame_id": _TEXT, "data": {"type": "string", "contentEncoding": "base64"}, "format": _TEXT},
     ),
 }
 

@@ -27,12 +27,11 @@ VERSION = 1
 PROFILE = "rleex"
 LIBRARY = "rleex-recording"
 CHUNK_NS = 1_000_000_000
-CHUNK_BYTES = 4 << 20  # of pictures
+CHUNK_BYTES = 4 << 20
 SYNC_NS = 5_000_000_000
 RETRY_NS = 500_000_000
 MOST_PENDING = 16 << 20  # bytes that wait for the disk; then everything is refused, and counted
 FLOOR_BYTES = 512 << 20  # of the disk stay free: a trail that can't be written stops the legs
-PICTURE_FLOOR_BYTES = 2 * FLOOR_BYTES  # pictures end first
 CLOCK = "rleex.clock"  # names of metadata
 LOST = "rleex.lost"  # by topic; there only in a file that was finished
 
@@ -119,24 +118,10 @@ class RecordingWriter:
         )
         self.written[topic] += 1
 
-    def add_many(self, topic: str, messages: Iterable[tuple[int, Struct]]) -> None:
-        """Messages with their times."""
-        for at_ns, message in messages:
-            self.add(topic, at_ns, message)
-
-    def wall_ns(self, at_ns: int) -> int:
-        """A monotonic time on the file's clock."""
-        return at_ns + self._offset_ns
-
     @property
     def refuses(self) -> bool:
         """Whether messages are refused for now."""
         return self._low or len(self._pending) > MOST_PENDING
-
-    @property
-    def behind(self) -> bool:
-        """Whether the disk refuses, or little of it is free: pictures end then."""
-        return bool(self._pending) or self._low
 
     def settle(self, now_ns: int) -> None:
         """End the chunk when it is time, and bring to the disk what waits."""
@@ -172,11 +157,6 @@ class RecordingWriter:
     def size_bytes(self) -> int:
         """Of what has reached the disk."""
         return self._at
-
-    def delete(self) -> None:
-        """Give up the file and what waits for it."""
-        self._disk.close(self._handle)
-        self.path.unlink(missing_ok=True)
 
     def _channel(self, topic: Topic) -> int:
         text = msgspec.json.encode(schema_of(topic))

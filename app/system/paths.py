@@ -57,11 +57,6 @@ class Home:
         return self.root / "keys"
 
     @property
-    def recordings(self) -> Path:
-        """Recorded frames and bus logs, opt-in."""
-        return self.root / "recordings"
-
-    @property
     def lock(self) -> Path:
         """Held by the one console of this home."""
         return self.root / "console.lock"

@@ -82,11 +82,7 @@ class Camera(Protocol):
 
 
 class EndOfRecording(Exception):  # noqa: N818 - not an error, the end of a finite source
-    """A finite source has given its last frame; cut_off: and is not whole."""
-
-    def __init__(self, *, cut_off: bool = False) -> None:
-        super().__init__(cut_off)
-        self.cut_off = cut_off
+    """A finite source has given its last frame."""
 
 
 @runtime_checkable

@@ -78,19 +78,13 @@ def _webcam(wanted: CameraRequest) -> Camera:
 
 def _recording(wanted: CameraRequest) -> Camera:
     from hal.cameras.playback import PlaybackCamera, folder_source, video_source
-    from hal.cameras.recording import INDEX, recorded_source
 
     if not wanted.device:
         raise HardwareError(RecordingFault.NOT_NAMED)
     path = Path(wanted.device).expanduser()
     if not path.exists():
         raise HardwareError(RecordingFault.NOT_FOUND, path=path)
-    if (path / INDEX).exists():
-        source = recorded_source(path)
-    elif path.is_dir():
-        source = folder_source(path, wanted.rate_hz)
-    else:
-        source = video_source(path)
+    source = folder_source(path, wanted.rate_hz) if path.is_dir() else video_source(path)
     return PlaybackCamera(path, source, focal_px=wanted.focal_px, mirrored=wanted.mirrored, store=wanted.store)
 
 

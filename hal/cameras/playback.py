@@ -1,4 +1,4 @@
-"""Finite sources as a Camera: a video file, a folder of images, a recorded session."""
+"""Finite sources as a Camera: a video file, a folder of images."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from hal.cameras.camera import DepthArray, EndOfRecording, Frame, ImageArray, Intrinsics
+from hal.cameras.camera import EndOfRecording, Frame, ImageArray, Intrinsics
 from hal.cameras.intrinsics import check_size, choose
 from hal.errors import CameraFault, HardwareError, RecordingFault
 from logs.reading.regular import MAX_IMAGE, read_bytes
@@ -26,12 +26,10 @@ IMAGE_SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".bmp", ".webp", ".tif", ".
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RecordedFrame:
-    """One recorded image. offset_ns: since the first. intrinsics: as recorded, None where they weren't."""
+    """One recorded image. offset_ns: since the first."""
 
     offset_ns: int
     image_bgr: ImageArray
-    depth_m: DepthArray | None = None
-    intrinsics: Intrinsics | None = None
 
 
 FrameSource = Callable[[], Iterator[RecordedFrame]]
@@ -62,7 +60,6 @@ class PlaybackCamera:
         self._store = store
         self._pending: Iterator[RecordedFrame] | None = None
         self._next: RecordedFrame | None = None
-        self._end: EndOfRecording | None = None
         self._started_ns = 0
         self._sequence = 0
         self._intrinsics: Intrinsics | None = None
@@ -76,9 +73,9 @@ class PlaybackCamera:
         self._pending = self._source()
         self._fetch_next()
         if self._next is None:
-            raise HardwareError(RecordingFault.CUT_OFF if self._end else RecordingFault.EMPTY, path=self._path)
+            raise HardwareError(RecordingFault.EMPTY, path=self._path)
         height, width = self._next.image_bgr.shape[:2]
-        self._intrinsics = self._choose(self._next, width, height)
+        self._intrinsics = choose(width, height, camera=self.name, focal_px=self._focal_px, store=self._store)
         self._started_ns = time.monotonic_ns()
         self._sequence = 0
 
@@ -88,7 +85,7 @@ class PlaybackCamera:
             raise HardwareError(CameraFault.NOT_OPEN, camera=self.name)
         frame = self._next
         if frame is None:
-            raise self._end or EndOfRecording()
+            raise EndOfRecording
         due_ns = self._started_ns + frame.offset_ns
         if self._paced and not _wait_until(due_ns, timeout_s):
             return None
@@ -101,25 +98,14 @@ class PlaybackCamera:
             captured_ns=due_ns,
             sequence=self._sequence,
             intrinsics=self._intrinsics,
-            depth_m=_mirrored_depth(frame.depth_m) if self._mirrored else frame.depth_m,
         )
 
     def close(self) -> None:
-        self._pending = self._next = self._end = None
+        self._pending = self._next = None
 
     def _fetch_next(self) -> None:
-        """Fetch the next image; a cut found now is raised when it is reached."""
         assert self._pending is not None
-        self._next = None
-        try:
-            self._next = next(self._pending, None)
-        except EndOfRecording as end:
-            self._end = end
-
-    def _choose(self, first: RecordedFrame, width_px: int, height_px: int) -> Intrinsics:
-        if first.intrinsics is not None and self._focal_px is None:
-            return first.intrinsics
-        return choose(width_px, height_px, camera=self.name, focal_px=self._focal_px, store=self._store)
+        self._next = next(self._pending, None)
 
 
 def video_source(path: Path) -> FrameSource:
@@ -202,7 +188,3 @@ def _wait_until(due_ns: int, timeout_s: float) -> bool:
     if wait_s > 0:
         time.sleep(wait_s)
     return True
-
-
-def _mirrored_depth(depth_m: DepthArray | None) -> DepthArray | None:
-    return None if depth_m is None else np.ascontiguousarray(depth_m[:, ::-1])

@@ -14,7 +14,6 @@ from textual.widgets import Select
 from typer.testing import CliRunner
 
 from app.audit import process as audit_process
-from app.audit.sink import AuditSink
 from app.cli import cli
 from app.console.operator import ConsoleTrail
 from app.console.review_data import comments_on, comments_path, write_comment
@@ -26,9 +25,8 @@ from app.console.state import newly_ended
 from app.control.loop import drives_record, limits_record
 from app.demo.drives import emulated_drives
 from app.ipc.links import new_link_directory
-from app.ipc.messages import OperatorKind, PerceptionCommand
+from app.ipc.messages import OperatorKind
 from app.ipc.states import Action
-from app.perception.camera import SessionRecorder
 from app.perception.comparison import Comparison, comparison_record
 from app.perception.frames import FrameBatch, button_record
 from app.perception.look import CameraSample
@@ -84,6 +82,7 @@ def filled(bodies: Iterable[Body]) -> set[tuple[str, str]]:
 
 
 FORMER = {("OperatorChanged", field) for field in ("name", "role", "change")}  # in older trails; now `Change`
+FORMER |= {("Recording", field) for field in ("on", "consent", "path")}
 # The machine grants these, or not; control copies them field by field.
 GRANTED = {("RealTimePrivilege", field) for field in ("fifo", "memory_locked", "core", "cores_awake")}
 
@@ -269,10 +268,6 @@ def of_perception(root: Path) -> list[Body]:
     expected = reference_segment(DEMO_PATIENT)
     kept = Calibrated(calibration=calibration, reference_m=0.06, expected=expected, doubt=None)
     found.append(calibration_record("demo", kept))
-    recorder = SessionRecorder(setup, Collector(found), camera.name)
-    recorder.handle(PerceptionCommand(record=True))
-    recorder.take(frame)
-    recorder.close()
     camera.close()
     return found
 
@@ -322,17 +317,6 @@ def framed() -> list[Body]:
         list(batch.take(at_once=captured_ns == 1))
     place = ButtonPlace(x_px=640, y_px=360, radius_px=77, threshold_m=0.2)
     return [button_record(place, ButtonMode.ROBUST, DistanceChoice.BOTH), *batch.take(at_once=True)]
-
-
-class Collector(AuditSink):
-    """Keeps what a process would send."""
-
-    def __init__(self, bodies: list[Body]) -> None:
-        self.bodies = bodies
-
-    def emit(self, body: Body) -> bool:
-        self.bodies.append(body)
-        return True
 
 
 def setup_in(root: Path) -> SessionSetup:

@@ -11,13 +11,16 @@ import numpy as np
 from mcap.reader import make_reader
 
 from app.control.telemetry import snapshot
-from app.ipc.recording import LinkAges, TickBatch
+from app.ipc.links import OrderedReceiver
+from app.ipc.recording import HandFrame, LinkAges, TickBatch
 from app.recording import schemas
+from app.recording.process import BATCH, SessionRecording, take_batch
 from app.recording.read import HashCheck, Recording, messages, proof_of, survey
 from app.recording.schemas import TOPICS, schema_of
 from app.recording.topics import TickMessages
+from hal.joints.protocol import TICK_NS
 from logs.records import RecordingFile
-from tests.app.recording.conftest import STATUS, Session, WatchedRig
+from tests.app.recording.conftest import STATUS, Collector, Session, WatchedRig, frame, setup_in
 
 JOINTS = ["left_hip", "left_knee", "right_hip", "right_knee"]
 
@@ -95,6 +98,26 @@ def test_ticks_that_never_came_are_counted() -> None:
         batch = TickBatch(first_tick=first_tick, lost_ticks=0, at_ns=times, values=values, ages=AGES, snapshot=shown)
         assert len([one for one in messages_of.of(batch) if one[0] == schemas.JOINT_STATE]) == 25
     assert messages_of.lost_ticks == 50
+
+
+class Backlog(OrderedReceiver[TickBatch | HandFrame]):
+    """Has these messages waiting."""
+
+    def __init__(self, waiting: list[HandFrame]) -> None:
+        self.waiting = waiting
+
+    def receive(self, timeout_s: float = 0.0) -> HandFrame | None:
+        return self.waiting.pop(0) if self.waiting else None
+
+
+def test_a_recorder_behind_by_more_than_a_batch_loses_nothing(tmp_path: Path) -> None:
+    recording = SessionRecording(setup_in(tmp_path), Collector())
+    behind = Backlog([frame(number, number * TICK_NS) for number in range(1, 2 * BATCH + 4)])
+    assert [take_batch(behind, recording) for _ in range(4)] == [BATCH, BATCH, 3, 0]
+    recording.close()
+    found = [one.value["frame"] for one in messages(Recording(path=recording.writer.path), schemas.BUTTON)]
+    assert found == list(range(1, 2 * BATCH + 4))
+    assert not recording.writer.lost.total()
 
 
 def test_every_topic_has_a_schema() -> None:

@@ -9,7 +9,7 @@ import pytest
 
 from app.perception.camera import PerceptionNote
 from app.perception.palm_calibration import PalmHint
-from app.text.catalogue import knows, render, tr, use_language
+from app.text.catalogue import knows, render, use_language
 from kgdfa.button import PressCancel, PressHint
 from kgdfa.errors import KgdfaFault
 from kgdfa.features import FEATURES, Feature, Measure
@@ -66,4 +66,3 @@ def test_values_are_rendered_in_the_clinic_s_units() -> None:
     advice = render(reason(PerceptionNote.THRESHOLD_UNSUITED, threshold_m=0.1, zone=zone.explain()))
     assert "10 cm" in advice
     assert "Proposed threshold: 20 cm" in advice
-    assert tr(PerceptionNote.FRAMES_DROPPED, count=1) == "1 frame of the recording was dropped."

@@ -13,7 +13,6 @@ from hal.cameras.camera import Camera
 from hal.cameras.digital_hand.driver import DigitalHandCamera
 from hal.cameras.digital_hand.render import lens_for
 from hal.cameras.factory import open_camera
-from hal.cameras.recording import Recorder
 from tests.support import software_realsense
 
 WIDTH, HEIGHT, FRAMES = 320, 180, 8
@@ -26,7 +25,6 @@ class Kept:
 
     video: Path
     folder: Path
-    session: Path
     realsense: Path
 
 
@@ -45,18 +43,15 @@ def kept(tmp_path_factory: pytest.TempPathFactory) -> Kept:
     folder = root / "pictures"
     folder.mkdir()
     video = cv2.VideoWriter(str(root / "hand.avi"), cv2.VideoWriter.fourcc(*"MJPG"), 30, (WIDTH, HEIGHT))
-    recorder = Recorder(root / "session", "digital hand 1")
     for frame in frames:
         video.write(frame.image_bgr)
         cv2.imwrite(str(folder / f"{frame.sequence:03d}.png"), frame.image_bgr)
-        recorder.write(frame)
     video.release()
-    recorder.close()
     software_realsense.record(root / "hand.db3", FRAMES)
-    return Kept(root / "hand.avi", folder, root / "session", root / "hand.db3")
+    return Kept(root / "hand.avi", folder, root / "hand.db3")
 
 
-@pytest.fixture(params=["digital hand", "video", "pictures", "session", "realsense"])
+@pytest.fixture(params=["digital hand", "video", "pictures", "realsense"])
 def make_camera(request: pytest.FixtureRequest, kept: Kept) -> Callable[[], Camera]:
     """Builds one camera of every kind that needs no hardware."""
 
@@ -67,7 +62,6 @@ def make_camera(request: pytest.FixtureRequest, kept: Kept) -> Callable[[], Came
         "digital hand": lambda: built("digital-hand"),
         "video": lambda: built("recording", kept.video),
         "pictures": lambda: built("recording", kept.folder),
-        "session": lambda: built("recording", kept.session),
         "realsense": lambda: built("realsense", kept.realsense),
     }
     return builders[request.param]
