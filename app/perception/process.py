@@ -144,6 +144,7 @@ class Perception:
         report = self._process(frame)
         self._send_report(report, frame.captured_ns)
         if report is not None:
+            self._ready = True  # from the next frame on: the first is late, since the pipeline is built in it
             assert self._decisions is not None  # made with the pipeline
             for record in self._decisions.take(report):
                 self._sink.emit(record)
@@ -163,7 +164,6 @@ class Perception:
         if detector is None:
             self._hint = LOADING
             return None
-        self._ready = True
         if self._pipeline is None:
             self._pipeline, self._place = assembly.make_pipeline(self._setup, detector, frame, camera.name)
             self._scale = assembly.scale_of(self._setup, frame, camera.name)
