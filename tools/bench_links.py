@@ -15,7 +15,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from multiprocessing.sharedctypes import Synchronized
 from pathlib import Path
 from typing import Annotated, Any
@@ -44,8 +44,8 @@ FRAMES = 50  # forged messages that a connection writes at once
 FORGED = msgspec.msgpack.encode(OperatorCommand(sequence=99, kind=OperatorKind.ACT, action=Action.WALK, sent_ns=1))
 GREETING = b"\xff" + bytes(8) + b"\x7f\x03\x00NULL" + bytes(48)  # ZMTP 3.0, no security
 READY = b"\x04\x19\x05READY\x0bSocket-Type\x00\x00\x00\x04PUSH"
+Counts = tuple["Synchronized[int]", "Synchronized[int]"]  # connections without a handshake, handshakes with another key
 CONVERSATION = GREETING + READY + FRAMES * (b"\x00" + bytes([len(FORGED)]) + FORGED)
-Counts = tuple["Synchronized[int]", "Synchronized[int]"]  # connections, messages
 
 
 def main(
@@ -103,24 +103,30 @@ def print_line(text: str) -> None:
 
 
 def rates(counts: Counts, seconds: float) -> str:
-    """What the flood reached, as text."""
-    connections, messages = (count.value / seconds for count in counts)
-    return f"{messages:.0f} forged messages/s in {connections:.0f} connections/s"
+    """What the flood reached, as text. What waits for a handshake that never succeeds was not sent."""
+    conversations, keys = (count.value / seconds for count in counts)
+    return (
+        f"{conversations:.0f} connections/s that write {FRAMES} forged messages each without a handshake, "
+        f"{keys:.0f} handshakes/s with another key"
+    )
 
 
 @contextmanager
 def flood(where: list[str], senders: int) -> Iterator[Counts]:
-    """Senders, each with its link and kind in turn; none: nothing."""
+    """Senders, each with its link and kind in turn; how often each kind has connected. None: nothing."""
     context = multiprocessing.get_context("spawn")
     counts: Any = (context.Value("q", 0), context.Value("q", 0))
     kinds = (write_conversations, send_with_another_key)
     processes = [
-        context.Process(target=kinds[number % 2], args=(where[number // 2 % len(where)], *counts), daemon=True)
+        context.Process(
+            target=kinds[number % 2], args=(where[number // 2 % len(where)], counts[number % 2]), daemon=True
+        )
         for number in range(senders)
     ]
     for process in processes:
         process.start()
-    while senders and not counts[0].value:
+    begun = counts[: min(senders, 2)]
+    while not all(count.value for count in begun) and all(process.is_alive() for process in processes):
         time.sleep(0.01)
     for count in counts:
         count.value = 0
@@ -132,22 +138,18 @@ def flood(where: list[str], senders: int) -> Iterator[Counts]:
             process.join()
 
 
-def write_conversations(where: str, connections: Synchronized[int], messages: Synchronized[int]) -> None:
-    """Connect, write all at once, leave."""
+def write_conversations(where: str, connections: Synchronized[int]) -> None:
+    """Connect, write all at once, leave; a connection that was ended before all was written counts as well."""
     while True:
-        try:
-            with socket.socket(socket.AF_UNIX) as one:
-                one.connect(where.removeprefix("ipc://"))
+        with socket.socket(socket.AF_UNIX) as one:
+            one.connect(where.removeprefix("ipc://"))
+            with suppress(ConnectionError):
                 one.sendall(CONVERSATION)
-        except OSError:
-            pass
         with connections:
             connections.value += 1
-        with messages:
-            messages.value += FRAMES
 
 
-def send_with_another_key(where: str, connections: Synchronized[int], messages: Synchronized[int]) -> None:
+def send_with_another_key(where: str, handshakes: Synchronized[int]) -> None:
     """As a process of an earlier session does; ZeroMQ gives a server that refuses it up, so each socket is new."""
     context: zmq.Context[zmq.Socket[bytes]] = zmq.Context.instance()
     while True:
@@ -156,14 +158,11 @@ def send_with_another_key(where: str, connections: Synchronized[int], messages: 
         one.curve_serverkey, _ = zmq.curve_keypair()
         one.curve_publickey, one.curve_secretkey = zmq.curve_keypair()
         one.connect(where)
-        for _ in range(FRAMES):
-            one.send(FORGED)
+        one.send(FORGED)  # it waits
         time.sleep(0.002)  # for its handshake
         one.close()
-        with connections:
-            connections.value += 1
-        with messages:
-            messages.value += FRAMES
+        with handshakes:
+            handshakes.value += 1
 
 
 def cost_us(at: Address, size: int, *, keyed: bool) -> float:
