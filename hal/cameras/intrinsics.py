@@ -128,14 +128,6 @@ def save(store: Path, camera: str, intrinsics: Intrinsics, residual_px: float, p
         raise HardwareError(CameraFault.INTRINSICS_UNWRITABLE, path=store, detail=cause_of(error)) from error
 
 
-def check_lens(lens: Intrinsics) -> None:
-    """Raises ValueError or TypeError for recorded intrinsics that no lens has."""
-    for value in (lens.width_px, lens.height_px, lens.fx_px, lens.fy_px, lens.cx_px, lens.cy_px):
-        _positive(value + 0.0)  # a text is no number here
-    _coefficient(lens.k1 + 0.0)
-    _coefficient(lens.k2 + 0.0)
-
-
 def _positive(value: Any) -> float:
     number = float(value)
     if not 0 < number < 100_000:

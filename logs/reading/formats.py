@@ -70,13 +70,6 @@ def read_json_lines(path: Path, kind: type[T], limit_bytes: int = 64 << 20) -> t
     return tuple(decode_json(line, kind) for line in lines if line.strip())
 
 
-def parse_json(data: bytes) -> Any:
-    """JSON as it comes, checked as all values are. Raises InputError."""
-    value = decode_json(data, object)
-    check_values(value)
-    return value
-
-
 def check_values(value: Any) -> None:
     """Raises InputError for a number beyond 64 bits or not finite, a NUL, and nesting beyond MAX_DEPTH."""
     waiting: list[tuple[Any, tuple[str, ...]]] = [(value, ())]

@@ -127,11 +127,6 @@ class Scale:
         object.__setattr__(self, "top", (1 << self.bits) - 1)
         object.__setattr__(self, "span", self.high - self.low)
 
-    @property
-    def quantum(self) -> float:
-        """The step of one bit."""
-        return self.span / self.top
-
     def to_wire(self, value: float) -> int:
         """The unsigned integer for a value; raises ValueError for NaN."""
         if value <= self.low:
