@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import re
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
@@ -79,6 +80,12 @@ ALLOWED = {"seen_ns": "a field of the STOP record: trails written before must be
 _PARTS = re.compile(r"[A-Z]+(?=[A-Z][a-z])|[A-Z]?[a-z]+|[A-Z]+")
 
 
+@cache
+def named_in(path: Path) -> tuple[tuple[int, str], ...]:
+    """As `names`, of a file; two tests ask for all files."""
+    return tuple(dict.fromkeys(names(path.read_text())))
+
+
 def names(source: str) -> Iterator[tuple[int, str]]:
     """Every identifier that a source defines or uses, with its line; those inside f-strings too."""
     for node in ast.walk(ast.parse(source)):
@@ -88,6 +95,7 @@ def names(source: str) -> Iterator[tuple[int, str]]:
                 yield getattr(node, "lineno", 0), name
 
 
+@cache
 def fault(name: str) -> str | None:
     """What to write instead; None: the name is fine."""
     if name in ALLOWED:
@@ -108,9 +116,7 @@ def test_no_name_is_a_term_that_the_glossary_replaces() -> None:
             lines = [path.relative_to(ROOT).as_posix()]
             if (word := fault(path.stem)) is not None:
                 found.append(f"{lines[0]}: the file's name: {word}")
-            found += [
-                f"{lines[0]}:{line} {name}: {word}" for line, name in names(path.read_text()) if (word := fault(name))
-            ]
+            found += [f"{lines[0]}:{line} {name}: {word}" for line, name in named_in(path) if (word := fault(name))]
     assert found == []
 
 
@@ -125,5 +131,5 @@ def test_no_document_names_one_in_code() -> None:
 
 
 def test_every_exception_still_stands_in_the_code() -> None:
-    used = {name for folder in PRODUCT for path in (ROOT / folder).rglob("*.py") for _, name in names(path.read_text())}
+    used = {name for folder in PRODUCT for path in (ROOT / folder).rglob("*.py") for _, name in named_in(path)}
     assert set(ALLOWED) - used == set()

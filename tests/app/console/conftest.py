@@ -3,14 +3,20 @@
 from __future__ import annotations
 
 import asyncio
+import gc
 from collections.abc import AsyncIterator, Callable, Iterator
 from contextlib import AbstractAsyncContextManager, asynccontextmanager
 from pathlib import Path
+from typing import Any
+from unittest.mock import create_autospec
 
 import pytest
+from textual.css.model import RuleSet
+from textual.css.stylesheet import Stylesheet
 from textual.pilot import Pilot
 from textual.widgets import Input
 
+from app.console import live
 from app.console.app import ConsoleApp
 from app.system.config import Config, SessionSetup
 from app.system.paths import Home
@@ -77,6 +83,30 @@ def english() -> Iterator[None]:
     use_language("en")
     yield
     use_language("en")
+
+
+@pytest.fixture(scope="session", autouse=True)
+def parsed_once() -> Iterator[None]:
+    """Each stylesheet is parsed once for all consoles of the tests: parsed rules are only read."""
+    kept: dict[object, list[RuleSet]] = {}
+    parse = Stylesheet._parse_rules
+
+    def once(self: Stylesheet, css: str, *where: Any, **more: Any) -> list[RuleSet]:
+        key = (frozenset(self._variables.items()), css, where, frozenset(more.items()))
+        if key not in kept:
+            kept[key] = parse(self, css, *where, **more)
+        return kept[key]
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Stylesheet, "_parse_rules", once)
+        yield
+
+
+@pytest.fixture(autouse=True)
+def nothing_to_collect(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """No session begins by collecting the garbage of all tests before it: test_warm and real sessions show that."""
+    if request.path.name != "test_warm.py" and request.node.get_closest_marker("serial") is None:
+        monkeypatch.setattr(live, "gc", create_autospec(gc))
 
 
 @pytest.fixture

@@ -5,6 +5,7 @@ After a wanted change: `pytest tests/app/console/test_snapshots.py --snapshot-up
 
 from __future__ import annotations
 
+from functools import cache
 from pathlib import Path
 
 import msgspec
@@ -23,6 +24,7 @@ from app.system.config import Config, SessionSetup
 from app.system.paths import Home
 from profiles.schema import DEMO_PATIENT
 from testing.fake_host import FakeHost, flat
+from testing.screen import strips
 from tests.app.console.conftest import wait_until
 
 SIZES = ((80, 24), (130, 40), (200, 50))
@@ -97,32 +99,28 @@ async def in_all_themes(app: ConsoleApp, pilot: Pilot[None]) -> str:
     for theme in THEME_NAMES:
         app.theme = theme
         await pilot.pause()  # the theme's message is through, however busy the machine
-        strips = await settled(app, pilot)
+        found = await settled(app, pilot)
         if not parts:
-            parts.append("\n".join(strip.text.rstrip() for strip in strips))
-        parts.append(f"== {theme}\n" + "\n".join(colours(strip) for strip in strips))
+            parts.append("\n".join(strip.text.rstrip() for strip in found))
+        parts.append(f"== {theme}\n" + "\n".join(colours(strip) for strip in found))
     return "\n".join(parts) + "\n"
 
 
 async def settled(app: ConsoleApp, pilot: Pilot[None]) -> list[Strip]:
-    """The screen once two ticks and the drawing after them have changed nothing: a busy machine draws late.
-
-    The one look at Textual's compositor: no public method gives the style of each cell but by the picture of a screen.
-    """
-    looks: list[list[str]] = []
+    """The screen once two ticks and the drawing after them have changed nothing: a busy machine draws late."""
+    looks: list[list[Strip]] = []
     while len(looks) < 4 or any(look != looks[-1] for look in looks[-4:]):
         await pilot.pause(0.05)
-        strips = app.screen._compositor.render_strips()
-        looks.append([colours(strip) + strip.text for strip in strips])
+        looks.append(strips(app))
         assert len(looks) < 400, "the screen never comes to rest"
-    return strips
+    return looks[-1]
 
 
 def colours(strip: Strip) -> str:
     """The style of each run of cells: length, then style; equal neighbours joined."""
     runs: list[tuple[int, str]] = []
     for segment in strip:
-        style = str(segment.style.without_color + _named(segment.style)) if segment.style else "none"
+        style = named(segment.style) if segment.style else "none"
         if runs and runs[-1][1] == style:
             runs[-1] = (runs[-1][0] + segment.cell_length, style)
         else:
@@ -130,5 +128,7 @@ def colours(strip: Strip) -> str:
     return "; ".join(f"{length} {style}" for length, style in runs)
 
 
-def _named(style: Style) -> Style:
-    return Style.from_color(style.color, style.bgcolor)
+@cache
+def named(style: Style) -> str:
+    """A style in words: attributes, then both colours."""
+    return str(style.without_color + Style.from_color(style.color, style.bgcolor))

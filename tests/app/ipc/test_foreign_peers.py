@@ -16,6 +16,7 @@ import msgspec
 import pytest
 import zmq
 
+from app.ipc import links
 from app.ipc.links import (
     Address,
     LatestReceiver,
@@ -39,6 +40,12 @@ def until(condition: Callable[[], bool]) -> None:
     while not condition():
         assert time.monotonic() < end, "did not come"
         time.sleep(0.01)
+
+
+@pytest.fixture(autouse=True)
+def period_s(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Foreign peers are told soon: most tests wait for a number, and none of them for its absence."""
+    monkeypatch.setattr(links, "PEERS_PERIOD_S", getattr(request, "param", 0.02))
 
 
 @pytest.fixture
@@ -245,6 +252,7 @@ def test_a_flood_is_a_few_numbers_and_a_true_command_passes(
     assert receiver.rejected == 0
 
 
+@pytest.mark.parametrize("period_s", [links.PEERS_PERIOD_S], indirect=True)
 def test_the_processes_of_the_session_are_not_foreign(receiver: OrderedReceiver[OperatorCommand], at: Address) -> None:
     """They come and go; whoever is in its handshake for less than a period is not counted."""
     for _ in range(5):
