@@ -7,12 +7,12 @@ from dataclasses import dataclass
 from enum import Enum
 
 from app.console.state import SessionState
+from app.console.widgets.curves import trouble
 from app.console.widgets.panel import Lines, plain
 from app.ipc.messages import ControlSnapshot
 from app.ipc.states import Effect, Event, GaitState
 from app.text.catalogue import tr
 
-_JOINT_STALE_MS = 100.0
 _PATIENCE_S = 8.0  # starting the processes and loading the hand model
 
 
@@ -52,9 +52,7 @@ def _audit(state: SessionState) -> bool:
 
 
 def _joints(state: SessionState) -> bool:
-    return state.snapshot is not None and all(
-        joint.age_ms < _JOINT_STALE_MS and not joint.faults for joint in state.snapshot.joints
-    )
+    return state.snapshot is not None and not any(map(trouble, state.snapshot.joints))
 
 
 def _camera(state: SessionState) -> bool:

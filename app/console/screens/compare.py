@@ -175,30 +175,33 @@ class CompareScreen(ConsoleScreen):
 
     def action_back(self) -> None:
         """To the session; what was compared is kept."""
-        if self._looker is not None:
-            with self.notify_errors():
-                self._keep()
+        self._end_comparison()
         self.dismiss()
 
     def _open(self, source: str) -> None:
-        self._end_looker()
-        if not source:
-            return
-        setup = self.console_app.live_setup()
+        """A second camera in place of an earlier one; an empty name: none."""
+        self._end_comparison()
+        self.query_one("#depth", Panel).border_title = tr("compare.depth")
         with self.notify_errors():
-            camera, used = parse_camera(source, setup.config.camera)
-            refuse_same_device(setup.config.camera, camera)
-            self._comparison = Comparison(threshold_m=setup.profile.press_threshold_m)
-            self._looker = Looker(
-                msgspec.structs.replace(
-                    setup,
-                    config=msgspec.structs.replace(setup.config, camera=camera),
-                    profile=msgspec.structs.replace(setup.profile, distance_source=used),
-                )
-            )
-            self.query_one("#depth", Panel).border_title = source
+            if source:
+                self._begin(source)
         for part in ("#other", "#running"):
             self.query_one(part).display = self._looker is not None
+
+    def _begin(self, source: str) -> None:
+        """Compare with this camera. Raises CodedError when there is none of this name."""
+        setup = self.console_app.live_setup()
+        camera, used = parse_camera(source, setup.config.camera)
+        refuse_same_device(setup.config.camera, camera)
+        self._comparison = Comparison(threshold_m=setup.profile.press_threshold_m)
+        self._looker = Looker(
+            msgspec.structs.replace(
+                setup,
+                config=msgspec.structs.replace(setup.config, camera=camera),
+                profile=msgspec.structs.replace(setup.profile, distance_source=used),
+            )
+        )
+        self.query_one("#depth", Panel).border_title = source
 
     def _set_ruler(self, typed: str) -> None:
         try:
@@ -245,6 +248,13 @@ class CompareScreen(ConsoleScreen):
         path.write_text(self._comparison.as_csv(), encoding="utf-8")
         self.console_app.trail.emit(comparison_record(self._comparison, path.name))
         self.notify(tr("compare.kept", path=path), markup=False)
+
+    def _end_comparison(self) -> None:
+        """Keep what was compared; the second camera is let go."""
+        if self._looker is not None:
+            with self.notify_errors():
+                self._keep()
+        self._end_looker()
 
     def _end_looker(self) -> None:
         looker, self._looker = self._looker, None

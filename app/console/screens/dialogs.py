@@ -19,8 +19,8 @@ from app.console.widgets.gesture import FINGERS
 from app.console.widgets.health import health_lines
 from app.console.widgets.panel import Lines, Panel, content_of
 from app.ipc.states import ACTION_OF, GESTURE_OF, Action
-from app.system.config import load_device
 from app.text.catalogue import tr
+from hal.joints.device import JointDevice
 
 MAX_ANSWER = 4096  # a path
 
@@ -64,6 +64,10 @@ class HealthPage(Dialog[None]):
     HELP_PAGE = "health"
     BINDINGS: ClassVar[list[BindingType]] = [("i", "cancel", "bind.cancel")]
 
+    def __init__(self, devices: tuple[JointDevice, ...]) -> None:
+        super().__init__()
+        self._devices = devices
+
     def compose(self) -> ComposeResult:
         with VerticalScroll(classes="dialog page") as box:
             box.border_title = tr("health.title")
@@ -73,9 +77,9 @@ class HealthPage(Dialog[None]):
     def show_session(self, state: SessionState | None) -> None:
         super().show_session(state)
         if state is not None:
-            panel, joints = self.query_one("#health", Panel), load_device(state.setup.config.joints).joints
+            panel = self.query_one("#health", Panel)
             before = len(panel.lines)
-            panel.lines = health_lines(state, joints, panel.content_size.width)
+            panel.lines = health_lines(state, self._devices, panel.content_size.width)
             if len(panel.lines) != before:
                 panel.refresh(layout=True)
 

@@ -26,6 +26,7 @@ from app.console.widgets.status import DosePanel, EventsPanel, status_line
 from app.console.widgets.wearer import FigurePanel, JointsPanel, Wearer, load_wearer
 from app.ipc.messages import HandCommand, HandPose, OperatorKind
 from app.ipc.states import Action, Effect
+from app.system.config import load_device
 from app.text.catalogue import render, tr
 from kgdfa.gesture import Gesture
 
@@ -77,7 +78,11 @@ class SessionScreen(HandKeys):
 
     HELP_PAGE = "session"
     BINDINGS: ClassVar[list[BindingType]] = [*keys.SESSION, *keys.HAND]
-    wearer: Wearer | None = None  # until it is loaded there is no figure
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.wearer: Wearer | None = None  # until it is loaded there is no figure
+        self._loading = False
 
     def compose(self) -> ComposeResult:
         yield Panel(id="status")
@@ -97,17 +102,18 @@ class SessionScreen(HandKeys):
             yield HoldPanel(id="hold", title=tr("panel.hold"))
         yield from self.compose_bottom()
 
-    def on_mount(self) -> None:
-        super().on_mount()
-        self.run_worker(self._load_wearer(), exit_on_error=False)
-
     async def _load_wearer(self) -> None:
-        self.wearer = await asyncio.to_thread(load_wearer, self.console_app.live_setup())
+        """In a thread, and not before there is something to draw: it would keep the first paint waiting."""
+        with self.notify_errors():
+            self.wearer = await asyncio.to_thread(load_wearer, self.console_app.live_setup())
 
     def show_session(self, state: SessionState | None) -> None:
         super().show_session(state)
         if state is None:
             return
+        if state.snapshot is not None and not self._loading:
+            self._loading = True
+            self.run_worker(self._load_wearer(), exit_on_error=False)
         app = self.console_app
         status = self.query_one("#status", Panel)
         status.lines = status_line(state, status.size.width, app.key_names["health"])
@@ -115,7 +121,8 @@ class SessionScreen(HandKeys):
         self.query_one("#guide", Panel).lines = guide
         self.query_one(Picture).show(state)
         self.query_one("#main").set_class(held(state), "-held")
-        self.query_one(HoldPanel).show(state, app.key_names, watching=app.read_only)
+        if held(state):
+            self.query_one(HoldPanel).show(state, app.key_names, watching=app.read_only)
         self.query_one(FigurePanel).wearer = self.query_one(JointsPanel).wearer = self.wearer
         for panel in self.query(StatePanel):
             panel.show(state)
@@ -174,7 +181,10 @@ class SessionScreen(HandKeys):
 
     def action_health(self) -> None:
         """Show camera, control, links and joints in figures."""
-        self.console_app.push_kept("health", HealthPage)
+        app = self.console_app
+        with self.notify_errors():
+            devices = load_device(app.live_setup().config.joints).joints
+            app.push_kept("health", lambda: HealthPage(devices))
 
     def action_compare(self) -> None:
         """Both cameras side by side."""

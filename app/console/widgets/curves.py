@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from itertools import pairwise
-from math import degrees, isnan
+from math import degrees, isfinite, isnan
 
 from app.console.widgets.canvas import Canvas
 from app.console.widgets.panel import Line, Lines, cells, fitted, plain
@@ -25,13 +25,18 @@ class Curves:
 
     def __init__(self) -> None:
         self.points: list[Point] = []
+        self._ended = False
 
     def take(self, snapshot: ControlSnapshot) -> None:
         """A snapshot; while nothing runs, the last plan's curve stays."""
         if snapshot.action is None:
+            self._ended = True
             return
-        if self.points and snapshot.progress < self.points[-1][0] - RESTART:
+        if not all(isfinite(joint.angle_rad) and isfinite(joint.target_rad) for joint in snapshot.joints):
+            return
+        if self._ended or (self.points and snapshot.progress < self.points[-1][0] - RESTART):
             self.points = []
+        self._ended = False
         if not self.points or snapshot.progress >= self.points[-1][0] + STEP:
             angles = tuple(degrees(joint.angle_rad) for joint in snapshot.joints)
             targets = tuple(degrees(joint.target_rad) for joint in snapshot.joints)
@@ -51,19 +56,25 @@ def draw_joints(
     return tuple(lines[:height])
 
 
-def joint_line(joint: Joint, now: JointSnapshot, device: JointDevice, width: int) -> Line:
-    """Angle, target, torque, temperature; what is wrong before anything else."""
-    parts = [(f"{tr(f'joints.{joint.name.lower()}')} ", "bold")]
+def trouble(now: JointSnapshot) -> str:
+    """What is wrong with a joint; empty: nothing."""
     if now.faults:
-        parts.append((f"‼ {tr('list.separator').join(render(each) for each in now.faults)} ", "bold $error"))
-    elif now.age_ms > SILENT_MS:
-        parts.append((f"‼ {tr('joints.silent')} ", "bold $error"))
-    parts += [
-        (f"{degrees(now.angle_rad):5.1f}°", "bold"),
-        (f" → {degrees(now.target_rad):5.1f}°", "$foreground-muted"),
-        (f" {now.torque_nm:+5.1f} Nm", ""),
-        _temperature(now, device),
-    ]
+        return tr("list.separator").join(render(each) for each in now.faults)
+    return tr("joints.silent") if now.age_ms > SILENT_MS else ""
+
+
+def joint_line(joint: Joint, now: JointSnapshot, device: JointDevice, width: int) -> Line:
+    """Angle, target, torque, temperature, as far as the joint has ever answered; what is wrong before them."""
+    parts = [(f"{tr(f'joints.{joint.name.lower()}')} ", "bold")]
+    if wrong := trouble(now):
+        parts.append((f"‼ {wrong} ", "bold $error"))
+    if not isnan(now.angle_rad):
+        parts += [
+            (f"{degrees(now.angle_rad):5.1f}°", "bold"),
+            (f" → {degrees(now.target_rad):5.1f}°", "$foreground-muted"),
+            (f" {now.torque_nm:+5.1f} Nm", ""),
+            _temperature(now, device),
+        ]
     return fitted(parts, width)
 
 

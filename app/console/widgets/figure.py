@@ -11,7 +11,7 @@ from math import cos, isfinite, radians, sin
 from typing import TYPE_CHECKING
 
 from app.console.widgets.canvas import Canvas
-from app.console.widgets.panel import Lines
+from app.console.widgets.panel import Lines, cells
 from hal.joints.device import Joint
 from hal.joints.scene import LEVEL_FLOOR, Block, BlockKind, Scene
 
@@ -70,7 +70,7 @@ class View:
 def surface_m(scene: Scene, x_m: float) -> float:
     """The height of what a foot would stand on there."""
     tops = (block.top_m for block in scene.blocks if block.kind is not BlockKind.CHAIR and _spans(block, x_m))
-    return max(scene.floor_m, *tops, scene.floor_m)
+    return max((scene.floor_m, *tops))
 
 
 def _spans(block: Block, x_m: float) -> bool:
@@ -212,7 +212,7 @@ class _Drawing:
         pose, body = self._view.pose, self._view.body
         columns = [round(self._at((ankle[0] + body.toe_m / 2, 0.0))[0]) // 2 for ankle in pose.ankles]
         first, second = sorted((LEFT, RIGHT), key=lambda side: columns[side])
-        wide = len(self._view.sides[first]) + 2
+        wide = cells(self._view.sides[first]) + 2
         columns[second] = max(columns[second], columns[first] + wide)
         for side in (LEFT, RIGHT):
             style = "bold reverse $primary" if pose.carries[side] else "$foreground-muted"

@@ -5,7 +5,7 @@ from __future__ import annotations
 from enum import Enum
 
 from app.console.state import SessionState
-from app.console.widgets.curves import joint_line
+from app.console.widgets.curves import joint_line, trouble
 from app.console.widgets.panel import Line, Lines, Part, fitted, plain, wrapped
 from app.ipc.messages import ControlSnapshot
 from app.text.catalogue import render, tr
@@ -34,11 +34,11 @@ def health_of(state: SessionState) -> Health:
         return Health.BAD if state.fault else Health.SLOW
     ended = any(not process.alive for process in state.processes)
     unwritten = state.audit is not None and state.audit.fault is not None
-    if ended or unwritten or not state.snapshot_fresh or not state.report_fresh:
+    stale = not (state.snapshot_fresh and state.report_fresh)
+    if report is None or report.camera_fault or stale or ended or unwritten or any(map(trouble, snapshot.joints)):
         return Health.BAD
-    slow = report is not None and report.fps < LEAST_FPS
     late = snapshot.lateness.p99_ms > LATE_MS or snapshot.report_age_ms > SLOW_MS
-    return Health.SLOW if slow or late or not snapshot.real_time.fifo else Health.GOOD
+    return Health.SLOW if late or report.fps < LEAST_FPS or not snapshot.real_time.fifo else Health.GOOD
 
 
 def health_dot(state: SessionState) -> Part:
@@ -75,7 +75,7 @@ def _control(snapshot: ControlSnapshot) -> list[Part]:
     late = snapshot.lateness
     text = tr("health.ticks", p99=f"{late.p99_ms:.2f}", worst=f"{late.max_ms:.1f}", missed=late.missed)
     real_time = ("health.fifo", "") if snapshot.real_time.fifo else ("health.no_fifo", "bold $warning")
-    return [(text, "bold $warning" if late.missed else ""), (tr(real_time[0]), real_time[1])]
+    return [(text, "bold $warning" if late.p99_ms > LATE_MS else ""), (tr(real_time[0]), real_time[1])]
 
 
 def _links(state: SessionState) -> list[Part]:

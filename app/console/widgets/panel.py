@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable
+from functools import lru_cache
 from itertools import pairwise
 
 from rich.cells import cell_len, set_cell_size
@@ -56,7 +57,8 @@ def fitted(parts: Iterable[Part], width: int) -> Line:
 _NUMBER_AT_END, _NUMBER_GOES_ON = re.compile(r"[-+−]?\d[\d.:]*$"), re.compile(r"[.:]?\d")
 
 
-def wrapped(text: str, width: int) -> list[str]:
+@lru_cache(maxsize=256)  # the same text is asked for with every update of the screen
+def wrapped(text: str, width: int) -> tuple[str, ...]:
     """The text in lines of `width` cells, broken between words, and between the letters of a script without spaces.
 
     Never within a number that fits into a line: half of it would read as another one.
@@ -65,13 +67,14 @@ def wrapped(text: str, width: int) -> list[str]:
     for place, (line, after) in enumerate(pairwise(lines)):
         number = _NUMBER_AT_END.search(line)
         if number and number.start() and _NUMBER_GOES_ON.match(after):
-            kept = "".join(lines[:place]).replace(" ", "") + line[: number.start()].replace(" ", "")
-            return [*lines[:place], line[: number.start()].rstrip(), *wrapped(_after(text, len(kept)), width)]
-    return lines
+            kept = (*lines[:place], line[: number.start()].rstrip())
+            return (*kept, *wrapped(_after(text, kept), width))
+    return tuple(lines)
 
 
-def _after(text: str, letters: int) -> str:
-    """What follows so many letters that are no space."""
+def _after(text: str, kept: Iterable[str]) -> str:
+    """What follows the letters of these lines; white space counts in neither, since breaking drops some of it."""
+    letters = sum(not letter.isspace() for line in kept for letter in line)
     solid = [place for place, letter in enumerate(text) if not letter.isspace()]
     return text[solid[letters] :]
 
@@ -107,7 +110,6 @@ class StatePanel(Panel):
 
     def show(self, state: SessionState) -> None:
         """Take the newest state."""
-        raise NotImplementedError
 
 
 class DrawnPanel(StatePanel):
@@ -118,13 +120,10 @@ class DrawnPanel(StatePanel):
 
     DRAWN_HZ = 20.0
     lines = reactive[Lines]((), repaint=False)
-
-    def __init__(self, id: str | None = None, title: str = "") -> None:  # noqa: A002 - Textual's own name
-        super().__init__(id, title)
-        self._next_ns = 0
-        self._at_once: object = None
-        self._styles_of: object = None
-        self._rich: dict[str, RichStyle] = {}
+    _next_ns = 0
+    _at_once: object = None
+    _styles_of: object = None
+    _rich: dict[str, RichStyle]  # of `_styles_of`
 
     def due(self, now_ns: int, at_once: object) -> bool:
         """Whether to draw: DRAWN_HZ times a second, and whenever what must be seen at once has changed."""

@@ -8,10 +8,10 @@ from math import isfinite
 from typing import TYPE_CHECKING
 
 from app.console.state import SessionState
-from app.console.widgets.curves import SILENT_MS, Curves, draw_joints
+from app.console.widgets.curves import Curves, draw_joints, trouble
 from app.console.widgets.figure import LEFT, RIGHT, Pose, Stance, View, draw, pose_of
 from app.console.widgets.gait import LEADS_TO
-from app.console.widgets.panel import DrawnPanel, plain
+from app.console.widgets.panel import DrawnPanel, Lines, plain
 from app.ipc.messages import ControlSnapshot, Quad
 from app.ipc.states import ACTION_OF, Action, GaitState
 from app.system.config import SessionSetup, load_device
@@ -91,6 +91,10 @@ def goal_of(wearer: Wearer, action: Action | None, snapshot: ControlSnapshot) ->
     return wearer.poses.get(goal)
 
 
+def _waiting() -> Lines:
+    return (plain(tr("joints.waiting"), "$foreground-muted"),)
+
+
 class _WearerPanel(DrawnPanel):
     """Draws nothing before the screen has brought the wearer."""
 
@@ -99,29 +103,28 @@ class _WearerPanel(DrawnPanel):
     def show(self, state: SessionState) -> None:
         """Draw the newest snapshot."""
         if state.snapshot is None or self.wearer is None:
-            self.lines = (plain(tr("joints.waiting"), "$foreground-muted"),)
+            self.lines = _waiting()
         elif self.content_size.area:
             self.follow(state, state.snapshot, self.wearer)
 
     def follow(self, state: SessionState, snapshot: ControlSnapshot, wearer: Wearer) -> None:
         """Draw this snapshot."""
-        raise NotImplementedError
 
 
 class FigurePanel(_WearerPanel):
     """The wearer, drawn again when a joint has visibly moved."""
 
     DRAWN_HZ = 15.0
-
-    def __init__(self, id: str | None = None, title: str = "") -> None:  # noqa: A002 - Textual's own name
-        super().__init__(id, title)
-        self._stance = Stance()
-        self._scene = LEVEL_FLOOR
-        self._drawn: object = None
-        self._laid_for: Action | None = None
+    _stance = Stance()
+    _scene = LEVEL_FLOOR
+    _drawn: object = None
+    _laid_for: Action | None = None
 
     def follow(self, state: SessionState, snapshot: ControlSnapshot, wearer: Wearer) -> None:
         """Draw this snapshot."""
+        if not all(isfinite(joint.angle_rad) for joint in snapshot.joints):  # drives that have never answered
+            self.lines, self._drawn = _waiting(), None
+            return
         action = coming(state)
         if snapshot.action is None and snapshot.state is not GaitState.BETWEEN:  # stopped half way: all stays
             self._stance = Stance(side=LEFT if action in RIGHT_SWINGS else RIGHT)
@@ -130,7 +133,7 @@ class FigurePanel(_WearerPanel):
             self._scene = wearer.scenes[snapshot.action]
         self._laid_for = snapshot.action
         goal = goal_of(wearer, action, snapshot)
-        alarm = tuple(bool(joint.faults) or joint.age_ms > SILENT_MS for joint in snapshot.joints)
+        alarm = tuple(bool(trouble(joint)) for joint in snapshot.joints)
         if not self.due(state.now_ns, (goal, alarm, self._scene)):
             return
         first, second, third, fourth = (round(joint.angle_rad, ROUND) for joint in snapshot.joints)
@@ -178,6 +181,5 @@ class JointsPanel(_WearerPanel):
     def follow(self, state: SessionState, snapshot: ControlSnapshot, wearer: Wearer) -> None:
         """Draw this snapshot."""
         self._curves.take(snapshot)
-        alarm = tuple((joint.faults, joint.age_ms > SILENT_MS) for joint in snapshot.joints)
-        if self.due(state.now_ns, alarm):
+        if self.due(state.now_ns, tuple(map(trouble, snapshot.joints))):
             self.lines = draw_joints(snapshot, self._curves, wearer.joints, *self.content_size)

@@ -11,6 +11,7 @@ from app.ipc.messages import Preview
 from app.perception.look import CameraSample
 from app.system.config import SessionSetup
 from app.system.paths import Home
+from app.text.catalogue import tr
 from logs.records import Body, CameraComparison
 from profiles.schema import DistanceUsed
 from tests.app.console.conftest import Opener
@@ -75,6 +76,29 @@ async def test_a_second_camera_is_compared_and_kept(
     assert record.cameras[1] == "second"
     assert record.rulers_m == (0.3,)
     assert (home.root / "comparisons" / record.path).read_text().startswith("ruler_cm,camera")
+
+
+async def test_another_camera_keeps_what_the_one_before_it_gave_and_no_name_leaves_none(
+    console: Opener, home: Home, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    FakeLooker.made = []
+    monkeypatch.setattr(compare, "Looker", FakeLooker)
+    async with console() as open_console:
+        await open_console.press("v", "2")
+        await open_console.until(lambda: isinstance(open_console.app.screen, CompareScreen))
+        screen = open_console.app.screen
+        screen.query_one("#second", Input).value = "digital-d435i:4@15"
+        await open_console.press("enter")
+        await open_console.shows("31.0 cm")
+        assert screen.query_one("#other").display
+        await open_console.press("2")
+        screen.query_one("#second", Input).value = ""
+        await open_console.press("enter")
+        await open_console.until(lambda: FakeLooker.made[0].closed)
+        assert len(FakeLooker.made) == 1
+        assert len([*(home.root / "comparisons").iterdir()]) == 1
+        assert not screen.query_one("#other").display
+        await open_console.shows(tr("compare.depth"))
 
 
 async def test_what_is_no_distance_is_told(console: Opener) -> None:

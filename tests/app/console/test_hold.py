@@ -4,20 +4,25 @@ from __future__ import annotations
 
 import re
 from dataclasses import replace
+from math import nan
 
 import msgspec
 import pytest
 
 from app.console.state import SessionState
-from app.console.widgets.health import Health, health_dot, health_of
+from app.console.widgets.curves import Curves, draw_joints
+from app.console.widgets.health import Health, health_dot, health_lines, health_of
 from app.console.widgets.hold import held, hold_lines
+from app.console.widgets.wearer import FigurePanel, load_wearer
 from app.ipc.messages import Lateness, RealTime
+from app.ipc.states import Action
 from app.text.catalogue import tr
+from hal.errors import CameraFault
 from hal.joints.device import Joint
 from hal.joints.protocol import DriveFault
 from logs.reason import reason
 from tests.app.console.conftest import Opener
-from tests.app.console.test_sizes import KEYS, READY, STOPPED, text_of
+from tests.app.console.test_sizes import DEVICES, KEYS, READY, STOPPED, text_of
 
 
 def test_what_happened_stands_in_order_with_times_from_the_first_cause() -> None:
@@ -81,6 +86,15 @@ def changed(**more: object) -> SessionState:
     return replace(READY, snapshot=msgspec.structs.replace(READY.snapshot, **more))
 
 
+assert READY.snapshot is not None
+assert READY.report is not None
+BLIND = reason(CameraFault.UNPLUGGED, camera="webcam")
+SILENT = tuple(
+    msgspec.structs.replace(joint, angle_rad=nan, target_rad=nan, torque_nm=nan, temperature_c=nan, age_ms=1e9)
+    for joint in READY.snapshot.joints
+)
+
+
 @pytest.mark.parametrize(
     ("state", "health"),
     [
@@ -91,11 +105,37 @@ def changed(**more: object) -> SessionState:
         (replace(READY, now_ns=READY.now_ns + 10_000_000_000), Health.BAD),
         (replace(READY, processes=(msgspec.structs.replace(READY.processes[0], alive=False),)), Health.BAD),
         (replace(READY, snapshot=None), Health.SLOW),
+        (replace(READY, report=None), Health.BAD),
+        (replace(READY, report=msgspec.structs.replace(READY.report, camera_fault=BLIND)), Health.BAD),
+        (changed(joints=SILENT), Health.BAD),
     ],
 )
 def test_health_is_a_shape_and_a_word(state: SessionState, health: Health) -> None:
     assert health_of(state) is health
     assert health_dot(state)[0] == f" {health.value} {tr(health)} "
+
+
+def test_drives_that_have_never_answered_have_no_figures_and_no_figure() -> None:
+    state = changed(joints=SILENT)
+    assert state.snapshot is not None
+    text = text_of(draw_joints(state.snapshot, Curves(), DEVICES, 60, 4))
+    assert text.count(tr("joints.silent")) == 4
+    assert "nan" not in text
+    assert "nan" not in text_of(health_lines(state, DEVICES, 100))
+    panel = FigurePanel()
+    panel.follow(state, state.snapshot, load_wearer(state.setup))
+    assert panel.text == tr("joints.waiting")
+
+
+def test_a_new_run_begins_a_new_curve_however_early_the_last_one_stopped() -> None:
+    assert READY.snapshot is not None
+    curves, walking = Curves(), msgspec.structs.replace(READY.snapshot, action=Action.WALK, progress=0.1)
+    curves.take(walking)
+    curves.take(READY.snapshot)
+    assert [progress for progress, *_ in curves.points] == [0.1]
+    curves.take(msgspec.structs.replace(walking, joints=SILENT))
+    curves.take(msgspec.structs.replace(walking, progress=0.0))
+    assert [progress for progress, *_ in curves.points] == [0.0]
 
 
 async def test_the_page_behind_the_dot(console: Opener) -> None:

@@ -127,7 +127,8 @@ def test_no_line_is_wider_than_its_panel_and_no_figure_is_cut(
 
 
 @given(
-    width=st.integers(4, 40), words=st.lists(st.sampled_from(["耗时", "0.15", "120", "毫秒。", " ", "cm"]), max_size=12)
+    width=st.integers(4, 40),
+    words=st.lists(st.sampled_from(["耗时", "0.15", "120", "毫秒。", " ", "\u3000", "cm"]), max_size=12),
 )
 def test_no_number_is_broken_and_nothing_is_lost(width: int, words: list[str]) -> None:
     text = "".join(words)

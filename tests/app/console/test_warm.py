@@ -10,6 +10,10 @@ import pytest
 from textual.strip import Strip
 
 from app.console.live import gc_freeze, reduce_gc, restore_gc
+from app.console.screens import session
+from app.system.config import Config, SessionSetup
+from hal.errors import DeviceFault, HardwareError
+from profiles.schema import DEMO_PATIENT
 from testing.fake_host import FakeHost
 from tests.app.console.conftest import Opener
 
@@ -52,6 +56,27 @@ async def test_no_full_collection_stops_the_heartbeat(console: Opener) -> None:
                 assert not full
         finally:
             gc.callbacks.remove(collected)
+
+
+async def test_nothing_is_loaded_for_the_figure_before_there_is_a_snapshot(
+    console: Opener, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[SessionSetup] = []
+
+    def load(setup: SessionSetup) -> None:
+        asked.append(setup)
+        raise HardwareError(DeviceFault.NO_BODY)
+
+    monkeypatch.setattr(session, "load_wearer", load)
+    monkeypatch.setattr(FakeHost, "start", lambda _: None)
+    async with console(profile=None) as opened:
+        await opened.app.begin_session(DEMO_PATIENT, Config())
+        await opened.shows("STOP")
+        assert not asked
+        opened.host.started = True
+        await opened.tells("Simulated joints need a body")
+        await opened.shows("NOT ARMED")
+        assert len(asked) == 1
 
 
 def test_what_was_kept_is_let_go_and_collected_as_often_as_before() -> None:
