@@ -120,6 +120,14 @@ class CanFault(Enum):
     ERROR_FRAME = auto()
 
 
+class StopInputFault(Enum):
+    """Buttons that stop."""
+
+    NO_FRAME = auto()  # bus, identifier
+    UNPLUGGED = auto()  # name
+    NOT_SIMULATED = auto()  # name, known
+
+
 class HardwareError(CodedError):
     """A device that is missing, broken or misconfigured.
 

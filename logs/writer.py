@@ -33,6 +33,7 @@ from logs.records import (
     SignIn,
     SignInFailed,
     Stop,
+    StopInput,
     Transition,
 )
 from logs.trail import Chain, Trail, open_logger
@@ -49,6 +50,7 @@ AT_ONCE = (
     EffectChanged,
     Acknowledgement,
     Stop,
+    StopInput,
     Refusal,
     Press,
     Release,

@@ -32,6 +32,7 @@ from app.session.shared import held_session
 from app.system.authority import demonstration
 from app.system.config import Config, JointsConfig, RecordingConfig, SessionSetup
 from app.system.paths import Home, find_home
+from hal.inputs.device import InputDevice
 from hal.joints.can.bus import open_bus
 from hal.joints.device import BusDevice, load_exoskeleton
 from profiles.schema import DEMO_PATIENT
@@ -178,6 +179,7 @@ class RealSession(WatchedSession):
         group: Path | None = None,
         unattended_s: float = 120.0,
         recording: bool = False,
+        inputs: tuple[InputDevice, ...] = (),
     ) -> None:
         """group: the kernel's control group that all its processes are to be in. unattended_s: without a console."""
         self._taken: hosting.SessionHost | None = None  # by another console, which is this process
@@ -187,6 +189,7 @@ class RealSession(WatchedSession):
             model=model,
             unattended_s=unattended_s,
             recording=RecordingConfig(on=recording),
+            inputs=inputs,
         )
         if config.joints.kind == "can":
             device = load_exoskeleton()
@@ -274,10 +277,17 @@ def real_session(
     group: Path | None = None,
     unattended_s: float = 120.0,
     recording: bool = False,
+    inputs: tuple[InputDevice, ...] = (),
 ) -> Iterator[RealSession]:
     """A session that is ended whatever happens."""
     session = RealSession(
-        home, joints, perception=perception, group=group, unattended_s=unattended_s, recording=recording
+        home,
+        joints,
+        perception=perception,
+        group=group,
+        unattended_s=unattended_s,
+        recording=recording,
+        inputs=inputs,
     )
     try:
         yield session

@@ -61,6 +61,7 @@ READS = frozenset(
         "export",
         "locate",
         "operator list",
+        "press-input",  # a simulated button, which stops; nothing moves by letting it go
         "run",
     }
 )  # and every `evaluate`

@@ -1,10 +1,11 @@
-"""rleex simulate, rleex emulate-drives: actions rehearsed on the simulated exoskeleton, drives emulated on a bus."""
+"""rleex simulate, emulate-drives, press-input: simulated actions, drives emulated on a bus, simulated stop buttons."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from enum import Enum
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -216,3 +217,44 @@ def _body(patient: str, home: Path | None) -> Body:
     if patient == DEMO_PATIENT.identifier:
         return body_of(DEMO_PATIENT)
     return body_of(ProfileStore(find_home(home).profiles).load(patient))
+
+
+class Pressing(Enum):
+    """What to do with a simulated stop button."""
+
+    TAP = "tap"
+    PRESS = "press"
+    RELEASE = "release"
+    UNPLUG = "unplug"
+    BOUNCE = "bounce"
+
+
+@cli.command()
+def press_input(
+    name: Annotated[str, typer.Argument(help="Its name in [[inputs]] of config.toml.")],
+    how: Annotated[Pressing, typer.Argument(help="tap: press and let go; press: and hold; release also plugs in.")] = (
+        Pressing.TAP
+    ),
+    home: HomeOption = None,
+) -> None:
+    """Press a simulated stop button of the running session."""
+    from app.session.shared import shared
+    from hal.errors import HardwareError, StopInputFault
+    from hal.inputs.protocol import Contact
+    from hal.inputs.simulated import set_simulated
+
+    down, up = (Contact.OPEN, 0.3), (Contact.CLOSED, 0.0)
+    moments = {
+        Pressing.TAP: [down, up],
+        Pressing.PRESS: [(Contact.OPEN, 0.0)],
+        Pressing.RELEASE: [up],
+        Pressing.UNPLUG: [(Contact.SILENT, 0.0)],
+        Pressing.BOUNCE: [*[(Contact.OPEN, 0.003), (Contact.CLOSED, 0.003)] * 5, down, up],
+    }
+    setup = shared(find_home(home))
+    known = [one.name for one in setup.config.inputs if one.kind == "simulated"]
+    if name not in known:
+        raise HardwareError(StopInputFault.NOT_SIMULATED, name=name, known=", ".join(known) or "–")
+    for contact, seconds in moments[how]:
+        set_simulated(setup.links.path, name, contact)
+        time.sleep(seconds)

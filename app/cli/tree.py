@@ -20,6 +20,7 @@ _COMMANDS = {
     "simulate": "simulate",
     "doctor": "machine",
     "emulate-drives": "simulate",
+    "press-input": "simulate",
     "export": "export",
     "model": "machine",
     "locate": "machine",

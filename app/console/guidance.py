@@ -33,6 +33,7 @@ class Check:
     passes: Callable[[SessionState], bool]
     must: bool = True
     operator: bool = False  # waits for the operator, not for a machine
+    applies: Callable[[SessionState], bool] = lambda _: True
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,6 +77,17 @@ def _confirmed(state: SessionState) -> bool:
     return state.snapshot is not None and state.snapshot.patient_confirmed
 
 
+def _has_inputs(state: SessionState) -> bool:
+    return bool(state.setup.config.inputs)
+
+
+def _pressed_once(state: SessionState) -> bool:
+    snapshot = state.snapshot
+    return not _has_inputs(state) or (
+        snapshot is not None and bool(snapshot.stop_inputs) and all(one.pressed_once for one in snapshot.stop_inputs)
+    )
+
+
 CHECKS = (
     Check("processes", _processes),
     Check("audit", _audit),
@@ -85,13 +97,15 @@ CHECKS = (
     Check("clear", _clear),
     Check("press_zone", _press_zone, must=False),
     Check("real_time", _real_time, must=False),
+    Check("no_stop_input", _has_inputs, must=False, applies=lambda state: not _has_inputs(state)),
+    Check("stop_inputs", _pressed_once, operator=True, applies=_has_inputs),
     Check("patient", _confirmed, operator=True),
 )
 
 
 def results(state: SessionState) -> tuple[Result, ...]:
     """Every check as it stands now."""
-    return tuple(Result(check.name, _light(check, state)) for check in CHECKS)
+    return tuple(Result(check.name, _light(check, state)) for check in CHECKS if check.applies(state))
 
 
 def ready(state: SessionState) -> bool:

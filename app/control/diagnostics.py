@@ -11,6 +11,7 @@ import numpy as np
 from msgspec import Struct
 
 from app.control.inputs import Inputs, Settings, StreamState
+from app.control.stop_inputs import StopInputStates
 from app.ipc.streams import NS_PER_MS, TRIGGER
 from app.motion.follower import Mode, Motion
 from hal.errors import HardwareError
@@ -113,6 +114,7 @@ class Diagnostics(Struct, frozen=True, kw_only=True):
     programs: ProgramDiagnostics = ProgramDiagnostics()
     clocks: ClockDiagnostics = ClockDiagnostics()
     joints: JointDiagnostics = JointDiagnostics()
+    stop_inputs: StopInputStates = ()
 
 
 def collect_diagnostics(tick: Tick, session: SessionDiagnostics, planning: PlanningDiagnostics) -> Diagnostics:
@@ -126,6 +128,7 @@ def collect_diagnostics(tick: Tick, session: SessionDiagnostics, planning: Plann
         programs=_programs(inputs, streams),
         clocks=_clocks(inputs, streams),
         joints=_joints(inputs, tick.state, tick.settings),
+        stop_inputs=tick.state.stop_inputs,
     )
 
 

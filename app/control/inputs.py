@@ -16,6 +16,7 @@ from app.ipc.messages import AuditHealth, GuardianHealth, OperatorCommand, Trigg
 from app.ipc.states import ACTION_OF, Action, GaitState, Source
 from app.motion.follower import Gains
 from app.motion.plan import Plan, PlanRequest
+from hal.inputs.protocol import InputReadings
 from hal.joints.guard import Limits, Refusal
 from hal.joints.protocol import JointArray, JointCommand, JointFeedback, carries_power
 from logs.reason import Reason
@@ -57,6 +58,7 @@ class Inputs(Struct, frozen=True, kw_only=True):
     rejected_messages: int = 0  # since the tick before
     foreign_peers: int = 0  # turned away since the tick before: they don't have the session's key
     drive_error: Reason | None = None  # why the order of the tick before to the drives failed
+    stop_inputs: InputReadings = InputReadings()  # newest, whatever tick it came in
     must_end: bool = False  # the session's process is gone, or a signal asked for the end
     cleared: frozenset[Action] | None = None  # passed the pre-flight; None: none is needed (simulated joints)
 

@@ -25,6 +25,7 @@ from app.motion.plan import Phase
 from app.system.config import SessionSetup
 from app.system.legs_lock import share_legs
 from app.system.scheduling import PeriodicTimer, acquire_real_time, disable_gc, pin_to_control_core
+from hal.inputs.reader import InputReader, make_input
 from hal.joints.protocol import TICK_HZ, TICK_NS, DriveState, JointFeedback
 from logs import records
 from logs.reason import reason_of
@@ -61,6 +62,8 @@ class Control:
         self._settings = settings_of(setup)
         self._drives = drives_of(setup, self._settings)
         self._links = ControlLinks(setup.links)
+        devices = setup.config.inputs
+        self._stop_inputs = InputReader(devices, tuple(make_input(one, setup.links.path) for one in devices))
         self._sink = AuditSink(setup.links, "control", setup.operator)
         self._recorder = TickRecorder(setup.links) if setup.config.recording.on else None
         self._histogram = Histogram()
@@ -84,6 +87,7 @@ class Control:
         self._sink.emit(records.RealTimePrivilege(**asdict(self._real_time)))
         self._sink.emit(limits_record(self._settings))
         self._drives.open(time.monotonic_ns())
+        self._stop_inputs.start()
         disable_gc()
         timer = PeriodicTimer(period_ns=TICK_NS, next_ns=time.monotonic_ns() + TICK_NS)
         finished = False
@@ -113,6 +117,7 @@ class Control:
         self._sink.emit(records.ProcessEnd(pid=os.getpid(), reason="asked to end" if self._must_end else ""))
         if self._recorder is not None and self._state is not None and self._snapshot is not None:
             self._recorder.close(self._state.streams, self._snapshot)
+        self._stop_inputs.close()
         self._links.close()
         self._sink.close()
 
@@ -146,6 +151,7 @@ class Control:
             rejected_messages=received.rejected,
             foreign_peers=received.foreign_peers,
             drive_error=self._drives.error,
+            stop_inputs=self._stop_inputs.newest,
             must_end=self._must_end,
             cleared=self._cleared,
         )

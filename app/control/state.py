@@ -12,6 +12,7 @@ from app.control.events.table import RaisedEvents, effect_of
 from app.control.gait.machine import Change, Gait, changed
 from app.control.inputs import ActionRequest, DriveOrder, Inputs, Outputs, Settings, StreamState
 from app.control.running_action import RunningAction
+from app.control.stop_inputs import StopInputStates
 from app.ipc.messages import ActionReport, PauseSummary
 from app.ipc.states import Action, Effect, GaitState, PauseCause
 from app.motion.follower import Motion
@@ -40,6 +41,7 @@ class ControlState(Struct, frozen=True, kw_only=True):
     gait: Gait = Gait()
     motion: Motion = Motion()
     events: RaisedEvents = ()
+    stop_inputs: StopInputStates = ()
     running: RunningAction | None = None
     armed_ns: int = 0  # since when; 0: not armed
     patient_confirmed: bool = False

@@ -34,6 +34,7 @@ from app.control.pause import paused_too_long, track_pause
 from app.control.requests import arbitrate, handle_gesture, handle_operator_commands, lacks_preflight
 from app.control.running_action import Stage, measure, note_command
 from app.control.state import ControlState, Tick
+from app.control.stop_inputs import input_records, update_stop_inputs
 from app.ipc.states import Effect, Event, RequestRefusal
 from app.ipc.streams import AUDIT_HEALTH, GUARDIAN, NS_PER_MS, OPERATOR, TRIGGER
 from app.motion import follower
@@ -65,6 +66,7 @@ def step(state: ControlState, inputs: Inputs, settings: Settings) -> tuple[Contr
     handle_operator_commands(tick)
     handle_gesture(tick)
     tick.update(streams=update_streams(tick.state.streams, inputs, tick.state.lease))
+    _update_stop_inputs(tick)
     _update_events(tick)
     _apply_effect(tick)
     track_pause(tick)
@@ -107,6 +109,14 @@ def _measure_last_tick(tick: Tick) -> None:
         )
         state = replace(state, running=running)
     tick.state = state
+
+
+def _update_stop_inputs(tick: Tick) -> None:
+    before, inputs = tick.state.stop_inputs, tick.inputs
+    after = update_stop_inputs(before, inputs.stop_inputs, inputs.now_ns, tick.state.streams.resumed_ns)
+    if after != before:
+        tick.update(stop_inputs=after)
+        tick.audit.extend(input_records(before, after, inputs.stop_inputs.at_ns))
 
 
 def _update_events(tick: Tick) -> None:

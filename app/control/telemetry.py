@@ -18,6 +18,7 @@ from app.ipc.messages import (
     JointSnapshot,
     Lateness,
     RealTime,
+    StopInputSnapshot,
 )
 from app.ipc.states import Action, RequestRefusal, Source
 from app.ipc.streams import NS_PER_MS
@@ -58,6 +59,10 @@ def snapshot(state: ControlState, inputs: Inputs, status: LoopStatus) -> Control
         why_not=why_not,
         joints=_joints(state, inputs),
         events=tuple(_event(one) for one in state.events),
+        stop_inputs=tuple(
+            StopInputSnapshot(name=one.name, role=one.role, open=one.open, pressed_once=one.pressed_once)
+            for one in state.stop_inputs
+        ),
         reports=(*state.reports, *open_reports),
         refusal=state.refusal,
         refusal_count=state.refusal_count,

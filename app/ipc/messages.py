@@ -13,6 +13,7 @@ from enum import Enum
 from msgspec import Struct
 
 from app.ipc.states import Action, Effect, Event, GaitState, Outcome, PauseCause, Source
+from hal.inputs.device import InputRole
 from kgdfa.distance import DistanceSource
 from kgdfa.gesture import Gesture
 from kgdfa.press_zone import PressZone
@@ -202,6 +203,15 @@ class RealTime(Struct, frozen=True, kw_only=True):
     core: int | None = None
 
 
+class StopInputSnapshot(Struct, frozen=True, kw_only=True):
+    """One button that stops."""
+
+    name: str
+    role: InputRole
+    open: bool  # pressed, unplugged or without an answer: it stops
+    pressed_once: bool  # and let go, in this session
+
+
 class ControlSnapshot(Struct, frozen=True, kw_only=True, tag="control"):
     """Control to console and demo."""
 
@@ -220,6 +230,7 @@ class ControlSnapshot(Struct, frozen=True, kw_only=True, tag="control"):
     why_not: Reason | None = None  # why nothing is allowed, when nothing is
     joints: tuple[JointSnapshot, JointSnapshot, JointSnapshot, JointSnapshot]
     events: tuple[ActiveEvent, ...] = ()
+    stop_inputs: tuple[StopInputSnapshot, ...] = ()
     reports: tuple[ActionReport, ...] = ()  # the newest few, oldest first
     refusal: Reason | None = None  # the newest
     refusal_count: int = 0

@@ -72,6 +72,11 @@ class Event(Enum):
 
     STOP = "stop"
     STOP_AGAIN = "stop-again"
+    HARDWIRED_STOP = "hardwired-stop"
+    HARDWIRED_STOP_SANK = "hardwired-stop-sank"
+    WEARER_STOP = "wearer-stop"
+    THERAPIST_STOP = "therapist-stop"
+    STOP_INPUT_UNPRESSED = "stop-input-unpressed"
     SHUTTING_DOWN = "shutting-down"
     SHUTDOWN_DAMPING = "shutdown-damping"
     NOT_ARMED = "not-armed"

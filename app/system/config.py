@@ -11,6 +11,8 @@ from msgspec import Meta, Struct
 
 from app.ipc.streams import LinkDirectory
 from app.system.errors import AppError
+from hal.inputs.device import InputDevice, check_inputs
+from hal.joints.device import EMULATED_INTERFACES
 from logs.reading.errors import cause_of
 from logs.reading.formats import read_toml
 from profiles.schema import Profile
@@ -78,6 +80,7 @@ class Config(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     joints: JointsConfig = JointsConfig()
     button: ButtonConfig = ButtonConfig()
     recording: RecordingConfig = RecordingConfig()
+    inputs: tuple[InputDevice, ...] = ()  # buttons that stop
     rules: Literal["robust", "published"] = "robust"
     model: str = ""  # path of a hand_landmarker.task; empty: the one set up into models/
     patient: str = "demo"
@@ -87,6 +90,10 @@ class Config(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     idle_lock_s: Annotated[float, Meta(ge=0, le=1e9)] = 600.0
     keys: dict[str, str] = {}  # console action → key
     checkpoint_copy: str = ""  # a second place for signed checkpoints
+
+    def __post_init__(self) -> None:
+        emulated = self.joints.kind == "simulated" or self.joints.interface in EMULATED_INTERFACES
+        check_inputs(self.inputs, emulated=emulated)
 
 
 def load_config(path: Path) -> Config:

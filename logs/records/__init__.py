@@ -37,6 +37,7 @@ from logs.records.control import (
     RealTimePrivilege,
     Refusal,
     Stop,
+    StopInput,
     TickLateness,
     Transition,
 )

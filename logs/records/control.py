@@ -178,6 +178,16 @@ class Stop(Struct, frozen=True, kw_only=True, tag_field="kind", tag="stop"):
     command_ns: int = 0  # the first joint command under it was written; 0: none was any more
 
 
+class StopInput(Struct, frozen=True, kw_only=True, tag_field="kind", tag="stop-input"):
+    """A button that stops opened or closed; `contact`: closed, open (pressed or wire broken), silent (with why)."""
+
+    name: str
+    role: str
+    contact: str
+    at_ns: int = 0  # when it was read
+    reason: Cause = None
+
+
 class Arming(Struct, frozen=True, kw_only=True, tag_field="kind", tag="arming"):
     """The operator armed or disarmed the device."""
 
@@ -267,6 +277,7 @@ ControlBody = (
     | Pause
     | Acknowledgement
     | Stop
+    | StopInput
     | Arming
     | JointLimits
     | Drives

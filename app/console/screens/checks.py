@@ -46,6 +46,10 @@ def check_lines(state: SessionState) -> Lines:
         lines.append(((f" {result.light.value} ", _STYLES[result.light]), (tr(f"check.{result.name}.name"), "bold")))
         if result.light is not Light.GREEN:
             lines.append(((f"   {tr(f'check.{result.name}.remedy')}", "$text-muted"),))
+    for one in () if state.snapshot is None else state.snapshot.stop_inputs:
+        stands = "open" if one.open else "pressed_once" if one.pressed_once else "unpressed"
+        style = "$success" if stands == "pressed_once" else "$warning"
+        lines.append(((f"   {one.name} ({tr(one.role)}): ", "$text-muted"), (tr(f"stop_input.{stands}"), style)))
     if state.report is not None and state.report.press_zone is not None:
         text = zone_text(state.report.press_zone, state.report.threshold_m)
         lines.append(((f" {text}", "$text-muted"),))

@@ -30,6 +30,9 @@ def status_line(state: SessionState, width: int, health_key: str) -> Lines:
     place = f"{tr(f'camera.{config.camera.kind}')} · {tr(f'joints.{config.joints.kind}')}"
     kept["place"] = (f" {place} ", "$foreground-muted")
     kept["joints"] = (f" {tr(f'joints.{config.joints.kind}')} ", "$foreground-muted")
+    if not config.inputs:
+        wording = tr("status.no_stop_input" if width >= _WIDE_CELLS else "status.no_stop_input_short")
+        kept["button"] = (f" {wording} ", "$warning")
     room, chosen = width - cells(dot[0] + key), set[str]()
     for name in _NEEDED:
         if name in kept and cells(kept[name][0]) <= room and not (name == "joints" and "place" in chosen):
@@ -40,8 +43,9 @@ def status_line(state: SessionState, width: int, health_key: str) -> Lines:
 
 
 # What the line holds, from left to right, and in the order in which it is given room.
-_ORDER = ("patient", "operator", "place", "joints", "arming", "state", "effect", "silent", "stop", "steps")
-_NEEDED = ("silent", "effect", "arming", "patient", "state", "place", "joints", "steps", "stop", "operator")
+_ORDER = ("patient", "operator", "place", "joints", "arming", "state", "effect", "silent", "button", "stop", "steps")
+_NEEDED = ("silent", "effect", "arming", "button", "patient", "state", "place", "joints", "steps", "stop", "operator")
+_WIDE_CELLS = 120  # from here on a missing stop button is told in full
 
 
 def _status_parts(state: SessionState, snapshot: ControlSnapshot | None) -> list[tuple[str, Part]]:

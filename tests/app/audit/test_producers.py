@@ -39,7 +39,7 @@ from app.session.host import ProcessStatus
 from app.system.config import CameraConfig, Config, JointsConfig, SessionSetup
 from app.system.operators import Role, add_operator, load_store, save_store
 from app.system.paths import Home
-from hal.errors import DrivesFault, HardwareError
+from hal.errors import DrivesFault, HardwareError, StopInputFault
 from hal.joints.guard import Quantity, Refusal
 from hal.joints.protocol import TICK_NS, Joint
 from kgdfa.button import ButtonMode, ButtonPlace, ButtonState, PressCancel, PressHint
@@ -60,6 +60,7 @@ from testing.session import real_session
 from tests.app.console.conftest import Console, Opener
 from tests.app.console.conftest import console as console  # noqa: PLC0414 - the fixture
 from tests.app.console.conftest import home as home  # noqa: PLC0414 - the fixture
+from tests.app.control.causes import with_switch
 from tests.app.control.moments import A, K, S, moving, resting, standing
 from tests.app.control.rig import SETTINGS, Rig
 from tests.app.perception.test_reporting import REPORT, SCALE, compared
@@ -155,7 +156,7 @@ def at(second: int) -> Moment:
 
 def of_control() -> list[Body]:
     """Ticks of the step: actions by key and gesture, refusals, events, STOP."""
-    rigs = [walked(), refused(), refused_by_an_event(), spoiled(), stopped(), paused()]
+    rigs = [walked(), refused(), refused_by_an_event(), spoiled(), stopped(), paused(), stopped_by_a_button()]
     feedback = rigs[0].joints.feedback(rigs[0].now_ns + TICK_NS)
     faulty = replace(feedback, detail=HardwareError(DrivesFault.STAYS_DISABLED))
     return [*(body for rig in rigs for body in rig.audit), drives_record(faulty), limits_record(SETTINGS)]
@@ -179,6 +180,14 @@ def paused() -> Rig:
     rig = moving()
     rig.spoil.update(late_ns=30_000_000, missed_ticks=15, foreign_peers=3)
     rig.tick(520)
+    return rig
+
+
+def stopped_by_a_button() -> Rig:
+    """A pendant that is unplugged."""
+    rig = standing()
+    with_switch(rig).fault = HardwareError(StopInputFault.UNPLUGGED, name="pendant")
+    rig.tick(3)
     return rig
 
 

@@ -11,6 +11,10 @@ import numpy as np
 from app.control.state import ControlState
 from app.ipc.messages import OperatorKind
 from app.ipc.states import Action, Event, GaitState
+from hal.errors import HardwareError
+from hal.inputs.device import InputDevice, InputRole
+from hal.inputs.protocol import Contact, ContactReading
+from hal.inputs.reader import InputReader
 from hal.joints.guard import Quantity, Refusal
 from hal.joints.protocol import BusFault, DriveFault, DriveState, Joint, JointArray
 from logs import records
@@ -150,6 +154,49 @@ def pushed(rig: Rig) -> None:
     rig.settings = replace(rig.settings, poses={GaitState.STANDING: np.full(4, 0.5)})
 
 
+@dataclass
+class Switch:
+    """A stop input in the test's hand."""
+
+    contact: Contact = Contact.CLOSED
+    fault: HardwareError | None = None
+
+    def open(self, now_ns: int) -> None:
+        pass
+
+    def read(self, now_ns: int) -> ContactReading:
+        return ContactReading(Contact.SILENT if self.fault else self.contact, self.fault)
+
+    def close(self) -> None:
+        pass
+
+
+def with_switch(rig: Rig, role: InputRole = InputRole.WEARER, contact: Contact = Contact.CLOSED) -> Switch:
+    """Give the rig a stop input."""
+    switch = Switch(contact)
+    rig.stop_inputs = InputReader((InputDevice(name="pendant", role=role, kind="simulated"),), (switch,))
+    return switch
+
+
+def press(role: InputRole) -> Callable[[Rig], object]:
+    """A stop input that is pressed."""
+    return lambda rig: with_switch(rig, role, Contact.OPEN)
+
+
+def release(rig: Rig) -> None:
+    """And let go."""
+    assert rig.stop_inputs is not None
+    (switch,) = rig.stop_inputs._inputs
+    assert isinstance(switch, Switch)
+    switch.contact = Contact.CLOSED
+
+
+def release_and_unlag(rig: Rig) -> None:
+    """And the joints follow again."""
+    release(rig)
+    unlag(rig)
+
+
 DISK_FULL = reason_of(OSError("disk full"))
 REFUSED = Refusal(joint=Joint.LEFT_HIP, quantity=Quantity.SPEED, value=9.0, limit=4.0)
 CALM = (DriveFault.NONE,) * 4
@@ -157,6 +204,11 @@ SHUT = OperatorKind.SHUT_DOWN
 CAUSES: dict[Event, Cause] = {
     E.STOP: Cause(send(OperatorKind.STOP)),
     E.STOP_AGAIN: Cause(send(OperatorKind.STOP, OperatorKind.STOP)),
+    E.HARDWIRED_STOP: Cause(press(InputRole.EMERGENCY_STOP), release),
+    E.HARDWIRED_STOP_SANK: Cause(lambda rig: (press(InputRole.EMERGENCY_STOP)(rig), lag(0.15)(rig)), release_and_unlag),
+    E.WEARER_STOP: Cause(press(InputRole.WEARER), release),
+    E.THERAPIST_STOP: Cause(press(InputRole.THERAPIST), release),
+    E.STOP_INPUT_UNPRESSED: Cause(with_switch, fresh=True),
     E.SHUTTING_DOWN: Cause(send(SHUT)),
     E.SHUTDOWN_DAMPING: Cause(send(SHUT), ticks=230),
     E.NOT_ARMED: Cause(send(OperatorKind.DISARM), send(OperatorKind.ARM)),

@@ -16,6 +16,8 @@ from app.ipc.messages import AuditHealth, GuardianHealth, OperatorCommand, Opera
 from app.ipc.states import Action
 from app.motion.follower import gains_of
 from app.motion.plan import Plan, PlanCheck, PlanRequest
+from hal.inputs.protocol import InputReadings
+from hal.inputs.reader import READ_S, InputReader
 from hal.joints.device import load_exoskeleton
 from hal.joints.guard import Guard, Refusal, limits_of
 from hal.joints.protocol import (
@@ -67,6 +69,7 @@ class Rig:
     audit_health: dict[str, Any] = field(default_factory=dict)
     guardian_health: dict[str, Any] = field(default_factory=dict)
     cleared: frozenset[Action] | None = None
+    stop_inputs: InputReader | None = None  # attached when the rig is where it is wanted; polled at its own rate
     _sequence: int = 0
     _reports: int = 0
     _releases: int = 0
@@ -135,6 +138,8 @@ class Rig:
 
     def _one(self) -> None:
         self.now_ns += TICK_NS
+        if self.stop_inputs is not None and self.now_ns - self.stop_inputs.newest.at_ns >= READ_S * 1e9:
+            self.stop_inputs.poll(self.now_ns)
         if self.alive and self.now_ns % 50_000_000 < TICK_NS:
             self.send(OperatorKind.HEARTBEAT)
             self._commands[-1] = replace_sent(self._commands[-1], self.now_ns)
@@ -162,6 +167,7 @@ class Rig:
             written_ns=self.now_ns - TICK_NS // 2,
             guard_refusal=self._refusal,
             drive_error=self._error,
+            stop_inputs=self.stop_inputs.newest if self.stop_inputs else InputReadings(),
             cleared=self.cleared,
         )
         self._commands = []

@@ -17,6 +17,7 @@ import msgspec
 import pytest
 import zmq
 
+from app.cli.tree import command
 from app.demo.drives import emulated_drives
 from app.ipc.links import address
 from app.ipc.messages import OperatorCommand, OperatorKind
@@ -27,9 +28,11 @@ from app.system.config import JointsConfig
 from app.system.errors import AppError
 from app.system.legs_lock import claim_legs
 from app.system.paths import Home
+from hal.errors import HardwareError, StopInputFault
+from hal.inputs.device import InputDevice, InputRole
 from hal.joints.device import load_exoskeleton
 from logs.read import records, session_paths
-from logs.records import Command, EventRaised, ProcessEnd, SessionEnd
+from logs.records import Command, EventRaised, ProcessEnd, SessionEnd, StopInput
 from testing.session import RealSession, Sniffer, real_session
 
 pytestmark = pytest.mark.serial
@@ -282,3 +285,31 @@ def test_a_control_that_was_frozen_comes_back_damped_and_may_continue_when_it_is
     session.until(lambda s: Action.INITIALISE in s.allowed, "leave for gesture 0")
     session.send(OperatorKind.ACT, Action.INITIALISE)
     session.until(lambda s: s.enabled and s.action is Action.INITIALISE and s.progress > 0.1, "the way back")
+
+
+def test_a_simulated_stop_button_is_pressed_from_another_terminal(tmp_path: Path) -> None:
+    pendant = InputDevice(name="pendant", role=InputRole.WEARER, kind="simulated")
+    with real_session(tmp_path, inputs=(pendant,)) as session:
+
+        def press(how: str) -> None:
+            command().main(["press-input", "pendant", how, "--home", str(tmp_path)], standalone_mode=False)
+
+        session.send(OperatorKind.CONFIRM_PATIENT)
+        untried = session.until(lambda now: now.why_not is not None and "UNPRESSED" in now.why_not.code)
+        assert untried.effect is Effect.REFUSE, "it was closed from the first tick on"
+        press("tap")
+        session.until(lambda now: now.stop_inputs[0].pressed_once, "the first press")
+        session.stand()
+        press("unplug")
+        session.until(lambda now: now.effect is Effect.HOLD, "the hold")
+        press("release")
+        held = session.until(lambda now: not now.stop_inputs[0].open)
+        assert held.effect is Effect.HOLD
+        session.settle()
+        with pytest.raises(HardwareError) as refused:
+            command().main(["press-input", "pedal", "--home", str(tmp_path)], standalone_mode=False)
+        assert refused.value.code is StopInputFault.NOT_SIMULATED
+        session.finish()
+    found = [one.body for one in records(session_paths(Home(tmp_path).logs)[-1]) if isinstance(one.body, StopInput)]
+    assert [one.contact for one in found] == ["closed", "open", "closed", "silent", "closed"]
+    assert {one.name for one in found} == {"pendant"}

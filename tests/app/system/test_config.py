@@ -25,6 +25,11 @@ def test_no_file_means_defaults(tmp_path: Path) -> None:
         ("unknown = 1\n", "unknown"),
         ("not toml at all", "config.toml"),
         ("idle_lock_s = 'soon'\n", "idle_lock_s"),
+        ("[[inputs]]\nname = 'A b'\nrole = 'wearer'\nkind = 'simulated'\n", r"inputs\[0\].name"),
+        ("[[inputs]]\nname = 'a'\nrole = 'nurse'\nkind = 'simulated'\n", r"inputs\[0\].role"),
+        ("[[inputs]]\nname = 'a'\nrole = 'wearer'\nkind = 'can'\n", "needs its can_id"),
+        (2 * "[[inputs]]\nname = 'a'\nrole = 'wearer'\nkind = 'simulated'\n", "two inputs are named a"),
+        ("joints.kind = 'can'\n[[inputs]]\nname = 'a'\nrole = 'wearer'\nkind = 'simulated'\n", "beside real drives"),
     ],
 )
 def test_a_wrong_field_is_named(tmp_path: Path, text: str, named: str) -> None:

@@ -1,0 +1,72 @@
+"""Buttons that stop, from tick to tick: values only."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from msgspec import Struct
+
+from app.ipc.streams import NS_PER_MS
+from hal.errors import HardwareError
+from hal.inputs.device import InputRole
+from hal.inputs.protocol import Contact, InputReading, InputReadings
+from logs import records
+from logs.reason import reason_of
+
+# A reader that read longer ago than this is silent itself; with a tick the effect comes within 25 ms.
+READER_STALE_NS = 20 * NS_PER_MS
+CLOSED_NS = 50 * NS_PER_MS  # closed for so long without a gap: contacts bounce for 1 to 20 ms
+
+
+class StopInputState(Struct, frozen=True, kw_only=True):
+    """One button. It stops while `open`."""
+
+    name: str
+    role: InputRole
+    contact: Contact
+    open: bool = True
+    pressing: bool = False  # it was closed, and opens now
+    pressed_once: bool = False  # and let go: known to work in this session
+    opened_ns: int = 0  # when it was last read as not closed
+    fault: HardwareError | None = None
+
+
+StopInputStates = tuple[StopInputState, ...]
+
+
+def update_stop_inputs(
+    before: StopInputStates, readings: InputReadings, now_ns: int, resumed_ns: int
+) -> StopInputStates:
+    """The buttons after a tick; resumed_ns: when control last came back from missed ticks, as its reader did."""
+    silent = now_ns - max(readings.at_ns, resumed_ns) > READER_STALE_NS
+    known: dict[str, StopInputState] = {one.name: one for one in before}
+    return tuple(_updated(known.get(one.name), one, now_ns, silent=silent) for one in readings.inputs)
+
+
+def input_records(before: StopInputStates, after: StopInputStates, at_ns: int) -> Iterator[records.Body]:
+    """What opened or closed, for the trail."""
+    was = {one.name: one.open for one in before}
+    for one in after:
+        if one.open is not was.get(one.name):
+            why = None if one.fault is None else reason_of(one.fault)
+            yield records.StopInput(
+                name=one.name, role=one.role.value, contact=one.contact.value, at_ns=at_ns, reason=why
+            )
+
+
+def _updated(before: StopInputState | None, now: InputReading, now_ns: int, *, silent: bool) -> StopInputState:
+    contact = Contact.SILENT if silent else now.contact
+    is_open = contact is not Contact.CLOSED
+    if before is not None:  # a press between two ticks counts, however late the second one is
+        is_open = is_open or now.opened_ns > before.opened_ns or (before.open and now_ns - now.opened_ns < CLOSED_NS)
+    pressing = before is not None and (before.pressing or (contact is Contact.OPEN and not before.open))
+    return StopInputState(
+        name=now.name,
+        role=now.role,
+        contact=contact,
+        open=is_open,
+        pressing=pressing and is_open and contact is not Contact.SILENT,
+        pressed_once=before is not None and (before.pressed_once or (before.pressing and not is_open)),
+        opened_ns=now.opened_ns,
+        fault=now.fault,
+    )

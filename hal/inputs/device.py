@@ -1,0 +1,50 @@
+"""One stop input as `[[inputs]]` of the configuration describes it."""
+
+from __future__ import annotations
+
+from enum import Enum
+from typing import Annotated, Literal
+
+from msgspec import Meta, Struct
+
+from hal.joints.device import BusDevice
+
+
+class InputRole(Enum):
+    """Whose button it is; each has its row in control's table of events."""
+
+    EMERGENCY_STOP = "emergency-stop"  # an auxiliary contact of the hardwired one
+    WEARER = "wearer"
+    THERAPIST = "therapist"
+
+
+class InputDevice(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """A normally-closed contact and how it is read."""
+
+    name: Annotated[str, Meta(pattern="^[a-z0-9][a-z0-9-]{0,19}$")]  # in events and the audit trail
+    role: InputRole
+    kind: Literal["simulated", "can"]
+    bus: BusDevice = BusDevice()  # can: of the module that reads the contact
+    can_id: Annotated[int, Meta(ge=0, le=0x1FFF_FFFF)] | None = None
+    extended: bool = False
+    byte: Annotated[int, Meta(ge=0, le=7)] = 0
+    bit: Annotated[int, Meta(ge=0, le=7)] = 0
+    closed: Literal[0, 1] = 1  # what the bit is while the contact is closed
+    # Longer than this without a frame is an open contact; with reader and tick the effect comes within 25 ms.
+    timeout_ms: Annotated[float, Meta(ge=2, le=15)] = 15.0
+
+    def __post_init__(self) -> None:
+        if self.kind == "can" and self.can_id is None:
+            raise ValueError(f"the input {self.name} of kind can needs its can_id")
+        if self.can_id is not None and self.can_id > 0x7FF and not self.extended:
+            raise ValueError(f"the can_id of the input {self.name} needs extended = true")
+
+
+def check_inputs(devices: tuple[InputDevice, ...], *, emulated: bool) -> None:
+    """Raises ValueError for a name that is taken, and for a button that nobody can reach beside real drives."""
+    names = [device.name for device in devices]
+    for device in devices:
+        if names.count(device.name) > 1:
+            raise ValueError(f"two inputs are named {device.name}: give each its own name")
+        if device.kind == "simulated" and not emulated:
+            raise ValueError(f"the input {device.name} is simulated, so nobody could press it beside real drives")

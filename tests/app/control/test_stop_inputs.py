@@ -1,0 +1,211 @@
+"""Buttons that stop, in lockstep: pressed, unplugged, bouncing, in every state; the way back; trying each once."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import pytest
+
+from app.control.running_action import Stage
+from app.ipc.messages import OperatorKind
+from app.ipc.states import Action, Effect, Event, GaitState
+from app.motion.follower import Mode
+from hal.inputs.device import InputRole
+from hal.inputs.protocol import Contact
+from logs import records
+from tests.app.control.causes import Switch, lag, with_switch
+from tests.app.control.moments import HOLD_TICKS, RESTS, A, K, S, moving, now, records_of, resting, standing
+from tests.app.control.rig import TICK_NS, Rig
+from tests.app.control.test_step_stop import MOVEMENTS
+
+LIMIT_NS = 25_000_000
+
+
+def pressed(switch: Switch, tick: int) -> None:
+    switch.contact = Contact.OPEN
+
+
+def unplugged(switch: Switch, tick: int) -> None:
+    switch.contact = Contact.SILENT
+
+
+def bouncing(switch: Switch, tick: int) -> None:
+    """Open and closed by turns for 20 ms, then open."""
+    switch.contact = Contact.CLOSED if tick < 10 and tick % 4 >= 2 else Contact.OPEN
+
+
+def reader_died(switch: Switch, tick: int) -> None:
+    pass
+
+
+CHANGES = (pressed, unplugged, bouncing, reader_died)
+
+
+def held_after_ns(rig: Rig, change: Callable[[Switch, int], None], switch: Switch) -> int:
+    """How long after the change the legs are commanded to hold."""
+    begun_ns = rig.now_ns
+    if change is reader_died:
+        assert rig.stop_inputs is not None
+        begun_ns = rig.stop_inputs.newest.at_ns
+        rig.stop_inputs.poll = lambda now_ns: None  # type: ignore[method-assign]  # noqa: ARG005
+    for tick in range(50):
+        change(switch, tick)
+        if rig.tick().effect >= Effect.HOLD:
+            for later in range(tick + 1, 50):
+                change(switch, later)
+                rig.tick()
+            return rig.now_ns - begun_ns - (49 - tick) * TICK_NS
+    raise AssertionError("never held")
+
+
+def with_pressed_once(rig: Rig, role: InputRole = InputRole.WEARER) -> Switch:
+    """A button that has been tried, while nothing ran."""
+    switch = with_switch(rig, role)
+    rig.tick(5)
+    switch.contact = Contact.OPEN
+    rig.tick(10)
+    switch.contact = Contact.CLOSED
+    rig.tick(60)
+    rig.send(K.ACKNOWLEDGE)
+    rig.tick()
+    assert rig.events() == set()
+    return switch
+
+
+@pytest.mark.parametrize("change", CHANGES)
+@pytest.mark.parametrize(("phase", "state"), [(number % 3, state) for number, state in enumerate(RESTS)])
+def test_at_rest_the_legs_are_held_in_time_and_keep_their_state(
+    phase: int, state: GaitState, change: Callable[[Switch, int], None]
+) -> None:
+    rig = resting(state)
+    switch = with_pressed_once(rig)
+    rig.tick(phase)  # the reader reads between ticks
+    assert held_after_ns(rig, change, switch) <= LIMIT_NS
+    assert now(rig).effect is Effect.HOLD, "bouncing is no second STOP"
+    assert now(rig).gait.state is state
+    rig.send(K.ACT, Action.INITIALISE)
+    rig.tick(2)
+    assert now(rig).running is None
+
+
+@pytest.mark.parametrize("change", CHANGES)
+@pytest.mark.parametrize(("state", "action"), MOVEMENTS)
+def test_every_movement_is_held_in_time_and_only_a_new_request_after_the_acknowledgement_moves(
+    state: GaitState, action: Action, change: Callable[[Switch, int], None]
+) -> None:
+    rig = resting(state)
+    switch = with_pressed_once(rig)
+    reader = rig.stop_inputs
+    rig.send(K.ACT, action)
+    rig.run_until(lambda m: m.running is not None and m.running.stage is Stage.MOVING)
+    rig.tick(40)
+    assert held_after_ns(rig, change, switch) <= LIMIT_NS
+    rig.tick(HOLD_TICKS)
+    assert now(rig).motion.mode is Mode.HOLDING
+    assert now(rig).gait.state is S.BETWEEN
+    held = rig.command
+    rig.send(K.ACKNOWLEDGE)
+    rig.tick(3)
+    assert now(rig).effect is Effect.HOLD, "not while it is pressed"
+    switch.contact = Contact.CLOSED
+    assert reader is not None
+    if change is reader_died:
+        del reader.poll
+    rig.tick(60)
+    assert now(rig).effect is Effect.HOLD, "letting it go does not suffice, nor does the earlier acknowledgement"
+    assert rig.command is held
+    rig.send(K.ACKNOWLEDGE)
+    rig.tick(50)
+    assert rig.events() == set()
+    assert rig.command is held
+    assert now(rig).running is None
+
+
+@pytest.mark.parametrize("role", InputRole)
+def test_each_role_has_its_event_which_names_the_input_and_the_trail_records_it(role: InputRole) -> None:
+    events = {
+        InputRole.EMERGENCY_STOP: Event.HARDWIRED_STOP,
+        InputRole.WEARER: Event.WEARER_STOP,
+        InputRole.THERAPIST: Event.THERAPIST_STOP,
+    }
+    rig = standing()
+    switch = with_pressed_once(rig, role)
+    rig.audit.clear()
+    switch.contact = Contact.OPEN
+    rig.tick(5)
+    assert rig.events() == {events[role].value}
+    (raised,) = [one for one in now(rig).events if one.in_force]
+    assert raised.detail["input"] == "pendant"
+    switch.contact = Contact.CLOSED
+    rig.tick(40)
+    found = [(one.name, one.role, one.contact) for one in records_of(rig, records.StopInput)]  # type: ignore[union-attr]
+    assert found == [("pendant", role.value, "open"), ("pendant", role.value, "closed")]
+
+
+def test_a_press_that_is_over_before_a_late_tick_still_holds() -> None:
+    rig = moving()
+    switch = with_pressed_once(standing())  # its reader is what counts
+    source = with_switch(rig)
+    rig.tick(5)
+    assert rig.stop_inputs is not None
+    source.contact = Contact.OPEN
+    rig.stop_inputs.poll(rig.now_ns + 1_000_000)
+    source.contact = switch.contact
+    rig.now_ns += 30_000_000
+    rig.spoil.update(late_ns=30_000_000, missed_ticks=15)
+    rig.stop_inputs.poll(rig.now_ns)
+    rig.tick()
+    assert Event.WEARER_STOP.value in rig.events()
+
+
+def test_a_tick_that_is_late_is_not_the_readers_silence() -> None:
+    rig = standing()
+    with_pressed_once(rig)
+    rig.now_ns += 30_000_000
+    rig.spoil.update(late_ns=30_000_000, missed_ticks=15, stop_inputs=rig.stop_inputs.newest)  # type: ignore[union-attr]
+    rig.tick()
+    assert Event.WEARER_STOP.value not in rig.events()
+
+
+def test_nothing_moves_until_each_button_was_pressed_once_and_let_go() -> None:
+    rig = resting(S.UNPOWERED)
+    switch = with_switch(rig)
+    rig.tick(5)
+    rig.send(K.ACT, A.INITIALISE)
+    rig.tick(2)
+    assert now(rig).running is None
+    assert now(rig).refusal is not None
+    assert now(rig).refusal.code == "Event.STOP_INPUT_UNPRESSED"  # type: ignore[union-attr]
+    switch.contact = Contact.SILENT  # unplugging it is no proof of its contact
+    rig.tick(10)
+    switch.contact = Contact.CLOSED
+    rig.tick(60)
+    assert Event.STOP_INPUT_UNPRESSED.value in rig.events()
+    switch.contact = Contact.OPEN
+    rig.tick(10)
+    assert not now(rig).stop_inputs[0].pressed_once, "held down it is not tried"
+    switch.contact = Contact.CLOSED
+    rig.tick(60)
+    rig.send(OperatorKind.ACKNOWLEDGE)
+    rig.tick()
+    assert rig.act(A.INITIALISE).gait.state is S.STANDING
+
+
+def test_a_button_held_down_from_the_start_is_not_tried_by_letting_it_go() -> None:
+    rig = resting(S.UNPOWERED)
+    switch = with_switch(rig, contact=Contact.OPEN)
+    rig.tick(10)
+    switch.contact = Contact.CLOSED
+    rig.tick(60)
+    assert not now(rig).stop_inputs[0].pressed_once
+
+
+def test_legs_that_sink_while_the_supply_is_cut_are_damped_before_it_comes_back() -> None:
+    rig = standing()
+    switch = with_pressed_once(rig, InputRole.EMERGENCY_STOP)
+    switch.contact = Contact.OPEN
+    rig.tick(10)
+    assert now(rig).effect is Effect.HOLD, "a broken wire drops nobody"
+    lag(0.15)(rig)
+    rig.tick()
+    assert now(rig).effect is Effect.DAMP
