@@ -7,7 +7,6 @@ with a border of half their size). Video needs none of this: its frames have roo
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import Protocol
 
@@ -102,18 +101,13 @@ def to_image(hand: Hand, transform: FloatArray) -> Hand:
     return replace(hand, image_px=(hand.image_px - transform[:, 2]) @ back.T, world_m=hand.world_m @ turn.T)
 
 
-def detect_photo(
-    detector: StillDetector,
-    eager: StillDetector,
-    image_bgr: Image,
-    augmentations: Iterable[Augmentation] = AUGMENTATIONS,
-) -> tuple[Hand, ...]:
+def detect_photo(detector: StillDetector, eager: StillDetector, image_bgr: Image) -> tuple[Hand, ...]:
     """One hand per augmentation that finds it, the plain one first; () when neither those nor the fallbacks do.
 
     detector: at its usual thresholds; eager: at `FALLBACK_THRESHOLD`, used only when the plain one finds none.
     """
     image = as_bgr8(image_bgr)
-    plain, *others = [detect_augmented(detector, image, augmentation) for augmentation in augmentations]
+    plain, *others = [detect_augmented(detector, image, augmentation) for augmentation in AUGMENTATIONS]
     if plain is None:
         second = (detect_augmented(eager, image, augmentation) for augmentation in FALLBACK_AUGMENTATIONS)
         plain = next((hand for hand in second if hand is not None), None)

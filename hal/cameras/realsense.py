@@ -104,17 +104,16 @@ class RealSenseCamera:
         width_px: int = 1280,
         height_px: int = 720,
         rate_hz: int = 30,
-        context: Any = None,
         software: Any = None,
     ) -> None:
         """device: serial number, "" for the first, or the path of a recording.
 
-        context: librealsense's. software: one of its software devices, in place of a camera.
+        software: one of its software devices, in place of a camera.
         """
         self._device = device
         self._size = (width_px, height_px)
         self._rate_hz = rate_hz
-        self._context = context
+        self._context: Any = None  # librealsense's
         self._software = software
         self._streams: Streams | None = None
         self._playback: Any = None

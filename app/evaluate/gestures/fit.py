@@ -97,12 +97,11 @@ def view_set(images: Sequence[DetectedImage]) -> ViewSet:
     )
 
 
-def folds(views: ViewSet, of: NDArray[np.bool_] | None = None) -> Iterator[Fold]:
-    """Leave-one-source-out folds over some of the images (all, if None); digital hands always fit."""
+def folds(views: ViewSet) -> Iterator[Fold]:
+    """Leave-one-source-out folds over the images; digital hands always fit."""
     labels, sources = views.labels, views.sources
-    given = np.ones(len(labels), dtype=bool) if of is None else of
-    always = given & (sources == DIGITAL)
-    among = given & ~always
+    always = sources == DIGITAL
+    among = ~always
     lonely = [name for name in GESTURE_NAMES if len(set(sources[among & (labels == name)])) == 1]
     third = _thirds(labels, sources)
     for source in sorted(set(sources[among])):

@@ -86,15 +86,14 @@ def posed(
     lens: Intrinsics | None = None,
     position_m: tuple[float, float, float] = (0.0, 0.02, 0.35),
     turn_rad: tuple[float, float, float] = (0.0, 0.0, 0.0),
-    natural_turn: bool = True,
 ) -> Scene:
-    """A scene with one of the named gestures. turn_rad is added to how people turn that gesture, if asked.
+    """A scene with one of the named gestures. turn_rad is added to how people turn that gesture.
 
     Raises HardwareError for a gesture that the digital hand doesn't know.
     """
     pose, person = find_pose(gesture), person or Person()
     mirror = -1.0 if person.shape.left else 1.0
-    natural = np.radians(pose.turn_deg) * (1.0, mirror, mirror) if natural_turn else np.zeros(3)
+    natural = np.radians(pose.turn_deg) * (1.0, mirror, mirror)
     turn = tuple(float(part) for part in natural + np.asarray(turn_rad))
     place = HandPlace(position_m=position_m, turn_rad=(turn[0], turn[1], turn[2]))
     return Scene(person=person, lens=lens or lens_for(), angles_deg=pose.angles_deg, place=place)

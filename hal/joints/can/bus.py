@@ -147,9 +147,9 @@ def frame_bits(payload: int, *, extended: bool) -> int:
     return stuffed + (stuffed - 1) // 4 + fixed
 
 
-def bus_load(bits_a_tick: Iterable[int], *, bitrate: int, tick_hz: float = TICK_HZ) -> float:
+def bus_load(bits_a_tick: Iterable[int], *, bitrate: int) -> float:
     """The share of a bus that these frames fill at the tick rate."""
-    return sum(bits_a_tick) * tick_hz / bitrate
+    return sum(bits_a_tick) * TICK_HZ / bitrate
 
 
 _DRAIN_LIMIT = 64  # frames a tick: a flood must not cost the tick

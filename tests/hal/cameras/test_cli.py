@@ -32,13 +32,13 @@ def test_list_names_the_simulated_camera_and_where_to_choose(tmp_path: Path) -> 
     assert "config.toml" in output
 
 
-@pytest.mark.parametrize("kind", ["video", "folder", "session", "realsense"])
+@pytest.mark.parametrize("kind", ["video", "folder", "realsense"])
 def test_show_reports_resolution_lens_and_its_source(kept: Kept, tmp_path: Path, kind: str) -> None:
     output = run(tmp_path, "show", str(getattr(kept, kind)))
     assert "320x180" in output
-    source = {"video": "assumed", "folder": "assumed", "session": "given", "realsense": "measured"}[kind]
+    source = {"video": "assumed", "folder": "assumed", "realsense": "measured"}[kind]
     assert source in output
-    assert (re.search(r"depth +yes", output) is not None) == (kind in ("session", "realsense"))
+    assert (re.search(r"depth +yes", output) is not None) == (kind == "realsense")
 
 
 @pytest.mark.parametrize("source", ["no such webcam", "/nowhere/film.avi", "/nowhere/film.bag"])
