@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+import argon2
 import pytest
 from hypothesis import HealthCheck, settings
 
+from app.system import operators
 from app.text import catalogue
 from app.text.compile import compile_catalogues
 
@@ -24,3 +26,11 @@ def _strict_text() -> Iterator[None]:
     yield
     catalogue.use_language("en")
     catalogue.be_strict(False)
+
+
+@pytest.fixture
+def cheap_pins(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The real argon2 at a cost that lets a test try many PINs; sessions with real processes pay the whole cost."""
+    cheap = argon2.PasswordHasher(time_cost=1, memory_cost=64, parallelism=1)
+    monkeypatch.setattr(operators, "_hasher", lambda: cheap)
+    monkeypatch.setattr(operators, "_STRANGER_HASH", cheap.hash("nobody's"))

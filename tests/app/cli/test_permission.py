@@ -12,7 +12,6 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-import argon2
 import msgspec
 import pytest
 import typer
@@ -41,6 +40,7 @@ from profiles.errors import ProfileError
 from profiles.store import ProfileStore
 from tests.support.bad_input import in_time
 
+pytestmark = pytest.mark.usefixtures("cheap_pins")
 PIN = "483920"
 ROOT = Path(__file__).parents[3]
 REFUSED = (AuthorityFault.SIGN_IN_NEEDED, AuthorityFault.NO_OPERATORS)
@@ -55,14 +55,6 @@ def _commands(group: Any, path: str = "") -> Iterator[tuple[str, Any]]:
 
 
 COMMANDS: dict[str, Any] = dict(_commands(typer.main.get_group(tree())))
-
-
-@pytest.fixture(autouse=True)
-def cheap_hash(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The real argon2 at a cost that lets a test try many PINs."""
-    cheap = argon2.PasswordHasher(time_cost=1, memory_cost=64, parallelism=1)
-    monkeypatch.setattr(operators, "_hasher", lambda: cheap)
-    monkeypatch.setattr(operators, "_STRANGER_HASH", cheap.hash("nobody's"))
 
 
 @pytest.fixture

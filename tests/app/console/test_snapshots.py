@@ -79,11 +79,10 @@ async def test_screen(snapshot: SnapshotAssertion, tmp_path: Path, name: str) ->
             if name == "after":
                 await wait_until(pilot, lambda: isinstance(app.screen, AfterScreen) and note_has_focus(app))
             app.screen.set_focus(None)
-            for size in SIZES:
-                await pilot.resize_terminal(*size)
-                found = await in_all_themes(app, pilot)
+            found = await in_all_sizes_and_themes(app, pilot)
+            for size, look in found.items():
                 file = f"{name}-{size[0]}x{size[1]}"
-                assert found == snapshot(name=file, extension_class=TextExtension), file
+                assert look == snapshot(name=file, extension_class=TextExtension), file
         finally:
             app.close_live()
 
@@ -93,17 +92,19 @@ def note_has_focus(app: ConsoleApp) -> bool:
     return app.screen.focused is not None and app.screen.focused.id == "note"
 
 
-async def in_all_themes(app: ConsoleApp, pilot: Pilot[None]) -> str:
-    """The words once, then the colours of each theme."""
-    parts: list[str] = []
+async def in_all_sizes_and_themes(app: ConsoleApp, pilot: Pilot[None]) -> dict[tuple[int, int], str]:
+    """For each size the words once, then the colours of each theme; another size is drawn sooner than another theme."""
+    parts: dict[tuple[int, int], list[str]] = {size: [] for size in SIZES}
     for theme in THEME_NAMES:
         app.theme = theme
         await pilot.pause()  # the theme's message is through, however busy the machine
-        found = await settled(app, pilot)
-        if not parts:
-            parts.append("\n".join(strip.text.rstrip() for strip in found))
-        parts.append(f"== {theme}\n" + "\n".join(colours(strip) for strip in found))
-    return "\n".join(parts) + "\n"
+        for size in SIZES:
+            await pilot.resize_terminal(*size)
+            found = await settled(app, pilot)
+            if not parts[size]:
+                parts[size].append("\n".join(strip.text.rstrip() for strip in found))
+            parts[size].append(f"== {theme}\n" + "\n".join(colours(strip) for strip in found))
+    return {size: "\n".join(part) + "\n" for size, part in parts.items()}
 
 
 async def settled(app: ConsoleApp, pilot: Pilot[None]) -> list[Strip]:

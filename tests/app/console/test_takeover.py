@@ -23,6 +23,7 @@ from profiles.schema import DEMO_PATIENT
 from tests.app.console.conftest import Opener
 from tests.support.authors import signed_in
 
+pytestmark = pytest.mark.usefixtures("cheap_pins")
 PIN, OTHER = "483920", "592817"
 
 
@@ -80,12 +81,14 @@ async def test_others_read_one_sentence_and_touch_nothing_and_a_therapist_takes_
     async with console(held=held, config=held.config, profile=None) as open_console:
         await open_console.until(lambda: isinstance(open_console.app.screen, SignInDialog))
         open_console.type("name", name)
-        await open_console.press(*pin, "enter")
+        open_console.type("pin", pin)
+        await open_console.press("enter")
         await open_console.shows(told)
         assert not open_console.host.started
         assert {kind for kind, _ in open_console.host.sent} <= {OperatorKind.STOP}
         open_console.type("name", "Tom")
-        await open_console.press(*OTHER, "enter")
+        open_console.type("pin", OTHER)
+        await open_console.press("enter")
         await open_console.until(lambda: open_console.host.started)
         assert open_console.app.live_setup().operator == "Tom"
 

@@ -5,14 +5,12 @@ from __future__ import annotations
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-import argon2
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from typer.testing import CliRunner
 
 from app.cli import cli, permission
-from app.system import operators
 from app.system.config import Config, JointsConfig
 from app.system.errors import AppError
 from app.system.operators import (
@@ -40,15 +38,8 @@ from logs.read import records
 from logs.records import Change, SignInFailed
 from logs.verify import Evidence, exit_status, verify
 
+pytestmark = pytest.mark.usefixtures("cheap_pins")
 PIN, OTHER_PIN = "135792", "802461"
-
-
-@pytest.fixture(autouse=True)
-def cheap_hash(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The real argon2 at a cost that lets a test try many PINs."""
-    cheap = argon2.PasswordHasher(time_cost=1, memory_cost=64, parallelism=1)
-    monkeypatch.setattr(operators, "_hasher", lambda: cheap)
-    monkeypatch.setattr(operators, "_STRANGER_HASH", cheap.hash("nobody's"))
 
 
 @pytest.fixture
