@@ -126,6 +126,10 @@ class StopInputFault(Enum):
     NO_FRAME = auto()  # bus, identifier
     UNPLUGGED = auto()  # name
     NOT_SIMULATED = auto()  # name, known
+    EXTRA_MISSING = auto()  # kind, detail
+    NOT_OPENED = auto()  # device, detail
+    NO_SUCH_KEY = auto()  # device, key
+    KEYBOARD = auto()  # device, name
 
 
 class HardwareError(CodedError):

@@ -65,7 +65,7 @@ class CanInput:
 
     def _is_closed(self, frame: Frame) -> bool:
         device = self._device
-        return len(frame.data) > device.byte and frame.data[device.byte] >> device.bit & 1 == device.closed
+        return len(frame.data) > device.byte and frame.data[device.byte] >> device.bit & 1 == device.closed_level
 
     def _silent(self) -> ContactReading:
         values = {"bus": self._device.bus.channel, "identifier": f"{self._device.can_id:03X}"}

@@ -23,21 +23,35 @@ class InputDevice(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
 
     name: Annotated[str, Meta(pattern="^[a-z0-9][a-z0-9-]{0,19}$")]  # in events and the audit trail
     role: InputRole
-    kind: Literal["simulated", "can"]
+    kind: Literal["simulated", "can", "evdev", "gpiod"]
     bus: BusDevice = BusDevice()  # can: of the module that reads the contact
     can_id: Annotated[int, Meta(ge=0, le=0x1FFF_FFFF)] | None = None
     extended: bool = False
     byte: Annotated[int, Meta(ge=0, le=7)] = 0
     bit: Annotated[int, Meta(ge=0, le=7)] = 0
-    closed: Literal[0, 1] = 1  # what the bit is while the contact is closed
+    # The bit, the line's level, or whether the key is down, while the contact is closed. None: 1; of a key 0.
+    closed: Literal[0, 1] | None = None
+    device: str = ""  # evdev, gpiod: its file
+    key: str = ""  # evdev: as `evtest` names it, KEY_B
+    keyboard: bool = False  # evdev: this pedal types letters; it is taken whole all the same
+    line: Annotated[int, Meta(ge=0, le=1023)] | None = None  # gpiod: its offset on the chip
     # Longer than this without a frame is an open contact; with reader and tick the effect comes within 25 ms.
     timeout_ms: Annotated[float, Meta(ge=2, le=15)] = 15.0
 
     def __post_init__(self) -> None:
-        if self.kind == "can" and self.can_id is None:
-            raise ValueError(f"the input {self.name} of kind can needs its can_id")
+        for field in _NEEDS[self.kind]:
+            if getattr(self, field) in (None, ""):
+                raise ValueError(f"the input {self.name} of kind {self.kind} needs its {field}")
         if self.can_id is not None and self.can_id > 0x7FF and not self.extended:
             raise ValueError(f"the can_id of the input {self.name} needs extended = true")
+
+    @property
+    def closed_level(self) -> bool:
+        """What is read while the contact is closed."""
+        return self.kind != "evdev" if self.closed is None else bool(self.closed)
+
+
+_NEEDS = {"simulated": (), "can": ("can_id",), "evdev": ("device", "key"), "gpiod": ("device", "line")}
 
 
 def check_inputs(devices: tuple[InputDevice, ...], *, emulated: bool) -> None:

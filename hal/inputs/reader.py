@@ -21,6 +21,10 @@ def make_input(device: InputDevice, folder: Path) -> StopInput:
         from hal.inputs.can import CanInput
 
         return CanInput(device)
+    if device.kind in {"evdev", "gpiod"}:
+        from hal.inputs.linux import EvdevInput, GpioInput
+
+        return EvdevInput(device) if device.kind == "evdev" else GpioInput(device)
     from hal.inputs.simulated import SimulatedInput
 
     return SimulatedInput(device, folder)

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import sys
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import suppress
 from pathlib import Path
-from typing import Any, Protocol
+from types import SimpleNamespace
+from typing import Any, ClassVar, NamedTuple, Protocol
 
 import can
 import pytest
@@ -14,6 +17,7 @@ import pytest
 from hal.errors import CanFault, HardwareError, StopInputFault
 from hal.inputs.can import CanInput
 from hal.inputs.device import InputDevice, InputRole
+from hal.inputs.linux import EvdevInput, GpioInput
 from hal.inputs.protocol import Contact, ContactReading, StopInput
 from hal.inputs.reader import RETRY_NS, InputReader
 from hal.inputs.simulated import SimulatedInput, set_simulated
@@ -91,11 +95,166 @@ class CanHand:
         return self.input.read(self.now_ns)
 
 
-@pytest.fixture(params=[SimulatedHand, CanHand])
-def hand(request: pytest.FixtureRequest, tmp_path: Path) -> Hand:
+class Ecodes:
+    """Of linux/input-event-codes.h, what is used."""
+
+    EV_KEY = 1
+    ecodes: ClassVar = {"KEY_A": 30, "KEY_B": 48, "KEY_SPACE": 57}
+
+
+class Key(NamedTuple):
+    type: int
+    code: int
+    value: int
+
+
+class KernelKeys:
+    """An input device as the library gives it: its keys, pressed and let go, until it is unplugged."""
+
+    ecodes = Ecodes
+    name = "Pedal"
+
+    def __init__(self) -> None:
+        self.keys = [48]
+        self.waiting: deque[Key] = deque()
+        self.down: set[int] = set()
+        self.plugged, self.taken, self.files = True, False, 0
+
+    def InputDevice(self, path: str, *, readonly: bool) -> KernelKeys:  # noqa: N802 - the library's
+        if path != "/dev/input/event7" or not self.plugged:
+            raise FileNotFoundError(2, "No such file or directory")
+        self.files += 1
+        return self
+
+    def capabilities(self) -> dict[int, list[int]]:
+        return {0: [0, 1], 1: self.keys}
+
+    def grab(self) -> None:
+        self.taken = True
+
+    def read_one(self) -> Key | None:
+        if not self.plugged:
+            raise OSError(19, "No such device")
+        return self.waiting.popleft() if self.waiting else None
+
+    def active_keys(self) -> list[int]:
+        return sorted(self.down)
+
+    def close(self) -> None:
+        self.taken, self.files = False, self.files - 1
+
+
+class LinuxHand:
+    """Reads as the reader does: what was silent is opened again."""
+
+    input: StopInput
+    now_ns = 1_000 * MS
+
+    def read(self, after_ms: int = 5) -> ContactReading:
+        self.now_ns += after_ms * MS
+        reading = self.input.read(self.now_ns)
+        if reading.contact is not Contact.SILENT:
+            return reading
+        self.input.close()
+        with suppress(HardwareError):
+            self.input.open(self.now_ns)
+        return self.input.read(self.now_ns)
+
+
+class EvdevHand(LinuxHand):
+    def __init__(self, tmp_path: Path, **fields: Any) -> None:
+        self.kernel = KernelKeys()
+        sys.modules["evdev"] = self.kernel  # type: ignore[assignment]
+        described: dict[str, Any] = {"device": "/dev/input/event7", "key": "KEY_B"} | fields
+        self.input = EvdevInput(InputDevice(name="pedal", role=InputRole.THERAPIST, kind="evdev", **described))
+
+    def put(self, contact: Contact) -> None:
+        self.kernel.plugged = contact is not Contact.SILENT
+        if contact is Contact.OPEN:
+            self.kernel.down = {48}
+            self.kernel.waiting.append(Key(1, 48, 1))
+        elif contact is Contact.CLOSED and self.kernel.down:
+            self.kernel.down = set()
+            self.kernel.waiting.append(Key(1, 48, 0))
+
+
+class Edge(NamedTuple):
+    event_type: str
+
+
+class KernelLine:
+    """A line as the library gives it: its level follows contact and bias."""
+
+    class EdgeEvent:
+        class Type:
+            RISING_EDGE = "rising"
+            FALLING_EDGE = "falling"
+
+    def __init__(self) -> None:
+        self.plugged, self.wired = True, True
+        self.waiting: list[Edge] = []
+        self.settings: dict[str, Any] = {}
+
+    def LineSettings(self, **settings: Any) -> dict[str, Any]:  # noqa: N802 - the library's
+        return settings
+
+    def request_lines(self, path: str, *, consumer: str, config: dict[int, dict[str, Any]]) -> KernelLine:
+        if path != "/dev/gpiochip0" or not self.plugged:
+            raise FileNotFoundError(2, "No such file or directory")
+        (self.settings,) = config.values()
+        return self
+
+    def wait_edge_events(self, timeout: float) -> bool:
+        if not self.plugged:
+            raise OSError(19, "No such device")
+        return bool(self.waiting)
+
+    def read_edge_events(self) -> list[Edge]:
+        edges, self.waiting = self.waiting, []
+        return edges
+
+    def get_value(self, line: int) -> bool:
+        """Active or not: a closed contact drives the line against the bias."""
+        biased_high = self.settings["bias"] == "up"
+        high = biased_high is not self.wired
+        return high is not self.settings["active_low"]
+
+    def release(self) -> None:
+        self.waiting = []
+
+
+class GpioHand(LinuxHand):
+    def __init__(self, tmp_path: Path, **fields: Any) -> None:
+        self.kernel = KernelLine()
+        sys.modules["gpiod"] = self.kernel  # type: ignore[assignment]
+        sys.modules["gpiod.line"] = SimpleNamespace(  # type: ignore[assignment]
+            Direction=SimpleNamespace(INPUT="in"),
+            Edge=SimpleNamespace(BOTH="both"),
+            Bias=SimpleNamespace(PULL_UP="up", PULL_DOWN="down"),
+        )
+        described: dict[str, Any] = {"device": "/dev/gpiochip0", "line": 4} | fields
+        self.input = GpioInput(InputDevice(name="stop", role=InputRole.WEARER, kind="gpiod", **described))
+
+    def put(self, contact: Contact) -> None:
+        self.kernel.plugged = contact is not Contact.SILENT
+        if contact is not Contact.SILENT and self.kernel.wired is not (contact is Contact.CLOSED):
+            self.kernel.wired = contact is Contact.CLOSED
+            self.kernel.waiting.append(Edge("rising" if self.kernel.wired else "falling"))
+
+
+@pytest.fixture(autouse=True)
+def libraries(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What a test puts in the libraries' place goes with it."""
+    for name in ("evdev", "gpiod", "gpiod.line"):
+        monkeypatch.setitem(sys.modules, name, None)
+
+
+@pytest.fixture(params=[SimulatedHand, CanHand, EvdevHand, GpioHand, lambda path: GpioHand(path, closed=0)])
+def hand(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Hand]:
     made: Hand = request.param(tmp_path)
     made.input.open(1_000 * MS)
-    return made
+    yield made
+    made.input.close()
 
 
 def test_closed_lets_the_legs_move_and_nothing_else_does(hand: Hand) -> None:
@@ -131,11 +290,60 @@ def test_opening_it_again_presses_nothing_and_releases_nothing(hand: Hand) -> No
     assert hand.read().contact is not Contact.CLOSED
 
 
+@pytest.mark.parametrize("kind", [EvdevHand, GpioHand])
+def test_a_press_that_is_over_at_the_next_reading_counts_once(kind: type[EvdevHand | GpioHand], tmp_path: Path) -> None:
+    hand = kind(tmp_path)
+    hand.input.open(hand.now_ns)
+    hand.read()
+    hand.put(Contact.OPEN)
+    hand.put(Contact.CLOSED)
+    assert [hand.read().contact for _ in range(2)] == [Contact.OPEN, Contact.CLOSED]
+
+
+def fault_of(made: Any) -> StopInputFault:
+    """Why it can't be opened."""
+    with pytest.raises(HardwareError) as refused:
+        made.input.open(1_000 * MS)
+    assert isinstance(refused.value.code, StopInputFault)
+    return refused.value.code
+
+
+def test_a_device_that_can_not_be_read_is_named(tmp_path: Path) -> None:
+    assert fault_of(EvdevHand(tmp_path, device="/dev/input/event9")) is StopInputFault.NOT_OPENED
+    assert fault_of(GpioHand(tmp_path, device="/dev/gpiochip9")) is StopInputFault.NOT_OPENED
+    for key in ("KEY_C", "KEY_SPACE"):
+        assert fault_of(EvdevHand(tmp_path, key=key)) is StopInputFault.NO_SUCH_KEY
+    pedal = EvdevHand(tmp_path)
+    sys.modules["evdev"] = None  # type: ignore[assignment]
+    assert fault_of(pedal) is StopInputFault.EXTRA_MISSING
+
+
+def test_a_keyboard_is_no_pedal_unless_it_is_named_one(tmp_path: Path) -> None:
+    keyboard = EvdevHand(tmp_path)
+    keyboard.kernel.keys = [30, 48, 57]
+    assert fault_of(keyboard) is StopInputFault.KEYBOARD
+    assert (keyboard.kernel.taken, keyboard.kernel.files) == (False, 0), "the console keeps its keys"
+    pedal = EvdevHand(tmp_path, keyboard=True)
+    pedal.kernel.keys = [30, 48, 57]
+    pedal.input.open(pedal.now_ns)
+    assert pedal.kernel.taken, "what it types reaches nobody"
+    assert pedal.read().contact is Contact.CLOSED
+
+
+def test_a_switch_that_holds_its_key_down_while_closed(tmp_path: Path) -> None:
+    hand = EvdevHand(tmp_path, closed=1)
+    hand.input.open(hand.now_ns)
+    assert hand.read().contact is Contact.OPEN
+    hand.kernel.down = {48}
+    assert hand.read().contact is Contact.CLOSED
+
+
 @pytest.fixture
-def module(tmp_path: Path) -> CanHand:
+def module(tmp_path: Path) -> Iterator[CanHand]:
     hand = CanHand(tmp_path)
     hand.input.open(hand.now_ns)
-    return hand
+    yield hand
+    hand.input.close()
 
 
 def test_a_module_that_has_not_sent_yet_stops(module: CanHand) -> None:
@@ -236,6 +444,8 @@ def test_the_reader_reads_by_itself_until_it_is_closed(tmp_path: Path) -> None:
     ("fields", "why"),
     [
         ({"kind": "can"}, "needs its can_id"),
+        ({"kind": "evdev", "device": "/dev/input/event7"}, "needs its key"),
+        ({"kind": "gpiod", "device": "/dev/gpiochip0"}, "needs its line"),
         ({"kind": "can", "can_id": 0x800}, "extended = true"),
     ],
 )
