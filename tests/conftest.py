@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 from collections.abc import Iterator
 
 import argon2
@@ -17,6 +18,12 @@ settings.register_profile("rleex", deadline=None, suppress_health_check=[HealthC
 settings.load_profile("rleex")
 
 compile_catalogues()
+
+
+def pytest_collection_finish() -> None:
+    """Modules and collected tests stay to the end: no collection of garbage looks at them again."""
+    gc.collect()
+    gc.freeze()
 
 
 @pytest.fixture(autouse=True)

@@ -7,7 +7,9 @@ import shutil
 import struct
 import zlib
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import cv2
 import numpy as np
@@ -151,14 +153,18 @@ def test_what_is_no_regular_file_is_refused(tmp_path: Path, reader: str, node: s
     assert opened(path, read) is not None or node == "itself"
 
 
-def _valid(folder: Path) -> dict[str, bytes]:
+@cache
+def _valid() -> dict[str, bytes]:
     """A valid file of most kinds."""
-    save_intrinsics(folder / "cameras.toml", "camera", assumed(1280, 720), 0.2, print)
+    with TemporaryDirectory() as folder:
+        cameras = Path(folder) / "cameras.toml"
+        save_intrinsics(cameras, "camera", assumed(1280, 720), 0.2, print)
+        intrinsics = cameras.read_bytes()
     return {
         "configuration": b'language = "zh"\n[camera]\nkind = "webcam"\nrate_hz = 30.0\n[keys]\nstop = "s"\n',
         "device": DEFAULT_DEVICE.read_bytes(),
         "motors": BUILT_IN_TABLE.read_bytes(),
-        "intrinsics": (folder / "cameras.toml").read_bytes(),
+        "intrinsics": intrinsics,
         "profile": encode(DEMO_PATIENT).encode(),
         "profile history": b'{"at":"2026","by":"x","changes":{"a":[1,2.5]},"why":""}\n',
         "session index": b'{"session":"a","patient":"x","at":"2026","steps":3}\n',
@@ -180,8 +186,7 @@ def test_random_and_mutated_files_end_in_a_code(
 ) -> None:
     folder = tmp_path_factory.mktemp("mutated")
     try:
-        content = _valid(folder).get(reader, b"")
-        (folder / "cameras.toml").unlink()
+        content = _valid().get(reader, b"")
         if content and data.draw(st.booleans()):
             at = data.draw(st.integers(0, len(content)))
             gone = data.draw(st.integers(0, 40))
@@ -251,7 +256,7 @@ def test_a_huge_image_is_refused_before_it_is_decoded(
 @pytest.mark.parametrize("value", ["9" * 400, "-" + "9" * 30, "1e308", "-1", "0"])
 @pytest.mark.parametrize("reader", sorted({*READERS} - {"gesture model", "public key"}))
 def test_each_number_made_huge_ends_in_a_code_or_is_taken(tmp_path: Path, reader: str, value: str) -> None:
-    text = _valid(tmp_path).get(reader, b"").decode()
+    text = _valid().get(reader, b"").decode()
     name, read = READERS[reader]
     path = place(tmp_path, name)
     spots = [found.span() for found in re.finditer(r"(?<![\w.\"])-?\d+(\.\d+)?", text)]
@@ -284,7 +289,7 @@ def test_a_number_of_a_device_has_a_limit_at_both_ends(tmp_path: Path, reader: s
     """A torque of 1e300 would take the guard's limit away."""
     name, read = READERS[reader]
     path = place(tmp_path, name)
-    path.write_text(re.sub(rf"^{key} = .*$", f"{key} = {value}", _valid(tmp_path)[reader].decode(), flags=re.MULTILINE))
+    path.write_text(re.sub(rf"^{key} = .*$", f"{key} = {value}", _valid()[reader].decode(), flags=re.MULTILINE))
     assert opened(path, read) is not None
 
 

@@ -27,9 +27,11 @@ class Node:
 
 @pytest.fixture(autouse=True)
 def as_before() -> Iterator[None]:
-    """Whatever a test does, the next one's garbage is collected."""
+    """Nothing is frozen yet; whatever a test does, the next one's garbage is collected."""
+    gc.unfreeze()
     yield
     restore_gc()
+    gc.freeze()
 
 
 async def test_no_full_collection_stops_the_heartbeat(console: Opener) -> None:
