@@ -20,7 +20,7 @@ demo: model
 
 test: check model
 	@$(BIN)/python -m pytest -q -m "not serial" -n logical --dist loadfile
-	@$(BIN)/python -m pytest -q -m serial
+	@$(BIN)/python -m pytest -q -m serial -n 2 --dist loadgroup
 	@tools/test-can
 
 check: $(DEV_STAMP)

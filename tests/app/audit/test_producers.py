@@ -66,7 +66,7 @@ from tests.app.control.rig import SETTINGS, Rig
 from tests.app.perception.test_reporting import REPORT, SCALE, compared
 from tests.support.authors import signed_in
 
-pytestmark = pytest.mark.serial
+pytestmark = [pytest.mark.serial, pytest.mark.xdist_group("perception")]
 
 KINDS: tuple[type[Body], ...] = Body.__args__
 PIN = "481516"

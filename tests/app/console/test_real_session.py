@@ -30,7 +30,7 @@ from tests.app.console.breakable import BREAK, MEND, UNPLUGGED, begin_breakable
 from tests.app.console.real import RealConsole, real_config, real_console, stop_on
 from tests.app.console.stalls import walked_again
 
-pytestmark = pytest.mark.serial
+pytestmark = [pytest.mark.serial, pytest.mark.xdist_group("perception")]
 
 PIN = "483920"
 AWAY_S = 0.3  # a tenth of what standing up takes: a console that locks while legs move is caught

@@ -29,7 +29,7 @@ from app.ipc.states import Effect, GaitState
 from tests.app.console.real import AnyScreen, real_console, stop_on
 from tests.app.console.stalls import walked_again
 
-pytestmark = pytest.mark.serial
+pytestmark = [pytest.mark.serial, pytest.mark.xdist_group("perception")]
 
 # In this order: the states that a movement passes through leave the legs in BETWEEN, which comes last.
 STATES = (

@@ -286,8 +286,8 @@ def test_the_session_outlives_its_console_and_is_taken_over_from_another_termina
         second.type(b"\x11")  # Ctrl-Q: ended by hand
         assert second.process.wait(LIMIT_S) == 0
     console.until(lambda: not any(_lives(child) for child in children), "the processes' end", ENDED_S)
+    console.until(lambda: any(isinstance(one.body, SessionEnd) for one in records(trail)), "the trail's end", ENDED_S)
     found = [one.body for one in records(trail)]
-    assert any(isinstance(one, SessionEnd) for one in found), "the trail has its end"
     assert "console" in {one.ended for one in found if isinstance(one, ProcessEnd)}
     assert not links.path.exists()
     assert held_session(console.home) is None
