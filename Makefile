@@ -71,7 +71,7 @@ $(STAMP): requirements.lock pyproject.toml | system
 
 $(DEV_STAMP): requirements-dev.lock $(STAMP)
 	@echo "Setting up what the tests need (once) …"
-	@$(INSTALL) --require-hashes -r requirements-dev.lock
+	@$(INSTALL) --no-compile --require-hashes -r requirements-dev.lock
 	@touch $@
 
 # The catalogues as gettext reads them.
