@@ -150,8 +150,8 @@ class Host(Protocol):
 HostFactory = Callable[[SessionSetup], Host]
 
 
-# numpy with the picture; the messages of the palette.
-_LATER = ("app.console.widgets.picture", "textual.fuzzy")
+# numpy with the drawing of pictures; the messages of the palette.
+_LATER = ("app.console.widgets.halfblock", "textual.fuzzy")
 # Young, middle, old: a full collection, which stops all threads, comes some hundred times more rarely than by default.
 _RARELY = (5_000, 20, 50)
 _AS_USUAL = gc.get_threshold()

@@ -188,9 +188,9 @@ class SessionFlow(SignedInApp):
         return live
 
     async def _show(self, live: LiveSession, screen: Screen[None]) -> None:
-        """Show a session, and start it or take it over."""
+        """Show a session, then start it or take it over: it stops all threads a moment, after the first paint."""
         await self.push_screen(screen)
-        self.run_worker(self._start(live))
+        self.call_after_refresh(lambda: self.run_worker(self._start(live)))
 
     async def _start(self, live: LiveSession) -> None:
         try:

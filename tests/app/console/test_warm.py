@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import gc
+import subprocess
+import sys
 import weakref
 from collections.abc import Iterator
 
@@ -11,6 +13,7 @@ from textual.strip import Strip
 
 from app.console.live import gc_freeze, reduce_gc, restore_gc
 from app.console.screens import session
+from app.console.widgets.wearer import FigurePanel
 from app.system.config import Config, SessionSetup
 from hal.errors import DeviceFault, HardwareError
 from profiles.schema import DEMO_PATIENT
@@ -58,6 +61,17 @@ async def test_no_full_collection_stops_the_heartbeat(console: Opener) -> None:
                 assert not full
         finally:
             gc.callbacks.remove(collected)
+
+
+def test_numpy_comes_after_the_first_paint_and_before_the_first_picture() -> None:
+    """Loading it where a picture is drawn stops the event loop for a third of a second."""
+    code = (
+        "import sys, app.console.app as console\n"
+        "assert 'numpy' not in sys.modules\n"
+        "console.preload_modules()\n"
+        "assert 'app.console.widgets.halfblock' in sys.modules\n"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True)
 
 
 async def test_nothing_is_loaded_for_the_figure_before_there_is_a_snapshot(
@@ -110,6 +124,7 @@ async def test_a_session_gives_the_collector_back(console: Opener) -> None:
 async def test_a_closed_dialog_leaves_no_drawings_behind(console: Opener) -> None:
     """Textual caches the drawings of a thousand widgets, closed or not."""
     async with console() as open_console:
+        await open_console.until(lambda: open_console.app.screen.query_one(FigurePanel).wearer)
         kept = []
         for _ in range(2):
             for _ in range(4):
