@@ -51,9 +51,10 @@ AnyScreen = type[Screen[Any]]
 class RealConsole(Console):
     """A console over real processes, with what control and perception last said."""
 
-    def __init__(self, app: ConsoleApp, pilot: Pilot[None], home: Path) -> None:
+    def __init__(self, app: ConsoleApp, pilot: Pilot[None], home: Path, *, perception: bool) -> None:
         super().__init__(app, pilot, [])
         self.home = home
+        self._perception = perception
         self.interruptions: list[str] = []
 
     @property
@@ -266,7 +267,9 @@ class RealConsole(Console):
 
     def _has_spoken(self) -> bool:
         state = self.app.live_state()
-        return state is not None and state.snapshot is not None and state.report is not None
+        if state is None or state.snapshot is None:
+            return False
+        return state.report is not None or not self._perception
 
     def _lost(self) -> bool:
         return self._has_spoken() and self.in_force(Event.GUARDIAN_ACTED)
@@ -290,6 +293,11 @@ def real_config(**changes: object) -> Config:
     return msgspec.structs.replace(config, camera=camera, **changes)
 
 
+def keys_only(setup: SessionSetup) -> SessionHost:
+    """A session without perception."""
+    return SessionHost(setup, without=frozenset({"perception"}))
+
+
 @asynccontextmanager
 async def real_console(
     home: Path,
@@ -298,11 +306,15 @@ async def real_console(
     config: Config | None = None,
     make_host: Callable[[SessionSetup], SessionHost] = SessionHost,
     size: tuple[int, int] = (80, 24),
+    perception: bool = True,
 ) -> AsyncIterator[RealConsole]:
-    """Open a console, with a running session unless `profile` is None; its processes end whatever happens."""
+    """Open a console, with a running session unless `profile` is None; its processes end whatever happens.
+
+    perception: whether `make_host` starts it; without it the therapist's keys alone lead the legs.
+    """
     app = ConsoleApp(Home(home), config or real_config(), profile=profile, make_host=make_host)
     async with app.run_test(size=size, notifications=True) as pilot:
-        console = RealConsole(app, pilot, home)
+        console = RealConsole(app, pilot, home, perception=perception)
         try:
             if profile is not None:
                 await console.begun()

@@ -27,20 +27,27 @@ from kgdfa.gesture import Gesture
 from logs.read import session_paths
 from profiles.schema import DEMO_PATIENT
 from tests.app.console.breakable import BREAK, MEND, UNPLUGGED, begin_breakable
-from tests.app.console.real import RealConsole, real_config, real_console, stop_on
+from tests.app.console.real import RealConsole, keys_only, real_config, real_console, stop_on
 from tests.app.console.stalls import walked_again
 
-pytestmark = [pytest.mark.serial, pytest.mark.xdist_group("perception")]
+pytestmark = pytest.mark.serial
+with_perception = pytest.mark.xdist_group("perception")
 
 PIN = "483920"
 AWAY_S = 0.3  # a tenth of what standing up takes: a console that locks while legs move is caught
 
 
 def breakable_host(setup: SessionSetup) -> SessionHost:
-    """A session whose joint and camera can be broken."""
+    """A session whose camera can be broken."""
     return SessionHost(setup, entry=begin_breakable)
 
 
+def breakable_joint(setup: SessionSetup) -> SessionHost:
+    """A session without perception whose joint can be broken."""
+    return SessionHost(setup, entry=begin_breakable, without=frozenset({"perception"}))
+
+
+@with_perception
 @walked_again
 async def test_a_first_patient_is_made_and_powers_the_legs_by_gesture(tmp_path: Path) -> None:
     async with real_console(tmp_path, profile=None) as console:
@@ -64,7 +71,7 @@ async def test_a_first_patient_is_made_and_powers_the_legs_by_gesture(tmp_path: 
 
 @walked_again
 async def test_a_session_with_walking_stairs_and_stop(tmp_path: Path) -> None:
-    async with real_console(tmp_path) as console:
+    async with real_console(tmp_path, make_host=keys_only, perception=False) as console:
         await console.confirm_and_arm()
         await console.walk(steps=2)
         await console.stop()
@@ -77,6 +84,7 @@ async def test_a_session_with_walking_stairs_and_stop(tmp_path: Path) -> None:
     assert '"kind":"stop"' in trail
 
 
+@with_perception
 @walked_again
 async def test_a_camera_is_lost_and_found_and_a_perception_that_dies_comes_back(tmp_path: Path) -> None:
     async with real_console(tmp_path, make_host=breakable_host) as console:
@@ -101,7 +109,7 @@ async def test_a_camera_is_lost_and_found_and_a_perception_that_dies_comes_back(
 
 @walked_again
 async def test_a_drive_fault_holds_the_legs_until_it_is_mended_and_acknowledged(tmp_path: Path) -> None:
-    async with real_console(tmp_path, make_host=breakable_host) as console:
+    async with real_console(tmp_path, make_host=breakable_joint, perception=False) as console:
         await console.confirm_and_arm()
         await console.walk(steps=1)
         console.signal("control", BREAK)
@@ -115,6 +123,7 @@ async def test_a_drive_fault_holds_the_legs_until_it_is_mended_and_acknowledged(
         await console.bring(GaitState.STANDING)
 
 
+@with_perception
 @walked_again
 async def test_a_known_patient_from_sign_in_to_the_first_step_over_emulated_drives(tmp_path: Path) -> None:
     home = Home(tmp_path)
@@ -147,7 +156,7 @@ async def test_a_known_patient_from_sign_in_to_the_first_step_over_emulated_driv
 
 @walked_again
 async def test_an_untouched_console_locks_once_the_legs_rest_and_stop_works_through_it(tmp_path: Path) -> None:
-    async with real_console(tmp_path) as console:
+    async with real_console(tmp_path, make_host=keys_only, perception=False) as console:
         await console.confirm_and_arm()
         await stand_unwatched(console)
         await console.press("escape")

@@ -26,10 +26,10 @@ from app.console.screens.signin import LockScreen, SignInDialog
 from app.console.screens.start import StartSession
 from app.console.screens.training import TrainingScreen
 from app.ipc.states import Effect, GaitState
-from tests.app.console.real import AnyScreen, real_console, stop_on
+from tests.app.console.real import AnyScreen, keys_only, real_console, stop_on
 from tests.app.console.stalls import walked_again
 
-pytestmark = [pytest.mark.serial, pytest.mark.xdist_group("perception")]
+pytestmark = pytest.mark.serial
 
 # In this order: the states that a movement passes through leave the legs in BETWEEN, which comes last.
 STATES = (
@@ -95,7 +95,7 @@ def test_every_state_and_every_screen_has_its_row() -> None:
 
 @walked_again
 async def test_stop_in_every_state(tmp_path: Path) -> None:
-    async with real_console(tmp_path) as console:
+    async with real_console(tmp_path, make_host=keys_only, perception=False) as console:
         await console.confirm_and_arm()
         for state in STATES:
             await console.stop_in(state)
@@ -109,6 +109,7 @@ async def test_stop_in_every_state(tmp_path: Path) -> None:
     assert {state.value for state in STATES} <= set(console.stops())
 
 
+@pytest.mark.xdist_group("perception")
 @walked_again
 async def test_stop_through_every_screen(tmp_path: Path) -> None:
     async with real_console(tmp_path, profile=None) as console:
