@@ -86,6 +86,10 @@ class PatientsScreen(ConsoleScreen):
     def on_input_submitted(self) -> None:
         self.query_one(DataTable).focus()
 
+    def key_escape(self) -> None:
+        """From the search field back to the list, as after Enter."""
+        self.query_one(DataTable).focus()
+
     def on_data_table_row_highlighted(self) -> None:
         self._show_details()
 

@@ -220,6 +220,8 @@ async def test_archived_patients_leave_the_list_and_are_found_by_search(console:
         await open_console.press("slash", *"p-3")
         await open_console.shows("P-3 (archived)")
         assert store.load("P-3").archived
+        await open_console.press("escape", "enter")
+        await open_console.shows("Session with P-3")
 
 
 async def test_states_the_machine_can_be_in_are_all_drawn(console: Opener) -> None:

@@ -64,7 +64,7 @@ async def test_no_full_collection_stops_the_heartbeat(console: Opener) -> None:
 
 
 def test_numpy_comes_after_the_first_paint_and_before_the_first_picture() -> None:
-    """Loading it where a picture is drawn stops the event loop for a third of a second."""
+    """Loading it where a picture is drawn stops the event loop."""
     code = (
         "import sys, app.console.app as console\n"
         "assert 'numpy' not in sys.modules\n"
