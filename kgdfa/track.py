@@ -30,9 +30,10 @@ EQUAL_CLAIM = 0.75  # a second hand this large, relative to the first, claims th
 # Log-odds of the side, as the detector's scores give them: what one frame may add, from where the side counts as known
 # (two sure frames), and what all frames together may reach. A hand that is followed can't change its side, but the
 # detector may err for a moment, so frames against a known side count half. As many sure ones in a row as make a vote
-# let the hand be judged anew: the tracker may have slipped onto another.
+# let the hand be judged anew: the tracker may have slipped onto another. What would let a refused hand command counts
+# only from a higher score: a left 5 that came near the camera was read as a right one at 0.85, frame after frame.
 SIDE_STEP, SIDE_KNOWN, SIDE_MOST, SIDE_AGAINST = 2.0, 4.0, 12.0, 0.5
-CONTRARY_FRAMES, SURE = 3, 0.8
+CONTRARY_FRAMES, SURE, SURE_ENROLLED = 3, 0.8, 0.95
 AMBIGUOUS = 0.5  # `signing` of a gesture whose side the detector may miss all along: the rendered 3
 OVERLAP_REFERENCES = REACH_REFERENCES  # two palms this near touch, and may be taken for one another in the next frame
 SAME_POINTS_REFERENCES = 0.5  # two detections whose keypoints are this near on average are one hand, found twice
@@ -146,11 +147,12 @@ def update_tracks(
     """
     hands = _without_doubles(hands)
     weights = {id(hand): signs for hand, signs in zip(hands, signing, strict=False)}
-    followed, others = _continued(tracks, hands, captured_ns, weights)
+    enrolled = enrolment.side if enrolment is not None else None
+    followed, others = _continued(tracks, hands, captured_ns, weights, enrolled)
     made, number = tracks.made, tracks.number
     for hand in others:
         made += 1
-        followed.append(_advanced(_begun(hand, made, captured_ns), hand, captured_ns, 0, weights))
+        followed.append(_advanced(_begun(hand, made, captured_ns), hand, captured_ns, 0, weights, enrolled=enrolled))
     if enrolment is not None:
         followed = [_overlapping(track, followed, captured_ns) for track in followed]
         for place, track in enumerate(followed):
@@ -163,7 +165,7 @@ def update_tracks(
 
 
 def _continued(
-    tracks: Tracks, hands: tuple[Hand, ...], captured_ns: int, weights: dict[int, float]
+    tracks: Tracks, hands: tuple[Hand, ...], captured_ns: int, weights: dict[int, float], enrolled: Side | None
 ) -> tuple[list[Track], list[Hand]]:
     """Every track with its hand, the nearest pairs first; and the hands that belong to none."""
     followed, elapsed_ns = tracks.followed, captured_ns - tracks.captured_ns
@@ -179,7 +181,7 @@ def _continued(
         if place not in found and number not in found.values():
             found[place] = number
     continued = [
-        _advanced(track, hands[found[place]], captured_ns, elapsed_ns, weights)
+        _advanced(track, hands[found[place]], captured_ns, elapsed_ns, weights, enrolled=enrolled)
         if place in found
         else replace(track, hand=None, lost=track.lost + 1)
         for place, track in enumerate(followed)
@@ -217,10 +219,14 @@ def _begun(hand: Hand, number: int, captured_ns: int) -> Track:
     )
 
 
-def _advanced(track: Track, hand: Hand, captured_ns: int, elapsed_ns: int, weights: dict[int, float]) -> Track:
+def _advanced(
+    track: Track, hand: Hand, captured_ns: int, elapsed_ns: int, weights: dict[int, float], *, enrolled: Side | None
+) -> Track:
     """The track with its hand of one more frame; judged anew where that hand can't have come of those before."""
     signs = weights.get(id(hand), 1.0)
     now = HandFrame(hand=hand, ambiguous=signs == AMBIGUOUS)
+    if track.side not in {None, hand.side} and hand.side is enrolled and hand.presence < SURE_ENROLLED:
+        signs = min(signs, AMBIGUOUS)
     followed = replace(
         track,
         hand=hand,

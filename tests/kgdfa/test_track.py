@@ -20,6 +20,7 @@ from kgdfa.track import (
     LOST_FRAMES,
     OVERLAP_REFERENCES,
     STILL_NS,
+    SURE_ENROLLED,
     Enrolment,
     HandRefusal,
     Tracks,
@@ -290,6 +291,15 @@ def test_sure_frames_of_the_other_side_judge_anew_and_refuse() -> None:
     assert tracks.refusal is not None
     assert tracks.refusal.values["jump"] is Jump.SIDE
     assert refusal(after([(of(Side.LEFT),)] * 2, RIGHT, tracks)) is HandRefusal.OTHER_SIDE
+
+
+def test_a_refused_hand_is_judged_anew_by_surer_frames_than_one_that_commands() -> None:
+    unsure, sure = SURE_ENROLLED - 0.01, SURE_ENROLLED
+    refused = after([(of(Side.LEFT),)] * 10, RIGHT)
+    assert refusal(after([(of(Side.RIGHT, score=unsure),)] * 60, RIGHT, refused)) is HandRefusal.OTHER_SIDE
+    anew = after([(of(Side.RIGHT, score=sure),)] * (2 * CONTRARY_FRAMES), RIGHT, refused)
+    assert (anew.known, refusal(anew)) == (True, None)
+    assert not after([(of(Side.LEFT, score=unsure),)] * CONTRARY_FRAMES, RIGHT, begun()).known
 
 
 def test_a_hand_unseen_for_longer_than_a_press_survives_is_judged_anew() -> None:
