@@ -32,10 +32,7 @@ def config_with(hand_model: Path) -> Config:
 
 
 def walk_course(home: Home, hand_model: Path) -> SessionResult:
-    """A course's result; walked anew where a host that stalls interrupted it more often than a demo bears.
-
-    A push that is missed is made again: `rleex evaluate pushes` and `response` measure how many are.
-    """
+    """A course's result; walked anew where a host that stalls interrupted it more often than a demo bears."""
     for number in range(SESSIONS):
         place = Home(home.root / str(number))
         result = run_session(place, config_with(hand_model), COURSE, click_s=0.8, presses=3, watch=print)
@@ -47,6 +44,7 @@ def walk_course(home: Home, hand_model: Path) -> SessionResult:
 @pytest.mark.xdist_group("perception")
 def test_the_hand_makes_the_legs_stand_sit_and_walk_and_the_trail_verifies(home: Home, hand_model: Path) -> None:
     result = walk_course(home, hand_model)
+    assert [attempt.reason for attempt in result.attempts if not (attempt.ok or attempt.interrupted)] == []
     assert [attempt.reason for attempt in result.last_of(COURSE) if not attempt.ok] == []
     assert result.unintended == 0
     assert result.audit_verified, result.audit_detail

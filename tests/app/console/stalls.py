@@ -20,7 +20,6 @@ STALLS = frozenset(
         Event.CONSOLE_TIMEOUT,
         Event.PLANNER_TIMEOUT,
         Event.NEXT_STEP_MISSING,
-        Event.PAUSE_TOO_LONG,
     }
 )
 # What may follow where a stall has held the legs in mid-movement.
