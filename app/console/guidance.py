@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from enum import Enum
 
 from app.console.state import SessionState
-from app.console.widgets.curves import trouble
+from app.console.widgets.curves import joint_fault
 from app.console.widgets.panel import Lines, plain
 from app.ipc.messages import ControlSnapshot
 from app.ipc.states import Effect, Event, GaitState
@@ -53,7 +53,7 @@ def _audit(state: SessionState) -> bool:
 
 
 def _joints(state: SessionState) -> bool:
-    return state.snapshot is not None and not any(map(trouble, state.snapshot.joints))
+    return state.snapshot is not None and not any(map(joint_fault, state.snapshot.joints))
 
 
 def _camera(state: SessionState) -> bool:
@@ -82,10 +82,8 @@ def _has_inputs(state: SessionState) -> bool:
 
 
 def _pressed_once(state: SessionState) -> bool:
-    snapshot = state.snapshot
-    return not _has_inputs(state) or (
-        snapshot is not None and bool(snapshot.stop_inputs) and all(one.pressed_once for one in snapshot.stop_inputs)
-    )
+    inputs = state.snapshot.stop_inputs if state.snapshot is not None else ()
+    return bool(inputs) and all(one.pressed_once for one in inputs)
 
 
 CHECKS = (
@@ -110,7 +108,7 @@ def results(state: SessionState) -> tuple[Result, ...]:
 
 def ready(state: SessionState) -> bool:
     """Whether everything that must be green is."""
-    return all(check.passes(state) for check in CHECKS if check.must)
+    return all(check.passes(state) for check in CHECKS if check.must and check.applies(state))
 
 
 def _light(check: Check, state: SessionState) -> Light:

@@ -8,7 +8,7 @@ from typing import Any
 from msgspec.structs import replace
 
 from app.control.events.row import Compared
-from app.control.events.table import RaisedEvent, blocker, compared_fields, covers
+from app.control.events.table import RaisedEvent, acknowledges, blocker, compared_fields
 from app.control.gait import machine as gait_machine
 from app.control.gait.machine import Answer, Change, Gait, Ignored, Latched, Refused, Started
 from app.control.inputs import ActionRequest, DriveOrder, new_release
@@ -228,7 +228,7 @@ def _stop(tick: Tick, command: OperatorCommand) -> None:
 
 def _acknowledge(tick: Tick, command: OperatorCommand) -> None:
     """It covers what was in force when it was sent: a STOP on its heels stays."""
-    waiting = [one for one in tick.state.events if covers(command.sent_ns, one)]
+    waiting = [one for one in tick.state.events if acknowledges(command.sent_ns, one)]
     tick.acknowledged_ns = command.sent_ns
     if tick.state.stop_ns < command.sent_ns:
         tick.update(stop_presses=0)

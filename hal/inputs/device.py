@@ -33,7 +33,7 @@ class InputDevice(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
     closed: Literal[0, 1] | None = None
     device: str = ""  # evdev, gpiod: its file
     key: str = ""  # evdev: as `evtest` names it, KEY_B
-    keyboard: bool = False  # evdev: this pedal types letters; it is taken whole all the same
+    keyboard: bool = False  # evdev: this pedal types letters; it is grabbed all the same
     line: Annotated[int, Meta(ge=0, le=1023)] | None = None  # gpiod: its offset on the chip
     # Longer than this without a frame is an open contact; with reader and tick the effect comes within 25 ms.
     timeout_ms: Annotated[float, Meta(ge=2, le=15)] = 15.0

@@ -60,7 +60,7 @@ class LinuxInput:
 
 
 class EvdevInput(LinuxInput):
-    """A key. The device is taken whole, so that pressing it types nothing."""
+    """A key. The device is grabbed, so that pressing it types nothing."""
 
     def _open(self) -> Any:
         opened = self._library.InputDevice(self._device.device, readonly=True)

@@ -56,7 +56,7 @@ def draw_joints(
     return tuple(lines[:height])
 
 
-def trouble(now: JointSnapshot) -> str:
+def joint_fault(now: JointSnapshot) -> str:
     """What is wrong with a joint; empty: nothing."""
     if now.faults:
         return tr("list.separator").join(render(each) for each in now.faults)
@@ -66,7 +66,7 @@ def trouble(now: JointSnapshot) -> str:
 def joint_line(joint: Joint, now: JointSnapshot, device: JointDevice, width: int) -> Line:
     """Angle, target, torque, temperature, as far as the joint has ever answered; what is wrong before them."""
     parts = [(f"{tr(f'joints.{joint.name.lower()}')} ", "bold")]
-    if wrong := trouble(now):
+    if wrong := joint_fault(now):
         parts.append((f"‼ {wrong} ", "bold $error"))
     if not isnan(now.angle_rad):
         parts += [

@@ -5,7 +5,7 @@ from __future__ import annotations
 from enum import Enum
 
 from app.console.state import SessionState
-from app.console.widgets.curves import joint_line, trouble
+from app.console.widgets.curves import joint_fault, joint_line
 from app.console.widgets.panel import Line, Lines, Part, fitted, plain, wrapped
 from app.ipc.messages import ControlSnapshot
 from app.text.catalogue import render, tr
@@ -35,7 +35,7 @@ def health_of(state: SessionState) -> Health:
     ended = any(not process.alive for process in state.processes)
     unwritten = state.audit is not None and state.audit.fault is not None
     stale = not (state.snapshot_fresh and state.report_fresh)
-    if report is None or report.camera_fault or stale or ended or unwritten or any(map(trouble, snapshot.joints)):
+    if report is None or report.camera_fault or stale or ended or unwritten or any(map(joint_fault, snapshot.joints)):
         return Health.BAD
     late = snapshot.lateness.p99_ms > LATE_MS or snapshot.report_age_ms > SLOW_MS
     return Health.SLOW if late or report.fps < LEAST_FPS or not snapshot.real_time.fifo else Health.GOOD

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from app.console.state import SessionState
-from app.console.widgets.curves import trouble
+from app.console.widgets.curves import joint_fault
 from app.console.widgets.panel import Lines, Panel, cells, plain, wrapped
 from app.console.widgets.status import EFFECT_STYLES, EventsPanel
 from app.ipc.messages import ActionReport, ControlSnapshot
@@ -72,7 +72,7 @@ def _sequence(state: SessionState, snapshot: ControlSnapshot, width: int) -> lis
 
 def _joints(snapshot: ControlSnapshot) -> list[str]:
     """What is wrong with which joint: the panel stands where small screens show the joints."""
-    found = [(joint, trouble(snapshot.joints[joint])) for joint in Joint]
+    found = [(joint, joint_fault(snapshot.joints[joint])) for joint in Joint]
     return [f"‼ {tr(f'joints.{joint.name.lower()}')}: {wrong}" for joint, wrong in found if wrong]
 
 

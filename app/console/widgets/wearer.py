@@ -8,7 +8,7 @@ from math import isfinite
 from typing import TYPE_CHECKING
 
 from app.console.state import SessionState
-from app.console.widgets.curves import Curves, draw_joints, trouble
+from app.console.widgets.curves import Curves, draw_joints, joint_fault
 from app.console.widgets.figure import LEFT, RIGHT, Pose, Stance, View, draw, pose_of
 from app.console.widgets.gait import LEADS_TO
 from app.console.widgets.panel import DrawnPanel, Lines, plain
@@ -133,7 +133,7 @@ class FigurePanel(_WearerPanel):
             self._scene = wearer.scenes[snapshot.action]
         self._laid_for = snapshot.action
         goal = goal_of(wearer, action, snapshot)
-        alarm = tuple(bool(trouble(joint)) for joint in snapshot.joints)
+        alarm = tuple(bool(joint_fault(joint)) for joint in snapshot.joints)
         if not self.due(state.now_ns, (goal, alarm, self._scene)):
             return
         first, second, third, fourth = (round(joint.angle_rad, ROUND) for joint in snapshot.joints)
@@ -181,5 +181,5 @@ class JointsPanel(_WearerPanel):
     def follow(self, state: SessionState, snapshot: ControlSnapshot, wearer: Wearer) -> None:
         """Draw this snapshot."""
         self._curves.take(snapshot)
-        if self.due(state.now_ns, tuple(map(trouble, snapshot.joints))):
+        if self.due(state.now_ns, tuple(map(joint_fault, snapshot.joints))):
             self.lines = draw_joints(snapshot, self._curves, wearer.joints, *self.content_size)

@@ -64,7 +64,7 @@ class Row:
     compares: Callable[[Diagnostics], Compared | None] | None = None  # None: `present` tells, if it is a limit
     walk_ends_after_ms: float = 0.0  # present for longer than this, it ends a walk whose end it would refuse
     counts: bool = False  # what is compared happened so often: added up until the event is cleared
-    outlasts: bool = False  # an acknowledgement while its condition holds does not count
+    acknowledged_when_gone: bool = False  # not while its condition holds
     settles: bool = False  # keeps its effect while it lingers: its condition may come back at any moment
 
     def compared(self, diagnostics: Diagnostics) -> Compared | None:

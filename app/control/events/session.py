@@ -28,7 +28,7 @@ def _which(role: InputRole) -> Callable[[Diagnostics], dict[str, Value]]:
 
 def _stops(event: Event, role: InputRole) -> Row:
     """As STOP. Bouncing and a second press stay a hold: neither a broken wire nor a reflex may drop the wearer."""
-    return Row(event, Effect.HOLD, _opened(role), Latch.ALWAYS, _which(role), outlasts=True)
+    return Row(event, Effect.HOLD, _opened(role), Latch.ALWAYS, _which(role), acknowledged_when_gone=True)
 
 
 def _unpressed(d: Diagnostics) -> dict[str, Value]:

@@ -101,9 +101,9 @@ def walk_ender(events: RaisedEvents, source: Source) -> RaisedEvent | None:
     return next((one for one in events if one.in_force and blocks(ROW[one.event], source) and _ends_walk(one)), None)
 
 
-def covers(acknowledged_ns: int, one: RaisedEvent) -> bool:
-    """Whether an acknowledgement sent then is one of this event."""
-    if ROW[one.event].outlasts and (one.present or acknowledged_ns <= one.last_ns):
+def acknowledges(acknowledged_ns: int, one: RaisedEvent) -> bool:
+    """Whether an acknowledgement sent then counts for this event."""
+    if ROW[one.event].acknowledged_when_gone and (one.present or acknowledged_ns <= one.last_ns):
         return False
     return one.latched and acknowledged_ns > one.since_ns
 
@@ -151,9 +151,9 @@ def _raised(row: Row, diagnostics: Diagnostics) -> RaisedEvent:
 
 def _updated(one: RaisedEvent, diagnostics: Diagnostics, acknowledged_ns: int, *, present: bool) -> RaisedEvent | None:
     """The event a tick later; None when it is over."""
-    acknowledged = one.acknowledged or covers(acknowledged_ns, one)
+    acknowledged = one.acknowledged or acknowledges(acknowledged_ns, one)
     if present:
-        acknowledged = acknowledged and not ROW[one.event].outlasts
+        acknowledged = acknowledged and not ROW[one.event].acknowledged_when_gone
         return replace(
             one,
             present=True,

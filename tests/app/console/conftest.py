@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import asyncio
-import gc
 from collections.abc import AsyncIterator, Callable, Iterator
 from contextlib import AbstractAsyncContextManager, asynccontextmanager
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
-from unittest.mock import create_autospec
 
 import pytest
 from textual.css.model import RuleSet
@@ -103,10 +102,11 @@ def parsed_once() -> Iterator[None]:
 
 
 @pytest.fixture(autouse=True)
-def nothing_to_collect(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+def without_collections(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
     """No session begins by collecting the garbage of all tests before it: test_warm and real sessions show that."""
     if request.path.name != "test_warm.py" and request.node.get_closest_marker("serial") is None:
-        monkeypatch.setattr(live, "gc", create_autospec(gc))
+        nothing = dict.fromkeys(("collect", "freeze", "unfreeze", "set_threshold"), lambda *_: None)
+        monkeypatch.setattr(live, "gc", SimpleNamespace(**nothing))
 
 
 @pytest.fixture

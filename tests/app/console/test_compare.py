@@ -14,7 +14,7 @@ from app.system.paths import Home
 from app.text.catalogue import tr
 from logs.records import Body, CameraComparison
 from profiles.schema import DistanceUsed
-from tests.app.console.conftest import Opener
+from tests.app.console.conftest import Console, Opener
 
 PREVIEW = Preview(sequence=1, captured_ns=1, width_px=4, height_px=2, rgb=bytes(24))
 
@@ -51,19 +51,30 @@ class FakeLooker:
         self.closed = True
 
 
+@pytest.fixture
+def looking(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The second camera is a fake."""
+    FakeLooker.made = []
+    monkeypatch.setattr(compare, "Looker", FakeLooker)
+
+
+async def choose_second(open_console: Console, source: str) -> None:
+    """Name the second camera on the compare screen; an empty name: none."""
+    await open_console.until(lambda: isinstance(open_console.app.screen, CompareScreen))
+    await open_console.press("2")
+    open_console.app.screen.query_one("#second", Input).value = source
+    await open_console.press("enter")
+
+
+@pytest.mark.usefixtures("looking")
 async def test_a_second_camera_is_compared_and_kept(
     console: Opener, home: Home, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    FakeLooker.made = []
-    monkeypatch.setattr(compare, "Looker", FakeLooker)
     async with console() as open_console:
         app, kept = open_console.app, list[Body]()
         monkeypatch.setattr(app.trail, "emit", kept.append)
         await open_console.press("v")
-        await open_console.until(lambda: isinstance(app.screen, CompareScreen))
-        await open_console.press("2")
-        app.screen.query_one("#second", Input).value = "digital-d435i:4@15"
-        await open_console.press("enter")
+        await choose_second(open_console, "digital-d435i:4@15")
         await open_console.shows("31.0 cm")
         (looker,) = FakeLooker.made
         assert (looker.setup.config.camera.seed, looker.setup.config.camera.rate_hz) == (4, 15.0)
@@ -78,22 +89,17 @@ async def test_a_second_camera_is_compared_and_kept(
     assert (home.root / "comparisons" / record.path).read_text().startswith("ruler_cm,camera")
 
 
+@pytest.mark.usefixtures("looking")
 async def test_another_camera_keeps_what_the_one_before_it_gave_and_no_name_leaves_none(
-    console: Opener, home: Home, monkeypatch: pytest.MonkeyPatch
+    console: Opener, home: Home
 ) -> None:
-    FakeLooker.made = []
-    monkeypatch.setattr(compare, "Looker", FakeLooker)
     async with console() as open_console:
-        await open_console.press("v", "2")
-        await open_console.until(lambda: isinstance(open_console.app.screen, CompareScreen))
+        await open_console.press("v")
+        await choose_second(open_console, "digital-d435i:4@15")
         screen = open_console.app.screen
-        screen.query_one("#second", Input).value = "digital-d435i:4@15"
-        await open_console.press("enter")
         await open_console.shows("31.0 cm")
         assert screen.query_one("#other").display
-        await open_console.press("2")
-        screen.query_one("#second", Input).value = ""
-        await open_console.press("enter")
+        await choose_second(open_console, "")
         await open_console.until(lambda: FakeLooker.made[0].closed)
         assert len(FakeLooker.made) == 1
         assert len([*(home.root / "comparisons").iterdir()]) == 1
