@@ -20,6 +20,7 @@ STALLS = frozenset(
         Event.CONSOLE_TIMEOUT,
         Event.PLANNER_TIMEOUT,
         Event.NEXT_STEP_MISSING,
+        Event.PAUSE_TOO_LONG,  # a console without a terminal has its heartbeat from the event loop, at no priority
     }
 )
 # What may follow where a stall has held the legs in mid-movement.
