@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import cmath
 import math
-from dataclasses import dataclass
 from enum import Enum
 
 import numpy as np
@@ -41,15 +40,7 @@ class Jump(Enum):
     UNSEEN = "unseen"  # too long to be followed: seconds since the frame before
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class HandFrame:
-    """A hand, as one frame had it. ambiguous: of a gesture whose side, and mirror image, the detector may miss."""
-
-    hand: Hand
-    ambiguous: bool = False
-
-
-def jump_between(before: HandFrame, now: HandFrame, elapsed_ns: int, lost_frames: int) -> Explanation | None:
+def jump_between(before: Hand, now: Hand, elapsed_ns: int, lost_frames: int) -> Explanation | None:
     """What the hand of now can't be that of before by: `Jump` with value and limit; None: it may be.
 
     before: the newest that is trusted. elapsed_ns: since the newest frame, which sets the limits: a hand that was
@@ -58,12 +49,10 @@ def jump_between(before: HandFrame, now: HandFrame, elapsed_ns: int, lost_frames
     if lost_frames > GAP_FRAMES or elapsed_ns > STALE_NS:
         return Explanation(Jump.UNSEEN, {"value": elapsed_ns / 1e9, "limit": STALE_NS / 1e9})
     frames = min(max(elapsed_ns / FRAME_NS, 1.0), MOST_FRAMES)
-    reference_px = max(now.hand.reference_px, before.hand.reference_px, 1.0)
-    bend_px, turn_rad = _bend_px(_palm(before.hand), _palm(now.hand))
-    if before.ambiguous and now.ambiguous:
-        bend_px, turn_rad = min((bend_px, turn_rad), _bend_px(_mirrored_palm(before.hand), _palm(now.hand)))
+    reference_px = max(now.reference_px, before.reference_px, 1.0)
+    bend_px, turn_rad = _bend_px(_palm(before), _palm(now))
     compared = {
-        Jump.PLACE: (now.hand.palm_shift_px(before.hand) / reference_px, LARGEST_SHIFT * frames),
+        Jump.PLACE: (now.palm_shift_px(before) / reference_px, LARGEST_SHIFT * frames),
         Jump.SHAPE: (bend_px / reference_px, LARGEST_BEND),
         Jump.TURN: (abs(turn_rad), LARGEST_TURN_RAD + FURTHER_TURN_RAD * (frames - 1)),
     }
@@ -78,13 +67,6 @@ def _palm(hand: Hand) -> NDArray[np.complex128]:
     palm = points[:, 0] + 1j * points[:, 1]
     centred: NDArray[np.complex128] = palm - palm.mean()
     return centred
-
-
-def _mirrored_palm(hand: Hand) -> NDArray[np.complex128]:
-    """(5,) as the detector would have it of the other side: mirrored at the line from the wrist to the knuckles."""
-    u, v = (hand.image_px[Keypoint.MIDDLE_MCP] - hand.image_px[Keypoint.WRIST]).tolist()
-    along = complex(u, v)
-    return _palm(hand).conjugate() * (along / abs(along)) ** 2 if along else _palm(hand)
 
 
 def _bend_px(before: NDArray[np.complex128], now: NDArray[np.complex128]) -> tuple[float, float]:

@@ -16,7 +16,7 @@ from kgdfa.gesture import VOTE_FRAMES, Explanation, Gesture, RuleSet, Verdict
 from kgdfa.hand import Hand, is_cut_off
 from kgdfa.preprocess import Image, as_bgr8
 from kgdfa.recognition import FrameReading, Recognition, recognise
-from kgdfa.track import AMBIGUOUS, Enrolment, Tracks, update_tracks
+from kgdfa.track import Enrolment, Tracks, update_tracks
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -75,9 +75,6 @@ class DepthFinder(Protocol):
 
 Prepare = Callable[[NDArray[np.uint8]], Image]
 Follow = Callable[[Hand | None, bool], None]
-
-
-SIGNING = {None: 0.0, Gesture.THREE: AMBIGUOUS}  # how far a verdict lets the side count; others: 1
 
 
 class Pipeline:
@@ -158,7 +155,7 @@ class Pipeline:
     def _update_tracks(self, verdicts: list[tuple[Hand, Verdict]], now_ns: int) -> tuple[Hand | None, Verdict | None]:
         """The commanding hand and its verdict; another one inherits neither votes nor a steadied distance."""
         hands = tuple(hand for hand, _ in verdicts)
-        signing = [SIGNING.get(verdict.gesture, 1.0) for _, verdict in verdicts]
+        signing = [verdict.gesture is not None for _, verdict in verdicts]
         self._tracks = update_tracks(self._tracks, hands, now_ns, self._enrolment, signing)
         track = self._tracks.commanding
         if track is not None and track.number != self._hand_number:

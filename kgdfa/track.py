@@ -15,7 +15,7 @@ from enum import Enum
 
 import numpy as np
 
-from kgdfa.continuity import DOUBTFUL_FRAMES, FRAME_NS, MOST_FRAMES, HandFrame, Jump, jump_between
+from kgdfa.continuity import DOUBTFUL_FRAMES, FRAME_NS, MOST_FRAMES, Jump, jump_between
 from kgdfa.gesture import Explanation
 from kgdfa.hand import FloatArray, Hand, Keypoint, Side
 
@@ -34,7 +34,6 @@ EQUAL_CLAIM = 0.75  # a second hand this large, relative to the first, claims th
 # only from a higher score: a left 5 that came near the camera was read as a right one at 0.85, frame after frame.
 SIDE_STEP, SIDE_KNOWN, SIDE_MOST, SIDE_AGAINST = 2.0, 4.0, 12.0, 0.5
 CONTRARY_FRAMES, SURE, SURE_ENROLLED = 3, 0.8, 0.95
-AMBIGUOUS = 0.5  # `signing` of a gesture whose side the detector may miss all along: the rendered 3
 OVERLAP_REFERENCES = REACH_REFERENCES  # two palms this near touch, and may be taken for one another in the next frame
 SAME_POINTS_REFERENCES = 0.5  # two detections whose keypoints are this near on average are one hand, found twice
 HINT_NS = 500_000_000  # how long the screen says that a hand is judged anew
@@ -90,7 +89,7 @@ class Track:
     began_ns: int
     captured_ns: int
     moved: float = 0.0
-    trusted: HandFrame
+    trusted: Hand
     doubtful: int = 0
     anew: Explanation | None = None
     anew_ns: int = 0
@@ -138,21 +137,21 @@ def update_tracks(
     hands: tuple[Hand, ...],
     captured_ns: int,
     enrolment: Enrolment | None = None,
-    signing: Sequence[float] = (),
+    signing: Sequence[bool] = (),
 ) -> Tracks:
     """The tracks after one frame. A hand that commands keeps the command until it is lost or refused.
 
     enrolment: None refuses nobody; the largest hand is taken, unless another claims as well. signing: which hands
-    show a gesture (1; 0: none; AMBIGUOUS), () for all; only then their side counts: at rest it may be either.
+    show a gesture, () for all; only then their side counts: at rest it may be either.
     """
     hands = _without_doubles(hands)
-    weights = {id(hand): signs for hand, signs in zip(hands, signing, strict=False)}
+    shows = {id(hand): signs for hand, signs in zip(hands, signing, strict=False)}
     enrolled = enrolment.side if enrolment is not None else None
-    followed, others = _continued(tracks, hands, captured_ns, weights, enrolled)
+    followed, others = _continued(tracks, hands, captured_ns, shows, enrolled)
     made, number = tracks.made, tracks.number
     for hand in others:
         made += 1
-        followed.append(_advanced(_begun(hand, made, captured_ns), hand, captured_ns, 0, weights, enrolled=enrolled))
+        followed.append(_advanced(_begun(hand, made, captured_ns), hand, captured_ns, 0, shows, enrolled=enrolled))
     if enrolment is not None:
         followed = [_overlapping(track, followed, captured_ns) for track in followed]
         for place, track in enumerate(followed):
@@ -165,7 +164,7 @@ def update_tracks(
 
 
 def _continued(
-    tracks: Tracks, hands: tuple[Hand, ...], captured_ns: int, weights: dict[int, float], enrolled: Side | None
+    tracks: Tracks, hands: tuple[Hand, ...], captured_ns: int, shows: dict[int, bool], enrolled: Side | None
 ) -> tuple[list[Track], list[Hand]]:
     """Every track with its hand, the nearest pairs first; and the hands that belong to none."""
     followed, elapsed_ns = tracks.followed, captured_ns - tracks.captured_ns
@@ -181,7 +180,7 @@ def _continued(
         if place not in found and number not in found.values():
             found[place] = number
     continued = [
-        _advanced(track, hands[found[place]], captured_ns, elapsed_ns, weights, enrolled=enrolled)
+        _advanced(track, hands[found[place]], captured_ns, elapsed_ns, shows, enrolled=enrolled)
         if place in found
         else replace(track, hand=None, lost=track.lost + 1)
         for place, track in enumerate(followed)
@@ -215,48 +214,47 @@ def _begun(hand: Hand, number: int, captured_ns: int) -> Track:
         first_px=hand.image_px,
         began_ns=captured_ns,
         captured_ns=captured_ns,
-        trusted=HandFrame(hand=hand),
+        trusted=hand,
     )
 
 
 def _advanced(
-    track: Track, hand: Hand, captured_ns: int, elapsed_ns: int, weights: dict[int, float], *, enrolled: Side | None
+    track: Track, hand: Hand, captured_ns: int, elapsed_ns: int, shows: dict[int, bool], *, enrolled: Side | None
 ) -> Track:
     """The track with its hand of one more frame; judged anew where that hand can't have come of those before."""
-    signs = weights.get(id(hand), 1.0)
-    now = HandFrame(hand=hand, ambiguous=signs == AMBIGUOUS)
-    if track.side not in {None, hand.side} and hand.side is enrolled and hand.presence < SURE_ENROLLED:
-        signs = min(signs, AMBIGUOUS)
+    signs = shows.get(id(hand), True)
+    unsure = track.side not in {None, hand.side} and hand.side is enrolled and hand.presence < SURE_ENROLLED
+    tells = signs and not unsure
     followed = replace(
         track,
         hand=hand,
         last=hand,
         lost=0,
-        signing=track.signing + bool(signs),
+        signing=track.signing + signs,
         captured_ns=captured_ns,
         moved=max(track.moved, _mean_px(hand.image_px - track.first_px) / max(hand.reference_px, 1.0)),
     )
-    jump = jump_between(track.trusted, now, elapsed_ns, track.lost)
+    jump = jump_between(track.trusted, hand, elapsed_ns, track.lost)
     if jump is not None and track.doubtful < DOUBTFUL_FRAMES and jump.code is not Jump.UNSEEN:
         return replace(followed, doubtful=track.doubtful + 1)
-    contrary = _contrary(track, hand, signs)
+    contrary = _contrary(track, hand) if tells else track.contrary
     if jump is None and contrary >= CONTRARY_FRAMES:
         jump = Explanation(Jump.SIDE, {"value": contrary, "limit": CONTRARY_FRAMES})
-    followed = replace(followed, doubtful=0, trusted=now, contrary=0 if jump is not None else contrary)
+    followed = replace(followed, doubtful=0, trusted=hand, contrary=0 if jump is not None else contrary)
     if jump is not None:
         return _anew(followed, Explanation(HandRefusal.JUMPED, {"jump": jump.code, **jump.values}), captured_ns)
     arm = _arm(hand) if track.arm_frames < ENTRY_FRAMES else None
     return replace(
         followed,
-        side_log_odds=_side_log_odds(track, hand, signs),
+        side_log_odds=_side_log_odds(track, hand) if tells else track.side_log_odds,
         arm=track.arm + (arm or 0),
         arm_frames=track.arm_frames + (arm is not None),
     )
 
 
-def _contrary(track: Track, hand: Hand, signs: float) -> int:
-    """Frames in a row that are sure of the other side; unsure ones, and those that tell no side, change nothing."""
-    if signs != 1.0 or track.side is None or hand.presence < SURE:
+def _contrary(track: Track, hand: Hand) -> int:
+    """Frames in a row that are sure of the other side; unsure ones change nothing."""
+    if track.side is None or hand.presence < SURE:
         return track.contrary
     return track.contrary + 1 if hand.side is not track.side else 0
 
@@ -281,10 +279,7 @@ def _palms_apart(hand: Hand, other: Hand) -> float:
     return 2 * hand.palm_shift_px(other) / max(hand.reference_px + other.reference_px, 1.0)
 
 
-def _side_log_odds(track: Track, hand: Hand, signs: float) -> float:
-    """Frames without a gesture tell no side, and an ambiguous one does not speak against a known one."""
-    if not signs or (signs == AMBIGUOUS and track.side not in {None, hand.side}):
-        return track.side_log_odds
+def _side_log_odds(track: Track, hand: Hand) -> float:
     score = min(max(hand.presence, 0.5), 1 - 1e-9)
     step = min(math.log(score / (1 - score)), SIDE_STEP) * (1 if track.side in (None, hand.side) else SIDE_AGAINST)
     after = track.side_log_odds + (step if hand.side is Side.RIGHT else -step)

@@ -87,7 +87,9 @@ def tr(key: str | Enum, /, **values: object) -> str:
 
 
 def render(what: object) -> str:
-    """A reason, or an object with code and values (an error, an explanation), as text."""
+    """A reason, a code, or an object with code and values (an error, an explanation), as text."""
+    if isinstance(what, Enum):
+        return tr(what)
     if isinstance(what, BaseException) and not isinstance(getattr(what, "code", None), Enum):
         return str(what)  # until every error carries an Enum's member
     found = what if isinstance(what, Reason) else reason_of(what)

@@ -14,7 +14,6 @@ from kgdfa.button import GAP_FRAMES
 from kgdfa.continuity import DOUBTFUL_FRAMES, Jump
 from kgdfa.hand import Hand, Side
 from kgdfa.track import (
-    AMBIGUOUS,
     CONTRARY_FRAMES,
     EQUAL_CLAIM,
     LOST_FRAMES,
@@ -143,27 +142,10 @@ def test_a_known_side_survives_frames_that_flip(flips: list[int]) -> None:
         assert (commanding(tracks) is not None, tracks.known, tracks.number) == (True, True, 1)
 
 
-def test_a_gesture_of_ambiguous_side_does_not_speak_against_a_known_one() -> None:
-    tracks = after([(of(Side.RIGHT),)] * 30, RIGHT)
-    for number in range(31, 61):
-        tracks = update_tracks(tracks, (of(Side.LEFT),), number * FRAME_NS, RIGHT, [AMBIGUOUS])
-    assert (tracks.known, tracks.number) == (True, 1)
-
-
-@pytest.mark.parametrize("tilt_deg", [-40, 0, 40])
-def test_an_ambiguous_gesture_that_is_read_as_its_mirror_image_is_the_same_hand(tilt_deg: int) -> None:
-    upright, tilt_rad = drawn_hand("oooff"), math.radians(tilt_deg)
-    either = rolled(upright, tilt_rad), rolled(mirrored(upright), tilt_rad)
-    tracks = after([(either[0],)] * 30, RIGHT)
-    for number in range(31, 61):
-        tracks = update_tracks(tracks, (either[number % 2],), number * FRAME_NS, RIGHT, [AMBIGUOUS])
-        assert (tracks.known or number == 31, tracks.number) == (True, 1)
-
-
 def test_frames_without_a_gesture_tell_no_side() -> None:
     tracks = Tracks()
     for number in range(20):
-        tracks = update_tracks(tracks, (of(Side.LEFT, moved(HERE, number)),), number * FRAME_NS, RIGHT, [0.0])
+        tracks = update_tracks(tracks, (of(Side.LEFT, moved(HERE, number)),), number * FRAME_NS, RIGHT, [False])
     assert (tracks.known, commanding(tracks) is not None) == (False, True)
 
 

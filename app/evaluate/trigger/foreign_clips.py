@@ -20,9 +20,6 @@ OUTSIDE_M = 0.55  # along the arm, out of the image
 BESIDE_M = 0.19  # the enrolled hand stands aside by it
 FIRST_FOREIGN = 700_000  # nobody else's seed
 GESTURES = tuple(Gesture)
-# MediaPipe takes a rendered 3 for either side (docs/decisions.md), so it can't show what a foreign side commands;
-# on photos it tells the 3's side as it tells others': `evaluate side`.
-TELLING = tuple(gesture for gesture in Gesture if gesture is not Gesture.THREE)
 
 
 class ForeignKind(Enum):
@@ -94,8 +91,7 @@ def foreigner(draw: np.random.Generator, kind: ForeignKind, own_left: bool) -> F
     """A person drawn at random, with the side and the arm of that kind."""
     seed = FIRST_FOREIGN + int(draw.integers(100_000))
     nearer_m = float(draw.uniform(0.04, 0.10))
-    shown = GESTURES if kind in SAME else TELLING
-    first, second = draw.choice(len(shown), 2, replace=False)
+    first, second = draw.choice(len(GESTURES), 2, replace=False)
     # From the left, the right or above (π), each spread by 10°; of the other side also from below.
     roll = float(draw.choice([np.pi / 2, -np.pi / 2, np.pi])) + float(draw.normal(0, np.radians(5)))
     if kind in {ForeignKind.OTHER_SIDE, ForeignKind.BESIDE, ForeignKind.ACROSS_OTHER}:
@@ -104,7 +100,7 @@ def foreigner(draw: np.random.Generator, kind: ForeignKind, own_left: bool) -> F
         seed=seed,
         left=own_left if kind in SAME else not own_left,
         nearer_m=nearer_m,
-        gestures=(shown[first], shown[second]),
+        gestures=(GESTURES[first], GESTURES[second]),
         roll_rad=roll,
         shift_m=(BESIDE_M / 2, 0.0) if kind is ForeignKind.BESIDE else (0.0, 0.0),
     )

@@ -98,6 +98,13 @@ class Grid:
         y = ((v - lens.cy_px) / lens.fy_px).astype(np.float32)
         return x[None, :], y[:, None]
 
+    def cells(self, points_m: FloatArray, lens: Intrinsics) -> FloatArray:
+        """(n, 2) column and row, with fractions, of (n, 3) points in the camera's frame; they may lie outside."""
+        z = np.maximum(points_m[:, 2:3], NEAREST_M)
+        pixels = points_m[:, :2] / z * (lens.fx_px, lens.fy_px) + (lens.cx_px, lens.cy_px)
+        cells: FloatArray = (pixels - (self.left, self.top)) * (self.columns / self.width, self.rows / self.height)
+        return cells
+
 
 @dataclass(frozen=True, slots=True)
 class _Cone:

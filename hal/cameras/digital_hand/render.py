@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hal.cameras.camera import DepthArray, ImageArray, Intrinsics, IntrinsicsSource
+from hal.cameras.digital_hand.palm import palm_lines
 from hal.cameras.digital_hand.raycast import Grid, capsules_of, cast, grid_over
 from hal.cameras.digital_hand.shading import Light, Painted, paint, room_bgr
 from hal.cameras.digital_hand.skeleton import FloatArray, HandPlace, HandShape, find_pose, joints_m, placed_m
@@ -155,7 +156,8 @@ def _add_hand(rendered: Rendered, joints: FloatArray, owner: Person, scene: Scen
         return
     hand_m = cast(body, grid, lens)
     cell_m = grid.width / grid.columns * distance_m / lens.fx_px
-    _lay(image, paint(hand_m, cell_m, owner.tone_bgr, scene.person.light), grid)
+    lines = palm_lines(joints, owner.shape, hand_m, grid, lens)
+    _lay(image, paint(hand_m, lines, cell_m, owner.tone_bgr, scene.person.light), grid)
     _grain(image, grid, scene.person.noise_sd, noise_seed)
     if surface is not None:
         _sink(surface, hand_m, grid)

@@ -14,6 +14,7 @@ from hal.cameras.digital_hand.raycast import Float32Array
 # Backward slope of the surface beyond which a cell belongs to the silhouette of a nearer part.
 _CREASE_M = 0.010  # depth below the surroundings at which a crease is darkest
 _CREASE_REACH_M = 0.008  # how far a crease's shade spreads
+_LINE_SHADE = 0.2  # of the light that a line of the palm keeps back
 _SILHOUETTE_CELLS = 1.1  # blur of the outline
 
 
@@ -35,13 +36,15 @@ class Painted:
     cover: Float32Array
 
 
-def paint(depth_m: Float32Array, cell_m: float, tone_bgr: tuple[float, float, float], light: Light) -> Painted:
-    """Shade a depth map whose cells are cell_m wide on the hand; infinite depth is not covered."""
+def paint(
+    depth_m: Float32Array, lines: Float32Array, cell_m: float, tone_bgr: tuple[float, float, float], light: Light
+) -> Painted:
+    """Shade a depth map whose cells are cell_m wide on the hand; infinite depth is not covered. lines: the palm's."""
     met = np.isfinite(depth_m)
     cover = _outline(met)
     filled = _fill(depth_m, met)
     lit = _lambert(np.asarray(cv2.GaussianBlur(filled, (0, 0), 1.0), np.float32), cell_m, light)
-    shade = lit * _creases(filled, met, cell_m)
+    shade = lit * _creases(filled, met, cell_m) * (np.float32(1.0) - np.float32(_LINE_SHADE) * lines)
     return Painted(_skin(shade, tone_bgr, light), cover)
 
 

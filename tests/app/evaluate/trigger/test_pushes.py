@@ -8,6 +8,7 @@ from typing import cast
 
 import numpy as np
 import pytest
+from rich.table import Table
 
 from app.evaluate.digital import PoolDetector
 from app.evaluate.harness import FRAME_NS, EvaluateFault, click_range, seed_numbers
@@ -105,6 +106,9 @@ def test_a_failed_push_is_listed_frame_by_frame() -> None:
     assert (nearest.shown_m, nearest.safe_m, nearest.verdict, nearest.voted) == (None, None, None, Gesture.FIVE)
     assert {frame.phase for frame in push.frames} == {ButtonPhase.READY, ButtonPhase.WAITING}
     assert len(push.as_json()["frames"]) == len(push.frames)
+    listed = next(shown(PushRun(pushes=(push,), interrupted=False)))
+    assert isinstance(listed, Table)
+    assert set(listed.columns[-2].cells) == {"ready", "waits for a hand outside"}
 
 
 def test_a_push_that_commands_tells_when_and_how_it_pressed() -> None:
