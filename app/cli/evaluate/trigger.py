@@ -133,7 +133,12 @@ def idle(
 def foreign(
     frames: Annotated[int, typer.Option(help="Frames with a foreign hand.", min=0)] = 10_000,
     attempts: Annotated[
-        int, typer.Option("--trials", help="Pushes of the enrolled hand, alone and beside a foreign one.", min=0)
+        int,
+        typer.Option(
+            "--trials",
+            help="Pushes of the enrolled hand: alone, beside a foreign one, after one crossed it.",
+            min=0,
+        ),
     ] = 100,
     seed: Annotated[int, typer.Option(help="Another seed, other hands and movements.", min=0, max=MAX_SEED)] = 1,
     keep: Annotated[

@@ -50,7 +50,7 @@ from logs.reading.formats import read_json_lines
 
 COST_FRAMES = 30
 TRACKERS = (("tracker_of_one", 1), ("tracker_of_two", 2))
-PUSH_BEGIN_NS = 2 * IN_NS  # of the enrolled hand, from its gesture's recognition on
+PUSH_BEGIN_NS = 3 * IN_NS  # of the enrolled hand, from its gesture's recognition on
 PUSH_END_NS = PUSH_BEGIN_NS + round(CLICK_S * SECOND_NS) + 10 * FRAME_NS  # by then it has commanded, or does not
 
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from hal.cameras.digital_hand.driver import DigitalHandCamera
 from hal.cameras.digital_hand.render import Scene, person_of
+from hal.minimum_jerk import minimum_jerk
 from kgdfa.gesture import Gesture
 
 CLIP_FRAMES = 105
@@ -37,11 +38,14 @@ SAME = (ForeignKind.SAME_SIDE, ForeignKind.ACROSS_SAME)
 
 
 class PushKind(Enum):
-    """Where the foreign hand is while the enrolled one pushes."""
+    """Where the foreign hand is while the enrolled one pushes, on the side from which its arm comes.
+
+    Beyond the enrolled hand it would lay its arm over it: such a hand can't be pushed, nor be seen.
+    """
 
     ALONE = "alone"  # nowhere
     BESIDE = "beside"
-    PAST = "past"  # beside, and on its way there it reached across the enrolled hand
+    CROSSED = "crossed"  # beside, after it reached across the enrolled hand and drew back
 
 
 def turned(scene: Scene, roll_rad: float, shift_m: tuple[float, float], away: float) -> Scene:
@@ -65,11 +69,7 @@ class Foreigner:
     gestures: tuple[Gesture, Gesture]
     roll_rad: float
     shift_m: tuple[float, float]
-
-    @property
-    def reaches_across(self) -> bool:
-        """Whether it comes from one side and stands on the other."""
-        return float(np.sin(self.roll_rad)) * self.shift_m[0] > BESIDE_M / 2
+    crosses: bool = False  # it reaches in to the other side of the image, and draws back to where `shift_m` says
 
     def camera(self) -> DigitalHandCamera:
         """Its hand, whose movements are begun."""
@@ -83,8 +83,22 @@ class Foreigner:
 
     def scene(self, camera: DigitalHandCamera, clip_ns: int) -> Scene:
         """Its scene at a moment of the clip."""
-        away = max(0.0, 1 - clip_ns / IN_NS)
-        return turned(camera.scene(clip_ns), self.roll_rad, self.shift_m, away)
+        away, (x, y) = max(0.0, 1 - clip_ns / IN_NS), self.shift_m
+        if self.crosses:
+            x *= 2 * minimum_jerk(min(1.0, max(0.0, clip_ns / IN_NS - 1))) - 1
+        return turned(camera.scene(clip_ns), self.roll_rad, (x, y), away)
+
+
+def standing(draw: np.random.Generator, own_left: bool, *, crosses: bool) -> Foreigner:
+    """A person whose hand, of the other side, stands beside the enrolled one, on the side from which its arm comes."""
+    other = foreigner(draw, ForeignKind.OTHER_SIDE, own_left)
+    aside = float(draw.choice([-1, 1]))
+    across = float(np.sin(other.roll_rad))
+    if crosses and abs(across) < 0.5:
+        other = replace(other, roll_rad=-aside * np.pi / 2 + float(draw.normal(0, np.radians(10))))
+    elif abs(across) >= 0.5:
+        aside = -float(np.sign(across))
+    return replace(other, shift_m=(aside * BESIDE_M, 0.0), crosses=crosses)
 
 
 def foreigner(draw: np.random.Generator, kind: ForeignKind, own_left: bool) -> Foreigner:
@@ -121,11 +135,11 @@ class Clip:
         """Of the enrolled hand's own push."""
         if self.other is None:
             return PushKind.ALONE
-        return PushKind.PAST if self.other.reaches_across else PushKind.BESIDE
+        return PushKind.CROSSED if self.other.crosses else PushKind.BESIDE
 
 
 def clips(*, frames: int, pushes: int, seed: int) -> list[Clip]:
-    """At least so many frames with a foreign hand, and so many pushes of the enrolled one, alone and beside one."""
+    """At least so many frames with a foreign hand, and so many pushes of the enrolled one of each `PushKind`."""
     return list(_clips(frames, pushes, seed))
 
 
@@ -139,7 +153,8 @@ def _clips(frames: int, pushes: int, seed: int) -> Iterator[Clip]:
     draw = np.random.default_rng([seed, 0x7075_7368])
     for number in range(pushes):
         own_seed, gesture = FIRST_FOREIGN // 2 + number, GESTURES[number % len(GESTURES)]
-        other = foreigner(draw, ForeignKind.OTHER_SIDE, person_of(own_seed).shape.left)
-        other = replace(other, shift_m=(float(draw.choice([-1, 1])) * BESIDE_M, 0.0))
-        for name, one in (("alone", None), ("beside", other)):
-            yield Clip(name=f"{seed}-{name}-{number}", kind=None, own_seed=own_seed, gesture=gesture, other=one)
+        left = person_of(own_seed).shape.left
+        others = (None, standing(draw, left, crosses=False), standing(draw, left, crosses=True))
+        for push, one in zip(PushKind, others, strict=True):
+            name = f"{seed}-{push.value}-{number}"
+            yield Clip(name=name, kind=None, own_seed=own_seed, gesture=gesture, other=one)
