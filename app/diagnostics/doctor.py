@@ -18,6 +18,9 @@ from app.system.hand_model import find_model
 from app.system.paths import Home
 from app.system.scheduling import WAKE_LATENCY
 from hal.errors import HardwareError
+from hal.inputs.device import InputDevice
+from hal.inputs.protocol import Contact, StopInput
+from hal.inputs.reader import InputReader, make_input
 from logs.reason import Reason, reason, reason_of
 
 DISK_NEEDED_GB = 2.0  # a day of sessions on CAN, the bus logs included
@@ -46,6 +49,7 @@ class Subject(Enum):
     DISK = "disk"
     CLOCK = "clock"
     JOINTS = "joints"
+    STOP_BUTTON = "stop button"
 
 
 class DoctorFinding(Enum):
@@ -81,6 +85,11 @@ class DoctorFinding(Enum):
     CLOCK_SYNCHRONISED = "clock synchronised"
     CLOCK_SOURCE_SLOW = "clock source slow"
     JOINTS_SIMULATED = "joints simulated"
+    NO_STOP_BUTTON = "no stop button"
+    STOP_BUTTON_SIMULATED = "stop button simulated"
+    STOP_BUTTON_CLOSED = "stop button closed"
+    STOP_BUTTON_OPEN = "stop button open"
+    STOP_BUTTON_SILENT = "stop button silent"
 
 
 class Remedy(Enum):
@@ -97,6 +106,8 @@ class Remedy(Enum):
     FREE_DISK = "free the disk"
     BOOT_WITH_TSC = "boot with tsc"
     RESTORE_DEVICE = "restore the device description"
+    RELEASE_BUTTON = "release the button"
+    CONNECT_BUTTON = "connect the button"
 
 
 F, R, T = DoctorFinding, Remedy, Subject
@@ -123,6 +134,7 @@ def examine(home: Home) -> Iterator[Finding]:
         lambda: check_disk(home),
         check_clock,
         lambda: check_joints(config),
+        lambda: check_stop_buttons(config),
     )
     for check in checks:
         yield from check()
@@ -274,3 +286,31 @@ def check_joints(config: Config) -> Iterator[Finding]:
         return
     device = with_bus(device, chosen.interface, chosen.channel)
     yield from examine_can(device, Path(chosen.motors) if chosen.motors else None, ask=False)
+
+
+def check_stop_buttons(
+    config: Config, make: Callable[[InputDevice, Path], StopInput] = make_input
+) -> Iterator[Finding]:
+    """Whether the contact of each stop button is closed now."""
+    if not config.inputs:
+        yield note(T.STOP_BUTTON, reason(F.NO_STOP_BUTTON))
+        return
+    devices = tuple(device for device in config.inputs if device.kind != "simulated")
+    for device in config.inputs:
+        if device not in devices:
+            yield note(T.STOP_BUTTON, reason(F.STOP_BUTTON_SIMULATED, name=device.name))
+    reader = InputReader(devices, tuple(make(device, Path()) for device in devices))
+    try:
+        reader.start()
+        readings = reader.newest.inputs
+    finally:
+        reader.close()
+    for one in readings:
+        values = {"name": one.name, "role": one.role}
+        if one.contact is Contact.CLOSED:
+            yield good(T.STOP_BUTTON, F.STOP_BUTTON_CLOSED, **values)
+        elif one.contact is Contact.OPEN:
+            yield bad(T.STOP_BUTTON, reason(F.STOP_BUTTON_OPEN, **values), reason(R.RELEASE_BUTTON))
+        else:
+            why = reason(F.STOP_BUTTON_SILENT, **values) if one.fault is None else reason_of(one.fault)
+            yield bad(T.STOP_BUTTON, why, reason(R.CONNECT_BUTTON, name=one.name))

@@ -17,6 +17,8 @@ from app.diagnostics.findings import Finding, Grade
 from app.system.config import CameraConfig, Config, JointsConfig
 from app.system.paths import Home
 from app.text.catalogue import knows, render
+from hal.inputs.device import InputDevice, InputRole
+from hal.inputs.protocol import Contact, ContactReading
 from logs.reason import key_of
 
 
@@ -88,6 +90,51 @@ def test_keys_that_others_may_read_are_bad(tmp_path: Path) -> None:
     home.keys.chmod(0o755)
     grades = [finding.grade for finding in doctor.check_disk(home)]
     assert grades[-1] is Grade.BAD
+
+
+class StillContact:
+    """A button whose contact stays as it is."""
+
+    def __init__(self, reading: ContactReading) -> None:
+        self._reading = reading
+
+    def open(self, now_ns: int) -> None:
+        """Nothing to open."""
+
+    def read(self, now_ns: int) -> ContactReading:
+        return self._reading
+
+    def close(self) -> None:
+        """Nothing to close."""
+
+
+@pytest.mark.parametrize(
+    ("reading", "grade", "what", "remedy"),
+    [
+        (ContactReading(Contact.CLOSED), Grade.GOOD, F.STOP_BUTTON_CLOSED, None),
+        (ContactReading(Contact.OPEN), Grade.BAD, F.STOP_BUTTON_OPEN, doctor.Remedy.RELEASE_BUTTON),
+        (ContactReading(Contact.SILENT), Grade.BAD, F.STOP_BUTTON_SILENT, doctor.Remedy.CONNECT_BUTTON),
+    ],
+)
+def test_a_stop_button_is_found_as_its_contact_is(
+    reading: ContactReading, grade: Grade, what: F, remedy: doctor.Remedy | None
+) -> None:
+    pendant = InputDevice(name="pendant", role=InputRole.WEARER, kind="can", can_id=0x181)
+    finding = one(doctor.check_stop_buttons(Config(inputs=(pendant,)), lambda *_: StillContact(reading)))
+    assert (finding.grade, finding.what.code) == (grade, key_of(what))
+    assert finding.what.values["name"] == "pendant"
+    assert (finding.remedy and finding.remedy.code) == (remedy and key_of(remedy))
+
+
+def test_a_stop_button_that_cannot_be_opened_says_why() -> None:
+    pedal = InputDevice(name="pedal", role=InputRole.THERAPIST, kind="evdev", device="/dev/input/none", key="KEY_B")
+    finding = one(doctor.check_stop_buttons(Config(inputs=(pedal,))))
+    assert finding.grade is Grade.BAD
+    assert "pedal" in rendered(finding)
+
+
+def test_without_a_stop_button_it_is_said() -> None:
+    assert one(doctor.check_stop_buttons(Config())).what.code == key_of(F.NO_STOP_BUTTON)
 
 
 def test_joints_on_can_are_examined(tmp_path: Path) -> None:
