@@ -7,11 +7,8 @@ from collections.abc import AsyncIterator, Callable, Iterator
 from contextlib import AbstractAsyncContextManager, asynccontextmanager
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
 
 import pytest
-from textual.css.model import RuleSet
-from textual.css.stylesheet import Stylesheet
 from textual.pilot import Pilot
 from textual.widgets import Input
 
@@ -82,23 +79,6 @@ def english() -> Iterator[None]:
     use_language("en")
     yield
     use_language("en")
-
-
-@pytest.fixture(scope="session", autouse=True)
-def parsed_once() -> Iterator[None]:
-    """Each stylesheet is parsed once for all consoles of the tests: parsed rules are only read."""
-    kept: dict[object, list[RuleSet]] = {}
-    parse = Stylesheet._parse_rules
-
-    def once(self: Stylesheet, css: str, *where: Any, **more: Any) -> list[RuleSet]:
-        key = (frozenset(self._variables.items()), css, where, frozenset(more.items()))
-        if key not in kept:
-            kept[key] = parse(self, css, *where, **more)
-        return kept[key]
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(Stylesheet, "_parse_rules", once)
-        yield
 
 
 @pytest.fixture(autouse=True)
