@@ -7,9 +7,12 @@ import numpy as np
 from hal.cameras.digital_hand.render import Scene, keypoints_m, project_px
 from kgdfa.hand import FloatArray, Hand, Keypoint, Side
 
+USUAL_PRESENCE = 0.9
+_OTHER = {Side.LEFT: Side.RIGHT, Side.RIGHT: Side.LEFT}
+
 
 def residual(hand: Hand, scene: Scene) -> tuple[FloatArray, FloatArray]:
-    """What MediaPipe made of a scene, less the truth: (21, 2) on the image, (21, 3) in space, of the upright hand.
+    """What MediaPipe made of a scene, less the truth, of an upright right hand: (21, 2) on the image, (21, 3) in space.
 
     In reference segments (5–17): on the image that of a palm facing the camera at this distance, since a detector errs
     with the size of the hand in the image, however its palm is turned.
@@ -19,11 +22,28 @@ def residual(hand: Hand, scene: Scene) -> tuple[FloatArray, FloatArray]:
     image = (hand.image_px - image_px) @ upright.T / facing_px
     world = (hand.world_m - world_m) / scene.person.shape.reference_m
     world[:, :2] = world[:, :2] @ upright.T
-    return image, world
+    return _mirrored(image, scene), _mirrored(world, scene)
 
 
-def with_noise(scene: Scene, image: FloatArray, world: FloatArray, *, tracked: bool = False) -> Hand | None:
-    """The hand as MediaPipe might see it, with such a residual; None while its palm is outside the image."""
+def side_of(scene: Scene) -> Side:
+    """Of the scene's hand, in truth."""
+    return Side.LEFT if scene.person.shape.left else Side.RIGHT
+
+
+def with_noise(
+    scene: Scene,
+    image: FloatArray,
+    world: FloatArray,
+    *,
+    side_right: bool = True,
+    presence: float = USUAL_PRESENCE,
+    tracked: bool = False,
+) -> Hand | None:
+    """The hand as MediaPipe might see it, with such a residual; None while its palm is outside the image.
+
+    side_right: whether it names the hand's side right.
+    """
+    image, world = _mirrored(image, scene), _mirrored(world, scene)
     image_px, world_m, facing_px = _ground_truth(scene)
     palm = (image_px[Keypoint.INDEX_MCP] + image_px[Keypoint.PINKY_MCP]) / 2
     if not (0 <= palm[0] < scene.lens.width_px and 0 <= palm[1] < scene.lens.height_px):
@@ -34,10 +54,15 @@ def with_noise(scene: Scene, image: FloatArray, world: FloatArray, *, tracked: b
     return Hand(
         image_px=image_px + image @ turned.T * facing_px,
         world_m=world_m + shift * scene.person.shape.reference_m,
-        presence=0.9,
-        side=Side.RIGHT,
+        presence=presence,
+        side=side_of(scene) if side_right else _OTHER[side_of(scene)],
         tracked=tracked,
     )
+
+
+def _mirrored(shift: FloatArray, scene: Scene) -> FloatArray:
+    """A right hand's residual as a left hand has it, and back: its image is the mirror image."""
+    return shift * ([-1.0, *[1.0] * (shift.shape[1] - 1)] if scene.person.shape.left else 1.0)
 
 
 def _roll(image_px: FloatArray) -> FloatArray:

@@ -19,23 +19,25 @@ from pathlib import Path
 import msgspec
 import numpy as np
 from msgspec import Struct, structs
+from numpy.typing import NDArray
 from rich.table import Table
 
 from app.evaluate.digital import HEIGHT_M, smooth, take, tilted, walk
 from app.evaluate.harness import FRAME_NS, EvaluateFault, Step, table, writing
-from app.evaluate.noise import residual, with_noise
+from app.evaluate.noise import residual, side_of, with_noise
 from app.evaluate.readings import GESTURE_NAMES
 from app.evaluate.trigger.table6 import THRESHOLD_M, replay_pipeline
 from app.system.errors import AppError
 from hal.cameras.camera import Intrinsics
 from hal.cameras.digital_hand.depth import DepthCamera
-from hal.cameras.digital_hand.render import Scene, lens_for, person_of, posed, true_depth
+from hal.cameras.digital_hand.render import Person, Scene, lens_for, person_of, posed, true_depth
 from kgdfa.button import ButtonState
 from kgdfa.distance import DistanceChoice, DistanceSource
-from kgdfa.hand import FloatArray, Hand
+from kgdfa.hand import FloatArray, Hand, Side
 from kgdfa.keypoints import HandDetector
 from kgdfa.pipeline import PipelineInput
 from kgdfa.preprocess import Image
+from kgdfa.track import Enrolment
 from logs.reading.formats import read_json
 
 CLIP_FRAMES = 90
@@ -57,11 +59,16 @@ CHAINS = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NoiseClip:
-    """What MediaPipe made of one walk, less the truth: per frame, (n, 21, 2) on the image, (n, 21, 3) in space."""
+    """What MediaPipe made of one walk, less the truth: per frame, (n, 21, 2) on the image, (n, 21, 3) in space.
+
+    side_right: (n,) whether it named the side right; presence: (n,) its score.
+    """
 
     gesture: str
     image: FloatArray
     world: FloatArray
+    side_right: NDArray[np.bool_]
+    presence: FloatArray
 
 
 class IdleSettings(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -125,11 +132,12 @@ def take_noise(detector: HandDetector, step: Step) -> list[NoiseClip]:
             now_ns += FRAME_NS
             hands = detector.detect(take(moment, index)[0], now_ns)
             if hands:
-                rows.append(residual(hands[0], moment.scene))
+                named_right = hands[0].side is side_of(moment.scene)
+                rows.append((*residual(hands[0], moment.scene), named_right, hands[0].presence))
             step()
         if rows:
-            image, world = (np.array(part) for part in zip(*rows, strict=True))
-            clips.append(NoiseClip(gesture=gesture, image=image, world=world))
+            image, world, right, presence = (np.array(part) for part in zip(*rows, strict=True))
+            clips.append(NoiseClip(gesture=gesture, image=image, world=world, side_right=right, presence=presence))
     return clips
 
 
@@ -172,7 +180,9 @@ def _after_clip(before: IdleResult, clips: list[NoiseClip]) -> IdleResult:
     scene = posed(_gesture(draw, noise, move), person=person, lens=lens)
     camera = None if settings.holes is None else DepthCamera(before.clips, holes=settings.holes)
     chains = {
-        name: replay_pipeline(mode, person, lens, settings.threshold_m, choice=choice)
+        name: replay_pipeline(
+            mode, person, lens, settings.threshold_m, choice=choice, enrolment=_enrolment(mode, person)
+        )
         for name, (mode, choice) in CHAINS.items()
         if name in settings.chains
     }
@@ -209,7 +219,21 @@ def _noisy(scene: Scene, noise: NoiseClip, index: int) -> Hand | None:
     """There and back again, so that the noise never jumps more than MediaPipe's own."""
     turn = index % (2 * len(noise.image) - 1)
     row = turn if turn < len(noise.image) else 2 * len(noise.image) - 1 - turn
-    return with_noise(scene, noise.image[row], noise.world[row], tracked=index > 0)
+    return with_noise(
+        scene,
+        noise.image[row],
+        noise.world[row],
+        side_right=bool(noise.side_right[row]),
+        presence=float(noise.presence[row]),
+        tracked=index > 0,
+    )
+
+
+def _enrolment(mode: str, person: Person) -> Enrolment | None:
+    """As a session enrols the patient's hand; the paper's rule knows nobody."""
+    if mode == "published":
+        return None
+    return Enrolment(side=Side.LEFT if person.shape.left else Side.RIGHT)
 
 
 Move = Callable[[np.random.Generator, Scene, float], Iterator[Scene]]  # with the threshold

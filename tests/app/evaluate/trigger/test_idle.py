@@ -12,7 +12,15 @@ from app.evaluate.trigger.idle import CLIP_FRAMES, IdleResult, IdleSettings, Noi
 from app.system.errors import AppError
 
 SETTINGS = IdleSettings(seed=3, threshold_m=0.33, holes=0.4)
-CLIPS = [NoiseClip(gesture="5", image=np.zeros((2, 21, 2)), world=np.zeros((2, 21, 3)))]
+CLIPS = [
+    NoiseClip(
+        gesture="5",
+        image=np.zeros((2, 21, 2)),
+        world=np.zeros((2, 21, 3)),
+        side_right=np.ones(2, bool),
+        presence=np.full(2, 0.9),
+    )
+]
 
 
 def run(before: IdleResult, clips: int, keep: Path | None = None) -> IdleResult:
