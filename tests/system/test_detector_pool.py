@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import subprocess
 import sys
 import time
 from pathlib import Path
+from subprocess import DEVNULL, PIPE, Popen
 
 import psutil
 
@@ -23,7 +23,7 @@ if __name__ == "__main__":
 def test_its_processes_end_when_their_parent_is_killed(hand_model: Path, tmp_path: Path) -> None:
     script = tmp_path / "parent.py"
     script.write_text(PARENT)
-    with subprocess.Popen([sys.executable, str(script), str(hand_model)], stdout=subprocess.PIPE, text=True) as parent:
+    with Popen([sys.executable, str(script), str(hand_model)], stdout=PIPE, stderr=DEVNULL, text=True) as parent:
         assert parent.stdout is not None
         worker = psutil.Process(int(parent.stdout.readline()))
         parent.kill()
