@@ -19,7 +19,6 @@ from pathlib import Path
 import msgspec
 import numpy as np
 from msgspec import Struct, structs
-from numpy.typing import NDArray
 from rich.table import Table
 
 from app.evaluate.digital import HEIGHT_M, smooth, take, tilted, walk
@@ -58,17 +57,21 @@ CHAINS = {
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class NoiseClip:
-    """What MediaPipe made of one walk, less the truth: per frame, (n, 21, 2) on the image, (n, 21, 3) in space.
+class NoiseFrame:
+    """(21, 2) on the image and (21, 3) in space less the truth, whether the side was named right, and its score."""
 
-    side_right: (n,) whether it named the side right; presence: (n,) its score.
-    """
-
-    gesture: str
     image: FloatArray
     world: FloatArray
-    side_right: NDArray[np.bool_]
-    presence: FloatArray
+    side_right: bool
+    presence: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class NoiseClip:
+    """What MediaPipe made of one walk, frame by frame; None: it lost the hand."""
+
+    gesture: str
+    frames: tuple[NoiseFrame | None, ...]
 
 
 class IdleSettings(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -126,19 +129,21 @@ def take_noise(detector: HandDetector, step: Step) -> list[NoiseClip]:
     for number in range(NOISE_WALKS):
         seed, gesture = FIRST_HAND + number, GESTURE_NAMES[number % 12]
         person = person_of(seed)
-        rows = []
+        frames: list[NoiseFrame | None] = []
         now_ns += 1_000_000_000
         for index, moment in enumerate(walk(gesture, person=person, lens=lens, seed=seed, frames=NOISE_FRAMES)):
             now_ns += FRAME_NS
             hands = detector.detect(take(moment, index)[0], now_ns)
-            if hands:
-                named_right = hands[0].side is side_of(moment.scene)
-                rows.append((*residual(hands[0], moment.scene), named_right, hands[0].presence))
+            frames.append(_noise_of(hands[0], moment.scene) if hands else None)
             step()
-        if rows:
-            image, world, right, presence = (np.array(part) for part in zip(*rows, strict=True))
-            clips.append(NoiseClip(gesture=gesture, image=image, world=world, side_right=right, presence=presence))
+        if any(frames):
+            clips.append(NoiseClip(gesture=gesture, frames=tuple(frames)))
     return clips
+
+
+def _noise_of(hand: Hand, scene: Scene) -> NoiseFrame:
+    image, world = residual(hand, scene)
+    return NoiseFrame(image=image, world=world, side_right=hand.side is side_of(scene), presence=hand.presence)
 
 
 def evaluate_idle(
@@ -217,16 +222,12 @@ def _after_clip(before: IdleResult, clips: list[NoiseClip]) -> IdleResult:
 
 def _noisy(scene: Scene, noise: NoiseClip, index: int) -> Hand | None:
     """There and back again, so that the noise never jumps more than MediaPipe's own."""
-    turn = index % (2 * len(noise.image) - 1)
-    row = turn if turn < len(noise.image) else 2 * len(noise.image) - 1 - turn
-    return with_noise(
-        scene,
-        noise.image[row],
-        noise.world[row],
-        side_right=bool(noise.side_right[row]),
-        presence=float(noise.presence[row]),
-        tracked=index > 0,
-    )
+    count = len(noise.frames)
+    turn = index % (2 * count - 1)
+    now = noise.frames[turn if turn < count else 2 * count - 1 - turn]
+    if now is None:
+        return None
+    return with_noise(scene, now.image, now.world, side_right=now.side_right, presence=now.presence, tracked=index > 0)
 
 
 def _enrolment(mode: str, person: Person) -> Enrolment | None:

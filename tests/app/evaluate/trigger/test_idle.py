@@ -8,19 +8,20 @@ import numpy as np
 import pytest
 
 from app.evaluate.harness import EvaluateFault
-from app.evaluate.trigger.idle import CLIP_FRAMES, IdleResult, IdleSettings, NoiseClip, evaluate_idle, kept_progress
+from app.evaluate.trigger.idle import (
+    CLIP_FRAMES,
+    IdleResult,
+    IdleSettings,
+    NoiseClip,
+    NoiseFrame,
+    evaluate_idle,
+    kept_progress,
+)
 from app.system.errors import AppError
 
 SETTINGS = IdleSettings(seed=3, threshold_m=0.33, holes=0.4)
-CLIPS = [
-    NoiseClip(
-        gesture="5",
-        image=np.zeros((2, 21, 2)),
-        world=np.zeros((2, 21, 3)),
-        side_right=np.ones(2, bool),
-        presence=np.full(2, 0.9),
-    )
-]
+EXACT = NoiseFrame(image=np.zeros((21, 2)), world=np.zeros((21, 3)), side_right=True, presence=0.9)
+CLIPS = [NoiseClip(gesture="5", frames=(EXACT, EXACT))]
 
 
 def run(before: IdleResult, clips: int, keep: Path | None = None) -> IdleResult:
@@ -38,3 +39,10 @@ def test_a_run_goes_on_where_it_was_ended_and_gives_the_same(tmp_path: Path) -> 
     with pytest.raises(AppError) as refused:
         kept_progress(path, IdleSettings(seed=4))
     assert refused.value.code is EvaluateFault.PROGRESS_OF_OTHERS
+
+
+def test_a_frame_that_lost_the_hand_has_none() -> None:
+    before = IdleResult(settings=IdleSettings())
+    clips = (NoiseClip(gesture="5", frames=frames) for frames in ((EXACT, EXACT), (EXACT, None)))
+    seen = [evaluate_idle([clip], before, frames=1, step=lambda _: None) for clip in clips]
+    assert 0 < seen[1].with_hand < seen[0].with_hand
