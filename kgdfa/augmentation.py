@@ -13,7 +13,7 @@ from typing import Protocol
 import cv2
 import numpy as np
 
-from kgdfa.hand import FloatArray, Hand, Side
+from kgdfa.hand import FloatArray, Hand
 from kgdfa.preprocess import Image, as_bgr8, brighten
 
 
@@ -88,9 +88,7 @@ def detect_augmented(detector: StillDetector, image_bgr: Image, augmentation: Au
     if not hands:
         return None
     hand = to_image(max(hands, key=lambda found: found.reference_px), transform)
-    return (
-        replace(hand, side={Side.LEFT: Side.RIGHT, Side.RIGHT: Side.LEFT}[hand.side]) if augmentation.mirrored else hand
-    )
+    return replace(hand, side=hand.side.other) if augmentation.mirrored else hand
 
 
 def to_image(hand: Hand, transform: FloatArray) -> Hand:

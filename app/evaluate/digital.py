@@ -24,7 +24,7 @@ from hal.cameras.camera import DepthArray, ImageArray, Intrinsics
 from hal.cameras.digital_hand.depth import DepthCamera
 from hal.cameras.digital_hand.render import WALL_M, Person, Scene, keypoints_m, person_of, posed, render
 from hal.cameras.digital_hand.skeleton import POSES, HandPlace, find_pose
-from kgdfa.hand import FloatArray, Hand, Keypoint
+from kgdfa.hand import FloatArray, Hand, Keypoint, Side
 from kgdfa.keypoints import HandDetector, live_detector
 from kgdfa.preprocess import Image, Prepare, as_bgr8
 from kgdfa.redetection import PATIENCE_FRAMES
@@ -49,6 +49,11 @@ FLIP, OPEN_CLOSE, EDGE, BACKGROUND = CHANGES = ("flip", "open and close", "edge"
 def label_of(pose: str) -> str:
     """A pose's label as labels.csv has it."""
     return pose if pose in GESTURE_NAMES else NONE_PREFIX + _KINDS.get(pose, pose.replace(" ", "_").replace("-", "_"))
+
+
+def side_of(person: Person) -> Side:
+    """Of a person's hand, in truth."""
+    return Side.LEFT if person.shape.left else Side.RIGHT
 
 
 def digital_scenes(per_pose: int, first_seed: int) -> Iterator[LabelledScene]:

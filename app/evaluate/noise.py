@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from hal.cameras.digital_hand.render import Scene, keypoints_m, project_px
-from kgdfa.hand import FloatArray, Hand, Keypoint, Side
+from app.evaluate.digital import side_of
+from hal.cameras.digital_hand.raycast import project_px
+from hal.cameras.digital_hand.render import Scene, keypoints_m
+from kgdfa.hand import FloatArray, Hand, Keypoint
 
 USUAL_PRESENCE = 0.9
-_OTHER = {Side.LEFT: Side.RIGHT, Side.RIGHT: Side.LEFT}
 
 
 def residual(hand: Hand, scene: Scene) -> tuple[FloatArray, FloatArray]:
@@ -25,11 +26,6 @@ def residual(hand: Hand, scene: Scene) -> tuple[FloatArray, FloatArray]:
     return _mirrored(image, scene), _mirrored(world, scene)
 
 
-def side_of(scene: Scene) -> Side:
-    """Of the scene's hand, in truth."""
-    return Side.LEFT if scene.person.shape.left else Side.RIGHT
-
-
 def with_noise(
     scene: Scene,
     image: FloatArray,
@@ -43,7 +39,7 @@ def with_noise(
 
     side_right: whether it names the hand's side right.
     """
-    image, world = _mirrored(image, scene), _mirrored(world, scene)
+    image, world, side = _mirrored(image, scene), _mirrored(world, scene), side_of(scene.person)
     image_px, world_m, facing_px = _ground_truth(scene)
     palm = (image_px[Keypoint.INDEX_MCP] + image_px[Keypoint.PINKY_MCP]) / 2
     if not (0 <= palm[0] < scene.lens.width_px and 0 <= palm[1] < scene.lens.height_px):
@@ -55,14 +51,18 @@ def with_noise(
         image_px=image_px + image @ turned.T * facing_px,
         world_m=world_m + shift * scene.person.shape.reference_m,
         presence=presence,
-        side=side_of(scene) if side_right else _OTHER[side_of(scene)],
+        side=side if side_right else side.other,
         tracked=tracked,
     )
 
 
 def _mirrored(shift: FloatArray, scene: Scene) -> FloatArray:
     """A right hand's residual as a left hand has it, and back: its image is the mirror image."""
-    return shift * ([-1.0, *[1.0] * (shift.shape[1] - 1)] if scene.person.shape.left else 1.0)
+    if not scene.person.shape.left:
+        return shift
+    mirrored = shift.copy()
+    mirrored[:, 0] *= -1
+    return mirrored
 
 
 def _roll(image_px: FloatArray) -> FloatArray:

@@ -9,7 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from hal.cameras.digital_hand.render import keypoints_m, lens_for, posed, project_px
+from hal.cameras.digital_hand.raycast import project_px
+from hal.cameras.digital_hand.render import keypoints_m, lens_for, posed
 from hal.cameras.digital_hand.skeleton import ACROSS_THUMB, GESTURES, LOOK_ALIKES, POSES, Pose
 from kgdfa.errors import KgdfaError, KgdfaFault
 from kgdfa.features import FEATURES

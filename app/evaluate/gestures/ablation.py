@@ -23,7 +23,8 @@ from app.evaluate.gestures.measures import NONE, Classified
 from app.evaluate.harness import Step, mean, percent, table
 from app.evaluate.readings import NO_HAND, DetectedImage, LabelledImage
 from app.text.catalogue import tr
-from hal.cameras.digital_hand.render import keypoints_m, project_px
+from hal.cameras.digital_hand.raycast import project_px
+from hal.cameras.digital_hand.render import keypoints_m
 from hal.cameras.playback import decode_image
 from kgdfa.augmentation import AUGMENTATIONS, Augmentation, StillDetector, detect_augmented, to_image
 from kgdfa.hand import FloatArray, Hand

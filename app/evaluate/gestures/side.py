@@ -17,7 +17,7 @@ import cv2
 import numpy as np
 from rich.table import Table
 
-from app.evaluate.digital import BLANK_FRAMES, GAP_NS, MEASURE_SEEDS, image_of_scene, scene_of
+from app.evaluate.digital import BLANK_FRAMES, GAP_NS, MEASURE_SEEDS, image_of_scene, scene_of, side_of
 from app.evaluate.harness import FRAME_NS, Step, table
 from app.evaluate.readings import GESTURE_NAMES, DetectedImage, LabelledImage
 from hal.cameras.digital_hand.render import person_of
@@ -33,7 +33,6 @@ from kgdfa.track import Enrolment, Tracks, update_tracks
 HELD_FRAMES = 8
 PLAIN, MIRRORED = Augmentation(), Augmentation(mirrored=True)
 MIRRORED_LOOK = AUGMENTATIONS.index(MIRRORED)
-_OTHER = {Side.LEFT: Side.RIGHT, Side.RIGHT: Side.LEFT, None: None}
 
 
 @dataclass(slots=True)
@@ -64,7 +63,7 @@ class SideFigures:
         self.frames[label] += len(sides)
         self.unclear[label] += sides.count(None)
         if truth is not None:
-            self.wrong[label] += sides.count(_OTHER[truth])
+            self.wrong[label] += sides.count(truth.other)
 
 
 class SideMeasure:
@@ -106,7 +105,7 @@ def measure_photos(detector: HandDetector, images: Iterable[LabelledImage], dire
             image = decode_image(directory / labelled.path, cv2.IMREAD_UNCHANGED)
             if image is not None:
                 plain, mirrored = (measure.sides(augment(as_bgr8(image), one)[0]) for one in (PLAIN, MIRRORED))
-                _add_pair(figures, labelled, plain, [_OTHER[side] for side in mirrored])
+                _add_pair(figures, labelled, plain, [side and side.other for side in mirrored])
             step()
     except KeyboardInterrupt:
         figures.interrupted = True
@@ -145,11 +144,10 @@ def measure_digital(detector: HandDetector, people: int, step: Step) -> SideFigu
     try:
         for label, person in digital_hands(people):
             seed = person * len(GESTURE_NAMES) + GESTURE_NAMES.index(label)
-            truth = Side.LEFT if person_of(person).shape.left else Side.RIGHT
             sides = measure.sides(image_of_scene(scene_of(label, person, seed), seed))
             figures.images += 1
             figures.without += not sides
-            figures.add(label, sides, truth)
+            figures.add(label, sides, side_of(person_of(person)))
             step()
     except KeyboardInterrupt:
         figures.interrupted = True

@@ -21,7 +21,7 @@ import msgspec
 from msgspec import Struct
 from rich.table import Table
 
-from app.evaluate.digital import BLANK, PoolDetector, iterate_pool
+from app.evaluate.digital import BLANK, PoolDetector, iterate_pool, side_of
 from app.evaluate.harness import FRAME_NS, Step, table, writing
 from app.evaluate.loop.response import APPROACH_M, THRESHOLD_M
 from app.evaluate.trigger.foreign_clips import (
@@ -41,7 +41,6 @@ from hal.cameras.digital_hand.driver import DigitalHandCamera
 from hal.cameras.digital_hand.movement import SETTLED
 from hal.cameras.digital_hand.render import Scene, person_of, posed, render
 from kgdfa.gesture import Gesture
-from kgdfa.hand import Side
 from kgdfa.keypoints import ALONE_FRAMES, HandDetector
 from kgdfa.pipeline import PipelineInput, Report
 from kgdfa.preprocess import Image
@@ -50,8 +49,10 @@ from logs.reading.formats import read_json_lines
 
 COST_FRAMES = 30
 TRACKERS = (("tracker_of_one", 1), ("tracker_of_two", 2))
-PUSH_BEGIN_NS = 3 * IN_NS  # of the enrolled hand, from its gesture's recognition on
-PUSH_END_NS = PUSH_BEGIN_NS + round(CLICK_S * SECOND_NS) + 10 * FRAME_NS  # by then it has commanded, or does not
+# Of the enrolled hand's push, from its gesture's recognition on: when it begins, later after a hand that crossed and
+# is back by then, and how long until it has commanded or does not.
+PUSH_BEGIN_NS, CROSSED_BEGIN_NS = 2 * IN_NS, 3 * IN_NS
+PUSH_TIME_NS = round(CLICK_S * SECOND_NS) + 10 * FRAME_NS
 
 
 @dataclass(slots=True)
@@ -119,9 +120,14 @@ class Stage:
         self.own = DigitalHandCamera(seed=own_seed, person=person_of(own_seed), clock_ns=lambda: 0)
         self.own.command(move_m=(0.0, 0.0, -APPROACH_M), at_ns=0)
         person = self.own.person
-        side = Side.LEFT if person.shape.left else Side.RIGHT
         self.chain = chain(
-            "robust", person, self.own.lens, self, THRESHOLD_M, enrolment=Enrolment(side=side), follow=inner.follow
+            "robust",
+            person,
+            self.own.lens,
+            self,
+            THRESHOLD_M,
+            enrolment=Enrolment(side=side_of(person)),
+            follow=inner.follow,
         )
         self._replay = Replay()
         self._open_chain = chain("robust", person, self.own.lens, self._replay, THRESHOLD_M)
@@ -201,16 +207,17 @@ def own_push(stage: Stage, clip: Clip) -> tuple[list[Report], bool]:
     assert gesture is not None
     camera = other.camera() if other is not None else None
     own.command(gesture=gesture.value, at_ns=stage.clip_ns)
+    after_ns = CROSSED_BEGIN_NS if clip.push is PushKind.CROSSED else PUSH_BEGIN_NS
     begin_ns: int | None = None
     reports: list[Report] = []
-    while len(reports) < CLIP_FRAMES and (begin_ns is None or stage.clip_ns < begin_ns + PUSH_END_NS):
+    while len(reports) < CLIP_FRAMES and (begin_ns is None or stage.clip_ns < begin_ns + after_ns + PUSH_TIME_NS):
         scene = own.scene(stage.clip_ns)
         if begin_ns is not None and other is not None and camera is not None:
             scene = replace(scene, second=other.scene(camera, stage.clip_ns - begin_ns))
         reports.append(stage.next(scene))
         if begin_ns is None and reports[-1].gesture is gesture:
             begin_ns = stage.clip_ns
-            own.command(click_s=CLICK_S, at_ns=begin_ns + PUSH_BEGIN_NS)
+            own.command(click_s=CLICK_S, at_ns=begin_ns + after_ns)
     button = reports[-1].button
     return reports, button.release_count == 1 and button.released_gesture is gesture
 

@@ -38,13 +38,11 @@ SAME = (ForeignKind.SAME_SIDE, ForeignKind.ACROSS_SAME)
 
 
 class PushKind(Enum):
-    """Where the foreign hand is while the enrolled one pushes, on the side from which its arm comes.
-
-    Beyond the enrolled hand it would lay its arm over it: such a hand can't be pushed, nor be seen.
-    """
+    """Where the foreign hand is while the enrolled one pushes."""
 
     ALONE = "alone"  # nowhere
-    BESIDE = "beside"
+    BESIDE = "beside"  # on the side from which its arm comes
+    COVERED = "covered"  # beyond the enrolled hand, its arm over it: the push goes through the arm, as no hand can
     CROSSED = "crossed"  # beside, after it reached across the enrolled hand and drew back
 
 
@@ -71,6 +69,11 @@ class Foreigner:
     shift_m: tuple[float, float]
     crosses: bool = False  # it reaches in to the other side of the image, and draws back to where `shift_m` says
 
+    @property
+    def covers(self) -> bool:
+        """Whether it comes from one side and stands on the other."""
+        return float(np.sin(self.roll_rad)) * self.shift_m[0] > BESIDE_M / 2
+
     def camera(self) -> DigitalHandCamera:
         """Its hand, whose movements are begun."""
         camera = DigitalHandCamera(seed=self.seed, person=person_of(self.seed, left=self.left), clock_ns=lambda: 0)
@@ -89,16 +92,17 @@ class Foreigner:
         return turned(camera.scene(clip_ns), self.roll_rad, (x, y), away)
 
 
-def standing(draw: np.random.Generator, own_left: bool, *, crosses: bool) -> Foreigner:
-    """A person whose hand, of the other side, stands beside the enrolled one, on the side from which its arm comes."""
+def standing(draw: np.random.Generator, own_left: bool) -> Foreigner:
+    """A person whose hand, of the other side, stands on either side of the enrolled one."""
     other = foreigner(draw, ForeignKind.OTHER_SIDE, own_left)
+    return replace(other, shift_m=(float(draw.choice([-1, 1])) * BESIDE_M, 0.0))
+
+
+def crossing(draw: np.random.Generator, own_left: bool) -> Foreigner:
+    """A person whose hand, of the other side, reaches from its arm's side across the enrolled one, and draws back."""
     aside = float(draw.choice([-1, 1]))
-    across = float(np.sin(other.roll_rad))
-    if crosses and abs(across) < 0.5:
-        other = replace(other, roll_rad=-aside * np.pi / 2 + float(draw.normal(0, np.radians(10))))
-    elif abs(across) >= 0.5:
-        aside = -float(np.sign(across))
-    return replace(other, shift_m=(aside * BESIDE_M, 0.0), crosses=crosses)
+    other = replace(standing(draw, own_left), shift_m=(aside * BESIDE_M, 0.0), crosses=True)
+    return replace(other, roll_rad=-aside * np.pi / 2 + float(draw.normal(0, np.radians(10))))
 
 
 def foreigner(draw: np.random.Generator, kind: ForeignKind, own_left: bool) -> Foreigner:
@@ -135,11 +139,13 @@ class Clip:
         """Of the enrolled hand's own push."""
         if self.other is None:
             return PushKind.ALONE
-        return PushKind.CROSSED if self.other.crosses else PushKind.BESIDE
+        if self.other.crosses:
+            return PushKind.CROSSED
+        return PushKind.COVERED if self.other.covers else PushKind.BESIDE
 
 
 def clips(*, frames: int, pushes: int, seed: int) -> list[Clip]:
-    """At least so many frames with a foreign hand, and so many pushes of the enrolled one of each `PushKind`."""
+    """At least so many frames with a foreign hand; so many pushes of the enrolled one alone, beside one and crossed."""
     return list(_clips(frames, pushes, seed))
 
 
@@ -154,7 +160,6 @@ def _clips(frames: int, pushes: int, seed: int) -> Iterator[Clip]:
     for number in range(pushes):
         own_seed, gesture = FIRST_FOREIGN // 2 + number, GESTURES[number % len(GESTURES)]
         left = person_of(own_seed).shape.left
-        others = (None, standing(draw, left, crosses=False), standing(draw, left, crosses=True))
-        for push, one in zip(PushKind, others, strict=True):
-            name = f"{seed}-{push.value}-{number}"
-            yield Clip(name=name, kind=None, own_seed=own_seed, gesture=gesture, other=one)
+        others = {"alone": None, "beside": standing(draw, left), "crossed": crossing(draw, left)}
+        for name, one in others.items():
+            yield Clip(name=f"{seed}-{name}-{number}", kind=None, own_seed=own_seed, gesture=gesture, other=one)

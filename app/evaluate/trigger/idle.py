@@ -2,7 +2,8 @@
 
 To make 100,000 frames possible the keypoints are simulated, not detected: the digital hand's true keypoints plus
 noise taken from MediaPipe, that is, from what it made of rendered frames of the same hands and gestures, frame by
-frame in order, so that the noise's own persistence is kept. Rules, vote, distance and button are the real ones.
+frame in order, so that the noise's own persistence is kept: what it lost stays lost, and a side is named as it named
+it. Enrolment, rules, vote, distance and button are the real ones.
 
 With depth, each frame also has the map that a D435i would measure of the hand, and in a share of frames it misses it:
 then the hands command by depth, and by both, as well. Every clip is drawn by its own number, so that a run that was
@@ -21,9 +22,9 @@ import numpy as np
 from msgspec import Struct, structs
 from rich.table import Table
 
-from app.evaluate.digital import HEIGHT_M, smooth, take, tilted, walk
+from app.evaluate.digital import HEIGHT_M, side_of, smooth, take, tilted, walk
 from app.evaluate.harness import FRAME_NS, EvaluateFault, Step, table, writing
-from app.evaluate.noise import residual, side_of, with_noise
+from app.evaluate.noise import residual, with_noise
 from app.evaluate.readings import GESTURE_NAMES
 from app.evaluate.trigger.table6 import THRESHOLD_M, replay_pipeline
 from app.system.errors import AppError
@@ -32,7 +33,7 @@ from hal.cameras.digital_hand.depth import DepthCamera
 from hal.cameras.digital_hand.render import Person, Scene, lens_for, person_of, posed, true_depth
 from kgdfa.button import ButtonState
 from kgdfa.distance import DistanceChoice, DistanceSource
-from kgdfa.hand import FloatArray, Hand, Side
+from kgdfa.hand import FloatArray, Hand
 from kgdfa.keypoints import HandDetector
 from kgdfa.pipeline import PipelineInput
 from kgdfa.preprocess import Image
@@ -143,7 +144,7 @@ def take_noise(detector: HandDetector, step: Step) -> list[NoiseClip]:
 
 def _noise_of(hand: Hand, scene: Scene) -> NoiseFrame:
     image, world = residual(hand, scene)
-    return NoiseFrame(image=image, world=world, side_right=hand.side is side_of(scene), presence=hand.presence)
+    return NoiseFrame(image=image, world=world, side_right=hand.side is side_of(scene.person), presence=hand.presence)
 
 
 def evaluate_idle(
@@ -234,7 +235,7 @@ def _enrolment(mode: str, person: Person) -> Enrolment | None:
     """As a session enrols the patient's hand; the paper's rule knows nobody."""
     if mode == "published":
         return None
-    return Enrolment(side=Side.LEFT if person.shape.left else Side.RIGHT)
+    return Enrolment(side=side_of(person))
 
 
 Move = Callable[[np.random.Generator, Scene, float], Iterator[Scene]]  # with the threshold

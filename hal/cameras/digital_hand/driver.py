@@ -9,7 +9,8 @@ from dataclasses import dataclass
 from hal.cameras.camera import Frame, Intrinsics
 from hal.cameras.digital_hand import movement as hand_motion
 from hal.cameras.digital_hand.depth import DepthCamera
-from hal.cameras.digital_hand.render import Person, Scene, keypoints_m, lens_for, person_of, project_px, render
+from hal.cameras.digital_hand.raycast import project_px
+from hal.cameras.digital_hand.render import Person, Scene, keypoints_m, lens_for, person_of, render
 from hal.cameras.digital_hand.skeleton import FloatArray
 from hal.errors import CameraFault, HardwareError
 

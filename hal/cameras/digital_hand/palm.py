@@ -1,10 +1,12 @@
 """The palm's three flexion creases, drawn where the camera sees them.
 
-They tell a palm from a back: without them MediaPipe names the side of an open digital hand as it likes. Courses after
+They tell a palm from a back: without them MediaPipe can't name the side of an open digital hand. Courses after
 the usual descriptions of the distal, proximal and thenar creases; nobody's in particular.
 """
 
 from __future__ import annotations
+
+from itertools import pairwise
 
 import cv2
 import numpy as np
@@ -52,7 +54,7 @@ def palm_lines(
         points = pinky + across * (index - pinky) + along * (wrist - (index + pinky) / 2)
         points += normal * _SURFACE_M * shape.scale
         cells = grid.cells(points, lens)
-        for start, end in zip(range(_POINTS - 1), range(1, _POINTS), strict=True):
+        for start, end in pairwise(range(_POINTS)):
             column, row = ((cells[start] + cells[end]) / 2).astype(int)
             if not (0 <= column < grid.columns and 0 <= row < grid.rows):
                 continue

@@ -79,6 +79,13 @@ NOTHING_M = np.float32(np.inf)
 NEAREST_M = 0.03  # a hand nearer than this touches the lens
 
 
+def project_px(points_m: FloatArray, lens: Intrinsics) -> FloatArray:
+    """(n, 3) points in the camera's frame to (n, 2) pixels; they may lie outside the image."""
+    z = np.maximum(points_m[:, 2:3], 1e-6)
+    pixels: FloatArray = points_m[:, :2] / z * (lens.fx_px, lens.fy_px) + (lens.cx_px, lens.cy_px)
+    return pixels
+
+
 @dataclass(frozen=True, slots=True)
 class Grid:
     """A coarse raster over the rectangle (left, top) - (left + width, top + height) of the image, pixels."""
@@ -100,9 +107,8 @@ class Grid:
 
     def cells(self, points_m: FloatArray, lens: Intrinsics) -> FloatArray:
         """(n, 2) column and row, with fractions, of (n, 3) points in the camera's frame; they may lie outside."""
-        z = np.maximum(points_m[:, 2:3], NEAREST_M)
-        pixels = points_m[:, :2] / z * (lens.fx_px, lens.fy_px) + (lens.cx_px, lens.cy_px)
-        cells: FloatArray = (pixels - (self.left, self.top)) * (self.columns / self.width, self.rows / self.height)
+        inside_px = project_px(points_m, lens) - (self.left, self.top)
+        cells: FloatArray = inside_px * (self.columns / self.width, self.rows / self.height)
         return cells
 
 

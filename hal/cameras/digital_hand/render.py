@@ -115,13 +115,6 @@ def keypoints_m(scene: Scene) -> FloatArray | None:
     return placed_m(joints_m(scene.person.shape, scene.angles_deg), scene.place)
 
 
-def project_px(points_m: FloatArray, lens: Intrinsics) -> FloatArray:
-    """(n, 3) points in the camera's frame to (n, 2) pixels; they may lie outside the image."""
-    z = np.maximum(points_m[:, 2:3], 1e-6)
-    pixels: FloatArray = points_m[:, :2] / z * (lens.fx_px, lens.fy_px) + (lens.cx_px, lens.cy_px)
-    return pixels
-
-
 def render(scene: Scene, noise_seed: int = 0, *, depth: bool = False) -> Rendered:
     """The image, and the true depth if asked. The same arguments give the same image, bit for bit."""
     lens, person = scene.lens, scene.person

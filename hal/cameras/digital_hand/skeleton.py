@@ -164,8 +164,7 @@ INDEX_IN: Finger = (-9, *_IN)
 MIDDLE_IN: Finger = (-3, *_IN)
 RING_IN: Finger = (6, *_IN)
 # Folded fingers point to the scaphoid, at the thumb's base: the little finger crosses the palm by 25° (with its fan).
-# Straight down, at the hand's edge, it looked like a thumb, and MediaPipe took 4 of 10 hands that show a 3 for the
-# other side.
+# Straight down, at the hand's edge, it looked like a thumb, and MediaPipe missed the side of hands that show a 3.
 PINKY_IN: Finger = (-16, *_IN)
 INDEX_OUT: Finger = (1, 4, 4, 3)
 MIDDLE_OUT: Finger = (0, 3, 4, 3)

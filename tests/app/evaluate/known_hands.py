@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from hal.cameras.digital_hand.render import Scene, keypoints_m, project_px
+from hal.cameras.digital_hand.raycast import project_px
+from hal.cameras.digital_hand.render import Scene, keypoints_m
 from kgdfa.hand import Hand, Side
 
 

@@ -15,14 +15,13 @@ from hypothesis import strategies as st
 from hal.cameras.digital_hand import skeleton
 from hal.cameras.digital_hand.depth import LEAST_M, DepthCamera
 from hal.cameras.digital_hand.driver import DigitalHandCamera
-from hal.cameras.digital_hand.raycast import Capsules, capsules_of, cast, grid_over
+from hal.cameras.digital_hand.raycast import Capsules, capsules_of, cast, grid_over, project_px
 from hal.cameras.digital_hand.render import (
     Person,
     keypoints_m,
     lens_for,
     person_of,
     posed,
-    project_px,
     render,
     true_depth,
 )

@@ -6,7 +6,8 @@ import pytest
 from app.evaluate.gestures.joint_ranges import JOINTS, _around, joint_space_table, measure_joint_space
 from app.evaluate.gestures.joint_space import LABEL, Errors, joint_hands, label_by_joints, scene_about
 from app.evaluate.noise import residual
-from hal.cameras.digital_hand.render import keypoints_m, project_px
+from hal.cameras.digital_hand.raycast import project_px
+from hal.cameras.digital_hand.render import keypoints_m
 from hal.cameras.digital_hand.skeleton import GESTURES, LOOK_ALIKES, POSES
 from kgdfa.hand import Hand, Side
 from kgdfa.robust import RobustRules

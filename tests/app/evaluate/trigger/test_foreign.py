@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from concurrent.futures import Future
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,8 +13,9 @@ import pytest
 
 from app.evaluate.digital import PoolDetector
 from app.evaluate.trigger import foreign
-from app.evaluate.trigger.foreign import PUSH_BEGIN_NS, ForeignResult, PushResult, evaluate_foreign
+from app.evaluate.trigger.foreign import CROSSED_BEGIN_NS, ForeignResult, PushResult, evaluate_foreign
 from app.evaluate.trigger.foreign_clips import (
+    BESIDE_M,
     CLIP_FRAMES,
     IN_NS,
     OUTSIDE_M,
@@ -85,7 +87,7 @@ def run(known: KnownHands, wanted: list[Clip], keep: Path | None = None, stop_af
 def test_only_the_enrolled_hand_commands(known: KnownHands) -> None:
     result = run(known, clips(frames=5 * CLIP_FRAMES, pushes=1, seed=1))
     assert (result.frames, result.commands, result.interrupted) == (5 * CLIP_FRAMES, 0, False)
-    assert result.pushes == {kind.value: PushResult(pushes=1, right=1) for kind in PushKind}
+    assert result.pushes == {name: PushResult(pushes=1, right=1) for name in ("alone", "beside", "crossed")}
     alone = (result.kinds[kind.value] for kind in (ForeignKind.OTHER_SIDE, ForeignKind.SAME_SIDE))
     assert [(one.without > 0, one.refused > 50) for one in alone] == [(True, True)] * 2
 
@@ -110,17 +112,28 @@ def test_clips_are_the_same_for_the_same_seed_and_others_for_another() -> None:
     assert len({clip.name for clip in (*drawn[0], *drawn[2])}) == len(drawn[0]) + len(drawn[2])
 
 
-def test_a_hand_stands_on_the_side_of_its_arm_and_has_drawn_back_before_the_push() -> None:
-    others = [clip.other for clip in clips(frames=0, pushes=40, seed=1) if clip.other is not None]
-    assert len(others) == 80
+@pytest.mark.parametrize(
+    ("roll_deg", "aside", "kind"),
+    [(90, 1, PushKind.COVERED), (90, -1, PushKind.BESIDE), (-90, 1, PushKind.BESIDE), (180, 1, PushKind.BESIDE)],
+)
+def test_a_hand_that_stands_beyond_the_enrolled_one_covers_it(roll_deg: int, aside: int, kind: PushKind) -> None:
+    push = next(clip for clip in clips(frames=0, pushes=1, seed=1) if clip.other is not None)
+    assert push.other is not None
+    other = replace(push.other, roll_rad=math.radians(roll_deg), shift_m=(aside * BESIDE_M, 0.0))
+    assert replace(push, other=other).push is kind
+
+
+def test_a_hand_that_crosses_has_drawn_back_to_its_own_side_before_the_push() -> None:
+    others = [clip.other for clip in clips(frames=0, pushes=40, seed=1) if clip.push is PushKind.CROSSED]
+    assert len(others) == 40
     for other in others:
+        assert other is not None
         camera = other.camera()
-        placed = [other.scene(camera, at_ns).place for at_ns in (IN_NS, 2 * IN_NS, PUSH_BEGIN_NS)]
-        x_m = [place.position_m[0] for place in placed if place is not None]
-        arm = math.sin(other.roll_rad)
-        assert x_m[1] == pytest.approx(x_m[2], abs=0.005), "at rest before the push"
-        assert abs(arm) < 0.5 or x_m[2] * arm < 0, "its arm would lie over the enrolled hand"
-        assert (x_m[0] * x_m[2] < 0) is other.crosses
+        placed = [other.scene(camera, at_ns).place for at_ns in (IN_NS, 2 * IN_NS, CROSSED_BEGIN_NS)]
+        across_m, back_m, begun_m = (place.position_m[0] for place in placed if place is not None)
+        assert across_m * begun_m < 0, "on the other side at first"
+        assert back_m == pytest.approx(begun_m, abs=0.005), "at rest before the push"
+        assert begun_m * math.sin(other.roll_rad) < 0, "its arm would lie over the enrolled hand"
 
 
 @pytest.mark.parametrize("degrees", [0, 90, 180, -90])
