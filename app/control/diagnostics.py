@@ -11,7 +11,7 @@ import numpy as np
 from msgspec import Struct
 
 from app.control.inputs import Inputs, Settings, StreamState
-from app.control.stop_inputs import StopInputStates
+from app.control.stop_inputs import StopInputStates, reader_age_ns
 from app.ipc.streams import NS_PER_MS, TRIGGER
 from app.motion.follower import Mode, Motion
 from hal.errors import HardwareError
@@ -74,6 +74,7 @@ class ClockDiagnostics(Struct, frozen=True, kw_only=True):
 
     late_ms: float = 0.0
     missed_ticks: int = 0
+    reader_age_ms: float = 0.0  # of the stop inputs' newest reading
     slept_s: float = 0.0
     step_s: float = 0.0
 
@@ -159,6 +160,7 @@ def _clocks(inputs: Inputs, streams: StreamState) -> ClockDiagnostics:
     return ClockDiagnostics(
         late_ms=inputs.late_ns / NS_PER_MS,
         missed_ticks=inputs.missed_ticks,
+        reader_age_ms=reader_age_ns(inputs.stop_inputs, inputs.now_ns, streams.resumed_ns) / NS_PER_MS,
         slept_s=streams.slept_ns / 1e9,
         step_s=streams.clock_step_ns / 1e9,
     )

@@ -13,8 +13,9 @@ from hal.inputs.protocol import Contact, InputReading, InputReadings
 from logs import records
 from logs.reason import reason_of
 
-# A reader that read longer ago than this is silent itself; with a tick the effect comes within 25 ms.
-READER_STALE_NS = 20 * NS_PER_MS
+# A press may be unseen since the last reading: beyond this age the legs pause, with a tick within 25 ms.
+READER_LATE_NS = 20 * NS_PER_MS
+READER_SILENT_NS = 200 * NS_PER_MS  # not the host any more, which lets threads wait for 100 ms: the reader has ended
 CLOSED_NS = 50 * NS_PER_MS  # closed for so long without a gap: contacts bounce for 1 to 20 ms
 
 
@@ -38,9 +39,14 @@ def update_stop_inputs(
     before: StopInputStates, readings: InputReadings, now_ns: int, resumed_ns: int
 ) -> StopInputStates:
     """The buttons after a tick; resumed_ns: when control last came back from missed ticks, as its reader did."""
-    silent = now_ns - max(readings.at_ns, resumed_ns) > READER_STALE_NS
+    silent = reader_age_ns(readings, now_ns, resumed_ns) > READER_SILENT_NS
     known: dict[str, StopInputState] = {one.name: one for one in before}
     return tuple(_updated(known.get(one.name), one, now_ns, silent=silent) for one in readings.inputs)
+
+
+def reader_age_ns(readings: InputReadings, now_ns: int, resumed_ns: int) -> int:
+    """How long ago the inputs were read, less the time in which control did not run either; 0 without inputs."""
+    return now_ns - max(readings.at_ns, resumed_ns) if readings.inputs else 0
 
 
 def input_records(before: StopInputStates, after: StopInputStates, at_ns: int) -> Iterator[records.Body]:

@@ -96,6 +96,7 @@ class Event(Enum):
     TICK_LATE = "tick-late"
     CONTROL_LATE = "control-late"
     CONTROL_STALLED = "control-stalled"
+    STOP_INPUTS_LATE = "stop-inputs-late"
     HOST_SUSPENDED = "host-suspended"
     CLOCK_JUMP = "clock-jump"
     JOINT_TIMEOUT = "joint-timeout"
@@ -129,6 +130,7 @@ class PauseCause(Enum):
 
     CONSOLE_TIMEOUT = Event.CONSOLE_TIMEOUT.value
     CONTROL_LATE = Event.CONTROL_LATE.value
+    STOP_INPUTS_LATE = Event.STOP_INPUTS_LATE.value
     NEXT_STEP_MISSING = Event.NEXT_STEP_MISSING.value
 
 

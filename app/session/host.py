@@ -56,7 +56,7 @@ M = TypeVar("M", bound=msgspec.Struct)
 
 START_ORDER: tuple[str, ...] = ("audit", "perception", "guardian", "planner", "control")
 START_S = 30.0  # the session's process spawns the others, on a busy machine
-END_S = 25.0  # each process's patience, and the trail's
+END_S = 25.0  # each process's patience, and the trail's on a usual disk; on a slower one audit ends by itself
 # The heartbeat says that STOP can be given. The terminal's input thread, which takes STOP, reports every 0.1 s.
 INPUT_TIMEOUT_S = 0.5
 

@@ -16,6 +16,7 @@ import time
 from collections.abc import Callable
 from enum import Enum, auto
 from importlib import import_module
+from multiprocessing.process import BaseProcess
 from types import FrameType
 
 from msgspec.structs import replace
@@ -45,7 +46,6 @@ END_PATIENCE_S = {
     "guardian": 2.0,
     "bus-log": 2.0,
     "recording": 5.0,
-    "audit": 5.0,
 }
 
 
@@ -62,7 +62,7 @@ class SessionProcesses:
         self._setup = launch.setup
         self._order = launch.order
         self._entry = _entry_of(launch.entry)
-        self._children: dict[str, multiprocessing.process.BaseProcess] = {}
+        self._children: dict[str, BaseProcess] = {}
         self._supervisor = Supervisor()
         self._ending = False
         self._lease: Lease | None = None
@@ -153,14 +153,22 @@ class SessionProcesses:
 
     def _end(self, name: str) -> None:
         child = self._children.get(name)
-        if child is None:
-            return
-        child.terminate()
-        child.join(END_PATIENCE_S[name])
-        if child.is_alive():
-            _log.warning("process killed", child=name, patience_s=END_PATIENCE_S[name])
-            child.kill()
-            child.join(1.0)
+        if child is not None:
+            end_child(name, child)
+
+
+def end_child(name: str, child: BaseProcess) -> None:
+    """Ask it to end, and kill it when it takes too long; audit never: on a slow disk that would tear the trail.
+
+    It gives up by itself (`app.audit.process.GIVE_UP_S`).
+    """
+    child.terminate()
+    patience_s = END_PATIENCE_S.get(name)
+    child.join(patience_s)
+    if patience_s is not None and child.is_alive():
+        _log.warning("process killed", child=name, patience_s=patience_s)
+        child.kill()
+        child.join(1.0)
 
 
 def _entry_of(path: str) -> Callable[[str, SessionSetup], None]:

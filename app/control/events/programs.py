@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from app.control.events.row import GESTURES, Above, Compared, Latch, Row
+from app.control.stop_inputs import READER_LATE_NS
 from app.ipc.states import Effect, Event
-from app.ipc.streams import AUDIT_HEALTH, GUARDIAN, OPERATOR, TRIGGER
+from app.ipc.streams import AUDIT_HEALTH, GUARDIAN, NS_PER_MS, OPERATOR, TRIGGER
 
 AUDIT_WAITING_LIMIT = 2_000  # records; a tenth of the queue, about ten seconds of a busy session
 TICK_LATE_MS = 2.0  # a whole tick
@@ -75,6 +76,11 @@ CLOCKS = (
         Above("late_ms", lambda d: d.clocks.late_ms, CONTROL_STALLED_MS),
         P,
         lambda d: {"late_ms": d.clocks.late_ms},
+    ),
+    Row(
+        E.STOP_INPUTS_LATE,
+        F.PAUSE,
+        Above("reader_age_ms", lambda d: d.clocks.reader_age_ms, READER_LATE_NS / NS_PER_MS),
     ),
     Row(
         E.HOST_SUSPENDED,

@@ -191,6 +191,19 @@ def release(rig: Rig) -> None:
     switch.contact = Contact.CLOSED
 
 
+def stop_reading(rig: Rig) -> None:
+    """The stop inputs are read no more."""
+    with_switch(rig)
+    rig.tick(5)
+    assert rig.stop_inputs is not None
+    rig.stop_inputs.poll = lambda now_ns: None  # type: ignore[method-assign]  # noqa: ARG005
+
+
+def read_on(rig: Rig) -> None:
+    """And read again."""
+    del rig.stop_inputs.poll  # type: ignore[union-attr]
+
+
 def release_and_unlag(rig: Rig) -> None:
     """And the joints follow again."""
     release(rig)
@@ -227,6 +240,7 @@ CAUSES: dict[Event, Cause] = {
     E.TICK_LATE: Cause(spoil(late_ns=2_100_000)),
     E.CONTROL_LATE: Cause(spoil(late_ns=20_100_000, missed_ticks=10)),
     E.CONTROL_STALLED: Cause(spoil(late_ns=50_100_000, missed_ticks=25)),
+    E.STOP_INPUTS_LATE: Cause(stop_reading, read_on, ticks=14),
     E.HOST_SUSPENDED: Cause(lambda rig: rig.spoil.update(boot_ns=rig.now_ns + 9_000_000_000)),
     E.CLOCK_JUMP: Cause(lambda rig: rig.spoil.update(wall_ns=rig.now_ns + 7_000_000_000)),
     E.JOINT_TIMEOUT: Cause(joints(silent=True), joints(silent=False), ticks=9),

@@ -29,6 +29,7 @@ LIMITS = (
     (E.TICK_LATE, "clocks.missed_ticks", 0),
     (E.CONTROL_LATE, "clocks.late_ms", 20.0),
     (E.CONTROL_STALLED, "clocks.late_ms", 50.0),
+    (E.STOP_INPUTS_LATE, "clocks.reader_age_ms", 20.0),
     (E.HOST_SUSPENDED, "clocks.slept_s", 0.1),
     (E.CLOCK_JUMP, "clocks.step_s", 0.5),
     (E.JOINT_TIMEOUT, "joints.age_ms", 15.0),

@@ -15,10 +15,11 @@ from hal.inputs.protocol import Contact
 from logs import records
 from tests.app.control.causes import Switch, lag, with_switch
 from tests.app.control.moments import HOLD_TICKS, RESTS, A, K, S, moving, now, records_of, resting, standing
-from tests.app.control.rig import TICK_NS, Rig
+from tests.app.control.rig import Rig
 from tests.app.control.test_step_stop import MOVEMENTS
 
 LIMIT_NS = 25_000_000
+ENDED_NS = 205_000_000  # a reader that has read nothing for 200 ms, and a tick
 
 
 def pressed(switch: Switch, tick: int) -> None:
@@ -41,21 +42,24 @@ def reader_died(switch: Switch, tick: int) -> None:
 CHANGES = (pressed, unplugged, bouncing, reader_died)
 
 
-def held_after_ns(rig: Rig, change: Callable[[Switch, int], None], switch: Switch) -> int:
-    """How long after the change the legs are commanded to hold."""
+def hold_in_time(rig: Rig, change: Callable[[Switch, int], None], switch: Switch) -> None:
+    """The change, until after the legs are held; without a reader they pause in the time of a hold, and are held."""
     begun_ns = rig.now_ns
+    first = {Effect.HOLD: LIMIT_NS}
     if change is reader_died:
         assert rig.stop_inputs is not None
         begun_ns = rig.stop_inputs.newest.at_ns
         rig.stop_inputs.poll = lambda now_ns: None  # type: ignore[method-assign]  # noqa: ARG005
-    for tick in range(50):
+        first = {Effect.PAUSE: LIMIT_NS, Effect.HOLD: ENDED_NS}
+    after_ns: dict[Effect, int] = {}
+    for tick in range(120):
         change(switch, tick)
-        if rig.tick().effect >= Effect.HOLD:
-            for later in range(tick + 1, 50):
-                change(switch, later)
-                rig.tick()
-            return rig.now_ns - begun_ns - (49 - tick) * TICK_NS
-    raise AssertionError("never held")
+        effect = rig.tick().effect
+        for wanted in first:
+            if effect >= wanted:
+                after_ns.setdefault(wanted, rig.now_ns - begun_ns)
+    assert after_ns.keys() == first.keys()
+    assert all(after_ns[wanted] <= limit_ns for wanted, limit_ns in first.items())
 
 
 def with_pressed_once(rig: Rig, role: InputRole = InputRole.WEARER) -> Switch:
@@ -80,7 +84,7 @@ def test_at_rest_the_legs_are_held_in_time_and_keep_their_state(
     rig = resting(state)
     switch = with_pressed_once(rig)
     rig.tick(phase)  # the reader reads between ticks
-    assert held_after_ns(rig, change, switch) <= LIMIT_NS
+    hold_in_time(rig, change, switch)
     assert now(rig).effect is Effect.HOLD, "bouncing is no second STOP"
     assert now(rig).gait.state is state
     rig.send(K.ACT, Action.INITIALISE)
@@ -99,7 +103,7 @@ def test_every_movement_is_held_in_time_and_only_a_new_request_after_the_acknowl
     rig.send(K.ACT, action)
     rig.run_until(lambda m: m.running is not None and m.running.stage is Stage.MOVING)
     rig.tick(40)
-    assert held_after_ns(rig, change, switch) <= LIMIT_NS
+    hold_in_time(rig, change, switch)
     rig.tick(HOLD_TICKS)
     assert now(rig).motion.mode is Mode.HOLDING
     assert now(rig).gait.state is S.BETWEEN
@@ -158,13 +162,31 @@ def test_a_press_that_is_over_before_a_late_tick_still_holds() -> None:
     assert Event.WEARER_STOP.value in rig.events()
 
 
+def test_a_reader_that_a_busy_host_lets_wait_pauses_a_movement_which_goes_on_by_itself() -> None:
+    rig = standing()
+    with_pressed_once(rig)
+    rig.send(K.ACT, A.STEP_RIGHT_FIRST)
+    rig.run_until(lambda m: m.running is not None and m.running.stage is Stage.MOVING)
+    reader = rig.stop_inputs
+    assert reader is not None
+    reader.poll = lambda now_ns: None  # type: ignore[method-assign]  # noqa: ARG005
+    rig.tick(50)
+    assert rig.events() == {Event.STOP_INPUTS_LATE.value}
+    del reader.poll
+    rig.run_until(lambda m: m.running is None)
+    assert now(rig).gait.state is S.RIGHT_FORWARD
+    (paused,) = records_of(rig, records.Pause)
+    assert paused.cause == "stop-inputs-late"  # type: ignore[union-attr]
+    assert paused.resumed  # type: ignore[union-attr]
+
+
 def test_a_tick_that_is_late_is_not_the_readers_silence() -> None:
     rig = standing()
     with_pressed_once(rig)
     rig.now_ns += 30_000_000
     rig.spoil.update(late_ns=30_000_000, missed_ticks=15, stop_inputs=rig.stop_inputs.newest)  # type: ignore[union-attr]
     rig.tick()
-    assert Event.WEARER_STOP.value not in rig.events()
+    assert rig.events() == {Event.TICK_LATE.value, Event.CONTROL_LATE.value}
 
 
 def test_nothing_moves_until_each_button_was_pressed_once_and_let_go() -> None:

@@ -1,10 +1,16 @@
-"""Perception is started again when it died or froze, with patience, and not for ever."""
+"""Perception is started again when it died or froze, with patience, and not for ever; how processes are ended."""
 
 from __future__ import annotations
 
 from itertools import pairwise
+from multiprocessing.process import BaseProcess
+from typing import cast
 
+import pytest
+
+from app.audit.process import GIVE_UP_S
 from app.session.child import BACK_OFF_S, FIRST_REPORT_S, SILENCE_S, Supervisor
+from app.session.supervise import end_child
 
 
 def test_a_reporting_perception_is_left_alone() -> None:
@@ -32,3 +38,37 @@ def test_loading_the_model_is_not_mistaken_for_a_freeze() -> None:
     assert not supervisor.must_restart(0.0, alive=True, reported=False)
     assert not supervisor.must_restart(FIRST_REPORT_S * 0.9, alive=True, reported=False)
     assert supervisor.must_restart(FIRST_REPORT_S * 1.1, alive=True, reported=False)
+
+
+class SlowChild:
+    """Ends so long after it was asked to."""
+
+    def __init__(self, takes_s: float) -> None:
+        self.left_s = takes_s
+        self.asked = self.killed = False
+
+    def terminate(self) -> None:
+        self.asked = True
+
+    def join(self, timeout: float | None = None) -> None:
+        assert self.asked
+        self.left_s -= self.left_s if timeout is None else min(timeout, self.left_s)
+
+    def is_alive(self) -> bool:
+        return self.left_s > 0 and not self.killed
+
+    def kill(self) -> None:
+        self.killed = True
+
+
+@pytest.mark.parametrize(
+    ("name", "takes_s", "killed"),
+    [("perception", 1.9, False), ("perception", 9.0, True), ("audit", GIVE_UP_S + 60.0, False)],
+)
+def test_a_process_that_does_not_end_is_killed_but_the_trail_is_written_however_slow_the_disk(
+    name: str, takes_s: float, killed: bool
+) -> None:
+    child = SlowChild(takes_s)
+    end_child(name, cast("BaseProcess", child))
+    assert not child.is_alive()
+    assert child.killed is killed
