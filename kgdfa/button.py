@@ -44,7 +44,6 @@ class PressCancel(Enum):
     DISTANCE_LOST = "distance lost"
     GESTURE_CHANGED = "gesture changed"
     LEFT_SIDEWAYS = "left sideways"
-    WITHDRAWAL_UNSEEN = "withdrawal unseen"
     TOO_SHORT = "too short"
     CAMERA_PAUSED = "camera paused"
 
@@ -230,15 +229,11 @@ def _while_pressed(
         return _end(state, PressCancel.LEFT_SIDEWAYS)
     if distance_m <= compared.release_m or compared.source_changed:
         return state
-    reason = _no_withdrawal(compared)
-    return _end(state, reason) if reason else _release(state, observed, state.pressed_gesture)
-
-
-def _no_withdrawal(compared: ButtonComparison) -> PressCancel | None:
-    """Why a hand that is outside again has not withdrawn; None when it has. Keypoints that slip near slip back."""
-    if compared.previous_m is None:
-        return PressCancel.WITHDRAWAL_UNSEEN
-    return PressCancel.TOO_SHORT if compared.held_ns < SHORTEST_PRESS_NS else None
+    if compared.held_ns < SHORTEST_PRESS_NS:  # keypoints that slip near slip back
+        return _end(state, PressCancel.TOO_SHORT)
+    if compared.previous_m is None:  # a gap hid the withdrawal: the next frame has to see the hand outside as well
+        return state
+    return _release(state, observed, state.pressed_gesture)
 
 
 def _while_up(state: ButtonState, observed: ButtonInput, compared: ButtonComparison, distance_m: float) -> ButtonState:

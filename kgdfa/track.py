@@ -72,6 +72,7 @@ class Track:
 
     side_log_odds: positive for right. arm: sum of the arm's directions in the first frames, unit vectors as complex
     numbers. moved: farthest mean displacement of its keypoints from the first frame, reference segments.
+    in_row: frames in a row with it, up to the newest.
     trusted: the newest one that may have come of those before; doubtful: frames in a row since that may not.
     anew: why, and anew_ns: when it was last judged anew.
     """
@@ -79,6 +80,7 @@ class Track:
     hand: Hand | None = None
     last: Hand
     lost: int = 0
+    in_row: int = 0
     number: int
     side_log_odds: float = 0.0
     signing: int = 0  # frames that showed a gesture
@@ -230,6 +232,7 @@ def _advanced(
         hand=hand,
         last=hand,
         lost=0,
+        in_row=1 if track.hand is None else track.in_row + 1,
         signing=track.signing + signs,
         captured_ns=captured_ns,
         moved=max(track.moved, _mean_px(hand.image_px - track.first_px) / max(hand.reference_px, 1.0)),
@@ -264,9 +267,12 @@ def _anew(track: Track, why: Explanation, captured_ns: int) -> Track:
 
 
 def _overlapping(track: Track, followed: list[Track], captured_ns: int) -> Track:
-    """Judged anew in every frame in which another hand is within its reach."""
+    """Judged anew in every frame in which another hand is within its reach.
+
+    A hand of one frame is none: the detector sees a second one at times in the fingers of a hand that comes near.
+    """
     hand = track.hand
-    others = [one.hand for one in followed if one.hand is not None and one is not track]
+    others = [one.hand for one in followed if one.hand is not None and one is not track and one.in_row > 1]
     apart = min((_palms_apart(hand, other) for other in others), default=math.inf) if hand is not None else math.inf
     if apart > OVERLAP_REFERENCES:
         return track

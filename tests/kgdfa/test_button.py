@@ -102,10 +102,13 @@ def test_a_short_gap_ends_no_press_and_is_no_distance(gap: Seen) -> None:
     assert not run([Seen(FAR), gap]).pressed
 
 
-def test_a_hand_that_is_outside_after_a_gap_was_not_seen_withdrawing() -> None:
+def test_a_hand_that_is_outside_after_a_gap_commands_once_it_is_seen_there_twice() -> None:
     state = run([Seen(FAR), Seen(NEAR), Seen(NEAR), Seen(NEAR), LOST, Seen(FAR)])
-    assert (state.pressed, state.release_count, state.cancel_count) == (False, 0, 1)
-    assert state.cancel_reason is PressCancel.WITHDRAWAL_UNSEEN
+    assert (state.pressed, state.release_count, state.cancel_count) == (True, 0, 0)
+    assert run([Seen(FAR)], state=state).release_count == 1
+    assert run([LOST, Seen(FAR), Seen(NEAR)], state=state).release_count == 0, "keypoints that slipped slip back"
+    lost = run([LOST] * (GAP_FRAMES + 1), state=state)
+    assert (lost.pressed, lost.release_count, lost.cancel_reason) == (False, 0, PressCancel.HAND_LOST)
 
 
 @pytest.mark.parametrize("after_ns", [STALE_NS + 1, -FRAME_NS])
@@ -216,7 +219,8 @@ def is_command(path: Sequence[Seen]) -> bool:
             return False
         if observed.distance_m is None:
             continue
-        if observed.distance_m > OUTSIDE_M or observed.gesture is not last.gesture or observed.box is not OVER:
+        seen_withdrawing = observed.distance_m > OUTSIDE_M and path[index - 1].distance_m is not None
+        if seen_withdrawing or observed.gesture is not last.gesture or observed.box is not OVER:
             return False
         if is_push(path, index):
             return (len(path) - 1 - index) * FRAME_NS >= SHORTEST_PRESS_NS

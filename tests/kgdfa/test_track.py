@@ -304,6 +304,14 @@ def test_nothing_commands_while_two_hands_overlap_nor_before_side_and_arm_are_kn
     assert tracks.number > 1
 
 
+def test_a_second_hand_seen_for_one_frame_within_reach_is_none_and_one_of_two_frames_is() -> None:
+    beside = of(Side.LEFT, moved(HERE, 0.8 * OVERLAP_REFERENCES * HERE.reference_px))
+    tracks = after([(HERE, beside), (HERE,), (HERE, beside), (HERE,)], RIGHT, begun())
+    assert (tracks.known, tracks.number, refusal(tracks)) == (True, 1, None)
+    tracks = after([(HERE, beside)] * 2, RIGHT, tracks)
+    assert (tracks.known, refusal(tracks)) == (False, HandRefusal.OVERLAP)
+
+
 def test_one_hand_found_twice_is_one() -> None:
     tracks = after([(HERE, moved(HERE, 5))] * 4, RIGHT)
     assert (len(tracks.followed), tracks.known) == (1, True)
