@@ -60,6 +60,7 @@ _PLACE: dict[Event, tuple[str, str]] = {
     Event.TICK_LATE: ("clocks", "late_ms"),
     Event.CONTROL_LATE: ("clocks", "late_ms"),
     Event.CONTROL_STALLED: ("clocks", "late_ms"),
+    Event.STOP_INPUTS_LATE: ("clocks", "reader_age_ms"),
     Event.HOST_SUSPENDED: ("clocks", "slept_s"),
     Event.CLOCK_JUMP: ("clocks", "step_s"),
     Event.JOINT_TIMEOUT: ("joints", "age_ms"),

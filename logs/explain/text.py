@@ -81,6 +81,7 @@ NAMED = frozenset(
         "pose_error_rad",
         "frame_age_ms",
         "message_age_ms",
+        "reader_age_ms",
         "answer_age_ms",
         "waiting_records",
         "slept_s",
