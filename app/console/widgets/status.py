@@ -30,12 +30,13 @@ def status_line(state: SessionState, width: int, health_key: str) -> Lines:
     place = f"{tr(f'camera.{config.camera.kind}')} · {tr(f'joints.{config.joints.kind}')}"
     kept["place"] = (f" {place} ", "$foreground-muted")
     kept["joints"] = (f" {tr(f'joints.{config.joints.kind}')} ", "$foreground-muted")
+    kept["joints_short"] = (f" {tr(f'joints_short.{config.joints.kind}')} ", "$foreground-muted")
     if not config.inputs:
         wording = tr("status.no_stop_input" if width >= _WIDE_CELLS else "status.no_stop_input_short")
         kept["button"] = (f" {wording} ", "$warning")
     room, chosen = width - cells(dot[0] + key), set[str]()
     for name in _NEEDED:
-        if name in kept and cells(kept[name][0]) <= room and not (name == "joints" and "place" in chosen):
+        if name in kept and cells(kept[name][0]) <= room and chosen.isdisjoint(_SAID_BY.get(name, ())):
             chosen.add(name)
             room -= cells(kept[name][0])
     line = [kept[name] for name in _ORDER if name in chosen]
@@ -43,8 +44,15 @@ def status_line(state: SessionState, width: int, health_key: str) -> Lines:
 
 
 # What the line holds, from left to right, and in the order in which it is given room.
-_ORDER = ("patient", "operator", "place", "joints", "arming", "state", "effect", "silent", "button", "stop", "steps")
-_NEEDED = ("silent", "effect", "arming", "button", "patient", "state", "place", "joints", "steps", "stop", "operator")
+_ORDER = (
+    *("patient", "operator", "place", "joints", "joints_short"),
+    *("arming", "state", "effect", "silent", "button", "stop", "steps"),
+)
+_NEEDED = (
+    *("silent", "effect", "arming", "button", "patient", "state"),
+    *("place", "joints", "joints_short", "steps", "stop", "operator"),
+)
+_SAID_BY = {"joints": {"place"}, "joints_short": {"place", "joints"}}  # the same, with more words
 _WIDE_CELLS = 120  # from here on a missing stop button is told in full
 
 

@@ -72,6 +72,7 @@ DYNAMIC = set(re.findall(r"""f["']([a-z0-9_.-]+\.)\{""", "\n".join(SOURCES))) | 
     "unlock.",
     "take_over.",
 }
+FORMER = {"PressCancel": {"WITHDRAWAL_UNSEEN"}}  # only trails of earlier programs hold them
 
 
 def enum_members() -> dict[str, set[str]]:
@@ -91,7 +92,7 @@ def test_an_enum_that_has_text_has_it_for_each_member_and_no_other() -> None:
     members = enum_members()
     wording = {tuple(key.split(".")) for key in entries("en") if re.fullmatch(r"[A-Z]\w+\.[A-Z0-9_]+", key)}
     worded = {kind: {member for of, member in wording if of == kind} for kind, _ in wording if kind in members}
-    assert worded == {kind: members[kind] for kind in worded}
+    assert worded == {kind: members[kind] | FORMER.get(kind, set()) for kind in worded}
 
 
 def test_every_literal_key_is_there() -> None:

@@ -43,6 +43,16 @@ def test_the_status_line_always_says_that_no_stop_button_is_connected(
     assert wanted not in text_of(status_line(with_pendant(state), width, "i"))
 
 
+@pytest.mark.parametrize("language", ["en", "zh"])
+@pytest.mark.parametrize("width", [80, 120, 200])
+@pytest.mark.parametrize("state", [READY, MOVING, STOPPED])
+def test_the_status_line_says_once_what_joints_they_are(state: SessionState, width: int, language: str) -> None:
+    use_language(language)
+    text = text_of(status_line(state, width, "i"))
+    wordings = (tr(f"{key}.simulated") for key in ("joints", "joints_short"))
+    assert sum(f" {wording} " in text for wording in wordings) == 1, text
+
+
 def test_the_checks_say_so_too_and_hold_nobody_up() -> None:
     use_language("en")
     assert "No stop button connected" in text_of(check_lines(READY))
