@@ -39,7 +39,7 @@ SAME_POINTS_REFERENCES = 0.5  # two detections whose keypoints are this near on 
 HINT_NS = 500_000_000  # how long the screen says that a hand is judged anew
 ENTRY_FRAMES = 10  # of a track show where its arm comes from
 LEAST_ENTRY_FRAMES = 3  # as many as a gesture's vote needs
-ARM_LIMIT_RAD = math.radians(75)
+ARM_LIMIT_RAD = math.radians(65)
 SHORT_ARM = 0.5  # reference segments from wrist to knuckles: a hand that points at the camera shows no arm
 # A hand that shows a gesture and has not moved at all in so long a time is a picture of one.
 STILL_NS, STILL_REFERENCES = 2_000_000_000, 0.08

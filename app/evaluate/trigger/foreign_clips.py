@@ -19,6 +19,9 @@ IN_NS, SIGN_NS, PUSH_NS, AGAIN_NS = (round(s * SECOND_NS) for s in (0.4, 0.5, 1.
 CLICK_S = 0.6
 OUTSIDE_M = 0.55  # along the arm, out of the image
 BESIDE_M = 0.19  # the enrolled hand stands aside by it
+# How much farther from the camera a hand is whose arm crosses the enrolled one: an arm is 8 cm thick and can't be where
+# the hand is, and one before the hand stops its push.
+BEHIND_M = 0.11
 FIRST_FOREIGN = 700_000  # nobody else's seed
 GESTURES = tuple(Gesture)
 
@@ -42,7 +45,7 @@ class PushKind(Enum):
 
     ALONE = "alone"  # nowhere
     BESIDE = "beside"  # on the side from which its arm comes
-    COVERED = "covered"  # beyond the enrolled hand, its arm over it: the push goes through the arm, as no hand can
+    BEHIND = "behind"  # on the other side, its arm behind the enrolled hand
     CROSSED = "crossed"  # beside, after it reached across the enrolled hand and drew back
 
 
@@ -70,7 +73,7 @@ class Foreigner:
     crosses: bool = False  # it reaches in to the other side of the image, and draws back to where `shift_m` says
 
     @property
-    def covers(self) -> bool:
+    def reaches_across(self) -> bool:
         """Whether it comes from one side and stands on the other."""
         return float(np.sin(self.roll_rad)) * self.shift_m[0] > BESIDE_M / 2
 
@@ -93,7 +96,12 @@ class Foreigner:
 
 
 def standing(draw: np.random.Generator, own_left: bool) -> Foreigner:
-    """A person whose hand, of the other side, stands on either side of the enrolled one."""
+    """A person whose hand, of the other side, stands on either side of the enrolled one, its arm not in the way."""
+    other = _aside(draw, own_left)
+    return replace(other, nearer_m=other.nearer_m - BEHIND_M) if other.reaches_across else other
+
+
+def _aside(draw: np.random.Generator, own_left: bool) -> Foreigner:
     other = foreigner(draw, ForeignKind.OTHER_SIDE, own_left)
     return replace(other, shift_m=(float(draw.choice([-1, 1])) * BESIDE_M, 0.0))
 
@@ -101,7 +109,7 @@ def standing(draw: np.random.Generator, own_left: bool) -> Foreigner:
 def crossing(draw: np.random.Generator, own_left: bool) -> Foreigner:
     """A person whose hand, of the other side, reaches from its arm's side across the enrolled one, and draws back."""
     aside = float(draw.choice([-1, 1]))
-    other = replace(standing(draw, own_left), shift_m=(aside * BESIDE_M, 0.0), crosses=True)
+    other = replace(_aside(draw, own_left), shift_m=(aside * BESIDE_M, 0.0), crosses=True)
     return replace(other, roll_rad=-aside * np.pi / 2 + float(draw.normal(0, np.radians(10))))
 
 
@@ -141,7 +149,7 @@ class Clip:
             return PushKind.ALONE
         if self.other.crosses:
             return PushKind.CROSSED
-        return PushKind.COVERED if self.other.covers else PushKind.BESIDE
+        return PushKind.BEHIND if self.other.reaches_across else PushKind.BESIDE
 
 
 def clips(*, frames: int, pushes: int, seed: int) -> list[Clip]:

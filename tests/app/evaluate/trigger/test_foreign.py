@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from app.evaluate.digital import PoolDetector
+from app.evaluate.loop.response import APPROACH_M
 from app.evaluate.trigger import foreign
 from app.evaluate.trigger.foreign import CROSSED_BEGIN_NS, ForeignResult, PushResult, evaluate_foreign
 from app.evaluate.trigger.foreign_clips import (
@@ -19,12 +20,14 @@ from app.evaluate.trigger.foreign_clips import (
     CLIP_FRAMES,
     IN_NS,
     OUTSIDE_M,
+    SECOND_NS,
     Clip,
     ForeignKind,
     PushKind,
     clips,
     turned,
 )
+from hal.cameras.digital_hand.driver import DigitalHandCamera
 from hal.cameras.digital_hand.render import Rendered, Scene, keypoints_m, person_of, posed
 from kgdfa.hand import Hand
 from tests.app.evaluate.known_hands import known_hand
@@ -114,13 +117,28 @@ def test_clips_are_the_same_for_the_same_seed_and_others_for_another() -> None:
 
 @pytest.mark.parametrize(
     ("roll_deg", "aside", "kind"),
-    [(90, 1, PushKind.COVERED), (90, -1, PushKind.BESIDE), (-90, 1, PushKind.BESIDE), (180, 1, PushKind.BESIDE)],
+    [(90, 1, PushKind.BEHIND), (90, -1, PushKind.BESIDE), (-90, 1, PushKind.BESIDE), (180, 1, PushKind.BESIDE)],
 )
-def test_a_hand_that_stands_beyond_the_enrolled_one_covers_it(roll_deg: int, aside: int, kind: PushKind) -> None:
+def test_a_hand_that_stands_beyond_the_enrolled_one_has_its_arm_behind_it(
+    roll_deg: int, aside: int, kind: PushKind
+) -> None:
     push = next(clip for clip in clips(frames=0, pushes=1, seed=1) if clip.other is not None)
     assert push.other is not None
     other = replace(push.other, roll_rad=math.radians(roll_deg), shift_m=(aside * BESIDE_M, 0.0))
     assert replace(push, other=other).push is kind
+
+
+def test_an_arm_behind_the_enrolled_hand_is_clear_of_it() -> None:
+    behind = [clip for clip in clips(frames=0, pushes=60, seed=1) if clip.push is PushKind.BEHIND]
+    assert len(behind) > 5
+    for clip in behind:
+        assert clip.other is not None
+        own = DigitalHandCamera(seed=clip.own_seed, person=person_of(clip.own_seed), clock_ns=lambda: 0)
+        own.command(move_m=(0.0, 0.0, -APPROACH_M), at_ns=0)
+        mine, other = own.scene(SECOND_NS).place, clip.other.scene(clip.other.camera(), SECOND_NS).place
+        assert mine is not None
+        assert other is not None
+        assert other.position_m[2] - mine.position_m[2] > 0.06, "half an arm's and half a hand's thickness"
 
 
 def test_a_hand_that_crosses_has_drawn_back_to_its_own_side_before_the_push() -> None:
