@@ -1,6 +1,7 @@
 """How late control's ticks begin while everything runs and the legs walk: real processes, N seconds; --json too.
 
-And what they cost: CPU time of control a tick, of perception a frame, while the legs walk.
+Beside it, from begin to end, a bare loop of that rate at SCHED_FIFO: what the host does to any loop. And what ticks and
+frames cost: CPU time of control a tick, of perception a frame, while the legs walk.
 """
 
 from __future__ import annotations
@@ -41,9 +42,10 @@ sys.path.insert(0, str(Path(__file__).parent.parent))  # run as a script, `tools
 from app.demo.load import busy_processes
 from testing.session import TIMEOUT_S, RealSession, WatchedSession, real_session
 from tools.bench_console import Terminal
+from tools.bench_host import bare_loop
 
 Result = TypeVar("Result")
-BOUNDS_MS = {"p99_ms": 0.2, "p999_ms": 1.0}  # where SCHED_FIFO is allowed
+BARE_RATIO = 1.3  # at most so many times the bare loop's
 LEAST_FPS = 28.0
 ESCAPE = b"\x1b"
 KEYS = {
@@ -164,7 +166,7 @@ def main() -> None:
     """Measure and print."""
     asked = arguments()
     load = busy_processes(len(os.sched_getaffinity(0))) if asked.saturate else contextlib.nullcontext()
-    with tempfile.TemporaryDirectory() as folder, begun(asked, Path(folder)) as session:
+    with tempfile.TemporaryDirectory() as folder, bare_loop() as bare, begun(asked, Path(folder)) as session:
         with load:
             held, costs_ms = measure_costs(session, lambda: walk_for(session, asked.seconds))
         session.send(OperatorKind.ACT, Action.WALK_END)
@@ -172,9 +174,10 @@ def main() -> None:
         fps = session.perception_fps()
         if isinstance(session, ConsoleSession):
             Console().print(f"{session.keys} keys were typed at the console.")
-    show(snapshot, fps, held, costs_ms)
+    show(snapshot, fps, held, costs_ms, bare)
     if asked.json:
-        asked.json.write_text(json.dumps(figures_of(snapshot, fps) | costs_ms, indent=1) + "\n", encoding="utf-8")
+        figures = figures_of(snapshot, fps) | costs_ms | {f"bare_{name}": value for name, value in bare.items()}
+        asked.json.write_text(json.dumps(figures, indent=1) + "\n", encoding="utf-8")
 
 
 def measure_costs(session: WatchedSession, work: Callable[[], Result]) -> tuple[Result, dict[str, float]]:
@@ -221,13 +224,14 @@ def arguments() -> argparse.Namespace:
     return parser.parse_args()
 
 
-def show(snapshot: ControlSnapshot, fps: float, held: Counter[str], costs_ms: dict[str, float]) -> None:
+def show(
+    snapshot: ControlSnapshot, fps: float, held: Counter[str], costs_ms: dict[str, float], bare: dict[str, float]
+) -> None:
     """The figures beside their bounds."""
     real_time = snapshot.real_time
     table = Table("lateness", "value", "bound")
     for name, value in msgspec.structs.asdict(snapshot.lateness).items():
-        bound = BOUNDS_MS.get(name)
-        table.add_row(name, f"{value:.4g}", "" if bound is None else f"≤ {bound:g} {'yes' if value <= bound else 'NO'}")
+        table.add_row(name, f"{value:.4g}", _beside(value, bare[name]) if name in bare else "")
     got = f"{real_time.fifo} / {real_time.memory_locked} / {real_time.core} / {real_time.cores_awake}"
     table.add_row("SCHED_FIFO / locked / core / cores awake", got, "")
     table.add_row("steps walked", str(snapshot.steps), "")
@@ -237,6 +241,10 @@ def show(snapshot: ControlSnapshot, fps: float, held: Counter[str], costs_ms: di
     if fps:
         table.add_row("perception fps", f"{fps:.1f}", f"≥ {LEAST_FPS:g} {'yes' if fps >= LEAST_FPS else 'NO'}")
     Console().print(table)
+
+
+def _beside(value: float, bare: float) -> str:
+    return f"{value / bare:.2f} × bare loop's {bare:.4g}: {'yes' if value <= BARE_RATIO * bare else 'NO'}"
 
 
 def figures_of(snapshot: ControlSnapshot, fps: float) -> dict[str, object]:
