@@ -36,7 +36,7 @@ def status_line(state: SessionState, width: int, health_key: str) -> Lines:
         kept["button"] = (f" {wording} ", "$warning")
     room, chosen = width - cells(dot[0] + key), set[str]()
     for name in _NEEDED:
-        if name in kept and cells(kept[name][0]) <= room and chosen.isdisjoint(_SAID_BY.get(name, ())):
+        if name in kept and cells(kept[name][0]) <= room and chosen.isdisjoint(_INCLUDED_IN.get(name, ())):
             chosen.add(name)
             room -= cells(kept[name][0])
     line = [kept[name] for name in _ORDER if name in chosen]
@@ -52,7 +52,7 @@ _NEEDED = (
     *("silent", "effect", "arming", "button", "patient", "state"),
     *("place", "joints", "joints_short", "steps", "stop", "operator"),
 )
-_SAID_BY = {"joints": {"place"}, "joints_short": {"place", "joints"}}  # the same, with more words
+_INCLUDED_IN = {"joints": {"place"}, "joints_short": {"place", "joints"}}  # the same in more words
 _WIDE_CELLS = 120  # from here on a missing stop button is told in full
 
 
