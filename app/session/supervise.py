@@ -39,7 +39,9 @@ from logs.records import ProcessEnd
 _log = get_logger("session")
 
 # Control holds (0.15 s), damps (3 s if nobody is there) and disables; then the others have nothing left to send.
+# Audit gives up by itself (`app.audit.process.GIVE_UP_S`); killed on a slow disk it would tear the trail.
 END_PATIENCE_S = {
+    "audit": 60.0,
     "control": 6.0,
     "perception": 2.0,
     "planner": 2.0,
@@ -158,14 +160,11 @@ class SessionProcesses:
 
 
 def end_child(name: str, child: BaseProcess) -> None:
-    """Ask it to end, and kill it when it takes too long; audit never: on a slow disk that would tear the trail.
-
-    It gives up by itself (`app.audit.process.GIVE_UP_S`).
-    """
+    """Ask it to end, and kill it when it takes too long."""
     child.terminate()
-    patience_s = END_PATIENCE_S.get(name)
+    patience_s = END_PATIENCE_S[name]
     child.join(patience_s)
-    if patience_s is not None and child.is_alive():
+    if child.is_alive():
         _log.warning("process killed", child=name, patience_s=patience_s)
         child.kill()
         child.join(1.0)

@@ -239,7 +239,7 @@ def side(
     total = figures.frames.total()
     right = percent(figures.right, 2) if total else "–"
     summary = tr("evaluate.side.summary", right=right, frames=total, images=figures.images, without=figures.without)
-    show(sides.side_table(figures), sides.sources_table(figures), summary)
+    show(sides.side_table(figures), sides.sources_table(figures), summary, *sides.arms_summary(figures))
     if figures.interrupted:
         raise typer.Exit(130)
 

@@ -189,6 +189,10 @@ def pushes(
     ] = 12,
     seeds: Seeds = "1-6",
     click: Click = "0.3",
+    left_out: Annotated[
+        float,
+        typer.Option(help="Share of the frames that a busy machine leaves out.", min=0, max=0.9, callback=check_finite),
+    ] = 0.0,
     workers: Workers = 2,
     json_file: Json = None,
     home: HomeOption = None,
@@ -196,10 +200,10 @@ def pushes(
     """Quick pushes of many hands with all twelve gestures: which command, and the others frame by frame."""
     from app.evaluate.trigger.pushes import bouts, evaluate_pushes, shown
 
-    wanted = bouts(seed_numbers(seeds), attempts=attempts, click_s=click_range(click))
+    wanted = bouts(seed_numbers(seeds), attempts=attempts, click_s=click_range(click), left_out=left_out)
     with detector_processes(home, workers, len(wanted)) as (pool, step):
         run = evaluate_pushes(pool, wanted, step)
-    write_json({"seeds": seeds, "click_s": click, **run.as_json()}, json_file)
+    write_json({"seeds": seeds, "click_s": click, "left_out": left_out, **run.as_json()}, json_file)
     show(*shown(run))
     if run.interrupted or run.unrequested:
         raise typer.Exit(130 if run.interrupted else 1)

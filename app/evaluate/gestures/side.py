@@ -8,6 +8,7 @@ all show the same hand: its sides are counted.
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
@@ -18,8 +19,9 @@ import numpy as np
 from rich.table import Table
 
 from app.evaluate.digital import BLANK_FRAMES, GAP_NS, MEASURE_SEEDS, image_of_scene, scene_of, side_of
-from app.evaluate.harness import FRAME_NS, Step, table
+from app.evaluate.harness import FRAME_NS, Step, percent, table
 from app.evaluate.readings import GESTURE_NAMES, DetectedImage, LabelledImage
+from app.text.catalogue import tr
 from hal.cameras.digital_hand.render import person_of
 from hal.cameras.playback import decode_image
 from kgdfa.augmentation import AUGMENTATIONS, Augmentation, augment
@@ -28,7 +30,7 @@ from kgdfa.hand import Hand, Side
 from kgdfa.keypoints import HandDetector
 from kgdfa.preprocess import Image, as_bgr8
 from kgdfa.robust import RobustRules
-from kgdfa.track import Enrolment, Tracks, update_tracks
+from kgdfa.track import ARM_LIMIT_RAD, Enrolment, Tracks, arm_rad, update_tracks
 
 HELD_FRAMES = 8
 PLAIN, MIRRORED = Augmentation(), Augmentation(mirrored=True)
@@ -45,6 +47,9 @@ class SideFigures:
     sources: dict[str, Counter[str]] = field(default_factory=dict)  # source and group → sides of the plain look
     images: int = 0
     without: int = 0  # images without a voted gesture
+    arms_rad: list[float] = field(
+        default_factory=list
+    )  # of the plain looks at gestures in stored keypoints, from upright
     interrupted: bool = False
 
     @property
@@ -122,7 +127,17 @@ def measure_looks(detected: Iterable[DetectedImage]) -> SideFigures:
             )  # else: which is which?
             looks = ([hand.side] if hand and rules.classify(hand).gesture else [] for hand in (one.hands[0], mirrored))
             _add_pair(figures, one.image, *looks)
+            angle = arm_rad(one.hands[0])
+            figures.arms_rad.extend([] if angle is None else [abs(angle)])
     return figures
+
+
+def arms_summary(figures: SideFigures) -> Iterator[str]:
+    """How many arms point up within the limit beyond which a hand counts as another person's."""
+    if figures.arms_rad:
+        within = sum(one <= ARM_LIMIT_RAD for one in figures.arms_rad) / len(figures.arms_rad)
+        limit = math.degrees(ARM_LIMIT_RAD)
+        yield tr("evaluate.side.arms", share=percent(within, 1), arms=len(figures.arms_rad), limit=f"{limit:.0f}")
 
 
 def _add_pair(

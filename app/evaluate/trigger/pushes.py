@@ -2,7 +2,8 @@
 
 As `response` makes them, without its processes: the digital hand rests, signs, is recognised, pushes and withdraws
 within the click's time, and rests again. Time is the camera's own, so that a run repeats, on a busy machine too.
-How long each push takes, and when between two frames it begins, is drawn by the hand's seed.
+How long each push takes, when between two frames it begins, and which frames a busy machine would leave out, is drawn
+by the hand's seed.
 """
 
 from __future__ import annotations
@@ -10,7 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import Enum, auto
 from itertools import pairwise
 from typing import Any
@@ -68,11 +69,12 @@ class Click:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Bout:
-    """One hand that pushes with one gesture, once for each click."""
+    """One hand that pushes with one gesture, once for each click. left_out: share of the camera's frames, 0 to 1."""
 
     seed: int
     gesture: Gesture
     clicks: tuple[Click, ...]
+    left_out: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -179,11 +181,16 @@ class Stage:
     pipeline: Pipeline
     detector: PoolDetector
     now_ns: int
+    left_out: float = 0.0
+    draw: np.random.Generator = field(default_factory=np.random.default_rng)
 
     def next(self) -> Report:
-        """The next frame through the chain."""
-        self.now_ns += FRAME_NS
-        self.detector.now_ns += FRAME_NS
+        """The next frame that is not left out, through the chain."""
+        frames = 1
+        while self.left_out and self.draw.random() < self.left_out:
+            frames += 1
+        self.now_ns += frames * FRAME_NS
+        self.detector.now_ns += frames * FRAME_NS
         image = self.camera.render(self.now_ns).image_bgr
         return self.pipeline.process(PipelineInput(image_bgr=image, captured_ns=self.detector.now_ns))
 
@@ -195,11 +202,16 @@ class Stage:
             if wanted(report):
                 return
 
+    def before(self, end_ns: int) -> Iterator[Report]:
+        """Frames as long as the next one of the camera is not after that time."""
+        while self.now_ns + FRAME_NS <= end_ns:
+            yield self.next()
 
-def bouts(seeds: Sequence[int], *, attempts: int, click_s: tuple[float, float]) -> list[Bout]:
+
+def bouts(seeds: Sequence[int], *, attempts: int, click_s: tuple[float, float], left_out: float = 0.0) -> list[Bout]:
     """So many pushes of each gesture, shared among the hands; a push takes from click_s[0] to click_s[1]."""
     return [
-        Bout(seed=seed, gesture=gesture, clicks=tuple(_clicks(seed, number, count, click_s)))
+        Bout(seed=seed, gesture=gesture, clicks=tuple(_clicks(seed, number, count, click_s)), left_out=left_out)
         for seed, count in shared(attempts, seeds)
         for number, gesture in enumerate(Gesture)
         if count
@@ -228,7 +240,8 @@ def run_bout(detector: PoolDetector, bout: Bout) -> tuple[Push, ...]:
     camera = DigitalHandCamera(seed=bout.seed, clock_ns=lambda: 0)
     camera.command(move_m=(0.0, 0.0, -APPROACH_M), at_ns=0)
     pipeline = chain("robust", camera.person, camera.lens, detector.inner, THRESHOLD_M)
-    return pushed(Stage(camera, pipeline, detector, BEGIN_NS), bout)
+    draw = np.random.default_rng([bout.seed, tuple(Gesture).index(bout.gesture), 0x6C656674])
+    return pushed(Stage(camera, pipeline, detector, BEGIN_NS, bout.left_out, draw), bout)
 
 
 def pushed(stage: Stage, bout: Bout) -> tuple[Push, ...]:
@@ -244,8 +257,8 @@ def _push(stage: Stage, bout: Bout, click: Click) -> Push:
         return _outcome(stage, bout, click, stage.now_ns, [resting, signing, []])
     start_ns = stage.now_ns + REACTION_NS + click.begins_ns
     stage.camera.command(click_s=click.duration_s, at_ns=start_ns)
-    frames = int((start_ns - stage.now_ns + click.duration_s * 1e9) // FRAME_NS) + AFTER_FRAMES
-    return _outcome(stage, bout, click, start_ns, [resting, signing, [stage.next() for _ in range(frames)]])
+    end_ns = start_ns + int(click.duration_s * 1e9) + AFTER_FRAMES * FRAME_NS
+    return _outcome(stage, bout, click, start_ns, [resting, signing, list(stage.before(end_ns))])
 
 
 def _rest(stage: Stage) -> list[Report]:

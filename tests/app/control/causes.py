@@ -195,13 +195,12 @@ def stop_reading(rig: Rig) -> None:
     """The stop inputs are read no more."""
     with_switch(rig)
     rig.tick(5)
-    assert rig.stop_inputs is not None
-    rig.stop_inputs.poll = lambda now_ns: None  # type: ignore[method-assign]  # noqa: ARG005
+    rig.reading = False
 
 
 def read_on(rig: Rig) -> None:
     """And read again."""
-    del rig.stop_inputs.poll  # type: ignore[union-attr]
+    rig.reading = True
 
 
 def release_and_unlag(rig: Rig) -> None:

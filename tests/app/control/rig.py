@@ -70,6 +70,7 @@ class Rig:
     guardian_health: dict[str, Any] = field(default_factory=dict)
     cleared: frozenset[Action] | None = None
     stop_inputs: InputReader | None = None  # attached when the rig is where it is wanted; polled at its own rate
+    reading: bool = True  # the stop inputs' thread runs
     _sequence: int = 0
     _reports: int = 0
     _releases: int = 0
@@ -138,8 +139,9 @@ class Rig:
 
     def _one(self) -> None:
         self.now_ns += TICK_NS
-        if self.stop_inputs is not None and self.now_ns - self.stop_inputs.newest.at_ns >= READ_S * 1e9:
-            self.stop_inputs.poll(self.now_ns)
+        reader = self.stop_inputs
+        if reader is not None and self.reading and self.now_ns - reader.newest.at_ns >= READ_S * 1e9:
+            reader.poll(self.now_ns)
         if self.alive and self.now_ns % 50_000_000 < TICK_NS:
             self.send(OperatorKind.HEARTBEAT)
             self._commands[-1] = replace_sent(self._commands[-1], self.now_ns)

@@ -49,7 +49,7 @@ def hold_in_time(rig: Rig, change: Callable[[Switch, int], None], switch: Switch
     if change is reader_died:
         assert rig.stop_inputs is not None
         begun_ns = rig.stop_inputs.newest.at_ns
-        rig.stop_inputs.poll = lambda now_ns: None  # type: ignore[method-assign]  # noqa: ARG005
+        rig.reading = False
         first = {Effect.PAUSE: LIMIT_NS, Effect.HOLD: ENDED_NS}
     after_ns: dict[Effect, int] = {}
     for tick in range(120):
@@ -99,7 +99,6 @@ def test_every_movement_is_held_in_time_and_only_a_new_request_after_the_acknowl
 ) -> None:
     rig = resting(state)
     switch = with_pressed_once(rig)
-    reader = rig.stop_inputs
     rig.send(K.ACT, action)
     rig.run_until(lambda m: m.running is not None and m.running.stage is Stage.MOVING)
     rig.tick(40)
@@ -112,9 +111,7 @@ def test_every_movement_is_held_in_time_and_only_a_new_request_after_the_acknowl
     rig.tick(3)
     assert now(rig).effect is Effect.HOLD, "not while it is pressed"
     switch.contact = Contact.CLOSED
-    assert reader is not None
-    if change is reader_died:
-        del reader.poll
+    rig.reading = True
     rig.tick(60)
     assert now(rig).effect is Effect.HOLD, "letting it go does not suffice, nor does the earlier acknowledgement"
     assert rig.command is held
@@ -167,12 +164,10 @@ def test_a_reader_that_a_busy_host_lets_wait_pauses_a_movement_which_goes_on_by_
     with_pressed_once(rig)
     rig.send(K.ACT, A.STEP_RIGHT_FIRST)
     rig.run_until(lambda m: m.running is not None and m.running.stage is Stage.MOVING)
-    reader = rig.stop_inputs
-    assert reader is not None
-    reader.poll = lambda now_ns: None  # type: ignore[method-assign]  # noqa: ARG005
+    rig.reading = False
     rig.tick(50)
     assert rig.events() == {Event.STOP_INPUTS_LATE.value}
-    del reader.poll
+    rig.reading = True
     rig.run_until(lambda m: m.running is None)
     assert now(rig).gait.state is S.RIGHT_FORWARD
     (paused,) = records_of(rig, records.Pause)

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from app.evaluate.gestures.side import HELD_FRAMES, SideMeasure, measure_looks
+from app.evaluate.gestures.side import HELD_FRAMES, SideFigures, SideMeasure, arms_summary, measure_looks
 from app.evaluate.readings import DetectedImage, LabelledImage
 from kgdfa.augmentation import AUGMENTATIONS
 from kgdfa.gesture import Gesture
@@ -43,3 +43,13 @@ def test_of_looks_that_contradict_each_other_one_is_wrong(monkeypatch: pytest.Mo
     figures = measure_looks([DetectedImage(image=image, hands=hands) for hands in (agreeing, contrary)])
     assert (figures.frames["5"], figures.wrong["5"], figures.right) == (4, 1, 0.75)
     assert figures.sources == {"daocunyang p1": {"right": 2}}
+
+
+def test_arms_count_as_within_the_limit_or_beyond(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("app.evaluate.gestures.side.RobustRules", PublishedRules)
+    image = LabelledImage(path="a", label="5", source="daocunyang", group="p1")
+    lying = replace(FIVE, image_px=FIVE.image_px[:, ::-1].copy())
+    detected = [DetectedImage(image=image, hands=(hand,)) for hand in (FIVE, FIVE, FIVE, lying)]
+    (line,) = arms_summary(measure_looks(detected))
+    assert line == "75.0% of 4 arms point up within the limit of 65°"
+    assert list(arms_summary(SideFigures())) == []

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import pairwise
 from typing import cast
 
 import numpy as np
@@ -14,6 +15,7 @@ from app.evaluate.digital import PoolDetector
 from app.evaluate.harness import FRAME_NS, EvaluateFault, click_range, seed_numbers
 from app.evaluate.loop.response import APPROACH_M, THRESHOLD_M
 from app.evaluate.trigger.pushes import (
+    AFTER_FRAMES,
     BEGIN_NS,
     Bout,
     ButtonPhase,
@@ -67,14 +69,17 @@ class Knowing:
         return (hand,)
 
 
-def made(gesture: Gesture = Gesture.FIVE, *, click_s: float = 0.3, blind: Blind = lambda _: False) -> tuple[Push, ...]:
+def made(
+    gesture: Gesture = Gesture.FIVE, *, click_s: float = 0.3, blind: Blind = lambda _: False, left_out: float = 0.0
+) -> tuple[Push, ...]:
     camera = PlainCamera(seed=2, clock_ns=lambda: 0)
     camera.command(move_m=(0.0, 0.0, -APPROACH_M), at_ns=0)
     knowing = Knowing(camera, blind)
     pipeline = chain("robust", camera.person, camera.lens, knowing, THRESHOLD_M)
     detector = PoolDetector(cast(HandDetector, knowing))
     clicks = tuple(Click(click_s, number * FRAME_NS // 3) for number in range(3))
-    return pushed(Stage(camera, pipeline, detector, BEGIN_NS), Bout(seed=2, gesture=gesture, clicks=clicks))
+    stage = Stage(camera, pipeline, detector, BEGIN_NS, left_out, np.random.default_rng(7))
+    return pushed(stage, Bout(seed=2, gesture=gesture, clicks=clicks))
 
 
 @pytest.mark.parametrize("click_s", [0.3, 0.6])
@@ -83,6 +88,14 @@ def test_every_push_of_a_hand_that_is_seen_commands_its_gesture(click_s: float) 
         assert push.commanded == (Gesture.FIVE,)
         assert (push.ok, push.fault, push.lost, push.unrequested) == (True, None, 0, 0)
         assert push.nearest_m < THRESHOLD_M
+
+
+def test_frames_that_are_left_out_are_not_seen_and_cost_no_time() -> None:
+    push = made(click_s=0.6, left_out=0.3, blind=lambda away_m: away_m < 0.24)[0]
+    gaps = {round((b.at_ms - a.at_ms) * 30 / 1000) for a, b in pairwise(push.frames)}
+    assert 1 in gaps
+    assert max(gaps) > 1
+    assert push.frames[-1].at_ms <= 600 + AFTER_FRAMES * FRAME_NS / 1e6
 
 
 def test_a_hand_lost_near_the_button_counts_the_frames_it_was_lost_in() -> None:
