@@ -22,7 +22,7 @@ from app.ipc.streams import NS_PER_MS
 from app.system.config import SessionSetup, load_device
 from app.system.diagnostics_log import get_logger
 from app.system.legs_lock import share_legs
-from app.system.scheduling import gc_freeze, set_scheduling
+from app.system.scheduling import avoid_control_core, gc_freeze, set_scheduling
 from hal.errors import HardwareError
 from logs.reason import reason, reason_of
 from logs.records import HeartbeatLost, Note, ProcessEnd, ProcessStart
@@ -127,7 +127,8 @@ class Guardian:
     """The process around `check_heartbeat`: its links and its own bus."""
 
     def __init__(self, setup: SessionSetup) -> None:
-        set_scheduling("guardian")  # first: the threads of the links inherit it
+        set_scheduling("guardian")  # first: the threads of the links inherit both
+        avoid_control_core()  # it goes before control, and would make one tick of fifty late
         self._host_pid = setup.host_pid
         self._sink = AuditSink(setup.links, "guardian", setup.operator)
         self._heartbeats = LatestReceiver(address(setup.links, streams.HEARTBEAT.name), Heartbeat)

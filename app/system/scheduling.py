@@ -121,7 +121,7 @@ def pin_to_control_core() -> int | None:
 
 
 def avoid_control_core() -> None:
-    """For perception: one core of several is control's, whose every tick would delay a running detection."""
+    """For perception, whose running detection every tick would delay, and the guardian, which would delay ticks."""
     core = control_core()
     others = os.sched_getaffinity(0) - {core}
     if core is not None and others:
