@@ -1,9 +1,8 @@
 """How a live image is shown to the tracker: a near hand smaller, and other views while no hand is found.
 
 A tracker searches for the hand near where it was, at the size that it had, so that a push of 0.3 s leaves it behind. A
-near hand is therefore shown smaller, by as much as it is about to grow until this frame, which comes late where the
-machine is busy: on the view it stays where it was. The frame that loses a hand all the same is given again, smaller
-yet: with none to track, the tracker searches everywhere.
+near hand is therefore shown smaller, by as much as it is about to grow: on the view it stays where it was. The frame
+that loses a hand all the same is given again, smaller yet: with none to track, the tracker searches everywhere.
 A frame in which a near palm narrows as no hand can is detected untracked as well: led by a wrist outside the image, the
 tracker looked beside the hand. That costs the next frame, so it is done for near hands only, and not for the frames
 after it.
@@ -23,7 +22,6 @@ import cv2
 import numpy as np
 
 from kgdfa.augmentation import to_image
-from kgdfa.continuity import FRAME_NS, MOST_FRAMES
 from kgdfa.hand import FloatArray, Hand, same_place
 from kgdfa.preprocess import Image
 
@@ -37,10 +35,7 @@ STEADY_FROM = 0.95  # so little is not worth showing smaller
 # did in 120 pushes 25 read too far by a quarter and more, and these were 25 of 37 such readings.
 LEAST_NARROWING = 0.80
 LOOK_FRAMES = 6  # from one untracked detection to the next, at least: as many as a push of 0.3 s is near in
-MOST_GROWTH = 1.35  # in a 30th of a second: a push of 0.3 s from 36 cm makes it grow by 1.3
-# And in each further 30th, for a push quickens meanwhile: with every other frame left out by turns 5 of 12 pushes of
-# gesture 7 commanded without it, 10 with it (0.3 s, hands 7011 to 7014; no command leaves frames out).
-LATE_GROWTH = 1.2
+MOST_GROWTH = 1.35  # from frame to frame: a push of 0.3 s from 36 cm, 30 frames per second, makes it grow by 1.3
 SHRUNK = 2  # a view has half the image's pixels each way: more cost time, and the landmark model sees 224
 
 
@@ -113,10 +108,9 @@ def _smaller(image_bgr: Image, scale: float, size: tuple[int, int]) -> tuple[Ima
 
 @dataclass(frozen=True, slots=True)
 class PalmGrowth:
-    """How large a followed hand is, pixels, and how it grows.
+    """How large a followed hand is, pixels, and how it grows from frame to frame.
 
-    spread: of all its keypoints; breadth: 5-17 as a share of it; growth: in a 30th of a second, expected: until the
-    next frame, which comes later where the machine is busy.
+    spread: of all its keypoints; breadth: 5-17 as a share of it.
     """
 
     palm_px: float
@@ -124,30 +118,28 @@ class PalmGrowth:
     breadth: float
     narrowed: bool = False  # since the frame before, as no hand can
     growth: float = 1.0
-    expected: float = 1.0
     shown: float = LARGEST_PALM  # length of the palm on the view, where it is shown smaller, of the image's height
 
     @classmethod
-    def of(cls, hand: Hand, before: PalmGrowth | None, frames: float = 1.0) -> PalmGrowth:
-        """Its growth since the frame before, so many 30ths of a second ago; none is known of one that has just come."""
+    def of(cls, hand: Hand, before: PalmGrowth | None) -> PalmGrowth:
+        """Its growth since the frame before; none is known of a hand that has just come."""
         points = hand.image_px.tolist()
         middle = [sum(axis) / len(points) for axis in zip(*points, strict=True)]
         spread_px = max(math.sqrt(sum(math.dist(point, middle) ** 2 for point in points) / len(points)), 1.0)
         breadth = hand.reference_px / spread_px
         if before is None:
             return cls(hand.palm_px, spread_px, breadth)
-        growth = min(MOST_GROWTH, max(1 / MOST_GROWTH, (spread_px / before.spread_px) ** (1 / frames)))
+        growth = min(MOST_GROWTH, max(1 / MOST_GROWTH, spread_px / before.spread_px))
         narrowed = breadth < LEAST_NARROWING * before.breadth
-        shown = min(LARGEST_PALM, before.shown * GROWING_AGAIN)
-        return cls(hand.palm_px, spread_px, breadth, narrowed, growth, growth**frames, shown)
+        return cls(hand.palm_px, spread_px, breadth, narrowed, growth, min(LARGEST_PALM, before.shown * GROWING_AGAIN))
 
     def is_near(self, height_px: int) -> bool:
         """Whether it is, or is about to be, so large that it is shown smaller."""
-        return self.palm_px * self.expected > LARGEST_PALM * height_px
+        return self.palm_px * self.growth > LARGEST_PALM * height_px
 
     def fitted(self, view: View, height_px: int) -> View:
         """The view, made smaller where the hand would be too large in the next frame."""
-        scale = self.shown * height_px / (self.palm_px * self.expected)
+        scale = self.shown * height_px / (self.palm_px * self.growth)
         return replace(view, scale=scale) if scale < STEADY_FROM * view.scale else view
 
 
@@ -167,26 +159,21 @@ class Redetector:
         self._search = RedetectionState()
         self._growth: PalmGrowth | None = None  # of the hand followed, or lost a moment ago
         self._since_look = LOOK_FRAMES
-        self._captured_ns: int | None = None
 
     def detect(self, image_bgr: Image, captured_ns: int) -> tuple[Hand, ...]:
         """The hands in the next frame, where its image has them; () when there is none."""
-        elapsed_ns = FRAME_NS if self._captured_ns is None else captured_ns - self._captured_ns
-        frames, self._captured_ns = min(max(elapsed_ns / FRAME_NS, 1.0), MOST_FRAMES), captured_ns
         followed = self._growth is not None and self._search.missing == 0
-        if self._growth is not None:
-            self._growth = replace(self._growth, expected=self._growth.growth**frames * LATE_GROWTH ** (frames - 1))
         hands = self._detect_in_view(image_bgr, captured_ns)
         if not hands and self._growth is not None:
             hands = self._redetect(image_bgr, captured_ns, followed)
         self._search = next_state(self._search, found=bool(hands))
         if hands:
-            growth = PalmGrowth.of(hands[0], self._growth, frames)
+            growth = PalmGrowth.of(hands[0], self._growth)
             self._since_look += 1
             if growth.narrowed and growth.is_near(image_bgr.shape[0]) and self._since_look >= LOOK_FRAMES:
                 self._since_look = 0
                 hands = self._look_again(image_bgr, hands[0]) or hands
-                growth = PalmGrowth.of(hands[0], self._growth, frames)
+                growth = PalmGrowth.of(hands[0], self._growth)
             self._growth = growth
         elif self._search.missing >= PATIENCE_FRAMES:
             self._growth = None
@@ -195,7 +182,7 @@ class Redetector:
     def _redetect(self, image_bgr: Image, captured_ns: int, followed: bool) -> tuple[Hand, ...]:
         """Everywhere; and in the next view."""
         assert self._growth is not None
-        self._growth = replace(self._growth, growth=1.0, expected=1.0, shown=SOUGHT_PALM)
+        self._growth = replace(self._growth, growth=1.0, shown=SOUGHT_PALM)
         hands = self._detect_in_view(image_bgr, captured_ns) if followed else ()
         if not hands:
             turn_deg = _NEXT_TURN.get(self._search.view.turn_deg, 0.0)
@@ -206,7 +193,7 @@ class Redetector:
     def _look_again(self, image_bgr: Image, hand: Hand) -> tuple[Hand, ...]:
         """The same hand as an untracked detection has it, in the size that finds it; () where it is as narrow."""
         assert self._growth is not None
-        view = replace(self._growth, expected=1.0, shown=SOUGHT_PALM).fitted(self._search.view, image_bgr.shape[0])
+        view = replace(self._growth, growth=1.0, shown=SOUGHT_PALM).fitted(self._search.view, image_bgr.shape[0])
         shown, transform = render_view(image_bgr, view)
         found = (to_image(one, transform) for one in self._look(shown))
         same = (one for one in found if same_place(one, hand) and not PalmGrowth.of(one, self._growth).narrowed)

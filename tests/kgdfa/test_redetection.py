@@ -11,7 +11,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from kgdfa.augmentation import to_image
-from kgdfa.continuity import FRAME_NS
 from kgdfa.hand import FloatArray, Hand, Side
 from kgdfa.preprocess import Image
 from kgdfa.redetection import (
@@ -201,20 +200,6 @@ def test_a_near_hand_that_pushes_is_shown_smaller_and_reported_where_and_how_lar
         assert hands[0].image_px == pytest.approx(disc_hand(np.array([213.0, 120.0]), radius).image_px, abs=2.5)
         assert tracker.radius_px is not None
         assert 2 * tracker.radius_px < 1.3 * LARGEST_PALM * picture.shape[0]
-
-
-def test_a_near_hand_that_grows_while_a_frame_is_left_out_is_followed() -> None:
-    tracker, looks, now_ns = DiscTracker(), list[float](), 0
-
-    def look(image_bgr: Image, captured_ns: int) -> tuple[Hand, ...]:
-        looks.append(radius)
-        return tracker.look(image_bgr, captured_ns)
-
-    searcher = Redetector(look)
-    for frames, radius in ((1, 40.0), (1, 40.0), (1, 44.0), (2, 60.0), (2, 78.0)):
-        now_ns += frames * FRAME_NS
-        assert searcher.detect(disc(radius), now_ns), radius
-    assert looks[-2:] == [60.0, 78.0], "neither was lost and given again"
 
 
 def test_a_hand_that_is_not_near_is_shown_as_it_is() -> None:
