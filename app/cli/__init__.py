@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 # Module → the extra that brings it: what a session needs none of.
 EXTRAS = {
-    **dict.fromkeys(("matplotlib", "sklearn", "threadpoolctl"), "evaluate"),
+    **dict.fromkeys(("matplotlib", "onnx", "onnxruntime", "sklearn", "tflite", "threadpoolctl"), "evaluate"),
     **dict.fromkeys(("duckdb", "ezc3d", "jinja2", "pyarrow"), "analysis"),
 }
 

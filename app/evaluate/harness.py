@@ -55,6 +55,9 @@ class EvaluateFault(Enum):
     NO_ROUND = auto()  # seed, sessions, reason, session
     NO_HAND = auto()
     PROGRESS_OF_OTHERS = auto()  # file
+    ONNX_UNREADABLE = auto()  # file, detail
+    ONNX_OUTPUTS = auto()  # file, outputs
+    TABLE_NOT_MADE = auto()  # table, command, status
 
 
 def require_extra(extra: str, *modules: str) -> None:

@@ -1,4 +1,4 @@
-"""rleex evaluate: speed and response, of the whole pipeline and the whole system."""
+"""rleex evaluate: speed of the pipeline, response of the whole system, and all of the paper's tables."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Annotated
 import msgspec
 import typer
 
-from app.cli.common import HomeOption
+from app.cli.common import HomeOption, check_output_folder
 from app.cli.evaluate.common import (
     Click,
     Json,
@@ -20,13 +20,17 @@ from app.cli.evaluate.common import (
 )
 from app.cli.progress import spinner, wide_console
 from app.demo.scenario import ALL_TWELVE
-from app.evaluate.harness import click_range, seed_numbers, write_json
+from app.evaluate.harness import click_range, require_extra, seed_numbers, write_json
 from app.system.config import load_config
 from app.system.hand_model import set_up_model
 from app.system.paths import find_home, hold_home
 from app.text.catalogue import tr
 
 cli = typer.Typer()
+Onnx = Annotated[
+    list[Path] | None,
+    typer.Option(help="Another hand detector, exported to ONNX: YOLOv5, YOLOv8 or SSD. May be given again."),
+]
 
 
 @cli.command()
@@ -39,18 +43,23 @@ def speed(
         int | None,
         typer.Option(help="Time also 1 and N processes at once, each with a recording of its own [cores].", min=0),
     ] = None,
+    onnx: Onnx = None,
     json_file: Json = None,
     home: HomeOption = None,
 ) -> None:
-    """Table 4's row: the whole pipeline's speed beside bare MediaPipe's on the same frames."""
+    """Table 4: the whole pipeline's speed beside bare MediaPipe's and other detectors' on the same frames."""
     from app.evaluate.loop import speed as timing
+
+    if onnx:
+        require_extra("evaluate", "onnx", "onnxruntime")
 
     model = hand_model(home)
     images, focal_px = timing.frames_for_speed(directory, frames)
     with progress("timing", len(images) + min(timing.WARM_UP, len(images))) as step:
-        figures = timing.measure_speed(images, model, focal_px=focal_px, step=step)
+        figures = timing.measure_speed(images, model, focal_px=focal_px, onnx=onnx or [], step=step)
     height, width = images[0].shape[:2]
     show(timing.speed_table(figures, width, height), tr("evaluate.speed.summary", **msgspec.to_builtins(figures)))
+    show(timing.detectors_table(figures))
     offline = []
     for count in timing.worker_counts(workers):
         with status_line() as status:
@@ -81,3 +90,34 @@ def response(
     show(*shown(result))
     if result.interrupted or result.gave_up:
         raise typer.Exit(130 if result.interrupted else 1)
+
+
+@cli.command()
+def paper(
+    out: Annotated[
+        Path, typer.Option("--out", callback=check_output_folder, help="Folder for the page and its figures.")
+    ],
+    data: Annotated[
+        Path | None, typer.Option(help="Folder with gestures/ and distance/; without it, digital hands.", exists=True)
+    ] = None,
+    attempts: Annotated[int, typer.Option("--trials", help="Table 7: attempts a gesture.", min=1)] = 150,
+    seeds: Seeds = "1-3",
+    changes: Annotated[int, typer.Option(help="Table 6: posture changes at each distance.", min=4)] = 20,
+    onnx: Onnx = None,
+    home: HomeOption = None,
+) -> None:
+    """Tables 3 to 7 beside the paper's figures on one HTML page; an interrupted run goes on where it ended."""
+    from app.evaluate.paper.make import jobs, make
+    from app.evaluate.paper.page import write_page
+
+    require_extra("evaluate", "matplotlib", "jinja2", "onnx", "tflite")
+    options = () if home is None else ("--home", str(home))
+    out.mkdir(parents=True, exist_ok=True)
+    try:
+        for job in jobs(data, attempts=attempts, hands=seeds, changes=changes, onnx=onnx or []):
+            show(tr("evaluate.paper.making", table=job.table, command=job.command))
+            make(job, out, options)
+    except KeyboardInterrupt:
+        show(tr("evaluate.paper.interrupted", page=write_page(out)))
+        raise typer.Exit(130) from None
+    show(tr("evaluate.paper.written", page=write_page(out)))

@@ -1,0 +1,132 @@
+"""The paper's tables 3 to 7, each made by its own command of `rleex evaluate` and kept with how it was made.
+
+A folder holds `table-3.json` and `table-3.run.json`, and so on, each as soon as it is made: an interrupted run goes on
+with the next table, and a table whose command is another now is made again.
+"""
+
+from __future__ import annotations
+
+import os
+import platform
+import shlex
+import subprocess
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+from typing import TypeVar
+
+import msgspec
+
+from app.evaluate.harness import EvaluateFault, writing
+from app.system.errors import AppError
+from app.system.program import PROGRAM, ROOT, VERSION, program_identity
+
+Content = TypeVar("Content")
+DIGITAL_HANDS = 10  # a pose, where there are no photos
+EVALUATE = (sys.executable, "-c", "from app.cli import main; main()", "evaluate")
+INTERRUPTED = 130  # exit status of a command that the operator ended
+
+
+@dataclass(frozen=True, slots=True)
+class Job:
+    """A table, and the arguments of `rleex evaluate` that make it."""
+
+    table: int
+    arguments: tuple[str, ...]
+
+    @property
+    def command(self) -> str:
+        """As a person would type it."""
+        return shlex.join(("rleex", "evaluate", *self.arguments))
+
+
+class Run(msgspec.Struct, frozen=True, kw_only=True):
+    """How a table was made. program: SHA-256 of the program's files."""
+
+    command: str
+    date: str
+    version: str
+    program: str
+    commit: str
+    machine: str
+    status: int
+
+
+def jobs(data: Path | None, *, attempts: int, hands: str, changes: int, onnx: Sequence[Path]) -> tuple[Job, ...]:
+    """The five tables. data: a folder with `gestures` and `distance`; None: digital hands everywhere."""
+    photos = ("--digital", str(DIGITAL_HANDS)) if data is None else (str(data / "gestures"),)
+    frames = () if data is None else (str(data / "distance"),)
+    others = tuple(part for path in onnx for part in ("--onnx", str(path)))
+    return (
+        Job(3, ("gestures", *photos)),
+        Job(4, ("speed", *frames, "--workers", "0", *others)),
+        Job(5, ("distance",)),
+        Job(6, ("trigger", "--changes", str(changes))),
+        Job(7, ("response", "--trials", str(attempts), "--seeds", hands)),
+    )
+
+
+def make(job: Job, out: Path, options: Sequence[str] = (), program: Sequence[str] = EVALUATE) -> None:
+    """Make the table unless it was made so before, by a process of its own.
+
+    options: of every command, such as where data are stored. program: what is given the job's arguments.
+
+    Raises KeyboardInterrupt when its command was interrupted, AppError when it left no figures.
+    """
+    figures, kept = figures_file(out, job.table), run_file(out, job.table)
+    if figures.is_file() and kept.is_file() and read_as(kept, Run).command == job.command:
+        return
+    figures.unlink(missing_ok=True)
+    status = subprocess.run([*program, *job.arguments, "--json", str(figures), *options], check=False).returncode
+    if status == INTERRUPTED:
+        figures.unlink(missing_ok=True)
+        raise KeyboardInterrupt
+    if not figures.is_file():
+        raise AppError(EvaluateFault.TABLE_NOT_MADE, table=job.table, command=job.command, status=status)
+    with writing(kept):
+        kept.write_bytes(msgspec.json.encode(_run(job, status)))
+
+
+def _run(job: Job, status: int) -> Run:
+    program = program_identity()
+    return Run(
+        command=job.command,
+        date=datetime.now().astimezone().isoformat(timespec="minutes"),
+        version=program[VERSION],
+        program=program[PROGRAM],
+        commit=_commit(),
+        machine=f"{_processor()} ({len(os.sched_getaffinity(0))}), {platform.system()} {platform.release()}",
+        status=status,
+    )
+
+
+def _commit() -> str:
+    """Where the program runs from a checkout; '' elsewhere."""
+    command = ["git", "-C", str(ROOT), "rev-parse", "--short", "HEAD"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    return done.stdout.strip()
+
+
+def _processor() -> str:
+    lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+    return next((line.partition(":")[2].strip() for line in lines if line.startswith("model name")), platform.machine())
+
+
+def figures_file(out: Path, table: int) -> Path:
+    """Where a table's figures are."""
+    return out / f"table-{table}.json"
+
+
+def run_file(out: Path, table: int) -> Path:
+    """Where it says how they were made."""
+    return out / f"table-{table}.run.json"
+
+
+def read_as(path: Path, wanted: type[Content]) -> Content:
+    """A kept file. Raises AppError when it can't be read as that."""
+    try:
+        return msgspec.json.decode(path.read_bytes(), type=wanted)
+    except (OSError, msgspec.MsgspecError) as error:
+        raise AppError(EvaluateFault.FILE_UNREADABLE, file=path, detail=str(error)) from error

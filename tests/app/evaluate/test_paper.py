@@ -1,0 +1,163 @@
+"""The paper's tables on one page: what is kept, what is made again, and what the page says."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+import pytest
+
+from app.evaluate.distance.frames import DistanceFigures
+from app.evaluate.distance.table5 import PAPER_TABLE_5, Table5, Table5Row
+from app.evaluate.gestures.measures import Figures, GestureFigures
+from app.evaluate.gestures.report import PAPER_TABLE_3
+from app.evaluate.gestures.report import as_json as gestures_json
+from app.evaluate.harness import EvaluateFault, write_json
+from app.evaluate.loop.response import ResponseResult
+from app.evaluate.loop.speed import BARE, WHOLE, DetectorFigures, SpeedFigures
+from app.evaluate.paper.make import Job, Run, figures_file, jobs, make, read_as, run_file
+from app.evaluate.paper.page import write_page
+from app.evaluate.trigger.table6 import CAMERAS, MODES, TriggerRow
+from app.system.errors import AppError
+
+JOB = Job(5, ("distance",))
+# Counts how often it ran, in the file after --json; ends with the status that its last argument names.
+COUNTING = """
+import pathlib, sys
+path = pathlib.Path(sys.argv[sys.argv.index("--json") + 1])
+made = path.with_name("made")
+made.write_text(str(int(made.read_text()) + 1 if made.exists() else 1))
+status = int(sys.argv[-1])
+if status != 2:
+    path.write_text("{}")
+raise SystemExit(status)
+"""
+PROGRAM = (sys.executable, "-c", COUNTING)
+
+
+def made(out: Path, job: Job = JOB, status: int = 0) -> int:
+    """How often the program ran so far."""
+    make(job, out, (str(status),), PROGRAM)
+    return int((out / "made").read_text())
+
+
+def test_a_table_is_made_once_and_again_by_another_command(tmp_path: Path) -> None:
+    assert [made(tmp_path), made(tmp_path)] == [1, 1]
+    run = read_as(run_file(tmp_path, 5), Run)
+    assert (run.command, run.status, len(run.program)) == ("rleex evaluate distance", 0, 64)
+    assert made(tmp_path, Job(5, ("distance", "--hands", "2"))) == 2
+
+
+def test_figures_that_did_not_all_pass_are_kept_with_the_status(tmp_path: Path) -> None:
+    made(tmp_path, status=1)
+    assert read_as(run_file(tmp_path, 5), Run).status == 1
+
+
+def test_an_interrupted_command_leaves_no_figures_and_is_made_again(tmp_path: Path) -> None:
+    with pytest.raises(KeyboardInterrupt):
+        made(tmp_path, status=130)
+    assert not figures_file(tmp_path, 5).exists()
+    assert made(tmp_path) == 2
+
+
+def test_a_command_without_figures_is_an_error_that_names_it(tmp_path: Path) -> None:
+    with pytest.raises(AppError) as refused:
+        made(tmp_path, status=2)
+    assert refused.value.code is EvaluateFault.TABLE_NOT_MADE
+    assert refused.value.values == {"table": 5, "command": "rleex evaluate distance", "status": 2}
+
+
+def test_the_commands_are_those_a_person_would_type(tmp_path: Path) -> None:
+    wanted = jobs(tmp_path, attempts=150, hands="1-3", changes=20, onnx=[Path("a.onnx")])
+    assert [job.table for job in wanted] == [3, 4, 5, 6, 7]
+    assert wanted[1].command == f"rleex evaluate speed {tmp_path}/distance --workers 0 --onnx a.onnx"
+    assert wanted[4].command == "rleex evaluate response --trials 150 --seeds 1-3"
+    assert jobs(None, attempts=1, hands="1", changes=4, onnx=[])[0].arguments == ("gestures", "--digital", "10")
+
+
+def figures() -> dict[int, Any]:
+    """As the commands write them: figures of the commands' own types."""
+    line = GestureFigures(pre=1.0, re=0.5, iou=0.5, f1=0.654, ap=0.9, n=3)
+    rules = Figures(
+        macro_f1=0.654,
+        map=0.9,
+        accepted_undefined=0.0123,
+        per_gesture=dict.fromkeys(PAPER_TABLE_3, line),
+        per_kind={},
+        per_source={},
+        confusion=np.zeros((13, 13), np.int64),
+    )
+    detector = DetectorFigures(parameters=3_850_000, multiply_adds=None, ms=20.0, hands=30)
+    speed = SpeedFigures(
+        frames=60, hands=30, bare_ms=20.0, whole_ms=20.0, ratio=1.234, fps=50.0, stages_ms={},
+        detectors={WHOLE: detector, BARE: detector, "other.onnx": detector},
+    )  # fmt: skip
+    by_mode = {"published": 1.5, "robust": float("nan")}
+    rows = tuple(
+        Table5Row(distance_cm=cm, mono_percent=by_mode, worst_percent=2.0, depth_percent=by_mode, depth_zero=0.0)
+        for cm in PAPER_TABLE_5
+    )
+    zeros = dict.fromkeys(("mae_cm", "bias_cm", "p95_cm", "within_5cm", "near_3", "near_10"), 0.0)
+    walk = DistanceFigures(frames=1, missing=0, **zeros)
+    shares = {(camera, mode): 0.35 for camera in CAMERAS for mode in MODES}
+    changes = [
+        TriggerRow(distance_cm=cm, changes=20, pressed=shares, commands=dict.fromkeys(shares, 0), fps={}).as_json()
+        for cm in PAPER_TABLE_5
+    ]
+    return {
+        3: gestures_json({"published": rules, "robust": rules}, [], cross_validated=False, views=None),
+        4: msgspec.to_builtins(speed),
+        5: Table5(hands=1, focal_px=650.0, rows=rows, tilts=(), walk={"robust": walk}).as_json(),
+        6: {"changes": 20, "table_6": changes},
+        7: ResponseResult(sessions=()).as_json(),
+    }
+
+
+def kept(out: Path, tables: dict[int, Any], status: int = 0) -> None:
+    for number, content in tables.items():
+        write_json(content, figures_file(out, number))
+        command = f"rleex evaluate {number}"
+        run = Run(command=command, date="", version="", program="", commit="", machine="", status=status)
+        write_json(msgspec.to_builtins(run), run_file(out, number))
+
+
+def test_the_page_holds_every_table_with_the_papers_figures_its_plot_and_its_command(tmp_path: Path) -> None:
+    kept(tmp_path, figures())
+    page = write_page(tmp_path).read_text(encoding="utf-8")
+    assert [page.count(f"<h2>Table {number}:") for number in (3, 4, 5, 6, 7)] == [1] * 5
+    assert page.count("<svg") == 5
+    assert page.count("<code>rleex evaluate") == 5
+    for cells in (
+        ("0", "93.1", "65.4", "65.4", "96.0", "90.0", "90.0"),
+        ("other.onnx", "3.9", "–", "20.0", "50.0", "50.0"),
+        ("10", "-7.0", "1.5", "–", "–", "1.5", "–"),
+        ("25", "0", "35.0", "35.0", "32", "–", "90", "35.0", "35.0", "11", "–"),
+        ("7", "0", "82.7", "–", "0.89", "–"),
+    ):
+        assert "".join(f"<td>{cell}</td>" for cell in cells) in page, cells
+    assert "1.23 % by the published rules" in page
+    assert "1.234 times" in page
+    assert "not reproduced" in page
+    assert "ended with status" not in page
+    assert "http" not in page.replace("http://www.w3.org", "").replace("http://purl.org", "").replace(
+        "http://creativecommons.org", ""
+    ).replace("https://matplotlib.org", ""), "it fetches nothing"
+
+
+def test_tables_that_are_missing_are_left_out_and_a_failed_one_says_so(tmp_path: Path) -> None:
+    kept(tmp_path, {7: figures()[7]}, status=1)
+    page = write_page(tmp_path).read_text(encoding="utf-8")
+    assert page.count("<svg") == 1
+    assert "ended with status 1" in page
+
+
+def test_damaged_figures_are_refused_by_name(tmp_path: Path) -> None:
+    kept(tmp_path, figures())
+    figures_file(tmp_path, 6).write_text("{")
+    with pytest.raises(AppError) as refused:
+        write_page(tmp_path)
+    assert refused.value.code is EvaluateFault.FILE_UNREADABLE
+    assert refused.value.values["file"] == figures_file(tmp_path, 6)
