@@ -41,6 +41,13 @@ TIMEOUT_S = 60.0  # a limit, not a measure: loading on a busy machine takes its 
 KEY_NS = 500_000_000  # a key that did nothing is pressed again after this
 
 
+def control_core_of_worker() -> int | None:
+    """A core for control that the other workers of pytest-xdist leave alone; two controls on one starve it."""
+    worker = os.environ.get("PYTEST_XDIST_WORKER", "")
+    cores = sorted(os.sched_getaffinity(0), reverse=True)
+    return cores[int(worker.removeprefix("gw")) % len(cores)] if worker else None
+
+
 class WatchedSession(ABC):
     """The newest message of every process of a session, from its links."""
 
@@ -187,6 +194,7 @@ class RealSession(WatchedSession):
         config = Config(
             joints=joints or JointsConfig(),
             model=model,
+            control_core=control_core_of_worker(),
             unattended_s=unattended_s,
             recording=RecordingConfig(on=recording),
             inputs=inputs,

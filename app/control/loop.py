@@ -83,7 +83,7 @@ class Control:
     def run(self) -> None:
         """Tick until the step says that it is finished."""
         self._sink.emit(records.ProcessStart(pid=os.getpid()))
-        self._real_time = replace(self._real_time, core=pin_to_control_core())
+        self._real_time = replace(self._real_time, core=pin_to_control_core(self._setup.config.control_core))
         self._sink.emit(records.RealTimePrivilege(**asdict(self._real_time)))
         self._sink.emit(limits_record(self._settings))
         self._drives.open(time.monotonic_ns())

@@ -87,6 +87,7 @@ def demo_config(base: Config, *, seed: int, joints: JointsConfig, record: bool =
         recording=msgspec.structs.replace(base.recording, on=record),
         rules=base.rules,
         model=base.model,
+        control_core=base.control_core,
         unattended_s=UNATTENDED_S,
     )
 

@@ -50,7 +50,7 @@ def run_perception(setup: SessionSetup) -> None:
     """Run until the session ends, its process dies, or SIGTERM."""
     # Both before any thread starts: they inherit it.
     set_scheduling("perception")
-    avoid_control_core()
+    avoid_control_core(setup.config.control_core)
     perception = Perception(setup)
     signal.signal(signal.SIGTERM, lambda *_: perception.end())
     try:

@@ -128,7 +128,7 @@ class Guardian:
 
     def __init__(self, setup: SessionSetup) -> None:
         set_scheduling("guardian")  # first: the threads of the links inherit both
-        avoid_control_core()  # it goes before control, and would make one tick of fifty late
+        avoid_control_core(setup.config.control_core)  # it goes before control, and would make one tick of fifty late
         self._host_pid = setup.host_pid
         self._sink = AuditSink(setup.links, "guardian", setup.operator)
         self._heartbeats = LatestReceiver(address(setup.links, streams.HEARTBEAT.name), Heartbeat)

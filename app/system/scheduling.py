@@ -105,12 +105,12 @@ def request_low_wake_latency(wake_latency: Path = WAKE_LATENCY) -> bool:
     return os.write(request, struct.pack("@i", 0)) > 0
 
 
-def pin_to_control_core() -> int | None:
-    """The core that this thread has from now on, None where it shares all.
+def pin_to_control_core(wanted: int | None = None) -> int | None:
+    """The core that this thread has from now on, None where it shares all. wanted: as `control_core` takes it.
 
     Call after threads are started: a link's thread on the same core would send the heartbeat only between two ticks.
     """
-    core = control_core()
+    core = control_core(wanted)
     if core is None:
         return None
     try:
@@ -120,18 +120,23 @@ def pin_to_control_core() -> int | None:
     return core
 
 
-def avoid_control_core() -> None:
+def avoid_control_core(wanted: int | None = None) -> None:
     """For perception, whose running detection every tick would delay, and the guardian, which would delay ticks."""
-    core = control_core()
+    core = control_core(wanted)
     others = os.sched_getaffinity(0) - {core}
     if core is not None and others:
         with suppress(OSError):
             os.sched_setaffinity(0, others)
 
 
-def control_core() -> int | None:
-    """A core set apart by the administrator, else the last of several; None where there is but one."""
+def control_core(wanted: int | None = None) -> int | None:
+    """The wanted one, else one that the kernel sets apart, else the last of several; None where there is but one.
+
+    wanted: the configuration's; one that this process may not use counts as none.
+    """
     allowed = sorted(os.sched_getaffinity(0))
+    if wanted in allowed and len(allowed) > 1:
+        return wanted
     isolated = [core for core in _isolated_cores() if core in allowed]
     return isolated[-1] if isolated else allowed[-1] if len(allowed) > 1 else None
 

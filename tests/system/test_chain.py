@@ -19,6 +19,7 @@ from app.system.config import Config, JointsConfig
 from app.system.paths import Home
 from kgdfa.gesture import Gesture
 from logs.reason import key_of
+from testing.session import control_core_of_worker
 
 pytestmark = pytest.mark.serial
 
@@ -30,7 +31,9 @@ COURSE: tuple[Step, ...] = tuple(leg for leg in ALL_TWELVE if leg.gesture in SOM
 
 def config_with(hand_model: Path) -> Config:
     """Half the frames per second: whether the chain works must not hang on how busy the machine is."""
-    config = demo_config(Config(model=str(hand_model)), seed=1, joints=JointsConfig())
+    config = demo_config(
+        Config(model=str(hand_model), control_core=control_core_of_worker()), seed=1, joints=JointsConfig()
+    )
     return msgspec.structs.replace(config, camera=msgspec.structs.replace(config.camera, rate_hz=15.0))
 
 

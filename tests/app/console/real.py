@@ -34,6 +34,7 @@ from kgdfa.gesture import Gesture
 from logs.read import records, session_paths
 from logs.records import Stop
 from profiles.schema import DEMO_PATIENT, Profile
+from testing.session import control_core_of_worker
 from tests.app.console.conftest import Console, wait_until
 from tests.app.console.stalls import AFTER_STALLS, STALLS, HostStalled
 from tests.app.console.ways import THROUGH, first_action
@@ -288,7 +289,7 @@ async def stop_on(console: RealConsole, screen: AnyScreen) -> None:
 
 def real_config(**changes: object) -> Config:
     """Half the frames a second: whether the console works must not hang on how busy the machine is."""
-    config = Config(model=str(find_model(find_home(), Config())), idle_lock_s=0)
+    config = Config(model=str(find_model(find_home(), Config())), control_core=control_core_of_worker(), idle_lock_s=0)
     camera = msgspec.structs.replace(config.camera, rate_hz=15.0)
     return msgspec.structs.replace(config, camera=camera, **changes)
 

@@ -42,6 +42,7 @@ from app.system.config import CameraConfig, Config
 from app.system.paths import Home, hold_home
 from profiles.schema import DEMO_PATIENT
 from testing.fake_host import FakeHost
+from testing.session import control_core_of_worker
 
 home, report = Home(Path(sys.argv[1])), Path(sys.argv[2])
 beat = ConsoleApp._tick
@@ -62,9 +63,11 @@ REAL = """
 from app.console.app import run_console
 
 def run():
-    camera = CameraConfig(rate_hz=15.0)
+    camera, core = CameraConfig(rate_hz=15.0), control_core_of_worker()
     with hold_home(home):
-        run_console(home, Config(camera=camera, idle_lock_s=0, model=sys.argv[3]), straight=True)
+        run_console(
+            home, Config(camera=camera, control_core=core, idle_lock_s=0, model=sys.argv[3]), straight=True
+        )
 """
 STUCK = """
 def stick(self):

@@ -37,6 +37,14 @@ def test_the_core_is_one_of_those_allowed() -> None:
     assert core is None or core in os.sched_getaffinity(0)
 
 
+@pytest.mark.skipif(len(os.sched_getaffinity(0)) < 2, reason="with one core there is nothing to choose")
+def test_the_configured_core_is_controls_if_it_is_there() -> None:
+    first, *_, last = sorted(os.sched_getaffinity(0))
+    assert cores_after(f"scheduling.pin_to_control_core({first})") == {first}
+    assert first not in cores_after(f"scheduling.avoid_control_core({first})")
+    assert control_core(last + 1) == control_core()
+
+
 def test_who_keeps_the_legs_safe_comes_first() -> None:
     fifo = [
         policy.fifo for name in ("guardian", "control", "planner", "heartbeat") if (policy := SCHEDULING[name]).fifo
