@@ -193,6 +193,10 @@ def pushes(
         float,
         typer.Option(help="Share of the frames that a busy machine leaves out.", min=0, max=0.9, callback=check_finite),
     ] = 0.0,
+    tremor_cm: Annotated[
+        float,
+        typer.Option(help="Tremor of the hand, peak to peak, at 4 to 8 Hz.", min=0, max=10, callback=check_finite),
+    ] = 0.0,
     workers: Workers = 2,
     json_file: Json = None,
     home: HomeOption = None,
@@ -200,10 +204,18 @@ def pushes(
     """Quick pushes of many hands with all twelve gestures: which command, and the others frame by frame."""
     from app.evaluate.trigger.pushes import bouts, evaluate_pushes, shown
 
-    wanted = bouts(seed_numbers(seeds), attempts=attempts, click_s=click_range(click), left_out=left_out)
+    wanted = bouts(
+        seed_numbers(seeds),
+        attempts=attempts,
+        click_s=click_range(click),
+        left_out=left_out,
+        tremor_m=tremor_cm / 100,
+    )
     with detector_processes(home, workers, len(wanted)) as (pool, step):
         run = evaluate_pushes(pool, wanted, step)
-    write_json({"seeds": seeds, "click_s": click, "left_out": left_out, **run.as_json()}, json_file)
+    write_json(
+        {"seeds": seeds, "click_s": click, "left_out": left_out, "tremor_cm": tremor_cm, **run.as_json()}, json_file
+    )
     show(*shown(run))
     if run.interrupted or run.unrequested:
         raise typer.Exit(130 if run.interrupted else 1)

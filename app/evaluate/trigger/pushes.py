@@ -2,8 +2,8 @@
 
 As `response` makes them, without its processes: the digital hand rests, signs, is recognised, pushes and withdraws
 within the click's time, and rests again. Time is the camera's own, so that a run repeats, on a busy machine too.
-How long each push takes, when between two frames it begins, and which frames a busy machine would leave out, is drawn
-by the hand's seed.
+How long each push takes, when between two frames it begins, which frames a busy machine would leave out, and how a
+hand trembles, is drawn by the hand's seed.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from app.evaluate.loop.response import APPROACH_M, THRESHOLD_M, shared
 from app.evaluate.trigger.table6 import chain
 from app.text.catalogue import render, tr
 from hal.cameras.digital_hand.driver import DigitalHandCamera
-from hal.cameras.digital_hand.movement import SETTLED
+from hal.cameras.digital_hand.movement import SETTLED, Tremor
 from kgdfa.button import ButtonState, PressCancel, PressHint
 from kgdfa.gesture import Gesture
 from kgdfa.pipeline import Pipeline, PipelineInput, Report
@@ -37,6 +37,7 @@ BEGIN_NS = 1_000_000_000
 REST_FRAMES = 12
 RECOGNITION_FRAMES = 180  # six seconds, as `response` waits
 AFTER_FRAMES = 8  # in which a push that has ended may still command
+TREMOR_HZ = (4.0, 8.0)  # of Parkinson's and essential tremor, Deuschl et al. 1998
 REACTION_NS = 60_000_000  # from the frame that is recognised until the hand begins to push
 
 
@@ -69,12 +70,16 @@ class Click:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Bout:
-    """One hand that pushes with one gesture, once for each click. left_out: share of the camera's frames, 0 to 1."""
+    """One hand that pushes with one gesture, once for each click.
+
+    left_out: share of the camera's frames, 0 to 1. tremor_m: peak to peak, see `tremor_of`.
+    """
 
     seed: int
     gesture: Gesture
     clicks: tuple[Click, ...]
     left_out: float = 0.0
+    tremor_m: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -208,10 +213,23 @@ class Stage:
             yield self.next()
 
 
-def bouts(seeds: Sequence[int], *, attempts: int, click_s: tuple[float, float], left_out: float = 0.0) -> list[Bout]:
+def bouts(
+    seeds: Sequence[int],
+    *,
+    attempts: int,
+    click_s: tuple[float, float],
+    left_out: float = 0.0,
+    tremor_m: float = 0.0,
+) -> list[Bout]:
     """So many pushes of each gesture, shared among the hands; a push takes from click_s[0] to click_s[1]."""
     return [
-        Bout(seed=seed, gesture=gesture, clicks=tuple(_clicks(seed, number, count, click_s)), left_out=left_out)
+        Bout(
+            seed=seed,
+            gesture=gesture,
+            clicks=tuple(_clicks(seed, number, count, click_s)),
+            left_out=left_out,
+            tremor_m=tremor_m,
+        )
         for seed, count in shared(attempts, seeds)
         for number, gesture in enumerate(Gesture)
         if count
@@ -222,6 +240,18 @@ def _clicks(seed: int, number: int, count: int, click_s: tuple[float, float]) ->
     draw = np.random.default_rng([seed, number, 0x70757368])
     for _ in range(count):
         yield Click(duration_s=float(draw.uniform(*click_s)), begins_ns=int(draw.integers(FRAME_NS)))
+
+
+def tremor_of(seed: int, travel_m: float) -> Tremor | None:
+    """How this hand trembles by so much; None: it does not."""
+    if travel_m == 0:
+        return None
+    draw = np.random.default_rng([seed, 0x7472656D])
+    x, y, z = draw.normal(size=3)
+    length = math.hypot(x, y, z)
+    return Tremor(
+        travel_m=travel_m, frequency_hz=float(draw.uniform(*TREMOR_HZ)), axis=(x / length, y / length, z / length)
+    )
 
 
 def evaluate_pushes(pool: ProcessPoolExecutor, wanted: Sequence[Bout], step: Step) -> PushRun:
@@ -237,7 +267,7 @@ def evaluate_pushes(pool: ProcessPoolExecutor, wanted: Sequence[Bout], step: Ste
 
 def run_bout(detector: PoolDetector, bout: Bout) -> tuple[Push, ...]:
     """One bout, from a hand at rest."""
-    camera = DigitalHandCamera(seed=bout.seed, clock_ns=lambda: 0)
+    camera = DigitalHandCamera(seed=bout.seed, tremor=tremor_of(bout.seed, bout.tremor_m), clock_ns=lambda: 0)
     camera.command(move_m=(0.0, 0.0, -APPROACH_M), at_ns=0)
     pipeline = chain("robust", camera.person, camera.lens, detector.inner, THRESHOLD_M)
     draw = np.random.default_rng([bout.seed, tuple(Gesture).index(bout.gesture), 0x6C656674])

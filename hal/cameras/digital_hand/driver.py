@@ -53,6 +53,7 @@ class DigitalHandCamera:
         rest_m: float = REST_M,
         press_m: float = PRESS_M,
         gesture: str = hand_motion.SETTLED,
+        tremor: hand_motion.Tremor | None = None,
         clock_ns: Callable[[], int] = time.monotonic_ns,
     ) -> None:
         """seed chooses person, room and lamp; `person` overrides it. depth_holes: see `DepthCamera`.
@@ -66,7 +67,7 @@ class DigitalHandCamera:
         self._seed = seed
         self._depth = DepthCamera(seed, holes=depth_holes) if depth else None
         self._clock_ns = clock_ns
-        self._movement = hand_motion.begin(self.person, rest_m=rest_m, press_m=press_m, gesture=gesture)
+        self._movement = hand_motion.begin(self.person, rest_m=rest_m, press_m=press_m, gesture=gesture, tremor=tremor)
         self._opened_ns: int | None = None
         self._sequence = 0
 

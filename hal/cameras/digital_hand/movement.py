@@ -82,10 +82,23 @@ class Track:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Tremor:
+    """The whole hand's, a sine along one axis. travel_m: peak to peak, as TETRAS rates it. axis: (3,), unit length."""
+
+    travel_m: float
+    frequency_hz: float
+    axis: tuple[float, float, float]
+
+    def offset_m(self, now_ns: int) -> FloatArray:
+        """(3,), zero in the mean."""
+        return np.asarray(self.axis) * (self.travel_m / 2 * math.sin(2 * math.pi * self.frequency_hz * now_ns / 1e9))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Movement:
     """What one hand did, does and is going to do.
 
-    Tracks: shape (36,), see `_shape`; aside (2,); depth (1,); away (1,).
+    Tracks: shape (36,), see `_shape`; aside (2,); depth (1,); away (1,). tremor: beside that of a steady hand.
     """
 
     person: Person
@@ -96,6 +109,7 @@ class Movement:
     depth: Track
     away: Track
     named: tuple[tuple[int, str], ...]  # since when which gesture is requested
+    tremor: Tremor | None = None
 
     def gesture(self, now_ns: int) -> str:
         """The gesture requested at that moment, `none` when the hand is sent away."""
@@ -118,6 +132,8 @@ class Movement:
         x, y, z = np.append(self.aside.at(now_ns), self.depth.at(now_ns)) + shape[33:]
         tremble = np.sin(2 * np.pi * _TREMOR_HZ * (now_ns / 1e9) + np.arange(6))
         position = np.array([x, y + away * LEAVE_M, z]) + TREMOR_M * tremble[:3]
+        if self.tremor is not None:
+            position = position + self.tremor.offset_m(now_ns)
         turn = np.radians(shape[30:33]) + TREMOR_RAD * tremble[3:]
         return HandPlace(
             position_m=(float(position[0]), float(position[1]), float(position[2])),
@@ -125,7 +141,9 @@ class Movement:
         )
 
 
-def begin(person: Person, *, rest_m: float, press_m: float, gesture: str = SETTLED) -> Movement:
+def begin(
+    person: Person, *, rest_m: float, press_m: float, gesture: str = SETTLED, tremor: Tremor | None = None
+) -> Movement:
     """A hand at rest before the camera."""
     return Movement(
         person=person,
@@ -136,6 +154,7 @@ def begin(person: Person, *, rest_m: float, press_m: float, gesture: str = SETTL
         depth=Track(np.array([rest_m])),
         away=Track(np.array([0.0])),
         named=((0, gesture),),
+        tremor=tremor,
     )
 
 

@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 from hal.cameras.digital_hand import skeleton
 from hal.cameras.digital_hand.depth import LEAST_M, DepthCamera
 from hal.cameras.digital_hand.driver import DigitalHandCamera
+from hal.cameras.digital_hand.movement import Tremor
 from hal.cameras.digital_hand.raycast import Capsules, capsules_of, cast, grid_over, project_px
 from hal.cameras.digital_hand.render import (
     Person,
@@ -126,6 +127,23 @@ def test_the_same_moment_is_the_same_image_and_another_seed_another() -> None:
     assert np.array_equal(first.image_bgr, again.image_bgr)
     other = DigitalHandCamera(seed=2, lens=LENS).render(SECOND)
     assert not np.array_equal(first.image_bgr, other.image_bgr)
+
+
+def test_a_tremor_moves_the_hand_by_its_travel_about_where_it_would_be() -> None:
+    shakes = Tremor(travel_m=0.02, frequency_hz=5.0, axis=(0.0, 0.0, 1.0))
+    still, trembling = (DigitalHandCamera(tremor=one, clock_ns=lambda: 0) for one in (None, shakes))
+    times_ns = range(0, SECOND, SECOND // 200)
+    away_m = np.array([distance_m(trembling, now_ns) - distance_m(still, now_ns) for now_ns in times_ns])
+    assert np.ptp(away_m) == pytest.approx(0.02, rel=0.01)
+    assert away_m.mean() == pytest.approx(0.0, abs=1e-6)
+    assert np.argmax(np.abs(np.fft.rfft(away_m))) == 5  # per second
+
+
+def distance_m(camera: DigitalHandCamera, now_ns: int) -> float:
+    """Of the hand's place."""
+    place = camera.scene(now_ns).place
+    assert place is not None
+    return place.position_m[2]
 
 
 def test_seeds_give_people_of_both_hands_many_tones_and_plausible_palms() -> None:

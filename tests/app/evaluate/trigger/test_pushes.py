@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import replace
 from itertools import pairwise
@@ -17,6 +18,7 @@ from app.evaluate.loop.response import APPROACH_M, THRESHOLD_M
 from app.evaluate.trigger.pushes import (
     AFTER_FRAMES,
     BEGIN_NS,
+    TREMOR_HZ,
     Bout,
     ButtonPhase,
     Click,
@@ -27,6 +29,7 @@ from app.evaluate.trigger.pushes import (
     bouts,
     pushed,
     shown,
+    tremor_of,
 )
 from app.evaluate.trigger.table6 import chain
 from app.system.errors import AppError
@@ -70,9 +73,14 @@ class Knowing:
 
 
 def made(
-    gesture: Gesture = Gesture.FIVE, *, click_s: float = 0.3, blind: Blind = lambda _: False, left_out: float = 0.0
+    gesture: Gesture = Gesture.FIVE,
+    *,
+    click_s: float = 0.3,
+    blind: Blind = lambda _: False,
+    left_out: float = 0.0,
+    tremor_m: float = 0.0,
 ) -> tuple[Push, ...]:
-    camera = PlainCamera(seed=2, clock_ns=lambda: 0)
+    camera = PlainCamera(seed=2, tremor=tremor_of(2, tremor_m), clock_ns=lambda: 0)
     camera.command(move_m=(0.0, 0.0, -APPROACH_M), at_ns=0)
     knowing = Knowing(camera, blind)
     pipeline = chain("robust", camera.person, camera.lens, knowing, THRESHOLD_M)
@@ -88,6 +96,19 @@ def test_every_push_of_a_hand_that_is_seen_commands_its_gesture(click_s: float) 
         assert push.commanded == (Gesture.FIVE,)
         assert (push.ok, push.fault, push.lost, push.unrequested) == (True, None, 0, 0)
         assert push.nearest_m < THRESHOLD_M
+
+
+def test_a_hand_that_trembles_by_a_centimetre_commands_by_every_push_and_by_nothing_else() -> None:
+    assert [push.commanded for push in made(tremor_m=0.01, click_s=0.6)] == [(Gesture.FIVE,)] * 3
+    assert [push.commanded for push in made(tremor_m=0.01, click_s=0.6, blind=lambda away_m: away_m < 0.24)] == [()] * 3
+
+
+def test_each_hand_has_a_tremor_of_its_own() -> None:
+    assert tremor_of(1, 0.0) is None
+    of = [tremor_of(seed, 0.02) for seed in range(8)]
+    assert len({one.frequency_hz for one in of if one}) == 8
+    assert all(one and TREMOR_HZ[0] <= one.frequency_hz <= TREMOR_HZ[1] for one in of)
+    assert all(one and math.hypot(*one.axis) == pytest.approx(1.0) for one in of)
 
 
 def test_frames_that_are_left_out_are_not_seen_and_cost_no_time() -> None:
