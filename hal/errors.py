@@ -29,6 +29,8 @@ class CameraFault(Enum):
     CLICK_OUT_OF_RANGE = auto()
     FOCAL_LENGTH_OUT_OF_RANGE = auto()
     OTHER_RESOLUTION = auto()
+    INTRINSICS_IMPOSSIBLE = auto()
+    DEPTH_INTRINSICS_IMPOSSIBLE = auto()
     INTRINSICS_UNREADABLE = auto()
     INTRINSICS_UNWRITABLE = auto()
     TOO_FEW_CHESSBOARDS = auto()

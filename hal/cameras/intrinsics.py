@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -20,6 +21,8 @@ from logs.reading.regular import read_text
 
 # An ordinary 16:9 webcam sees about 68 degrees across, which is 950 px of focal length at 1280 pixels.
 _ASSUMED_FOCAL_SHARE = 950.0 / 1280.0
+# Narrower is a telescope, wider no pinhole: depth cameras see 40 to 100 degrees (D435i: 42 to 87, Intel's data sheet).
+LEAST_FIELD_RAD, MOST_FIELD_RAD = math.radians(10.0), math.radians(170.0)
 
 
 def assumed(width_px: int, height_px: int) -> Intrinsics:
@@ -63,6 +66,38 @@ def check_size(intrinsics: Intrinsics, width_px: int, height_px: int, camera: st
             image_width_px=width_px,
             image_height_px=height_px,
         )
+
+
+def check_possible(lens: Intrinsics, width_px: int, height_px: int, *, camera: str, fault: CameraFault) -> None:
+    """Refuse a lens that a device or file states and that can't belong to its images of that size.
+
+    Raises HardwareError with that fault: a size that differs, a focal length that is none or sees an absurd field, a
+    principal point outside the image.
+    """
+    size = lens.width_px, lens.height_px
+    inside = 0 <= lens.cx_px < width_px and 0 <= lens.cy_px < height_px  # false for what is not finite
+    focal = lens.fx_px, lens.fy_px
+    if size == (width_px, height_px) and inside and all(map(_possible_focal, size, focal)):
+        return
+    raise HardwareError(
+        fault,
+        camera=camera,
+        width_px=lens.width_px,
+        height_px=lens.height_px,
+        fx_px=lens.fx_px,
+        fy_px=lens.fy_px,
+        cx_px=lens.cx_px,
+        cy_px=lens.cy_px,
+        image_width_px=width_px,
+        image_height_px=height_px,
+    )
+
+
+def _possible_focal(pixels: int, focal_px: float) -> bool:
+    """Whether a lens of that focal length sees no absurd field along that many pixels."""
+    if not (math.isfinite(focal_px) and focal_px > 0):
+        return False
+    return LEAST_FIELD_RAD <= 2 * math.atan(pixels / 2 / focal_px) <= MOST_FIELD_RAD
 
 
 def choose(

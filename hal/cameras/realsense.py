@@ -1,8 +1,7 @@
 """Intel RealSense D400 cameras, live or from a .bag or .db3: colour, and depth aligned to it.
 
 librealsense is imported only here and only when such a camera is opened. It is read in a thread: a driver that hangs
-("Frame didn't arrive within 5000") is reported within two seconds and opened anew. A software device can't be found by
-a pipeline since librealsense 2.55 (its issue 13819); its sensors are opened one by one and meet in the syncer.
+("Frame didn't arrive within 5000") is reported within two seconds and opened anew.
 """
 
 from __future__ import annotations
@@ -12,73 +11,15 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
-from typing import Any, Protocol
+from typing import Any
 
 import cv2
 import numpy as np
 
 from hal.cameras.camera import DepthArray, EndOfRecording, Frame, ImageArray, Intrinsics, IntrinsicsSource, LatestFrame
+from hal.cameras.intrinsics import check_possible
+from hal.cameras.realsense_streams import PipelineStreams, SensorStreams, Streams
 from hal.errors import CameraFault, HardwareError, RecordingFault
-
-
-class Streams(Protocol):
-    """A started source of frame sets. device: librealsense's; profiles: of its running streams."""
-
-    device: Any
-    profiles: list[Any]
-
-    def wait(self, timeout_ms: int) -> Any | None:
-        """The next frame set, None when none came in time. Raises RuntimeError, librealsense's, when lost."""
-        ...
-
-    def stop(self) -> None:
-        """End it. Raises RuntimeError, librealsense's, when it had not started."""
-        ...
-
-
-class PipelineStreams:
-    """A camera or a recording, as the configuration names it."""
-
-    def __init__(self, rs: ModuleType, config: Any, context: Any) -> None:
-        """Start it; RuntimeError when librealsense can't."""
-        self._pipeline = rs.pipeline(context) if context is not None else rs.pipeline()
-        profile = self._pipeline.start(config)
-        self.device = profile.get_device()
-        self.profiles = list(profile.get_streams())
-
-    def wait(self, timeout_ms: int) -> Any | None:
-        there, frames = self._pipeline.try_wait_for_frames(timeout_ms)
-        return frames if there else None
-
-    def stop(self) -> None:
-        self._pipeline.stop()
-
-
-class SensorStreams:
-    """All streams of one device, opened sensor by sensor."""
-
-    def __init__(self, rs: ModuleType, device: Any) -> None:
-        """Start them; RuntimeError when librealsense can't."""
-        self.device = device
-        self.profiles = []
-        self._syncer = rs.syncer()
-        self._sensors = list(device.query_sensors())
-        for sensor in self._sensors:
-            profiles = sensor.get_stream_profiles()
-            sensor.open(profiles)
-            sensor.start(self._syncer)
-            self.profiles.extend(profiles)
-
-    def wait(self, timeout_ms: int) -> Any | None:
-        """The next frame set in time; the first may lack a stream, which counts as none."""
-        there, frames = self._syncer.try_wait_for_frames(timeout_ms)
-        return frames if there and frames.size() == len(self.profiles) else None
-
-    def stop(self) -> None:
-        for sensor in self._sensors:
-            sensor.stop()
-            sensor.close()
-
 
 RECORDINGS = frozenset({".bag", ".db3"})
 GRAB_MS = 200
@@ -205,9 +146,18 @@ class RealSenseCamera:
         running = {profile.stream_type(): profile for profile in streams.profiles}
         if rs.stream.color not in running:
             raise HardwareError(CameraFault.REALSENSE_NO_COLOUR, camera=self._name)
-        self._intrinsics = _intrinsics(running[rs.stream.color].as_video_stream_profile().get_intrinsics())
+        self._intrinsics = self._lens(running[rs.stream.color], CameraFault.INTRINSICS_IMPOSSIBLE)
+        if rs.stream.depth in running:
+            self._lens(running[rs.stream.depth], CameraFault.DEPTH_INTRINSICS_IMPOSSIBLE)
         self._depth_unit_m = _depth_unit_m(device)
         self._align = rs.align(rs.stream.color)
+
+    def _lens(self, profile: Any, fault: CameraFault) -> Intrinsics:
+        """Of one stream. Raises HardwareError with that fault for one that can't belong to the stream's images."""
+        video = profile.as_video_stream_profile()
+        lens = _intrinsics(video.get_intrinsics())
+        check_possible(lens, video.width(), video.height(), camera=self._name, fault=fault)
+        return lens
 
     def _grab(self, streams: Streams) -> _FrameSet | None:
         """One frame set; None when none came in time."""

@@ -5,13 +5,15 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from hal.cameras.camera import Frame, IntrinsicsSource
+from hal.cameras.camera import Frame, Intrinsics, IntrinsicsSource
 from hal.cameras.digital_hand.depth import LEAST_M
+from hal.cameras.digital_hand.render import lens_for
 from hal.cameras.factory import open_camera
 from hal.cameras.realsense import RealSenseCamera, clean_depth
 from hal.cameras.software_realsense import SoftwareRealSense
@@ -23,6 +25,12 @@ from tests.support.errors import refused
 from tests.support.software_realsense import HEIGHT, PERIOD_NS, WIDTH, a_hand, feed
 
 LIMIT_S = 20.0
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _rendered_before() -> None:
+    """The room is drawn with a process's first frame, which on a busy machine outlasts what counts as silence."""
+    a_hand().render(PERIOD_NS)
 
 
 @pytest.fixture
@@ -105,6 +113,35 @@ def test_a_stream_that_stops_is_reported_and_comes_back(camera: RealSenseCamera,
     camera.close()
     camera.open()
     assert next_frame(camera, software, 0.40, first=1000).depth_m is not None
+
+
+# Of images of 320×180 through a lens of 162.5 px: what a damaged calibration may state instead.
+LENS = a_hand().lens
+IMPOSSIBLE = {
+    "no focal length": replace(LENS, fx_px=0.0),
+    "a negative one": replace(LENS, fy_px=-162.5),
+    "not a number": replace(LENS, fx_px=float("nan")),
+    "endless": replace(LENS, fx_px=float("inf"), fy_px=float("inf")),
+    "a telescope": replace(LENS, fx_px=162.5 * 20, fy_px=162.5 * 20),
+    "no pinhole": replace(LENS, fx_px=8.0, fy_px=8.0),
+    "centre outside": replace(LENS, cx_px=400.0),
+    "centre not finite": replace(LENS, cy_px=float("nan")),
+    "of other images": lens_for(2 * WIDTH, 2 * HEIGHT),
+}
+
+
+@pytest.mark.parametrize("lens", IMPOSSIBLE.values(), ids=IMPOSSIBLE)
+def test_a_device_whose_lens_is_impossible_is_refused(lens: Intrinsics) -> None:
+    camera = RealSenseCamera(software=SoftwareRealSense(LENS, stated=lens).device)
+    with refused(CameraFault.INTRINSICS_IMPOSSIBLE, camera="Software D435I", width_px=lens.width_px):
+        camera.open()
+
+
+@pytest.mark.parametrize("lens", IMPOSSIBLE.values(), ids=IMPOSSIBLE)
+def test_a_device_whose_depth_lens_is_impossible_is_refused(lens: Intrinsics) -> None:
+    camera = RealSenseCamera(software=SoftwareRealSense(LENS, stated_depth=lens).device)
+    with refused(CameraFault.DEPTH_INTRINSICS_IMPOSSIBLE, camera="Software D435I", image_width_px=WIDTH):
+        camera.open()
 
 
 def test_what_is_no_depth_becomes_no_measurement() -> None:
