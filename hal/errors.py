@@ -21,6 +21,7 @@ class CameraFault(Enum):
     NO_REALSENSE_LIBRARY = auto()
     REALSENSE_NOT_FOUND = auto()
     REALSENSE_NOT_STARTED = auto()
+    REALSENSE_RECORDING_DAMAGED = auto()
     REALSENSE_LOST = auto()
     REALSENSE_NO_COLOUR = auto()
     USB_TOO_SLOW = auto()

@@ -43,6 +43,7 @@ GAP_NS = 1_000_000_000
 BLANK_FRAMES = 2
 BLANK: Image = np.zeros((72, 128, 3), np.uint8)
 LabelledScene = tuple[LabelledImage, Scene, int]  # with the seed of the image's noise
+EDGE_SHARE = 0.46  # of the image's width from its middle: keypoint 21 is in the image still, half of the hand is not
 FLIP, OPEN_CLOSE, EDGE, BACKGROUND = CHANGES = ("flip", "open and close", "edge", "background jump")
 
 
@@ -199,11 +200,17 @@ def smooth(share: float) -> float:
 
 
 def approach_and_change(
-    change: str, *, person: Person, lens: Intrinsics, distance_m: float, frames: tuple[int, int, int]
+    change: str,
+    *,
+    person: Person,
+    lens: Intrinsics,
+    distance_m: float,
+    frames: tuple[int, int, int],
+    leftwards: bool = False,
 ) -> Iterator[Moment]:
     """Gesture 5 shown 15 cm farther out (at least 35 cm), brought to the distance, there changed in posture.
 
-    frames: showing, approaching, changing.
+    frames: showing, approaching, changing. leftwards: to which edge of the image.
     """
     start_m = max(0.35, distance_m + 0.15)
     showing, approaching, changing = frames
@@ -214,10 +221,11 @@ def approach_and_change(
         yield Moment(scene=_moved(still, z=z))
     there = _moved(still, z=distance_m)
     for frame in range(changing):
-        yield _changed(change, there, math.sin(math.pi * (frame + 1) / (changing + 1)), frame >= changing // 2)
+        amount, late = math.sin(math.pi * (frame + 1) / (changing + 1)), frame >= changing // 2
+        yield _changed(change, there, amount, late=late, leftwards=leftwards)
 
 
-def _changed(change: str, there: Scene, amount: float, late: bool) -> Moment:
+def _changed(change: str, there: Scene, amount: float, *, late: bool, leftwards: bool) -> Moment:
     """The scene with the change done to 0-1 and back again."""
     assert there.place is not None
     if change == FLIP:
@@ -227,8 +235,8 @@ def _changed(change: str, there: Scene, amount: float, late: bool) -> Moment:
         angles = there.angles_deg * (1 - amount) + fist * amount
         return Moment(scene=replace(there, angles_deg=angles), flipping=True)
     if change == EDGE:
-        edge_m = 0.46 * there.lens.width_px / there.lens.fx_px * there.place.position_m[2]
-        return Moment(scene=_moved(there, x=edge_m * amount))
+        edge_m = EDGE_SHARE * there.lens.width_px / there.lens.fx_px * there.place.position_m[2]
+        return Moment(scene=_moved(there, x=(-edge_m if leftwards else edge_m) * amount))
     behind = replace(there.person, room_seed=there.person.room_seed + 1) if late else there.person
     return Moment(scene=replace(there, person=behind), wall_m=there.place.position_m[2] + 0.15 if late else WALL_M)
 

@@ -90,7 +90,10 @@ class RealSenseCamera:
             raise
         except RuntimeError as error:
             self.close()
-            raise HardwareError(CameraFault.REALSENSE_NOT_STARTED, camera=self._name, detail=str(error)) from error
+            recorded = self._software is None and path.suffix.lower() in RECORDINGS
+            code = CameraFault.REALSENSE_RECORDING_DAMAGED if recorded else CameraFault.REALSENSE_NOT_STARTED
+            detail = str(error).rpartition("Reason: ")[2]  # before it, librealsense repeats the whole path
+            raise HardwareError(code, camera=self._name, detail=detail) from error
         self._sequence = 0
         streams = self._streams
         assert streams is not None

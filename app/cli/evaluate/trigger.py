@@ -157,8 +157,8 @@ def foreign(
     with detector_processes(home, workers, len(wanted)) as (pool, step):
         result = scenes.evaluate_foreign(pool, wanted, step, keep)
     costs = scenes.measure_costs(hand_model(home))
-    write_json({**msgspec.to_builtins(result), "cpu_ms": costs}, json_file)
     show(scenes.foreign_table(result), scenes.pushes_table(result), scenes.costs_table(costs))
+    write_json({**msgspec.to_builtins(result), "cpu_ms": costs}, json_file)
     if result.interrupted:
         show(tr("evaluate.foreign.interrupted"))
     if result.interrupted or result.commands:
@@ -213,9 +213,9 @@ def pushes(
     )
     with detector_processes(home, workers, len(wanted)) as (pool, step):
         run = evaluate_pushes(pool, wanted, step)
+    show(*shown(run))
     write_json(
         {"seeds": seeds, "click_s": click, "left_out": left_out, "tremor_cm": tremor_cm, **run.as_json()}, json_file
     )
-    show(*shown(run))
     if run.interrupted or run.unrequested:
         raise typer.Exit(130 if run.interrupted else 1)

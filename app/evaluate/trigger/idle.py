@@ -23,7 +23,7 @@ from msgspec import Struct, structs
 from rich.table import Table
 
 from app.evaluate.digital import HEIGHT_M, side_of, smooth, take, tilted, walk
-from app.evaluate.harness import FRAME_NS, EvaluateFault, Step, table, writing
+from app.evaluate.harness import FRAME_NS, EvaluateFault, Step, table, write_whole
 from app.evaluate.noise import residual, with_noise
 from app.evaluate.readings import GESTURE_NAMES
 from app.evaluate.trigger.table6 import THRESHOLD_M, replay_pipeline
@@ -173,8 +173,7 @@ def evaluate_idle(
 
 def _keep(result: IdleResult, path: Path | None) -> None:
     if path is not None:
-        with writing(path):
-            path.write_bytes(msgspec.json.encode(result))
+        write_whole(path, msgspec.json.encode(result))
 
 
 def _after_clip(before: IdleResult, clips: list[NoiseClip]) -> IdleResult:

@@ -135,6 +135,7 @@ class Change:
                 lens=self.lens,
                 distance_m=self.distance_cm / 100,
                 frames=FRAMES,
+                leftwards=self.number // len(CHANGES) % 2 == 1,  # a depth map's edges differ
             )
         )
 

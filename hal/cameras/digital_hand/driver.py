@@ -73,7 +73,7 @@ class DigitalHandCamera:
 
     @property
     def name(self) -> str:
-        return f"digital hand {self._seed}"
+        return f"digital hand {self._seed}" if self._depth is None else f"digital D435i {self._seed}"
 
     def open(self) -> None:
         """Begin the frames. The first is due at once."""

@@ -196,6 +196,15 @@ LOOK_ALIKES: tuple[Pose, ...] = (
     Pose("pinky", OVER_THUMB, INDEX_IN, MIDDLE_IN, RING_IN, (-8, 4, 4, 3)),
     Pose("index-middle-pinky", TUCKED_THUMB, (6, 4, 4, 3), (0, 4, 4, 3), RING_IN, (-10, 4, 4, 3)),
     Pose("O", (22, 53, -3, 46, -18, 33), (-4, 53, 47, 24), (-1, 60, 53, 27), (2, 60, 52, 27), (6, 60, 50, 27)),
+    Pose(
+        "half-open pinch",
+        PINCH_THUMB,
+        (-3, 76, 16, 10),
+        (4, 81, 20, 12),
+        (6, 84, 24, 14),
+        (10, 88, 26, 14),
+        (20, -42, 0),
+    ),
 )
 POSES: dict[str, Pose] = {pose.name: pose for pose in (*GESTURES, *LOOK_ALIKES)}
 

@@ -13,11 +13,20 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hal.cameras.digital_hand import skeleton
-from hal.cameras.digital_hand.depth import LEAST_M, DepthCamera
+from hal.cameras.digital_hand.depth import (
+    BASELINE_M,
+    DEPTH_FOCAL_PX,
+    FLIP_LOST,
+    FLIP_M,
+    FLIP_POWER,
+    LEAST_M,
+    DepthCamera,
+)
 from hal.cameras.digital_hand.driver import DigitalHandCamera
 from hal.cameras.digital_hand.movement import Tremor
 from hal.cameras.digital_hand.raycast import Capsules, capsules_of, cast, grid_over, project_px
 from hal.cameras.digital_hand.render import (
+    WALL_M,
     Person,
     keypoints_m,
     lens_for,
@@ -254,16 +263,40 @@ def test_depth_is_zero_nearer_than_the_d435i_can_see() -> None:
     assert (measured[surface < LEAST_M] == 0).all()
 
 
-def test_depth_is_zero_at_the_edge_and_around_the_hand_and_right_elsewhere() -> None:
+def test_depth_is_zero_left_of_the_hand_and_right_elsewhere_on_it() -> None:
+    """The right imager sees the hand where the left one sees the wall beside it."""
     surface, measured = scene_depth(0.45)
-    assert (measured[:, :5] == 0).all()
-    assert (measured[:, -5:] == 0).all()
-    hand = (surface < 0.6).astype(np.uint8)
-    rim = (cv2.dilate(hand, np.ones((3, 3), np.uint8)) - hand).astype(bool)
-    assert (measured[rim] == 0).mean() > 0.8
-    inside = cv2.erode(hand, np.ones((9, 9), np.uint8)).astype(bool) & (measured > 0)
+    hand = surface < 0.6
+    row = int(np.argmax(hand.sum(axis=1)))
+    left, right = np.flatnonzero(hand[row])[[0, -1]]
+    shadow_px = DEPTH_FOCAL_PX * BASELINE_M * (1 / 0.45 - 1 / WALL_M) * surface.shape[1] / 1280
+    assert shadow_px > 8
+    assert (measured[row, left - round(0.8 * shadow_px) : left] == 0).all()
+    assert (measured[row, left - round(1.5 * shadow_px) - 8 : left - round(1.2 * shadow_px)] > 0).all()
+    assert (measured[row, right + 2 : right + 10] > 0).all()
+    inside = cv2.erode(hand.astype(np.uint8), np.ones((9, 9), np.uint8)).astype(bool) & (measured > 0)
     assert inside.sum() > 100
     assert np.abs(measured[inside] - surface[inside]).mean() < 0.004
+
+
+@pytest.mark.parametrize("z_m", [0.3, 0.5, 1.0])
+def test_the_invalid_band_is_at_the_left_edge_and_as_wide_as_the_disparity(z_m: float) -> None:
+    measured = DepthCamera(1).measure(np.full((360, 640), z_m, np.float32), 3)
+    band_px = round(DEPTH_FOCAL_PX * BASELINE_M / z_m * 640 / 1280)
+    assert (measured[:, : band_px - 1] == 0).all()
+    assert (measured[10:-10, band_px + 1 : -10] > 0).all()
+    assert (measured[[0, -1]] == 0).all()
+    assert (measured[:, -1] == 0).all()
+
+
+@pytest.mark.parametrize(("before_m", "hidden"), [(0.04, True), (0.01, False)])
+def test_a_shadow_narrower_than_the_matchers_window_is_measured(before_m: float, hidden: bool) -> None:
+    """A finger 4 cm before the palm shadows it at 30 cm, one that lies on it doesn't."""
+    palm = np.full((720, 1280), 0.30, np.float32)
+    palm[200:500, 600:640] = 0.30 - before_m
+    measured = DepthCamera(1).measure(palm, 3)
+    assert (measured[220:480, 594:599] == 0).all() == hidden
+    assert (measured[220:480, 645:700] > 0).all()
 
 
 def test_depth_noise_grows_with_the_square_of_distance() -> None:
@@ -273,10 +306,20 @@ def test_depth_noise_grows_with_the_square_of_distance() -> None:
     assert noise[2] / noise[1] == pytest.approx(4.0, rel=0.25)
 
 
-def test_a_flipping_hand_loses_patches_of_depth() -> None:
-    flat = np.full((180, 320), 0.5, np.float32)
-    still, flipping = (DepthCamera(1).measure(flat, 5, flip) for flip in (False, True))
-    assert (flipping == 0).mean() > (still == 0).mean() + 0.3
+@pytest.mark.parametrize("z_m", [0.26, 0.30, 0.40, 0.60])
+def test_a_flipping_hand_loses_patches_the_more_the_nearer_it_is(z_m: float) -> None:
+    flat, camera = np.full((400, 800), z_m, np.float32), DepthCamera(1)
+    inside = (slice(20, -20), slice(100, -20))
+    lost = [float((camera.measure(flat, frame, True)[inside] == 0).mean()) for frame in range(100)]
+    assert np.mean(lost) == pytest.approx(FLIP_LOST * (FLIP_M / z_m) ** FLIP_POWER, rel=0.15, abs=0.0005)
+    assert (camera.measure(flat, 5)[inside] > 0).all()
+
+
+def test_a_flip_leaves_the_room_behind_the_hand() -> None:
+    surface = np.full((400, 800), 1.2, np.float32)
+    surface[:, 400:] = 0.26
+    lost = [DepthCamera(1).measure(surface, frame, True) == 0 for frame in range(100)]
+    assert not np.any([one[20:-20, 100:300] for one in lost])
 
 
 def test_depth_misses_the_hand_in_its_share_of_frames() -> None:

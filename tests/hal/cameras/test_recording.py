@@ -68,7 +68,7 @@ def test_a_realsense_recording_cut_in_half_is_refused_by_name(kept: Kept, tmp_pa
     half = tmp_path / "half.bag"
     half.write_bytes(b"#ROSBAG V2.0\n" + kept.realsense.read_bytes()[:1000])
     camera = open_camera("realsense", device=str(half))
-    with refused(CameraFault.REALSENSE_NOT_STARTED, camera="half.bag"):
+    with refused(CameraFault.REALSENSE_RECORDING_DAMAGED, camera="half.bag"):
         camera.open()
     with refused(RecordingFault.NOT_FOUND, path=tmp_path / "none.bag"):
         open_camera("realsense", device=str(tmp_path / "none.bag")).open()
@@ -79,7 +79,7 @@ def test_a_recording_by_librealsense_that_was_cut_is_refused_by_name(kept: Kept,
     whole = kept.realsense.read_bytes()
     cut = tmp_path / "cut.db3"
     cut.write_bytes(whole[: int(share * len(whole))])
-    with refused(CameraFault.REALSENSE_NOT_STARTED, camera="cut.db3"):
+    with refused(CameraFault.REALSENSE_RECORDING_DAMAGED, camera="cut.db3"):
         open_camera("realsense", device=str(cut)).open()
 
 
