@@ -88,6 +88,18 @@ class Decision(Enum):
     NO_HAND = "no hand"
 
 
+class HandRefusal(Enum):
+    """Why a hand in view does not command."""
+
+    OTHER_SIDE = "other side"  # side, enrolled, log_odds, limit
+    OTHER_ARM = "other arm"  # angle_rad, limit_rad
+    SIDE_UNCLEAR = "side unclear"  # log_odds, limit
+    STILL = "still"  # moved: reference segments, limit, duration_s
+    TWO_HANDS = "two hands"  # share: of the larger one's size, limit
+    OVERLAP = "overlap"  # apart: reference segments between the palms, limit
+    JUMPED = "jumped"  # jump: what can't be, value, limit
+
+
 @dataclass(frozen=True, slots=True)
 class Explanation:
     """A code with its values, SI or as their names say. A value may be a code or an explanation again."""

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from enum import Enum
 from importlib import resources
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -32,7 +32,9 @@ class Condition(Enum):
     """What a gesture needs besides the perceptrons' verdict: the code of an explanation. In palm lengths."""
 
     TIPS_NOT_CLOSED = "tips not closed"  # finger, other; value, limit
-    FINGER_NOT_FOLDED = "finger not folded"  # finger; value, limit
+    FINGER_NOT_FOLDED = "finger not folded"  # finger; value, limit: off the palm's plane
+    THUMB_NOT_OPEN = "thumb not open"  # finger, other; value, limit: its tip from the other's middle joint
+    TIP_BEYOND_PALM = "tip beyond palm"  # finger; value, limit: along the palm, from the knuckles
 
 
 class Limit(Enum):
@@ -130,32 +132,47 @@ def _columns(measure: Measure, *fingers: Finger) -> list[int]:
     return [k for k, feature in enumerate(FEATURES) if (feature.measure, feature.fingers) == (measure, fingers)]
 
 
-# What gesture 7 needs on top of the perceptrons, in palm lengths; docs/explanation/gestures.md tells how the limits
-# were chosen. Closed tips as in Eq. 3: the thumb's from the forefinger's and the middle one's, mean of space and image,
-# since MediaPipe's depth alone parts closed tips, and a view along the fingers closes open ones. Ring and little finger
-# folded, as in Table 2: their tips stay near the palm's plane.
-_SEVEN: tuple[tuple[Condition, tuple[Finger, ...], list[int], float], ...] = tuple(
-    (condition, fingers, _columns(measure, *fingers), limit)
-    for condition, measure, fingers, limit in (
-        (Condition.TIPS_NOT_CLOSED, Measure.TIPS_APART, (Finger.THUMB, Finger.FORE), 0.65),
-        (Condition.TIPS_NOT_CLOSED, Measure.TIPS_APART, (Finger.THUMB, Finger.MIDDLE), 0.80),
-        (Condition.FINGER_NOT_FOLDED, Measure.REACH_OFF, (Finger.RING,), 0.75),
-        (Condition.FINGER_NOT_FOLDED, Measure.REACH_OFF, (Finger.PINKY,), 0.55),
-    )
-)
+class Need(NamedTuple):
+    """A measure, the mean of these features, that an accepted gesture must have from `low` to `high`, palm lengths."""
+
+    condition: Condition
+    fingers: tuple[Finger, ...]
+    columns: list[int]
+    low: float
+    high: float
+
+
+def _need(
+    condition: Condition, measure: Measure, *fingers: Finger, low: float = -math.inf, high: float = math.inf
+) -> Need:
+    return Need(condition, fingers, _columns(measure, *fingers), low, high)
+
+
+# What gestures need on top of the perceptrons; docs/explanation/gestures.md tells how the limits were chosen.
+# 6: an open thumb, else it is the little finger alone.
+# 7: closed tips as in Eq. 3, the thumb's from the forefinger's and the middle one's, mean of space and image, since
+# MediaPipe's depth alone parts closed tips, and a view along the fingers closes open ones; ring and little finger
+# folded, as in Table 2: their tips near the palm's plane, and the ring finger's on the palm, else all five may touch.
+NEEDS: dict[Gesture, tuple[Need, ...]] = {
+    Gesture.SIX: (_need(Condition.THUMB_NOT_OPEN, Measure.TIP_TO_JOINT, Finger.THUMB, Finger.MIDDLE, low=0.50),),
+    Gesture.SEVEN: (
+        _need(Condition.TIPS_NOT_CLOSED, Measure.TIPS_APART, Finger.THUMB, Finger.FORE, high=0.65),
+        _need(Condition.TIPS_NOT_CLOSED, Measure.TIPS_APART, Finger.THUMB, Finger.MIDDLE, high=0.80),
+        _need(Condition.FINGER_NOT_FOLDED, Measure.REACH_OFF, Finger.RING, high=0.55),
+        _need(Condition.TIP_BEYOND_PALM, Measure.REACH_ALONG, Finger.RING, high=0.05),
+        _need(Condition.FINGER_NOT_FOLDED, Measure.REACH_OFF, Finger.PINKY, high=0.55),
+    ),
+}
 
 
 def _missing_condition(gesture: Gesture, values: FloatArray) -> Explanation | None:
     """What an accepted gesture lacks, from the features of all augmentations, (n, F); None when it lacks nothing."""
-    if gesture is not Gesture.SEVEN:
-        return None
-    for condition, fingers, columns, limit in _SEVEN:
-        value = statistics.fmean(statistics.median(values[:, column].tolist()) for column in columns)
-        if not value <= limit:
-            return Explanation(
-                condition,
-                dict[str, object](zip(("finger", "other"), fingers, strict=False)) | {"value": value, "limit": limit},
-            )
+    for need in NEEDS.get(gesture, ()):
+        value = statistics.fmean(statistics.median(values[:, column].tolist()) for column in need.columns)
+        if not need.low <= value <= need.high:
+            limit = need.high if math.isfinite(need.high) else need.low
+            fingers = dict[str, object](zip(("finger", "other"), need.fingers, strict=False))
+            return Explanation(need.condition, fingers | {"value": value, "limit": limit})
     return None
 
 

@@ -11,12 +11,11 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from enum import Enum
 
 import numpy as np
 
 from kgdfa.continuity import DOUBTFUL_FRAMES, FRAME_NS, MOST_FRAMES, Jump, jump_between
-from kgdfa.gesture import Explanation
+from kgdfa.gesture import Explanation, HandRefusal
 from kgdfa.hand import FloatArray, Hand, Keypoint, Side
 
 LOST_FRAMES = 5  # a hand gone this long is gone; fewer may be blur or the image's edge
@@ -44,18 +43,6 @@ SHORT_ARM = 0.5  # reference segments from wrist to knuckles: a hand that points
 # A hand that shows a gesture and has not moved at all in so long a time is a picture of one.
 STILL_NS, STILL_REFERENCES = 2_000_000_000, 0.08
 UNCLEAR_FRAMES = 15  # with a gesture, and the side is still unclear: it is told
-
-
-class HandRefusal(Enum):
-    """Why a hand in view does not command."""
-
-    OTHER_SIDE = "other side"  # side, enrolled, log_odds, limit
-    OTHER_ARM = "other arm"  # angle_rad, limit_rad
-    SIDE_UNCLEAR = "side unclear"  # log_odds, limit
-    STILL = "still"  # moved: reference segments, limit, duration_s
-    TWO_HANDS = "two hands"  # share: of the larger one's size, limit
-    OVERLAP = "overlap"  # apart: reference segments between the palms, limit
-    JUMPED = "jumped"  # jump: what can't be, value, limit
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -16,8 +16,9 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from app.cli.evaluate.gestures import detected_images, fitted_digital
-from app.evaluate.gestures.fit import MEMBERS, fit, view_set
+from app.cli.evaluate.gestures import detected_images, fitted_beside, fitted_digital
+from app.evaluate.gestures.fit import MEMBERS, fit
+from app.evaluate.gestures.folds import view_set
 from kgdfa.features import FEATURES
 from kgdfa.robust import GESTURES, RobustModel, save_model
 from logs.reading.errors import CodedError
@@ -28,13 +29,18 @@ SHIPPED = Path(__file__).resolve().parents[1] / "kgdfa" / "robust.npz"
 def main(
     directory: Annotated[Path, typer.Argument(help="Folder with labels.csv and images.")],
     keypoints: Annotated[Path | None, typer.Option(help="Keep the keypoints here; used when there.")] = None,
+    beside: Annotated[
+        list[Path] | None, typer.Option("--with", help="Further folder; its keypoints.npz is used where it has one.")
+    ] = None,
     output: Annotated[Path, typer.Option(help="Where the model goes.")] = SHIPPED,
     home: Annotated[Path | None, typer.Option("--home", help="Data directory.")] = None,
 ) -> None:
     """Fit, print, write."""
     console = Console()
     images = detected_images(directory, keypoints, home)
-    digital = fitted_digital(keypoints, home)
+    for further in beside or []:
+        images += fitted_beside(further, None, home)
+    digital = fitted_digital(home, keypoints)
     views = view_set([*images, *digital])
     console.print(f"{len(images)} images, {len(digital)} digital hands, {len(views.values)} views")
     with console.status("fitting") as status:

@@ -12,10 +12,9 @@ from app.perception.reporting import Scale, records_between
 from app.replay.difference import Difference, difference, differences
 from kgdfa.button import ButtonMode, ButtonPlace
 from kgdfa.distance import Distance
-from kgdfa.gesture import VOTE_FRAMES, Decision, Explanation, Verdict
+from kgdfa.gesture import VOTE_FRAMES, Decision, Explanation, HandRefusal, Verdict
 from kgdfa.pipeline import Report
 from kgdfa.recognition import Recognition, recognise
-from kgdfa.track import HandRefusal
 from logs.reason import Reason, key_of
 from logs.records import Body, Button, Calibration, Cancel, Frames, GestureOnset, Hint, Press, Record, Release
 from logs.show import kind_of

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from kgdfa.button import GAP_FRAMES
 from kgdfa.continuity import DOUBTFUL_FRAMES, Jump
+from kgdfa.gesture import HandRefusal
 from kgdfa.hand import Hand, Side
 from kgdfa.track import (
     CONTRARY_FRAMES,
@@ -21,7 +22,6 @@ from kgdfa.track import (
     STILL_NS,
     SURE_ENROLLED,
     Enrolment,
-    HandRefusal,
     Tracks,
     arm_rad,
     update_tracks,

@@ -1,24 +1,20 @@
-"""Fits the `robust` rules: perceptrons over the features of real and synthetic hands, thresholds by cross-validation.
-
-Folds leave a whole source of images out; of gestures that only one source shows, a contiguous third of it
-(images taken one after another resemble each other), so that no image serves both fitting and measuring.
-"""
+"""Fits the `robust` rules: perceptrons on real and synthetic hands, thresholds by folds within."""
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from app.evaluate.digital import SOURCE as DIGITAL
-from app.evaluate.gestures.synthetic import BETWEEN_LABEL, HandSynthesizer
+from app.evaluate.gestures.folds import ViewSet, inner_folds
+from app.evaluate.gestures.synthetic import HandSynthesizer
+from app.evaluate.gestures.thresholds import choose_thresholds
 from app.evaluate.harness import require_extra
-from app.evaluate.readings import GESTURE_NAMES, NO_HAND, DetectedImage
-from kgdfa.features import features
+from app.evaluate.readings import GESTURE_NAMES, NO_HAND
 from kgdfa.hand import FloatArray, Side
 from kgdfa.robust import RobustModel
 
@@ -36,117 +32,9 @@ WRONG_LABELS = 0.05  # share of examples given a label drawn at random: some lab
 VIEW_STEP = 2
 SYNTHETIC_SHARE = 1 / 4
 SYNTHETIC_WEIGHT = 2.0  # of one synthetic hand, the mean real view's being 1
-THIRDS = 3
 LABEL_WEIGHT = {"none:natural_open": 3.0}  # of one view, the mean being 1: few show one, and 5 walks
 TIE = 0.10  # lead over the next class below which it is a tie, and none
 RANGE_PERCENT = (3.0, 97.0)
-
-# Thresholds: accepting what is none moves a leg nobody asked to move, so that comes first: the price of such an error,
-# one for every kind of undefined hand, rises until few enough are accepted; within that, F1 is as high as can be.
-CANDIDATES = np.arange(0.40, 0.951, 0.02)  # a lead over the next class is required as well
-MOST_ACCEPTED = 0.008  # of all undefined hands but those halfway; 1 % is promised, this leaves a margin
-MOST_ACCEPTED_LOOK_ALIKES = 0.02  # of each of the paper's five
-# Hands caught halfway between two poses are synthetic, and as many as one likes. Before a camera they
-# last a few frames, which the vote refuses as well.
-MOST_ACCEPTED_HALFWAY = 0.25
-LOOK_ALIKES = ("none:tiger_claw", "none:good", "none:ok", "none:natural_open", "none:gun")
-# F1 of a gesture, less than its standard error. The models that choose saw fewer sources than the one to be shipped, so
-# what they confuse at a lower threshold says little; which undefined hands they accept there always counts.
-AS_GOOD = 0.01
-MARGIN = 0.4  # log-odds: undefined hands of people and cameras never seen may look that much more like a gesture
-FIRST_PRICE = 0.1  # of a per cent of undefined hands accepted, in per cent of macro-F1
-DEARER = 1.25
-LAST_ROUND = 30  # the price has risen eight hundredfold: no threshold parts what is still accepted
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ViewSet:
-    """Images as the fit sees them. values (n, F): features of every view; owner (n,): its image's place."""
-
-    images: tuple[DetectedImage, ...]
-    values: FloatArray
-    owner: NDArray[np.int64]
-
-    @property
-    def labels(self) -> NDArray[np.str_]:
-        """(images,) labels."""
-        return np.array([one.image.label for one in self.images])
-
-    @property
-    def sources(self) -> NDArray[np.str_]:
-        """(images,) sources."""
-        return np.array([one.image.source for one in self.images])
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Fold:
-    """Which images fit and which measure, (images,) masks."""
-
-    name: str
-    fit: NDArray[np.bool_]
-    measure: NDArray[np.bool_]
-
-
-def view_set(images: Sequence[DetectedImage]) -> ViewSet:
-    """The features of every view of every image."""
-    rows = [(number, hand) for number, one in enumerate(images) for hand in one.hands]
-    return ViewSet(
-        images=tuple(images),
-        values=np.array([features(hand.image_px, hand.world_m) for _, hand in rows]),
-        owner=np.array([number for number, _ in rows], dtype=np.int64),
-    )
-
-
-def folds(views: ViewSet) -> Iterator[Fold]:
-    """Leave-one-source-out folds over the images; digital hands always fit."""
-    labels, sources = views.labels, views.sources
-    always = sources == DIGITAL
-    among = ~always
-    lonely = [name for name in GESTURE_NAMES if len(set(sources[among & (labels == name)])) == 1]
-    third = _thirds(labels, sources)
-    for source in sorted(set(sources[among])):
-        here = among & (sources == source)
-        own = [name for name in lonely if np.any(here & (labels == name))]
-        if not own:
-            yield Fold(name=source, fit=always | (among & ~here), measure=here)
-            continue
-        for part in range(THIRDS):
-            kept = here & np.isin(labels, own) & (third != part)
-            yield Fold(
-                name=f"{source} {part + 1}/{THIRDS}",
-                fit=always | (among & ~here) | kept,
-                measure=here & (third == part),
-            )
-
-
-def _inner_folds(views: ViewSet, of: NDArray[np.bool_]) -> Iterator[Fold]:
-    """As `folds`, but each source once (many such fits are made only to choose thresholds), with its share of the
-    digital people left out besides, and by one third for every label that no other source shows: the model that is
-    to be judged by them has seen such hands, so one that hasn't would ask for thresholds too high.
-    """
-    labels, sources = views.labels, views.sources
-    digital = of & (sources == DIGITAL)
-    among = of & ~digital
-    names = sorted(set(sources[among]))
-    third = _thirds(labels, sources)
-    people = sorted({one.image.group for one in views.images})
-    fold_of_person = {person: k % max(len(names), 1) for k, person in enumerate(people)}
-    person_fold = np.array([fold_of_person[one.image.group] for one in views.images])
-    for number, source in enumerate(names):
-        here = among & (sources == source)
-        only_here = sorted(set(labels[here]) - set(labels[among & ~here]))
-        kept = here & np.isin(labels, only_here) & (third != number % THIRDS)
-        aside = digital & (person_fold == number)
-        yield Fold(name=source, fit=(digital & ~aside) | (among & ~here) | kept, measure=(here & ~kept) | aside)
-
-
-def _thirds(labels: NDArray[np.str_], sources: NDArray[np.str_]) -> NDArray[np.int64]:
-    """Which contiguous third of its label and source each image belongs to, in the order of the list."""
-    third = np.zeros(len(labels), dtype=np.int64)
-    for source, label in set(zip(sources, labels, strict=True)):
-        members = np.flatnonzero((sources == source) & (labels == label))
-        third[members] = np.arange(len(members)) * THIRDS // len(members)
-    return third
 
 
 def fit(
@@ -186,7 +74,7 @@ def _inner_chances(
     """
     chances = np.zeros((len(views.images), len(GESTURE_NAMES)))
     classified = np.zeros(len(views.images), dtype=bool)
-    for fold in _inner_folds(views, among):
+    for fold in inner_folds(views, among):
         progress(fold.name)
         model = _fit_members(views, fold.fit, THRESHOLD_MEMBERS, seed)
         chances += image_probabilities(model, views, fold.measure)[:, : len(GESTURE_NAMES)]
@@ -301,67 +189,3 @@ def _fit_quietly(net: MLPClassifier, observed: NDArray[np.float32], wanted: NDAr
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ConvergenceWarning)
         net.fit(observed, wanted)
-
-
-def choose_thresholds(labels: NDArray[np.str_], chances: FloatArray, weights: FloatArray | None = None) -> FloatArray:
-    """(12,) thresholds from the labels of n hands, their confidence in each gesture, (n, 12), and how many hands each
-    one counts for in F1, (n,), one if None.
-
-    A hand is classified as its most likely gesture, so what one gesture accepts doesn't touch the others' thresholds.
-    """
-    weights = np.ones(len(labels)) if weights is None else weights
-    undefined = ~np.isin(labels, GESTURE_NAMES)
-    kinds = np.array(sorted(set(labels[undefined])), dtype=str)
-    chances = np.where(undefined[:, None], _surer(chances), chances)
-    of_kind = labels == kinds[:, None]
-    limits = np.array([_limit(kind) for kind in kinds])
-    halfway = kinds == BETWEEN_LABEL
-    counted = undefined & (labels != BETWEEN_LABEL)
-    prices = np.where(halfway, FIRST_PRICE / 10, FIRST_PRICE)
-    for _ in range(LAST_ROUND):
-        thresholds = _cheapest(labels, chances, weights, prices @ of_kind / max(int(undefined.sum()), 1))
-        wrong = _accepted(chances, thresholds) & undefined
-        too_many = (of_kind @ wrong) > limits * of_kind.sum(axis=1)
-        if (wrong & counted).sum() > MOST_ACCEPTED * counted.sum():
-            too_many |= ~halfway
-        if not too_many.any():
-            break
-        prices = np.where(too_many, prices * DEARER, prices)
-    return thresholds
-
-
-def _surer(chances: FloatArray) -> FloatArray:
-    """Chances with `MARGIN` more of log-odds."""
-    more = chances * np.exp(MARGIN)
-    surer: FloatArray = more / (more + 1 - chances)
-    return surer
-
-
-def _limit(kind: str) -> float:
-    """The share of a kind that may be accepted."""
-    if kind in LOOK_ALIKES:
-        return MOST_ACCEPTED_LOOK_ALIKES
-    return MOST_ACCEPTED_HALFWAY if kind == BETWEEN_LABEL else 1.0
-
-
-def _cheapest(labels: NDArray[np.str_], chances: FloatArray, weights: FloatArray, price: FloatArray) -> FloatArray:
-    """Each gesture's best threshold when accepting hand k in error costs price[k] of macro-F1.
-
-    Of those that lose no more than `AS_GOOD` of F1 and pay no more than the best, it is the lowest.
-    """
-    best, sure = chances.argmax(axis=1), chances.max(axis=1)
-    thresholds = np.full(len(GESTURE_NAMES), float(CANDIDATES[-1]))
-    for place, name in enumerate(GESTURE_NAMES):
-        shown = labels == name
-        predicted = (best == place) & (sure >= CANDIDATES[:, None])
-        f1 = 2 * (predicted & shown) @ weights / np.maximum(predicted @ weights + shown @ weights, 1)
-        paid = predicted @ price
-        chosen = int((f1 / len(GESTURE_NAMES) - paid).argmax())
-        as_good = (f1 >= f1[chosen] - AS_GOOD) & (paid <= paid[chosen])
-        thresholds[place] = CANDIDATES[int(as_good.argmax())]
-    return thresholds
-
-
-def _accepted(chances: FloatArray, thresholds: FloatArray) -> NDArray[np.bool_]:
-    accepted: NDArray[np.bool_] = chances.max(axis=1) >= thresholds[chances.argmax(axis=1)]
-    return accepted

@@ -34,6 +34,8 @@ from logs.reading.arrays import check_finite, read_arrays
 from logs.reading.errors import cause_of
 from logs.reason import Reason, reason, reason_of
 
+SINGLE_LOOK = f"{RobustRules.name}, single look"
+
 
 class ImageDetector:
     """Detects hands in image files; each thread that asks gets detectors of its own."""
@@ -208,27 +210,31 @@ def classify_as_shipped(detected: Sequence[DetectedImage], *, views: int | None 
 
 def classify_cross_validated(
     detected: Sequence[DetectedImage],
-    digital: Sequence[DetectedImage],
+    beside: Sequence[DetectedImage],
     progress: Callable[[str], None],
     *,
     views: int | None = None,
     seed: int = 0,
 ) -> dict[str, list[Classified]]:
-    """Both rule sets; the robust one is fitted anew for each fold, on digital hands and the other images.
+    """Both rule sets; the robust one is fitted anew for each fold, on the other images and all those beside.
 
-    Another seed draws other examples and noise: what figures differ by from seed to seed is chance.
+    Unless `views` says otherwise it is measured with all views, and with one as "robust, single look". Another seed
+    draws other examples and noise: what figures differ by from seed to seed is chance.
     """
-    from app.evaluate.gestures.fit import fit, folds, view_set
+    from app.evaluate.gestures.fit import fit
+    from app.evaluate.gestures.folds import folds, view_set
 
-    every = view_set([*detected, *digital])
-    robust: list[Classified | None] = [None] * len(detected)
-    for fold in folds(every):
+    every = view_set([*detected, *beside])
+    looks = {RobustRules.name: views} | ({SINGLE_LOOK: 1} if views is None else {})
+    robust: dict[str, dict[int, Classified]] = {name: {} for name in looks}
+    for fold in folds(every, np.arange(len(every.images)) < len(detected)):
         progress(fold.name)
-        classifier = RobustClassifier(RobustRules(fit(every, fold.fit, seed=seed)), views=views)
-        for number in map(int, np.flatnonzero(fold.measure)):
-            robust[number] = classify_image(detected[number], classifier)
+        rules = RobustRules(fit(every, fold.fit, seed=seed))
+        for name, some in looks.items():
+            classifier = RobustClassifier(rules, views=some)
+            measured = map(int, np.flatnonzero(fold.measure))
+            robust[name] |= {number: classify_image(detected[number], classifier) for number in measured}
     published = PublishedClassifier()
-    return {
-        published.name: classify_all(detected, published),
-        RobustRules.name: [one for one in robust if one is not None],
+    return {published.name: classify_all(detected, published)} | {
+        name: [by_number[number] for number in sorted(by_number)] for name, by_number in robust.items()
     }

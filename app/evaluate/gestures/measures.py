@@ -81,6 +81,7 @@ class Figures:
     macro_f1: float
     map: float
     accepted_undefined: float
+    wrong_gesture: float  # share of the gestures' images taken for another gesture
     per_gesture: dict[str, GestureFigures]
     per_kind: dict[str, tuple[float, int]]  # of undefined: share accepted, and how many there are
     per_source: dict[str, SourceFigures]
@@ -105,10 +106,12 @@ def measure(classified: Sequence[Classified]) -> Figures:
     }
     shown = [figures for figures in per_gesture.values() if figures.n]
     undefined = [one for one in classified if one.truth == NONE]
+    gestures = [one for one in classified if one.truth != NONE]
     return Figures(
         macro_f1=mean(figures.f1 for figures in shown),
         map=mean(figures.ap for figures in shown),
         accepted_undefined=mean(one.predicted != NONE for one in undefined),
+        wrong_gesture=mean(one.predicted not in (NONE, one.truth) for one in gestures),
         per_gesture=per_gesture,
         per_kind={kind: (_accepted(some), len(some)) for kind, some in _grouped(undefined, "label").items()},
         per_source={source: _source(some) for source, some in _grouped(classified, "source").items()},

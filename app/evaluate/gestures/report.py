@@ -54,6 +54,7 @@ def shown(name: str, figures: Figures, images: int) -> Iterator[Table | str]:
         map=figures.map,
         paper_map=PAPER_MAP / 100,
         accepted=percent(figures.accepted_undefined, 2),
+        wrong=percent(figures.wrong_gesture, 2),
         images=images,
     )
     kinds = [(kind, percent(share), count) for kind, (share, count) in figures.per_kind.items()]
@@ -114,6 +115,7 @@ def _figures_json(figures: Figures) -> dict[str, Any]:
         "macro_f1": figures.macro_f1,
         "map": figures.map,
         "accepted_undefined": figures.accepted_undefined,
+        "wrong_gesture": figures.wrong_gesture,
         "per_gesture": msgspec.to_builtins(figures.per_gesture),
         "per_kind": {kind: {"accepted": share, "n": count} for kind, (share, count) in figures.per_kind.items()},
         "per_source": msgspec.to_builtins(figures.per_source),

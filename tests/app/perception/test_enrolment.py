@@ -3,25 +3,28 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import msgspec
 import pytest
 
-from app.console.screens.training import Lesson, feedback
+from app.console.lessons import Lesson
+from app.console.screens.training import feedback
 from app.console.state import SessionState
 from app.console.widgets.gesture import gesture_lines
 from app.console.widgets.panel import Lines
 from app.ipc.messages import TriggerReport
+from app.ipc.states import Action
 from app.ipc.streams import LinkDirectory
 from app.perception.pipeline import enrolment_of, make_camera
 from app.system.config import CameraConfig, Config, SessionSetup
-from app.text.catalogue import use_language
+from app.text.catalogue import tr, use_language
 from hal.cameras.digital_hand.driver import DigitalHandCamera
+from kgdfa.gesture import Gesture, HandRefusal
 from kgdfa.hand import Side
-from kgdfa.track import HandRefusal
 from logs.reason import reason
-from profiles.schema import DEMO_PATIENT, HandUsed
+from profiles.schema import DEMO_PATIENT, GestureUsed, HandUsed
 
 
 def setup_for(hand: HandUsed, camera: CameraConfig | None = None) -> SessionSetup:
@@ -83,3 +86,22 @@ def wrong_hand() -> TriggerReport:
 
 def shown(lines: Lines) -> str:
     return " ".join(text for line in lines for text, _ in line)
+
+
+@pytest.mark.parametrize(
+    ("language", "told"), [("en", "not in this patient's vocabulary"), ("zh", "不在该患者的手势表中")]
+)
+def test_a_gesture_that_this_patient_does_not_use_is_told_before_it_is_pushed(language: str, told: str) -> None:
+    setup = setup_for(HandUsed.RIGHT)
+    profile = msgspec.structs.replace(setup.profile, vocabulary=(GestureUsed.ZERO, GestureUsed.ONE))
+    shows = msgspec.structs.replace(wrong_hand(), hand=True, hand_refusal=None, gesture=Gesture.TWO)
+    state = SessionState(setup=msgspec.structs.replace(setup, profile=profile), started_ns=0, now_ns=2, report=shows)
+    use_language(language)
+    try:
+        assert told in shown(gesture_lines(state))
+        assert tr(Action.STEP_LEFT) not in shown(gesture_lines(state))
+        one = replace(state, report=msgspec.structs.replace(shows, gesture=Gesture.ONE))
+        assert tr(Action.STEP_RIGHT_FIRST) in shown(gesture_lines(one))
+        assert told not in shown(gesture_lines(one))
+    finally:
+        use_language("en")

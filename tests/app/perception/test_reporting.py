@@ -24,11 +24,10 @@ from kgdfa.button import (
     advance,
 )
 from kgdfa.distance import Distance
-from kgdfa.gesture import Decision, Explanation, Gesture, Verdict
+from kgdfa.gesture import Decision, Explanation, Gesture, HandRefusal, Verdict
 from kgdfa.hand import Box, Hand, Side
 from kgdfa.pipeline import Report
 from kgdfa.press_zone import PressZone
-from kgdfa.track import HandRefusal
 from logs.reason import Reason, reason, reason_of
 from logs.records import Body, Cancel, GestureOnset, Hint, Press, Release
 

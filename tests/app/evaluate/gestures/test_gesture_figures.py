@@ -3,9 +3,12 @@ from __future__ import annotations
 from pathlib import Path
 
 import cv2
+import msgspec
 import numpy as np
 import pytest
 
+from app.cli.evaluate.gestures import fitted_beside
+from app.cli.tree import command
 from app.evaluate.gestures.images import PublishedClassifier, classify_all, load_hands, save_hands
 from app.evaluate.gestures.measures import CLASSES, Classified, measure
 from app.evaluate.gestures.report import PAPER_TABLE_3, as_json, plot_confusion, write_errors
@@ -56,6 +59,7 @@ def test_figures_follow_the_papers_equations() -> None:
     assert figures.per_gesture["2"].re == 0.5
     assert figures.macro_f1 == pytest.approx((2 / 3 + 0.5) / 2)
     assert figures.accepted_undefined == pytest.approx(1 / 3)
+    assert figures.wrong_gesture == pytest.approx(1 / 5)  # a 1 taken for 2; the 2 without a hand is none
     assert figures.per_kind == {"none:nohand": (0.0, 1), "none:ok": (0.5, 2)}
     assert figures.per_source["s"].detected == pytest.approx(6 / 7)
     assert figures.confusion.sum() == len(some)
@@ -152,3 +156,19 @@ def test_misclassified_images_are_drawn_and_the_matrix_is_plotted(tmp_path: Path
     assert len(np.unique(drawn.reshape(-1, 3), axis=0)) > 5
     plot_confusion({"published": measure(verdicts)}, tmp_path / "confusion.png")
     assert cv2.imread(str(tmp_path / "confusion.png")) is not None
+
+
+def test_a_fit_takes_the_keypoints_that_lie_in_a_further_folder(tmp_path: Path) -> None:
+    drawn = drawn_images()
+    lines = [",".join(msgspec.to_builtins(one.image).values()) for one in drawn]
+    (tmp_path / "labels.csv").write_text("path,label,source,group\n" + "\n".join(lines) + "\n")
+    save_hands(drawn, tmp_path / "keypoints.npz")
+    again = fitted_beside(tmp_path, None, None)
+    assert [one.image for one in again] == [one.image for one in drawn]
+    assert all(one.hands for one in again)
+
+
+def test_images_beside_need_a_fit(tmp_path: Path) -> None:
+    with pytest.raises(AppError) as caught:
+        command().main(["evaluate", "gestures", str(tmp_path), "--with", str(tmp_path)], standalone_mode=False)
+    assert caught.value.code is EvaluateFault.WITH_ALONE

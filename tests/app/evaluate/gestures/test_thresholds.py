@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from app.evaluate.gestures.fit import CANDIDATES, MOST_ACCEPTED, choose_thresholds
 from app.evaluate.gestures.synthetic import BETWEEN_LABEL, NATURALLY_OPEN, near_scenes
+from app.evaluate.gestures.thresholds import CANDIDATES, MOST_ACCEPTED, choose_thresholds
 from app.evaluate.readings import GESTURE_NAMES, check_label
 from kgdfa.hand import FloatArray
 

@@ -1,0 +1,91 @@
+"""Each gesture's threshold, from hands that were classified by models which had not seen their source."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from app.evaluate.gestures.synthetic import BETWEEN_LABEL
+from app.evaluate.readings import GESTURE_NAMES
+from kgdfa.hand import FloatArray
+
+# Thresholds: accepting what is none moves a leg nobody asked to move, so that comes first: the price of such an error,
+# one for every kind of undefined hand, rises until few enough are accepted; within that, F1 is as high as can be.
+CANDIDATES = np.arange(0.40, 0.951, 0.02)  # a lead over the next class is required as well
+MOST_ACCEPTED = 0.008  # of all undefined hands but those halfway; 1 % is promised, this leaves a margin
+MOST_ACCEPTED_LOOK_ALIKES = 0.02  # of each of the paper's five
+# Hands caught halfway between two poses are synthetic, and as many as one likes. Before a camera they
+# last a few frames, which the vote refuses as well.
+MOST_ACCEPTED_HALFWAY = 0.25
+LOOK_ALIKES = ("none:tiger_claw", "none:good", "none:ok", "none:natural_open", "none:gun")
+# F1 of a gesture, less than its standard error. The models that choose saw fewer sources than the one to be shipped, so
+# what they confuse at a lower threshold says little; which undefined hands they accept there always counts.
+AS_GOOD = 0.01
+MARGIN = 0.4  # log-odds: undefined hands of people and cameras never seen may look that much more like a gesture
+FIRST_PRICE = 0.1  # of a per cent of undefined hands accepted, in per cent of macro-F1
+DEARER = 1.25
+LAST_ROUND = 30  # the price has risen eight hundredfold: no threshold parts what is still accepted
+
+
+def choose_thresholds(labels: NDArray[np.str_], chances: FloatArray, weights: FloatArray | None = None) -> FloatArray:
+    """(12,) thresholds from the labels of n hands, their confidence in each gesture, (n, 12), and how many hands each
+    one counts for in F1, (n,), one if None.
+
+    A hand is classified as its most likely gesture, so what one gesture accepts doesn't touch the others' thresholds.
+    """
+    weights = np.ones(len(labels)) if weights is None else weights
+    undefined = ~np.isin(labels, GESTURE_NAMES)
+    kinds = np.array(sorted(set(labels[undefined])), dtype=str)
+    chances = np.where(undefined[:, None], _surer(chances), chances)
+    of_kind = labels == kinds[:, None]
+    limits = np.array([_limit(kind) for kind in kinds])
+    halfway = kinds == BETWEEN_LABEL
+    counted = undefined & (labels != BETWEEN_LABEL)
+    prices = np.where(halfway, FIRST_PRICE / 10, FIRST_PRICE)
+    for _ in range(LAST_ROUND):
+        thresholds = _cheapest(labels, chances, weights, prices @ of_kind / max(int(undefined.sum()), 1))
+        wrong = _accepted(chances, thresholds) & undefined
+        too_many = (of_kind @ wrong) > limits * of_kind.sum(axis=1)
+        if (wrong & counted).sum() > MOST_ACCEPTED * counted.sum():
+            too_many |= ~halfway
+        if not too_many.any():
+            break
+        prices = np.where(too_many, prices * DEARER, prices)
+    return thresholds
+
+
+def _surer(chances: FloatArray) -> FloatArray:
+    """Chances with `MARGIN` more of log-odds."""
+    more = chances * np.exp(MARGIN)
+    surer: FloatArray = more / (more + 1 - chances)
+    return surer
+
+
+def _limit(kind: str) -> float:
+    """The share of a kind that may be accepted."""
+    if kind in LOOK_ALIKES:
+        return MOST_ACCEPTED_LOOK_ALIKES
+    return MOST_ACCEPTED_HALFWAY if kind == BETWEEN_LABEL else 1.0
+
+
+def _cheapest(labels: NDArray[np.str_], chances: FloatArray, weights: FloatArray, price: FloatArray) -> FloatArray:
+    """Each gesture's best threshold when accepting hand k in error costs price[k] of macro-F1.
+
+    Of those that lose no more than `AS_GOOD` of F1 and pay no more than the best, it is the lowest.
+    """
+    best, sure = chances.argmax(axis=1), chances.max(axis=1)
+    thresholds = np.full(len(GESTURE_NAMES), float(CANDIDATES[-1]))
+    for place, name in enumerate(GESTURE_NAMES):
+        shown = labels == name
+        predicted = (best == place) & (sure >= CANDIDATES[:, None])
+        f1 = 2 * (predicted & shown) @ weights / np.maximum(predicted @ weights + shown @ weights, 1)
+        paid = predicted @ price
+        chosen = int((f1 / len(GESTURE_NAMES) - paid).argmax())
+        as_good = (f1 >= f1[chosen] - AS_GOOD) & (paid <= paid[chosen])
+        thresholds[place] = CANDIDATES[int(as_good.argmax())]
+    return thresholds
+
+
+def _accepted(chances: FloatArray, thresholds: FloatArray) -> NDArray[np.bool_]:
+    accepted: NDArray[np.bool_] = chances.max(axis=1) >= thresholds[chances.argmax(axis=1)]
+    return accepted
