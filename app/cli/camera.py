@@ -119,7 +119,7 @@ def compare(
         write_csv(result, csv)
     if plot is not None:
         write_plot(result, plot)
-    if not all(result.total(which).frames for which in (0, 1)):
+    if any(result.faults) or not all(result.total(which).frames for which in (0, 1)):
         raise typer.Exit(1)
 
 

@@ -9,15 +9,18 @@ from collections.abc import Callable
 from pathlib import Path
 
 import msgspec
+from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.live import Live
 from rich.table import Table
 
-from app.evaluate.harness import decorate, figure, writing
+from app.evaluate.harness import decorate, figure, write_whole
 from app.ipc.streams import LinkDirectory
-from app.perception.comparison import Comparison
+from app.perception.comparison import SHORTENED, SHOWN, Comparison
 from app.perception.look import CameraSample, Looker, parse_camera, refuse_same_device
 from app.system.config import CameraConfig, Config, SessionSetup, load_config
+from app.system.errors import AppError
+from app.system.hand_model import set_up_model
 from app.system.paths import Home
 from app.text.catalogue import render, tr
 from logs.reason import Reason
@@ -25,7 +28,6 @@ from profiles.schema import DistanceUsed, Profile
 
 POLL_S = 0.05
 READY_S = 60.0  # MediaPipe's first load on a slow disk
-COLUMNS = ("ruler", "camera", "fps", "latency", "lost", "distance", "error", "other", "true", "false")
 
 
 def compare_cameras(
@@ -38,6 +40,7 @@ def compare_cameras(
     config = load_config(home.config)
     cameras = [parse_camera(source, config.camera) for source in sources]
     refuse_same_device(cameras[0][0], cameras[1][0])
+    set_up_model(home, config)
     setups = [_setup(home, config, camera, distance, patient) for camera, distance in cameras]
     comparison, lookers = Comparison(threshold_m=patient.press_threshold_m, ruler_m=ruler_m), list[Looker]()
     console = Console()
@@ -50,6 +53,8 @@ def compare_cameras(
         lookers.append(Looker(setups[1]))
         with Live(console=console, auto_refresh=False) as live:
             _run(comparison, lookers, seconds, lambda: live.update(comparison_table(comparison), refresh=True))
+            comparison.finish()
+            live.update(comparison_table(comparison), refresh=True)
     finally:
         for looker in lookers:
             looker.close()
@@ -69,27 +74,33 @@ def _setup(home: Home, config: Config, camera: CameraConfig, used: DistanceUsed,
 
 
 def _run(comparison: Comparison, lookers: list[Looker], seconds: float, shown: Callable[[], None]) -> None:
-    """Take samples until the time is over that begins when every camera has given one."""
+    """Take samples until the time is over that begins when every camera has given one, or until one has ended."""
     begun_s, ready_s = 0.0, time.monotonic() + READY_S
     try:
         while not begun_s or time.monotonic() - begun_s < seconds:
-            for which, looker in enumerate(lookers):
-                for message in looker.receive():
-                    if isinstance(message, CameraSample) and begun_s:
-                        comparison.take(which, message)
-                    elif isinstance(message, CameraSample):
-                        comparison.newest[which] = message
-                    elif isinstance(message, Reason):
-                        comparison.faults[which] = message
+            _receive(comparison, lookers, counted=bool(begun_s))
             if not begun_s and all(comparison.newest[which] for which in range(len(lookers))):
                 begun_s = time.monotonic()
             if not begun_s and time.monotonic() > ready_s:
                 return
             comparison.ruler_m = _typed(comparison.ruler_m)
             shown()
+            if any(looker.ended for looker in lookers):
+                return
             time.sleep(POLL_S)
     except KeyboardInterrupt:
         return
+
+
+def _receive(comparison: Comparison, lookers: list[Looker], *, counted: bool) -> None:
+    for which, looker in enumerate(lookers):
+        for message in looker.receive():
+            if isinstance(message, CameraSample) and counted:
+                comparison.take(which, message)
+            elif isinstance(message, CameraSample):
+                comparison.newest[which] = message
+            elif isinstance(message, Reason):
+                comparison.faults[which] = message
 
 
 def _typed(ruler_m: float | None) -> float | None:
@@ -106,22 +117,13 @@ def _typed(ruler_m: float | None) -> float | None:
 def comparison_table(comparison: Comparison) -> Table:
     """Every row so far; below it what each camera measures now, or why it does not."""
     now = "   ".join(_now(comparison, which) for which in (0, 1))
-    table = Table(title=tr("compare.title"), caption=now)
-    for column in COLUMNS:
-        table.add_column(tr(f"compare.column.{column}"), justify="left" if column == "camera" else "right")
+    table = Table(title=tr("compare.title"), caption=now, caption_justify="left", box=SIMPLE_HEAD, padding=0)
+    for column in SHOWN:
+        heading = tr(f"compare.{'short' if column in SHORTENED else 'column'}.{column}")
+        table.add_column(heading, justify="left" if column == "camera" else "right", no_wrap=column != "camera")
+    table.add_column(tr("compare.column.unknown"), justify="right")
     for tally in comparison.rows():
-        table.add_row(
-            _cm(tally.ruler_m),
-            tally.camera,
-            f"{tally.fps:.1f}",
-            f"{tally.latency_ms:.0f}",
-            f"{tally.lost_share:.0%}",
-            _cm(tally.distance_m),
-            "–" if tally.error is None else f"{tally.error:+.1%}",
-            _cm(tally.from_other_m, "+.1f"),
-            str(tally.presses[True]),
-            str(tally.presses[False]),
-        )
+        table.add_row(*tally.shown(), str(tally.presses[None]))
     return table
 
 
@@ -131,18 +133,20 @@ def _now(comparison: Comparison, which: int) -> str:
         return render(fault)
     if sample is None:
         return tr("picture.waiting")
+    if sample.distance_m is None:
+        return f"{sample.camera}: {render(sample.why) if sample.why else tr('compare.no_measurement')}"
     word = tr("button.pressed" if sample.pressed else "button.released")
-    return f"{sample.camera}: {_cm(sample.distance_m)} cm {word}"
-
-
-def _cm(metres: float | None, style: str = ".1f") -> str:
-    return "–" if metres is None else format(100 * metres, style)
+    return f"{sample.camera}: {100 * sample.distance_m:.1f} cm {word}"
 
 
 def write_csv(comparison: Comparison, path: Path) -> None:
-    """Every row. Raises AppError when it can't be written."""
-    with writing(path):
-        path.write_text(comparison.as_csv(), encoding="utf-8")
+    """Every row; on the terminal where it can't be written, which raises AppError."""
+    table = comparison.as_csv()
+    try:
+        write_whole(path, table.encode())
+    except AppError:
+        sys.stdout.write(table)
+        raise
 
 
 def write_plot(comparison: Comparison, path: Path) -> None:

@@ -5,8 +5,9 @@ from __future__ import annotations
 import csv
 import io
 import math
+from collections import deque
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from app.perception.look import CameraSample
@@ -18,6 +19,11 @@ COLUMNS = (
     "ruler_cm", "camera", "frames", "fps", "latency_ms", "lost_percent", "distance_cm", "error_percent",
     "from_other_cm", "presses_true", "presses_false", "presses_unknown",
 )  # fmt: skip
+
+ABOUT_NS = 500_000_000  # of a press: what the other camera measures so much sooner or later is of the same push
+RECENT = 300  # samples: ABOUT_NS on both sides, at any camera's rate
+SHOWN = ("ruler", "camera", "distance", "error", "other", "fps", "latency", "lost", "true", "false")
+SHORTENED = frozenset({"other", "true", "false"})  # of those, whose headings are sentences where there is room
 
 SUMS = ("frames", "lost", "samples", "measured", "sum_m", "sum_latency_ms", "seconds", "apart", "sum_apart_m")
 
@@ -71,6 +77,21 @@ class Tally:
         """How much farther it reads than the other camera, mean."""
         return self.sum_apart_m / self.apart if self.apart else None
 
+    def shown(self) -> list[str]:
+        """As a person reads it, for SHOWN; – where nothing was measured."""
+        return [
+            _cm(self.ruler_m),
+            self.camera,
+            _cm(self.distance_m),
+            "–" if self.error is None else f"{self.error:+.1%}",
+            _cm(self.from_other_m, "+.1f"),
+            f"{self.fps:.1f}",
+            f"{self.latency_ms:.0f}",
+            f"{self.lost_share:.0%}",
+            str(self.presses[True]),
+            str(self.presses[False]),
+        ]
+
     def row(self) -> dict[str, Any]:
         """As the CSV has it, for COLUMNS."""
         values = (
@@ -82,6 +103,17 @@ class Tally:
 
 
 @dataclass(slots=True)
+class _Press:
+    """One that waits for what the other camera measures about its time; it lasts from begun_ns to ended_ns so far."""
+
+    which: int
+    begun_ns: int
+    ended_ns: int
+    count: int
+    tally: Tally
+
+
+@dataclass(slots=True)
 class Comparison:
     """The running table. threshold_m: nearer is a true press."""
 
@@ -90,12 +122,17 @@ class Comparison:
     newest: list[CameraSample | None] = field(default_factory=lambda: [None, None])
     faults: list[Reason | None] = field(default_factory=lambda: [None, None])  # why a camera gives no picture
     _before: list[CameraSample | None] = field(default_factory=lambda: [None, None])
+    _recent: tuple[deque[CameraSample], deque[CameraSample]] = field(
+        default_factory=lambda: (deque(maxlen=RECENT), deque(maxlen=RECENT))
+    )
+    _waiting: list[_Press] = field(default_factory=list)
     _tallies: dict[tuple[Ruler, int], Tally] = field(default_factory=dict)
 
     def take(self, which: int, sample: CameraSample) -> None:
         """One more sample of the first (0) or second (1) camera."""
         before, self.newest[which], self.faults[which] = self._before[which], sample, None
         self._before[which] = sample
+        self._recent[which].append(sample)
         tally = self._tallies.setdefault((self.ruler_m, which), Tally(self.ruler_m, sample.camera))
         tally.samples += 1
         tally.sum_latency_ms += sample.latency_ms
@@ -111,21 +148,51 @@ class Comparison:
         tally.frames += sample.frames - before.frames
         tally.lost += max(0, sample.lost - before.lost)
         tally.seconds += (sample.captured_ns - before.captured_ns) / 1e9
+        now_ns = sample.captured_ns
+        for press in self._waiting:
+            if press.which == which and sample.pressed:
+                press.ended_ns = now_ns
         if sample.presses > before.presses:
-            tally.presses[self._is_true(other)] += sample.presses - before.presses
+            self._waiting.append(_Press(which, now_ns, now_ns, sample.presses - before.presses, tally))
+        self._classify_presses(now_ns - ABOUT_NS)
 
-    def _is_true(self, other: CameraSample | None) -> bool | None:
-        """Whether a press now is one: by the ruler, else by the other camera; None: neither measures."""
-        if self.ruler_m is not None:
-            return self.ruler_m < self.threshold_m
-        if other is None or other.distance_m is None:
-            return None
-        return other.distance_m < self.threshold_m
+    def finish(self) -> None:
+        """No more samples come: settle every press by what there is."""
+        self._classify_presses(None)
+
+    def _classify_presses(self, until_ns: int | None) -> None:
+        """The presses up to this time, or all: what the other camera measured about then has come."""
+        for press in self._waiting.copy():
+            if press.tally.ruler_m is not None or until_ns is None or press.ended_ns <= until_ns:
+                press.tally.presses[self._is_true(press)] += press.count
+                self._waiting.remove(press)
+
+    def _is_true(self, press: _Press) -> bool | None:
+        """By the ruler, else by what the other camera measured; None: nothing while pressed, as a D435i so near.
+
+        Near a moment sooner or later counts, too: a slow camera may see a quick push late, and only in a frame.
+        """
+        if press.tally.ruler_m is not None:
+            return press.tally.ruler_m < self.threshold_m
+        others = [
+            (one.captured_ns, one.distance_m < self.threshold_m)
+            for one in self._recent[1 - press.which]
+            if one.distance_m is not None and press.begun_ns - ABOUT_NS <= one.captured_ns <= press.ended_ns + ABOUT_NS
+        ]
+        if any(near for _, near in others):
+            return True
+        return False if any(press.begun_ns <= at_ns <= press.ended_ns for at_ns, _ in others) else None
 
     def rows(self) -> Iterator[Tally]:
         """By ruler, nearest first and what was not measured last; the first camera above the second."""
         order = sorted(self._tallies, key=lambda key: (math.inf if key[0] is None else key[0], key[1]))
-        return (self._tallies[key] for key in order)
+        return (self._named(self._tallies[key], key[1]) for key in order)
+
+    def _named(self, tally: Tally, which: int) -> Tally:
+        """Two cameras of one name are told apart by a number."""
+        first = self.newest[0]
+        twin = which == 1 and first is not None and first.camera == tally.camera
+        return replace(tally, camera=f"{tally.camera} (2)") if twin else tally
 
     def total(self, which: int) -> Tally:
         """One camera over all values of the ruler."""
@@ -136,10 +203,11 @@ class Comparison:
                 setattr(total, name, getattr(total, name) + getattr(part, name))
             for known, count in part.presses.items():
                 total.presses[known] += count
-        return total
+        return self._named(total, which)
 
     def as_csv(self) -> str:
-        """Every row."""
+        """Every row, when no more samples come."""
+        self.finish()
         text = io.StringIO()
         writer = csv.DictWriter(text, COLUMNS)
         writer.writeheader()
@@ -149,6 +217,7 @@ class Comparison:
 
 def comparison_record(comparison: Comparison, path: str) -> CameraComparison:
     """For the trail, when the comparison ends; path: of the table."""
+    comparison.finish()
     both = [comparison.total(which) for which in (0, 1)]
     return CameraComparison(
         cameras=tuple(one.camera for one in both),
@@ -163,6 +232,10 @@ def comparison_record(comparison: Comparison, path: str) -> CameraComparison:
         rulers_m=tuple(sorted({one.ruler_m for one in comparison.rows() if one.ruler_m is not None})),
         path=path,
     )
+
+
+def _cm(metres: float | None, style: str = ".1f") -> str:
+    return "–" if metres is None else format(100 * metres, style)
 
 
 def _scaled(value: float | None, factor: float, digits: int) -> float | None:

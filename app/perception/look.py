@@ -21,6 +21,7 @@ import msgspec
 from app.ipc.messages import HandCommand, Preview
 from app.system.config import CameraConfig, SessionSetup
 from app.system.errors import AppError
+from app.system.scheduling import pin_to_control_core
 from logs.reason import Reason, reason, reason_of
 from profiles.schema import DistanceUsed
 
@@ -30,7 +31,7 @@ if TYPE_CHECKING:
     from kgdfa.keypoints import HandDetector
     from kgdfa.pipeline import Pipeline, Report
 
-NICENESS = 10  # of a camera that only looks, beside one that commands
+NICENESS = 19  # of a camera that only looks, beside one that commands
 FRAME_TIMEOUT_S = 0.1
 END_S = 3.0
 PREVIEW_PX = 96
@@ -43,17 +44,19 @@ _RATE = re.compile(r"(.+)@(\d{1,3}(?:\.\d+)?)")
 
 
 class LookFault(Enum):
-    """Why two cameras can't be compared, or one that looks gives nothing more."""
+    """Why two cameras can't be compared, one that looks gives nothing more, or what was compared is not kept."""
 
     SAME_DEVICE = auto()  # first, second
     DIED = auto()
+    NOT_KEPT = auto()  # path, detail
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CameraSample:
     """What one camera measured in one frame; counts run from its first frame on, so that a missed sample loses none.
 
-    lost: frames without a hand after the first with one. safe_m: by which its button decides.
+    hand: one is in view, whether or not it may command. lost: frames without one after the first with one.
+    safe_m: by which its button decides.
     """
 
     camera: str
@@ -130,18 +133,23 @@ class Looker:
         """setup: its configuration's camera and its profile's distance are those to look with. Starts at once."""
         context = get_context("spawn")
         self._pipe, theirs = context.Pipe()
+        self.ended = False
+        self._why: Reason | None = None  # the newest reason, until a frame comes
         self._process = context.Process(target=look, args=(theirs, setup, niceness), daemon=True)
         self._process.start()
         theirs.close()
 
     def receive(self) -> list[CameraSample | Preview | Reason]:
-        """What came since the last call. A reason: why there is no picture, or will be none any more."""
+        """What came since the last call. A reason: why there is no picture; if it has ended, why there will be none."""
         received: list[CameraSample | Preview | Reason] = []
         try:
-            while self._pipe.poll():
-                received.append(self._pipe.recv())
+            while not self.ended and self._pipe.poll():
+                message = self._pipe.recv()
+                self._why = message if isinstance(message, Reason) else None
+                received.append(message)
         except (EOFError, OSError):
-            received.append(reason(LookFault.DIED))
+            self.ended = True
+            received.append(self._why or reason(LookFault.DIED))
         return received
 
     def move_hand(self, command: HandCommand) -> None:
@@ -161,6 +169,8 @@ class Looker:
 def look(pipe: Connection, setup: SessionSetup, niceness: int) -> None:
     """Frames through the chain until the other end closes; a fault is sent and the camera is opened again."""
     os.nice(niceness)
+    if niceness:  # only control is there, which goes before it; beside a camera that commands it costs that one frames
+        pin_to_control_core(setup.config.control_core)
     _silence()
     from app.perception.pipeline import make_camera, make_detector
     from hal.errors import HardwareError
@@ -239,7 +249,7 @@ class _Look:
             )
 
     def _sample(self, report: Report) -> CameraSample:
-        hand, distance, button = report.hand is not None, report.distance, report.button
+        hand, distance, button = report.hand is not None or report.refusal is not None, report.distance, report.button
         self._frames += 1
         self._had_hand = self._had_hand or hand
         self._lost += self._had_hand and not hand
@@ -257,8 +267,15 @@ class _Look:
             pressed=button.pressed,
             presses=self._presses,
             by_depth=distance is not None and report.depth_distance is distance,
-            why=reason(report.depth_fault) if report.depth_fault and distance is None else None,
+            why=_why(report) if distance is None else None,
         )
+
+
+def _why(report: Report) -> Reason | None:
+    """Why there is no distance: the hand does not command, or its depth can't be used."""
+    if report.refusal is not None:
+        return reason_of(report.refusal)
+    return reason(report.depth_fault) if report.depth_fault else None
 
 
 def false_colours(depth_m: DepthArray) -> ImageArray:

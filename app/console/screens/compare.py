@@ -2,116 +2,46 @@
 
 from __future__ import annotations
 
+import asyncio
 import time
+from contextlib import suppress
 from pathlib import Path
+from threading import Thread
 from typing import ClassVar
 
 import msgspec
+from textual import on
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Horizontal
-from textual.widgets import Input
+from textual.widgets import Input, Label
 
-from app.console.screens.base import ConsoleScreen
+from app.console import keys
+from app.console.screens.hand_keys import HandKeys
 from app.console.state import SessionState
-from app.console.widgets.gesture import gauge
-from app.console.widgets.panel import Lines, Panel, plain
+from app.console.widgets.comparison import camera_lines, own_depth_lines, sample_of, table_lines
+from app.console.widgets.panel import Panel, plain
 from app.console.widgets.picture import Picture
-from app.ipc.messages import Preview, TriggerReport
+from app.ipc.messages import HandCommand, Preview, TriggerReport
 from app.perception.comparison import Comparison, comparison_record
-from app.perception.look import CameraSample, Looker, parse_camera, refuse_same_device
-from app.text.catalogue import render, tr
-from kgdfa.distance import DistanceSource
+from app.perception.look import Looker, LookFault, parse_camera, refuse_same_device
+from app.system.config import SessionSetup
+from app.system.errors import AppError
+from app.text.catalogue import tr
+from logs.reading.errors import cause_of
 from logs.reason import Reason
 
 POLL_S = 0.1
-SHOWN_ROWS = 4
 LONGEST_CM = 200.0
+_OWN = {"2", "r"}  # keys of the hand that mean something else here
 
 
-def sample_of(report: TriggerReport, lost: int) -> CameraSample:
-    """What the session's own camera measured, as a camera that only looks gives it."""
-    return CameraSample(
-        camera=report.camera,
-        captured_ns=report.captured_ns,
-        frames=report.sequence,
-        lost=lost,
-        latency_ms=(report.sent_ns - report.captured_ns) / 1e6,
-        hand=report.hand,
-        distance_m=report.distance_m,
-        safe_m=report.safe_distance_m,
-        pressed=report.pressed,
-        presses=report.release_count + report.cancel_count + report.pressed,
-        by_depth=report.distance_source is DistanceSource.DEPTH,
-        why=report.camera_fault or report.depth_fault,
-    )
+class CompareScreen(HandKeys):
+    """Opened over a session, which goes on beneath.
 
-
-def camera_lines(comparison: Comparison, which: int, width: int) -> Lines:
-    """One camera's column."""
-    sample, fault = comparison.newest[which], comparison.faults[which]
-    if fault is not None:
-        return (plain(render(fault), "$warning"),)
-    if sample is None:
-        return (plain(tr("compare.opening"), "$text-muted"),)
-    total, known = comparison.total(which), sample.distance_m is not None
-    shown = f"{(sample.distance_m or 0) * 100:.1f} cm" if known else tr("compare.no_measurement")
-    why = f"  {render(sample.why)}" if sample.why else ""
-    word = tr("button.pressed") if sample.pressed else tr("button.released")
-    return (
-        (
-            (shown, "bold"),
-            (
-                f"  {tr(DistanceSource.DEPTH if sample.by_depth else DistanceSource.MONOCULAR)}" if known else why,
-                "$text-muted",
-            ),
-        ),
-        plain(gauge(sample.safe_m, 0.0, comparison.threshold_m, width)),
-        plain(f"{'◉' if sample.pressed else '○'} {word}", "bold $success" if sample.pressed else "bold $error"),
-        plain(tr("compare.truth", true=total.presses[True], false=total.presses[False], unknown=total.presses[None])),
-        plain(tr("compare.rates", fps=total.fps, latency_ms=total.latency_ms, lost=total.lost_share)),
-    )
-
-
-def own_depth_lines(report: TriggerReport, width: int) -> Lines:
-    """The session's own depth, beside its keypoints."""
-    if report.depth_distance_m is None and report.depth_fault is None:
-        return (plain(tr("compare.no_depth"), "$text-muted"),)
-    shown = (
-        tr("compare.no_measurement") if report.depth_distance_m is None else f"{report.depth_distance_m * 100:.1f} cm"
-    )
-    return (
-        plain(shown, "bold"),
-        plain(gauge(report.depth_distance_m, 0.0, report.threshold_m, width)),
-        plain(render(report.depth_fault) if report.depth_fault else "", "$warning"),
-    )
-
-
-def table_lines(comparison: Comparison) -> Lines:
-    """The newest rows: what each camera gave at each value of the ruler."""
-    rows = [*comparison.rows()][-SHOWN_ROWS:]
-    return tuple(
-        plain(
-            tr(
-                "compare.row",
-                ruler=_cm(one.ruler_m),
-                camera=one.camera[:18],
-                distance=_cm(one.distance_m),
-                error="–" if one.error is None else f"{one.error:+.1%}",
-                other="–" if one.from_other_m is None else f"{100 * one.from_other_m:+.1f}",
-                frames=one.frames,
-            )
-        )
-        for one in rows
-    )
-
-
-def _cm(metres: float | None) -> str:
-    return "–" if metres is None else f"{100 * metres:.1f}"
-
-
-class CompareScreen(ConsoleScreen):
-    """Opened over a session, which goes on beneath."""
+    What may take long (to open or end a camera's process, to write) is done in threads: the console's heartbeat
+    must not wait for it.
+    """
 
     HELP_PAGE = "compare"
     AUTO_FOCUS = ""
@@ -119,6 +49,7 @@ class CompareScreen(ConsoleScreen):
         Binding("escape,v", "back", "bind.cancel"),
         Binding("2", "focus_field('#second')", "bind.compare.second"),
         Binding("r", "focus_field('#ruler')", "bind.compare.ruler"),
+        *(binding for binding in keys.HAND if binding.key not in _OWN),
     ]
 
     def __init__(self) -> None:
@@ -126,7 +57,11 @@ class CompareScreen(ConsoleScreen):
         self._sequence = -1
         self._lost = 0
         self._looker: Looker | None = None
+        self._setup: SessionSetup | None = None  # of the session that is compared
+        self._source = ""
         self._comparison = Comparison(threshold_m=0.0)
+        self._refused = False  # the table could not be written: the next time it is given up
+        self._busy = asyncio.Lock()
 
     def compose(self) -> ComposeResult:
         yield Panel(id="status")
@@ -134,8 +69,10 @@ class CompareScreen(ConsoleScreen):
             yield Picture(id="picture")
             yield Picture(id="other")
         with Horizontal(id="compared"):
-            yield Input(placeholder=tr("compare.second"), id="second", compact=True)
-            yield Input(placeholder=tr("compare.ruler"), id="ruler", compact=True)
+            yield Label(tr("compare.second"), markup=False)
+            yield Input(placeholder=tr("compare.example"), id="second", compact=True)
+            yield Label(tr("compare.ruler"), markup=False)
+            yield Input(id="ruler", compact=True)
         with Horizontal(id="columns"):
             yield Panel(id="monocular", title=tr("compare.first"))
             yield Panel(id="depth", title=tr("compare.depth"))
@@ -144,13 +81,16 @@ class CompareScreen(ConsoleScreen):
 
     def on_mount(self) -> None:
         """Without a second camera there is one picture."""
-        self.query_one("#other").display = False
-        self.query_one("#running").display = False
+        self._show_second()
         self.set_interval(POLL_S, self._receive)
 
     def on_unmount(self) -> None:
-        """The second camera is nobody's any more."""
-        self._end_looker()
+        """A session that ends beneath ends the comparison, too."""
+        if self._looker is not None:
+            path, table = self._path(), self._comparison.as_csv()
+            self.console_app.trail.emit(comparison_record(self._comparison, path.name))
+            Thread(target=_write_if_possible, args=(path, table), name="comparison", daemon=True).start()
+            self._end_looker()
 
     def show_session(self, state: SessionState | None) -> None:
         super().show_session(state)
@@ -161,13 +101,18 @@ class CompareScreen(ConsoleScreen):
         if state.report is not None and state.report.sequence != self._sequence:
             self._take(state.report)
 
+    @on(Picture.Resized, "#picture")
+    def _ask_for_size(self, event: Picture.Resized) -> None:
+        """The session's picture as large as it is shown here."""
+        self.console_app.live_host().send_to_perception(event.wanted)
+
     def on_input_submitted(self, event: Input.Submitted) -> None:
         """A second camera's name, or the ruler's centimetres."""
         self.set_focus(None)
         if event.input.id == "ruler":
             self._set_ruler(event.value)
         else:
-            self._open(event.value.strip())
+            self.run_worker(self._open(event.value.strip()))
 
     def action_focus_field(self, field: str) -> None:
         """Type into it."""
@@ -175,33 +120,54 @@ class CompareScreen(ConsoleScreen):
 
     def action_back(self) -> None:
         """To the session; what was compared is kept."""
-        self._end_comparison()
-        self.dismiss()
+        self.run_worker(self._leave())
 
-    def _open(self, source: str) -> None:
+    async def _leave(self) -> None:
+        if await self._end_comparison() and self.is_current:
+            self.dismiss()
+
+    async def _open(self, source: str) -> None:
         """A second camera in place of an earlier one; an empty name: none."""
-        self._end_comparison()
-        self.query_one("#depth", Panel).border_title = tr("compare.depth")
-        with self.notify_errors():
-            if source:
-                self._begin(source)
-        for part in ("#other", "#running"):
-            self.query_one(part).display = self._looker is not None
+        if not await self._end_comparison():
+            return
+        async with self._busy:
+            with self.notify_errors():
+                if source:
+                    await self._begin(source)
+        if self.is_attached:
+            self._show_second()
+        else:
+            self._end_looker()
 
-    def _begin(self, source: str) -> None:
+    async def _begin(self, source: str) -> None:
         """Compare with this camera. Raises CodedError when there is none of this name."""
-        setup = self.console_app.live_setup()
+        setup = self._setup = self.console_app.live_setup()
         camera, used = parse_camera(source, setup.config.camera)
-        refuse_same_device(setup.config.camera, camera)
-        self._comparison = Comparison(threshold_m=setup.profile.press_threshold_m)
-        self._looker = Looker(
-            msgspec.structs.replace(
-                setup,
-                config=msgspec.structs.replace(setup.config, camera=camera),
-                profile=msgspec.structs.replace(setup.profile, distance_source=used),
-            )
+        await asyncio.to_thread(refuse_same_device, setup.config.camera, camera)
+        self._source = source
+        self._comparison = Comparison(threshold_m=setup.profile.press_threshold_m, ruler_m=self._comparison.ruler_m)
+        second = msgspec.structs.replace(
+            setup,
+            config=msgspec.structs.replace(setup.config, camera=camera),
+            profile=msgspec.structs.replace(setup.profile, distance_source=used),
         )
-        self.query_one("#depth", Panel).border_title = source
+        self._looker = await asyncio.to_thread(Looker, second)
+        if self.console_app.has_digital_hand:
+            self._looker.move_hand(self.console_app.live_session().hand)
+
+    def _move(self, command: HandCommand) -> None:
+        super()._move(command)
+        if self._looker is not None:
+            self._looker.move_hand(command)
+
+    def _show_second(self) -> None:
+        """Its picture and the table, where there is one."""
+        looks = self._looker is not None
+        for part in ("#other", "#running"):
+            self.query_one(part).display = looks
+        if looks:
+            self.query_one("#other", Picture).show_text(tr("picture.waiting"))
+        self.query_one("#depth", Panel).border_title = self._source if looks else tr("compare.depth")
 
     def _set_ruler(self, typed: str) -> None:
         try:
@@ -216,19 +182,21 @@ class CompareScreen(ConsoleScreen):
     def _receive(self) -> None:
         if self._looker is None:
             return
+        other = self.query_one("#other", Picture)
         for message in self._looker.receive():
             if isinstance(message, Preview):
-                self.query_one("#other", Picture).show_preview(message)
+                other.show_preview(message)
             elif isinstance(message, Reason):
                 self._comparison.faults[1] = message
+                other.show_text(tr("picture.stale"))
             else:
                 self._comparison.take(1, message)
-        panel = self.query_one("#depth", Panel)
-        panel.lines = camera_lines(self._comparison, 1, max(10, panel.content_size.width))
-        self.query_one("#running", Panel).lines = table_lines(self._comparison)
+        column, table = self.query_one("#depth", Panel), self.query_one("#running", Panel)
+        column.lines = camera_lines(self._comparison, 1, max(10, column.content_size.width))
+        table.lines = table_lines(self._comparison, *table.content_size)
 
     def _take(self, report: TriggerReport) -> None:
-        if self._sequence >= 0 and not report.hand:
+        if self._sequence >= 0 and not (report.hand or report.hand_refusal):
             self._lost += max(0, report.sequence - self._sequence)
         self._sequence = report.sequence
         self._comparison.threshold_m = report.threshold_m
@@ -237,26 +205,54 @@ class CompareScreen(ConsoleScreen):
         width = max(10, first.content_size.width)
         first.lines = camera_lines(self._comparison, 0, width)
         if self._looker is None:
-            second.lines = own_depth_lines(report, width)
+            second.lines = own_depth_lines(report, self._comparison.ruler_m, width)
 
-    def _keep(self) -> None:
-        """As a file, and in the trail. Raises OSError when the disk refuses."""
-        setup = self.console_app.live_setup()
-        folder = Path(setup.home) / "comparisons"
-        folder.mkdir(parents=True, exist_ok=True)
-        path = folder / f"{setup.session}-{time.strftime('%H%M%S', time.gmtime())}.csv"
-        path.write_text(self._comparison.as_csv(), encoding="utf-8")
-        self.console_app.trail.emit(comparison_record(self._comparison, path.name))
-        self.notify(tr("compare.kept", path=path), markup=False)
+    async def _end_comparison(self) -> bool:
+        """Keep what was compared and let the second camera go; False: it could not be kept, and stays for now.
 
-    def _end_comparison(self) -> None:
-        """Keep what was compared; the second camera is let go."""
-        if self._looker is not None:
+        Asked again, the table is given up: the trail still takes the totals.
+        """
+        async with self._busy:
+            if self._looker is None:
+                return True
+            path, kept = self._path(), False
             with self.notify_errors():
-                self._keep()
-        self._end_looker()
+                await asyncio.to_thread(_write, path, self._comparison.as_csv())
+                kept = True
+            if kept:
+                self.notify(tr("compare.kept", path=path), markup=False)
+            elif not self._refused:
+                self._refused = True
+                return False
+            self._refused = False
+            self.console_app.trail.emit(comparison_record(self._comparison, path.name if kept else ""))
+            self._end_looker()
+            return True
+
+    def _path(self) -> Path:
+        """Where the table goes."""
+        assert self._setup is not None
+        now = time.strftime("%H%M%S", time.gmtime())
+        return Path(self._setup.home) / "comparisons" / f"{self._setup.session}-{now}.csv"
 
     def _end_looker(self) -> None:
         looker, self._looker = self._looker, None
         if looker is not None:
-            looker.close()
+            Thread(target=looker.close, name="end of a camera", daemon=True).start()
+
+
+def _write(path: Path, table: str) -> None:
+    """The whole table or nothing. Raises AppError when the disk refuses."""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(table, encoding="utf-8")
+    except OSError as error:
+        with suppress(OSError):
+            path.unlink(missing_ok=True)
+        raise AppError(LookFault.NOT_KEPT, path=path, detail=cause_of(error)) from error
+
+
+def _write_if_possible(path: Path, table: str) -> None:
+    """Where nobody is left to be told."""
+    with suppress(AppError):
+        _write(path, table)

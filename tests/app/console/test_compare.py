@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+from threading import Event
+
 import pytest
 from textual.widgets import Input
 
 from app.console.screens import compare
 from app.console.screens.compare import CompareScreen
-from app.ipc.messages import Preview
+from app.ipc.messages import HandCommand, Preview
 from app.perception.look import CameraSample
 from app.system.config import SessionSetup
 from app.system.paths import Home
-from app.text.catalogue import tr
+from app.text.catalogue import render, tr
+from hal.errors import CameraFault
+from kgdfa.gesture import Gesture
+from logs.reason import Reason, reason
 from logs.records import Body, CameraComparison
 from profiles.schema import DistanceUsed
 from tests.app.console.conftest import Console, Opener
@@ -23,14 +28,22 @@ class FakeLooker:
     """A camera that looks, without its process; a frame with each call."""
 
     made: list[FakeLooker]
+    fault: Reason | None = None
+    may_close: Event  # until then its driver hangs
 
     def __init__(self, setup: SessionSetup) -> None:
         self.setup = setup
         self.frames = 0
         self.closed = False
+        self.commands: list[HandCommand] = []
         self.made.append(self)
 
-    def receive(self) -> list[CameraSample | Preview]:
+    def move_hand(self, command: HandCommand) -> None:
+        self.commands.append(command)
+
+    def receive(self) -> list[CameraSample | Preview | Reason]:
+        if self.fault is not None:
+            return [self.fault]
         self.frames += 1
         sample = CameraSample(
             camera="second",
@@ -48,13 +61,15 @@ class FakeLooker:
         return [sample, PREVIEW]
 
     def close(self) -> None:
+        self.may_close.wait()
         self.closed = True
 
 
 @pytest.fixture
 def looking(monkeypatch: pytest.MonkeyPatch) -> None:
     """The second camera is a fake."""
-    FakeLooker.made = []
+    FakeLooker.made, FakeLooker.fault, FakeLooker.may_close = [], None, Event()
+    FakeLooker.may_close.set()
     monkeypatch.setattr(compare, "Looker", FakeLooker)
 
 
@@ -111,3 +126,96 @@ async def test_what_is_no_distance_is_told(console: Opener) -> None:
     async with console() as open_console:
         await open_console.press("v", "r", *"far", "enter")
         await open_console.shows("Type the distance in cm")
+
+
+@pytest.mark.usefixtures("looking")
+async def test_two_digital_hands_are_one_hand(console: Opener) -> None:
+    """The second one is where the keys have led the first one, and follows it from then on."""
+    async with console() as open_console:
+        await open_console.press("4", "minus", "minus", "up", "p", "v")
+        await choose_second(open_console, "digital-d435i")
+        await open_console.until(lambda: FakeLooker.made and FakeLooker.made[0].commands)
+        (begun,) = FakeLooker.made[0].commands
+        assert (begun.gesture, begun.press) == (Gesture.FOUR, True)
+        assert (begun.move_x_m, begun.move_y_m, begun.move_z_m) == (0.0, -0.02, 0.04)
+        await open_console.press("5", "enter")
+        assert FakeLooker.made[0].commands[1:] == open_console.host.hands[-2:]
+        assert open_console.host.hands[-2].gesture is Gesture.FIVE
+
+
+@pytest.mark.usefixtures("looking")
+async def test_a_disk_that_refuses_is_told_and_the_comparison_stays_until_asked_again(
+    console: Opener, home: Home, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async with console() as open_console:
+        kept = list[Body]()
+        monkeypatch.setattr(open_console.app.trail, "emit", kept.append)
+        home.root.mkdir(parents=True, exist_ok=True)
+        (home.root / "comparisons").write_text("a file where the folder should be")
+        await open_console.press("v")
+        await choose_second(open_console, "digital-d435i")
+        await open_console.shows("31.0 cm")
+        await open_console.press("escape")
+        await open_console.tells("make room on that disk and try again")
+        assert isinstance(open_console.app.screen, CompareScreen)
+        assert not FakeLooker.made[0].closed
+        assert not kept
+        await open_console.press("escape")
+        await open_console.until(lambda: FakeLooker.made[0].closed)
+        await open_console.until(lambda: not isinstance(open_console.app.screen, CompareScreen))
+    (record,) = (body for body in kept if isinstance(body, CameraComparison))
+    assert record.path == ""
+    assert record.cameras[1] == "second", "the trail has the totals all the same"
+
+
+@pytest.mark.usefixtures("looking")
+async def test_a_camera_whose_driver_hangs_holds_nobody_up(console: Opener) -> None:
+    async with console() as open_console:
+        FakeLooker.may_close.clear()
+        await open_console.press("v")
+        await choose_second(open_console, "digital-d435i")
+        await open_console.shows("31.0 cm")
+        await open_console.press("escape")
+        await open_console.until(lambda: not isinstance(open_console.app.screen, CompareScreen))
+        assert not FakeLooker.made[0].closed
+        FakeLooker.may_close.set()
+        await open_console.until(lambda: FakeLooker.made[0].closed)
+
+
+@pytest.mark.usefixtures("looking")
+async def test_a_camera_that_vanishes_says_so_in_place_of_its_figures(console: Opener) -> None:
+    async with console(size=(120, 36)) as open_console:
+        await open_console.press("v")
+        await choose_second(open_console, "digital-d435i")
+        await open_console.shows("31.0 cm")
+        FakeLooker.fault = reason(CameraFault.UNPLUGGED, camera="second")
+        await open_console.shows(render(FakeLooker.fault))
+        await open_console.shows(tr("picture.stale"))
+
+
+@pytest.mark.usefixtures("looking")
+async def test_the_session_s_picture_is_asked_for_in_the_size_that_is_shown(console: Opener) -> None:
+    async with console(size=(200, 50)) as open_console:
+        asked = open_console.host.perception_commands
+        before = asked[-1].preview_width_px
+        await open_console.press("v")
+        await open_console.until(lambda: asked[-1].preview_width_px != before)
+        await open_console.press("escape")
+        await open_console.until(lambda: asked[-1].preview_width_px == before)
+
+
+@pytest.mark.usefixtures("looking")
+@pytest.mark.parametrize("size", [(80, 24), (120, 36), (200, 50)])
+async def test_the_table_has_every_column_whole(console: Opener, size: tuple[int, int]) -> None:
+    async with console(size=size) as open_console:
+        await open_console.press("v")
+        await choose_second(open_console, "digital-d435i")
+        await open_console.press("r", *"30", "enter")
+        await open_console.shows("+3.3%")
+        lines = open_console.text().splitlines()
+        place = next(number for number, line in enumerate(lines) if "ruler cm" in line)
+        heading, *rows = lines[place : place + 5]
+        (row,) = (line for line in rows if "30.0" in line and "second" in line)
+        assert row.split()[0:4] == ["30.0", "second", "31.0", "+3.3%"]
+        assert len(row.split()) == 10
+        assert heading.rstrip().endswith("false" if size[0] == 80 else "false presses")

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from app.perception import look as looking
-from app.perception.comparison import Comparison
+from app.perception.comparison import Comparison, comparison_record
 from app.perception.look import CameraSample, LookFault, false_colours, parse_camera, refuse_same_device
 from app.system.config import CameraConfig
 from app.system.errors import AppError
@@ -19,17 +19,27 @@ from profiles.schema import DistanceUsed
 FRAME_NS = 33_333_333
 
 
-def sample(frame: int, distance_m: float | None, *, camera: str = "a", lost: int = 0, presses: int = 0) -> CameraSample:
+def sample(
+    frame: int,
+    distance_m: float | None,
+    *,
+    camera: str = "a",
+    lost: int = 0,
+    presses: int = 0,
+    at: int | None = None,
+    pressed: bool = False,
+) -> CameraSample:
+    """at: when it was taken, in frames of 33 ms; None: with this frame's number."""
     return CameraSample(
         camera=camera,
-        captured_ns=frame * FRAME_NS,
+        captured_ns=(frame if at is None else at) * FRAME_NS,
         frames=frame,
         lost=lost,
         latency_ms=20.0,
         hand=distance_m is not None,
         distance_m=distance_m,
         safe_m=distance_m,
-        pressed=False,
+        pressed=pressed,
         presses=presses,
     )
 
@@ -62,10 +72,42 @@ def test_a_press_is_true_by_the_ruler_else_by_the_other_camera(
     ruler_m: float | None, other_m: float | None, known: bool | None
 ) -> None:
     comparison = Comparison(threshold_m=0.2, ruler_m=ruler_m)
-    comparison.take(1, sample(1, other_m))
+    comparison.take(1, sample(1, other_m, at=2))
     comparison.take(0, sample(1, 0.21))
     comparison.take(0, sample(2, 0.19, presses=1))
+    comparison.finish()
     assert comparison.total(0).presses == {True: 0, False: 0, None: 0} | {known: 1}
+
+
+@pytest.mark.parametrize(
+    ("ends", "seen_at", "known"), [(11, 12, True), (11, 24, True), (11, 40, None), (30, 40, True), (30, 60, False)]
+)
+def test_a_slow_camera_that_sees_a_push_late_makes_no_press_false(ends: int, seen_at: int, known: bool | None) -> None:
+    """Frames of 33 ms: the press begins at frame 10, and the other camera sees the hand near in one frame only."""
+    comparison = Comparison(threshold_m=0.2)
+    for frame in range(1, 80):
+        pressed = 10 <= frame <= ends
+        comparison.take(0, sample(frame, 0.15, presses=1 if frame >= 10 else 0, pressed=pressed))
+        if frame % 4 == 0:
+            comparison.take(1, sample(frame // 4, 0.15 if frame == seen_at else 0.36, at=frame))
+    assert comparison.total(0).presses == {True: 0, False: 0, None: 0} | {known: 1}
+
+
+def test_a_press_nearer_than_the_other_camera_can_measure_is_unknown() -> None:
+    comparison = Comparison(threshold_m=0.2)
+    for frame in range(1, 60):
+        pressed = 10 <= frame <= 20
+        comparison.take(1, sample(frame, None if pressed else 0.36))
+        comparison.take(0, sample(frame, 0.15 if pressed else 0.36, presses=int(frame >= 10), pressed=pressed))
+    assert comparison.total(0).presses == {True: 0, False: 0, None: 1}
+
+
+def test_two_cameras_of_one_name_are_told_apart() -> None:
+    comparison = Comparison(threshold_m=0.2)
+    for which in (0, 1):
+        comparison.take(which, sample(1, 0.3, camera="same"))
+    assert [row.camera for row in comparison.rows()] == ["same", "same (2)"]
+    assert comparison_record(comparison, "x.csv").cameras == ("same", "same (2)")
 
 
 def test_the_table_is_written_as_csv() -> None:
