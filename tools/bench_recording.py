@@ -20,7 +20,8 @@ from rich.table import Table
 
 sys.path.insert(0, str(Path(__file__).parent.parent))  # run as a script, `tools` is a folder of the tree
 
-from app.recording.read import HashCheck, proof_of, recording_path, survey
+from app.recording.read import HashCheck, proof_of, survey
+from app.system.paths import recording_path
 from testing.session import real_session
 
 

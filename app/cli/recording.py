@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from app.cli.common import HomeOption, check_output, print_text
+from app.cli.permission import sign_in
 
 if TYPE_CHECKING:
     from app.recording.read import HashCheck, Recording
@@ -61,6 +62,30 @@ def verify(file: FileArgument = "last", home: HomeOption = None) -> None:
     if not counted:
         print_text("recording.miscounted")
     raise typer.Exit(0 if found.whole and not found.damage and proof is HashCheck.SAME and counted else 1)
+
+
+@cli.command("delete-pictures")
+def delete_pictures(file: FileArgument, home: HomeOption = None) -> None:
+    """Delete the camera's pictures of a session, for a patient who withdrew the consent; it is put on record."""
+    from app.recording.read import RecordingReadFault, session_of
+    from app.system.authority import Subject
+    from app.system.errors import AppError
+    from app.system.operators import Permission
+    from app.system.paths import pictures_path
+    from logs.reading.errors import cause_of
+
+    by = sign_in(home, Permission.EDIT_PATIENTS)
+    recording = _found(file, home)
+    path = pictures_path(recording.parent, session_of(recording))
+    try:
+        size_bytes = path.stat().st_size
+        by.change(Permission.EDIT_PATIENTS, Subject.RECORDING, path.name, {"size_bytes": (size_bytes, None)})
+        path.unlink()
+    except FileNotFoundError:
+        raise AppError(RecordingReadFault.NO_PICTURES, path=path) from None
+    except OSError as error:
+        raise AppError(RecordingReadFault.UNDELETABLE, path=path, detail=cause_of(error)) from error
+    print_text("recording.pictures_deleted", path=path)
 
 
 @cli.command()

@@ -62,4 +62,13 @@ class HandFrame(Struct, frozen=True, kw_only=True, tag="hand"):
     world_m: bytes = b""
 
 
+class Picture(Struct, frozen=True, kw_only=True, tag="picture"):
+    """Perception, one frame's picture, made smaller."""
+
+    captured_ns: int
+    image_jpeg: bytes
+    depth_png: bytes = b""  # 16 bits, mm; 0: no measurement; empty: the camera has none
+    lost: int = 0  # pictures that came to nothing since the start
+
+
 Recorded = TickBatch | HandFrame

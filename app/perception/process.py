@@ -19,6 +19,7 @@ from app.ipc.states import Event
 from app.perception import pipeline as assembly
 from app.perception.camera import CameraSupervisor, ImageCheck, PerceptionNote, move_hand
 from app.perception.frames import DecisionRecorder, button_record
+from app.perception.pictures import PictureRecorder
 from app.perception.pipeline import Loading
 from app.perception.reporting import (
     FPS_WINDOW,
@@ -73,6 +74,7 @@ class Perception:
         )
         self._links = (self._reports, self._previews, self._commands)
         self._recording = RecordingSink(links, processes.RECORDING) if setup.config.recording.on else None
+        self._pictures = PictureRecorder(links) if setup.config.recording.on else None
         self._camera = CameraSupervisor(assembly.make_camera(setup), on_fault=self._record_fault)
         self._detector = Loading(lambda: assembly.make_detector(setup))
         self._pipeline: Pipeline | None = None
@@ -123,6 +125,8 @@ class Perception:
         self._sink.emit(ProcessEnd(pid=os.getpid()))
         if self._recording is not None:
             self._recording.close()
+        if self._pictures is not None:
+            self._pictures.close()
         self._sink.close()
         for link in self._links:
             link.close()
@@ -133,6 +137,8 @@ class Perception:
                 move_hand(self._camera.camera, command)
             else:
                 self._pacer.configure(command)
+                if self._pictures is not None and command.record_pictures is not None:
+                    self._pictures.on = command.record_pictures
         peers = sum(link.foreign_peers() for link in self._links)
         if peers:
             text = reason(Event.FOREIGN_PEER, count=peers)
@@ -149,6 +155,8 @@ class Perception:
             for record in self._decisions.take(report):
                 self._sink.emit(record)
             self._measure_rate(frame)
+        if self._pictures is not None:
+            self._pictures.take(frame)
         if self._pacer.due(time.monotonic_ns()):
             self._send_preview(frame, report)
 
@@ -201,6 +209,7 @@ class Perception:
             camera_fault=self._camera.fault,
             hint=self._hint,
             detector_ready=self._ready,
+            pictures_recorded=self._pictures is not None and self._pictures.on,
             focal_assumed=self._scale is not None and assembly.rests_on_assumption(self._scale),
             press_zone=self._zone,
         )

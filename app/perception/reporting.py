@@ -36,6 +36,7 @@ class Context:
     camera_fault: Reason | None = None
     hint: Reason | None = None
     detector_ready: bool = True
+    pictures_recorded: bool = False
     focal_assumed: bool = False
     press_zone: PressZone | None = None
 
@@ -74,6 +75,7 @@ def _without_hand(context: Context, captured_ns: int) -> TriggerReport:
         camera_fault=context.camera_fault,
         hint=context.hint,
         detector_ready=context.detector_ready,
+        pictures_recorded=context.pictures_recorded,
         focal_assumed=context.focal_assumed,
         press_zone=context.press_zone,
     )

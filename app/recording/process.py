@@ -1,4 +1,4 @@
-"""The recording process: receives what control and perception hand over, follows the trail, writes the file.
+"""The recording process: receives what control and perception hand over, follows the trail, writes the files.
 
 It is beside the session: nothing waits for it, and nothing stops when it ends. The file's hash goes into the trail,
 which ends after it.
@@ -15,20 +15,20 @@ from typing import BinaryIO
 
 from app.audit.sink import AuditSink
 from app.ipc.links import OrderedReceiver, address
-from app.ipc.recording import HandFrame, Recorded, TickBatch
-from app.ipc.streams import RECORDING
+from app.ipc.recording import HandFrame, Picture, Recorded, TickBatch
+from app.ipc.streams import PICTURES, RECORDING
 from app.recording import schemas
-from app.recording.read import recording_path
+from app.recording.pictures import PicturesFile
 from app.recording.sink import QUEUE
 from app.recording.topics import TickMessages, log_of, of_hand
-from app.recording.writer import RecordingWriter
+from app.recording.writer import RecordingWriter, file_record
 from app.system.config import SessionSetup
-from app.system.paths import Home
+from app.system.paths import Home, recording_path
 from app.system.scheduling import set_scheduling
 from logs.line import MAX_LINE
 from logs.read import understand
 from logs.reading.regular import open_regular
-from logs.records import ProcessEnd, ProcessStart, Record, RecordingFile
+from logs.records import ProcessEnd, ProcessStart, Record
 
 WAIT_S = 0.02
 BATCH = 200  # messages between two looks at disk and trail
@@ -45,16 +45,21 @@ def run_recording(setup: SessionSetup) -> None:
     receiver: OrderedReceiver[TickBatch | HandFrame] = OrderedReceiver(
         address(setup.links, RECORDING.name), Recorded, queue=QUEUE
     )
+    pictures: OrderedReceiver[Picture] = OrderedReceiver(address(setup.links, PICTURES.name), Picture, queue=BATCH)
     recorder = SessionRecording(setup, sink)
     ending = _Ending(setup.host_pid)
     signal.signal(signal.SIGTERM, ending.ask)
     while not ending.is_due():
         if take_batch(receiver, recorder):
             ending.received_s = time.monotonic()
-        receiver.foreign_peers()
+        while (picture := pictures.receive()) is not None:
+            recorder.take_picture(picture)
+        for link in (receiver, pictures):
+            link.foreign_peers()
         recorder.settle(time.monotonic_ns())
     recorder.close()
     receiver.close()
+    pictures.close()
     sink.emit(ProcessEnd(pid=os.getpid()))
     sink.close()
 
@@ -80,6 +85,7 @@ class SessionRecording:
         self._sink = sink
         self._offset_ns = time.time_ns() - time.monotonic_ns()
         self.writer = RecordingWriter(recording_path(home.logs, setup.session), schemas.TOPICS, self._offset_ns)
+        self.pictures = PicturesFile(home.logs, setup.session, self._offset_ns, sink)
         self._ticks = TickMessages(self._offset_ns)
         self._trail = TrailLines(home.logs / f"{setup.session}.jsonl")
         self._lost_frames = 0
@@ -95,12 +101,17 @@ class SessionRecording:
         for topic, at_ns, what in messages:
             self.writer.add(topic, at_ns, what)
 
+    def take_picture(self, picture: Picture) -> None:
+        """One picture of the camera."""
+        self.pictures.take(picture, self.writer.waiting_bytes)
+
     def settle(self, now_ns: int) -> None:
         """Follow the trail, and bring to the disk what is due."""
         if now_ns - self._trail_ns >= TRAIL_NS:
             self._trail_ns = now_ns
             self._follow_trail()
         self.writer.settle(now_ns)
+        self.pictures.settle(now_ns)
 
     def close(self) -> None:
         """The index, and the file's hash in the trail."""
@@ -113,26 +124,15 @@ class SessionRecording:
             writer.lost[topic] += self._lost_frames
         whole = writer.finish()
         self._sink.emit(file_record(writer, whole=whole))
+        self.pictures.close()
 
     def _follow_trail(self) -> None:
         for number, line in self._trail.new():
             record = understand(line, number)
             if isinstance(record, Record):
+                self.pictures.follow(record.body)
                 self.writer.add(schemas.TRAIL, record.monotonic_ns, line.rstrip(b"\n"))
                 self.writer.add(schemas.LOG, record.monotonic_ns, log_of(record, line, self._offset_ns))
-
-
-def file_record(writer: RecordingWriter, *, whole: bool) -> RecordingFile:
-    """A finished file for the trail."""
-    return RecordingFile(
-        file=writer.path.name,
-        sha256=writer.sha256,
-        size_bytes=writer.size_bytes,
-        messages=dict(writer.written),
-        lost={topic: number for topic, number in writer.lost.items() if number},
-        whole=whole,
-        fault=writer.fault,
-    )
 
 
 class TrailLines:

@@ -20,15 +20,15 @@ from mcap.stream_reader import StreamReader, breakup_chunk
 
 from app.recording.writer import CLOCK, LIBRARY, LOST, PROFILE, VERSION
 from app.system.errors import AppError
+from app.system.paths import PICTURES_SUFFIX, RECORDING_SUFFIX
 from logs.read import records
 from logs.reading.errors import cause_of
 from logs.reading.regular import open_regular
 from logs.records import RecordingFile
 
-FILE_SUFFIX = ".mcap"
 MOST_RECORD = 64 << 20  # bytes
 # What the library makes of bytes that are no record; UnicodeDecodeError is a ValueError.
-_DAMAGE = (McapError, zstandard.ZstdError, struct.error, LookupError, MemoryError, OverflowError, ValueError)
+DAMAGE = (McapError, zstandard.ZstdError, struct.error, LookupError, MemoryError, OverflowError, ValueError)
 
 
 class RecordingReadFault(Enum):
@@ -39,6 +39,9 @@ class RecordingReadFault(Enum):
     FOREIGN = auto()  # path
     NEWER = auto()  # path, version, known
     NO_RECORDING = auto()  # name, folder, matches
+    EMPTY = auto()  # path
+    NO_PICTURES = auto()  # path
+    UNDELETABLE = auto()  # path, detail
 
 
 @dataclass(slots=True, kw_only=True)
@@ -77,17 +80,12 @@ class Sample:
         return found
 
 
-def recording_path(folder: Path, session: str) -> Path:
-    """Where a session's recording lies: beside its trail."""
-    return folder / f"{session}{FILE_SUFFIX}"
-
-
 def find_recording(folder: Path, named: str) -> Path:
     """A recording by its path, or by its session's name, the name's beginning, or "last". Raises AppError."""
     given = Path(named)
-    if given.suffix == FILE_SUFFIX:
+    if given.suffix == RECORDING_SUFFIX:
         return given
-    found = sorted(folder.glob(f"*{FILE_SUFFIX}"))
+    found = sorted(path for path in folder.glob(f"*{RECORDING_SUFFIX}") if not path.name.endswith(PICTURES_SUFFIX))
     matches = found[-1:] if named == "last" else [path for path in found if path.name.startswith(named)]
     if len(matches) != 1:
         raise AppError(RecordingReadFault.NO_RECORDING, name=named, folder=folder, matches=len(matches))
@@ -142,7 +140,7 @@ def _inner_records(recording: Recording) -> Iterator[McapRecord]:
         if isinstance(record, Chunk):
             try:
                 inner = breakup_chunk(record, validate_crc=True)
-            except _DAMAGE as error:
+            except DAMAGE as error:
                 recording.damage = _text(error)
                 return
             recording.chunks += 1
@@ -173,7 +171,7 @@ def _outer_records(recording: Recording) -> Iterator[McapRecord]:
                         _take_summary(list(found), recording)
                         return
                     yield record
-            except _DAMAGE as error:
+            except DAMAGE as error:
                 if not begun:
                     raise AppError(RecordingReadFault.NOT_MCAP, path=path) from error
                 if not isinstance(error, EndOfFile):  # that one is a cut

@@ -57,6 +57,15 @@ class Log(Struct, frozen=True, kw_only=True):
     line: int = 0
 
 
+class CompressedImage(Struct, frozen=True, kw_only=True):
+    """Foxglove's; data: base64 in the file."""
+
+    timestamp: Time
+    frame_id: str
+    data: bytes
+    format: str  # jpeg, png
+
+
 class Gains(Struct, frozen=True, kw_only=True):
     """Stiffness and damping of the command; written when they change."""
 
@@ -93,6 +102,9 @@ class Gait(Struct, frozen=True, kw_only=True):
     events: tuple[str, ...]  # in force or unacknowledged
     refusal: Reason | None
     refusal_count: int
+    allowed: tuple[str, ...] = ()  # actions that a push or key may begin; older recordings lack these three
+    pending: str | None = None  # gesture 6, latched
+    why_not: Reason | None = None  # why nothing is allowed, when nothing is
 
 
 class Operator(Struct, frozen=True, kw_only=True):
@@ -199,6 +211,14 @@ TOPICS = (
     Topic(name=LOG, schema="foxglove.Log", about="the same, as lines of a log"),
 )
 
+# In a file of their own, which the patient's consent may delete.
+IMAGE = "/camera/image"
+DEPTH = "/camera/depth"
+PICTURE_TOPICS = (
+    Topic(name=IMAGE, schema="foxglove.CompressedImage", about="JPEG, at most 640 px wide, 10 Hz, with consent"),
+    Topic(name=DEPTH, schema="foxglove.CompressedImage", about="PNG of 16 bits, mm, 0: no measurement; as the image"),
+)
+
 _TIME = {
     "type": "object",
     "title": "time",
@@ -223,6 +243,10 @@ _JOINT = {
 # Fields that Foxglove's readers know by these schemas' names (docs.foxglove.dev, Schemas).
 FOXGLOVE = {
     "foxglove.JointStates": _foxglove("foxglove.JointStates", {"joints": {"type": "array", "items": _JOINT}}),
+    "foxglove.CompressedImage": _foxglove(
+        "foxglove.CompressedImage",
+        {"frame_id": _TEXT, "data": {"type": "string", "contentEncoding": "base64"}, "format": _TEXT},
+    ),
     "foxglove.Log": _foxglove(
         "foxglove.Log",
         {
@@ -251,6 +275,6 @@ def schemas_text() -> str:
             "schema": topic.schema_name,
             **({} if topic.name == TRAIL else {"json_schema": schema_of(topic)}),
         }
-        for topic in TOPICS
+        for topic in (*TOPICS, *PICTURE_TOPICS)
     }
     return json.dumps(topics, indent=1) + "\n"

@@ -83,6 +83,9 @@ def _snapshot(batch: TickBatch) -> Iterator[Message]:
             events=tuple(one.event.value for one in now.events),
             refusal=now.refusal,
             refusal_count=now.refusal_count,
+            allowed=tuple(action.value for action in now.allowed),
+            pending=_value(now.pending),
+            why_not=now.why_not,
         ),
     )
     yield (

@@ -22,6 +22,7 @@ from msgspec import Struct
 from app.recording.schemas import Topic, schema_of
 from logs.disk import Disk
 from logs.reason import Reason, reason
+from logs.records import RecordingFile
 
 VERSION = 1
 PROFILE = "rleex"
@@ -79,6 +80,7 @@ class RecordingWriter:
         *,
         disk: Disk | None = None,
         floor_bytes: int = FLOOR_BYTES,
+        most_pending: int = MOST_PENDING,
         free_bytes: Callable[[Path], int] | None = None,
     ) -> None:
         """Raises OSError when the file exists or can't be made. clock_offset_ns: wall minus monotonic."""
@@ -88,6 +90,7 @@ class RecordingWriter:
         self.fault: Reason | None = None  # the newest
         self._disk = disk or Disk()
         self._floor_bytes = floor_bytes
+        self._most_pending = most_pending
         self._free_bytes = free_bytes or _free_bytes
         self._handle = self._disk.create(path)
         self._offset_ns = clock_offset_ns
@@ -121,7 +124,12 @@ class RecordingWriter:
     @property
     def refuses(self) -> bool:
         """Whether messages are refused for now."""
-        return self._low or len(self._pending) > MOST_PENDING
+        return self._low or len(self._pending) > self._most_pending
+
+    @property
+    def waiting_bytes(self) -> int:
+        """What the disk has not taken yet."""
+        return len(self._pending)
 
     def settle(self, now_ns: int) -> None:
         """End the chunk when it is time, and bring to the disk what waits."""
@@ -132,7 +140,7 @@ class RecordingWriter:
         self._pending += self._memory.take()
         if self._pending and now_ns >= self._retry_ns and not self._write():
             self._retry_ns = now_ns + RETRY_NS
-        if len(self._pending) > MOST_PENDING and self.fault is None:
+        if len(self._pending) > self._most_pending and self.fault is None:
             self.fault = reason(RecordingFault.SLOW, waiting_bytes=len(self._pending))
         if now_ns - self._sync_ns >= SYNC_NS:
             self._sync_ns = now_ns
@@ -147,6 +155,10 @@ class RecordingWriter:
         self._sync()
         self._disk.close(self._handle)
         return whole
+
+    def abandon(self) -> None:
+        """Release the file as it is."""
+        self._disk.close(self._handle)
 
     @property
     def sha256(self) -> str:
@@ -196,3 +208,16 @@ class RecordingWriter:
 def _free_bytes(folder: Path) -> int:
     status = os.statvfs(folder)
     return status.f_bavail * status.f_frsize
+
+
+def file_record(writer: RecordingWriter, *, whole: bool) -> RecordingFile:
+    """A finished file for the trail."""
+    return RecordingFile(
+        file=writer.path.name,
+        sha256=writer.sha256,
+        size_bytes=writer.size_bytes,
+        messages=dict(writer.written),
+        lost={topic: number for topic, number in writer.lost.items() if number},
+        whole=whole,
+        fault=writer.fault,
+    )

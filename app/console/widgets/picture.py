@@ -35,9 +35,15 @@ class Picture(Widget):
     class Resized(Message):
         """There is other room for the picture."""
 
-        def __init__(self, wanted: PerceptionCommand) -> None:
+        def __init__(self, picture: Picture, wanted: PerceptionCommand) -> None:
             super().__init__()
+            self.picture = picture
             self.wanted = wanted
+
+        @property
+        def control(self) -> Picture:
+            """Which picture; Textual's name for it."""
+            return self.picture
 
     def __init__(self, id: str | None = None) -> None:  # noqa: A002 - Textual's own name
         super().__init__(id=id)
@@ -67,6 +73,12 @@ class Picture(Widget):
         self._strips = self._draw(preview) if self.size.area else []
         self.refresh()
 
+    def show_text(self, text: str) -> None:
+        """Why there is no newer picture, without a session."""
+        if text != self._message_text:
+            self._message_text = text
+            self.refresh()
+
     def toggle_pause(self) -> bool:
         """Freeze or go on; the chain itself never pauses."""
         self.paused = not self.paused
@@ -92,10 +104,14 @@ class Picture(Widget):
     def on_resize(self) -> None:
         self._sequence = -1
         self._strips = []
-        self.post_message(self.Resized(wanted(self.size.width, self.size.height)))
+        self.ask()
+
+    def ask(self) -> None:
+        """Ask for a picture of this size, as when another screen had asked for its own."""
+        self.post_message(self.Resized(self, wanted(self.size.width, self.size.height)))
 
     def _message(self, y: int, width: int, style: Style) -> Strip:
-        if y != self.size.height - 1 and y != self.size.height // 2:
+        if y != (self.size.height - 1 if self._strips else self.size.height // 2):
             return Strip.blank(width, style)
         return Strip([Segment(self._message_text[:width].center(width), style)]).adjust_cell_length(width, style)
 

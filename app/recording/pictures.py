@@ -1,0 +1,124 @@
+"""The camera's pictures of a session: a file of their own, with the patient's consent, deleted when it is withdrawn.
+
+The trail decides: pictures are taken only while its newest word on them is yes. A slow or full disk refuses pictures
+before anything else of the recording.
+"""
+
+from __future__ import annotations
+
+from hashlib import sha256
+from pathlib import Path
+
+from app.audit.sink import AuditSink
+from app.ipc.recording import Picture
+from app.recording import schemas
+from app.recording.schemas import CompressedImage, time_of
+from app.recording.writer import FLOOR_BYTES, RETRY_NS, RecordingFault, RecordingWriter, file_record
+from app.system.paths import pictures_path
+from logs.reading.errors import cause_of
+from logs.reason import Reason, reason
+from logs.records import Body, Recording, RecordingDeleted, RecordingFile
+
+MOST_PENDING = 4 << 20  # bytes that wait for the disk, of pictures; the rest of the recording has four times that
+MOST_BEHIND = 1 << 20  # of the rest: then no picture is taken
+PICTURE_FLOOR_BYTES = 2 * FLOOR_BYTES  # of the disk stay free
+FRAME_ID = "camera"
+
+
+class PicturesFile:
+    """A session's pictures, from the consent to their hash in the trail, or to their deletion."""
+
+    def __init__(self, folder: Path, session: str, clock_offset_ns: int, sink: AuditSink) -> None:
+        self.path = pictures_path(folder, session)
+        self.writer: RecordingWriter | None = None
+        self._offset_ns = clock_offset_ns
+        self._sink = sink
+        self._consent = self._must_delete = False
+        self._retry_ns = 0
+        self._lost = 0  # on the way here
+        self._refused = 0  # here: the file could not be made, or the disk is behind
+        self._fault: Reason | None = None
+
+    def follow(self, body: Body) -> None:
+        """What the trail says."""
+        if isinstance(body, Recording):
+            self._consent = body.on and body.consent
+            self._must_delete = not self._consent
+
+    def take(self, picture: Picture, waiting_bytes: int) -> None:
+        """One picture. waiting_bytes: of the rest of the recording, for the disk."""
+        if not self._consent:
+            return
+        self._lost = max(self._lost, picture.lost)
+        writer = self._opened()
+        if writer is None or waiting_bytes > MOST_BEHIND:
+            self._refused += 1
+            return
+        for topic, data, kind in (
+            (schemas.IMAGE, picture.image_jpeg, "jpeg"),
+            (schemas.DEPTH, picture.depth_png, "png"),
+        ):
+            if data:
+                when = time_of(picture.captured_ns + self._offset_ns)
+                message = CompressedImage(timestamp=when, frame_id=FRAME_ID, data=data, format=kind)
+                writer.add(topic, picture.captured_ns, message)
+
+    def settle(self, now_ns: int) -> None:
+        """Bring to the disk what is due; delete what is to be deleted."""
+        if self._must_delete and now_ns >= self._retry_ns:
+            self._retry_ns = now_ns + RETRY_NS
+            self._delete()
+        elif self.writer is not None:
+            self.writer.settle(now_ns)
+
+    def close(self) -> None:
+        """The index, and the file's hash in the trail; nothing where there is no file."""
+        if self._must_delete:
+            self._delete()
+        if self.writer is not None:
+            self.writer.lost[schemas.IMAGE] += self._lost + self._refused
+            whole = self.writer.finish()
+            self._sink.emit(file_record(self.writer, whole=whole))
+        elif self._refused:
+            self._sink.emit(
+                RecordingFile(
+                    file=self.path.name,
+                    sha256=sha256().hexdigest(),
+                    size_bytes=0,
+                    messages={},
+                    lost={schemas.IMAGE: self._lost + self._refused},
+                    whole=False,
+                    fault=self._fault,
+                )
+            )
+
+    def _opened(self) -> RecordingWriter | None:
+        if self.writer is None:
+            try:
+                self.writer = RecordingWriter(
+                    self.path,
+                    schemas.PICTURE_TOPICS,
+                    self._offset_ns,
+                    floor_bytes=PICTURE_FLOOR_BYTES,
+                    most_pending=MOST_PENDING,
+                )
+            except OSError as error:
+                self._fault = reason(RecordingFault.DISK, detail=cause_of(error))
+        return self.writer
+
+    def _delete(self) -> None:
+        """Again at the next call where the disk refuses; at the session's end the trail then names the file."""
+        writer = self.writer
+        if writer is None:
+            self._must_delete = False
+            return
+        try:
+            self.path.unlink(missing_ok=True)
+        except OSError as error:
+            writer.fault = reason(RecordingFault.DISK, detail=cause_of(error))
+            return
+        self.writer, self._must_delete = None, False
+        self._lost = self._refused = 0
+        writer.abandon()
+        messages = writer.written.total()
+        self._sink.emit(RecordingDeleted(file=self.path.name, size_bytes=writer.size_bytes, messages=messages))

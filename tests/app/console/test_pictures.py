@@ -1,0 +1,100 @@
+"""f asks for the patient's consent before the camera's pictures are recorded, and withdraws it; a mark says it runs."""
+
+from __future__ import annotations
+
+import pytest
+from msgspec.structs import replace
+
+from app.console.operator import ConsoleTrail
+from app.console.screens import session
+from app.ipc.messages import PerceptionCommand
+from app.system.config import Config, RecordingConfig
+from app.system.paths import pictures_path
+from app.text.catalogue import tr
+from logs.records import Body, Recording
+from tests.app.console.conftest import Console, Opener
+
+RECORDED = Config(recording=RecordingConfig(on=True))
+
+
+@pytest.fixture
+def trail(monkeypatch: pytest.MonkeyPatch) -> list[Body]:
+    """What the console would put in the trail."""
+    found: list[Body] = []
+    monkeypatch.setattr(ConsoleTrail, "emit", lambda _, body: found.append(body))
+    return found
+
+
+def asked(opened: Console) -> list[bool]:
+    """What perception was told of pictures."""
+    commands = opened.host.perception_commands
+    return [one.record_pictures for one in commands if one.record_pictures is not None]
+
+
+def consents(trail: list[Body]) -> list[tuple[bool, bool, str]]:
+    return [(one.on, one.consent, one.path) for one in trail if isinstance(one, Recording)]
+
+
+def perception_says(opened: Console, recorded: bool) -> None:
+    """In its reports from now on."""
+    state = opened.app.live_state()
+    assert state is not None
+    assert state.report is not None
+    opened.host.message = replace(state.report, pictures_recorded=recorded)
+
+
+async def test_with_a_yes_pictures_are_recorded_and_with_the_next_deleted(console: Opener, trail: list[Body]) -> None:
+    async with console(config=RECORDED, size=(120, 36)) as opened:
+        name = f"{opened.host.setup.session}.pictures.mcap"
+        assert tr("status.pictures") not in opened.text()
+        await opened.press("f")
+        await opened.shows(tr("pictures.consent.title"))
+        await opened.press("y")
+        await opened.until(lambda: asked(opened) == [True])
+        assert consents(trail) == [(True, True, name)]
+        perception_says(opened, True)
+        await opened.shows(f"● {tr('status.pictures')}")
+        await opened.press("f")
+        await opened.shows(tr("pictures.withdraw.title"))
+        await opened.press("y")
+        await opened.until(lambda: asked(opened) == [True, False])
+        assert consents(trail) == [(True, True, name), (False, False, name)]
+        await opened.tells(tr("pictures.deleted"))
+        perception_says(opened, False)
+        await opened.until(lambda: tr("status.pictures") not in opened.text())
+
+
+@pytest.mark.parametrize("answer", ["n", "escape"])
+async def test_without_a_yes_nothing_changes(console: Opener, trail: list[Body], answer: str) -> None:
+    async with console(config=RECORDED) as opened:
+        await opened.press("f")
+        await opened.shows(tr("pictures.consent.title"))
+        await opened.press(answer)
+        await opened.until(lambda: tr("pictures.consent.title") not in opened.text())
+        assert (asked(opened), consents(trail)) == ([], [])
+
+
+async def test_pictures_that_stay_are_told(console: Opener, trail: list[Body], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(session, "DELETED_POLLS", 2)
+    async with console(config=RECORDED, size=(120, 36)) as opened:
+        path = pictures_path(opened.app.home.logs, opened.host.setup.session)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.touch()  # nobody deletes it: the recording's process is gone
+        perception_says(opened, True)
+        await opened.shows(f"● {tr('status.pictures')}")
+        await opened.press("f", "y")
+        await opened.tells("rleex recording delete-pictures last")
+
+
+async def test_a_session_that_is_not_recorded_says_how(console: Opener, trail: list[Body]) -> None:
+    async with console() as opened:
+        await opened.press("f")
+        await opened.tells("rleex configure recording.on=true")
+        assert (asked(opened), consents(trail)) == ([], [])
+
+
+async def test_an_observer_records_nothing(console: Opener, trail: list[Body]) -> None:
+    async with console(config=RECORDED, read_only=True) as opened:
+        await opened.press("f", "y")
+        assert (asked(opened), consents(trail)) == ([], [])
+        assert PerceptionCommand(record_pictures=True) not in opened.host.perception_commands
