@@ -10,7 +10,7 @@ from msgspec.structs import replace
 
 from app.control.events.table import ROW, blocks, compared_fields
 from app.control.gait.machine import Change, Gait, Ignored, Latched, Refused, Started, changed
-from app.control.requests import Untimely, answer_to, untimely_key, untimely_release
+from app.control.requests import Untimely, answer_to, outside_vocabulary, untimely_key, untimely_release
 from app.ipc.states import ACTION_OF, Action, Effect, Event, GaitState, Source
 from app.motion.plan import Phase
 from app.replay.difference import Difference, difference, differences
@@ -27,6 +27,7 @@ DECISIONS = (
     *REQUESTS, r.PlanChecked, r.GaitChanged, r.Transition, r.EventRaised, r.EffectChanged, r.Stop, r.ActionEnd,
 )  # fmt: skip
 GESTURES = {one.value for one in Gesture}
+VOCABULARY = "vocabulary"  # in a profile's parameters
 _NO_EVENT = {"event": "", "raised_ns": 0, "quantity": "", "value": None, "limit": None, "joint": ""}
 
 
@@ -37,6 +38,7 @@ class ControlReplay:
         self.replayed = 0
         self.not_recorded = 0
         self._limits: r.JointLimits | None = None
+        self._vocabulary = frozenset(Gesture)
         self._gait = Gait()
         self._effect = Effect.NOTE
         self._armed_ns = 0
@@ -56,6 +58,8 @@ class ControlReplay:
             self._releases = {}
         if isinstance(body, r.Release) and self._releases is not None:
             self._releases[body.captured_ns] = body
+        if isinstance(body, r.PatientChosen) and VOCABULARY in body.parameters:  # older profiles command with all
+            self._vocabulary = frozenset(Gesture(one) for one in body.parameters[VOCABULARY])
         if record.process != "control":
             return
         if isinstance(body, r.JointLimits):
@@ -105,7 +109,7 @@ class ControlReplay:
         again = replace(body, number=max(self._commands, default=0) + 1, state=self._gait.state.value)
         yield from differences(record, again)
         untimely, answer = self._untimely(body, body.accepted_ns), self._answer(body)
-        if untimely is not None or isinstance(answer, Ignored | Refused):
+        if untimely is not None or self._foreign(body) or isinstance(answer, Ignored | Refused):
             yield difference(record, "decision", "command", "refusal")
         else:
             self._expected.append(_gait_record(Change.REQUESTED, body.action, answer.gait))
@@ -130,6 +134,8 @@ class ControlReplay:
         if untimely is not None:
             code, compared = untimely
             again = replace(again, reason=reason(code), **(_NO_EVENT | compared_fields(compared)))
+        elif foreign := self._foreign(body):
+            again = replace(again, reason=foreign, **_NO_EVENT)
         elif isinstance(answer, Ignored):
             again = replace(again, reason=answer.reason, **_NO_EVENT)
         elif isinstance(answer, Refused):
@@ -143,6 +149,11 @@ class ControlReplay:
         if body.source == Source.THERAPIST.value:
             return untimely_key(body.requested_ns, now_ns)
         return untimely_release(body.released_ns, self._armed_ns, now_ns)
+
+    def _foreign(self, body: r.Command | r.Refusal) -> Reason | None:
+        """Why its gesture does not command."""
+        by_gesture = body.source == Source.GESTURE.value
+        return outside_vocabulary(Action(body.action), self._vocabulary) if by_gesture else None
 
     def _answer(self, body: r.Command | r.Refusal) -> Started | Latched | Ignored | Refused:
         event = self._blocker(body)

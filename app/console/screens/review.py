@@ -48,6 +48,7 @@ class ReviewScreen(ConsoleScreen):
         Binding("home", "go(0)", "reviewing.begin", id="review.begin"),
         Binding("end", "go(-1)", "reviewing.end", id="review.end"),
         Binding("c", "comment", "reviewing.write", id="review.write"),
+        Binding("r", "replay", "reviewing.replay", id="review.replay"),
     ]
     CSS = """
     ReviewScreen #verdict { height: auto; max-height: 4; background: $panel; }
@@ -169,6 +170,24 @@ class ReviewScreen(ConsoleScreen):
             return
         app, index = self.console_app, self._index
         await app.permitted(Permission.REVIEW, lambda: app.push_screen(WriteComment(index), self._commented))
+
+    @work(exclusive=True)
+    async def action_replay(self) -> None:
+        """The recording at the record under the cursor, where there is one."""
+        if self._session is None:
+            return
+        from app.console.screens.replay import ReplayScreen, replay_of  # OpenCV and MCAP: only for who asks for it
+        from app.system.paths import recording_path
+
+        path = recording_path(self._session.path.parent, self._session.path.stem)
+        if not path.exists():
+            self.notify(tr("replay.none"), severity="warning", timeout=15)
+            return
+        record = self._session.record(self._index)
+        with self.notify_errors():
+            self.notify(tr("reviewing.opens", session=sanitize_terminal(path.name)), timeout=2)
+            found = await asyncio.to_thread(replay_of, path, record if isinstance(record, Record) else None)
+            self.app.push_screen(ReplayScreen(*found))
 
     @on(Timeline.Moved)
     def _moved(self, message: Timeline.Moved) -> None:

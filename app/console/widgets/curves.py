@@ -87,7 +87,7 @@ def _temperature(now: JointSnapshot, device: JointDevice) -> tuple[str, str]:
 
 
 def _curve(points: list[Point], joint: Joint, device: JointDevice, width: int, rows: int) -> Lines:
-    """Dotted the plan, solid what was measured, a line at an end of the range that comes into sight."""
+    """Dotted the plan, solid what was measured, wide dots at an end of the range that comes into sight."""
     if len(points) < 2:
         return (plain(""),) * rows
     values = [value for _, angles, targets in points for value in (angles[joint], targets[joint])]
@@ -104,7 +104,7 @@ def _curve(points: list[Point], joint: Joint, device: JointDevice, width: int, r
     for limit_deg in (device.min_deg, device.max_deg):
         if low_deg <= limit_deg <= high_deg:
             canvas.pen = "$error"
-            canvas.line(*at(0.0, limit_deg), *at(1.0, limit_deg), every=2)
+            canvas.line(*at(0.0, limit_deg), *at(1.0, limit_deg), every=6)
     plan = [at(share, targets[joint]) for share, _, targets in points]
     measured = [at(share, angles[joint]) for share, angles, _ in points]
     for places, pen, every in ((plan, "$accent", 2), (measured, "bold $primary", 1)):

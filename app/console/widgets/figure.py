@@ -1,7 +1,6 @@
 """The wearer from the side, drawn from the measured joints: legs, trunk, floor, and what stands around. Pure.
 
-Metres, x forward, z up from the floor under the feet where the action began. Nothing here knows where the wearer is:
-the foot that carries stays where it stood, and the hip follows from it.
+Metres, x forward, z up from the floor under the feet where the action began (app/motion/stance.py).
 """
 
 from __future__ import annotations
@@ -12,46 +11,19 @@ from typing import TYPE_CHECKING
 
 from app.console.widgets.canvas import Canvas
 from app.console.widgets.panel import Lines, cells
+from app.motion.stance import HIPS, LEFT, RIGHT, Point, Pose, sole_point, surface_m
 from hal.joints.device import Joint
-from hal.joints.scene import LEVEL_FLOOR, Block, BlockKind, Scene
+from hal.joints.scene import LEVEL_FLOOR, BlockKind, Scene
 
 if TYPE_CHECKING:
-    from app.ipc.messages import Quad
     from hal.joints.body import Body
 
-Point = tuple[float, float]
-LEFT, RIGHT = 0, 1
-HIPS = (Joint.LEFT_HIP, Joint.RIGHT_HIP)
-
-CARRIES_M = 0.012  # a sole that is no higher than this over the other one carries too
-SWITCH_M = 0.004
 TRUNK, HEAD = 0.29, 0.065  # shares of the stature: hip to shoulder, and the head's radius
-FOOT_PITCH_RAD = (radians(-50), radians(25))
 TICK_M = 0.25  # of the floor
 DEEP_DOTS = 64  # with fewer rows of dots the trunk is cut short, so that the legs stay large
 LIVE, SWINGING, GHOST, GROUND = "bold $primary", "$foreground", "$foreground-muted", "$secondary"
 # Share of the joint's greatest torque: shape and colour.
 TORQUES = ((0.7, "●", "bold $error"), (0.35, "◐", "bold $warning"), (0.0, "○", "$success"))
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Stance:
-    """Which foot carries, and where its ankle stands."""
-
-    side: int = RIGHT
-    x_m: float = 0.0
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Pose:
-    """Where everything is, in world coordinates."""
-
-    hip: Point
-    knees: tuple[Point, Point]
-    ankles: tuple[Point, Point]
-    pitch_rad: tuple[float, float]  # of each foot, toe up positive
-    carries: tuple[bool, bool]
-    lean_rad: float
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -65,50 +37,6 @@ class View:
     torque: tuple[float, ...] = field(default=(0.0,) * 4)  # shares of each joint's greatest
     alarm: tuple[bool, ...] = field(default=(False,) * 4)  # joints that report a fault, or nothing
     sides: tuple[str, str] = ("L", "R")
-
-
-def surface_m(scene: Scene, x_m: float) -> float:
-    """The height of what a foot would stand on there."""
-    tops = (block.top_m for block in scene.blocks if block.kind is not BlockKind.CHAIR and _spans(block, x_m))
-    return max((scene.floor_m, *tops))
-
-
-def _spans(block: Block, x_m: float) -> bool:
-    return block.from_x_m <= x_m <= block.to_x_m
-
-
-def pose_of(body: Body, angles_rad: Quad, lean_rad: float, stance: Stance, scene: Scene) -> tuple[Pose, Stance]:
-    """The pose in the world, and the stance after it."""
-    knees, ankles, shanks = [], [], []
-    for hip_joint in HIPS:
-        thigh = angles_rad[hip_joint] - lean_rad
-        shank = thigh - angles_rad[hip_joint + 1]
-        knee = (body.thigh_m * sin(thigh), -body.thigh_m * cos(thigh))
-        knees.append(knee)
-        ankles.append((knee[0] + body.shank_m * sin(shank), knee[1] - body.shank_m * cos(shank)))
-        shanks.append(shank)
-    hip_x = stance.x_m - ankles[stance.side][0]
-    heights = [surface_m(scene, hip_x + ankle[0]) - ankle[1] for ankle in ankles]
-    other = 1 - stance.side
-    side = other if heights[other] > heights[stance.side] + SWITCH_M else stance.side
-    hip = (hip_x, max(heights) + body.ankle_height_m)
-    carries = (heights[LEFT] >= max(heights) - CARRIES_M, heights[RIGHT] >= max(heights) - CARRIES_M)
-
-    def world(point: Point) -> Point:
-        return (hip[0] + point[0], hip[1] + point[1])
-
-    pitch = tuple(
-        0.0 if carries[foot] else min(max(shanks[foot], FOOT_PITCH_RAD[0]), FOOT_PITCH_RAD[1]) for foot in (LEFT, RIGHT)
-    )
-    pose = Pose(
-        hip=hip,
-        knees=(world(knees[LEFT]), world(knees[RIGHT])),
-        ankles=(world(ankles[LEFT]), world(ankles[RIGHT])),
-        pitch_rad=(pitch[LEFT], pitch[RIGHT]),
-        carries=carries,
-        lean_rad=lean_rad,
-    )
-    return pose, Stance(side=side, x_m=pose.ankles[side][0])
 
 
 def draw(view: View, columns: int, rows: int) -> Lines:
@@ -167,7 +95,7 @@ class _Drawing:
         canvas, body = self._canvas, self._view.body
         for side in sorted((LEFT, RIGHT), key=lambda side: pose.carries[side]):
             knee, ankle, pitch = pose.knees[side], pose.ankles[side], pose.pitch_rad[side]
-            heel, toe = (_turned(ankle, along, body.ankle_height_m, pitch) for along in (-body.heel_m, body.toe_m))
+            heel, toe = (sole_point(ankle, along, body.ankle_height_m, pitch) for along in (-body.heel_m, body.toe_m))
             canvas.pen = GHOST if ghost else LIVE if pose.carries[side] else SWINGING
             for a, b in ((pose.hip, knee), (knee, ankle)):
                 self._line(a, b, bold=pose.carries[side] and not ghost, every=3 if ghost else 1)
@@ -234,9 +162,3 @@ class _Drawing:
 
 def _torque(share: float) -> tuple[float, str, str]:
     return next(level for level in TORQUES if share >= level[0])
-
-
-def _turned(ankle: Point, along_m: float, down_m: float, pitch_rad: float) -> Point:
-    """A point of the sole, as app.motion.kinematics.sole has it."""
-    sine, cosine = sin(pitch_rad), cos(pitch_rad)
-    return (ankle[0] + along_m * cosine + down_m * sine, ankle[1] + along_m * sine - down_m * cosine)

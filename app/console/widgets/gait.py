@@ -103,11 +103,11 @@ def signpost(snapshot: ControlSnapshot, width: int, height: int) -> Lines:
     if snapshot.action is not None:
         edge = [(f" ● {tr(snapshot.state)} ", ""), ("━━", RUNNING), (f"▶ ◎ {tr(_goal(snapshot))}", RUNNING)]
         return (plain(""), fitted(edge, width))[-max(1, height) :]
-    edges = [_edge(action, fingers=True) for action in snapshot.allowed]
+    edges = [_edge(action, snapshot, fingers=True) for action in snapshot.allowed]
     if edges and len(edges) <= height and max(map(cells, edges)) + 3 <= width:
         joints = ["┬", *"├" * (len(edges) - 2), "╰"] if len(edges) > 1 else ["╰"]
         return tuple(((f" {joint}━", "$success"), (edge, LIT)) for joint, edge in zip(joints, edges, strict=True))
-    rows = _columns([_edge(action, fingers=False) for action in snapshot.allowed], width)
+    rows = _columns([_edge(action, snapshot, fingers=False) for action in snapshot.allowed], width)
     return tuple(plain(row, LIT) for row in rows[: max(1, height)])
 
 
@@ -120,9 +120,19 @@ def _goal(snapshot: ControlSnapshot) -> GaitState:
     return goal
 
 
-def _edge(action: Action, *, fingers: bool) -> str:
-    drawn = f" {FINGERS[GESTURE_OF[action]]}" if fingers else ""
-    return f"{tr(GESTURE_OF[action]):>4}{drawn} ▶ {tr(action)}"
+def _edge(action: Action, snapshot: ControlSnapshot, *, fingers: bool) -> str:
+    drawn = f" {_fingers(action, snapshot)}" if fingers else ""
+    return f"{_sign(action, snapshot):>4}{drawn} ▶ {tr(action)}"
+
+
+def _sign(action: Action, snapshot: ControlSnapshot) -> str:
+    """What commands it: its gesture, or only a key."""
+    return tr("machine.by_key") if action in snapshot.by_key_only else tr(GESTURE_OF[action])
+
+
+def _fingers(action: Action, snapshot: ControlSnapshot) -> str:
+    drawn = FINGERS[GESTURE_OF[action]]
+    return " " * cells(drawn) if action in snapshot.by_key_only else drawn
 
 
 def _columns(items: list[str], width: int) -> list[str]:
@@ -163,7 +173,7 @@ def gait_map(snapshot: ControlSnapshot, width: int) -> Lines:
             canvas.text(beyond, row, *_place(place, snapshot))
     for row, action, arrow in _BETWEEN_STEPS:
         style = edges.style(action)
-        canvas.text(beyond + 2, row, f"{'┃' if style != DARK else '│'}{arrow} {tr(GESTURE_OF[action])}", style)
+        canvas.text(beyond + 2, row, f"{'┃' if style != DARK else '│'}{arrow} {_sign(action, snapshot)}", style)
     return canvas.lines()
 
 
@@ -186,8 +196,9 @@ class _Edges:
         """The way with its gesture, its fingers where it is open, its name where there is room."""
         style = self.style(action, source)
         stroke = {RUNNING: "═", LIT: "━"}.get(style, "─")
-        gesture = tr(GESTURE_OF[action])
-        labels = (f"{gesture} {FINGERS[GESTURE_OF[action]]} {tr(action)}", f"{gesture} {FINGERS[GESTURE_OF[action]]}")
+        gesture = _sign(action, self._snapshot)
+        drawn = "" if action in self._snapshot.by_key_only else f" {FINGERS[GESTURE_OF[action]]}"
+        labels = (f"{gesture}{drawn} {tr(action)}", f"{gesture}{drawn}")
         label = next(
             (f" {text} " for text in labels if cells(text) + 6 <= self._width and style != DARK), f" {gesture} "
         )

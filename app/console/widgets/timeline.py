@@ -28,7 +28,7 @@ BARS = "▁▂▃▄▅▆▇█"
 ANGLE_RANGE_RAD = (-0.5, 2.0)  # hip extension in walking to a knee that sits
 NEAREST_S = 2.0  # the whole width at the strongest zoom
 LANES = ("time", "state", "gesture", "press", "knee_left", "knee_right", "effect", "events")
-_MARK = {"grave": "■", "caution": "▲", "": "·"}
+MARKS = {"grave": "■", "caution": "▲", "": "·"}
 
 
 class Timeline(Widget):
@@ -183,7 +183,7 @@ class Timeline(Widget):
             for column in range(first, min(self._column(span.end_s), self._columns - 1) + 1):
                 row[column] = ("─", Style(color=colour))
             if first < self._columns:
-                row[first] = (_MARK[span.weight], Style(color=colour, bold=True))
+                row[first] = (MARKS[span.weight], Style(color=colour, bold=True))
         return row
 
 

@@ -10,10 +10,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from app.console.widgets.canvas import Canvas
-from app.console.widgets.figure import GHOST, LEFT, LIVE, RIGHT, Pose, Stance, View, draw, pose_of
+from app.console.widgets.figure import GHOST, LIVE, View, draw
 from app.console.widgets.panel import cells
 from app.ipc.states import Action
 from app.motion.plan import Phase, patient_of, quad
+from app.motion.stance import LEFT, RIGHT, Pose, Stance, pose_of
 from app.motion.trajectory import path_of, scene_of
 from hal.joints.body import trunk_lean_of
 from hal.joints.device import load_exoskeleton

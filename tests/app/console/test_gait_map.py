@@ -82,3 +82,16 @@ def test_the_signpost_of_the_small_terminal_says_standing_nowhere_again() -> Non
     for action, line in zip(ALLOWED_STANDING, lines, strict=True):
         assert tr(action) in text_of((line,))
     assert tr(GaitState.STANDING) not in text_of(lines)
+
+
+@pytest.mark.parametrize("language", ["en", "zh"])
+@pytest.mark.parametrize("width", [40, 110])
+def test_an_action_outside_the_vocabulary_is_shown_with_its_key_only(language: str, width: int) -> None:
+    use_language(language)
+    without = msgspec.structs.replace(STANDING, by_key_only=(Action.STAIR_UP, Action.STEP_LEFT))
+    drawn = text_of(gait_map(without, width) or signpost(without, width, 12))
+    usual = text_of(gait_map(STANDING, width) or signpost(STANDING, width, 12))
+    assert tr("machine.by_key") in drawn
+    assert f" {tr(GESTURE_OF[Action.STAIR_UP])} " in usual
+    assert f" {tr(GESTURE_OF[Action.STAIR_UP])} " not in drawn
+    assert f" {tr(GESTURE_OF[Action.WALK])} " in drawn

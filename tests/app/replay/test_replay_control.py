@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from copy import deepcopy
+from dataclasses import replace
 from functools import cache
 
 import msgspec
@@ -113,6 +114,23 @@ def test_whatever_a_refusal_recorded_is_decided_again(session: list[Body]) -> No
             tampered[place] = msgspec.structs.replace(body, **{field: changed(field, getattr(body, field))})
             told = replay(trail(tampered, "control")).differences
             assert (place, field) in {(one.sequence, one.field) for one in told}, body
+
+
+def test_a_gesture_outside_the_vocabulary_is_refused_again() -> None:
+    rig = begun()
+    rig.settings = replace(SETTINGS, vocabulary=frozenset(Gesture) - {Gesture.ZERO})
+    rig.tick(40)
+    rig.release(Gesture.ZERO)
+    rig.tick(20)
+    assert [body.gesture for body in rig.audit if isinstance(body, r.Refusal)] == ["0"]
+    bodies = [limits_record(SETTINGS), *rig.audit]
+    assert replay(trail([chosen("1 2 3 4 6"), *bodies], "control")).differences == ()
+    differing = replay(trail(bodies, "control")).differences  # a profile of an older program commands with all twelve
+    assert {one.field for one in differing} & {"reason", "decision"}
+
+
+def chosen(vocabulary: str) -> r.PatientChosen:
+    return r.PatientChosen(patient="demo", parameters={"vocabulary": vocabulary.split()})
 
 
 def test_a_changed_gait_is_told(session: list[Body]) -> None:
