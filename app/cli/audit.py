@@ -157,7 +157,8 @@ def report(
     from logs.report.page import report as make
 
     path = find_session(find_home(home).logs, session)
-    page = make(path, _evidence([path], key, None, home), render_recorded, catalogue.language())
+    evidence = _evidence([path], key, None, home)
+    page = make(path, evidence, render_recorded, catalogue.language(), _outcomes(path))
     _write(output, page.encode())
     print_text("cli.audit.report", path=output, session=path.stem)
 
@@ -253,6 +254,19 @@ def _print_records(path: Path, selector: RecordSelector, *, follow: bool, as_jso
                 console.print(line_of(record, render_recorded))
     except KeyboardInterrupt:
         return
+
+
+def _outcomes(path: Path) -> list[tuple[str, str]]:
+    """The measures, or why there are none: the page goes on without."""
+    from app.outcomes.session import find_outcomes
+    from app.outcomes.table import lines_of, remarks
+    from app.text.catalogue import render
+
+    try:
+        found = find_outcomes(path.parent, str(path))
+    except (AppError, AuditError) as error:
+        return [(render(error), "")]
+    return [*lines_of(found), *((tr(code, **values), "") for code, values in remarks([found]))]
 
 
 def _evidence(paths: list[Path], given: list[Path] | None, copies: Path | None, home: Path | None) -> Evidence:

@@ -25,7 +25,6 @@ def open_regular(path: Path, limit_bytes: int | None = None) -> BinaryIO:
             raise InputError(InputFault.NOT_REGULAR)
         if limit_bytes is not None and status.st_size > limit_bytes:
             raise InputError(InputFault.TOO_LARGE, limit_bytes=limit_bytes)
-        os.set_blocking(handle, True)  # else a reader takes a read that would have to wait for the file's end
         return os.fdopen(handle, "rb")
     except OSError:
         os.close(handle)

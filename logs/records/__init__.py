@@ -59,13 +59,18 @@ from logs.records.session import (
     Change,
     ClockStep,
     Discomfort,
+    Exertion,
+    GuidedTestResult,
     Loss,
     Note,
     OperatorChanged,
+    Pain,
     PatientChosen,
     PatientConfirmed,
     ProcessEnd,
     ProcessStart,
+    Rating,
+    RecordingDeleted,
     RecordingFile,
     RecordsLost,
     SessionBody,
@@ -74,6 +79,7 @@ from logs.records.session import (
     SignIn,
     SignInFailed,
     SignOut,
+    VocabularyEnrolled,
 )
 from logs.records.signed import Checkpoint, Comment, LogClosed, LogOpened, LogRecovered, SignedBody
 

@@ -35,7 +35,7 @@ class Calibration(Struct, frozen=True, kw_only=True, tag_field="kind", tag="cali
 
 
 class Recording(Struct, frozen=True, kw_only=True, tag_field="kind", tag="recording"):
-    """In older trails: recording of the camera's frames began or ended, and whether the patient's consent was noted."""
+    """Recording of the camera's pictures began or ended, by the patient's consent; without it they are deleted."""
 
     on: bool
     consent: bool

@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 from msgspec import Meta, Struct
 
-from logs.reason import Cause, Hex, Reason
+from logs.reason import Cause, Hex, Measured, Reason
 
 
 class SessionStart(Struct, frozen=True, kw_only=True, tag_field="kind", tag="session-start"):
@@ -98,6 +98,27 @@ class Change(Struct, frozen=True, kw_only=True, tag_field="kind", tag="change"):
     reason: Cause = None
 
 
+class VocabularyEnrolled(Struct, frozen=True, kw_only=True, tag_field="kind", tag="vocabulary"):
+    """A patient was enrolled with the gestures that command, or the enrolment was refused and the old ones stay.
+
+    Columns hold a value a gesture that was shown; bounds are exact, one-sided, of 95 %.
+    """
+
+    patient: str
+    reason: Cause = None  # of a refusal
+    vocabulary: tuple[str, ...]  # in force from the next session
+    model: Hex = ""  # SHA-256 of what recognised
+    gestures: tuple[str, ...] = ()
+    frames: tuple[int, ...] = ()
+    recognised: tuple[int, ...] = ()
+    mistaken: tuple[int, ...] = ()
+    recognised_at_least: tuple[float, ...] = ()
+    mistaken_at_most: tuple[float, ...] = ()
+    idle_frames: int = 0
+    idle_taken: int = 0
+    idle_at_most: float | None = None
+
+
 class Note(Struct, frozen=True, kw_only=True, tag_field="kind", tag="note"):
     """What the therapist wrote, or what a process reports."""
 
@@ -108,6 +129,18 @@ class Discomfort(Struct, frozen=True, kw_only=True, tag_field="kind", tag="disco
     """The patient's rating, 0 (none) to 10 (worst)."""
 
     rating: Annotated[int, Meta(ge=0, le=10)]
+
+
+class Pain(Struct, frozen=True, kw_only=True, tag_field="kind", tag="pain"):
+    """The patient's pain on the numerical rating scale, 0 (none) to 10 (worst)."""
+
+    rating: Annotated[int, Meta(ge=0, le=10)]
+
+
+class Exertion(Struct, frozen=True, kw_only=True, tag_field="kind", tag="exertion"):
+    """The patient's perceived exertion on Borg's scale, 6 (none) to 20 (maximal)."""
+
+    rating: Annotated[int, Meta(ge=6, le=20)]
 
 
 class ClockStep(Struct, frozen=True, kw_only=True, tag_field="kind", tag="clock-step"):
@@ -144,6 +177,30 @@ class RecordingFile(Struct, frozen=True, kw_only=True, tag_field="kind", tag="re
     fault: Cause = None
 
 
+class RecordingDeleted(Struct, frozen=True, kw_only=True, tag_field="kind", tag="recording-deleted"):
+    """A file of the session's recording was deleted: the patient withdrew the consent."""
+
+    file: str
+    size_bytes: int
+    messages: int
+
+
+class GuidedTestResult(Struct, frozen=True, kw_only=True, tag_field="kind", tag="guided-test"):
+    """A guided test of a session ended: distance and steps as control counted them, of completed steps."""
+
+    test: str  # ten metre walk, six minute walk, timed up and go
+    outcome: str  # completed, stopped
+    reason: Cause = None  # why it was stopped
+    started_ns: int  # by the operator's key
+    began_ns: int = 0  # its clock started; 0: it never did
+    ended_ns: int
+    duration_s: float
+    distance_m: float
+    steps: int
+    speed_m_s: Measured = None  # null where the time is not all walking
+
+
+Rating = Discomfort | Pain | Exertion
 SessionBody = (
     SessionStart
     | SessionEnd
@@ -161,4 +218,9 @@ SessionBody = (
     | ClockStep
     | RecordsLost
     | RecordingFile
+    | RecordingDeleted
+    | Pain
+    | Exertion
+    | GuidedTestResult
+    | VocabularyEnrolled
 )

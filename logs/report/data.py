@@ -15,7 +15,6 @@ from logs.records import (
     ActionEnd,
     Body,
     Cancel,
-    Discomfort,
     EventCleared,
     EventRaised,
     GestureOnset,
@@ -24,6 +23,7 @@ from logs.records import (
     Note,
     Pause,
     Press,
+    Rating,
     RealTimePrivilege,
     Record,
     RecordsLost,
@@ -315,13 +315,13 @@ def _degrees(value: float | None) -> float:
 
 
 def _notes(timed: Timed, render: Render) -> tuple[tuple[float, str, str], ...]:
-    def text(body: Note | Discomfort) -> str:
+    def text(body: Note | Rating) -> str:
         return text_of(body.text, render) if isinstance(body, Note) else record_text(body, render)
 
     return tuple(
         (timed.at_s(record), record.operator, text(record.body))
         for record in timed.records
-        if isinstance(record.body, Note | Discomfort)
+        if isinstance(record.body, Note | Rating)
     )
 
 

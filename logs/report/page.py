@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -23,8 +24,17 @@ MOST_EVENTS = 100  # listed one by one
 MOST_EARLIER = 11  # sessions to compare with
 
 
-def report(path: Path, evidence: Evidence, render: Render, language: str = "en") -> str:
-    """The page of a session, its text made by `render`. Raises AuditError when the file can't be read."""
+def report(
+    path: Path,
+    evidence: Evidence,
+    render: Render,
+    language: str = "en",
+    outcomes: Sequence[tuple[str, str]] = (),
+) -> str:
+    """The page of a session, its text made by `render`. Raises AuditError when the file can't be read.
+
+    outcomes: names and values of what the session's legs were measured to have done.
+    """
     (finding,) = verify([path], evidence)
     found = records(path)
     this = outline_of(path, found)
@@ -51,6 +61,7 @@ def report(path: Path, evidence: Evidence, render: Render, language: str = "en")
             few=FEW_EVENTS,
             most=MOST_EVENTS,
             comments=_comments(path),
+            outcomes=outcomes,
             charts={
                 "timeline": charts.timeline(data, t),
                 "joints": [charts.joint(trace, data.outline.duration_s, t) for trace in data.joints],

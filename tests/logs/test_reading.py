@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -22,7 +21,6 @@ from logs.disk import Disk
 from logs.errors import AuditError, AuditFault
 from logs.keys import ConsoleKey, by_fingerprint
 from logs.read import UnreadableLine, find_session, outline, read, records, session_paths
-from logs.reading.regular import open_regular
 from logs.report.page import report
 from logs.sanitize import sanitize_terminal
 from logs.show import Filter, RecordSelector, json_of, line_of, record_text
@@ -210,11 +208,3 @@ def test_a_changed_trail_is_called_so_on_its_report(trail: Trail) -> None:
 def test_show_prints_json_that_programs_read(three: Trail) -> None:
     result = CliRunner().invoke(cli, ["audit", "show", str(three.session), "--json", "--kind", "note"])
     assert [json.loads(line)["body"]["text"] for line in result.output.splitlines()][-1] == "ä–語"
-
-
-def test_a_read_that_has_to_wait_is_not_the_files_end(tmp_path: Path) -> None:
-    """A busy disk once ended a trail after its first 4096 bytes: opened not to block on a pipe, it must block."""
-    path = tmp_path / "trail.jsonl"
-    path.write_bytes(b"{}\n")
-    with open_regular(path) as file:
-        assert os.get_blocking(file.fileno())

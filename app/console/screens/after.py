@@ -1,4 +1,4 @@
-"""After the session: its figures, the therapist's note, the patient's discomfort, the next targets."""
+"""After the session: its figures, the therapist's note, the patient's ratings, the next targets."""
 
 from __future__ import annotations
 
@@ -17,10 +17,17 @@ from app.console.session_index import SessionRecord
 from app.console.state import SessionState
 from app.system.operators import Permission
 from app.text.catalogue import tr
-from logs.records import Discomfort, Note
+from app.text.recorded import result_text
+from logs.records import Discomfort, Exertion, Note, Pain, Rating
 from profiles.schema import DoseTargets, Profile
 from profiles.store import ChangeCause
 
+# What the patient is asked for: field of SessionRecord, record of the trail, ratings.
+RATINGS: tuple[tuple[str, type[Rating], range], ...] = (
+    ("discomfort", Discomfort, range(11)),
+    ("pain", Pain, range(11)),
+    ("exertion", Exertion, range(6, 21)),
+)
 GROWTH = 1.1  # the next target after one that was reached: a tenth more; a proposal that the therapist may change
 
 
@@ -46,6 +53,10 @@ def next_targets(dose: DoseTargets, record: SessionRecord) -> DoseTargets:
     return DoseTargets(steps=steps, distance_m=metres, duration_s=dose.duration_s)
 
 
+def _wording(name: str, rating: int) -> str:
+    return tr(f"borg.{rating}") if name == "exertion" else tr(f"rating.{rating}")
+
+
 class AfterScreen(ConsoleScreen):
     """The joints are off; the trail is still open, so that note and rating are part of it."""
 
@@ -67,9 +78,10 @@ class AfterScreen(ConsoleScreen):
         yield Label(tr("after.title", name=profile.identifier), id="title")
         with VerticalScroll(id="after"):
             yield Static(self._figures(profile), markup=False)
-            yield Label(tr("after.discomfort"), classes="section")
-            ratings = [(tr(f"rating.{rating}"), rating) for rating in range(11)]
-            yield Select(ratings, prompt=tr("after.not_asked"), id="discomfort", compact=True)
+            for name, _, ratings in RATINGS:
+                yield Label(tr(f"after.{name}"), classes="section")
+                options = [(_wording(name, rating), rating) for rating in ratings]
+                yield Select(options, prompt=tr("after.not_asked"), id=name, compact=True)
             yield Label(tr("after.note"), classes="section")
             yield Input(id="note", max_length=2000, compact=True)
             yield Label(tr("after.next"), classes="section")
@@ -106,28 +118,34 @@ class AfterScreen(ConsoleScreen):
         """Whether all is in the files."""
         with self.notify_errors():
             if not self._added:
-                note, rating = self._answers()
-                self.console_app.sessions.add(msgspec.structs.replace(self._record, note=note, discomfort=rating))
+                self.console_app.sessions.add(
+                    msgspec.structs.replace(self._record, note=self._note(), **self._ratings())
+                )
                 self._added = True
             self._save_targets()
             self._saved = True
         return self._saved
 
     async def _close(self) -> None:
-        """Note and rating into the trail too, once; it may take seconds until its process has ended."""
+        """Note and ratings into the trail too, once; it may take seconds until its process has ended."""
         if self._ending:
             return
         self._ending = True
-        note, rating = self._answers()
-        if note:
+        if note := self._note():
             self.console_app.trail.emit(Note(text=note))
-        if rating is not None:
-            self.console_app.trail.emit(Discomfort(rating=rating))
+        given = self._ratings()
+        for name, record, _ in RATINGS:
+            if name in given:
+                self.console_app.trail.emit(record(rating=given[name]))
         await self.console_app.close_session()
 
-    def _answers(self) -> tuple[str, int | None]:
-        chosen = self.query_one("#discomfort", Select).value
-        return self.query_one("#note", Input).value.strip(), chosen if isinstance(chosen, int) else None
+    def _note(self) -> str:
+        return self.query_one("#note", Input).value.strip()
+
+    def _ratings(self) -> dict[str, int]:
+        """Those that were asked for."""
+        chosen = {name: self.query_one(f"#{name}", Select).value for name, *_ in RATINGS}
+        return {name: rating for name, rating in chosen.items() if isinstance(rating, int)}
 
     def _save_targets(self) -> None:
         typed = self.query_one("#steps", Input).value
@@ -149,6 +167,7 @@ class AfterScreen(ConsoleScreen):
             tr("after.time", done_min=record.duration_s / 60, target_min=dose.duration_s / 60),
             tr("after.refusals", count=record.refusals),
         ]
+        lines += [result_text(result) for result in self.console_app.guided.results]
         reports = self._state.snapshot.reports if self._state.snapshot else ()
         lines += [f"  {tr(one.action)}: {tr(one.outcome)}" for one in reports[-5:]]
         return "\n".join(lines)

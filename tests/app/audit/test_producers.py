@@ -26,26 +26,27 @@ from app.control.loop import drives_record, limits_record
 from app.demo.drives import emulated_drives
 from app.ipc.links import new_link_directory
 from app.ipc.messages import OperatorKind
-from app.ipc.states import Action
+from app.ipc.states import Action, GaitState
 from app.perception.comparison import Comparison, comparison_record
 from app.perception.frames import FrameBatch, button_record
 from app.perception.look import CameraSample
 from app.perception.pipeline import camera_records, make_camera
 from app.perception.reporting import MeasuredRate, records_between
-from app.recording.process import file_record
 from app.recording.schemas import CONTACT, TOPICS, FootContact
-from app.recording.writer import RecordingWriter
+from app.recording.writer import RecordingWriter, file_record
 from app.session.host import ProcessStatus
 from app.system.config import CameraConfig, Config, JointsConfig, SessionSetup
 from app.system.operators import Role, add_operator, load_store, save_store
-from app.system.paths import Home
+from app.system.paths import Home, pictures_path
+from app.system.vocabulary import enrolment_record
 from hal.errors import DrivesFault, HardwareError, StopInputFault
 from hal.joints.guard import Quantity, Refusal
 from hal.joints.protocol import TICK_NS, Joint
 from kgdfa.button import ButtonMode, ButtonPlace, ButtonState, PressCancel, PressHint
 from kgdfa.distance import DistanceChoice, DistanceSource
-from kgdfa.gesture import Gesture
+from kgdfa.gesture import Explanation, Gesture
 from kgdfa.recognition import FrameReading
+from kgdfa.vocabulary import VocabularyFault
 from logs.disk import Disk
 from logs.journal import CHANGES, Moment
 from logs.keys import load_or_make_key
@@ -56,6 +57,7 @@ from logs.records import Body, Note, ProcessEnd, SessionStart
 from logs.writer import SessionWriter
 from profiles.palm import Calibrated, reference_segment
 from profiles.schema import DEMO_PATIENT, Calibration
+from testing.fake_host import walk_steps
 from testing.session import real_session
 from tests.app.console.conftest import Console, Opener
 from tests.app.console.conftest import console as console  # noqa: PLC0414 - the fixture
@@ -64,6 +66,7 @@ from tests.app.control.causes import with_switch
 from tests.app.control.moments import A, K, S, moving, resting, standing
 from tests.app.control.rig import SETTINGS, Rig
 from tests.app.perception.test_reporting import REPORT, SCALE, compared
+from tests.app.system.test_vocabulary_status import ENROLLED
 from tests.support.authors import signed_in
 
 pytestmark = [pytest.mark.serial, pytest.mark.xdist_group("perception")]
@@ -83,7 +86,6 @@ def filled(bodies: Iterable[Body]) -> set[tuple[str, str]]:
 
 
 FORMER = {("OperatorChanged", field) for field in ("name", "role", "change")}  # in older trails; now `Change`
-FORMER |= {("Recording", field) for field in ("on", "consent", "path")}
 # The machine grants these, or not; control copies them field by field.
 GRANTED = {("RealTimePrivilege", field) for field in ("fifo", "memory_locked", "core", "cores_awake")}
 
@@ -92,7 +94,7 @@ async def test_every_field_of_every_record_is_filled_by_somebody(
     tmp_path: Path, console: Opener, home: Home, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     bodies = [*of_a_real_session(tmp_path / "real"), *of_control(), *of_perception(tmp_path / "perception")]
-    bodies += [of_a_recording(tmp_path / "recording.mcap")]
+    bodies += [of_a_recording(tmp_path / "recording.mcap"), *of_pictures(tmp_path / "pictures")]
     bodies += of_the_operators(tmp_path / "operators")
     bodies += await of_the_console(console, home, monkeypatch)
     wanted = {(kind.__name__, field) for kind in KINDS for field in kind.__struct_fields__}
@@ -134,6 +136,20 @@ def of_a_recording(path: Path) -> Body:
     writer.settle(2_000_000_000)
     writer.add(CONTACT, 2, FootContact(left_n=1.0, right_n=2.0))
     return file_record(writer, whole=writer.finish())
+
+
+def of_pictures(root: Path) -> list[Body]:
+    """A session whose patient agrees to pictures and withdraws it: perception, trail and recording as processes."""
+    with real_session(root, perception=True, recording=True) as session:
+        session.until(lambda _: session.report is not None and session.report.hand, "a hand")
+        session.record_pictures(consent=True)
+        session.until(lambda _: session.report is not None and session.report.pictures_recorded, "perception's word")
+        (path,) = [pictures_path(trail.parent, trail.stem) for trail in session_paths(Home(root).logs)]
+        session.until(lambda _: path.exists() and path.stat().st_size > 0, "pictures")
+        session.record_pictures(consent=False)
+        session.until(lambda _: not path.exists(), "their end")
+        session.finish()
+    return [record.body for record in records(session_paths(Home(root).logs)[-1])]
 
 
 def leave_torn(place: Home) -> None:
@@ -258,6 +274,8 @@ def of_perception(root: Path) -> list[Body]:
         found += records_between(before, now, SCALE)
     found += framed()
     found.append(comparison_record(compared_cameras(), "table.csv"))
+    found.append(enrolment_record(ENROLLED))
+    found.append(enrolment_record(ENROLLED, Explanation(VocabularyFault.ABANDONED)))
     camera = make_camera(setup)
     camera.open()
     frame = camera.read(5.0)
@@ -382,14 +400,28 @@ async def of_the_console(console: Opener, home: Home, monkeypatch: pytest.Monkey
         await opened.until(lambda: isinstance(opened.app.screen, SessionScreen))
         opened.host.guardian_gone = True
         await opened.until(lambda: any(isinstance(body, ProcessEnd) for body in found))
+        await of_a_guided_test(opened)
         await opened.app.end_session()
         await opened.until(lambda: isinstance(opened.app.screen, AfterScreen))
         await opened.until(lambda: opened.app.screen.query("#discomfort #label"))  # composed after the screen is shown
         opened.type("note", "walked well")
-        opened.app.screen.query_one("#discomfort", Select).value = 3
+        for name, rating in (("discomfort", 3), ("pain", 1), ("exertion", 13)):
+            opened.app.screen.query_one(f"#{name}", Select).value = rating
         await opened.press("ctrl+s")
         await opened.until(lambda: opened.host.closed)
     return found
+
+
+async def of_a_guided_test(opened: Console) -> None:
+    """A 6-minute walk that a key stops after some steps."""
+    opened.host.state = GaitState.STANDING
+    await opened.until(lambda: (state := opened.app.live_state()) and state.snapshot and state.snapshot.enabled)
+    await opened.press("g", "2")
+    await opened.until(lambda: opened.app.guided.run)
+    walk_steps(opened.host, 3)
+    await opened.until(lambda: (run := opened.app.guided.run) and run.duration_s > 0 and run.steps)
+    await opened.press("g", "y")
+    await opened.until(lambda: opened.app.guided.results)
 
 
 async def sign_in(opened: Console, name: str, pin: str) -> None:

@@ -1,0 +1,1 @@
+"""Outcome measures of a session: steps, distance, times, symmetry, ranges of motion."""

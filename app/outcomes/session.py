@@ -1,0 +1,190 @@
+"""A session's outcomes: from its recording where there is one, else what its trail alone tells."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from enum import Enum, auto
+from pathlib import Path
+
+import msgspec
+from msgspec import Struct
+
+from app.ipc.states import Outcome
+from app.motion.plan import body_of
+from app.outcomes.dose import Dose, dose_of, last_rating
+from app.outcomes.measures import Measures, measure
+from app.outcomes.recorded import WALKING_ACTIONS, RecordedLegs, history_of, read_legs
+from app.recording.read import session_of, trail_of
+from app.system.errors import AppError
+from app.system.paths import RECORDING_SUFFIX, recording_path
+from hal.joints.body import Body
+from hal.joints.protocol import TICK_S
+from logs.errors import AuditError
+from logs.read import find_session, read, records, understand
+from logs.records import ActionEnd, Discomfort, Exertion, GuidedTestResult, Pain, PatientChosen, Record
+from profiles.schema import Profile
+
+COMPLETED = Outcome.COMPLETED.value
+
+
+class OutcomesFault(Enum):
+    """Why outcomes are not told."""
+
+    NO_PATIENT = auto()  # path: neither trail nor recording names one
+    NO_LENGTHS = auto()  # path: its profile is not of this version
+    NO_LEGS = auto()  # path
+
+
+class OutcomeSource(Enum):
+    """What the measures are made of."""
+
+    RECORDING = "recording"
+    CUT_RECORDING = "cut recording"  # up to where it can be read
+    TRAIL = "trail"  # steps, walking time and actions only
+
+
+class SessionOutcomes(Struct, frozen=True, kw_only=True):
+    """One session."""
+
+    session: str
+    patient: str
+    began: str  # UTC, ISO 8601
+    source: OutcomeSource
+    measured_s: float  # how much of the session the measures are made of
+    measures: Measures
+    actions: dict[str, int]  # completed, by name
+    dose: Dose | None = None  # None: its profile holds no targets
+    discomfort: int | None = None  # 0 none to 10 worst; None: not asked
+    pain: int | None = None  # the same
+    exertion: int | None = None  # Borg's scale, 6 none to 20 maximal
+    tests: tuple[GuidedTestResult, ...] = ()  # guided ones, in order, with those that were not completed
+
+
+def find_outcomes(folder: Path, name: str) -> SessionOutcomes:
+    """Of a session or recording by its path, name, beginning of a name, or "last". Raises AppError, AuditError."""
+    given = Path(name)
+    if given.suffix == RECORDING_SUFFIX:
+        return of_recording(given)
+    trail = find_session(folder, name)
+    recording = recording_path(trail.parent, trail.stem)
+    return of_recording(recording) if recording.exists() else of_trail(trail)
+
+
+def of_recording(path: Path) -> SessionOutcomes:
+    """With every measure. Raises AppError."""
+    legs = read_legs(path)
+    trail = _records_beside(path) or _records_within(legs)
+    chosen = _chosen(trail)
+    if chosen is None:
+        raise AppError(OutcomesFault.NO_PATIENT, path=path)
+    history = history_of(legs, _body(path, chosen))
+    if history is None:
+        raise AppError(OutcomesFault.NO_LEGS, path=path)
+    recording = legs.recording
+    return _outcomes(
+        session_of(path),
+        trail,
+        chosen,
+        source=OutcomeSource.RECORDING if recording.whole and not recording.damage else OutcomeSource.CUT_RECORDING,
+        measured_s=len(history.joints_rad) * TICK_S,
+        measures=measure(history),
+    )
+
+
+def of_trail(path: Path) -> SessionOutcomes:
+    """Without a recording: steps, walking time and actions; what the legs alone tell is None.
+
+    Raises AppError, AuditError.
+    """
+    trail = records(path)
+    chosen = _chosen(trail)
+    if chosen is None:
+        raise AppError(OutcomesFault.NO_PATIENT, path=path)
+    walks = [
+        record.body
+        for record in trail
+        if isinstance(record.body, ActionEnd) and record.body.action in WALKING_ACTIONS and record.body.first_motion_ns
+    ]
+    return _outcomes(
+        path.stem,
+        trail,
+        chosen,
+        source=OutcomeSource.TRAIL,
+        measured_s=_duration_s(trail),
+        measures=Measures(steps=sum(walk.steps for walk in walks), walking_time_s=_time_in_s(walks)),
+    )
+
+
+def patient_of_trail(path: Path) -> str:
+    """The pseudonym in a trail, empty without one; it stands in the first records. Raises AuditError."""
+    chosen = _chosen(record for record in read(path) if isinstance(record, Record))
+    return chosen.patient if chosen else ""
+
+
+def _outcomes(
+    session: str,
+    trail: Sequence[Record],
+    chosen: PatientChosen,
+    *,
+    source: OutcomeSource,
+    measured_s: float,
+    measures: Measures,
+) -> SessionOutcomes:
+    return SessionOutcomes(
+        session=session,
+        patient=chosen.patient,
+        began=trail[0].wall,
+        source=source,
+        measured_s=measured_s,
+        measures=measures,
+        actions=_actions(trail),
+        dose=dose_of(chosen.parameters, measures, _duration_s(trail)),
+        discomfort=last_rating(trail, Discomfort),
+        pain=last_rating(trail, Pain),
+        exertion=last_rating(trail, Exertion),
+        tests=tuple(record.body for record in trail if isinstance(record.body, GuidedTestResult)),
+    )
+
+
+def _duration_s(trail: Sequence[Record]) -> float:
+    moments = [record.monotonic_ns for record in trail]
+    return (max(moments) - min(moments)) / 1e9
+
+
+def _body(path: Path, chosen: PatientChosen) -> Body:
+    """By the profile as it was in that session."""
+    try:
+        return body_of(msgspec.convert({**chosen.parameters, "identifier": chosen.patient}, Profile))
+    except msgspec.ValidationError as error:
+        raise AppError(OutcomesFault.NO_LENGTHS, path=path) from error
+
+
+def _chosen(trail: Iterable[Record]) -> PatientChosen | None:
+    return next((record.body for record in trail if isinstance(record.body, PatientChosen)), None)
+
+
+def _records_beside(path: Path) -> list[Record]:
+    try:
+        return records(trail_of(path)) if trail_of(path).exists() else []
+    except AuditError:
+        return []  # the recording holds the same lines
+
+
+def _records_within(legs: RecordedLegs) -> list[Record]:
+    found = (understand(line, number) for number, line in enumerate(legs.trail_lines, start=1))
+    return [record for record in found if isinstance(record, Record)]
+
+
+def _actions(trail: Iterable[Record]) -> dict[str, int]:
+    ended = (record.body for record in trail if isinstance(record.body, ActionEnd))
+    return dict(Counter(end.action for end in ended if end.outcome == COMPLETED).most_common())
+
+
+def _time_in_s(walks: Sequence[ActionEnd]) -> float:
+    """Together, from first motion to end; a walk and the action that ends it are one stretch."""
+    total_ns, until_ns = 0, 0
+    for walk in sorted(walks, key=lambda end: end.first_motion_ns):
+        total_ns += max(0, walk.ended_ns - max(walk.first_motion_ns, until_ns))
+        until_ns = max(until_ns, walk.ended_ns)
+    return total_ns / 1e9

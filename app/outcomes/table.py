@@ -1,0 +1,132 @@
+"""Outcomes as text: one row a measure, one column a session."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+from rich.table import Table
+
+from app.outcomes.change import SMALLEST_CHANGES
+from app.outcomes.dose import Dose
+from app.outcomes.guided import GuidedTest, last_completed
+from app.outcomes.measures import Measures
+from app.outcomes.session import COMPLETED, OutcomeSource, SessionOutcomes
+from app.text.catalogue import tr
+from app.text.recorded import render_recorded, result_text
+from hal.joints.device import Joint
+from logs.reason import Reason
+
+NONE = "–"
+# key of the wording, field, format; units stand in the wording
+ROWS = (
+    ("steps", "steps", "d"),
+    ("distance", "distance_m", ".1f"),
+    ("walking_time", "walking_time_s", ".1f"),
+    ("up_time", "up_time_s", ".1f"),
+    ("speed", "speed_m_s", ".3f"),
+    ("cadence", "cadence_steps_min", ".1f"),
+    ("step_length_left", "step_length_left_m", ".3f"),
+    ("step_length_right", "step_length_right_m", ".3f"),
+    ("step_time_left", "step_time_left_s", ".2f"),
+    ("step_time_right", "step_time_right_s", ".2f"),
+    ("step_length_asymmetry", "step_length_asymmetry_percent", ".1f"),
+    ("step_time_asymmetry", "step_time_asymmetry_percent", ".1f"),
+    ("wearer_torque_share", "wearer_torque_share", ".0%"),
+)
+# Key of the wording and of its smallest change, kind of guided test, field of its result, format.
+TESTS = (
+    ("ten_metre_speed", GuidedTest.TEN_METRE_WALK, "speed_m_s", ".2f"),
+    ("ten_metre_time", GuidedTest.TEN_METRE_WALK, "duration_s", ".1f"),
+    ("six_minute_distance", GuidedTest.SIX_MINUTE_WALK, "distance_m", ".1f"),
+    ("up_and_go_time", GuidedTest.TIMED_UP_AND_GO, "duration_s", ".1f"),
+)
+RATINGS = ("discomfort", "pain", "exertion")  # key of the wording, and field of SessionOutcomes
+_NAMES = {field: key for key, field, _ in ROWS} | {name: name for name in RATINGS}
+_NAMES |= {key: key for key, *_ in TESTS}
+
+
+def lines_of(found: SessionOutcomes) -> Iterator[tuple[str, str]]:
+    """Name with its unit, and value, of everything; the same names in the same order for each session."""
+    yield from _measures(found.measures)
+    for key, test, field, form in TESTS:
+        result = last_completed(found.tests, test)
+        yield tr(f"outcomes.{key}"), NONE if result is None else format(getattr(result, field), form)
+    yield from _dose(found.dose)
+    for name in RATINGS:
+        rating = getattr(found, name)
+        yield tr(f"outcomes.{name}"), NONE if rating is None else str(rating)
+
+
+def outcomes_table(found: Sequence[SessionOutcomes]) -> Table:
+    """Sessions side by side, actions below the measures."""
+    table = Table(title=tr("outcomes.title", patient=found[0].patient))
+    table.add_column(tr("outcomes.measure"))
+    for one in found:
+        table.add_column(one.began[:16].replace("T", " "), justify="right")
+    table.add_column(tr("outcomes.smallest_change"), justify="right")
+    changes = {tr(f"outcomes.{_NAMES[field]}"): _least(field) for field in SMALLEST_CHANGES}
+    for line in zip(*(lines_of(one) for one in found), strict=True):
+        name = line[0][0]
+        table.add_row(name, *(value for _, value in line), changes.get(name, NONE))
+    table.add_section()
+    for action in dict.fromkeys(action for one in found for action in one.actions):
+        table.add_row(
+            render_recorded(Reason("report.action_name", {"action": action})),
+            *(str(one.actions.get(action, 0)) for one in found),
+        )
+    return table
+
+
+def remarks(found: Sequence[SessionOutcomes]) -> Iterator[tuple[str, dict[str, object]]]:
+    """What a reader must know of each session: key and values of the wording."""
+    for one in found:
+        if one.source is OutcomeSource.TRAIL:
+            yield "outcomes.trail_only", {"session": one.session}
+        if one.source is OutcomeSource.CUT_RECORDING:
+            yield "outcomes.cut", {"session": one.session, "measured_s": one.measured_s}
+        if not one.measures.steps:
+            yield "outcomes.no_walking", {"session": one.session}
+        for result in one.tests:
+            if result.outcome != COMPLETED:
+                yield "outcomes.test_stopped", {"session": one.session, "result": result_text(result)}
+
+
+def sources() -> Iterator[str]:
+    """Where each smallest change comes from, and in whom it was found."""
+    for change in dict.fromkeys(SMALLEST_CHANGES.values()):
+        fields = [field for field, one in SMALLEST_CHANGES.items() if one is change]
+        yield tr(
+            "outcomes.change_source",
+            measure=" / ".join(tr(f"outcomes.{_NAMES[field]}") for field in fields),
+            least=_least(fields[0]),
+            change=tr(change.kind),
+            people=tr(change.found_in),
+            source=change.source,
+        )
+
+
+def _measures(measures: Measures) -> Iterator[tuple[str, str]]:
+    for key, field, form in ROWS:
+        value = getattr(measures, field)
+        yield tr(f"outcomes.{key}"), NONE if value is None else format(value, form)
+    for joint in Joint:
+        found = measures.range_of_motion.get(joint.name.lower())
+        name = tr("outcomes.range", joint=joint)
+        yield name, NONE if found is None else f"{found.range_deg:.1f} ({found.low_deg:.1f} … {found.high_deg:.1f})"
+
+
+def _dose(dose: Dose | None) -> Iterator[tuple[str, str]]:
+    """Done beside the target, in the wording's unit, and per cent of it."""
+    for key, unit, form in (("steps", 1, ".0f"), ("distance_m", 1, ".1f"), ("duration_s", 60, ".1f")):
+        done = getattr(dose, key, None)
+        target = getattr(dose.target, key) if dose else 0
+        name = tr(f"outcomes.dose.{key}")
+        if done is None or not target:
+            yield name, NONE
+        else:
+            yield name, f"{done / unit:{form}} / {target / unit:{form}} ({done / target:.0%})"
+
+
+def _least(field: str) -> str:
+    change = SMALLEST_CHANGES[field]
+    return f"±{change.least:.0%}" if change.relative else f"±{change.least:g}"

@@ -1,0 +1,176 @@
+"""`rleex outcomes` from outside, and the measures beside MuJoCo's truth."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import msgspec
+import pytest
+from typer.testing import CliRunner
+
+from app.cli import cli
+from app.evaluate.outcomes.compare import Case, compare
+from app.evaluate.outcomes.walks import RecordedWalk, Walk
+from app.motion.plan import patient_of
+from app.outcomes.history import HistoryFault, outcomes_of, outcomes_of_patient
+from app.outcomes.session import OutcomesFault, OutcomeSource, find_outcomes
+from app.recording.read import RecordingReadFault
+from app.recording.writer import LIBRARY, VERSION
+from app.system.errors import AppError
+from app.system.paths import Home
+from hal.joints.device import DEFAULT_DEVICE, load_exoskeleton
+from profiles.schema import DEMO_PATIENT, GaitParameters
+from testing.trails import write_sample
+
+DEVICE = load_exoskeleton(DEFAULT_DEVICE)
+
+
+@pytest.mark.parametrize(
+    ("name", "walk"),
+    [("even", Walk(strides=1)), ("uneven", Walk(steps=5, length_m=(0.22, 0.34), time_s=(2.6, 2.0)))],
+)
+def test_within_one_percent_of_mujoco(name: str, walk: Walk) -> None:
+    (found,) = compare([Case(name=name, profile=DEMO_PATIENT, walk=walk)], DEVICE)
+    assert found.measured.steps == found.true.steps
+    assert found.passed, found.errors
+    asymmetry = found.measured.step_length_asymmetry_percent
+    assert asymmetry is not None
+    assert (asymmetry > 30) == (name == "uneven")
+
+
+@pytest.fixture(scope="module")
+def home(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two sessions of P-017, the first with a recording of a short walk; one of P-018."""
+    home = tmp_path_factory.mktemp("home")
+    gait = GaitParameters(step_time_s=1.6)
+    profile = msgspec.structs.replace(DEMO_PATIENT, gait=gait)
+    parameters = {
+        name: value for name, value in msgspec.to_builtins(profile).items() if name not in {"note", "identifier"}
+    }
+    first = write_sample(home, minutes=0.2, seed=1, parameters=parameters)
+    write_sample(home, minutes=0.2, seed=2)
+    write_sample(home, minutes=0.2, seed=3, patient="P-018")
+    RecordedWalk(patient_of(profile, DEVICE), DEVICE, first.with_suffix(".mcap")).perform(Walk(strides=1))
+    return home
+
+
+def sessions(home: Path) -> list[str]:
+    return [path.stem for path in sorted((home / "logs").glob("*-000?.jsonl"))]
+
+
+def run(*arguments: str) -> tuple[int, str]:
+    done = CliRunner().invoke(cli, list(arguments))
+    return done.exit_code, done.output + str(done.exception or "")
+
+
+def test_a_patients_sessions_in_a_table_and_as_json(home: Path, tmp_path: Path) -> None:
+    first, second, _ = sessions(home)
+    code, text = run("outcomes", "--patient", "P-017", "--home", str(home), "--json", str(tmp_path / "o.json"))
+    assert code == 0, text
+    assert "distance walked, m" in text
+    assert "4 / 100 (4%)" in text  # dose
+    assert "±0.16" in text
+    assert "speed, m/s, ±0.16: smallest important change, in 283 people" in text
+    assert f"{second} has no recording" in text
+    recorded, trail = json.loads((tmp_path / "o.json").read_bytes())
+    assert (recorded["session"], recorded["source"]) == (first, "recording")
+    assert recorded["measures"]["steps"] == 4
+    assert 0.8 < recorded["measures"]["distance_m"] < 0.9
+    assert trail["source"] == "trail"
+    assert trail["measures"]["distance_m"] is None
+    assert trail["measures"]["wearer_torque_share"] is None
+
+
+def test_sessions_of_several_patients_are_refused(home: Path) -> None:
+    first, _, third = sessions(home)
+    with pytest.raises(AppError) as caught:
+        outcomes_of(home / "logs", [first, third])
+    assert caught.value.code is HistoryFault.OTHER_PATIENTS
+    assert caught.value.values["patients"] == "P-017, P-018"
+    with pytest.raises(AppError) as caught:
+        outcomes_of_patient(Home(home), "P-999")
+    assert caught.value.code is HistoryFault.NO_SESSIONS
+
+
+def test_an_unreadable_session_is_named_and_the_others_are_told(home: Path, tmp_path: Path) -> None:
+    first, second, _ = sessions(home)
+    logs = tmp_path / "logs"
+    logs.mkdir()
+    for name in (f"{first}.jsonl", f"{second}.jsonl"):
+        (logs / name).write_bytes((home / "logs" / name).read_bytes())
+    (logs / f"{first}.mcap").write_bytes(b"no recording")
+    found, refused = outcomes_of_patient(Home(tmp_path), "P-017")
+    assert [one.session for one in found] == [second]
+    assert [error.code for error in refused] == [RecordingReadFault.NOT_MCAP]
+    code, text = run("outcomes", "--patient", "P-017", "--home", str(tmp_path))
+    assert code == 0
+    assert f"{first}.mcap" in text
+    (logs / f"{second}.jsonl").unlink()
+    code, text = run("outcomes", "--patient", "P-017", "--home", str(tmp_path))
+    assert code != 0
+
+
+def test_sessions_are_told_once_in_order_and_of_the_patient_asked_for(home: Path) -> None:
+    first, second, third = sessions(home)
+    logs = home / "logs"
+    assert [one.session for one in outcomes_of(logs, [second, first, second])] == [first, second]
+    assert [one.session for one in outcomes_of(logs, [third, second], "P-018")] == [third]
+    with pytest.raises(AppError) as caught:
+        outcomes_of(logs, [first], "P-018")
+    assert caught.value.code is HistoryFault.NO_SESSIONS
+
+
+def test_a_cut_recording_is_measured_as_far_as_it_goes(home: Path, tmp_path: Path) -> None:
+    first, *_ = sessions(home)
+    whole = (home / "logs" / f"{first}.mcap").read_bytes()
+    (tmp_path / f"{first}.jsonl").write_bytes((home / "logs" / f"{first}.jsonl").read_bytes())
+    (tmp_path / f"{first}.mcap").write_bytes(whole[: len(whole) // 2])
+    cut = find_outcomes(tmp_path, first)
+    assert cut.source is OutcomeSource.CUT_RECORDING
+    assert 1 <= cut.measures.steps < 4
+    assert cut.measured_s < find_outcomes(home / "logs", first).measured_s
+    assert "cut or damaged" in run("outcomes", str(tmp_path / f"{first}.mcap"))[1]
+
+
+def test_newer_empty_and_unnamed_recordings(home: Path, tmp_path: Path) -> None:
+    first, second, _ = sessions(home)
+    data = (home / "logs" / f"{first}.mcap").read_bytes()
+    newer = tmp_path / f"{first}.mcap"
+    newer.write_bytes(data.replace(f"{LIBRARY} {VERSION}".encode(), f"{LIBRARY} {VERSION + 1}".encode(), 1))
+    with pytest.raises(AppError) as caught:
+        find_outcomes(tmp_path, str(newer))
+    assert caught.value.code is RecordingReadFault.NEWER
+    newer.write_bytes(data)
+    with pytest.raises(AppError) as caught:
+        find_outcomes(tmp_path, str(newer))  # no trail beside it, none within
+    assert caught.value.code is OutcomesFault.NO_PATIENT
+    (tmp_path / f"{second}.jsonl").write_bytes((home / "logs" / f"{second}.jsonl").read_bytes())
+    other = tmp_path / f"{second}.mcap"
+    other.write_bytes(data)
+    with pytest.raises(AppError) as caught:
+        find_outcomes(tmp_path, second)  # its trail holds no profile
+    assert caught.value.code is OutcomesFault.NO_LENGTHS
+
+
+def test_the_report_prints_them(home: Path, tmp_path: Path) -> None:
+    first, second, _ = sessions(home)
+    page = tmp_path / "report.html"
+    assert run("audit", "report", first, "--home", str(home), "-o", str(page))[0] == 0
+    assert "distance walked, m" in page.read_text()
+    assert run("audit", "report", second, "--home", str(home), "-o", str(page))[0] == 0
+    assert "has no recording" in page.read_text()
+    assert run("--language", "zh", "audit", "report", first, "--home", str(home), "-o", str(page))[0] == 0
+    assert "行走距离" in page.read_text()
+
+
+def test_a_session_without_walking_says_so(tmp_path: Path) -> None:
+    parameters = {name: value for name, value in msgspec.to_builtins(DEMO_PATIENT).items() if name != "identifier"}
+    trail = write_sample(tmp_path, minutes=0.01, parameters=parameters)
+    RecordedWalk(patient_of(DEMO_PATIENT, DEVICE), DEVICE, trail.with_suffix(".mcap")).perform(Walk())
+    code, text = run("outcomes", trail.stem, "--home", str(tmp_path))
+    assert code == 0, text
+    assert "no walking on the level" in text
+    found = find_outcomes(tmp_path / "logs", trail.stem).measures
+    assert (found.steps, found.distance_m, found.speed_m_s, found.range_of_motion) == (0, None, None, {})
+    assert found.up_time_s == pytest.approx(4.0, abs=0.01)
