@@ -34,6 +34,9 @@ class ProfileFault(Enum):
     IDENTIFIER = "identifier"  # identifier
     NOTE_LENGTH = "note length"  # count, limit
     NOTE_CONTROL = "note control"
+    VOCABULARY_EMPTY = "vocabulary empty"
+    VOCABULARY_TWICE = "vocabulary twice"  # gesture
+    WALK_WITHOUT_END = "walk without end"  # walk, end: gestures
     # Calibration
     DISTANCE = "distance"  # distance_m, low_m, high_m
     TOO_FEW_SAMPLES = "too few samples"  # count, least

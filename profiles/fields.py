@@ -19,7 +19,7 @@ import msgspec
 from msgspec import Struct
 
 from profiles.errors import ProfileError, ProfileFault
-from profiles.schema import Calibration, Profile
+from profiles.schema import Calibration, GestureUsed, Profile
 
 SUFFIXES = {"_m": ("_cm", 100.0, "cm"), "_rad": ("_deg", math.degrees(1.0), "°")}
 KEPT_IN_METRES = frozenset({"dose.distance_m"})
@@ -58,6 +58,8 @@ def to_file(value: Struct, prefix: str = "") -> dict[str, Any]:
 def _people(held: Any, path: str, factor: float) -> Any:
     if isinstance(held, Struct):
         return to_file(held, path + ".")
+    if isinstance(held, tuple) and all(isinstance(item, Enum) for item in held):
+        return " ".join(str(item.value) for item in held)
     if isinstance(held, tuple):
         return [_people(item, path, factor) for item in held]
     if isinstance(held, Enum):
@@ -81,6 +83,8 @@ def from_file(table: Mapping[str, Any], kind: type[Struct], prefix: str = "") ->
 
 
 def _si(value: Any, kind: Any, path: str) -> Any:
+    if isinstance(value, str) and isinstance(kind, types.GenericAlias):  # as `_people` writes a tuple of codes
+        return value.split()
     inner = _struct_in(kind)
     if inner is not None and isinstance(value, Mapping):
         return from_file(value, inner, path + ".")
@@ -108,6 +112,7 @@ def _unknown(field: str, known: list[str]) -> ProfileError:
 
 
 IDENTIFIER = re.compile(r"[A-Za-z0-9](?:[A-Za-z0-9-]{0,38}[A-Za-z0-9])?")
+WALK, WALK_END = GestureUsed.FIVE, GestureUsed.SIX  # as in `app.ipc.states.ACTION_OF`
 NOTE_LIMIT = 2000  # characters
 
 # Dotted field → lowest and highest value in people's units (file_key tells them), both allowed.
@@ -168,6 +173,7 @@ def check(profile: Profile) -> Profile:
 
 def _violations(profile: Profile) -> Iterator[Violation]:
     yield from _texts(profile)
+    yield from _vocabulary(profile.vocabulary)
     for field, (low, high) in RANGES.items():
         if wrong := _outside(field, _get(profile, field), low, high):
             yield wrong
@@ -186,6 +192,18 @@ def _texts(profile: Profile) -> Iterator[Violation]:
         yield Violation(field="note", code=ProfileFault.NOTE_LENGTH, values=length)
     if any(not (char.isprintable() or char in "\n\t") for char in profile.note):
         yield Violation(field="note", code=ProfileFault.NOTE_CONTROL, values={})
+
+
+def _vocabulary(gestures: tuple[GestureUsed, ...]) -> Iterator[Violation]:
+    """A walk goes on by itself: who may begin one by gesture must be able to end it by gesture."""
+    if not gestures:
+        yield Violation(field="vocabulary", code=ProfileFault.VOCABULARY_EMPTY, values={})
+    twice = next((one for place, one in enumerate(gestures) if one in gestures[:place]), None)
+    if twice is not None:
+        yield Violation(field="vocabulary", code=ProfileFault.VOCABULARY_TWICE, values={"gesture": twice.value})
+    if WALK in gestures and WALK_END not in gestures:
+        values = {"walk": WALK.value, "end": WALK_END.value}
+        yield Violation(field="vocabulary", code=ProfileFault.WALK_WITHOUT_END, values=values)
 
 
 def _calibration(calibration: Calibration) -> Iterator[Violation]:

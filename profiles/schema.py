@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+from datetime import datetime
 from enum import Enum
+from typing import Annotated
 
-from msgspec import Struct
+from msgspec import Meta, Struct
+
+Count = Annotated[int, Meta(ge=0)]
+Share = Annotated[float, Meta(ge=0.0, le=1.0)]
 
 
 class Sex(Enum):
@@ -20,6 +25,23 @@ class HandUsed(Enum):
     LEFT = "left"
     RIGHT = "right"
     EITHER = "either"
+
+
+class GestureUsed(Enum):
+    """The twelve gestures of Table 1, by the names that `kgdfa.gesture.Gesture` gives them."""
+
+    ZERO = "0"
+    ONE = "1"
+    TWO = "2"
+    THREE = "3"
+    FOUR = "4"
+    FIVE = "5"
+    SIX = "6"
+    SEVEN = "7"
+    EIGHT = "8"
+    NINE = "9"
+    LOVE = "love"
+    ROCK = "rock"
 
 
 class DistanceUsed(Enum):
@@ -73,6 +95,29 @@ class Calibration(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
     width_px: int = 0  # of the images it was made with; 0: unknown
 
 
+class GestureEvidence(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """How one gesture was recognised in an enrolment, with exact bounds of 95 % (`kgdfa/vocabulary.py`)."""
+
+    gesture: GestureUsed
+    frames: Count
+    recognised: Count
+    mistaken: Count  # taken for another gesture
+    recognised_at_least: Share
+    mistaken_at_most: Share
+
+
+class VocabularyEvidence(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """What an enrolment proved: which gestures may command, of all that were shown, and the idle hand's frames."""
+
+    proven_at: Annotated[datetime, Meta(tz=True)]
+    model: str  # SHA-256 of what recognised (`app/system/vocabulary.py`)
+    vocabulary: tuple[GestureUsed, ...]
+    idle_frames: Count
+    idle_taken: Count  # for a gesture of the vocabulary
+    idle_at_most: Share
+    gestures: tuple[GestureEvidence, ...]
+
+
 class DoseTargets(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """What a session aims at."""
 
@@ -90,6 +135,8 @@ class Profile(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     stature_m: float
     mass_kg: float
     hand: HandUsed = HandUsed.RIGHT
+    vocabulary: tuple[GestureUsed, ...] = tuple(GestureUsed)  # the gestures that may command; in files one text
+    evidence: VocabularyEvidence | None = None  # of the vocabulary; None: nobody enrolled it
     distance_source: DistanceUsed = DistanceUsed.MONOCULAR
     palm: Palm = Palm()
     calibrations: tuple[Calibration, ...] = ()

@@ -35,6 +35,7 @@ class ChangeCause(Enum):
     IMPORTED = "imported"
     CALIBRATED = "calibrated"
     PRESS_ZONE = "press zone"
+    ENROLLED = "enrolled"  # the vocabulary
     DISTANCE = "distance"  # chosen at the start of a session
     TARGETS = "targets after a session"
 

@@ -13,7 +13,7 @@ import msgspec
 from app.system.config import JointsConfig, load_device
 from logs.reason import Reason, reason, reason_of
 from profiles.fields import file_key, to_file, unit_of, violations
-from profiles.schema import DistanceUsed, HandUsed, Population, Profile, Sex
+from profiles.schema import DistanceUsed, GestureUsed, HandUsed, Population, Profile, Sex
 from profiles.store import Check
 
 MAX_SHOWN = 30  # characters of a wrong value that are quoted back
@@ -27,6 +27,7 @@ class Kind(Enum):
     OPTIONAL = "optional number"  # empty: not measured
     WHOLE = "whole number"
     CHOICE = "choice"
+    CODES = "codes"  # some of the choices, with spaces between them
 
 
 class FieldFault(Enum):
@@ -35,6 +36,7 @@ class FieldFault(Enum):
     EMPTY = "empty"
     NOT_A_NUMBER = "not a number"
     NOT_WHOLE = "not whole"
+    UNKNOWN_CODE = "unknown code"
     UNKNOWN_UNIT = "unknown unit"
 
 
@@ -74,6 +76,7 @@ SECTIONS = (
             Field("stature_m"),
             Field("mass_kg"),
             Field("hand", Kind.CHOICE, HandUsed),
+            Field("vocabulary", Kind.CODES, GestureUsed),
             Field("note", Kind.TEXT),
         ),
     ),
@@ -147,7 +150,8 @@ def parse(typed: dict[str, str], base: Profile) -> Parsed:
     built = msgspec.to_builtins(base)
     errors: dict[str, Reason] = {}
     for field in FIELDS:
-        value = _value(field, typed.get(field.path, "").strip())
+        text = typed.get(field.path, "").strip()
+        value = _codes(field, text) if field.kind is Kind.CODES else _value(field, text)
         if isinstance(value, Reason):
             errors[field.path] = value
         else:
@@ -173,6 +177,15 @@ def _value(field: Field, text: str) -> str | float | Reason | None:
     if field.kind is Kind.WHOLE:
         return int(number) if number == int(number) else reason(FieldFault.NOT_WHOLE, text=_quoted(text))
     return number / file_key(field.path)[1]
+
+
+def _codes(field: Field, text: str) -> list[str] | Reason:
+    known = [str(one.value) for one in field.choices or ()]
+    typed = text.replace(",", " ").split()
+    unknown = next((one for one in typed if one not in known), None)
+    if unknown is not None:
+        return reason(FieldFault.UNKNOWN_CODE, text=_quoted(unknown), known=" ".join(known))
+    return typed
 
 
 def _number(text: str, unit: str) -> float | Reason:

@@ -15,6 +15,7 @@ from app.motion.preflight import cleared_actions
 from app.motion.trajectory import nominal_pose, scene_of
 from app.system.config import SessionSetup, load_device
 from app.system.paths import Home
+from app.system.vocabulary import vocabulary_of
 from hal.joints.device import Exoskeleton
 from hal.joints.factory import make_joints
 from hal.joints.guard import limits_of
@@ -45,6 +46,7 @@ def settings_of(setup: SessionSetup) -> Settings:
         warn_c=np.array([joint.warn_c for joint in device.joints]),
         limit_c=np.array([joint.limit_c for joint in device.joints]),
         patient=profile.identifier,
+        vocabulary=vocabulary_of(profile),
         simulated=setup.config.joints.kind == "simulated",
         unattended_ns=int(setup.config.unattended_s * 1e9),
     )

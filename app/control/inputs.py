@@ -19,6 +19,7 @@ from app.motion.plan import Plan, PlanRequest
 from hal.inputs.protocol import InputReadings
 from hal.joints.guard import Limits, Refusal
 from hal.joints.protocol import JointArray, JointCommand, JointFeedback, carries_power
+from kgdfa.gesture import Gesture
 from logs.reason import Reason
 from logs.records import Body
 
@@ -33,6 +34,7 @@ class Settings:
     warn_c: JointArray
     limit_c: JointArray
     patient: str
+    vocabulary: frozenset[Gesture] = frozenset(Gesture)  # the gestures that command
     simulated: bool = True
     unattended_ns: int = 120_000_000_000  # without a console for so long, the session ends
 

@@ -25,6 +25,7 @@ from app.motion.plan import Phase
 from app.system.config import SessionSetup
 from app.system.legs_lock import share_legs
 from app.system.scheduling import PeriodicTimer, acquire_real_time, disable_gc, pin_to_control_core
+from app.system.vocabulary import by_key_only
 from hal.inputs.reader import InputReader, make_input
 from hal.joints.protocol import TICK_HZ, TICK_NS, DriveState, JointFeedback
 from logs import records
@@ -60,6 +61,7 @@ class Control:
         self._host_pid = setup.host_pid
         self._real_time = real_time
         self._settings = settings_of(setup)
+        self._by_key_only = by_key_only(self._settings.vocabulary)
         self._drives = drives_of(setup, self._settings)
         self._links = ControlLinks(setup.links)
         devices = setup.config.inputs
@@ -195,6 +197,7 @@ class Control:
             incarnation=self._incarnation,
             sequence=self._tick,
             simulated=self._settings.simulated,
+            by_key_only=self._by_key_only,
             lateness=self._histogram.summary(),
             real_time=self._real_time,
         )

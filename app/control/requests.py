@@ -18,6 +18,7 @@ from app.ipc.messages import ActionReport, OperatorCommand, OperatorKind
 from app.ipc.states import GESTURE_OF, Action, ConsoleChange, Effect, RequestRefusal, Source
 from app.ipc.streams import NS_PER_MS, TRIGGER
 from app.motion.follower import Mode
+from kgdfa.gesture import Gesture
 from logs import records
 from logs.reason import Reason, reason
 
@@ -60,6 +61,8 @@ def handle_gesture(tick: Tick) -> None:
     untimely = untimely_release(request.released_ns, tick.state.armed_ns, tick.now_ns)
     if untimely is not None:
         refuse(tick, request, reason(untimely[0]), compared=untimely[1])
+    elif foreign := outside_vocabulary(request.action, tick.settings.vocabulary):
+        refuse(tick, request, foreign)
     else:
         tick.requests.append(request)  # while gestures are not armed, NOT_ARMED refuses it
 
@@ -97,6 +100,12 @@ def answer_to(gait: Gait, action: Action, forbidden: Reason | None, *, settled: 
     if gait.running is None and not settled:
         return Refused(reason=reason(RequestRefusal.COMING_TO_REST))
     return answer
+
+
+def outside_vocabulary(action: Action, vocabulary: frozenset[Gesture]) -> Reason | None:
+    """Why the gesture of this action does not command; None when it may."""
+    gesture = GESTURE_OF[action]
+    return None if gesture in vocabulary else reason(RequestRefusal.NOT_IN_VOCABULARY, gesture=gesture)
 
 
 Untimely = tuple[RequestRefusal, Compared]  # why a request of that moment is not answered at all

@@ -34,6 +34,7 @@ class LoopStatus:
     incarnation: int
     sequence: int
     simulated: bool
+    by_key_only: tuple[Action, ...] = ()
     lateness: Lateness
     real_time: RealTime
 
@@ -56,6 +57,7 @@ def snapshot(state: ControlState, inputs: Inputs, status: LoopStatus) -> Control
         progress=state.motion.progress,
         pending=Action.WALK_END if gait.closing else None,
         allowed=allowed,
+        by_key_only=status.by_key_only,
         why_not=why_not,
         joints=_joints(state, inputs),
         events=tuple(_event(one) for one in state.events),

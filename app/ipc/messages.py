@@ -58,6 +58,7 @@ class TriggerReport(Struct, frozen=True, kw_only=True, tag="trigger"):
     monocular_m: float | None = None  # what each source measured, whichever decides
     depth_distance_m: float | None = None
     depth_fault: Reason | None = None  # why depth measured nothing, or does not decide
+    pictures_recorded: bool = False  # with the patient's consent
     focal_assumed: bool = False  # distances rest on an assumed focal length, no calibration corrects it
     press_zone: PressZone | None = None  # None until a frame has told the focal length
 
@@ -92,10 +93,14 @@ class HandCommand(Struct, frozen=True, kw_only=True, tag="hand"):
 
 
 class PerceptionCommand(Struct, frozen=True, kw_only=True, tag="perception"):
-    """Console to perception: what the picture looks like. None leaves a thing as it is."""
+    """Console to perception: what the preview looks like, and whether pictures are recorded.
+
+    None leaves a thing as it is.
+    """
 
     preview_width_px: int | None = None
     preview_hz: float | None = None
+    record_pictures: bool | None = None
 
 
 class OperatorKind(Enum):
@@ -227,6 +232,7 @@ class ControlSnapshot(Struct, frozen=True, kw_only=True, tag="control"):
     progress: float = 0.0  # of the running plan, 0-1
     pending: Action | None = None  # gesture 6, latched
     allowed: tuple[Action, ...] = ()
+    by_key_only: tuple[Action, ...] = ()  # their gestures are not in the patient's vocabulary
     why_not: Reason | None = None  # why nothing is allowed, when nothing is
     joints: tuple[JointSnapshot, JointSnapshot, JointSnapshot, JointSnapshot]
     events: tuple[ActiveEvent, ...] = ()

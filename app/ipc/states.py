@@ -53,6 +53,17 @@ ACTION_OF: dict[Gesture, Action] = {
     Gesture.ROCK: Action.STAND_UP,
 }
 GESTURE_OF: dict[Action, Gesture] = {action: gesture for gesture, action in ACTION_OF.items()}
+# Stairs and obstacles are counted as actions: their steps are a crossing's, not a gait's.
+LEVEL_WALKING = frozenset(
+    {
+        Action.STEP_RIGHT_FIRST,
+        Action.STEP_LEFT,
+        Action.STEP_RIGHT,
+        Action.STEP_END,
+        Action.WALK,
+        Action.WALK_END,
+    }
+)
 
 
 class Effect(IntEnum):
@@ -150,6 +161,7 @@ class RequestRefusal(Enum):
     RELEASED_BEFORE_ARMING = "released-before-arming"
     RELEASE_EXPIRED = "release-expired"
     KEY_EXPIRED = "key-expired"
+    NOT_IN_VOCABULARY = "not-in-vocabulary"  # gesture
     TORQUE_OFF_NEEDS_DAMPING = "torque-off-needs-damping"
     NO_WALK = "no-walk"
     UNPOWERED = "unpowered"

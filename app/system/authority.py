@@ -59,6 +59,7 @@ class Subject(Enum):
     CONFIGURATION = "configuration"
     OPERATOR = "operator"
     JOINT = "joint"
+    RECORDING = "recording"
 
 
 # Fields of a profile (as in files) that calibrating changes; all others are the patient's.

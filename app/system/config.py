@@ -73,6 +73,15 @@ class RecordingConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
     on: bool = False
 
 
+class SoundsConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """When the terminal's bell rings."""
+
+    press: bool = False
+    release: bool = False
+    refusal: bool = True
+    stop: bool = True
+
+
 class Config(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Everything a lab sets once."""
 
@@ -86,6 +95,7 @@ class Config(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     patient: str = "demo"
     language: str = "en"
     theme: str = "dark"
+    sounds: SoundsConfig = SoundsConfig()
     control_core: Annotated[int, Meta(ge=0, le=4095)] | None = None  # none: one set apart, else the last of several
     unattended_s: Annotated[float, Meta(ge=2, le=3600)] = 120.0  # a session without a console ends after this
     idle_lock_s: Annotated[float, Meta(ge=0, le=1e9)] = 600.0

@@ -19,6 +19,9 @@ import platformdirs
 from app.system.errors import AppError
 from logs.reading.errors import cause_of
 
+RECORDING_SUFFIX = ".mcap"
+PICTURES_SUFFIX = ".pictures.mcap"
+
 
 @dataclass(frozen=True, slots=True)
 class Home:
@@ -47,6 +50,11 @@ class Home:
         return self.root / "logs"
 
     @property
+    def outcomes(self) -> Path:
+        """Outcome measures of sessions as they were measured last; may be deleted."""
+        return self.root / "outcomes"
+
+    @property
     def models(self) -> Path:
         """The hand model."""
         return self.root / "models"
@@ -70,6 +78,16 @@ class Home:
     def legs_lock(self) -> Path:
         """Held by every process that may command or damp the legs (`app/system/legs_lock.py`)."""
         return self.root / "legs.lock"
+
+
+def recording_path(folder: Path, session: str) -> Path:
+    """Where a session's recording lies: beside its trail."""
+    return folder / f"{session}{RECORDING_SUFFIX}"
+
+
+def pictures_path(folder: Path, session: str) -> Path:
+    """Where the camera's pictures of a session lie, if the patient agreed to them."""
+    return folder / f"{session}{PICTURES_SUFFIX}"
 
 
 def find_home(given: Path | None = None) -> Home:

@@ -1,4 +1,4 @@
-"""rleex evaluate: gestures, joints, finding, video, preprocessing, side."""
+"""rleex evaluate: gestures, joints, enrolment, finding, video, preprocessing, side."""
 
 from __future__ import annotations
 
@@ -58,6 +58,22 @@ def gestures(
         int, typer.Option(help="With --cross-validate: which examples and noise are drawn.", min=0, max=MAX_SEED)
     ] = 0,
     keypoints: Keypoints = None,
+    beside: Annotated[
+        Path | None,
+        typer.Option(
+            "--with",
+            help="With --cross-validate: fit on this folder's images as well, always. "
+            "Keypoints are taken from its keypoints.npz, or --with-keypoints.",
+        ),
+    ] = None,
+    beside_keypoints: Annotated[
+        Path | None,
+        typer.Option(
+            "--with-keypoints",
+            callback=check_output,
+            help="Keep the keypoints of --with in this npz, and use it when it is there.",
+        ),
+    ] = None,
     digital: Annotated[
         int, typer.Option(help="Measure on this many digital hands a pose instead of a folder.", min=0)
     ] = 0,
@@ -75,13 +91,17 @@ def gestures(
     require_extra("evaluate", "sklearn")
     if (directory is None) == (not digital):
         raise AppError(EvaluateFault.FOLDER_OR_DIGITAL)
+    if (beside is not None or beside_keypoints is not None) and not cross_validate:
+        raise AppError(EvaluateFault.WITH_ALONE)
     step, views = find_preparation(prepare), 1 if single_look else None
     if directory is None:
         detected = detected_scenes([*digital_scenes(digital, MEASURE_SEEDS)], home, step)
     else:
         detected = detected_images(directory, keypoints, home, step)
     if cross_validate:
-        classified = _cross_validated(detected, fitted_digital(keypoints, home), seed, views)
+        fitted = fitted_beside(beside, beside_keypoints, home) if beside else []
+        fitted += fitted_digital(home, beside_keypoints, keypoints)
+        classified = _cross_validated(detected, fitted, seed, views)
     else:
         classified = images.classify_as_shipped(detected, views=views)
     figures = {name: measure(some) for name, some in classified.items()}
@@ -140,6 +160,31 @@ def joints(
         ranges = joint_ranges.joint_ranges(rules, errors, step)
     show(joint_ranges.joint_space_table(figures), joint_ranges.joint_range_table(ranges))
     write_json({"space": msgspec.to_builtins(figures), "ranges": msgspec.to_builtins(ranges)}, json_file)
+
+
+@cli.command()
+def enrolment(
+    people: Annotated[int, typer.Option(help="Digital patients of each kind.", min=1)] = 10,
+    rendered: Annotated[int, typer.Option(help="Rendered people from whom MediaPipe's errors are taken.", min=1)] = 1,
+    seed: Annotated[int, typer.Option(help="Which showings and errors are drawn.", min=0, max=MAX_SEED)] = 0,
+    json_file: Json = None,
+    home: HomeOption = None,
+) -> None:
+    """Which vocabulary the guided enrolment finds for digital patients who can't extend, spread or hold still.
+
+    The keypoints are simulated as in `joints`. Each patient then shows every gesture and an idle hand once more.
+    """
+    from app.evaluate.digital import MEASURE_SEEDS
+    from app.evaluate.gestures import enrolment as patients
+    from app.evaluate.gestures import joint_space
+    from app.evaluate.gestures.synthetic import near_scenes
+
+    scenes = [*near_scenes(rendered, MEASURE_SEEDS)]
+    errors = joint_space.errors_of((scene for _, scene, _ in scenes), detected_scenes(scenes, home, as_bgr8))
+    with progress("simulating", people * len(patients.PatientKind)) as step:
+        found = patients.measure_enrolment(RobustRules(), errors, people, seed, step)
+    show(patients.enrolment_table(found))
+    write_json([msgspec.to_builtins(one) for one in found], json_file)
 
 
 @cli.command()
@@ -235,11 +280,11 @@ def side(
             progress("detecting", len([*sides.digital_hands(digital)])) as step,
         ):
             figures = sides.measure_digital(detector, digital, step)
-    write_json({"right": figures.right, **msgspec.to_builtins(figures)}, json_file)
     total = figures.frames.total()
     right = percent(figures.right, 2) if total else "–"
     summary = tr("evaluate.side.summary", right=right, frames=total, images=figures.images, without=figures.without)
     show(sides.side_table(figures), sides.sources_table(figures), summary, *sides.arms_summary(figures))
+    write_json({"right": figures.right, **msgspec.to_builtins(figures)}, json_file)
     if figures.interrupted:
         raise typer.Exit(130)
 
@@ -259,13 +304,20 @@ def detected_images(
     return _kept(keypoints, images, detect)
 
 
-def fitted_digital(keypoints: Path | None, home: Path | None) -> list[DetectedImage]:
-    """The digital hands that every fit gets, kept beside the images' keypoints."""
+def fitted_beside(directory: Path, keypoints: Path | None, home: Path | None) -> list[DetectedImage]:
+    """The hands of a further folder, whose keypoints may lie in it."""
+    own = directory / "keypoints.npz"
+    return detected_images(directory, own if keypoints is None and own.exists() else keypoints, home)
+
+
+def fitted_digital(home: Path | None, *keypoints: Path | None) -> list[DetectedImage]:
+    """The digital hands that every fit gets, kept beside the first of these keypoint files that has them, or could."""
     from app.evaluate.digital import FIT_SEEDS, digital_scenes
     from app.evaluate.gestures.synthetic import near_scenes
 
     scenes = [*digital_scenes(FIT_DIGITAL, FIT_SEEDS), *near_scenes()]
-    file = keypoints and keypoints.with_stem(keypoints.stem + "-digital")
+    files = [file.with_stem(file.stem + "-digital") for file in keypoints if file]
+    file = next((file for file in files if file.exists()), files[0] if files else None)
     return _kept(file, [labelled for labelled, _, _ in scenes], lambda: detected_scenes(scenes, home, as_bgr8))
 
 

@@ -24,10 +24,13 @@ from app.console.widgets.panel import Lines, plain
 from app.console.widgets.patient_details import describe
 from app.system.operators import Permission
 from app.text.catalogue import knows, render, tr
-from profiles.schema import Profile
+from profiles.schema import DEMO_PATIENT, Profile
 from profiles.store import Change
 
 T = TypeVar("T")
+
+# What an observer may not do.
+CHANGES = {"new", "edit", "duplicate", "archive", "import_profile", "begin", "training", "calibrate", "vocabulary"}
 
 
 class PatientsScreen(ConsoleScreen):
@@ -98,7 +101,17 @@ class PatientsScreen(ConsoleScreen):
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:  # noqa: ARG002
         """An observer changes nothing; letters typed into the search are letters."""
-        changes = {"new", "edit", "duplicate", "archive", "import_profile", "begin", "training", "calibrate"}
+        changes = {
+            "new",
+            "edit",
+            "duplicate",
+            "archive",
+            "import_profile",
+            "begin",
+            "training",
+            "calibrate",
+            "vocabulary",
+        }
         return not (self.console_app.read_only and action in changes)
 
     def action_begin(self) -> None:
@@ -141,6 +154,14 @@ class PatientsScreen(ConsoleScreen):
                 changes = self.console_app.store.history(profile.identifier)
                 self.app.push_screen(History(profile.identifier, changes))
 
+    def action_outcomes(self) -> None:
+        """What the sessions came to, over time."""
+        from app.console.screens.outcomes import OutcomesPage  # MCAP: only for who asks for it
+
+        profile = self._chosen()
+        if profile is not None:
+            self.app.push_screen(OutcomesPage(self.console_app.home, profile.identifier))
+
     def action_export(self) -> None:
         """A copy as a file."""
         profile = self._chosen()
@@ -159,9 +180,15 @@ class PatientsScreen(ConsoleScreen):
         if profile is not None:
             await self.console_app.calibrate(profile)
 
+    async def action_vocabulary(self) -> None:
+        """Which gestures this patient can make."""
+        profile = self._chosen()
+        if profile is not None:
+            await self.console_app.begin_enrolment(profile)
+
     async def action_training(self) -> None:
-        """The twelve gestures, before any motor is on."""
-        await self.console_app.begin_training()
+        """The twelve gestures with the patient's hand, before any motor is on."""
+        await self.console_app.begin_training(self._chosen() or DEMO_PATIENT)
 
     def action_review(self) -> None:
         """Earlier sessions."""

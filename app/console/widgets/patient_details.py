@@ -6,10 +6,14 @@ from textual.content import Content
 
 from app.console.session_index import SessionRecord
 from app.console.widgets.panel import Line, plain
+from app.system.vocabulary import VALID_FOR, VocabularyStatus
 from app.text.catalogue import tr
+from kgdfa.gesture import Gesture
 from profiles.palm import reference_segment
 from profiles.schema import Profile
 from profiles.store import Change
+
+DAYS_A_MONTH = 30.4
 
 
 def describe(profile: Profile, changes: tuple[Change, ...], sessions: tuple[SessionRecord, ...]) -> Content:
@@ -44,8 +48,10 @@ def _last(last: SessionRecord | None) -> list[Line]:
         plain(tr("details.last", at=last.at[:16].replace("T", " ")), "bold"),
         plain(tr("details.did", count=last.steps, distance_m=last.distance_m, minutes=last.duration_s / 60)),
     ]
-    if last.discomfort is not None:
-        found.append(plain(tr("details.discomfort", rating=last.discomfort)))
+    for name in ("discomfort", "pain", "exertion"):
+        rating = getattr(last, name)
+        if rating is not None:
+            found.append(plain(tr(f"details.{name}", rating=rating)))
     if last.note:
         found.append(plain(f"“{last.note}”"))
     return found
@@ -58,6 +64,16 @@ def _changed(changes: tuple[Change, ...], last: SessionRecord | None) -> list[Li
         return []
     head = plain(tr("details.changed"), "bold $warning")
     return [head, *(plain(f"  {field} → {new}") for field, new in list(fields.items())[:8])]
+
+
+def vocabulary_text(profile: Profile, status: VocabularyStatus) -> str:
+    """With which gestures the patient commands, and whether that is proven; empty where nothing is special."""
+    if status is VocabularyStatus.NOT_NEEDED:
+        return ""
+    gestures = " ".join(tr(Gesture(one.value)) for one in profile.vocabulary)
+    proven_on = profile.evidence.proven_at.date().isoformat() if profile.evidence else ""
+    months = round(VALID_FOR.days / DAYS_A_MONTH)
+    return f"{tr('start.vocabulary', gestures=gestures)}\n{tr(status, at=proven_on, months=months)}"
 
 
 def identity(profile: Profile) -> str:

@@ -10,11 +10,13 @@ from hypothesis import strategies as st
 from app.console.patient_fields import FIELDS, FieldFault, Kind, parse, to_texts
 from app.text.catalogue import render
 from logs.reason import Reason, reason
+from profiles.errors import ProfileFault
 from profiles.fields import violations
-from profiles.schema import DEMO_PATIENT, HandUsed, Palm
+from profiles.schema import DEMO_PATIENT, GestureUsed, HandUsed, Palm
 
 NUMBERS = [field for field in FIELDS if field.kind in (Kind.NUMBER, Kind.OPTIONAL, Kind.WHOLE)]
 PATHS = [field.path for field in FIELDS]
+CODES = [one.value for one in GestureUsed]
 BAD = ["abc", "1e999", "nan", "inf", "-", "--5", "5 furlongs", "😀", "\x1b[31m", "9" * 10_000, "٣٤ kg?", "1,2,3"]
 
 
@@ -27,6 +29,12 @@ def test_what_is_shown_is_read_back_as_the_same_profile() -> None:
     assert again.palm.measured_width_m == pytest.approx(0.081)
     assert again.hip_max_rad == pytest.approx(1.0, abs=1e-4)
     assert to_texts(again) == to_texts(profile)
+
+
+def test_a_vocabulary_is_typed_as_its_gestures() -> None:
+    profile = parse(to_texts(DEMO_PATIENT) | {"vocabulary": "0, 1 rock"}, DEMO_PATIENT).profile
+    assert profile is not None
+    assert profile.vocabulary == (GestureUsed.ZERO, GestureUsed.ONE, GestureUsed.ROCK)
 
 
 @pytest.mark.parametrize(
@@ -57,6 +65,9 @@ def test_nonsense_is_reported_at_its_field(field: object, typed: str) -> None:
         ("stature_m", "", reason(FieldFault.EMPTY)),
         ("identifier", "", reason(FieldFault.EMPTY)),
         ("identifier", " \t", reason(FieldFault.EMPTY)),
+        ("vocabulary", "0 1 10", reason(FieldFault.UNKNOWN_CODE, text="10", known=" ".join(CODES))),
+        ("vocabulary", "", reason(ProfileFault.VOCABULARY_EMPTY)),
+        ("vocabulary", "0 5", reason(ProfileFault.WALK_WITHOUT_END, walk="5", end="6")),
         ("stature_m", "tall", reason(FieldFault.NOT_A_NUMBER, text="tall", unit="cm")),
         ("stature_m", "170 kg", reason(FieldFault.UNKNOWN_UNIT, unit="kg", known="cm, mm, m")),
         ("dose.steps", "10.5", reason(FieldFault.NOT_WHOLE, text="10.5")),

@@ -1,0 +1,201 @@
+"""The guided enrolment on the screen: reached by a key, kept with its evidence, refused with a reason."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from datetime import UTC, datetime, timedelta
+
+import msgspec
+import pytest
+
+from app.console.app import ConsoleApp
+from app.console.guidance import Light, results
+from app.console.screens.patients import PatientsScreen
+from app.console.screens.vocabulary import VocabularyScreen, frame_of
+from app.ipc.messages import OperatorKind, TriggerReport
+from app.system.config import Config
+from app.system.paths import Home
+from app.system.vocabulary import VALID_FOR, recognition_hash, with_evidence
+from kgdfa.gesture import Gesture, HandRefusal
+from kgdfa.vocabulary import MOST_FRAMES, OTHER_HAND_FRAMES, PARTS, VocabularyProof
+from logs.reason import Reason, reason
+from logs.records import Body, VocabularyEnrolled
+from profiles.files import encode
+from profiles.schema import DEMO_PATIENT, GestureUsed
+from profiles.store import ChangeCause
+from tests.app.console.conftest import Console, Opener
+from tests.app.system.test_vocabulary_status import PROOF
+
+Show = Callable[[Gesture | None, int], dict[str, object]]
+G = Gesture
+
+
+def perfect(part: Gesture | None, _: int) -> dict[str, object]:
+    return {"hand": True, "raw_gesture": part}
+
+
+def enrolling(app: ConsoleApp) -> VocabularyScreen:
+    screen = app.screen
+    assert isinstance(screen, VocabularyScreen)
+    return screen
+
+
+def show_frames(app: ConsoleApp, show: Show, frames: int = MOST_FRAMES * len(PARTS)) -> None:
+    """So many reports, one after the other as the console gives them to the screen, or until there is a result."""
+    screen, state = enrolling(app), app.live_state()
+    assert state is not None
+    for number in range(frames):
+        if screen._result is not None:
+            return
+        enrolment = screen._enrolment
+        later_ns = state.now_ns + 3_600_000_000_000  # than all that the host sends meanwhile
+        captured_ns = max(later_ns, screen._captured_ns) + 1
+        seen = {"hand": False, "gesture": None} | show(enrolment.sample.gesture, enrolment.frames)
+        report = TriggerReport(
+            incarnation=1,
+            sequence=number,
+            captured_ns=captured_ns,
+            sent_ns=state.now_ns,
+            **seen,  # type: ignore[arg-type]
+        )
+        screen.show_session(replace(state, report=report))
+
+
+async def opened(console: Console, kept: list[Body], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(console.app.trail, "emit", kept.append)
+    await console.press("g")
+    await console.until(lambda: isinstance(console.app.screen, VocabularyScreen) and console.app.live_state())
+    await console.shows("Enrol the gestures of demo: 1/25")
+    await console.shows("Show gesture 0 and hold it")
+
+
+async def test_what_the_patient_can_make_becomes_the_vocabulary(
+    console: Opener, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def weak(part: Gesture | None, _: int) -> dict[str, object]:
+        return {"hand": True, "raw_gesture": None if part in {G.SIX, G.NINE} else part}
+
+    async with console(profile=None, size=(130, 40)) as open_console:
+        app, kept = open_console.app, list[Body]()
+        await opened(open_console, kept, monkeypatch)
+        while enrolling(app)._enrolment.sample.gesture is not G.LOVE:
+            show_frames(app, weak, 1)
+        await open_console.press("tab")
+        assert enrolling(app)._enrolment.sample.gesture is G.ROCK
+        show_frames(app, weak)
+        await open_console.shows("120/120 ≥98%")
+        await open_console.shows("idle 0/200 ≤1%")
+        text = open_console.text()
+        assert [line for line in text.splitlines() if "✗    6" in line and "0/120 ≥0%" in line]
+        assert "✗    5" in text, "who can't end a walk may not begin one"
+        assert not kept
+        await open_console.press("ctrl+s")
+        await open_console.until(lambda: isinstance(app.screen, PatientsScreen))
+        profile = app.store.load("demo")
+        assert [one.value for one in profile.vocabulary] == ["0", "1", "2", "3", "4", "7", "8", "rock"]
+        assert profile.evidence is not None
+        assert profile.evidence.model == recognition_hash(app.config)
+        assert datetime.now(UTC) - profile.evidence.proven_at < timedelta(minutes=5)
+        assert app.store.history("demo")[-1].why == ChangeCause.ENROLLED.key
+        assert {OperatorKind.ARM, OperatorKind.ACT} & set(open_console.host.kinds()) == set()
+        assert open_console.host.setup.config.joints.kind == "simulated"
+        assert open_console.host.closed
+    (record,) = (body for body in kept if isinstance(body, VocabularyEnrolled))
+    assert record.reason is None
+    assert record.vocabulary == ("0", "1", "2", "3", "4", "7", "8", "rock")
+    assert record.gestures == ("0", "1", "2", "3", "4", "5", "6", "7", "8", "9", "rock")
+    assert (record.frames[6], record.recognised[6], record.recognised_at_least[6]) == (120, 0, 0.0)
+    assert (record.idle_frames, record.idle_at_most) == (200, 0.0149)
+
+
+def unlike(*parts: int) -> Show:
+    """Perfect but in these parts, where nothing is recognised."""
+    places = [PARTS[place] for place in parts]
+    shown: list[Gesture | None] = []
+
+    def show(part: Gesture | None, at: int) -> dict[str, object]:
+        if at == 0:
+            shown.append(part)
+        second = shown.count(part) == 2
+        return {"hand": True, "raw_gesture": None if part in places and second else part}
+
+    return show
+
+
+OTHER: dict[str, object] = {"hand": False, "hand_refusal": reason(HandRefusal.TWO_HANDS, share=0.9, limit=0.75)}
+REFUSED: dict[str, tuple[Show, str]] = {
+    "OTHER_HAND": (lambda part, at: OTHER if at < OTHER_HAND_FRAMES else perfect(part, at), "Another hand"),
+    "ABANDONED": (lambda *_: {"hand": False}, "left before its end"),
+    "TOO_FEW_FRAMES": (lambda part, at: {"hand": at < 60, "raw_gesture": part}, "of 60 frames showed the hand"),
+    "CONTRADICTORY": (unlike(3), "100% of one showing and 0% of the other"),
+    "IDLE_TAKEN": (lambda part, _: {"hand": True, "raw_gesture": part or G.FIVE}, "most for 5"),
+    "NONE_RELIABLE": (lambda *_: {"hand": True, "raw_gesture": None}, "No gesture was recognised often enough"),
+}
+
+
+@pytest.mark.parametrize("name", REFUSED)
+async def test_every_refusal_is_told_and_recorded_once_and_the_old_vocabulary_stays(
+    console: Opener, monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    show, text = REFUSED[name]
+    async with console(profile=None, size=(130, 40)) as open_console:
+        app, kept = open_console.app, list[Body]()
+        await opened(open_console, kept, monkeypatch)
+        show_frames(app, show)
+        await open_console.shows(text)
+        await open_console.shows("Nothing was changed")
+        await open_console.press("ctrl+s")
+        await open_console.tells("There is nothing to keep yet")
+        await open_console.press("escape")
+        await open_console.until(lambda: isinstance(app.screen, PatientsScreen))
+        assert app.store.load("demo") == DEMO_PATIENT
+    (record,) = (body for body in kept if isinstance(body, VocabularyEnrolled))
+    assert isinstance(record.reason, Reason)
+    assert record.reason.code == f"VocabularyFault.{name}"
+    assert record.vocabulary == tuple(one.value for one in GestureUsed)
+
+
+@pytest.mark.parametrize("whole", [False, True])
+async def test_who_leaves_keeps_nothing_and_that_is_recorded(
+    console: Opener, monkeypatch: pytest.MonkeyPatch, whole: bool
+) -> None:
+    async with console(profile=None) as open_console:
+        app, kept = open_console.app, list[Body]()
+        await opened(open_console, kept, monkeypatch)
+        show_frames(app, perfect, MOST_FRAMES * len(PARTS) if whole else 50)
+        assert isinstance(enrolling(app)._result, VocabularyProof) is whole
+        await open_console.press("escape")
+        await open_console.until(lambda: isinstance(app.screen, PatientsScreen))
+        assert app.store.load("demo") == DEMO_PATIENT
+    (record,) = (body for body in kept if isinstance(body, VocabularyEnrolled))
+    assert isinstance(record.reason, Reason)
+    assert record.reason.code == "VocabularyFault.ABANDONED"
+
+
+@pytest.mark.parametrize("refusal", HandRefusal)
+def test_only_another_hand_is_another_hand(refusal: HandRefusal) -> None:
+    report = TriggerReport(incarnation=1, sequence=1, captured_ns=0, sent_ns=0, hand=False, gesture=None)
+    other = {HandRefusal.TWO_HANDS, HandRefusal.OTHER_SIDE, HandRefusal.OTHER_ARM, HandRefusal.OVERLAP}
+    shown = frame_of(msgspec.structs.replace(report, hand_refusal=reason(refusal)))
+    assert shown.other_hand is (refusal in other)
+
+
+@pytest.mark.parametrize(("age", "text"), [(timedelta(), "✓ proven on"), (VALID_FOR * 2, "more than 3 months ago")])
+async def test_the_start_screen_and_the_checks_tell_whether_it_is_proven(
+    console: Opener, home: Home, age: timedelta, text: str
+) -> None:
+    enrolled = with_evidence(DEMO_PATIENT, PROOF, recognition_hash(Config()), datetime.now(UTC) - age)
+    home.profiles.mkdir(parents=True)
+    (home.profiles / "demo.toml").write_text(encode(enrolled))
+    async with console(profile=None, size=(130, 40)) as open_console:
+        app = open_console.app
+        await open_console.press("enter")
+        await open_console.shows("Commands with: 0")
+        await open_console.shows(text)
+        await open_console.press("ctrl+s")
+        await open_console.until(lambda: (state := app.live_state()) and state.snapshot)
+        state = app.live_state()
+        assert state is not None
+        lights = {one.name: one.light for one in results(state)}
+        assert lights["vocabulary"] is (Light.AMBER if age else Light.GREEN)
