@@ -8,10 +8,12 @@ from app.console.state import NO_NOTE, PressNote, SessionState
 from app.console.widgets.panel import DrawnPanel, Line, Lines, StatePanel, bar, cells, fitted, plain, wrapped
 from app.console.widgets.push import TRACE_ROWS, Push, draw_push
 from app.ipc.messages import TriggerReport
-from app.ipc.states import ACTION_OF
+from app.ipc.states import ACTION_OF, RequestRefusal
+from app.system.vocabulary import vocabulary_of
 from app.text.catalogue import render, tr
 from kgdfa.gesture import FINGER_STATES, Finger, FingerState
 from kgdfa.press_zone import PressZone
+from logs.reason import reason
 
 # Fingers as strokes, thumb first: hand emoji are wide characters, which terminals measure differently.
 _STROKES = {
@@ -36,17 +38,19 @@ def gesture_lines(state: SessionState) -> Lines:
         return (plain(tr("gesture.stale"), "bold $error"),)
     if report.camera_fault:
         return (plain(tr("gesture.no_picture"), "bold $error"), plain(render(report.camera_fault)))
-    why = report.hand_refusal or report.hint or (report.explanation if report.gesture is None else None)
-    return (_headline(report), _votes(report), plain(render(why) if why else "", "$foreground-muted"))
+    foreign = report.gesture is not None and report.gesture not in vocabulary_of(state.setup.profile)
+    refused = reason(RequestRefusal.NOT_IN_VOCABULARY, gesture=report.gesture) if foreign else report.hand_refusal
+    why = refused or report.hint or (report.explanation if report.gesture is None else None)
+    return (_headline(report, foreign=foreign), _votes(report), plain(render(why) if why else "", "$foreground-muted"))
 
 
-def _headline(report: TriggerReport) -> tuple[tuple[str, str], ...]:
+def _headline(report: TriggerReport, *, foreign: bool) -> tuple[tuple[str, str], ...]:
     if report.gesture is not None:
         name = tr(report.gesture)
         return (
             (f" {name} ", "bold reverse $primary"),
             (f" {FINGERS[report.gesture]} ", "bold"),
-            (tr(ACTION_OF[report.gesture]), "bold $primary"),
+            (tr("gesture.foreign"), "bold $warning") if foreign else (tr(ACTION_OF[report.gesture]), "bold $primary"),
         )
     if report.hand_refusal is not None:
         return plain(tr("gesture.refused"), "bold $warning")
@@ -182,7 +186,7 @@ def _button(report: TriggerReport | None, press_note: PressNote, width: int) -> 
     if report is not None and report.pressed:
         withdraw = tr("button.withdraw", gesture=tr(report.gesture) if report.gesture else "")
         return fitted([(f" ◉ {tr('button.pressed')} ", "bold reverse $success"), (f" {withdraw}", "$success")], width)
-    released = (f" ○ {tr('button.released')} ", "bold reverse $error")
+    released = (f" ○ {tr('button.released')} ", "bold $foreground-muted")
     return (released, *(plain(f" {part}", "$warning")[0] for part in wrapped(why_nothing(press_note), width - 14)[:1]))
 
 

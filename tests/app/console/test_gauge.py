@@ -16,7 +16,7 @@ from kgdfa.pipeline import Pipeline, PipelineInput, Report
 from kgdfa.published import PublishedRules
 from kgdfa.robust_distance import RobustRange
 from tests.app.console.conftest import Opener
-from tests.app.replay.test_session_explained import BLACK, FRAME_NS, Shown, hand_at
+from tests.support.live_session import BLACK, FRAME_NS, Shown, hand_at
 
 WIDTH = 60
 Frame = tuple[Report, TriggerReport]
