@@ -7,10 +7,12 @@ import shutil
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import Any
 
 import msgspec
 
 from app.ipc.messages import (
+    ActionReport,
     ActiveEvent,
     AuditHealth,
     ControlSnapshot,
@@ -22,9 +24,10 @@ from app.ipc.messages import (
     RealTime,
     TriggerReport,
 )
-from app.ipc.states import ACTION_OF, Action, Effect, Event, GaitState
+from app.ipc.states import ACTION_OF, Action, Effect, Event, GaitState, Source
 from app.session.host import Latest, ProcessStatus
 from app.system.config import SessionSetup
+from app.system.vocabulary import by_key_only, vocabulary_of
 from kgdfa.distance import DistanceSource
 from kgdfa.gesture import Decision, Gesture
 from kgdfa.press_zone import PressZone
@@ -78,6 +81,7 @@ class FakeHost:
     camera_fault: Reason | None = None
     press_zone: PressZone | None = None
     message: TriggerReport | None = None  # that perception sends; None: as the other fields have it
+    walked: dict[str, Any] = field(default_factory=dict)  # fields of control's snapshot: steps, distance, reports
     silent: bool = False
     guardian_gone: bool = False
     rests_at_once: bool = True
@@ -169,7 +173,7 @@ class FakeHost:
 
     def _snapshot(self, now_ns: int) -> ControlSnapshot:
         standing = self.state is GaitState.STANDING
-        return ControlSnapshot(
+        usual = ControlSnapshot(
             incarnation=1,
             sequence=1,
             at_ns=now_ns,
@@ -180,10 +184,12 @@ class FakeHost:
             enabled=standing,
             allowed=ALLOWED_STANDING if standing else (ACTION_OF[Gesture.ZERO],),
             joints=(JOINT, JOINT, JOINT, JOINT),
+            by_key_only=by_key_only(vocabulary_of(self.setup.profile)),
             events=self.events,
             real_time=RealTime(fifo=True, memory_locked=True, cores_awake=True, core=1),
             report_age_ms=21.0,
         )
+        return msgspec.structs.replace(usual, **self.walked)
 
     def _report(self, now_ns: int) -> TriggerReport:
         if self.message is not None:
@@ -215,3 +221,16 @@ class FakeHost:
 def event(event: Event, effect: Effect, since_ns: int = 0, **detail: Value) -> ActiveEvent:
     """An unacknowledged event, present now."""
     return ActiveEvent(event=event, effect=effect, detail=detail, since_ns=since_ns, present=True, acknowledged=False)
+
+
+def walk_steps(host: FakeHost, steps: int, step_m: float = 0.3, **fields: Any) -> None:
+    """Control reports a walk that moves since now, and so many steps in the session."""
+    before: tuple[ActionReport, ...] = host.walked.get("reports", ())
+    walk = ActionReport(
+        number=1,
+        action=Action.WALK,
+        source=Source.GESTURE,
+        from_state=GaitState.STANDING,
+        first_motion_ns=before[0].first_motion_ns if before else host.clock(),
+    )
+    host.walked = {"steps": steps, "distance_walked_m": steps * step_m, "reports": (walk,), **fields}

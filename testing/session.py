@@ -16,11 +16,13 @@ import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from enum import Enum
 from multiprocessing.connection import Connection
 from pathlib import Path
 
 import psutil
 
+from app.demo.session import record_pictures
 from app.ipc import streams as processes
 from app.ipc.links import LatestReceiver, address
 from app.ipc.messages import ControlSnapshot, GuardianHealth, Heartbeat, OperatorKind, TriggerReport
@@ -154,6 +156,13 @@ class WatchedSession(ABC):
 END = "end"
 
 
+class Consent(Enum):
+    """To pictures; what a pipe to the console carries."""
+
+    GIVEN = "given"
+    WITHDRAWN = "withdrawn"
+
+
 def run_console(setup: SessionSetup, commands: Connection, perception: bool, group: Path | None) -> None:
     """The console process: joins the control group, starts the processes, sends heartbeats, forwards commands."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # of a whole terminal: whoever measures ends the session in order
@@ -169,7 +178,10 @@ def run_console(setup: SessionSetup, commands: Connection, perception: bool, gro
         command = commands.recv()
         if command == END:
             break
-        host.send(*command)
+        if isinstance(command, Consent):
+            record_pictures(host, consent=command is Consent.GIVEN)
+        else:
+            host.send(*command)
     host.close()
     commands.send(END)
 
@@ -219,6 +231,10 @@ class RealSession(WatchedSession):
             self._taken.send(kind, action)
         else:
             self._commands.send((kind, action))
+
+    def record_pictures(self, *, consent: bool) -> None:
+        """The patient agrees to the camera's pictures, or withdraws it."""
+        self._commands.send(Consent.GIVEN if consent else Consent.WITHDRAWN)
 
     def poll(self, wait_s: float = 0.02) -> None:
         """As the base, and say that STOP can be given."""

@@ -9,9 +9,11 @@ import argparse
 import math
 import random
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from datetime import UTC, datetime
+from itertools import chain
 from pathlib import Path
+from typing import Any
 
 from logs import records as r
 from logs.disk import Disk
@@ -157,8 +159,20 @@ def _event(state: str, clock: _Clock, rng: random.Random) -> Iterator[tuple[str,
     yield "control", r.EffectChanged(from_effect="hold", to_effect="note")
 
 
-def write_sample(home: Path, minutes: float, seed: int = 1, per_second: int = 1, patient: str = "P-017") -> Path:
-    """A session of so many minutes in a home's logs; `per_second` joint records a second make it longer."""
+def write_sample(
+    home: Path,
+    minutes: float,
+    seed: int = 1,
+    per_second: int = 1,
+    patient: str = "P-017",
+    *,
+    parameters: dict[str, Any] | None = None,
+    of_console: Iterable[r.Body] = (),
+) -> Path:
+    """A session of so many minutes in a home's logs; `per_second` joint records a second make it longer.
+
+    of_console: what the console records at its end.
+    """
     folder = home / "logs"
     folder.mkdir(parents=True, exist_ok=True)
     clock, rng = _Clock(1_795_000_000_000_000_000 + seed * 86_400_000_000_000), random.Random(seed)
@@ -166,8 +180,9 @@ def write_sample(home: Path, minutes: float, seed: int = 1, per_second: int = 1,
     writer = SessionWriter(folder, name, load_or_make_key(home / "keys"), Disk(), CheckpointCopy(""))
     versions = {"rleex": "0.1.0", "python": "3.11"}
     writer.begin(r.SessionStart(versions=versions, configuration={}, simulated=True), clock.moment())
-    writer.take(clock.moment().entry(r.PatientChosen(patient=patient)))
-    for count, (process, body) in enumerate(bodies(minutes, clock, rng, per_second)):
+    writer.take(clock.moment().entry(r.PatientChosen(patient=patient, parameters=parameters or {})))
+    at_end = (("console", body) for body in of_console)
+    for count, (process, body) in enumerate(chain(bodies(minutes, clock, rng, per_second), at_end)):
         now = clock.moment()
         writer.take(
             r.Entry(

@@ -12,7 +12,7 @@ from app.session.host import SessionHost
 from app.system.errors import AppError
 from app.text.catalogue import tr
 
-START_S = 30.0  # the hand model's first load on a slow disk
+START_S = 60.0  # imports and the hand model's first load, on a busy machine
 ACCEPTANCE_S = 3.0
 GUARDIAN_S = 10.0  # it damps for seconds before it gives the joints back
 STILL_S = 1.5  # longer than a swinging leg is slow at its turning point

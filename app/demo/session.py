@@ -10,17 +10,19 @@ import msgspec
 from rich.console import Console
 from rich.table import Table
 
+from app.audit.sink import AuditSink
 from app.demo.attempt import Attempt, spread
 from app.demo.runner import ScenarioRunner
 from app.demo.scenario import Step, run_scenario
-from app.ipc.messages import Lateness, PauseSummary
+from app.ipc.messages import Lateness, PauseSummary, PerceptionCommand
 from app.ipc.states import ACTION_OF, Action
 from app.session.host import SessionHost, make_setup
 from app.system.authority import demonstration
 from app.system.config import CameraConfig, Config, JointsConfig, SessionSetup
-from app.system.paths import Home
+from app.system.paths import Home, pictures_path
 from app.text.catalogue import tr
 from hal.cameras.digital_hand.render import person_of
+from logs.records import Recording
 from profiles.schema import DEMO_PATIENT, DistanceUsed, Palm, Profile
 
 
@@ -114,12 +116,13 @@ def run_session(
     watch: Callable[[str], None],
     approach_m: float = 0.0,
     load: int = 0,
+    pictures: bool = False,
     patient: Profile | None = None,
     run_attempts: Callable[[ScenarioRunner, Sequence[Step]], list[Attempt]] = run_scenario,
 ) -> SessionResult:
     """Start the real processes, carry out the scenario, close, verify the audit trail; None: the demo patient.
 
-    load: how many busy processes the caller has started beside it, for the result.
+    load: how many busy processes the caller has started beside it, for the result. pictures: recorded as well.
     """
     wearer = patient or demo_patient(config.camera.seed)
     setup = make_setup(home, config, wearer, demonstration(home, config.joints))
@@ -130,6 +133,8 @@ def run_session(
     try:
         host.start()
         runner.prepare()
+        if pictures:
+            record_pictures(host)
         attempts = run_attempts(runner, scenario)
     finally:
         host.close()
@@ -145,6 +150,15 @@ def run_session(
         load=load,
         session=setup.session,
     )
+
+
+def record_pictures(host: SessionHost, *, consent: bool = True) -> None:
+    """The demo patient agrees to pictures, or withdraws it, as a console records it."""
+    setup = host.setup
+    sink = AuditSink(setup.links, "console", setup.operator)
+    sink.emit(Recording(on=consent, consent=consent, path=pictures_path(Home(setup.home).logs, setup.session).name))
+    sink.close()
+    host.send_to_perception(PerceptionCommand(record_pictures=consent))
 
 
 def rehearse_missing(setup: SessionSetup, watch: Callable[[str], None]) -> None:

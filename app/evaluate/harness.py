@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import io
+import os
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -17,6 +19,7 @@ from rich.table import Table
 from app.ipc.streams import TRIGGER
 from app.system.errors import AppError
 from app.text.catalogue import language, tr, use_language
+from logs.reading.errors import cause_of
 
 FRAME_NS = TRIGGER.period_ns  # 30 frames per second: the camera's rate, where a recording names none
 MOST_SEEDS = 1000  # in one range
@@ -46,6 +49,7 @@ class EvaluateFault(Enum):
     KEYPOINTS_UNREADABLE = auto()  # file, detail
     KEYPOINTS_OF_OTHERS = auto()  # file
     FOLDER_OR_DIGITAL = auto()
+    WITH_ALONE = auto()
     SEEDS = auto()  # seeds
     CLICK = auto()  # click, low_s, high_s
     WORKER_TIMEOUT = auto()  # limit_s
@@ -57,6 +61,7 @@ class EvaluateFault(Enum):
     PROGRESS_OF_OTHERS = auto()  # file
     ONNX_UNREADABLE = auto()  # file, detail
     ONNX_OUTPUTS = auto()  # file, outputs
+    ONNX_NOT_RUN = auto()  # file, detail
     TABLE_NOT_MADE = auto()  # table, command, status
 
 
@@ -122,8 +127,19 @@ def mean(values: Iterable[float]) -> float:
 def write_json(content: Mapping[str, Any] | Sequence[Any], path: Path | None) -> None:
     """Write the figures, where a file was named. Raises AppError when it can't be written."""
     if path is not None:
-        with writing(path):
-            path.write_bytes(msgspec.json.format(msgspec.json.encode(content), indent=1) + b"\n")
+        write_whole(path, msgspec.json.format(msgspec.json.encode(content), indent=1) + b"\n")
+
+
+def write_whole(path: Path, content: bytes) -> None:
+    """Write the whole file or none: an older one stays where the disk refuses. Raises AppError."""
+    path = path.resolve()
+    partial = path.with_name(f".{path.name}.{os.getpid()}.part")
+    with writing(path):
+        try:
+            partial.write_bytes(content)
+            partial.replace(path)
+        finally:
+            partial.unlink(missing_ok=True)
 
 
 @contextmanager
@@ -132,7 +148,7 @@ def writing(path: Path) -> Iterator[None]:
     try:
         yield
     except (OSError, ValueError) as error:
-        raise AppError(EvaluateFault.FILE_UNWRITABLE, file=path, detail=str(error)) from error
+        raise AppError(EvaluateFault.FILE_UNWRITABLE, file=path, detail=cause_of(error)) from error
 
 
 @contextmanager
@@ -162,8 +178,10 @@ def figure(
     FigureCanvasAgg(made)
     with in_english():
         yield made, made.subplots(rows, columns, sharey=share_y)
+    drawn = io.BytesIO()
     with writing(path):
-        made.savefig(path, dpi=110)
+        made.savefig(drawn, dpi=110, format=path.suffix[1:] or "png")
+    write_whole(path, drawn.getvalue())
 
 
 def decorate(axes: Any, x: str, y: str, title: str, **values: object) -> None:
@@ -172,4 +190,5 @@ def decorate(axes: Any, x: str, y: str, title: str, **values: object) -> None:
         xlabel=tr(f"evaluate.plot.{x}"), ylabel=tr(f"evaluate.plot.{y}"), title=tr(f"evaluate.plot.{title}", **values)
     )
     axes.grid(alpha=0.3)
-    axes.legend()
+    if axes.get_legend_handles_labels()[0]:  # matplotlib warns where nothing was drawn
+        axes.legend()

@@ -8,7 +8,7 @@ from typing import Annotated
 import msgspec
 import typer
 
-from app.cli.common import HomeOption, check_output_folder
+from app.cli.common import HomeOption, check_output, check_output_folder
 from app.cli.evaluate.common import (
     Click,
     Json,
@@ -20,7 +20,7 @@ from app.cli.evaluate.common import (
 )
 from app.cli.progress import spinner, wide_console
 from app.demo.scenario import ALL_TWELVE
-from app.evaluate.harness import click_range, require_extra, seed_numbers, write_json
+from app.evaluate.harness import click_range, require_extra, seed_numbers, write_json, writing
 from app.system.config import load_config
 from app.system.hand_model import set_up_model
 from app.system.paths import find_home, hold_home
@@ -74,20 +74,27 @@ def response(
     attempts: Annotated[int, typer.Option("--trials", help="Attempts a gesture.", min=1)] = 50,
     seeds: Seeds = "1-3",
     click: Click = "0.3",
+    keep: Annotated[
+        Path | None,
+        typer.Option(callback=check_output, help="Keep each session's figures in this file; go on where it ends."),
+    ] = None,
     json_file: Json = None,
     home: HomeOption = None,
 ) -> None:
     """Table 7: success and response of the whole system, real processes, several hands."""
-    from app.evaluate.loop.response import evaluate_response, shown
+    from app.evaluate.loop.response import evaluate_response
+    from app.evaluate.loop.table7 import shown
 
     place = find_home(home)
     base = load_config(place.config)
     numbers, click_s = seed_numbers(seeds), click_range(click)
     with hold_home(place), spinner(wide_console(), total=attempts * len(ALL_TWELVE)) as watch:
         set_up_model(place, base)
-        result = evaluate_response(place, base, attempts=attempts, seeds=numbers, click_s=click_s, watch=watch)
-    write_json(result.as_json(), json_file)
+        result = evaluate_response(
+            place, base, attempts=attempts, seeds=numbers, click_s=click_s, watch=watch, keep=keep
+        )
     show(*shown(result))
+    write_json(result.as_json(), json_file)
     if result.interrupted or result.gave_up:
         raise typer.Exit(130 if result.interrupted else 1)
 
@@ -107,12 +114,16 @@ def paper(
     home: HomeOption = None,
 ) -> None:
     """Tables 3 to 7 beside the paper's figures on one HTML page; an interrupted run goes on where it ended."""
+    from app.evaluate.loop.speed import open_detectors
     from app.evaluate.paper.make import jobs, make
     from app.evaluate.paper.page import write_page
 
-    require_extra("evaluate", "matplotlib", "jinja2", "onnx", "tflite")
+    require_extra("evaluate", "matplotlib", "jinja2", "onnx", "onnxruntime", "tflite")
+    seed_numbers(seeds)
+    open_detectors(onnx or [])  # what would end table 4 must not cost table 3's time before
     options = () if home is None else ("--home", str(home))
-    out.mkdir(parents=True, exist_ok=True)
+    with writing(out):
+        out.mkdir(parents=True, exist_ok=True)
     try:
         for job in jobs(data, attempts=attempts, hands=seeds, changes=changes, onnx=onnx or []):
             show(tr("evaluate.paper.making", table=job.table, command=job.command))

@@ -21,14 +21,22 @@ import cv2
 import numpy as np
 
 from app.evaluate.harness import EvaluateFault
+from app.evaluate.loop.networks import onnx_size
 from app.system.errors import AppError
 from kgdfa.hand import FloatArray
 from kgdfa.preprocess import Image
+from logs.reading.errors import cause_of
 
 OPEN_SIDE_PX = 640  # of an input whose size the model leaves open: YOLO's usual one
 LEAST_SCORE = 0.25  # YOLO's usual one
 MOST_OVERLAP = 0.45
 GREY = (114, 114, 114)  # what YOLO fills the rest of a square input with
+
+
+def first_line(error: Exception) -> str:
+    """What a library says, which may go on for pages or be nothing, without its own numbers and the path again."""
+    text = next(iter(str(error).splitlines()), "")
+    return text.rpartition(" failed:")[2].strip(" .") or type(error).__name__
 
 
 class Export(Enum):
@@ -43,13 +51,18 @@ class OnnxDetector:
     """Runs a model on images of any size."""
 
     def __init__(self, path: Path) -> None:
-        """Raises AppError when it is no ONNX model, or none whose input and outputs are known here."""
+        """Raises AppError when it can't be read or run, or is no ONNX model whose input and outputs are known here."""
         import onnxruntime
 
         try:
+            with path.open("rb"):
+                pass
+        except OSError as error:
+            raise AppError(EvaluateFault.FILE_UNREADABLE, file=path, detail=cause_of(error)) from error
+        try:
             self._session = onnxruntime.InferenceSession(path, providers=["CPUExecutionProvider"])
         except Exception as error:  # the library's own kinds of error have no common base
-            raise AppError(EvaluateFault.ONNX_UNREADABLE, file=path, detail=str(error).splitlines()[0]) from error
+            raise AppError(EvaluateFault.ONNX_UNREADABLE, file=path, detail=first_line(error)) from error
         (first, *others) = self._session.get_inputs()
         outputs = {one.name: tuple(one.shape) for one in self._session.get_outputs()}
         export = export_of(outputs)
@@ -61,6 +74,11 @@ class OnnxDetector:
         self._bytes = first.type == "tensor(uint8)"
         height, width = first.shape[2:] if self._channels_first else first.shape[1:3]
         self.size = tuple(side if isinstance(side, int) else OPEN_SIDE_PX for side in (width, height))
+        try:  # now, and not after the other detectors were measured
+            self.detect(np.zeros((*self.size[::-1], 3), np.uint8))
+            self.network = onnx_size(path)
+        except Exception as error:  # whatever a foreign model makes the library do
+            raise AppError(EvaluateFault.ONNX_NOT_RUN, file=path, detail=first_line(error)) from error
 
     def detect(self, image_bgr: Image) -> tuple[FloatArray, FloatArray]:
         """(n, 4) boxes in the image, left, top, width, height in pixels, and their (n,) scores, surest first."""

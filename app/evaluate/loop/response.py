@@ -1,56 +1,40 @@
 """Table 7: the closed loop, signed and pressed by digital hands of several people, beside the paper's figures.
 
-Each hand has one session of many rounds. Before a round the therapist takes the power from the standing legs, so that
+Each hand has sessions of several rounds. Before a round the therapist takes the power from the standing legs, so that
 gesture 0 powers them anew. An attempt that does nothing counts as failed and is made again, until the round can go on.
+What 150 attempts a gesture take is hours: each session is kept as it ends, and a run goes on from what is kept.
 """
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
-from itertools import chain
-from typing import Any, Protocol
+from pathlib import Path
+from typing import Protocol
 
 import msgspec
 import numpy as np
-from rich.table import Table
 
-from app.demo.attempt import Attempt, Spread, spread, success
+from app.demo.attempt import Attempt
 from app.demo.scenario import ALL_TWELVE, Step
 from app.demo.session import SessionResult, demo_config, demo_patient, run_session
-from app.evaluate.harness import EvaluateFault, table
+from app.evaluate.harness import EvaluateFault, writing
+from app.evaluate.loop.table7 import ResponseResult
 from app.ipc.states import ACTION_OF, Action
 from app.system.config import Config
+from app.system.errors import AppError
 from app.system.paths import Home
-from app.text.catalogue import render, tr
-from kgdfa.gesture import Gesture
+from app.system.program import PROGRAM, program_identity
+from logs.reading.formats import read_json_lines
 from logs.reason import Reason, reason
 from profiles.schema import Profile
-
-# Table 7: success %, mean response s, of 3 people × 50 attempts a gesture
-PAPER: dict[Gesture, tuple[float, float]] = {
-    Gesture.ZERO: (89.33, 0.49),
-    Gesture.ONE: (92.67, 0.50),
-    Gesture.TWO: (93.33, 0.53),
-    Gesture.THREE: (93.33, 0.68),
-    Gesture.FOUR: (94.00, 0.51),
-    Gesture.FIVE: (97.33, 0.44),
-    Gesture.SIX: (95.33, 0.46),
-    Gesture.SEVEN: (82.67, 0.89),
-    Gesture.EIGHT: (87.33, 0.78),
-    Gesture.NINE: (80.67, 0.99),
-    Gesture.LOVE: (94.00, 0.66),
-    Gesture.ROCK: (96.67, 0.45),
-}
-# Its rows average less than it reports.
-PAPER_OVERALL = {"paper_success": 0.9411, "paper_average": 0.9139, "paper_response_s": 0.615}
 
 # A quick press is a short one: the hand rests at 27 cm, near the 25 cm of the paper's same-side hand.
 APPROACH_M = 0.09
 # The paper's 20 cm, of the hand itself: the button's distance reads an upright hand an eighth too far, to be safe.
 THRESHOLD_M = 0.225
 ATTEMPTS = 5  # at one transition, before the session is given up
+ROUNDS_A_SESSION = 5  # some seven minutes, which are lost where the power fails
 FRUITLESS_SESSIONS = 3  # one after the other without a round: then something is broken
 
 Watch = Callable[[str], None]
@@ -77,53 +61,6 @@ class Runner(Protocol):
     def power_off(self) -> bool:
         """Whether the power is off."""
         ...
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ResponseResult:
-    """All sessions together; `interrupted` when the operator ended them, `gave_up` when no round could be made."""
-
-    sessions: tuple[SessionResult, ...]
-    interrupted: bool = False
-    gave_up: Reason | None = None
-
-    @property
-    def attempts(self) -> tuple[Attempt, ...]:
-        """Every attempt of every session."""
-        return tuple(chain.from_iterable(session.attempts for session in self.sessions))
-
-    @property
-    def unintended(self) -> int:
-        """Unintended actions, in all sessions."""
-        return sum(session.unintended for session in self.sessions)
-
-    def of(self, gesture: Gesture) -> tuple[Attempt, ...]:
-        """The attempts of one gesture."""
-        return tuple(attempt for attempt in self.attempts if attempt.gesture is gesture)
-
-    def failures(self) -> Counter[tuple[str, str]]:
-        """How often which gesture failed for which reason."""
-        return Counter(
-            (attempt.gesture.value, render(attempt.reason) if attempt.reason else "–")
-            for attempt in self.attempts
-            if not attempt.ok
-        )
-
-    def as_json(self) -> dict[str, Any]:
-        """As `--json` writes it; times in seconds, from recognition and from release."""
-        return {
-            **_figures(self.attempts),
-            "unintended": self.unintended,
-            "audit_verified": all(session.audit_verified for session in self.sessions),
-            "sessions": len(self.sessions),
-            "interrupted": self.interrupted,
-            "gave_up": msgspec.to_builtins(self.gave_up),
-            "per_gesture": {gesture.value: _figures(self.of(gesture)) for gesture in PAPER},
-            "failures": [
-                {"gesture": gesture, "reason": why, "times": times}
-                for (gesture, why), times in self.failures().most_common()
-            ],
-        }
 
 
 @dataclass(slots=True)
@@ -167,92 +104,8 @@ class Rounds:
                 return
 
 
-def evaluate_response(
-    home: Home, base: Config, *, attempts: int, seeds: Sequence[int], click_s: tuple[float, float], watch: Watch
-) -> ResponseResult:
-    """At least `attempts` of every gesture, shared among the hands of the seeds; pushes take from click_s[0] to [1].
-
-    It ends with what there is on Ctrl-C, and when sessions one after the other can't make a round.
-    """
-    sessions: list[SessionResult] = []
-    for seed, count in shared(attempts, seeds):
-        config, fruitless = demo_config(base, seed=seed, joints=base.joints), 0
-        rounds = Rounds(count, click_s, np.random.default_rng([seed, 0x70757368]))
-        while rounds.left and not rounds.interrupted:
-            before = rounds.left
-            sessions.append(_session(home, config, rounds, watch))
-            fruitless = fruitless + 1 if rounds.left == before else 0
-            if fruitless == FRUITLESS_SESSIONS and not rounds.interrupted:
-                return ResponseResult(sessions=tuple(sessions), gave_up=_no_round(seed, sessions[-1]))
-        if rounds.interrupted:
-            return ResponseResult(sessions=tuple(sessions), interrupted=True)
-    return ResponseResult(sessions=tuple(sessions))
-
-
-def shared(attempts: int, seeds: Sequence[int]) -> Iterator[tuple[int, int]]:
-    """Each hand with how many of the attempts it makes, as even as can be."""
-    for number, seed in enumerate(seeds):
-        yield seed, attempts // len(seeds) + (number < attempts % len(seeds))
-
-
-def wearer(seed: int) -> Profile:
-    """The demo patient with that hand, whose button is where the paper has it."""
-    return msgspec.structs.replace(demo_patient(seed), press_threshold_m=THRESHOLD_M)
-
-
-def response_table(result: ResponseResult) -> Table:
-    """Ours beside the paper's, a row a gesture."""
-    rows = []
-    for gesture, (paper_success, paper_response) in PAPER.items():
-        attempts = result.of(gesture)
-        rows.append(
-            (
-                gesture.value,
-                len(attempts),
-                f"{100 * success(attempts):.2f}" if attempts else "–",
-                f"{paper_success:.2f}",
-                _seconds(spread(t.response_from_recognition_ms for t in attempts)),
-                _seconds(spread(t.visible_from_recognition_ms for t in attempts)),
-                f"{paper_response:.2f}",
-                _median(spread(t.response_from_release_ms for t in attempts)),
-            )
-        )
-    columns = "gesture attempts success paper recognition_to_command_s to_visible_s paper release_to_command_ms"
-    return table("response", columns, rows, left=2)
-
-
-def failure_table(result: ResponseResult) -> Table:
-    """Why attempts failed, the commonest first."""
-    made = table("response.failures", "gesture times why", left=3)
-    for (gesture, why), times in result.failures().most_common():
-        made.add_row(gesture, str(times), why)
-    return made
-
-
-def shown(result: ResponseResult) -> Iterator[Table | str]:
-    """Both tables and the summary."""
-    yield response_table(result)
-    if result.failures():
-        yield failure_table(result)
-    if result.interrupted:
-        yield tr("evaluate.response.interrupted")
-    if result.gave_up is not None:
-        yield render(result.gave_up)
-    figures = result.as_json()
-    if figures["success"] is not None:
-        yield tr(
-            "evaluate.response.summary",
-            success=figures["success"],
-            attempts=figures["trials"],
-            response_s=figures["response_s"],
-            visible_s=figures["visible_s"],
-            **figures["release_to_command_ms"],
-            unintended=figures["unintended"],
-            **PAPER_OVERALL,
-        )
-
-
-def _session(home: Home, config: Config, rounds: Rounds, watch: Watch) -> SessionResult:
+def run_rounds(home: Home, config: Config, rounds: Rounds, watch: Watch) -> SessionResult:
+    """A session of real processes that makes those rounds."""
     return run_session(
         home,
         config,
@@ -266,29 +119,87 @@ def _session(home: Home, config: Config, rounds: Rounds, watch: Watch) -> Sessio
     )
 
 
+class KeptSession(msgspec.Struct, frozen=True, kw_only=True):
+    """A session that ended, a line of the file that keeps them. program: SHA-256 of the program's files."""
+
+    seed: int
+    click_s: tuple[float, float]
+    rounds: int
+    program: str
+    result: SessionResult
+
+
+def evaluate_response(
+    home: Home,
+    base: Config,
+    *,
+    attempts: int,
+    seeds: Sequence[int],
+    click_s: tuple[float, float],
+    watch: Watch,
+    keep: Path | None = None,
+    run: Callable[[Home, Config, Rounds, Watch], SessionResult] = run_rounds,
+) -> ResponseResult:
+    """At least `attempts` of every gesture, shared among the hands of the seeds; pushes take from click_s[0] to [1].
+
+    It ends with what there is on Ctrl-C, and when sessions one after the other can't make a round. keep: the file with
+    the sessions that were made, to go on from. Raises AppError, InputError and OSError for one that can't be used.
+    """
+    sessions = list(_kept(keep, seeds, click_s))
+    for seed, count in shared(attempts, seeds):
+        config, fruitless = demo_config(base, seed=seed, joints=base.joints), 0
+        while left := max(0, count - sum(one.rounds for one in sessions if one.seed == seed)):
+            drawn = sum(one.seed == seed for one in sessions)
+            wanted = min(left, ROUNDS_A_SESSION)
+            rounds = Rounds(wanted, click_s, np.random.default_rng([seed, drawn, 0x70757368]))
+            made = run(home, config, rounds, watch)
+            done = wanted - rounds.left
+            sessions.append(
+                KeptSession(seed=seed, click_s=click_s, rounds=done, program=program_identity()[PROGRAM], result=made)
+            )
+            _keep(sessions[-1], keep)
+            fruitless = 0 if done else fruitless + 1
+            if rounds.interrupted:
+                return _result(sessions, interrupted=True)
+            if fruitless == FRUITLESS_SESSIONS:
+                return _result(sessions, gave_up=_no_round(seed, made))
+    return _result(sessions)
+
+
+def _result(
+    sessions: Sequence[KeptSession], *, interrupted: bool = False, gave_up: Reason | None = None
+) -> ResponseResult:
+    programs = tuple(dict.fromkeys(one.program for one in sessions))
+    made = tuple(one.result for one in sessions)
+    return ResponseResult(sessions=made, programs=programs, interrupted=interrupted, gave_up=gave_up)
+
+
+def _kept(keep: Path | None, seeds: Sequence[int], click_s: tuple[float, float]) -> tuple[KeptSession, ...]:
+    if keep is None or not keep.exists():
+        return ()
+    kept = read_json_lines(keep, KeptSession)
+    if any(one.seed not in seeds or one.click_s != click_s for one in kept):
+        raise AppError(EvaluateFault.PROGRESS_OF_OTHERS, file=keep)
+    return kept
+
+
+def _keep(session: KeptSession, path: Path | None) -> None:
+    if path is not None:
+        with writing(path), path.open("ab") as file:
+            file.write(msgspec.json.encode(session) + b"\n")
+
+
+def shared(attempts: int, seeds: Sequence[int]) -> Iterator[tuple[int, int]]:
+    """Each hand with how many of the attempts it makes, as even as can be."""
+    for number, seed in enumerate(seeds):
+        yield seed, attempts // len(seeds) + (number < attempts % len(seeds))
+
+
+def wearer(seed: int) -> Profile:
+    """The demo patient with that hand, whose button is where the paper has it."""
+    return msgspec.structs.replace(demo_patient(seed), press_threshold_m=THRESHOLD_M)
+
+
 def _no_round(seed: int, session: SessionResult) -> Reason:
     last = (session.attempts[-1].reason if session.attempts else None) or "–"
     return reason(EvaluateFault.NO_ROUND, seed=seed, sessions=FRUITLESS_SESSIONS, reason=last, session=session.session)
-
-
-def _figures(attempts: Sequence[Attempt]) -> dict[str, Any]:
-    recognition = spread(attempt.response_from_recognition_ms for attempt in attempts)
-    visible = spread(attempt.visible_from_recognition_ms for attempt in attempts)
-    release = spread(attempt.response_from_release_ms for attempt in attempts)
-    return {
-        "trials": len(attempts),
-        "success": round(success(attempts), 4) if attempts else None,
-        "response_s": None if recognition is None else round(recognition.mean / 1e3, 4),
-        "visible_s": None if visible is None else round(visible.mean / 1e3, 4),
-        "release_to_command_ms": None
-        if release is None
-        else {"p50": round(release.p50, 1), "p99": round(release.p99, 1)},
-    }
-
-
-def _seconds(figure: Spread | None) -> str:
-    return "–" if figure is None else f"{figure.mean / 1e3:.3f}"
-
-
-def _median(figure: Spread | None) -> str:
-    return "–" if figure is None else f"{figure.p50:.0f} (p99 {figure.p99:.0f})"

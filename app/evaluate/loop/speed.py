@@ -26,11 +26,12 @@ import cv2
 from rich.table import Table
 
 from app.evaluate.harness import FRAME_NS, EvaluateFault, Step, percent, table
-from app.evaluate.loop.networks import NetworkSize, bundle_sizes, onnx_size
+from app.evaluate.loop.networks import NetworkSize, bundle_sizes
 from app.evaluate.loop.onnx_detector import OnnxDetector
 from app.evaluate.readings import images_of, read_frames
 from app.perception.reporting import PreviewPacer
 from app.system.errors import AppError
+from app.system.scheduling import gc_freeze
 from app.text.catalogue import tr
 from kgdfa.button import ButtonPlace
 from kgdfa.draw import draw
@@ -139,7 +140,7 @@ def measure_speed(
     """
     from kgdfa.keypoints import HandDetector, live_detector
 
-    others = {path.name: OnnxDetector(path) for path in onnx}
+    others = open_detectors(onnx)
     watch, hands, preview = Stopwatch(), Counter[str](), PreviewPacer()
     height, width = images[0].shape[:2]
     place = ButtonPlace.in_the_middle(width, height, THRESHOLD_M)
@@ -147,6 +148,7 @@ def measure_speed(
         pipeline = _timed_pipeline(detector, focal_px, place, watch)
         for number, image in enumerate([*images[:WARM_UP], *images]):
             if number == WARM_UP:
+                gc_freeze()  # as a session's perception does
                 watch.spent_s.clear()
                 hands.clear()
             now_ns = (number + 1) * FRAME_NS
@@ -167,8 +169,14 @@ def measure_speed(
     sizes = list(bundle_sizes(model).values())
     added = [one.multiply_adds for one in sizes if one.multiply_adds is not None]
     own = NetworkSize(sum(one.parameters for one in sizes), sum(added) if len(added) == len(sizes) else None)
-    measured = {WHOLE: own, BARE: own} | {path.name: onnx_size(path) for path in onnx}
+    measured = {WHOLE: own, BARE: own} | {name: other.network for name, other in others.items()}
     return _figures(watch, len(images), hands, measured)
+
+
+def open_detectors(onnx: Sequence[Path]) -> dict[str, OnnxDetector]:
+    """By the name that tells them apart. Raises AppError for a model that is none."""
+    names = Counter(path.name for path in onnx)
+    return {path.name if names[path.name] == 1 else str(path): OnnxDetector(path) for path in onnx}
 
 
 def _run_bare(bare: Any, image: Image, now_ns: int, watch: Stopwatch) -> bool:

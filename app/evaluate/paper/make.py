@@ -1,7 +1,8 @@
 """The paper's tables 3 to 7, each made by its own command of `rleex evaluate` and kept with how it was made.
 
 A folder holds `table-3.json` and `table-3.run.json`, and so on, each as soon as it is made: an interrupted run goes on
-with the next table, and a table whose command is another now is made again.
+with the next table, and a table whose command is another now is made again. Table 7 takes hours; `table-7.kept.jsonl`
+holds its sessions, and it goes on from these.
 """
 
 from __future__ import annotations
@@ -15,11 +16,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import msgspec
 
-from app.evaluate.harness import EvaluateFault, writing
+from app.evaluate.harness import EvaluateFault, write_whole
 from app.system.errors import AppError
 from app.system.program import PROGRAM, ROOT, VERSION, program_identity
 
@@ -31,10 +32,11 @@ INTERRUPTED = 130  # exit status of a command that the operator ended
 
 @dataclass(frozen=True, slots=True)
 class Job:
-    """A table, and the arguments of `rleex evaluate` that make it."""
+    """A table, and the arguments of `rleex evaluate` that make it. kept: whether it keeps what is made of it."""
 
     table: int
     arguments: tuple[str, ...]
+    kept: bool = False
 
     @property
     def command(self) -> str:
@@ -64,7 +66,7 @@ def jobs(data: Path | None, *, attempts: int, hands: str, changes: int, onnx: Se
         Job(4, ("speed", *frames, "--workers", "0", *others)),
         Job(5, ("distance",)),
         Job(6, ("trigger", "--changes", str(changes))),
-        Job(7, ("response", "--trials", str(attempts), "--seeds", hands)),
+        Job(7, ("response", "--trials", str(attempts), "--seeds", hands), kept=True),
     )
 
 
@@ -76,17 +78,26 @@ def make(job: Job, out: Path, options: Sequence[str] = (), program: Sequence[str
     Raises KeyboardInterrupt when its command was interrupted, AppError when it left no figures.
     """
     figures, kept = figures_file(out, job.table), run_file(out, job.table)
-    if figures.is_file() and kept.is_file() and read_as(kept, Run).command == job.command:
+    if _made(job, figures, kept):
         return
     figures.unlink(missing_ok=True)
-    status = subprocess.run([*program, *job.arguments, "--json", str(figures), *options], check=False).returncode
+    keep = ("--keep", str(kept_file(out, job.table))) if job.kept else ()
+    status = subprocess.run([*program, *job.arguments, *keep, "--json", str(figures), *options], check=False).returncode
     if status == INTERRUPTED:
         figures.unlink(missing_ok=True)
         raise KeyboardInterrupt
     if not figures.is_file():
         raise AppError(EvaluateFault.TABLE_NOT_MADE, table=job.table, command=job.command, status=status)
-    with writing(kept):
-        kept.write_bytes(msgspec.json.encode(_run(job, status)))
+    write_whole(kept, msgspec.json.encode(_run(job, status)))
+
+
+def _made(job: Job, figures: Path, kept: Path) -> bool:
+    """Whether the table is there, whole, by this command: what can't be read is made again."""
+    try:
+        read_as(figures, dict[str, Any])
+        return read_as(kept, Run).command == job.command
+    except AppError:
+        return False
 
 
 def _run(job: Job, status: int) -> Run:
@@ -117,6 +128,11 @@ def _processor() -> str:
 def figures_file(out: Path, table: int) -> Path:
     """Where a table's figures are."""
     return out / f"table-{table}.json"
+
+
+def kept_file(out: Path, table: int) -> Path:
+    """Where what was made of it is kept until it is whole, and after."""
+    return out / f"table-{table}.kept.jsonl"
 
 
 def run_file(out: Path, table: int) -> Path:

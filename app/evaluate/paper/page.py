@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from app.evaluate.harness import decorate, figure, require_extra, writing
+from app.evaluate.harness import decorate, figure, require_extra, write_whole
 from app.evaluate.paper.make import Run, figures_file, read_as, run_file
 from app.evaluate.paper.sheets import READERS, Cell, Sheet
 from app.text.catalogue import language, tr
@@ -37,8 +37,7 @@ def write_page(out: Path) -> Path:
         missing=NOT_REPRODUCED,
     )
     path = out / PAGE
-    with writing(path):
-        path.write_text(page, encoding="utf-8")
+    write_whole(path, page.encode())
     return path
 
 

@@ -8,8 +8,8 @@ from typing import Any
 
 from app.evaluate.distance.table5 import PAPER_TABLE_5
 from app.evaluate.gestures.report import PAPER_MACRO_F1, PAPER_MAP, PAPER_TABLE_3
-from app.evaluate.loop.response import PAPER, PAPER_OVERALL
 from app.evaluate.loop.speed import BARE, PAPER_PARAMETERS, PAPER_TABLE_4, WHOLE
+from app.evaluate.loop.table7 import PAPER, PAPER_OVERALL
 from app.evaluate.trigger.table6 import CAMERAS, PAPER_FPS, PAPER_TABLE_6
 from app.text.catalogue import tr
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -16,8 +17,8 @@ from app.evaluate.gestures.measures import Figures, GestureFigures
 from app.evaluate.gestures.report import PAPER_TABLE_3
 from app.evaluate.gestures.report import as_json as gestures_json
 from app.evaluate.harness import EvaluateFault, write_json
-from app.evaluate.loop.response import ResponseResult
 from app.evaluate.loop.speed import BARE, WHOLE, DetectorFigures, SpeedFigures
+from app.evaluate.loop.table7 import ResponseResult
 from app.evaluate.paper.make import Job, Run, figures_file, jobs, make, read_as, run_file
 from app.evaluate.paper.page import write_page
 from app.evaluate.trigger.table6 import CAMERAS, MODES, TriggerRow
@@ -63,6 +64,13 @@ def test_an_interrupted_command_leaves_no_figures_and_is_made_again(tmp_path: Pa
     assert made(tmp_path) == 2
 
 
+@pytest.mark.parametrize("damaged", [figures_file, run_file])
+def test_a_damaged_table_is_made_again(tmp_path: Path, damaged: Callable[[Path, int], Path]) -> None:
+    made(tmp_path)
+    damaged(tmp_path, 5).write_text("{")
+    assert [made(tmp_path), made(tmp_path)] == [2, 2]
+
+
 def test_a_command_without_figures_is_an_error_that_names_it(tmp_path: Path) -> None:
     with pytest.raises(AppError) as refused:
         made(tmp_path, status=2)
@@ -85,6 +93,7 @@ def figures() -> dict[int, Any]:
         macro_f1=0.654,
         map=0.9,
         accepted_undefined=0.0123,
+        wrong_gesture=0.0,
         per_gesture=dict.fromkeys(PAPER_TABLE_3, line),
         per_kind={},
         per_source={},

@@ -13,6 +13,7 @@ from onnx import TensorProto, helper, numpy_helper
 from app.evaluate.harness import EvaluateFault
 from app.evaluate.loop.networks import NetworkSize, onnx_size
 from app.evaluate.loop.onnx_detector import OnnxDetector
+from app.evaluate.loop.speed import open_detectors
 from app.system.errors import AppError
 
 SIDE = 64
@@ -98,14 +99,37 @@ def test_other_outputs_are_refused_with_their_shapes(tmp_path: Path, outputs: di
     assert all(f"{name} {list(one.shape)}" in str(refused.value.values["outputs"]) for name, one in outputs.items())
 
 
-@pytest.mark.parametrize("content", [b"", b"no model", None])
-def test_a_file_that_is_no_model_is_refused(tmp_path: Path, content: bytes | None) -> None:
+@pytest.mark.parametrize(
+    ("content", "code"),
+    [
+        (b"", EvaluateFault.ONNX_UNREADABLE),
+        (b"no model", EvaluateFault.ONNX_UNREADABLE),
+        (None, EvaluateFault.FILE_UNREADABLE),
+    ],
+)
+def test_a_file_that_is_no_model_is_refused(tmp_path: Path, content: bytes | None, code: EvaluateFault) -> None:
     path = tmp_path / "one.onnx"
     if content is not None:
         path.write_bytes(content)
     with pytest.raises(AppError) as refused:
         OnnxDetector(path)
-    assert refused.value.code is EvaluateFault.ONNX_UNREADABLE
+    assert refused.value.code is code
+    assert str(tmp_path) not in str(refused.value.values["detail"]), "the sentence names the file already"
+
+
+def test_a_model_that_no_single_image_can_be_given_to_is_refused_before_anything_is_measured(tmp_path: Path) -> None:
+    four = saved(tmp_path / "four.onnx", yolo_v8(), first=(4, 3, SIDE, SIDE))
+    with pytest.raises(AppError) as refused:
+        open_detectors([four])
+    assert refused.value.code is EvaluateFault.ONNX_NOT_RUN
+    assert refused.value.values["file"] == four
+
+
+def test_two_models_of_one_file_name_are_told_apart(tmp_path: Path) -> None:
+    (tmp_path / "other").mkdir()
+    both = [saved(folder / "one.onnx", yolo_v8()) for folder in (tmp_path, tmp_path / "other")]
+    assert set(open_detectors(both)) == {str(path) for path in both}
+    assert set(open_detectors(both[:1])) == {"one.onnx"}
 
 
 def test_parameters_and_multiply_adds_are_those_of_the_graph(tmp_path: Path) -> None:

@@ -2,16 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from enum import Enum
+from pathlib import Path
 
 import pytest
 
 from app.demo.attempt import Attempt
 from app.demo.scenario import ALL_TWELVE, Step
-from app.evaluate.loop.response import ATTEMPTS, PAPER, ResponseResult, Rounds, response_table, shared, wearer
+from app.demo.session import SessionResult
+from app.evaluate.harness import EvaluateFault
+from app.evaluate.loop.response import ATTEMPTS, Rounds, Watch, evaluate_response, shared, wearer
+from app.evaluate.loop.table7 import PAPER, ResponseResult, response_table
 from app.ipc.messages import ActionReport
 from app.ipc.states import ACTION_OF, Action, GaitState, Source
+from app.system.config import Config
+from app.system.errors import AppError
+from app.system.paths import Home
 from app.text.catalogue import tr
 from kgdfa.button import PressCancel, PressHint
 from kgdfa.gesture import Gesture
@@ -128,6 +135,47 @@ def test_an_interruption_keeps_the_attempts_made() -> None:
     rounds = Rounds(1)
     assert len(rounds.run_attempts(Hand(interrupt), ALL_TWELVE)) == 7
     assert rounds.interrupted
+
+
+def evaluated(folder: Path, trials: int, *, seeds: Sequence[int] = (1, 2), stops_after: int = 10_000) -> ResponseResult:
+    """An evaluation by hands that never fail; interrupted in the attempt after so many."""
+    hand = Hand(lambda made, _: made < stops_after or _interrupt())
+
+    def run(_home: Home, _config: Config, rounds: Rounds, _watch: Watch) -> SessionResult:
+        return session_of(rounds.run_attempts(hand, ALL_TWELVE))
+
+    return evaluate_response(
+        Home(folder),
+        Config(),
+        attempts=trials,
+        seeds=seeds,
+        click_s=(0.3, 0.8),
+        watch=lambda _: None,
+        keep=folder / "kept.jsonl",
+        run=run,
+    )
+
+
+def _interrupt() -> bool:
+    raise KeyboardInterrupt
+
+
+def test_an_interrupted_evaluation_goes_on_from_what_is_kept(tmp_path: Path) -> None:
+    first = evaluated(tmp_path, 16, stops_after=12 * 7 + 3)
+    assert (first.interrupted, len(first.attempts)) == (True, 12 * 7 + 3)
+    whole = evaluated(tmp_path, 16)
+    assert not whole.interrupted
+    assert whole.attempts[: 12 * 7 + 3] == first.attempts
+    assert len(whole.attempts) == 12 * 16 + 3, "the round that was interrupted is made again"
+    assert len(whole.programs) == 1
+    assert evaluated(tmp_path, 16).as_json() == whole.as_json(), "nothing is left to make"
+
+
+def test_what_is_kept_of_other_hands_is_refused(tmp_path: Path) -> None:
+    evaluated(tmp_path, 2)
+    with pytest.raises(AppError) as refused:
+        evaluated(tmp_path, 2, seeds=(2, 3))
+    assert refused.value.code is EvaluateFault.PROGRESS_OF_OTHERS
 
 
 def test_attempts_are_shared_evenly_among_the_hands() -> None:
