@@ -1,7 +1,7 @@
 """Pictures of the running console for the documents: real processes, digital hand, simulated joints.
 
 `make pictures` writes docs/pictures/*.svg; about two minutes.
-Scenes can be named: patients training session stopped small.
+Scenes can be named: patients training session compare review stopped small.
 """
 
 from __future__ import annotations
@@ -18,9 +18,10 @@ from rich.console import Console
 from textual.pilot import Pilot
 
 from app.console.app import ConsoleApp
+from app.console.screens.replay import ReplayScreen
 from app.ipc.messages import ControlSnapshot
 from app.ipc.states import Action, Effect, GaitState
-from app.system.config import Config, load_config
+from app.system.config import Config, RecordingConfig, load_config
 from app.system.hand_model import set_up_model
 from app.system.paths import Home, find_home
 from kgdfa.gesture import Gesture
@@ -28,9 +29,12 @@ from profiles.schema import DEMO_PATIENT
 from testing.screen import screen_text
 
 FOLDER = Path(__file__).parent.parent / "docs" / "pictures"
-SMALL, LARGE = (80, 24), (200, 50)
+SMALL, MIDDLE, LARGE = (80, 24), (120, 36), (200, 50)
+SECOND = ("d", "i", "g", "i", "t", "a", "l", "minus", "d", "4", "3", "5", "i")  # keys of a camera's name
 LIMIT_S = 90.0
 MID_SWING = 0.3  # of an action: a foot is in the air
+STEPS_TO_MID_SWING = 20  # of a 25th of a second
+MEASURED_S = 5.0  # for a row's means
 SETTLE_S = 0.4  # for the last picture to be drawn
 
 
@@ -88,6 +92,13 @@ class Photographer:
         await self.keys("t", key)
         await self.until(lambda: (now := self.snapshot) and (now.action is action or now.refusal_count > refused))
 
+    async def stir(self) -> None:
+        """Move the hand until both cameras measure it."""
+        async with asyncio.timeout(LIMIT_S):
+            while "no measurement" in self.text():
+                await self.keys("left", "right")
+                await self.pilot.pause(MEASURED_S)
+
     def text(self) -> str:
         """The text on the screen."""
         return screen_text(self.app)
@@ -133,6 +144,8 @@ async def session(camera: Photographer) -> None:
     await camera.act("5", Action.WALK)
     await camera.until(lambda: camera.snapshot and camera.snapshot.steps)
     await camera.take("session-200x50")
+    await camera.keys("b")
+    await camera.take("large")
 
 
 async def stopped(camera: Photographer) -> None:
@@ -158,13 +171,23 @@ async def small(camera: Photographer) -> None:
 
 
 async def compare(camera: Photographer) -> None:
-    """Both measurements of a pressed hand."""
+    """The session's camera beside one with depth, before the same hand: a push, then at a ruler's 36 cm."""
     await camera.until(lambda: camera.snapshot and camera.observed())
     await camera.keys("5")
     await camera.until(lambda: camera.gesture() is Gesture.FIVE)
-    await camera.keys("v")
-    await camera.until(lambda: (state := camera.app.live_state()) and state.report and state.report.depth_distance_m)
-    await camera.take("compare")
+    await camera.keys("v", "2", *SECOND, "enter")
+    await camera.until(lambda: "D435i" in camera.text())
+    await camera.stir()
+    await camera.keys("p")
+    await camera.pilot.pause(MEASURED_S)
+    await camera.keys("p")
+    await camera.stir()
+    await camera.keys("r", *"36", "enter")
+    await camera.until(lambda: camera.text().count("36.0  digital") == 2)
+    await camera.stir()
+    await camera.pilot.pause(MEASURED_S)
+    across, down = camera.app.size
+    await camera.take(f"compare-{across}x{down}")
 
 
 async def review(camera: Photographer) -> None:
@@ -175,20 +198,33 @@ async def review(camera: Photographer) -> None:
     await camera.take("review")
 
 
+async def replay(camera: Photographer) -> None:
+    """A command of that session, from its recording."""
+    await camera.keys("r", "enter")
+    await camera.until(lambda: "checked signature" in camera.text())
+    await camera.keys("end", "r")
+    await camera.until(lambda: isinstance(camera.app.screen, ReplayScreen))
+    while "walk" not in camera.text():
+        await camera.keys("p")
+    await camera.keys(*["right"] * STEPS_TO_MID_SWING)
+    await camera.take("replay")
+
+
 SCENES = (
     ("patients", patients, LARGE, False),
     ("training", training, LARGE, False),
     ("session", session, LARGE, True),
-    ("compare", compare, LARGE, True),
     ("review", review, LARGE, False),
+    ("replay", replay, LARGE, False),
     ("stopped", stopped, SMALL, True),
     ("small", small, SMALL, True),
+    *(("compare", compare, size, True) for size in (SMALL, MIDDLE, LARGE)),
 )
 
 
-def with_depth(config: Config) -> Config:
-    """The digital hand before a depth camera."""
-    return msgspec.structs.replace(config, camera=msgspec.structs.replace(config.camera, depth=True))
+def recorded(config: Config) -> Config:
+    """With a recording beside the trail."""
+    return msgspec.structs.replace(config, recording=RecordingConfig(on=True))
 
 
 async def photograph(home: Home, config: Config, wanted: list[str]) -> None:
@@ -198,9 +234,7 @@ async def photograph(home: Home, config: Config, wanted: list[str]) -> None:
         if wanted and name not in wanted:
             continue
         console.print(f"{name} …")
-        app = ConsoleApp(
-            home, with_depth(config) if scene is compare else config, profile=DEMO_PATIENT if live else None
-        )
+        app = ConsoleApp(home, recorded(config) if scene is session else config, profile=DEMO_PATIENT if live else None)
         async with app.run_test(size=size) as pilot:
             try:
                 await pilot.pause(SETTLE_S)

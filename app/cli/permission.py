@@ -43,6 +43,7 @@ CHANGES: dict[str, tuple[Permission, tuple[str, ...]]] = {
     "profile import": (Permission.EDIT_PATIENTS, ()),
     "profile new": (Permission.EDIT_PATIENTS, ()),
     "profile set": (Permission.EDIT_PATIENTS, ()),
+    "recording delete-pictures": (Permission.EDIT_PATIENTS, ()),
     "simulate": (Permission.OPERATE, ("--preflight",)),
 }
 # Writes nothing but what its options name, and a demonstration's own session. `run` asks in the console itself.
@@ -59,8 +60,10 @@ READS = frozenset(
         "demo",  # simulated joints, or emulated drives on a bus of its own
         "doctor",
         "export",
+        "replay",
         "locate",
         "operator list",
+        "outcomes",
         "press-input",  # a simulated button, which stops; nothing moves by letting it go
         "run",
     }

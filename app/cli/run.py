@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import gc
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Annotated
 
@@ -37,6 +37,9 @@ def run(
     read_only: Annotated[bool, typer.Option("--read-only", help="Read only: change nothing.")] = False,
     verbose: Annotated[bool, typer.Option("--verbose", help="More in the logs for engineers.")] = False,
     serve: Annotated[bool, typer.Option("--serve", help="Watch in a browser on this machine, read-only.")] = False,
+    plain: Annotated[
+        bool, typer.Option("--plain", help="Follow a session in lines of text, for screen readers; read-only.")
+    ] = False,
 ) -> None:
     """Open the therapist's console."""
     from app.system.config import load_config, with_choices
@@ -51,6 +54,14 @@ def run(
         from app.console.observer import serve_console
 
         serve_console(place)
+        return
+    if plain:
+        from app.console.observer import speak_session
+        from app.text.catalogue import use_language
+
+        use_language(config.language)
+        with suppress(KeyboardInterrupt):
+            speak_session(place, typer.echo)
         return
     check_terminal()
     with no_collections():
@@ -83,6 +94,9 @@ def demo(
         float, typer.Option(callback=check_finite, help="Seconds to press and withdraw.", min=0.2, max=3.0)
     ] = 0.6,
     record: Annotated[bool, typer.Option("--record", help="Record it: one MCAP file beside its trail.")] = False,
+    pictures: Annotated[
+        bool, typer.Option("--pictures", help="Record the camera's pictures as well, in a file of their own.")
+    ] = False,
     distance: Annotated[
         DistanceUsed, typer.Option(help="Which distance commands; both: depth, its holes bridged by the keypoints.")
     ] = DistanceUsed.MONOCULAR,
@@ -105,6 +119,7 @@ def demo(
     from app.system.paths import find_home, hold_home
     from app.system.scheduling import set_scheduling
 
+    record = record or pictures
     console = wide_console()
     place = find_home(home)
     if verbose:
@@ -125,14 +140,17 @@ def demo(
                 presses=PRESSES,
                 watch=watch,
                 load=load,
+                pictures=pictures,
                 patient=demo_patient(seed, distance),
             )
     print_result(console, result, ALL_TWELVE)
     if record:
         from app.cli.common import print_text
-        from app.recording.read import recording_path
+        from app.system.paths import pictures_path, recording_path
 
         print_text("recording.written", path=recording_path(place.logs, result.session))
+        if pictures:
+            print_text("recording.written", path=pictures_path(place.logs, result.session))
     if json_file is not None:
         json_file.write_text(json.dumps(result.as_json(ALL_TWELVE), indent=1) + "\n", encoding="utf-8")
     raise typer.Exit(0 if result.passed(ALL_TWELVE) else 1)

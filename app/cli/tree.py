@@ -22,6 +22,8 @@ _COMMANDS = {
     "emulate-drives": "simulate",
     "press-input": "simulate",
     "export": "export",
+    "replay": "replay",
+    "outcomes": "outcomes",
     "model": "machine",
     "locate": "machine",
     "configure": "machine",

@@ -30,6 +30,7 @@ from app.console.screens.help import HelpPage, page
 from app.console.screens.patients import PatientsScreen
 from app.console.screens.signin import LockScreen, SignInDialog
 from app.console.session_flow import SessionFlow
+from app.console.sounds import Sound, sounds_of, switched_on
 from app.console.state import ProcessFault, newly_ended
 from app.console.terminal import TerminalDriver, TerminalEvents, with_stop
 from app.console.themes import THEME_NAMES, THEMES
@@ -83,6 +84,7 @@ class ConsoleApp(SessionFlow):
             self.register_theme(theme)
         self.theme = config.theme if config.theme in THEME_NAMES else THEME_NAMES[0]
         self.switch.keys = frozenset(keys.keys_of("stop", config.keys))
+        self.sounds = switched_on(config.sounds)
         self._profile = profile
         self._held = held
         self._language = config.language
@@ -173,7 +175,7 @@ class ConsoleApp(SessionFlow):
             self.push_kept(str(text), lambda: HelpPage(text))
 
     def action_next_theme(self) -> None:
-        """Dark, light, high contrast, and around."""
+        """The next theme, and around."""
         at = THEME_NAMES.index(self.theme) if self.theme in THEME_NAMES else -1
         self.theme = THEME_NAMES[(at + 1) % len(THEME_NAMES)]
 
@@ -232,6 +234,11 @@ class ConsoleApp(SessionFlow):
 
         await self.permitted(Permission.CALIBRATE, lambda: self.push_screen(CalibrationScreen(profile)))
 
+    def switch_sound(self, sound: Sound) -> None:
+        """On or off, until the console ends; the configuration has what it begins with."""
+        self.sounds ^= {sound}
+        self.notify(tr("sound.on" if sound in self.sounds else "sound.off", sound=sound))
+
     def open_review(self) -> None:
         """Earlier sessions, by the reviewer's screen."""
         from app.console.screens.review import ReviewScreen
@@ -241,10 +248,14 @@ class ConsoleApp(SessionFlow):
     def _tick(self) -> None:
         state, live = None, self.live  # a tick may end the session
         if live is not None and not live.closed:
-            before = live.state.processes
+            known = live.state
+            before = known.processes
             if self._terminal is None:
                 live.input_alive()
             state = live.tick()
+            self.tell_result(self.guided.update(state))
+            if sounds_of(known, state) & self.sounds:
+                self.bell()
             if not (live.ending or self.read_only):
                 self._record_ended(newly_ended(before, state.processes))
         if self._idle.must_lock(time.monotonic(), moving=state is not None and state.moving):

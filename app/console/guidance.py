@@ -11,6 +11,7 @@ from app.console.widgets.curves import joint_fault
 from app.console.widgets.panel import Lines, plain
 from app.ipc.messages import ControlSnapshot
 from app.ipc.states import Effect, Event, GaitState
+from app.system.vocabulary import VocabularyStatus
 from app.text.catalogue import tr
 
 _PATIENCE_S = 8.0  # starting the processes and loading the hand model
@@ -73,6 +74,10 @@ def _press_zone(state: SessionState) -> bool:
     return report is None or report.press_zone is None or report.press_zone.fits(report.threshold_m)
 
 
+def _proven(state: SessionState) -> bool:
+    return state.vocabulary is VocabularyStatus.VALID
+
+
 def _confirmed(state: SessionState) -> bool:
     return state.snapshot is not None and state.snapshot.patient_confirmed
 
@@ -94,6 +99,7 @@ CHECKS = (
     Check("camera", _camera),
     Check("clear", _clear),
     Check("press_zone", _press_zone, must=False),
+    Check("vocabulary", _proven, must=False, applies=lambda state: state.vocabulary is not VocabularyStatus.NOT_NEEDED),
     Check("real_time", _real_time, must=False),
     Check("no_stop_input", _has_inputs, must=False, applies=lambda state: not _has_inputs(state)),
     Check("stop_inputs", _pressed_once, operator=True, applies=_has_inputs),

@@ -10,6 +10,7 @@ from textual.app import SystemCommand
 from textual.binding import Binding
 from textual.screen import Screen
 
+from app.console.sounds import Sound
 from app.console.themes import THEME_NAMES
 from app.ipc.messages import HandCommand, OperatorKind
 from app.ipc.states import GESTURE_OF, Action
@@ -42,6 +43,9 @@ SESSION = (
     _key("health", "i", "health", show=False),
     _key("compare", "v", "compare", show=False),
     _key("pause", "z", "pause_picture", show=False),
+    _key("large", "b", "large_letters", show=False),
+    _key("pictures", "f", "record_pictures", show=False),
+    _key("guided", "g", "guided_test", show=False),
     _key("end", "e", "end_session"),
 )
 HAND = (
@@ -67,10 +71,12 @@ PATIENTS = (
     _key("patients.duplicate", "d", "duplicate", show=False),
     _key("patients.archive", "a", "archive", show=False),
     _key("patients.history", "h", "history"),
+    _key("patients.outcomes", "m", "outcomes", show=False),
     _key("patients.export", "x", "export", show=False),
     _key("patients.import", "i", "import_profile", show=False),
     _key("patients.calibrate", "c", "calibrate", show=False),
     _key("patients.training", "t", "training"),
+    _key("patients.vocabulary", "g", "vocabulary", show=False),
     _key("patients.review", "r", "review"),
     _key("patients.search", "slash", "search"),
 )
@@ -133,5 +139,7 @@ def commands(app: ConsoleApp, screen: Screen[object]) -> Iterable[SystemCommand]
             yield SystemCommand(tr(action), text, act)
     for theme in THEME_NAMES:
         yield SystemCommand(tr(f"theme.{theme}"), tr("palette.theme"), partial(setattr, app, "theme", theme))
+    for sound in Sound:
+        yield SystemCommand(tr(sound), tr("palette.sound"), partial(app.switch_sound, sound))
     for code, name in languages().items():
         yield SystemCommand(name, tr("palette.language"), partial(app.call_later, app.speak, code))

@@ -19,6 +19,7 @@ from app.session.host import Latest
 from app.system.authority import Authority
 from app.system.config import SessionSetup
 from app.system.operators import Permission
+from app.system.vocabulary import status_now
 
 Clock = Callable[[], int]
 
@@ -30,8 +31,10 @@ class LiveSession:
         self.host = host
         self._switch = switch
         self._clock = clock
+        self.hand = HandCommand(press=False)  # what all commands together made of the digital hand
         now_ns = clock()
-        self.state = SessionState(setup=host.setup, started_ns=now_ns, now_ns=now_ns)
+        vocabulary = status_now(host.setup.profile, host.setup.config)
+        self.state = SessionState(setup=host.setup, started_ns=now_ns, now_ns=now_ns, vocabulary=vocabulary)
         self.ending = False
         self.closed = False
         self._connect(lambda: host.send(OperatorKind.STOP))
@@ -62,6 +65,11 @@ class LiveSession:
         """Take what has arrived."""
         self.state = fold(self.state, self.host.poll(), self._clock())
         return self.state
+
+    def move_hand(self, command: HandCommand) -> None:
+        """Move the digital hand."""
+        self.hand = both(self.hand, command)
+        self.host.move_hand(command)
 
     def input_alive(self) -> None:
         """STOP can be given: whoever takes it runs. From any thread."""
@@ -98,6 +106,20 @@ class LiveSession:
     def _connect(self, send: Callable[[], object] | None) -> None:
         if self._switch is not None:
             self._switch.connect(send)
+
+
+def both(before: HandCommand, command: HandCommand) -> HandCommand:
+    """One command that leads where the two lead: a hand that is opened later is where this one is."""
+    shaped = command if command.gesture or command.pose else before
+    withdrawn = command.click_s is not None or command.move_z_m != 0.0
+    return HandCommand(
+        gesture=shaped.gesture,
+        pose=shaped.pose,
+        press=False if withdrawn else before.press if command.press is None else command.press,
+        move_x_m=before.move_x_m + command.move_x_m,
+        move_y_m=before.move_y_m + command.move_y_m,
+        move_z_m=before.move_z_m + command.move_z_m,
+    )
 
 
 class Host(Protocol):

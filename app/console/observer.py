@@ -5,6 +5,8 @@ from __future__ import annotations
 import os
 import shlex
 import sys
+import time
+from collections.abc import Callable
 from pathlib import Path
 
 from app.ipc import streams as processes
@@ -24,6 +26,10 @@ from app.session.shared import shared
 from app.system.config import Config, SessionSetup
 from app.system.paths import Home
 from app.system.scheduling import set_scheduling
+from app.text.catalogue import tr
+
+Clock = Callable[[], int]
+SPOKEN_EVERY_S = 0.1  # nobody hears more often
 
 
 class ObserverHost:
@@ -101,6 +107,33 @@ def observe(home: Home, config: Config) -> None:
         app.run()
     finally:
         app.close_live()
+
+
+def speak_session(home: Home, write: Callable[[str], object], clock: Clock = time.monotonic_ns) -> None:
+    """Write a line for each change of the running session of this home, until it ends.
+
+    For screen readers and pipes: no terminal, no colours, nothing drawn. Raises AppError when no session runs.
+    """
+    from app.console.spoken import changes
+    from app.console.state import SessionState, fold
+
+    set_scheduling("observer")
+    setup = shared(home)
+    host = ObserverHost(setup)
+    now_ns = clock()
+    before, state = None, SessionState(setup=setup, started_ns=now_ns, now_ns=now_ns)
+    try:
+        while True:
+            state = fold(state, host.poll(), clock())
+            for line in changes(before, state):
+                write(line)
+            if not all(process.alive for process in state.processes):
+                write(tr("plain.session_ended"))
+                return
+            before = state
+            time.sleep(SPOKEN_EVERY_S)
+    finally:
+        host.close()
 
 
 def _alive(pid: int) -> bool:

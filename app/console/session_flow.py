@@ -9,6 +9,7 @@ from typing import Any, TypeVar
 import msgspec
 from textual.screen import Screen
 
+from app.console.guided_tests import GuidedTests
 from app.console.live import Clock, Host, HostFactory, LiveSession, gc_freeze, preload_modules
 from app.console.operator import SignedInApp
 from app.console.patient_fields import fits
@@ -19,10 +20,12 @@ from app.console.screens.patients import PatientsScreen
 from app.console.screens.session import SessionScreen
 from app.console.screens.signin import SignInDialog
 from app.console.screens.training import TrainingScreen
-from app.console.session_index import SessionRecords
+from app.console.screens.vocabulary import VocabularyScreen
+from app.console.session_index import SessionRecords, TrainingRecords
 from app.console.state import SessionState
 from app.console.stop import StopSwitch
 from app.ipc.messages import OperatorKind
+from app.outcomes.guided import GuidedStop
 from app.session.host import make_setup
 from app.system.authority import Authority
 from app.system.config import Config, SessionSetup
@@ -30,11 +33,14 @@ from app.system.errors import AppError, ConsoleFault
 from app.system.operators import Permission, needs_sign_in
 from app.system.paths import Home
 from app.text.catalogue import render, tr
+from app.text.recorded import result_text
+from logs.records import GuidedTestResult
 from profiles.schema import DEMO_PATIENT, Profile
 from profiles.store import ProfileStore
 
 T = TypeVar("T")
 
+_OF_THE_HAND = ("hand", "distance_source", "palm", "calibrations", "press_threshold_m")  # what training needs
 CONTROL_ENDS_S = 8.0  # hold, damp, disable; the host kills what takes longer
 
 
@@ -48,8 +54,11 @@ class SessionFlow(SignedInApp):
         self.left_held = False  # this console ended without having taken the session over
         self.store = ProfileStore(home.profiles, (fits(config.joints),))
         self.sessions = SessionRecords(home.root / "sessions")
+        self.trainings = TrainingRecords(home.root / "trainings")
         self._make_host = make_host
         self._clock = clock
+        self.large_letters = False
+        self.guided = GuidedTests(self.trail.emit)
         self.kept: dict[str, Dialog[Any]] = {}
 
     def push_kept(
@@ -71,10 +80,22 @@ class SessionFlow(SignedInApp):
         """Start the processes for a patient, and show the live screen at once."""
         await self._begin(profile, config, SessionScreen())
 
-    async def begin_training(self) -> None:
-        """The guided tour: digital hand or the configured camera, simulated joints, never armed."""
+    async def begin_training(self, patient: Profile) -> None:
+        """The guided tour: digital hand or the configured camera, simulated joints, never armed.
+
+        The demo patient's legs with this patient's hand: whose trail it is nobody's session.
+        """
+        hand = {name: getattr(patient, name) for name in _OF_THE_HAND}
+        profile = msgspec.structs.replace(DEMO_PATIENT, **hand)
         joints = msgspec.structs.replace(self.config.joints, kind="simulated")
-        await self._begin(DEMO_PATIENT, msgspec.structs.replace(self.config, joints=joints), TrainingScreen())
+        config = msgspec.structs.replace(self.config, joints=joints)
+        await self._begin(profile, config, TrainingScreen(patient.identifier))
+
+    async def begin_enrolment(self, profile: Profile) -> None:
+        """The gestures that this patient can make, before the configured camera; simulated joints, never armed."""
+        joints = msgspec.structs.replace(self.config.joints, kind="simulated")
+        config = msgspec.structs.replace(self.config, joints=joints)
+        await self.permitted(Permission.CALIBRATE, lambda: self._begin(profile, config, VocabularyScreen(profile)))
 
     async def take_over(self, held: SessionSetup) -> None:
         """Take over a session whose console is gone: by its operator's PIN or a therapist's where drives can move.
@@ -116,6 +137,7 @@ class SessionFlow(SignedInApp):
         if live is None or live.ending:
             return
         live.ending = True
+        self.guided.stop(GuidedStop.SESSION_ENDED)
         live.host.send(OperatorKind.SHUT_DOWN)
         self.notify(tr("end.resting"))
         self.run_worker(self._after_rest(live))
@@ -130,15 +152,20 @@ class SessionFlow(SignedInApp):
         live, self.live = self.live, None
         if live is not None:
             self.left_held = not live.host.commands
-            self.trail.close()
+            self._close_trail()
             live.close()
 
     def leave_live(self) -> None:
         """Leave the session, held: the console ends and its session stays, for another console."""
         live, self.live = self.live, None
         if live is not None:
-            self.trail.close()
+            self._close_trail()
             live.leave()
+
+    def _close_trail(self) -> None:
+        """With the result of a guided test that runs."""
+        self.guided.stop(GuidedStop.SESSION_ENDED)
+        self.trail.close()
 
     async def show_patients(self) -> None:
         """The list, with nothing above it."""
@@ -151,11 +178,15 @@ class SessionFlow(SignedInApp):
         """The session's newest state; None without a session."""
         return None if self.live is None else self.live.state
 
-    def live_host(self) -> Host:
-        """The session's host. Raises AppError without a session."""
+    def live_session(self) -> LiveSession:
+        """The session. Raises AppError without one."""
         if self.live is None:
             raise AppError(ConsoleFault.NO_SESSION)
-        return self.live.host
+        return self.live
+
+    def live_host(self) -> Host:
+        """The session's host. Raises AppError without a session."""
+        return self.live_session().host
 
     def live_setup(self) -> SessionSetup:
         """What the session was started with."""
@@ -165,6 +196,11 @@ class SessionFlow(SignedInApp):
     def has_digital_hand(self) -> bool:
         """Whether keys move a hand."""
         return self.live is not None and self.live.host.setup.config.camera.kind == "digital-hand"
+
+    def tell_result(self, result: GuidedTestResult | None) -> None:
+        """Of a guided test that has just ended, if one has."""
+        if result is not None:
+            self.notify(result_text(result), timeout=20, markup=False)
 
     def powered(self) -> bool:
         """Whether the drives carry the patient."""
@@ -184,6 +220,7 @@ class SessionFlow(SignedInApp):
 
     def _live_of(self, setup: SessionSetup) -> LiveSession:
         """A session, new or running, that STOP reaches."""
+        self.guided.clear()
         live = self.live = LiveSession(self._make_host(setup), None if self.read_only else self.switch, self._clock)
         return live
 

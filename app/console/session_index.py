@@ -1,4 +1,4 @@
-"""An index of sessions, a file a patient and a line a session, for the list; the audit trail is the proof."""
+"""Indexes of sessions and trainings, a file a patient and a line each; of sessions, the audit trail is the proof."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import os
 from enum import Enum, auto
 from io import FileIO
 from pathlib import Path
+from typing import Generic, TypeVar
 
 import msgspec
 from msgspec import Struct
@@ -35,26 +36,42 @@ class SessionRecord(Struct, frozen=True, kw_only=True):
     duration_s: float = 0.0
     refusals: int = 0
     discomfort: int | None = None  # 0 none to 10 worst
+    pain: int | None = None  # the same
+    exertion: int | None = None  # Borg's scale, 6 none to 20 maximal
     note: str = ""
 
 
-class SessionRecords:
-    """The records of a home, `<folder>/<patient>.jsonl`. Methods raise AppError."""
+class TrainingRecord(Struct, frozen=True, kw_only=True):
+    """What a training of the gestures came to."""
+
+    patient: str
+    at: str  # ISO 8601, UTC, the end
+    best: int = 0  # gestures in a row
+    learnt: int = 0  # gestures shown
+
+
+R = TypeVar("R", SessionRecord, TrainingRecord)
+
+
+class _Records(Generic[R]):
+    """The records of a home that are of one kind, `<folder>/<patient>.jsonl`. Methods raise AppError."""
+
+    _kind: type[R]
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
 
-    def of(self, patient: str) -> tuple[SessionRecord, ...]:
+    def of(self, patient: str) -> tuple[R, ...]:
         """Oldest first."""
         path = self._folder / f"{patient}.jsonl"
         if not path.exists():
             return ()
         try:
-            return read_json_lines(path, SessionRecord)
+            return read_json_lines(path, self._kind)
         except OSError as error:
             raise AppError(SessionIndexFault.UNREADABLE, path=path, detail=cause_of(error)) from error
 
-    def add(self, record: SessionRecord) -> None:
+    def add(self, record: R) -> None:
         """Keep one, or nothing of it."""
         path = self._folder / f"{record.patient}.jsonl"
         try:
@@ -63,6 +80,18 @@ class SessionRecords:
                 _append(file, msgspec.json.encode(record) + b"\n")
         except OSError as error:
             raise AppError(SessionIndexFault.NOT_WRITTEN, path=path, detail=error.strerror) from error
+
+
+class SessionRecords(_Records[SessionRecord]):
+    """Of sessions."""
+
+    _kind = SessionRecord
+
+
+class TrainingRecords(_Records[TrainingRecord]):
+    """Of trainings."""
+
+    _kind = TrainingRecord
 
 
 def _append(file: FileIO, line: bytes) -> None:

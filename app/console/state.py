@@ -12,6 +12,7 @@ from app.ipc.states import Effect
 from app.ipc.streams import SNAPSHOT, TRIGGER
 from app.session.host import Latest, ProcessStatus
 from app.system.config import SessionSetup
+from app.system.vocabulary import VocabularyStatus
 from logs.reason import Reason
 
 
@@ -56,6 +57,7 @@ class SessionState:
     processes: tuple[ProcessStatus, ...] = ()
     press_note: PressNote = NO_NOTE
     fault: str = ""  # why the session could not start
+    vocabulary: VocabularyStatus = VocabularyStatus.NOT_NEEDED  # of the patient, as the session began
 
     @property
     def snapshot_fresh(self) -> bool:

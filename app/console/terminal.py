@@ -25,6 +25,7 @@ from textual.driver import Driver
 from textual.drivers.linux_driver import LinuxDriver
 from textual.message import Message
 
+from app.console.charset import Substitutes, substitutes_for
 from app.console.stop import StopSwitch
 from app.system.scheduling import set_scheduling
 
@@ -60,8 +61,16 @@ class _Chunk:
 class TerminalOutput:
     """Writes to a terminal from a thread of its own. `write` never blocks."""
 
-    def __init__(self, fileno: int, *, lost: Callable[[], object], repaint: Callable[[], object]) -> None:
+    def __init__(
+        self,
+        fileno: int,
+        *,
+        lost: Callable[[], object],
+        repaint: Callable[[], object],
+        substitutes: Substitutes | None = None,
+    ) -> None:
         self._fileno, self._own = _reopen(fileno)
+        self._substitutes = substitutes
         self._lost = lost
         self._repaint = repaint
         self._changed = threading.Condition()
@@ -75,6 +84,8 @@ class TerminalOutput:
 
     def write(self, data: str, *, droppable: bool = True) -> None:
         """Queue it; a frame is dropped when frames before it have waited too long."""
+        if self._substitutes is not None:
+            data = data.translate(self._substitutes)
         now_s = time.monotonic()
         with self._changed:
             if self._dead:
@@ -204,7 +215,12 @@ class TerminalDriver(LinuxDriver):
     def start_application_mode(self) -> None:
         """As the base, with an output that does not block."""
         assert sys.__stderr__ is not None
-        self._output = TerminalOutput(sys.__stderr__.fileno(), lost=self._events.lost, repaint=self._events.repaint)
+        self._output = TerminalOutput(
+            sys.__stderr__.fileno(),
+            lost=self._events.lost,
+            repaint=self._events.repaint,
+            substitutes=substitutes_for(os.environ),
+        )
         self._setting_modes = True
         super().start_application_mode()  # type: ignore[no-untyped-call]
         self._setting_modes = False

@@ -70,9 +70,9 @@ def _redirect_output(home: Home, name: str) -> None:
     os.close(handle)
 
 
-# Loading the hand model takes up to three seconds on a cold disk; after its first report a second's silence
-# is thirty missed frames.
-FIRST_REPORT_S = 15.0
+# Imports take two seconds, sixteen beside another session on two cores: a restart would only begin them anew. After its
+# first report a second's silence is thirty missed frames.
+FIRST_REPORT_S = 40.0
 SILENCE_S = 2.0
 BACK_OFF_S = (1.0, 2.0, 4.0, 8.0, 16.0)
 

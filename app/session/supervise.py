@@ -107,21 +107,17 @@ class SessionProcesses:
         return self._ending or not (console or control.is_alive())
 
     def _console_lives(self) -> bool:
+        if self._console is not None and not self._console.alive and not self._console_ended:
+            self._console_ended = True
+            cause = reason(SessionNotice.CONSOLE_GONE)
+            self._sink.emit(ProcessEnd(pid=self._console.pid, ended="console", reason=cause))
+            _log.warning("console gone", console_pid=self._console.pid)
         lease = current_lease(self._setup.links)
         if lease is not None and lease != self._lease:
             if self._console is not None:
                 self._console.close()
             self._lease, self._console, self._console_ended = lease, Peer(lease.pid), False
-        if self._console is None:
-            return True  # it starts us: its lease comes at once
-        if self._console.alive:
-            return True
-        if not self._console_ended:
-            self._console_ended = True
-            cause = reason(SessionNotice.CONSOLE_GONE)
-            self._sink.emit(ProcessEnd(pid=self._console.pid, ended="console", reason=cause))
-            _log.warning("console gone", console_pid=self._console.pid)
-        return False
+        return self._console is None or self._console.alive  # none yet: it starts us, its lease comes at once
 
     def _status(self) -> tuple[ProcessStatus, ...]:
         return tuple(

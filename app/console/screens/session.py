@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from pathlib import Path
 from typing import ClassVar
 
 from textual.app import ComposeResult
@@ -11,66 +12,33 @@ from textual.containers import Container, Vertical
 
 from app.console import keys
 from app.console.guidance import guidance_line
-from app.console.screens.base import ConsoleScreen
 from app.console.screens.checks import Checklist
 from app.console.screens.compare import CompareScreen
 from app.console.screens.dialogs import HealthPage, Question, TherapistAct
+from app.console.screens.guided import GuidedTestChoice
+from app.console.screens.hand_keys import HandKeys
 from app.console.state import SessionState
 from app.console.widgets.gait import GaitPanel
 from app.console.widgets.gesture import DistancePanel, GesturePanel
+from app.console.widgets.guided import guided_line
 from app.console.widgets.hold import HoldPanel, held
+from app.console.widgets.large import LargePanel
 from app.console.widgets.panel import Panel, StatePanel
 from app.console.widgets.patient_details import identity
 from app.console.widgets.picture import Picture
 from app.console.widgets.status import DosePanel, EventsPanel, status_line
-from app.console.widgets.wearer import FigurePanel, JointsPanel, Wearer, load_wearer
-from app.ipc.messages import HandCommand, HandPose, OperatorKind
+from app.console.widgets.wearer import FigurePanel, JointsPanel
+from app.ipc.messages import OperatorKind, PerceptionCommand
 from app.ipc.states import Action, Effect
+from app.motion.wearer import Wearer, load_wearer
+from app.outcomes.guided import GuidedStop, GuidedTest
 from app.system.config import load_device
+from app.system.paths import pictures_path
 from app.text.catalogue import render, tr
-from kgdfa.gesture import Gesture
+from logs.records import Recording
 
-
-class HandKeys(ConsoleScreen):
-    """Turns keys into movements of the digital hand; with another camera the keys do not exist."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self._pressing = False
-
-    def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:  # noqa: ARG002
-        """Hand keys need a digital hand, and somebody who may do more than look."""
-        if not action.startswith("hand_"):
-            return True
-        return self.console_app.has_digital_hand and not self.console_app.read_only
-
-    def action_hand_sign(self, sign: str) -> None:
-        """The digital hand shows a gesture, rests, or leaves."""
-        if sign == "rest":
-            self._move(HandCommand(pose=HandPose.REST))
-        elif sign == "none":
-            self._move(HandCommand(pose=HandPose.AWAY))
-        else:
-            self._move(HandCommand(gesture=Gesture(sign)))
-
-    def action_hand_click(self) -> None:
-        """Push to the camera and draw back."""
-        self._move(HandCommand(click_s=keys.CLICK_S))
-
-    def action_hand_press(self) -> None:
-        """Push and stay, or draw back."""
-        self._pressing = not self._pressing
-        self._move(HandCommand(press=self._pressing))
-
-    def action_hand_move(self, x: int, y: int, z: int) -> None:
-        """Move the digital hand a step."""
-        self._move(keys.hand_move(x, y, z))
-
-    def _move(self, command: HandCommand) -> None:
-        self.console_app.live_host().move_hand(command)
-
-
-_ACTS = {"confirm_patient", "toggle_armed", "acknowledge", "act", "torque_off"}
+DELETED_POLL_S, DELETED_POLLS = 0.1, 50  # the recording deletes pictures within a second
+_ACTS = {"confirm_patient", "toggle_armed", "acknowledge", "act", "torque_off", "record_pictures", "guided_test"}
 
 
 class SessionScreen(HandKeys):
@@ -87,6 +55,7 @@ class SessionScreen(HandKeys):
     def compose(self) -> ComposeResult:
         yield Panel(id="status")
         yield Panel(id="guide")
+        yield Panel(id="guided")
         with Container(id="main"):  # the hand on the left, the legs beside it, figures on the right of wide terminals
             yield Picture(id="picture")
             yield FigurePanel(id="figure", title=tr("panel.figure"))
@@ -100,12 +69,14 @@ class SessionScreen(HandKeys):
                 yield GaitPanel(id="gait", title=tr("panel.gait"))
                 yield EventsPanel(id="events", title=tr("panel.events"))
             yield HoldPanel(id="hold", title=tr("panel.hold"))
+            yield LargePanel(id="large")
         yield from self.compose_bottom()
 
     async def _load_wearer(self) -> None:
         """In a thread, and not before there is something to draw: it would keep the first paint waiting."""
         with self.notify_errors():
-            self.wearer = await asyncio.to_thread(load_wearer, self.console_app.live_setup())
+            setup = self.console_app.live_setup()
+            self.wearer = await asyncio.to_thread(load_wearer, setup.profile, setup.config.joints)
 
     def show_session(self, state: SessionState | None) -> None:
         super().show_session(state)
@@ -119,8 +90,12 @@ class SessionScreen(HandKeys):
         status.lines = status_line(state, status.size.width, app.key_names["health"])
         guide = guidance_line(state, app.key_names, watching=app.read_only)
         self.query_one("#guide", Panel).lines = guide
+        self._show_guided()
         self.query_one(Picture).show(state)
-        self.query_one("#main").set_class(held(state), "-held")
+        main = self.query_one("#main")
+        main.set_class(held(state), "-held")
+        main.set_class(app.large_letters, "-large")
+        self.query_one(LargePanel).follow(state, app.key_names, watching=app.read_only)
         if held(state):
             self.query_one(HoldPanel).show(state, app.key_names, watching=app.read_only)
         self.query_one(FigurePanel).wearer = self.query_one(JointsPanel).wearer = self.wearer
@@ -188,11 +163,38 @@ class SessionScreen(HandKeys):
 
     def action_compare(self) -> None:
         """Both cameras side by side."""
-        self.app.push_screen(CompareScreen())
+        self.app.push_screen(CompareScreen(), lambda _: self.query_one(Picture).ask())
 
     def action_pause_picture(self) -> None:
         """Freeze the picture on the screen only."""
         self.query_one(Picture).toggle_pause()
+
+    def action_large_letters(self) -> None:
+        """State, gesture and what is allowed in letters for three metres, or the usual screen again."""
+        app = self.console_app
+        app.large_letters = not app.large_letters
+        self.show_session(app.live_state())
+
+    def action_record_pictures(self) -> None:
+        """Record the camera's pictures, with the patient's consent; or delete them, when it is withdrawn."""
+        state = self.console_app.live_state()
+        if not self.console_app.live_setup().config.recording.on:
+            self.notify(tr("pictures.off"), severity="warning", timeout=15)
+            return
+        recorded = state is not None and state.report is not None and state.report.pictures_recorded
+        named = "withdraw" if recorded else "consent"
+        question = Question(tr(f"pictures.{named}.title"), tr(f"pictures.{named}.text"))
+        self.app.push_screen(question, lambda yes: self._agreed(not recorded) if yes else None)
+
+    def action_guided_test(self) -> None:
+        """Begin a guided test, or stop the one that runs."""
+        app = self.console_app
+        run = app.guided.run
+        if run is None:
+            app.push_kept("guided", GuidedTestChoice, self._guided_chosen)
+        else:
+            text = tr("guided.stop.text", test=run.test)
+            self.app.push_screen(Question(tr("guided.stop.title"), text), self._guided_stopped)
 
     async def action_end_session(self) -> None:
         """End the session, after asking while drives are powered."""
@@ -212,6 +214,40 @@ class SessionScreen(HandKeys):
     def _torque_off(self, yes: bool | None) -> None:
         if yes:
             self._send(OperatorKind.TORQUE_OFF)
+
+    def _show_guided(self) -> None:
+        app = self.console_app
+        panel, run = self.query_one("#guided", Panel), app.guided.run
+        panel.set_class(run is not None, "-running")
+        panel.lines = () if run is None else guided_line(run, app.key_names["guided"], self.size.width)
+
+    def _guided_chosen(self, test: GuidedTest | None) -> None:
+        state = self.console_app.live_state()
+        refused = self.console_app.guided.begin(test, state) if test is not None and state is not None else None
+        if refused is not None:
+            self.notify(tr(refused), severity="warning")
+
+    def _guided_stopped(self, yes: bool | None) -> None:
+        if yes:
+            self.console_app.tell_result(self.console_app.guided.stop(GuidedStop.BY_KEY))
+
+    def _agreed(self, consent: bool) -> None:
+        """The trail first: by it the recording takes pictures, or deletes them."""
+        app = self.console_app
+        path = pictures_path(app.home.logs, app.live_setup().session)
+        app.trail.emit(Recording(on=consent, consent=consent, path=path.name))
+        app.live_host().send_to_perception(PerceptionCommand(record_pictures=consent))
+        if not consent:
+            self.run_worker(self._tell_deleted(path))
+
+    async def _tell_deleted(self, path: Path) -> None:
+        """Once it is so, or what to do when it is not."""
+        for _ in range(DELETED_POLLS):
+            if not await asyncio.to_thread(path.exists):
+                self.notify(tr("pictures.deleted"), timeout=10)
+                return
+            await asyncio.sleep(DELETED_POLL_S)
+        self.notify(tr("pictures.not_deleted", path=path), severity="error", timeout=60, markup=False)
 
     def _chosen(self, action: Action | None) -> None:
         if action is not None:

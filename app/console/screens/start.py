@@ -13,9 +13,10 @@ from textual.widgets import Button, Input, Label, Select, Static
 
 from app.console.screens.base import ConsoleScreen
 from app.console.screens.checks import Preflight
-from app.console.widgets.patient_details import identity
+from app.console.widgets.patient_details import identity, vocabulary_text
 from app.system.config import Config
 from app.system.operators import Permission
+from app.system.vocabulary import status_now
 from app.text.catalogue import tr
 from profiles.schema import DistanceUsed, Profile
 from profiles.store import ChangeCause
@@ -51,6 +52,8 @@ class StartSession(ConsoleScreen):
         yield Label(tr("start.title", name=self._profile.identifier), id="title")
         with VerticalScroll(id="start"):
             yield Static(identity(self._profile), markup=False, classes="dialog-text")
+            if text := vocabulary_text(self._profile, status_now(self._profile, config)):
+                yield Static(text, markup=False, id="vocabulary", classes="dialog-text")
             yield Label(tr("start.camera"), classes="section")
             cameras = [(tr(f"camera.{kind}"), kind) for kind in CAMERAS]
             yield Select(cameras, value=config.camera.kind, allow_blank=False, id="camera", compact=True)

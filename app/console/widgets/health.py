@@ -74,8 +74,9 @@ def _camera(state: SessionState, snapshot: ControlSnapshot) -> list[Part]:
 def _control(snapshot: ControlSnapshot) -> list[Part]:
     late = snapshot.lateness
     text = tr("health.ticks", p99=f"{late.p99_ms:.2f}", worst=f"{late.max_ms:.1f}", missed=late.missed)
+    slow = late.p99_ms > LATE_MS
     real_time = ("health.fifo", "") if snapshot.real_time.fifo else ("health.no_fifo", "bold $warning")
-    return [(text, "bold $warning" if late.p99_ms > LATE_MS else ""), (tr(real_time[0]), real_time[1])]
+    return [(f"! {text}" if slow else text, "bold $warning" if slow else ""), (tr(real_time[0]), real_time[1])]
 
 
 def _links(state: SessionState) -> list[Part]:

@@ -46,10 +46,10 @@ def status_line(state: SessionState, width: int, health_key: str) -> Lines:
 # What the line holds, from left to right, and in the order in which it is given room.
 _ORDER = (
     *("patient", "operator", "place", "joints", "joints_short"),
-    *("arming", "state", "effect", "silent", "button", "stop", "steps"),
+    *("arming", "pictures", "state", "effect", "silent", "button", "stop", "steps"),
 )
 _NEEDED = (
-    *("silent", "effect", "arming", "button", "patient", "state"),
+    *("silent", "effect", "arming", "pictures", "button", "patient", "state"),
     *("place", "joints", "joints_short", "steps", "stop", "operator"),
 )
 _INCLUDED_IN = {"joints": {"place"}, "joints_short": {"place", "joints"}}  # the same in more words
@@ -62,6 +62,8 @@ def _status_parts(state: SessionState, snapshot: ControlSnapshot | None) -> list
         ("patient", (f" {setup.profile.identifier} ", "bold reverse $primary")),
         ("operator", (f" {setup.operator} " if setup.operator else "", "$foreground-muted")),
     ]
+    if state.report is not None and state.report.pictures_recorded:
+        parts.append(("pictures", (f" ● {tr('status.pictures')} ", "bold $error")))
     if snapshot is None:
         return [*parts, ("arming", (f" {tr('status.starting')} ", "$foreground-muted"))]
     parts += [

@@ -66,11 +66,12 @@ async def test_a_session_ends_with_a_note_that_the_list_then_shows(console: Open
         assert not host.closed, "the trail must still be open for the note"
         app.screen.query_one("#note", Input).value = "walked well"
         app.screen.query_one("#discomfort", Select).value = 3
+        app.screen.query_one("#exertion", Select).value = 15
         await open_console.press("ctrl+s")
         await open_console.shows("walked well")
         await open_console.until(lambda: host.closed)
         (record,) = SessionRecords(home.root / "sessions").of("demo")
-        assert (record.note, record.discomfort) == ("walked well", 3)
+        assert (record.note, record.discomfort, record.pain, record.exertion) == ("walked well", 3, None, 15)
 
 
 async def test_while_the_legs_come_to_rest_stop_still_works(console: Opener) -> None:

@@ -13,9 +13,10 @@ from app.console.state import SessionState
 from app.console.widgets.curves import Curves, draw_joints
 from app.console.widgets.health import Health, health_dot, health_lines, health_of
 from app.console.widgets.hold import held, hold_lines
-from app.console.widgets.wearer import FigurePanel, load_wearer
+from app.console.widgets.wearer import FigurePanel
 from app.ipc.messages import Lateness, RealTime
 from app.ipc.states import Action
+from app.motion.wearer import load_wearer
 from app.text.catalogue import tr
 from hal.errors import CameraFault
 from hal.joints.device import Joint
@@ -123,7 +124,7 @@ def test_drives_that_have_never_answered_have_no_figures_and_no_figure() -> None
     assert "nan" not in text
     assert "nan" not in text_of(health_lines(state, DEVICES, 100))
     panel = FigurePanel()
-    panel.follow(state, state.snapshot, load_wearer(state.setup))
+    panel.follow(state, state.snapshot, load_wearer(state.setup.profile, state.setup.config.joints))
     assert panel.text == tr("joints.waiting")
 
 

@@ -13,7 +13,7 @@ import pytest
 import app.console
 from app.console import keys
 from app.console.guidance import CHECKS
-from app.console.patient_fields import FIELDS, SECTIONS, FieldFault
+from app.console.patient_fields import FIELDS, SECTIONS, FieldFault, Kind
 from app.ipc.states import Action, Effect, GaitState
 from app.system.errors import AppError
 from app.system.operators import Permission, Role
@@ -52,7 +52,7 @@ def test_every_row_of_the_tables_is_there(code: str) -> None:
     wanted += [f"check.{check.name}.{part}" for check in CHECKS for part in ("name", "remedy")]
     wanted += [f"field.{field.path}" for field in FIELDS]
     wanted += [f"form.section.{section.name}" for section in SECTIONS]
-    wanted += [key_of(one) for field in FIELDS for one in _members(field.choices)]
+    wanted += [key_of(one) for field in FIELDS if field.kind is Kind.CHOICE for one in _members(field.choices)]
     wanted += [f"training.{one.value}" for one in FingerState]
     asked_in_the_console = (Permission.OPERATE, Permission.EDIT_PATIENTS, Permission.CALIBRATE, Permission.REVIEW)
     wanted += [key_of(one) for one in asked_in_the_console]

@@ -18,8 +18,10 @@ from app.console.screens.checks import Checklist, Preflight
 from app.console.screens.compare import CompareScreen
 from app.console.screens.dialogs import AskText, HealthPage, Question, TherapistAct
 from app.console.screens.help import HelpPage
+from app.console.screens.outcomes import OutcomesPage
 from app.console.screens.patient_form import PatientForm
 from app.console.screens.patients import History, PatientsScreen
+from app.console.screens.replay import ReplayScreen
 from app.console.screens.review import ChooseSession, ReviewScreen, WriteComment
 from app.console.screens.session import SessionScreen
 from app.console.screens.signin import LockScreen, SignInDialog
@@ -62,11 +64,13 @@ NOTHING_TO_STOP: tuple[AnyScreen, ...] = (
     PatientForm,
     AskText,
     History,
+    OutcomesPage,
     CalibrationScreen,
     StartSession,
     ReviewScreen,
     ChooseSession,
     WriteComment,
+    ReplayScreen,
     AfterScreen,
 )
 

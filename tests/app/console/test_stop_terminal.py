@@ -179,6 +179,7 @@ class TerminalUnderTest:
         if self._open:
             self._open = False
             self._reads.set()
+            self._reader.join()  # else it could read from the next file that gets this number
             os.close(self._master)
 
     def gone(self, since_s: float) -> float:
@@ -191,8 +192,10 @@ class TerminalUnderTest:
         return False
 
     def _drain(self) -> None:
-        while self._open:
+        while True:
             self._reads.wait()
+            if not self._open:
+                return
             with suppress(OSError, ValueError):
                 if select.select([self._master], [], [], 0.05)[0] and self._reads.is_set():
                     os.read(self._master, 65536)

@@ -14,9 +14,9 @@ from textual.strip import Strip
 from app.console.live import gc_freeze, reduce_gc, restore_gc
 from app.console.screens import session
 from app.console.widgets.wearer import FigurePanel
-from app.system.config import Config, SessionSetup
+from app.system.config import Config
 from hal.errors import DeviceFault, HardwareError
-from profiles.schema import DEMO_PATIENT
+from profiles.schema import DEMO_PATIENT, Profile
 from testing.fake_host import FakeHost
 from tests.app.console.conftest import Opener
 
@@ -77,10 +77,10 @@ def test_numpy_comes_after_the_first_paint_and_before_the_first_picture() -> Non
 async def test_nothing_is_loaded_for_the_figure_before_there_is_a_snapshot(
     console: Opener, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    asked: list[SessionSetup] = []
+    asked: list[Profile] = []
 
-    def load(setup: SessionSetup) -> None:
-        asked.append(setup)
+    def load(profile: Profile, joints: object) -> None:
+        asked.append(profile)
         raise HardwareError(DeviceFault.NO_BODY)
 
     monkeypatch.setattr(session, "load_wearer", load)

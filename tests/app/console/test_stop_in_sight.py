@@ -1,0 +1,54 @@
+"""STOP stays in sight on every screen and dialog of a session, at any size from 20 × 5 to 300 × 100."""
+
+from __future__ import annotations
+
+import random
+
+import pytest
+
+from app.console.widgets.bars import StopBar
+from app.system.config import Config
+from app.text.catalogue import use_language
+from tests.app.console.conftest import Opener
+
+SMALLEST, LARGEST = (20, 5), (300, 100)
+# Screen → the keys that lead to it.
+SCREENS: dict[str, tuple[str, ...]] = {
+    "session": (),
+    "large": ("b",),
+    "stopped": ("space",),
+    "confirm": ("c",),
+    "actions": ("t",),
+    "checks": ("s",),
+    "health": ("i",),
+    "help": ("f1",),
+    "locked": ("ctrl+l",),
+    "end": ("t", "0", "e"),
+    "palette": ("ctrl+p",),
+}
+BREAKPOINTS = [(72, 16), (71, 15), (130, 38), (129, 37), (80, 24), (40, 12)]
+
+
+def sizes(name: str) -> list[tuple[int, int]]:
+    """The extremes, both sides of each breakpoint, and some at random, the same in every run."""
+    rng = random.Random(name)
+    return [SMALLEST, LARGEST, *BREAKPOINTS, *((rng.randint(20, 300), rng.randint(5, 100)) for _ in range(2))]
+
+
+@pytest.mark.parametrize("language", ["en", "zh"])
+@pytest.mark.parametrize("name", SCREENS)
+async def test_stop_is_in_sight(console: Opener, name: str, language: str) -> None:
+    use_language(language)
+    async with console(config=Config(language=language)) as opened:
+        await opened.press(*SCREENS[name])
+        app = opened.app
+        for columns, rows in sizes(name):
+            await opened.pilot.resize_terminal(columns, rows)
+
+            def in_sight(rows: int = rows) -> bool:
+                lines = opened.text().splitlines()
+                return len(lines) == rows and any("■" in line for line in lines[-4:])
+
+            await opened.until(in_sight)
+            bar = [screen.query_one(StopBar) for screen in app.screen_stack if screen.query(StopBar)][-1]
+            assert (bar.region.width, bar.region.bottom) == (columns, rows - 1)
