@@ -100,7 +100,8 @@ def test_the_batch_measures_what_the_single_measures_give(shake: FloatArray) -> 
             pair = f"{name}-{other.name.lower()} tips apart"
             expected[pair] = apart(world, tip, TIPS[other]) / palm
             expected[f"{pair} on image"] = apart(picture, tip, TIPS[other]) / observed_palm
-        assert {key: by_name[key] for key in expected} == pytest.approx(expected, abs=1e-6)
+        # Next to 180° a rounding of the cosine in its last place turns the angle by 1e-6°.
+        assert {key: by_name[key] for key in expected} == pytest.approx(expected, abs=1e-5)
 
 
 def test_a_hand_without_size_is_finite() -> None:
