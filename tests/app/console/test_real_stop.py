@@ -17,6 +17,7 @@ from app.console.screens.calibration import CalibrationScreen
 from app.console.screens.checks import Checklist, Preflight
 from app.console.screens.compare import CompareScreen
 from app.console.screens.dialogs import AskText, HealthPage, Question, TherapistAct
+from app.console.screens.guided import GuidedTestChoice
 from app.console.screens.help import HelpPage
 from app.console.screens.outcomes import OutcomesPage
 from app.console.screens.patient_form import PatientForm
@@ -27,6 +28,7 @@ from app.console.screens.session import SessionScreen
 from app.console.screens.signin import LockScreen, SignInDialog
 from app.console.screens.start import StartSession
 from app.console.screens.training import TrainingScreen
+from app.console.screens.vocabulary import VocabularyScreen
 from app.ipc.states import Effect, GaitState
 from tests.app.console.real import AnyScreen, keys_only, real_console, stop_on
 from tests.app.console.stalls import walked_again
@@ -51,11 +53,14 @@ OVER_A_SESSION: dict[AnyScreen, tuple[str, str]] = {
     TherapistAct: ("t", "escape"),
     Checklist: ("s", "escape"),
     CompareScreen: ("v", "escape"),
+    GuidedTestChoice: ("g", "escape"),
     HealthPage: ("i", "escape"),
     HelpPage: ("f1", "escape"),
     CommandPalette: ("ctrl+p", "escape"),
     LockScreen: ("ctrl+l", "enter"),
 }
+# Sessions of their own, begun from the list of patients: the key that begins it, and the one that ends it.
+BESIDE_A_SESSION: dict[AnyScreen, tuple[str, str]] = {TrainingScreen: ("t", "e"), VocabularyScreen: ("g", "escape")}
 # Where a sign-in is asked for and a rehearsal needed: over emulated drives, in `test_real_drives`.
 OVER_DRIVES: tuple[AnyScreen, ...] = (SignInDialog, Preflight)
 # Nothing can move while these are open: there is no session, or its control has ended.
@@ -92,7 +97,7 @@ def screens() -> Iterator[AnyScreen]:
 def test_every_state_and_every_screen_has_its_row() -> None:
     assert len(STATES) == len(GaitState)
     assert set(STATES) == set(GaitState)
-    rows: list[AnyScreen] = [*OVER_A_SESSION, *OVER_DRIVES, *NOTHING_TO_STOP, SessionScreen, TrainingScreen]
+    rows: list[AnyScreen] = [*OVER_A_SESSION, *BESIDE_A_SESSION, *OVER_DRIVES, *NOTHING_TO_STOP, SessionScreen]
     assert len(rows) == len(set(rows))
     assert set(rows) == set(screens())
 
@@ -117,11 +122,12 @@ async def test_stop_in_every_state(tmp_path: Path) -> None:
 @walked_again
 async def test_stop_through_every_screen(tmp_path: Path) -> None:
     async with real_console(tmp_path, profile=None) as console:
-        await console.press("t")
-        await stop_on(console, TrainingScreen)
-        await console.press("e")
-        await console.until(lambda: isinstance(console.app.screen, PatientsScreen) and console.app.live is None)
-        assert not console.app.switch.live
+        for screen, (begins, ends) in BESIDE_A_SESSION.items():
+            await console.press(begins)
+            await stop_on(console, screen)
+            await console.press(ends)
+            await console.until(lambda: isinstance(console.app.screen, PatientsScreen) and console.app.live is None)
+            assert not console.app.switch.live
         await console.press("enter")
         await console.until(lambda: isinstance(console.app.screen, StartSession))
         await console.press("enter")
