@@ -50,6 +50,7 @@ class SessionOutcomes(Struct, frozen=True, kw_only=True):
     session: str
     patient: str
     began: str  # UTC, ISO 8601
+    began_ns: int  # the same moment on the monotonic clock, as the tests' times
     source: OutcomeSource
     measured_s: float  # how much of the session the measures are made of
     measures: Measures
@@ -135,6 +136,7 @@ def _outcomes(
         session=session,
         patient=chosen.patient,
         began=trail[0].wall,
+        began_ns=trail[0].monotonic_ns,
         source=source,
         measured_s=measured_s,
         measures=measures,

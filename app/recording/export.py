@@ -9,7 +9,7 @@ from __future__ import annotations
 import csv
 import json
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum, auto
 from pathlib import Path
 from typing import Any
@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.recording import schemas
+from app.recording.deidentify import KEPT_TOPICS, Deidentified
 from app.recording.read import Recording, messages, session_of
 from app.recording.writer import RecordingWriter
 from app.system.errors import AppError
@@ -35,6 +36,7 @@ ABOUT = {
     "time": "time_s: since the first sample; monotonic_ns + wall_minus_monotonic_ns = UTC since 1970",
     "missing": "a quantity that was not measured is NaN",
 }
+DATES_SHIFTED = {"dates": "shifted by whole days, the same for all sessions of a patient"}
 # The coordinates of Rajagopal's full-body model (2016), whose hips and knees flex positive as ours do.
 COORDINATES = {
     "left_hip": "hip_flexion_l",
@@ -59,6 +61,7 @@ class Samples:
     recording: Recording
     at_ns: NDArray[np.int64]
     values: NDArray[np.float64]
+    deidentified: Deidentified | None = None
 
     @property
     def time_s(self) -> NDArray[np.float64]:
@@ -76,16 +79,18 @@ class Samples:
     @property
     def about(self) -> dict[str, str]:
         """Session, clock, units and axes."""
-        recording = self.recording
-        clock = {"wall_minus_monotonic_ns": str(recording.clock_offset_ns)}
-        return {"session": session_of(recording.path), "whole": str(recording.whole).lower()} | ABOUT | clock
+        recording, deidentified = self.recording, self.deidentified
+        session = deidentified.name if deidentified else session_of(recording.path)
+        clock_ns = recording.clock_offset_ns + (deidentified.shift_ns if deidentified else 0)
+        found = {"session": session, "whole": str(recording.whole).lower()} | ABOUT
+        return found | {"wall_minus_monotonic_ns": str(clock_ns)} | (DATES_SHIFTED if deidentified else {})
 
     def at_rate(self) -> Samples:
         """On a grid of control's rate, for formats without times: each tick's newest sample, late ones held."""
         ticks = round((int(self.at_ns[-1]) - int(self.at_ns[0])) / TICK_NS) + 1
         grid_ns = self.at_ns[0] + np.arange(ticks, dtype=np.int64) * TICK_NS
         newest = np.searchsorted(self.at_ns, grid_ns + TICK_NS // 2, side="right") - 1
-        return Samples(recording=self.recording, at_ns=grid_ns, values=self.values[newest])
+        return replace(self, at_ns=grid_ns, values=self.values[newest])
 
 
 def read_samples(path: Path) -> Samples:
@@ -157,16 +162,20 @@ def to_opensim(samples: Samples, target: Path) -> None:
     _write_storage(target.with_suffix(".sto"), even, moments, even.values[:, 2])
 
 
-def to_mcap(source: Path, target: Path) -> None:
+def to_mcap(source: Path, target: Path, deidentified: Deidentified | None = None) -> None:
     """A whole file of what can be read."""
     if target.exists():
         raise AppError(ExportFault.EXISTS, path=target)
     recording = Recording(path=source)
     found = messages(recording)
+    topics: tuple[schemas.Topic, ...] = schemas.TOPICS
+    shift_ns = 0
+    if deidentified is not None:
+        found, topics, shift_ns = deidentified.samples(recording, found), KEPT_TOPICS, deidentified.shift_ns
     first = next(found, None)  # the clock is known from then on
     if first is None:
         raise AppError(ExportFault.NO_SAMPLES, path=source)
-    writer = RecordingWriter(target, schemas.TOPICS, recording.clock_offset_ns)
+    writer = RecordingWriter(target, topics, recording.clock_offset_ns + shift_ns)
     writer.add(first.topic, first.at_ns, first.data)
     for number, one in enumerate(found):
         writer.add(one.topic, one.at_ns, one.data)
@@ -186,15 +195,16 @@ FORMATS: dict[str, Callable[[Samples, Path], None]] = {
 SUFFIXES = {"opensim": ".mot"}
 
 
-def export(path: Path, form: str, folder: Path) -> Path:
+def export(path: Path, form: str, folder: Path, deidentified: Deidentified | None = None) -> Path:
     """Write a recording in one format into a folder; the file. Raises AppError."""
-    target = folder / f"{session_of(path)}{SUFFIXES.get(form, f'.{form}')}"
+    name = deidentified.name if deidentified else session_of(path)
+    target = folder / f"{name}{SUFFIXES.get(form, f'.{form}')}"
     try:
         folder.mkdir(parents=True, exist_ok=True)
         if form == "mcap":
-            to_mcap(path, target)
+            to_mcap(path, target, deidentified)
         else:
-            FORMATS[form](read_samples(path), target)
+            FORMATS[form](replace(read_samples(path), deidentified=deidentified), target)
     except OSError as error:
         raise AppError(ExportFault.UNWRITABLE, path=target, detail=cause_of(error)) from error
     return target

@@ -41,6 +41,7 @@ class RecordingReadFault(Enum):
     NO_RECORDING = auto()  # name, folder, matches
     EMPTY = auto()  # path
     NO_PICTURES = auto()  # path
+    NO_PATIENT = auto()  # path
     UNDELETABLE = auto()  # path, detail
 
 
