@@ -44,6 +44,7 @@ CHANGES: dict[str, tuple[Permission, tuple[str, ...]]] = {
     "profile new": (Permission.EDIT_PATIENTS, ()),
     "profile set": (Permission.EDIT_PATIENTS, ()),
     "recording delete-pictures": (Permission.EDIT_PATIENTS, ()),
+    "recording expire": (Permission.EDIT_PATIENTS, ()),
     "simulate": (Permission.OPERATE, ("--preflight",)),
 }
 # Writes nothing but what its options name, and a demonstration's own session. `run` asks in the console itself.

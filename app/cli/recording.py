@@ -12,6 +12,7 @@ from app.cli.permission import sign_in
 
 if TYPE_CHECKING:
     from app.recording.read import HashCheck, Recording
+    from app.system.authority import Authority
     from logs.records import RecordingFile
 
 cli = typer.Typer(no_args_is_help=True)
@@ -67,16 +68,45 @@ def verify(file: FileArgument = "last", home: HomeOption = None) -> None:
 @cli.command("delete-pictures")
 def delete_pictures(file: FileArgument, home: HomeOption = None) -> None:
     """Delete the camera's pictures of a session, for a patient who withdrew the consent; it is put on record."""
-    from app.recording.read import RecordingReadFault, session_of
-    from app.system.authority import Subject
-    from app.system.errors import AppError
+    from app.recording.read import session_of
     from app.system.operators import Permission
     from app.system.paths import pictures_path
-    from logs.reading.errors import cause_of
 
     by = sign_in(home, Permission.EDIT_PATIENTS)
     recording = _found(file, home)
-    path = pictures_path(recording.parent, session_of(recording))
+    _delete(pictures_path(recording.parent, session_of(recording)), by)
+
+
+@cli.command()
+def expire(home: HomeOption = None) -> None:
+    """Delete recordings and pictures older than recording.keep_days; the trails stay, and tell of it."""
+    from datetime import UTC, datetime
+
+    from app.recording.read import RecordingReadFault, expired
+    from app.system.config import load_config
+    from app.system.errors import AppError
+    from app.system.operators import Permission
+    from app.system.paths import find_home
+
+    by = sign_in(home, Permission.EDIT_PATIENTS)
+    where = find_home(home)
+    keep_days = load_config(where.config).recording.keep_days
+    if keep_days is None:
+        raise AppError(RecordingReadFault.KEPT_FOR_EVER)
+    found = expired(where.logs, keep_days, datetime.now(UTC))
+    for path in found:
+        _delete(path, by)
+    print_text("recording.expired", files=len(found), days=keep_days)
+
+
+def _delete(path: Path, by: Authority) -> None:
+    """A file of a recording, on record; first the record, so that no file goes without one."""
+    from app.recording.read import RecordingReadFault
+    from app.system.authority import Subject
+    from app.system.errors import AppError
+    from app.system.operators import Permission
+    from logs.reading.errors import cause_of
+
     try:
         size_bytes = path.stat().st_size
         by.change(Permission.EDIT_PATIENTS, Subject.RECORDING, path.name, {"size_bytes": (size_bytes, None)})
@@ -85,7 +115,7 @@ def delete_pictures(file: FileArgument, home: HomeOption = None) -> None:
         raise AppError(RecordingReadFault.NO_PICTURES, path=path) from None
     except OSError as error:
         raise AppError(RecordingReadFault.UNDELETABLE, path=path, detail=cause_of(error)) from error
-    print_text("recording.pictures_deleted", path=path)
+    print_text("recording.deleted", path=path)
 
 
 @cli.command()

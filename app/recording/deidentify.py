@@ -19,7 +19,7 @@ import msgspec
 from msgspec.structs import replace
 
 from app.recording import schemas
-from app.recording.read import Recording, RecordingReadFault, Sample, messages
+from app.recording.read import STAMP, Recording, RecordingReadFault, Sample, messages
 from app.recording.schemas import JointStates, time_of
 from app.system.errors import AppError
 from logs.read import understand
@@ -30,7 +30,6 @@ KEY_FILE = "deidentify.key"
 KEY_BYTES = 32
 MOST_DAYS = 365  # into the past
 DAY_NS = 86_400 * 10**9
-STAMP = "%Y%m%dT%H%M%SZ"  # as a session's name begins
 _PERSONAL = frozenset({schemas.TRAIL, schemas.LOG, schemas.OPERATOR})
 KEPT_TOPICS = tuple(topic for topic in schemas.TOPICS if topic.name not in _PERSONAL)
 _DATED = frozenset({schemas.JOINT_STATE, schemas.JOINT_SETPOINT})  # their messages hold a date

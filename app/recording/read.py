@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import re
 import struct
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from datetime import UTC, datetime, timedelta
 from enum import Enum, auto
 from functools import partial
 from hashlib import sha256
@@ -27,6 +29,8 @@ from logs.reading.regular import open_regular
 from logs.records import RecordingFile
 
 MOST_RECORD = 64 << 20  # bytes
+STAMP = "%Y%m%dT%H%M%SZ"  # UTC, with which a session's name begins
+SESSION_NAME = re.compile(r"\d{8}T\d{6}Z-")
 # What the library makes of bytes that are no record; UnicodeDecodeError is a ValueError.
 DAMAGE = (McapError, zstandard.ZstdError, struct.error, LookupError, MemoryError, OverflowError, ValueError)
 
@@ -42,6 +46,7 @@ class RecordingReadFault(Enum):
     EMPTY = auto()  # path
     NO_PICTURES = auto()  # path
     NO_PATIENT = auto()  # path
+    KEPT_FOR_EVER = auto()
     UNDELETABLE = auto()  # path, detail
 
 
@@ -91,6 +96,13 @@ def find_recording(folder: Path, named: str) -> Path:
     if len(matches) != 1:
         raise AppError(RecordingReadFault.NO_RECORDING, name=named, folder=folder, matches=len(matches))
     return matches[0]
+
+
+def expired(folder: Path, keep_days: int, now: datetime) -> list[Path]:
+    """Recordings and pictures of sessions that began so long ago, by their names; the oldest first."""
+    oldest = (now - timedelta(days=keep_days)).astimezone(UTC).strftime(STAMP)
+    found = (path for path in folder.glob(f"*{RECORDING_SUFFIX}") if SESSION_NAME.match(path.name))
+    return sorted(path for path in found if path.name[: len(oldest)] < oldest)
 
 
 def session_of(path: Path) -> str:

@@ -71,6 +71,7 @@ class RecordingConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
     """The session's recording, without pictures."""
 
     on: bool = False
+    keep_days: Annotated[int, Meta(ge=1, le=36_500)] | None = None  # then `rleex recording expire` deletes it
 
 
 class SoundsConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):

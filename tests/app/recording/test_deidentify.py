@@ -10,9 +10,9 @@ from typer.testing import CliRunner
 
 from app.cli import cli
 from app.recording import schemas
-from app.recording.deidentify import DAY_NS, KEY_BYTES, MOST_DAYS, STAMP, deidentify, load_or_make_key
+from app.recording.deidentify import DAY_NS, KEY_BYTES, MOST_DAYS, deidentify, load_or_make_key
 from app.recording.export import read_samples
-from app.recording.read import Recording, RecordingReadFault, messages, survey
+from app.recording.read import STAMP, Recording, RecordingReadFault, messages, survey
 from app.recording.writer import RecordingWriter
 from app.system.errors import AppError
 from tests.app.recording.conftest import Session

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from datetime import UTC, datetime, timedelta
 from hashlib import sha256
 from pathlib import Path
 
@@ -19,7 +20,7 @@ from app.ipc.streams import PICTURES
 from app.perception.pictures import WIDTH_PX, PictureRecorder, encode
 from app.recording import read, schemas
 from app.recording.pictures import MOST_BEHIND, PicturesFile
-from app.recording.read import RecordingReadFault, find_recording, messages, survey
+from app.recording.read import STAMP, RecordingReadFault, find_recording, messages, survey
 from app.recording.schemas import CompressedImage
 from app.system.errors import AppError
 from app.system.paths import Home, pictures_path, recording_path
@@ -234,3 +235,26 @@ def test_a_consent_withdrawn_later_deletes_them_on_record(tmp_path: Path) -> Non
     again = CliRunner().invoke(cli, command)
     assert isinstance(again.exception, AppError)
     assert again.exception.code is RecordingReadFault.NO_PICTURES
+
+
+def test_the_keeping_time_takes_files_and_leaves_trails(tmp_path: Path) -> None:
+    home = Home(tmp_path / "home")
+    home.logs.mkdir(parents=True)
+    old, young = (f"{datetime.now(UTC) - timedelta(days=days):{STAMP}}-0001" for days in (31, 29))
+    kept = [recording_path(home.logs, young), home.logs / f"{old}.jsonl", home.logs / "mine.mcap"]
+    gone = [recording_path(home.logs, old), pictures_path(home.logs, old)]
+    for path in (*kept, *gone):
+        path.write_bytes(b"12345")
+    command = ["recording", "expire", "--home", str(home.root)]
+    unset = CliRunner().invoke(cli, command)
+    assert isinstance(unset.exception, AppError)
+    assert unset.exception.code is RecordingReadFault.KEPT_FOR_EVER
+    home.config.write_text("[recording]\nkeep_days = 30\n", encoding="utf-8")
+    done = CliRunner().invoke(cli, command)
+    assert done.exit_code == 0, done.output
+    assert all(path.exists() for path in kept)
+    assert not any(path.exists() for path in gone)
+    (journal,) = (path for path in home.logs.parent.rglob(CHANGES) if path.is_file())
+    changes = [one.body for one in records(journal) if isinstance(one.body, Change)]
+    assert {(one.subject, one.name) for one in changes} == {("recording", path.name) for path in gone}
+    assert CliRunner().invoke(cli, command).exit_code == 0
