@@ -100,11 +100,18 @@ def demo(
     distance: Annotated[
         DistanceUsed, typer.Option(help="Which distance commands; both: depth, its holes bridged by the keypoints.")
     ] = DistanceUsed.MONOCULAR,
+    patient: Annotated[
+        str,
+        typer.Option(help="Whose legs and vocabulary; the hand is the digital one. Empty: the demo patient."),
+    ] = "",
     load: Annotated[int, typer.Option(min=0, max=64, help="Busy processes to start beside it.")] = 0,
     home: HomeOption = None,
     verbose: Annotated[bool, typer.Option("--verbose", help="Log more for engineers.")] = False,
 ) -> None:
-    """Run all twelve actions by gestures with the real processes; exit status 0 only if all pass."""
+    """Run all twelve actions by gestures with the real processes; exit status 0 only if all pass.
+
+    What the patient's vocabulary lacks is done by key.
+    """
     import json
 
     from app.cli.progress import spinner, wide_console
@@ -118,6 +125,8 @@ def demo(
     from app.system.legs_lock import check_legs_free
     from app.system.paths import find_home, hold_home
     from app.system.scheduling import set_scheduling
+    from profiles.schema import DEMO_PATIENT
+    from profiles.store import ProfileStore
 
     record = record or pictures
     console = wide_console()
@@ -131,6 +140,7 @@ def demo(
         set_scheduling("console")  # in whose place it is
         set_up_model(place, base)
         config = demo_config(base, seed=seed, joints=joints_config, record=record)
+        wearer = demo_patient(seed, distance, ProfileStore(place.profiles).load(patient) if patient else DEMO_PATIENT)
         with busy_processes(load), spinner(console, total=len(ALL_TWELVE)) as watch:
             result = run_session(
                 place,
@@ -141,7 +151,7 @@ def demo(
                 watch=watch,
                 load=load,
                 pictures=pictures,
-                patient=demo_patient(seed, distance),
+                patient=wearer,
             )
     print_result(console, result, ALL_TWELVE)
     if record:

@@ -43,6 +43,7 @@ class Attempt:
     ok: bool
     reason: Reason | None
     report: ActionReport | None
+    by_key: bool = False  # the therapist's: the patient's vocabulary lacks the gesture
     interrupted: bool = False  # an interlock held or ended it; the sign and the press were understood
 
     @property
@@ -80,6 +81,7 @@ class Attempt:
             "recognised": self.recognised,
             "pressed": self.pressed,
             "presses": self.presses,
+            "by_key": self.by_key,
             "response_from_recognition_ms": _rounded(self.response_from_recognition_ms),
             "response_from_release_ms": _rounded(self.response_from_release_ms),
             "visible_motion_ms": _rounded(self.visible_motion_ms),

@@ -12,7 +12,7 @@ from typing import Any
 from app.demo.attempt import Attempt, AttemptFault, moment_of_command
 from app.demo.client import ACCEPTANCE_S, SessionClient
 from app.demo.scenario import Step
-from app.ipc.messages import HandCommand, HandPose
+from app.ipc.messages import HandCommand, HandPose, OperatorKind
 from app.ipc.states import ACTION_OF, Action, Effect, GaitState, Outcome
 from app.session.host import SessionHost
 from app.text.catalogue import tr
@@ -47,7 +47,10 @@ class ScenarioRunner(SessionClient):
         self._steps_before: dict[int, int] = {}
 
     def run(self, step: Step) -> Attempt:
-        """Sign, press, and wait until the legs have done it (or walked far enough)."""
+        """Sign, press, and wait until the legs have done it (or walked far enough).
+
+        A gesture that the patient's vocabulary lacks is not signed: the therapist's key stands in for it.
+        """
         action = ACTION_OF[step.gesture]
         self._watch(tr("demo.gesture", gesture=step.gesture.value, action=action))
         start = self._now.state
@@ -55,6 +58,8 @@ class ScenarioRunner(SessionClient):
         if action not in self._now.allowed:
             why = reason(AttemptFault.NOT_ALLOWED, reason=self._now.why_not or "–")
             return self._attempt(step, start, recognised=False, reason=why, interrupted=self._off_scenario(step))
+        if action in self._now.by_key_only:
+            return self._by_key(step, action, start)
         self._host.move_hand(HandCommand(gesture=step.gesture))
         if not self._until(lambda: self._recognised(step), RECOGNITION_S):
             held = self._off_scenario(step)
@@ -80,6 +85,21 @@ class ScenarioRunner(SessionClient):
         if number is None:
             why, held = self._why_no_action(pressed), self._off_scenario(step)
             return self._attempt(step, start, pressed=pressed, presses=made, reason=why, interrupted=held)
+        return self._carried_out(step, start, number, pressed=pressed, presses=made)
+
+    def _by_key(self, step: Step, action: Action, start: GaitState) -> Attempt:
+        known = set(self.actions)
+        self._host.send(OperatorKind.ACT, action)
+        self._until(lambda: self._new_action(action, known) is not None, ACCEPTANCE_S)
+        number = self._new_action(action, known)
+        if number is None:
+            why = self._now.refusal or reason(AttemptFault.NO_ACTION)
+            held = self._off_scenario(step)
+            return self._attempt(step, start, recognised=False, by_key=True, reason=why, interrupted=held)
+        return self._carried_out(step, start, number, recognised=False, by_key=True)
+
+    def _carried_out(self, step: Step, start: GaitState, number: int, **given: Any) -> Attempt:
+        """Wait for the action's end: what came of it."""
         self._requested.add(number)
         self._until(lambda: self._finished(step, number), ACTION_S)
         report = self.actions[number]
@@ -87,9 +107,7 @@ class ScenarioRunner(SessionClient):
         ok = reached and report.outcome is not Outcome.STOPPED and moment_of_command(report) > 0
         cause = report.reason or self._now.why_not or "–"
         early = None if ok else reason(AttemptFault.ENDED_EARLY, outcome=report.outcome, reason=cause)
-        return self._attempt(
-            step, start, pressed=pressed, presses=made, report=report, reason=early, ok=ok, interrupted=not ok
-        )
+        return self._attempt(step, start, report=report, reason=early, ok=ok, interrupted=not ok, **given)
 
     def _click(self, action: Action, known: set[int]) -> bool:
         """Press and withdraw once within the click's time; whether the button was released by it."""

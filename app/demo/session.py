@@ -80,8 +80,8 @@ UNATTENDED_S = 10.0  # nobody takes over a demo that was killed
 
 
 def demo_config(base: Config, *, seed: int, joints: JointsConfig, record: bool = False) -> Config:
-    """The lab's configuration with the digital hand of that seed, its depth's holes, those joints; recorded or not."""
-    camera = CameraConfig(kind="digital-hand", seed=seed, depth_holes=base.camera.depth_holes)
+    """The lab's configuration with the digital hand of that seed and its limits, those joints; recorded or not."""
+    camera = CameraConfig(kind="digital-hand", seed=seed, limit=base.camera.limit, depth_holes=base.camera.depth_holes)
     return Config(
         camera=camera,
         joints=joints,
@@ -97,13 +97,15 @@ def demo_config(base: Config, *, seed: int, joints: JointsConfig, record: bool =
 DEPTH_THRESHOLD_M = 0.34  # a D435i is blind nearer than 25 cm: by depth alone the press is farther out
 
 
-def demo_patient(seed: int, distance: DistanceUsed = DistanceUsed.MONOCULAR) -> Profile:
-    """The demo patient with the palm of that seed's digital hand, as a therapist would have measured it."""
+def demo_patient(
+    seed: int, distance: DistanceUsed = DistanceUsed.MONOCULAR, patient: Profile = DEMO_PATIENT
+) -> Profile:
+    """A patient with the palm of that seed's digital hand, as a therapist would have measured it."""
     palm = Palm(measured_width_m=person_of(seed).shape.palm_width_m)
-    patient = msgspec.structs.replace(DEMO_PATIENT, palm=palm, distance_source=distance)
-    if distance is not DistanceUsed.DEPTH:
-        return patient
-    return msgspec.structs.replace(patient, press_threshold_m=DEPTH_THRESHOLD_M)
+    threshold_m = DEPTH_THRESHOLD_M if distance is DistanceUsed.DEPTH else DEMO_PATIENT.press_threshold_m
+    return msgspec.structs.replace(
+        patient, palm=palm, calibrations=(), distance_source=distance, press_threshold_m=threshold_m
+    )
 
 
 def run_session(
@@ -215,8 +217,8 @@ def _cells(attempt: Attempt) -> list[str]:
     return [
         attempt.gesture.value,
         tr(ACTION_OF[attempt.gesture]),
-        tr("demo.yes" if attempt.recognised else "demo.no"),
-        str(attempt.presses) if attempt.pressed else tr("demo.no"),
+        tr("demo.by_key" if attempt.by_key else "demo.yes" if attempt.recognised else "demo.no"),
+        "–" if attempt.by_key else str(attempt.presses) if attempt.pressed else tr("demo.no"),
         f"{tr(attempt.start)} → {tr(attempt.end)}",
         _ms(attempt.response_from_recognition_ms),
         _ms(attempt.response_from_release_ms),

@@ -60,6 +60,7 @@ def make_camera(setup: SessionSetup) -> Camera:
         depth_holes=wanted.depth_holes,
         # Depth alone is blind where the digital hand would push by itself.
         threshold_m=setup.profile.press_threshold_m if choice_of(setup) is DistanceChoice.DEPTH else None,
+        limit=wanted.limit,
         left=_LEFT[setup.profile.hand.value if wanted.hand == "profile" else wanted.hand],
         store=Home(setup.home).cameras,
     )

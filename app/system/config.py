@@ -45,6 +45,7 @@ class CameraConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
     arm: ArmFrom = "below"  # where on the unmirrored image the patient's arm comes from
     seed: Annotated[int, Meta(ge=0)] = 1  # digital hand: which person
     hand: Literal["profile", "left", "right"] = "profile"  # digital hand: which one it shows; a wrong one is refused
+    limit: Literal["none", "two-fingers", "no-spread", "tremor"] = "none"  # digital hand: what it can't do
     depth: bool = False  # digital hand: give a D435i's depth as well, also where the patient needs none
     depth_holes: Annotated[float, Meta(ge=0, le=1)] = 0.0  # digital hand: share of frames whose depth misses the hand
 

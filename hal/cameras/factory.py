@@ -26,6 +26,7 @@ class CameraRequest:
     depth_holes: float = 0.0
     threshold_m: float | None = None
     left: bool | None = None
+    limit: str = "none"
     store: Path | None = None
 
 
@@ -36,7 +37,7 @@ def open_camera(kind: str, **settings: Any) -> Camera:
     serial number, or path of a .bag or .db3. store: the cameras.toml with measured intrinsics.
     depth: whether the digital hand also gives depth; depth_holes: share of frames in which it misses the hand.
     threshold_m: how near the digital hand must push; it rests and stops as far from it as it does by itself from 20 cm.
-    left: which of the digital person's hands; None: as the seed draws it.
+    left: which of the digital person's hands; None: as the seed draws it. limit: what it can't do, of HandLimit.
     Raises HardwareError for an unknown kind or bad settings.
     """
     if kind not in _BUILDERS:
@@ -46,6 +47,7 @@ def open_camera(kind: str, **settings: Any) -> Camera:
 
 def _digital_hand(wanted: CameraRequest) -> Camera:
     from hal.cameras.digital_hand.driver import PRESS_M, REST_M, THRESHOLD_M, DigitalHandCamera
+    from hal.cameras.digital_hand.limits import HandLimit
     from hal.cameras.digital_hand.render import lens_for, person_of
 
     lens = lens_for(wanted.width_px, wanted.height_px, wanted.focal_px)
@@ -57,6 +59,7 @@ def _digital_hand(wanted: CameraRequest) -> Camera:
         rate_hz=wanted.rate_hz,
         depth=wanted.depth,
         depth_holes=wanted.depth_holes,
+        limit=HandLimit(wanted.limit),
         rest_m=REST_M if wanted.threshold_m is None else wanted.threshold_m + REST_M - THRESHOLD_M,
         press_m=PRESS_M if wanted.threshold_m is None else wanted.threshold_m + PRESS_M - THRESHOLD_M,
     )

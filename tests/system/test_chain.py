@@ -12,13 +12,16 @@ import pytest
 from app.demo.runner import ScenarioRunner
 from app.demo.scenario import ALL_TWELVE, Step
 from app.demo.session import SessionResult, demo_config, demo_patient, run_session
-from app.ipc.states import RequestRefusal
+from app.ipc.states import ACTION_OF, RequestRefusal, Source
 from app.session.host import SessionHost, make_setup
 from app.system.authority import demonstration
 from app.system.config import Config, JointsConfig
 from app.system.paths import Home
 from kgdfa.gesture import Gesture
+from logs.read import records
 from logs.reason import key_of
+from logs.records import Command
+from profiles.schema import GestureUsed, Profile
 from testing.session import control_core_of_worker
 
 pytestmark = pytest.mark.serial
@@ -37,14 +40,16 @@ def config_with(hand_model: Path) -> Config:
     return msgspec.structs.replace(config, camera=msgspec.structs.replace(config.camera, rate_hz=15.0))
 
 
-def walk_course(home: Home, hand_model: Path) -> SessionResult:
+def walk_course(home: Home, hand_model: Path, patient: Profile | None = None) -> SessionResult:
     """A course's result; walked anew where a host that stalls interrupted it more often than a demo bears.
 
     A release that reached control too late is refused, as it must be: what made it late is the host as well.
     """
     for number in range(SESSIONS):
         place = Home(home.root / str(number))
-        result = run_session(place, config_with(hand_model), COURSE, click_s=0.8, presses=3, watch=print)
+        result = run_session(
+            place, config_with(hand_model), COURSE, click_s=0.8, presses=3, watch=print, patient=patient
+        )
         late = [one for one in result.attempts if one.reason is not None and one.reason.code == TOO_LATE]
         if result.passed(COURSE) or not (result.interruptions or late):
             break
@@ -60,6 +65,19 @@ def test_the_hand_makes_the_legs_stand_sit_and_walk_and_the_trail_verifies(home:
     assert result.audit_verified, result.audit_detail
     assert result.passed(COURSE)
     assert all(attempt.response_from_release_ms is not None for attempt in result.last_of(COURSE))
+
+
+@pytest.mark.xdist_group("perception")
+def test_what_the_vocabulary_lacks_is_done_by_the_therapists_key(home: Home, hand_model: Path) -> None:
+    vocabulary = (GestureUsed.ZERO, GestureUsed.SIX)
+    result = walk_course(home, hand_model, msgspec.structs.replace(demo_patient(1), vocabulary=vocabulary))
+    assert result.passed(COURSE), result.attempts
+    by_key = {attempt.gesture for attempt in result.last_of(COURSE) if attempt.by_key}
+    assert by_key == {step.gesture for step in COURSE} - {Gesture(one.value) for one in vocabulary}
+    (trail,) = home.root.rglob(f"{result.session}.jsonl")
+    commands = [one.body for one in records(trail) if isinstance(one.body, Command)]
+    by_gesture = {one.action for one in commands if one.source == Source.GESTURE.value}
+    assert by_gesture == {ACTION_OF[Gesture.ZERO].value, ACTION_OF[Gesture.SIX].value}
 
 
 @pytest.mark.parametrize("victim", ["perception", "planner", "guardian", "audit", "control"])

@@ -178,10 +178,11 @@ def enrolment(
     from app.evaluate.gestures import enrolment as patients
     from app.evaluate.gestures import joint_space
     from app.evaluate.gestures.synthetic import near_scenes
+    from hal.cameras.digital_hand.limits import HandLimit
 
     scenes = [*near_scenes(rendered, MEASURE_SEEDS)]
     errors = joint_space.errors_of((scene for _, scene, _ in scenes), detected_scenes(scenes, home, as_bgr8))
-    with progress("simulating", people * len(patients.PatientKind)) as step:
+    with progress("simulating", people * len(HandLimit)) as step:
         found = patients.measure_enrolment(RobustRules(), errors, people, seed, step)
     show(patients.enrolment_table(found))
     write_json([msgspec.to_builtins(one) for one in found], json_file)

@@ -7,9 +7,8 @@ each frame: errors that last over frames, motion blur and lost hands are not sim
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from enum import Enum
 
 import numpy as np
 from numpy.random import Generator
@@ -19,6 +18,7 @@ from app.evaluate.digital import centred
 from app.evaluate.gestures.joint_space import Errors
 from app.evaluate.harness import Step, mean, percent, table
 from app.text.catalogue import tr
+from hal.cameras.digital_hand.limits import TREMOR_HZ, HandLimit, limited, tremor_deg
 from hal.cameras.digital_hand.render import person_of, posed
 from hal.cameras.digital_hand.skeleton import POSES
 from kgdfa.gesture import Explanation, Gesture, RuleSet, Vote, update_vote
@@ -40,53 +40,15 @@ RATE_HZ = 20.0  # of the frames that the console counts
 STRAY_DEG = 3.0  # sd of every joint from showing to showing
 TURN_RAD = np.radians(6.0)  # sd about each axis
 NEAR_M, FAR_M = 0.25, 0.45
-TREMOR_HZ = (4.0, 8.0)
-TREMOR_DEG = 8.0  # of every joint
-BENT_DEG = (45.0, 70.0, 40.0)  # least flexion at MCP, PIP, DIP of a finger that can't be extended
-TOGETHER_DEG = (-4.0, 0.0, 4.0, 9.0)  # abduction of fingers that lie beside each other
-THUMB_MOST_DEG = 20.0  # azimuth of a thumb that can't be spread
 IDLE_POSES = ("rest", "naturally open", "rest", "tiger claw", "rest")
 ATTEMPTS = 4  # an enrolment that is refused for a gesture is done again without it
-
-
-class PatientKind(Enum):
-    """What a digital patient's hand can't do."""
-
-    EVERYTHING = "everything"  # nothing: it can
-    TWO_FINGERS = "two fingers"
-    NO_SPREAD = "no spread"
-    TREMOR = "tremor"
-
-
-def _two_fingers(angles_deg: FloatArray) -> FloatArray:
-    """Ring and little finger stay bent."""
-    limited = angles_deg.copy()
-    limited[3:5, 1:4] = np.maximum(limited[3:5, 1:4], BENT_DEG)
-    return limited
-
-
-def _no_spread(angles_deg: FloatArray) -> FloatArray:
-    """Open fingers lie beside each other, the thumb beside the palm."""
-    limited = angles_deg.copy()
-    is_open = limited[1:5, 1:4].sum(axis=1) < 45.0
-    limited[1:5, 0] = np.where(is_open, TOGETHER_DEG, limited[1:5, 0])
-    limited[0, 0::2] = np.minimum(limited[0, 0::2], THUMB_MOST_DEG)
-    return limited
-
-
-LIMITS: dict[PatientKind, Callable[[FloatArray], FloatArray]] = {
-    PatientKind.EVERYTHING: lambda angles_deg: angles_deg,
-    PatientKind.TWO_FINGERS: _two_fingers,
-    PatientKind.NO_SPREAD: _no_spread,
-    PatientKind.TREMOR: lambda angles_deg: angles_deg,
-}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DigitalPatient:
     """One person's hand before rules and errors; every showing is another try at the pose."""
 
-    kind: PatientKind
+    limit: HandLimit
     person: int
     rules: RuleSet
     errors: Errors
@@ -97,9 +59,8 @@ class DigitalPatient:
         turn, rate_hz = random.normal(0, TURN_RAD, 3), random.uniform(*TREMOR_HZ)
         distance_m = float(random.uniform(NEAR_M, FAR_M))
         for number in range(frames):
-            angles = LIMITS[self.kind](_pose(gesture, number / max(1, frames - 1)) + stray)
-            if self.kind is PatientKind.TREMOR:
-                angles = angles + TREMOR_DEG * np.sin(start + 2 * np.pi * rate_hz * number / RATE_HZ)
+            angles = limited(self.limit, _pose(gesture, number / max(1, frames - 1)) + stray)
+            angles = angles + tremor_deg(self.limit, number / RATE_HZ, rate_hz, start)
             scene = posed(
                 gesture.value if gesture else "5",
                 person=person_of(self.person),
@@ -129,7 +90,7 @@ class EnrolledPatient:
     vocabulary was voted. tried: the same of gestures outside the vocabulary, which the patient is not to try.
     """
 
-    kind: PatientKind
+    limit: HandLimit
     vocabulary: tuple[Gesture, ...]
     refusals: tuple[str, ...]
     recognised: float
@@ -139,7 +100,7 @@ class EnrolledPatient:
 
 def enrol_patient(patient: DigitalPatient, seed: int) -> EnrolledPatient:
     """Enrol until something is proven; then show every gesture and an idle hand once more."""
-    random = np.random.default_rng([seed, patient.person, list(PatientKind).index(patient.kind)])
+    random = np.random.default_rng([seed, patient.person, list(HandLimit).index(patient.limit)])
     refusals: list[str] = []
     left_out: set[Gesture] = set()
     proof: VocabularyProof | Explanation | None = None
@@ -161,7 +122,7 @@ def enrol_patient(patient: DigitalPatient, seed: int) -> EnrolledPatient:
         if part in vocabulary:
             recognised.append(sum(one is part for one in frames) / len(frames))
     return EnrolledPatient(
-        kind=patient.kind,
+        limit=patient.limit,
         vocabulary=vocabulary,
         refusals=tuple(refusals),
         recognised=mean(recognised),
@@ -197,9 +158,9 @@ def measure_enrolment(
 ) -> list[EnrolledPatient]:
     """So many people of each kind."""
     found = []
-    for kind in PatientKind:
+    for limit in HandLimit:
         for person in range(FIRST_PERSON, FIRST_PERSON + people):
-            found.append(enrol_patient(DigitalPatient(kind=kind, person=person, rules=rules, errors=errors), seed))
+            found.append(enrol_patient(DigitalPatient(limit=limit, person=person, rules=rules, errors=errors), seed))
             step()
     return found
 
@@ -209,13 +170,13 @@ def enrolment_table(found: Sequence[EnrolledPatient]) -> Table:
     made = table("enrolment", "patient proven refusals_first recognised_later unintended tried")
     for gesture in Gesture:
         made.add_column(gesture.value, justify="right")
-    for kind in PatientKind:
-        own = [one for one in found if one.kind is kind]
+    for limit in HandLimit:
+        own = [one for one in found if one.limit is limit]
         proven = [one for one in own if one.vocabulary]
         refusals = Counter(code for one in own for code in one.refusals)
         counts = [str(sum(gesture in one.vocabulary for one in own)) for gesture in Gesture]
         made.add_row(
-            tr(kind),
+            tr(limit),
             f"{len(proven)}/{len(own)}",
             ", ".join(f"{code.lower().replace('_', ' ')}: {count}" for code, count in refusals.items()) or "–",
             percent(mean(one.recognised for one in proven)) if proven else "–",

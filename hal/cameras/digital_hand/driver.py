@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from hal.cameras.camera import Frame, Intrinsics
 from hal.cameras.digital_hand import movement as hand_motion
 from hal.cameras.digital_hand.depth import DepthCamera
+from hal.cameras.digital_hand.limits import HandLimit, limited, tremor_deg
 from hal.cameras.digital_hand.raycast import project_px
 from hal.cameras.digital_hand.render import Person, Scene, keypoints_m, lens_for, person_of, render
 from hal.cameras.digital_hand.skeleton import FloatArray
@@ -54,17 +55,20 @@ class DigitalHandCamera:
         press_m: float = PRESS_M,
         gesture: str = hand_motion.SETTLED,
         tremor: hand_motion.Tremor | None = None,
+        limit: HandLimit = HandLimit.NONE,
         clock_ns: Callable[[], int] = time.monotonic_ns,
     ) -> None:
         """seed chooses person, room and lamp; `person` overrides it. depth_holes: see `DepthCamera`.
 
-        Raises HardwareError for a bad rate."""
+        limit: what the hand can't do. Raises HardwareError for a bad rate.
+        """
         if not 0 < rate_hz <= MAX_RATE_HZ:
             raise HardwareError(CameraFault.RATE_OUT_OF_RANGE, rate_hz=rate_hz, limit_hz=MAX_RATE_HZ)
         self.person = person or person_of(seed)
         self.lens = lens or lens_for()
         self._period_ns = round(1e9 / rate_hz)
         self._seed = seed
+        self._limit = limit
         self._depth = DepthCamera(seed, holes=depth_holes) if depth else None
         self._clock_ns = clock_ns
         self._movement = hand_motion.begin(self.person, rest_m=rest_m, press_m=press_m, gesture=gesture, tremor=tremor)
@@ -131,10 +135,11 @@ class DigitalHandCamera:
 
     def scene(self, captured_ns: int) -> Scene:
         """What the camera captures at a moment."""
+        angles_deg = limited(self._limit, self._movement.angles_deg(captured_ns))
         return Scene(
             person=self.person,
             lens=self.lens,
-            angles_deg=self._movement.angles_deg(captured_ns),
+            angles_deg=angles_deg + tremor_deg(self._limit, captured_ns / 1e9),
             place=self._movement.place(captured_ns),
         )
 
