@@ -20,6 +20,7 @@ from logs.reason import reason_of
 from logs.records import VocabularyEnrolled
 from profiles.schema import GestureEvidence, GestureUsed, Profile, VocabularyEvidence
 
+RULES = ("robust.npz", "robust.py", "features.py", "published.py")  # in kgdfa: what a verdict hangs on
 VALID_FOR = timedelta(days=91)  # three months: docs/decisions.md
 
 
@@ -110,10 +111,10 @@ def enrolment_record(profile: Profile, refusal: Explanation | None = None) -> Vo
 
 
 def recognition_hash(config: Config) -> str:
-    """SHA-256 of what recognises gestures: the rules' name, their fitted model, the hand model."""
+    """SHA-256 of what recognises gestures: the rules' name, their code and fitted model, the hand model."""
     hand = _hash_of(Path(config.model).expanduser()) if config.model else BUNDLE_SHA256
-    fitted = _hash_of(Path(str(resources.files("kgdfa") / "robust.npz")))
-    return sha256(f"{config.rules}\n{fitted}\n{hand}".encode()).hexdigest()
+    rules = (_hash_of(Path(str(resources.files("kgdfa") / name))) for name in RULES)
+    return sha256("\n".join((config.rules, *rules, hand)).encode()).hexdigest()
 
 
 @cache

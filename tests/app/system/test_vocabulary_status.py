@@ -8,6 +8,7 @@ from pathlib import Path
 import msgspec
 import pytest
 
+from app.system import vocabulary
 from app.system.config import Config
 from app.system.vocabulary import (
     VALID_FOR,
@@ -109,3 +110,10 @@ def test_other_rules_or_another_hand_model_are_another_model(tmp_path: Path) -> 
     hashes = {recognition_hash(config) for config in (Config(), Config(rules="published"), Config(model=str(own)))}
     assert len(hashes) == 3
     assert all(len(one) == 64 for one in hashes)
+
+
+@pytest.mark.parametrize("left_out", vocabulary.RULES)
+def test_each_file_of_the_rules_counts(left_out: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    before = recognition_hash(Config())
+    monkeypatch.setattr(vocabulary, "RULES", tuple(name for name in vocabulary.RULES if name != left_out))
+    assert recognition_hash(Config()) != before
