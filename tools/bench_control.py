@@ -1,7 +1,8 @@
 """How late control's ticks begin while everything runs and the legs walk: real processes, N seconds; --json too.
 
 Beside it, from begin to end, a bare loop of that rate at SCHED_FIFO: what the host does to any loop. And what ticks and
-frames cost: CPU time of control a tick, of perception a frame, while the legs walk.
+frames cost: CPU time of control a tick, of perception a frame, while the legs walk. With --console also the console's
+memory, and the pauses of the session: `--console --seconds 3600` is an hour in use.
 """
 
 from __future__ import annotations
@@ -43,6 +44,7 @@ from app.demo.load import busy_processes
 from testing.session import TIMEOUT_S, RealSession, WatchedSession, real_session
 from tools.bench_console import Terminal
 from tools.bench_host import bare_loop
+from tools.bench_memory import growth_per_sample
 
 Result = TypeVar("Result")
 BARE_RATIO = 1.3  # at most so many times the bare loop's
@@ -59,6 +61,7 @@ BETWEEN_KEYS_S = 0.25  # as a person types; long enough for a dialog to open
 # One a second: help and out, checks and out, the hand signs, clicks, moves and rests, the next theme.
 IDLE_KEYS = (b"\x1bOP", ESCAPE, b"s", ESCAPE, b"5", b"\r", b"\x1b[C", b"\x1b[D", b"h", b"\x1bOQ")
 IDLE_PERIOD_S = 1.0
+MEMORY_PERIOD_S = 10.0
 
 
 class ConsoleSession(WatchedSession):
@@ -69,6 +72,9 @@ class ConsoleSession(WatchedSession):
         self._terminal = terminal
         self._idle_keys = cycle(IDLE_KEYS)
         self._typed_s = time.monotonic()
+        self._measured_s = time.monotonic()
+        self._console = psutil.Process(terminal.child.pid)
+        self.memory_mb: list[float] = []
         self.keys = 0
         self._start_drawing()
 
@@ -82,6 +88,9 @@ class ConsoleSession(WatchedSession):
     def poll(self, wait_s: float = 0.02) -> None:
         """Take the newest of everything, and type on."""
         super().poll(wait_s)
+        if time.monotonic() - self._measured_s >= MEMORY_PERIOD_S:
+            self._measured_s += MEMORY_PERIOD_S
+            self.memory_mb.append(self._console.memory_full_info().uss / 1e6)
         if time.monotonic() - self._typed_s >= IDLE_PERIOD_S:
             self._type(next(self._idle_keys))
 
@@ -89,6 +98,10 @@ class ConsoleSession(WatchedSession):
         """Look and draw no more."""
         self._stop_drawing()
         self.close_links()
+
+    def growth_mb_per_h(self) -> float:
+        """Of the console's own memory; nan for less than a minute."""
+        return growth_per_sample(self.memory_mb) * 3600 / MEMORY_PERIOD_S if len(self.memory_mb) > 6 else float("nan")
 
     def _type(self, key: bytes) -> None:
         os.write(self._terminal.master, key)
@@ -173,7 +186,9 @@ def main() -> None:
         snapshot = session.until(lambda s: s.action is None, "the end of the walk")
         fps = session.perception_fps()
         if isinstance(session, ConsoleSession):
-            Console().print(f"{session.keys} keys were typed at the console.")
+            growth = session.growth_mb_per_h()
+            Console().print(f"{session.keys} keys were typed; the console's memory grows by {growth:.2f} MB an hour.")
+            costs_ms["console_growth_mb_per_h"] = growth
     show(snapshot, fps, held, costs_ms, bare)
     if asked.json:
         figures = figures_of(snapshot, fps) | costs_ms | {f"bare_{name}": value for name, value in bare.items()}
@@ -236,6 +251,8 @@ def show(
     table.add_row("SCHED_FIFO / locked / core / cores awake", got, "")
     table.add_row("steps walked", str(snapshot.steps), "")
     table.add_row("what ended a walk", ", ".join(f"{name} {times}" for name, times in held.items()) or "nothing", "")
+    pauses = snapshot.pauses
+    table.add_row("pauses", f"{pauses.count}, together {pauses.total_s:.3f} s", "")
     for name, cost_ms in costs_ms.items():
         table.add_row(name, f"{cost_ms:.3f}", "")
     if fps:
@@ -256,6 +273,8 @@ def figures_of(snapshot: ControlSnapshot, fps: float) -> dict[str, object]:
         "memory_locked": real_time.memory_locked,
         "cores_awake": real_time.cores_awake,
         "steps": snapshot.steps,
+        "pauses": snapshot.pauses.count,
+        "paused_s": snapshot.pauses.total_s,
         "perception_fps": fps,
     }
 

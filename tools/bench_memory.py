@@ -94,6 +94,12 @@ async def measure(beats: int, size: tuple[int, int]) -> list[float]:
                 app.close_live()
 
 
+def growth_per_sample(samples_mb: list[float]) -> float:
+    """MB from one sample to the next, by a straight line; the first sixth, in which caches fill, left out."""
+    settled_mb = samples_mb[len(samples_mb) // WARM_SHARE :]
+    return statistics.linear_regression(range(len(settled_mb)), settled_mb).slope
+
+
 def main(
     hours: Annotated[float, typer.Option(min=0.01)] = 1.0,
     width: int = 80,
@@ -104,8 +110,7 @@ def main(
     beats = max(SAMPLES, round(hours * 3600 / TICK_S))
     samples_mb = asyncio.run(measure(beats, (width, height)))
     settled_mb = samples_mb[SAMPLES // WARM_SHARE :]
-    a_sample_mb = statistics.linear_regression(range(len(settled_mb)), settled_mb).slope
-    growth_mb = a_sample_mb * SAMPLES / hours
+    growth_mb = growth_per_sample(samples_mb) * SAMPLES / hours
     print(f"{beats} beats at {width}×{height}: {samples_mb[0]:.1f} MB at first, then {settled_mb[0]:.1f}, at last")
     print(f"{settled_mb[-1]:.1f} MB; the line through them rises by {growth_mb:.2f} MB an hour (bound {BOUND_MB:.0f})")
     if json_file is not None:
