@@ -59,13 +59,14 @@ def export_recordings(
 
 
 def _key(home: Home) -> bytes:
-    from app.recording.deidentify import KEY_FILE, load_or_make_key
+    from app.recording.deidentify import KEY_FILE
+    from app.recording.encryption import load_or_make_secret
     from app.recording.export import ExportFault
     from app.system.errors import AppError
     from logs.reading.errors import cause_of
 
     try:
-        return load_or_make_key(home.keys)
+        return load_or_make_secret(home.keys, KEY_FILE)
     except OSError as error:
         raise AppError(ExportFault.UNWRITABLE, path=home.keys / KEY_FILE, detail=cause_of(error)) from error
 

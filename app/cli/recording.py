@@ -29,6 +29,7 @@ def info(
     from msgspec import json as text
 
     from app.cli.progress import wide_console
+    from app.recording.encryption import key_of
     from app.recording.read import proof_of, survey
 
     path = _found(file, home)
@@ -36,6 +37,8 @@ def info(
     proof, recorded = proof_of(path)
     wide_console().print(_table(found, recorded))
     _print_state(found, proof)
+    key = key_of(path)
+    print_text("recording.encrypted" if key else "recording.plain", fingerprint=key or "")
     if json is not None:
         values = {
             "file": path.name,
@@ -46,6 +49,7 @@ def info(
             "whole": found.whole,
             "damage": found.damage,
             "hash": proof.name.lower(),
+            "key": key,
         }
         json.write_bytes(text.format(text.encode(values), indent=1) + b"\n")
 

@@ -8,8 +8,6 @@ names, comments and dates. Pictures are never exported. The pseudonym stays.
 from __future__ import annotations
 
 import hmac
-import os
-import secrets
 from collections.abc import Iterator
 from dataclasses import dataclass
 from datetime import datetime, timedelta
@@ -23,11 +21,9 @@ from app.recording.read import STAMP, Recording, RecordingReadFault, Sample, mes
 from app.recording.schemas import JointStates, time_of
 from app.system.errors import AppError
 from logs.read import understand
-from logs.reading.regular import read_bytes
 from logs.records import PatientChosen, Record
 
 KEY_FILE = "deidentify.key"
-KEY_BYTES = 32
 MOST_DAYS = 365  # into the past
 DAY_NS = 86_400 * 10**9
 _PERSONAL = frozenset({schemas.TRAIL, schemas.LOG, schemas.OPERATOR})
@@ -60,20 +56,6 @@ def deidentify(patient: str, began: str, key: bytes) -> Deidentified:
     days = 1 + int.from_bytes(digest[:8], "big") % MOST_DAYS
     shifted = datetime.fromisoformat(began) - timedelta(days=days)
     return Deidentified(f"{patient}-{shifted.strftime(STAMP)}", -days * DAY_NS)
-
-
-def load_or_make_key(folder: Path) -> bytes:
-    """The home's secret in its key folder, made at first. Raises OSError."""
-    path = folder / KEY_FILE
-    folder.mkdir(parents=True, exist_ok=True, mode=0o700)
-    try:
-        handle = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o600)
-    except FileExistsError:
-        return read_bytes(path, KEY_BYTES)
-    with os.fdopen(handle, "wb") as file:
-        key = secrets.token_bytes(KEY_BYTES)
-        file.write(key)
-    return key
 
 
 def deidentify_recording(path: Path, key: bytes) -> Deidentified:

@@ -26,11 +26,11 @@ from mcap.records import Channel, Chunk
 from mcap.stream_reader import get_chunk_data_stream
 from numpy.typing import NDArray
 
+from app.recording.encryption import open_recording
 from app.recording.read import DAMAGE, Recording, RecordingReadFault, Sample, messages
 from app.recording.schemas import JointStates
 from app.system.errors import AppError
 from logs.reading.errors import cause_of
-from logs.reading.regular import open_regular
 
 KEPT_CHUNKS = 24  # some twenty seconds
 _RECORD = struct.Struct("<BQ")  # opcode, length of what follows
@@ -79,7 +79,7 @@ class RecordingIndex:
         self._kept: OrderedDict[int, _Unpacked] = OrderedDict()
         self._channels: dict[int, str] = {}
         try:
-            self._file: BinaryIO = open_regular(path)
+            self._file: BinaryIO = open_recording(path)
             places = self._indexed()
             self.cut = not places  # it has no index: the session did not end in good order
             places = places or self._scanned()

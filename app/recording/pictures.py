@@ -28,11 +28,15 @@ FRAME_ID = "camera"
 class PicturesFile:
     """A session's pictures, from the consent to their hash in the trail, or to their deletion."""
 
-    def __init__(self, folder: Path, session: str, clock_offset_ns: int, sink: AuditSink) -> None:
+    def __init__(
+        self, folder: Path, session: str, clock_offset_ns: int, sink: AuditSink, key: bytes | None = None
+    ) -> None:
+        """key: the station's, by which the file is encrypted; None: it is not."""
         self.path = pictures_path(folder, session)
         self.writer: RecordingWriter | None = None
         self._offset_ns = clock_offset_ns
         self._sink = sink
+        self._key = key
         self._consent = self._must_delete = False
         self._retry_ns = 0
         self._lost = 0  # on the way here
@@ -101,6 +105,7 @@ class PicturesFile:
                     self._offset_ns,
                     floor_bytes=PICTURE_FLOOR_BYTES,
                     most_pending=MOST_PENDING,
+                    key=self._key,
                 )
             except OSError as error:
                 self._fault = reason(RecordingFault.DISK, detail=cause_of(error))

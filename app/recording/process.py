@@ -18,6 +18,7 @@ from app.ipc.links import OrderedReceiver, address
 from app.ipc.recording import HandFrame, Picture, Recorded, TickBatch
 from app.ipc.streams import PICTURES, RECORDING
 from app.recording import schemas
+from app.recording.encryption import load_or_make_secret
 from app.recording.pictures import PicturesFile
 from app.recording.sink import QUEUE
 from app.recording.topics import TickMessages, log_of, of_hand
@@ -78,14 +79,16 @@ class SessionRecording:
     """A session's file, from its first message to its hash in the trail."""
 
     def __init__(self, setup: SessionSetup, sink: AuditSink) -> None:
-        """Raises OSError when the file can't be made."""
+        """Raises OSError when the file or its key can't be made."""
         home = Home(setup.home)
         home.logs.mkdir(parents=True, exist_ok=True, mode=0o700)
         self._setup = setup
         self._sink = sink
         self._offset_ns = time.time_ns() - time.monotonic_ns()
-        self.writer = RecordingWriter(recording_path(home.logs, setup.session), schemas.TOPICS, self._offset_ns)
-        self.pictures = PicturesFile(home.logs, setup.session, self._offset_ns, sink)
+        key = load_or_make_secret(home.keys) if setup.config.recording.encrypt else None
+        path = recording_path(home.logs, setup.session)
+        self.writer = RecordingWriter(path, schemas.TOPICS, self._offset_ns, key=key)
+        self.pictures = PicturesFile(home.logs, setup.session, self._offset_ns, sink, key)
         self._ticks = TickMessages(self._offset_ns)
         self._trail = TrailLines(home.logs / f"{setup.session}.jsonl")
         self._lost_frames = 0

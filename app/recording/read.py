@@ -20,6 +20,7 @@ from mcap.exceptions import EndOfFile, McapError
 from mcap.records import Channel, Chunk, DataEnd, Footer, Header, McapRecord, Message, Metadata, Schema, Statistics
 from mcap.stream_reader import StreamReader, breakup_chunk
 
+from app.recording.encryption import open_recording
 from app.recording.writer import CLOCK, LIBRARY, LOST, PROFILE, VERSION
 from app.system.errors import AppError
 from app.system.paths import PICTURES_SUFFIX, RECORDING_SUFFIX
@@ -171,7 +172,7 @@ def _inner_records(recording: Recording) -> Iterator[McapRecord]:
 def _outer_records(recording: Recording) -> Iterator[McapRecord]:
     path = recording.path
     try:
-        with open_regular(path) as file:
+        with open_recording(path) as file:
             found = StreamReader(file, emit_chunks=True, record_size_limit=MOST_RECORD).records
             begun = False
             try:

@@ -19,6 +19,7 @@ import msgspec
 from mcap.writer import CompressionType, Writer
 from msgspec import Struct
 
+from app.recording.encryption import Sealer
 from app.recording.schemas import Topic, schema_of
 from logs.disk import Disk
 from logs.reason import Reason, reason
@@ -82,8 +83,12 @@ class RecordingWriter:
         floor_bytes: int = FLOOR_BYTES,
         most_pending: int = MOST_PENDING,
         free_bytes: Callable[[Path], int] | None = None,
+        key: bytes | None = None,
     ) -> None:
-        """Raises OSError when the file exists or can't be made. clock_offset_ns: wall minus monotonic."""
+        """Raises OSError when the file exists or can't be made. clock_offset_ns: wall minus monotonic.
+
+        key: the station's, by which the file is encrypted; None: it is not.
+        """
         self.path = path
         self.written: Counter[str] = Counter()
         self.lost: Counter[str] = Counter()
@@ -96,7 +101,9 @@ class RecordingWriter:
         self._offset_ns = clock_offset_ns
         self._encode = msgspec.json.Encoder().encode
         self._memory = _Memory()
-        self._pending = bytearray()  # taken from the library, not on the disk
+        self._sealer = None if key is None else Sealer(key)
+        # Taken from the library, not on the disk.
+        self._pending = bytearray(self._sealer.header if self._sealer else b"")
         self._at = 0  # in the file
         self._digest = sha256()
         self._low = False
@@ -137,7 +144,7 @@ class RecordingWriter:
             self._chunk_ns = now_ns
             self._mcap.flush()  # type: ignore[no-untyped-call]
             self._look_at_disk()
-        self._pending += self._memory.take()
+        self._take()
         if self._pending and now_ns >= self._retry_ns and not self._write():
             self._retry_ns = now_ns + RETRY_NS
         if len(self._pending) > self._most_pending and self.fault is None:
@@ -150,7 +157,7 @@ class RecordingWriter:
         """Losses, index and footer; False when the disk refuses them: the file reads to its last whole chunk."""
         self._mcap.add_metadata(LOST, {topic: str(number) for topic, number in self.lost.items() if number})
         self._mcap.finish()  # type: ignore[no-untyped-call]
-        self._pending += self._memory.take()
+        self._take()
         whole = self._write()
         self._sync()
         self._disk.close(self._handle)
@@ -175,6 +182,10 @@ class RecordingWriter:
         schema = self._mcap.register_schema(name=topic.schema_name, encoding="jsonschema", data=text)
         about = {"about": topic.about}
         return self._mcap.register_channel(topic.name, message_encoding="json", schema_id=schema, metadata=about)
+
+    def _take(self) -> None:
+        data = self._memory.take()
+        self._pending += self._sealer.seal(data) if self._sealer else data
 
     def _look_at_disk(self) -> None:
         try:

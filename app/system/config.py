@@ -72,6 +72,7 @@ class RecordingConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
     """The session's recording, without pictures."""
 
     on: bool = False
+    encrypt: bool = False  # by the station's key (app/recording/encryption.py)
     keep_days: Annotated[int, Meta(ge=1, le=36_500)] | None = None  # then `rleex recording expire` deletes it
 
 

@@ -13,6 +13,7 @@ import pytest
 from mcap.writer import Writer
 
 from app.recording import schemas
+from app.recording.encryption import load_or_make_secret
 from app.recording.read import Recording, RecordingReadFault, messages, survey
 from app.recording.schemas import FootContact, Topic
 from app.recording.writer import LIBRARY, MOST_PENDING, PROFILE, VERSION, RecordingFault, RecordingWriter
@@ -39,12 +40,14 @@ def numbers(path: Path) -> list[int]:
 @pytest.mark.serial
 def test_killed_at_any_moment_it_loses_at_most_the_newest_chunk(tmp_path: Path) -> None:
     rng = random.Random(17)
-    for attempt in range(20):
-        path = tmp_path / f"{attempt}.mcap"
+    (tmp_path / "logs").mkdir()
+    key = load_or_make_secret(tmp_path / "keys")
+    for attempt in range(50):
+        path = tmp_path / "logs" / f"{attempt}.mcap"
         reads, writes = os.pipe()
         child = os.fork()
         if child == 0:
-            writer = RecordingWriter(path, [TOPIC], 0)
+            writer = RecordingWriter(path, [TOPIC], 0, key=key if attempt % 2 else None)
             for number in range(1_000_000):
                 write_chunk(writer, number)
                 os.write(writes, number.to_bytes(4, "little"))

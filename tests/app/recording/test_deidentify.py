@@ -10,7 +10,8 @@ from typer.testing import CliRunner
 
 from app.cli import cli
 from app.recording import schemas
-from app.recording.deidentify import DAY_NS, KEY_BYTES, MOST_DAYS, deidentify, load_or_make_key
+from app.recording.deidentify import DAY_NS, MOST_DAYS, deidentify
+from app.recording.encryption import KEY_BYTES, load_or_make_secret
 from app.recording.export import read_samples
 from app.recording.read import STAMP, Recording, RecordingReadFault, messages, survey
 from app.recording.writer import RecordingWriter
@@ -71,8 +72,8 @@ def test_one_patients_sessions_keep_their_distance_in_time() -> None:
 
 
 def test_the_secret_is_made_once(tmp_path: Path) -> None:
-    assert load_or_make_key(tmp_path / "keys") == load_or_make_key(tmp_path / "keys")
-    assert load_or_make_key(tmp_path / "others") != load_or_make_key(tmp_path / "keys")
+    assert load_or_make_secret(tmp_path / "keys") == load_or_make_secret(tmp_path / "keys")
+    assert load_or_make_secret(tmp_path / "others") != load_or_make_secret(tmp_path / "keys")
 
 
 def test_without_a_patient_it_is_refused(recorded: Session, tmp_path: Path) -> None:
