@@ -1,4 +1,4 @@
-"""The other computer's newest record, as this computer's trail names it: so that neither trail can be rewritten alone."""
+"""The other computer's newest record, as this one's trail names it: so that neither can be rewritten alone."""
 
 from __future__ import annotations
 
