@@ -13,6 +13,8 @@ class AuditFault(Enum):
     TRAIL_UNREADABLE = auto()  # path, detail
     TRAIL_MISSING = auto()  # path
     TRAIL_EMPTY = auto()  # path
+    TRAILS_NOT_JOINED = auto()  # first, second
+    TRAILS_CONTRADICT = auto()  # first, second, why
     NO_TRAILS = auto()  # places
     NO_SESSION = auto()  # name, folder
     NO_RECORD = auto()  # sequence, last

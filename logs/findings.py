@@ -86,7 +86,7 @@ class Finding:
     remarks: tuple[Reason, ...] = ()
 
 
-_STYLE = {
+STYLE = {
     Status.SOUND: "green",
     Status.RUNNING: "cyan",
     Status.INCOMPLETE: "yellow",
@@ -100,7 +100,7 @@ _BROKEN = (Status.INCOMPLETE, Status.TAMPERED)
 def describe(finding: Finding, render: Render) -> Text:
     """One finding: the status, the file, how much holds and is signed, where it breaks and why."""
     text = Text()
-    text.append(f"{render(reason(finding.status)):<10} ", _STYLE[finding.status])
+    text.append(f"{render(reason(finding.status)):<10} ", STYLE[finding.status])
     text.append(sanitize_terminal(str(finding.file)), "bold")
     text.append(f"\n  {summary(finding, render)}")
     if finding.last_hash.strip("0"):
@@ -113,7 +113,7 @@ def describe(finding: Finding, render: Render) -> Text:
 
 def verdict(finding: Finding, render: Render) -> Text:
     """One finding for the head of a screen that shows that file."""
-    text = Text(f" {render(reason(finding.status))} ", f"{_STYLE[finding.status]} reverse")
+    text = Text(f" {render(reason(finding.status))} ", f"{STYLE[finding.status]} reverse")
     text.append(f" {sanitize_terminal(finding.file.stem)} ", "bold")
     remarks = (f"· {sanitize_terminal(text_of(remark, render))}" for remark in finding.remarks)
     text.append(" ".join((summary(finding, render), *remarks)))

@@ -87,6 +87,7 @@ WEIGHT: dict[type, str] = {
     r.Frames: "faint",
     r.TickLateness: "faint",
     r.Checkpoint: "faint",
+    r.OtherTrail: "faint",
 }
 
 

@@ -40,6 +40,7 @@ class Chain:
     def __init__(self, key: ConsoleKey, sequence: int = 0, previous: str = GENESIS) -> None:
         self.sequence = sequence  # of the next record
         self.previous = previous  # hash of the newest record
+        self.first = ""  # hash of the first record, once this chain has written it
         self._key = key
 
     def link(self, _logger: object, _method: str, event: EventDict) -> EventDict:
@@ -63,6 +64,7 @@ class Chain:
             lost = RecordsLost(count=1, reason=reason(Loss.TOO_LONG, kind=kind, size_bytes=len(payload)))
             payload = canonical(Payload(**{**event, "body": lost}))
         line, self.previous = seal(payload)
+        self.first = self.first or self.previous
         self.sequence += 1
         return (line,), {}
 

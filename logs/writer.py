@@ -34,6 +34,7 @@ from logs.records import (
     SignInFailed,
     Stop,
     StopInput,
+    TrailEnd,
     Transition,
 )
 from logs.trail import Chain, Trail, open_logger
@@ -89,6 +90,8 @@ class SessionWriter:
         self._checkpoint_ns = 0
         self._clock_offset_ns: int | None = None
         self._entered_close = False
+        self.newest: TrailEnd | None = None  # on the medium; one object, so that another thread may read it
+        self._session = session
         self._unsent: list[bytes] = []  # checkpoints for the mirror, once they have settled
 
     @property
@@ -155,6 +158,7 @@ class SessionWriter:
         good = named and self._trail.settle()
         if good:
             self._urgent = False
+            self.newest = self._end_of_chain()
             for line in self._unsent:
                 self._copy.put(self.path.name, line)
             self._unsent.clear()
@@ -181,6 +185,18 @@ class SessionWriter:
         if self._manifest is not None:
             self._manifest.close()
         self._copy.close()
+
+    def _end_of_chain(self) -> TrailEnd | None:
+        chain = self._chain
+        if not chain.sequence:
+            return None
+        return TrailEnd(
+            session=self._session,
+            key=self._key.public.fingerprint,
+            first_hash=chain.first,
+            sequence=chain.sequence - 1,
+            hash=chain.previous,
+        )
 
     def _append(self, entry: Entry) -> None:
         if not self.waiting:

@@ -234,7 +234,7 @@ def health(writer: SessionWriter, cycle_ns: int, now_ns: int) -> AuditHealth:
     silent_s = (now_ns - cycle_ns) / 1e9
     if fault is None and silent_s > DISK_TIMEOUT_S:
         fault = reason(DiskFault.NOT_ANSWERING, silent_s=silent_s)
-    return AuditHealth(at_ns=now_ns, written=writer.written, waiting=writer.waiting, fault=fault)
+    return AuditHealth(at_ns=now_ns, written=writer.written, waiting=writer.waiting, newest=writer.newest, fault=fault)
 
 
 def start_record(setup: SessionSetup) -> SessionStart:

@@ -12,6 +12,7 @@ import typer
 from rich.console import Console
 from rich.progress import BarColumn, DownloadColumn, Progress, TimeRemainingColumn
 from rich.table import Table
+from rich.text import Text
 
 from app.cli.common import CliFault, HomeOption, check_output, print_text
 from app.system.errors import AppError
@@ -21,6 +22,7 @@ from app.text.recorded import render_recorded
 from logs.disk import is_being_written
 from logs.errors import AuditError, AuditFault
 from logs.findings import describe, to_values
+from logs.join import Join, describe_join, join_findings, join_values
 from logs.keys import PUBLIC_FILE, by_fingerprint, known_keys, load_public_key, read_anchors
 from logs.read import find_session, outline, read, records, session_paths
 from logs.read import follow as follow_file
@@ -48,14 +50,42 @@ def verify(
 ) -> None:
     """Prove that nothing was changed, cut or added. Exit status: 0 sound, 1 tampered or cut, 2 unreadable."""
     paths = files or [find_home(home).logs]
-    evidence = _evidence(paths, key, copies, home)
     with _reading_progress(paths) as progress:
-        findings = assess(paths, evidence, progress)
-    _print_findings(findings)
-    status = exit_status(findings)
+        # Each place by its own console's keys: the trails of two computers are signed by two.
+        findings = [one for path in paths for one in assess([path], _evidence([path], key, copies, home), progress)]
+    joins = join_findings(findings)
+    console = Console(soft_wrap=True, highlight=False)
+    for text in (*(describe(one, render_recorded) for one in findings), *_described(joins)):
+        console.print(text)
+    # One computer's trails alone can't prove a join: that is only told. Several places together must.
+    joined = [Finding(file=one.file, status=one.status) for one in joins if len(paths) > 1 or one.is_contradiction]
+    status = exit_status([*findings, *joined])
     if json is not None:
-        _write_findings(json, findings, status)
+        _write_findings(json, findings, joins, status)
     raise typer.Exit(status)
+
+
+@cli.command()
+def merge(
+    first: Annotated[Path, typer.Argument(help="The trail whose clock counts.")],
+    second: Annotated[Path, typer.Argument(help="The trail of the other computer.")],
+    json: Annotated[bool, typer.Option("--json", help="One JSON object a record.")] = False,
+) -> None:
+    """Print the trails of two computers as one timeline, with the clocks' uncertainty."""
+    from logs.merge import merge as place
+    from logs.merge import merged_line, merged_values
+
+    merged = place(first, second)
+    began_ns = merged[0].placed.at_ns
+    console = Console(soft_wrap=True, highlight=False, markup=False, emoji=False)
+    for one in merged:
+        if json:
+            typer.echo(msgspec.json.encode(merged_values(one, (first, second))).decode())
+        else:
+            console.print(merged_line(one, began_ns, render_recorded))
+    if not json:
+        widest_ms = max(one.placed.uncertainty_ns for one in merged) / 1e6
+        print_text("cli.audit.merged", records=len(merged), first=first, second=second, widest_ms=widest_ms)
 
 
 @cli.command()
@@ -293,14 +323,18 @@ def _reading_progress(paths: list[Path]) -> Iterator[Callable[[int], None]]:
         yield lambda done: progress.update(task, completed=done)
 
 
-def _print_findings(findings: list[Finding]) -> None:
-    console = Console(soft_wrap=True, highlight=False)
-    for finding in findings:
-        console.print(describe(finding, render_recorded))
+def _described(joins: list[Join]) -> Iterator[Text]:
+    if joins:
+        yield Text(tr("cli.audit.joins"))
+    yield from (describe_join(one, render_recorded) for one in joins)
 
 
-def _write_findings(path: Path, findings: list[Finding], status: int) -> None:
-    content = {"files": [to_values(finding, render_recorded) for finding in findings], "exit": status}
+def _write_findings(path: Path, findings: list[Finding], joins: list[Join], status: int) -> None:
+    content = {
+        "files": [to_values(finding, render_recorded) for finding in findings],
+        "joins": [join_values(join, render_recorded) for join in joins],
+        "exit": status,
+    }
     _write(path, msgspec.json.format(msgspec.json.encode(content)) + b"\n")
 
 

@@ -18,6 +18,7 @@ from kgdfa.distance import DistanceSource
 from kgdfa.gesture import Gesture
 from kgdfa.press_zone import PressZone
 from logs.reason import Reason, Value, key_of
+from logs.records import TrailEnd
 
 Quad = tuple[float, float, float, float]  # in the order of hal.joints.protocol.Joint
 
@@ -267,6 +268,7 @@ class AuditHealth(Struct, frozen=True, kw_only=True, tag="audit-health"):
     at_ns: int
     written: int
     waiting: int
+    newest: TrailEnd | None = None  # what of the trail is on the medium; None: nothing yet
     fault: Reason | None = None
     foreign_peers: int = 0  # without the session's key, turned away so far
 

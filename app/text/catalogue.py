@@ -26,6 +26,7 @@ _UNITS = {
     "cm": (lambda m: m * 100, 0),
     "mm": (lambda m: m * 1000, 0),
     "percent": (lambda x: x * 100, 0),
+    "ns_as_ms": (lambda ns: ns / 1e6, 3),
 }
 
 

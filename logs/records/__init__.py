@@ -64,6 +64,7 @@ from logs.records.session import (
     Loss,
     Note,
     OperatorChanged,
+    OtherTrail,
     Pain,
     PatientChosen,
     PatientConfirmed,
@@ -79,6 +80,7 @@ from logs.records.session import (
     SignIn,
     SignInFailed,
     SignOut,
+    TrailEnd,
     VocabularyEnrolled,
 )
 from logs.records.signed import Checkpoint, Comment, LogClosed, LogOpened, LogRecovered, SignedBody

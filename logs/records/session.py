@@ -200,6 +200,23 @@ class GuidedTestResult(Struct, frozen=True, kw_only=True, tag_field="kind", tag=
     speed_m_s: Measured = None  # null where the time is not all walking
 
 
+class TrailEnd(Struct, frozen=True, kw_only=True):
+    """The newest record of a trail that is on the medium, and which trail it is: what one host tells the other."""
+
+    session: str
+    key: Hex  # SHA-256 of the public key that signs it
+    first_hash: Hex  # of its first record: a session whose audit process was started again has several trails
+    sequence: int
+    hash: Hex
+
+
+class OtherTrail(TrailEnd, frozen=True, kw_only=True, tag_field="kind", tag="other-trail"):
+    """How far the trail of the other computer was, about once a second: neither can be rewritten alone."""
+
+    offset_ns: int  # its monotonic clock minus ours, at this record's moment
+    uncertainty_ns: int  # the truth is so far away from `offset_ns` at most
+
+
 Rating = Discomfort | Pain | Exertion
 SessionBody = (
     SessionStart
@@ -223,4 +240,5 @@ SessionBody = (
     | Exertion
     | GuidedTestResult
     | VocabularyEnrolled
+    | OtherTrail
 )

@@ -13,6 +13,7 @@ from pathlib import Path
 import msgspec
 import pytest
 
+from app.audit.other_trail import other_trail
 from app.audit.process import run_audit
 from app.audit.sink import AuditSink
 from app.ipc.links import LatestReceiver, address, new_link_directory
@@ -23,7 +24,7 @@ from app.system.paths import Home
 from logs.findings import Remark
 from logs.keys import by_fingerprint, known_keys, read_anchors
 from logs.reason import Reason, key_of
-from logs.records import Command, Loss, Note, Record, RecordsLost, SessionEnd, SessionStart
+from logs.records import Command, Loss, Note, OtherTrail, Record, RecordsLost, SessionEnd, SessionStart
 from logs.scan import scan_file
 from logs.verify import Evidence, exit_status, verify
 from profiles.schema import DEMO_PATIENT
@@ -206,3 +207,36 @@ def test_what_can_not_be_written_is_reported(start: Callable[[str], Session]) ->
     lost = [body for body in bodies(session.home.logs / "s1.jsonl") if isinstance(body, RecordsLost)]
     codes = [body.reason.code for body in lost if isinstance(body.reason, Reason)]
     assert codes == [key_of(Loss.NOT_ENCODABLE), key_of(Loss.TOO_LONG)]
+
+
+def test_the_health_names_the_newest_record_on_the_medium(start: Callable[[str], Session]) -> None:
+    session = start("s1")
+    trail = session.home.logs / "s1.jsonl"
+    for number in range(100):
+        assert session.sink.emit(Note(text=str(number)))
+    newest = session.wait_until(lambda health: health.written > 100 and health.waiting == 0).newest
+    assert newest is not None
+    written = [_record(line) for line in trail.read_bytes().splitlines()]
+    (key,) = known_keys(session.home.keys)
+    assert (newest.session, newest.key, newest.first_hash) == ("s1", key.fingerprint, written[0].hash)
+    assert newest.sequence >= 100
+    assert written[newest.sequence].hash == newest.hash
+    assert session.end() == 0
+
+
+def test_the_other_hosts_newest_record_is_written_with_its_clock(start: Callable[[str], Session]) -> None:
+    session = start("s1")
+    health = session.wait_until(lambda health: health.newest is not None)
+    body = other_trail(health, offset_ns=3_600_000_000_000, uncertainty_ns=400_000)
+    assert body is not None
+    assert health.newest is not None
+    assert session.sink.emit(body)
+    assert session.end() == 0
+    (found,) = [one for one in bodies(session.home.logs / "s1.jsonl") if isinstance(one, OtherTrail)]
+    assert found == body
+    assert (found.sequence, found.hash) == (health.newest.sequence, health.newest.hash)
+    assert (found.offset_ns, found.uncertainty_ns) == (3_600_000_000_000, 400_000)
+
+
+def test_nothing_is_said_of_a_trail_of_which_nothing_is_on_its_medium() -> None:
+    assert other_trail(AuditHealth(at_ns=1, written=0, waiting=1), 0, 0) is None

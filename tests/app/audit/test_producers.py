@@ -14,6 +14,7 @@ from textual.widgets import Select
 from typer.testing import CliRunner
 
 from app.audit import process as audit_process
+from app.audit.other_trail import other_trail
 from app.cli import cli
 from app.console.operator import ConsoleTrail
 from app.console.review_data import comments_on, comments_path, write_comment
@@ -95,7 +96,7 @@ async def test_every_field_of_every_record_is_filled_by_somebody(
 ) -> None:
     bodies = [*of_a_real_session(tmp_path / "real"), *of_control(), *of_perception(tmp_path / "perception")]
     bodies += [of_a_recording(tmp_path / "recording.mcap"), *of_pictures(tmp_path / "pictures")]
-    bodies += of_the_operators(tmp_path / "operators")
+    bodies += [of_the_other_host(tmp_path / "other"), *of_the_operators(tmp_path / "operators")]
     bodies += await of_the_console(console, home, monkeypatch)
     wanted = {(kind.__name__, field) for kind in KINDS for field in kind.__struct_fields__}
     assert wanted - filled(bodies) - GRANTED - FORMER == set()
@@ -357,6 +358,18 @@ def setup_in(root: Path) -> SessionSetup:
         role="therapist",
         host_pid=1,
     )
+
+
+def of_the_other_host(root: Path) -> Body:
+    """The other computer's newest record, as its audit process told it."""
+    writer = SessionWriter(root, "other", load_or_make_key(root / "keys"), Disk(), CheckpointCopy(""))
+    writer.begin(audit_process.start_record(setup_in(root)), at(0))
+    writer.end(None, at(1))
+    writer.finish(at(1))
+    writer.close()
+    found = other_trail(audit_process.health(writer, 0, 0), offset_ns=-5, uncertainty_ns=7)
+    assert found is not None
+    return found
 
 
 def of_the_operators(root: Path) -> list[Body]:
