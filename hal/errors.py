@@ -135,6 +135,16 @@ class StopInputFault(Enum):
     KEYBOARD = auto()  # device, name
 
 
+class MicrophoneFault(Enum):
+    """Microphones that can't be opened or have gone."""
+
+    EXTRA_MISSING = auto()
+    NO_PORTAUDIO = auto()
+    NOT_OPENED = auto()  # device, detail
+    OTHER_FORMAT = auto()  # file, rate_hz
+    GONE = auto()  # device
+
+
 class HardwareError(CodedError):
     """A device that is missing, broken or misconfigured.
 

@@ -104,7 +104,7 @@ class FakeHost:
     def send(self, kind: OperatorKind, action: Action | None = None, note: str = "") -> int:
         self.sent.append((kind, action))
         match kind:
-            case OperatorKind.STOP:
+            case OperatorKind.STOP | OperatorKind.VOICE_STOP:
                 self._stop()
             case OperatorKind.ACKNOWLEDGE:
                 self._acknowledge()

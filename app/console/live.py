@@ -20,6 +20,7 @@ from app.system.authority import Authority
 from app.system.config import SessionSetup
 from app.system.operators import Permission
 from app.system.vocabulary import status_now
+from app.voice.watch import VoiceStop
 
 Clock = Callable[[], int]
 
@@ -38,6 +39,9 @@ class LiveSession:
         self.ending = False
         self.closed = False
         self._connect(lambda: host.send(OperatorKind.STOP))
+        config = host.setup.config.voice
+        # An observer's commands nobody, and neither does its microphone.
+        self._voice = VoiceStop(config, self._stop_by_voice) if config.on and switch is not None else None
 
     @property
     def control_alive(self) -> bool:
@@ -49,6 +53,8 @@ class LiveSession:
         reduce_gc()
         gc.collect()  # it stops all threads for 0.2 s: now, before there is a control that awaits the heartbeat
         self.host.start()
+        if self._voice is not None:
+            self._voice.start()
 
     def assign(self, authority: Authority) -> None:
         """To who takes it over. Raises AppError when they may not move legs."""
@@ -64,6 +70,8 @@ class LiveSession:
     def tick(self) -> SessionState:
         """Take what has arrived."""
         self.state = fold(self.state, self.host.poll(), self._clock())
+        if self._voice is not None:
+            self.state = replace(self.state, voice=self._voice.state)
         return self.state
 
     def move_hand(self, command: HandCommand) -> None:
@@ -92,6 +100,7 @@ class LiveSession:
             return
         self.closed = True
         self._connect(None)
+        self._end_voice()
         self.host.close()
         restore_gc()
 
@@ -100,8 +109,16 @@ class LiveSession:
         if not self.closed:
             self.closed = True
             self._connect(None)
+            self._end_voice()
             self.host.silence()
             self.host.leave()
+
+    def _stop_by_voice(self) -> None:
+        self.host.send(OperatorKind.VOICE_STOP)
+
+    def _end_voice(self) -> None:
+        if self._voice is not None:
+            self._voice.close()
 
     def _connect(self, send: Callable[[], object] | None) -> None:
         if self._switch is not None:

@@ -13,6 +13,7 @@ from app.ipc.streams import SNAPSHOT, TRIGGER
 from app.session.host import Latest, ProcessStatus
 from app.system.config import SessionSetup
 from app.system.vocabulary import VocabularyStatus
+from app.voice.signals import VoiceState
 from logs.reason import Reason
 
 
@@ -58,6 +59,7 @@ class SessionState:
     press_note: PressNote = NO_NOTE
     fault: str = ""  # why the session could not start
     vocabulary: VocabularyStatus = VocabularyStatus.NOT_NEEDED  # of the patient, as the session began
+    voice: VoiceState | None = None  # None: not switched on
 
     @property
     def snapshot_fresh(self) -> bool:

@@ -36,6 +36,7 @@ class SessionDiagnostics(Struct, frozen=True, kw_only=True):
     patient_confirmed: bool = True
     lacks_preflight: bool = False  # an action requested in this tick has not passed its pre-flight
     stop_presses: int = 0
+    voice_stopped: bool = False
     ending: bool = False
     ending_damped: bool = False  # it has been ending for so long that the joints are damped
 

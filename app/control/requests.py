@@ -15,7 +15,7 @@ from app.control.inputs import ActionRequest, DriveOrder, new_release
 from app.control.running_action import RunningAction, command_record, new_report, plan_request
 from app.control.state import Tick
 from app.ipc.messages import ActionReport, OperatorCommand, OperatorKind
-from app.ipc.states import GESTURE_OF, Action, ConsoleChange, Effect, RequestRefusal, Source
+from app.ipc.states import GESTURE_OF, Action, ConsoleChange, Effect, RequestRefusal, Source, StopSource
 from app.ipc.streams import NS_PER_MS, TRIGGER
 from app.motion.follower import Mode
 from kgdfa.gesture import Gesture
@@ -23,6 +23,7 @@ from logs import records
 from logs.reason import Reason, reason
 
 FUTURE_MS = 50.0  # a capture time farther ahead of now than this is invalid
+STOPS = frozenset({OperatorKind.STOP, OperatorKind.VOICE_STOP})
 ACT_STALE_MS = 500  # a key pressed longer ago requests nothing any more; STOP never expires
 
 
@@ -50,7 +51,7 @@ def admits(lease: int, sequence: int, command: OperatorCommand) -> bool:
         return command.sequence > sequence
     if command.kind is OperatorKind.TAKE_OVER:
         return command.lease > lease
-    return command.kind is OperatorKind.STOP
+    return command.kind in STOPS
 
 
 def handle_gesture(tick: Tick) -> None:
@@ -225,12 +226,25 @@ def _heartbeat(_tick: Tick, _: OperatorCommand) -> None:
 
 def _stop(tick: Tick, command: OperatorCommand) -> None:
     presses = tick.state.stop_presses + 1
-    tick.update(stop_presses=presses, stop_ns=command.sent_ns, stop_received_ns=tick.now_ns, stop_command_ns=0)
+    tick.update(stop_presses=presses)
+    by = StopSource.TAKEOVER if command.kind is OperatorKind.TAKE_OVER else StopSource.KEY
+    _record_stop(tick, command, by, Effect.HOLD if presses == 1 else Effect.DAMP)
+
+
+def _voice_stop(tick: Tick, command: OperatorCommand) -> None:
+    """Not counted with the key's: a word said twice, or the key after the word, may not damp a standing wearer."""
+    tick.update(voice_stopped=True)
+    _record_stop(tick, command, StopSource.VOICE, Effect.HOLD)
+
+
+def _record_stop(tick: Tick, command: OperatorCommand, by: StopSource, effect: Effect) -> None:
+    tick.update(stop_ns=command.sent_ns, stop_received_ns=tick.now_ns, stop_command_ns=0)
     body = records.Stop(
         state=tick.state.gait.state.value,
-        effect=(Effect.HOLD if presses == 1 else Effect.DAMP).name.lower(),
+        effect=effect.name.lower(),
         sent_ns=command.sent_ns,
         seen_ns=tick.now_ns,
+        by=by.value,
     )
     tick.update(stop_records=(*tick.state.stop_records, body))  # recorded with its first joint command, in a tick
 
@@ -240,7 +254,7 @@ def _acknowledge(tick: Tick, command: OperatorCommand) -> None:
     waiting = [one for one in tick.state.events if acknowledges(command.sent_ns, one)]
     tick.acknowledged_ns = command.sent_ns
     if tick.state.stop_ns < command.sent_ns:
-        tick.update(stop_presses=0)
+        tick.update(stop_presses=0, voice_stopped=False)
     since_ns = min((one.since_ns for one in waiting), default=tick.now_ns)
     tick.audit.append(
         records.Acknowledgement(
@@ -318,6 +332,7 @@ def _end(tick: Tick) -> None:
 _HANDLERS: dict[OperatorKind, Callable[[Tick, OperatorCommand], None]] = {
     OperatorKind.HEARTBEAT: _heartbeat,
     OperatorKind.STOP: _stop,
+    OperatorKind.VOICE_STOP: _voice_stop,
     OperatorKind.ACKNOWLEDGE: _acknowledge,
     OperatorKind.ARM: _arm,
     OperatorKind.DISARM: _disarm,

@@ -230,6 +230,7 @@ def _session(tick: Tick) -> SessionDiagnostics:
         patient_confirmed=state.patient_confirmed,
         lacks_preflight=lacks_preflight(tick),
         stop_presses=state.stop_presses,
+        voice_stopped=state.voice_stopped,
         ending=ending_ns > 0,
         ending_damped=ending_ns > 0 and tick.now_ns - ending_ns > END_HOLD_NS,
     )

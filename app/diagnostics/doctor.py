@@ -17,10 +17,13 @@ from app.system.errors import AppError
 from app.system.hand_model import find_model
 from app.system.paths import Home
 from app.system.scheduling import WAKE_LATENCY
+from app.voice.spotter import require_spotter
 from hal.errors import HardwareError
 from hal.inputs.device import InputDevice
 from hal.inputs.protocol import Contact, StopInput
 from hal.inputs.reader import InputReader, make_input
+from hal.microphone.device import VoiceConfig
+from hal.microphone.protocol import Microphone, make_microphone
 from logs.reason import Reason, reason, reason_of
 
 DISK_NEEDED_GB = 2.0  # a day of sessions on CAN, the bus logs included
@@ -33,6 +36,7 @@ _LIMITS_COMMAND = (
 )
 _WAKE_COMMAND = """echo 'KERNEL=="cpu_dma_latency", GROUP="plugdev", MODE="0660"' | \
 sudo tee /etc/udev/rules.d/81-rleex.rules"""
+MICROPHONE_BLOCKS = 10  # a second
 _TRUE_COLOUR = ("truecolor", "24bit")
 _PICTURE_TERMS = ("kitty", "ghostty", "wezterm", "foot", "mlterm")
 
@@ -50,6 +54,7 @@ class Subject(Enum):
     CLOCK = "clock"
     JOINTS = "joints"
     STOP_BUTTON = "stop button"
+    VOICE = "voice stop"
 
 
 class DoctorFinding(Enum):
@@ -90,6 +95,9 @@ class DoctorFinding(Enum):
     STOP_BUTTON_CLOSED = "stop button closed"
     STOP_BUTTON_OPEN = "stop button open"
     STOP_BUTTON_SILENT = "stop button silent"
+    VOICE_OFF = "voice off"
+    MICROPHONE_FOUND = "microphone found"
+    MICROPHONE_MUTE = "microphone mute"
 
 
 class Remedy(Enum):
@@ -135,6 +143,7 @@ def examine(home: Home) -> Iterator[Finding]:
         check_clock,
         lambda: check_joints(config),
         lambda: check_stop_buttons(config),
+        lambda: check_voice(config),
     )
     for check in checks:
         yield from check()
@@ -314,3 +323,27 @@ def check_stop_buttons(
         else:
             why = reason(F.STOP_BUTTON_SILENT, **values) if one.fault is None else reason_of(one.fault)
             yield bad(T.STOP_BUTTON, why, reason(R.CONNECT_BUTTON, name=one.name))
+
+
+def check_voice(
+    config: Config, make: Callable[[VoiceConfig, Callable[[], object]], Microphone] = make_microphone
+) -> Iterator[Finding]:
+    """Whether a microphone is there and gives sound; a session is fit without it."""
+    voice = config.voice
+    if not voice.on:
+        yield note(T.VOICE, reason(F.VOICE_OFF))
+        return
+    microphone, device = make(voice, lambda: None), voice.device or "default"
+    try:
+        require_spotter()
+        microphone.open()
+        sound = any(any(microphone.read()) for _ in range(MICROPHONE_BLOCKS))
+    except HardwareError as error:
+        yield note(T.VOICE, reason_of(error))
+        return
+    finally:
+        microphone.close()
+    if sound:
+        yield good(T.VOICE, F.MICROPHONE_FOUND, device=device)
+    else:
+        yield note(T.VOICE, reason(F.MICROPHONE_MUTE, device=device))

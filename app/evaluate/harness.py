@@ -62,6 +62,7 @@ class EvaluateFault(Enum):
     ONNX_UNREADABLE = auto()  # file, detail
     ONNX_OUTPUTS = auto()  # file, outputs
     ONNX_NOT_RUN = auto()  # file, detail
+    NO_SPEECH = auto()  # program
     TABLE_NOT_MADE = auto()  # table, command, status
 
 

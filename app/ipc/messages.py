@@ -109,6 +109,7 @@ class OperatorKind(Enum):
 
     HEARTBEAT = "heartbeat"
     STOP = "stop"  # hold; a second one damps
+    VOICE_STOP = "voice stop"  # the word from a microphone: hold, and never more
     ACKNOWLEDGE = "acknowledge"
     ARM = "arm"
     DISARM = "disarm"

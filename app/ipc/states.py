@@ -83,6 +83,7 @@ class Event(Enum):
 
     STOP = "stop"
     STOP_AGAIN = "stop-again"
+    VOICE_STOP = "voice-stop"
     HARDWIRED_STOP = "hardwired-stop"
     HARDWIRED_STOP_SANK = "hardwired-stop-sank"
     WEARER_STOP = "wearer-stop"
@@ -178,6 +179,14 @@ class ConsoleChange(Enum):
 
     TAKEN_OVER = "taken-over"  # operator, lease
     NOBODY_CAME = "nobody-came"
+
+
+class StopSource(Enum):
+    """What a STOP came from; a button's is its own event."""
+
+    KEY = "key"
+    VOICE = "voice"
+    TAKEOVER = "takeover"
 
 
 class Source(Enum):

@@ -9,12 +9,13 @@ from msgspec.structs import replace
 from app.control.events.row import Latch
 from app.control.events.table import ORDER, ROW
 from app.control.gait.machine import Change, Gait
-from app.ipc.states import Effect, Event, Outcome
+from app.ipc.states import Effect, Event, Outcome, StopSource
 from app.replay.difference import Difference, difference, differences
 from logs import records as r
 from logs.records import Record
 
-STOPS = (Event.STOP.value, Event.STOP_AGAIN.value)
+KEY_STOPS = (Event.STOP.value, Event.STOP_AGAIN.value)
+STOPS = (*KEY_STOPS, Event.VOICE_STOP.value)
 ENDS = {Change.INTERRUPTED.value, Change.ABANDONED.value, Change.POWER_LOST.value}
 Raised = Mapping[str, r.EventRaised]
 
@@ -23,7 +24,8 @@ class StopReplay:
     """Takes control's records in their order, beside the gait and the events raised before each."""
 
     def __init__(self) -> None:
-        self._presses = 0  # since the last acknowledgement
+        self._presses = 0  # of the key, since the last acknowledgement
+        self._voice_stopped = False  # by voice, since then
         self._states: dict[int, tuple[str, str]] = {}  # moment of a STOP → its event, the gait state then
         self._acknowledged: set[str] = set()  # events that are still raised
         self._holds: Record | None = None  # an effect that must end what runs, in the next records
@@ -42,7 +44,7 @@ class StopReplay:
         elif isinstance(body, r.Acknowledgement):
             self._acknowledged.update(body.events)
             if any(name in STOPS for name in body.events):
-                self._presses = 0
+                self._presses, self._voice_stopped = 0, False
         elif isinstance(body, r.EffectChanged):
             stronger = Effect[body.to_effect.upper()] >= Effect.HOLD
             self._holds, self._ended = (record if stronger and gait.running else None), False
@@ -77,12 +79,20 @@ class StopReplay:
         self._holds = None
 
     def _stop(self, record: Record, body: r.Stop, gait: Gait) -> Iterator[Difference]:
-        self._presses += 1
-        effect = Effect.HOLD if self._presses == 1 else Effect.DAMP
+        raises, effect = self._raised_by(body)
         event, state = self._states.get(body.seen_ns, ("", gait.state.value))
-        if not event and self._presses <= 2:  # a third one finds both raised
-            yield difference(record, "event", None, STOPS[self._presses - 1])
+        if not event and raises:
+            yield difference(record, "event", None, raises)
         yield from differences(record, replace(body, effect=effect.name.lower(), state=state))
+
+    def _raised_by(self, body: r.Stop) -> tuple[str, Effect]:
+        """The event that this STOP raises, and its effect; the word said again and a third press raise nothing."""
+        if body.by == StopSource.VOICE.value:
+            again, self._voice_stopped = self._voice_stopped, True
+            return "" if again else Event.VOICE_STOP.value, Effect.HOLD
+        self._presses += 1
+        raises = KEY_STOPS[self._presses - 1] if self._presses <= len(KEY_STOPS) else ""
+        return raises, Effect.HOLD if self._presses == 1 else Effect.DAMP
 
     def _in_force(
         self, record: Record, body: r.Command | r.Refusal | r.EffectChanged, raised: Raised

@@ -13,6 +13,7 @@ from app.ipc.streams import LinkDirectory
 from app.system.errors import AppError
 from hal.inputs.device import InputDevice, check_inputs
 from hal.joints.device import EMULATED_INTERFACES
+from hal.microphone.device import VoiceConfig
 from logs.reading.errors import cause_of
 from logs.reading.formats import read_toml
 from profiles.schema import Profile
@@ -93,6 +94,7 @@ class Config(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     button: ButtonConfig = ButtonConfig()
     recording: RecordingConfig = RecordingConfig()
     inputs: tuple[InputDevice, ...] = ()  # buttons that stop
+    voice: VoiceConfig = VoiceConfig()
     rules: Literal["robust", "published"] = "robust"
     model: str = ""  # path of a hand_landmarker.task; empty: the one set up into models/
     patient: str = "demo"

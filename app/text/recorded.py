@@ -30,6 +30,7 @@ _ENUMERATIONS: dict[str, type[Enum]] = {
 
 # Fields of enumerations that are not loaded here, and the class in their members' keys.
 _CLASSES = {
+    "by": "StopSource",
     "change": "OperatorChange",
     "joint": "Joint",
     "phase": "Phase",

@@ -166,7 +166,7 @@ class Acknowledgement(Struct, frozen=True, kw_only=True, tag_field="kind", tag="
 
 
 class Stop(Struct, frozen=True, kw_only=True, tag_field="kind", tag="stop"):
-    """STOP was pressed. Recorded a tick later, when its first joint command was written.
+    """STOP was pressed or said. Recorded a tick later, when its first joint command was written.
 
     Older trails hold the moment it was seen in `command_ns`, too: there the command's moment is not known.
     """
@@ -176,6 +176,7 @@ class Stop(Struct, frozen=True, kw_only=True, tag_field="kind", tag="stop"):
     sent_ns: int = 0
     seen_ns: int = 0
     command_ns: int = 0  # the first joint command under it was written; 0: none was any more
+    by: str = "key"  # or voice, takeover
 
 
 class StopInput(Struct, frozen=True, kw_only=True, tag_field="kind", tag="stop-input"):

@@ -26,6 +26,7 @@ from app.system.config import Config
 from app.system.operators import Permission
 from app.system.paths import Home
 from app.text.catalogue import render, tr
+from app.voice.signals import VoiceState
 from logs.reason import Reason, reason
 from logs.records import Note
 from profiles.schema import Profile
@@ -50,6 +51,9 @@ def check_lines(state: SessionState) -> Lines:
         stands = "open" if one.open else "pressed_once" if one.pressed_once else "unpressed"
         style = "$success" if stands == "pressed_once" else "$warning"
         lines.append(((f"   {one.name} ({tr(one.role)}): ", "$text-muted"), (tr(f"stop_input.{stands}"), style)))
+    if state.voice is not None:
+        style = "$success" if state.voice is VoiceState.LISTENING else "$warning"
+        lines.append(((f"   {tr('voice.name')}: ", "$text-muted"), (tr(state.voice), style)))
     if state.report is not None and state.report.press_zone is not None:
         text = zone_text(state.report.press_zone, state.report.threshold_m)
         lines.append(((f" {text}", "$text-muted"),))

@@ -10,6 +10,7 @@ from app.console.widgets.panel import Line, Lines, Part, StatePanel, bar, cells,
 from app.ipc.messages import ActiveEvent, ControlSnapshot, PauseSummary
 from app.ipc.states import Effect
 from app.text.catalogue import render, tr
+from app.voice.signals import VoiceState
 
 PAUSE_SHOWN_NS = 10_000_000_000
 EFFECT_MARKS = {Effect.NOTE: "i", Effect.REFUSE: "-", Effect.PAUSE: "~", Effect.HOLD: "!", Effect.DAMP: "‼"}
@@ -34,6 +35,10 @@ def status_line(state: SessionState, width: int, health_key: str) -> Lines:
     if not config.inputs:
         wording = tr("status.no_stop_input" if width >= _WIDE_CELLS else "status.no_stop_input_short")
         kept["button"] = (f" {wording} ", "$warning")
+    if state.voice is not None:
+        listening = state.voice is VoiceState.LISTENING
+        wording = tr("status.voice" if listening else "status.no_voice")
+        kept["voice"] = (f" {wording} ", "$success" if listening else "$warning")
     room, chosen = width - cells(dot[0] + key), set[str]()
     for name in _NEEDED:
         if name in kept and cells(kept[name][0]) <= room and chosen.isdisjoint(_INCLUDED_IN.get(name, ())):
@@ -46,10 +51,10 @@ def status_line(state: SessionState, width: int, health_key: str) -> Lines:
 # What the line holds, from left to right, and in the order in which it is given room.
 _ORDER = (
     *("patient", "operator", "place", "joints", "joints_short"),
-    *("arming", "pictures", "state", "effect", "silent", "button", "stop", "steps"),
+    *("arming", "pictures", "state", "effect", "silent", "button", "voice", "stop", "steps"),
 )
 _NEEDED = (
-    *("silent", "effect", "arming", "pictures", "button", "patient", "state"),
+    *("silent", "effect", "arming", "pictures", "button", "voice", "patient", "state"),
     *("place", "joints", "joints_short", "steps", "stop", "operator"),
 )
 _INCLUDED_IN = {"joints": {"place"}, "joints_short": {"place", "joints"}}  # the same in more words

@@ -44,6 +44,7 @@ E, F = Event, Effect
 SESSION = (
     Row(E.STOP, F.HOLD, lambda d: d.session.stop_presses == 1, Latch.ALWAYS),
     Row(E.STOP_AGAIN, F.DAMP, Above("stop_presses", lambda d: d.session.stop_presses, 1), Latch.ALWAYS),
+    Row(E.VOICE_STOP, F.HOLD, lambda d: d.session.voice_stopped, Latch.ALWAYS),
     _stops(E.HARDWIRED_STOP, InputRole.EMERGENCY_STOP),
     _stops(E.WEARER_STOP, InputRole.WEARER),
     _stops(E.THERAPIST_STOP, InputRole.THERAPIST),

@@ -216,6 +216,7 @@ SHUT = OperatorKind.SHUT_DOWN
 CAUSES: dict[Event, Cause] = {
     E.STOP: Cause(send(OperatorKind.STOP)),
     E.STOP_AGAIN: Cause(send(OperatorKind.STOP, OperatorKind.STOP)),
+    E.VOICE_STOP: Cause(send(OperatorKind.VOICE_STOP)),
     E.HARDWIRED_STOP: Cause(press(InputRole.EMERGENCY_STOP), release),
     E.HARDWIRED_STOP_SANK: Cause(lambda rig: (press(InputRole.EMERGENCY_STOP)(rig), lag(0.15)(rig)), release_and_unlag),
     E.WEARER_STOP: Cause(press(InputRole.WEARER), release),

@@ -1,0 +1,123 @@
+"""Recordings with and without the word: read from a folder, or made of synthetic speech and noise."""
+
+from __future__ import annotations
+
+import csv
+import io
+import wave
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from app.evaluate.harness import EvaluateFault, write_whole
+from app.evaluate.readings import Row, read_table
+from app.evaluate.voice.noise import Generator, levelled, mixed, noises
+from app.evaluate.voice.speech import PHRASES, Phrase, Voices, speak, voices
+from app.system.errors import AppError
+from hal.errors import HardwareError
+from hal.microphone.protocol import RATE_HZ, SAMPLE_BYTES, RecordedMicrophone
+from kgdfa.hand import FloatArray
+
+LIST = "recordings.csv"
+COLUMNS = ("path", "stop", "group")
+SNRS_DB = (20, 10, 5, 0)
+MARGIN = RATE_HZ // 2  # of silence, or noise, before and after a word
+MINUTE = 60 * RATE_HZ
+
+
+@dataclass(frozen=True, slots=True)
+class Recording:
+    """Samples at RATE_HZ, 16-bit, whether the word is in it, and what it is counted with."""
+
+    group: str
+    stop: bool
+    samples: bytes
+
+
+def synthetic_count(minutes: int) -> int:
+    """How many `synthetic` makes."""
+    spoken = sum(len(voices(Voices.TUNING, language)) * len(PHRASES[language]) for language in PHRASES)
+    return spoken * (1 + len(SNRS_DB)) + minutes * len(noises(Voices.TUNING))
+
+
+def synthetic(which: Voices, minutes: int, seed: int, every: int = 1) -> Iterator[Recording]:
+    """Every phrase by every voice, alone and in one noise at each ratio; then so many minutes of each noise alone.
+
+    every: use every so manieth voice. Raises AppError without espeak-ng.
+    """
+    rng = np.random.default_rng(seed)
+    sounds = noises(which)
+    for language, phrases in PHRASES.items():
+        for phrase in phrases:
+            for voice in voices(which, language)[::every]:
+                yield from _spoken(phrase, language, voice, which, rng)
+    for name, sound in sounds.items():
+        for _ in range(minutes):
+            yield Recording(f"{name}, without the word", stop=False, samples=pcm(sound(MINUTE, rng)))
+
+
+def _spoken(phrase: Phrase, language: str, voice: str, which: Voices, rng: Generator) -> Iterator[Recording]:
+    spoken = speak(phrase.text, voice, int(rng.integers(12, 24)) * 10, int(rng.integers(2, 8)) * 10)
+    word = np.pad(levelled(spoken), MARGIN)
+    kind = language if phrase.stop else f"{language}, {phrase.text}"
+    yield Recording(kind + (", alone" if phrase.stop else ""), phrase.stop, pcm(word))
+    for snr_db in SNRS_DB:
+        names = list(noises(which)) if phrase.stop else [str(rng.choice(list(noises(which))))]
+        name = names[int(rng.integers(len(names)))]
+        noise = noises(which)[name](len(word), rng)
+        yield Recording(
+            kind + (f", {snr_db} dB over noise" if phrase.stop else ""), phrase.stop, pcm(mixed(word, noise, snr_db))
+        )
+
+
+def read_recordings(folder: Path) -> list[Recording]:
+    """Those of a folder with recordings.csv (path,stop,group). Raises AppError."""
+    file = folder / LIST
+    lines = read_table(file, COLUMNS)
+    if not lines:
+        raise AppError(EvaluateFault.TABLE_EMPTY, file=file)
+    return [_read(folder, line, number) for number, line in lines]
+
+
+def _read(folder: Path, line: Row, number: int) -> Recording:
+    if line["stop"] not in {"0", "1"}:
+        raise AppError(EvaluateFault.ROW_LABEL, file=folder / LIST, line=number, label=line["stop"])
+    path = folder / (line["path"] or "")
+    microphone = RecordedMicrophone(path)
+    parts: list[bytes] = []
+    try:
+        microphone.open()
+        while True:
+            parts.append(microphone.read())
+    except HardwareError as error:
+        if not parts:
+            raise AppError(EvaluateFault.FILE_UNREADABLE, file=path, detail=str(error)) from error
+    finally:
+        microphone.close()
+    return Recording(line["group"] or "", line["stop"] == "1", b"".join(parts))
+
+
+def keep(recordings: Iterator[Recording], folder: Path) -> Iterator[Recording]:
+    """The same, each written as well, with the list at the end. Raises AppError."""
+    lines = io.StringIO()
+    table = csv.writer(lines)
+    table.writerow(COLUMNS)
+    for number, one in enumerate(recordings):
+        made = io.BytesIO()
+        with wave.open(made, "wb") as file:
+            file.setnchannels(1)
+            file.setsampwidth(SAMPLE_BYTES)
+            file.setframerate(RATE_HZ)
+            file.writeframes(one.samples)
+        name = f"{number:05d}.wav"
+        write_whole(folder / name, made.getvalue())
+        table.writerow((name, int(one.stop), one.group))
+        yield one
+    write_whole(folder / LIST, lines.getvalue().encode())
+
+
+def pcm(sound: FloatArray) -> bytes:
+    """16-bit samples; louder ones are cut."""
+    return (np.clip(sound, -1, 1) * 32767).astype("<i2").tobytes()

@@ -1,0 +1,83 @@
+"""The listening process: a microphone and a keyword spotter at one end of a pipe that carries single bytes.
+
+It has no key of the session and no link to control. What it hears stays here: no sound is stored or sent.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+import time
+from collections.abc import Callable
+from typing import Protocol
+
+import msgspec
+
+from app.voice.signals import Signal
+from app.voice.spotter import KeywordSpotter
+from hal.errors import HardwareError, MicrophoneFault
+from hal.microphone.device import VoiceConfig
+from hal.microphone.protocol import BLOCK_SAMPLES, RATE_HZ, Microphone, make_microphone
+
+RETRY_S = 2.0  # a microphone that is missing is looked for again
+NICENESS = 5  # after everything of the session
+_OF_FAULT = {
+    MicrophoneFault.EXTRA_MISSING: Signal.NO_EXTRA,
+    MicrophoneFault.NO_PORTAUDIO: Signal.NO_PORTAUDIO,
+}
+
+
+class Spotter(Protocol):
+    """What finds the word."""
+
+    def detect(self, samples: bytes) -> bool:
+        """Whether it has ended in these samples."""
+
+
+def listen(microphone: Microphone, spotter: Spotter, report: Callable[[Signal], object]) -> HardwareError:
+    """Report what is heard, block by block, until the microphone is gone; the error that ended it."""
+    try:
+        microphone.open()
+        while True:
+            samples = microphone.read()
+            report(Signal.LISTENS if any(samples) else Signal.NO_SOUND)
+            if spotter.detect(samples):
+                report(Signal.STOP)
+    except HardwareError as error:
+        return error
+    finally:
+        microphone.close()
+
+
+def signal_of(error: HardwareError) -> Signal:
+    """What is reported of a microphone that is not there."""
+    return _OF_FAULT.get(error.code, Signal.NO_MICROPHONE)  # type: ignore[call-overload, no-any-return]
+
+
+def main() -> None:
+    """Standard input: the configuration as JSON. Standard output: signals, until nobody reads them."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGPIPE, signal.SIG_DFL)  # the console has ended
+    os.nice(NICENESS)
+    voice = msgspec.json.decode(sys.stdin.buffer.read(), type=VoiceConfig)
+    pipe = os.dup(1)
+    os.dup2(2, 1)  # native libraries print what they please
+
+    def report(what: Signal) -> None:
+        os.write(pipe, what.value)
+
+    try:
+        spotter = KeywordSpotter()
+    except HardwareError as error:
+        report(signal_of(error))
+        return
+    while True:
+        microphone = make_microphone(voice, lambda: time.sleep(BLOCK_SAMPLES / RATE_HZ))
+        error = listen(microphone, spotter, report)
+        report(signal_of(error))
+        time.sleep(RETRY_S)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,57 @@
+"""Which thresholds of the keyword spotter: recall and false stops of each keyword alone, on the voices for tuning.
+
+    python tools/voice_thresholds.py [--minutes 3] [--every 4]
+
+Takes the smallest threshold whose false stops in noise, music and talk are at most MOST_PER_HOUR. The figures of the
+chosen ones are of the held-out voices: `rleex evaluate voice`.
+"""
+
+from __future__ import annotations
+
+import argparse
+
+from app.evaluate.voice.measure import GroupResult, measure
+from app.evaluate.voice.recordings import Recording, synthetic
+from app.evaluate.voice.speech import PHRASES, Voices
+from app.voice.spotter import KeywordSpotter
+
+MOST_PER_HOUR = 20.0
+EXPONENTS = {"stop": (-12, -9, -6, -3), "ting": (0, 2, 4, 6)}
+LANGUAGE = {"stop": "en", "ting": "zh"}
+
+
+def main() -> None:
+    """Print a row for each threshold."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--minutes", type=int, default=3, help="of each noise without the word")
+    parser.add_argument("--every", type=int, default=4, help="use every so manieth voice")
+    given = parser.parse_args()
+    recordings = list(synthetic(Voices.TUNING, given.minutes, seed=1, every=given.every))
+    print("keyword  exponent  recall  alike that stop  false stops an hour")
+    for word, exponents in EXPONENTS.items():
+        for exponent in exponents:
+            print(row(word, exponent, recordings), flush=True)
+
+
+def row(word: str, exponent: int, recordings: list[Recording]) -> str:
+    """Of one keyword with one threshold."""
+    language = LANGUAGE[word]
+    others = tuple(other for other in PHRASES if other != language)
+    used = [one for one in recordings if not (one.stop and one.group.startswith(others))]
+    results = measure(used, KeywordSpotter({word: exponent}))
+    spoken = [one for one in results if one.stop]
+    alike = [one for one in results if not one.stop and "without" not in one.group]
+    noise = [one for one in results if "without" in one.group]
+    return (
+        f"{word:7}  {exponent:8}  {share(spoken):6.1%}  {share(alike):15.1%}  "
+        f"{sum(one.stops for one in noise) * 3600 / sum(one.seconds for one in noise):19.1f}"
+    )
+
+
+def share(results: list[GroupResult]) -> float:
+    """Of the recordings that stopped."""
+    return sum(one.stopped for one in results) / max(1, sum(one.recordings for one in results))
+
+
+if __name__ == "__main__":
+    main()
