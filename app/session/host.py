@@ -29,6 +29,7 @@ from app.ipc.messages import (
     AuditHealth,
     ControlSnapshot,
     HandCommand,
+    LinkHealth,
     OperatorCommand,
     OperatorKind,
     PerceptionCommand,
@@ -55,6 +56,7 @@ __all__ = ["Latest", "ProcessStatus", "SessionHost", "make_setup"]
 M = TypeVar("M", bound=msgspec.Struct)
 
 START_ORDER: tuple[str, ...] = ("audit", "perception", "guardian", "planner", "control")
+LINKED_ORDER: tuple[str, ...] = ("audit", "perception", "link")  # the joints are another computer's
 START_S = 30.0  # the session's process spawns the others, on a busy machine
 END_S = 25.0  # each process's patience, and the trail's on a usual disk; on a slower one audit ends by itself
 # The heartbeat says that STOP can be given. The terminal's input thread, which takes STOP, reports every 0.1 s.
@@ -77,6 +79,7 @@ class Latest:
     preview: Preview | None
     audit: AuditHealth | None
     processes: tuple[ProcessStatus, ...]
+    link: LinkHealth | None = None
 
 
 def make_setup(
@@ -144,6 +147,8 @@ class SessionHost:
         self._previews = self._subscribe(streams.PREVIEW.name, Preview)
         self._audit = self._subscribe(streams.AUDIT_HEALTH.name, AuditHealth)
         self._statuses = self._subscribe(streams.SESSION.name, SessionStatus)
+        remote = setup.config.joints.host and not setup.linked
+        self._link = self._subscribe(streams.LINK.name, LinkHealth) if remote else None
 
     def start(self) -> None:
         """Start every process, or take the running ones over; the streams show when each is ready.
@@ -201,8 +206,10 @@ class SessionHost:
                 self._previews,
                 self._audit,
                 self._statuses,
+                self._link,
             ):
-                link.close()
+                if link is not None:
+                    link.close()
         if self._host is not None:
             self._host.close()
 
@@ -250,6 +257,7 @@ class SessionHost:
             preview=self._previews.receive(),
             audit=self._audit.receive(),
             processes=self.processes(),
+            link=None if self._link is None else self._link.receive(),
         )
 
     def processes(self) -> tuple[ProcessStatus, ...]:
@@ -311,8 +319,10 @@ class SessionHost:
 
 def _start_order(config: Config) -> tuple[str, ...]:
     """Recorders first: joints on CAN have their buses recorded from the first frame on."""
-    recorders = [("bus-log", config.joints.kind == "can"), ("recording", config.recording.on)]
-    return (*START_ORDER[:1], *(name for name, wanted in recorders if wanted), *START_ORDER[1:])
+    remote = bool(config.joints.host)
+    recorders = [("bus-log", config.joints.kind == "can" and not remote), ("recording", config.recording.on)]
+    order = LINKED_ORDER if remote else START_ORDER
+    return (*order[:1], *(name for name, wanted in recorders if wanted), *order[1:])
 
 
 def _with_liveness(process: ProcessStatus) -> ProcessStatus:
