@@ -80,6 +80,7 @@ class Latest:
     audit: AuditHealth | None
     processes: tuple[ProcessStatus, ...]
     link: LinkHealth | None = None
+    stop_sent_ns: int = 0  # of the oldest STOP of this console that control has not acknowledged; 0: none waits
 
 
 def make_setup(
@@ -137,6 +138,7 @@ class SessionHost:
         self._lock = threading.Lock()
         self._lease = 0 if setup.host_pid else 1  # 0: has not taken over yet, and can but stop
         self._sequence = 0
+        self._stops: dict[int, int] = {}  # sequence → when sent, of those that control has not acknowledged
         self._heartbeat_s = time.monotonic()
         self._silent = False
         self._closed = False
@@ -217,13 +219,16 @@ class SessionHost:
         """Send an operator command to control; returns its sequence, which control acknowledges."""
         with self._lock:
             self._sequence += 1
+            sent_ns = time.monotonic_ns()
+            if kind is OperatorKind.STOP:
+                self._stops[self._sequence] = sent_ns
             if not self._closed:
                 self._operator.send(
                     OperatorCommand(
                         lease=self._lease,
                         sequence=self._sequence,
                         kind=kind,
-                        sent_ns=time.monotonic_ns(),
+                        sent_ns=sent_ns,
                         operator=self.setup.operator,
                         action=action,
                         note=note,
@@ -251,13 +256,15 @@ class SessionHost:
 
     def poll(self) -> Latest:
         """The newest of each stream, without waiting."""
+        snapshot = self._snapshots.receive()
         return Latest(
-            snapshot=self._snapshots.receive(),
+            snapshot=snapshot,
             report=self._reports.receive(),
             preview=self._previews.receive(),
             audit=self._audit.receive(),
             processes=self.processes(),
             link=None if self._link is None else self._link.receive(),
+            stop_sent_ns=self._unacknowledged(snapshot),
         )
 
     def processes(self) -> tuple[ProcessStatus, ...]:
@@ -268,6 +275,13 @@ class SessionHost:
         elif self._host is not None and not self._host_lives():
             self._processes = tuple(_with_liveness(one) for one in self._processes)
         return self._processes
+
+    def _unacknowledged(self, snapshot: ControlSnapshot | None) -> int:
+        """When the oldest STOP was sent of which control has not said yet that it acts on it; 0: it acts on all."""
+        with self._lock:
+            if snapshot is not None and snapshot.stop_lease == self._lease:
+                self._stops = {one: at for one, at in self._stops.items() if one > snapshot.stop_sequence}
+            return min(self._stops.values(), default=0)
 
     def _launch(self) -> None:
         """A process of its own session, which no terminal's end reaches."""

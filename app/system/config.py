@@ -126,6 +126,8 @@ def with_choices(config: Config, *, camera: str | None, joints: str | None, pati
     for name, chosen in (("camera", camera), ("joints", joints)):
         if chosen is not None:
             built[name]["kind"] = chosen
+            if name == "joints":
+                built[name]["host"] = ""  # this computer's, whatever the file says
     if patient is not None:
         built["patient"] = patient
     try:
