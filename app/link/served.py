@@ -7,8 +7,8 @@ and audit are the same as on one host and know nothing of it.
 from __future__ import annotations
 
 import re
-import threading
 from collections.abc import Iterable
+from concurrent.futures import Executor
 from enum import Enum, auto
 
 from msgspec.structs import replace
@@ -63,22 +63,24 @@ class LinkNotice(Enum):
 
 
 class ServedSession:
-    """One session from the request to its end. Its processes start and end in threads: the link goes on meanwhile."""
+    """One session from the request to its end. The link goes on while its processes start and end."""
 
-    def __init__(self, home: Home, config: Config, request: SessionRequest) -> None:
-        """Raises AppError when it can't be begun."""
+    def __init__(self, home: Home, config: Config, request: SessionRequest, workers: Executor) -> None:
+        """workers: start and end its processes meanwhile. Raises AppError when it can't be begun."""
+        self._workers = workers
         check_request(config, request)
         setup = make_setup(home, config, request.profile, None, permission=None)
         names = {"operator": request.operator, "role": request.role}
         self._begin(replace(setup, session=request.session, linked=True, **names), held=False)
 
     @classmethod
-    def resumed(cls, home: Home) -> ServedSession | None:
+    def resumed(cls, home: Home, workers: Executor) -> ServedSession | None:
         """The one that an earlier process of this command left, held; None without one."""
         held = held_session(home)
         if held is None or not held.linked:
             return None
         session = cls.__new__(cls)
+        session._workers = workers
         session._begin(held, held=True)
         return session
 
@@ -108,7 +110,7 @@ class ServedSession:
         self._heartbeat_ns = 0
         self._must_take_over = held
         self._started = self._ending = False
-        threading.Thread(target=self._start, name="start session", daemon=True).start()
+        self._workers.submit(self._start)
 
     @property
     def name(self) -> str:
@@ -198,7 +200,7 @@ class ServedSession:
         """Bring the legs to rest and every process to its end."""
         if not self._ending:
             self._ending = True
-            threading.Thread(target=self._close, name="end session").start()
+            self._workers.submit(self._close)
 
     def close_links(self) -> None:
         """After the end."""

@@ -10,6 +10,7 @@ import signal
 import socket
 import time
 from collections.abc import Callable
+from concurrent.futures import Executor, ThreadPoolExecutor
 
 import msgspec
 import zmq
@@ -100,9 +101,9 @@ class Laptop:
 class JointsServer:
     """Owns the port and the session."""
 
-    def __init__(self, home: Home, config: Config, port: int) -> None:
-        """Raises AppError when the port can't be had."""
-        self._home, self._config = home, config
+    def __init__(self, home: Home, config: Config, port: int, workers: Executor) -> None:
+        """workers: start and end sessions, with the usual scheduling. Raises AppError when the port can't be had."""
+        self._home, self._config, self._workers = home, config, workers
         self._context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
         self._keeper = ThreadAuthenticator(self._context)
         self._keeper.start()
@@ -117,7 +118,7 @@ class JointsServer:
         self._decode = msgspec.msgpack.Decoder(FromLaptop)
         self._encode = msgspec.msgpack.Encoder().encode
         self._laptop: Laptop | None = None
-        self._session = ServedSession.resumed(home)
+        self._session = ServedSession.resumed(home, workers)
         self._ended_ns = 0
         self._foreign = 0
         self._connections = 0
@@ -274,7 +275,7 @@ class JointsServer:
         if session is None:
             if (self._home.logs / f"{request.session}.jsonl").exists():
                 raise AppError(LinkFault.SESSION_OVER, session=request.session)
-            session = self._session = ServedSession(self._home, self._config, request)
+            session = self._session = ServedSession(self._home, self._config, request, self._workers)
             self._wait_for_snapshots(session)
         self._connections += 1
         self._laptop = Laptop(identity, user, self._connections)
@@ -432,12 +433,17 @@ def serve_joints(home: Home, config: Config, port: int, watch: Callable[[str], N
     """Serve until SIGTERM or Ctrl-C. Raises AppError."""
     if config.joints.host:
         raise AppError(LinkFault.HOST_HAS_HOST, host=config.joints.host)
+    workers = ThreadPoolExecutor(1)
+    workers.submit(
+        int
+    ).result()  # its thread is there before what follows, which the session's processes must not inherit
     set_scheduling("link")
     avoid_control_core(config.control_core)
-    server = JointsServer(home, config, port)
+    server = JointsServer(home, config, port, workers)
     for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
         signal.signal(number, lambda *_: server.end())
     try:
         server.run(watch)
     finally:
         server.close()
+        workers.shutdown()
