@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import os
+import signal
 import socket
 import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import tomlkit
@@ -24,7 +25,8 @@ from app.system.paths import Home
 START_S = 30.0
 END_S = 60.0
 LOOPBACK = "127.0.0.1"
-_PROGRAM = "from app.cli import main; main()"
+# PR_SET_PDEATHSIG: it ends with this process, however that ends.
+_PROGRAM = "import ctypes; ctypes.CDLL(None).prctl(1, 15); from app.cli import main; main()"
 
 
 @contextmanager
@@ -36,11 +38,14 @@ def joints_process(
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
     output = (diagnostics or home.root) / "joints.txt"
     with output.open("ab") as file:
-        process = subprocess.Popen(command, env=environment, stdin=subprocess.DEVNULL, stdout=file, stderr=file)
+        process = subprocess.Popen(
+            command, env=environment, stdin=subprocess.DEVNULL, stdout=file, stderr=file, process_group=0
+        )
     try:
         yield process
     finally:
-        process.terminate()
+        with suppress(ProcessLookupError):
+            os.killpg(process.pid, signal.SIGTERM)  # a command of the prefix may not pass it on
         try:
             process.wait(END_S)
         except subprocess.TimeoutExpired:

@@ -315,6 +315,8 @@ class LinkHealth(Struct, frozen=True, kw_only=True, tag="link"):
     uncertainty_ns: int | None = None  # None: not known yet
     steps: int = 0  # of a clock against the other one, so far
     fault: Reason | None = None  # why there is no session
+    stop_lease: int = 0  # of the console whose STOP was the newest that control acknowledged, by packet
+    stop_sequence: int = 0
     audit: AuditHealth | None = None  # of the other host's trail
     processes: tuple[ProcessStatus, ...] = ()  # of the other host
     foreign_peers: int = 0  # turned away so far

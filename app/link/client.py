@@ -63,8 +63,11 @@ from logs.records import EventRaised, Note, ProcessEnd, ProcessStart
 _log = get_logger("link")
 
 WAIT_MS = 5
-RETRY_NS = 1_000 * NS_PER_MS  # nothing acknowledged for so long: a new connection, since TCP itself would wait longer
+# Nothing acknowledged for so long: a new connection, since TCP itself would wait longer. Doubled with each attempt: over
+# a poor link a handshake takes seconds.
+RETRY_NS, RETRY_AT_MOST_NS = 1_000 * NS_PER_MS, 8_000 * NS_PER_MS
 SILENT_NS = 5_000 * NS_PER_MS  # then it is told that nobody answers; it goes on asking
+CONNECTED_FRAMES = 20  # acknowledged, a connection is as good as before
 FRAME_NS = 50 * NS_PER_MS  # without anything new
 TRAIL_NS = 1_000 * NS_PER_MS
 END_NS = 15_000 * NS_PER_MS  # the other computer holds, damps, disables and signs its trail
@@ -104,6 +107,7 @@ class LinkClient:
         self._audit: AuditHealth | None = None
         self._their: ToLaptop | None = None
         self._stops: dict[tuple[int, int], StopMark] = {}  # not acknowledged by control yet
+        self._acknowledged = StopMark(0, 0, 0)  # the newest STOP that control acts on
         self._lease = 0
         self._heartbeat_ns = 0
         self._fault: Reason | None = None
@@ -213,7 +217,10 @@ class LinkClient:
         audit = None if their is None else their.audit
         health = health_of(self._beats, self._setup.config.joints.host, now_ns, self._foreign, audit)
         processes = () if their is None else their.processes
-        self._health.send(replace(health, fault=self._fault, processes=processes))
+        stop = self._acknowledged
+        self._health.send(
+            replace(health, fault=self._fault, processes=processes, stop_lease=stop.lease, stop_sequence=stop.sequence)
+        )
         if now_ns - self._trail_ns >= TRAIL_NS and self._beats.clock is not None:
             self._trail_ns = now_ns
             for record in other_trail(audit, self._beats.clock.at(now_ns), self._setup.config.joints.host):
@@ -256,6 +263,8 @@ class LinkClient:
             return
         steps, before_ns = self._beats.steps, self._beats.newest_ns
         if self._beats.take(packet, now_ns):
+            if self._remote is not None:
+                self._remote.expect_soon()
             self._note(LinkNotice.LINK_RETURNED, silent_s=(now_ns - before_ns) / 1e9)
         if self._beats.steps > steps:
             self._note(LinkNotice.CLOCK_STEPPED, step_s=self._beats.step_ns / 1e9)
@@ -263,7 +272,8 @@ class LinkClient:
             self._note(LinkNotice.OTHER_CLOCK_STEPPED, step_s=self._beats.wall_step_ns / 1e9)
             self._beats.wall_step_ns = 0
         for stop in packet.stops:
-            self._stops.pop((stop.lease, stop.sequence), None)
+            if self._stops.pop((stop.lease, stop.sequence), None) is not None:
+                self._acknowledged, self._health_ns = stop, 0  # the console is told at once
 
     def _note(self, notice: LinkNotice, **values: object) -> None:
         self._sink.emit(Note(text=reason(notice, **values)))
@@ -342,6 +352,7 @@ class _Remote:
         self.commands_sent = 0
         self._welcome = self._refused = False
         self._connected_ns = 0
+        self._patience_ns = RETRY_NS
         self._decode = msgspec.msgpack.Decoder(FromJoints)
         self._encode = msgspec.msgpack.Encoder().encode
 
@@ -355,8 +366,12 @@ class _Remote:
         if self._frames is None:
             return True
         if not self._welcome:
-            return now_ns - self._connected_ns > RETRY_NS
-        return self.flight.waits_ns(now_ns) > RETRY_NS
+            return now_ns - self._connected_ns > self._patience_ns
+        return self.flight.waits_ns(now_ns) > self._patience_ns
+
+    def expect_soon(self) -> None:
+        """The way is open again: a connection that stalled meanwhile would go on late."""
+        self._patience_ns = RETRY_NS
 
     def connect(self, now_ns: int) -> None:
         """A new connection, which greets; what was under way on the old one is repeated or newer now."""
@@ -375,6 +390,8 @@ class _Remote:
         frames.connect(f"tcp://{self._where[0]}:{self._where[1]}")
         self.poller.register(frames, zmq.POLLIN)
         self.flight, self.commands_sent = Flight(), 0
+        if self._connected_ns:
+            self._patience_ns = min(2 * self._patience_ns, RETRY_AT_MOST_NS)
         self._welcome, self._connected_ns = False, now_ns
         self.send(Hello(link=VERSION, program=program(), request=self._request))
 
@@ -437,4 +454,6 @@ class _Remote:
             client.refused(message.reason)
         else:
             self.flight.receive(message.number, message.acknowledged, now_ns)
+            if self.flight.acknowledged > CONNECTED_FRAMES:
+                self._patience_ns = RETRY_NS
             client.take_frame(message, now_ns)

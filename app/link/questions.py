@@ -107,9 +107,9 @@ class Asking:
 
     def __init__(self, host: str) -> None:
         """Raises AppError when the address is none, or unknown."""
-        self.host = host
+        self.host, where = host, resolve(host)
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self._socket.connect(resolve(host))
+        self._socket.connect(where)
 
     def ask(self, question: Question, limit_s: float = ANSWER_S) -> Answer:
         """The answer. Raises AppError when none comes."""

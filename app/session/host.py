@@ -257,14 +257,15 @@ class SessionHost:
     def poll(self) -> Latest:
         """The newest of each stream, without waiting."""
         snapshot = self._snapshots.receive()
+        link = None if self._link is None else self._link.receive()
         return Latest(
             snapshot=snapshot,
             report=self._reports.receive(),
             preview=self._previews.receive(),
             audit=self._audit.receive(),
             processes=self.processes(),
-            link=None if self._link is None else self._link.receive(),
-            stop_sent_ns=self._unacknowledged(snapshot),
+            link=link,
+            stop_sent_ns=self._unacknowledged(snapshot, link),
         )
 
     def processes(self) -> tuple[ProcessStatus, ...]:
@@ -276,11 +277,12 @@ class SessionHost:
             self._processes = tuple(_with_liveness(one) for one in self._processes)
         return self._processes
 
-    def _unacknowledged(self, snapshot: ControlSnapshot | None) -> int:
+    def _unacknowledged(self, *messages: ControlSnapshot | LinkHealth | None) -> int:
         """When the oldest STOP was sent of which control has not said yet that it acts on it; 0: it acts on all."""
         with self._lock:
-            if snapshot is not None and snapshot.stop_lease == self._lease:
-                self._stops = {one: at for one, at in self._stops.items() if one > snapshot.stop_sequence}
+            for one in messages:
+                if one is not None and one.stop_lease == self._lease:
+                    self._stops = {sent: at for sent, at in self._stops.items() if sent > one.stop_sequence}
             return min(self._stops.values(), default=0)
 
     def _launch(self) -> None:
