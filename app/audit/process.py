@@ -241,7 +241,7 @@ def start_record(setup: SessionSetup) -> SessionStart:
     return SessionStart(
         versions=_versions(setup),
         configuration=msgspec.to_builtins(setup.config),
-        simulated=setup.config.joints.kind == "simulated",
+        simulated=setup.config.joints.kind == "simulated" and not setup.config.joints.host,
         role=setup.role,
     )
 

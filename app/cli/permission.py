@@ -33,6 +33,8 @@ CHANGES: dict[str, tuple[Permission, tuple[str, ...]]] = {
     "can zero": (Permission.CONFIGURE, ()),
     "configure": (Permission.CONFIGURE, ()),
     "emulate-drives": (Permission.CONFIGURE, ()),  # answers in the drives' place
+    "link forget": (Permission.CONFIGURE, ()),
+    "link pair": (Permission.CONFIGURE, ()),
     "model": (Permission.CONFIGURE, ("--again",)),
     "operator add": (Permission.MANAGE_OPERATORS, ()),
     "operator disable": (Permission.MANAGE_OPERATORS, ()),
@@ -61,7 +63,9 @@ READS = frozenset(
         "demo",  # simulated joints, or emulated drives on a bus of its own
         "doctor",
         "export",
+        "joints",  # its sessions are begun by an operator who signs in at the laptop
         "replay",
+        "link list",
         "locate",
         "operator list",
         "outcomes",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import gc
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import Annotated
 
@@ -104,6 +104,10 @@ def demo(
         str,
         typer.Option(help="Whose legs and vocabulary; the hand is the digital one. Empty: the demo patient."),
     ] = "",
+    two_hosts: Annotated[
+        bool,
+        typer.Option("--two-hosts", help="Run both computers here: the joints in a second process, over the link."),
+    ] = False,
     load: Annotated[int, typer.Option(min=0, max=64, help="Busy processes to start beside it.")] = 0,
     home: HomeOption = None,
     verbose: Annotated[bool, typer.Option("--verbose", help="Log more for engineers.")] = False,
@@ -113,17 +117,19 @@ def demo(
     What the patient's vocabulary lacks is done by key.
     """
     import json
+    from tempfile import TemporaryDirectory
 
     from app.cli.progress import spinner, wide_console
     from app.demo.drives import joints_for
     from app.demo.load import busy_processes
     from app.demo.scenario import ALL_TWELVE
     from app.demo.session import demo_config, demo_patient, print_result, run_session
+    from app.demo.two_hosts import second_computer
     from app.system.config import load_config
     from app.system.diagnostics_log import set_verbose, start_log
     from app.system.hand_model import set_up_model
     from app.system.legs_lock import check_legs_free
-    from app.system.paths import find_home, hold_home
+    from app.system.paths import Home, find_home, hold_home
     from app.system.scheduling import set_scheduling
     from profiles.schema import DEMO_PATIENT
     from profiles.store import ProfileStore
@@ -134,12 +140,16 @@ def demo(
     if verbose:
         set_verbose()
     base = load_config(place.config)
-    with hold_home(place), joints_for(joints, base) as joints_config:
+    with hold_home(place), joints_for(joints, base) as joints_config, ExitStack() as stack:
         check_legs_free(place)
         start_log(place, "demo")
         set_scheduling("console")  # in whose place it is
         set_up_model(place, base)
         config = demo_config(base, seed=seed, joints=joints_config, record=record)
+        other = None
+        if two_hosts:
+            other = Home(Path(stack.enter_context(TemporaryDirectory(prefix="rleex-joints-"))))
+            config = stack.enter_context(second_computer(place, other, config))
         wearer = demo_patient(seed, distance, ProfileStore(place.profiles).load(patient) if patient else DEMO_PATIENT)
         with busy_processes(load), spinner(console, total=len(ALL_TWELVE)) as watch:
             result = run_session(
@@ -152,6 +162,7 @@ def demo(
                 load=load,
                 pictures=pictures,
                 patient=wearer,
+                other=other,
             )
     print_result(console, result, ALL_TWELVE)
     if record:

@@ -17,6 +17,7 @@ from typer.core import TyperArgument, TyperCommand, TyperGroup, TyperOption
 _COMMANDS = {
     "run": "run",
     "demo": "run",
+    "joints": "joints",
     "simulate": "simulate",
     "doctor": "machine",
     "emulate-drives": "simulate",
@@ -34,6 +35,7 @@ _GROUPS = {
     "camera": "List and calibrate cameras.",
     "can": "Drives on the bus.",
     "evaluate": "Measure what the documents claim.",
+    "link": "Pair the therapist's laptop with the exoskeleton's computer.",
     "operator": "Operators and what they may do.",
     "profile": "Patient profiles.",
     "recording": "What a session's recording holds.",

@@ -160,7 +160,7 @@ class ConsoleApp(SessionFlow):
 
     async def action_leave(self) -> None:
         """Leave the program; with powered hardware joints only when asked twice."""
-        hardware = self.live is not None and self.live.host.setup.config.joints.kind != "simulated"
+        hardware = self.live is not None and needs_sign_in(self.live.host.setup.config)
         if self._leaving or not (hardware and self.powered()):
             await self._end_now()
             return
@@ -330,7 +330,7 @@ def run_console(home: Home, config: Config, *, straight: bool = False, read_only
         return
     held = held_session(home)
     config = held.config if held else config
-    simulated = config.joints.kind == "simulated"
+    simulated = not needs_sign_in(config)
     profile = ProfileStore(home.profiles).load(config.patient) if (straight or simulated) and not held else None
     app = ConsoleApp(home, config, profile=profile, held=held)
     set_scheduling("console")

@@ -46,7 +46,7 @@ class Result:
 
 
 def _processes(state: SessionState) -> bool:
-    return len(state.processes) >= 5 and all(process.alive for process in state.processes)
+    return len(state.all_processes) >= 5 and all(process.alive for process in state.all_processes)
 
 
 def _audit(state: SessionState) -> bool:

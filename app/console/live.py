@@ -23,6 +23,7 @@ from app.system.vocabulary import status_now
 from app.voice.watch import VoiceStop
 
 Clock = Callable[[], int]
+MOVERS = ("control", "link")  # what commands the legs, here or through the computer that has them
 
 
 class LiveSession:
@@ -46,7 +47,7 @@ class LiveSession:
     @property
     def control_alive(self) -> bool:
         """Whether anything could still move."""
-        return any(process.name == "control" and process.alive for process in self.state.processes)
+        return any(process.name in MOVERS and process.alive for process in self.state.processes)
 
     def start(self) -> None:
         """Start the processes; collections of garbage, which stop the heartbeat too, come rarely from now on."""

@@ -87,13 +87,13 @@ class SessionFlow(SignedInApp):
         """
         hand = {name: getattr(patient, name) for name in _OF_THE_HAND}
         profile = msgspec.structs.replace(DEMO_PATIENT, **hand)
-        joints = msgspec.structs.replace(self.config.joints, kind="simulated")
+        joints = msgspec.structs.replace(self.config.joints, kind="simulated", host="")
         config = msgspec.structs.replace(self.config, joints=joints)
         await self._begin(profile, config, TrainingScreen(patient.identifier))
 
     async def begin_enrolment(self, profile: Profile) -> None:
         """The gestures that this patient can make, before the configured camera; simulated joints, never armed."""
-        joints = msgspec.structs.replace(self.config.joints, kind="simulated")
+        joints = msgspec.structs.replace(self.config.joints, kind="simulated", host="")
         config = msgspec.structs.replace(self.config, joints=joints)
         await self.permitted(Permission.CALIBRATE, lambda: self._begin(profile, config, VocabularyScreen(profile)))
 

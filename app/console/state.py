@@ -7,7 +7,7 @@ from enum import Enum, auto
 
 import msgspec
 
-from app.ipc.messages import ActiveEvent, AuditHealth, ControlSnapshot, Preview, TriggerReport
+from app.ipc.messages import ActiveEvent, AuditHealth, ControlSnapshot, LinkHealth, Preview, TriggerReport
 from app.ipc.states import Effect
 from app.ipc.streams import SNAPSHOT, TRIGGER
 from app.session.host import Latest, ProcessStatus
@@ -58,6 +58,8 @@ class SessionState:
     processes: tuple[ProcessStatus, ...] = ()
     press_note: PressNote = NO_NOTE
     fault: str = ""  # why the session could not start
+    link: LinkHealth | None = None  # to the computer that has the joints; None: this one has
+    stop_sent_ns: int = 0  # of the oldest STOP that control has not acknowledged; 0: none waits
     vocabulary: VocabularyStatus = VocabularyStatus.NOT_NEEDED  # of the patient, as the session began
     voice: VoiceState | None = None  # None: not switched on
 
@@ -70,6 +72,16 @@ class SessionState:
     def report_fresh(self) -> bool:
         """Whether perception's newest report is recent."""
         return self.report is not None and self.now_ns - self.report.sent_ns < TRIGGER.stale_ms * 1e6
+
+    @property
+    def stop_waits_ms(self) -> float:
+        """For so long a STOP has waited to be acknowledged by control; 0: none waits. Sent is not acknowledged."""
+        return (self.now_ns - self.stop_sent_ns) / 1e6 if self.stop_sent_ns else 0.0
+
+    @property
+    def all_processes(self) -> tuple[ProcessStatus, ...]:
+        """Of this computer, and of the one that has the joints."""
+        return (*self.processes, *(self.link.processes if self.link is not None else ()))
 
     @property
     def effect(self) -> Effect | None:
@@ -103,6 +115,8 @@ def fold(state: SessionState, latest: Latest, now_ns: int) -> SessionState:
         preview=latest.preview or state.preview,
         audit=latest.audit or state.audit,
         processes=latest.processes,
+        link=latest.link or state.link,
+        stop_sent_ns=latest.stop_sent_ns,
         press_note=state.press_note if latest.report is None else note(state.press_note, latest.report, now_ns),
     )
 

@@ -12,12 +12,14 @@ from msgspec import Struct
 
 from app.control.inputs import Inputs, Settings, StreamState
 from app.control.stop_inputs import StopInputStates, reader_age_ns
+from app.ipc.messages import LinkHealth
+from app.ipc.states import LinkQuantity
 from app.ipc.streams import NS_PER_MS, TRIGGER
 from app.motion.follower import Mode, Motion
 from hal.errors import HardwareError
 from hal.joints.guard import Refusal
 from hal.joints.protocol import BusFault, DriveFault, Joint, JointFeedback
-from logs.reason import Reason
+from logs.reason import Reason, Value, reason
 
 if TYPE_CHECKING:  # the state holds events, whose rows read the diagnostics
     from app.control.state import ControlState, Tick
@@ -26,6 +28,15 @@ RANGE_MARGIN_RAD = radians(2.0)  # of the measured angle over the device's range
 SPEED_MARGIN = 1.1
 TORQUE_MARGIN = 1.05
 LOADING_MS = 30_000.0  # until the hand model is loaded, messages may be late or missing: no sign of a fault
+# With more than this a gesture's release, which is 100 ms old when perception has judged it, may be older than TRIGGER
+# allows when it arrives, and a heartbeat may look lost. TCP repeats what was lost after 200 ms.
+LINK_LIMITS = {
+    LinkQuantity.LOSS: 0.05,
+    LinkQuantity.ROUND_TRIP: 100.0,
+    LinkQuantity.JITTER: 30.0,
+    LinkQuantity.UNCERTAINTY: 50.0,
+}
+UNKNOWN_MS = 60_000.0  # the uncertainty before the first round trip: more than any that is
 SETTLED_NS = 500 * NS_PER_MS  # after a movement the joints settle; later motion while held is unexpected
 
 
@@ -50,6 +61,14 @@ class PlanningDiagnostics(Struct, frozen=True, kw_only=True):
     pause_too_long: bool = False
 
 
+class LinkFigure(Struct, frozen=True):
+    """A figure of the link, its unit in its name, and the largest with which gestures may be armed."""
+
+    quantity: LinkQuantity
+    limit: float
+    value: float
+
+
 class ProgramDiagnostics(Struct, frozen=True, kw_only=True):
     """The processes beside control; ages count from their last message."""
 
@@ -68,6 +87,7 @@ class ProgramDiagnostics(Struct, frozen=True, kw_only=True):
     guardian_fault: Reason | None = None
     rejected_messages: int = 0
     foreign_peers: int = 0
+    link: tuple[LinkFigure, ...] = ()  # to the console's computer; empty where it is on this one
 
 
 class ClockDiagnostics(Struct, frozen=True, kw_only=True):
@@ -147,14 +167,39 @@ def _programs(inputs: Inputs, streams: StreamState) -> ProgramDiagnostics:
         console_age_ms=_age_ms(now_ns, streams.console_ns),
         audit_age_ms=_age_ms(now_ns, streams.audit_ns),
         audit_waiting=audit.waiting if audit else 0,
-        audit_fault=audit.fault if audit else None,
+        audit_fault=(audit.fault if audit else None) or _other_audit_fault(streams.link),
         audit_full=inputs.audit_full,
         guardian_age_ms=_age_ms(now_ns, streams.guardian_ns),
         guardian_acted=guardian is not None and guardian.acted,
         guardian_fault=guardian.fault if guardian else None,
         rejected_messages=inputs.rejected_messages,
         foreign_peers=inputs.foreign_peers,
+        link=link_figures(streams.link),
     )
+
+
+def _other_audit_fault(link: LinkHealth | None) -> Reason | None:
+    """Of the other computer's trail, which must not fail unseen either."""
+    return None if link is None or link.audit is None else link.audit.fault
+
+
+def link_figures(link: LinkHealth | None) -> tuple[LinkFigure, ...]:
+    """The link's figures with their limits; none where the console is on this host."""
+    if link is None:
+        return ()
+    uncertainty_ms = UNKNOWN_MS if link.uncertainty_ns is None else link.uncertainty_ns / NS_PER_MS
+    values = (link.loss, link.round_trip_ms, link.jitter_ms, uncertainty_ms)
+    return tuple(LinkFigure(*limit, value) for limit, value in zip(LINK_LIMITS.items(), values, strict=True))
+
+
+def link_values(figure: LinkFigure | None) -> dict[str, Value]:
+    """The values of its message."""
+    return {} if figure is None else {"quantity": reason(figure.quantity), "value": figure.value, "limit": figure.limit}
+
+
+def exceeded_figure(figures: tuple[LinkFigure, ...]) -> LinkFigure | None:
+    """The first that is over its limit."""
+    return next((one for one in figures if one.value > one.limit), None)
 
 
 def _clocks(inputs: Inputs, streams: StreamState) -> ClockDiagnostics:

@@ -12,7 +12,7 @@ from enum import Enum
 from msgspec import Struct
 from msgspec.structs import replace
 
-from app.ipc.messages import AuditHealth, GuardianHealth, OperatorCommand, TriggerReport
+from app.ipc.messages import AuditHealth, GuardianHealth, LinkHealth, OperatorCommand, TriggerReport
 from app.ipc.states import ACTION_OF, Action, GaitState, Source
 from app.motion.follower import Gains
 from app.motion.plan import Plan, PlanRequest
@@ -51,6 +51,7 @@ class Inputs(Struct, frozen=True, kw_only=True):
     plans: tuple[Plan, ...] = ()
     audit: AuditHealth | None = None
     guardian: GuardianHealth | None = None
+    link: LinkHealth | None = None
     late_ns: int = 0  # how late this tick began
     missed_ticks: int = 0  # left out before this one
     written: JointCommand | None = None  # the command that passed the guard, in the tick before
@@ -108,6 +109,7 @@ class StreamState(Struct, frozen=True, kw_only=True):
     audit_ns: int
     guardian: GuardianHealth | None = None
     guardian_ns: int
+    link: LinkHealth | None = None  # None: the console is on this host
     resumed_ns: int = 0  # when control last came back from missed ticks
     own_delay_ns: int = 0  # how long control sent no command, of the time since the oldest feedback
     clock_offset_ns: int  # wall minus monotonic
@@ -153,6 +155,7 @@ def update_streams(streams: StreamState, inputs: Inputs, lease: int) -> StreamSt
         audit_ns=now_ns if inputs.audit else streams.audit_ns,
         guardian=inputs.guardian or streams.guardian,
         guardian_ns=now_ns if inputs.guardian else streams.guardian_ns,
+        link=inputs.link or streams.link,
         resumed_ns=now_ns if inputs.missed_ticks else streams.resumed_ns,
         own_delay_ns=_own_delay_ns(streams, inputs),
         clock_offset_ns=offset_ns,

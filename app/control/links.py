@@ -15,6 +15,7 @@ from app.ipc.messages import (
     ControlSnapshot,
     GuardianHealth,
     Heartbeat,
+    LinkHealth,
     OperatorCommand,
     TriggerReport,
 )
@@ -36,6 +37,7 @@ class Received:
     plans: tuple[Plan, ...]
     audit: AuditHealth | None
     guardian: GuardianHealth | None
+    link: LinkHealth | None
     rejected: int
     foreign_peers: int
 
@@ -43,7 +45,9 @@ class Received:
 class ControlLinks:
     """All sockets of the control process but the audit's."""
 
-    def __init__(self, directory: streams.LinkDirectory) -> None:
+    def __init__(self, directory: streams.LinkDirectory, *, linked: bool = False) -> None:
+        """linked: the console is on another computer."""
+
         def at(stream: streams.Stream) -> Address:
             return address(directory, stream.name)
 
@@ -55,8 +59,11 @@ class ControlLinks:
         self._guardian = LatestReceiver(at(streams.GUARDIAN), GuardianHealth)
         self._heartbeats = Publisher(at(streams.HEARTBEAT))
         self._snapshots = Publisher(at(streams.SNAPSHOT))
+        self._link = LatestReceiver(at(streams.LINK), LinkHealth) if linked else None
         self._rejected = 0
+        slow: tuple[LatestReceiver[LinkHealth], ...] = () if self._link is None else (self._link,)
         self._links = (
+            *slow,
             self._operator,
             self._plans,
             self._requests,
@@ -66,7 +73,7 @@ class ControlLinks:
             self._snapshots,
             self._heartbeats,
         )
-        self._peers_of_others = {"audit": 0, "guardian": 0}
+        self._peers_of_others = {"audit": 0, "guardian": 0, "link": 0}
 
     def receive(self, tick: int, *, planning: bool) -> Received:
         """Everything new. planning: a plan is awaited, plans are polled in every tick."""
@@ -75,14 +82,16 @@ class ControlLinks:
         plans = self._take_plans() if planning or slow else ()
         audit = self._audit.receive() if slow else None
         guardian = self._guardian.receive() if slow else None
+        link = self._link.receive() if slow and self._link is not None else None
         return Received(
             report=self._reports.receive(),
             commands=commands,
             plans=plans,
             audit=audit,
             guardian=guardian,
+            link=link,
             rejected=self._newly_rejected(),
-            foreign_peers=self._new_foreign_peers(audit, guardian) if slow else 0,
+            foreign_peers=self._new_foreign_peers(audit, guardian, link) if slow else 0,
         )
 
     def send_plan_requests(self, plan_requests: Iterable[PlanRequest]) -> None:
@@ -107,9 +116,11 @@ class ControlLinks:
     def _take_plans(self) -> tuple[Plan, ...]:
         return tuple(_up_to(4, self._plans))
 
-    def _new_foreign_peers(self, audit: AuditHealth | None, guardian: GuardianHealth | None) -> int:
+    def _new_foreign_peers(
+        self, audit: AuditHealth | None, guardian: GuardianHealth | None, other_host: LinkHealth | None
+    ) -> int:
         peers = sum(link.foreign_peers() for link in self._links)
-        for name, health in (("audit", audit), ("guardian", guardian)):
+        for name, health in (("audit", audit), ("guardian", guardian), ("link", other_host)):
             if health is not None:
                 peers += max(0, health.foreign_peers - self._peers_of_others[name])
                 self._peers_of_others[name] = health.foreign_peers

@@ -63,7 +63,7 @@ class Control:
         self._settings = settings_of(setup)
         self._by_key_only = by_key_only(self._settings.vocabulary)
         self._drives = drives_of(setup, self._settings)
-        self._links = ControlLinks(setup.links)
+        self._links = ControlLinks(setup.links, linked=setup.linked)
         devices = setup.config.inputs
         self._stop_inputs = InputReader(devices, tuple(make_input(one, setup.links.path) for one in devices))
         self._sink = AuditSink(setup.links, "control", setup.operator)
@@ -144,6 +144,7 @@ class Control:
             plans=received.plans,
             audit=received.audit,
             guardian=received.guardian,
+            link=received.link,
             late_ns=late_ns,
             missed_ticks=missed,
             written=self._drives.written,

@@ -7,6 +7,7 @@ from typing import Any
 
 from msgspec.structs import replace
 
+from app.control.diagnostics import exceeded_figure, link_figures, link_values
 from app.control.events.row import Compared
 from app.control.events.table import RaisedEvent, acknowledges, blocker, compared_fields
 from app.control.gait import machine as gait_machine
@@ -238,7 +239,12 @@ def _voice_stop(tick: Tick, command: OperatorCommand) -> None:
 
 
 def _record_stop(tick: Tick, command: OperatorCommand, by: StopSource, effect: Effect) -> None:
-    tick.update(stop_ns=command.sent_ns, stop_received_ns=tick.now_ns, stop_command_ns=0)
+    tick.update(
+        stop_ns=command.sent_ns,
+        stop_received_ns=tick.now_ns,
+        stop_command_ns=0,
+        newest_stop=(command.lease, command.sequence),
+    )
     body = records.Stop(
         state=tick.state.gait.state.value,
         effect=effect.name.lower(),
@@ -267,6 +273,12 @@ def _acknowledge(tick: Tick, command: OperatorCommand) -> None:
 
 
 def _arm(tick: Tick, _: OperatorCommand) -> None:
+    poor = exceeded_figure(link_figures(tick.state.streams.link))
+    if poor is not None:  # refused with the figure, not armed and then refused gesture by gesture
+        why = reason(RequestRefusal.LINK_POOR, **link_values(poor))
+        tick.update(refusal=why, refusal_count=tick.state.refusal_count + 1)
+        tick.audit.append(records.Note(text=why))
+        return
     tick.update(armed_ns=tick.now_ns)
     tick.audit.append(records.Arming(armed=True, at_ns=tick.now_ns))
 

@@ -50,6 +50,7 @@ class ControlState(Struct, frozen=True, kw_only=True):
     stop_ns: int = 0  # when the newest STOP was sent
     stop_received_ns: int = 0
     stop_command_ns: int = 0  # when the first command after a STOP was written
+    newest_stop: tuple[int, int] = (0, 0)  # lease and sequence of the newest STOP
     stop_records: tuple[records.Stop, ...] = ()  # of STOPs whose first joint command is still to be written
     pause: RunningPause | None = None
     recent_pauses: tuple[tuple[int, int], ...] = ()  # begin and end, while they count for the next one

@@ -72,6 +72,8 @@ def snapshot(state: ControlState, inputs: Inputs, status: LoopStatus) -> Control
         lease=state.lease,
         stop_received_ns=state.stop_received_ns,
         stop_command_ns=state.stop_command_ns,
+        stop_lease=state.newest_stop[0],
+        stop_sequence=state.newest_stop[1],
         pauses=state.pauses,
         steps=state.steps,
         distance_walked_m=state.distance_walked_m,

@@ -18,7 +18,7 @@ from app.ipc.messages import Lateness, PauseSummary, PerceptionCommand
 from app.ipc.states import ACTION_OF, Action
 from app.session.host import SessionHost, make_setup
 from app.system.authority import demonstration
-from app.system.config import CameraConfig, Config, JointsConfig, SessionSetup
+from app.system.config import CameraConfig, Config, JointsConfig, SessionSetup, load_config
 from app.system.paths import Home, pictures_path
 from app.text.catalogue import tr
 from hal.cameras.digital_hand.render import person_of
@@ -120,15 +120,20 @@ def run_session(
     load: int = 0,
     pictures: bool = False,
     patient: Profile | None = None,
+    other: Home | None = None,
     run_attempts: Callable[[ScenarioRunner, Sequence[Step]], list[Attempt]] = run_scenario,
 ) -> SessionResult:
     """Start the real processes, carry out the scenario, close, verify the audit trail; None: the demo patient.
 
-    load: how many busy processes the caller has started beside it, for the result. pictures: recorded as well.
+    load: how many busy processes the caller has started beside it, for the result. pictures: recorded as well. other:
+    home of the computer that has the joints, if it is another one: its trail is verified too.
     """
     wearer = patient or demo_patient(config.camera.seed)
     setup = make_setup(home, config, wearer, demonstration(home, config.joints))
-    if config.joints.kind != "simulated":
+    if other is not None:
+        at_joints = load_config(other.config)
+        rehearse_missing(msgspec.structs.replace(setup, home=other.root, config=at_joints), watch)
+    else:
         rehearse_missing(setup, watch)
     host = SessionHost(setup)
     runner = ScenarioRunner(host, click_s=click_s, presses=presses, approach_m=approach_m, watch=watch)
@@ -141,6 +146,8 @@ def run_session(
     finally:
         host.close()
     verified, detail = _verify(home, setup.session)
+    if other is not None and verified:
+        verified, detail = _verify(other, setup.session)
     return SessionResult(
         attempts=tuple(attempts),
         unintended=runner.unintended(),
@@ -169,6 +176,8 @@ def rehearse_missing(setup: SessionSetup, watch: Callable[[str], None]) -> None:
     from app.motion.plan import patient_of
     from app.motion.preflight import run_preflight
 
+    if setup.config.joints.kind == "simulated":
+        return
     watch(tr("demo.preflight"))
     missing = [action for action in Action if action not in (cleared_of(setup) or ())]
     run_preflight(Home(setup.home), patient_of(setup.profile, device_of(setup)), device_of(setup), missing)

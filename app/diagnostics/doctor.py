@@ -12,6 +12,7 @@ from enum import Enum
 from pathlib import Path
 
 from app.diagnostics.findings import Finding, bad, good, note
+from app.link.faults import LinkFault
 from app.system.config import Config, load_config
 from app.system.errors import AppError
 from app.system.hand_model import find_model
@@ -55,6 +56,7 @@ class Subject(Enum):
     JOINTS = "joints"
     STOP_BUTTON = "stop button"
     VOICE = "voice stop"
+    LINK = "link"
 
 
 class DoctorFinding(Enum):
@@ -98,6 +100,7 @@ class DoctorFinding(Enum):
     VOICE_OFF = "voice off"
     MICROPHONE_FOUND = "microphone found"
     MICROPHONE_MUTE = "microphone mute"
+    LINK_ANSWERS = "link answers"
 
 
 class Remedy(Enum):
@@ -116,6 +119,8 @@ class Remedy(Enum):
     RESTORE_DEVICE = "restore the device description"
     RELEASE_BUTTON = "release the button"
     CONNECT_BUTTON = "connect the button"
+    CHECK_OTHER_COMPUTER = "check the other computer"
+    UPDATE_OLDER = "update the older one"
 
 
 F, R, T = DoctorFinding, Remedy, Subject
@@ -144,6 +149,7 @@ def examine(home: Home) -> Iterator[Finding]:
         lambda: check_joints(config),
         lambda: check_stop_buttons(config),
         lambda: check_voice(config),
+        lambda: check_link(home, config),
     )
     for check in checks:
         yield from check()
@@ -278,8 +284,34 @@ def _clock_state() -> int:
         return -1
 
 
+def check_link(home: Home, config: Config) -> Iterator[Finding]:
+    """The computer that has the joints: whether it answers, its version, its clock, and whether they are paired."""
+    host = config.joints.host
+    if not host:
+        return
+    from app.link.keys import joints_at
+    from app.link.questions import check_version, find
+
+    try:
+        found = find(host)
+    except AppError as error:
+        yield bad(T.LINK, reason_of(error), reason(R.CHECK_OTHER_COMPUTER))
+        return
+    try:
+        check_version(host, found.link, found.program)
+    except AppError as error:
+        yield bad(T.LINK, reason_of(error), reason(R.UPDATE_OLDER))
+        return
+    values = {"round_trip_ms": found.round_trip_ns / 1e6, "uncertainty_ms": found.uncertainty_ns / 1e6}
+    yield good(T.LINK, F.LINK_ANSWERS, host=host, version=found.program, offset_s=found.offset_ns / 1e9, **values)
+    if joints_at(home, host) is None:
+        yield bad(T.LINK, reason(LinkFault.NOT_PAIRED, host=host), run(f"rleex link pair {host}"))
+
+
 def check_joints(config: Config) -> Iterator[Finding]:
     """The joints' buses, without asking the drives: `rleex can doctor` does."""
+    if config.joints.host:
+        return
     if config.joints.kind != "can":
         yield note(T.JOINTS, reason(F.JOINTS_SIMULATED))
         return

@@ -63,13 +63,13 @@ class _Link:
         self._context: zmq.Context[zmq.Socket[bytes]] = zmq.Context.instance()
         self._socket = self._context.socket(kind)
         self._socket.setsockopt(zmq.LINGER, 0)
-        self._monitor: _HandshakeMonitor | None = None
+        self._monitor: HandshakeMonitor | None = None
         self.rejected = 0  # messages that did not validate
 
     def foreign_peers(self) -> int:
         """How many peers without the session's key were turned away, told once in PEERS_PERIOD_S; 0 in between."""
         if self._monitor is None:
-            self._monitor = _HandshakeMonitor(self._socket, bound=self._bound)
+            self._monitor = HandshakeMonitor(self._socket, bound=self._bound)
         peers = self._monitor.count(time.monotonic())
         if peers:
             _log.warning("foreign peers", extra={"link": self.where, "peers": peers})
@@ -77,6 +77,11 @@ class _Link:
                 self._socket.disconnect(self.where)
                 self._socket.connect(self.where)
         return peers
+
+    @property
+    def socket(self) -> zmq.Socket[bytes]:
+        """To be waited for beside others, in a poller."""
+        return self._socket
 
     def close(self, linger_s: float = 0.0) -> None:
         """Release the socket, giving queued messages up to `linger_s` to leave; harmless when done twice."""
@@ -111,7 +116,7 @@ class _Link:
         return bool(int(self._socket.getsockopt(zmq.EVENTS)) & _POLLIN)
 
 
-class _HandshakeMonitor:
+class HandshakeMonitor:
     """Counts a socket's peers that did not complete the handshake.
 
     A bound end counts who connected and did not succeed within a period, whatever it sent or did not send; the other
@@ -151,7 +156,7 @@ class _HandshakeMonitor:
         for event in self._change:
             mask |= event
         self._socket.monitor(where, mask)
-        self._events = zmq.Context.instance().socket(zmq.PAIR)
+        self._events = self._socket.context.socket(zmq.PAIR)
         self._events.setsockopt(zmq.RCVHWM, 0)  # else a full queue would stop the socket itself
         self._events.connect(where)
 

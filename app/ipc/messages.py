@@ -246,6 +246,8 @@ class ControlSnapshot(Struct, frozen=True, kw_only=True, tag="control"):
     lease: int = 1  # of the console that control hears
     stop_received_ns: int = 0
     stop_command_ns: int = 0
+    stop_lease: int = 0  # of the console whose STOP was the newest that control acted on
+    stop_sequence: int = 0  # of that STOP
     pauses: PauseSummary = PauseSummary()
     steps: int = 0
     distance_walked_m: float = 0.0
@@ -298,3 +300,26 @@ class SessionStatus(Struct, frozen=True, kw_only=True, tag="session"):
 
     at_ns: int
     processes: tuple[ProcessStatus, ...]
+
+
+class LinkHealth(Struct, frozen=True, kw_only=True, tag="link"):
+    """The link's process to control or console of its own host: the other computer, and the way to it.
+
+    Absent where everything runs on one host.
+    """
+
+    at_ns: int
+    host: str
+    connected: bool
+    round_trip_ms: float = 0.0
+    jitter_ms: float = 0.0
+    loss: float = 1.0  # of packets, of the worse direction; 0 to 1
+    offset_ns: int = 0  # the other host's monotonic clock minus ours
+    uncertainty_ns: int | None = None  # None: not known yet
+    steps: int = 0  # of a clock against the other one, so far
+    fault: Reason | None = None  # why there is no session
+    stop_lease: int = 0  # of the console whose STOP was the newest that control acknowledged, by packet
+    stop_sequence: int = 0
+    audit: AuditHealth | None = None  # of the other host's trail
+    processes: tuple[ProcessStatus, ...] = ()  # of the other host
+    foreign_peers: int = 0  # turned away so far

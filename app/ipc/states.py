@@ -135,6 +135,7 @@ class Event(Enum):
     PAUSE_TOO_LONG = "pause-too-long"
     MESSAGE_REJECTED = "message-rejected"
     FOREIGN_PEER = "foreign-peer"
+    LINK_POOR = "link-poor"
 
 
 class PauseCause(Enum):
@@ -172,6 +173,16 @@ class RequestRefusal(Enum):
     PLANNER_TIMEOUT = "planner-timeout"
     ENABLE_TIMEOUT = "enable-timeout"
     TORQUE_OFF = "torque-off"
+    LINK_POOR = "link-poor"  # quantity, value, limit
+
+
+class LinkQuantity(Enum):
+    """A figure of the link between two computers; its unit in its name."""
+
+    LOSS = "loss"
+    ROUND_TRIP = "round_trip_ms"
+    JITTER = "jitter_ms"
+    UNCERTAINTY = "uncertainty_ms"
 
 
 class ConsoleChange(Enum):

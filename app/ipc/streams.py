@@ -54,6 +54,7 @@ HEARTBEAT = Stream(name="heartbeat", sender="control", rate_hz=250, stale_ms=65)
 GUARDIAN = Stream(name="guardian", sender="guardian", rate_hz=20, stale_ms=250)
 AUDIT = Stream(name="audit", sender="everyone", rate_hz=0, stale_ms=0)
 AUDIT_HEALTH = Stream(name="audit-health", sender="audit", rate_hz=20, stale_ms=400)
+LINK = Stream(name="link", sender="link", rate_hz=20, stale_ms=1000)
 PLAN_REQUEST = Stream(name="plan-request", sender="control", rate_hz=0, stale_ms=0)
 PLAN_REPLY = Stream(name="plan-reply", sender="planner", rate_hz=0, stale_ms=500)
 RECORDING = Stream(name="recording", sender="control, perception", rate_hz=0, stale_ms=0)
@@ -70,6 +71,7 @@ STREAMS = (
     GUARDIAN,
     AUDIT,
     AUDIT_HEALTH,
+    LINK,
     PLAN_REQUEST,
     PLAN_REPLY,
     RECORDING,

@@ -13,12 +13,13 @@ from app.control.diagnostics import (
     ClockDiagnostics,
     Diagnostics,
     JointDiagnostics,
+    LinkFigure,
     ProgramDiagnostics,
     exceeded,
 )
 from app.control.events.table import ROW, advance, compared_fields
 from app.control.inputs import Settings
-from app.ipc.states import Event
+from app.ipc.states import Event, LinkQuantity
 from app.ipc.streams import TRIGGER
 from app.motion.follower import Gains
 from app.replay.difference import Difference, difference, differences
@@ -84,6 +85,7 @@ def _diagnostics(event: Event, body: EventRaised, limits: JointLimits) -> Diagno
         programs=ProgramDiagnostics(
             camera_fault=fault if event is Event.CAMERA_STALE else None,
             guardian_fault=fault if event is Event.GUARDIAN_TIMEOUT else None,
+            link=(LinkFigure(LinkQuantity(body.quantity), limit, value),) if event is Event.LINK_POOR else (),
             perception_limit_ms=limit if event is Event.PERCEPTION_TIMEOUT else TRIGGER.stale_ms,
         ),
         clocks=ClockDiagnostics(missed_ticks=int(values.get("missed", 0))),

@@ -27,6 +27,7 @@ ENTRY_POINTS = {
     "guardian": "app.session.guardian:run_guardian",
     "planner": "app.motion.planner:run_planner",
     "control": "app.control.loop:run_control",
+    "link": "app.link.client:run_link",
     "perception": "app.perception.process:run_perception",
 }
 

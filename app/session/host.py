@@ -29,6 +29,7 @@ from app.ipc.messages import (
     AuditHealth,
     ControlSnapshot,
     HandCommand,
+    LinkHealth,
     OperatorCommand,
     OperatorKind,
     PerceptionCommand,
@@ -55,6 +56,7 @@ __all__ = ["Latest", "ProcessStatus", "SessionHost", "make_setup"]
 M = TypeVar("M", bound=msgspec.Struct)
 
 START_ORDER: tuple[str, ...] = ("audit", "perception", "guardian", "planner", "control")
+LINKED_ORDER: tuple[str, ...] = ("audit", "perception", "link")  # the joints are another computer's
 START_S = 30.0  # the session's process spawns the others, on a busy machine
 END_S = 25.0  # each process's patience, and the trail's on a usual disk; on a slower one audit ends by itself
 # The heartbeat says that STOP can be given. The terminal's input thread, which takes STOP, reports every 0.1 s.
@@ -77,6 +79,8 @@ class Latest:
     preview: Preview | None
     audit: AuditHealth | None
     processes: tuple[ProcessStatus, ...]
+    link: LinkHealth | None = None
+    stop_sent_ns: int = 0  # of the oldest STOP of this console that control has not acknowledged; 0: none waits
 
 
 def make_setup(
@@ -134,6 +138,7 @@ class SessionHost:
         self._lock = threading.Lock()
         self._lease = 0 if setup.host_pid else 1  # 0: has not taken over yet, and can but stop
         self._sequence = 0
+        self._stops: dict[int, int] = {}  # sequence → when sent, of those that control has not acknowledged
         self._heartbeat_s = time.monotonic()
         self._silent = False
         self._closed = False
@@ -144,6 +149,8 @@ class SessionHost:
         self._previews = self._subscribe(streams.PREVIEW.name, Preview)
         self._audit = self._subscribe(streams.AUDIT_HEALTH.name, AuditHealth)
         self._statuses = self._subscribe(streams.SESSION.name, SessionStatus)
+        remote = setup.config.joints.host and not setup.linked
+        self._link = self._subscribe(streams.LINK.name, LinkHealth) if remote else None
 
     def start(self) -> None:
         """Start every process, or take the running ones over; the streams show when each is ready.
@@ -201,8 +208,10 @@ class SessionHost:
                 self._previews,
                 self._audit,
                 self._statuses,
+                self._link,
             ):
-                link.close()
+                if link is not None:
+                    link.close()
         if self._host is not None:
             self._host.close()
 
@@ -210,13 +219,16 @@ class SessionHost:
         """Send an operator command to control; returns its sequence, which control acknowledges."""
         with self._lock:
             self._sequence += 1
+            sent_ns = time.monotonic_ns()
+            if kind is OperatorKind.STOP:
+                self._stops[self._sequence] = sent_ns
             if not self._closed:
                 self._operator.send(
                     OperatorCommand(
                         lease=self._lease,
                         sequence=self._sequence,
                         kind=kind,
-                        sent_ns=time.monotonic_ns(),
+                        sent_ns=sent_ns,
                         operator=self.setup.operator,
                         action=action,
                         note=note,
@@ -244,12 +256,16 @@ class SessionHost:
 
     def poll(self) -> Latest:
         """The newest of each stream, without waiting."""
+        snapshot = self._snapshots.receive()
+        link = None if self._link is None else self._link.receive()
         return Latest(
-            snapshot=self._snapshots.receive(),
+            snapshot=snapshot,
             report=self._reports.receive(),
             preview=self._previews.receive(),
             audit=self._audit.receive(),
             processes=self.processes(),
+            link=link,
+            stop_sent_ns=self._unacknowledged(snapshot, link),
         )
 
     def processes(self) -> tuple[ProcessStatus, ...]:
@@ -260,6 +276,14 @@ class SessionHost:
         elif self._host is not None and not self._host_lives():
             self._processes = tuple(_with_liveness(one) for one in self._processes)
         return self._processes
+
+    def _unacknowledged(self, *messages: ControlSnapshot | LinkHealth | None) -> int:
+        """When the oldest STOP was sent of which control has not said yet that it acts on it; 0: it acts on all."""
+        with self._lock:
+            for one in messages:
+                if one is not None and one.stop_lease == self._lease:
+                    self._stops = {sent: at for sent, at in self._stops.items() if sent > one.stop_sequence}
+            return min(self._stops.values(), default=0)
 
     def _launch(self) -> None:
         """A process of its own session, which no terminal's end reaches."""
@@ -311,8 +335,10 @@ class SessionHost:
 
 def _start_order(config: Config) -> tuple[str, ...]:
     """Recorders first: joints on CAN have their buses recorded from the first frame on."""
-    recorders = [("bus-log", config.joints.kind == "can"), ("recording", config.recording.on)]
-    return (*START_ORDER[:1], *(name for name, wanted in recorders if wanted), *START_ORDER[1:])
+    remote = bool(config.joints.host)
+    recorders = [("bus-log", config.joints.kind == "can" and not remote), ("recording", config.recording.on)]
+    order = LINKED_ORDER if remote else START_ORDER
+    return (*order[:1], *(name for name, wanted in recorders if wanted), *order[1:])
 
 
 def _with_liveness(process: ProcessStatus) -> ProcessStatus:

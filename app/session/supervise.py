@@ -43,12 +43,15 @@ _log = get_logger("session")
 END_PATIENCE_S = {
     "audit": 60.0,
     "control": 6.0,
+    "link": 20.0,  # the other computer ends control, and its own trail
     "perception": 2.0,
     "planner": 2.0,
     "guardian": 2.0,
     "bus-log": 2.0,
     "recording": 5.0,
 }
+
+MOVERS = frozenset({"control", "link"})  # one of them: what commands the legs, here or through the other computer
 
 
 class SessionNotice(Enum):
@@ -93,7 +96,7 @@ class SessionProcesses:
 
     def close(self) -> None:
         """Bring the legs to rest and every process to its end."""
-        for name in ("control", "perception", "planner", "guardian", "bus-log", "recording"):
+        for name in ("link", "control", "perception", "planner", "guardian", "bus-log", "recording"):
             self._end(name)
         self._sink.close()
         shutil.rmtree(self._setup.links.path, ignore_errors=True)  # all that audit receives is connected
@@ -103,8 +106,10 @@ class SessionProcesses:
 
     def _must_end(self) -> bool:
         """Asked to, or nobody is left who moves or commands; a console takes leave when it has ended control."""
-        console, control = self._console_lives(), self._children["control"]
-        return self._ending or not (console or control.is_alive())
+        console = self._console_lives()
+        return self._ending or not (
+            console or any(self._children[name].is_alive() for name in MOVERS & self._children.keys())
+        )
 
     def _console_lives(self) -> bool:
         if self._console is not None and not self._console.alive and not self._console_ended:

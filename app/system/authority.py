@@ -180,7 +180,10 @@ def unsigned(home: Home, config: Config | None = None) -> Authority:
 
 
 def demonstration(home: Home, joints: JointsConfig, name: str = "demo") -> Authority:
-    """Who moves simulated joints or emulated drives without a sign-in, and nothing else. Raises AppError."""
+    """Who moves simulated joints or emulated drives without a sign-in, and nothing else. Raises AppError.
+
+    Joints of another computer: that one refuses to move others for whom nobody has signed in.
+    """
     if joints.kind != "simulated" and joints.interface not in EMULATED_INTERFACES:
         raise AppError(AuthorityFault.SIGN_IN_NEEDED)
     permissions = frozenset({Permission.OPERATE})

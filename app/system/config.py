@@ -59,6 +59,7 @@ class JointsConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
     motors: str = ""  # path of a TOML that extends the motor table
     interface: str = ""  # overrides the device's bus, e.g. udp_multicast
     channel: str = ""
+    host: str = ""  # the exoskeleton's own computer, e.g. exo.local:7447; empty: the joints are this one's
 
 
 class ButtonConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -128,6 +129,8 @@ def with_choices(config: Config, *, camera: str | None, joints: str | None, pati
     for name, chosen in (("camera", camera), ("joints", joints)):
         if chosen is not None:
             built[name]["kind"] = chosen
+            if name == "joints":
+                built[name]["host"] = ""  # this computer's, whatever the file says
     if patient is not None:
         built["patient"] = patient
     try:
@@ -147,6 +150,7 @@ class SessionSetup(Struct, frozen=True, kw_only=True):
     operator: str
     role: str = "therapist"
     host_pid: int = 0  # the process that runs the session (app/session/supervise.py)
+    linked: bool = False  # its console is on another computer (app/link)
 
 
 def load_device(joints: JointsConfig) -> Exoskeleton:

@@ -184,7 +184,7 @@ def wait_after(failures: int) -> float:
 
 def needs_sign_in(config: Config) -> bool:
     """Whether an operator must sign in: only where drives can move."""
-    return config.joints.kind != "simulated"
+    return config.joints.kind != "simulated" or bool(config.joints.host)
 
 
 def may_take_over(operator: Operator, owner: str) -> bool:

@@ -65,6 +65,11 @@ class Home:
         return self.root / "keys"
 
     @property
+    def link_keys(self) -> Path:
+        """This computer's key for the link, and the computers that it is paired with; 0700."""
+        return self.keys / "link"
+
+    @property
     def lock(self) -> Path:
         """Held by the one console of this home."""
         return self.root / "console.lock"

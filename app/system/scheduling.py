@@ -33,6 +33,7 @@ SCHEDULING = MappingProxyType(
         "control": SchedPolicy(fifo=60),
         "planner": SchedPolicy(fifo=30),  # a step waits for its short work
         "heartbeat": SchedPolicy(fifo=20),  # a busy machine must not look like a dead console
+        "link": SchedPolicy(fifo=20),  # carries both
         "perception": SchedPolicy(nice=-10),  # the wearer's command must not wait for the screen, or for other programs
         "session": SchedPolicy(nice=-10),  # its group of processes against those of other terminals
         "audit": SchedPolicy(nice=-10),  # needs little, but a trail that falls behind stops the legs
@@ -207,6 +208,7 @@ SCORES = {
     "bus-log": 400,
     "recording": 400,
     "audit": 200,
+    "link": -700,
     "session": -800,  # without it all the others end, in order
     "guardian": -900,
     "control": -900,

@@ -87,7 +87,7 @@ class _Console(Screen[T], Generic[T]):
     def show_session(self, state: SessionState | None) -> None:
         """Take the session's newest state, twenty times a second; None: no session."""
         for stop_bar in self.query(StopBar):
-            stop_bar.show(None if state is None else state.effect)
+            stop_bar.show(None if state is None else state.effect, 0.0 if state is None else state.stop_waits_ms)
 
     @contextmanager
     def notify_errors(self) -> Iterator[None]:

@@ -65,6 +65,8 @@ class StartSession(ConsoleScreen):
             )
             yield Label(tr("start.joints"), classes="section")
             joints = [(tr(f"joints.{kind}"), kind) for kind in JOINTS]
+            if config.joints.host:
+                joints = [(f"{tr('joints.host')}: {config.joints.host}", config.joints.kind)]
             yield Select(joints, value=config.joints.kind, allow_blank=False, id="joints-kind", compact=True)
             yield Label(tr("start.preflight"), classes="hint")
             yield Button(tr("start.begin"), id="begin", variant="primary")

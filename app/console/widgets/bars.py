@@ -38,9 +38,9 @@ class StopBar(Widget):
         self._keys = keys
         self.set_reactive(StopBar.text, self._text_of(None))
 
-    def show(self, effect: Effect | None) -> None:
-        """Take the effect in force; None: no session."""
-        self.text = self._text_of(effect)
+    def show(self, effect: Effect | None, waits_ms: float = 0.0) -> None:
+        """Take the effect in force; None: no session. waits_ms: for so long a STOP has not been acknowledged."""
+        self.text = self._text_of(effect) if waits_ms <= 0 else tr("stop.sent", ms=f"{waits_ms:.0f}")
         self.set_class(self._switch.live, "-live")
         self.set_class(effect is not None and effect >= Effect.HOLD, "-held")
 

@@ -7,7 +7,7 @@ from enum import Enum
 from app.console.state import SessionState
 from app.console.widgets.curves import joint_fault, joint_line
 from app.console.widgets.panel import Line, Lines, Part, fitted, plain, wrapped
-from app.ipc.messages import ControlSnapshot
+from app.ipc.messages import ControlSnapshot, LinkHealth
 from app.text.catalogue import render, tr
 from hal.joints.device import Joint, JointDevice
 
@@ -32,7 +32,7 @@ def health_of(state: SessionState) -> Health:
     snapshot, report = state.snapshot, state.report
     if snapshot is None:
         return Health.BAD if state.fault else Health.SLOW
-    ended = any(not process.alive for process in state.processes)
+    ended = any(not process.alive for process in state.all_processes)
     unwritten = state.audit is not None and state.audit.fault is not None
     stale = not (state.snapshot_fresh and state.report_fresh)
     if report is None or report.camera_fault or stale or ended or unwritten or any(map(joint_fault, snapshot.joints)):
@@ -55,7 +55,8 @@ def health_lines(state: SessionState, devices: tuple[JointDevice, ...], width: i
         return (plain(*dot), plain(tr("health.waiting"), "$foreground-muted"))
     sections = ("health.camera", _camera(state, snapshot)), ("health.control", _control(snapshot))
     lines: list[Line] = [plain(*dot)]
-    for title, texts in (*sections, ("health.links", _links(state))):
+    remote = () if state.link is None else (("health.link", _link(state.link)),)
+    for title, texts in (*sections, *remote, ("health.links", _links(state))):
         lines.append(plain(tr(title), "bold $primary"))
         lines += [plain(f"  {part}", style) for text, style in texts for part in wrapped(text, width - 2)]
     lines.append(plain(tr("panel.joints"), "bold $primary"))
@@ -79,9 +80,31 @@ def _control(snapshot: ControlSnapshot) -> list[Part]:
     return [(f"! {text}" if slow else text, "bold $warning" if slow else ""), (tr(real_time[0]), real_time[1])]
 
 
+def _link(link: LinkHealth) -> list[Part]:
+    """Round trip, loss and clocks; in words that the other computer does not answer, when it does not."""
+    if link.fault is not None:
+        return [(render(link.fault), "bold $error")]
+    if not link.connected or link.uncertainty_ns is None:
+        return [(tr("health.link_lost", host=link.host), "bold $error")]
+    quality = tr(
+        "health.link_quality",
+        host=link.host,
+        round_trip=f"{link.round_trip_ms:.1f}",
+        jitter=f"{link.jitter_ms:.1f}",
+        loss=f"{100 * link.loss:.1f}",
+    )
+    clocks = tr(
+        "health.link_clock",
+        offset=f"{link.offset_ns / 1e6:+.1f}",
+        uncertainty=f"{link.uncertainty_ns / 1e6:.1f}",
+        steps=link.steps,
+    )
+    return [(quality, ""), (clocks, "bold $warning" if link.steps else "")]
+
+
 def _links(state: SessionState) -> list[Part]:
     found: list[Part] = []
-    for process in state.processes:
+    for process in state.all_processes:
         text = tr("health.process" if process.alive else "health.ended", name=process.name, restarts=process.restarts)
         found.append((text, "" if process.alive else "bold $error"))
     audit = state.audit

@@ -28,11 +28,12 @@ def status_line(state: SessionState, width: int, health_key: str) -> Lines:
     snapshot, config = state.snapshot, state.setup.config
     dot, key = health_dot(state), f"{health_key} "
     kept = {name: part for name, part in _status_parts(state, snapshot) if part[0]}
-    place = f"{tr(f'camera.{config.camera.kind}')} · {tr(f'joints.{config.joints.kind}')}"
+    kind = config.joints.kind if not config.joints.host else "host"
+    place = f"{tr(f'camera.{config.camera.kind}')} · {tr(f'joints.{kind}')}"
     kept["place"] = (f" {place} ", "$foreground-muted")
-    kept["joints"] = (f" {tr(f'joints.{config.joints.kind}')} ", "$foreground-muted")
-    kept["joints_short"] = (f" {tr(f'joints_short.{config.joints.kind}')} ", "$foreground-muted")
-    if not config.inputs:
+    kept["joints"] = (f" {tr(f'joints.{kind}')} ", "$foreground-muted")
+    kept["joints_short"] = (f" {tr(f'joints_short.{kind}')} ", "$foreground-muted")
+    if not (config.inputs or (snapshot is not None and snapshot.stop_inputs)):
         wording = tr("status.no_stop_input" if width >= _WIDE_CELLS else "status.no_stop_input_short")
         kept["button"] = (f" {wording} ", "$warning")
     if state.voice is not None:
@@ -97,6 +98,8 @@ def _arming(snapshot: ControlSnapshot, *, fresh: bool) -> Part:
 
 def event_lines(state: SessionState) -> Lines:
     """One line an event, then the newest refusal."""
+    if state.link is not None and state.link.fault is not None:
+        return (plain(render(state.link.fault), "bold $error"),)
     if state.snapshot is None:
         return (plain(tr("events.waiting"), "$foreground-muted"),)
     if not state.snapshot_fresh:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from app.control.diagnostics import Diagnostics, LinkFigure, exceeded_figure, link_values
 from app.control.events.row import GESTURES, Above, Compared, Latch, Row
 from app.control.stop_inputs import READER_LATE_NS
 from app.ipc.states import Effect, Event
@@ -96,6 +97,17 @@ CLOCKS = (
         detail=lambda d: {"step_s": d.clocks.step_s},
     ),
 )
+
+
+def _poor(d: Diagnostics) -> LinkFigure | None:
+    return exceeded_figure(d.programs.link)
+
+
+def _poor_compared(d: Diagnostics) -> Compared | None:
+    figure = _poor(d)
+    return None if figure is None else Compared(figure.quantity.value, figure.value, figure.limit)
+
+
 HELPERS = (
     Row(
         E.GUARDIAN_TIMEOUT,
@@ -121,5 +133,13 @@ HELPERS = (
         Above("foreign_peers", lambda d: d.programs.foreign_peers, 0),
         detail=lambda d: {"count": d.programs.foreign_peers},
         counts=True,
+    ),
+    Row(
+        E.LINK_POOR,
+        F.REFUSE,
+        lambda d: _poor(d) is not None,
+        compares=_poor_compared,
+        detail=lambda d: link_values(_poor(d)),
+        blocks=GESTURES,
     ),
 )

@@ -9,7 +9,7 @@ import msgspec
 import numpy as np
 
 from app.control.state import ControlState
-from app.ipc.messages import OperatorKind
+from app.ipc.messages import LinkHealth, OperatorKind
 from app.ipc.states import Action, Event, GaitState
 from hal.errors import HardwareError
 from hal.inputs.device import InputDevice, InputRole
@@ -38,6 +38,12 @@ class Cause:
 def spoil(**fields: object) -> Callable[[Rig], None]:
     """Fields of the inputs, for one tick."""
     return lambda rig: rig.spoil.update(fields)
+
+
+def link_of(**figures: float) -> LinkHealth:
+    """A good link to the console's computer but for these figures."""
+    good = {"round_trip_ms": 8.0, "jitter_ms": 2.0, "loss": 0.0, "uncertainty_ns": 4_000_000}
+    return LinkHealth(at_ns=0, host="laptop", connected=True, **{**good, **figures})  # type: ignore[arg-type]
 
 
 def names_in(state: ControlState) -> set[str]:
@@ -272,6 +278,7 @@ CAUSES: dict[Event, Cause] = {
     E.PAUSE_TOO_LONG: Cause(silent_console_in_motion, world(alive=True)),
     E.MESSAGE_REJECTED: Cause(spoil(rejected_messages=1)),
     E.FOREIGN_PEER: Cause(spoil(foreign_peers=1)),
+    E.LINK_POOR: Cause(spoil(link=link_of(loss=0.2)), spoil(link=link_of(loss=0.0))),
 }
 
 

@@ -1,0 +1,1 @@
+"""Two computers: the therapist's laptop with console and perception, the exoskeleton's with everything that moves."""

@@ -1,0 +1,459 @@
+"""The therapist's laptop: a process of the session that stands in for control, whose computer is at the other end.
+
+On the session's own links it receives the console's commands and perception's reports and publishes control's
+snapshots, so that console and perception are the same as on one host.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import socket
+import time
+
+import msgspec
+import zmq
+from msgspec.structs import replace
+
+from app.audit.sink import AuditSink
+from app.ipc import streams
+from app.ipc.links import LatestReceiver, OrderedReceiver, Publisher, address
+from app.ipc.messages import (
+    AuditHealth,
+    ControlSnapshot,
+    OperatorCommand,
+    OperatorKind,
+    TriggerReport,
+)
+from app.ipc.states import Event
+from app.ipc.streams import NS_PER_MS
+from app.link.address import resolve
+from app.link.beats import Beats
+from app.link.faults import LinkFault
+from app.link.keys import joints_at, own_key
+from app.link.order import Flight, Outbox
+from app.link.packets import MAX_BYTES, PacketSeal
+from app.link.questions import check_version
+from app.link.served import LinkNotice
+from app.link.server import health_of
+from app.link.times import localized
+from app.link.trails import other_trail
+from app.link.wire import (
+    VERSION,
+    FromJoints,
+    Hello,
+    Refused,
+    SessionRequest,
+    StopMark,
+    ToJoints,
+    ToLaptop,
+    Welcome,
+    program,
+)
+from app.system.authority import DEMONSTRATION
+from app.system.config import SessionSetup
+from app.system.diagnostics_log import get_logger
+from app.system.errors import AppError
+from app.system.paths import Home
+from app.system.scheduling import gc_freeze, set_scheduling
+from logs.reading.errors import CodedError
+from logs.reason import Reason, reason, reason_of
+from logs.records import EventRaised, Note, ProcessEnd, ProcessStart
+
+_log = get_logger("link")
+
+WAIT_MS = 5
+# Nothing acknowledged for so long: a new connection, since TCP itself would wait longer. Doubled with each attempt:
+# over a poor link a handshake takes seconds.
+RETRY_NS, RETRY_AT_MOST_NS = 1_000 * NS_PER_MS, 8_000 * NS_PER_MS
+SILENT_NS = 5_000 * NS_PER_MS  # then it is told that nobody answers; it goes on asking
+CONNECTED_FRAMES = 20  # acknowledged, a connection is as good as before
+FRAME_NS = 50 * NS_PER_MS  # without anything new
+TRAIL_NS = 1_000 * NS_PER_MS
+END_NS = 15_000 * NS_PER_MS  # the other computer holds, damps, disables and signs its trail
+STOPS_A_PACKET = 8
+COMMANDS_A_ROUND = 64
+
+
+def run_link(setup: SessionSetup) -> None:
+    """Run until the session ends here or there."""
+    set_scheduling("link")  # first: ZeroMQ's threads inherit it
+    link = LinkClient(setup)
+    signal.signal(signal.SIGTERM, lambda *_: link.end())
+    gc_freeze()
+    try:
+        link.run()
+    finally:
+        link.close()
+
+
+class LinkClient:
+    """Both ends of the laptop's side."""
+
+    def __init__(self, setup: SessionSetup) -> None:
+        links = setup.links
+        self._setup = setup
+        self._sink = AuditSink(links, "link", setup.operator)
+        self._operator = OrderedReceiver(address(links, streams.OPERATOR.name), OperatorCommand)
+        self._reports = LatestReceiver(address(links, streams.TRIGGER.name), TriggerReport)
+        self._audits = LatestReceiver(address(links, streams.AUDIT_HEALTH.name), AuditHealth)
+        self._snapshots = Publisher(address(links, streams.SNAPSHOT.name))
+        self._health = Publisher(address(links, streams.LINK.name))
+        self._links = (self._operator, self._reports, self._audits, self._snapshots, self._health)
+        self._outbox = Outbox()
+        self._beats = Beats()
+        self._seal: PacketSeal | None = None
+        self._report: TriggerReport | None = None  # not sent yet
+        self._audit: AuditHealth | None = None
+        self._their: ToLaptop | None = None
+        self._stops: dict[tuple[int, int], StopMark] = {}  # not acknowledged by control yet
+        self._acknowledged = StopMark(0, 0, 0)  # the newest STOP that control acts on
+        self._lease = 0
+        self._heartbeat_ns = 0
+        self._fault: Reason | None = None
+        self._foreign = 0
+        self._ending_ns = 0
+        self._ended = False
+        self._frame_ns = self._health_ns = self._trail_ns = 0
+        self._began_ns = time.monotonic_ns()
+        self._remote = self._open_remote()
+
+    def end(self) -> None:
+        """Ask the other computer to end the session, and end with it."""
+        self._ending_ns = self._ending_ns or time.monotonic_ns()
+
+    def run(self) -> None:
+        """Until the session has ended there, or it can't be reached to be ended."""
+        self._sink.emit(ProcessStart(pid=os.getpid()))
+        while not self._done(time.monotonic_ns()):
+            self._wait()
+            now_ns = time.monotonic_ns()
+            self._take_local()
+            if self._remote is not None:
+                self._remote.take(self, now_ns)
+                self._send(self._remote, now_ns)
+            self._publish(now_ns)
+
+    def close(self) -> None:
+        """Release everything."""
+        if self._remote is not None:
+            self._remote.close()
+        self._sink.emit(ProcessEnd(pid=os.getpid(), reason=self._fault))
+        self._sink.close()
+        for link in self._links:
+            link.close()
+
+    def _open_remote(self) -> _Remote | None:
+        host = self._setup.config.joints.host
+        try:
+            return _Remote(self._setup)
+        except CodedError as error:
+            self._fail(reason_of(error))
+            _log.warning("link not opened", extra={"host": host, "why": str(error)})
+            return None
+
+    def _fail(self, why: Reason | None) -> None:
+        if why is not None and why != self._fault:
+            self._sink.emit(Note(text=why))
+        self._fault = why
+
+    def _done(self, now_ns: int) -> bool:
+        if os.getppid() != self._setup.host_pid:
+            self.end()
+        nothing_there = self._remote is None or self._their is None
+        late = self._ending_ns and now_ns - self._ending_ns > END_NS
+        return self._ended or bool(self._ending_ns and nothing_there) or bool(late)
+
+    def _wait(self) -> None:
+        if self._remote is None:
+            time.sleep(WAIT_MS / 1000)
+            return
+        poller = self._remote.poller
+        if not self._remote.waits_for_local:
+            self._remote.waits_for_local = True
+            poller.register(self._operator.socket, zmq.POLLIN)
+            poller.register(self._reports.socket, zmq.POLLIN)
+        poller.poll(WAIT_MS)
+
+    # --- the session's own links ----------------------------------------------------------------------------------
+
+    def _take_local(self) -> None:
+        for _ in range(COMMANDS_A_ROUND):
+            command = self._operator.receive()
+            if command is None:
+                break
+            self._take_command(command)
+        self._report = self._reports.receive() or self._report
+        self._audit = self._audits.receive() or self._audit
+        peers = sum(link.foreign_peers() for link in self._links)
+        if peers:
+            text = reason(Event.FOREIGN_PEER, count=peers)
+            self._sink.emit(EventRaised(event=Event.FOREIGN_PEER.value, effect="note", text=text))
+
+    def _take_command(self, command: OperatorCommand) -> None:
+        if command.kind is OperatorKind.TAKE_OVER:
+            self._lease = max(self._lease, command.lease)
+        if command.kind is OperatorKind.HEARTBEAT:
+            self._lease = self._lease or command.lease
+            if command.lease == self._lease:
+                self._heartbeat_ns = command.sent_ns
+            return
+        if command.kind is OperatorKind.STOP:
+            mark = StopMark(command.lease, command.sequence, command.sent_ns)
+            self._stops[command.lease, command.sequence] = mark
+            if self._remote is not None:
+                self._send_packet(self._remote, time.monotonic_ns())  # at once, not with the next one
+        if not self._outbox.add(command):
+            self._sink.emit(Note(text=reason(LinkNotice.COMMANDS_LOST)))
+
+    def _publish(self, now_ns: int) -> None:
+        if now_ns - self._health_ns < streams.LINK.period_ns:
+            return
+        self._health_ns = now_ns
+        their = self._their
+        if their is None and self._fault is None and now_ns - self._began_ns > SILENT_NS:
+            limit_s = SILENT_NS / 1e9
+            self._fail(reason(LinkFault.NOBODY_ANSWERS, host=self._setup.config.joints.host, limit_s=limit_s))
+        audit = None if their is None else their.audit
+        health = health_of(self._beats, self._setup.config.joints.host, now_ns, self._foreign, audit)
+        processes = () if their is None else their.processes
+        stop = self._acknowledged
+        self._health.send(
+            replace(health, fault=self._fault, processes=processes, stop_lease=stop.lease, stop_sequence=stop.sequence)
+        )
+        if now_ns - self._trail_ns >= TRAIL_NS and self._beats.clock is not None:
+            self._trail_ns = now_ns
+            for record in other_trail(audit, self._beats.clock.at(now_ns), self._setup.config.joints.host):
+                self._sink.emit(record)
+
+    # --- the other computer ---------------------------------------------------------------------------------------
+
+    def welcomed(self, welcome: Welcome) -> None:
+        """The session is there; the packets' key is the session's, also after a new connection."""
+        if self._seal is None or self._seal.key != welcome.packet_key:
+            self._seal = PacketSeal(connection=welcome.connection, key=welcome.packet_key, at_joints=False)
+            self._beats = Beats()
+        self._fail(None)
+
+    def refused(self, why: Reason) -> None:
+        """It is not to be had."""
+        self._fail(why)
+
+    def take_frame(self, frame: ToLaptop, now_ns: int) -> None:
+        """What control and the others there say."""
+        clock = self._beats.clock
+        self._outbox.acknowledge(frame.commands)
+        self._ended = self._ended or frame.ended
+        if frame.fault is not None:
+            self._fail(frame.fault)
+        if clock is None:
+            return
+        clock = clock.at(now_ns)
+        audit = None if frame.audit is None else localized(frame.audit, clock)
+        newest = None if self._their is None else self._their.snapshot
+        self._their = replace(frame, audit=audit)
+        if frame.snapshot is not None and (newest is None or _is_newer(frame.snapshot, newest)):
+            self._snapshots.send(localized(frame.snapshot, clock))
+
+    def take_packet(self, datagram: bytes, now_ns: int) -> None:
+        """A packet, or what is none."""
+        packet = None if self._seal is None else self._seal.open(datagram)
+        if packet is None:
+            self._foreign += self._seal is None or not self._seal.is_late(datagram)
+            return
+        steps, before_ns = self._beats.steps, self._beats.newest_ns
+        if self._beats.take(packet, now_ns):
+            if self._remote is not None:
+                self._remote.expect_soon()
+            self._note(LinkNotice.LINK_RETURNED, silent_s=(now_ns - before_ns) / 1e9)
+        if self._beats.steps > steps:
+            self._note(LinkNotice.CLOCK_STEPPED, step_s=self._beats.step_ns / 1e9)
+        if self._beats.wall_step_ns:
+            self._note(LinkNotice.OTHER_CLOCK_STEPPED, step_s=self._beats.wall_step_ns / 1e9)
+            self._beats.wall_step_ns = 0
+        for stop in packet.stops:
+            if self._stops.pop((stop.lease, stop.sequence), None) is not None:
+                self._acknowledged, self._health_ns = stop, 0  # the console is told at once
+
+    def _note(self, notice: LinkNotice, **values: object) -> None:
+        self._sink.emit(Note(text=reason(notice, **values)))
+
+    def _send(self, remote: _Remote, now_ns: int) -> None:
+        if remote.must_reconnect(now_ns):
+            remote.connect(now_ns)
+        if self._seal is None:
+            return
+        if self._beats.due(now_ns):
+            self._send_packet(remote, now_ns)
+        due = self._report is not None or remote.commands_sent < self._outbox.first + len(self._outbox.next) - 1
+        if remote.may_send and (due or now_ns - self._frame_ns >= FRAME_NS):
+            self._send_frame(remote, now_ns)
+
+    def _send_frame(self, remote: _Remote, now_ns: int) -> None:
+        self._frame_ns = now_ns
+        waiting = self._outbox.next
+        frame = ToJoints(
+            number=remote.flight.send(now_ns),
+            acknowledged=remote.flight.received,
+            report=self._report,
+            first_command=self._outbox.first,
+            commands=waiting,
+            audit=self._audit,
+            ends=bool(self._ending_ns),
+        )
+        self._report = None
+        remote.commands_sent = self._outbox.first + len(waiting) - 1
+        remote.send(frame)
+
+    def _send_packet(self, remote: _Remote, now_ns: int) -> None:
+        if self._seal is None:
+            return
+        packet = replace(
+            self._beats.next(now_ns, time.time_ns()),
+            stops=tuple(self._stops.values())[-STOPS_A_PACKET:],
+            heartbeat_ns=self._heartbeat_ns,
+            lease=self._lease,
+        )
+        remote.send_packet(self._seal.seal(packet))
+
+
+def _is_newer(one: ControlSnapshot, other: ControlSnapshot) -> bool:
+    return (one.incarnation, one.sequence) > (other.incarnation, other.sequence)
+
+
+class _Remote:
+    """The sockets to the other computer: frames, made anew when they stall, and packets."""
+
+    def __init__(self, setup: SessionSetup) -> None:
+        """Raises AppError: not paired, an address that is none."""
+        home, host = Home(setup.home), setup.config.joints.host
+        peer = joints_at(home, host)
+        if peer is None:
+            raise AppError(LinkFault.NOT_PAIRED, host=host)
+        self.host = host
+        self._key, self._their_key = own_key(home), peer.public
+        self._where = resolve(host)
+        self._request = SessionRequest(
+            session=setup.session,
+            profile=setup.profile,
+            operator=setup.operator,
+            role=setup.role,
+            signed_in=setup.role not in ("", DEMONSTRATION),
+        )
+        self._context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
+        self._frames: zmq.Socket[bytes] | None = None
+        self._packets = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._packets.setblocking(False)
+        self._packets.connect(self._where)
+        self.poller = zmq.Poller()
+        self.poller.register(self._packets, zmq.POLLIN)
+        self.waits_for_local = False
+        self.flight = Flight()
+        self.commands_sent = 0
+        self._welcome = self._refused = False
+        self._connected_ns = 0
+        self._patience_ns = RETRY_NS
+        self._decode = msgspec.msgpack.Decoder(FromJoints)
+        self._encode = msgspec.msgpack.Encoder().encode
+
+    @property
+    def may_send(self) -> bool:
+        """Whether a frame may leave now."""
+        return self._welcome and self.flight.is_open
+
+    def must_reconnect(self, now_ns: int) -> bool:
+        """Whether the connection is not there or has stalled."""
+        if self._frames is None:
+            return True
+        if not self._welcome:
+            return now_ns - self._connected_ns > self._patience_ns
+        return self.flight.waits_ns(now_ns) > self._patience_ns
+
+    def expect_soon(self) -> None:
+        """The way is open again: a connection that stalled meanwhile would go on late."""
+        self._patience_ns = RETRY_NS
+
+    def connect(self, now_ns: int) -> None:
+        """A new connection, which greets; what was under way on the old one is repeated or newer now."""
+        self._close_frames()
+        frames = self._frames = self._context.socket(zmq.DEALER)
+        options = (
+            (zmq.LINGER, 0),
+            (zmq.SNDHWM, 8),
+            (zmq.RCVHWM, 32),
+            (zmq.CURVE_SERVERKEY, self._their_key.encode()),
+            (zmq.CURVE_PUBLICKEY, self._key.public.encode()),
+            (zmq.CURVE_SECRETKEY, self._key.secret.encode()),
+        )
+        for option, value in options:
+            frames.setsockopt(option, value)
+        frames.connect(f"tcp://{self._where[0]}:{self._where[1]}")
+        self.poller.register(frames, zmq.POLLIN)
+        self.flight, self.commands_sent = Flight(), 0
+        if self._connected_ns:
+            self._patience_ns = min(2 * self._patience_ns, RETRY_AT_MOST_NS)
+        self._welcome, self._connected_ns = False, now_ns
+        self.send(Hello(link=VERSION, program=program(), request=self._request))
+
+    def take(self, client: LinkClient, now_ns: int) -> None:
+        """Everything that came."""
+        while self._frames is not None:
+            try:
+                content = self._frames.recv(zmq.NOBLOCK)
+            except zmq.Again:
+                break
+            self._take_frame(client, content, now_ns)
+        while True:
+            try:
+                datagram = self._packets.recv(MAX_BYTES + 1)
+            except (BlockingIOError, ConnectionError):
+                break
+            client.take_packet(datagram, time.monotonic_ns())
+
+    def send(self, message: msgspec.Struct) -> None:
+        """Queue a frame; a full queue drops it, and the connection is made anew when nothing is acknowledged."""
+        if self._frames is not None:
+            try:
+                self._frames.send(self._encode(message), zmq.NOBLOCK)
+            except zmq.Again:
+                return
+
+    def send_packet(self, datagram: bytes) -> None:
+        """One packet; without a way there it is lost, as on the air."""
+        try:
+            self._packets.send(datagram)
+        except OSError:
+            return
+
+    def close(self) -> None:
+        """Release the sockets."""
+        self._close_frames(linger_ms=200)
+        self._packets.close()
+        self._context.term()
+
+    def _close_frames(self, linger_ms: int = 0) -> None:
+        if self._frames is not None:
+            self.poller.unregister(self._frames)
+            self._frames.close(linger=linger_ms)
+            self._frames = None
+
+    def _take_frame(self, client: LinkClient, content: bytes, now_ns: int) -> None:
+        try:
+            message = self._decode.decode(content)
+        except msgspec.MsgspecError:
+            return
+        if isinstance(message, Welcome):
+            try:
+                check_version(self.host, message.link, message.program)
+            except AppError as error:
+                client.refused(reason_of(error))
+                return
+            self._welcome = True
+            client.welcomed(message)
+        elif isinstance(message, Refused):
+            client.refused(message.reason)
+        else:
+            self.flight.receive(message.number, message.acknowledged, now_ns)
+            if self.flight.acknowledged > CONNECTED_FRAMES:
+                self._patience_ns = RETRY_NS
+            client.take_frame(message, now_ns)

@@ -1,0 +1,93 @@
+"""How far apart the monotonic clocks of two hosts are, from round trips alone; pure, every time is an argument.
+
+As NTP does it (RFC 5905, §8): of a packet that was sent at t1, received at t2, answered at t3 and whose answer came at
+t4, the other clock is ahead by at most t2 − t1 and by at least t3 − t4, whatever way the delay is shared. Where NTP
+takes the middle of the quickest round trip, all bounds are kept here: their intersection holds the truth as long as
+both clocks run, each widened by what two quartz clocks drift meanwhile. A bound that contradicts it is a step.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+DRIFT_PPM = 250  # between two clocks: quartz keeps ±100 ppm each over its temperatures, and a margin
+
+
+@dataclass(frozen=True, slots=True)
+class RoundTrip:
+    """Four moments, nanoseconds: sent and answered by our clock (t1, t4), received and answered by the other (t2, t3).
+
+    A packet answers the newest one that came; it may have waited at the other end, which t3 − t2 tells.
+    """
+
+    sent_ns: int
+    received_ns: int
+    answered_ns: int
+    returned_ns: int
+
+    @property
+    def delay_ns(self) -> int:
+        """Both ways together, without the wait at the other end."""
+        return self.returned_ns - self.sent_ns - (self.answered_ns - self.received_ns)
+
+    @property
+    def plausible(self) -> bool:
+        """Whether time went forward at both ends; a forged or restarted one may not."""
+        return self.returned_ns >= self.sent_ns and self.answered_ns >= self.received_ns
+
+
+@dataclass(frozen=True, slots=True)
+class ClockEstimate:
+    """The other clock minus ours, between `low_ns` and `high_ns` when ours said `at_ns`."""
+
+    at_ns: int
+    low_ns: int
+    high_ns: int
+
+    @property
+    def offset_ns(self) -> int:
+        """The middle."""
+        return (self.low_ns + self.high_ns) // 2
+
+    @property
+    def uncertainty_ns(self) -> int:
+        """The truth is so far away from the middle at most."""
+        return self.high_ns - self.offset_ns
+
+    def at(self, now_ns: int) -> ClockEstimate:
+        """The same knowledge at another moment: wider by the drift."""
+        drift_ns = _drift_ns(now_ns - self.at_ns)
+        return ClockEstimate(now_ns, self.low_ns - drift_ns, self.high_ns + drift_ns)
+
+    def local_ns(self, other_ns: int) -> int:
+        """A moment of the other clock by ours, never younger than it is; 0, a moment that has not come, stays 0."""
+        return other_ns - self.high_ns if other_ns else 0
+
+
+@dataclass(frozen=True, slots=True)
+class ClockUpdate:
+    """An estimate after one more round trip, and by how much a clock was stepped, if one was."""
+
+    estimate: ClockEstimate
+    step_ns: int = 0
+
+
+def update(before: ClockEstimate | None, trip: RoundTrip) -> ClockUpdate:
+    """The estimate with one more round trip; after a step only that round trip is known."""
+    drift_ns = _drift_ns(trip.returned_ns - trip.sent_ns)
+    new = ClockEstimate(
+        trip.returned_ns,
+        trip.answered_ns - trip.returned_ns - drift_ns,
+        trip.received_ns - trip.sent_ns + drift_ns,
+    )
+    if before is None:
+        return ClockUpdate(new)
+    known = before.at(trip.returned_ns)
+    low_ns, high_ns = max(known.low_ns, new.low_ns), min(known.high_ns, new.high_ns)
+    if low_ns > high_ns:
+        return ClockUpdate(new, step_ns=new.offset_ns - known.offset_ns)
+    return ClockUpdate(ClockEstimate(trip.returned_ns, low_ns, high_ns))
+
+
+def _drift_ns(elapsed_ns: int) -> int:
+    return -(-abs(elapsed_ns) * DRIFT_PPM // 1_000_000)

@@ -1,0 +1,102 @@
+"""This computer's key for the link and the computers that it is paired with, in `keys/link` of the home, 0600."""
+
+from __future__ import annotations
+
+import platform
+from pathlib import Path
+from typing import TypeVar
+
+import msgspec
+import zmq
+from msgspec import Struct
+
+from app.link.faults import LinkFault
+from app.system.errors import AppError
+from app.system.paths import Home
+from logs.disk import Disk
+from logs.keys import replace_file
+from logs.reading.errors import InputError
+from logs.reading.formats import read_json
+
+_S = TypeVar("_S", bound=Struct)
+_KEY, _PEERS = "key.json", "peers.json"
+
+
+class KeyPair(Struct, frozen=True, kw_only=True):
+    """A CURVE key pair, Z85; never printed."""
+
+    public: str
+    secret: str
+
+    def __repr__(self) -> str:
+        return f"KeyPair({self.public})"
+
+
+class Peer(Struct, frozen=True, kw_only=True):
+    """A computer that this one is paired with."""
+
+    name: str
+    public: str  # its CURVE key, Z85
+    paired_at: str  # ISO 8601, UTC
+    host: str = ""  # where it answers; empty: a laptop, which asks
+
+
+class _Peers(Struct, frozen=True, kw_only=True):
+    peers: tuple[Peer, ...] = ()
+
+
+def own_name() -> str:
+    """As the other computer lists this one."""
+    return platform.node()[:64] or "?"
+
+
+def own_key(home: Home) -> KeyPair:
+    """This computer's key pair, made at the first call. Raises AppError."""
+    path = home.link_keys / _KEY
+    if not path.exists():
+        public, secret = zmq.curve_keypair()
+        _write(path, KeyPair(public=public.decode(), secret=secret.decode()))
+    return _read(path, KeyPair)
+
+
+def peers_of(home: Home) -> tuple[Peer, ...]:
+    """Every computer that this one is paired with. Raises AppError."""
+    path = home.link_keys / _PEERS
+    return _read(path, _Peers).peers if path.exists() else ()
+
+
+def joints_at(home: Home, host: str) -> Peer | None:
+    """The paired exoskeleton's computer at this address."""
+    return next((peer for peer in peers_of(home) if peer.host == host), None)
+
+
+def add_peer(home: Home, peer: Peer) -> None:
+    """Keep it, in place of an earlier pairing with the same computer. Raises AppError."""
+    others = tuple(
+        one for one in peers_of(home) if one.public != peer.public and (not peer.host or one.host != peer.host)
+    )
+    _write(home.link_keys / _PEERS, _Peers(peers=(*others, peer)))
+
+
+def forget_peer(home: Home, name: str) -> Peer:
+    """Forget a computer by its name or address: it is not admitted from its next connection on. Raises AppError."""
+    known = peers_of(home)
+    gone = next((one for one in known if name in {one.name, one.host}), None)
+    if gone is None:
+        raise AppError(LinkFault.NO_SUCH_PEER, name=name)
+    _write(home.link_keys / _PEERS, _Peers(peers=tuple(one for one in known if one is not gone)))
+    return gone
+
+
+def _write(path: Path, value: Struct) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
+    replace_file(path, msgspec.json.encode(value), Disk())
+
+
+def _read(path: Path, kind: type[_S]) -> _S:
+    try:
+        if path.stat().st_mode & 0o077:
+            path.chmod(0o600)
+        return read_json(path, kind)
+    except (OSError, InputError) as error:
+        raise AppError(LinkFault.KEYS_DAMAGED, path=path) from error

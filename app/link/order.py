@@ -1,0 +1,97 @@
+"""Commands over a connection that may be lost: each arrives once, in order; pure counts.
+
+The sender repeats what was not acknowledged in every frame, the receiver takes what it has not counted yet.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+
+from app.ipc.messages import OperatorCommand
+from app.link.wire import COMMANDS_A_FRAME, FRAMES_IN_FLIGHT
+
+MOST_WAITING = 256  # commands; hands press a few a second
+
+
+@dataclass(slots=True)
+class Outbox:
+    """Commands that the other computer has not acknowledged yet."""
+
+    acknowledged: int = 0
+    _waiting: deque[OperatorCommand] = field(default_factory=deque)
+
+    def add(self, command: OperatorCommand) -> bool:
+        """Queue one; False when the queue is full: the caller must tell."""
+        if len(self._waiting) >= MOST_WAITING:
+            return False
+        self._waiting.append(command)
+        return True
+
+    def acknowledge(self, count: int) -> None:
+        """The other computer has so many, since the session's start."""
+        while self.acknowledged < count and self._waiting:
+            self._waiting.popleft()
+            self.acknowledged += 1
+
+    @property
+    def first(self) -> int:
+        """The count of the oldest waiting command."""
+        return self.acknowledged + 1
+
+    @property
+    def next(self) -> tuple[OperatorCommand, ...]:
+        """What the next frame carries."""
+        return tuple(self._waiting)[:COMMANDS_A_FRAME]
+
+
+@dataclass(slots=True)
+class Inbox:
+    """How many commands came."""
+
+    count: int = 0
+
+    def take(self, first: int, commands: Iterable[OperatorCommand]) -> list[OperatorCommand]:
+        """The new ones of a frame; a frame that leaves a gap brings none."""
+        new: list[OperatorCommand] = []
+        if first > self.count + 1:
+            return new
+        for number, command in enumerate(commands, first):
+            if number == self.count + 1:
+                self.count = number
+                new.append(command)
+        return new
+
+
+@dataclass(slots=True)
+class Flight:
+    """How many frames are under way: a lost connection must not fill with old ones."""
+
+    sent: int = 0
+    acknowledged: int = 0
+    received: int = 0
+    waiting_since_ns: int = 0  # since the oldest unacknowledged frame left or the last acknowledgement; 0: none waits
+
+    @property
+    def is_open(self) -> bool:
+        """Whether another frame may leave."""
+        return self.sent - self.acknowledged < FRAMES_IN_FLIGHT
+
+    def send(self, now_ns: int) -> int:
+        """The number of the next frame."""
+        if not self.waiting_since_ns:
+            self.waiting_since_ns = now_ns
+        self.sent += 1
+        return self.sent
+
+    def receive(self, number: int, acknowledged: int, now_ns: int) -> None:
+        """A frame came."""
+        self.received = max(self.received, number)
+        if self.acknowledged < acknowledged <= self.sent:
+            self.acknowledged = acknowledged
+            self.waiting_since_ns = now_ns if self.sent > acknowledged else 0
+
+    def waits_ns(self, now_ns: int) -> int:
+        """For how long nothing has been acknowledged."""
+        return now_ns - self.waiting_since_ns if self.waiting_since_ns else 0

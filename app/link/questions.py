@@ -1,0 +1,192 @@
+"""What may be asked without a key, over UDP: who answers there, and pairing. Plain packets, small answers."""
+
+from __future__ import annotations
+
+import socket
+import time
+
+import msgspec
+from msgspec import Struct
+
+from app.link.address import resolve
+from app.link.clock import ClockUpdate, RoundTrip, update
+from app.link.faults import LinkFault
+from app.link.packets import MAX_BYTES
+from app.link.wire import VERSION, program
+from app.system.errors import AppError
+
+PLAIN = 2  # the first byte
+ANSWER_S = 2.0
+REPEAT_S = 0.2  # a packet may be lost
+
+
+class Who(Struct, frozen=True, kw_only=True, tag="who"):
+    """Who is there? `asked_ns` comes back."""
+
+    link: int
+    program: str
+    asked_ns: int
+    padding: bytes = bytes(64)  # an answer is never longer than its question: it amplifies nothing
+
+
+class Here(Struct, frozen=True, kw_only=True, tag="here"):
+    """The exoskeleton's computer."""
+
+    link: int
+    program: str
+    asked_ns: int
+    received_ns: int
+    answered_ns: int
+
+
+class PairBegin(Struct, frozen=True, kw_only=True, tag="pair-begin"):
+    """The laptop's half of the exchange."""
+
+    exchange: bytes
+    message: bytes
+    padding: bytes = bytes(16)
+
+
+class PairAnswer(Struct, frozen=True, kw_only=True, tag="pair-answer"):
+    """The other half."""
+
+    exchange: bytes
+    message: bytes
+
+
+class PairConfirm(Struct, frozen=True, kw_only=True, tag="pair-confirm"):
+    """The laptop's name and key, sealed with what both halves make: only the right code makes it."""
+
+    exchange: bytes
+    sealed: bytes
+
+
+class PairDone(Struct, frozen=True, kw_only=True, tag="pair-done"):
+    """The exoskeleton's computer's name and key, sealed."""
+
+    exchange: bytes
+    sealed: bytes
+
+
+class PairRefused(Struct, frozen=True, kw_only=True, tag="pair-refused"):
+    """No. left: exchanges that the code is still good for; None: there is no code."""
+
+    exchange: bytes
+    left: int | None
+
+
+Question = Who | PairBegin | PairConfirm
+Answer = Here | PairAnswer | PairDone | PairRefused
+_encoder = msgspec.msgpack.Encoder()
+_questions: msgspec.msgpack.Decoder[Question] = msgspec.msgpack.Decoder(Question)
+_answers: msgspec.msgpack.Decoder[Answer] = msgspec.msgpack.Decoder(Answer)
+
+
+def encode(message: Question | Answer) -> bytes:
+    """As it is sent."""
+    return bytes([PLAIN]) + _encoder.encode(message)
+
+
+def question_in(datagram: bytes) -> Question | None:
+    """What somebody asks; None for everything else."""
+    if not datagram or datagram[0] != PLAIN or len(datagram) > MAX_BYTES:
+        return None
+    try:
+        return _questions.decode(datagram[1:])
+    except msgspec.MsgspecError:
+        return None
+
+
+def here(asked: Who, received_ns: int, now_ns: int) -> Here:
+    """The answer to `Who`."""
+    return Here(link=VERSION, program=program(), asked_ns=asked.asked_ns, received_ns=received_ns, answered_ns=now_ns)
+
+
+class Asking:
+    """A socket to one computer that asks again until it is answered."""
+
+    def __init__(self, host: str) -> None:
+        """Raises AppError when the address is none, or unknown."""
+        self.host, where = host, resolve(host)
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._socket.connect(where)
+
+    def ask(self, question: Question, limit_s: float = ANSWER_S) -> Answer:
+        """The answer. Raises AppError when none comes."""
+        deadline = time.monotonic() + limit_s
+        while time.monotonic() < deadline:
+            answer = self._ask_once(question)
+            if answer is not None:
+                return answer
+        raise AppError(LinkFault.NOBODY_ANSWERS, host=self.host, limit_s=limit_s)
+
+    def close(self) -> None:
+        """Release it."""
+        self._socket.close()
+
+    def _ask_once(self, question: Question) -> Answer | None:
+        until = time.monotonic() + REPEAT_S
+        try:
+            self._socket.send(encode(question))
+            while (left_s := until - time.monotonic()) > 0:
+                self._socket.settimeout(left_s)
+                answer = _answer_in(self._socket.recv(MAX_BYTES + 1))
+                if answer is not None and _answers_it(question, answer):
+                    return answer
+        except TimeoutError:
+            return None
+        except OSError:  # nobody listens there, yet
+            time.sleep(max(0.0, until - time.monotonic()))
+        return None
+
+
+def _answer_in(datagram: bytes) -> Answer | None:
+    try:
+        return _answers.decode(datagram[1:]) if datagram[:1] == bytes([PLAIN]) else None
+    except msgspec.MsgspecError:
+        return None
+
+
+def _answers_it(question: Question, answer: Answer) -> bool:
+    if isinstance(question, Who):
+        return isinstance(answer, Here) and answer.asked_ns == question.asked_ns
+    return not isinstance(answer, Here) and answer.exchange == question.exchange
+
+
+class Found(Struct, frozen=True, kw_only=True):
+    """Who answers at an address."""
+
+    host: str
+    link: int
+    program: str
+    round_trip_ns: int
+    offset_ns: int
+    uncertainty_ns: int
+
+
+def find(host: str, limit_s: float = ANSWER_S) -> Found:
+    """Ask who answers. Raises AppError when nobody does."""
+    asking = Asking(host)
+    try:
+        asked = Who(link=VERSION, program=program(), asked_ns=time.monotonic_ns())
+        answer = asking.ask(asked, limit_s)
+    finally:
+        asking.close()
+    assert isinstance(answer, Here)
+    trip = RoundTrip(answer.asked_ns, answer.received_ns, answer.answered_ns, time.monotonic_ns())
+    clock: ClockUpdate = update(None, trip)
+    return Found(
+        host=host,
+        link=answer.link,
+        program=answer.program,
+        round_trip_ns=trip.delay_ns,
+        offset_ns=clock.estimate.offset_ns,
+        uncertainty_ns=clock.estimate.uncertainty_ns,
+    )
+
+
+def check_version(host: str, link: int, theirs: str) -> None:
+    """Raises AppError that says which side is older."""
+    if link != VERSION:
+        fault = LinkFault.OLDER_THERE if link < VERSION else LinkFault.OLDER_HERE
+        raise AppError(fault, host=host, here=f"{program()}/{VERSION}", there=f"{theirs}/{link}")

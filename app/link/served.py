@@ -1,0 +1,281 @@
+"""A session that the exoskeleton's computer runs for a laptop: its processes, and both ends of what crosses the link.
+
+What comes from the laptop goes into the session's own links with its moments by this host's clock; control, guardian
+and audit are the same as on one host and know nothing of it.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+from concurrent.futures import Executor
+from enum import Enum, auto
+
+from msgspec.structs import replace
+
+from app.audit.sink import AuditSink
+from app.ipc import streams
+from app.ipc.links import LatestReceiver, OrderedSender, Publisher, address
+from app.ipc.messages import (
+    AuditHealth,
+    ControlSnapshot,
+    GuardianHealth,
+    LinkHealth,
+    OperatorCommand,
+    OperatorKind,
+    ProcessStatus,
+    TriggerReport,
+)
+from app.link.beats import LOST_NS
+from app.link.clock import ClockEstimate
+from app.link.faults import LinkFault
+from app.link.order import Inbox
+from app.link.times import localized
+from app.link.wire import SessionRequest, StopMark
+from app.session.host import SessionHost, make_setup
+from app.session.shared import held_session
+from app.system.config import Config, SessionSetup
+from app.system.errors import AppError
+from app.system.paths import Home
+from hal.joints.device import EMULATED_INTERFACES
+from logs.reading.errors import CodedError
+from logs.reason import Reason, reason, reason_of
+from logs.records import Body, Note
+
+_NAME = re.compile(r"[0-9]{8}T[0-9]{6}Z-[0-9a-f]{4}")
+STOPS_KEPT = 32
+# Sent so long ago they are not carried out any more. A stop, and what takes away, always is.
+NEVER_STALE = frozenset(
+    {OperatorKind.STOP, OperatorKind.DISARM, OperatorKind.SHUT_DOWN, OperatorKind.TAKE_OVER, OperatorKind.HEARTBEAT}
+)
+
+
+class LinkNotice(Enum):
+    """What the link's process notes in the trail."""
+
+    LAPTOP_CAME = auto()  # laptop
+    LINK_RETURNED = auto()  # silent_s
+    COMMAND_STALE = auto()  # command, age_s
+    COMMANDS_LOST = auto()
+    PEER_REFUSED = auto()  # laptop, why
+    CLOCK_STEPPED = auto()  # step_s
+    OTHER_CLOCK_STEPPED = auto()  # step_s
+
+
+class ServedSession:
+    """One session from the request to its end. The link goes on while its processes start and end."""
+
+    def __init__(self, home: Home, config: Config, request: SessionRequest, workers: Executor) -> None:
+        """workers: start and end its processes meanwhile. Raises AppError when it can't be begun."""
+        self._workers = workers
+        check_request(config, request)
+        setup = make_setup(home, config, request.profile, None, permission=None)
+        names = {"operator": request.operator, "role": request.role}
+        self._begin(replace(setup, session=request.session, linked=True, **names), held=False)
+
+    @classmethod
+    def resumed(cls, home: Home, workers: Executor) -> ServedSession | None:
+        """The one that an earlier process of this command left, held; None without one."""
+        held = held_session(home)
+        if held is None or not held.linked:
+            return None
+        session = cls.__new__(cls)
+        session._workers = workers
+        session._begin(held, held=True)
+        return session
+
+    def _begin(self, setup: SessionSetup, *, held: bool) -> None:
+        host = self._host = SessionHost(setup, without=frozenset({"perception", "link"}))
+        host.silence()  # the laptop's heartbeats count, not this process's
+        links = host.setup.links
+        self._operator = OrderedSender(address(links, streams.OPERATOR.name))
+        self._reports = Publisher(address(links, streams.TRIGGER.name))
+        self._health = Publisher(address(links, streams.LINK.name))
+        self._snapshots = LatestReceiver(address(links, streams.SNAPSHOT.name), ControlSnapshot)
+        self._guardian = LatestReceiver(address(links, streams.GUARDIAN.name), GuardianHealth)
+        self._audit = LatestReceiver(address(links, streams.AUDIT_HEALTH.name), AuditHealth)
+        self._sink = AuditSink(links, "link", host.setup.operator)
+        self.inbox = Inbox()
+        self.snapshot: ControlSnapshot | None = None
+        self.guardian: GuardianHealth | None = None
+        self.audit: AuditHealth | None = None
+        self.processes: tuple[ProcessStatus, ...] = ()
+        self.fault: Reason | None = None
+        self.ended = False
+        self.stops: tuple[StopMark, ...] = ()  # acknowledged by control, newest last
+        self._handed: dict[int, StopMark] = {}  # own sequence → as the laptop knows it
+        self._lease = 0 if held else 1  # as control knows it; 0: not known yet
+        self._their_lease = 1  # the same console as the laptop numbers it
+        self._sequence = 0
+        self._heartbeat_ns = 0
+        self._must_take_over = held
+        self._started = self._ending = False
+        self._workers.submit(self._start)
+
+    @property
+    def name(self) -> str:
+        """The session's."""
+        return self._host.setup.session
+
+    @property
+    def snapshots(self) -> LatestReceiver[ControlSnapshot]:
+        """To be waited for."""
+        return self._snapshots
+
+    def record(self, body: Body) -> None:
+        """Into this host's trail."""
+        self._sink.emit(body)
+
+    def note(self, notice: LinkNotice, **values: object) -> None:
+        """A note in this host's trail."""
+        self.record(Note(text=reason(notice, **values)))
+
+    def poll(self) -> None:
+        """Take what the session's processes published."""
+        self.snapshot = self._snapshots.receive() or self.snapshot
+        self.guardian = self._guardian.receive() or self.guardian
+        self.audit = self._audit.receive() or self.audit
+        if self._started and not self.ended:
+            self.processes = self._host.processes()
+            if any(one.name == "control" and not one.alive for one in self.processes):
+                self.end()
+        if self.snapshot is not None:
+            if not self._lease:
+                self._lease = self.snapshot.lease
+            self._acknowledge(self.snapshot)
+
+    def publish(self, health: LinkHealth) -> None:
+        """The link's quality, to control."""
+        self._health.send(health)
+
+    def hand_report(self, report: TriggerReport, clock: ClockEstimate) -> None:
+        """Perception's newest."""
+        self._reports.send(localized(report, clock))
+
+    def hand_commands(self, commands: Iterable[OperatorCommand], clock: ClockEstimate, now_ns: int) -> None:
+        """The console's, in order."""
+        for command in commands:
+            self._hand(localized(command, clock), now_ns)
+
+    def hand_stops(self, stops: Iterable[StopMark], clock: ClockEstimate, now_ns: int) -> None:
+        """STOPs that came by packet: each once, whether its frame came before or comes later."""
+        for stop in stops:
+            command = OperatorCommand(
+                lease=stop.lease, sequence=stop.sequence, kind=OperatorKind.STOP, sent_ns=stop.sent_ns
+            )
+            self._hand(localized(command, clock), now_ns)
+
+    def hand_heartbeat(self, heartbeat_ns: int, lease: int, clock: ClockEstimate) -> None:
+        """STOP could be given at that moment; it has no sequence, so that it overtakes no command."""
+        if heartbeat_ns > self._heartbeat_ns and lease == self._their_lease and self._lease:
+            self._heartbeat_ns = heartbeat_ns
+            sent_ns = clock.local_ns(heartbeat_ns)
+            self._send(OperatorCommand(sequence=0, lease=self._lease, kind=OperatorKind.HEARTBEAT, sent_ns=sent_ns))
+
+    def hand_return(self, silent_ns: int) -> None:
+        """The link is back after it was lost: whoever comes back takes the legs over, held and disarmed."""
+        self.note(LinkNotice.LINK_RETURNED, silent_s=silent_ns / 1e9)
+        self._must_take_over = True
+
+    def take_over_if_due(self, now_ns: int) -> None:
+        """As another console does (`TAKE_OVER`)."""
+        if self._must_take_over and self._lease:
+            self._must_take_over = False
+            self._take_over(now_ns, self._host.setup.operator)
+
+    def shown(self) -> ControlSnapshot | None:
+        """Control's newest snapshot as the laptop's consoles number leases and STOPs."""
+        snapshot = self.snapshot
+        if snapshot is None:
+            return None
+        mark = self._handed.get(snapshot.stop_sequence) if snapshot.stop_sequence else None
+        return replace(
+            snapshot,
+            lease=self._their_lease,
+            stop_lease=mark.lease if mark else 0,
+            stop_sequence=mark.sequence if mark else 0,
+        )
+
+    def end(self) -> None:
+        """Bring the legs to rest and every process to its end."""
+        if not self._ending:
+            self._ending = True
+            self._workers.submit(self._close)
+
+    def close_links(self) -> None:
+        """After the end."""
+        for link in (self._operator, self._reports, self._health, self._snapshots, self._guardian, self._audit):
+            link.close()
+        self._sink.close(0.0)
+
+    def leave(self) -> None:
+        """This process ends and the session stays, held."""
+        self.close_links()
+        self._host.leave()
+
+    def _hand(self, command: OperatorCommand, now_ns: int) -> None:
+        if command.kind is OperatorKind.HEARTBEAT or self._is_known(command):
+            return
+        age_ns = now_ns - command.sent_ns
+        if command.kind not in NEVER_STALE and age_ns > LOST_NS:
+            self.note(LinkNotice.COMMAND_STALE, command=command.kind.value, age_s=age_ns / 1e9)
+            return
+        if command.kind is OperatorKind.TAKE_OVER and command.lease > self._their_lease:
+            self._their_lease = command.lease
+            self._take_over(command.sent_ns, command.operator)
+        elif command.lease == self._their_lease or command.kind is OperatorKind.STOP:
+            lease = self._lease if command.lease == self._their_lease else 0
+            self._sequence += 1
+            if command.kind is OperatorKind.STOP:
+                self._handed[self._sequence] = StopMark(command.lease, command.sequence, command.sent_ns)
+                self._handed = dict(list(self._handed.items())[-STOPS_KEPT:])
+            self._send(replace(command, lease=lease, sequence=self._sequence))
+
+    def _is_known(self, command: OperatorCommand) -> bool:
+        handed = ((mark.lease, mark.sequence) for mark in self._handed.values())
+        return command.kind is OperatorKind.STOP and (command.lease, command.sequence) in handed
+
+    def _take_over(self, sent_ns: int, operator: str) -> None:
+        self._lease += 1
+        self._sequence += 1
+        self._send(
+            OperatorCommand(
+                lease=self._lease,
+                sequence=self._sequence,
+                kind=OperatorKind.TAKE_OVER,
+                sent_ns=sent_ns,
+                operator=operator,
+            )
+        )
+
+    def _send(self, command: OperatorCommand) -> None:
+        if not self._operator.send(command):
+            self.note(LinkNotice.COMMANDS_LOST)
+
+    def _acknowledge(self, snapshot: ControlSnapshot) -> None:
+        done = [mark for own, mark in self._handed.items() if own <= snapshot.stop_sequence]
+        self.stops = tuple(done[-8:])
+
+    def _start(self) -> None:
+        try:
+            self._host.start()
+            self._started = True
+        except (CodedError, OSError) as error:
+            self.fault = (
+                reason_of(error) if isinstance(error, CodedError) else reason(LinkFault.NOT_STARTED, detail=str(error))
+            )
+            self.end()
+
+    def _close(self) -> None:
+        self._host.close()
+        self.ended = True
+
+
+def check_request(config: Config, request: SessionRequest) -> None:
+    """Raises AppError: a name that is none, or joints that move somebody without an operator who has signed in."""
+    if _NAME.fullmatch(request.session) is None:
+        raise AppError(LinkFault.NAME_INVALID)
+    joints = config.joints
+    simulated = joints.kind == "simulated" or joints.interface in EMULATED_INTERFACES
+    if not (simulated or request.signed_in):
+        raise AppError(LinkFault.SIGN_IN_NEEDED)

@@ -1,0 +1,449 @@
+"""The exoskeleton's computer: one port, paired laptops only, one session at a time. `rleex joints` runs it.
+
+A single thread waits for the frames (TCP), the packets (UDP) and control's snapshots. It decides nothing about legs
+and holds no motion up: control has its own process.
+"""
+
+from __future__ import annotations
+
+import signal
+import socket
+import time
+from collections.abc import Callable
+from concurrent.futures import Executor, ThreadPoolExecutor
+
+import msgspec
+import zmq
+from zmq.auth.thread import ThreadAuthenticator
+
+from app.ipc.links import HandshakeMonitor
+from app.ipc.messages import AuditHealth, LinkHealth
+from app.ipc.streams import LINK, NS_PER_MS, SNAPSHOT
+from app.link.beats import Beats
+from app.link.faults import LinkFault
+from app.link.keys import own_key, peers_of
+from app.link.order import Flight
+from app.link.packets import MAX_BYTES, PacketSeal, new_packet_key
+from app.link.pairing import PairingDesk
+from app.link.questions import PairBegin, PairConfirm, Who, check_version, encode, here, question_in
+from app.link.served import LinkNotice, ServedSession
+from app.link.times import localized
+from app.link.trails import other_trail
+from app.link.wire import (
+    VERSION,
+    FromLaptop,
+    Hello,
+    Packet,
+    Refused,
+    SessionRequest,
+    ToJoints,
+    ToLaptop,
+    Welcome,
+    program,
+)
+from app.system.config import Config
+from app.system.diagnostics_log import get_logger
+from app.system.errors import AppError
+from app.system.paths import Home
+from app.system.scheduling import avoid_control_core, set_scheduling
+from logs.reading.errors import CodedError
+from logs.reason import reason_of
+
+_log = get_logger("link")
+
+WAIT_MS = 5
+FRAMES_A_ROUND = 64
+PACKETS_A_ROUND = 512
+MAX_FRAME = 1 << 18
+TRAIL_NS = 1_000 * NS_PER_MS
+END_SENT_NS = 5_000 * NS_PER_MS  # a laptop is told so long that its session is over
+
+
+class _Version(msgspec.Struct, tag="hello"):
+    """What every version's greeting has."""
+
+    link: int
+    program: str
+
+
+class _Paired:
+    """ZeroMQ's question whether a key is admitted (ZAP, RFC 27): asked at each connection, from a thread of its own."""
+
+    def __init__(self, home: Home) -> None:
+        self._home = home
+
+    def callback(self, _domain: str, key: bytes) -> bool:
+        """Only paired ones; an unreadable list admits nobody."""
+        try:
+            return key.decode() in {peer.public for peer in peers_of(self._home)}
+        except CodedError:
+            return False
+
+
+class Laptop:
+    """The connection that commands: its key, its frames, its packets."""
+
+    def __init__(self, identity: bytes, user: str, connection: int) -> None:
+        self.identity = identity
+        self.user = user
+        self.flight = Flight()
+        self.seal = PacketSeal(connection=connection, key=new_packet_key(), at_joints=True)
+        self.beats = Beats()
+        self.where: tuple[str, int] | None = None  # its packets come from there
+        self.lacks_snapshot_ns = 0
+        self.audit: AuditHealth | None = None  # of its trail
+
+    def reconnected(self, identity: bytes) -> None:
+        """Another connection of the same laptop: frames are counted anew, packets go on."""
+        self.identity, self.flight = identity, Flight()
+
+
+class JointsServer:
+    """Owns the port and the session."""
+
+    def __init__(self, home: Home, config: Config, port: int, workers: Executor) -> None:
+        """workers: start and end sessions, with the usual scheduling. Raises AppError when the port can't be had."""
+        self._home, self._config, self._workers = home, config, workers
+        self._context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
+        self._keeper = ThreadAuthenticator(self._context)
+        self._keeper.start()
+        self._keeper.configure_curve_callback("*", _Paired(home))
+        self._frames = self._open_frames(port)
+        self._monitor = HandshakeMonitor(self._frames, bound=True)
+        self._packets = self._open_packets(port)
+        self._poller = zmq.Poller()
+        self._poller.register(self._frames, zmq.POLLIN)
+        self._poller.register(self._packets, zmq.POLLIN)
+        self._desk = PairingDesk(home)
+        self._decode = msgspec.msgpack.Decoder(FromLaptop)
+        self._encode = msgspec.msgpack.Encoder().encode
+        self._laptop: Laptop | None = None
+        self._session = ServedSession.resumed(home, workers)
+        self._ended_ns = 0
+        self._foreign = 0
+        self._connections = 0
+        self._must_end = False
+        self._health_ns = self._trail_ns = 0
+        self._wait_for_snapshots(None)
+
+    def end(self) -> None:
+        """Bring the legs to rest and end."""
+        self._must_end = True
+
+    def run(self, watch: Callable[[str], None] = lambda _: None) -> None:
+        """Until asked to end."""
+        watch("ready")
+        while not self._done():
+            self._poller.poll(WAIT_MS)
+            now_ns = time.monotonic_ns()
+            self._take_frames()
+            self._take_packets()
+            self._foreign += self._monitor.count(time.monotonic())
+            self._serve(now_ns)
+
+    def close(self) -> None:
+        """Release the port."""
+        self._monitor.close()
+        self._frames.close(linger=200)
+        self._packets.close()
+        self._keeper.stop()
+        self._context.term()
+
+    def _done(self) -> bool:
+        if not self._must_end:
+            return False
+        if self._session is None:
+            return True
+        self._session.end()
+        return self._session.ended
+
+    def _serve(self, now_ns: int) -> None:
+        session, laptop = self._session, self._laptop
+        if session is None:
+            return
+        session.poll()
+        if session.ended:
+            self._tell_end(now_ns, session)
+            return
+        if laptop is not None:
+            session.take_over_if_due(now_ns)
+            self._send_frame(session, laptop, now_ns)
+            self._send_packet(session, laptop, now_ns)
+        if now_ns - self._health_ns >= LINK.period_ns:
+            self._health_ns = now_ns
+            session.publish(self._link_health(now_ns))
+        if now_ns - self._trail_ns >= TRAIL_NS and laptop is not None and laptop.beats.clock is not None:
+            self._trail_ns = now_ns
+            for record in other_trail(laptop.audit, laptop.beats.clock.at(now_ns), laptop.user):
+                session.record(record)
+
+    def _tell_end(self, now_ns: int, session: ServedSession) -> None:
+        laptop = self._laptop
+        self._ended_ns = self._ended_ns or now_ns
+        if laptop is not None and now_ns - self._ended_ns < END_SENT_NS and not self._must_end:
+            self._send_frame(session, laptop, now_ns)
+            return
+        if laptop is not None and self._must_end:
+            self._send_frame(session, laptop, now_ns)
+        session.close_links()
+        self._session = self._laptop = None
+        self._ended_ns = 0
+        self._wait_for_snapshots(None)
+
+    # --- frames ---------------------------------------------------------------------------------------------------
+
+    def _open_frames(self, port: int) -> zmq.Socket[bytes]:
+        key = own_key(self._home)
+        frames = self._context.socket(zmq.ROUTER)
+        options = (
+            (zmq.LINGER, 0),
+            (zmq.CURVE_SERVER, 1),
+            (zmq.CURVE_SECRETKEY, key.secret.encode()),
+            (zmq.MAXMSGSIZE, MAX_FRAME),
+            (zmq.SNDHWM, 32),
+            (zmq.RCVHWM, 32),
+            (zmq.HEARTBEAT_IVL, 2_000),
+            (zmq.HEARTBEAT_TIMEOUT, 10_000),
+        )
+        for option, value in options:
+            frames.setsockopt(option, value)
+        try:
+            frames.bind(f"tcp://*:{port}")
+        except zmq.ZMQError as error:
+            self._keeper.stop()
+            raise AppError(LinkFault.PORT_TAKEN, port=port, detail=str(error)) from error
+        return frames
+
+    def _take_frames(self) -> None:
+        for _ in range(FRAMES_A_ROUND):
+            try:
+                parts = self._frames.recv_multipart(zmq.NOBLOCK, copy=False)
+            except zmq.Again:
+                return
+            if len(parts) != 2:
+                self._foreign += 1
+                continue
+            user = str(parts[1].get("User-Id"))
+            self._take_frame(parts[0].bytes, user, parts[1].bytes)
+
+    def _take_frame(self, identity: bytes, user: str, content: bytes) -> None:
+        try:
+            message = self._decode.decode(content)
+        except msgspec.MsgspecError:
+            self._refuse_other_version(identity, content)
+            return
+        if isinstance(message, Hello):
+            self._greet(identity, user, message)
+        elif self._laptop is not None and identity == self._laptop.identity:
+            self._take(self._laptop, message)
+        else:
+            self._foreign += 1
+
+    def _refuse_other_version(self, identity: bytes, content: bytes) -> None:
+        self._foreign += 1
+        try:
+            greeting = msgspec.msgpack.decode(content, type=_Version)
+            check_version("laptop", greeting.link, greeting.program)
+        except msgspec.MsgspecError:
+            return
+        except AppError as error:
+            self._send(identity, Refused(reason=reason_of(error)))
+
+    def _greet(self, identity: bytes, user: str, hello: Hello) -> None:
+        try:
+            check_version("laptop", hello.link, hello.program)
+            self._admit(identity, user, hello.request)
+        except CodedError as error:
+            _log.warning("laptop refused", extra={"why": str(error)})
+            if self._session is not None:
+                self._session.note(LinkNotice.PEER_REFUSED, why=reason_of(error))
+            self._send(identity, Refused(reason=reason_of(error)))
+            return
+        assert self._laptop is not None
+        seal = self._laptop.seal
+        self._send(identity, Welcome(link=VERSION, program=program(), connection=seal.connection, packet_key=seal.key))
+
+    def _admit(self, identity: bytes, user: str, request: SessionRequest) -> None:
+        session, laptop = self._session, self._laptop
+        if session is not None and session.name != request.session:
+            raise AppError(LinkFault.SESSION_RUNS, session=session.name)
+        if laptop is not None and laptop.user != user:
+            raise AppError(LinkFault.ANOTHER_LAPTOP, session=request.session)
+        if laptop is not None:
+            laptop.reconnected(identity)
+            return
+        if session is None:
+            if (self._home.logs / f"{request.session}.jsonl").exists():
+                raise AppError(LinkFault.SESSION_OVER, session=request.session)
+            session = self._session = ServedSession(self._home, self._config, request, self._workers)
+            self._wait_for_snapshots(session)
+        self._connections += 1
+        self._laptop = Laptop(identity, user, self._connections)
+        session.note(LinkNotice.LAPTOP_CAME, laptop=self._name_of(user))
+
+    def _take(self, laptop: Laptop, frame: ToJoints) -> None:
+        session, clock, now_ns = self._session, laptop.beats.clock, time.monotonic_ns()
+        laptop.flight.receive(frame.number, frame.acknowledged, now_ns)
+        if session is None:
+            return
+        if frame.ends:
+            session.end()
+        if clock is None:  # no moment of it could be told yet: its sender repeats what must arrive
+            return
+        if frame.audit is not None:
+            laptop.audit = localized(frame.audit, clock.at(now_ns))
+        if frame.report is not None:
+            session.hand_report(frame.report, clock.at(now_ns))
+        new = session.inbox.take(frame.first_command, frame.commands)
+        session.take_over_if_due(now_ns)
+        session.hand_commands(new, clock.at(now_ns), now_ns)
+
+    def _send_frame(self, session: ServedSession, laptop: Laptop, now_ns: int) -> None:
+        if not laptop.flight.is_open or now_ns - laptop.lacks_snapshot_ns < SNAPSHOT.period_ns:
+            return
+        laptop.lacks_snapshot_ns = now_ns
+        frame = ToLaptop(
+            number=laptop.flight.send(now_ns),
+            acknowledged=laptop.flight.received,
+            commands=session.inbox.count,
+            snapshot=session.shown(),
+            guardian=session.guardian,
+            audit=session.audit,
+            processes=session.processes,
+            ended=session.ended,
+            fault=session.fault,
+        )
+        self._send(laptop.identity, frame)
+
+    def _send(self, identity: bytes, message: msgspec.Struct) -> None:
+        try:
+            self._frames.send_multipart([identity, self._encode(message)], zmq.NOBLOCK)
+        except zmq.ZMQError:  # it has gone, or its queue is full: it asks again
+            return
+
+    # --- packets --------------------------------------------------------------------------------------------------
+
+    def _open_packets(self, port: int) -> socket.socket:
+        packets = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        packets.setblocking(False)
+        try:
+            packets.bind(("0.0.0.0", port))
+        except OSError as error:
+            self._keeper.stop()
+            raise AppError(LinkFault.PORT_TAKEN, port=port, detail=error.strerror) from error
+        return packets
+
+    def _take_packets(self) -> None:
+        for _ in range(PACKETS_A_ROUND):
+            try:
+                datagram, where = self._packets.recvfrom(MAX_BYTES + 1)
+            except (BlockingIOError, ConnectionError):
+                return
+            self._take_packet(datagram, where, time.monotonic_ns())
+
+    def _take_packet(self, datagram: bytes, where: tuple[str, int], now_ns: int) -> None:
+        laptop = self._laptop
+        packet = laptop.seal.open(datagram) if laptop is not None else None
+        if packet is not None and laptop is not None:
+            self._heed(laptop, packet, where, now_ns)
+        elif (question := question_in(datagram)) is not None:
+            self._answer(question, where, now_ns)
+        elif laptop is None or not laptop.seal.is_late(datagram):
+            self._foreign += 1
+
+    def _heed(self, laptop: Laptop, packet: Packet, where: tuple[str, int], now_ns: int) -> None:
+        beats, session = laptop.beats, self._session
+        before_ns, steps = beats.newest_ns, beats.steps
+        returned = beats.take(packet, now_ns)
+        laptop.where = where
+        if session is None:
+            return
+        if beats.steps > steps:
+            session.note(LinkNotice.CLOCK_STEPPED, step_s=beats.step_ns / 1e9)
+        if beats.wall_step_ns:
+            session.note(LinkNotice.OTHER_CLOCK_STEPPED, step_s=beats.wall_step_ns / 1e9)
+            beats.wall_step_ns = 0
+        if returned:
+            session.hand_return(now_ns - before_ns)
+        if beats.clock is not None:
+            clock = beats.clock.at(now_ns)
+            session.take_over_if_due(now_ns)
+            session.hand_stops(packet.stops, clock, now_ns)
+            session.hand_heartbeat(packet.heartbeat_ns, packet.lease, clock)
+
+    def _send_packet(self, session: ServedSession, laptop: Laptop, now_ns: int) -> None:
+        if laptop.where is None or not laptop.beats.due(now_ns):
+            return
+        packet = laptop.beats.next(now_ns, time.time_ns())
+        self._send_to(laptop.seal.seal(msgspec.structs.replace(packet, stops=session.stops)), laptop.where)
+
+    def _answer(self, question: Who | PairBegin | PairConfirm, where: tuple[str, int], now_ns: int) -> None:
+        if isinstance(question, Who):
+            self._send_to(encode(here(question, now_ns, time.monotonic_ns())), where)
+        elif isinstance(question, PairBegin):
+            self._send_to(encode(self._desk.begin(question, time.time())), where)
+        else:
+            self._send_to(encode(self._desk.confirm(question, time.time())), where)
+
+    def _send_to(self, datagram: bytes, where: tuple[str, int]) -> None:
+        try:
+            self._packets.sendto(datagram, where)
+        except OSError:  # no way there now, or its buffer is full: the next one is due in 20 ms
+            return
+
+    # --------------------------------------------------------------------------------------------------------------
+
+    def _link_health(self, now_ns: int) -> LinkHealth:
+        laptop = self._laptop
+        if laptop is None:
+            return LinkHealth(at_ns=now_ns, host="", connected=False, foreign_peers=self._foreign)
+        return health_of(laptop.beats, self._name_of(laptop.user), now_ns, self._foreign, laptop.audit)
+
+    def _name_of(self, user: str) -> str:
+        return next((peer.name for peer in peers_of(self._home) if peer.public == user), "?")
+
+    def _wait_for_snapshots(self, session: ServedSession | None) -> None:
+        for waited, _ in list(self._poller.sockets):
+            if waited not in (self._frames, self._packets.fileno(), self._packets):
+                self._poller.unregister(waited)
+        session = session or self._session
+        if session is not None:
+            self._poller.register(session.snapshots.socket, zmq.POLLIN)
+
+
+def health_of(beats: Beats, host: str, now_ns: int, foreign: int, audit: AuditHealth | None) -> LinkHealth:
+    """What one end knows of the link."""
+    clock = None if beats.clock is None else beats.clock.at(now_ns)
+    return LinkHealth(
+        at_ns=now_ns,
+        host=host,
+        connected=not beats.lost(now_ns),
+        round_trip_ms=beats.quality.round_trip_ns / NS_PER_MS,
+        jitter_ms=beats.quality.jitter_ns / NS_PER_MS,
+        loss=beats.loss(now_ns),
+        offset_ns=clock.offset_ns if clock else 0,
+        uncertainty_ns=clock.uncertainty_ns if clock else None,
+        steps=beats.steps,
+        audit=audit,
+        foreign_peers=foreign,
+    )
+
+
+def serve_joints(home: Home, config: Config, port: int, watch: Callable[[str], None]) -> None:
+    """Serve until SIGTERM or Ctrl-C. Raises AppError."""
+    if config.joints.host:
+        raise AppError(LinkFault.HOST_HAS_HOST, host=config.joints.host)
+    workers = ThreadPoolExecutor(1)
+    workers.submit(
+        int
+    ).result()  # its thread is there before what follows, which the session's processes must not inherit
+    set_scheduling("link")
+    avoid_control_core(config.control_core)
+    server = JointsServer(home, config, port, workers)
+    for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
+        signal.signal(number, lambda *_: server.end())
+    try:
+        server.run(watch)
+    finally:
+        server.close()
+        workers.shutdown()

@@ -1,0 +1,117 @@
+"""What crosses the link: frames over TCP (ZeroMQ, CURVE), and sealed packets over UDP, both on one port.
+
+Frames carry what must arrive, in order, once, and what only the newest is wanted of; packets carry STOP, heartbeats
+and the clocks' moments, every 20 ms, in each direction.
+"""
+
+from __future__ import annotations
+
+from importlib.metadata import version
+
+from msgspec import Struct
+
+from app.ipc.messages import (
+    AuditHealth,
+    ControlSnapshot,
+    GuardianHealth,
+    OperatorCommand,
+    ProcessStatus,
+    TriggerReport,
+)
+from logs.reason import Reason
+from profiles.schema import Profile
+
+VERSION = 1  # of the messages here and of those that they carry; another one is refused
+PORT = 7447
+FRAMES_IN_FLIGHT = 6  # more would be a backlog after a cut: what is newer replaces what could not be sent
+COMMANDS_A_FRAME = 16
+
+
+def program() -> str:
+    """The program's own version, to be shown."""
+    return version("rleex")
+
+
+class SessionRequest(Struct, frozen=True, kw_only=True):
+    """The session whose legs are asked for; joints, device, buttons and home are the other computer's own."""
+
+    session: str
+    profile: Profile
+    operator: str
+    role: str
+    signed_in: bool  # an operator has; else only joints that harm nobody are moved
+
+
+class Hello(Struct, frozen=True, kw_only=True, tag="hello"):
+    """Laptop to joints, first on every connection."""
+
+    link: int
+    program: str
+    request: SessionRequest
+
+
+class Welcome(Struct, frozen=True, kw_only=True, tag="welcome"):
+    """Joints to laptop: the session runs or is being started; packets are sealed with this key from now on."""
+
+    link: int
+    program: str
+    connection: int
+    packet_key: bytes
+
+
+class Refused(Struct, frozen=True, kw_only=True, tag="refused"):
+    """Joints to laptop: no, and asking again is no use."""
+
+    reason: Reason
+
+
+class ToJoints(Struct, frozen=True, kw_only=True, tag="to-joints"):
+    """One frame from the laptop."""
+
+    number: int
+    acknowledged: int  # the newest frame that came from the joints
+    report: TriggerReport | None = None
+    first_command: int = 0  # the count of the first of `commands`
+    commands: tuple[OperatorCommand, ...] = ()  # all that were not acknowledged yet, oldest first
+    audit: AuditHealth | None = None  # of the laptop's trail
+    ends: bool = False  # the session is to end
+
+
+class ToLaptop(Struct, frozen=True, kw_only=True, tag="to-laptop"):
+    """One frame from the joints."""
+
+    number: int
+    acknowledged: int
+    commands: int  # how many came, in order
+    snapshot: ControlSnapshot | None = None
+    guardian: GuardianHealth | None = None
+    audit: AuditHealth | None = None  # of the joints' trail
+    processes: tuple[ProcessStatus, ...] = ()
+    ended: bool = False  # the session is over
+    fault: Reason | None = None  # why it could not be started
+
+
+class StopMark(Struct, frozen=True, array_like=True):
+    """One STOP: who sent it, its sequence there, and when, by the sender's clock."""
+
+    lease: int
+    sequence: int
+    sent_ns: int
+
+
+class Packet(Struct, frozen=True, kw_only=True, array_like=True):
+    """One packet, sealed. Its number is counted up by one; a number that is not above the newest is dropped."""
+
+    number: int
+    sent_ns: int
+    echo_sent_ns: int = 0  # of the newest packet that came
+    echo_received_ns: int = 0
+    wall_ns: int = 0  # wall clock minus monotonic clock, of the sender: its steps are told; compared with no other
+    loss: float = 1.0  # of what comes to the sender
+    stops: tuple[StopMark, ...] = ()  # laptop: not acknowledged yet. Joints: acknowledged by control
+    heartbeat_ns: int = 0  # laptop: when the console said last that STOP can be given
+    lease: int = 0  # laptop: of that console
+
+
+FromLaptop = Hello | ToJoints
+FromJoints = Welcome | Refused | ToLaptop

@@ -1,0 +1,194 @@
+"""Pairing by a code over real sockets of loopback: right, wrong, used up, too old, typed badly; nobody there."""
+
+from __future__ import annotations
+
+import socket
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import pytest
+
+from app.link import pairing
+from app.link.faults import LinkFault
+from app.link.keys import add_peer, forget_peer, joints_at, own_key, peers_of
+from app.link.pairing import Offer, PairingDesk, pair, write_offer
+from app.link.questions import Answer, PairBegin, PairConfirm, Who, check_version, encode, find, here, question_in
+from app.link.wire import VERSION
+from app.system.errors import AppError
+from app.system.paths import Home
+from app.text.catalogue import render
+
+CODE = "1234-5678"
+
+
+@dataclass
+class Joints:
+    """The exoskeleton's computer, as far as pairing needs it."""
+
+    home: Home
+    host: str = ""
+    begun: list[PairBegin] = field(default_factory=list)
+
+    def answer(self, datagram: bytes) -> bytes | None:
+        question, now_ns = question_in(datagram), time.monotonic_ns()
+        desk = self._desk
+        reply: Answer
+        if isinstance(question, Who):
+            reply = here(question, now_ns, time.monotonic_ns())
+        elif isinstance(question, PairBegin):
+            self.begun.append(question)
+            reply = desk.begin(question, time.time())
+        elif isinstance(question, PairConfirm):
+            reply = desk.confirm(question, time.time())
+        else:
+            return None
+        return encode(reply)
+
+    def __post_init__(self) -> None:
+        self._desk = PairingDesk(self.home)
+
+    def offer(self, left: int = pairing.EXCHANGES, lasts_s: float = 60.0) -> None:
+        write_offer(self.home, Offer(code=CODE, expires_s=time.time() + lasts_s, left=left))
+
+
+@contextmanager
+def answering(joints: Joints) -> Iterator[Joints]:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as udp:
+        udp.bind(("127.0.0.1", 0))
+        udp.settimeout(0.05)
+        joints.host = f"127.0.0.1:{udp.getsockname()[1]}"
+        ending = threading.Event()
+
+        def serve() -> None:
+            while not ending.is_set():
+                try:
+                    datagram, where = udp.recvfrom(2048)
+                except TimeoutError:
+                    continue
+                reply = joints.answer(datagram)
+                if reply is not None:
+                    udp.sendto(reply, where)
+
+        thread = threading.Thread(target=serve)
+        thread.start()
+        try:
+            yield joints
+        finally:
+            ending.set()
+            thread.join()
+
+
+@pytest.fixture
+def joints(tmp_path: Path) -> Iterator[Joints]:
+    with answering(Joints(Home(tmp_path / "joints"))) as there:
+        yield there
+
+
+@pytest.fixture
+def laptop(tmp_path: Path) -> Home:
+    return Home(tmp_path / "laptop")
+
+
+def refusal(laptop: Home, joints: Joints, code: str = CODE) -> str:
+    with pytest.raises(AppError) as refused:
+        pair(laptop, joints.host, code, time.time())
+    assert render(refused.value)
+    assert peers_of(laptop) == ()
+    return str(refused.value.code.name)
+
+
+def test_the_right_code_tells_each_side_the_others_key_once(laptop: Home, joints: Joints) -> None:
+    joints.offer()
+    pair(laptop, joints.host, "1234 5678", time.time())
+    (there,) = peers_of(joints.home)
+    assert there.public == own_key(laptop).public
+    found = joints_at(laptop, joints.host)
+    assert found is not None
+    assert found.public == own_key(joints.home).public
+    with pytest.raises(AppError) as refused:
+        pair(laptop, joints.host, CODE, time.time())
+    assert refused.value.code is LinkFault.NO_CODE
+
+
+def test_a_wrong_code_tells_how_often_it_may_be_tried_and_is_then_used_up(laptop: Home, joints: Joints) -> None:
+    joints.offer()
+    faults = [refusal(laptop, joints, "0000-0000") for _ in range(pairing.EXCHANGES)]
+    assert faults == ["CODE_WRONG", "CODE_WRONG", "CODE_USED_UP"]
+    assert refusal(laptop, joints) == "CODE_USED_UP", "the right one comes too late"
+    assert peers_of(joints.home) == ()
+
+
+def test_an_exchange_without_an_end_costs_one_as_well(laptop: Home, joints: Joints) -> None:
+    joints.offer(left=1)
+    assert refusal(laptop, joints, "0000-0000") == "CODE_USED_UP"
+    joints.offer(left=0)
+    assert refusal(laptop, joints) == "CODE_USED_UP"
+
+
+def test_an_old_code_and_none_are_refused(laptop: Home, joints: Joints) -> None:
+    assert refusal(laptop, joints) == "NO_CODE"
+    joints.offer(lasts_s=-1.0)
+    assert refusal(laptop, joints) == "NO_CODE"
+
+
+@pytest.mark.parametrize("code", ["", "1234", "1234-56789", "abcd-efgh", "１２３４５６７８"])
+def test_what_is_no_code_is_refused_before_anything_is_sent(laptop: Home, joints: Joints, code: str) -> None:
+    assert refusal(laptop, joints, code) == "CODE_MALFORMED"
+    assert joints.begun == []
+
+
+def test_a_repeated_packet_costs_nothing(laptop: Home, joints: Joints) -> None:
+    joints.offer()
+    pair(laptop, joints.host, CODE, time.time())
+    (begun,) = joints.begun
+    again = joints.answer(encode(begun))
+    assert again is not None
+
+
+def test_keys_are_readable_by_their_owner_alone(laptop: Home, joints: Joints) -> None:
+    joints.offer()
+    pair(laptop, joints.host, CODE, time.time())
+    for home in (laptop, joints.home):
+        assert home.link_keys.stat().st_mode & 0o077 == 0
+        assert all(path.stat().st_mode & 0o077 == 0 for path in home.link_keys.iterdir())
+
+
+def test_who_answers_is_found_with_its_clock(joints: Joints) -> None:
+    found = find(joints.host)
+    assert found.link == VERSION
+    assert abs(found.offset_ns) <= found.uncertainty_ns, "the same clock"
+
+
+def test_nobody_answers(tmp_path: Path) -> None:
+    with pytest.raises(AppError) as refused:
+        find("127.0.0.1:9", limit_s=0.3)
+    assert refused.value.code is LinkFault.NOBODY_ANSWERS
+
+
+@pytest.mark.parametrize("address", ["", "exo local", "exo:", "exo:0", "exo:70000", "exo:1:2", "-exo", "tcp://exo:1"])
+def test_what_is_no_address_is_refused(address: str) -> None:
+    with pytest.raises(AppError) as refused:
+        find(address)
+    assert refused.value.code is LinkFault.BAD_ADDRESS
+
+
+def test_the_older_side_is_named() -> None:
+    check_version("exo", VERSION, "1")
+    for link, fault in ((VERSION - 1, LinkFault.OLDER_THERE), (VERSION + 1, LinkFault.OLDER_HERE)):
+        with pytest.raises(AppError) as refused:
+            check_version("exo", link, "1")
+        assert refused.value.code is fault
+
+
+def test_forgetting_takes_one_away(laptop: Home) -> None:
+    for name in ("one", "two"):
+        add_peer(laptop, pairing.Peer(name=name, public=name, paired_at="", host=f"{name}:7447"))
+    assert forget_peer(laptop, "two:7447").name == "two"
+    assert [peer.name for peer in peers_of(laptop)] == ["one"]
+    with pytest.raises(AppError) as refused:
+        forget_peer(laptop, "two")
+    assert refused.value.code is LinkFault.NO_SUCH_PEER

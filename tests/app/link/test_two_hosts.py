@@ -1,0 +1,164 @@
+"""Two computers as real processes on loopback: pairing, a session, STOP acknowledged, cuts, replay, foreign peers."""
+
+from __future__ import annotations
+
+import socket
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+import zmq
+
+from app.demo.two_hosts import free_port
+from app.ipc.messages import OperatorKind
+from app.ipc.states import Action, Effect, Event, GaitState
+from app.link.beats import LOST_NS
+from app.link.keys import own_key, peers_of
+from app.system.paths import Home
+from logs.keys import by_fingerprint, known_keys
+from logs.read import records
+from logs.records import EventRaised, Note
+from logs.verify import Evidence, exit_status, verify
+from testing.relay import Relay
+from testing.two_hosts import TwoHosts, two_hosts
+
+pytestmark = pytest.mark.serial
+
+
+@dataclass
+class Bed:
+    """A session over a relay, and the two homes."""
+
+    session: TwoHosts
+    relay: Relay
+    laptop: Path
+    joints: Path
+    port: int
+
+    def bodies(self) -> list[object]:
+        """What the trail of the joints' computer holds, after the end."""
+        return [one.body for one in records(self.joints / "logs" / f"{self.session.setup.session}.jsonl")]
+
+
+@pytest.fixture(scope="module")
+def bed(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Bed]:
+    """One session for all tests of this file: starting it takes most of their time."""
+    laptop, joints = tmp_path_factory.mktemp("laptop"), tmp_path_factory.mktemp("joints")
+    (joints / "config.toml").write_text("unattended_s = 60\n", encoding="utf-8")
+    port = free_port()
+    with Relay(port) as relay, two_hosts(laptop, joints, port, host=f"127.0.0.1:{relay.port}") as session:
+        made = Bed(session, relay, laptop, joints, port)
+        yield made
+        relay.cut = False
+
+
+def test_pairing_has_told_each_side_the_others_key(bed: Bed) -> None:
+    (there,), (here,) = peers_of(Home(bed.joints)), peers_of(Home(bed.laptop))
+    assert there.public == own_key(Home(bed.laptop)).public
+    assert here.public == own_key(Home(bed.joints)).public
+    for home in (bed.laptop, bed.joints):
+        assert all(path.stat().st_mode & 0o077 == 0 for path in (home / "keys" / "link").iterdir())
+    assert not (bed.joints / "keys" / "link" / "offer.json").exists(), "the code is good for one pairing"
+
+
+def test_legs_stand_and_the_link_tells_its_figures(bed: Bed) -> None:
+    now = bed.session.stand()
+    assert now.state is GaitState.STANDING
+    link = bed.session.until_link("processes")
+    assert link.connected
+    assert {"audit", "guardian", "planner", "control"} <= {one.name for one in link.processes}
+    assert link.uncertainty_ns is not None
+    assert abs(link.offset_ns) <= link.uncertainty_ns, "both processes have the same clock"
+
+
+def test_stop_is_acknowledged_by_control(bed: Bed) -> None:
+    bed.session.walk(steps=1)
+    bed.session.stop_acknowledged_s()
+    now = bed.session.until(lambda now: now.effect >= Effect.HOLD, "the hold")
+    assert now.effect is Effect.HOLD, "one press is one STOP, by whichever way it came first"
+    assert [one.event for one in now.events if one.effect is Effect.HOLD] == [Event.STOP]
+
+
+def test_a_short_cut_at_rest_changes_nothing_by_itself(bed: Bed) -> None:
+    before = bed.session.stand()
+    bed.relay.cut = True
+    _pass(bed.session, 0.6)
+    bed.relay.cut = False
+    now = bed.session.until(lambda now: now.at_ns > before.at_ns + 600_000_000 and bool(now.allowed), "the link")
+    assert now.state is before.state
+    assert now.effect < Effect.HOLD
+
+
+def test_a_lost_link_in_a_walk_holds_and_its_return_moves_nothing(bed: Bed) -> None:
+    bed.session.walk(steps=1)
+    bed.session.send(OperatorKind.ARM)
+    bed.relay.cut = True
+    _pass(bed.session, 2.0 * LOST_NS / 1e9)
+    bed.session.send(OperatorKind.ACT, Action.INITIALISE)  # expires on the way
+    bed.relay.cut = False
+    now = bed.session.until(lambda now: any(one.event is Event.STOP for one in now.events), "as a takeover")
+    assert now.effect is Effect.HOLD
+    assert not now.armed
+    assert now.action is None
+    steps = now.steps
+    _pass(bed.session, 0.5)
+    assert bed.session.snapshot is not None
+    assert bed.session.snapshot.steps == steps
+    assert bed.session.snapshot.effect is Effect.HOLD, "until it is acknowledged"
+
+
+def test_stop_reaches_control_as_soon_as_the_link_is_back(bed: Bed) -> None:
+    bed.session.stand()
+    bed.relay.cut = True
+    _pass(bed.session, 0.3)
+    bed.session.send(OperatorKind.STOP)
+    _pass(bed.session, 0.2)
+    assert bed.session.latest is not None
+    assert bed.session.latest.stop_sent_ns, "sent is not acknowledged"
+    bed.relay.cut = False
+    bed.session.until(lambda now: now.effect is Effect.HOLD, "the hold")
+
+
+def test_replayed_and_foreign_packets_move_nothing_and_are_counted(bed: Bed) -> None:
+    before = bed.session.stand()
+    foreign = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    for datagram in (*bed.relay.packets[-50:], *(bytes([kind]) * 200 for kind in range(100))):
+        foreign.sendto(datagram, ("127.0.0.1", bed.port))
+    foreign.close()
+    stranger = zmq.Context()
+    dealer = stranger.socket(zmq.DEALER)
+    public, secret = zmq.curve_keypair()
+    dealer.setsockopt(zmq.LINGER, 0)
+    dealer.setsockopt(zmq.CURVE_SERVERKEY, own_key(Home(bed.joints)).public.encode())
+    dealer.setsockopt(zmq.CURVE_PUBLICKEY, public)
+    dealer.setsockopt(zmq.CURVE_SECRETKEY, secret)
+    dealer.connect(f"tcp://127.0.0.1:{bed.port}")
+    dealer.send(b"\xc1 malformed")
+    now = bed.session.until(lambda now: any(one.event is Event.FOREIGN_PEER for one in now.events), "the event")
+    assert now.state is before.state
+    assert now.effect <= Effect.REFUSE, "nothing pauses or holds"
+    dealer.close()
+    stranger.term()
+
+
+def test_both_trails_prove_themselves_and_tell_of_the_link(bed: Bed) -> None:
+    bed.session.close()
+    session = bed.session.setup.session
+    for home in (bed.laptop, bed.joints):
+        keys = Evidence(keys=by_fingerprint(known_keys(home / "keys")))
+        assert exit_status(verify([home / "logs" / f"{session}.jsonl"], keys)) == 0
+    bodies = bed.bodies()
+    codes = [one.text.code for one in bodies if isinstance(one, Note) and not isinstance(one.text, str)]
+    assert "LinkNotice.LAPTOP_CAME" in codes
+    assert "LinkNotice.LINK_RETURNED" in codes
+    assert "LinkNotice.COMMAND_STALE" in codes
+    assert any(isinstance(one, EventRaised) and one.event == Event.FOREIGN_PEER.value for one in bodies)
+
+
+def _pass(session: TwoHosts, seconds: float) -> None:
+    """What the link does needs its time; the console goes on meanwhile."""
+    deadline = time.monotonic() + seconds
+    while time.monotonic() < deadline:
+        session.poll()

@@ -1,0 +1,233 @@
+"""Two computers in two network namespaces, with the air between them: what a poor or lost link does.
+
+    sudo .venv/bin/python tools/bench_two_hosts.py stop        STOP against loss and delay
+    sudo .venv/bin/python tools/bench_two_hosts.py cuts        cuts at rest and in a walk
+    sudo .venv/bin/python tools/bench_two_hosts.py flood       10,000 packets a second at the port
+    sudo .venv/bin/python tools/bench_two_hosts.py demo        release → command against one host
+    sudo .venv/bin/python tools/bench_two_hosts.py clocks      clocks apart by an hour (time namespace)
+
+Run it on a quiet machine. Nothing leaves the namespaces.
+"""
+
+from __future__ import annotations
+
+import argparse
+import socket
+import statistics
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from app.ipc.messages import OperatorKind
+from app.ipc.states import Effect, Event
+from app.link.wire import PORT
+from app.system.paths import Home
+from testing.tunnel import JOINTS, Air, enter_namespace, two_namespaces
+from testing.two_hosts import TwoHosts, two_hosts
+
+HOST = f"{JOINTS}:{PORT}"
+CUTS_S = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0)
+FLOOD_HZ, FLOOD_S = 10_000, 10.0
+HOUR_S = 3600
+
+
+@contextmanager
+def session_over(joints_namespace: str, *prefix: str) -> Iterator[TwoHosts]:
+    """A session whose joints are in that namespace; this process is in the laptop's."""
+    with tempfile.TemporaryDirectory() as laptop, tempfile.TemporaryDirectory() as joints:
+        command = ("ip", "netns", "exec", joints_namespace, *prefix)
+        with two_hosts(Path(laptop), Path(joints), PORT, host=HOST, prefix=command) as session:
+            yield session
+
+
+def measure_stop(joints: str, air: Air, presses: int) -> None:
+    """Press to acknowledged by control, at rest, for each loss and delay."""
+    print("loss  one way  jitter     n   median      90 %       worst   (ms, press → acknowledged by control)")
+    with session_over(joints) as session:
+        session.stand()
+        for loss in (0.0, 0.05, 0.10, 0.20):
+            for delay_s, jitter_s in ((0.005, 0.0), (0.05, 0.02), (0.2, 0.05)):
+                air.loss = air.jitter_s = 0.0
+                air.delay_s = 0.001
+                session.settle()
+                air.loss, air.delay_s, air.jitter_s = loss, delay_s, jitter_s
+                pass_time(session, 1.0)
+                took_ms = [1000 * one for one in _presses(session, air, presses)]
+                tenth = statistics.quantiles(took_ms, n=10, method="inclusive")[-1] if len(took_ms) > 1 else took_ms[0]
+                figures = f"{statistics.median(took_ms):8.0f}  {tenth:8.0f}  {max(took_ms):8.0f}"
+                print(f"{loss:4.0%}  {1000 * delay_s:4.0f} ms  {1000 * jitter_s:4.0f} ms  {len(took_ms):4}  {figures}")
+
+
+def _presses(session: TwoHosts, air: Air, presses: int) -> Iterator[float]:
+    poor = (air.loss, air.delay_s, air.jitter_s)
+    for _ in range(presses):
+        yield session.stop_acknowledged_s(60.0)
+        air.loss, air.delay_s, air.jitter_s = 0.0, 0.001, 0.0
+        session.settle()
+        air.loss, air.delay_s, air.jitter_s = poor
+
+
+def measure_cuts(joints: str, air: Air, _: int) -> None:
+    """What each cut does to resting and to walking legs, and that its end moves nothing that was not moving."""
+    print("cut     legs     strongest effect meanwhile            armed after  steps after a hold")
+    with session_over(joints) as session:
+        for cut_s in CUTS_S:
+            for name, begin in (("rest", session.stand), ("walk", session.walk)):
+                begin()
+                session.send(OperatorKind.ARM)
+                session.until(lambda now: now.armed, "armed")
+                print(f"{cut_s:4.1f} s  {name:6}  {_cut(session, air, cut_s)}")
+
+
+def _cut(session: TwoHosts, air: Air, cut_s: float) -> str:
+    assert session.snapshot is not None
+    before_ns, pauses = session.snapshot.at_ns, session.snapshot.pauses.count
+    air.cut = True
+    pass_time(session, cut_s)
+    air.cut = False
+    back = session.until(lambda now: now.at_ns > before_ns + cut_s * 1e9, "the link")
+    pass_time(session, 0.5)
+    now = session.snapshot
+    held = [one for one in now.events if one.effect >= Effect.HOLD]
+    effect = held[0].event.value if held else "pause" if now.pauses.count > pauses else "none that lasts"
+    kind = f"{now.effect.name.lower()} ({effect})"
+    after = now.steps - back.steps if held else 0
+    pass_time(session, 0.5)
+    return f"{kind:36}  {'yes' if now.armed else 'no':11}  {after}"
+
+
+def measure_flood(joints: str, air: Air, _: int) -> None:
+    """Lateness of ticks in a quiet session, and in one whose port is flooded by packets and by malformed ones."""
+    air.loss = air.jitter_s = 0.0
+    quiet = _lateness(joints, lambda session: pass_time(session, FLOOD_S))
+    flooded = _lateness(joints, _flood)
+    for name, late in (("quiet", quiet), ("flood", flooded)):
+        print(f"{name}: tick lateness p50 {late[0]:.3f} ms, p99 {late[1]:.3f} ms, {late[2]} missed of {late[3]}")
+    print(f"ratio of p99: {flooded[1] / quiet[1]:.2f} (at most 1.3)")
+
+
+def _lateness(joints: str, run: Callable[[TwoHosts], None]) -> tuple[float, float, int, int]:
+    with session_over(joints) as session:
+        before = session.stand()
+        run(session)
+        now = session.snapshot
+        assert now is not None
+        assert now.effect < Effect.HOLD, now.events
+        assert now.steps == before.steps
+        late = now.lateness
+        return late.p50_ms, late.p99_ms, late.missed, late.ticks
+
+
+def _flood(session: TwoHosts) -> None:
+    flood, sent, began = socket.socket(socket.AF_INET, socket.SOCK_DGRAM), 0, time.monotonic()
+    flood.setblocking(False)
+    while (elapsed := time.monotonic() - began) < FLOOD_S:
+        while sent < FLOOD_HZ * elapsed:
+            content = bytes([sent % 4]) + sent.to_bytes(8, "big") * (1 + sent % 20)
+            try:
+                flood.sendto(content, (JOINTS, PORT))
+            except BlockingIOError:
+                break
+            finally:
+                sent += 1
+        session.poll(0.001)
+    flood.close()
+    peers = session.until(lambda now: any(one.event is Event.FOREIGN_PEER for one in now.events), "the event")
+    count = next(one.detail for one in peers.events if one.event is Event.FOREIGN_PEER)
+    print(f"sent {sent} packets in {FLOOD_S:.0f} s; refused and counted: {count}")
+
+
+def measure_clocks(joints: str, air: Air, _: int) -> None:
+    """The joints' clocks an hour ahead: the printed offset and uncertainty, and the age of what crosses the link."""
+    air.loss = air.jitter_s = 0.0
+    hour = str(HOUR_S)
+    prefix = ("unshare", "--time", "--monotonic", hour, "--boottime", hour, "--fork", "--kill-child=SIGTERM")
+    with session_over(joints, *prefix) as session:
+        session.stand()
+        pass_time(session, 3.0)
+        link = session.link
+        assert link is not None
+        assert link.uncertainty_ns is not None
+        error_ns = link.offset_ns - HOUR_S * 1_000_000_000
+        print(
+            f"offset {link.offset_ns / 1e9:+.6f} s ± {link.uncertainty_ns / 1e6:.3f} ms, error {error_ns / 1e6:+.3f} ms"
+        )
+        assert abs(error_ns) <= link.uncertainty_ns
+        took_s = session.stop_acknowledged_s()
+        print(f"STOP acknowledged after {took_s * 1000:.0f} ms")
+
+
+def measure_demo(joints: str, air: Air, _: int) -> None:
+    """All twelve actions on one host, and over a quiet link."""
+    from rich.console import Console
+
+    from app.demo.scenario import ALL_TWELVE
+    from app.demo.session import demo_config, print_result, run_session
+    from app.demo.two_hosts import joints_process, pair_both, wait_for, write_config
+    from app.system.config import Config, JointsConfig
+    from app.system.hand_model import find_model
+    from app.system.paths import find_home
+
+    air.loss = air.jitter_s = 0.0
+    model = str(find_model(find_home(), Config()))
+    releases = {}
+    with tempfile.TemporaryDirectory() as one, tempfile.TemporaryDirectory() as other:
+        laptop, far = Home(Path(one)), Home(Path(other))
+        config = demo_config(Config(model=model), seed=1, joints=JointsConfig())
+        write_config(far, config)
+        with joints_process(far, PORT, prefix=("ip", "netns", "exec", joints)) as process:
+            wait_for(HOST, lambda: process.poll() is None)
+            pair_both(laptop, far, HOST)
+            for name, host in (("one host", ""), ("two hosts", HOST)):
+                result = run_session(
+                    laptop,
+                    demo_config(Config(model=model), seed=1, joints=JointsConfig(host=host)),
+                    ALL_TWELVE,
+                    click_s=0.6,
+                    presses=3,
+                    watch=lambda _: None,
+                    other=far if host else None,
+                )
+                print_result(Console(), result, ALL_TWELVE)
+                found = [one.response_from_release_ms for one in result.attempts]
+                releases[name] = statistics.median([one for one in found if one is not None])
+    print(
+        f"release → command, median: {releases} ms; difference {releases['two hosts'] - releases['one host']:+.0f} ms"
+    )
+
+
+def pass_time(session: TwoHosts, seconds: float) -> None:
+    """The console goes on meanwhile."""
+    deadline = time.monotonic() + seconds
+    while time.monotonic() < deadline:
+        session.poll()
+
+
+MEASURES = {
+    "stop": measure_stop,
+    "cuts": measure_cuts,
+    "flood": measure_flood,
+    "clocks": measure_clocks,
+    "demo": measure_demo,
+}
+
+
+def main() -> None:
+    """Run one or all."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("what", choices=[*MEASURES, "all"])
+    parser.add_argument("--presses", type=int, default=20, help="STOPs for each loss and delay")
+    chosen = parser.parse_args()
+    with two_namespaces() as (laptop, joints, air):
+        enter_namespace(laptop)
+        for name, measure in MEASURES.items():
+            if chosen.what in {name, "all"}:
+                sys.stdout.flush()
+                measure(joints, air, chosen.presses)
+
+
+if __name__ == "__main__":
+    main()
