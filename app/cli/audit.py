@@ -50,9 +50,10 @@ def verify(
 ) -> None:
     """Prove that nothing was changed, cut or added. Exit status: 0 sound, 1 tampered or cut, 2 unreadable."""
     paths = files or [find_home(home).logs]
+    # Each place by its own console's keys: the trails of two computers are signed by two.
+    evidence = [_evidence([path], key, copies, home) for path in paths]
     with _reading_progress(paths) as progress:
-        # Each place by its own console's keys: the trails of two computers are signed by two.
-        findings = [one for path in paths for one in assess([path], _evidence([path], key, copies, home), progress)]
+        findings = [one for path, by in zip(paths, evidence, strict=True) for one in assess([path], by, progress)]
     joins = join_findings(findings)
     console = Console(soft_wrap=True, highlight=False)
     for text in (*(describe(one, render_recorded) for one in findings), *_described(joins)):

@@ -74,8 +74,7 @@ def main() -> None:
         return
     while True:
         microphone = make_microphone(voice, lambda: time.sleep(BLOCK_SAMPLES / RATE_HZ))
-        error = listen(microphone, spotter, report)
-        report(signal_of(error))
+        report(signal_of(listen(microphone, spotter, report)))
         time.sleep(RETRY_S)
 
 

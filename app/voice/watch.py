@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import subprocess
 import sys
 import threading
@@ -84,7 +85,7 @@ class VoiceStop:
             if self._ending.is_set():  # `close` has not seen it
                 child.kill()
             assert child.stdin is not None
-            assert child.stdout is not None
+            assert isinstance(child.stdout, io.BufferedReader)
             with suppress(OSError):
                 child.stdin.write(msgspec.json.encode(self._voice))
                 child.stdin.close()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 
 from app.control.running_action import Stage
+from app.ipc.messages import OperatorKind
 from app.ipc.states import Action, Effect, Event, GaitState
 from logs import records
 from tests.app.control.moments import HOLD_TICKS, RESTS, K, S, moving, now, records_of, resting
@@ -53,7 +54,7 @@ def test_at_rest_it_starts_nothing(state: GaitState) -> None:
         ((K.STOP, K.VOICE_STOP, K.STOP), Effect.DAMP),
     ],
 )
-def test_only_the_keys_are_counted(kinds: tuple[K, ...], effect: Effect) -> None:
+def test_only_the_keys_are_counted(kinds: tuple[OperatorKind, ...], effect: Effect) -> None:
     rig = moving()
     for kind in kinds:
         rig.send(kind)

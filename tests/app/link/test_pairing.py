@@ -14,7 +14,7 @@ import pytest
 
 from app.link import pairing
 from app.link.faults import LinkFault
-from app.link.keys import add_peer, forget_peer, joints_at, own_key, peers_of
+from app.link.keys import Peer, add_peer, forget_peer, joints_at, own_key, peers_of
 from app.link.pairing import Offer, PairingDesk, pair, write_offer
 from app.link.questions import Answer, PairBegin, PairConfirm, Who, check_version, encode, find, here, question_in
 from app.link.wire import VERSION
@@ -186,7 +186,7 @@ def test_the_older_side_is_named() -> None:
 
 def test_forgetting_takes_one_away(laptop: Home) -> None:
     for name in ("one", "two"):
-        add_peer(laptop, pairing.Peer(name=name, public=name, paired_at="", host=f"{name}:7447"))
+        add_peer(laptop, Peer(name=name, public=name, paired_at="", host=f"{name}:7447"))
     assert forget_peer(laptop, "two:7447").name == "two"
     assert [peer.name for peer in peers_of(laptop)] == ["one"]
     with pytest.raises(AppError) as refused:

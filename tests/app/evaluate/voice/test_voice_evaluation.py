@@ -47,7 +47,8 @@ def test_recordings_are_counted_once_and_stops_each() -> None:
         Recording("word", stop=True, samples=sound()),
         Recording("noise", stop=False, samples=sound(0.1, 0.7, 1.9, length_s=36.0)),
     ]
-    spotter, steps = FindsLoud(), []
+    spotter = FindsLoud()
+    steps: list[None] = []
     word, noise = measure(found, spotter, lambda: steps.append(None))  # type: ignore[arg-type]
     assert (word.recordings, word.stopped, word.stops, word.share) == (2, 1, 2, 0.5)
     assert (noise.stopped, noise.stops, noise.seconds, noise.per_hour) == (1, 3, 36.0, 300.0)
