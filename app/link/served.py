@@ -95,7 +95,7 @@ class ServedSession:
         self._guardian = LatestReceiver(address(links, streams.GUARDIAN.name), GuardianHealth)
         self._audit = LatestReceiver(address(links, streams.AUDIT_HEALTH.name), AuditHealth)
         self._sink = AuditSink(links, "link", host.setup.operator)
-        self.inbox = Inbox()
+        self.inbox = Inbox(resumed=held)
         self.snapshot: ControlSnapshot | None = None
         self.guardian: GuardianHealth | None = None
         self.audit: AuditHealth | None = None
