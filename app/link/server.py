@@ -108,9 +108,15 @@ class JointsServer:
         self._keeper = ThreadAuthenticator(self._context)
         self._keeper.start()
         self._keeper.configure_curve_callback("*", _Paired(home))
-        self._frames = self._open_frames(port)
+        self._frames = self._context.socket(zmq.ROUTER)
+        self._packets = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._monitor = HandshakeMonitor(self._frames, bound=True)
-        self._packets = self._open_packets(port)
+        try:
+            self._open_frames(port)
+            self._open_packets(port)
+        except OSError as error:
+            self.close()
+            raise AppError(LinkFault.PORT_TAKEN, port=port, detail=error.strerror or str(error)) from error
         self._poller = zmq.Poller()
         self._poller.register(self._frames, zmq.POLLIN)
         self._poller.register(self._packets, zmq.POLLIN)
@@ -192,9 +198,8 @@ class JointsServer:
 
     # --- frames ---------------------------------------------------------------------------------------------------
 
-    def _open_frames(self, port: int) -> zmq.Socket[bytes]:
+    def _open_frames(self, port: int) -> None:
         key = own_key(self._home)
-        frames = self._context.socket(zmq.ROUTER)
         options = (
             (zmq.LINGER, 0),
             (zmq.CURVE_SERVER, 1),
@@ -206,13 +211,11 @@ class JointsServer:
             (zmq.HEARTBEAT_TIMEOUT, 10_000),
         )
         for option, value in options:
-            frames.setsockopt(option, value)
+            self._frames.setsockopt(option, value)
         try:
-            frames.bind(f"tcp://*:{port}")
+            self._frames.bind(f"tcp://*:{port}")
         except zmq.ZMQError as error:
-            self._keeper.stop()
-            raise AppError(LinkFault.PORT_TAKEN, port=port, detail=str(error)) from error
-        return frames
+            raise OSError(error.errno, error.strerror) from error
 
     def _take_frames(self) -> None:
         for _ in range(FRAMES_A_ROUND):
@@ -323,15 +326,9 @@ class JointsServer:
 
     # --- packets --------------------------------------------------------------------------------------------------
 
-    def _open_packets(self, port: int) -> socket.socket:
-        packets = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        packets.setblocking(False)
-        try:
-            packets.bind(("0.0.0.0", port))
-        except OSError as error:
-            self._keeper.stop()
-            raise AppError(LinkFault.PORT_TAKEN, port=port, detail=error.strerror) from error
-        return packets
+    def _open_packets(self, port: int) -> None:
+        self._packets.setblocking(False)
+        self._packets.bind(("0.0.0.0", port))
 
     def _take_packets(self) -> None:
         for _ in range(PACKETS_A_ROUND):
