@@ -13,6 +13,7 @@ import time
 import zmq
 from msgspec.structs import replace
 
+from app.audit.other_trail import PERIOD_NS, other_trail
 from app.audit.sink import AuditSink
 from app.ipc import streams
 from app.ipc.links import LatestReceiver, OrderedReceiver, Publisher, address
@@ -31,7 +32,6 @@ from app.link.order import Outbox
 from app.link.packets import PacketSeal
 from app.link.remote import Remote
 from app.link.times import localized
-from app.link.trails import other_trail
 from app.link.wire import (
     StopMark,
     ToJoints,
@@ -50,7 +50,6 @@ _log = get_logger("link")
 WAIT_MS = 5
 SILENT_NS = 5_000 * NS_PER_MS  # then it is told that nobody answers; it goes on asking
 FRAME_NS = 50 * NS_PER_MS  # without anything new
-TRAIL_NS = 1_000 * NS_PER_MS
 END_NS = 15_000 * NS_PER_MS  # the other computer holds, damps, disables and signs its trail
 STOPS_A_PACKET = 8
 COMMANDS_A_ROUND = 64
@@ -202,10 +201,15 @@ class LinkClient:
         self._health.send(
             replace(health, fault=self._fault, processes=processes, stop_lease=stop.lease, stop_sequence=stop.sequence)
         )
-        if now_ns - self._trail_ns >= TRAIL_NS and self._beats.clock is not None:
-            self._trail_ns = now_ns
-            for record in other_trail(audit, self._beats.clock.at(now_ns), self._setup.config.joints.host):
-                self._sink.emit(record)
+        self._record_other_trail(audit, now_ns)
+
+    def _record_other_trail(self, audit: AuditHealth | None, now_ns: int) -> None:
+        if audit is None or self._beats.clock is None or now_ns - self._trail_ns < PERIOD_NS:
+            return
+        self._trail_ns, clock = now_ns, self._beats.clock.at(now_ns)
+        record = other_trail(audit, clock.offset_ns, clock.uncertainty_ns)
+        if record is not None:
+            self._sink.emit(record)
 
     # --- the other computer ---------------------------------------------------------------------------------------
 

@@ -13,6 +13,7 @@ from concurrent.futures import Executor, ThreadPoolExecutor
 
 import msgspec
 
+from app.audit.other_trail import PERIOD_NS, other_trail
 from app.ipc.messages import AuditHealth, LinkHealth
 from app.ipc.streams import LINK, NS_PER_MS, SNAPSHOT
 from app.link.beats import Beats, health_of
@@ -25,7 +26,6 @@ from app.link.port import JointsPort
 from app.link.questions import PairBegin, PairConfirm, Who, check_version, encode, here, question_in
 from app.link.served import ServedSession
 from app.link.times import localized
-from app.link.trails import other_trail
 from app.link.wire import (
     VERSION,
     FromLaptop,
@@ -49,7 +49,6 @@ from logs.reason import reason_of
 _log = get_logger("link")
 
 WAIT_MS = 5
-TRAIL_NS = 1_000 * NS_PER_MS
 END_SENT_NS = 5_000 * NS_PER_MS  # a laptop is told so long that its session is over
 
 
@@ -139,10 +138,16 @@ class JointsServer:
         if now_ns - self._health_ns >= LINK.period_ns:
             self._health_ns = now_ns
             session.publish(self._link_health(now_ns))
-        if now_ns - self._trail_ns >= TRAIL_NS and laptop is not None and laptop.beats.clock is not None:
-            self._trail_ns = now_ns
-            for record in other_trail(laptop.audit, laptop.beats.clock.at(now_ns), laptop.user):
-                session.record(record)
+        self._record_other_trail(session, now_ns)
+
+    def _record_other_trail(self, session: ServedSession, now_ns: int) -> None:
+        laptop = self._laptop
+        if laptop is None or laptop.audit is None or laptop.beats.clock is None or now_ns - self._trail_ns < PERIOD_NS:
+            return
+        self._trail_ns, clock = now_ns, laptop.beats.clock.at(now_ns)
+        record = other_trail(laptop.audit, clock.offset_ns, clock.uncertainty_ns)
+        if record is not None:
+            session.record(record)
 
     def _tell_end(self, now_ns: int, session: ServedSession) -> None:
         laptop = self._laptop
