@@ -122,11 +122,9 @@ def _lateness(joints: str, run: Callable[[TwoHosts], None]) -> tuple[float, floa
         run(session)
         now = session.snapshot
         assert now is not None
-        assert now.effect < Effect.HOLD, now.events
         assert now.steps == before.steps
         late = now.lateness
-        peers = session.until_link("connected").foreign_peers
-        print(f"refused at the laptop's end: {peers}; events: {[one.event.value for one in now.events]}")
+        print(f"effect {now.effect.name.lower()}; events: {[one.event.value for one in now.events]}")
         return late.p50_ms, late.p99_ms, late.missed, late.ticks
 
 
