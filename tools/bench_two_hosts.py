@@ -12,8 +12,8 @@ Run it on a quiet machine. Nothing leaves the namespaces.
 from __future__ import annotations
 
 import argparse
-import socket
 import statistics
+import subprocess
 import sys
 import tempfile
 import time
@@ -22,7 +22,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from app.ipc.messages import OperatorKind
-from app.ipc.states import Effect, Event
+from app.ipc.states import Action, Effect
 from app.link.wire import PORT
 from app.system.paths import Home
 from testing.tunnel import JOINTS, Air, enter_namespace, two_namespaces
@@ -76,10 +76,17 @@ def measure_cuts(joints: str, air: Air, _: int) -> None:
     with session_over(joints) as session:
         for cut_s in CUTS_S:
             for name, begin in (("rest", session.stand), ("walk", session.walk)):
+                _end_walk(session)
                 begin()
                 session.send(OperatorKind.ARM)
                 session.until(lambda now: now.armed, "armed")
                 print(f"{cut_s:4.1f} s  {name:6}  {_cut(session, air, cut_s)}")
+
+
+def _end_walk(session: TwoHosts) -> None:
+    if session.snapshot is not None and session.snapshot.action is Action.WALK:
+        session.send(OperatorKind.ACT, Action.WALK_END)
+        session.until(lambda now: now.action is None, "the walk's end")
 
 
 def _cut(session: TwoHosts, air: Air, cut_s: float) -> str:
@@ -103,7 +110,7 @@ def measure_flood(joints: str, air: Air, _: int) -> None:
     """Lateness of ticks in a quiet session, and in one whose port is flooded by packets and by malformed ones."""
     air.loss = air.jitter_s = 0.0
     quiet = _lateness(joints, lambda session: pass_time(session, FLOOD_S))
-    flooded = _lateness(joints, _flood)
+    flooded = _lateness(joints, lambda session: _flood(joints, session))
     for name, late in (("quiet", quiet), ("flood", flooded)):
         print(f"{name}: tick lateness p50 {late[0]:.3f} ms, p99 {late[1]:.3f} ms, {late[2]} missed of {late[3]}")
     print(f"ratio of p99: {flooded[1] / quiet[1]:.2f} (at most 1.3)")
@@ -115,29 +122,40 @@ def _lateness(joints: str, run: Callable[[TwoHosts], None]) -> tuple[float, floa
         run(session)
         now = session.snapshot
         assert now is not None
-        assert now.effect < Effect.HOLD, now.events
         assert now.steps == before.steps
         late = now.lateness
+        print(f"effect {now.effect.name.lower()}; events: {[one.event.value for one in now.events]}")
         return late.p50_ms, late.p99_ms, late.missed, late.ticks
 
 
-def _flood(session: TwoHosts) -> None:
-    flood, sent, began = socket.socket(socket.AF_INET, socket.SOCK_DGRAM), 0, time.monotonic()
-    flood.setblocking(False)
-    while (elapsed := time.monotonic() - began) < FLOOD_S:
-        while sent < FLOOD_HZ * elapsed:
-            content = bytes([sent % 4]) + sent.to_bytes(8, "big") * (1 + sent % 20)
-            try:
-                flood.sendto(content, (JOINTS, PORT))
-            except BlockingIOError:
-                break
-            finally:
-                sent += 1
-        session.poll(0.001)
-    flood.close()
-    peers = session.until(lambda now: any(one.event is Event.FOREIGN_PEER for one in now.events), "the event")
-    count = next(one.detail for one in peers.events if one.event is Event.FOREIGN_PEER)
-    print(f"sent {sent} packets in {FLOOD_S:.0f} s; refused and counted: {count}")
+# As many packets of every length and first byte as the time asks for, beside the joints, and malformed connections.
+_FLOOD = """
+import socket, sys, time
+host, port, rate, lasts = sys.argv[1], int(sys.argv[2]), float(sys.argv[3]), float(sys.argv[4])
+flood, sent, began = socket.socket(socket.AF_INET, socket.SOCK_DGRAM), 0, time.monotonic()
+while (elapsed := time.monotonic() - began) < lasts:
+    while sent < rate * elapsed:
+        flood.sendto(bytes([sent % 4]) + sent.to_bytes(8, "big") * (1 + sent % 20), (host, port))
+        sent += 1
+        if sent % 100 == 0:
+            with socket.create_connection((host, port)) as frames:
+                frames.sendall(bytes(200))
+    time.sleep(0.001)
+print(sent)
+"""
+
+
+def _flood(joints: str, session: TwoHosts) -> None:
+    command = ("ip", "netns", "exec", joints, sys.executable, "-c", _FLOOD)
+    arguments = (JOINTS, str(PORT), str(FLOOD_HZ), str(FLOOD_S))
+    with subprocess.Popen([*command, *arguments], stdout=subprocess.PIPE, text=True) as flood:
+        while flood.poll() is None:
+            session.poll()
+        assert flood.stdout is not None
+        sent = int(flood.stdout.read())
+    session.poll(1.0)
+    assert session.link is not None
+    print(f"sent {sent} packets in {FLOOD_S:.0f} s, and a malformed connection for every hundredth")
 
 
 def measure_clocks(joints: str, air: Air, _: int) -> None:

@@ -54,7 +54,19 @@ READS = frozenset(
     {
         *(
             f"audit {name}"
-            for name in ("explain", "export", "key", "list", "query", "replay", "report", "schema", "show", "verify")
+            for name in (
+                "explain",
+                "export",
+                "key",
+                "list",
+                "merge",
+                "query",
+                "replay",
+                "report",
+                "schema",
+                "show",
+                "verify",
+            )
         ),
         *(f"camera {name}" for name in ("compare", "list", "show")),
         *(f"can {name}" for name in ("decode", "monitor", "record")),

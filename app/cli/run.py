@@ -64,6 +64,10 @@ def run(
             speak_session(place, typer.echo)
         return
     check_terminal()
+    if patient is not None and config.joints.host and not read_only:
+        from app.link.questions import require_joints
+
+        require_joints(place, config.joints.host)
     with no_collections():
         from app.console.app import run_console
     from app.session.shared import held_session

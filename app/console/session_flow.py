@@ -25,6 +25,7 @@ from app.console.session_index import SessionRecords, TrainingRecords
 from app.console.state import SessionState
 from app.console.stop import StopSwitch
 from app.ipc.messages import OperatorKind
+from app.link.questions import require_joints
 from app.outcomes.guided import GuidedStop
 from app.session.host import make_setup
 from app.system.authority import Authority
@@ -212,6 +213,8 @@ class SessionFlow(SignedInApp):
             return
         moves = None if self.read_only else Permission.OPERATE
         try:
+            if config.joints.host and not self.read_only:
+                await asyncio.to_thread(require_joints, self.home, config.joints.host)
             setup = make_setup(self.home, config, profile, self.signed_in, moves)
         except USER_ERRORS as error:
             self.notify(render(error), severity="error", timeout=15)

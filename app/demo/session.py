@@ -145,9 +145,7 @@ def run_session(
         attempts = run_attempts(runner, scenario)
     finally:
         host.close()
-    verified, detail = _verify(home, setup.session)
-    if other is not None and verified:
-        verified, detail = _verify(other, setup.session)
+    verified, detail = _verify(setup.session, home, *((other,) if other is not None else ()))
     return SessionResult(
         attempts=tuple(attempts),
         unintended=runner.unintended(),
@@ -183,14 +181,24 @@ def rehearse_missing(setup: SessionSetup, watch: Callable[[str], None]) -> None:
     run_preflight(Home(setup.home), patient_of(setup.profile, device_of(setup)), device_of(setup), missing)
 
 
-def _verify(home: Home, session: str) -> tuple[bool, str]:
+def _verify(session: str, *homes: Home) -> tuple[bool, str]:
+    """The trail of each computer by its own keys; of two, that each proves the other."""
     from app.text.recorded import render_recorded
-    from logs.findings import summary
+    from logs.findings import Finding, summary
+    from logs.join import join_findings
     from logs.keys import by_fingerprint, known_keys
     from logs.verify import Evidence, exit_status, verify
 
-    findings = verify([home.logs / f"{session}.jsonl"], Evidence(keys=by_fingerprint(known_keys(home.keys))))
-    return exit_status(findings) == 0, "; ".join(summary(finding, render_recorded) for finding in findings)
+    findings = [
+        finding
+        for home in homes
+        for finding in verify([home.logs / f"{session}.jsonl"], Evidence(keys=by_fingerprint(known_keys(home.keys))))
+    ]
+    joins = join_findings(findings) if len(homes) > 1 else []
+    joined = [Finding(file=join.file, status=join.status) for join in joins]
+    whole = len(joins) >= 2 * (len(homes) - 1)
+    text = "; ".join(summary(finding, render_recorded) for finding in findings)
+    return whole and exit_status([*findings, *joined]) == 0, text
 
 
 def print_result(console: Console, result: SessionResult, scenario: Sequence[Step]) -> None:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+from app.ipc.messages import AuditHealth, LinkHealth
+from app.ipc.streams import NS_PER_MS
 from app.link.clock import ClockEstimate, RoundTrip, update
 from app.link.quality import BEAT_NS, LinkQuality
 from app.link.wire import Packet
@@ -77,3 +79,21 @@ class Beats:
         before, self._their_wall_ns = self._their_wall_ns, wall_ns
         if before is not None and abs(wall_ns - before) > WALL_STEP_NS:
             self.wall_step_ns = wall_ns - before
+
+
+def health_of(beats: Beats, host: str, now_ns: int, foreign: int, audit: AuditHealth | None) -> LinkHealth:
+    """What one end knows of the link."""
+    clock = None if beats.clock is None else beats.clock.at(now_ns)
+    return LinkHealth(
+        at_ns=now_ns,
+        host=host,
+        connected=not beats.lost(now_ns),
+        round_trip_ms=beats.quality.round_trip_ns / NS_PER_MS,
+        jitter_ms=beats.quality.jitter_ns / NS_PER_MS,
+        loss=beats.loss(now_ns),
+        offset_ns=clock.offset_ns if clock else 0,
+        uncertainty_ns=clock.uncertainty_ns if clock else None,
+        steps=beats.steps,
+        audit=audit,
+        foreign_peers=foreign,
+    )

@@ -8,13 +8,12 @@ from __future__ import annotations
 
 import os
 import signal
-import socket
 import time
 
-import msgspec
 import zmq
 from msgspec.structs import replace
 
+from app.audit.other_trail import PERIOD_NS, other_trail
 from app.audit.sink import AuditSink
 from app.ipc import streams
 from app.ipc.links import LatestReceiver, OrderedReceiver, Publisher, address
@@ -27,34 +26,20 @@ from app.ipc.messages import (
 )
 from app.ipc.states import Event
 from app.ipc.streams import NS_PER_MS
-from app.link.address import resolve
-from app.link.beats import Beats
-from app.link.faults import LinkFault
-from app.link.keys import joints_at, own_key
-from app.link.order import Flight, Outbox
-from app.link.packets import MAX_BYTES, PacketSeal
-from app.link.questions import check_version
-from app.link.served import LinkNotice
-from app.link.server import health_of
+from app.link.beats import Beats, health_of
+from app.link.faults import LinkFault, LinkNotice
+from app.link.order import Outbox
+from app.link.packets import PacketSeal
+from app.link.remote import Remote
 from app.link.times import localized
-from app.link.trails import other_trail
 from app.link.wire import (
-    VERSION,
-    FromJoints,
-    Hello,
-    Refused,
-    SessionRequest,
     StopMark,
     ToJoints,
     ToLaptop,
     Welcome,
-    program,
 )
-from app.system.authority import DEMONSTRATION
 from app.system.config import SessionSetup
 from app.system.diagnostics_log import get_logger
-from app.system.errors import AppError
-from app.system.paths import Home
 from app.system.scheduling import gc_freeze, set_scheduling
 from logs.reading.errors import CodedError
 from logs.reason import Reason, reason, reason_of
@@ -63,13 +48,8 @@ from logs.records import EventRaised, Note, ProcessEnd, ProcessStart
 _log = get_logger("link")
 
 WAIT_MS = 5
-# Nothing acknowledged for so long: a new connection, since TCP itself would wait longer. Doubled with each attempt:
-# over a poor link a handshake takes seconds.
-RETRY_NS, RETRY_AT_MOST_NS = 1_000 * NS_PER_MS, 8_000 * NS_PER_MS
 SILENT_NS = 5_000 * NS_PER_MS  # then it is told that nobody answers; it goes on asking
-CONNECTED_FRAMES = 20  # acknowledged, a connection is as good as before
 FRAME_NS = 50 * NS_PER_MS  # without anything new
-TRAIL_NS = 1_000 * NS_PER_MS
 END_NS = 15_000 * NS_PER_MS  # the other computer holds, damps, disables and signs its trail
 STOPS_A_PACKET = 8
 COMMANDS_A_ROUND = 64
@@ -143,10 +123,10 @@ class LinkClient:
         for link in self._links:
             link.close()
 
-    def _open_remote(self) -> _Remote | None:
+    def _open_remote(self) -> Remote | None:
         host = self._setup.config.joints.host
         try:
-            return _Remote(self._setup)
+            return Remote(self._setup)
         except CodedError as error:
             self._fail(reason_of(error))
             _log.warning("link not opened", extra={"host": host, "why": str(error)})
@@ -221,10 +201,15 @@ class LinkClient:
         self._health.send(
             replace(health, fault=self._fault, processes=processes, stop_lease=stop.lease, stop_sequence=stop.sequence)
         )
-        if now_ns - self._trail_ns >= TRAIL_NS and self._beats.clock is not None:
-            self._trail_ns = now_ns
-            for record in other_trail(audit, self._beats.clock.at(now_ns), self._setup.config.joints.host):
-                self._sink.emit(record)
+        self._record_other_trail(audit, now_ns)
+
+    def _record_other_trail(self, audit: AuditHealth | None, now_ns: int) -> None:
+        if audit is None or self._beats.clock is None or now_ns - self._trail_ns < PERIOD_NS:
+            return
+        self._trail_ns, clock = now_ns, self._beats.clock.at(now_ns)
+        record = other_trail(audit, clock.offset_ns, clock.uncertainty_ns)
+        if record is not None:
+            self._sink.emit(record)
 
     # --- the other computer ---------------------------------------------------------------------------------------
 
@@ -278,7 +263,7 @@ class LinkClient:
     def _note(self, notice: LinkNotice, **values: object) -> None:
         self._sink.emit(Note(text=reason(notice, **values)))
 
-    def _send(self, remote: _Remote, now_ns: int) -> None:
+    def _send(self, remote: Remote, now_ns: int) -> None:
         if remote.must_reconnect(now_ns):
             remote.connect(now_ns)
         if self._seal is None:
@@ -289,7 +274,7 @@ class LinkClient:
         if remote.may_send and (due or now_ns - self._frame_ns >= FRAME_NS):
             self._send_frame(remote, now_ns)
 
-    def _send_frame(self, remote: _Remote, now_ns: int) -> None:
+    def _send_frame(self, remote: Remote, now_ns: int) -> None:
         self._frame_ns = now_ns
         waiting = self._outbox.next
         frame = ToJoints(
@@ -305,7 +290,7 @@ class LinkClient:
         remote.commands_sent = self._outbox.first + len(waiting) - 1
         remote.send(frame)
 
-    def _send_packet(self, remote: _Remote, now_ns: int) -> None:
+    def _send_packet(self, remote: Remote, now_ns: int) -> None:
         if self._seal is None:
             return
         packet = replace(
@@ -319,141 +304,3 @@ class LinkClient:
 
 def _is_newer(one: ControlSnapshot, other: ControlSnapshot) -> bool:
     return (one.incarnation, one.sequence) > (other.incarnation, other.sequence)
-
-
-class _Remote:
-    """The sockets to the other computer: frames, made anew when they stall, and packets."""
-
-    def __init__(self, setup: SessionSetup) -> None:
-        """Raises AppError: not paired, an address that is none."""
-        home, host = Home(setup.home), setup.config.joints.host
-        peer = joints_at(home, host)
-        if peer is None:
-            raise AppError(LinkFault.NOT_PAIRED, host=host)
-        self.host = host
-        self._key, self._their_key = own_key(home), peer.public
-        self._where = resolve(host)
-        self._request = SessionRequest(
-            session=setup.session,
-            profile=setup.profile,
-            operator=setup.operator,
-            role=setup.role,
-            signed_in=setup.role not in ("", DEMONSTRATION),
-        )
-        self._context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
-        self._frames: zmq.Socket[bytes] | None = None
-        self._packets = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self._packets.setblocking(False)
-        self._packets.connect(self._where)
-        self.poller = zmq.Poller()
-        self.poller.register(self._packets, zmq.POLLIN)
-        self.waits_for_local = False
-        self.flight = Flight()
-        self.commands_sent = 0
-        self._welcome = self._refused = False
-        self._connected_ns = 0
-        self._patience_ns = RETRY_NS
-        self._decode = msgspec.msgpack.Decoder(FromJoints)
-        self._encode = msgspec.msgpack.Encoder().encode
-
-    @property
-    def may_send(self) -> bool:
-        """Whether a frame may leave now."""
-        return self._welcome and self.flight.is_open
-
-    def must_reconnect(self, now_ns: int) -> bool:
-        """Whether the connection is not there or has stalled."""
-        if self._frames is None:
-            return True
-        if not self._welcome:
-            return now_ns - self._connected_ns > self._patience_ns
-        return self.flight.waits_ns(now_ns) > self._patience_ns
-
-    def expect_soon(self) -> None:
-        """The way is open again: a connection that stalled meanwhile would go on late."""
-        self._patience_ns = RETRY_NS
-
-    def connect(self, now_ns: int) -> None:
-        """A new connection, which greets; what was under way on the old one is repeated or newer now."""
-        self._close_frames()
-        frames = self._frames = self._context.socket(zmq.DEALER)
-        options = (
-            (zmq.LINGER, 0),
-            (zmq.SNDHWM, 8),
-            (zmq.RCVHWM, 32),
-            (zmq.CURVE_SERVERKEY, self._their_key.encode()),
-            (zmq.CURVE_PUBLICKEY, self._key.public.encode()),
-            (zmq.CURVE_SECRETKEY, self._key.secret.encode()),
-        )
-        for option, value in options:
-            frames.setsockopt(option, value)
-        frames.connect(f"tcp://{self._where[0]}:{self._where[1]}")
-        self.poller.register(frames, zmq.POLLIN)
-        self.flight, self.commands_sent = Flight(), 0
-        if self._connected_ns:
-            self._patience_ns = min(2 * self._patience_ns, RETRY_AT_MOST_NS)
-        self._welcome, self._connected_ns = False, now_ns
-        self.send(Hello(link=VERSION, program=program(), request=self._request))
-
-    def take(self, client: LinkClient, now_ns: int) -> None:
-        """Everything that came."""
-        while self._frames is not None:
-            try:
-                content = self._frames.recv(zmq.NOBLOCK)
-            except zmq.Again:
-                break
-            self._take_frame(client, content, now_ns)
-        while True:
-            try:
-                datagram = self._packets.recv(MAX_BYTES + 1)
-            except (BlockingIOError, ConnectionError):
-                break
-            client.take_packet(datagram, time.monotonic_ns())
-
-    def send(self, message: msgspec.Struct) -> None:
-        """Queue a frame; a full queue drops it, and the connection is made anew when nothing is acknowledged."""
-        if self._frames is not None:
-            try:
-                self._frames.send(self._encode(message), zmq.NOBLOCK)
-            except zmq.Again:
-                return
-
-    def send_packet(self, datagram: bytes) -> None:
-        """One packet; without a way there it is lost, as on the air."""
-        try:
-            self._packets.send(datagram)
-        except OSError:
-            return
-
-    def close(self) -> None:
-        """Release the sockets."""
-        self._close_frames(linger_ms=200)
-        self._packets.close()
-        self._context.term()
-
-    def _close_frames(self, linger_ms: int = 0) -> None:
-        if self._frames is not None:
-            self.poller.unregister(self._frames)
-            self._frames.close(linger=linger_ms)
-            self._frames = None
-
-    def _take_frame(self, client: LinkClient, content: bytes, now_ns: int) -> None:
-        try:
-            message = self._decode.decode(content)
-        except msgspec.MsgspecError:
-            return
-        if isinstance(message, Welcome):
-            try:
-                check_version(self.host, message.link, message.program)
-            except AppError as error:
-                client.refused(reason_of(error))
-                return
-            self._welcome = True
-            client.welcomed(message)
-        elif isinstance(message, Refused):
-            client.refused(message.reason)
-        else:
-            self.flight.receive(message.number, message.acknowledged, now_ns)
-            if self.flight.acknowledged > CONNECTED_FRAMES:
-                self._patience_ns = RETRY_NS
-            client.take_frame(message, now_ns)

@@ -30,3 +30,15 @@ class LinkFault(Enum):
     NO_SERVICE = auto()  # home
     NO_SUCH_PEER = auto()  # name
     KEYS_DAMAGED = auto()  # path
+
+
+class LinkNotice(Enum):
+    """What the link's process notes in the trail."""
+
+    LAPTOP_CAME = auto()  # laptop
+    LINK_RETURNED = auto()  # silent_s
+    COMMAND_STALE = auto()  # command, age_s
+    COMMANDS_LOST = auto()
+    PEER_REFUSED = auto()  # laptop, why
+    CLOCK_STEPPED = auto()  # step_s
+    OTHER_CLOCK_STEPPED = auto()  # step_s

@@ -51,10 +51,13 @@ class Inbox:
     """How many commands came."""
 
     count: int = 0
+    resumed: bool = False  # an earlier process took what came before: the first frame tells how many it acknowledged
 
     def take(self, first: int, commands: Iterable[OperatorCommand]) -> list[OperatorCommand]:
         """The new ones of a frame; a frame that leaves a gap brings none."""
         new: list[OperatorCommand] = []
+        if self.resumed:
+            self.count, self.resumed = max(0, first - 1), False
         if first > self.count + 1:
             return new
         for number, command in enumerate(commands, first):

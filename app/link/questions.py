@@ -11,9 +11,11 @@ from msgspec import Struct
 from app.link.address import resolve
 from app.link.clock import ClockUpdate, RoundTrip, update
 from app.link.faults import LinkFault
+from app.link.keys import joints_at
 from app.link.packets import MAX_BYTES
 from app.link.wire import VERSION, program
 from app.system.errors import AppError
+from app.system.paths import Home
 
 PLAIN = 2  # the first byte
 ANSWER_S = 2.0
@@ -183,6 +185,15 @@ def find(host: str, limit_s: float = ANSWER_S) -> Found:
         offset_ns=clock.estimate.offset_ns,
         uncertainty_ns=clock.estimate.uncertainty_ns,
     )
+
+
+def require_joints(home: Home, host: str) -> Found:
+    """The exoskeleton's computer as it answers. Raises AppError: nobody there, another version, not paired."""
+    found = find(host)
+    check_version(host, found.link, found.program)
+    if joints_at(home, host) is None:
+        raise AppError(LinkFault.NOT_PAIRED, host=host)
+    return found
 
 
 def check_version(host: str, link: int, theirs: str) -> None:

@@ -9,7 +9,6 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable
 from concurrent.futures import Executor
-from enum import Enum, auto
 
 from msgspec.structs import replace
 
@@ -28,7 +27,7 @@ from app.ipc.messages import (
 )
 from app.link.beats import LOST_NS
 from app.link.clock import ClockEstimate
-from app.link.faults import LinkFault
+from app.link.faults import LinkFault, LinkNotice
 from app.link.order import Inbox
 from app.link.times import localized
 from app.link.wire import SessionRequest, StopMark
@@ -50,41 +49,12 @@ NEVER_STALE = frozenset(
 )
 
 
-class LinkNotice(Enum):
-    """What the link's process notes in the trail."""
-
-    LAPTOP_CAME = auto()  # laptop
-    LINK_RETURNED = auto()  # silent_s
-    COMMAND_STALE = auto()  # command, age_s
-    COMMANDS_LOST = auto()
-    PEER_REFUSED = auto()  # laptop, why
-    CLOCK_STEPPED = auto()  # step_s
-    OTHER_CLOCK_STEPPED = auto()  # step_s
-
-
 class ServedSession:
     """One session from the request to its end. The link goes on while its processes start and end."""
 
-    def __init__(self, home: Home, config: Config, request: SessionRequest, workers: Executor) -> None:
-        """workers: start and end its processes meanwhile. Raises AppError when it can't be begun."""
+    def __init__(self, setup: SessionSetup, workers: Executor, *, held: bool) -> None:
+        """workers: start and end its processes meanwhile. held: they run, of an earlier process of this command."""
         self._workers = workers
-        check_request(config, request)
-        setup = make_setup(home, config, request.profile, None, permission=None)
-        names = {"operator": request.operator, "role": request.role}
-        self._begin(replace(setup, session=request.session, linked=True, **names), held=False)
-
-    @classmethod
-    def resumed(cls, home: Home, workers: Executor) -> ServedSession | None:
-        """The one that an earlier process of this command left, held; None without one."""
-        held = held_session(home)
-        if held is None or not held.linked:
-            return None
-        session = cls.__new__(cls)
-        session._workers = workers
-        session._begin(held, held=True)
-        return session
-
-    def _begin(self, setup: SessionSetup, *, held: bool) -> None:
         host = self._host = SessionHost(setup, without=frozenset({"perception", "link"}))
         host.silence()  # the laptop's heartbeats count, not this process's
         links = host.setup.links
@@ -95,7 +65,7 @@ class ServedSession:
         self._guardian = LatestReceiver(address(links, streams.GUARDIAN.name), GuardianHealth)
         self._audit = LatestReceiver(address(links, streams.AUDIT_HEALTH.name), AuditHealth)
         self._sink = AuditSink(links, "link", host.setup.operator)
-        self.inbox = Inbox()
+        self.inbox = Inbox(resumed=held)
         self.snapshot: ControlSnapshot | None = None
         self.guardian: GuardianHealth | None = None
         self.audit: AuditHealth | None = None
@@ -111,6 +81,20 @@ class ServedSession:
         self._must_take_over = held
         self._started = self._ending = False
         self._workers.submit(self._start)
+
+    @classmethod
+    def begun(cls, home: Home, config: Config, request: SessionRequest, workers: Executor) -> ServedSession:
+        """A new one. Raises AppError when it can't be begun."""
+        check_request(config, request)
+        setup = make_setup(home, config, request.profile, None, permission=None)
+        names = {"session": request.session, "operator": request.operator, "role": request.role}
+        return cls(replace(setup, linked=True, **names), workers, held=False)
+
+    @classmethod
+    def resumed(cls, home: Home, workers: Executor) -> ServedSession | None:
+        """The one that an earlier process of this command left, held; None without one."""
+        held = held_session(home)
+        return cls(held, workers, held=True) if held is not None and held.linked else None
 
     @property
     def name(self) -> str:

@@ -7,28 +7,25 @@ and holds no motion up: control has its own process.
 from __future__ import annotations
 
 import signal
-import socket
 import time
 from collections.abc import Callable
 from concurrent.futures import Executor, ThreadPoolExecutor
 
 import msgspec
-import zmq
-from zmq.auth.thread import ThreadAuthenticator
 
-from app.ipc.links import HandshakeMonitor
+from app.audit.other_trail import PERIOD_NS, other_trail
 from app.ipc.messages import AuditHealth, LinkHealth
 from app.ipc.streams import LINK, NS_PER_MS, SNAPSHOT
-from app.link.beats import Beats
-from app.link.faults import LinkFault
-from app.link.keys import own_key, peers_of
+from app.link.beats import Beats, health_of
+from app.link.faults import LinkFault, LinkNotice
+from app.link.keys import peers_of
 from app.link.order import Flight
-from app.link.packets import MAX_BYTES, PacketSeal, new_packet_key
+from app.link.packets import PacketSeal, new_packet_key
 from app.link.pairing import PairingDesk
+from app.link.port import JointsPort
 from app.link.questions import PairBegin, PairConfirm, Who, check_version, encode, here, question_in
-from app.link.served import LinkNotice, ServedSession
+from app.link.served import ServedSession
 from app.link.times import localized
-from app.link.trails import other_trail
 from app.link.wire import (
     VERSION,
     FromLaptop,
@@ -52,10 +49,6 @@ from logs.reason import reason_of
 _log = get_logger("link")
 
 WAIT_MS = 5
-FRAMES_A_ROUND = 64
-PACKETS_A_ROUND = 512
-MAX_FRAME = 1 << 18
-TRAIL_NS = 1_000 * NS_PER_MS
 END_SENT_NS = 5_000 * NS_PER_MS  # a laptop is told so long that its session is over
 
 
@@ -64,20 +57,6 @@ class _Version(msgspec.Struct, tag="hello"):
 
     link: int
     program: str
-
-
-class _Paired:
-    """ZeroMQ's question whether a key is admitted (ZAP, RFC 27): asked at each connection, from a thread of its own."""
-
-    def __init__(self, home: Home) -> None:
-        self._home = home
-
-    def callback(self, _domain: str, key: bytes) -> bool:
-        """Only paired ones; an unreadable list admits nobody."""
-        try:
-            return key.decode() in {peer.public for peer in peers_of(self._home)}
-        except CodedError:
-            return False
 
 
 class Laptop:
@@ -104,16 +83,7 @@ class JointsServer:
     def __init__(self, home: Home, config: Config, port: int, workers: Executor) -> None:
         """workers: start and end sessions, with the usual scheduling. Raises AppError when the port can't be had."""
         self._home, self._config, self._workers = home, config, workers
-        self._context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
-        self._keeper = ThreadAuthenticator(self._context)
-        self._keeper.start()
-        self._keeper.configure_curve_callback("*", _Paired(home))
-        self._frames = self._open_frames(port)
-        self._monitor = HandshakeMonitor(self._frames, bound=True)
-        self._packets = self._open_packets(port)
-        self._poller = zmq.Poller()
-        self._poller.register(self._frames, zmq.POLLIN)
-        self._poller.register(self._packets, zmq.POLLIN)
+        self._port = JointsPort(home, port)
         self._desk = PairingDesk(home)
         self._decode = msgspec.msgpack.Decoder(FromLaptop)
         self._encode = msgspec.msgpack.Encoder().encode
@@ -134,20 +104,16 @@ class JointsServer:
         """Until asked to end."""
         watch("ready")
         while not self._done():
-            self._poller.poll(WAIT_MS)
+            self._port.wait(WAIT_MS)
             now_ns = time.monotonic_ns()
             self._take_frames()
             self._take_packets()
-            self._foreign += self._monitor.count(time.monotonic())
+            self._foreign += self._port.foreign_peers()
             self._serve(now_ns)
 
     def close(self) -> None:
         """Release the port."""
-        self._monitor.close()
-        self._frames.close(linger=200)
-        self._packets.close()
-        self._keeper.stop()
-        self._context.term()
+        self._port.close()
 
     def _done(self) -> bool:
         if not self._must_end:
@@ -172,10 +138,16 @@ class JointsServer:
         if now_ns - self._health_ns >= LINK.period_ns:
             self._health_ns = now_ns
             session.publish(self._link_health(now_ns))
-        if now_ns - self._trail_ns >= TRAIL_NS and laptop is not None and laptop.beats.clock is not None:
-            self._trail_ns = now_ns
-            for record in other_trail(laptop.audit, laptop.beats.clock.at(now_ns), laptop.user):
-                session.record(record)
+        self._record_other_trail(session, now_ns)
+
+    def _record_other_trail(self, session: ServedSession, now_ns: int) -> None:
+        laptop = self._laptop
+        if laptop is None or laptop.audit is None or laptop.beats.clock is None or now_ns - self._trail_ns < PERIOD_NS:
+            return
+        self._trail_ns, clock = now_ns, laptop.beats.clock.at(now_ns)
+        record = other_trail(laptop.audit, clock.offset_ns, clock.uncertainty_ns)
+        if record is not None:
+            session.record(record)
 
     def _tell_end(self, now_ns: int, session: ServedSession) -> None:
         laptop = self._laptop
@@ -192,39 +164,9 @@ class JointsServer:
 
     # --- frames ---------------------------------------------------------------------------------------------------
 
-    def _open_frames(self, port: int) -> zmq.Socket[bytes]:
-        key = own_key(self._home)
-        frames = self._context.socket(zmq.ROUTER)
-        options = (
-            (zmq.LINGER, 0),
-            (zmq.CURVE_SERVER, 1),
-            (zmq.CURVE_SECRETKEY, key.secret.encode()),
-            (zmq.MAXMSGSIZE, MAX_FRAME),
-            (zmq.SNDHWM, 32),
-            (zmq.RCVHWM, 32),
-            (zmq.HEARTBEAT_IVL, 2_000),
-            (zmq.HEARTBEAT_TIMEOUT, 10_000),
-        )
-        for option, value in options:
-            frames.setsockopt(option, value)
-        try:
-            frames.bind(f"tcp://*:{port}")
-        except zmq.ZMQError as error:
-            self._keeper.stop()
-            raise AppError(LinkFault.PORT_TAKEN, port=port, detail=str(error)) from error
-        return frames
-
     def _take_frames(self) -> None:
-        for _ in range(FRAMES_A_ROUND):
-            try:
-                parts = self._frames.recv_multipart(zmq.NOBLOCK, copy=False)
-            except zmq.Again:
-                return
-            if len(parts) != 2:
-                self._foreign += 1
-                continue
-            user = str(parts[1].get("User-Id"))
-            self._take_frame(parts[0].bytes, user, parts[1].bytes)
+        for identity, user, content in self._port.frames():
+            self._take_frame(identity, user, content)
 
     def _take_frame(self, identity: bytes, user: str, content: bytes) -> None:
         try:
@@ -275,7 +217,7 @@ class JointsServer:
         if session is None:
             if (self._home.logs / f"{request.session}.jsonl").exists():
                 raise AppError(LinkFault.SESSION_OVER, session=request.session)
-            session = self._session = ServedSession(self._home, self._config, request, self._workers)
+            session = self._session = ServedSession.begun(self._home, self._config, request, self._workers)
             self._wait_for_snapshots(session)
         self._connections += 1
         self._laptop = Laptop(identity, user, self._connections)
@@ -316,29 +258,12 @@ class JointsServer:
         self._send(laptop.identity, frame)
 
     def _send(self, identity: bytes, message: msgspec.Struct) -> None:
-        try:
-            self._frames.send_multipart([identity, self._encode(message)], zmq.NOBLOCK)
-        except zmq.ZMQError:  # it has gone, or its queue is full: it asks again
-            return
+        self._port.send_frame(identity, self._encode(message))
 
     # --- packets --------------------------------------------------------------------------------------------------
 
-    def _open_packets(self, port: int) -> socket.socket:
-        packets = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        packets.setblocking(False)
-        try:
-            packets.bind(("0.0.0.0", port))
-        except OSError as error:
-            self._keeper.stop()
-            raise AppError(LinkFault.PORT_TAKEN, port=port, detail=error.strerror) from error
-        return packets
-
     def _take_packets(self) -> None:
-        for _ in range(PACKETS_A_ROUND):
-            try:
-                datagram, where = self._packets.recvfrom(MAX_BYTES + 1)
-            except (BlockingIOError, ConnectionError):
-                return
+        for datagram, where in self._port.packets():
             self._take_packet(datagram, where, time.monotonic_ns())
 
     def _take_packet(self, datagram: bytes, where: tuple[str, int], now_ns: int) -> None:
@@ -375,21 +300,15 @@ class JointsServer:
         if laptop.where is None or not laptop.beats.due(now_ns):
             return
         packet = laptop.beats.next(now_ns, time.time_ns())
-        self._send_to(laptop.seal.seal(msgspec.structs.replace(packet, stops=session.stops)), laptop.where)
+        self._port.send_packet(laptop.seal.seal(msgspec.structs.replace(packet, stops=session.stops)), laptop.where)
 
     def _answer(self, question: Who | PairBegin | PairConfirm, where: tuple[str, int], now_ns: int) -> None:
         if isinstance(question, Who):
-            self._send_to(encode(here(question, now_ns, time.monotonic_ns())), where)
+            self._port.send_packet(encode(here(question, now_ns, time.monotonic_ns())), where)
         elif isinstance(question, PairBegin):
-            self._send_to(encode(self._desk.begin(question, time.time())), where)
+            self._port.send_packet(encode(self._desk.begin(question, time.time())), where)
         else:
-            self._send_to(encode(self._desk.confirm(question, time.time())), where)
-
-    def _send_to(self, datagram: bytes, where: tuple[str, int]) -> None:
-        try:
-            self._packets.sendto(datagram, where)
-        except OSError:  # no way there now, or its buffer is full: the next one is due in 20 ms
-            return
+            self._port.send_packet(encode(self._desk.confirm(question, time.time())), where)
 
     # --------------------------------------------------------------------------------------------------------------
 
@@ -403,30 +322,8 @@ class JointsServer:
         return next((peer.name for peer in peers_of(self._home) if peer.public == user), "?")
 
     def _wait_for_snapshots(self, session: ServedSession | None) -> None:
-        for waited, _ in list(self._poller.sockets):
-            if waited not in (self._frames, self._packets.fileno(), self._packets):
-                self._poller.unregister(waited)
         session = session or self._session
-        if session is not None:
-            self._poller.register(session.snapshots.socket, zmq.POLLIN)
-
-
-def health_of(beats: Beats, host: str, now_ns: int, foreign: int, audit: AuditHealth | None) -> LinkHealth:
-    """What one end knows of the link."""
-    clock = None if beats.clock is None else beats.clock.at(now_ns)
-    return LinkHealth(
-        at_ns=now_ns,
-        host=host,
-        connected=not beats.lost(now_ns),
-        round_trip_ms=beats.quality.round_trip_ns / NS_PER_MS,
-        jitter_ms=beats.quality.jitter_ns / NS_PER_MS,
-        loss=beats.loss(now_ns),
-        offset_ns=clock.offset_ns if clock else 0,
-        uncertainty_ns=clock.uncertainty_ns if clock else None,
-        steps=beats.steps,
-        audit=audit,
-        foreign_peers=foreign,
-    )
+        self._port.wait_as_well_for(None if session is None else session.snapshots.socket)
 
 
 def serve_joints(home: Home, config: Config, port: int, watch: Callable[[str], None]) -> None:

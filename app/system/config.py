@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 CameraKind = Literal["digital-hand", "webcam", "realsense", "recording"]
 ArmFrom = Literal["below", "left", "above", "right", "anywhere"]
 JointsKind = Literal["simulated", "can"]
+HOST_FORM = r"^([A-Za-z0-9]([A-Za-z0-9.-]*[A-Za-z0-9])?(:[0-9]{1,5})?)?$"  # name or IPv4 address, and port
 
 
 class ConfigFault(Enum):
@@ -59,7 +60,7 @@ class JointsConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
     motors: str = ""  # path of a TOML that extends the motor table
     interface: str = ""  # overrides the device's bus, e.g. udp_multicast
     channel: str = ""
-    host: str = ""  # the exoskeleton's own computer, e.g. exo.local:7447; empty: the joints are this one's
+    host: Annotated[str, Meta(pattern=HOST_FORM, max_length=260)] = ""  # of the exoskeleton's own computer; empty: here
 
 
 class ButtonConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):

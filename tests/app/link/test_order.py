@@ -77,3 +77,9 @@ def test_an_acknowledgement_of_what_was_never_sent_counts_for_nothing() -> None:
     flight.send(1)
     flight.receive(1, 99, 2)
     assert flight.acknowledged == 0
+
+
+def test_a_process_that_resumes_goes_on_where_the_laptop_is() -> None:
+    inbox = Inbox(resumed=True)
+    assert [one.sequence for one in inbox.take(8, [command(8), command(9)])] == [8, 9]
+    assert [one.sequence for one in inbox.take(8, [command(8), command(9), command(10)])] == [10]

@@ -17,6 +17,8 @@ from app.ipc.states import Action, Effect, Event, GaitState
 from app.link.beats import LOST_NS
 from app.link.keys import own_key, peers_of
 from app.system.paths import Home
+from logs.findings import Status
+from logs.join import join_findings
 from logs.keys import by_fingerprint, known_keys
 from logs.read import records
 from logs.records import EventRaised, Note
@@ -146,9 +148,14 @@ def test_replayed_and_foreign_packets_move_nothing_and_are_counted(bed: Bed) -> 
 def test_both_trails_prove_themselves_and_tell_of_the_link(bed: Bed) -> None:
     bed.session.close()
     session = bed.session.setup.session
+    findings = []
     for home in (bed.laptop, bed.joints):
         keys = Evidence(keys=by_fingerprint(known_keys(home / "keys")))
-        assert exit_status(verify([home / "logs" / f"{session}.jsonl"], keys)) == 0
+        findings += verify([home / "logs" / f"{session}.jsonl"], keys)
+    assert exit_status(findings) == 0
+    joins = join_findings(findings)
+    assert len(joins) == 2, "each trail names the other's records"
+    assert all(join.status is Status.SOUND and join.mentions > 3 for join in joins)
     bodies = bed.bodies()
     codes = [one.text.code for one in bodies if isinstance(one, Note) and not isinstance(one.text, str)]
     assert "LinkNotice.LAPTOP_CAME" in codes

@@ -1,0 +1,187 @@
+"""The laptop's sockets to the exoskeleton's computer: packets, and frames, whose connection is made anew if stalled."""
+
+from __future__ import annotations
+
+import socket
+import time
+from typing import Protocol
+
+import msgspec
+import zmq
+
+from app.ipc.streams import NS_PER_MS
+from app.link.address import resolve
+from app.link.faults import LinkFault
+from app.link.keys import joints_at, own_key
+from app.link.order import Flight
+from app.link.packets import MAX_BYTES
+from app.link.questions import check_version
+from app.link.wire import VERSION, FromJoints, Hello, Refused, SessionRequest, ToLaptop, Welcome, program
+from app.system.authority import DEMONSTRATION
+from app.system.config import SessionSetup
+from app.system.errors import AppError
+from app.system.paths import Home
+from logs.reason import Reason, reason_of
+
+# Nothing acknowledged for so long: a new connection, since TCP itself would wait longer. Doubled with each attempt:
+# over a poor link a handshake takes seconds.
+RETRY_NS, RETRY_AT_MOST_NS = 1_000 * NS_PER_MS, 8_000 * NS_PER_MS
+CONNECTED_FRAMES = 20  # acknowledged, a connection is as good as before
+
+
+class FrameTaker(Protocol):
+    """Who acts on what comes."""
+
+    def welcomed(self, welcome: Welcome) -> None:
+        """The session is there."""
+        ...
+
+    def refused(self, why: Reason) -> None:
+        """It is not to be had."""
+        ...
+
+    def take_frame(self, frame: ToLaptop, now_ns: int) -> None:
+        """What control and the others there say."""
+        ...
+
+    def take_packet(self, datagram: bytes, now_ns: int) -> None:
+        """A packet, or what is none."""
+        ...
+
+
+class Remote:
+    """The sockets to the other computer: frames, made anew when they stall, and packets."""
+
+    def __init__(self, setup: SessionSetup) -> None:
+        """Raises AppError: not paired, an address that is none."""
+        home, host = Home(setup.home), setup.config.joints.host
+        peer = joints_at(home, host)
+        if peer is None:
+            raise AppError(LinkFault.NOT_PAIRED, host=host)
+        self.host = host
+        self._key, self._their_key = own_key(home), peer.public
+        self._where = resolve(host)
+        self._request = SessionRequest(
+            session=setup.session,
+            profile=setup.profile,
+            operator=setup.operator,
+            role=setup.role,
+            signed_in=setup.role not in ("", DEMONSTRATION),
+        )
+        self._context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
+        self._frames: zmq.Socket[bytes] | None = None
+        self._packets = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._packets.setblocking(False)
+        self._packets.connect(self._where)
+        self.poller = zmq.Poller()
+        self.poller.register(self._packets, zmq.POLLIN)
+        self.waits_for_local = False
+        self.flight = Flight()
+        self.commands_sent = 0
+        self._welcome = self._refused = False
+        self._connected_ns = 0
+        self._patience_ns = RETRY_NS
+        self._decode = msgspec.msgpack.Decoder(FromJoints)
+        self._encode = msgspec.msgpack.Encoder().encode
+
+    @property
+    def may_send(self) -> bool:
+        """Whether a frame may leave now."""
+        return self._welcome and self.flight.is_open
+
+    def must_reconnect(self, now_ns: int) -> bool:
+        """Whether the connection is not there or has stalled."""
+        if self._frames is None:
+            return True
+        if not self._welcome:
+            return now_ns - self._connected_ns > self._patience_ns
+        return self.flight.waits_ns(now_ns) > self._patience_ns
+
+    def expect_soon(self) -> None:
+        """The way is open again: a connection that stalled meanwhile would go on late."""
+        self._patience_ns = RETRY_NS
+
+    def connect(self, now_ns: int) -> None:
+        """A new connection, which greets; what was under way on the old one is repeated or newer now."""
+        self._close_frames()
+        frames = self._frames = self._context.socket(zmq.DEALER)
+        options = (
+            (zmq.LINGER, 0),
+            (zmq.SNDHWM, 8),
+            (zmq.RCVHWM, 32),
+            (zmq.CURVE_SERVERKEY, self._their_key.encode()),
+            (zmq.CURVE_PUBLICKEY, self._key.public.encode()),
+            (zmq.CURVE_SECRETKEY, self._key.secret.encode()),
+        )
+        for option, value in options:
+            frames.setsockopt(option, value)
+        frames.connect(f"tcp://{self._where[0]}:{self._where[1]}")
+        self.poller.register(frames, zmq.POLLIN)
+        self.flight, self.commands_sent = Flight(), 0
+        if self._connected_ns:
+            self._patience_ns = min(2 * self._patience_ns, RETRY_AT_MOST_NS)
+        self._welcome, self._connected_ns = False, now_ns
+        self.send(Hello(link=VERSION, program=program(), request=self._request))
+
+    def take(self, taker: FrameTaker, now_ns: int) -> None:
+        """Everything that came."""
+        while self._frames is not None:
+            try:
+                content = self._frames.recv(zmq.NOBLOCK)
+            except zmq.Again:
+                break
+            self._take_frame(taker, content, now_ns)
+        while True:
+            try:
+                datagram = self._packets.recv(MAX_BYTES + 1)
+            except (BlockingIOError, ConnectionError):
+                break
+            taker.take_packet(datagram, time.monotonic_ns())
+
+    def send(self, message: msgspec.Struct) -> None:
+        """Queue a frame; a full queue drops it, and the connection is made anew when nothing is acknowledged."""
+        if self._frames is not None:
+            try:
+                self._frames.send(self._encode(message), zmq.NOBLOCK)
+            except zmq.Again:
+                return
+
+    def send_packet(self, datagram: bytes) -> None:
+        """One packet; without a way there it is lost, as on the air."""
+        try:
+            self._packets.send(datagram)
+        except OSError:
+            return
+
+    def close(self) -> None:
+        """Release the sockets."""
+        self._close_frames(linger_ms=200)
+        self._packets.close()
+        self._context.term()
+
+    def _close_frames(self, linger_ms: int = 0) -> None:
+        if self._frames is not None:
+            self.poller.unregister(self._frames)
+            self._frames.close(linger=linger_ms)
+            self._frames = None
+
+    def _take_frame(self, taker: FrameTaker, content: bytes, now_ns: int) -> None:
+        try:
+            message = self._decode.decode(content)
+        except msgspec.MsgspecError:
+            return
+        if isinstance(message, Welcome):
+            try:
+                check_version(self.host, message.link, message.program)
+            except AppError as error:
+                taker.refused(reason_of(error))
+                return
+            self._welcome = True
+            taker.welcomed(message)
+        elif isinstance(message, Refused):
+            taker.refused(message.reason)
+        else:
+            self.flight.receive(message.number, message.acknowledged, now_ns)
+            if self.flight.acknowledged > CONNECTED_FRAMES:
+                self._patience_ns = RETRY_NS
+            taker.take_frame(message, now_ns)

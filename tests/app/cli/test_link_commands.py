@@ -1,0 +1,96 @@
+"""rleex joints and rleex link from the command line: what is refused ends with one sentence and exit status 2."""
+
+from __future__ import annotations
+
+import socket
+from pathlib import Path
+
+import pytest
+
+from app.cli import main
+from app.link.keys import Peer, add_peer
+from app.system.paths import Home
+
+
+@pytest.fixture
+def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Home:
+    place = Home(tmp_path / "home")
+    place.root.mkdir()
+    monkeypatch.setenv("RLEEX_HOME", str(place.root))
+    return place
+
+
+def refused(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
+    monkeypatch.setattr("sys.argv", ["rleex", *arguments])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    assert ended.value.code == 2
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1
+    return said
+
+
+def run(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
+    monkeypatch.setattr("sys.argv", ["rleex", *arguments])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    assert not ended.value.code
+    return capsys.readouterr().out
+
+
+@pytest.mark.usefixtures("home")
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (("link", "pair", "exo local"), "no address"),
+        (("link", "pair", "127.0.0.1:9", "--code", "1234-5678"), "Nobody answers at 127.0.0.1:9"),
+        (("link", "forget", "exo"), "No paired computer is called exo"),
+        (("link", "pair", "--port", "9"), "does not answer on port 9"),
+    ],
+)
+def test_what_cannot_be_is_told_in_one_sentence(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], arguments: tuple[str, ...], said: str
+) -> None:
+    assert said in refused(monkeypatch, capsys, *arguments)
+
+
+def test_a_port_that_somebody_has_is_refused(
+    home: Home, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
+        taken.bind(("0.0.0.0", 0))
+        port = str(taken.getsockname()[1])
+        assert f"Port {port} can't be used" in refused(monkeypatch, capsys, "joints", "--port", port)
+
+
+def test_joints_of_another_computer_are_not_served(
+    home: Home, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    home.config.write_text('[joints]\nhost = "exo.local:7447"\n', encoding="utf-8")
+    assert "joints.host (exo.local:7447)" in refused(monkeypatch, capsys, "joints")
+
+
+def test_a_malformed_address_in_the_configuration_is_named(
+    home: Home, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    home.config.write_text('[joints]\nhost = "exo local"\n', encoding="utf-8")
+    assert "joints.host" in refused(monkeypatch, capsys, "joints")
+
+
+def test_the_list_names_peers_and_no_secret(
+    home: Home, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert "Not paired" in run(monkeypatch, capsys, "link", "list")
+    add_peer(home, Peer(name="exo", public="k" * 40, paired_at="2026-11-24T19:00:00+00:00", host="exo.local:7447"))
+    listed = run(monkeypatch, capsys, "link", "list")
+    assert "exo  exo.local:7447" in listed
+    assert "k" * 9 not in listed
+
+
+def test_the_service_file_names_program_home_and_port(
+    home: Home, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text = run(monkeypatch, capsys, "joints", "--print-service", "--port", "7500")
+    assert f"joints --home {home.root} --port 7500" in text
+    assert "Restart=always" in text
+    assert "KillMode=process" in text

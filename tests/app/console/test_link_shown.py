@@ -1,0 +1,89 @@
+"""What the console shows of a second computer: STOP sent and acknowledged, the link's figures, why there is none."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from msgspec.structs import replace as with_fields
+
+from app.console.state import SessionState, fold
+from app.console.widgets.health import Health, health_lines, health_of
+from app.console.widgets.status import event_lines
+from app.ipc.messages import LinkHealth, ProcessStatus
+from app.ipc.streams import LinkDirectory
+from app.link.faults import LinkFault
+from app.session.host import Latest
+from app.system.config import Config, SessionSetup
+from hal.joints.device import load_exoskeleton
+from logs.reason import reason
+from profiles.schema import DEMO_PATIENT
+from testing.fake_host import FakeHost
+
+MS = 1_000_000
+LINK = LinkHealth(
+    at_ns=0,
+    host="exo.local:7447",
+    connected=True,
+    round_trip_ms=7.25,
+    jitter_ms=1.5,
+    loss=0.012,
+    offset_ns=3_600_000 * MS,
+    uncertainty_ns=3 * MS,
+)
+
+
+def folded(**fields: object) -> SessionState:
+    setup = SessionSetup(
+        session="20261121T093000Z-1a2b",
+        home=Path(),
+        links=LinkDirectory(path=Path(), public=b"", secret=b""),
+        config=Config(),
+        profile=DEMO_PATIENT,
+        operator="",
+    )
+    host = FakeHost(setup, clock=lambda: 1_000 * MS)
+    host.start()
+    latest = host.poll()
+    state = SessionState(setup=setup, started_ns=0, now_ns=0)
+    return fold(state, replace(latest, **fields), 1_000 * MS)  # type: ignore[arg-type]
+
+
+def text_of(state: SessionState) -> str:
+    lines = health_lines(state, load_exoskeleton().joints, 120)
+    return "\n".join("".join(part for part, _ in line) for line in lines)
+
+
+def test_figures_of_the_link_are_on_the_health_page() -> None:
+    shown = text_of(folded(link=LINK))
+    for figure in ("7.2 ms", "1.5 ms", "1.2 %", "+3600000.0 ms ± 3.0 ms"):
+        assert figure in shown
+    assert "exo.local" not in text_of(folded())
+
+
+def test_a_process_that_ended_on_the_other_computer_is_bad() -> None:
+    ended = ProcessStatus(name="guardian", pid=1, alive=False, restarts=0, exit_code=1)
+    assert health_of(folded(link=LINK)) is not Health.BAD
+    assert health_of(folded(link=with_fields(LINK, processes=(ended,)))) is Health.BAD
+
+
+def test_a_link_that_does_not_answer_says_so() -> None:
+    assert "exo.local:7447 does not answer" in text_of(folded(link=with_fields(LINK, connected=False)))
+
+
+def test_why_there_is_no_session_takes_the_place_of_events() -> None:
+    fault = reason(LinkFault.NOBODY_ANSWERS, host="exo.local:7447", limit_s=5.0)
+    (line,) = event_lines(folded(link=with_fields(LINK, fault=fault)))
+    assert "Nobody answers at exo.local:7447" in line[0][0]
+
+
+@pytest.mark.parametrize(("sent_ns", "waits_ms"), [(0, 0.0), (900 * MS, 100.0)])
+def test_a_stop_waits_until_it_is_acknowledged(sent_ns: int, waits_ms: float) -> None:
+    assert folded(stop_sent_ns=sent_ns).stop_waits_ms == waits_ms
+
+
+def test_latest_has_no_link_on_one_computer() -> None:
+    empty = Latest(snapshot=None, report=None, preview=None, audit=None, processes=())
+    assert empty.link is None
+    assert empty.stop_sent_ns == 0
