@@ -31,6 +31,7 @@ GESTURES = tuple(Gesture)
 class Condition(Enum):
     """What a gesture needs besides the perceptrons' verdict: the code of an explanation. In palm lengths."""
 
+    THUMB_NOT_FOLDED = "thumb not folded"  # finger, other; value, limit: its tip from the other's
     TIPS_NOT_CLOSED = "tips not closed"  # finger, other; value, limit
     FINGER_NOT_FOLDED = "finger not folded"  # finger; value, limit: off the palm's plane
     THUMB_NOT_OPEN = "thumb not open"  # finger, other; value, limit: its tip from the other's middle joint
@@ -133,27 +134,53 @@ def _columns(measure: Measure, *fingers: Finger) -> list[int]:
 
 
 class Need(NamedTuple):
-    """A measure, the mean of these features, that an accepted gesture must have from `low` to `high`, palm lengths."""
+    """A measure, the mean of these features, that an accepted gesture must have from `low` to `high`, in their unit.
+
+    otherwise: another one that does as well.
+    """
 
     condition: Condition
     fingers: tuple[Finger, ...]
     columns: list[int]
     low: float
     high: float
+    otherwise: Need | None = None
+
+    def measure(self, values: FloatArray) -> float:
+        """The mean of the features' medians over all augmentations, (n, F)."""
+        return statistics.fmean(statistics.median(values[:, column].tolist()) for column in self.columns)
+
+    def holds(self, values: FloatArray) -> bool:
+        """Whether it, or the other one, lies within its limits."""
+        within = self.low <= self.measure(values) <= self.high
+        return within or (self.otherwise is not None and self.otherwise.holds(values))
 
 
 def _need(
-    condition: Condition, measure: Measure, *fingers: Finger, low: float = -math.inf, high: float = math.inf
+    condition: Condition,
+    measure: Measure,
+    *fingers: Finger,
+    low: float = -math.inf,
+    high: float = math.inf,
+    otherwise: Need | None = None,
 ) -> Need:
-    return Need(condition, fingers, _columns(measure, *fingers), low, high)
+    return Need(condition, fingers, _columns(measure, *fingers), low, high, otherwise)
 
 
 # What gestures need on top of the perceptrons; docs/explanation/gestures.md tells how the limits were chosen.
+# 0: a folded thumb, near the ring finger's tip or bent at its end, mean of space and image, else it is a thumb up.
 # 6: an open thumb, else it is the little finger alone.
 # 7: closed tips as in Eq. 3, the thumb's from the forefinger's and the middle one's, mean of space and image, since
 # MediaPipe's depth alone parts closed tips, and a view along the fingers closes open ones; ring and little finger
 # folded, as in Table 2: their tips near the palm's plane, and the ring finger's on the palm, else all five may touch.
 NEEDS: dict[Gesture, tuple[Need, ...]] = {
+    Gesture.ZERO: (
+        _need(
+            *(Condition.THUMB_NOT_FOLDED, Measure.TIPS_APART, Finger.THUMB, Finger.RING),
+            high=0.75,
+            otherwise=_need(Condition.THUMB_NOT_FOLDED, Measure.END_JOINT, Finger.THUMB, high=153.0),
+        ),
+    ),
     Gesture.SIX: (_need(Condition.THUMB_NOT_OPEN, Measure.TIP_TO_JOINT, Finger.THUMB, Finger.MIDDLE, low=0.50),),
     Gesture.SEVEN: (
         _need(Condition.TIPS_NOT_CLOSED, Measure.TIPS_APART, Finger.THUMB, Finger.FORE, high=0.65),
@@ -165,15 +192,14 @@ NEEDS: dict[Gesture, tuple[Need, ...]] = {
 }
 
 
-def _missing_condition(gesture: Gesture, values: FloatArray) -> Explanation | None:
+def missing_condition(gesture: Gesture, values: FloatArray) -> Explanation | None:
     """What an accepted gesture lacks, from the features of all augmentations, (n, F); None when it lacks nothing."""
-    for need in NEEDS.get(gesture, ()):
-        value = statistics.fmean(statistics.median(values[:, column].tolist()) for column in need.columns)
-        if not need.low <= value <= need.high:
-            limit = need.high if math.isfinite(need.high) else need.low
-            fingers = dict[str, object](zip(("finger", "other"), need.fingers, strict=False))
-            return Explanation(need.condition, fingers | {"value": value, "limit": limit})
-    return None
+    need = next((need for need in NEEDS.get(gesture, ()) if not need.holds(values)), None)
+    if need is None:
+        return None
+    limit = need.high if math.isfinite(need.high) else need.low
+    fingers = dict[str, object](zip(("finger", "other"), need.fingers, strict=False))
+    return Explanation(need.condition, fingers | {"value": need.measure(values), "limit": limit})
 
 
 class RobustRules:
@@ -214,7 +240,7 @@ class RobustRules:
         confidence = float(probabilities[nearest])
         lead = confidence - float(probabilities[rival])
         accepted = confidence >= float(self._model.accept[nearest]) and lead >= self._model.tie
-        missing = _missing_condition(GESTURES[nearest], values) if accepted else None
+        missing = missing_condition(GESTURES[nearest], values) if accepted else None
         if missing is not None:
             explanation = Explanation(Decision.NOT, {"gesture": GESTURES[nearest], "measure": missing})
         else:

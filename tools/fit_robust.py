@@ -19,6 +19,7 @@ from rich.table import Table
 from app.cli.evaluate.gestures import detected_images, fitted_beside, fitted_digital
 from app.evaluate.gestures.fit import MEMBERS, fit
 from app.evaluate.gestures.folds import view_set
+from app.evaluate.gestures.simulated import simulate
 from kgdfa.features import FEATURES
 from kgdfa.robust import GESTURES, RobustModel, save_model
 from logs.reading.errors import CodedError
@@ -41,12 +42,16 @@ def main(
     for further in beside or []:
         images += fitted_beside(further, None, home)
     digital = fitted_digital(home, keypoints)
-    views = view_set([*images, *digital])
-    console.print(f"{len(images)} images, {len(digital)} digital hands, {len(views.values)} views")
+    views, simulated = view_set([*images, *digital]), simulate(digital)
+    console.print(
+        f"{len(images)} images, {len(digital)} digital hands, {len(views.values)} views, "
+        f"{len(simulated.values)} simulated hands"
+    )
     with console.status("fitting") as status:
         model = fit(
             views,
             np.ones(len(views.images), dtype=bool),
+            simulated,
             lambda source: status.update(f"fitting {source and 'without ' + source}"),
         )
     _print(console, model)

@@ -38,6 +38,7 @@ if TYPE_CHECKING:
 
 cli = typer.Typer()
 
+MOST_SEED = 1000  # of `joints`: more would draw people that fits know
 FIT_DIGITAL = 40  # digital hands a pose that a fit gets beside the images
 
 
@@ -52,7 +53,10 @@ def gestures(
         Path | None, typer.Option(callback=check_output, help="Write the confusion matrices here as a PNG.")
     ] = None,
     cross_validate: Annotated[
-        bool, typer.Option("--cross-validate", help="Fit anew for each source of images left out.")
+        bool,
+        typer.Option(
+            "--cross-validate", help="Fit anew for each source of images left out, then for kinds of undefined hands."
+        ),
     ] = False,
     seed: Annotated[
         int, typer.Option(help="With --cross-validate: which examples and noise are drawn.", min=0, max=MAX_SEED)
@@ -104,9 +108,13 @@ def gestures(
         classified = _cross_validated(detected, fitted, seed, views)
     else:
         classified = images.classify_as_shipped(detected, views=views)
+    kinds = classified.pop(images.KINDS_LEFT_OUT, None)
     figures = {name: measure(some) for name, some in classified.items()}
     for name, one in figures.items():
         show(*report.shown(name, one, len(detected)))
+    kinds_left_out = measure(kinds) if kinds else None
+    if kinds_left_out is not None:
+        show(*report.kinds_shown(kinds_left_out))
     show(
         tr("evaluate.gestures.cross_validated" if cross_validate else "evaluate.gestures.shipped"),
         tr("evaluate.gestures.one_view" if single_look or digital else "evaluate.gestures.all_views"),
@@ -115,7 +123,8 @@ def gestures(
     if unreadable:
         show(tr("evaluate.gestures.unreadable", count=len(unreadable)))
         show(*(f"  {one.image.path}: {render(one.error)}" for one in unreadable if one.error))
-    write_json(report.as_json(figures, detected, cross_validated=cross_validate, views=views), json_file)
+    made = report.as_json(figures, detected, cross_validated=cross_validate, views=views)
+    write_json(made | report.kinds_json(kinds_left_out), json_file)
     if png is not None:
         report.plot_confusion(figures, png)
     if errors is not None and directory is not None:
@@ -142,6 +151,7 @@ def _cross_validated(
 def joints(
     hands: Annotated[int, typer.Option(help="Hands drawn from the whole space of joint angles.", min=100)] = 10_000,
     people: Annotated[int, typer.Option(help="Rendered people from whom MediaPipe's errors are taken.", min=1)] = 8,
+    seed: Annotated[int, typer.Option(help="Which people, hands and errors are drawn.", min=0, max=MOST_SEED)] = 0,
     json_file: Json = None,
     home: HomeOption = None,
 ) -> None:
@@ -153,10 +163,10 @@ def joints(
     from app.evaluate.gestures import joint_ranges, joint_space
     from app.evaluate.gestures.synthetic import near_scenes
 
-    scenes, rules = [*near_scenes(people, MEASURE_SEEDS)], RobustRules()
+    scenes, rules = [*near_scenes(people, MEASURE_SEEDS + seed * people)], RobustRules()
     errors = joint_space.errors_of((scene for _, scene, _ in scenes), detected_scenes(scenes, home, as_bgr8))
     with progress("simulating", hands + joint_ranges.STEPS) as step:
-        figures = joint_ranges.measure_joint_space(rules, errors, hands, step)
+        figures = joint_ranges.measure_joint_space(rules, errors, hands, step, seed=seed)
         ranges = joint_ranges.joint_ranges(rules, errors, step)
     show(joint_ranges.joint_space_table(figures), joint_ranges.joint_range_table(ranges))
     write_json({"space": msgspec.to_builtins(figures), "ranges": msgspec.to_builtins(ranges)}, json_file)

@@ -11,22 +11,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.evaluate.gestures.folds import ViewSet, inner_folds
+from app.evaluate.gestures.simulated import SimulatedHands
 from app.evaluate.gestures.synthetic import HandSynthesizer
 from app.evaluate.gestures.thresholds import choose_thresholds
 from app.evaluate.harness import require_extra
 from app.evaluate.readings import GESTURE_NAMES, NO_HAND
 from kgdfa.hand import FloatArray, Side
-from kgdfa.robust import RobustModel
+from kgdfa.robust import GESTURES, RobustModel, missing_condition
 
 if TYPE_CHECKING:
     from sklearn.neural_network import MLPClassifier
 
 MEMBERS = 8  # figures of three swung from one draw of examples to the next
-THRESHOLD_MEMBERS = 4  # in the fits that only choose thresholds: they are many, and sources differ more than draws do
+THRESHOLD_MEMBERS = 3  # in the fits that only choose thresholds: they are many, and sources differ more than draws do
 HIDDEN = 64
 EPOCHS = 12
 PENALTY = 0.03  # L2
 DROPOUT = 0.1  # share of features blanked: no verdict shall hang on one of them
+SIMULATED_HANDS = 16_000  # that one member sees, each drawn by itself; weight 1 each, as the mean real view's
 WRONG_LABELS = 0.05  # share of examples given a label drawn at random: some labels are noise, and none shall be certain
 # Each member sees every second view, and synthetic hands of its own: together they see more than one that sees all.
 VIEW_STEP = 2
@@ -38,7 +40,12 @@ RANGE_PERCENT = (3.0, 97.0)
 
 
 def fit(
-    views: ViewSet, among: NDArray[np.bool_], progress: Callable[[str], None] = lambda _: None, *, seed: int = 0
+    views: ViewSet,
+    among: NDArray[np.bool_],
+    simulated: SimulatedHands,
+    progress: Callable[[str], None] = lambda _: None,
+    *,
+    seed: int = 0,
 ) -> RobustModel:
     """Fit on some images: first the thresholds, by inner folds of these images alone, then the members.
 
@@ -49,9 +56,9 @@ def fit(
     from threadpoolctl import threadpool_limits
 
     with threadpool_limits(1):  # small matrices: on a busy machine threads wait for each other forty times as long
-        classified = _inner_chances(views, among, progress, seed)
+        classified = _inner_chances(views, among, simulated, progress, seed)
         progress("")
-        model = _fit_members(views, among, MEMBERS, seed)
+        model = _fit_members(views, among, simulated, MEMBERS, seed)
     return replace(model, accept=choose_thresholds(*classified))
 
 
@@ -66,23 +73,37 @@ def image_probabilities(model: RobustModel, views: ViewSet, of: NDArray[np.bool_
 
 
 def _inner_chances(
-    views: ViewSet, among: NDArray[np.bool_], progress: Callable[[str], None], seed: int
+    views: ViewSet,
+    among: NDArray[np.bool_],
+    simulated: SimulatedHands,
+    progress: Callable[[str], None],
+    seed: int,
 ) -> tuple[NDArray[np.str_], FloatArray, FloatArray]:
     """Labels, chances and weights of these images and digital hands, each classified without its source.
 
-    Of those that one source alone shows a third is classified, and weighs three times.
+    Of those that one source alone shows a third is classified, and weighs three times. What the rules refuse whatever
+    the perceptrons say has no chance.
     """
     chances = np.zeros((len(views.images), len(GESTURE_NAMES)))
     classified = np.zeros(len(views.images), dtype=bool)
     for fold in inner_folds(views, among):
         progress(fold.name)
-        model = _fit_members(views, fold.fit, THRESHOLD_MEMBERS, seed)
+        model = _fit_members(views, fold.fit, simulated, THRESHOLD_MEMBERS, seed)
         chances += image_probabilities(model, views, fold.measure)[:, : len(GESTURE_NAMES)]
         classified |= fold.measure
+    chances[_lacking(views, chances)] = 0.0
     pairs = list(zip(views.labels, views.sources, strict=True))
     given, counted = (Counter(pairs[k] for k in np.flatnonzero(some)) for some in (among, classified))
     weights = np.array([given[pairs[k]] / counted[pairs[k]] for k in np.flatnonzero(classified)])
     return views.labels[classified], chances[classified], weights
+
+
+def _lacking(views: ViewSet, chances: FloatArray) -> list[int]:
+    """The images whose nearest gesture lacks what it needs."""
+    views_of = np.split(views.values, np.searchsorted(views.owner, np.arange(1, len(views.images))))
+    nearest = [GESTURES[number] for number in chances.argmax(axis=1)]
+    found = zip(nearest, views_of, chances.max(axis=1), strict=True)
+    return [k for k, (gesture, some, chance) in enumerate(found) if chance > 0 and missing_condition(gesture, some)]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -94,9 +115,11 @@ class _Examples:
     weights: FloatArray
 
 
-def _fit_members(views: ViewSet, among: NDArray[np.bool_], members: int, seed: int) -> RobustModel:
+def _fit_members(
+    views: ViewSet, among: NDArray[np.bool_], simulated: SimulatedHands, members: int, seed: int
+) -> RobustModel:
     seeds = [seed * MEMBERS + k for k in range(members)]
-    drawn = [_examples(views, among, one) for one in seeds]
+    drawn = [_examples(views, among, simulated, one) for one in seeds]
     labels = np.concatenate([one.labels for one in drawn])
     classes = [*GESTURE_NAMES, *sorted(set(labels) - set(GESTURE_NAMES))]
     centre = np.median(drawn[0].values, axis=0)
@@ -120,8 +143,8 @@ def _fit_members(views: ViewSet, among: NDArray[np.bool_], members: int, seed: i
     )
 
 
-def _examples(views: ViewSet, among: NDArray[np.bool_], seed: int) -> _Examples:
-    """Every second view of these images, and synthetic hands made from them.
+def _examples(views: ViewSet, among: NDArray[np.bool_], simulated: SimulatedHands, seed: int) -> _Examples:
+    """Every second view of these images, synthetic hands made from them, and simulated hands.
 
     Rare pairs of label and source weigh more a view, by the root of their number; `LABEL_WEIGHT` comes on top.
     """
@@ -135,10 +158,11 @@ def _examples(views: ViewSet, among: NDArray[np.bool_], seed: int) -> _Examples:
     weights /= weights.mean()
     weights *= [LABEL_WEIGHT.get(label, 1.0) for label in labels]
     made, made_labels = _synthetic(views, np.unique(owners), seed)
+    drawn = np.random.default_rng(seed).permutation(len(simulated.labels))[:SIMULATED_HANDS]
     return _Examples(
-        values=np.vstack([views.values[rows], made]),
-        labels=np.concatenate([labels, made_labels]),
-        weights=np.concatenate([weights, np.full(len(made), SYNTHETIC_WEIGHT)]),
+        values=np.vstack([views.values[rows], made, simulated.values[drawn]]),
+        labels=np.concatenate([labels, made_labels, simulated.labels[drawn]]),
+        weights=np.concatenate([weights, np.full(len(made), SYNTHETIC_WEIGHT), np.ones(len(drawn))]),
     )
 
 

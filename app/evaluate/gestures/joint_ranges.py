@@ -49,10 +49,12 @@ class JointRange:
     high_deg: float | None
 
 
-def measure_joint_space(rules: RobustRules, errors: Errors, hands: int, step: Step = lambda: None) -> JointFigures:
-    """So many hands from the whole space, one look each."""
+def measure_joint_space(
+    rules: RobustRules, errors: Errors, hands: int, step: Step = lambda: None, *, seed: int = 0
+) -> JointFigures:
+    """So many hands from the whole space, one look each; other people with another seed."""
     shown, right, wrong = Counter[str](), Counter[str](), Counter[str]()
-    for one in joint_hands(errors, hands, FIRST_PERSON):
+    for one in joint_hands(errors, hands, FIRST_PERSON + seed * hands):
         found = rules.classify(one.hand).gesture
         shown[one.label] += 1
         if found is not None and found.value == one.label:

@@ -68,6 +68,18 @@ def shown(name: str, figures: Figures, images: int) -> Iterator[Table | str]:
     yield _confusion(name, figures)
 
 
+def kinds_shown(figures: Figures) -> Iterator[Table | str]:
+    """Undefined hands of kinds that the fit never saw."""
+    kinds = [(kind, percent(share), count) for kind, (share, count) in figures.per_kind.items()]
+    yield table("gestures.kinds_left_out", "kind accepted n", kinds, left=0)
+    yield tr("evaluate.gestures.kinds_summary", accepted=percent(figures.accepted_undefined, 2))
+
+
+def kinds_json(figures: Figures | None) -> dict[str, Any]:
+    """The same for the machine-readable report; nothing where no kind was left out."""
+    return {} if figures is None else {"kinds_left_out": _kinds_json(figures)}
+
+
 def _table_3(name: str, figures: Figures) -> Table:
     rows = []
     for gesture, row in figures.per_gesture.items():
@@ -117,10 +129,14 @@ def _figures_json(figures: Figures) -> dict[str, Any]:
         "accepted_undefined": figures.accepted_undefined,
         "wrong_gesture": figures.wrong_gesture,
         "per_gesture": msgspec.to_builtins(figures.per_gesture),
-        "per_kind": {kind: {"accepted": share, "n": count} for kind, (share, count) in figures.per_kind.items()},
+        "per_kind": _kinds_json(figures),
         "per_source": msgspec.to_builtins(figures.per_source),
         "confusion": {"classes": CLASSES, "counts": figures.confusion.tolist()},
     }
+
+
+def _kinds_json(figures: Figures) -> dict[str, Any]:
+    return {kind: {"accepted": share, "n": count} for kind, (share, count) in figures.per_kind.items()}
 
 
 def plot_confusion(figures: Mapping[str, Figures], path: Path) -> None:

@@ -14,15 +14,16 @@ from kgdfa.hand import FloatArray
 CANDIDATES = np.arange(0.40, 0.951, 0.02)  # a lead over the next class is required as well
 MOST_ACCEPTED = 0.008  # of all undefined hands but those halfway; 1 % is promised, this leaves a margin
 MOST_ACCEPTED_LOOK_ALIKES = 0.02  # of each of the paper's five
-# Hands caught halfway between two poses are synthetic, and as many as one likes. Before a camera they
-# last a few frames, which the vote refuses as well.
-MOST_ACCEPTED_HALFWAY = 0.25
+# Hands caught halfway between two poses are synthetic, and as many as one likes, so they count in no F1. Before a
+# camera they last a few frames, which the vote refuses as well.
+MOST_ACCEPTED_HALFWAY = 0.40
 LOOK_ALIKES = ("none:tiger_claw", "none:good", "none:ok", "none:natural_open", "none:gun")
 # F1 of a gesture, less than its standard error. The models that choose saw fewer sources than the one to be shipped, so
 # what they confuse at a lower threshold says little; which undefined hands they accept there always counts.
 AS_GOOD = 0.01
 MARGIN = 0.4  # log-odds: undefined hands of people and cameras never seen may look that much more like a gesture
 FIRST_PRICE = 0.1  # of a per cent of undefined hands accepted, in per cent of macro-F1
+FIRST_HALFWAY = FIRST_PRICE / 10  # and of those halfway once too many are accepted; until then they are free
 DEARER = 1.25
 LAST_ROUND = 30  # the price has risen eight hundredfold: no threshold parts what is still accepted
 
@@ -33,7 +34,7 @@ def choose_thresholds(labels: NDArray[np.str_], chances: FloatArray, weights: Fl
 
     A hand is classified as its most likely gesture, so what one gesture accepts doesn't touch the others' thresholds.
     """
-    weights = np.ones(len(labels)) if weights is None else weights
+    weights = np.where(labels == BETWEEN_LABEL, 0.0, 1.0 if weights is None else weights)
     undefined = ~np.isin(labels, GESTURE_NAMES)
     kinds = np.array(sorted(set(labels[undefined])), dtype=str)
     chances = np.where(undefined[:, None], _surer(chances), chances)
@@ -41,16 +42,16 @@ def choose_thresholds(labels: NDArray[np.str_], chances: FloatArray, weights: Fl
     limits = np.array([_limit(kind) for kind in kinds])
     halfway = kinds == BETWEEN_LABEL
     counted = undefined & (labels != BETWEEN_LABEL)
-    prices = np.where(halfway, FIRST_PRICE / 10, FIRST_PRICE)
+    prices = np.where(halfway, 0.0, FIRST_PRICE)
     for _ in range(LAST_ROUND):
         thresholds = _cheapest(labels, chances, weights, prices @ of_kind / max(int(undefined.sum()), 1))
         wrong = _accepted(chances, thresholds) & undefined
-        too_many = (of_kind @ wrong) > limits * of_kind.sum(axis=1)
+        too_many = (of_kind & wrong).sum(axis=1) > limits * of_kind.sum(axis=1)
         if (wrong & counted).sum() > MOST_ACCEPTED * counted.sum():
             too_many |= ~halfway
         if not too_many.any():
             break
-        prices = np.where(too_many, prices * DEARER, prices)
+        prices = np.where(too_many, np.maximum(prices, FIRST_HALFWAY) * DEARER, prices)
     return thresholds
 
 

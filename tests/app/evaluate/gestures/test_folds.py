@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from app.evaluate.digital import SOURCE as DIGITAL
-from app.evaluate.gestures.folds import PEOPLE_FOLDS, Fold, ViewSet, folds, inner_folds
+from app.evaluate.gestures.folds import KIND_FOLDS, PEOPLE_FOLDS, Fold, ViewSet, folds, inner_folds, kind_folds
 from app.evaluate.readings import DetectedImage, LabelledImage
 from kgdfa.features import FEATURES
 
@@ -93,3 +93,22 @@ def test_thresholds_are_chosen_on_people_that_those_models_have_not_met() -> Non
     judged = np.sum([fold.measure for fold in made], axis=0)
     assert (judged <= 1).all()
     assert (judged[[one.image.group in PEOPLE for one in views.images]] == 1).all()
+
+
+def test_each_kind_of_undefined_hand_is_left_out_once_of_every_source_and_of_the_digital_hands() -> None:
+    kinds = ("none:ok", "none:good", "none:gun", "none:claw", "none:pinky")
+    some = [image(kind, source) for kind in (*kinds, "none:nohand", "1") for source in "ab"]
+    views = views_of(*some, *(image(kind, DIGITAL) for kind in kinds))
+    among = np.arange(len(views.images)) < len(some)
+    made = list(kind_folds(views, among))
+    assert len(made) == KIND_FOLDS
+    left_out = np.sum([fold.measure for fold in made], axis=0)
+    assert (left_out == (among & np.isin(views.labels, kinds))).all()
+    for fold in made:
+        assert not set(views.labels[fold.measure]) & set(views.labels[fold.fit])
+        assert fold.fit[views.labels == "1"].all()
+
+
+def test_fewer_kinds_than_folds_make_fewer_folds() -> None:
+    views = views_of(image("none:ok", "a"), image("1", "a"))
+    assert [fold.measure.tolist() for fold in kind_folds(views, np.ones(2, bool))] == [[True, False]]

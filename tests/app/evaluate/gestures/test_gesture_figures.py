@@ -11,7 +11,14 @@ from app.cli.evaluate.gestures import fitted_beside
 from app.cli.tree import command
 from app.evaluate.gestures.images import PublishedClassifier, classify_all, load_hands, save_hands
 from app.evaluate.gestures.measures import CLASSES, Classified, measure
-from app.evaluate.gestures.report import PAPER_TABLE_3, as_json, plot_confusion, write_errors
+from app.evaluate.gestures.report import (
+    PAPER_TABLE_3,
+    as_json,
+    kinds_json,
+    kinds_shown,
+    plot_confusion,
+    write_errors,
+)
 from app.evaluate.harness import EvaluateFault
 from app.evaluate.readings import GESTURE_NAMES, DetectedImage, LabelledImage, read_labels
 from app.system.errors import AppError
@@ -80,6 +87,21 @@ def test_the_report_has_the_shape_that_is_promised() -> None:
     assert report["unreadable"] == [
         {"path": "x.jpg", "error": {"code": "EvaluateFault.IMAGE_UNREADABLE", "values": {"file": "x.jpg"}}}
     ]
+
+
+def test_kinds_that_the_fit_never_saw_are_shown_one_by_one() -> None:
+    figures = measure([classified("none:ok", "1"), classified("none:ok", "none"), classified("none:claw", "none")])
+    kinds, summary = kinds_shown(figures)
+    assert not isinstance(kinds, str)
+    assert isinstance(summary, str)
+    assert [list(column.cells) for column in kinds.columns] == [
+        ["none:claw", "none:ok"],
+        ["0.0%", "50.0%"],
+        ["1", "2"],
+    ]
+    assert "33.33%" in summary
+    assert kinds_json(figures)["kinds_left_out"]["none:ok"] == {"accepted": 0.5, "n": 2}
+    assert kinds_json(None) == {}
 
 
 @pytest.mark.parametrize(

@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from app.evaluate.gestures.joint_ranges import JOINTS, _around, joint_space_table, measure_joint_space
+from app.evaluate.gestures.joint_ranges import FIRST_PERSON, JOINTS, _around, joint_space_table, measure_joint_space
 from app.evaluate.gestures.joint_space import LABEL, Errors, joint_hands, label_by_joints, scene_about
 from app.evaluate.noise import residual
 from hal.cameras.digital_hand.raycast import project_px
@@ -70,3 +70,11 @@ def test_a_walked_joint_takes_along_what_moves_with_it() -> None:
     moved = middle.moved(POSES["5"].angles_deg, 100.0)
     assert moved[3, 2:4].tolist() == [100.0, 65.0]
     assert np.count_nonzero(moved != POSES["5"].angles_deg) == 2
+
+
+def test_another_seed_draws_other_hands_from_joint_space() -> None:
+    hands = [[one.angles_deg for one in joint_hands(NO_ERRORS, 5, FIRST_PERSON + 5 * seed)] for seed in (0, 0, 1)]
+    np.testing.assert_array_equal(hands[0], hands[1])
+    assert not np.array_equal(hands[0], hands[2])
+    counted = [measure_joint_space(RobustRules(), NO_ERRORS, 40, seed=seed) for seed in (0, 3)]
+    assert [one.hands for one in counted] == [40, 40]

@@ -65,6 +65,13 @@ def test_undefined_hands_count_as_a_little_surer_than_they_were_judged() -> None
     assert 0.69 < choose_thresholds(labels, chances)[ONE] <= 0.75
 
 
+def test_hands_caught_halfway_raise_a_threshold_only_where_more_than_their_share_pass() -> None:
+    few = (("1", ONE, 0.8, 300), (BETWEEN_LABEL, ONE, 0.7, 10), (BETWEEN_LABEL, FIVE, 0.1, 90))
+    many = (("1", ONE, 0.8, 300), (BETWEEN_LABEL, ONE, 0.7, 60), (BETWEEN_LABEL, FIVE, 0.1, 40))
+    assert choose_thresholds(*hands(*few))[ONE] == CANDIDATES[0]
+    assert choose_thresholds(*hands(*many))[ONE] > 0.7
+
+
 def test_hands_near_the_gestures_are_labelled_as_they_are_shaped() -> None:
     scenes = list(near_scenes(people=1))
     labels = [photo.label for photo, _, _ in scenes]
