@@ -2,8 +2,8 @@
 
     python tools/voice_thresholds.py [--minutes 3] [--every 4]
 
-Takes the smallest threshold whose false stops in noise, music and talk are at most MOST_PER_HOUR. The figures of the
-chosen ones are of the held-out voices: `rleex evaluate voice`.
+The rule: the smallest threshold with at most MOST_PER_HOUR false stops in gait noise and talk. In music no threshold
+keeps to that for 停 and still finds it. The figures of the chosen ones are of other voices: `rleex evaluate voice`.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ def main() -> None:
     parser.add_argument("--every", type=int, default=4, help="use every so manieth voice")
     given = parser.parse_args()
     recordings = list(synthetic(Voices.TUNING, given.minutes, seed=1, every=given.every))
-    print("keyword  exponent  recall  alike that stop  false stops an hour")
+    print("keyword  exponent  recall  alike that stop  false stops an hour: gait, talk  music")
     for word, exponents in EXPONENTS.items():
         for exponent in exponents:
             print(row(word, exponent, recordings), flush=True)
@@ -36,16 +36,23 @@ def main() -> None:
 def row(word: str, exponent: int, recordings: list[Recording]) -> str:
     """Of one keyword with one threshold."""
     language = LANGUAGE[word]
-    others = tuple(other for other in PHRASES if other != language)
-    used = [one for one in recordings if not (one.stop and one.group.startswith(others))]
+    foreign = tuple(other for other in PHRASES if other != language)
+    used = [one for one in recordings if not (one.stop and one.group.startswith(foreign))]
     results = measure(used, KeywordSpotter({word: exponent}))
     spoken = [one for one in results if one.stop]
     alike = [one for one in results if not one.stop and "without" not in one.group]
     noise = [one for one in results if "without" in one.group]
+    music = [one for one in noise if one.group.startswith("music")]
+    others = [one for one in noise if one not in music]
     return (
         f"{word:7}  {exponent:8}  {share(spoken):6.1%}  {share(alike):15.1%}  "
-        f"{sum(one.stops for one in noise) * 3600 / sum(one.seconds for one in noise):19.1f}"
+        f"{per_hour(others):34.1f}  {per_hour(music):5.1f}"
     )
+
+
+def per_hour(results: list[GroupResult]) -> float:
+    """Stops an hour of all of them."""
+    return sum(one.stops for one in results) * 3600 / sum(one.seconds for one in results)
 
 
 def share(results: list[GroupResult]) -> float:

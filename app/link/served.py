@@ -45,7 +45,14 @@ _NAME = re.compile(r"[0-9]{8}T[0-9]{6}Z-[0-9a-f]{4}")
 STOPS_KEPT = 32
 # Sent so long ago they are not carried out any more. A stop, and what takes away, always is.
 NEVER_STALE = frozenset(
-    {OperatorKind.STOP, OperatorKind.DISARM, OperatorKind.SHUT_DOWN, OperatorKind.TAKE_OVER, OperatorKind.HEARTBEAT}
+    {
+        OperatorKind.STOP,
+        OperatorKind.VOICE_STOP,
+        OperatorKind.DISARM,
+        OperatorKind.SHUT_DOWN,
+        OperatorKind.TAKE_OVER,
+        OperatorKind.HEARTBEAT,
+    }
 )
 
 

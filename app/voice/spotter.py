@@ -21,7 +21,7 @@ PHONES: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {"stop": ("S T AA P", "S T AO P"), "ting": ("T IH NG", "T IY NG")}
 )
 # How much likelier than any phones the keyword must be; `tools/voice_thresholds.py` on the voices for tuning.
-THRESHOLD_EXPONENTS: Mapping[str, int] = MappingProxyType({"stop": -15, "ting": -2})
+THRESHOLD_EXPONENTS: Mapping[str, int] = MappingProxyType({"stop": -6, "ting": 2})
 
 
 class KeywordSpotter:

@@ -12,6 +12,7 @@ import platform
 import shlex
 import subprocess
 import sys
+import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import datetime
@@ -54,6 +55,7 @@ class Run(msgspec.Struct, frozen=True, kw_only=True):
     commit: str
     machine: str
     status: int
+    took_s: float = 0.0  # the last of its runs, where it was interrupted
 
 
 def jobs(data: Path | None, *, attempts: int, hands: str, changes: int, onnx: Sequence[Path]) -> tuple[Job, ...]:
@@ -82,13 +84,14 @@ def make(job: Job, out: Path, options: Sequence[str] = (), program: Sequence[str
         return
     figures.unlink(missing_ok=True)
     keep = ("--keep", str(kept_file(out, job.table))) if job.kept else ()
+    began_s = time.monotonic()
     status = subprocess.run([*program, *job.arguments, *keep, "--json", str(figures), *options], check=False).returncode
     if status == INTERRUPTED:
         figures.unlink(missing_ok=True)
         raise KeyboardInterrupt
     if not figures.is_file():
         raise AppError(EvaluateFault.TABLE_NOT_MADE, table=job.table, command=job.command, status=status)
-    write_whole(kept, msgspec.json.encode(_run(job, status)))
+    write_whole(kept, msgspec.json.encode(_run(job, status, time.monotonic() - began_s)))
 
 
 def _made(job: Job, figures: Path, kept: Path) -> bool:
@@ -100,7 +103,7 @@ def _made(job: Job, figures: Path, kept: Path) -> bool:
         return False
 
 
-def _run(job: Job, status: int) -> Run:
+def _run(job: Job, status: int, took_s: float) -> Run:
     program = program_identity()
     return Run(
         command=job.command,
@@ -110,6 +113,7 @@ def _run(job: Job, status: int) -> Run:
         commit=_commit(),
         machine=f"{_processor()} ({len(os.sched_getaffinity(0))}), {platform.system()} {platform.release()}",
         status=status,
+        took_s=took_s,
     )
 
 

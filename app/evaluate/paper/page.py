@@ -60,5 +60,6 @@ def _plot(sheet: Sheet, number: int, path: Path) -> str:
                 axes.bar(shifted, [one or 0.0 for one in values], width, label=label)
                 axes.set_xticks(range(len(labels)), labels, rotation=20 if len(labels) < 12 else 0)
         decorate(axes, sheet.axis, f"paper_{number}", f"paper_title_{number}")
+        axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))  # beside the plot, not over its bars
     svg = path.read_text(encoding="utf-8")
     return svg[svg.index("<svg") :]

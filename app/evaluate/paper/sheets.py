@@ -6,11 +6,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
+from app.evaluate.distance.table5 import FIRST_HAND as FIRST_RULER
 from app.evaluate.distance.table5 import PAPER_TABLE_5
 from app.evaluate.gestures.report import PAPER_MACRO_F1, PAPER_MAP, PAPER_TABLE_3
 from app.evaluate.loop.speed import BARE, PAPER_PARAMETERS, PAPER_TABLE_4, WHOLE
 from app.evaluate.loop.table7 import PAPER, PAPER_OVERALL
-from app.evaluate.trigger.table6 import CAMERAS, PAPER_FPS, PAPER_TABLE_6
+from app.evaluate.trigger.table6 import CAMERAS, FIRST_HAND, PAPER_FPS, PAPER_TABLE_6
 from app.text.catalogue import tr
 
 Cell = str | int | float | None
@@ -66,7 +67,8 @@ def _table_5(figures: dict[str, Any]) -> Sheet:
         ours = [row[camera][mode] for camera in ("monocular", "d435i") for mode in RULES]
         rows.append((row["distance_cm"], paper, *ours[:2], paper_depth, *ours[2:]))
     shown = {"monocular_paper": 1, "monocular_published": 2, "monocular_robust": 3, "d435i_paper": 4, "d435i_robust": 6}
-    return Sheet(("cm", *_BY_CAMERA), tuple(rows), _series(rows, shown), "distance_cm")
+    note = _seeds(FIRST_RULER, figures["hands"])
+    return Sheet(("cm", *_BY_CAMERA), tuple(rows), _series(rows, shown), "distance_cm", (note,))
 
 
 def _table_6(figures: dict[str, Any]) -> Sheet:
@@ -81,8 +83,8 @@ def _table_6(figures: dict[str, Any]) -> Sheet:
     shown = {"monocular_paper": 1, "monocular_robust": 3, "d435i_paper": 6, "d435i_published": 7, "d435i_robust": 8}
     mono, depth = _BY_CAMERA[:3], _BY_CAMERA[3:]
     columns = ("cm", *mono, "fps_paper", "fps", *depth, "fps_paper", "fps")
-    note = tr("evaluate.paper.changes", changes=figures["changes"])
-    return Sheet(columns, tuple(rows), _series(rows, shown), "distance_cm", (note,))
+    notes = (tr("evaluate.paper.changes", changes=figures["changes"]), _seeds(FIRST_HAND, figures["changes"]))
+    return Sheet(columns, tuple(rows), _series(rows, shown), "distance_cm", notes)
 
 
 def _table_7(figures: dict[str, Any]) -> Sheet:
@@ -106,6 +108,10 @@ READERS: dict[int, Reader] = {3: _table_3, 4: _table_4, 5: _table_5, 6: _table_6
 
 def _series(rows: list[tuple[Cell, ...]], places: dict[str, int]) -> dict[str, Any]:
     return {name: [row[place] for row in rows] for name, place in places.items()}
+
+
+def _seeds(first: int, hands: int) -> str:
+    return tr("evaluate.paper.seeds", first=first, last=first + hands - 1)
 
 
 def _percent(share: float | None) -> float | None:
