@@ -14,7 +14,7 @@ unexport PYTHONDONTWRITEBYTECODE
 WORKERS = $(shell echo $$(($$(nproc) * 3 / 2)))
 SERIAL = $(shell grep -rlF pytest.mark.serial --include='test_*.py' tests)
 
-.PHONY: run demo test test-can check lock evaluate bench mutation coverage pictures system model clean
+.PHONY: run demo test test-can test-spark check lock evaluate bench mutation coverage pictures system model clean
 
 run: model
 	@$(BIN)/rleex run
@@ -26,6 +26,7 @@ test: check model
 	@$(BIN)/python -m pytest -q -m "not serial" -n $(WORKERS) --dist loadfile
 	@$(BIN)/python -m pytest -q -m serial -n 2 --dist loadgroup $(SERIAL)
 	@tools/test-can
+	@tools/test-spark
 
 check: $(DEV_STAMP)
 	@$(BIN)/ruff check .
@@ -35,6 +36,10 @@ check: $(DEV_STAMP)
 
 test-can: $(DEV_STAMP) model
 	@tools/test-can
+
+# Spark and Java come to a machine through this target only.
+test-spark: $(DEV_STAMP)
+	@tools/test-spark
 
 evaluate: $(DEV_STAMP) model
 	@$(BIN)/rleex evaluate gestures $(DATA)/gestures
@@ -60,6 +65,7 @@ LOCK := $(BIN)/uv pip compile pyproject.toml --universal --python-version 3.11 -
 lock: $(DEV_STAMP)
 	@$(LOCK) --extra dev --extra realsense -o requirements-dev.lock
 	@$(LOCK) --extra build --extra realsense --constraint requirements-dev.lock -o requirements.lock
+	@$(LOCK) --extra analysis --extra spark --constraint requirements-dev.lock -o requirements-spark.lock
 
 system:
 	@tools/system-packages

@@ -15,6 +15,17 @@ class AuditFault(Enum):
     TRAIL_EMPTY = auto()  # path
     TRAILS_NOT_JOINED = auto()  # first, second
     TRAILS_CONTRADICT = auto()  # first, second, why
+    SITE_TWICE = auto()  # site
+    SITE_MISSING = auto()  # site, path
+    SITE_AMBIGUOUS = auto()  # site, path
+    SITE_EMPTY = auto()  # site, path
+    SITE_TAMPERED = auto()  # site, path, why
+    SITE_UNREADABLE = auto()  # site, path, detail
+    SITE_NEWER = auto()  # path, schema, known
+    NOT_AN_EXPORT = auto()  # path, missing
+    NO_SPARK = auto()
+    NO_JAVA = auto()
+    CLUSTER_UNREACHABLE = auto()  # master, detail
     NO_TRAILS = auto()  # places
     NO_SESSION = auto()  # name, folder
     NO_RECORD = auto()  # sequence, last

@@ -56,18 +56,22 @@ _ENVELOPE = (
 _NAMES = ("sign-in", "sign-out", "sign-in-failed", "operator-changed")  # kinds whose body names operators
 
 
+# The columns of the table; what lacks one is none that `export` wrote.
+ENVELOPE_COLUMNS = ["file", "session", "sequence", "wall", "monotonic_ns", "process", "operator", "schema", "patient"]
+AS_EXPORTED = {*ENVELOPE_COLUMNS, *BODY_COLUMNS, "body"}
+
 # The ready questions: standard SQL over the table of records. Their wording: `question.<name>` in the catalogues.
 QUESTIONS: dict[str, str] = {
     "unintended": """
         SELECT session, patient, count(*) AS actions,
                sum(CASE WHEN outcome = 'stopped' THEN 1 ELSE 0 END) AS stopped,
-               avg(CASE WHEN outcome = 'stopped' THEN 1.0 ELSE 0.0 END) AS share
+               avg(CASE WHEN outcome = 'stopped' THEN 1e0 ELSE 0e0 END) AS share
         FROM records WHERE kind = 'action-end' GROUP BY session, patient ORDER BY session
         """,
     "refusals": """
         SELECT gesture, count(*) AS requests,
                sum(CASE WHEN kind = 'refusal' THEN 1 ELSE 0 END) AS refused,
-               avg(CASE WHEN kind = 'refusal' THEN 1.0 ELSE 0.0 END) AS rate
+               avg(CASE WHEN kind = 'refusal' THEN 1e0 ELSE 0e0 END) AS rate
         FROM records WHERE kind IN ('command', 'refusal') AND gesture IS NOT NULL
         GROUP BY gesture ORDER BY rate DESC, gesture
         """,
@@ -100,18 +104,17 @@ def connect(paths: Sequence[Path], kind: str = "VIEW") -> duckdb.DuckDBPyConnect
     """
     for path in paths:
         if path.suffix == ".parquet":
-            _check_regular(path)
+            check_regular(path)
     parquet = [str(path) for path in paths if path.suffix == ".parquet"]
     files = parquet or [str(path) for path in _trails(paths)]
     if not files:
         raise AuditError(AuditFault.NO_TRAILS, places=", ".join(map(str, paths)))
-    connection = duckdb.connect(config=dict(_LIMITS))
-    listed = ", ".join(map(_quoted, files))
-    source = f"SELECT * FROM read_parquet([{listed}])" if parquet else _trails_sql(listed)
+    connection = open_limited()
+    source = source_sql(files, is_parquet=bool(parquet))
     try:
         connection.execute(f"CREATE {kind} records AS {source}")
     except duckdb.Error as error:
-        raise AuditError(AuditFault.TRAIL_UNREADABLE, path=files[0], detail=_first_line(error)) from error
+        raise AuditError(AuditFault.TRAIL_UNREADABLE, path=files[0], detail=first_line(error)) from error
     return connection
 
 
@@ -123,14 +126,31 @@ def connect_locked(paths: Sequence[Path]) -> duckdb.DuckDBPyConnection:
     return connection
 
 
-def ask(connection: duckdb.DuckDBPyConnection, sql: str, limit_s: float = LIMIT_S) -> Any:
-    """The answer to one SELECT as a pyarrow table. Raises AuditError with the engine's message."""
+def source_sql(files: Sequence[str], *, is_parquet: bool) -> str:
+    """The table over files of one kind, as a SELECT."""
+    listed = ", ".join(map(quoted, files))
+    return f"SELECT * FROM read_parquet([{listed}])" if is_parquet else _trails_sql(listed)
+
+
+def open_limited() -> duckdb.DuckDBPyConnection:
+    """An empty database within the limits above."""
+    return duckdb.connect(config=dict(_LIMITS))
+
+
+def check_question(connection: duckdb.DuckDBPyConnection, sql: str) -> Any:
+    """The one SELECT that it is, parsed. Raises AuditError for anything else."""
     try:
         statements = connection.extract_statements(sql)
-        if [one.type for one in statements] != [duckdb.StatementType.SELECT]:
-            raise AuditError(AuditFault.NOT_A_QUESTION)
     except duckdb.Error as error:
-        raise AuditError(AuditFault.UNANSWERABLE, detail=_first_line(error)) from error
+        raise AuditError(AuditFault.UNANSWERABLE, detail=first_line(error)) from error
+    if [one.type for one in statements] != [duckdb.StatementType.SELECT]:
+        raise AuditError(AuditFault.NOT_A_QUESTION)
+    return statements[0]
+
+
+def ask(connection: duckdb.DuckDBPyConnection, sql: str, limit_s: float = LIMIT_S) -> Any:
+    """The answer to one SELECT as a pyarrow table. Raises AuditError with the engine's message."""
+    question = check_question(connection, sql)
     late = threading.Event()
 
     def end() -> None:
@@ -140,11 +160,11 @@ def ask(connection: duckdb.DuckDBPyConnection, sql: str, limit_s: float = LIMIT_
     timer = threading.Timer(limit_s, end)
     timer.start()
     try:
-        return _fetched(connection.sql(statements[0]).to_arrow_reader(_BATCH), late)
+        return _fetched(connection.sql(question).to_arrow_reader(_BATCH), late)
     except (duckdb.Error, OSError, MemoryError) as error:
         if late.is_set():
             raise AuditError(AuditFault.QUESTION_TOO_LONG, limit_s=limit_s) from error
-        raise AuditError(AuditFault.UNANSWERABLE, detail=_first_line(error)) from error
+        raise AuditError(AuditFault.UNANSWERABLE, detail=first_line(error)) from error
     finally:
         timer.cancel()
 
@@ -167,15 +187,15 @@ def export(paths: Sequence[Path], output: Path, *, drop_operators: bool) -> int:
 
     Pseudonyms of patients stay. Without operators, their names leave the column and every body that names one.
     """
-    names = ", ".join(map(_quoted, _NAMES))
+    names = ", ".join(map(quoted, _NAMES))
     named = f"kind IN ({names}) OR (kind = 'change' AND json_extract_string(body, '$.subject') = 'operator')"
     cleared = f"REPLACE ('' AS operator, CASE WHEN {named} THEN '{{}}' ELSE body END AS body)"
     columns = f"* {cleared}" if drop_operators else "*"
     try:
-        copy = f"COPY (SELECT {columns} FROM records) TO {_quoted(str(output))} (FORMAT parquet)"
+        copy = f"COPY (SELECT {columns} FROM records) TO {quoted(str(output))} (FORMAT parquet)"
         (count,) = connect(paths).execute(copy).fetchone() or (0,)
     except (duckdb.Error, OSError) as error:
-        raise AuditError(AuditFault.UNWRITABLE, path=output, detail=_first_line(error)) from error
+        raise AuditError(AuditFault.UNWRITABLE, path=output, detail=first_line(error)) from error
     return int(count)
 
 
@@ -204,11 +224,11 @@ def _cell(value: Any) -> str:
     return "–" if value is None else sanitize_terminal(str(value))
 
 
-def _quoted(text: str) -> str:
+def quoted(text: str) -> str:
     return "'" + text.replace("'", "''") + "'"
 
 
-def _first_line(error: Exception) -> str:
+def first_line(error: BaseException) -> str:
     return (str(error).strip().splitlines() or [type(error).__name__])[0]
 
 
@@ -217,11 +237,11 @@ def _trails(paths: Sequence[Path]) -> list[Path]:
     for path in paths:
         found += session_paths(path) if path.is_dir() else [path]
     for path in found:
-        _check_regular(path)
+        check_regular(path)
     return [path for path in found if path.stat().st_size]
 
 
-def _check_regular(path: Path) -> None:
+def check_regular(path: Path) -> None:
     try:
         with open_regular(path):
             return

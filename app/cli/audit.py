@@ -51,7 +51,7 @@ def verify(
     """Prove that nothing was changed, cut or added. Exit status: 0 sound, 1 tampered or cut, 2 unreadable."""
     paths = files or [find_home(home).logs]
     # Each place by its own console's keys: the trails of two computers are signed by two.
-    evidence = [_evidence([path], key, copies, home) for path in paths]
+    evidence = [evidence_of([path], key, copies, home) for path in paths]
     with _reading_progress(paths) as progress:
         findings = [one for path, by in zip(paths, evidence, strict=True) for one in assess([path], by, progress)]
     joins = join_findings(findings)
@@ -188,7 +188,7 @@ def report(
     from logs.report.page import report as make
 
     path = find_session(find_home(home).logs, session)
-    evidence = _evidence([path], key, None, home)
+    evidence = evidence_of([path], key, None, home)
     page = make(path, evidence, render_recorded, catalogue.language(), _outcomes(path))
     _write(output, page.encode())
     print_text("cli.audit.report", path=output, session=path.stem)
@@ -300,7 +300,7 @@ def _outcomes(path: Path) -> list[tuple[str, str]]:
     return [*lines_of(found), *((tr(code, **values), "") for code, values in remarks([found]))]
 
 
-def _evidence(paths: list[Path], given: list[Path] | None, copies: Path | None, home: Path | None) -> Evidence:
+def evidence_of(paths: list[Path], given: list[Path] | None, copies: Path | None, home: Path | None) -> Evidence:
     """The keys given; else those of the home; else those of the console beside whose keys the trail lies."""
     beside = _logs_folder(paths[0]).parent / "keys"
     folder = find_home(home).keys if home or not beside.is_dir() else beside

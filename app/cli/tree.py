@@ -24,6 +24,7 @@ _COMMANDS = {
     "press-input": "simulate",
     "export": "export",
     "replay": "replay",
+    "query": "query",
     "outcomes": "outcomes",
     "model": "machine",
     "locate": "machine",
