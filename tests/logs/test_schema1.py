@@ -62,6 +62,7 @@ def test_every_record_is_understood_with_its_recorded_text(home: Path) -> None:
         r.CameraComparison,
         r.StopInput,
         r.RecordingDeleted,
+        r.RecordingSent,
         r.Pain,
         r.VocabularyEnrolled,
         r.Exertion,
