@@ -198,6 +198,7 @@ class RealSession(WatchedSession):
         group: Path | None = None,
         unattended_s: float = 120.0,
         recording: bool = False,
+        encrypt: bool = False,
         inputs: tuple[InputDevice, ...] = (),
     ) -> None:
         """group: the kernel's control group that all its processes are to be in. unattended_s: without a console."""
@@ -208,7 +209,7 @@ class RealSession(WatchedSession):
             model=model,
             control_core=control_core_of_worker(),
             unattended_s=unattended_s,
-            recording=RecordingConfig(on=recording),
+            recording=RecordingConfig(on=recording, encrypt=encrypt),
             inputs=inputs,
         )
         if config.joints.kind == "can":
@@ -301,6 +302,7 @@ def real_session(
     group: Path | None = None,
     unattended_s: float = 120.0,
     recording: bool = False,
+    encrypt: bool = False,
     inputs: tuple[InputDevice, ...] = (),
 ) -> Iterator[RealSession]:
     """A session that is ended whatever happens."""
@@ -311,6 +313,7 @@ def real_session(
         group=group,
         unattended_s=unattended_s,
         recording=recording,
+        encrypt=encrypt,
         inputs=inputs,
     )
     try:
