@@ -1,6 +1,7 @@
 """What a recording costs: walking sessions with everything recorded and without a recording, in pairs.
 
-    python -m tools.bench_recording [--seconds 600] [--pairs 3] [--encrypt] [--without-pictures] [--json FILE]
+    python -m tools.bench_recording [--seconds 600] [--pairs 3] [--depth] [--encrypt] [--without-pictures]
+                                    [--json FILE]
 
 Everything: joints, hand, gait, links, trail, and the camera's pictures with consent. Of each pair the ratio with by
 without is printed, and the median over the pairs; which of a pair comes first alternates. The bounds: the 99th
@@ -20,13 +21,17 @@ from pathlib import Path
 from statistics import median
 from typing import Annotated
 
+import msgspec
 import psutil
 import typer
 from rich.console import Console
 from rich.table import Table
 
+sys.path.insert(0, str(Path(__file__).parent.parent))  # run as a script, `tools` is a folder of the tree
+
 from app.recording.read import proof_of, survey
 from app.system.paths import pictures_path, recording_path
+from profiles.schema import DEMO_PATIENT, DistanceUsed
 from testing.recordings import contradictions
 from testing.session import RealSession, real_session
 
@@ -39,10 +44,11 @@ SHOWN = Console()
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class What:
-    """What a session records beside joints, hand, gait, links and trail."""
+    """What a session records beside joints, hand, gait, links and trail; a depth camera is there in both of a pair."""
 
     pictures: bool = True
     encrypt: bool = False
+    depth: bool = False  # the digital hand's depth map, as well
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -72,18 +78,20 @@ class Run:
     stored: Stored = Stored()
 
 
-def run(home: Path, seconds: float, what: What | None) -> Run:
-    """A session that walks for so long; None: nothing is recorded."""
-    encrypt = what is not None and what.encrypt
-    with real_session(home, perception=True, recording=what is not None, encrypt=encrypt) as session:
+def run(home: Path, seconds: float, what: What, *, recording: bool) -> Run:
+    """A session that walks for so long."""
+    source = DistanceUsed.BOTH if what.depth else DistanceUsed.MONOCULAR
+    patient = msgspec.structs.replace(DEMO_PATIENT, distance_source=source)
+    options = {"recording": recording, "encrypt": recording and what.encrypt}
+    with real_session(home, perception=True, patient=patient, **options) as session:
         session.until(lambda _: session.report is not None and session.report.detector_ready, "perception")
-        if what is not None and what.pictures:
+        if recording and what.pictures:
             session.record_pictures(consent=True)
             session.until(lambda _: session.report is not None and session.report.pictures_recorded, "pictures")
         session.walk(1)
         measured = walk_for(session, seconds)
         session.finish()
-        if what is None:
+        if not recording:
             return measured
         path = recording_path(home / "logs", session.setup.session)
     return Run(**{**figures(measured), "recording_share": measured.recording_share, "stored": stored(path)})
@@ -155,11 +163,10 @@ def pairs_of(seconds: float, count: int, what: What) -> list[Pair]:
     """So many pairs; the second of one is the first of the next, so that a slow drift of the machine cancels."""
     found = []
     for number in range(count):
-        order = [None, what] if number % 2 == 0 else [what, None]
         made = {}
-        for one in order:
+        for recording in (False, True) if number % 2 == 0 else (True, False):
             with tempfile.TemporaryDirectory(prefix="bench-recording-") as home:
-                made[one is not None] = run(Path(home), seconds, one)
+                made[recording] = run(Path(home), seconds, what, recording=recording)
         found.append((made[False], made[True]))
         SHOWN.print(f"pair {number + 1}: " + ", ".join(f"{name} {ratio(found[-1], name):.3f}" for name in COMPARED))
     return found
@@ -194,14 +201,16 @@ def failures(pairs: list[Pair]) -> list[str]:
 
 
 def main(
+    *,
     seconds: Annotated[float, typer.Option(min=1.0, help="Walking in each session.")] = 600.0,
     pairs: Annotated[int, typer.Option(min=1, help="Sessions without and with, each.")] = 3,
+    depth: Annotated[bool, typer.Option("--depth", help="A camera with depth, recorded as well.")] = False,
     encrypt: Annotated[bool, typer.Option("--encrypt", help="Recordings encrypted, too.")] = False,
     without_pictures: Annotated[bool, typer.Option("--without-pictures", help="No pictures of the camera.")] = False,
     json_file: Annotated[Path | None, typer.Option("--json", help="Write the figures here as well.")] = None,
 ) -> None:
     """Print the table; 1 beyond a bound or when something is missing."""
-    found = pairs_of(seconds, pairs, What(pictures=not without_pictures, encrypt=encrypt))
+    found = pairs_of(seconds, pairs, What(pictures=not without_pictures, encrypt=encrypt, depth=depth))
     print_table(found)
     wrong = failures(found)
     for line in wrong:

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import ezc3d
 import numpy as np
+import pandas
 import pytest
 from pyarrow import Table, csv, parquet
 from typer.testing import CliRunner
@@ -52,6 +53,25 @@ def test_parquet_by_arrow(recorded: Session, tmp_path: Path) -> None:
     assert "flexion positive" in json.loads(schema.metadata[b"rleex"])["axes"]
     assert {schema.field(name).metadata[b"unit"].decode() for name in COLUMNS} == {"rad", "rad/s", "Nm"}
     assert np.array_equal(columns(parquet.read_table(path), ANGLES), measured(recorded))
+
+
+def test_tables_by_pandas(recorded: Session, tmp_path: Path) -> None:
+    """Every column of every table, bit by bit."""
+    samples = read_samples(recorded.path)
+    values = samples.values.reshape(len(samples.at_ns), -1)
+    whole = [
+        pandas.read_parquet(export(recorded.path, "parquet", tmp_path)),
+        pandas.read_csv(export(recorded.path, "csv", tmp_path), comment="#"),
+    ]
+    for table in whole:
+        assert list(table.columns) == ["time_s", "monotonic_ns", *COLUMNS]
+        assert np.array_equal(table[list(COLUMNS)].to_numpy(), values, equal_nan=True)
+        assert np.array_equal(table["monotonic_ns"].to_numpy(), samples.at_ns)
+    motion = export(recorded.path, "opensim", tmp_path)
+    for path, rows in ((motion, values[:, :4]), (motion.with_suffix(".sto"), values[:, 8:12])):
+        lines = path.read_text().partition("endheader\n")[0].count("\n") + 1
+        table = pandas.read_csv(path, sep="\t", skiprows=lines)
+        assert np.array_equal(table.iloc[:, 1:].to_numpy(), rows, equal_nan=True)
 
 
 def test_c3d_by_ezc3d(recorded: Session, tmp_path: Path) -> None:
