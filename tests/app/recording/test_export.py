@@ -120,6 +120,17 @@ def test_the_command_and_what_it_refuses(recorded: Session, tmp_path: Path) -> N
     assert caught.value.code is ExportFault.NO_SAMPLES
 
 
+def test_a_cut_file_is_exported_to_where_it_ends_and_that_is_said(recorded: Session, tmp_path: Path) -> None:
+    cut = tmp_path / recorded.path.name
+    cut.write_bytes(recorded.path.read_bytes()[: recorded.path.stat().st_size // 2])
+    for path, said in ((cut, True), (recorded.path, False)):
+        done = CliRunner().invoke(
+            cli, ["export", str(path), "--to", "csv", "--output", str(tmp_path / path.parent.name)]
+        )
+        assert done.exit_code == 0, done.output
+        assert ("was cut off" in done.output.replace("\n", " ")) is said
+
+
 def test_late_ticks_hold_the_sample_before(recorded: Session) -> None:
     samples = read_samples(recorded.path)
     kept = np.r_[0:100, 103:200]
