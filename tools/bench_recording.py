@@ -16,7 +16,7 @@ import json
 import sys
 import tempfile
 import time
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from statistics import median
 from typing import Annotated
@@ -82,8 +82,8 @@ def run(home: Path, seconds: float, what: What, *, recording: bool) -> Run:
     """A session that walks for so long."""
     source = DistanceUsed.BOTH if what.depth else DistanceUsed.MONOCULAR
     patient = msgspec.structs.replace(DEMO_PATIENT, distance_source=source)
-    options = {"recording": recording, "encrypt": recording and what.encrypt}
-    with real_session(home, perception=True, patient=patient, **options) as session:
+    encrypt = recording and what.encrypt
+    with real_session(home, perception=True, patient=patient, recording=recording, encrypt=encrypt) as session:
         session.until(lambda _: session.report is not None and session.report.detector_ready, "perception")
         if recording and what.pictures:
             session.record_pictures(consent=True)
@@ -93,13 +93,7 @@ def run(home: Path, seconds: float, what: What, *, recording: bool) -> Run:
         session.finish()
         if not recording:
             return measured
-        path = recording_path(home / "logs", session.setup.session)
-    return Run(**{**figures(measured), "recording_share": measured.recording_share, "stored": stored(path)})
-
-
-def figures(one: Run) -> dict[str, float]:
-    """Those that are compared, by name."""
-    return {name: getattr(one, name) for name in COMPARED}
+        return replace(measured, stored=stored(recording_path(home / "logs", session.setup.session)))
 
 
 def walk_for(session: RealSession, seconds: float) -> Run:
@@ -141,10 +135,8 @@ def stored(path: Path) -> Stored:
         return rest
     taken, (_, named) = survey(beside), proof_of(beside)
     told = named is not None and taken.whole and named.messages == taken.counts
-    return Stored(
-        mb_an_hour=rest.mb_an_hour,
-        messages=rest.messages,
-        lost=rest.lost,
+    return replace(
+        rest,
         wrong=wrong if told else (*wrong, "pictures"),
         pictures_mb_an_hour=_mb_an_hour(beside, taken.duration_s),
         pictures=taken.counts.total(),
