@@ -63,6 +63,7 @@ def test_every_record_is_understood_with_its_recorded_text(home: Path) -> None:
         r.StopInput,
         r.RecordingDeleted,
         r.RecordingSent,
+        r.OtherTrail,
         r.Pain,
         r.VocabularyEnrolled,
         r.Exertion,
