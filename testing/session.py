@@ -37,7 +37,7 @@ from app.system.paths import Home, find_home
 from hal.inputs.device import InputDevice
 from hal.joints.can.bus import open_bus
 from hal.joints.device import BusDevice, load_exoskeleton
-from profiles.schema import DEMO_PATIENT
+from profiles.schema import DEMO_PATIENT, Profile
 
 TIMEOUT_S = 60.0  # a limit, not a measure: loading on a busy machine takes its time
 KEY_NS = 500_000_000  # a key that did nothing is pressed again after this
@@ -198,6 +198,8 @@ class RealSession(WatchedSession):
         group: Path | None = None,
         unattended_s: float = 120.0,
         recording: bool = False,
+        encrypt: bool = False,
+        patient: Profile = DEMO_PATIENT,
         inputs: tuple[InputDevice, ...] = (),
     ) -> None:
         """group: the kernel's control group that all its processes are to be in. unattended_s: without a console."""
@@ -208,15 +210,13 @@ class RealSession(WatchedSession):
             model=model,
             control_core=control_core_of_worker(),
             unattended_s=unattended_s,
-            recording=RecordingConfig(on=recording),
+            recording=RecordingConfig(on=recording, encrypt=encrypt),
             inputs=inputs,
         )
         if config.joints.kind == "can":
             device = load_exoskeleton()
-            run_preflight(Home(home), patient_of(DEMO_PATIENT, device), device, (Action.INITIALISE,))
-        self.setup = hosting.make_setup(
-            Home(home), config, DEMO_PATIENT, demonstration(Home(home), config.joints, "bench")
-        )
+            run_preflight(Home(home), patient_of(patient, device), device, (Action.INITIALISE,))
+        self.setup = hosting.make_setup(Home(home), config, patient, demonstration(Home(home), config.joints, "bench"))
         context = multiprocessing.get_context("spawn")
         self._commands, theirs = context.Pipe()
         self._console = context.Process(target=run_console, args=(self.setup, theirs, perception, group))
@@ -301,6 +301,8 @@ def real_session(
     group: Path | None = None,
     unattended_s: float = 120.0,
     recording: bool = False,
+    encrypt: bool = False,
+    patient: Profile = DEMO_PATIENT,
     inputs: tuple[InputDevice, ...] = (),
 ) -> Iterator[RealSession]:
     """A session that is ended whatever happens."""
@@ -311,6 +313,8 @@ def real_session(
         group=group,
         unattended_s=unattended_s,
         recording=recording,
+        encrypt=encrypt,
+        patient=patient,
         inputs=inputs,
     )
     try:

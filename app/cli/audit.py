@@ -189,7 +189,8 @@ def report(
 
     path = find_session(find_home(home).logs, session)
     evidence = evidence_of([path], key, None, home)
-    page = make(path, evidence, render_recorded, catalogue.language(), _outcomes(path))
+    lines, notes = _outcomes(path)
+    page = make(path, evidence, render_recorded, catalogue.language(), outcomes=lines, outcome_notes=notes)
     _write(output, page.encode())
     print_text("cli.audit.report", path=output, session=path.stem)
 
@@ -287,17 +288,19 @@ def _print_records(path: Path, selector: RecordSelector, *, follow: bool, as_jso
         return
 
 
-def _outcomes(path: Path) -> list[tuple[str, str]]:
-    """The measures, or why there are none: the page goes on without."""
+def _outcomes(path: Path) -> tuple[list[tuple[str, str, str]], list[str]]:
+    """The measures with their smallest changes, and notes on them; or why there are none: the page goes on without."""
     from app.outcomes.session import find_outcomes
-    from app.outcomes.table import lines_of, remarks
+    from app.outcomes.table import changes_of, lines_of, remarks, sources
     from app.text.catalogue import render
 
     try:
         found = find_outcomes(path.parent, str(path))
     except (AppError, AuditError) as error:
-        return [(render(error), "")]
-    return [*lines_of(found), *((tr(code, **values), "") for code, values in remarks([found]))]
+        return [], [render(error)]
+    changes = changes_of()
+    lines = [(name, value, changes.get(name, "")) for name, value in lines_of(found)]
+    return lines, [*(tr(code, **values) for code, values in remarks([found])), *sources()]
 
 
 def evidence_of(paths: list[Path], given: list[Path] | None, copies: Path | None, home: Path | None) -> Evidence:

@@ -52,10 +52,9 @@ def export_recordings(
     key = _key(where) if deidentify else None
     for session in sessions:
         if to is Format.FHIR:
-            path = _write_outcomes(where, session, output, key)
+            print_text("export.written", path=_write_outcomes(where, session, output, key))
         else:
-            path = _write_recording(where, session, to, output, key)
-        print_text("export.written", path=path)
+            _write_recording(where, session, to, output, key)
 
 
 def _key(home: Home) -> bytes:
@@ -71,13 +70,16 @@ def _key(home: Home) -> bytes:
         raise AppError(ExportFault.UNWRITABLE, path=home.keys / KEY_FILE, detail=cause_of(error)) from error
 
 
-def _write_recording(home: Home, session: str, to: Format, output: Path, key: bytes | None) -> Path:
+def _write_recording(home: Home, session: str, to: Format, output: Path, key: bytes | None) -> None:
     from app.recording.deidentify import deidentify_recording
-    from app.recording.export import export
+    from app.recording.export import export, is_cut
     from app.recording.read import find_recording
 
     path = find_recording(home.logs, session)
-    return export(path, to.value, output, None if key is None else deidentify_recording(path, key))
+    target = export(path, to.value, output, None if key is None else deidentify_recording(path, key))
+    print_text("export.written", path=target)
+    if is_cut(path):
+        print_text("export.cut", path=path)
 
 
 def _write_outcomes(home: Home, session: str, output: Path, key: bytes | None) -> Path:

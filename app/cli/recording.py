@@ -12,6 +12,7 @@ from app.cli.permission import sign_in
 
 if TYPE_CHECKING:
     from app.recording.read import HashCheck, Recording
+    from app.recording.sent import SentCheck
     from app.system.authority import Authority
     from logs.records import RecordingFile
 
@@ -31,11 +32,13 @@ def info(
     from app.cli.progress import wide_console
     from app.recording.encryption import key_of
     from app.recording.read import proof_of, survey
+    from app.recording.sent import check_sent
 
     path = _found(file, home)
     found = survey(path)
     proof, recorded = proof_of(path)
-    wide_console().print(_table(found, recorded))
+    sent = check_sent(found, recorded)
+    wide_console().print(_table(found, recorded, sent))
     _print_state(found, proof)
     key = key_of(path)
     print_text("recording.encrypted" if key else "recording.plain", fingerprint=key or "")
@@ -44,6 +47,7 @@ def info(
             "file": path.name,
             "duration_s": found.duration_s,
             "messages": found.counts,
+            "made": dict(sent.made),
             "lost": found.lost,
             "chunks": found.chunks,
             "whole": found.whole,
@@ -58,15 +62,21 @@ def info(
 def verify(file: FileArgument = "last", home: HomeOption = None) -> None:
     """Prove that it is whole and the one that its trail names. Exit status: 0 sound, 1 not, 2 unreadable."""
     from app.recording.read import HashCheck, proof_of, survey
+    from app.recording.sent import check_sent
 
     path = _found(file, home)
     found = survey(path)
     proof, recorded = proof_of(path)
+    sent = check_sent(found, recorded)
     _print_state(found, proof)
+    _print_sent(sent)
     counted = recorded is None or recorded.messages == dict(found.counts)
     if not counted:
         print_text("recording.miscounted")
-    raise typer.Exit(0 if found.whole and not found.damage and proof is HashCheck.SAME and counted else 1)
+    missing = sent.known and sent.missing
+    raise typer.Exit(
+        0 if found.whole and not found.damage and proof is HashCheck.SAME and counted and not missing else 1
+    )
 
 
 @cli.command("delete-pictures")
@@ -137,20 +147,31 @@ def _found(file: str, home: Path | None) -> Path:
     return find_recording(find_home(home).logs, file)
 
 
-def _table(found: Recording, recorded: RecordingFile | None) -> object:
+def _table(found: Recording, recorded: RecordingFile | None, sent: SentCheck) -> object:
     from rich.table import Table
 
     from app.text.catalogue import tr
 
     table = Table(title=found.path.name)
-    for heading in ("topic", "schema", "messages", "rate", "lost"):
+    for heading in ("topic", "schema", "messages", "rate", "sent", "lost"):
         table.add_column(tr(f"recording.{heading}"), justify="left" if heading in {"topic", "schema"} else "right")
     lost = (recorded.lost if recorded is not None else None) or found.lost
     for topic, schema in found.schemas.items():
         count = found.counts[topic]
         rate = f"{count / found.duration_s:.1f} Hz" if found.duration_s else "–"
-        table.add_row(topic, schema, str(count), rate, str(lost.get(topic, 0)))
+        table.add_row(topic, schema, str(count), rate, str(sent.made.get(topic, "–")), str(lost.get(topic, 0)))
     return table
+
+
+def _print_sent(sent: SentCheck) -> None:
+    if not sent.known:
+        print_text("recording.sent.unknown")
+    elif sent.missing:
+        print_text(
+            "recording.sent.missing", topics=", ".join(f"{topic}: {sent.missing[topic]}" for topic in sent.missing)
+        )
+    else:
+        print_text("recording.sent.all", messages=sum(sent.made.values()))
 
 
 def _print_state(found: Recording, proof: HashCheck) -> None:

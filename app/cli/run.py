@@ -170,12 +170,25 @@ def demo(
             )
     print_result(console, result, ALL_TWELVE)
     if record:
-        from app.cli.common import print_text
-        from app.system.paths import pictures_path, recording_path
-
-        print_text("recording.written", path=recording_path(place.logs, result.session))
-        if pictures:
-            print_text("recording.written", path=pictures_path(place.logs, result.session))
+        _print_recorded(place.logs, result.session)
     if json_file is not None:
         json_file.write_text(json.dumps(result.as_json(ALL_TWELVE), indent=1) + "\n", encoding="utf-8")
     raise typer.Exit(0 if result.passed(ALL_TWELVE) else 1)
+
+
+def _print_recorded(logs: Path, session: str) -> None:
+    """Each file of a session's recording, and what a full or slow disk cost it."""
+    from app.cli.common import print_text
+    from app.text.recorded import render_recorded
+    from logs.read import records
+    from logs.reason import Reason
+    from logs.records import RecordingFile
+
+    for record in records(logs / f"{session}.jsonl"):
+        one = record.body
+        if not isinstance(one, RecordingFile):
+            continue
+        print_text("recording.written", path=logs / one.file)
+        if one.lost or one.fault:
+            why = render_recorded(one.fault) if isinstance(one.fault, Reason) else one.fault or ""
+            print_text("recording.lost_messages", messages=sum(one.lost.values()), file=one.file, why=why)

@@ -116,9 +116,10 @@ class Control:
             self._sink.emit(records.Drives(state="unconfirmed", detail=unconfirmed))
         self._links.send_heartbeat(Heartbeat(at_ns=time.monotonic_ns(), enabled=False, last=True))
         self._sink.emit(self._lateness_record())
-        self._sink.emit(records.ProcessEnd(pid=os.getpid(), reason="asked to end" if self._must_end else ""))
         if self._recorder is not None and self._state is not None and self._snapshot is not None:
             self._recorder.close(self._state.streams, self._snapshot)
+            self._sink.emit(self._recorder.made)
+        self._sink.emit(records.ProcessEnd(pid=os.getpid(), reason="asked to end" if self._must_end else ""))
         self._stop_inputs.close()
         self._links.close()
         self._sink.close()

@@ -5,14 +5,18 @@ In a tick it costs eight copies of four numbers; what a full queue refuses is co
 
 from __future__ import annotations
 
+from collections import Counter
+
 import numpy as np
 
 from app.control.inputs import Inputs, StreamState
 from app.ipc.messages import ControlSnapshot, OperatorCommand, OperatorKind
 from app.ipc.recording import BATCH_TICKS, QUANTITIES, Contact, LinkAges, TickBatch
 from app.ipc.streams import NS_PER_MS, RECORDING, LinkDirectory
+from app.recording import schemas
 from app.recording.sink import RecordingSink
 from hal.joints.protocol import JointCommand
+from logs.records import RecordingSent
 
 
 class TickRecorder:
@@ -27,6 +31,7 @@ class TickRecorder:
         self._first_tick = 0
         self._ticks = 0
         self._lost_ticks = 0
+        self._made: Counter[str] = Counter()
 
     @property
     def full(self) -> bool:
@@ -65,6 +70,7 @@ class TickRecorder:
             )
         )
         self._lost_ticks += 0 if sent else ticks
+        self._count(ticks)
         self._first_tick += ticks
         self._ticks = 0
         self._contacts.clear()
@@ -75,6 +81,16 @@ class TickRecorder:
         if self._ticks:
             self.send(streams, snapshot)
         self._sink.close()
+
+    @property
+    def made(self) -> RecordingSent:
+        """How many messages were made, by topic: the ticks that were sent, refused or not."""
+        return RecordingSent(messages=dict(self._made))
+
+    def _count(self, ticks: int) -> None:
+        self._made.update(dict.fromkeys((schemas.JOINT_STATE, schemas.JOINT_SETPOINT), ticks))
+        self._made.update((schemas.JOINT_HEALTH, schemas.GAIT, schemas.LINKS))  # one a batch
+        self._made.update({schemas.CONTACT: len(self._contacts), schemas.OPERATOR: len(self._commands)})
 
 
 def _ages(streams: StreamState, now_ns: int) -> LinkAges:

@@ -64,7 +64,7 @@ def outcomes_table(found: Sequence[SessionOutcomes]) -> Table:
     for one in found:
         table.add_column(one.began[:16].replace("T", " "), justify="right")
     table.add_column(tr("outcomes.smallest_change"), justify="right")
-    changes = {tr(f"outcomes.{_NAMES[field]}"): _least(field) for field in SMALLEST_CHANGES}
+    changes = changes_of()
     for line in zip(*(lines_of(one) for one in found), strict=True):
         name = line[0][0]
         table.add_row(name, *(value for _, value in line), changes.get(name, NONE))
@@ -75,6 +75,11 @@ def outcomes_table(found: Sequence[SessionOutcomes]) -> Table:
             *(str(one.actions.get(action, 0)) for one in found),
         )
     return table
+
+
+def changes_of() -> dict[str, str]:
+    """The smallest change that means something, by the name that a measure has in `lines_of`."""
+    return {tr(f"outcomes.{_NAMES[field]}"): _least(field) for field in SMALLEST_CHANGES}
 
 
 def remarks(found: Sequence[SessionOutcomes]) -> Iterator[tuple[str, dict[str, object]]]:

@@ -31,6 +31,7 @@ from app.perception.reporting import (
     hand_frame,
     to_message,
 )
+from app.recording.schemas import HAND_TOPICS
 from app.recording.sink import RecordingSink
 from app.system.config import SessionSetup
 from app.system.scheduling import avoid_control_core, gc_freeze, set_scheduling
@@ -40,7 +41,7 @@ from kgdfa.draw import draw
 from kgdfa.pipeline import Pipeline, PipelineInput, Report
 from kgdfa.press_zone import PressZone
 from logs.reason import Reason, reason
-from logs.records import EventRaised, ProcessEnd, ProcessStart
+from logs.records import EventRaised, ProcessEnd, ProcessStart, RecordingSent
 
 FRAME_TIMEOUT_S = 0.1
 RATE_AFTER_NS = 5_000_000_000  # of frames: then the camera's measured rate is recorded
@@ -122,9 +123,10 @@ class Perception:
         self._record_rate()
         for record in self._decisions.end() if self._decisions else ():
             self._sink.emit(record)
-        self._sink.emit(ProcessEnd(pid=os.getpid()))
         if self._recording is not None:
             self._recording.close()
+            self._sink.emit(RecordingSent(messages=dict.fromkeys(HAND_TOPICS, self._sequence)))  # one each a report
+        self._sink.emit(ProcessEnd(pid=os.getpid()))
         if self._pictures is not None:
             self._pictures.close()
         self._sink.close()

@@ -86,7 +86,7 @@ def _gait(image: Image, view: View) -> None:
         )
     figures = f"{tr('health.steps')} {snapshot.steps}   {tr('health.distance')} {snapshot.distance_walked_m:.1f} m"
     pen.write(image, (box.x + 4, box.y + 92), figures, pen.TEXT, pen.SMALL)
-    active = [one for one in snapshot.events if one.effect > Effect.NOTE]
+    active = [one for one in snapshot.events if one.present and one.effect > Effect.NOTE]
     for event in sorted(active, key=lambda one: -one.effect)[:1]:
         colour = pen.BAD if event.effect >= Effect.HOLD else pen.WARN
         pen.write(

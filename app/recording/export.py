@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import csv
 import json
+import os
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from enum import Enum, auto
@@ -15,11 +16,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from mcap.writer import MCAP0_MAGIC
 from numpy.typing import NDArray
 
 from app.recording import schemas
 from app.recording.deidentify import KEPT_TOPICS, Deidentified
-from app.recording.read import Recording, messages, session_of
+from app.recording.encryption import open_recording
+from app.recording.read import Recording, RecordingReadFault, messages, session_of
 from app.recording.writer import RecordingWriter
 from app.system.errors import AppError
 from hal.joints.device import Joint
@@ -208,6 +211,16 @@ def export(path: Path, form: str, folder: Path, deidentified: Deidentified | Non
     except OSError as error:
         raise AppError(ExportFault.UNWRITABLE, path=target, detail=cause_of(error)) from error
     return target
+
+
+def is_cut(path: Path) -> bool:
+    """Whether a recording lacks its end, as after a crash. Raises AppError."""
+    try:
+        with open_recording(path) as file:
+            file.seek(-len(MCAP0_MAGIC), os.SEEK_END)
+            return file.read() != MCAP0_MAGIC
+    except OSError as error:
+        raise AppError(RecordingReadFault.UNREADABLE, path=path, detail=cause_of(error)) from error
 
 
 def unit_of(column: str) -> str:

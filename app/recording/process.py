@@ -123,7 +123,7 @@ class SessionRecording:
         writer = self.writer
         for topic in (schemas.JOINT_STATE, schemas.JOINT_SETPOINT):
             writer.lost[topic] += self._ticks.lost_ticks
-        for topic in (schemas.KEYPOINTS, schemas.VERDICT, schemas.BUTTON):
+        for topic in schemas.HAND_TOPICS:
             writer.lost[topic] += self._lost_frames
         whole = writer.finish()
         self._sink.emit(file_record(writer, whole=whole))

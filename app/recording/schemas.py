@@ -192,6 +192,7 @@ LINKS = "/links"
 KEYPOINTS = "/hand/keypoints"
 VERDICT = "/hand/verdict"
 BUTTON = "/hand/button"
+HAND_TOPICS = (KEYPOINTS, VERDICT, BUTTON)  # a message of each for each frame
 TRAIL = "/trail"
 LOG = "/log"
 

@@ -73,6 +73,7 @@ from logs.records.session import (
     Rating,
     RecordingDeleted,
     RecordingFile,
+    RecordingSent,
     RecordsLost,
     SessionBody,
     SessionEnd,

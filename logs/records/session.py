@@ -177,6 +177,12 @@ class RecordingFile(Struct, frozen=True, kw_only=True, tag_field="kind", tag="re
     fault: Cause = None
 
 
+class RecordingSent(Struct, frozen=True, kw_only=True, tag_field="kind", tag="recording-sent"):
+    """A process ended that hands messages to the recording: how many it made since its start, by topic."""
+
+    messages: dict[str, int]
+
+
 class RecordingDeleted(Struct, frozen=True, kw_only=True, tag_field="kind", tag="recording-deleted"):
     """A file of the session's recording was deleted: the patient withdrew the consent."""
 
@@ -241,4 +247,5 @@ SessionBody = (
     | GuidedTestResult
     | VocabularyEnrolled
     | OtherTrail
+    | RecordingSent
 )

@@ -29,11 +29,14 @@ def report(
     evidence: Evidence,
     render: Render,
     language: str = "en",
-    outcomes: Sequence[tuple[str, str]] = (),
+    *,
+    outcomes: Sequence[tuple[str, str, str]] = (),
+    outcome_notes: Sequence[str] = (),
 ) -> str:
     """The page of a session, its text made by `render`. Raises AuditError when the file can't be read.
 
-    outcomes: names and values of what the session's legs were measured to have done.
+    outcomes: name, value and smallest change that means something, of what the session's legs were measured to have
+    done. outcome_notes: what a reader must know of them, and where each change is from.
     """
     (finding,) = verify([path], evidence)
     found = records(path)
@@ -62,6 +65,7 @@ def report(
             most=MOST_EVENTS,
             comments=_comments(path),
             outcomes=outcomes,
+            outcome_notes=outcome_notes,
             charts={
                 "timeline": charts.timeline(data, t),
                 "joints": [charts.joint(trace, data.outline.duration_s, t) for trace in data.joints],

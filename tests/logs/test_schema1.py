@@ -62,6 +62,8 @@ def test_every_record_is_understood_with_its_recorded_text(home: Path) -> None:
         r.CameraComparison,
         r.StopInput,
         r.RecordingDeleted,
+        r.RecordingSent,
+        r.OtherTrail,
         r.Pain,
         r.VocabularyEnrolled,
         r.Exertion,

@@ -157,7 +157,10 @@ def test_the_report_prints_them(home: Path, tmp_path: Path) -> None:
     first, second, _ = sessions(home)
     page = tmp_path / "report.html"
     assert run("audit", "report", first, "--home", str(home), "-o", str(page))[0] == 0
-    assert "distance walked, m" in page.read_text()
+    text = page.read_text()
+    assert "distance walked, m" in text
+    assert "±0.16" in text
+    assert "Tilson" in text, "where the smallest important change is from"
     assert run("audit", "report", second, "--home", str(home), "-o", str(page))[0] == 0
     assert "has no recording" in page.read_text()
     assert run("--language", "zh", "audit", "report", first, "--home", str(home), "-o", str(page))[0] == 0

@@ -77,7 +77,7 @@ def test_a_stopped_film_leaves_nothing(playback: Playback, tmp_path: Path) -> No
     assert target.read_bytes() == b"an older film"
 
 
-def test_a_disk_that_fills_is_landmark_and_leaves_nothing(playback: Playback, tmp_path: Path) -> None:
+def test_a_disk_that_fills_is_reported_and_leaves_nothing(playback: Playback, tmp_path: Path) -> None:
     room = iter([1 << 40, 1 << 20])
     with pytest.raises(AppError) as caught:
         film(playback, tmp_path / "out.mp4", stretch_of(playback, 0.0, 3.0), lambda: None, lambda _: next(room))
@@ -85,7 +85,7 @@ def test_a_disk_that_fills_is_landmark_and_leaves_nothing(playback: Playback, tm
     assert not list(tmp_path.iterdir())
 
 
-def test_a_film_that_did_not_reach_the_disk_is_landmark(playback: Playback, tmp_path: Path) -> None:
+def test_a_film_that_did_not_reach_the_disk_is_reported(playback: Playback, tmp_path: Path) -> None:
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, hard))
     try:
@@ -164,7 +164,7 @@ def test_the_command_films_and_names_what_it_refuses(session: Lived, tmp_path: P
         assert caught.value.code is fault
 
 
-def test_an_unwritable_format_is_landmark(playback: Playback, tmp_path: Path) -> None:
+def test_an_unwritable_format_is_reported(playback: Playback, tmp_path: Path) -> None:
     with pytest.raises(AppError) as caught:
         film(playback, tmp_path / "out.txt", stretch_of(playback, 0.0, 1.0), lambda: None)
     assert caught.value.code is FilmFault.NO_FORMAT

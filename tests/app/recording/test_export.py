@@ -7,6 +7,7 @@ from pathlib import Path
 
 import ezc3d
 import numpy as np
+import pandas
 import pytest
 from pyarrow import Table, csv, parquet
 from typer.testing import CliRunner
@@ -54,6 +55,25 @@ def test_parquet_by_arrow(recorded: Session, tmp_path: Path) -> None:
     assert np.array_equal(columns(parquet.read_table(path), ANGLES), measured(recorded))
 
 
+def test_tables_by_pandas(recorded: Session, tmp_path: Path) -> None:
+    """Every column of every table, bit by bit."""
+    samples = read_samples(recorded.path)
+    values = samples.values.reshape(len(samples.at_ns), -1)
+    whole = [
+        pandas.read_parquet(export(recorded.path, "parquet", tmp_path)),
+        pandas.read_csv(export(recorded.path, "csv", tmp_path), comment="#"),
+    ]
+    for table in whole:
+        assert list(table.columns) == ["time_s", "monotonic_ns", *COLUMNS]
+        assert np.array_equal(table[list(COLUMNS)].to_numpy(), values, equal_nan=True)
+        assert np.array_equal(table["monotonic_ns"].to_numpy(), samples.at_ns)
+    motion = export(recorded.path, "opensim", tmp_path)
+    for path, rows in ((motion, values[:, :4]), (motion.with_suffix(".sto"), values[:, 8:12])):
+        lines = path.read_text().partition("endheader\n")[0].count("\n") + 1
+        table = pandas.read_csv(path, sep="\t", skiprows=lines)
+        assert np.array_equal(table.iloc[:, 1:].to_numpy(), rows, equal_nan=True)
+
+
 def test_c3d_by_ezc3d(recorded: Session, tmp_path: Path) -> None:
     file = ezc3d.c3d(str(export(recorded.path, "c3d", tmp_path)))
     analog = file["parameters"]["ANALOG"]
@@ -98,6 +118,17 @@ def test_the_command_and_what_it_refuses(recorded: Session, tmp_path: Path) -> N
     with pytest.raises(AppError) as caught:
         export(empty, "csv", tmp_path)
     assert caught.value.code is ExportFault.NO_SAMPLES
+
+
+def test_a_cut_file_is_exported_to_where_it_ends_and_that_is_said(recorded: Session, tmp_path: Path) -> None:
+    cut = tmp_path / recorded.path.name
+    cut.write_bytes(recorded.path.read_bytes()[: recorded.path.stat().st_size // 2])
+    for path, said in ((cut, True), (recorded.path, False)):
+        done = CliRunner().invoke(
+            cli, ["export", str(path), "--to", "csv", "--output", str(tmp_path / path.parent.name)]
+        )
+        assert done.exit_code == 0, done.output
+        assert ("was cut off" in done.output.replace("\n", " ")) is said
 
 
 def test_late_ticks_hold_the_sample_before(recorded: Session) -> None:
