@@ -44,6 +44,7 @@ class PatientsScreen(ConsoleScreen):
         self._profiles: dict[str, Profile] = {}
         self._search = ""
         self._operator_shown = ""
+        self._shown = ""  # whose details stand beside the list
 
     def compose(self) -> ComposeResult:
         yield Label(tr("patients.title"), id="title")
@@ -56,11 +57,18 @@ class PatientsScreen(ConsoleScreen):
         yield from self.compose_bottom()
 
     def on_mount(self) -> None:
-        table = self.query_one(DataTable)
+        self.fill()
+        self.query_one(DataTable).focus()
+
+    def fill(self) -> None:
+        """Columns, rows, and the patient that the cursor was on."""
+        table, chosen = self.query_one(DataTable), self._shown
         for name in ("identifier", "sex", "stature", "mass", "hand"):
             table.add_column(tr(f"patients.{name}"), key=name)
+        self._operator_shown = ""
         self.reload()
-        table.focus()
+        if chosen in table.rows:
+            table.move_cursor(row=table.get_row_index(chosen))
 
     def on_screen_resume(self) -> None:
         if self._profiles:
@@ -231,6 +239,7 @@ class PatientsScreen(ConsoleScreen):
         if profile is None:
             about.update(tr("patients.nobody"))
             return
+        self._shown = profile.identifier
         with self.notify_errors():
             changes = self.console_app.store.history(profile.identifier)
             about.update(describe(profile, changes, self.console_app.sessions.of(profile.identifier)))

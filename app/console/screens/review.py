@@ -22,7 +22,7 @@ from app.system.paths import Home
 from app.text.catalogue import render, tr
 from app.text.recorded import render_recorded
 from logs.errors import AuditError
-from logs.findings import verdict
+from logs.findings import Finding, verdict
 from logs.keys import by_fingerprint, known_keys, read_anchors
 from logs.read import find_session, session_paths
 from logs.records import Comment, Record
@@ -66,6 +66,7 @@ class ReviewScreen(ConsoleScreen):
         self._session: ReviewedSession | None = None
         self._index = 0
         self._comments: dict[int, list[Comment]] = {}
+        self._finding: Finding | None = None
 
     def compose(self) -> ComposeResult:
         yield Static("", id="verdict", markup=False)
@@ -119,13 +120,25 @@ class ReviewScreen(ConsoleScreen):
     async def _load(self, path: Path) -> None:
         self.query_one("#verdict", Static).update(tr("reviewing.opens", session=sanitize_terminal(path.stem)))
         with self.notify_errors():
+            self._finding = None
             self._session = await asyncio.to_thread(open_session, path)
             self._comments = await asyncio.to_thread(comments_on, path)
             self.query_one(Timeline).show(self._session)
             self._go_to(0)
             self.query_one("#verdict", Static).update(f"{sanitize_terminal(path.stem)}: {tr('reviewing.verifying')}")
-            (finding,) = await asyncio.to_thread(verify, [path], self._evidence())
-            self.query_one("#verdict", Static).update(verdict(finding, render_recorded))
+            (self._finding,) = await asyncio.to_thread(verify, [path], self._evidence())
+            self._show_verdict()
+
+    def fill(self) -> None:
+        """The session that is open, at the record that is shown."""
+        if self._session is not None:
+            self.query_one(Timeline).show(self._session)
+            self.call_after_refresh(self._go_to, self._index)
+            self._show_verdict()
+
+    def _show_verdict(self) -> None:
+        if self._finding is not None:
+            self.query_one("#verdict", Static).update(verdict(self._finding, render_recorded))
 
     def _evidence(self) -> Evidence:
         keys = by_fingerprint(known_keys(self._home.keys))
