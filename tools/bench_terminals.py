@@ -40,6 +40,7 @@ from tools.pty_program import PtyProgram
 
 COLUMNS, ROWS = 120, 36
 ESCAPE = b"\x1b"
+INSTALLED = {"posting", "harlequin"}
 SETTLE_S = 3.0  # after the first paint: what loads in the background has loaded
 FIGURES = {"first_paint_s": "first paint, s", "key_ms": "key p95, ms", "rest": "CPU at rest, %", "live": "CPU live, %"}
 
@@ -143,13 +144,12 @@ def _cpu_percent(program: PtyProgram, seconds: float, during: Callable[[], objec
     return 100 * (sum(process.cpu_times()[:2]) - before) / max(seconds, time.monotonic() - begun)
 
 
-def install(folder: Path) -> Path:
-    """posting and harlequin in an environment of their own; where their commands are."""
+def install(folder: Path) -> None:
+    """posting and harlequin in an environment of their own."""
     scripts = folder / "bin"
     if not (scripts / "harlequin").exists():
         subprocess.run([sys.executable, "-m", "venv", str(folder)], check=True)
-        subprocess.run([str(scripts / "python"), "-m", "pip", "install", "-q", "posting", "harlequin"], check=True)
-    return scripts
+        subprocess.run([str(scripts / "python"), "-m", "pip", "install", "-q", *sorted(INSTALLED)], check=True)
 
 
 def furnish(home: Path) -> None:
@@ -187,8 +187,11 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         home = Path(folder)
         furnish(home)
-        known = subjects(home, install(options.venv or home / "venv"))
-        wanted = {name: one for name, one in known.items() if not options.only or name in options.only}
+        venv = options.venv or home / "venv"
+        known = subjects(home, venv / "bin")
+        wanted = {name: one for name, one in known.items() if not options.only or name in {"rleex", *options.only}}
+        if INSTALLED & wanted.keys():
+            install(venv)
         there = {name: one for name, one in wanted.items() if shutil.which(one.command[0])}
         for name in wanted.keys() - there.keys():
             Console(stderr=True).print(f"{name} is not installed and is left out")

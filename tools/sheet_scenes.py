@@ -174,7 +174,7 @@ SCENES = {
     "training": Scene(keys=("t", "5"), plays=True),
     "vocabulary": Scene(keys=("g", "0")),
     "review": Scene(review=True, shows="checked", then=("n", "n", "n")),
-    "replay": Scene(review=True, shows="checked", then=("r",)),
+    "replay": Scene(review=True, shows="checked", then=("r", "pageup", "pageup")),
     "session-begins": Scene(live=True),
     "checks": Scene(live=True, keys=("s",)),
     "confirm": Scene(live=True, keys=("c",)),
