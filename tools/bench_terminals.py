@@ -67,7 +67,7 @@ def subjects(home: Path, tools: Path) -> dict[str, Subject]:
             command=(*console, str(home / "rest")),
             painted="STOP",
             key=b"\x1bOP",
-            page="Find or create",
+            page="Everyone of this home",
             end=b"\x03",
             own_traffic=True,
             live_command=(*console, str(home / "live")),

@@ -21,7 +21,7 @@ from app.console.screens.patient_form import PatientForm
 from app.console.screens.start import StartSession
 from app.console.state import SessionState
 from app.console.widgets.panel import Lines, plain
-from app.console.widgets.patient_details import describe
+from app.console.widgets.patient_details import describe, field_name
 from app.system.operators import Permission
 from app.text.catalogue import knows, render, tr
 from profiles.schema import DEMO_PATIENT, Profile
@@ -318,12 +318,12 @@ def history_lines(changes: tuple[Change, ...]) -> Lines:
         who = change.by or tr("history.nobody")
         lines.append(
             (
-                (f"{change.at}  {who}", "bold $primary"),
+                (f"{change.at[:16].replace('T', ' ')}  {who}", "bold $primary"),
                 (f"  {tr(change.why) if knows(change.why) else change.why}", "$text-muted"),
             )
         )
         lines += [
-            ((f"  {field}: ", ""), (f"{_shown(old)} → {_shown(new)}", "bold"))
+            ((f"  {field_name(field)}: ", ""), (f"{_shown(old)} → {_shown(new)}", "bold"))
             for field, (old, new) in change.changes.items()
         ]
     return tuple(lines) or (plain(tr("history.none"), "$text-muted"),)

@@ -11,6 +11,7 @@ from textual import on, work
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Horizontal, Vertical, VerticalScroll
+from textual.message import Message
 from textual.widgets import Input, OptionList, Static
 from textual.widgets.option_list import Option
 
@@ -29,6 +30,17 @@ from logs.records import Comment, Record
 from logs.sanitize import sanitize_terminal
 from logs.show import line_of
 from logs.verify import Evidence, verify
+
+
+class RecordList(Static):
+    """The records around the cursor, as many as there is room for."""
+
+    class Resized(Message):
+        """There is other room."""
+
+    def on_resize(self) -> None:
+        """Have it filled anew."""
+        self.post_message(self.Resized())
 
 
 class ReviewScreen(ConsoleScreen):
@@ -72,7 +84,7 @@ class ReviewScreen(ConsoleScreen):
         yield Static("", id="verdict", markup=False)
         yield Timeline()
         with Horizontal(id="below"):
-            yield Static("", id="records", markup=False)
+            yield RecordList("", id="records", markup=False)
             with VerticalScroll(id="moment", can_focus=False):
                 yield Static("", id="instant", markup=False)
         yield from self.compose_bottom()
@@ -133,7 +145,7 @@ class ReviewScreen(ConsoleScreen):
         """The session that is open, at the record that is shown."""
         if self._session is not None:
             self.query_one(Timeline).show(self._session)
-            self.call_after_refresh(self._go_to, self._index)
+            self._go_to(self._index)
             self._show_verdict()
 
     def _show_verdict(self) -> None:
@@ -207,7 +219,8 @@ class ReviewScreen(ConsoleScreen):
         if self._session is not None:
             self._go_to(self._session.index_at(message.at_s))
 
-    def on_resize(self) -> None:
+    @on(RecordList.Resized)
+    def _fill_list(self) -> None:
         """Fill the list's new height."""
         if self._session is not None:
             self._go_to(self._index)
