@@ -76,10 +76,16 @@ class Studio:
                 await self.until(lambda: self.hosts[-1].at_rest)
             for size in SIZES:
                 await self.pilot.resize_terminal(*size)
+                await self.until(lambda size=size: self.drawn() == size)
                 self.app.clear_notifications()
                 await self.quiet()
                 found[f"{theme} {code}", f"{size[0]}x{size[1]}"] = strips(self.app)
         return found
+
+    def drawn(self) -> tuple[int, int]:
+        """Columns and rows that are drawn now."""
+        lines = strips(self.app)
+        return lines[0].cell_length if lines else 0, len(lines)
 
     async def quiet(self) -> None:
         """Until nothing has changed for a while."""

@@ -168,7 +168,7 @@ SCENES = {
     "form": Scene(keys=("e",)),
     "new-patient": Scene(keys=("n",), shows="New patient"),
     "history": Scene(keys=("h",)),
-    "outcomes": Scene(keys=("m",), shows="sessions, "),
+    "outcomes": Scene(keys=("down", "down", "m"), shows="sessions, "),
     "start": Scene(keys=("enter",)),
     "sign-in": Scene(keys=("enter", "ctrl+s"), joints="can"),
     "training": Scene(keys=("t", "5"), plays=True),

@@ -207,6 +207,7 @@ class TerminalDriver(LinuxDriver):
         self, app: App[Any], *, debug: bool = False, mouse: bool = True, size: tuple[int, int] | None = None
     ) -> None:
         super().__init__(app, debug=debug, mouse=mouse, size=size)
+        self._size = size or self._get_terminal_size()  # until the first resize; else rich asks the terminal
         self._events: TerminalEvents = app.terminal_events  # type: ignore[attr-defined]
         self._input_loop = InputLoop(self.fileno, self._events.input_alive)
         self.exit_event = self._input_loop
@@ -216,8 +217,8 @@ class TerminalDriver(LinuxDriver):
 
     def process_message(self, message: Message) -> None:
         """STOP is taken here, in the input thread."""
-        if isinstance(message, events.Resize):  # as the terminal says it in its output
-            message = events.Resize.from_dimensions(believed(*message.size), None)
+        if isinstance(message, events.Resize) and believed(*message.size) != message.size:  # said by the terminal
+            message = events.Resize.from_dimensions(believed(*message.size), message.pixel_size)
         if not self._events.switch().takes(message):
             super().process_message(message)
 
