@@ -1,14 +1,15 @@
 """The console beside posting, harlequin and btop in the same pseudo terminal: first paint, keys, CPU.
 
 `python tools/bench_terminals.py [--rounds 7] [--seconds 10] [--presses 20] [--venv DIR]`. posting and harlequin are
-installed from the package index into DIR (a temporary folder unless given); btop is Debian's. A program that is not
-there is left out, and named. In each round every program runs once, one after the other; a ratio is the console's
-figure over the other's of the same round, and what is printed is the median of the rounds' ratios.
+installed from the package index, each into an environment of its own in DIR (a temporary folder unless given); btop
+is Debian's. A program that is not there is left out, and named. In each round every program runs once, one after the
+other; a ratio is the console's figure over the other's of the same round, and what is printed is the median of the
+rounds' ratios.
 
 first paint: from the start to the first text of the program's own. key: from the byte of a key that opens a page to
 text that only this page shows; p95 of a round's presses. CPU: of the program's own process, in per cent of a core; at
 rest with nothing to draw (the console: its list of patients), live with its own traffic (the console: a session with
-camera and legs; posting and harlequin: that key and Escape twice a second; btop: its charts every 0.1 s).
+camera and legs; posting and harlequin: that key or Escape twice a second; btop: its charts, every 2 s as it comes).
 """
 
 from __future__ import annotations
@@ -74,14 +75,14 @@ def subjects(home: Path, tools: Path) -> dict[str, Subject]:
             live_painted="▀▀▀▀",
         ),
         "posting": Subject(
-            command=(str(tools / "posting"), "--collection", str(home)),
+            command=(str(tools / "posting" / "bin" / "posting"), "--collection", str(home)),
             painted="Send",
             key=b"\x10",
             page="Search for commands",
             end=b"\x03",
         ),
         "harlequin": Subject(
-            command=(str(tools / "harlequin"), "-P", "None", ":memory:"),
+            command=(str(tools / "harlequin" / "bin" / "harlequin"), "-P", "None", ":memory:"),
             painted="Query Editor",
             key=b"\x1bOP",
             page="Harlequin",
@@ -144,12 +145,11 @@ def _cpu_percent(program: PtyProgram, seconds: float, during: Callable[[], objec
     return 100 * (sum(process.cpu_times()[:2]) - before) / max(seconds, time.monotonic() - begun)
 
 
-def install(folder: Path) -> None:
-    """posting and harlequin in an environment of their own."""
-    scripts = folder / "bin"
-    if not (scripts / "harlequin").exists():
-        subprocess.run([sys.executable, "-m", "venv", str(folder)], check=True)
-        subprocess.run([str(scripts / "python"), "-m", "pip", "install", "-q", *sorted(INSTALLED)], check=True)
+def install(name: str, folder: Path) -> None:
+    """A program in an environment of its own: two of them in one don't agree on a Textual."""
+    if not (folder / name / "bin" / name).exists():
+        subprocess.run([sys.executable, "-m", "venv", str(folder / name)], check=True)
+        subprocess.run([str(folder / name / "bin" / "python"), "-m", "pip", "install", "-q", name], check=True)
 
 
 def furnish(home: Path) -> None:
@@ -180,7 +180,7 @@ def main() -> None:
     parser.add_argument("--rounds", type=int, default=7)
     parser.add_argument("--seconds", type=float, default=10.0)
     parser.add_argument("--presses", type=int, default=20)
-    parser.add_argument("--venv", type=Path, help="environment for posting and harlequin, kept")
+    parser.add_argument("--venv", type=Path, help="folder for the environments of posting and harlequin, kept")
     parser.add_argument("--only", nargs="+", help="these programs")
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()
@@ -188,10 +188,10 @@ def main() -> None:
         home = Path(folder)
         furnish(home)
         venv = options.venv or home / "venv"
-        known = subjects(home, venv / "bin")
+        known = subjects(home, venv)
         wanted = {name: one for name, one in known.items() if not options.only or name in {"rleex", *options.only}}
-        if INSTALLED & wanted.keys():
-            install(venv)
+        for name in INSTALLED & wanted.keys():
+            install(name, venv)
         there = {name: one for name, one in wanted.items() if shutil.which(one.command[0])}
         for name in wanted.keys() - there.keys():
             Console(stderr=True).print(f"{name} is not installed and is left out")

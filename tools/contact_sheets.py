@@ -67,12 +67,14 @@ def cells_image(strips: Iterable[Strip], scale: int = 1) -> Image.Image:
 
 
 def _colours(style: Style | None) -> tuple[Rgb, Rgb]:
-    ink, paper = _rgb(style and style.color, foreground=True), _rgb(style and style.bgcolor, foreground=False)
-    return (paper, ink) if style is not None and style.reverse else (ink, paper)
+    style = style or Style()
+    ink, paper = _rgb(style.color, foreground=True), _rgb(style.bgcolor, foreground=False)
+    return (paper, ink) if style.reverse else (ink, paper)
 
 
 def _rgb(color: Color | None, *, foreground: bool) -> Rgb:
-    return tuple((color or Color.default()).get_truecolor(DEFAULT_TERMINAL_THEME, foreground))
+    red, green, blue = (color or Color.default()).get_truecolor(DEFAULT_TERMINAL_THEME, foreground)
+    return red, green, blue
 
 
 def _letter(draw: ImageDraw.ImageDraw, letter: str, at: tuple[int, int], ink: Rgb, scale: int, *, bold: bool) -> None:
