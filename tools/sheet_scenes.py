@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
+from typing import Literal
 
 import msgspec
 
@@ -157,7 +158,7 @@ class Scene:
     live: bool = False
     shows: str = ""
     arrange: Callable[[FakeHost], None] | None = None  # what control says, once the keys are pressed
-    joints: str = "simulated"
+    joints: Literal["simulated", "can"] = "simulated"
     plays: bool = False  # shows what has just been: lived through again in each language
     review: bool = False  # of the newest session
     then: tuple[str, ...] = ()  # keys after `shows`

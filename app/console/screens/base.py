@@ -61,7 +61,7 @@ class _Console(Screen[T], Generic[T]):
         await super().recompose()
         for field in self.query("Input, Select"):
             if field.id in values:
-                cast("Input | Select[object]", field).value = values[field.id]  # type: ignore[assignment]
+                cast("Input | Select[object]", field).value = values[field.id]
         if focused is not None:
             self.set_focus(next(iter(self.query(f"#{focused}")), None))
         self.fill()
