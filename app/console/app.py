@@ -14,6 +14,7 @@ from typing import ClassVar
 from textual import events
 from textual.app import SystemCommand
 from textual.binding import Binding, BindingType
+from textual.command import CommandPalette
 from textual.css.query import NoMatches
 from textual.driver import Driver
 from textual.drivers.linux_driver import LinuxDriver
@@ -173,6 +174,11 @@ class ConsoleApp(SessionFlow):
             text = page(screen.HELP_PAGE, screen.active_bindings, self)
             self.push_kept(str(text), lambda: HelpPage(text))
 
+    def action_command_palette(self) -> None:
+        """As the base, asking in the language in use."""
+        if self.use_command_palette and not CommandPalette.is_open(self):
+            self.push_screen(CommandPalette(placeholder=tr("palette.search"), id="--command-palette"))
+
     def action_next_theme(self) -> None:
         """The next theme, and around."""
         at = THEME_NAMES.index(self.theme) if self.theme in THEME_NAMES else -1
@@ -189,7 +195,8 @@ class ConsoleApp(SessionFlow):
         use_language(code)
         self.__dict__.pop("key_names", None)  # a cached property
         for screen in {*self.screen_stack, *self.kept.values()}:
-            await screen.recompose()
+            if isinstance(screen, (ConsoleScreen, Dialog)):  # the palette would come out empty
+                await screen.recompose()
             screen.refresh_bindings()
 
     def action_lock_console(self) -> None:
