@@ -176,7 +176,7 @@ class ConsoleApp(SessionFlow):
 
     def action_command_palette(self) -> None:
         """As the base, asking in the language in use."""
-        if self.use_command_palette and not CommandPalette.is_open(self):
+        if self.use_command_palette and not isinstance(self.screen, CommandPalette):
             self.push_screen(CommandPalette(placeholder=tr("palette.search"), id="--command-palette"))
 
     def action_next_theme(self) -> None:
