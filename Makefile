@@ -59,6 +59,7 @@ mutation: $(DEV_STAMP)
 
 pictures: $(DEV_STAMP) model
 	@$(BIN)/python tools/pictures.py
+	@$(BIN)/python tools/screen_sheets.py
 
 LOCK := $(BIN)/uv pip compile pyproject.toml --universal --python-version 3.11 --overrides tools/overrides.txt \
     --generate-hashes --no-emit-index-url --no-emit-find-links --no-annotate --no-header

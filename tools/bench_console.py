@@ -9,18 +9,11 @@ pressed and while not. `--minutes`: afterwards leave it running, sample its memo
 from __future__ import annotations
 
 import argparse
-import fcntl
 import json
 import os
-import pty
-import re
-import select
 import statistics
-import struct
-import subprocess
 import sys
 import tempfile
-import termios
 import time
 from collections.abc import Mapping
 from pathlib import Path
@@ -29,75 +22,33 @@ import psutil
 from rich.console import Console
 from rich.table import Table
 
+sys.path.insert(0, str(Path(__file__).parent.parent))  # run as a script, `tools` is a folder of the tree
+
 from app.system.config import load_config
 from app.system.hand_model import set_up_model
 from app.system.paths import find_home
+from tools.pty_program import PtyProgram
 
-LIMIT_S = 60.0
 PRESSES = 40
-_ESCAPES = re.compile(rb"\x1b\[[0-9;?]*[ -/]*[@-~]|\x1b[()][0-9A-B]|\x1b[=>]")
 # A key that opens a dialog, text that only the dialog shows; Escape closes it.
 KEY, WORDS = b"s", b"Before arming"
 
 
-class Terminal:
+class Terminal(PtyProgram):
     """A console in a pseudo terminal."""
 
     def __init__(self, home: Path, columns: int, rows: int, environment: Mapping[str, str] = os.environ) -> None:
-        self.master, slave = pty.openpty()
-        fcntl.ioctl(slave, termios.TIOCSWINSZ, struct.pack("HHHH", rows, columns, 0, 0))
         # Compiled modules are kept, as an installed program's are, whatever this shell says.
         compiled = {"PYTHONDONTWRITEBYTECODE": "", "PYTHONPYCACHEPREFIX": str(home / "compiled")}
-        environment = {**environment, **compiled, "TERM": "xterm-256color", "COLORTERM": "truecolor"}
         self._lags = home / "lags.txt"
         probe = Path(__file__).with_name("loop_probe.py")
-        text = [sys.executable, str(probe), str(self._lags), "run", "--home", str(home)]
-        self.started_s = time.monotonic()
-        self.child = subprocess.Popen(text, stdin=slave, stdout=slave, stderr=slave, env=environment)
-        os.close(slave)
-        self._observed = b""
-
-    def wait(self, text: bytes, limit_s: float = LIMIT_S) -> float:
-        """Seconds until this text has come since the last key. Raises TimeoutError."""
-        begun = time.monotonic()
-        while text not in _ESCAPES.sub(b"", self._observed):
-            if time.monotonic() - begun > limit_s:
-                raise TimeoutError(f"{text!r} did not appear")
-            self._read(0.05)
-        return time.monotonic() - begun
-
-    def press(self, key: bytes) -> None:
-        """Forget what was seen, send a key."""
-        self._read(0.0)
-        self._observed = b""
-        os.write(self.master, key)
-
-    def idle(self, seconds: float) -> None:
-        """Let it draw."""
-        end = time.monotonic() + seconds
-        while time.monotonic() < end:
-            self._read(0.05)
-            self._observed = b""
-
-    def close(self) -> None:
-        """Ctrl-C, and wait for the end."""
-        os.write(self.master, b"\x03")
-        while self.child.poll() is None:
-            self._read(0.1)
-        os.close(self.master)
+        command = [sys.executable, str(probe), str(self._lags), "run", "--home", str(home)]
+        super().__init__(command, {**environment, **compiled}, columns, rows)
 
     def lags_ms(self, since_s: float, until_s: float) -> list[float]:
         """The event loop's lags between two moments, sorted; known once it has been closed."""
         lines = [line.split() for line in self._lags.read_text().splitlines()]
         return sorted(float(lag_ms) for at_s, lag_ms in lines if since_s <= float(at_s) <= until_s)
-
-    def _read(self, timeout_s: float) -> None:
-        readable, _, _ = select.select([self.master], [], [], timeout_s)
-        if readable:
-            try:
-                self._observed += os.read(self.master, 1 << 20)
-            except OSError:
-                self._observed += b""  # the console has gone
 
 
 def reactions(terminal: Terminal) -> list[float]:

@@ -13,7 +13,8 @@ from typing import ClassVar
 
 from textual import events
 from textual.app import SystemCommand
-from textual.binding import BindingType
+from textual.binding import Binding, BindingType
+from textual.command import CommandPalette
 from textual.css.query import NoMatches
 from textual.driver import Driver
 from textual.drivers.linux_driver import LinuxDriver
@@ -39,7 +40,7 @@ from app.system.config import Config, SessionSetup
 from app.system.operators import Permission, needs_sign_in
 from app.system.paths import Home
 from app.system.scheduling import set_scheduling
-from app.text.catalogue import languages, tr, use_language
+from app.text.catalogue import knows, languages, tr, use_language
 from logs.reason import reason
 from logs.records import ProcessEnd, SignOut
 from profiles.schema import Profile
@@ -138,13 +139,12 @@ class ConsoleApp(SessionFlow):
 
     @cached_property
     def key_names(self) -> dict[str, str]:
-        """Each key of the table as it is shown, by its id with underscores."""
-        return {
-            str(binding.id).replace(".", "_"): self.get_key_display(
-                binding.with_key(keys.keys_of(str(binding.id), self.config.keys)[0])
-            )
-            for binding in keys.ALL
-        }
+        """Each key of the table as it is shown, by its id with underscores; in the language in use."""
+        return {str(binding.id).replace(".", "_"): self._key_name(binding) for binding in keys.ALL}
+
+    def _key_name(self, binding: Binding) -> str:
+        key = keys.keys_of(str(binding.id), self.config.keys)[0]
+        return tr(f"key.{key}") if knows(f"key.{key}") else self.get_key_display(binding.with_key(key))
 
     def get_system_commands(self, screen: Screen[object]) -> Iterable[SystemCommand]:
         """Everything, for the command palette."""
@@ -174,6 +174,11 @@ class ConsoleApp(SessionFlow):
             text = page(screen.HELP_PAGE, screen.active_bindings, self)
             self.push_kept(str(text), lambda: HelpPage(text))
 
+    def action_command_palette(self) -> None:
+        """As the base, asking in the language in use."""
+        if self.use_command_palette and not isinstance(self.screen, CommandPalette):
+            self.push_screen(CommandPalette(placeholder=tr("palette.search"), id="--command-palette"))
+
     def action_next_theme(self) -> None:
         """The next theme, and around."""
         at = THEME_NAMES.index(self.theme) if self.theme in THEME_NAMES else -1
@@ -188,8 +193,10 @@ class ConsoleApp(SessionFlow):
         """Say everything in this language."""
         self._language = code
         use_language(code)
+        self.__dict__.pop("key_names", None)  # a cached property
         for screen in {*self.screen_stack, *self.kept.values()}:
-            await screen.recompose()
+            if isinstance(screen, (ConsoleScreen, Dialog)):  # the palette would come out empty
+                await screen.recompose()
             screen.refresh_bindings()
 
     def action_lock_console(self) -> None:

@@ -20,6 +20,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
+from textual import events
 from textual.app import App
 from textual.driver import Driver
 from textual.drivers.linux_driver import LinuxDriver
@@ -32,6 +33,7 @@ from app.system.scheduling import set_scheduling
 FRAME_TIMEOUT_S = 0.5  # a frame that has waited so long shows the past
 CLOSE_TIMEOUT_S = 0.3  # for the sequences that restore the terminal
 POLL_MS = 50
+WIDEST, HIGHEST = 600, 200  # cells; the largest screens with the smallest letters have less
 # As Textual's driver writes them when it stops: paste, wrap, mouse, keyboard protocol, screen, cursor, focus.
 RESTORE = (
     "\x1b[?2026l\x1b[?2004l\x1b[?7h\x1b[?2048l\x1b[?1000l\x1b[?1003l\x1b[?1015l\x1b[?1006l"
@@ -193,6 +195,11 @@ def with_stop(base: type[Driver], switch: Callable[[], StopSwitch]) -> type[Driv
     return StopDriver
 
 
+def believed(columns: int, rows: int) -> tuple[int, int]:
+    """The size that is drawn for a terminal that says this: one that lies would keep the event loop drawing."""
+    return min(columns, WIDEST), min(rows, HIGHEST)
+
+
 class TerminalDriver(LinuxDriver):
     """The driver of a terminal; its application has `terminal_events`."""
 
@@ -200,6 +207,7 @@ class TerminalDriver(LinuxDriver):
         self, app: App[Any], *, debug: bool = False, mouse: bool = True, size: tuple[int, int] | None = None
     ) -> None:
         super().__init__(app, debug=debug, mouse=mouse, size=size)
+        self._size = size or self._get_terminal_size()  # until the first resize; else rich asks the terminal
         self._events: TerminalEvents = app.terminal_events  # type: ignore[attr-defined]
         self._input_loop = InputLoop(self.fileno, self._events.input_alive)
         self.exit_event = self._input_loop
@@ -209,8 +217,14 @@ class TerminalDriver(LinuxDriver):
 
     def process_message(self, message: Message) -> None:
         """STOP is taken here, in the input thread."""
+        if isinstance(message, events.Resize) and believed(*message.size) != message.size:  # said by the terminal
+            message = events.Resize.from_dimensions(believed(*message.size), message.pixel_size)
         if not self._events.switch().takes(message):
             super().process_message(message)
+
+    def _get_terminal_size(self) -> tuple[int, int]:
+        """As the system says it."""
+        return believed(*super()._get_terminal_size())
 
     def start_application_mode(self) -> None:
         """As the base, with an output that does not block."""

@@ -20,6 +20,7 @@ from logs.reason import Reason, key_of, reason_of
 __all__ = ["be_strict", "key_of", "knows", "language", "languages", "load", "render", "tr", "use_language"]
 
 LOCALES = Path(__file__).with_name("locales")
+COMPLETE = "en"  # the language that has every message
 # Of each unit a message may ask for: from SI, and the digits shown unless it says otherwise.
 _UNITS = {
     "deg": (degrees, 0),
@@ -99,13 +100,15 @@ def render(what: object) -> str:
 
 @cache
 def load(code: str) -> gettext.NullTranslations:
-    """All catalogues of a language as one. Raises AppError when none was compiled."""
+    """All catalogues of a language as one; what it lacks, English says. Raises AppError when none was compiled."""
     files = sorted((LOCALES / code / "LC_MESSAGES").glob("*.mo"))
     if not files:
         raise AppError(TextFault.NOT_COMPILED, language=code)
     first, *others = (_read(file) for file in files)
     for other in others:
         first.add_fallback(other)
+    if code != COMPLETE:
+        first.add_fallback(load(COMPLETE))
     return first
 
 

@@ -14,6 +14,7 @@ from textual.binding import ActiveBinding, BindingType
 from textual.geometry import Size
 from textual.screen import ModalScreen, Screen
 from textual.widget import Widget
+from textual.widgets import Input, Select
 
 from app.console.state import SessionState
 from app.console.widgets.bars import KeyBar, StopBar
@@ -51,6 +52,22 @@ class _Console(Screen[T], Generic[T]):
     def on_mount(self) -> None:
         """Textual calls this beside a subclass's own."""
         self.composed = True
+
+    async def recompose(self) -> None:
+        """In another language; what was typed, chosen and focused stays."""
+        fields = [field for field in self.query("Input, Select") if field.id]
+        values = {field.id: cast("Input | Select[object]", field).value for field in fields}
+        focused = self.focused.id if self.focused else None
+        await super().recompose()
+        for field in self.query("Input, Select"):
+            if field.id in values:
+                cast("Input | Select[object]", field).value = values[field.id]
+        if focused is not None:
+            self.set_focus(next(iter(self.query(f"#{focused}")), None))
+        self.fill()
+
+    def fill(self) -> None:
+        """Put in what `compose` leaves empty: once it has opened, and in another language."""
 
     @on(events.Resize)
     def _skip_known_size(self, event: events.Resize) -> None:

@@ -80,9 +80,13 @@ class CompareScreen(HandKeys):
         yield from self.compose_bottom()
 
     def on_mount(self) -> None:
+        """Ask for what the second camera sees, once there is one."""
+        self.fill()
+        self.set_interval(POLL_S, self._receive)
+
+    def fill(self) -> None:
         """Without a second camera there is one picture."""
         self._show_second()
-        self.set_interval(POLL_S, self._receive)
 
     def on_unmount(self) -> None:
         """A session that ends beneath ends the comparison, too."""

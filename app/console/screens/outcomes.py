@@ -36,6 +36,7 @@ class OutcomesPage(Dialog[None]):
         self._home = home
         self._patient = patient
         self._found: list[SessionOutcomes] = []
+        self._refused: list[Refused] | None = None  # None: not measured yet
 
     def compose(self) -> ComposeResult:
         with VerticalScroll(classes="dialog page") as box:
@@ -49,6 +50,13 @@ class OutcomesPage(Dialog[None]):
         """Begin to measure."""
         super().on_mount()
         self._measure()
+
+    def fill(self) -> None:
+        """What was measured."""
+        if self._refused is not None:
+            self._tell(self._span())
+            self.query_one("#notes", Static).update("\n\n".join(self._notes(self._refused)))
+            self.call_after_refresh(self._draw)
 
     def on_resize(self) -> None:
         """Plots as wide as the page."""
@@ -65,9 +73,8 @@ class OutcomesPage(Dialog[None]):
                     self._found.append(await asyncio.to_thread(kept.of, trail))
                 except (AppError, AuditError) as error:
                     refused.append(error)
-            self._tell(self._span())
-            self._draw()
-            self.query_one("#notes", Static).update("\n\n".join(self._notes(refused)))
+            self._refused = refused
+            self.fill()
 
     def _span(self) -> str:
         if not self._found:

@@ -58,8 +58,12 @@ class PatientForm(ConsoleScreen):
         yield from self.compose_bottom()
 
     def on_mount(self) -> None:
-        self._check()
+        self.fill()
         self.query_one("#stature_m" if not self._new else "#identifier").focus()
+
+    def fill(self) -> None:
+        """Verdict, drawing, estimates."""
+        self._check()
 
     def on_resize(self) -> None:
         self.call_after_refresh(self._check)

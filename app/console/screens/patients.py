@@ -21,7 +21,7 @@ from app.console.screens.patient_form import PatientForm
 from app.console.screens.start import StartSession
 from app.console.state import SessionState
 from app.console.widgets.panel import Lines, plain
-from app.console.widgets.patient_details import describe
+from app.console.widgets.patient_details import describe, field_name
 from app.system.operators import Permission
 from app.text.catalogue import knows, render, tr
 from profiles.schema import DEMO_PATIENT, Profile
@@ -44,6 +44,7 @@ class PatientsScreen(ConsoleScreen):
         self._profiles: dict[str, Profile] = {}
         self._search = ""
         self._operator_shown = ""
+        self._shown = ""  # whose details stand beside the list
 
     def compose(self) -> ComposeResult:
         yield Label(tr("patients.title"), id="title")
@@ -56,11 +57,18 @@ class PatientsScreen(ConsoleScreen):
         yield from self.compose_bottom()
 
     def on_mount(self) -> None:
-        table = self.query_one(DataTable)
+        self.fill()
+        self.query_one(DataTable).focus()
+
+    def fill(self) -> None:
+        """Columns, rows, and the patient that the cursor was on."""
+        table, chosen = self.query_one(DataTable), self._shown
         for name in ("identifier", "sex", "stature", "mass", "hand"):
             table.add_column(tr(f"patients.{name}"), key=name)
+        self._operator_shown = ""
         self.reload()
-        table.focus()
+        if chosen in table.rows:
+            table.move_cursor(row=table.get_row_index(chosen))
 
     def on_screen_resume(self) -> None:
         if self._profiles:
@@ -231,6 +239,7 @@ class PatientsScreen(ConsoleScreen):
         if profile is None:
             about.update(tr("patients.nobody"))
             return
+        self._shown = profile.identifier
         with self.notify_errors():
             changes = self.console_app.store.history(profile.identifier)
             about.update(describe(profile, changes, self.console_app.sessions.of(profile.identifier)))
@@ -309,12 +318,12 @@ def history_lines(changes: tuple[Change, ...]) -> Lines:
         who = change.by or tr("history.nobody")
         lines.append(
             (
-                (f"{change.at}  {who}", "bold $primary"),
+                (f"{change.at[:16].replace('T', ' ')}  {who}", "bold $primary"),
                 (f"  {tr(change.why) if knows(change.why) else change.why}", "$text-muted"),
             )
         )
         lines += [
-            ((f"  {field}: ", ""), (f"{_shown(old)} → {_shown(new)}", "bold"))
+            ((f"  {field_name(field)}: ", ""), (f"{_shown(old)} → {_shown(new)}", "bold"))
             for field, (old, new) in change.changes.items()
         ]
     return tuple(lines) or (plain(tr("history.none"), "$text-muted"),)

@@ -70,12 +70,15 @@ class ReplayScreen(ConsoleScreen):
     def on_mount(self) -> None:
         """Draw the moment, and go on while it plays."""
         super().on_mount()
-        self.query_one(ReplayView).fit_terminal(self.app.size)
         self.set_interval(DRAWN_S, self._beat)
-        self.call_after_refresh(self.show_moment)
+        self.fill()
 
     def on_resize(self) -> None:
         """Other panels fit."""
+        self.fill()
+
+    def fill(self) -> None:
+        """The panels that fit, at the moment."""
         self.query_one(ReplayView).fit_terminal(self.app.size)
         self.call_after_refresh(self.show_moment)
 

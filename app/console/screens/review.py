@@ -11,6 +11,7 @@ from textual import on, work
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Horizontal, Vertical, VerticalScroll
+from textual.message import Message
 from textual.widgets import Input, OptionList, Static
 from textual.widgets.option_list import Option
 
@@ -22,13 +23,24 @@ from app.system.paths import Home
 from app.text.catalogue import render, tr
 from app.text.recorded import render_recorded
 from logs.errors import AuditError
-from logs.findings import verdict
+from logs.findings import Finding, verdict
 from logs.keys import by_fingerprint, known_keys, read_anchors
 from logs.read import find_session, session_paths
 from logs.records import Comment, Record
 from logs.sanitize import sanitize_terminal
 from logs.show import line_of
 from logs.verify import Evidence, verify
+
+
+class RecordList(Static):
+    """The records around the cursor, as many as there is room for."""
+
+    class Resized(Message):
+        """There is other room."""
+
+    def on_resize(self) -> None:
+        """Have it filled anew."""
+        self.post_message(self.Resized())
 
 
 class ReviewScreen(ConsoleScreen):
@@ -66,12 +78,13 @@ class ReviewScreen(ConsoleScreen):
         self._session: ReviewedSession | None = None
         self._index = 0
         self._comments: dict[int, list[Comment]] = {}
+        self._finding: Finding | None = None
 
     def compose(self) -> ComposeResult:
         yield Static("", id="verdict", markup=False)
         yield Timeline()
         with Horizontal(id="below"):
-            yield Static("", id="records", markup=False)
+            yield RecordList("", id="records", markup=False)
             with VerticalScroll(id="moment", can_focus=False):
                 yield Static("", id="instant", markup=False)
         yield from self.compose_bottom()
@@ -119,13 +132,25 @@ class ReviewScreen(ConsoleScreen):
     async def _load(self, path: Path) -> None:
         self.query_one("#verdict", Static).update(tr("reviewing.opens", session=sanitize_terminal(path.stem)))
         with self.notify_errors():
+            self._finding = None
             self._session = await asyncio.to_thread(open_session, path)
             self._comments = await asyncio.to_thread(comments_on, path)
             self.query_one(Timeline).show(self._session)
             self._go_to(0)
             self.query_one("#verdict", Static).update(f"{sanitize_terminal(path.stem)}: {tr('reviewing.verifying')}")
-            (finding,) = await asyncio.to_thread(verify, [path], self._evidence())
-            self.query_one("#verdict", Static).update(verdict(finding, render_recorded))
+            (self._finding,) = await asyncio.to_thread(verify, [path], self._evidence())
+            self._show_verdict()
+
+    def fill(self) -> None:
+        """The session that is open, at the record that is shown."""
+        if self._session is not None:
+            self.query_one(Timeline).show(self._session)
+            self._go_to(self._index)
+            self._show_verdict()
+
+    def _show_verdict(self) -> None:
+        if self._finding is not None:
+            self.query_one("#verdict", Static).update(verdict(self._finding, render_recorded))
 
     def _evidence(self) -> Evidence:
         keys = by_fingerprint(known_keys(self._home.keys))
@@ -194,7 +219,8 @@ class ReviewScreen(ConsoleScreen):
         if self._session is not None:
             self._go_to(self._session.index_at(message.at_s))
 
-    def on_resize(self) -> None:
+    @on(RecordList.Resized)
+    def _fill_list(self) -> None:
         """Fill the list's new height."""
         if self._session is not None:
             self._go_to(self._index)

@@ -71,11 +71,16 @@ def joint_line(joint: Joint, now: JointSnapshot, device: JointDevice, width: int
     if not isnan(now.angle_rad):
         parts += [
             (f"{degrees(now.angle_rad):5.1f}°", "bold"),
-            (f" → {degrees(now.target_rad):5.1f}°", "$foreground-muted"),
+            (f" → {_target(now)}", "$foreground-muted"),
             (f" {now.torque_nm:+5.1f} Nm", ""),
             _temperature(now, device),
         ]
     return fitted(parts, width)
+
+
+def _target(now: JointSnapshot) -> str:
+    """A recording may have none."""
+    return "    –" if isnan(now.target_rad) else f"{degrees(now.target_rad):5.1f}°"
 
 
 def _temperature(now: JointSnapshot, device: JointDevice) -> tuple[str, str]:

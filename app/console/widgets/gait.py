@@ -101,14 +101,21 @@ def _why_not(snapshot: ControlSnapshot, width: int) -> Lines:
 def signpost(snapshot: ControlSnapshot, width: int, height: int) -> Lines:
     """Every way that is open now: with its fingers where there is room for all, else without, else in columns."""
     if snapshot.action is not None:
-        edge = [(f" ● {tr(snapshot.state)} ", ""), ("━━", RUNNING), (f"▶ ◎ {tr(_goal(snapshot))}", RUNNING)]
-        return (plain(""), fitted(edge, width))[-max(1, height) :]
+        return _leads(snapshot, width)[-max(1, height) :]
     edges = [_edge(action, snapshot, fingers=True) for action in snapshot.allowed]
     if edges and len(edges) <= height and max(map(cells, edges)) + 3 <= width:
         joints = ["┬", *"├" * (len(edges) - 2), "╰"] if len(edges) > 1 else ["╰"]
         return tuple(((f" {joint}━", "$success"), (edge, LIT)) for joint, edge in zip(joints, edges, strict=True))
     rows = _columns([_edge(action, snapshot, fingers=False) for action in snapshot.allowed], width)
     return tuple(plain(row, LIT) for row in rows[: max(1, height)])
+
+
+def _leads(snapshot: ControlSnapshot, width: int) -> Lines:
+    """From where to where: side by side, or one below the other, so that the goal is never cut off."""
+    here, goal = f" ● {tr(snapshot.state)} ", f"▶ ◎ {tr(_goal(snapshot))}"
+    if cells(here) + cells(goal) + 2 <= width:
+        return (plain(""), ((here, ""), ("━━", RUNNING), (goal, RUNNING)))
+    return (fitted([(here, "")], width), fitted([(f" ╰━{goal}", RUNNING)], width))
 
 
 def _goal(snapshot: ControlSnapshot) -> GaitState:

@@ -7,7 +7,7 @@ from textual.content import Content
 from app.console.session_index import SessionRecord
 from app.console.widgets.panel import Line, plain
 from app.system.vocabulary import VALID_FOR, VocabularyStatus
-from app.text.catalogue import tr
+from app.text.catalogue import knows, tr
 from kgdfa.gesture import Gesture
 from profiles.palm import reference_segment
 from profiles.schema import Profile
@@ -63,7 +63,19 @@ def _changed(changes: tuple[Change, ...], last: SessionRecord | None) -> list[Li
     if last is None or not fields:
         return []
     head = plain(tr("details.changed"), "bold $warning")
-    return [head, *(plain(f"  {field} → {new}") for field, new in list(fields.items())[:8])]
+    return [head, *(plain(f"  {field_name(field)} → {new}") for field, new in list(fields.items())[:8])]
+
+
+_FILE_UNITS = {"_cm": ("_m", "cm"), "_deg": ("_rad", "°")}  # of a name in the file: the form's, and what is shown
+
+
+def field_name(path: str) -> str:
+    """A field of a profile's file in the form's words, with its unit; one that the form lacks as it is."""
+    key, unit = f"field.{path}", ""
+    for suffix, (inside, shown) in _FILE_UNITS.items():
+        if path.endswith(suffix):
+            key, unit = f"field.{path.removesuffix(suffix)}{inside}", f" ({shown})"
+    return tr(key) + unit if knows(key) else path
 
 
 def vocabulary_text(profile: Profile, status: VocabularyStatus) -> str:

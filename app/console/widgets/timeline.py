@@ -81,16 +81,16 @@ class Timeline(Widget):
         return self._shown_s / self._columns
 
     def render_line(self, y: int) -> Strip:
-        """One lane."""
+        """One lane, on the theme's background: without it a terminal shows its own."""
         if not self._drawn or y >= len(LANES):
-            return Strip.blank(self.size.width)
+            return Strip.blank(self.size.width, self.rich_style)
         label = Segment(padded(tr(f"reviewing.{LANES[y]}"), LABEL_WIDTH), Style(dim=True))
         cursor = self._column(self.cursor_s)
         segments = [
             Segment(text, style + Style(reverse=True) if column == cursor else style)
             for column, (text, style) in enumerate(self._drawn[y])
         ]
-        return Strip([label, *segments]).crop(0, self.size.width)
+        return Strip([label, *segments]).crop(0, self.size.width).apply_style(self.rich_style)
 
     def on_resize(self) -> None:
         """Draw for the new width."""
@@ -221,7 +221,7 @@ def _add_joints(text: Text, instant: Instant) -> None:
             _number(instant.joints.torque_mean_nm[joint], 1, " Nm"),
             _number(instant.joints.temperature_c[joint], 1, " °C"),
         )
-        text.append(padded(tr(joint), 8) + "".join(f"{value:>9}" for value in values) + "\n")
+        text.append(padded(tr(f"joints.{joint.name.lower()}"), 8) + "".join(f"{value:>9}" for value in values) + "\n")
 
 
 def _number(value: float | None, scale: float, unit: str) -> str:

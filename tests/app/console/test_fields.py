@@ -8,7 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from app.console.patient_fields import FIELDS, FieldFault, Kind, parse, to_texts
-from app.text.catalogue import render
+from app.console.widgets.patient_details import field_name
+from app.text.catalogue import render, use_language
 from logs.reason import Reason, reason
 from profiles.errors import ProfileFault
 from profiles.fields import violations
@@ -97,3 +98,18 @@ def test_anything_typed_gives_a_valid_profile_or_faults(typed: dict[str, str]) -
 def _typable(path: str) -> bool:
     """Choices are chosen, not typed."""
     return next(field for field in FIELDS if field.path == path).kind is not Kind.CHOICE
+
+
+@pytest.mark.parametrize(
+    ("path", "language", "shown"),
+    [
+        ("stature_cm", "en", "Stature (cm)"),
+        ("gait.step_length_cm", "zh", "步长 (cm)"),
+        ("hip_max_deg", "en", "Hip flexes at most (°)"),
+        ("dose.steps", "en", "Steps"),
+        ("schema", "en", "schema"),
+    ],
+)
+def test_what_changed_is_named_as_in_the_form(path: str, language: str, shown: str) -> None:
+    use_language(language)
+    assert field_name(path) == shown

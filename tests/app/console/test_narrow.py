@@ -6,6 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from app.console.terminal import believed
 from app.console.widgets.picture import CELLS_A_SECOND, PICTURE_HZ, wanted
 from app.ipc.states import Effect, Event
 from testing.fake_host import event
@@ -64,3 +65,11 @@ def test_the_image_is_never_asked_for_oftener_than_it_can_be_drawn(columns: int,
 @pytest.mark.parametrize(("columns", "rows"), [(40, 10), (136, 26)])
 def test_usual_terminals_get_the_full_rate(columns: int, rows: int) -> None:
     assert wanted(columns, rows).preview_hz == PICTURE_HZ
+
+
+@pytest.mark.parametrize(
+    ("said", "drawn"),
+    [((80, 24), (80, 24)), ((300, 100), (300, 100)), ((2000, 1000), (600, 200)), ((65535, 3), (600, 3))],
+)
+def test_a_terminal_that_lies_about_its_size_is_not_believed(said: tuple[int, int], drawn: tuple[int, int]) -> None:
+    assert believed(*said) == drawn

@@ -1,0 +1,83 @@
+"""Another language by its key: what was shown, typed, chosen and focused is still there."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime
+
+from msgspec.structs import replace
+from textual.widgets import DataTable, Input, Select, Static
+
+from app.console.app import ConsoleApp
+from app.console.screens.patients import PatientsScreen
+from app.console.screens.review import ReviewScreen
+from app.system.config import Config
+from app.system.paths import Home
+from app.text.catalogue import tr
+from profiles.schema import DEMO_PATIENT
+from testing.screen import screen_text
+from testing.trails import write_sample
+from tests.app.console.conftest import Opener, wait_until
+from tests.support.authors import Named
+
+
+async def test_the_list_keeps_its_patients_and_cursor(console: Opener) -> None:
+    async with console(profile=None) as opened:
+        now = datetime.now(UTC)
+        opened.app.store.create(replace(DEMO_PATIENT, identifier="P-2"), by=Named("Ada"), at=now)
+        screen = opened.app.screen
+        assert isinstance(screen, PatientsScreen)
+        screen.reload()
+        table = screen.query_one(DataTable)
+        other = table.get_row_index("P-2")
+        await opened.press(*["down" if other else "up"])
+        await opened.until(lambda: table.cursor_row == other)
+        await opened.press("f3")
+        await opened.shows("新建")
+        table = screen.query_one(DataTable)
+        await opened.until(lambda: (table.row_count, table.cursor_row, table.has_focus) == (2, other, True))
+        assert "P-2" in opened.text()
+
+
+async def test_what_is_typed_in_the_form_stays(console: Opener) -> None:
+    async with console(profile=None) as opened:
+        await opened.press("n")
+        await opened.shows("New patient")
+        opened.type("identifier", "P-7")
+        opened.type("stature_m", "abc")
+        opened.app.screen.query_one("#sex", Select).value = "male"
+        await opened.shows("to correct")
+        await opened.press("f3")
+        await opened.shows("新患者")
+        form = opened.app.screen
+        assert form.query_one("#identifier", Input).value == "P-7"
+        assert form.query_one("#stature_m", Input).value == "abc"
+        assert form.query_one("#sex", Select).value == "male"
+        await opened.until(lambda: "✗" in opened.text())
+
+
+async def test_a_note_after_the_session_stays(console: Opener) -> None:
+    async with console() as opened:
+        await opened.press("e")
+        await opened.shows("After the session")
+        opened.type("note", "walked well")
+        await opened.press("f3")
+        await opened.shows(tr("after.note"))
+        assert opened.app.screen.query_one("#note", Input).value == "walked well"
+
+
+async def test_a_reviewed_session_stays_at_its_record(home: Home) -> None:
+    write_sample(home.root, minutes=1)
+    app = ConsoleApp(home, Config())
+    async with app.run_test(size=(120, 36)) as pilot:
+        await wait_until(pilot, lambda: isinstance(app.screen, PatientsScreen))
+        screen = ReviewScreen(home, "last")
+        await app.push_screen(screen)
+        await wait_until(pilot, lambda: "checked signature" in screen_text(app))
+        await pilot.press("n", "n")
+        index = screen.index
+        await pilot.press("f3")
+        await wait_until(pilot, lambda: "关闭" in screen_text(app))
+        assert screen.index == index > 0
+        await wait_until(pilot, lambda: str(screen.query_one("#records", Static).content).count("\n") > 5)
+        assert "已验证的签名" in str(screen.query_one("#verdict", Static).content)
+        assert "0:" in screen_text(app)  # the timeline's own scale
