@@ -70,7 +70,7 @@ PATIENTS = (
     _key("patients.edit", "e", "edit"),
     _key("patients.duplicate", "d", "duplicate", show=False),
     _key("patients.archive", "a", "archive", show=False),
-    _key("patients.history", "h", "history"),
+    _key("patients.history", "h", "history", show=False),
     _key("patients.outcomes", "m", "outcomes", show=False),
     _key("patients.export", "x", "export", show=False),
     _key("patients.import", "i", "import_profile", show=False),
@@ -78,6 +78,7 @@ PATIENTS = (
     _key("patients.training", "t", "training"),
     _key("patients.vocabulary", "g", "vocabulary", show=False),
     _key("patients.review", "r", "review"),
+    _key("patients.order", "s", "order", show=False),
     _key("patients.search", "slash", "search"),
 )
 ALL = (*EVERYWHERE, *SESSION, *HAND, *PATIENTS)

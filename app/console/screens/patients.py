@@ -1,4 +1,4 @@
-"""The patients' list and one patient's history: type to search, Enter to begin; nothing is ever deleted."""
+"""The patients' list: type to search, s sorts, Enter begins; nothing is ever deleted."""
 
 from __future__ import annotations
 
@@ -16,16 +16,18 @@ from textual.widgets import DataTable, Input, Label, Static
 
 from app.console import keys
 from app.console.screens.base import ConsoleScreen
-from app.console.screens.dialogs import AskText, Lists, Question
+from app.console.screens.dialogs import AskText, Question
+from app.console.screens.history import History
 from app.console.screens.patient_form import PatientForm
 from app.console.screens.start import StartSession
+from app.console.session_index import SessionRecord
 from app.console.state import SessionState
-from app.console.widgets.panel import Lines, plain
-from app.console.widgets.patient_details import describe, field_name
+from app.console.widgets.patient_details import describe
+from app.console.widgets.patient_trend import PatientOrder, in_order, last_cells
+from app.system.errors import AppError
 from app.system.operators import Permission
-from app.text.catalogue import knows, render, tr
+from app.text.catalogue import render, tr
 from profiles.schema import DEMO_PATIENT, Profile
-from profiles.store import Change
 
 T = TypeVar("T")
 
@@ -42,12 +44,14 @@ class PatientsScreen(ConsoleScreen):
     def __init__(self) -> None:
         super().__init__()
         self._profiles: dict[str, Profile] = {}
+        self._sessions: dict[str, tuple[SessionRecord, ...]] = {}
         self._search = ""
-        self._operator_shown = ""
+        self._order = PatientOrder.IDENTIFIER
+        self._title_shown = ""
         self._shown = ""  # whose details stand beside the list
 
     def compose(self) -> ComposeResult:
-        yield Label(tr("patients.title"), id="title")
+        yield Label(id="title")
         yield Input(placeholder=tr("patients.search"), id="search", compact=True, max_length=200)
         with Horizontal(id="patients"):
             yield DataTable[str](id="list", cursor_type="row", zebra_stripes=True)
@@ -63,9 +67,9 @@ class PatientsScreen(ConsoleScreen):
     def fill(self) -> None:
         """Columns, rows, and the patient that the cursor was on."""
         table, chosen = self.query_one(DataTable), self._shown
-        for name in ("identifier", "sex", "stature", "mass", "hand"):
+        for name in ("identifier", "last", "steps", "sex", "stature", "mass", "hand"):
             table.add_column(tr(f"patients.{name}"), key=name)
-        self._operator_shown = ""
+        self._title_shown = ""
         self.reload()
         if chosen in table.rows:
             table.move_cursor(row=table.get_row_index(chosen))
@@ -78,17 +82,30 @@ class PatientsScreen(ConsoleScreen):
         super().show_session(state)
         operator = self.console_app.signed_in
         who = "" if operator is None else f" · {operator.name}, {tr(operator.role or '')}"
-        if who != self._operator_shown:
-            self._operator_shown = who
-            self.query_one("#title", Label).update(tr("patients.title") + who)
+        title = f"{tr('patients.title', order=tr(self._order))}{who}"
+        if title != self._title_shown:
+            self._title_shown = title
+            self.query_one("#title", Label).update(title)
 
     def reload(self) -> None:
         """Read the folder again."""
         listing = self.console_app.store.list(archived=True)
         self._profiles = {profile.identifier: profile for profile in listing.profiles}
-        broken = "\n".join(f"✗ {render(error)}" for _, error in listing.broken)
+        faults = [error for _, error in listing.broken] + self._read_sessions()
+        broken = "\n".join(f"✗ {render(error)}" for error in faults)
         self.query_one("#broken", Static).update(broken)
         self._fill()
+
+    def _read_sessions(self) -> list[Exception]:
+        """What each patient's sessions came to; the faults of files that can't be read."""
+        faults: list[Exception] = []
+        self._sessions = {}
+        for name in self._profiles:
+            try:
+                self._sessions[name] = self.console_app.sessions.of(name)
+            except AppError as error:
+                faults.append(error)
+        return faults
 
     def on_input_changed(self, event: Input.Changed) -> None:
         self._search = event.value
@@ -109,18 +126,7 @@ class PatientsScreen(ConsoleScreen):
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:  # noqa: ARG002
         """An observer changes nothing; letters typed into the search are letters."""
-        changes = {
-            "new",
-            "edit",
-            "duplicate",
-            "archive",
-            "import_profile",
-            "begin",
-            "training",
-            "calibrate",
-            "vocabulary",
-        }
-        return not (self.console_app.read_only and action in changes)
+        return not (self.console_app.read_only and action in CHANGES)
 
     def action_begin(self) -> None:
         """On with the patient under the cursor: hardware, then the session."""
@@ -202,6 +208,13 @@ class PatientsScreen(ConsoleScreen):
         """Earlier sessions."""
         self.console_app.open_review()
 
+    def action_order(self) -> None:
+        """Another order; the cursor goes to the first."""
+        orders = list(PatientOrder)
+        self._order = orders[(orders.index(self._order) + 1) % len(orders)]
+        self._fill()
+        self.query_one(DataTable).move_cursor(row=0)
+
     def action_search(self) -> None:
         """To the search field."""
         self.query_one("#search", Input).focus()
@@ -220,15 +233,19 @@ class PatientsScreen(ConsoleScreen):
     def _fill(self) -> None:
         table = self.query_one(DataTable)
         table.clear()
+        now = datetime.now(UTC)
         for profile in self._found():
-            table.add_row(*_row(profile), key=profile.identifier)
+            sessions = self._sessions.get(profile.identifier, ())
+            table.add_row(*_row(profile, last_cells(sessions, now)), key=profile.identifier)
         self._show_details()
 
     def _found(self) -> list[Profile]:
         wanted = self._search.casefold().split()
+        last_at = {name: of[-1].at if (of := self._sessions.get(name)) else "" for name in self._profiles}
+        profiles = [self._profiles[name] for name in in_order(self._order, last_at)]
         return [
             profile
-            for profile in self._profiles.values()
+            for profile in profiles
             if all(part in f"{profile.identifier} {profile.note}".casefold() for part in wanted)
             and (not profile.archived or wanted)
         ]
@@ -242,7 +259,8 @@ class PatientsScreen(ConsoleScreen):
         self._shown = profile.identifier
         with self.notify_errors():
             changes = self.console_app.store.history(profile.identifier)
-            about.update(describe(profile, changes, self.console_app.sessions.of(profile.identifier)))
+            sessions = self._sessions.get(profile.identifier, ())
+            about.update(describe(profile, changes, sessions, datetime.now(UTC)))
 
     def _duplicate(self, name: str | None) -> None:
         profile = self._chosen()
@@ -281,53 +299,13 @@ class PatientsScreen(ConsoleScreen):
             self.reload()
 
 
-def _row(profile: Profile) -> tuple[str, ...]:
+def _row(profile: Profile, last: tuple[str, str]) -> tuple[str, ...]:
     archived = f" ({tr('patients.archived')})" if profile.archived else ""
     return (
         profile.identifier + archived,
+        *last,
         tr(profile.sex),
         f"{profile.stature_m * 100:.0f} cm",
         f"{profile.mass_kg:.0f} kg",
         tr(profile.hand),
     )
-
-
-class History(Lists):
-    """What changed in a profile, when and by whom, newest first."""
-
-    HELP_PAGE = "history"
-
-    def __init__(self, name: str, changes: tuple[Change, ...]) -> None:
-        super().__init__()
-        self._patient = name
-        self._lines = history_lines(changes)
-
-    def title_and_text(self) -> tuple[str, str]:
-        """The patient."""
-        return tr("history.title", name=self._patient), ""
-
-    def lines_of(self, state: SessionState | None) -> Lines:  # noqa: ARG002 - a history has no session
-        """Every change."""
-        return self._lines
-
-
-def history_lines(changes: tuple[Change, ...]) -> Lines:
-    """A head and a line a field for each change."""
-    lines: list[tuple[tuple[str, str], ...]] = []
-    for change in reversed(changes):
-        who = change.by or tr("history.nobody")
-        lines.append(
-            (
-                (f"{change.at[:16].replace('T', ' ')}  {who}", "bold $primary"),
-                (f"  {tr(change.why) if knows(change.why) else change.why}", "$text-muted"),
-            )
-        )
-        lines += [
-            ((f"  {field_name(field)}: ", ""), (f"{_shown(old)} → {_shown(new)}", "bold"))
-            for field, (old, new) in change.changes.items()
-        ]
-    return tuple(lines) or (plain(tr("history.none"), "$text-muted"),)
-
-
-def _shown(value: object) -> str:
-    return "–" if value is None else str(value)

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from datetime import datetime
+
 from textual.content import Content
 
 from app.console.session_index import SessionRecord
 from app.console.widgets.panel import Line, plain
+from app.console.widgets.patient_trend import ago, session_lines, trend_lines
 from app.system.vocabulary import VALID_FOR, VocabularyStatus
 from app.text.catalogue import knows, tr
 from kgdfa.gesture import Gesture
@@ -16,24 +19,29 @@ from profiles.store import Change
 DAYS_A_MONTH = 30.4
 
 
-def describe(profile: Profile, changes: tuple[Change, ...], sessions: tuple[SessionRecord, ...]) -> Content:
-    """Some twenty short lines."""
+def describe(
+    profile: Profile, changes: tuple[Change, ...], sessions: tuple[SessionRecord, ...], now: datetime
+) -> Content:
+    """Some thirty short lines, the most asked for first."""
     lines: list[Line] = [plain(profile.identifier, "bold $primary")]
     if profile.note:
         lines.append(plain(profile.note))
-    lines += _figures(profile)
     last = sessions[-1] if sessions else None
     lines += _last(last)
+    lines += session_lines(sessions)
+    lines += trend_lines(sessions)
     lines += _changed(changes, last)
+    lines += _figures(profile, now)
     return Content("\n").join(Content.assemble(*line) for line in lines)
 
 
-def _figures(profile: Profile) -> list[Line]:
+def _figures(profile: Profile, now: datetime) -> list[Line]:
     gait, dose = profile.gait, profile.dose
     known = reference_segment(profile)
     return [
         plain(""),
         plain(tr("details.palm", reference_m=known.length_m, source=known.source, error=known.distance_error)),
+        *(plain(tr("details.calibrated", when=ago(one.calibrated_at, now))) for one in profile.calibrations[-1:]),
         plain(tr("details.step", length_m=gait.step_length_m, time_s=gait.step_time_s)),
         plain(tr("details.stair", rise_m=gait.stair_rise_m)),
         plain(tr("details.dose", count=dose.steps, distance_m=dose.distance_m, minutes=dose.duration_s / 60)),

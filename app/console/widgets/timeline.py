@@ -16,6 +16,7 @@ from textual.widget import Widget
 
 from app.console.review_data import Instant, ReviewedSession, Span, visible
 from app.console.widgets.panel import padded
+from app.console.widgets.patient_trend import BARS
 from app.text.catalogue import tr
 from app.text.recorded import render_recorded
 from hal.joints.protocol import Joint
@@ -24,7 +25,6 @@ from logs.sanitize import sanitize_terminal
 from logs.show import line_of
 
 LABEL_WIDTH = 9
-BARS = "▁▂▃▄▅▆▇█"
 ANGLE_RANGE_RAD = (-0.5, 2.0)  # hip extension in walking to a knee that sits
 NEAREST_S = 2.0  # the whole width at the strongest zoom
 LANES = ("time", "state", "gesture", "press", "knee_left", "knee_right", "effect", "events")

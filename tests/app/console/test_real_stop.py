@@ -19,9 +19,10 @@ from app.console.screens.compare import CompareScreen
 from app.console.screens.dialogs import AskText, HealthPage, Question, TherapistAct
 from app.console.screens.guided import GuidedTestChoice
 from app.console.screens.help import HelpPage
+from app.console.screens.history import History
 from app.console.screens.outcomes import OutcomesPage
 from app.console.screens.patient_form import PatientForm
-from app.console.screens.patients import History, PatientsScreen
+from app.console.screens.patients import PatientsScreen
 from app.console.screens.replay import ReplayScreen
 from app.console.screens.review import ChooseSession, ReviewScreen, WriteComment
 from app.console.screens.session import SessionScreen
