@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import os
 import sys
 import time
 from collections.abc import Iterable
@@ -25,6 +26,7 @@ from app.console.ending import Ending
 from app.console.keys import commands
 from app.console.live import Clock, HostFactory, preload_modules
 from app.console.operator import Idle
+from app.console.pixels import PixelTerminal, asks
 from app.console.screens.base import ConsoleScreen, Dialog
 from app.console.screens.dialogs import Question
 from app.console.screens.help import HelpPage, page
@@ -35,6 +37,7 @@ from app.console.sounds import Sound, sounds_of, switched_on
 from app.console.state import ProcessFault, newly_ended
 from app.console.terminal import TerminalDriver, TerminalEvents, with_stop
 from app.console.themes import THEME_NAMES, THEMES
+from app.console.widgets.picture import Picture
 from app.session.host import ProcessStatus, SessionHost
 from app.system.config import Config, SessionSetup
 from app.system.operators import Permission, needs_sign_in
@@ -90,6 +93,7 @@ class ConsoleApp(SessionFlow):
         self._held = held
         self._language = config.language
         self._leaving = False
+        self.pixels: PixelTerminal | None = None  # None: half blocks
         self._terminal: TerminalDriver | None = None  # None: no terminal's thread takes STOP
         self._loop_of_console: asyncio.AbstractEventLoop | None = None
         self._ending = Ending(self._lose_console, self._ask_to_end, self._restore_terminal)
@@ -109,6 +113,7 @@ class ConsoleApp(SessionFlow):
             lost=self._ending.begin,
             repaint=self._paint_anew,
             attached=self._use_terminal,
+            pixels=self._found_pixels if self.config.picture == "auto" and asks(os.environ) else None,
         )
 
     async def on_mount(self) -> None:
@@ -286,6 +291,17 @@ class ConsoleApp(SessionFlow):
 
     def _use_terminal(self, terminal: TerminalDriver) -> None:
         self._terminal = terminal
+
+    def _found_pixels(self, pixels: PixelTerminal) -> None:
+        """From the input's thread, before the first paint or long after it."""
+        self.pixels = pixels
+        loop = self._loop_of_console
+        if loop is not None:
+            loop.call_soon_threadsafe(self._fit_pictures)
+
+    def _fit_pictures(self) -> None:
+        for picture in self.screen.query(Picture):
+            picture.on_resize()
 
     def _input_alive(self) -> None:
         live = self.live

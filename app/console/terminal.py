@@ -7,26 +7,31 @@ take are dropped, and the screen is painted anew when it reads again.
 
 from __future__ import annotations
 
+import fcntl
 import os
 import select
 import signal
+import struct
 import sys
 import termios
 import threading
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
 from textual import events
+from textual._xterm_parser import XTermParser
 from textual.app import App
 from textual.driver import Driver
+from textual.drivers import linux_driver
 from textual.drivers.linux_driver import LinuxDriver
 from textual.message import Message
 
 from app.console.charset import Substitutes, substitutes_for
+from app.console.pixels import QUESTION, Answers, PixelTerminal
 from app.console.stop import StopSwitch
 from app.system.scheduling import set_scheduling
 
@@ -51,6 +56,7 @@ class TerminalEvents:
     lost: Callable[[], object]  # input or output has ended
     repaint: Callable[[], object]  # frames were dropped, and the terminal reads again
     attached: Callable[[TerminalDriver], object]
+    pixels: Callable[[PixelTerminal], object] | None  # the terminal shows pixels; None: do not ask
 
 
 @dataclass(frozen=True, slots=True)
@@ -200,6 +206,28 @@ def believed(columns: int, rows: int) -> tuple[int, int]:
     return min(columns, WIDEST), min(rows, HIGHEST)
 
 
+def parser_without(answers: Answers) -> type[XTermParser]:
+    """A parser of the terminal's input that never sees its answers."""
+
+    class AnswersParser(XTermParser):
+        def feed(self, data: str) -> Iterable[Message]:
+            rest = answers.take(data) if data else data
+            if rest or not data:  # nothing at all means the end
+                yield from super().feed(rest)
+
+    return AnswersParser
+
+
+def _cell_px(fileno: int) -> tuple[int, int]:
+    """A cell's width and height as the kernel knows them; zeros where it does not."""
+    try:
+        size = fcntl.ioctl(fileno, termios.TIOCGWINSZ, bytes(8))
+    except OSError:
+        return 0, 0
+    rows, columns, width_px, height_px = struct.unpack("HHHH", size)
+    return width_px // max(1, columns), height_px // max(1, rows)
+
+
 class TerminalDriver(LinuxDriver):
     """The driver of a terminal; its application has `terminal_events`."""
 
@@ -237,6 +265,8 @@ class TerminalDriver(LinuxDriver):
         )
         self._setting_modes = True
         super().start_application_mode()  # type: ignore[no-untyped-call]
+        if self._events.pixels is not None:
+            self.write(QUESTION)
         self._setting_modes = False
 
     def stop_application_mode(self) -> None:
@@ -244,10 +274,10 @@ class TerminalDriver(LinuxDriver):
         self._setting_modes = True
         super().stop_application_mode()
 
-    def write(self, data: str) -> None:
+    def write(self, data: str, *, droppable: bool = True) -> None:
         """Queue it; never blocks."""
         if self._output is not None:
-            self._output.write(data, droppable=not self._setting_modes)
+            self._output.write(data, droppable=droppable and not self._setting_modes)
 
     def close(self) -> None:
         """Write what is queued, for a moment."""
@@ -261,6 +291,9 @@ class TerminalDriver(LinuxDriver):
         if self.input_tty:  # a file at its end is ready all the time
             set_scheduling("heartbeat")  # STOP comes through here
         self._input_loop.thread = threading.get_ident()
+        if self._events.pixels is not None:
+            # The base makes its parser itself, by this name.
+            linux_driver.XTermParser = parser_without(Answers(self._events.pixels, _cell_px(self.fileno)))  # type: ignore[attr-defined]
         try:
             with suppress(OSError):  # EIO: hung up while it was read
                 super().run_input_thread()

@@ -102,6 +102,7 @@ class Config(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     patient: str = "demo"
     language: str = "en"
     theme: str = "dark"
+    picture: Literal["auto", "blocks"] = "auto"  # auto: pixels where the terminal says that it shows them
     sounds: SoundsConfig = SoundsConfig()
     control_core: Annotated[int, Meta(ge=0, le=4095)] | None = None  # none: one set apart, else the last of several
     unattended_s: Annotated[float, Meta(ge=2, le=3600)] = 120.0  # a session without a console ends after this

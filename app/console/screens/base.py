@@ -18,6 +18,7 @@ from textual.widgets import Input, Select
 
 from app.console.state import SessionState
 from app.console.widgets.bars import KeyBar, StopBar
+from app.console.widgets.picture import Picture
 from app.text.catalogue import knows, render, tr
 from logs.reading.errors import CodedError
 
@@ -105,6 +106,11 @@ class _Console(Screen[T], Generic[T]):
         """Take the session's newest state, twenty times a second; None: no session."""
         for stop_bar in self.query(StopBar):
             stop_bar.show(None if state is None else state.effect, 0.0 if state is None else state.stop_waits_ms)
+
+    @on(events.ScreenSuspend)
+    def _clear_pixels(self) -> None:
+        for picture in self.query(Picture):
+            picture.clear_pixels()
 
     @contextmanager
     def notify_errors(self) -> Iterator[None]:

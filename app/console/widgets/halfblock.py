@@ -40,6 +40,13 @@ def resample(pixels: Pixels, width: int, height: int) -> Pixels:
     return smaller
 
 
+def smooth(pixels: Pixels, width: int, height: int) -> Pixels:
+    """The picture at another size, for a terminal with real pixels."""
+    import cv2
+
+    return np.asarray(cv2.resize(pixels, (width, height), interpolation=cv2.INTER_LINEAR), dtype=np.uint8)
+
+
 def to_strips(pixels: Pixels) -> list[Strip]:
     """One strip of half blocks for each two rows of pixels."""
     kept = pixels.astype(np.uint32) & _KEEP

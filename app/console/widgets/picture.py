@@ -1,6 +1,8 @@
-"""The live picture as half blocks, or as letters where the terminal has no colours."""
+"""The live picture: pixels where the terminal shows them, else half blocks, or letters where it has no colours."""
 
 from __future__ import annotations
+
+import asyncio
 
 from rich.segment import Segment
 from rich.style import Style
@@ -9,7 +11,10 @@ from textual.message import Message
 from textual.strip import Strip
 from textual.widget import Widget
 
+from app.console.pixels import KITTY_REMOVAL, PixelTerminal, placed
 from app.console.state import SessionState
+from app.console.terminal import TerminalDriver
+from app.console.widgets.pixel_picture import PixelPicture
 from app.ipc.messages import PerceptionCommand, Preview
 from app.text.catalogue import tr
 
@@ -53,9 +58,14 @@ class Picture(Widget):
         self._sequence = -1
         self._message_text = tr("picture.waiting")
         self.paused = False
+        self._pixels: PixelPicture | None = None
+        self._drawn = False  # pixels stay until they are taken away
+        self._sending = False  # pixels of one preview are on their way; those between are left out
 
     def show(self, state: SessionState) -> None:
         """Draw the newest preview, or why there is none."""
+        if self._drawn and self._covered():
+            self.clear_pixels()
         message = self._message_for(state)
         if message != self._message_text:
             self._message_text = message
@@ -64,14 +74,12 @@ class Picture(Widget):
         if preview is None or self.paused or preview.sequence == self._sequence or self.size.area == 0:
             return
         self._sequence = preview.sequence
-        self._strips = self._draw(preview)
-        self.refresh()
+        self._show(preview)
 
     def show_preview(self, preview: Preview) -> None:
         """Draw this one, without a session."""
         self._message_text = ""
-        self._strips = self._draw(preview) if self.size.area else []
-        self.refresh()
+        self._show(preview)
 
     def show_text(self, text: str) -> None:
         """Why there is no newer picture, without a session."""
@@ -104,11 +112,22 @@ class Picture(Widget):
     def on_resize(self) -> None:
         self._sequence = -1
         self._strips = []
+        self.clear_pixels()
+        terminal = self._terminal()
+        self._pixels = None if terminal is None else PixelPicture.fit(terminal, self.size.width, self.size.height)
+        self.refresh()
         self.ask()
+
+    def on_hide(self) -> None:
+        self.clear_pixels()
+
+    def on_unmount(self) -> None:
+        self.clear_pixels()
 
     def ask(self) -> None:
         """Ask for a picture of this size, as when another screen had asked for its own."""
-        self.post_message(self.Resized(self, wanted(self.size.width, self.size.height)))
+        size = self.size
+        self.post_message(self.Resized(self, self._pixels.wanted if self._pixels else wanted(size.width, size.height)))
 
     def _message(self, y: int, width: int, style: Style) -> Strip:
         if y != (self.size.height - 1 if self._strips else self.size.height // 2):
@@ -123,6 +142,52 @@ class Picture(Widget):
         if not state.report_fresh:
             return tr("picture.stale")
         return ""
+
+    def _terminal(self) -> PixelTerminal | None:
+        coloured = self.app.console.color_system is not None and not self.app.no_color
+        return getattr(self.app, "pixels", None) if coloured else None  # the console's own, whatever runs this widget
+
+    def _show(self, preview: Preview) -> None:
+        """Draw it; pixels only on the open screen, where nothing stands before them."""
+        if self.size.area == 0:
+            return
+        if self._pixels is None or not self.screen.is_active:
+            self._strips = self._draw(preview)
+            self.refresh()
+        elif not self._sending:
+            self._sending = True
+            self.run_worker(self._send(self._pixels, preview))
+
+    async def _send(self, pixels: PixelPicture, preview: Preview) -> None:
+        try:
+            data, columns, rows = await asyncio.to_thread(pixels.draw, preview)
+        finally:
+            self._sending = False
+        if pixels is not self._pixels or not self.screen.is_active or self._covered():
+            return
+        strips = [Strip.blank(columns)] * rows  # without a background: the terminal's pixels show through
+        self._indent = (self.size.width - columns) // 2
+        if strips != self._strips:
+            self._strips = strips
+            self.refresh()
+        left, top = self.content_region.offset
+        self._write(placed(data, left + self._indent, top + (self.size.height - rows) // 2))
+        self._drawn = pixels.stays
+
+    def clear_pixels(self) -> None:
+        """Take them away: something stands before the picture now."""
+        if self._drawn:
+            self._drawn = False
+            self._write(KITTY_REMOVAL, droppable=False)
+
+    def _write(self, data: str, *, droppable: bool = True) -> None:
+        driver = self.app._driver  # Textual has no other door for sequences of one's own
+        if isinstance(driver, TerminalDriver):
+            driver.write(data, droppable=droppable)
+
+    def _covered(self) -> bool:
+        """Whether a message stands before it: pixels would be drawn over that."""
+        return any(toast.region.overlaps(self.region) for toast in self.screen.query("Toast"))
 
     def _draw(self, preview: Preview) -> list[Strip]:
         from app.console.widgets import halfblock  # numpy: not before the first paint
