@@ -12,6 +12,7 @@ Run it on a quiet machine. Nothing leaves the namespaces.
 from __future__ import annotations
 
 import argparse
+import signal
 import statistics
 import subprocess
 import sys
@@ -239,6 +240,7 @@ def main() -> None:
     parser.add_argument("what", choices=[*MEASURES, "all"])
     parser.add_argument("--presses", type=int, default=20, help="STOPs for each loss and delay")
     chosen = parser.parse_args()
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))  # the namespaces are taken away again
     with two_namespaces() as (laptop, joints, air):
         enter_namespace(laptop)
         for name, measure in MEASURES.items():
