@@ -12,10 +12,10 @@ _KINDS = "action-end command refusal event-raised joint-statistics stop"
 # What the ready questions read; every other column is null. Row numbers, scattered, decide the values.
 _VALUES = {
     "kind": f"list_extract(string_split('{_KINDS}', ' '), 1 + CAST(h % 6 AS INTEGER))",
-    "gesture": "CASE WHEN h % 6 <= 2 THEN CAST(h % 8 AS VARCHAR) END",
+    "gesture": "CASE WHEN h % 6 <= 2 THEN CAST(h // 6 % 8 AS VARCHAR) END",
     "outcome": "CASE WHEN h % 6 = 0 THEN CASE WHEN h % 13 = 0 THEN 'stopped' ELSE 'completed' END END",
-    "event": "CASE WHEN h % 6 = 3 THEN 'event ' || CAST(h % 9 AS VARCHAR) END",
-    "effect": "CASE WHEN h % 6 = 3 THEN list_extract(['note', 'hold', 'damp'], 1 + CAST(h % 3 AS INTEGER)) END",
+    "event": "CASE WHEN h % 6 = 3 THEN 'event ' || CAST(h // 18 % 9 AS VARCHAR) END",
+    "effect": "CASE WHEN h % 6 = 3 THEN list_extract(['note', 'hold', 'damp'], 1 + CAST(h // 6 % 3 AS INTEGER)) END",
     "steps": "CASE WHEN h % 6 = 0 THEN h % 5 END",
     "released_ns": "CASE WHEN h % 6 = 0 THEN n * 1000000 + 1 END",
     "first_command_ns": "CASE WHEN h % 6 = 0 THEN n * 1000000 + 30000000 + h % 40000000 END",

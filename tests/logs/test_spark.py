@@ -19,7 +19,7 @@ from testing.trails import write_sample
 pytestmark = [
     pytest.mark.serial,
     pytest.mark.skipif("RLEEX_TEST_SPARK" not in os.environ, reason="needs Spark and Java: make test-spark"),
-    pytest.mark.filterwarnings("default"),  # pyspark's own
+    pytest.mark.filterwarnings("ignore::ResourceWarning"),  # pyspark leaves sockets to the collector
 ]
 
 LIMIT_S = 120.0

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from pathlib import Path
 
 import pytest
@@ -66,3 +67,19 @@ def test_a_tampered_site_is_named_and_nothing_is_answered(homes: tuple[Path, Pat
     assert status != 0
     assert not said
     assert "Site bad is not sound" in why
+
+
+def test_spark_without_java_or_without_its_extra_is_one_sentence(
+    homes: tuple[Path, Path], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    asked = (f"north={homes[0]}", "--ask", "sites", "--spark", "local[1]")
+    monkeypatch.delenv("JAVA_HOME", raising=False)
+    monkeypatch.setenv("PATH", str(tmp_path))
+    status, said, why = query(*asked)
+    assert (status != 0, said) == (True, "")
+    assert "Spark needs Java" in why
+    monkeypatch.setenv("JAVA_HOME", str(tmp_path))
+    monkeypatch.setitem(sys.modules, "pyspark.sql", None)
+    status, said, why = query(*asked)
+    assert (status != 0, said) == (True, "")
+    assert "Spark is not installed" in why
