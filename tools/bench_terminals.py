@@ -85,7 +85,7 @@ def subjects(home: Path, tools: Path) -> dict[str, Subject]:
             command=(str(tools / "harlequin" / "bin" / "harlequin"), "-P", "None", ":memory:"),
             painted="Query Editor",
             key=b"\x1bOP",
-            page="Harlequin",
+            page="Harlequin Help",
             end=b"\x11",
         ),
         "btop": Subject(
