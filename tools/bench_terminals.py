@@ -83,7 +83,7 @@ def subjects(home: Path, tools: Path) -> dict[str, Subject]:
         ),
         "harlequin": Subject(
             command=(str(tools / "harlequin" / "bin" / "harlequin"), "-P", "None", ":memory:"),
-            painted="Query Editor",
+            painted="Query Results",
             key=b"\x1bOP",
             page="Harlequin Help",
             end=b"\x11",
