@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 import threading
 from collections.abc import Iterator, Sequence
+from decimal import Decimal
 from pathlib import Path
 from typing import Any
 
@@ -215,7 +216,12 @@ def as_table(answer: Any, render: Render) -> Table:
 
 def as_json(answer: Any) -> Iterator[str]:
     """Every row of a pyarrow table as an object in pure ASCII."""
-    return (json.dumps(row, default=str) for row in answer.to_pylist())
+    return (json.dumps(row, default=_plain) for row in answer.to_pylist())
+
+
+def _plain(value: Any) -> int | str:
+    """DuckDB's sums of whole numbers are decimals: whole numbers again, as Spark gives them."""
+    return int(value) if isinstance(value, Decimal) and value == int(value) else str(value)
 
 
 def _cell(value: Any) -> str:

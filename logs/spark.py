@@ -22,9 +22,10 @@ from logs.sites import Site
 LOCAL = "127.0.0.1"
 _TYPES = {"VARCHAR": "STRING", "BIGINT": "BIGINT", "DOUBLE": "DOUBLE"}
 _ENVELOPE = (
-    "body STRING, monotonic_ns BIGINT, operator STRING, process STRING, "
-    "schema BIGINT, sequence BIGINT, session STRING, wall STRING"
+    "monotonic_ns BIGINT, operator STRING, process STRING, schema BIGINT, sequence BIGINT, session STRING, wall STRING"
 )
+# The body as it stands, where Spark's reader of JSON would write numbers anew. Keys are sorted, quotes in text escaped.
+_BODY = r'^\{"body":(.*),"monotonic_ns":\d+,"operator":'
 # Functions of Spark's SQL that call into the Java machine.
 _CALLS_OUT = re.compile(r"\b(reflect|java_method|try_reflect)\b", re.IGNORECASE)
 _SETTINGS = {
@@ -117,8 +118,10 @@ def _trails(session: Any, site: Site) -> Any:
     from pyspark.sql import functions as f
 
     body = ", ".join(f"{name} {_TYPES[kind]}" for name, kind in BODY_COLUMNS.items())
-    raw = session.read.schema(_ENVELOPE).json(_addresses(site)).withColumn("file", f.input_file_name())
-    raw = raw.where("session IS NOT NULL")
+    lines = session.read.text(_addresses(site))
+    envelope = f.from_json("value", _ENVELOPE).alias("envelope")
+    split = lines.select(envelope, f.regexp_extract("value", _BODY, 1).alias("body"), f.input_file_name().alias("file"))
+    raw = split.select("envelope.*", "body", "file").where("session IS NOT NULL AND wall IS NOT NULL")
     patients = (
         raw.where(f.get_json_object("body", "$.kind") == "patient")
         .groupBy(f.col("file").alias("of_file"))
