@@ -197,8 +197,8 @@ def library() -> ModuleType:
 def list_realsense() -> tuple[tuple[str, str], ...]:
     """Serial number and model of every connected camera. Raises HardwareError without the library."""
     rs = library()
-    devices = list(rs.context().query_devices())
-    return tuple((_info(rs, device, "serial_number"), _info(rs, device, "name")) for device in devices)
+    found = _devices(rs.context())
+    return tuple((_info(rs, device, "serial_number"), _info(rs, device, "name")) for device in found)
 
 
 def clean_depth(raw: Any, unit_m: float) -> DepthArray:
@@ -208,8 +208,14 @@ def clean_depth(raw: Any, unit_m: float) -> DepthArray:
     return depth
 
 
+def _devices(context: Any) -> list[Any]:
+    # By index: `list` of librealsense's own sequence once went on without end in a process that had opened others.
+    found = context.query_devices()
+    return [found[number] for number in range(found.size())]
+
+
 def _find(rs: ModuleType, context: Any, serial: str) -> Any:
-    devices = list(context.query_devices())
+    devices = _devices(context)
     for device in devices:
         if serial in ("", _info(rs, device, "serial_number")):
             return device
