@@ -75,6 +75,7 @@ READS = frozenset(
         "demo",  # simulated joints, or emulated drives on a bus of its own
         "doctor",
         "export",
+        "query",
         "joints",  # its sessions are begun by an operator who signs in at the laptop
         "replay",
         "link list",
