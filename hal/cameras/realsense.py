@@ -6,6 +6,9 @@ librealsense is imported only here and only when such a camera is opened. It is 
 
 from __future__ import annotations
 
+import json
+import subprocess
+import sys
 import time
 from contextlib import suppress
 from dataclasses import dataclass
@@ -184,6 +187,16 @@ class RealSenseCamera:
             raise EndOfRecording
 
 
+LISTING_LIMIT_S = 15.0
+_LISTING = """
+import json, pyrealsense2 as rs
+found = rs.context().query_devices()
+wanted = (rs.camera_info.serial_number, rs.camera_info.name)
+devices = [found[number] for number in range(found.size())]
+print(json.dumps([[one.get_info(what) if one.supports(what) else "" for what in wanted] for one in devices]))
+"""
+
+
 def library() -> ModuleType:
     """librealsense's Python module. Raises HardwareError without it."""
     try:
@@ -195,10 +208,18 @@ def library() -> ModuleType:
 
 
 def list_realsense() -> tuple[tuple[str, str], ...]:
-    """Serial number and model of every connected camera. Raises HardwareError without the library."""
-    rs = library()
-    found = _devices(rs.context())
-    return tuple((_info(rs, device, "serial_number"), _info(rs, device, "name")) for device in found)
+    """Serial number and model of every connected camera. Raises HardwareError without the library or an answer.
+
+    Asked in a process of its own: librealsense's context once spun without end, holding the interpreter.
+    """
+    library()
+    try:
+        asked = subprocess.run(
+            [sys.executable, "-c", _LISTING], capture_output=True, check=True, timeout=LISTING_LIMIT_S
+        )
+    except (subprocess.SubprocessError, OSError) as error:
+        raise HardwareError(CameraFault.NO_REALSENSE_LIBRARY, detail=type(error).__name__) from error
+    return tuple((serial, name) for serial, name in json.loads(asked.stdout))
 
 
 def clean_depth(raw: Any, unit_m: float) -> DepthArray:

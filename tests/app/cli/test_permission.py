@@ -144,7 +144,7 @@ def test_a_role_without_the_right_is_refused_and_one_with_it_goes_on(
 _require = Authority.require
 
 
-@pytest.mark.parametrize("name", sorted(READS - {"run", "demo", "can monitor", "can record"}))
+@pytest.mark.parametrize("name", sorted(READS - {"run", "demo", "joints", "can monitor", "can record"}))
 def test_reading_asks_nobody_and_changes_nothing(clinic: Home, name: str) -> None:
     before = files(clinic)
     try:
