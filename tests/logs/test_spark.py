@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -92,7 +93,10 @@ def test_every_column_of_every_record_is_the_same(session: Any, recorded: list[S
 
 def test_the_work_is_done_by_both_workers(session: Any, generated: list[Site]) -> None:
     assert session.sparkContext.master.startswith("spark://127.0.0.1:")
-    executors = session.sparkContext._jsc.sc().getExecutorMemoryStatus().size() - 1  # one is the driver
+    context, deadline = session.sparkContext._jsc.sc(), time.monotonic() + LIMIT_S
+    while (executors := context.getExecutorMemoryStatus().size() - 1) < 2:  # one is the driver; they register late
+        assert time.monotonic() < deadline, f"{executors} of 2 executors"
+        time.sleep(0.1)
     assert executors == 2
 
 
