@@ -67,7 +67,7 @@ QUESTIONS: dict[str, str] = {
         SELECT session, patient, count(*) AS actions,
                sum(CASE WHEN outcome = 'stopped' THEN 1 ELSE 0 END) AS stopped,
                avg(CASE WHEN outcome = 'stopped' THEN 1e0 ELSE 0e0 END) AS share
-        FROM records WHERE kind = 'action-end' GROUP BY session, patient ORDER BY session
+        FROM records WHERE kind = 'action-end' GROUP BY session, patient ORDER BY session, patient
         """,
     "refusals": """
         SELECT gesture, count(*) AS requests,
@@ -93,7 +93,7 @@ QUESTIONS: dict[str, str] = {
             FROM records WHERE kind = 'event-raised' AND effect IN ('hold', 'damp') GROUP BY event, effect
         )
         SELECT event, effect, times, device_hours, times / device_hours AS per_hour
-        FROM faults CROSS JOIN total ORDER BY times DESC, event
+        FROM faults CROSS JOIN total ORDER BY times DESC, event, effect
         """,
 }
 

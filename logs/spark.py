@@ -24,7 +24,7 @@ _TYPES = {"VARCHAR": "STRING", "BIGINT": "BIGINT", "DOUBLE": "DOUBLE"}
 _ENVELOPE = (
     "monotonic_ns BIGINT, operator STRING, process STRING, schema BIGINT, sequence BIGINT, session STRING, wall STRING"
 )
-# The body as it stands, where Spark's reader of JSON would write numbers anew. Keys are sorted, quotes in text escaped.
+# The body as the trail has it: Spark's reader of JSON would write numbers anew. Keys are sorted, quotes escaped.
 _BODY = r'^\{"body":(.*),"monotonic_ns":\d+,"operator":'
 # Functions of Spark's SQL that call into the Java machine.
 _CALLS_OUT = re.compile(r"\b(reflect|java_method|try_reflect)\b", re.IGNORECASE)

@@ -63,6 +63,13 @@ def test_the_old_questions_give_the_old_answers(homes: tuple[Path, Path], name: 
     assert rows([f"a={homes[0]}", f"b={homes[1]}"], SITE_QUESTIONS[name]) == old
 
 
+def test_equal_counts_of_faults_stand_in_one_order(tmp_path: Path) -> None:
+    found = rows([str(place) for place in write_sites(tmp_path, 60_000)], SITE_QUESTIONS["faults"])
+    keys = [(-int(row["times"]), row["event"], row["effect"]) for row in found]
+    assert len({key[:2] for key in keys}) < len(keys), "no event has as many faults that hold as that damp"
+    assert keys == sorted(keys)
+
+
 def test_what_is_known_of_a_site_is_told(homes: tuple[Path, Path], tmp_path: Path) -> None:
     export([homes[0] / "logs"], tmp_path / "x.parquet", drop_operators=False)
     sites = find_sites([f"north={homes[0]}", f"x={tmp_path}"])
