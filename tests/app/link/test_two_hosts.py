@@ -26,7 +26,7 @@ from logs.verify import Evidence, exit_status, verify
 from testing.relay import Relay
 from testing.two_hosts import TwoHosts, two_hosts
 
-pytestmark = [pytest.mark.serial, pytest.mark.xdist_group("two hosts")]  # one session, test after test
+pytestmark = [pytest.mark.serial, pytest.mark.xdist_group("two-hosts")]  # one session, test after test
 
 
 @dataclass
