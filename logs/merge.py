@@ -21,10 +21,9 @@ from logs.read import read
 from logs.reading.errors import cause_of
 from logs.reason import Render
 from logs.records import Record
+from logs.records.session import DRIFT_PPM
 from logs.scan import scan_file
 from logs.show import line_of
-
-DRIFT_PPM = 250  # between two clocks: quartz keeps ±100 ppm each over its temperatures, and a margin
 
 
 @dataclass(frozen=True, slots=True)

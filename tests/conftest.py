@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+import os
 from collections.abc import Iterator
 
 import argon2
@@ -33,6 +34,14 @@ def _strict_text() -> Iterator[None]:
     yield
     catalogue.use_language("en")
     catalogue.be_strict(False)
+
+
+@pytest.fixture(autouse=True)
+def _usual_scheduling() -> Iterator[None]:
+    """No test leaves its worker at a real-time priority or on one core: what it starts later would starve it."""
+    before = (os.sched_getscheduler(0), os.sched_getaffinity(0))
+    yield
+    assert (os.sched_getscheduler(0), os.sched_getaffinity(0)) == before
 
 
 @pytest.fixture

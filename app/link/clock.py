@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-DRIFT_PPM = 250  # between two clocks: quartz keeps ±100 ppm each over its temperatures, and a margin
+from logs.records.session import DRIFT_PPM
 
 
 @dataclass(frozen=True, slots=True)

@@ -216,6 +216,9 @@ class TrailEnd(Struct, frozen=True, kw_only=True):
     hash: Hex
 
 
+DRIFT_PPM = 250  # between two clocks: quartz keeps ±100 ppm each over its temperatures, and a margin
+
+
 class OtherTrail(TrailEnd, frozen=True, kw_only=True, tag_field="kind", tag="other-trail"):
     """How far the trail of the other computer was, about once a second: neither can be rewritten alone."""
 
