@@ -66,13 +66,11 @@ class PatientsScreen(ConsoleScreen):
 
     def fill(self) -> None:
         """Columns, rows, and the patient that the cursor was on."""
-        table, chosen = self.query_one(DataTable), self._shown
+        table = self.query_one(DataTable)
         for name in ("identifier", "last", "steps", "sex", "stature", "mass", "hand"):
             table.add_column(tr(f"patients.{name}"), key=name)
         self._title_shown = ""
         self.reload()
-        if chosen in table.rows:
-            table.move_cursor(row=table.get_row_index(chosen))
 
     def on_screen_resume(self) -> None:
         if self._profiles:
@@ -89,8 +87,11 @@ class PatientsScreen(ConsoleScreen):
 
     def reload(self) -> None:
         """Read the folder again."""
-        listing = self.console_app.store.list(archived=True)
+        listing, before = self.console_app.store.list(archived=True), self._profiles.keys()
         self._profiles = {profile.identifier: profile for profile in listing.profiles}
+        added = self._profiles.keys() - before
+        if before and len(added) == 1:  # made just now, and what comes next is meant for this patient
+            (self._shown,) = added
         faults = [error for _, error in listing.broken] + self._read_sessions()
         broken = "\n".join(f"✗ {render(error)}" for error in faults)
         self.query_one("#broken", Static).update(broken)
@@ -231,12 +232,14 @@ class PatientsScreen(ConsoleScreen):
         return self._profiles.get(str(table.coordinate_to_cell_key(table.cursor_coordinate).row_key.value))
 
     def _fill(self) -> None:
-        table = self.query_one(DataTable)
+        table, shown = self.query_one(DataTable), self._shown
         table.clear()
         now = datetime.now(UTC)
         for profile in self._found():
             sessions = self._sessions.get(profile.identifier, ())
             table.add_row(*_row(profile, last_cells(sessions, now)), key=profile.identifier)
+        if shown in table.rows:  # the rows before it may be others now
+            table.move_cursor(row=table.get_row_index(shown))
         self._show_details()
 
     def _found(self) -> list[Profile]:

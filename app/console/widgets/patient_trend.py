@@ -87,7 +87,7 @@ def last_cells(sessions: Sequence[SessionRecord], now: datetime) -> tuple[str, s
 
 def in_order(order: PatientOrder, last_at: dict[str, str]) -> list[str]:
     """Identifiers, sorted. last_at: the last session of each; empty: none yet, who waits longest."""
-    names = sorted(last_at, key=str.casefold)
+    names = sorted(last_at)
     if order is PatientOrder.IDENTIFIER:
         return names
     return sorted(names, key=lambda name: last_at[name], reverse=order is PatientOrder.RECENT)

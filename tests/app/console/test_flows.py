@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from datetime import UTC, datetime
+
 import msgspec
 import pytest
 from textual.widgets import Input, Select
@@ -210,8 +212,6 @@ async def test_a_terminal_made_tiny_and_large_again_shows_all(console: Opener) -
 
 async def test_archived_patients_leave_the_list_and_are_found_by_search(console: Opener, home: Home) -> None:
     store = ProfileStore(home.profiles)
-    from datetime import UTC, datetime
-
     store.create(msgspec.structs.replace(DEMO_PATIENT, identifier="P-3"), by=Named(""), at=datetime.now(UTC))
     async with console(profile=None) as open_console:
         await open_console.press("a")
@@ -223,6 +223,21 @@ async def test_archived_patients_leave_the_list_and_are_found_by_search(console:
         assert store.load("P-3").archived
         await open_console.press("escape", "enter")
         await open_console.shows("Session with P-3")
+
+
+async def test_the_cursor_stays_on_its_patient_when_the_list_changes(console: Opener, home: Home) -> None:
+    """Enter begins a session with whom the cursor was on, whatever came before it in the list meanwhile."""
+    store = ProfileStore(home.profiles)
+    async with console(profile=None) as open_console:
+        await open_console.shows("demo")
+        for name in ("A-1", "A-2"):  # from another terminal
+            store.create(msgspec.structs.replace(DEMO_PATIENT, identifier=name), by=Named(""), at=datetime.now(UTC))
+        await open_console.press("n")
+        await open_console.shows("New patient")
+        await open_console.press("escape")
+        await open_console.shows("A-2")
+        await open_console.press("enter")
+        await open_console.shows("Session with demo")
 
 
 async def test_states_the_machine_can_be_in_are_all_drawn(console: Opener) -> None:
