@@ -1,6 +1,7 @@
 """A relay between laptop and joints on one host: TCP and UDP on one port, with a cut and a delay; for tests.
 
-A cut keeps what TCP carries and drops packets, as the air does under TCP's repetitions.
+A cut keeps what TCP carries and drops packets, as the air does under TCP's repetitions. `frames_wait` keeps only
+what TCP carries.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ class Relay:
     """Forwards from its own port to another of loopback while the body runs."""
 
     def __init__(self, to_port: int) -> None:
-        self.cut = False
+        self.cut = self.frames_wait = False
         self.delay_s = 0.0
         self.packets: list[bytes] = []  # from the laptop, newest last
         self._to = ("127.0.0.1", to_port)
@@ -70,16 +71,27 @@ class Relay:
         elif source is self._joints:
             if self._laptop is not None:
                 self._forward(self._udp, source.recv(CHUNK), lossy=True, where=self._laptop)
-        elif not self.cut:  # else it waits where it is
-            data = source.recv(CHUNK)
+        elif not (self.cut or self.frames_wait):  # else it waits where it is
+            data = self._received(source)
             if data:
                 self._forward(self._pairs[source], data)
             else:
                 self._disconnect(source)
 
+    def _received(self, source: socket.socket) -> bytes:
+        """Empty when the connection has ended, however it did."""
+        try:
+            return source.recv(CHUNK)
+        except ConnectionError:
+            return b""
+
     def _connect(self) -> None:
         near, _ = self._tcp.accept()
-        far = socket.create_connection(self._to)
+        try:
+            far = socket.create_connection(self._to)
+        except OSError:  # nobody there: neither for whoever connected here
+            near.close()
+            return
         for one, other in ((near, far), (far, near)):
             one.setblocking(False)
             self._pairs[one] = other

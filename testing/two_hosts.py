@@ -31,6 +31,7 @@ class TwoHosts(WatchedSession):
         self.console = SessionHost(self.setup, without=frozenset() if perception else frozenset({"perception"}))
         self.latest: Latest | None = None
         self.link: LinkHealth | None = None
+        self.joints_pid = 0  # of `rleex joints`
         self._health = LatestReceiver(address(self.setup.links, streams.LINK.name), LinkHealth)
         super().__init__(self.setup.links)
 
@@ -45,10 +46,20 @@ class TwoHosts(WatchedSession):
         self.latest = self.console.poll()
         self.link = self._health.receive() or self.link
 
+    def go_on(self, seconds: float) -> None:
+        """What the link does needs its time; the console goes on meanwhile."""
+        deadline = time.monotonic() + seconds
+        while time.monotonic() < deadline:
+            self.poll()
+
     def stop_acknowledged_s(self, limit_s: float = 30.0) -> float:
         """Press STOP and wait until the console shows it as acknowledged; how long that took."""
-        began = time.monotonic()
         self.console.send(OperatorKind.STOP)
+        return self.until_acknowledged(limit_s)
+
+    def until_acknowledged(self, limit_s: float = 30.0) -> float:
+        """Poll until no STOP waits for control; how long that took. Raises TimeoutError."""
+        began = time.monotonic()
         while True:
             self.poll(0.002)
             if self.latest is not None and not self.latest.stop_sent_ns:
@@ -84,6 +95,7 @@ def two_hosts(
         wait_for(host, lambda: process.poll() is None)
         pair_both(Home(laptop), Home(joints), host)
         session = TwoHosts(laptop, host, perception=perception)
+        session.joints_pid = process.pid
         try:
             session.console.start()
             session.until(lambda now: bool(now.allowed or now.why_not), "control's snapshot over the link")

@@ -179,6 +179,7 @@ def main() -> None:
     """Measure and print."""
     asked = arguments()
     load = busy_processes(len(os.sched_getaffinity(0))) if asked.saturate else contextlib.nullcontext()
+    session_mb: list[float] = []
     with tempfile.TemporaryDirectory() as folder, bare_loop() as bare, begun(asked, Path(folder)) as session:
         with load:
             held, costs_ms = measure_costs(session, lambda: walk_for(session, asked.seconds))
@@ -189,9 +190,11 @@ def main() -> None:
             growth = session.growth_mb_per_h()
             Console().print(f"{session.keys} keys were typed; the console's memory grows by {growth:.2f} MB an hour.")
             costs_ms["console_growth_mb_per_h"] = growth
+            session_mb = session.memory_mb
     show(snapshot, fps, held, costs_ms, bare)
     if asked.json:
         figures = figures_of(snapshot, fps) | costs_ms | {f"bare_{name}": value for name, value in bare.items()}
+        figures["console_mb"] = session_mb  # a sample every MEMORY_PERIOD_S
         asked.json.write_text(json.dumps(figures, indent=1) + "\n", encoding="utf-8")
 
 

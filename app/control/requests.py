@@ -15,7 +15,7 @@ from app.control.gait.machine import Answer, Change, Gait, Ignored, Latched, Ref
 from app.control.inputs import ActionRequest, DriveOrder, new_release
 from app.control.running_action import RunningAction, command_record, new_report, plan_request
 from app.control.state import Tick
-from app.ipc.messages import ActionReport, OperatorCommand, OperatorKind
+from app.ipc.messages import STOP_KINDS, ActionReport, OperatorCommand, OperatorKind
 from app.ipc.states import GESTURE_OF, Action, ConsoleChange, Effect, RequestRefusal, Source, StopSource
 from app.ipc.streams import NS_PER_MS, TRIGGER
 from app.motion.follower import Mode
@@ -24,7 +24,6 @@ from logs import records
 from logs.reason import Reason, reason
 
 FUTURE_MS = 50.0  # a capture time farther ahead of now than this is invalid
-STOPS = frozenset({OperatorKind.STOP, OperatorKind.VOICE_STOP})
 ACT_STALE_MS = 500  # a key pressed longer ago requests nothing any more; STOP never expires
 
 
@@ -52,7 +51,7 @@ def admits(lease: int, sequence: int, command: OperatorCommand) -> bool:
         return command.sequence > sequence
     if command.kind is OperatorKind.TAKE_OVER:
         return command.lease > lease
-    return command.kind in STOPS
+    return command.kind in STOP_KINDS
 
 
 def handle_gesture(tick: Tick) -> None:

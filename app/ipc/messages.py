@@ -120,6 +120,9 @@ class OperatorKind(Enum):
     TAKE_OVER = "take over"  # a console with the next lease: from now on it alone commands; the legs are held
 
 
+STOP_KINDS = frozenset({OperatorKind.STOP, OperatorKind.VOICE_STOP})  # heard from everybody, never too old
+
+
 class OperatorCommand(Struct, frozen=True, kw_only=True, tag="operator"):
     """Console to control."""
 

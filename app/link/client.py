@@ -18,6 +18,7 @@ from app.audit.sink import AuditSink
 from app.ipc import streams
 from app.ipc.links import LatestReceiver, OrderedReceiver, Publisher, address
 from app.ipc.messages import (
+    STOP_KINDS,
     AuditHealth,
     ControlSnapshot,
     OperatorCommand,
@@ -37,6 +38,7 @@ from app.link.wire import (
     ToJoints,
     ToLaptop,
     Welcome,
+    mark_of,
 )
 from app.system.config import SessionSetup
 from app.system.diagnostics_log import get_logger
@@ -179,8 +181,8 @@ class LinkClient:
             if command.lease == self._lease:
                 self._heartbeat_ns = command.sent_ns
             return
-        if command.kind is OperatorKind.STOP:
-            mark = StopMark(command.lease, command.sequence, command.sent_ns)
+        if command.kind in STOP_KINDS:
+            mark = mark_of(command)
             self._stops[command.lease, command.sequence] = mark
             if self._remote is not None:
                 self._send_packet(self._remote, time.monotonic_ns())  # at once, not with the next one

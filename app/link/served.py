@@ -16,6 +16,7 @@ from app.audit.sink import AuditSink
 from app.ipc import streams
 from app.ipc.links import LatestReceiver, OrderedSender, Publisher, address
 from app.ipc.messages import (
+    STOP_KINDS,
     AuditHealth,
     ControlSnapshot,
     GuardianHealth,
@@ -30,7 +31,7 @@ from app.link.clock import ClockEstimate
 from app.link.faults import LinkFault, LinkNotice
 from app.link.order import Inbox
 from app.link.times import localized
-from app.link.wire import SessionRequest, StopMark
+from app.link.wire import KIND_OF, SessionRequest, StopMark, mark_of
 from app.session.host import SessionHost, make_setup
 from app.session.shared import held_session
 from app.system.config import Config, SessionSetup
@@ -46,8 +47,7 @@ STOPS_KEPT = 32
 # Sent so long ago they are not carried out any more. A stop, and what takes away, always is.
 NEVER_STALE = frozenset(
     {
-        OperatorKind.STOP,
-        OperatorKind.VOICE_STOP,
+        *STOP_KINDS,
         OperatorKind.DISARM,
         OperatorKind.SHUT_DOWN,
         OperatorKind.TAKE_OVER,
@@ -152,7 +152,7 @@ class ServedSession:
         """STOPs that came by packet: each once, whether its frame came before or comes later."""
         for stop in stops:
             command = OperatorCommand(
-                lease=stop.lease, sequence=stop.sequence, kind=OperatorKind.STOP, sent_ns=stop.sent_ns
+                lease=stop.lease, sequence=stop.sequence, kind=KIND_OF[stop.spoken], sent_ns=stop.sent_ns
             )
             self._hand(localized(command, clock), now_ns)
 
@@ -214,17 +214,17 @@ class ServedSession:
         if command.kind is OperatorKind.TAKE_OVER and command.lease > self._their_lease:
             self._their_lease = command.lease
             self._take_over(command.sent_ns, command.operator)
-        elif command.lease == self._their_lease or command.kind is OperatorKind.STOP:
+        elif command.lease == self._their_lease or command.kind in STOP_KINDS:
             lease = self._lease if command.lease == self._their_lease else 0
             self._sequence += 1
-            if command.kind is OperatorKind.STOP:
-                self._handed[self._sequence] = StopMark(command.lease, command.sequence, command.sent_ns)
+            if command.kind in STOP_KINDS:
+                self._handed[self._sequence] = mark_of(command)
                 self._handed = dict(list(self._handed.items())[-STOPS_KEPT:])
             self._send(replace(command, lease=lease, sequence=self._sequence))
 
     def _is_known(self, command: OperatorCommand) -> bool:
         handed = ((mark.lease, mark.sequence) for mark in self._handed.values())
-        return command.kind is OperatorKind.STOP and (command.lease, command.sequence) in handed
+        return command.kind in STOP_KINDS and (command.lease, command.sequence) in handed
 
     def _take_over(self, sent_ns: int, operator: str) -> None:
         self._lease += 1

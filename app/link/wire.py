@@ -15,6 +15,7 @@ from app.ipc.messages import (
     ControlSnapshot,
     GuardianHealth,
     OperatorCommand,
+    OperatorKind,
     ProcessStatus,
     TriggerReport,
 )
@@ -97,6 +98,15 @@ class StopMark(Struct, frozen=True, array_like=True):
     lease: int
     sequence: int
     sent_ns: int
+    spoken: bool = False  # VOICE_STOP, which holds and never damps
+
+
+KIND_OF = {False: OperatorKind.STOP, True: OperatorKind.VOICE_STOP}
+
+
+def mark_of(command: OperatorCommand) -> StopMark:
+    """The mark of a STOP."""
+    return StopMark(command.lease, command.sequence, command.sent_ns, command.kind is OperatorKind.VOICE_STOP)
 
 
 class Packet(Struct, frozen=True, kw_only=True, array_like=True):

@@ -26,6 +26,7 @@ import msgspec
 from app.ipc import streams
 from app.ipc.links import LatestReceiver, OrderedSender, address, new_link_directory, start_links
 from app.ipc.messages import (
+    STOP_KINDS,
     AuditHealth,
     ControlSnapshot,
     HandCommand,
@@ -220,7 +221,7 @@ class SessionHost:
         with self._lock:
             self._sequence += 1
             sent_ns = time.monotonic_ns()
-            if kind is OperatorKind.STOP:
+            if kind in STOP_KINDS:
                 self._stops[self._sequence] = sent_ns
             if not self._closed:
                 self._operator.send(

@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+import os
+import signal
 import socket
-import time
 from collections.abc import Iterator
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
 import zmq
 
-from app.demo.two_hosts import free_port
+from app.demo.two_hosts import free_port, joints_process
 from app.ipc.messages import ControlSnapshot, OperatorKind
-from app.ipc.states import Action, Effect, Event, GaitState
+from app.ipc.states import Action, Effect, Event, GaitState, StopSource
 from app.link.beats import LOST_NS
 from app.link.keys import own_key, peers_of
 from app.system.paths import Home
@@ -21,7 +23,7 @@ from logs.findings import Status
 from logs.join import join_findings
 from logs.keys import by_fingerprint, known_keys
 from logs.read import records
-from logs.records import EventRaised, Note
+from logs.records import EventRaised, Note, Stop
 from logs.verify import Evidence, exit_status, verify
 from testing.relay import Relay
 from testing.two_hosts import TwoHosts, two_hosts
@@ -40,9 +42,10 @@ class Bed:
     laptop: Path
     joints: Path
     port: int
+    started_again: ExitStack  # `rleex joints`, after it died
 
-    def bodies(self) -> list[object]:
-        """What the trail of the joints' computer holds, after the end."""
+    def trail(self) -> list[object]:
+        """What the trail of the joints' computer holds."""
         return [one.body for one in records(self.joints / "logs" / f"{self.session.setup.session}.jsonl")]
 
 
@@ -53,8 +56,8 @@ def bed(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Bed]:
     (joints / "config.toml").write_text("unattended_s = 60\n", encoding="utf-8")
     port = free_port()
     with Relay(port) as relay, two_hosts(laptop, joints, port, host=f"127.0.0.1:{relay.port}") as session:
-        made = Bed(session, relay, laptop, joints, port)
-        yield made
+        with ExitStack() as again:
+            yield Bed(session, relay, laptop, joints, port, again)
         relay.cut = False
 
 
@@ -89,7 +92,7 @@ def test_stop_is_acknowledged_by_control(bed: Bed) -> None:
 def test_a_short_cut_at_rest_changes_nothing_by_itself(bed: Bed) -> None:
     before = bed.session.stand()
     bed.relay.cut = True
-    _pass(bed.session, 0.6)
+    bed.session.go_on(0.6)
     bed.relay.cut = False
     now = bed.session.until(lambda now: now.at_ns > before.at_ns + 600_000_000 and bool(now.allowed), "the link")
     assert now.state is before.state
@@ -100,7 +103,7 @@ def test_a_lost_link_in_a_walk_holds_and_its_return_moves_nothing(bed: Bed) -> N
     bed.session.walk(steps=1)
     bed.session.send(OperatorKind.ARM)
     bed.relay.cut = True
-    _pass(bed.session, 2.0 * LOST_NS / 1e9)
+    bed.session.go_on(2.0 * LOST_NS / 1e9)
     bed.session.send(OperatorKind.ACT, Action.INITIALISE)  # expires on the way
     bed.relay.cut = False
     now = bed.session.until(lambda now: any(one.event is Event.STOP for one in now.events), "as a takeover")
@@ -108,7 +111,7 @@ def test_a_lost_link_in_a_walk_holds_and_its_return_moves_nothing(bed: Bed) -> N
     assert not now.armed
     assert now.action is None
     steps = now.steps
-    _pass(bed.session, 0.5)
+    bed.session.go_on(0.5)
     assert bed.session.snapshot is not None
     assert bed.session.snapshot.steps == steps
     assert caused(bed.session.snapshot) is Effect.HOLD, "until it is acknowledged"
@@ -117,13 +120,26 @@ def test_a_lost_link_in_a_walk_holds_and_its_return_moves_nothing(bed: Bed) -> N
 def test_stop_reaches_control_as_soon_as_the_link_is_back(bed: Bed) -> None:
     bed.session.stand()
     bed.relay.cut = True
-    _pass(bed.session, 0.3)
+    bed.session.go_on(0.3)
     bed.session.send(OperatorKind.STOP)
-    _pass(bed.session, 0.2)
+    bed.session.go_on(0.2)
     assert bed.session.latest is not None
     assert bed.session.latest.stop_sent_ns, "sent is not acknowledged"
     bed.relay.cut = False
     bed.session.until(lambda now: caused(now) is Effect.HOLD, "the hold")
+
+
+def test_a_spoken_stop_comes_by_packet_alone_and_counts_once(bed: Bed) -> None:
+    bed.session.stand()
+    bed.relay.frames_wait = True
+    bed.session.send(OperatorKind.VOICE_STOP)
+    bed.session.until_acknowledged()
+    bed.relay.frames_wait = False
+    now = bed.session.until(lambda now: any(one.event is Event.VOICE_STOP for one in now.events), "the event")
+    bed.session.go_on(0.5)
+    assert caused(now) is Effect.HOLD
+    stops = [one for one in bed.trail() if isinstance(one, Stop) and one.by == StopSource.VOICE.value]
+    assert len(stops) == 1, "its frame came later"
 
 
 def test_replayed_and_foreign_packets_move_nothing_and_are_counted(bed: Bed) -> None:
@@ -148,6 +164,16 @@ def test_replayed_and_foreign_packets_move_nothing_and_are_counted(bed: Bed) -> 
     stranger.term()
 
 
+def test_joints_that_died_are_started_again_and_the_session_goes_on_as_a_takeover(bed: Bed) -> None:
+    bed.session.walk(steps=1)
+    os.kill(bed.session.joints_pid, signal.SIGKILL)
+    bed.started_again.enter_context(joints_process(Home(bed.joints), bed.port))
+    now = bed.session.until(lambda now: any(one.event is Event.STOP for one in now.events), "as a takeover")
+    assert caused(now) is Effect.HOLD
+    assert (now.armed, now.action) == (False, None)
+    assert bed.session.stand().state is GaitState.STANDING
+
+
 def test_both_trails_prove_themselves_and_tell_of_the_link(bed: Bed) -> None:
     bed.session.close()
     session = bed.session.setup.session
@@ -159,7 +185,7 @@ def test_both_trails_prove_themselves_and_tell_of_the_link(bed: Bed) -> None:
     joins = join_findings(findings)
     assert len(joins) == 2, "each trail names the other's records"
     assert all(join.status is Status.SOUND and join.mentions > 3 for join in joins)
-    bodies = bed.bodies()
+    bodies = bed.trail()
     codes = [one.text.code for one in bodies if isinstance(one, Note) and not isinstance(one.text, str)]
     assert "LinkNotice.LAPTOP_CAME" in codes
     assert "LinkNotice.LINK_RETURNED" in codes
@@ -170,10 +196,3 @@ def test_both_trails_prove_themselves_and_tell_of_the_link(bed: Bed) -> None:
 def caused(now: ControlSnapshot) -> Effect:
     """The strongest effect of what the test did; a host that stalled adds events of its own."""
     return max((one.effect for one in now.events if one.event not in STALLS), default=Effect.NOTE)
-
-
-def _pass(session: TwoHosts, seconds: float) -> None:
-    """What the link does needs its time; the console goes on meanwhile."""
-    deadline = time.monotonic() + seconds
-    while time.monotonic() < deadline:
-        session.poll()
