@@ -11,6 +11,7 @@ import sys
 import threading
 import time
 from pathlib import Path
+from typing import TextIO
 
 from app.cli import main
 
@@ -18,11 +19,11 @@ PERIOD_S = 0.01
 
 
 class Probe(asyncio.DefaultEventLoopPolicy):
-    """Watches every loop that it makes."""
+    """Watches every loop that it makes; lags go to the file at once, so that the console's memory is its own."""
 
-    def __init__(self) -> None:
+    def __init__(self, lags: TextIO) -> None:
         super().__init__()
-        self.lags: list[tuple[float, float]] = []
+        self._lags = lags
 
     def new_event_loop(self) -> asyncio.AbstractEventLoop:
         """The usual loop, watched."""
@@ -38,17 +39,14 @@ class Probe(asyncio.DefaultEventLoopPolicy):
             answered, asked_s = threading.Event(), time.monotonic()
             try:
                 loop.call_soon_threadsafe(answered.set)
-            except RuntimeError:  # closed meanwhile
+                if answered.wait(10.0):
+                    self._lags.write(f"{asked_s:.4f} {(time.monotonic() - asked_s) * 1000:.3f}\n")
+            except (RuntimeError, ValueError):  # loop or file closed meanwhile
                 return
-            if answered.wait(10.0):
-                self.lags.append((asked_s, (time.monotonic() - asked_s) * 1000))
 
 
 if __name__ == "__main__":  # the session's processes load this file again when they are spawned
-    probe = Probe()
-    asyncio.set_event_loop_policy(probe)
     file, sys.argv = Path(sys.argv[1]), ["rleex", *sys.argv[2:]]
-    try:
+    with file.open("w", encoding="ascii") as lags:
+        asyncio.set_event_loop_policy(Probe(lags))
         main()
-    finally:
-        file.write_text("".join(f"{at_s:.4f} {lag_ms:.3f}\n" for at_s, lag_ms in probe.lags))
