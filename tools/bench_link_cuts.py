@@ -5,6 +5,7 @@ Part of `bench_two_hosts.py cuts`.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -48,13 +49,15 @@ class Found:
         return not self.held and self.armed and (not self.moving or self.outcome is not Outcome.STOPPED)
 
 
-def measure_cuts(session: TwoHosts, air: Air) -> bool:
+def measure_cuts(session: TwoHosts, air: Air, only: str) -> bool:
     """A line for each situation and cut; whether all ended as the table says."""
     print(f"{'legs':28} cut      held  armed  paused  action     moved   host stalled  as the table says")
     good = count = 0
     session.send(OperatorKind.CONFIRM_PATIENT)
     session.until(lambda now: now.patient_confirmed and bool(now.allowed), "readiness")
     for name, situation in _situations():
+        if not re.search(only, name):
+            continue
         for cut_s in CUTS_S:
             found = _found(session, air, name, situation, cut_s)
             said = found.as_said(cut_s)
@@ -92,11 +95,11 @@ def _found(session: TwoHosts, air: Air, name: str, situation: Situation | None, 
 
 def _bring(session: TwoHosts, name: str, situation: Situation | None) -> None:
     """The legs into the situation, armed. Raises InterlockError."""
+    _end_walk(session)
     if situation is POWER_ON or situation is None:
         session.settle()
         if _now(session).enabled:
-            session.send(OperatorKind.TORQUE_OFF)
-            session.until(lambda now: not now.enabled and bool(now.allowed), "torque off")
+            _power_off(session)
     else:
         stand(session)
     _arm(session)
@@ -107,6 +110,7 @@ def _bring(session: TwoHosts, name: str, situation: Situation | None) -> None:
         session.send(OperatorKind.ACT, Action.WALK_END)
         reach(session, lambda now: Action.WALK_END in {now.action, now.pending}, "the walk's end")
     elif situation is POWER_ON:
+        reach(session, lambda now: Action.INITIALISE in now.allowed, "legs at rest")
         session.send(OperatorKind.ACT, Action.INITIALISE)
         reach(session, lambda now: now.action is Action.INITIALISE and now.progress > MIDDLE, "the way to standing")
     else:
@@ -116,6 +120,22 @@ def _bring(session: TwoHosts, name: str, situation: Situation | None) -> None:
         session.until(lambda now: now.effect >= Effect.HOLD and now.action is None, "hold")
         session.settle()
         _arm(session)
+
+
+def _end_walk(session: TwoHosts) -> None:
+    """A walk outlives a short cut."""
+    if _now(session).action is Action.WALK:
+        session.send(OperatorKind.ACT, Action.WALK_END)
+        session.until(lambda now: now.action is None, "the walk's end")
+
+
+def _power_off(session: TwoHosts) -> None:
+    for _ in range(2):
+        session.send(OperatorKind.STOP)
+    session.until(lambda now: now.effect is Effect.DAMP, "damping")
+    session.send(OperatorKind.TORQUE_OFF)
+    session.until(lambda now: not now.enabled, "torque off")
+    session.settle()
 
 
 def _arm(session: TwoHosts) -> None:

@@ -43,7 +43,7 @@ def session_over(joints_namespace: str, *prefix: str) -> Iterator[TwoHosts]:
             yield session
 
 
-def measure_stop(joints: str, air: Air, presses: int) -> None:
+def measure_stop(joints: str, air: Air, asked: argparse.Namespace) -> None:
     """Press to acknowledged by control, at rest, for each loss and delay."""
     print("loss  one way  jitter     n   median      90 %       worst   (ms, press → acknowledged by control)")
     with session_over(joints) as session:
@@ -55,7 +55,7 @@ def measure_stop(joints: str, air: Air, presses: int) -> None:
                 session.settle()
                 air.loss, air.delay_s, air.jitter_s = loss, delay_s, jitter_s
                 session.go_on(1.0)
-                took_ms = [1000 * one for one in _presses(session, air, presses)]
+                took_ms = [1000 * one for one in _presses(session, air, asked.presses)]
                 tenth = statistics.quantiles(took_ms, n=10, method="inclusive")[-1] if len(took_ms) > 1 else took_ms[0]
                 figures = f"{statistics.median(took_ms):8.0f}  {tenth:8.0f}  {max(took_ms):8.0f}"
                 print(f"{loss:4.0%}  {1000 * delay_s:4.0f} ms  {1000 * jitter_s:4.0f} ms  {len(took_ms):4}  {figures}")
@@ -70,15 +70,15 @@ def _presses(session: TwoHosts, air: Air, presses: int) -> Iterator[float]:
         air.loss, air.delay_s, air.jitter_s = poor
 
 
-def cuts(joints: str, air: Air, _: int) -> None:
+def cuts(joints: str, air: Air, asked: argparse.Namespace) -> None:
     """Judge every cut; exit status 1 when one ended otherwise than the table says."""
     air.loss = air.jitter_s = 0.0
     with session_over(joints) as session:
-        if not measure_cuts(session, air):
+        if not measure_cuts(session, air, asked.only):
             sys.exit(1)
 
 
-def measure_flood(joints: str, air: Air, _: int) -> None:
+def measure_flood(joints: str, air: Air, _: argparse.Namespace) -> None:
     """Lateness of ticks in a quiet session, and in one whose port is flooded by packets and by malformed ones."""
     air.loss = air.jitter_s = 0.0
     quiet = _lateness(joints, lambda session: session.go_on(FLOOD_S))
@@ -130,7 +130,7 @@ def _flood(joints: str, session: TwoHosts) -> None:
     print(f"sent {sent} packets in {FLOOD_S:.0f} s, and a malformed connection for every hundredth")
 
 
-def measure_clocks(joints: str, air: Air, _: int) -> None:
+def measure_clocks(joints: str, air: Air, _: argparse.Namespace) -> None:
     """The joints' clocks an hour ahead: the printed offset and uncertainty, and the age of what crosses the link."""
     air.loss = air.jitter_s = 0.0
     hour = str(HOUR_S)
@@ -150,7 +150,7 @@ def measure_clocks(joints: str, air: Air, _: int) -> None:
         print(f"STOP acknowledged after {took_s * 1000:.0f} ms")
 
 
-def measure_demo(joints: str, air: Air, _: int) -> None:
+def measure_demo(joints: str, air: Air, _: argparse.Namespace) -> None:
     """All twelve actions on one host, and over a quiet link."""
     from rich.console import Console
 
@@ -203,6 +203,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("what", choices=[*MEASURES, "all"])
     parser.add_argument("--presses", type=int, default=20, help="STOPs for each loss and delay")
+    parser.add_argument("--only", default="", help="cuts: situations whose name this expression fits, e.g. during")
     chosen = parser.parse_args()
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))  # the namespaces are taken away again
     with two_namespaces() as (laptop, joints, air):
@@ -210,7 +211,7 @@ def main() -> None:
         for name, measure in MEASURES.items():
             if chosen.what in {name, "all"}:
                 sys.stdout.flush()
-                measure(joints, air, chosen.presses)
+                measure(joints, air, chosen)
 
 
 if __name__ == "__main__":
