@@ -192,8 +192,9 @@ HostFactory = Callable[[SessionSetup], Host]
 
 # numpy with the drawing of pictures; the messages of the palette.
 _LATER = ("app.console.widgets.halfblock", "textual.fuzzy")
-# Young, middle, old: a collection stops all threads. What a session makes after `gc_freeze` is some 70,000 objects, which
-# take 40 to 90 ms every two or three minutes; the more rarely, the more of a drawn screen's cycles pile up, 2 MB a minute.
+# Young, middle, old: a collection stops all threads. What a session makes after `gc_freeze` is some 70,000 objects,
+# which take 40 to 90 ms every two or three minutes; the more rarely, the more cycles of drawn lines pile up, 2 MB a
+# minute.
 _RARELY = (5_000, 20, 10)
 _AS_USUAL = gc.get_threshold()
 

@@ -15,8 +15,9 @@ from textual.strip import Strip
 from textual.widget import Widget
 
 from app.console.review_data import Instant, ReviewedSession, Span, visible
-from app.console.widgets.panel import padded
+from app.console.widgets.panel import cells, padded
 from app.console.widgets.patient_trend import BARS
+from app.ipc.states import Effect, GaitState
 from app.text.catalogue import tr
 from app.text.recorded import render_recorded
 from hal.joints.protocol import Joint
@@ -29,6 +30,9 @@ ANGLE_RANGE_RAD = (-0.5, 2.0)  # hip extension in walking to a knee that sits
 NEAREST_S = 2.0  # the whole width at the strongest zoom
 LANES = ("time", "state", "gesture", "press", "knee_left", "knee_right", "effect", "events")
 MARKS = {"grave": "■", "caution": "▲", "": "·"}
+
+STATES = {state.value: state for state in GaitState}
+EFFECTS = {effect.name.lower(): effect for effect in Effect}
 
 
 class Timeline(Widget):
@@ -156,10 +160,7 @@ class Timeline(Widget):
             first = max(self._column(span.begin_s), 0)
             last = min(self._column(span.end_s), self._columns - 1)
             style = Style(color=text_colour, bgcolor=shades[number % 2])
-            label = sanitize_terminal(span.label)
-            for column in range(first, last + 1):
-                place = column - first
-                row[column] = (label[place] if place < len(label) else " ", style)
+            row[first : last + 1] = [(cell, style) for cell in _in_cells(as_text(span.label), last + 1 - first)]
         return row
 
     def _angles(self, session: ReviewedSession, joint: Joint) -> list[tuple[str, Style]]:
@@ -187,6 +188,19 @@ class Timeline(Widget):
         return row
 
 
+def as_text(recorded: str) -> str:
+    """A recorded state or effect in the language in use; whatever else as it was recorded."""
+    for codes in (STATES, EFFECTS):
+        if recorded in codes:
+            return tr(codes[recorded])
+    return sanitize_terminal(recorded)
+
+
+def _in_cells(text: str, width: int) -> list[str]:
+    """The text, filled or cut to so many cells; the second cell of a wide character is empty."""
+    return [part for letter in padded(text, width) for part in (letter, "")[: cells(letter)]]
+
+
 def about(instant: Instant, comments: list[Comment]) -> Text:
     """Everything about one moment."""
     minutes, seconds = divmod(instant.at_s, 60)
@@ -200,7 +214,7 @@ def about(instant: Instant, comments: list[Comment]) -> Text:
     )
     for name, value in rows:
         text.append(f"{tr(f'reviewing.{name}')}: ", "dim")
-        text.append(f"{sanitize_terminal(value) or '–'}\n")
+        text.append(f"{as_text(value) or '–'}\n")
     if instant.joints is not None:
         _add_joints(text, instant)
     text.append("\n")
