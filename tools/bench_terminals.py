@@ -41,7 +41,8 @@ from tools.pty_program import PtyProgram
 
 COLUMNS, ROWS = 120, 36
 ESCAPE = b"\x1b"
-INSTALLED = {"posting", "harlequin"}
+# What each is installed with: posting 2.11 crashes with tree-sitter 0.26.
+INSTALLED = {"posting": ("posting", "tree-sitter<0.26"), "harlequin": ("harlequin",)}
 SETTLE_S = 3.0  # after the first paint: what loads in the background has loaded
 FIGURES = {"first_paint_s": "first paint, s", "key_ms": "key p95, ms", "rest": "CPU at rest, %", "live": "CPU live, %"}
 
@@ -149,7 +150,9 @@ def install(name: str, folder: Path) -> None:
     """A program in an environment of its own: two of them in one don't agree on a Textual."""
     if not (folder / name / "bin" / name).exists():
         subprocess.run([sys.executable, "-m", "venv", str(folder / name)], check=True)
-        subprocess.run([str(folder / name / "bin" / "python"), "-m", "pip", "install", "-q", name], check=True)
+        subprocess.run(
+            [str(folder / name / "bin" / "python"), "-m", "pip", "install", "-q", *INSTALLED[name]], check=True
+        )
 
 
 def furnish(home: Path) -> None:
@@ -190,7 +193,7 @@ def main() -> None:
         venv = options.venv or home / "venv"
         known = subjects(home, venv)
         wanted = {name: one for name, one in known.items() if not options.only or name in {"rleex", *options.only}}
-        for name in INSTALLED & wanted.keys():
+        for name in INSTALLED.keys() & wanted.keys():
             install(name, venv)
         there = {name: one for name, one in wanted.items() if shutil.which(one.command[0])}
         for name in wanted.keys() - there.keys():

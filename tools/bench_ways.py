@@ -39,7 +39,10 @@ Steps = tuple[tuple[str, str], ...]  # what the screen says, and the key whose t
 
 def _said(key: str) -> str:
     """The part of a text that holds no value, as the screen shows it."""
-    return max(tr(key, **dict.fromkeys(("confirm", "arm", "act", "stop", "name", "checks"), "\0")).split("\0"), key=len)
+    return max(
+        tr(key, **dict.fromkeys(("confirm", "arm", "act", "stop", "name", "checks", "order"), "\0")).split("\0"),
+        key=len,
+    )
 
 
 def first_step() -> Steps:
@@ -63,14 +66,14 @@ def why() -> Steps:
 
 def end() -> Steps:
     """From a session to its summary, saved."""
-    return (("", "e"), (tr("end.title"), "y"), (_said("after.title"), CTRL_S), (tr("patients.title"), CTRL_Q))
+    return (("", "e"), (tr("end.title"), "y"), (_said("after.title"), CTRL_S), (_said("patients.title"), CTRL_Q))
 
 
 def new_patient() -> Steps:
     """Out of the session that opened, a name of three letters, all else as it is proposed."""
     letters = tuple(("", letter) for letter in IDENTIFIER)
-    opened = ((_said("guide.confirm"), "e"), (_said("after.title"), CTRL_S), (tr("patients.title"), "n"))
-    return (*opened, (tr("form.title_new"), ""), *letters, ("", CTRL_S), (tr("patients.title"), ""))
+    opened = ((_said("guide.confirm"), "e"), (_said("after.title"), CTRL_S), (_said("patients.title"), "n"))
+    return (*opened, (tr("form.title_new"), ""), *letters, ("", CTRL_S), (_said("patients.title"), ""))
 
 
 @dataclass(frozen=True, slots=True)
