@@ -2,7 +2,7 @@
 
 `python tools/bench_terminals.py [--rounds 7] [--seconds 10] [--presses 20] [--venv DIR]`. posting and harlequin are
 installed from the package index, each into an environment of its own in DIR (a temporary folder unless given); btop
-is Debian's. A program that is not there is left out, and named. In each round every program runs once, one after the
+is Debian's. A program that is not there, or hangs in a round, is left out and named. In each round every program runs once, one after the
 other; a ratio is the console's figure over the other's of the same round, and what is printed is the median of the
 rounds' ratios.
 
@@ -164,16 +164,20 @@ def furnish(home: Path) -> None:
         (home / name / "config.toml").write_text(f'model = "{model}"\n{more}')
 
 
-def table(rounds: dict[str, list[dict[str, float]]]) -> Table:
+Round = dict[str, dict[str, float]]  # program → its figures
+
+
+def table(rounds: list[Round]) -> Table:
     """Medians, and the median of the console's ratios to each of the others."""
-    shown = Table("program", *FIGURES.values(), *(f"rleex ÷, {name}" for name in FIGURES.values()))
-    for name, found in rounds.items():
-        medians = [f"{statistics.median(each[figure] for each in found):.2f}" for figure in FIGURES]
-        pairs = list(zip(rounds["rleex"], found, strict=False))
+    shown = Table("program", "rounds", *FIGURES.values(), *(f"rleex ÷, {name}" for name in FIGURES.values()))
+    for name in dict.fromkeys(name for one in rounds for name in one):
+        found = [(one["rleex"], one[name]) for one in rounds if name in one]
+        medians = [f"{statistics.median(each[figure] for _, each in found):.2f}" for figure in FIGURES]
         ratios = [
-            statistics.median(ours[figure] / max(each[figure], 1e-9) for ours, each in pairs) for figure in FIGURES
+            statistics.median(ours[figure] / max(each[figure], 1e-9) for ours, each in found) for figure in FIGURES
         ]
-        shown.add_row(name, *medians, *(("",) * len(FIGURES) if name == "rleex" else [f"{one:.2f}" for one in ratios]))
+        more = ("",) * len(FIGURES) if name == "rleex" else [f"{one:.2f}" for one in ratios]
+        shown.add_row(name, str(len(found)), *medians, *more)
     return shown
 
 
@@ -198,11 +202,17 @@ def main() -> None:
         there = {name: one for name, one in wanted.items() if shutil.which(one.command[0])}
         for name in wanted.keys() - there.keys():
             Console(stderr=True).print(f"{name} is not installed and is left out")
-        rounds: dict[str, list[dict[str, float]]] = {name: [] for name in there}
+        rounds: list[Round] = []
         for number in range(options.rounds):
+            rounds.append({})
             for name, subject in there.items():
                 Console(stderr=True).print(f"round {number + 1} of {options.rounds}: {name}")
-                rounds[name].append(measure(subject, options.seconds, options.presses))
+                try:
+                    rounds[-1][name] = measure(subject, options.seconds, options.presses)
+                except TimeoutError as error:
+                    if name == "rleex":
+                        raise
+                    Console(stderr=True).print(f"{name} is left out of this round: {error}")
     Console(width=200).print(table(rounds))
     if options.json:
         options.json.write_text(json.dumps(rounds, indent=2))
