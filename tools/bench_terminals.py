@@ -2,9 +2,9 @@
 
 `python tools/bench_terminals.py [--rounds 7] [--seconds 10] [--presses 20] [--venv DIR]`. posting and harlequin are
 installed from the package index, each into an environment of its own in DIR (a temporary folder unless given); btop
-is Debian's. A program that is not there, or hangs in a round, is left out and named. In each round every program runs once, one after the
-other; a ratio is the console's figure over the other's of the same round, and what is printed is the median of the
-rounds' ratios.
+is Debian's. A program that is not there, or hangs in a round, is left out and named. In each round every program runs
+once, one after the other; a ratio is the console's figure over the other's of the same round, and what is printed is
+the median of the rounds' ratios.
 
 first paint: from the start to the first text of the program's own. key: from the byte of a key that opens a page to
 text that only this page shows; p95 of a round's presses. CPU: of the program's own process, in per cent of a core; at
