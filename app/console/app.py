@@ -20,6 +20,7 @@ from textual.css.query import NoMatches
 from textual.driver import Driver
 from textual.drivers.linux_driver import LinuxDriver
 from textual.screen import Screen
+from textual.timer import Timer
 
 from app.console import keys
 from app.console.ending import Ending
@@ -49,6 +50,7 @@ from logs.records import ProcessEnd, SignOut
 from profiles.schema import Profile
 
 TICK_S = 0.05  # the console's beat; control calls it silent after 0.2 s
+REST_TICK_S = 0.2  # without a session: a list of patients that nobody touches costs next to nothing
 
 
 class ConsoleApp(SessionFlow):
@@ -98,6 +100,8 @@ class ConsoleApp(SessionFlow):
         self._loop_of_console: asyncio.AbstractEventLoop | None = None
         self._ending = Ending(self._lose_console, self._ask_to_end, self._restore_terminal)
         self._idle = Idle(touched_s=time.monotonic(), limit_s=config.idle_lock_s)
+        self._beat: Timer | None = None
+        self._beat_s = 0.0
 
     def get_driver_class(self) -> type[Driver]:
         """The terminal's driver, with STOP taken out of the input first."""
@@ -121,7 +125,7 @@ class ConsoleApp(SessionFlow):
         self._loop_of_console = asyncio.get_running_loop()
         if self._terminal is not None:
             self._ending.on_signals()
-        self.set_interval(TICK_S, self._tick)
+        self._set_beat(REST_TICK_S)
         if self._profile is not None and self.read_only:
             await self.begin_session(self._profile, self.config)  # who only watches moves nobody: no sign-in
             return
@@ -257,8 +261,15 @@ class ConsoleApp(SessionFlow):
 
         self.push_screen(ReviewScreen(self.home))
 
+    def _set_beat(self, period_s: float) -> None:
+        if period_s != self._beat_s:
+            if self._beat is not None:
+                self._beat.stop()
+            self._beat, self._beat_s = self.set_interval(period_s, self._tick), period_s
+
     def _tick(self) -> None:
         state, live = None, self.live  # a tick may end the session
+        self._set_beat(REST_TICK_S if live is None else TICK_S)
         if live is not None and not live.closed:
             known = live.state
             before = known.processes
