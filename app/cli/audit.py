@@ -42,14 +42,17 @@ KeyOption = Annotated[
 
 @cli.command()
 def verify(
-    files: Annotated[list[Path] | None, typer.Argument(help="Trails or folders; none: the home's.")] = None,
+    files: Annotated[
+        list[Path] | None, typer.Argument(help="Trails, folders or names of sessions, or last; none: the home's.")
+    ] = None,
     key: KeyOption = None,
     copies: Annotated[Path | None, typer.Option(help="Mirror of the checkpoints.")] = None,
     json: Annotated[Path | None, typer.Option(callback=check_output, help="Write the findings here, too.")] = None,
     home: HomeOption = None,
 ) -> None:
     """Prove that nothing was changed, cut or added. Exit status: 0 sound, 1 tampered or cut, 2 unreadable."""
-    paths = files or [find_home(home).logs]
+    logs = find_home(home).logs
+    paths = [_place_of(one, logs) for one in files] if files else [logs]
     # Each place by its own console's keys: the trails of two computers are signed by two.
     evidence = [evidence_of([path], key, copies, home) for path in paths]
     with _reading_progress(paths) as progress:
@@ -64,6 +67,12 @@ def verify(
     if json is not None:
         _write_findings(json, findings, joins, status)
     raise typer.Exit(status)
+
+
+def _place_of(given: Path, logs: Path) -> Path:
+    """A path as it is; what can only be a session's name, as every other command takes it. Raises AuditError."""
+    is_name = len(given.parts) == 1 and not given.suffix and not given.exists()
+    return find_session(logs, str(given)) if is_name else given
 
 
 @cli.command()

@@ -55,6 +55,14 @@ def test_verify_ends_with_0_1_or_2(home: Path) -> None:
     assert audit("verify", "--home", str(home / "keys"))[0] == 2
 
 
+def test_verify_takes_a_session_by_name_as_all_others_do(home: Path) -> None:
+    for named in ("last", "s1", "s"):
+        status, said = audit("verify", named, "--home", str(home))
+        assert (status, "s1.jsonl" in said) == (0, True)
+    status, said = audit("verify", "20990101", "--home", str(home))
+    assert (status, "20990101" in said) == (2, True)
+
+
 def test_verify_takes_the_key_that_is_given(home: Path, tmp_path: Path) -> None:
     exported = tmp_path / "exported.pub"
     assert audit("key", "--home", str(home), "-o", str(exported))[0] == 0
