@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 from msgspec.structs import replace
 
 from app.control.inputs import Settings
-from app.control.requests import STOPS, admits
+from app.control.requests import admits
 from app.control.step import END_HOLD_NS, UNATTENDED_DAMP_NS
-from app.ipc.messages import OperatorCommand, OperatorKind
+from app.ipc.messages import STOP_KINDS, OperatorCommand, OperatorKind
 from app.ipc.states import ConsoleChange, Effect, Event, GaitState
 from app.motion.follower import Mode
 from hal.joints.protocol import DriveState
@@ -57,10 +57,10 @@ def test_the_lease_only_grows_and_an_earlier_console_is_never_heard_again_but_fo
     lease, sequence = 1, 0
     for command in commands:
         heard = admits(lease, sequence, command)
-        if heard and command.kind not in STOPS:
+        if heard and command.kind not in STOP_KINDS:
             assert command.lease >= lease
             assert command.lease == lease or command.kind is OperatorKind.TAKE_OVER
-        if command.kind in STOPS and command.lease != lease:
+        if command.kind in STOP_KINDS and command.lease != lease:
             assert heard, "everybody may stop"
         if heard and command.lease >= lease and command.kind is OperatorKind.TAKE_OVER:
             lease, sequence = command.lease, command.sequence
