@@ -125,11 +125,9 @@ class WatchedSession(ABC):
 
         return self.until(towards, "walking")
 
-    def kept(self, state: GaitState, since_ns: int) -> set[GaitState]:
-        """What the gait state may be since then if nothing was commanded: a guardian that damped the legs for a control
-        that its host kept waiting lets them sink away from their pose."""
-        damped = any(at_ns >= since_ns and name == Effect.DAMP.name for at_ns, name in self.effects)
-        return {state, GaitState.BETWEEN} if damped else {state}
+    def damped_since(self, since_ns: int) -> bool:
+        """Whether the legs were damped, as by a guardian whose control the host keeps waiting: their pose is lost."""
+        return any(at_ns >= since_ns and name == Effect.DAMP.name for at_ns, name in self.effects)
 
     def settle(self) -> ControlSnapshot:
         """Acknowledge whatever holds the legs, until actions are allowed again."""

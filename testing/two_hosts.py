@@ -25,13 +25,14 @@ UNATTENDED_S = 60.0
 class TwoHosts(WatchedSession):
     """The laptop's end; its console is this process. Control's snapshots come over the link."""
 
-    def __init__(self, home: Path, host: str, *, perception: bool = False, model: str = "") -> None:
+    def __init__(self, home: Path, host: str, joints_pid: int, *, perception: bool = False, model: str = "") -> None:
+        """joints_pid: of `rleex joints`."""
         config = Config(joints=JointsConfig(host=host), model=model, unattended_s=UNATTENDED_S)
         self.setup = make_setup(Home(home), config, DEMO_PATIENT, demonstration(Home(home), config.joints, "bench"))
         self.console = SessionHost(self.setup, without=frozenset() if perception else frozenset({"perception"}))
         self.latest: Latest | None = None
         self.link: LinkHealth | None = None
-        self.joints_pid = 0  # of `rleex joints`
+        self.joints_pid = joints_pid
         self._health = LatestReceiver(address(self.setup.links, streams.LINK.name), LinkHealth)
         super().__init__(self.setup.links)
 
@@ -94,8 +95,7 @@ def two_hosts(
     with joints_process(Home(joints), port, prefix=prefix) as process:
         wait_for(host, lambda: process.poll() is None)
         pair_both(Home(laptop), Home(joints), host)
-        session = TwoHosts(laptop, host, perception=perception)
-        session.joints_pid = process.pid
+        session = TwoHosts(laptop, host, process.pid, perception=perception)
         try:
             session.console.start()
             session.until(lambda now: bool(now.allowed or now.why_not), "control's snapshot over the link")

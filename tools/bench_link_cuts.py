@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 from app.ipc.messages import ControlSnapshot, OperatorKind
 from app.ipc.states import Action, Effect, Event, Outcome
+from app.ipc.streams import OPERATOR
 from app.link.beats import LOST_NS
 from testing.tunnel import Air
 from testing.two_hosts import TwoHosts
@@ -18,6 +19,7 @@ from tools.bench_stop import MIDDLE, SITUATIONS, InterlockError, Situation, go, 
 
 CUTS_S = (0.1, 0.5, 1.0, 2.0, 10.0)
 LOST_S = LOST_NS / 1e9
+PAUSED_S = OPERATOR.stale_ms / 1000  # a console's silence until it pauses the legs
 WATCH_S = 0.5  # after the link is back
 STILL_RAD = 0.03  # 1.7°: simulated joints under their weight, and their noise
 UNPOWERED, BETWEEN = "unpowered", "between"
@@ -46,7 +48,10 @@ class Found:
             return False
         if cut_s > LOST_S:
             return self.held and not self.armed
-        return not self.held and self.armed and (not self.moving or self.outcome is not Outcome.STOPPED)
+        if self.held or not self.armed:
+            return False
+        paused = not self.moving or cut_s < PAUSED_S or self.paused
+        return paused and (not self.moving or self.outcome in {Outcome.COMPLETED, Outcome.RUNNING})
 
 
 def measure_cuts(session: TwoHosts, air: Air, only: str) -> bool:

@@ -192,15 +192,14 @@ HostFactory = Callable[[SessionSetup], Host]
 
 # numpy with the drawing of pictures; the messages of the palette.
 _LATER = ("app.console.widgets.halfblock", "textual.fuzzy")
-# Young, middle, old: a collection stops all threads. What a session makes after `gc_freeze` is some 70,000 objects,
-# which take 40 to 90 ms every two or three minutes; the more rarely, the more cycles of drawn lines pile up, 2 MB a
-# minute.
+# Young, middle, old: a full collection stops all threads, so it comes fourteen times more rarely than by default; at
+# seventy times, the cycles of drawn lines pile up (`tools/bench_control.py --console` prints the memory's growth).
 _RARELY = (5_000, 20, 10)
 _AS_USUAL = gc.get_threshold()
 
 
 def reduce_gc() -> None:
-    """Look for garbage some hundred times more rarely. Undone by `restore_gc`."""
+    """Look for garbage fourteen times more rarely. Undone by `restore_gc`."""
     gc.set_threshold(*_RARELY)
 
 

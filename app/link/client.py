@@ -182,8 +182,7 @@ class LinkClient:
                 self._heartbeat_ns = command.sent_ns
             return
         if command.kind in STOP_KINDS:
-            mark = mark_of(command)
-            self._stops[command.lease, command.sequence] = mark
+            self._stops[command.lease, command.sequence] = mark_of(command)
             if self._remote is not None:
                 self._send_packet(self._remote, time.monotonic_ns())  # at once, not with the next one
         if not self._outbox.add(command):

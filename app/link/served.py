@@ -31,7 +31,7 @@ from app.link.clock import ClockEstimate
 from app.link.faults import LinkFault, LinkNotice
 from app.link.order import Inbox
 from app.link.times import localized
-from app.link.wire import KIND_OF, SessionRequest, StopMark, mark_of
+from app.link.wire import SessionRequest, StopMark, mark_of
 from app.session.host import SessionHost, make_setup
 from app.session.shared import held_session
 from app.system.config import Config, SessionSetup
@@ -151,9 +151,7 @@ class ServedSession:
     def hand_stops(self, stops: Iterable[StopMark], clock: ClockEstimate, now_ns: int) -> None:
         """STOPs that came by packet: each once, whether its frame came before or comes later."""
         for stop in stops:
-            command = OperatorCommand(
-                lease=stop.lease, sequence=stop.sequence, kind=KIND_OF[stop.spoken], sent_ns=stop.sent_ns
-            )
+            command = OperatorCommand(lease=stop.lease, sequence=stop.sequence, kind=stop.kind, sent_ns=stop.sent_ns)
             self._hand(localized(command, clock), now_ns)
 
     def hand_heartbeat(self, heartbeat_ns: int, lease: int, clock: ClockEstimate) -> None:

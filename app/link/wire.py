@@ -22,7 +22,7 @@ from app.ipc.messages import (
 from logs.reason import Reason
 from profiles.schema import Profile
 
-VERSION = 1  # of the messages here and of those that they carry; another one is refused
+VERSION = 2  # of the messages here and of those that they carry; another one is refused
 PORT = 7447
 FRAMES_IN_FLIGHT = 6  # more would be a backlog after a cut: what is newer replaces what could not be sent
 COMMANDS_A_FRAME = 16
@@ -98,10 +98,12 @@ class StopMark(Struct, frozen=True, array_like=True):
     lease: int
     sequence: int
     sent_ns: int
-    spoken: bool = False  # VOICE_STOP, which holds and never damps
+    spoken: bool = False
 
-
-KIND_OF = {False: OperatorKind.STOP, True: OperatorKind.VOICE_STOP}
+    @property
+    def kind(self) -> OperatorKind:
+        """A spoken STOP holds and never damps."""
+        return OperatorKind.VOICE_STOP if self.spoken else OperatorKind.STOP
 
 
 def mark_of(command: OperatorCommand) -> StopMark:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from enum import Enum
 
 from rich.segment import Segment
 from rich.style import Style
@@ -31,8 +32,10 @@ NEAREST_S = 2.0  # the whole width at the strongest zoom
 LANES = ("time", "state", "gesture", "press", "knee_left", "knee_right", "effect", "events")
 MARKS = {"grave": "■", "caution": "▲", "": "·"}
 
-STATES = {state.value: state for state in GaitState}
-EFFECTS = {effect.name.lower(): effect for effect in Effect}
+CODES: dict[str, Enum] = {
+    **{state.value: state for state in GaitState},
+    **{effect.name.lower(): effect for effect in Effect},
+}  # as a trail holds them
 
 
 class Timeline(Widget):
@@ -190,10 +193,7 @@ class Timeline(Widget):
 
 def as_text(recorded: str) -> str:
     """A recorded state or effect in the language in use; whatever else as it was recorded."""
-    for codes in (STATES, EFFECTS):
-        if recorded in codes:
-            return tr(codes[recorded])
-    return sanitize_terminal(recorded)
+    return tr(CODES[recorded]) if recorded in CODES else sanitize_terminal(recorded)
 
 
 def _in_cells(text: str, width: int) -> list[str]:

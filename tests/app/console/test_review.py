@@ -14,11 +14,10 @@ from app.console.app import ConsoleApp
 from app.console.review_data import ReviewedSession, comments_on, comments_path, open_session
 from app.console.screens.patients import PatientsScreen
 from app.console.screens.review import ChooseSession, ReviewScreen, WriteComment
-from app.console.widgets.timeline import LANES, Timeline
+from app.console.widgets.timeline import LANES, Timeline, about
 from app.ipc.states import GaitState
 from app.system.config import Config
 from app.system.paths import Home
-from app.text.catalogue import tr
 from logs.errors import AuditError, AuditFault
 from logs.keys import by_fingerprint, known_keys
 from logs.read import NOT_A_RECORD
@@ -158,11 +157,16 @@ def test_a_note_of_the_sample_is_among_the_records(session: ReviewedSession) -> 
     assert any(isinstance(record, Record) and isinstance(record.body, Note) for record in notes)
 
 
-async def test_recorded_states_are_told_in_the_language_in_use(home: Home) -> None:
+async def test_recorded_states_are_told_in_the_language_in_use(home: Home, session: ReviewedSession) -> None:
     app = ConsoleApp(home, Config(language="zh"))
     async with app.run_test(size=(120, 36)) as pilot:
         await opened(app, pilot, ReviewScreen(home, "last"))
-        await until(pilot, lambda: tr(GaitState.STANDING) in screen_text(app))
+        await until(pilot, lambda: "SOUND" in screen_text(app) or "完好" in screen_text(app))
         timeline = app.screen.query_one(Timeline)
+        states = timeline.render_line(LANES.index("state")).text
+        assert "站立" in states
+        assert GaitState.STANDING.value not in states
+        standing = next(span for span in session.lanes.state if span.label == GaitState.STANDING.value)
+        assert "状态: 站立" in about(session.instant(session.index_at(standing.begin_s)), []).plain
         widths = {timeline.render_line(lane).cell_length for lane in range(len(LANES))}
         assert widths == {timeline.size.width}

@@ -135,7 +135,7 @@ def test_a_process_without_the_key_moves_nothing_and_is_recorded(session: RealSe
     finally:
         for one in foreign:
             one.close()
-    assert now.state in session.kept(before.state, before.at_ns)
+    assert now.state is before.state or session.damped_since(before.at_ns)
     assert (now.action, now.steps) == (None, 0)
     assert (now.refusal_count, now.ignored_count) == (before.refusal_count, before.ignored_count)
     session.finish()
@@ -205,8 +205,9 @@ def test_a_session_is_taken_over_in_standing_and_in_mid_step_by_one_console_at_a
     session.until(lambda s: Event.CONSOLE_TIMEOUT in {event.event for event in s.events}, "the console's silence")
     session.take_over()
     taken = session.until(lambda s: s.lease == 2, "the takeover")
-    assert taken.effect >= Effect.HOLD
-    assert taken.state in session.kept(GaitState.STANDING, before.at_ns)
+    damped = session.damped_since(before.at_ns)
+    assert taken.effect is (Effect.DAMP if damped else Effect.HOLD)
+    assert taken.state is GaitState.STANDING or damped
     session.walk(steps=1)
     session.leave()
     held = session.until(lambda s: s.effect >= Effect.HOLD and s.action is None, "hold")
