@@ -8,8 +8,8 @@ tracker looked beside the hand. That costs the next frame, so it is done for nea
 after it.
 
 MediaPipe's palm detector misses some hands in plain sight, near ones and folded ones above all, and finds most of
-them in the same image made smaller or turned by 25° (docs: gestures). A frame has time for one view only, so a
-search shows another one in each frame. What finds a hand is kept until it is lost.
+them in the same image made smaller, turned by 25° or made brighter (docs: gestures). A frame has time for one view
+only, so a search shows another one in each frame. What finds a hand is kept until it is lost.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cache
 
 import cv2
 import numpy as np
@@ -28,7 +29,7 @@ from kgdfa.preprocess import Image
 PATIENCE_FRAMES = 2  # without a hand before the search begins, plainly: the plain image finds most that come
 # Of the image's height. A longer palm is shown smaller, at this size: an adult's nearer than 27 cm to the usual lens.
 LARGEST_PALM = 0.30
-SOUGHT_PALM = 0.22  # a lost hand's: the palm detector finds near hands at no larger size
+SOUGHT_PALM = 0.27  # a lost hand's: the palm detector finds near hands at no larger size
 GROWING_AGAIN = 1.1  # from frame to frame, from the one size to the other
 STEADY_FROM = 0.95  # so little is not worth showing smaller
 # From frame to frame 5-17, beside all keypoints' spread, narrows by less, but for hands that turn edge on: of 28 that
@@ -36,15 +37,24 @@ STEADY_FROM = 0.95  # so little is not worth showing smaller
 LEAST_NARROWING = 0.80
 LOOK_FRAMES = 6  # from one untracked detection to the next, at least: as many as a push of 0.3 s is near in
 MOST_GROWTH = 1.35  # from frame to frame: a push of 0.3 s from 36 cm, 30 frames per second, makes it grow by 1.3
+NEAR_FRAMES = 3  # in which a hand just lost is sought at the size that it had: as many as end a press
+BRIGHTER = (
+    0.5  # exponent of a pixel's share of white: dark skin stands out from a dark room, light skin stays below white
+)
 SHRUNK = 2  # a view has half the image's pixels each way: more cost time, and the landmark model sees 224
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class View:
-    """How an image is shown, in half its pixels each way: scaled and turned about its middle, edge pixels repeated."""
+    """How an image is shown, in half its pixels each way: scaled and turned about its middle.
+
+    gamma: exponent of each pixel's share of white. black: what surrounds the image, instead of its edge pixels.
+    """
 
     scale: float = 1.0
     turn_deg: float = 0.0
+    gamma: float = 1.0
+    black: bool = False
 
 
 FULL_VIEW = View()
@@ -55,7 +65,10 @@ REDETECTION_VIEWS = (
     View(scale=0.8, turn_deg=-25),
     View(scale=0.6),
 )
-_NEXT_TURN = {0.0: 25.0, 25.0: -25.0, -25.0: 0.0}
+# A near hand just lost is shown plainly first, and then in these, in turn. Of untracked digital hands at 14.5 to 19 cm
+# half are found plainly and 92 % turned, brighter and surrounded with black, as MediaPipe's own crops are; photos of
+# hands farther away gain nothing by black.
+NEAR_VIEWS = tuple(View(turn_deg=turn_deg, gamma=BRIGHTER, black=True) for turn_deg in (25, 0, -25))
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,28 +95,42 @@ def render_view(image_bgr: Image, view: View) -> tuple[Image, FloatArray]:
         return image_bgr, np.eye(3)[:2]
     height, width = image_bgr.shape[:2]
     size = (max(1, width // SHRUNK), max(1, height // SHRUNK))
-    return _turned(image_bgr, view, size) if view.turn_deg else _smaller(image_bgr, view.scale, size)
+    border = cv2.BORDER_CONSTANT if view.black else cv2.BORDER_REPLICATE
+    placed = _turned(image_bgr, view, size, border) if view.turn_deg else _smaller(image_bgr, view.scale, size, border)
+    shown, transform = placed
+    return (shown if view.gamma == 1.0 else np.asarray(cv2.LUT(shown, _brightened(view.gamma)), np.uint8)), transform
 
 
-def _turned(image_bgr: Image, view: View, size: tuple[int, int]) -> tuple[Image, FloatArray]:
+@cache
+def _brightened(gamma: float) -> Image:
+    return np.asarray(np.rint(255 * (np.arange(256) / 255) ** gamma), dtype=np.uint8)
+
+
+def _turned(image_bgr: Image, view: View, size: tuple[int, int], border: int) -> tuple[Image, FloatArray]:
     height, width = image_bgr.shape[:2]
     transform: FloatArray = cv2.getRotationMatrix2D((width / 2, height / 2), view.turn_deg, view.scale) / SHRUNK
-    shown = cv2.warpAffine(image_bgr, transform, size, borderMode=cv2.BORDER_REPLICATE)
+    shown = cv2.warpAffine(image_bgr, transform, size, borderMode=border)
     return np.asarray(shown, dtype=np.uint8), transform
 
 
-def _smaller(image_bgr: Image, scale: float, size: tuple[int, int]) -> tuple[Image, FloatArray]:
+def _smaller(image_bgr: Image, scale: float, size: tuple[int, int], border: int) -> tuple[Image, FloatArray]:
     """In the middle of the view; without a turn this is several times as fast as warping."""
     height, width = image_bgr.shape[:2]
     wide, high = (max(1, round(scale * side)) for side in size)
     left, top = (size[0] - wide) // 2, (size[1] - high) // 2
     small = cv2.resize(image_bgr, (wide, high), interpolation=cv2.INTER_LINEAR)
     right, bottom = size[0] - wide - left, size[1] - high - top
-    shown = cv2.copyMakeBorder(small, top, bottom, left, right, cv2.BORDER_REPLICATE)
+    shown = cv2.copyMakeBorder(small, top, bottom, left, right, border)
     x, y = wide / width, high / height
     # Pixels are named by their middle, half a pixel from their edge.
     transform = np.array([[x, 0, left + (x - 1) / 2], [0, y, top + (y - 1) / 2]])
     return np.asarray(shown, dtype=np.uint8), transform
+
+
+def _next_near(view: View) -> View:
+    """The one after this in NEAR_VIEWS, in its size."""
+    place = next((place for place, near in enumerate(NEAR_VIEWS) if replace(near, scale=view.scale) == view), -1)
+    return replace(NEAR_VIEWS[(place + 1) % len(NEAR_VIEWS)], scale=view.scale)
 
 
 @dataclass(frozen=True, slots=True)
@@ -175,7 +202,7 @@ class Redetector:
                 hands = self._look_again(image_bgr, hands[0]) or hands
                 growth = PalmGrowth.of(hands[0], self._growth)
             self._growth = growth
-        elif self._search.missing >= PATIENCE_FRAMES:
+        elif self._search.missing >= NEAR_FRAMES:
             self._growth = None
         return hands
 
@@ -185,8 +212,7 @@ class Redetector:
         self._growth = replace(self._growth, growth=1.0, shown=SOUGHT_PALM)
         hands = self._detect_in_view(image_bgr, captured_ns) if followed else ()
         if not hands:
-            turn_deg = _NEXT_TURN.get(self._search.view.turn_deg, 0.0)
-            self._search = replace(self._search, view=replace(self._search.view, turn_deg=turn_deg))
+            self._search = replace(self._search, view=_next_near(self._search.view))
             hands = self._detect_in_view(image_bgr, captured_ns)
         return hands
 

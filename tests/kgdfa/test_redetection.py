@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import pairwise
 
 import cv2
@@ -17,6 +18,7 @@ from kgdfa.redetection import (
     FULL_VIEW,
     LARGEST_PALM,
     LOOK_FRAMES,
+    NEAR_VIEWS,
     PATIENCE_FRAMES,
     REDETECTION_VIEWS,
     SOUGHT_PALM,
@@ -27,7 +29,7 @@ from kgdfa.redetection import (
     render_view,
 )
 
-PICTURE: Image = np.zeros((360, 640, 3), np.uint8)
+PICTURE: Image = np.broadcast_to((np.arange(640) // 3).astype(np.uint8)[None, :, None], (360, 640, 3))
 NEAR: Image = np.zeros((200, 640, 3), np.uint8)  # in which `palm` is a near hand's, and just not shown smaller
 views = st.builds(View, scale=st.floats(0.3, 1.0), turn_deg=st.floats(-90, 90))
 
@@ -133,10 +135,27 @@ def test_a_hand_not_found_everywhere_is_looked_for_in_a_turned_view_and_kept_in_
     assert [image is PICTURE for image, _ in follower.looks] == [True, True, True, False, False]
 
 
-def test_a_hand_that_is_gone_costs_three_detections_more_and_an_empty_room_none() -> None:
-    shown, follower = watched([False, True] + [False] * 7, 6)
+def test_a_hand_that_is_gone_costs_four_detections_more_and_an_empty_room_none() -> None:
+    shown, follower = watched([False, True] + [False] * 8, 6)
     assert shown == [False, True] + [False] * 4
-    assert follower.frames == [0, 1, 2, 2, 2, 3, 3, 4, 5]
+    assert follower.frames == [0, 1, 2, 2, 2, 3, 3, 4, 4, 5]
+
+
+def test_a_hand_just_lost_is_shown_in_each_of_the_near_views_in_turn() -> None:
+    _, follower = watched([True] + [False] * 7, 4)
+    first, second = (render_view(PICTURE, view)[0] for view in NEAR_VIEWS[:2])
+    assert [bool((follower.looks[place][0] == first).all()) for place in (3, 4, 7)] == [True] * 3
+    assert (follower.looks[5][0] == second).all()
+    assert not (first == second).all()
+
+
+def test_a_near_view_is_brighter_than_the_image_and_black_around_it() -> None:
+    grey = np.full((360, 640, 3), 64, np.uint8)
+    shown, _ = render_view(grey, replace(NEAR_VIEWS[1], scale=0.5))
+    assert shown[90, 160].tolist() == [128] * 3  # 255 times the root of 64/255
+    assert shown[2, 2].tolist() == [0] * 3
+    plain, _ = render_view(grey, View(scale=0.5))
+    assert plain[2, 2].tolist() == [64] * 3
 
 
 def test_a_hand_found_by_a_redetection_is_followed_in_that_view() -> None:

@@ -208,16 +208,21 @@ def finding(
     home: HomeOption = None,
 ) -> None:
     """What re-detection of a hand wins that the plain image misses, and what it costs."""
-    from app.evaluate.gestures import ablation
+    from app.evaluate.gestures import redetection
     from kgdfa.keypoints import HandDetector
 
-    total, empty = digital * len(POSES), ablation.empty_rooms(digital, first_seed)
+    total, empty = digital * len(POSES), redetection.empty_rooms(digital, first_seed)
     if directory is not None:
-        empty += ablation.images_without_hand(read_labels(directory), directory)
+        empty += redetection.images_without_hand(read_labels(directory), directory)
     with progress("detecting", total) as step, HandDetector(hand_model(home), still=True) as detector:
-        missed = ablation.missed_hands(detector, digital, first_seed, step)
-        measured = ablation.measure_redetection(detector, missed, empty)
-    show(ablation.redetection_table(measured, total, len(missed), len(empty)))
+        missed = redetection.missed_hands(detector, digital, first_seed, step)
+        measured = redetection.measure_redetection(detector, missed, empty)
+        near = redetection.near_hands(digital, first_seed)
+        measured_near = redetection.measure_near(detector, near, empty)
+    show(
+        redetection.redetection_table("redetection", measured, total=total, missed=len(missed), empty=len(empty)),
+        redetection.redetection_table("redetection.near", measured_near, total=len(near), empty=len(empty)),
+    )
 
 
 @cli.command()

@@ -1,15 +1,15 @@
-"""What re-detection and preprocessing win on images, and what they cost: time, false hands.
+"""What preprocessing wins on degraded images, and what it costs.
 
-Re-detection: each of its views, on digital hands that the plain view missed. Preprocessing: images are degraded in
-known ways, prepared, and classified in one plain view by the shipped rules, so that the preparation is all that
-differs. Degradation depends on the image's place in the list only, and so is the same for every preparation.
+Images are degraded in known ways, prepared, and classified in one plain view by the shipped rules, so that the
+preparation is all that differs. Degradation depends on the image's place in the list only, and so is the same for
+every preparation.
 """
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
@@ -23,16 +23,10 @@ from app.evaluate.gestures.measures import NONE, Classified
 from app.evaluate.harness import Step, mean, percent, table
 from app.evaluate.readings import NO_HAND, DetectedImage, LabelledImage
 from app.text.catalogue import tr
-from hal.cameras.digital_hand.raycast import project_px
-from hal.cameras.digital_hand.render import keypoints_m
 from hal.cameras.playback import decode_image
-from kgdfa.augmentation import AUGMENTATIONS, Augmentation, StillDetector, detect_augmented, to_image
-from kgdfa.hand import FloatArray, Hand
+from kgdfa.augmentation import AUGMENTATIONS, Augmentation, StillDetector, detect_augmented
 from kgdfa.preprocess import PREPARATIONS, Image, as_bgr8
-from kgdfa.redetection import REDETECTION_VIEWS, View, render_view
 
-EDGE_ON = 0.6  # a palm seen edge on is taken to be this share of its length wide
-RIGHT_SEGMENTS = 0.35  # keypoints off by more than this on average, in reference segments, are not of that hand
 DARK_SHARE, DARK_SD = 0.12, 4.0  # of the light that is left, and the sensor's noise in what is left, grey levels
 NOISE_SD = 28.0  # grey levels, as at the highest gain of a webcam
 BLUR_SHARE = 0.06  # of the image's longer side a moving hand is smeared over
@@ -40,91 +34,7 @@ TIMED_RUNS = 15
 _UNTURNED = Augmentation(border=0.0, size_px=1280)  # the digital hand has room around it
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class RedetectionFigures:
-    """One view: right and wrong hands in the images that the plain view missed, hands where there is none."""
-
-    view: View
-    right: int
-    wrong: int
-    false_hands: int
-    cost_ms: float
-
-
-def missed_hands(detector: StillDetector, per_pose: int, first_seed: int, step: Step) -> list[tuple[Image, FloatArray]]:
-    """Images of digital hands that the plain view misses, with their true keypoints, (21, 2) px."""
-    missed = []
-    for _, scene, seed in digital_scenes(per_pose, first_seed):
-        image, joints = image_of_scene(scene, seed), keypoints_m(scene)
-        if joints is not None and not detector.detect(image):
-            missed.append((image, project_px(joints, scene.lens)))
-        step()
-    return missed
-
-
-def empty_rooms(count: int, first_seed: int) -> list[Image]:
-    """Digital rooms without the hand."""
-    scenes = (scene for _, scene, _ in digital_scenes(count, first_seed))
-    by_room = {scene.person.room_seed: scene for scene in scenes}
-    return [image_of_scene(replace(scene, place=None), 0) for scene in by_room.values()]
-
-
-def images_without_hand(images: Iterable[LabelledImage], directory: Path) -> list[Image]:
-    """The images labelled as showing none, those that can be read."""
-    read = (decode_image(directory / one.path, cv2.IMREAD_COLOR) for one in images if one.label == NO_HAND)
-    return [as_bgr8(image) for image in read if image is not None]
-
-
-def measure_redetection(
-    detector: StillDetector, missed: list[tuple[Image, FloatArray]], empty: list[Image]
-) -> list[RedetectionFigures]:
-    """Each view of re-detection, in its order; the plain one, which is among them, finds none of the missed."""
-    return [_redetected(detector, view, missed, empty) for view in REDETECTION_VIEWS]
-
-
-def redetection_table(measured: Sequence[RedetectionFigures], total: int, missed: int, empty: int) -> Table:
-    """A row a view."""
-    rows = [
-        (
-            f"{one.view.scale:g}",
-            f"{one.view.turn_deg:g}°",
-            one.right,
-            one.wrong,
-            one.false_hands,
-            f"{one.cost_ms:.1f}",
-        )
-        for one in measured
-    ]
-    columns = "scale turned found elsewhere false_hands ms"
-    return table("redetection", columns, rows, left=0, total=total, missed=missed, empty=empty)
-
-
-def _redetected(
-    detector: StillDetector, view: View, missed: list[tuple[Image, FloatArray]], empty: list[Image]
-) -> RedetectionFigures:
-    errors = [_error(hand, truth) for image, truth in missed if (hand := _detected_in(detector, image, view))]
-    return RedetectionFigures(
-        view=view,
-        right=sum(error < RIGHT_SEGMENTS for error in errors),
-        wrong=sum(error >= RIGHT_SEGMENTS for error in errors),
-        false_hands=sum(_detected_in(detector, image, view) is not None for image in empty),
-        cost_ms=_cost_ms(lambda image: render_view(image, view)),
-    )
-
-
-def _detected_in(detector: StillDetector, image: Image, view: View) -> Hand | None:
-    shown, transform = render_view(image, view)
-    hands = detector.detect(shown)
-    return to_image(hands[0], transform) if hands else None
-
-
-def _error(hand: Hand, truth_px: FloatArray) -> float:
-    """Mean distance of the keypoints from where they are, in reference segments."""
-    across, along = (float(np.linalg.norm(truth_px[a] - truth_px[b])) for a, b in ((5, 17), (0, 9)))
-    return float(np.linalg.norm(hand.image_px - truth_px, axis=1).mean()) / max(across, EDGE_ON * along)
-
-
-def _cost_ms(work: Callable[[Image], object]) -> float:
+def cost_ms(work: Callable[[Image], object]) -> float:
     """Milliseconds on an image of 1280×720, the median of a few runs."""
     image = np.random.default_rng(0).integers(0, 255, (720, 1280, 3), dtype=np.uint8)
     spent = []
@@ -218,7 +128,7 @@ def measure_preparations(
 
 def preparation_costs() -> dict[str, float]:
     """Milliseconds that each preparation costs at 1280×720."""
-    return {name: _cost_ms(prepare) for name, prepare in PREPARATIONS.items()}
+    return {name: cost_ms(prepare) for name, prepare in PREPARATIONS.items()}
 
 
 def preparation_table(measured: Sequence[PreparationFigures], costs_ms: dict[str, float]) -> Table:

@@ -6,12 +6,20 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+import pytest
 
-from app.evaluate.gestures.ablation import empty_rooms, images_without_hand, measure_redetection, missed_hands
-from app.evaluate.readings import LabelledImage
+from app.evaluate.gestures.redetection import (
+    empty_rooms,
+    images_without_hand,
+    measure_near,
+    measure_redetection,
+    missed_hands,
+    near_hands,
+)
+from app.evaluate.readings import GESTURE_NAMES, LabelledImage
 from kgdfa.hand import Hand, Side
 from kgdfa.preprocess import Image
-from kgdfa.redetection import FULL_VIEW, REDETECTION_VIEWS
+from kgdfa.redetection import FULL_VIEW, NEAR_VIEWS, REDETECTION_VIEWS, SOUGHT_PALM
 from tests.kgdfa.hands import drawn_points
 
 
@@ -51,6 +59,30 @@ def test_hands_in_their_place_elsewhere_and_where_there_is_none_are_counted_apar
     assert (plain.right, plain.wrong) == (1, 1)
     assert plain.false_hands == 1
     assert list(measured) == list(REDETECTION_VIEWS)
+
+
+def test_a_near_hand_is_sought_in_the_size_of_its_palm() -> None:
+    points = drawn_points("ooooo")
+    scale = SOUGHT_PALM * 720 / float(np.linalg.norm(points[9] - points[0]))
+    sizes: list[int] = []
+
+    class Eye:
+        def detect(self, image_bgr: Image, captured_ns: int = 0) -> tuple[Hand, ...]:
+            sizes.append(int(np.count_nonzero(image_bgr[..., 0] > 200)))
+            return ()
+
+    square = np.zeros((720, 1280, 3), np.uint8)
+    square[310:410, 590:690] = 255
+    figures = measure_near(Eye(), [(square, points)], [])
+    assert len(figures) == 3 + len(NEAR_VIEWS)
+    assert sizes[0] == pytest.approx((100 * min(1.0, scale) / (1 if scale >= 1 else 2)) ** 2, rel=0.1)
+
+
+def test_near_hands_are_gestures_as_near_as_a_push() -> None:
+    near = near_hands(1, 20_000)
+    assert len(near) == len(GESTURE_NAMES)
+    palms_px = [float(np.linalg.norm(truth[9] - truth[0])) for _, truth in near]
+    assert min(palms_px) > 200
 
 
 def test_every_digital_hand_is_missed_by_the_blind_and_its_rooms_are_empty_without_it() -> None:
