@@ -155,17 +155,20 @@ def update_tracks(
 def _continued(
     tracks: Tracks, hands: tuple[Hand, ...], captured_ns: int, shows: dict[int, bool], enrolled: Side | None
 ) -> tuple[list[Track], list[Hand]]:
-    """Every track with its hand, the nearest pairs first; and the hands that belong to none."""
+    """Every track with its hand, the nearest pairs first; and the hands that belong to none.
+
+    A track of one frame comes last: it may be a slip of the tracker, which the hand's own track refused.
+    """
     followed, elapsed_ns = tracks.followed, captured_ns - tracks.captured_ns
     pairs = sorted(
-        (reach, place, number)
+        (track.began_ns == track.captured_ns, reach, place, number)
         for place, track in enumerate(followed)
         for number, hand in enumerate(hands)
         if (reach := _reach(hand, track.last)) <= REACH_REFERENCES + REACH_GROWTH_REFERENCES * track.lost
         and _same_hand(hand, track, captured_ns)
     )
     found: dict[int, int] = {}
-    for _, place, number in pairs:
+    for _, _, place, number in pairs:
         if place not in found and number not in found.values():
             found[place] = number
     continued = [

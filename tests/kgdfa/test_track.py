@@ -164,6 +164,17 @@ def test_a_hand_that_grows_at_once_is_another_hand() -> None:
     assert len(update_tracks(tracks, grown, 8 * FRAME_NS, RIGHT).followed) == 1  # at 10 frames a second a push does so
 
 
+def test_a_frame_in_which_the_tracker_slipped_leaves_the_hand_its_track() -> None:
+    middle = HERE.palm_centre_px
+    slipped, back = (
+        moved(replace(HERE, image_px=middle + scale * (HERE.image_px - middle)), 20) for scale in (0.55, 0.8)
+    )
+    before = after([(HERE,)] * 5, RIGHT)
+    tracks = rest_of(rest_of(before, slipped), back)
+    assert tracks.commanding is not None
+    assert (tracks.commanding.number, tracks.commanding.hand) == (before.number, back)
+
+
 def test_a_known_hand_displaces_one_that_is_not_known() -> None:
     resting = of(Side.LEFT, ELSEWHERE, 0.5)
     tracks = after([*[(resting,)] * 5, *[(resting, HERE)] * 4], RIGHT)
