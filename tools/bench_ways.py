@@ -1,9 +1,10 @@
 """Keys and seconds from `rleex run` to the first step, a new patient, 'why did it stop', and a report.
 
-`python tools/bench_ways.py [--rounds 3] [--size 120x36]`. Real processes, digital hand, simulated joints, a pseudo
-terminal. Each key is pressed as soon as the screen says that it is its turn, so the seconds are the program's and the
-legs' own; a person adds what reading and reaching take. Every key counts, letters of an identifier too; a command line
-counts as its letters and Enter.
+`[PYTHONPATH=DIR] python tools/bench_ways.py [--rounds 3] [--size 120x36]`. DIR: another checkout, its catalogues
+compiled, to measure what it took there; it needs the same keys, as 294cb3b and later ones have them. Real processes,
+digital hand, simulated joints, a pseudo terminal. Each key is pressed as soon as the screen says that it is its turn,
+so the seconds are the program's and the legs' own; a person adds what reading and reaching take. Every key counts,
+letters of an identifier too; a command line counts as its letters and Enter.
 """
 
 from __future__ import annotations
@@ -21,7 +22,8 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
-sys.path.insert(0, str(Path(__file__).parent.parent))  # run as a script, `tools` is a folder of the tree
+# Run as a script, `tools` is a folder of the tree; PYTHONPATH goes before it.
+sys.path.append(str(Path(__file__).parent.parent))
 
 from app.system.config import load_config
 from app.system.hand_model import set_up_model
@@ -30,7 +32,7 @@ from app.text.catalogue import tr
 from tools.pty_program import PtyProgram
 
 LIMIT_S = 120.0
-RLEEX = str(Path(sys.executable).with_name("rleex"))
+RLEEX = (sys.executable, "-c", "from app.cli import main; main()")
 START, REPORT = "rleex run", "rleex audit report last -o report.html"
 CTRL_Q, CTRL_S = "\x11", "\x13"
 IDENTIFIER = "P-9"
@@ -39,10 +41,8 @@ Steps = tuple[tuple[str, str], ...]  # what the screen says, and the key whose t
 
 def _said(key: str) -> str:
     """The part of a text that holds no value, as the screen shows it."""
-    return max(
-        tr(key, **dict.fromkeys(("confirm", "arm", "act", "stop", "name", "checks", "order"), "\0")).split("\0"),
-        key=len,
-    )
+    values = ("confirm", "arm", "act", "stop", "name", "checks", "order", "key", "acknowledge")
+    return max(tr(key, **dict.fromkeys(values, "\0")).split("\0"), key=len)
 
 
 def first_step() -> Steps:
@@ -61,7 +61,8 @@ def first_step() -> Steps:
 
 def why() -> Steps:
     """STOP, and the sequence of what happened with its times."""
-    return (("", " "), (tr("hold.held"), ""))
+    held = next(key for key in ("hold.held", "stop.held") if tr(key) != key)  # the second, where no sequence is shown
+    return (("", " "), (_said(held), ""))
 
 
 def end() -> Steps:
@@ -98,7 +99,7 @@ def walk(program: PtyProgram, steps: Steps) -> Taken:
 
 def started(home: Path, columns: int, rows: int) -> PtyProgram:
     """`rleex run`."""
-    return PtyProgram([RLEEX, "run", "--home", str(home)], os.environ, columns, rows)
+    return PtyProgram([*RLEEX, "run", "--home", str(home)], os.environ, columns, rows)
 
 
 def measure(home: Path, columns: int, rows: int) -> dict[str, Taken]:
@@ -110,7 +111,7 @@ def measure(home: Path, columns: int, rows: int) -> dict[str, Taken]:
     program.child.wait(LIMIT_S)
     begun = time.monotonic()
     page = home / "report.html"
-    subprocess.run([RLEEX, "audit", "report", "last", "-o", str(page), "--home", str(home)], check=True)
+    subprocess.run([*RLEEX, "audit", "report", "last", "-o", str(page), "--home", str(home)], check=True)
     report = Taken(len(REPORT) + 1, time.monotonic() - begun)
     program = started(home, columns, rows)
     patient = walk(program, new_patient())

@@ -11,6 +11,7 @@ import msgspec
 from textual.app import ComposeResult
 from textual.binding import BindingType
 from textual.containers import Horizontal, VerticalScroll
+from textual.events import Resize
 from textual.screen import Screen
 from textual.widgets import DataTable, Input, Label, Static
 
@@ -31,6 +32,7 @@ from profiles.schema import DEMO_PATIENT, Profile
 
 T = TypeVar("T")
 
+HEADED_FROM = 8  # rows of the terminal, from which the list has room for its header
 # What an observer may not do.
 CHANGES = {"new", "edit", "duplicate", "archive", "import_profile", "begin", "training", "calibrate", "vocabulary"}
 
@@ -64,6 +66,10 @@ class PatientsScreen(ConsoleScreen):
         self.fill()
         self.query_one(DataTable).focus()
 
+    def on_resize(self, event: Resize) -> None:
+        """Where there is room for one row, it is a patient's."""
+        self.query_one(DataTable).show_header = event.size.height >= HEADED_FROM
+
     def fill(self) -> None:
         """Columns, rows, and the patient that the cursor was on."""
         table = self.query_one(DataTable)
@@ -95,6 +101,7 @@ class PatientsScreen(ConsoleScreen):
         faults = [error for _, error in listing.broken] + self._read_sessions()
         broken = "\n".join(f"✗ {render(error)}" for error in faults)
         self.query_one("#broken", Static).update(broken)
+        self.query_one("#broken").display = bool(broken)
         self._fill()
 
     def _read_sessions(self) -> list[Exception]:
