@@ -174,13 +174,13 @@ class ConsoleApp(SessionFlow):
             await self._end_now()
             return
         self._leaving = True
-        self.push_screen(Question(tr("leave.title"), tr("leave.text")), self._leave_if)
+        self.push_screen(Question(lambda: tr("leave.title"), lambda: tr("leave.text")), self._leave_if)
 
     def action_help(self) -> None:
         """Help on the screen that is open."""
         screen = self.screen
         if isinstance(screen, (ConsoleScreen, Dialog)) and not isinstance(screen, HelpPage):
-            text = page(screen.HELP_PAGE, screen.active_bindings, self)
+            text = page(screen.HELP_PAGE, screen.bindings_in_force, self)
             self.push_kept(str(text), lambda: HelpPage(text))
 
     def action_command_palette(self) -> None:

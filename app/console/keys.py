@@ -30,8 +30,8 @@ EVERYWHERE = (
     _key("quit", "ctrl+q", "leave", priority=True, show=False),
     _key("lock", "ctrl+l", "lock_console", show=False),
     _key("sign_out", "f4", "sign_out", show=False, priority=True),
-    _key("theme", "f2", "next_theme", show=False),
-    _key("language", "f3", "next_language", show=False),
+    _key("theme", "f2", "next_theme", show=False, priority=True),
+    _key("language", "f3", "next_language", show=False, priority=True),
 )
 SESSION = (
     _key("confirm", "c", "confirm_patient"),

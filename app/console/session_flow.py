@@ -130,7 +130,7 @@ class SessionFlow(SignedInApp):
             if yes:
                 await self.end_session()
 
-        self.push_screen(Question(tr("end.title"), tr("end.text")), then)
+        self.push_screen(Question(lambda: tr("end.title"), lambda: tr("end.text")), then)
 
     async def end_session(self) -> None:
         """Bring the legs to rest, then ask for note and rating while the trail is still open."""

@@ -112,7 +112,7 @@ class AfterScreen(ConsoleScreen):
             if yes:
                 await self._close()
 
-        self.app.push_screen(Question(tr("form.leave_title"), tr("form.leave_text")), leave)
+        self.app.push_screen(Question(lambda: tr("form.leave_title"), lambda: tr("form.leave_text")), leave)
 
     def _save(self) -> bool:
         """Whether all is in the files."""

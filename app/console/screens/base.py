@@ -92,14 +92,19 @@ class _Console(Screen[T], Generic[T]):
         return cast("ConsoleApp", self.app)
 
     @property
+    def bindings_in_force(self) -> dict[str, ActiveBinding]:
+        """The keys in force; descriptions are names of texts."""
+        return super().active_bindings
+
+    @property
     def active_bindings(self) -> dict[str, ActiveBinding]:
         """The keys in force, described in the therapist's language."""
         return {
             key: active._replace(
-                binding=replace(active.binding, description=_text_of(active.binding.description)),
-                tooltip=_text_of(active.tooltip),
+                binding=replace(active.binding, description=text_of(active.binding.description)),
+                tooltip=text_of(active.tooltip),
             )
-            for key, active in super().active_bindings.items()
+            for key, active in self.bindings_in_force.items()
         }
 
     def show_session(self, state: SessionState | None) -> None:
@@ -158,6 +163,6 @@ class Dialog(_Console[T], ModalScreen[T]):
         self.dismiss(None)
 
 
-def _text_of(key: str) -> str:
+def text_of(key: str) -> str:
     """Ours by the catalogue; Textual's own bindings bring their text along."""
     return tr(key) if knows(key) else key

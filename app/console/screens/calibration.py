@@ -104,8 +104,9 @@ class CalibrationScreen(ConsoleScreen):
         """Into the profile; an implausible one only after a question."""
         if self._result is None:
             self._show(tr("calibration.nothing"))
-        elif self._result.doubt:
-            self.app.push_screen(Question(tr("calibration.keep_title"), render(self._result.doubt)), self._keep_if)
+        elif doubt := self._result.doubt:
+            question = Question(lambda: tr("calibration.keep_title"), lambda: render(doubt))
+            self.app.push_screen(question, self._keep_if)
         else:
             self._keep_if(True)
 

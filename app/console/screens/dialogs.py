@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import ClassVar
 
 from textual import events
@@ -23,6 +24,7 @@ from app.text.catalogue import tr
 from hal.joints.device import JointDevice
 
 MAX_ANSWER = 4096  # a path
+Wording = Callable[[], str]  # in the language of now
 
 
 class Question(Dialog[bool]):
@@ -33,21 +35,19 @@ class Question(Dialog[bool]):
         ("n", "answer(False)", "bind.no"),
     ]
 
-    def __init__(self, title: str, text: str, *, yes: str = "", no: str = "") -> None:
+    def __init__(self, title: Wording, text: Wording) -> None:
         super().__init__()
         self._title = title
         self._text = text
-        self._yes = yes or tr("dialog.yes")
-        self._no = no or tr("dialog.no")
 
     def compose(self) -> ComposeResult:
         with Vertical(classes="dialog") as box:
-            box.border_title = self._title
+            box.border_title = self._title()
             with VerticalScroll(classes="dialog-text", can_focus=False):
-                yield Static(self._text, markup=False)
+                yield Static(self._text(), markup=False)
             with Horizontal(classes="dialog-buttons"):
-                yield Button(f"{self._no} (n)", id="no")
-                yield Button(f"{self._yes} (y)", id="yes", variant="primary")
+                yield Button(f"{tr('dialog.no')} (n)", id="no")
+                yield Button(f"{tr('dialog.yes')} (y)", id="yes", variant="primary")
         yield from self.compose_bottom()
 
     def on_button_pressed(self, event: Button.Pressed) -> None:
@@ -170,7 +170,7 @@ class Lists(Dialog[None]):
 class AskText(Dialog[str]):
     """Asks for one line; Enter gives it, Escape gives nothing."""
 
-    def __init__(self, title: str, text: str, start: str = "") -> None:
+    def __init__(self, title: Wording, text: Wording, start: str = "") -> None:
         super().__init__()
         self._title = title
         self._text = text
@@ -178,8 +178,8 @@ class AskText(Dialog[str]):
 
     def compose(self) -> ComposeResult:
         with Vertical(classes="dialog") as box:
-            box.border_title = self._title
-            yield Static(self._text, markup=False)
+            box.border_title = self._title()
+            yield Static(self._text(), markup=False)
             yield Input(self._start, id="answer", max_length=MAX_ANSWER)
         yield from self.compose_bottom()
 

@@ -14,7 +14,7 @@ from textual.geometry import Size
 from textual.widget import Widget
 from textual.widgets import Static
 
-from app.console.screens.base import Dialog
+from app.console.screens.base import Dialog, text_of
 from app.console.widgets.panel import Line, Lines, cells, content_of, padded, plain
 from app.text.catalogue import knows, tr
 
@@ -28,19 +28,23 @@ _HAND = "hand."  # the digital hand's keys come last: F1 to F4 must be seen with
 
 @dataclass(frozen=True, slots=True)
 class Page:
-    """What this screen is for, STOP, and the keys."""
+    """name: of the text that says what this screen is for. keys: with the names of their texts."""
 
-    text: Lines
+    name: str
     keys: Keys
+
+    @property
+    def lines(self) -> Lines:
+        """What the screen is for, and STOP, in the language of now."""
+        return (plain(tr(self.name)), plain(""), plain(tr("help.stop"), "bold"), plain(""))
 
 
 def page(name: str, bindings: Mapping[str, ActiveBinding], app: App[None]) -> Page:
     """The page of this name, or the general one."""
-    text = tr(f"help.{name}") if knows(f"help.{name}") else tr("help.general")
     named = [active for active in bindings.values() if active.binding.id is not None and active.enabled]
     named.sort(key=lambda active: str(active.binding.id).startswith(_HAND))
     keys = tuple((app.get_key_display(active.binding), active.binding.description) for active in named)
-    return Page((plain(text), plain(""), plain(tr("help.stop"), "bold"), plain("")), keys)
+    return Page(f"help.{name}" if knows(f"help.{name}") else "help.general", keys)
 
 
 def table(keys: Keys, width: int) -> Lines:
@@ -89,6 +93,6 @@ class HelpPage(Dialog[None]):
     def compose(self) -> ComposeResult:
         with VerticalScroll(classes="dialog page") as box:
             box.border_title = tr("help.title")
-            yield Static(content_of(self._page.text))  # a Markdown widget makes fifty, which take half a second
-            yield KeyTable(self._page.keys)
+            yield Static(content_of(self._page.lines))  # a Markdown widget makes fifty, which take half a second
+            yield KeyTable(tuple((key, text_of(does)) for key, does in self._page.keys))
         yield from self.compose_bottom()

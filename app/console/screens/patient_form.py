@@ -103,7 +103,7 @@ class PatientForm(ConsoleScreen):
         if self._typed == self._saved:
             self.dismiss()
             return
-        self.app.push_screen(Question(tr("form.leave_title"), tr("form.leave_text")), self._leave_if)
+        self.app.push_screen(Question(lambda: tr("form.leave_title"), lambda: tr("form.leave_text")), self._leave_if)
 
     def _row(self, field: Field) -> ComposeResult:
         with Horizontal(classes="row"):

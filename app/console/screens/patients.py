@@ -156,17 +156,18 @@ class PatientsScreen(ConsoleScreen):
         """A copy under another identifier."""
         profile = self._chosen()
         if profile is not None:
-            text = tr("patients.duplicate_text", name=profile.identifier)
-            await self._edit(lambda: AskText(tr("patients.duplicate_title"), text), self._duplicate)
+            name = profile.identifier
+            asked = (lambda: tr("patients.duplicate_title"), lambda: tr("patients.duplicate_text", name=name))
+            await self._edit(lambda: AskText(*asked), self._duplicate)
 
     async def action_archive(self) -> None:
         """Out of the daily list, or back into it."""
         profile = self._chosen()
         if profile is None:
             return
-        name = "unarchive" if profile.archived else "archive"
-        title, text = tr(f"patients.{name}_title"), tr(f"patients.{name}_text", name=profile.identifier)
-        await self._edit(lambda: Question(title, text), self._archive)
+        key, name = "patients.unarchive" if profile.archived else "patients.archive", profile.identifier
+        asked = (lambda: tr(f"{key}_title"), lambda: tr(f"{key}_text", name=name))
+        await self._edit(lambda: Question(*asked), self._archive)
 
     def action_history(self) -> None:
         """What changed, when, by whom."""
@@ -188,13 +189,14 @@ class PatientsScreen(ConsoleScreen):
         """A copy as a file."""
         profile = self._chosen()
         if profile is not None:
-            text = tr("patients.export_text", name=profile.identifier)
-            start = f"{profile.identifier}.toml"
-            self.app.push_screen(AskText(tr("patients.export_title"), text, start), self._export)
+            name = profile.identifier
+            asked = (lambda: tr("patients.export_title"), lambda: tr("patients.export_text", name=name))
+            self.app.push_screen(AskText(*asked, f"{name}.toml"), self._export)
 
     async def action_import_profile(self) -> None:
         """Take in an exported file."""
-        await self._edit(lambda: AskText(tr("patients.import_title"), tr("patients.import_text")), self._import)
+        asked = (lambda: tr("patients.import_title"), lambda: tr("patients.import_text"))
+        await self._edit(lambda: AskText(*asked), self._import)
 
     async def action_calibrate(self) -> None:
         """The patient's palm before the configured camera."""

@@ -116,7 +116,7 @@ class SessionScreen(HandKeys):
     def action_confirm_patient(self) -> None:
         """The patient before the camera is the one of the profile."""
         profile = self.console_app.live_setup().profile
-        self.app.push_screen(Question(tr("confirm.title"), identity(profile)), self._confirmed)
+        self.app.push_screen(Question(lambda: tr("confirm.title"), lambda: identity(profile)), self._confirmed)
 
     def action_toggle_armed(self) -> None:
         """Arm or disarm gestures."""
@@ -131,10 +131,11 @@ class SessionScreen(HandKeys):
         if not waiting:
             self.notify(tr("acknowledge.nothing"))
             return
-        text = "\n".join(f"• {render(event.reason)}" for event in waiting)
-        self.app.push_screen(
-            Question(tr("acknowledge.title"), f"{text}\n\n{tr('acknowledge.text')}"), self._acknowledged
-        )
+
+        def text() -> str:
+            return "\n".join([*(f"• {render(event.reason)}" for event in waiting), "", tr("acknowledge.text")])
+
+        self.app.push_screen(Question(lambda: tr("acknowledge.title"), text), self._acknowledged)
 
     def action_act(self) -> None:
         """One of the twelve actions, by the therapist's key."""
@@ -148,7 +149,7 @@ class SessionScreen(HandKeys):
         if state is None or state.effect is not Effect.DAMP:
             self.notify(tr("torque_off.only_damped"), severity="warning")
             return
-        self.app.push_screen(Question(tr("torque_off.title"), tr("torque_off.text")), self._torque_off)
+        self.app.push_screen(Question(lambda: tr("torque_off.title"), lambda: tr("torque_off.text")), self._torque_off)
 
     def action_checks(self) -> None:
         """Show the checks."""
@@ -183,7 +184,7 @@ class SessionScreen(HandKeys):
             return
         recorded = state is not None and state.report is not None and state.report.pictures_recorded
         named = "withdraw" if recorded else "consent"
-        question = Question(tr(f"pictures.{named}.title"), tr(f"pictures.{named}.text"))
+        question = Question(lambda: tr(f"pictures.{named}.title"), lambda: tr(f"pictures.{named}.text"))
         self.app.push_screen(question, lambda yes: self._agreed(not recorded) if yes else None)
 
     def action_guided_test(self) -> None:
@@ -193,8 +194,9 @@ class SessionScreen(HandKeys):
         if run is None:
             app.push_kept("guided", GuidedTestChoice, self._guided_chosen)
         else:
-            text = tr("guided.stop.text", test=run.test)
-            self.app.push_screen(Question(tr("guided.stop.title"), text), self._guided_stopped)
+            test = run.test
+            question = Question(lambda: tr("guided.stop.title"), lambda: tr("guided.stop.text", test=test))
+            self.app.push_screen(question, self._guided_stopped)
 
     async def action_end_session(self) -> None:
         """End the session, after asking while drives are powered."""

@@ -193,6 +193,20 @@ async def test_a_dialog_kept_from_before_shows_the_new_language(console: Opener)
         assert "Before arming" not in open_console.text()
 
 
+@pytest.mark.parametrize(
+    ("key", "text"),
+    [("f1", "help.title"), ("c", "confirm.title"), ("t", "act.title"), ("e", "end.title"), ("i", "health.title")],
+)
+async def test_an_open_dialog_changes_its_language(console: Opener, key: str, text: str) -> None:
+    async with console() as open_console:
+        await open_console.press(*(("t", "0") if key == "e" else ()), key)
+        english = tr(text)
+        await open_console.shows(english)
+        await open_console.press("f3")
+        await open_console.until(lambda: tr(text) != english and tr(text).split()[0] in open_console.text())
+        await open_console.until(lambda: english not in open_console.text())
+
+
 async def test_the_image_pauses_but_the_chain_does_not(console: Opener) -> None:
     async with console() as open_console:
         await open_console.press("z")
