@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
-import random
+from collections.abc import Callable, Coroutine
+from typing import Any, cast
 
 import pytest
+from hypothesis import HealthCheck, example, given, settings
+from hypothesis import strategies as st
 
 from app.console.widgets.bars import StopBar
 from app.system.config import Config
@@ -28,21 +31,29 @@ SCREENS: dict[str, tuple[str, ...]] = {
 }
 BREAKPOINTS = [(72, 16), (71, 15), (130, 38), (129, 37), (80, 24), (40, 12)]
 
+SIZES = st.tuples(st.integers(SMALLEST[0], LARGEST[0]), st.integers(SMALLEST[1], LARGEST[1]))
 
-def sizes(name: str) -> list[tuple[int, int]]:
-    """The extremes, both sides of each breakpoint, and some at random, the same in every run."""
-    rng = random.Random(name)
-    return [SMALLEST, LARGEST, *BREAKPOINTS, *((rng.randint(20, 300), rng.randint(5, 100)) for _ in range(2))]
+
+Test = Callable[..., Coroutine[Any, Any, None]]
+
+
+def at_many_sizes(test: Test) -> Test:
+    """The extremes and both sides of each breakpoint, and then what Hypothesis draws; a console is opened for each."""
+    drawn = given(sizes=st.lists(SIZES, min_size=4, max_size=4))
+    fixed = example(sizes=[SMALLEST, LARGEST, *BREAKPOINTS])
+    kept = settings(max_examples=2, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+    return cast("Test", kept(fixed(drawn(test))))
 
 
 @pytest.mark.parametrize("language", ["en", "zh"])
 @pytest.mark.parametrize("name", SCREENS)
-async def test_stop_is_in_sight(console: Opener, name: str, language: str) -> None:
+@at_many_sizes
+async def test_stop_is_in_sight(console: Opener, name: str, language: str, sizes: list[tuple[int, int]]) -> None:
     use_language(language)
     async with console(config=Config(language=language)) as opened:
         await opened.press(*SCREENS[name])
         app = opened.app
-        for columns, rows in sizes(name):
+        for columns, rows in sizes:
             await opened.pilot.resize_terminal(columns, rows)
 
             def in_sight(rows: int = rows) -> bool:
@@ -68,8 +79,9 @@ OUTSIDE: dict[str, tuple[str, ...]] = {
 
 @pytest.mark.parametrize("language", ["en", "zh"])
 @pytest.mark.parametrize("name", OUTSIDE)
+@at_many_sizes
 async def test_stop_is_in_sight_outside_a_session_and_nothing_leaves_the_screen(
-    console: Opener, name: str, language: str
+    console: Opener, name: str, language: str, sizes: list[tuple[int, int]]
 ) -> None:
     use_language(language)
     async with console(config=Config(language=language), profile=None) as opened:
@@ -77,7 +89,7 @@ async def test_stop_is_in_sight_outside_a_session_and_nothing_leaves_the_screen(
         await opened.press(*OUTSIDE[name])
         if name not in {"patients", "search"}:
             await opened.until(lambda: opened.app.screen is not list_screen)
-        for columns, rows in sizes(name):
+        for columns, rows in sizes:
             await opened.pilot.resize_terminal(columns, rows)
             screen = opened.app.screen
 
