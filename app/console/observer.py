@@ -8,6 +8,7 @@ import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from app.ipc import streams as processes
 from app.ipc.links import LatestReceiver, address
@@ -27,6 +28,9 @@ from app.system.config import Config, SessionSetup
 from app.system.paths import Home
 from app.system.scheduling import set_scheduling
 from app.text.catalogue import tr
+
+if TYPE_CHECKING:
+    from textual_serve.server import Server
 
 Clock = Callable[[], int]
 SPOKEN_EVERY_S = 0.1  # nobody hears more often
@@ -152,9 +156,18 @@ PORT = 8730
 
 def serve_console(home: Home, port: int = PORT) -> None:
     """Serve until Ctrl-C. Raises AppError when no session runs."""
-    from textual_serve.server import Server
-
     shared(home)
     rleex = Path(sys.executable).with_name("rleex")
     text = [str(rleex), "run", "--read-only", "--home", str(home.root)]
-    Server(shlex.join(text), host=LOOPBACK, port=port, title="rleex (read-only)").serve()
+    browser_server(shlex.join(text), port).serve()
+
+
+def browser_server(command: str, port: int) -> Server:
+    """Shows a command on a page of ours.
+
+    textual-serve's is 980 pixels wide on a phone, and asks for a font from elsewhere.
+    """
+    from textual_serve.server import Server
+
+    page = Path(__file__).with_name("templates")
+    return Server(command, host=LOOPBACK, port=port, title="rleex (read-only)", templates_path=page)

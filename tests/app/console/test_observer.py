@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import os
+import re
 import shutil
 import time
 from pathlib import Path
 
 import msgspec
 import pytest
+from aiohttp.test_utils import TestClient, TestServer
 
-from app.console.observer import ObserverHost
+from app.console.observer import PORT, ObserverHost, browser_server
 from app.ipc import streams as processes
 from app.ipc.links import OrderedReceiver, Publisher, address, new_link_directory
 from app.ipc.messages import HandCommand, OperatorCommand, OperatorKind, TriggerReport
@@ -94,3 +96,15 @@ async def test_the_bar_reports_that_stop_is_elsewhere(console: Opener) -> None:
         open_console.host.sent.clear()
         await open_console.press("space")
         assert open_console.host.sent == []
+
+
+async def test_the_page_in_a_browser_is_as_wide_as_a_phone_and_asks_for_nothing_elsewhere() -> None:
+    server = browser_server("true", PORT)
+    async with TestClient(TestServer(await server._make_app())) as client:
+        page = await (await client.get("/")).text()
+        assert 'name="viewport" content="width=device-width' in page
+        linked = [link for link in re.findall(r'(?:src|href)="([^"]*)"', page) if link and not link.startswith("data:")]
+        assert len(linked) == 2
+        for link in linked:
+            assert link.startswith(f"{server.public_url}/static/")
+            assert (await client.get(link.removeprefix(server.public_url))).status == 200
