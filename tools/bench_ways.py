@@ -1,10 +1,10 @@
 """Keys and seconds from `rleex run` to the first step, a new patient, 'why did it stop', and a report.
 
-`[PYTHONPATH=DIR] python tools/bench_ways.py [--rounds 3] [--size 120x36] [--settle S]`. DIR: another checkout, its
-catalogues compiled, to measure what it took there; it needs the same keys, as 294cb3b and later ones have them. Real
-processes, digital hand, simulated joints, a pseudo terminal. Each key is pressed as soon as the screen says that it is
-its turn, so the seconds are the program's and the legs' own; a person adds what reading and reaching take. Every key
-counts, letters of an identifier too; a command line counts as its letters and Enter.
+`python tools/bench_ways.py [--rounds 3] [--size 120x36] [--settle S]`; in another checkout, its catalogues compiled,
+`PYTHONPATH=. python HERE/tools/bench_ways.py` measures what it took there: it needs the same keys, as 294cb3b and later
+ones have them. Real processes, digital hand, simulated joints, a pseudo terminal. Each key is pressed as soon as the
+screen says that it is its turn, so the seconds are the program's and the legs' own; a person adds what reading and
+reaching take. Every key counts, letters of an identifier too; a command line counts as its letters and Enter.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
-# Run as a script, `tools` is a folder of the tree; PYTHONPATH goes before it.
+# Run as a script, `tools` is a folder of the tree; PYTHONPATH, and the folder it is run in, go before it.
 sys.path.append(str(Path(__file__).parent.parent))
 
 from app.system.config import load_config

@@ -18,11 +18,13 @@ from app.ipc.messages import ControlSnapshot, OperatorKind
 from app.ipc.states import Action, Effect, Event, GaitState, StopSource
 from app.link.beats import LOST_NS
 from app.link.keys import own_key, peers_of
+from app.motion.plan import PlanFault
 from app.system.paths import Home
 from logs.findings import Status
 from logs.join import join_findings
 from logs.keys import by_fingerprint, known_keys
 from logs.read import records
+from logs.reason import key_of
 from logs.records import EventRaised, Note, Stop
 from logs.verify import Evidence, exit_status, verify
 from testing.relay import Relay
@@ -171,7 +173,14 @@ def test_joints_that_died_are_started_again_and_the_session_goes_on_as_a_takeove
     now = bed.session.until(lambda now: any(one.event is Event.STOP for one in now.events), "as a takeover")
     assert caused(now) is Effect.HOLD
     assert (now.armed, now.action) == (False, None)
-    assert bed.session.stand().state is GaitState.STANDING
+    now = bed.session.stand(unless=is_sunk)
+    assert now.state is GaitState.STANDING or is_sunk(now)
+
+
+def is_sunk(now: ControlSnapshot) -> bool:
+    """Whether the legs, off on a busy host for long enough, sank deeper than a plan may lift: a wearer is helped up."""
+    refused = now.refusal is not None and now.refusal.code == key_of(PlanFault.TOO_MUCH_TORQUE)
+    return refused and now.state is GaitState.UNPOWERED
 
 
 def test_both_trails_prove_themselves_and_tell_of_the_link(bed: Bed) -> None:
