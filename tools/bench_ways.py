@@ -1,6 +1,6 @@
 """Keys and seconds from `rleex run` to the first step, a new patient, 'why did it stop', and a report.
 
-`python tools/bench_ways.py [--rounds 3] [--size 120x36] [--settle S]`; in another checkout, its catalogues compiled,
+`python tools/bench_ways.py [--rounds 3] [--size 120x36]`; in another checkout, its catalogues compiled,
 `PYTHONPATH=. python HERE/tools/bench_ways.py` measures what it took there: it needs the same keys, as 294cb3b and later
 ones have them. Real processes, digital hand, simulated joints, a pseudo terminal. Each key is pressed as soon as the
 screen says that it is its turn, so the seconds are the program's and the legs' own; a person adds what reading and
@@ -85,20 +85,16 @@ class Taken:
     seconds: float
 
 
-def walk(program: PtyProgram, steps: Steps, settle_s: float) -> Taken:
-    """Each key in its turn. Raises TimeoutError with the text that did not come.
-
-    settle_s: from the text to the key, not counted; a screen may be painted before it takes keys.
-    """
+def walk(program: PtyProgram, steps: Steps) -> Taken:
+    """Each key in its turn. Raises TimeoutError with the text that did not come."""
     begun, keys = time.monotonic(), 0
     for text, key in steps:
         if text.strip():
             program.wait(text.strip().encode(), LIMIT_S)
         if key:
-            time.sleep(settle_s)
             program.press(key.encode())
             keys += 1
-    return Taken(keys, time.monotonic() - begun - keys * settle_s)
+    return Taken(keys, time.monotonic() - begun)
 
 
 def started(home: Path, columns: int, rows: int) -> PtyProgram:
@@ -106,29 +102,24 @@ def started(home: Path, columns: int, rows: int) -> PtyProgram:
     return PtyProgram([*RLEEX, "run", "--home", str(home)], os.environ, columns, rows)
 
 
-def measure(home: Path, columns: int, rows: int, settle_s: float) -> dict[str, Taken]:
-    """One round; what another checkout's screens do not say in these words is left out."""
-    typed, taken = len(START) + 1, dict[str, Taken]()
+def measure(home: Path, columns: int, rows: int) -> dict[str, Taken]:
+    """One round."""
+    typed = len(START) + 1
     program = started(home, columns, rows)
-    try:
-        step = walk(program, first_step(), settle_s)
-        taken["start → first step"] = Taken(typed + step.keys, step.seconds)
-        taken["moving legs → why did it stop"] = walk(program, why(), settle_s)
-        ended = walk(program, end(), settle_s)
-        program.child.wait(LIMIT_S)
-        begun, page = time.monotonic(), home / "report.html"
-        subprocess.run([*RLEEX, "audit", "report", "last", "-o", str(page), "--home", str(home)], check=True)
-        report_s = time.monotonic() - begun
-        taken["session → report"] = Taken(ended.keys + len(REPORT) + 1, ended.seconds + report_s)
-        program = started(home, columns, rows)
-        patient = walk(program, new_patient(), settle_s)
-        taken["start → new patient"] = Taken(typed + patient.keys, patient.seconds)
-    except TimeoutError as error:
-        print(error, file=sys.stderr)
-    finally:
-        if program.child.poll() is None:
-            program.close(CTRL_Q.encode())
-    return taken
+    step, stop, ended = (walk(program, steps) for steps in (first_step(), why(), end()))
+    program.child.wait(LIMIT_S)
+    begun, page = time.monotonic(), home / "report.html"
+    subprocess.run([*RLEEX, "audit", "report", "last", "-o", str(page), "--home", str(home)], check=True)
+    report_s = time.monotonic() - begun
+    program = started(home, columns, rows)
+    patient = walk(program, new_patient())
+    program.close(CTRL_Q.encode())
+    return {
+        "start → first step": Taken(typed + step.keys, step.seconds),
+        "moving legs → why did it stop": stop,
+        "session → report": Taken(ended.keys + len(REPORT) + 1, ended.seconds + report_s),
+        "start → new patient": Taken(typed + patient.keys, patient.seconds),
+    }
 
 
 def main() -> None:
@@ -136,7 +127,6 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--rounds", type=int, default=3)
     parser.add_argument("--size", default="120x36")
-    parser.add_argument("--settle", type=float, default=0.0, help="seconds from what the screen says to the key")
     options = parser.parse_args()
     columns, rows = map(int, options.size.split("x"))
     real = find_home()
@@ -145,11 +135,11 @@ def main() -> None:
     for _ in range(options.rounds):
         with tempfile.TemporaryDirectory() as folder:
             (Path(folder) / "config.toml").write_text(f'model = "{model}"\n')
-            found.append(measure(Path(folder), columns, rows, options.settle))
+            found.append(measure(Path(folder), columns, rows))
     table = Table("from → to", "keys", "seconds (median)")
-    for name in dict.fromkeys(name for each in found for name in each):
-        taken = [each[name] for each in found if name in each]
-        table.add_row(name, str(taken[0].keys), f"{statistics.median(one.seconds for one in taken):.1f}")
+    for name in found[0]:
+        seconds = statistics.median(each[name].seconds for each in found)
+        table.add_row(name, str(found[0][name].keys), f"{seconds:.1f}")
     Console().print(table)
 
 

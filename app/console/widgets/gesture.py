@@ -40,8 +40,8 @@ def gesture_lines(state: SessionState) -> Lines:
         return (plain(tr("gesture.no_picture"), "bold $error"), plain(render(report.camera_fault)))
     foreign = report.gesture is not None and report.gesture not in vocabulary_of(state.setup.profile)
     refused = reason(RequestRefusal.NOT_IN_VOCABULARY, gesture=report.gesture) if foreign else report.hand_refusal
-    unexplained = report.gesture is not None or not report.hand  # the headline says that there is no hand
-    why = refused or report.hint or (None if unexplained else report.explanation)
+    # Without a hand the headline has said why.
+    why = refused or report.hint or (report.explanation if report.gesture is None and report.hand else None)
     return (_headline(report, foreign=foreign), _votes(report), plain(render(why) if why else "", "$foreground-muted"))
 
 
