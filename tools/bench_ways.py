@@ -31,7 +31,7 @@ from app.system.paths import find_home
 from app.text.catalogue import tr
 from tools.pty_program import PtyProgram
 
-LIMIT_S = 30.0
+LIMIT_S = 120.0
 RLEEX = (sys.executable, "-c", "from app.cli import main; main()")
 START, REPORT = "rleex run", "rleex audit report last -o report.html"
 CTRL_Q, CTRL_S = "\x11", "\x13"
