@@ -32,6 +32,7 @@ from kgdfa.redetection import Redetector
 # MediaPipe 1.x names the person's own hand on an unmirrored image, as ours are (0.10 had them the other way round).
 _SIDES = {"Left": Side.LEFT, "Right": Side.RIGHT}
 SEEK_FRAMES = 5  # how often a second hand is searched for until the enrolled one is known
+BLANK = np.zeros((64, 64, 3), np.uint8)
 ALONE_FRAMES = 10  # with one hand in view until the tracker of one takes over again
 
 
@@ -55,7 +56,9 @@ class HandDetector:
         views of the image (video only; see `redetection`).
         """
         self._still = still
-        self._searcher = Redetector(self._observed, self._ordered, self._look) if search and not still else None
+        self._searcher = (
+            Redetector(self._observed, self._ordered, self._look, self._forget) if search and not still else None
+        )
         self._last_ms = -1
         self._previous: tuple[Hand, ...] = ()
         self._unknown = False  # whether the hand in view is the enrolled one
@@ -69,9 +72,14 @@ class HandDetector:
         loaded = [one for one in (self._landmarker, self._two_hands, self._untracked) if one is not None]
         self._free = weakref.finalize(self, _close_all, loaded)
 
-    def follow(self, hand: Hand | None, unknown: bool) -> None:
-        """Which of the hands just found commands, to be the next ones' first; unknown: another one may be enrolled."""
+    def follow(self, hand: Hand | None, unknown: bool, doubted: bool) -> None:
+        """Which of the hands just found commands, to be the next ones' first; unknown: another one may be enrolled.
+
+        doubted: the keypoints may be of a shape that the hand does not have.
+        """
         self._unknown = unknown
+        if self._searcher is not None:
+            self._searcher.doubted = doubted
         if hand is not None:
             self._previous = (hand, *(other for other in self._previous if other is not hand))
 
@@ -128,6 +136,10 @@ class HandDetector:
         if self._untracked is None or self._alone_frames < ALONE_FRAMES:
             return ()
         return _hands(self._untracked.detect(_as_mediapipe(image)), image)
+
+    def _forget(self, captured_ns: int) -> None:
+        """The tracker of one hand detects anew in the next frame: it loses what it follows in an empty one."""
+        self._track(self._landmarker, BLANK, captured_ns)
 
     def _ordered(self, hands: tuple[Hand, ...]) -> tuple[Hand, ...]:
         """The one that is nearest to the first of the frame before in front."""

@@ -74,7 +74,9 @@ class DepthFinder(Protocol):
 
 
 Prepare = Callable[[NDArray[np.uint8]], Image]
-Follow = Callable[[Hand | None, bool], None]
+Follow = Callable[[Hand | None, bool, bool], None]
+
+UNRECOGNISED_FRAMES = 30  # of a hand without a gesture, after which its keypoints are doubted: about a second
 
 
 class Pipeline:
@@ -92,11 +94,12 @@ class Pipeline:
         depth_finder: DepthFinder | None = None,
         choice: DistanceChoice = DistanceChoice.MONOCULAR,
         enrolment: Enrolment | None = None,
-        follow: Follow = lambda _hand, _unknown: None,
+        follow: Follow = lambda _hand, _unknown, _doubted: None,
     ) -> None:
         """choice: which distance commands; depth needs a depth_finder. enrolment: whose hand commands; None: anybody's.
 
-        follow: is given each frame's commanding hand, if any, and whether another one may be the enrolled one.
+        follow: is given each frame's commanding hand, if any, whether another one may be the enrolled one, and whether
+        its keypoints are doubted: the gesture in force is not seen, or no gesture was for UNRECOGNISED_FRAMES.
         """
         self._enrolment = enrolment
         self._follow = follow
@@ -110,6 +113,7 @@ class Pipeline:
         self._tracks = Tracks()
         self._hand_number = 0  # of the newest hand that commanded
         self._recognition = Recognition()
+        self._unrecognised = 0  # frames in a row without a gesture
         self._choice = choice
         self._chosen = ChosenDistance()
 
@@ -135,6 +139,9 @@ class Pipeline:
         )
         self._recognition = recognise(self._recognition, reading, self._place, self._mode)
         vote = self._recognition.vote
+        commanding = self._tracks.commanding
+        doubted = self._doubts(vote.gesture, verdict)
+        self._follow(commanding.hand if commanding else None, not self._tracks.known, doubted)
         return Report(
             captured_ns=now_ns,
             hand=hand,
@@ -165,8 +172,15 @@ class Pipeline:
             if self._depth_finder is not None:
                 self._depth_finder.reset()
         commanding = track.hand if track else None
-        self._follow(commanding, not self._tracks.known)
         return next((both for both in verdicts if both[0] is commanding), (None, None))
+
+    def _doubts(self, voted: Gesture | None, verdict: Verdict | None) -> bool:
+        """Whether the keypoints of this frame may be of a shape that the hand does not have."""
+        seen = verdict.gesture if verdict else None
+        self._unrecognised = 0 if verdict is None or seen or voted else self._unrecognised + 1
+        return self._unrecognised % UNRECOGNISED_FRAMES == UNRECOGNISED_FRAMES - 1 or (
+            verdict is not None and voted is not None and seen is not voted
+        )
 
     def _measure_depth(self, source: PipelineInput, hand: Hand | None) -> tuple[Distance | None, DepthFault | None]:
         """The depth camera's distance, or why there is none; nothing without a depth map."""

@@ -36,6 +36,11 @@ STEADY_FROM = 0.95  # so little is not worth showing smaller
 # did in 120 pushes 25 read too far by a quarter and more, and these were 25 of 37 such readings.
 LEAST_NARROWING = 0.80
 LOOK_FRAMES = 6  # from one untracked detection to the next, at least: as many as a push of 0.3 s is near in
+DOUBT_FRAMES = 2  # the same while the hand is doubted: its gesture ends after a few frames that don't show it
+# How far the keypoints of a tracked hand that is doubted lie from those of an untracked detection, RMS in palm lengths,
+# before the tracker is made to forget. Of a digital fist that its tracker takes for an open hand, 0.18 and more in 95 %
+# of frames; of hands that are tracked rightly 0.05 to 0.16.
+SLIPPED = 0.16
 MOST_GROWTH = 1.35  # from frame to frame: a push of 0.3 s from 36 cm, 30 frames per second, makes it grow by 1.3
 NEAR_FRAMES = 3  # in which a hand just lost is sought at the size that it had: as many as end a press
 BRIGHTER = 0.5  # gamma of a near view: of 300 near hands 229 are found instead of 178 (docs: gestures, near views)
@@ -168,6 +173,12 @@ class PalmGrowth:
         return replace(view, scale=scale) if scale < STEADY_FROM * view.scale else view
 
 
+def difference(hand: Hand, other: Hand) -> float:
+    """How far two readings of one hand lie apart: RMS of the 21 keypoints in the image, in palm lengths of `other`."""
+    apart_px = np.linalg.norm(hand.image_px - other.image_px, axis=1)
+    return float(np.sqrt(np.mean(apart_px**2))) / other.palm_px
+
+
 class Redetector:
     """Gives each frame to a tracker: a near hand smaller, and other views when it has lost the hand."""
 
@@ -176,11 +187,17 @@ class Redetector:
         track: Callable[[Image, int], tuple[Hand, ...]],
         order: Callable[[tuple[Hand, ...]], tuple[Hand, ...]] = lambda hands: hands,
         look: Callable[[Image], tuple[Hand, ...]] = lambda _: (),
+        forget: Callable[[int], None] = lambda _: None,
     ) -> None:
-        """order: puts the hand that is to be kept in view in front of the others. look: as if none were tracked."""
+        """order: puts the hand that is to be kept in view in front of the others. look: as if none were tracked.
+
+        forget: makes the tracker detect anew in the next frame; it is given the time of this one.
+        """
         self._track = track
         self._order = order
         self._look = look
+        self._forget = forget
+        self.doubted = False  # whether the gesture of the hand followed is not what it was, or none for long
         self._search = RedetectionState()
         self._growth: PalmGrowth | None = None  # of the hand followed, or lost a moment ago
         self._since_look = LOOK_FRAMES
@@ -195,9 +212,10 @@ class Redetector:
         if hands:
             growth = PalmGrowth.of(hands[0], self._growth)
             self._since_look += 1
-            if growth.narrowed and growth.is_near(image_bgr.shape[0]) and self._since_look >= LOOK_FRAMES:
+            narrowed = growth.narrowed and growth.is_near(image_bgr.shape[0])
+            if self._since_look >= (LOOK_FRAMES if narrowed else DOUBT_FRAMES) and (narrowed or self.doubted):
                 self._since_look = 0
-                hands = self._look_again(image_bgr, hands[0]) or hands
+                hands = self._look_again(image_bgr, captured_ns, hands, narrowed=narrowed)
                 growth = PalmGrowth.of(hands[0], self._growth)
             self._growth = growth
         elif self._search.missing >= NEAR_FRAMES:
@@ -214,14 +232,25 @@ class Redetector:
             hands = self._detect_in_view(image_bgr, captured_ns)
         return hands
 
-    def _look_again(self, image_bgr: Image, hand: Hand) -> tuple[Hand, ...]:
-        """The same hand as an untracked detection has it, in the size that finds it; () where it is as narrow."""
-        assert self._growth is not None
-        view = replace(self._growth, growth=1.0, shown=SOUGHT_PALM).fitted(self._search.view, image_bgr.shape[0])
-        shown, transform = render_view(image_bgr, view)
-        found = (to_image(one, transform) for one in self._look(shown))
-        same = (one for one in found if same_place(one, hand) and not PalmGrowth.of(one, self._growth).narrowed)
-        return tuple(same)[:1]
+    def _look_again(
+        self, image_bgr: Image, captured_ns: int, hands: tuple[Hand, ...], *, narrowed: bool
+    ) -> tuple[Hand, ...]:
+        """The hands, the first as an untracked detection has it where the tracker has narrowed or lost its shape.
+
+        A tracker that follows a shape that is not the hand's keeps to it: it places the next crop by its own keypoints.
+        """
+        hand = hands[0]
+        growth = self._growth or PalmGrowth.of(hand, None)
+        if narrowed:
+            growth = replace(growth, growth=1.0, shown=SOUGHT_PALM)
+        shown, transform = render_view(image_bgr, growth.fitted(self._search.view, image_bgr.shape[0]))
+        seen = [one for one in (to_image(one, transform) for one in self._look(shown)) if same_place(one, hand)][:1]
+        if narrowed:
+            return tuple(one for one in seen if not PalmGrowth.of(one, self._growth).narrowed) or hands
+        if not any(difference(one, hand) > SLIPPED for one in seen):
+            return hands
+        self._forget(captured_ns)
+        return (*seen, *hands[1:])
 
     def _detect_in_view(self, image_bgr: Image, captured_ns: int) -> tuple[Hand, ...]:
         view = self._search.view

@@ -9,7 +9,7 @@ from kgdfa.button import ButtonPlace
 from kgdfa.draw import draw
 from kgdfa.gesture import Gesture, HandRefusal
 from kgdfa.hand import Hand, Side
-from kgdfa.pipeline import Pipeline, PipelineInput, Report
+from kgdfa.pipeline import UNRECOGNISED_FRAMES, Pipeline, PipelineInput, Report
 from kgdfa.preprocess import Image
 from kgdfa.published import PublishedRules
 from kgdfa.robust_distance import RobustRange
@@ -125,3 +125,31 @@ def test_drawing_marks_the_hand_and_the_button() -> None:
     assert picture[int(PLACE.y_px), int(PLACE.x_px + PLACE.radius_px)].any()
     far_out = replace(report, hand=drawn_hand("ooooo", at_px=(1e7, -1e7)))
     draw(picture, far_out, PLACE)
+
+
+def doubts(frames: Sequence[tuple[Hand, ...]]) -> list[bool]:
+    """Whether each frame's keypoints are doubted, as the detector is told."""
+    told: list[bool] = []
+    pipeline = Pipeline(
+        detector=ScriptedDetector(frames),
+        rules=PublishedRules(),
+        range_finder=RobustRange(focal_px=650.0, reference_m=0.065),
+        place=PLACE,
+        follow=lambda _hand, _unknown, doubted: told.append(doubted),
+    )
+    for frame in range(len(frames)):
+        pipeline.process(PipelineInput(image_bgr=BLACK, captured_ns=(frame + 1) * 33_000_000))
+    return told
+
+
+def test_keypoints_that_no_longer_show_the_gesture_in_force_are_doubted() -> None:
+    two, none = (shown(Gesture.TWO),), (drawn_hand("ohhhh"),)
+    assert doubts([two] * 4 + [none, none, two, (), two]) == [False] * 4 + [True, True, False, False, False]
+    assert doubts([two] * 3 + [none] * 6) == [False] * 3 + [True] * 4 + [False] * 2  # the fifth ends the gesture
+
+
+def test_a_hand_without_a_gesture_is_doubted_once_a_second() -> None:
+    none = (drawn_hand("ohhhh"),)
+    told = doubts([none] * (2 * UNRECOGNISED_FRAMES))
+    assert [frame for frame, doubted in enumerate(told, 1) if doubted] == [29, 59]
+    assert not any(doubts([()] * UNRECOGNISED_FRAMES))

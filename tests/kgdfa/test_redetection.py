@@ -284,3 +284,35 @@ def followed_px(tracked_px: tuple[float, ...], anew: tuple[Hand, ...], image: Im
     searcher = Redetector(lambda _, __: (palm(next(tracked)),), look=look)
     reported = [searcher.detect(image, frame) for frame in range(len(tracked_px))]
     return reported[-1][0].reference_px, len(looked)
+
+
+def with_fingertips(off_px: float) -> Hand:
+    """The same palm with its fingertips that far aside."""
+    image_px = palm(20).image_px.copy()
+    image_px[4::4, 0] += off_px
+    return replace(palm(20), image_px=image_px)
+
+
+@pytest.mark.parametrize(
+    ("doubted", "anew", "reported", "forgotten"),
+    [
+        ((False, True), (with_fingertips(40.0),), with_fingertips(40.0), [1]),
+        ((False, True), (with_fingertips(10.0),), palm(20), []),
+        ((False, True), (palm(20, at_px=400.0),), palm(20), []),
+        ((False, True), (), palm(20), []),
+        ((False, False), (with_fingertips(40.0),), palm(20), []),
+        ((True, False, True), (with_fingertips(40.0),), with_fingertips(40.0), [0, 2]),
+        ((True, True), (with_fingertips(40.0),), palm(20), [0]),
+    ],
+    ids=["slipped", "as tracked", "another place", "not found", "not doubted", "later", "at once"],
+)
+def test_a_tracker_that_follows_a_shape_the_hand_has_not_is_made_to_forget(
+    doubted: tuple[bool, ...], anew: tuple[Hand, ...], reported: Hand, forgotten: list[int]
+) -> None:
+    forgets: list[int] = []
+    redetector = Redetector(lambda _, __: (palm(20),), look=lambda _: anew, forget=forgets.append)
+    for frame, doubt in enumerate(doubted):
+        redetector.doubted = doubt
+        hands = redetector.detect(PICTURE, frame)
+    assert (hands[0].image_px == reported.image_px).all()
+    assert forgets == forgotten

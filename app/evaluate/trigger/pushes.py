@@ -269,7 +269,8 @@ def run_bout(detector: PoolDetector, bout: Bout) -> tuple[Push, ...]:
     """One bout, from a hand at rest."""
     camera = DigitalHandCamera(seed=bout.seed, tremor=tremor_of(bout.seed, bout.tremor_m), clock_ns=lambda: 0)
     camera.command(move_m=(0.0, 0.0, -APPROACH_M), at_ns=0)
-    pipeline = chain("robust", camera.person, camera.lens, detector.inner, THRESHOLD_M)
+    inner = detector.inner
+    pipeline = chain("robust", camera.person, camera.lens, inner, THRESHOLD_M, follow=inner.follow)
     draw = np.random.default_rng([bout.seed, tuple(Gesture).index(bout.gesture), 0x6C656674])
     return pushed(Stage(camera, pipeline, detector, BEGIN_NS, bout.left_out, draw), bout)
 
