@@ -337,6 +337,15 @@ def is_near(state: ButtonState, place: ButtonPlace) -> bool:
     return state.pressed or (state.last_distance_m is not None and state.last_distance_m <= _outside_m(place))
 
 
+def is_approaching(state: ButtonState, place: ButtonPlace) -> bool:
+    """Whether the hand has come nearer, in the last APPROACH_NS, by half of what a press needs."""
+    last_m = state.last_distance_m
+    if last_m is None:
+        return False
+    nearer_m = max((distance_m for _, distance_m in state.approach), default=last_m) - last_m
+    return nearer_m >= APPROACH_SHARE / 2 * place.threshold_m
+
+
 def _outside_m(place: ButtonPlace) -> float:
     return place.threshold_m * (1 + HYSTERESIS)
 

@@ -161,15 +161,21 @@ class Vote(Struct, frozen=True, kw_only=True):
         return len(self.candidate_ns)
 
 
-def update_vote(vote: Vote, current: Gesture | None, captured_ns: int, *, pressing: bool = False) -> Vote:
-    """The vote after one more frame with that verdict; None: none, or no hand. pressing: the virtual button is down."""
+def update_vote(
+    vote: Vote, current: Gesture | None, captured_ns: int, *, pressing: bool = False, approaching: bool = False
+) -> Vote:
+    """The vote after one more frame with that verdict; None: none, or no hand.
+
+    pressing: the virtual button is down, or about to be. approaching: the hand comes nearer; another gesture then
+    counts as quickly as ever, but nothing recognised ends the one in force as late as in a press.
+    """
     count = 0 if current is None else vote.count + 1 if current is vote.candidate else 1
     candidate_ns = (*vote.candidate_ns, captured_ns)[-min(count, PRESS_CHANGE_FRAMES) :] if count else ()
     counted = replace(vote, candidate=current, candidate_ns=candidate_ns)
     needed = PRESS_CHANGE_FRAMES if pressing else VOTE_FRAMES
     if current is not None and count >= needed and current is not vote.gesture:
         return replace(counted, gesture=current, recognised_ns=captured_ns, unsupported_ns=(), decided_ns=candidate_ns)
-    return _keep_or_end(counted, captured_ns, PRESS_END_FRAMES if pressing else END_FRAMES)
+    return _keep_or_end(counted, captured_ns, PRESS_END_FRAMES if pressing or approaching else END_FRAMES)
 
 
 def _keep_or_end(vote: Vote, captured_ns: int, end_frames: int) -> Vote:

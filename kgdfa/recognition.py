@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from kgdfa.button import ButtonInput, ButtonMode, ButtonPlace, ButtonState, advance, is_near
+from kgdfa.button import ButtonInput, ButtonMode, ButtonPlace, ButtonState, advance, is_approaching, is_near
 from kgdfa.distance import DistanceSource
 from kgdfa.gesture import Gesture, Vote, update_vote
 
@@ -57,4 +57,6 @@ def _update_vote(vote: Vote, button: ButtonState, reading: FrameReading, place: 
     if cut and button.pressed:
         return vote
     gesture = None if cut else reading.gesture
-    return update_vote(vote, gesture, reading.captured_ns, pressing=is_near(button, place) or cut)
+    pressing = is_near(button, place) or cut
+    approaching = mode is ButtonMode.ROBUST and is_approaching(button, place)
+    return update_vote(vote, gesture, reading.captured_ns, pressing=pressing, approaching=approaching)

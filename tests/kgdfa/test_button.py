@@ -21,9 +21,11 @@ from kgdfa.button import (
     PressCancel,
     PressHint,
     advance,
+    is_approaching,
 )
 from kgdfa.gesture import Gesture
 from kgdfa.hand import Box
+from kgdfa.recognition import FrameReading, Recognition, recognise
 
 FRAME_NS = 33_333_333
 PLACE = ButtonPlace(x_px=640, y_px=360, radius_px=40, threshold_m=0.20)
@@ -186,6 +188,40 @@ def test_a_hand_that_hovers_about_the_threshold_never_presses() -> None:
         state = step(state, Seen(BETWEEN + 0.04 * math.cos(2 * math.pi * 0.3 * frame / 30)))
         assert not state.pressed
     assert state.hint is PressHint.APPROACH_FIRST or state.ready
+
+
+@pytest.mark.parametrize(
+    ("fall_m", "approaching"), [(-0.010, False), (0.0, False), (0.002, False), (0.004, True), (0.010, True)]
+)
+def test_a_hand_approaches_when_it_came_nearer_by_half_of_what_a_press_needs(fall_m: float, approaching: bool) -> None:
+    state = run([Seen(0.35 - fall_m * frame) for frame in range(6)])  # 166 ms: five times the fall
+    assert is_approaching(state, PLACE) is approaching
+    assert not is_approaching(step(state, LOST), PLACE)
+
+
+@pytest.mark.parametrize(("still_frames", "commands"), [(0, 1), (5, 0)])
+def test_a_gesture_misread_for_eight_frames_is_kept_only_while_the_hand_comes_nearer(
+    still_frames: int, commands: int
+) -> None:
+    approach_m = [0.33 + (NEAR - 0.33) * share for share in (0.02, 0.10, 0.22, 0.36, 0.52, 0.68, 0.84, 1.0)]
+    path = [
+        *((0.33, Gesture.ZERO) for _ in range(5)),
+        *((0.33, None) for _ in range(still_frames)),
+        *((distance_m, None) for distance_m in approach_m),
+        *((distance_m, Gesture.ZERO) for distance_m in (NEAR, NEAR, NEAR, 0.20, FAR, 0.33)),
+    ]
+    now = Recognition()
+    for frame, (distance_m, gesture) in enumerate(path, 1):
+        reading = FrameReading(
+            captured_ns=frame * FRAME_NS,
+            hand=1,
+            gesture=gesture,
+            cut_off=False,
+            distance_m=distance_m,
+            beside_px=0.0,
+        )
+        now = recognise(now, reading, PLACE, ButtonMode.ROBUST)
+    assert now.button.release_count == commands
 
 
 def test_a_press_needs_the_centre_and_keeps_within_the_radius() -> None:

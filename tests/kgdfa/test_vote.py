@@ -3,7 +3,7 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kgdfa.gesture import END_FRAMES, VOTE_FRAMES, Gesture, Vote, update_vote
+from kgdfa.gesture import END_FRAMES, PRESS_END_FRAMES, VOTE_FRAMES, Gesture, Vote, update_vote
 
 ONE, TWO = Gesture.ONE, Gesture.TWO
 spoken = st.lists(st.sampled_from([None, Gesture.ONE, Gesture.TWO, Gesture.FIVE]), max_size=60)
@@ -54,3 +54,18 @@ def test_flicker_between_two_gestures_never_starts_one(past: list[Gesture | None
     flicker: list[Gesture | None] = [ONE, TWO] * 10
     ends = votes([*past, *[None] * END_FRAMES, *flicker])
     assert ends[-1].gesture is None
+
+
+@given(spoken, st.booleans())
+def test_a_gesture_that_comes_nearer_ends_as_late_as_in_a_press_and_gives_way_as_early_as_ever(
+    past: list[Gesture | None], approaching: bool
+) -> None:
+    vote = votes([*past, *[ONE] * VOTE_FRAMES])[-1]
+    end = PRESS_END_FRAMES if approaching else END_FRAMES
+    for number in range(1, end + 1):
+        assert vote.gesture is ONE
+        vote = update_vote(vote, None, 1000 + number, approaching=approaching)
+    assert vote.gesture is None
+    for number in range(VOTE_FRAMES):
+        vote = update_vote(vote, TWO, 2000 + number, approaching=approaching)
+    assert vote.gesture is TWO
