@@ -42,6 +42,9 @@ _SOLVE_ACROSS, _SOLVE_ALONG = np.linalg.pinv(SHAPE - SHAPE.mean(axis=0)).tolist(
 Points = Sequence[Sequence[float]]  # the keypoints RIGID, (5, 2) or (5, 3)
 
 MAX_MISFIT = 0.16  # keypoints further from any flat palm are none: 99.9 % of well-seen hands are below 0.15
+# Seen nearly edge on, a palm is a line whose length depends on the guess where its keypoints are: of idle hands turning
+# over the button, one in some 400,000 frames pressed by it. Signs reach 60 degrees.
+MOST_TILT_RAD = math.radians(75)
 KEYPOINT_SD = 0.03  # scatter that the keypoints' own places leave, digital hand facing the camera
 REFERENCE_HOLDS_M = 0.40  # where hands are held when the reference segment is measured or calibrated
 FORGET_NS = 200_000_000
@@ -260,7 +263,7 @@ class RobustRange:
         points_px = hand.image_px.take(_RIGID_ROWS, axis=0).tolist()
         observed, cosine = self._own_view(points_px)
         view = view_palm(observed)
-        if not view.misfit <= MAX_MISFIT:
+        if not (view.misfit <= MAX_MISFIT and view.tilt_rad <= MOST_TILT_RAD):
             return None
         readings = _readings(observed, hand.world_m.take(_RIGID_ROWS, axis=0).tolist(), view)
         shape_m, perspective_m, equation_m = (_under_the_skin(self._reference_m * cosine * one) for one in readings)

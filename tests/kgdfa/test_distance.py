@@ -288,3 +288,11 @@ def test_the_palm_s_shape_gives_tilt_and_size_whatever_the_roll(tilt: float, rol
     assert view.stretch == pytest.approx(stretch, rel=1e-6)
     assert view.tilt_rad == pytest.approx(tilt, abs=1e-4)
     assert view.misfit < 1e-9
+
+
+@pytest.mark.parametrize("across", [False, True], ids=["turned about its length", "bent away"])
+@pytest.mark.parametrize(("tilt_deg", "measures"), [(70.0, True), (80.0, False)])
+def test_a_palm_seen_edge_on_has_no_distance(tilt_deg: float, measures: bool, across: bool) -> None:
+    tilt_rad = math.radians(tilt_deg)
+    hand = observed(skin_m(0.3), turn=(tilt_rad, 0.0, 0.0) if across else (0.0, tilt_rad, 0.0))
+    assert (robust().measure(hand, 1) is not None) is measures
