@@ -25,6 +25,7 @@ from app.cli.evaluate.common import (
 from app.evaluate.harness import click_range, seed_numbers, write_json
 from app.evaluate.readings import DISTANCE_COLUMNS, read_frames
 from app.text.catalogue import tr
+from profiles.schema import HandUsed
 
 cli = typer.Typer()
 
@@ -197,12 +198,15 @@ def pushes(
         float,
         typer.Option(help="Tremor of the hand, peak to peak, at 4 to 8 Hz.", min=0, max=10, callback=check_finite),
     ] = 0.0,
+    hand: Annotated[
+        HandUsed, typer.Option(help="Which hand pushes; either: as the seed draws it. A session's is the patient's.")
+    ] = HandUsed.EITHER,
     workers: Workers = 2,
     json_file: Json = None,
     home: HomeOption = None,
 ) -> None:
     """Quick pushes of many hands with all twelve gestures: which command, and the others frame by frame."""
-    from app.evaluate.trigger.pushes import bouts, evaluate_pushes, shown
+    from app.evaluate.trigger.pushes import LEFT, bouts, evaluate_pushes, shown
 
     wanted = bouts(
         seed_numbers(seeds),
@@ -210,12 +214,12 @@ def pushes(
         click_s=click_range(click),
         left_out=left_out,
         tremor_m=tremor_cm / 100,
+        left=LEFT[hand],
     )
     with detector_processes(home, workers, len(wanted)) as (pool, step):
         run = evaluate_pushes(pool, wanted, step)
     show(*shown(run))
-    write_json(
-        {"seeds": seeds, "click_s": click, "left_out": left_out, "tremor_cm": tremor_cm, **run.as_json()}, json_file
-    )
+    settings = {"seeds": seeds, "click_s": click, "left_out": left_out, "tremor_cm": tremor_cm, "hand": hand.value}
+    write_json({**settings, **run.as_json()}, json_file)
     if run.interrupted or run.unrequested:
         raise typer.Exit(130 if run.interrupted else 1)

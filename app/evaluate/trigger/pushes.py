@@ -28,11 +28,14 @@ from app.evaluate.trigger.table6 import chain
 from app.text.catalogue import render, tr
 from hal.cameras.digital_hand.driver import DigitalHandCamera
 from hal.cameras.digital_hand.movement import SETTLED, Tremor
+from hal.cameras.digital_hand.render import person_of
 from kgdfa.button import ButtonState, PressCancel, PressHint
 from kgdfa.gesture import Gesture
 from kgdfa.pipeline import Pipeline, PipelineInput, Report
 from logs.reason import Reason, reason
+from profiles.schema import HandUsed
 
+LEFT = {HandUsed.LEFT: True, HandUsed.RIGHT: False, HandUsed.EITHER: None}  # which hand of a digital person
 BEGIN_NS = 1_000_000_000
 REST_FRAMES = 12
 RECOGNITION_FRAMES = 180  # six seconds, as `response` waits
@@ -72,7 +75,8 @@ class Click:
 class Bout:
     """One hand that pushes with one gesture, once for each click.
 
-    left_out: share of the camera's frames, 0 to 1. tremor_m: peak to peak, see `tremor_of`.
+    left_out: share of the camera's frames, 0 to 1. tremor_m: peak to peak, see `tremor_of`. left: which hand; None: as
+    the seed draws it.
     """
 
     seed: int
@@ -80,6 +84,7 @@ class Bout:
     clicks: tuple[Click, ...]
     left_out: float = 0.0
     tremor_m: float = 0.0
+    left: bool | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -220,6 +225,7 @@ def bouts(
     click_s: tuple[float, float],
     left_out: float = 0.0,
     tremor_m: float = 0.0,
+    left: bool | None = None,
 ) -> list[Bout]:
     """So many pushes of each gesture, shared among the hands; a push takes from click_s[0] to click_s[1]."""
     return [
@@ -229,6 +235,7 @@ def bouts(
             clicks=tuple(_clicks(seed, number, count, click_s)),
             left_out=left_out,
             tremor_m=tremor_m,
+            left=left,
         )
         for seed, count in shared(attempts, seeds)
         for number, gesture in enumerate(Gesture)
@@ -267,12 +274,18 @@ def evaluate_pushes(pool: ProcessPoolExecutor, wanted: Sequence[Bout], step: Ste
 
 def run_bout(detector: PoolDetector, bout: Bout) -> tuple[Push, ...]:
     """One bout, from a hand at rest."""
-    camera = DigitalHandCamera(seed=bout.seed, tremor=tremor_of(bout.seed, bout.tremor_m), clock_ns=lambda: 0)
-    camera.command(move_m=(0.0, 0.0, -APPROACH_M), at_ns=0)
-    inner = detector.inner
+    camera, inner = camera_of(bout), detector.inner
     pipeline = chain("robust", camera.person, camera.lens, inner, THRESHOLD_M, follow=inner.follow)
     draw = np.random.default_rng([bout.seed, tuple(Gesture).index(bout.gesture), 0x6C656674])
     return pushed(Stage(camera, pipeline, detector, BEGIN_NS, bout.left_out, draw), bout)
+
+
+def camera_of(bout: Bout) -> DigitalHandCamera:
+    """The bout's hand, moved to where it rests."""
+    person, tremor = person_of(bout.seed, left=bout.left), tremor_of(bout.seed, bout.tremor_m)
+    camera = DigitalHandCamera(seed=bout.seed, person=person, tremor=tremor, clock_ns=lambda: 0)
+    camera.command(move_m=(0.0, 0.0, -APPROACH_M), at_ns=0)
+    return camera
 
 
 def pushed(stage: Stage, bout: Bout) -> tuple[Push, ...]:

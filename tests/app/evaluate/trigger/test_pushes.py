@@ -18,6 +18,7 @@ from app.evaluate.loop.response import APPROACH_M, THRESHOLD_M
 from app.evaluate.trigger.pushes import (
     AFTER_FRAMES,
     BEGIN_NS,
+    LEFT,
     TREMOR_HZ,
     Bout,
     ButtonPhase,
@@ -27,6 +28,7 @@ from app.evaluate.trigger.pushes import (
     PushRun,
     Stage,
     bouts,
+    camera_of,
     pushed,
     shown,
     tremor_of,
@@ -178,6 +180,15 @@ def test_every_hand_makes_all_twelve_gestures_with_pushes_drawn_from_the_range()
     assert all(0.3 <= click.duration_s <= 0.8 and 0 <= click.begins_ns < FRAME_NS for click in drawn)
     assert wanted == bouts([4, 5], attempts=3, click_s=(0.3, 0.8))
     assert [bout.seed for bout in bouts([4, 5], attempts=1, click_s=(0.3, 0.3))] == [4] * 12
+
+
+def test_the_hand_asked_for_pushes() -> None:
+    for used, wanted in LEFT.items():
+        hands = [
+            camera_of(bout).person.shape.left
+            for bout in bouts([*range(8)], attempts=8, click_s=(0.3, 0.3), left=wanted)
+        ]
+        assert set(hands) == ({True, False} if wanted is None else {wanted}), used
 
 
 @pytest.mark.parametrize(
