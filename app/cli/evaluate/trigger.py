@@ -206,7 +206,8 @@ def pushes(
     home: HomeOption = None,
 ) -> None:
     """Quick pushes of many hands with all twelve gestures: which command, and the others frame by frame."""
-    from app.evaluate.trigger.pushes import LEFT, bouts, evaluate_pushes, shown
+    from app.evaluate.trigger.push_results import shown
+    from app.evaluate.trigger.pushes import LEFT, bouts, evaluate_pushes
 
     wanted = bouts(
         seed_numbers(seeds),

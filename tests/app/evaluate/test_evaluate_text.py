@@ -12,7 +12,7 @@ from app.cli import evaluate as commands
 from app.cli import main
 from app.evaluate import harness
 from app.evaluate.harness import EvaluateFault, require_extra
-from app.evaluate.trigger.pushes import ButtonPhase, PushFault
+from app.evaluate.trigger.push_results import ButtonPhase, PushFault
 from app.system.errors import AppError
 from app.text.catalogue import key_of, knows, render, use_language
 

@@ -15,22 +15,18 @@ from rich.table import Table
 from app.evaluate.digital import PoolDetector
 from app.evaluate.harness import FRAME_NS, EvaluateFault, click_range, seed_numbers
 from app.evaluate.loop.response import APPROACH_M, THRESHOLD_M
+from app.evaluate.trigger.push_results import ButtonPhase, Push, PushFault, PushRun, shown
 from app.evaluate.trigger.pushes import (
     AFTER_FRAMES,
     BEGIN_NS,
     LEFT,
     TREMOR_HZ,
     Bout,
-    ButtonPhase,
     Click,
-    Push,
-    PushFault,
-    PushRun,
     Stage,
     bouts,
     camera_of,
     pushed,
-    shown,
     tremor_of,
 )
 from app.evaluate.trigger.table6 import chain
