@@ -27,7 +27,7 @@ from mediapipe.tasks.python.vision import HandLandmarker, HandLandmarkerOptions,
 from kgdfa.errors import KgdfaError, KgdfaFault
 from kgdfa.hand import FloatArray, Hand, Side, same_place
 from kgdfa.preprocess import Image, as_bgr8
-from kgdfa.redetection import Redetector
+from kgdfa.redetection import Redetector, Shows
 
 # MediaPipe 1.x names the person's own hand on an unmirrored image, as ours are (0.10 had them the other way round).
 _SIDES = {"Left": Side.LEFT, "Right": Side.RIGHT}
@@ -72,14 +72,15 @@ class HandDetector:
         loaded = [one for one in (self._landmarker, self._two_hands, self._untracked) if one is not None]
         self._free = weakref.finalize(self, _close_all, loaded)
 
-    def follow(self, hand: Hand | None, unknown: bool, doubted: bool) -> None:
+    def follow(self, hand: Hand | None, unknown: bool, sought: Shows | None) -> None:
         """Which of the hands just found commands, to be the next ones' first; unknown: another one may be enrolled.
 
-        doubted: the keypoints may be of a shape that the hand does not have.
+        sought: the keypoints may be of a shape that the hand does not have; an untracked detection that shows this is
+        believed. None: they are believed as they are.
         """
         self._unknown = unknown
         if self._searcher is not None:
-            self._searcher.doubted = doubted
+            self._searcher.sought = sought
         if hand is not None:
             self._previous = (hand, *(other for other in self._previous if other is not hand))
 

@@ -16,6 +16,7 @@ from kgdfa.gesture import VOTE_FRAMES, Explanation, Gesture, RuleSet, Verdict
 from kgdfa.hand import Hand, is_cut_off
 from kgdfa.preprocess import Image, as_bgr8
 from kgdfa.recognition import FrameReading, Recognition, recognise
+from kgdfa.redetection import Shows
 from kgdfa.track import Enrolment, Tracks, update_tracks
 
 
@@ -74,9 +75,9 @@ class DepthFinder(Protocol):
 
 
 Prepare = Callable[[NDArray[np.uint8]], Image]
-Follow = Callable[[Hand | None, bool, bool], None]
+Follow = Callable[[Hand | None, bool, Shows | None], None]
 
-UNRECOGNISED_FRAMES = 30  # of a hand without a gesture, after which its keypoints are doubted: about a second
+UNRECOGNISED_FRAMES = 30  # of a hand without a gesture, after which one is sought: about a second
 
 
 class Pipeline:
@@ -94,12 +95,12 @@ class Pipeline:
         depth_finder: DepthFinder | None = None,
         choice: DistanceChoice = DistanceChoice.MONOCULAR,
         enrolment: Enrolment | None = None,
-        follow: Follow = lambda _hand, _unknown, _doubted: None,
+        follow: Follow = lambda _hand, _unknown, _sought: None,
     ) -> None:
         """choice: which distance commands; depth needs a depth_finder. enrolment: whose hand commands; None: anybody's.
 
-        follow: is given each frame's commanding hand, if any, whether another one may be the enrolled one, and whether
-        its keypoints are doubted: the gesture in force is not seen, or no gesture was for UNRECOGNISED_FRAMES.
+        follow: is given each frame's commanding hand, if any, whether another one may be the enrolled one, and what is
+        sought: the gesture in force where the frame does not show it, any gesture after UNRECOGNISED_FRAMES without.
         """
         self._enrolment = enrolment
         self._follow = follow
@@ -140,8 +141,8 @@ class Pipeline:
         self._recognition = recognise(self._recognition, reading, self._place, self._mode)
         vote = self._recognition.vote
         commanding = self._tracks.commanding
-        doubted = self._doubts(vote.gesture, verdict)
-        self._follow(commanding.hand if commanding else None, not self._tracks.known, doubted)
+        sought = self._sought(vote.gesture, verdict)
+        self._follow(commanding.hand if commanding else None, not self._tracks.known, sought)
         return Report(
             captured_ns=now_ns,
             hand=hand,
@@ -174,13 +175,15 @@ class Pipeline:
         commanding = track.hand if track else None
         return next((both for both in verdicts if both[0] is commanding), (None, None))
 
-    def _doubts(self, voted: Gesture | None, verdict: Verdict | None) -> bool:
-        """Whether the keypoints of this frame may be of a shape that the hand does not have."""
+    def _sought(self, voted: Gesture | None, verdict: Verdict | None) -> Shows | None:
+        """What the keypoints of this frame lack, which may be of a shape that the hand does not have; else None."""
         seen = verdict.gesture if verdict else None
         self._unrecognised = 0 if verdict is None or seen or voted else self._unrecognised + 1
-        return self._unrecognised % UNRECOGNISED_FRAMES == UNRECOGNISED_FRAMES - 1 or (
-            verdict is not None and voted is not None and seen is not voted
-        )
+        if verdict is not None and voted is not None and seen is not voted:
+            return lambda hand: self._rules.classify(hand).gesture is voted
+        if self._unrecognised % UNRECOGNISED_FRAMES == UNRECOGNISED_FRAMES - 1:
+            return lambda hand: self._rules.classify(hand).gesture is not None
+        return None
 
     def _measure_depth(self, source: PipelineInput, hand: Hand | None) -> tuple[Distance | None, DepthFault | None]:
         """The depth camera's distance, or why there is none; nothing without a depth map."""

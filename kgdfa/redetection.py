@@ -36,15 +36,17 @@ STEADY_FROM = 0.95  # so little is not worth showing smaller
 # did in 120 pushes 25 read too far by a quarter and more, and these were 25 of 37 such readings.
 LEAST_NARROWING = 0.80
 LOOK_FRAMES = 6  # from one untracked detection to the next, at least: as many as a push of 0.3 s is near in
-DOUBT_FRAMES = 2  # the same while the hand is doubted: its gesture ends after a few frames that don't show it
-# How far the keypoints of a tracked hand that is doubted lie from those of an untracked detection, RMS in palm lengths,
-# before the tracker is made to forget. Of a digital fist that its tracker takes for an open hand, 0.18 and more in 95 %
-# of frames; of hands that are tracked rightly 0.05 to 0.16.
+# How far the keypoints of a tracked hand without the gesture sought lie from those of an untracked detection, RMS in
+# palm lengths, before the tracker is made to forget. Of a digital fist that its tracker takes for an open hand, 0.18 and
+# more in 95 % of frames; of hands that are tracked rightly 0.05 to 0.16.
 SLIPPED = 0.16
 MOST_GROWTH = 1.35  # from frame to frame: a push of 0.3 s from 36 cm, 30 frames per second, makes it grow by 1.3
 NEAR_FRAMES = 3  # in which a hand just lost is sought at the size that it had: as many as end a press
 BRIGHTER = 0.5  # gamma of a near view: of 300 near hands 229 are found instead of 178 (docs: gestures, near views)
 SHRUNK = 2  # a view has half the image's pixels each way: more cost time, and the landmark model sees 224
+
+
+Shows = Callable[[Hand], bool]  # whether a hand shows the gesture that is sought, or any
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -197,7 +199,7 @@ class Redetector:
         self._order = order
         self._look = look
         self._forget = forget
-        self.doubted = False  # whether the gesture of the hand followed is not what it was, or none for long
+        self.sought: Shows | None = None  # what the hand followed shows no more, or has not shown for long
         self._search = RedetectionState()
         self._growth: PalmGrowth | None = None  # of the hand followed, or lost a moment ago
         self._since_look = LOOK_FRAMES
@@ -212,8 +214,10 @@ class Redetector:
         if hands:
             growth = PalmGrowth.of(hands[0], self._growth)
             self._since_look += 1
-            narrowed = growth.narrowed and growth.is_near(image_bgr.shape[0])
-            if self._since_look >= (LOOK_FRAMES if narrowed else DOUBT_FRAMES) and (narrowed or self.doubted):
+            near = growth.is_near(image_bgr.shape[0])
+            narrowed = growth.narrowed and near
+            # Near, a gesture is kept for half a second, and the frames that a detection costs are those of a push.
+            if self._since_look >= LOOK_FRAMES and (narrowed or (self.sought is not None and not near)):
                 self._since_look = 0
                 hands = self._look_again(image_bgr, captured_ns, hands, narrowed=narrowed)
                 growth = PalmGrowth.of(hands[0], self._growth)
@@ -247,7 +251,7 @@ class Redetector:
         seen = [one for one in (to_image(one, transform) for one in self._look(shown)) if same_place(one, hand)][:1]
         if narrowed:
             return tuple(one for one in seen if not PalmGrowth.of(one, self._growth).narrowed) or hands
-        if not any(difference(one, hand) > SLIPPED for one in seen):
+        if self.sought is None or not any(difference(one, hand) > SLIPPED and self.sought(one) for one in seen):
             return hands
         self._forget(captured_ns)
         return (*seen, *hands[1:])

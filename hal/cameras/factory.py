@@ -60,6 +60,7 @@ def _digital_hand(wanted: CameraRequest) -> Camera:
         depth=wanted.depth,
         depth_holes=wanted.depth_holes,
         limit=HandLimit(wanted.limit),
+        ahead=True,
         rest_m=REST_M if wanted.threshold_m is None else wanted.threshold_m + REST_M - THRESHOLD_M,
         press_m=PRESS_M if wanted.threshold_m is None else wanted.threshold_m + PRESS_M - THRESHOLD_M,
     )

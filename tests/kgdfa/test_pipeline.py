@@ -135,7 +135,7 @@ def doubts(frames: Sequence[tuple[Hand, ...]]) -> list[bool]:
         rules=PublishedRules(),
         range_finder=RobustRange(focal_px=650.0, reference_m=0.065),
         place=PLACE,
-        follow=lambda _hand, _unknown, doubted: told.append(doubted),
+        follow=lambda _hand, _unknown, sought: told.append(sought is not None),
     )
     for frame in range(len(frames)):
         pipeline.process(PipelineInput(image_bgr=BLACK, captured_ns=(frame + 1) * 33_000_000))

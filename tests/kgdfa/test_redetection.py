@@ -294,25 +294,46 @@ def with_fingertips(off_px: float) -> Hand:
 
 
 @pytest.mark.parametrize(
-    ("doubted", "anew", "reported", "forgotten"),
+    ("doubted", "anew", "shows", "reported", "forgotten"),
     [
-        ((False, True), (with_fingertips(40.0),), with_fingertips(40.0), [1]),
-        ((False, True), (with_fingertips(10.0),), palm(20), []),
-        ((False, True), (palm(20, at_px=400.0),), palm(20), []),
-        ((False, True), (), palm(20), []),
-        ((False, False), (with_fingertips(40.0),), palm(20), []),
-        ((True, False, True), (with_fingertips(40.0),), with_fingertips(40.0), [0, 2]),
-        ((True, True), (with_fingertips(40.0),), palm(20), [0]),
+        ((False, True), (with_fingertips(40.0),), True, with_fingertips(40.0), [1]),
+        ((False, True), (with_fingertips(10.0),), True, palm(20), []),
+        ((False, True), (palm(20, at_px=400.0),), True, palm(20), []),
+        ((False, True), (), True, palm(20), []),
+        ((False, False), (with_fingertips(40.0),), True, palm(20), []),
+        (
+            (True, *[False] * (LOOK_FRAMES - 1), True),
+            (with_fingertips(40.0),),
+            True,
+            with_fingertips(40.0),
+            [0, LOOK_FRAMES],
+        ),
+        ((True, True), (with_fingertips(40.0),), True, palm(20), [0]),
+        ((False, True), (with_fingertips(40.0),), False, palm(20), []),
     ],
-    ids=["slipped", "as tracked", "another place", "not found", "not doubted", "later", "at once"],
+    ids=["slipped", "as tracked", "another place", "not found", "not doubted", "later", "at once", "another gesture"],
 )
 def test_a_tracker_that_follows_a_shape_the_hand_has_not_is_made_to_forget(
-    doubted: tuple[bool, ...], anew: tuple[Hand, ...], reported: Hand, forgotten: list[int]
+    doubted: tuple[bool, ...], anew: tuple[Hand, ...], shows: bool, reported: Hand, forgotten: list[int]
 ) -> None:
     forgets: list[int] = []
     redetector = Redetector(lambda _, __: (palm(20),), look=lambda _: anew, forget=forgets.append)
     for frame, doubt in enumerate(doubted):
-        redetector.doubted = doubt
+        redetector.sought = (lambda _: shows) if doubt else None
         hands = redetector.detect(PICTURE, frame)
     assert (hands[0].image_px == reported.image_px).all()
     assert forgets == forgotten
+
+
+def test_a_near_hand_that_is_doubted_is_left_to_the_tracker() -> None:
+    looked: list[Image] = []
+
+    def look(shown: Image) -> tuple[Hand, ...]:
+        looked.append(shown)
+        return ()
+
+    redetector = Redetector(lambda _, __: (palm(20),), look=look)
+    redetector.sought = lambda _: True
+    for frame in range(2 * LOOK_FRAMES):
+        redetector.detect(NEAR, frame)
+    assert not looked

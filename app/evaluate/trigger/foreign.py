@@ -116,7 +116,7 @@ class Stage:
         for _ in range(ALONE_FRAMES):  # whatever was seen before, one hand is tracked
             detector.detect(BLANK)
         inner = detector.inner
-        inner.follow(None, False, False)
+        inner.follow(None, False, None)
         self.own = DigitalHandCamera(seed=own_seed, person=person_of(own_seed), clock_ns=lambda: 0)
         self.own.command(move_m=(0.0, 0.0, -APPROACH_M), at_ns=0)
         person = self.own.person

@@ -5,8 +5,9 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
-from hal.cameras.camera import Frame, Intrinsics
+from hal.cameras.camera import Frame, Intrinsics, LatestFrame
 from hal.cameras.digital_hand import movement as hand_motion
 from hal.cameras.digital_hand.depth import DepthCamera
 from hal.cameras.digital_hand.limits import HandLimit, limited, tremor_deg
@@ -19,6 +20,7 @@ MAX_RATE_HZ = 240.0
 MAX_CLICK_S = 10.0
 THRESHOLD_M = 0.20
 REST_M = 0.36
+RENDER_WAIT_S = 0.1  # in which the rendering thread sees that it is to end
 PRESS_M = 0.145  # well under the threshold, and the fingertips still in the image of the default lens
 
 
@@ -56,11 +58,13 @@ class DigitalHandCamera:
         gesture: str = hand_motion.SETTLED,
         tremor: hand_motion.Tremor | None = None,
         limit: HandLimit = HandLimit.NONE,
+        ahead: bool = False,
         clock_ns: Callable[[], int] = time.monotonic_ns,
     ) -> None:
         """seed chooses person, room and lamp; `person` overrides it. depth_holes: see `DepthCamera`.
 
-        limit: what the hand can't do. Raises HardwareError for a bad rate.
+        limit: what the hand can't do. ahead: a thread renders, as a camera's own does, so that it takes no time of who
+        reads. Raises HardwareError for a bad rate.
         """
         if not 0 < rate_hz <= MAX_RATE_HZ:
             raise HardwareError(CameraFault.RATE_OUT_OF_RANGE, rate_hz=rate_hz, limit_hz=MAX_RATE_HZ)
@@ -74,6 +78,8 @@ class DigitalHandCamera:
         self._movement = hand_motion.begin(self.person, rest_m=rest_m, press_m=press_m, gesture=gesture, tremor=tremor)
         self._opened_ns: int | None = None
         self._sequence = 0
+        self._ahead = ahead
+        self._latest: LatestFrame[Frame] | None = None
 
     @property
     def name(self) -> str:
@@ -84,12 +90,24 @@ class DigitalHandCamera:
         self._opened_ns = self._clock_ns()
         self._sequence = 0
         self.render(self._opened_ns)  # renders the room, which later frames reuse
+        if self._ahead:
+            lost = HardwareError(CameraFault.NO_FRAMES, camera=self.name)
+            self._latest = LatestFrame(partial(self._next, RENDER_WAIT_S), lost=lost)
 
     def close(self) -> None:
+        if self._latest is not None:
+            self._latest.stop()
+            self._latest = None
         self._opened_ns = None
 
     def read(self, timeout_s: float) -> Frame | None:
         """The newest due frame not yet given, waiting up to timeout_s. Raises HardwareError when not open."""
+        if self._latest is not None:
+            return self._latest.take(timeout_s)
+        return self._next(timeout_s)
+
+    def _next(self, timeout_s: float) -> Frame | None:
+        """The newest due frame not yet rendered."""
         if self._opened_ns is None:
             raise HardwareError(CameraFault.NOT_OPEN, camera=self.name)
         now_ns = self._clock_ns()

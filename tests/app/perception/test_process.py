@@ -26,7 +26,7 @@ class NoHands:
         self.frames += 1
         return ()
 
-    def follow(self, _hand: object, _unknown: bool, _doubted: bool) -> None:
+    def follow(self, _hand: object, _unknown: bool, _sought: object) -> None:
         """Nothing is tracked."""
 
     def close(self) -> None:

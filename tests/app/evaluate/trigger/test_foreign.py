@@ -49,7 +49,7 @@ class KnownHands:
     def detect(self, _image: Any, _captured_ns: int = 0) -> tuple[Hand, ...]:
         return self._hands
 
-    def follow(self, hand: Hand | None, unknown: bool, doubted: bool) -> None:
+    def follow(self, hand: Hand | None, unknown: bool, sought: object) -> None:
         """It finds every hand in any case."""
 
 
