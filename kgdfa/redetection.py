@@ -37,15 +37,13 @@ STEADY_FROM = 0.95  # so little is not worth showing smaller
 LEAST_NARROWING = 0.80
 LOOK_FRAMES = 6  # from one untracked detection to the next, at least: as many as a push of 0.3 s is near in
 # How far the keypoints of a tracked hand without the gesture sought lie from those of an untracked detection, RMS in
-# palm lengths, before the tracker is made to forget. Of a digital fist that its tracker takes for an open hand, 0.18 and
-# more in 95 % of frames; of hands that are tracked rightly 0.05 to 0.16.
+# palm lengths, before the tracker is made to forget. Of a digital fist that its tracker takes for an open hand, 0.18
+# and more in 95 % of frames; of hands that are tracked rightly 0.05 to 0.16.
 SLIPPED = 0.16
 MOST_GROWTH = 1.35  # from frame to frame: a push of 0.3 s from 36 cm, 30 frames per second, makes it grow by 1.3
 NEAR_FRAMES = 3  # in which a hand just lost is sought at the size that it had: as many as end a press
 BRIGHTER = 0.5  # gamma of a near view: of 300 near hands 229 are found instead of 178 (docs: gestures, near views)
 SHRUNK = 2  # a view has half the image's pixels each way: more cost time, and the landmark model sees 224
-
-
 Shows = Callable[[Hand], bool]  # whether a hand shows the gesture that is sought, or any
 
 
