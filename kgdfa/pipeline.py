@@ -177,9 +177,9 @@ class Pipeline:
 
     def _sought(self, voted: Gesture | None, verdict: Verdict | None) -> Shows | None:
         """What the keypoints of this frame lack, which may be of a shape that the hand does not have; else None."""
-        seen = verdict.gesture if verdict else None
-        self._unrecognised = 0 if verdict is None or seen or voted else self._unrecognised + 1
-        if verdict is not None and voted is not None and seen is not voted:
+        recognised = verdict.gesture if verdict else None
+        self._unrecognised = 0 if verdict is None or recognised or voted else self._unrecognised + 1
+        if verdict is not None and voted is not None and recognised is not voted:
             return lambda hand: self._rules.classify(hand).gesture is voted
         if self._unrecognised % UNRECOGNISED_FRAMES == UNRECOGNISED_FRAMES - 1:
             return lambda hand: self._rules.classify(hand).gesture is not None

@@ -246,13 +246,13 @@ class Redetector:
         if narrowed:
             growth = replace(growth, growth=1.0, shown=SOUGHT_PALM)
         shown, transform = render_view(image_bgr, growth.fitted(self._search.view, image_bgr.shape[0]))
-        seen = [one for one in (to_image(one, transform) for one in self._look(shown)) if same_place(one, hand)][:1]
+        found = [one for one in (to_image(one, transform) for one in self._look(shown)) if same_place(one, hand)][:1]
         if narrowed:
-            return tuple(one for one in seen if not PalmGrowth.of(one, self._growth).narrowed) or hands
-        if self.sought is None or not any(difference(one, hand) > SLIPPED and self.sought(one) for one in seen):
+            return tuple(one for one in found if not PalmGrowth.of(one, self._growth).narrowed) or hands
+        if self.sought is None or not any(difference(one, hand) > SLIPPED and self.sought(one) for one in found):
             return hands
         self._forget(captured_ns)
-        return (*seen, *hands[1:])
+        return (*found, *hands[1:])
 
     def _detect_in_view(self, image_bgr: Image, captured_ns: int) -> tuple[Hand, ...]:
         view = self._search.view
