@@ -105,10 +105,10 @@ def test_a_short_cut_at_rest_changes_nothing_by_itself(bed: Bed) -> None:
 
 def test_a_lost_link_in_a_walk_holds_and_its_return_moves_nothing(bed: Bed) -> None:
     bed.session.walk(steps=1)
-    bed.session.send(OperatorKind.ARM)
     bed.relay.cut = True
+    bed.session.send(OperatorKind.ARM)  # both expire on the way
+    bed.session.send(OperatorKind.ACT, Action.INITIALISE)
     bed.session.go_on(2.0 * LOST_NS / 1e9)
-    bed.session.send(OperatorKind.ACT, Action.INITIALISE)  # expires on the way
     bed.relay.cut = False
     now = bed.session.until(lambda now: any(one.event is Event.STOP for one in now.events), "as a takeover")
     assert caused(now) is Effect.HOLD
@@ -140,10 +140,10 @@ def test_a_spoken_stop_comes_by_packet_alone_and_counts_once(bed: Bed) -> None:
     bed.session.until_acknowledged()
     bed.relay.frames_wait = False
     now = bed.session.until(lambda now: any(one.event is Event.VOICE_STOP for one in now.events), "the event")
-    bed.session.go_on(0.5)
     assert caused(now) is Effect.HOLD
-    stops = [one for one in bed.trail() if isinstance(one, Stop) and one.by == StopSource.VOICE.value]
-    assert len(stops) == 1, "its frame came later"
+    bed.session.until(lambda _: bool(spoken_stops(bed)), "the trail's record")
+    bed.session.go_on(0.5)
+    assert len(spoken_stops(bed)) == 1, "its frame came later"
 
 
 def test_replayed_and_foreign_packets_move_nothing_and_are_counted(bed: Bed) -> None:
@@ -162,8 +162,8 @@ def test_replayed_and_foreign_packets_move_nothing_and_are_counted(bed: Bed) -> 
     dealer.connect(f"tcp://127.0.0.1:{bed.port}")
     dealer.send(b"\xc1 malformed")
     now = bed.session.until(lambda now: any(one.event is Event.FOREIGN_PEER for one in now.events), "the event")
-    assert now.state is before.state
-    assert now.effect <= Effect.REFUSE, "nothing pauses or holds"
+    assert now.state is before.state or was_stalled(bed, now, before.at_ns)
+    assert caused(now) <= Effect.REFUSE, "nothing pauses or holds"
     dealer.close()
     stranger.term()
 
@@ -207,6 +207,11 @@ def test_both_trails_prove_themselves_and_tell_of_the_link(bed: Bed) -> None:
     assert "LinkNotice.LINK_RETURNED" in codes
     assert "LinkNotice.COMMAND_STALE" in codes
     assert any(isinstance(one, EventRaised) and one.event == Event.FOREIGN_PEER.value for one in bodies)
+
+
+def spoken_stops(bed: Bed) -> list[Stop]:
+    """The trail's."""
+    return [one for one in bed.trail() if isinstance(one, Stop) and one.by == StopSource.VOICE.value]
 
 
 def caused(now: ControlSnapshot) -> Effect:
