@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from kgdfa.button import GAP_FRAMES
 from kgdfa.continuity import DOUBTFUL_FRAMES, FRAME_NS, MOST_FRAMES, Jump, jump_between
 from kgdfa.gesture import Explanation, HandRefusal
 from kgdfa.hand import FloatArray, Hand, Keypoint, Side
@@ -213,7 +214,11 @@ def _begun(hand: Hand, number: int, captured_ns: int) -> Track:
 def _advanced(
     track: Track, hand: Hand, captured_ns: int, elapsed_ns: int, shows: dict[int, bool], *, enrolled: Side | None
 ) -> Track:
-    """The track with its hand of one more frame; judged anew where that hand can't have come of those before."""
+    """The track with its hand of one more frame; judged anew where that hand can't have come of those before.
+
+    A hand that may not have come of those before counts for two frames, then as none for as long as a press survives
+    without one: what slipped back by then is the hand of before, and nothing was pressed or released meanwhile.
+    """
     signs = shows.get(id(hand), True)
     unsure = track.side not in {None, hand.side} and hand.side is enrolled and hand.presence < SURE_ENROLLED
     tells = signs and not unsure
@@ -228,8 +233,11 @@ def _advanced(
         moved=max(track.moved, _mean_px(hand.image_px - track.first_px) / max(hand.reference_px, 1.0)),
     )
     jump = jump_between(track.trusted, hand, elapsed_ns, track.lost)
-    if jump is not None and track.doubtful < DOUBTFUL_FRAMES and jump.code is not Jump.UNSEEN:
-        return replace(followed, doubtful=track.doubtful + 1)
+    if jump is not None and jump.code is not Jump.UNSEEN:
+        if track.doubtful < DOUBTFUL_FRAMES:
+            return replace(followed, doubtful=track.doubtful + 1)
+        if track.lost < GAP_FRAMES:
+            return replace(followed, hand=None, lost=track.lost + 1, doubtful=track.doubtful + 1)
     contrary = _contrary(track, hand) if tells else track.contrary
     if jump is None and contrary >= CONTRARY_FRAMES:
         jump = Explanation(Jump.SIDE, {"value": contrary, "limit": CONTRARY_FRAMES})
