@@ -29,7 +29,7 @@ HYSTERESIS = 0.20  # a press ends, and a new one may begin, beyond this share ov
 APPROACH_M_S = 3.5  # a 0.3 s press from 36 cm peaks at 2.7 m/s, its safe distance at a tenth more; faster is a slip
 SHORTEST_PRESS_NS = 50_000_000  # press to release, two frames: keypoints that slip for a frame slip back in the next
 RADIUS_SHARE = 0.06  # the button's radius, of the picture's width: a coin held at arm's length
-GAP_FRAMES = 2  # frames in a row without a hand or a distance that a press survives
+GAP_FRAMES = 2  # frames in a row without a hand or a distance that a press and an approach survive
 STALE_NS = 250_000_000  # frames further apart than this don't tell what happened between them
 # A press begins with an approach: within five frames the distance fell by this share of the threshold. A hand that
 # hovers about the threshold crosses it more slowly; a push of 0.8 s from 7 cm outside is three times as fast.
@@ -104,10 +104,10 @@ class ButtonComparison(Struct, frozen=True, kw_only=True):
     captured_ns: int
     elapsed_ns: int  # since the frame before; 0: it is the first
     distance_m: float | None  # safe distance
-    previous_m: float | None  # of the frame before
+    previous_m: float | None  # the newest before it, over a gap as well
     threshold_m: float  # nearer is pressed
     release_m: float  # farther is released, and ready for a press
-    nearer_m: float | None  # how much nearer the hand came since the frame before
+    nearer_m: float | None  # how much nearer the hand came since the measurement before
     nearer_limit_m: float
     beside_px: float | None  # from the box to the button's centre; 0: the box covers it
     beside_limit_px: float  # 0 for a press, the radius while pressed
@@ -138,7 +138,7 @@ class ButtonState(Struct, frozen=True, kw_only=True):
     last_captured_ns: int = 0
     pressed_recognised_ns: int = 0
     far_gesture: Gesture | None = None  # voted while the hand was last outside: what a press may mean
-    last_distance_m: float | None = None  # of the frame before; None: it gave no measurement
+    last_distance_m: float | None = None  # the newest measurement; None: none since the hand was lost
     gap_frames: int = 0  # frames in a row without a measurement
     approach: tuple[tuple[int, float], ...] = ()  # (captured_ns, distance_m) of the last APPROACH_NS, oldest first
     hint: PressHint | None = None  # why a hand that is near does not press
@@ -213,7 +213,7 @@ def _robust(state: ButtonState, observed: ButtonInput, compared: ButtonCompariso
         state = _end(state, PressCancel.CAMERA_PAUSED)
     distance_m = _measured(observed)
     if distance_m is None:
-        return replace(_gap(state, observed), last_distance_m=None)
+        return _gap(state, observed)
     now_ns = observed.captured_ns
     state = replace(state, gap_frames=0, approach=(*_recent(state, now_ns), (now_ns, distance_m)))
     rule = _while_pressed if state.pressed else _while_up
@@ -231,7 +231,7 @@ def _while_pressed(
         return state
     if compared.held_ns < SHORTEST_PRESS_NS:  # keypoints that slip near slip back
         return _end(state, PressCancel.TOO_SHORT)
-    if compared.previous_m is None:  # a gap hid the withdrawal: the next frame has to see the hand outside as well
+    if compared.gap_frames:  # it hid the withdrawal: the next frame has to see the hand outside as well
         return state
     return _release(state, observed, state.pressed_gesture)
 
@@ -281,7 +281,8 @@ def _gap(state: ButtonState, observed: ButtonInput) -> ButtonState:
     """A frame without a measurement: short gaps are blur, longer ones end the press and the readiness."""
     if state.gap_frames < GAP_FRAMES:
         return replace(state, gap_frames=state.gap_frames + 1)
-    return _end(state, PressCancel.HAND_LOST if observed.beside_px is None else PressCancel.DISTANCE_LOST)
+    lost = PressCancel.HAND_LOST if observed.beside_px is None else PressCancel.DISTANCE_LOST
+    return replace(_end(state, lost), last_distance_m=None)
 
 
 def _press(state: ButtonState, observed: ButtonInput) -> ButtonState:
