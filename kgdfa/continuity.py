@@ -26,7 +26,7 @@ LARGEST_SHIFT = 0.5
 # Between two frames of 200 pushes it is 0.01, in one of twenty 0.06; where a hand is taken for another, 0.4 to 0.6.
 LARGEST_BEND = 0.3
 LARGEST_TURN_RAD, FURTHER_TURN_RAD = math.radians(45), math.radians(15)
-DOUBTFUL_FRAMES = 2  # keypoints that slip for so long slip back, as a press survives so many without a hand
+DOUBTFUL_FRAMES = 2  # a hand that may be another one counts for so long, then as lost for GAP_FRAMES: slips slip back
 _RIGID = np.array([Keypoint.THUMB_CMC, Keypoint.INDEX_MCP, Keypoint.MIDDLE_MCP, Keypoint.RING_MCP, Keypoint.PINKY_MCP])
 
 

@@ -10,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from kgdfa.button import (
+    APPROACH_M_S,
     GAP_FRAMES,
     HYSTERESIS,
     SHORTEST_PRESS_NS,
@@ -170,7 +171,15 @@ def test_a_hand_that_comes_faster_than_a_hand_can_is_no_push_and_reported() -> N
     leap = run([Seen(FAR + 0.5), Seen(NEAR), Seen(NEAR)])
     assert not leap.pressed
     assert leap.hint is PressHint.PUSH_STEADILY
-    assert not run([Seen(FAR), LOST, Seen(NEAR), Seen(NEAR)]).pressed
+
+
+@pytest.mark.parametrize("lost", range(1, GAP_FRAMES + 2))
+def test_an_approach_goes_on_over_a_short_gap_no_farther_than_in_one_frame(lost: int) -> None:
+    gap = [LOST] * lost
+    assert run([Seen(FAR), *gap, Seen(NEAR)]).pressed is (lost <= GAP_FRAMES)
+    leap = run([Seen(NEAR + APPROACH_M_S * FRAME_NS / 1e9 + 0.01), *gap, Seen(NEAR), Seen(NEAR)])
+    assert not leap.pressed
+    assert leap.hint is (PressHint.PUSH_STEADILY if lost <= GAP_FRAMES else PressHint.WITHDRAW_FIRST)
 
 
 @pytest.mark.parametrize(("fall_m", "presses"), [(0.004, False), (0.005, False), (0.009, True), (0.02, True)])
@@ -196,7 +205,8 @@ def test_a_hand_that_hovers_about_the_threshold_never_presses() -> None:
 def test_a_hand_approaches_when_it_came_nearer_by_half_of_what_a_press_needs(fall_m: float, approaching: bool) -> None:
     state = run([Seen(0.35 - fall_m * frame) for frame in range(6)])  # 166 ms: five times the fall
     assert is_approaching(state, PLACE) is approaching
-    assert not is_approaching(step(state, LOST), PLACE)
+    assert is_approaching(step(state, LOST), PLACE) is approaching
+    assert not is_approaching(run([LOST] * (GAP_FRAMES + 1), state=state), PLACE)
 
 
 @pytest.mark.parametrize(("still_frames", "commands"), [(0, 1), (5, 0)])
@@ -268,13 +278,9 @@ def near(observed: Seen) -> bool:
 
 
 def is_push(path: Sequence[Seen], index: int) -> bool:
-    """Whether the press is this frame: near, over the button, seen coming, and the first such since the outside."""
+    """Whether the press is this frame: near, over the button, and the first such since the outside, over short gaps."""
     observed = path[index]
-    if (
-        index < 1
-        or not (near(observed) and observed.gesture and observed.box is OVER)
-        or path[index - 1].distance_m is None
-    ):
+    if index < 1 or not (near(observed) and observed.gesture and observed.box is OVER):
         return False
     gap = 0
     for earlier in range(index - 1, -1, -1):

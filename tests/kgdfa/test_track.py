@@ -266,15 +266,19 @@ def test_a_hand_that_leaps_is_doubted_then_judged_anew_without_its_votes(slipped
         tracks = rest_of(tracks, slipped)
         known.append((tracks.known, tracks.number))
     assert known == [(False, 1)] * DOUBTFUL_FRAMES
+    for _ in range(GAP_FRAMES):
+        tracks = rest_of(tracks, slipped)
+        assert (commanding(tracks), tracks.number) == (None, 1)
     tracks = rest_of(tracks, slipped)
     assert (tracks.known, tracks.number, refusal(tracks)) == (False, 2, HandRefusal.JUMPED)
     assert after([(slipped,)] * 3, RIGHT, tracks).known
 
 
-def test_a_hand_that_slips_back_is_the_same() -> None:
+@pytest.mark.parametrize("frames", range(1, DOUBTFUL_FRAMES + GAP_FRAMES + 1))
+def test_a_hand_that_slips_back_is_the_same(frames: int) -> None:
     tracks = begun()
     for _ in range(4):
-        tracks = rest_of(rest_of(tracks, mirrored(HERE)), HERE)
+        tracks = rest_of(after([(mirrored(HERE),)] * frames, RIGHT, tracks), HERE)
         assert (tracks.known, tracks.number, refusal(tracks)) == (True, 1, None)
 
 
