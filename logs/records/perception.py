@@ -84,10 +84,10 @@ class _Decided(Struct, frozen=True, kw_only=True):
     vote_ns: tuple[int, ...] = ()  # captures of the frames that voted
     distance_m: Measured = None
     safe_distance_m: Measured = None
-    previous_m: Measured = None  # safe distance of the frame before
+    previous_m: Measured = None  # the safe distance measured before; over a gap as well
     threshold_m: Measured = None  # nearer is pressed
     release_m: Measured = None  # farther is released
-    nearer_m: Measured = None  # since the frame before
+    nearer_m: Measured = None  # since the measurement before
     nearer_limit_m: Measured = None
     beside_px: Measured = None  # from the hand's box to the button's centre
     beside_limit_px: Measured = None
