@@ -32,7 +32,15 @@ from testing.two_hosts import TwoHosts, two_hosts
 
 pytestmark = [pytest.mark.serial, pytest.mark.xdist_group("two-hosts")]  # one session, test after test
 
-STALLS = {Event.CONTROL_LATE, Event.CONTROL_STALLED, Event.GUARDIAN_ACTED, Event.GUARDIAN_TIMEOUT}
+STALLS = {  # of a host that keeps a process waiting: control, the guardian, the reader of STOP, this console
+    Event.CONTROL_LATE,
+    Event.CONTROL_STALLED,
+    Event.GUARDIAN_ACTED,
+    Event.GUARDIAN_TIMEOUT,
+    Event.STOP_INPUTS_LATE,
+    Event.CONSOLE_TIMEOUT,
+    Event.PAUSE_TOO_LONG,
+}
 
 
 @dataclass
@@ -147,25 +155,28 @@ def test_a_spoken_stop_comes_by_packet_alone_and_counts_once(bed: Bed) -> None:
 
 
 def test_replayed_and_foreign_packets_move_nothing_and_are_counted(bed: Bed) -> None:
+    bed.session.stand()
+    stops = len(spoken_stops(bed)) + 1
+    bed.session.send(OperatorKind.VOICE_STOP)
+    bed.session.until(lambda now: caused(now) is Effect.HOLD and len(spoken_stops(bed)) == stops, "the hold")
+    replayed = bed.relay.packets[-50:]  # with that STOP among them
     before = bed.session.stand()
-    foreign = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-    for datagram in (*bed.relay.packets[-50:], *(bytes([kind]) * 200 for kind in range(100))):
-        foreign.sendto(datagram, ("127.0.0.1", bed.port))
-    foreign.close()
-    stranger = zmq.Context()
-    dealer = stranger.socket(zmq.DEALER)
-    public, secret = zmq.curve_keypair()
-    dealer.setsockopt(zmq.LINGER, 0)
-    dealer.setsockopt(zmq.CURVE_SERVERKEY, own_key(Home(bed.joints)).public.encode())
-    dealer.setsockopt(zmq.CURVE_PUBLICKEY, public)
-    dealer.setsockopt(zmq.CURVE_SECRETKEY, secret)
-    dealer.connect(f"tcp://127.0.0.1:{bed.port}")
-    dealer.send(b"\xc1 malformed")
-    now = bed.session.until(lambda now: any(one.event is Event.FOREIGN_PEER for one in now.events), "the event")
-    assert now.state is before.state or was_stalled(bed, now, before.at_ns)
-    assert caused(now) <= Effect.REFUSE, "nothing pauses or holds"
-    dealer.close()
-    stranger.term()
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as foreign:
+        for datagram in (*replayed, *(bytes([kind]) * 200 for kind in range(100))):
+            foreign.sendto(datagram, ("127.0.0.1", bed.port))
+    with zmq.Context() as stranger, stranger.socket(zmq.DEALER) as dealer:
+        public, secret = zmq.curve_keypair()
+        dealer.setsockopt(zmq.LINGER, 0)
+        dealer.setsockopt(zmq.CURVE_SERVERKEY, own_key(Home(bed.joints)).public.encode())
+        dealer.setsockopt(zmq.CURVE_PUBLICKEY, public)
+        dealer.setsockopt(zmq.CURVE_SECRETKEY, secret)
+        dealer.connect(f"tcp://127.0.0.1:{bed.port}")
+        dealer.send(b"\xc1 malformed")
+        now = bed.session.until(lambda now: any(one.event is Event.FOREIGN_PEER for one in now.events), "the event")
+        assert now.state is before.state or was_stalled(bed, now, before.at_ns)
+        assert caused(now, before.at_ns) <= Effect.REFUSE, [one.event for one in now.events]
+    bed.session.go_on(0.5)
+    assert len(spoken_stops(bed)) == stops, "a STOP that is repeated is none"
 
 
 def test_joints_that_died_are_started_again_and_the_session_goes_on_as_a_takeover(bed: Bed) -> None:
@@ -214,6 +225,7 @@ def spoken_stops(bed: Bed) -> list[Stop]:
     return [one for one in bed.trail() if isinstance(one, Stop) and one.by == StopSource.VOICE.value]
 
 
-def caused(now: ControlSnapshot) -> Effect:
-    """The strongest effect of what the test did; a host that stalled adds events of its own."""
-    return max((one.effect for one in now.events if one.event not in STALLS), default=Effect.NOTE)
+def caused(now: ControlSnapshot, since_ns: int = 0) -> Effect:
+    """The strongest effect of what was done since then; a host that stalled adds events of its own."""
+    events = (one for one in now.events if one.since_ns > since_ns and one.event not in STALLS)
+    return max((one.effect for one in events), default=Effect.NOTE)
