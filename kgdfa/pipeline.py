@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kgdfa.button import ButtonMode, ButtonPlace, ButtonState
+from kgdfa.commanding import Enrolment, Tracks, update_tracks
 from kgdfa.depth import ChosenDistance, DepthFault, choose_distance
 from kgdfa.distance import Distance, DistanceChoice, DistanceSource, RangeFinder
 from kgdfa.gesture import VOTE_FRAMES, Explanation, Gesture, RuleSet, Verdict
@@ -17,7 +18,6 @@ from kgdfa.hand import Hand, is_cut_off
 from kgdfa.preprocess import Image, as_bgr8
 from kgdfa.recognition import FrameReading, Recognition, recognise
 from kgdfa.redetection import Shows
-from kgdfa.track import Enrolment, Tracks, update_tracks
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

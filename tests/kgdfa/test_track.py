@@ -11,21 +11,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from kgdfa.button import GAP_FRAMES
+from kgdfa.commanding import EQUAL_CLAIM, STILL_NS, Enrolment, Tracks, update_tracks
 from kgdfa.continuity import DOUBTFUL_FRAMES, Jump
 from kgdfa.gesture import HandRefusal
 from kgdfa.hand import Hand, Side
-from kgdfa.track import (
-    CONTRARY_FRAMES,
-    EQUAL_CLAIM,
-    LOST_FRAMES,
-    OVERLAP_REFERENCES,
-    STILL_NS,
-    SURE_ENROLLED,
-    Enrolment,
-    Tracks,
-    arm_rad,
-    update_tracks,
-)
+from kgdfa.track import CONTRARY_FRAMES, LOST_FRAMES, OVERLAP_REFERENCES, SURE_ENROLLED, arm_rad
 from tests.kgdfa.hands import drawn_hand
 
 HERE = drawn_hand("ooooo")
