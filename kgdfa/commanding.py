@@ -7,10 +7,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from kgdfa.gesture import Explanation, HandRefusal
-from kgdfa.hand import Hand, Side
+from kgdfa.hand import Hand
 from kgdfa.track import (
     SIDE_KNOWN,
     Detection,
+    Enrolment,
     Track,
     When,
     begin_track,
@@ -26,14 +27,6 @@ ARM_LIMIT_RAD = math.radians(65)
 # A hand that shows a gesture and has not moved at all in so long a time is a picture of one.
 STILL_NS, STILL_REFERENCES = 2_000_000_000, 0.08
 UNCLEAR_FRAMES = 15  # with a gesture, and the side is still unclear: it is told
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Enrolment:
-    """Whose hand commands. side: None, either. arm_rad: where the arm comes from, see `arm_rad`; None: anywhere."""
-
-    side: Side | None = None
-    arm_rad: float | None = 0.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -66,13 +59,12 @@ def update_tracks(
     show a gesture, () for all; only then their side counts: at rest it may be either.
     """
     shown = (Detection(hand, signs) for hand, signs in zip(hands, signing or (True,) * len(hands), strict=True))
-    enrolled = enrolment.side if enrolment is not None else None
     when = When(captured_ns, captured_ns - tracks.captured_ns)
-    followed, others = continue_tracks(tracks.followed, without_doubles(list(shown)), when, enrolled)
+    followed, others = continue_tracks(tracks.followed, without_doubles(list(shown)), when, enrolment)
     made, number = tracks.made, tracks.number
     for detected in others:
         made += 1
-        followed.append(begin_track(detected, made, captured_ns, enrolled))
+        followed.append(begin_track(detected, made, captured_ns, enrolment))
     if enrolment is not None:
         followed = [restart_overlapping(track, followed, captured_ns) for track in followed]
         for place, track in enumerate(followed):

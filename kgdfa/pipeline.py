@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kgdfa.button import ButtonMode, ButtonPlace, ButtonState
-from kgdfa.commanding import Enrolment, Tracks, update_tracks
+from kgdfa.commanding import Tracks, update_tracks
 from kgdfa.depth import ChosenDistance, DepthFault, choose_distance
 from kgdfa.distance import Distance, DistanceChoice, DistanceSource, RangeFinder
 from kgdfa.gesture import VOTE_FRAMES, Explanation, Gesture, RuleSet, Verdict
@@ -18,6 +18,7 @@ from kgdfa.hand import Hand, is_cut_off
 from kgdfa.preprocess import Image, as_bgr8
 from kgdfa.recognition import FrameReading, Recognition, recognise
 from kgdfa.redetection import Shows
+from kgdfa.track import Enrolment
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -41,6 +41,14 @@ SHORT_ARM = 0.5  # reference segments from wrist to knuckles: a hand that points
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Enrolment:
+    """Whose hand commands. side: None, either. arm_rad: where the arm comes from, see `arm_rad`; None: anywhere."""
+
+    side: Side | None = None
+    arm_rad: float | None = 0.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Track:
     """One hand followed. `number` grows with every new one; `lost` counts frames without it.
 
@@ -105,7 +113,7 @@ class When(NamedTuple):
     elapsed_ns: int
 
 
-def begin_track(detected: Detection, number: int, captured_ns: int, enrolled: Side | None) -> Track:
+def begin_track(detected: Detection, number: int, captured_ns: int, enrolment: Enrolment | None) -> Track:
     """A hand that none of the tracks has been."""
     track = Track(
         last=detected.hand,
@@ -115,11 +123,11 @@ def begin_track(detected: Detection, number: int, captured_ns: int, enrolled: Si
         captured_ns=captured_ns,
         trusted=detected.hand,
     )
-    return _advanced(track, detected, When(captured_ns, 0), enrolled)
+    return _advanced(track, detected, When(captured_ns, 0), enrolment)
 
 
 def continue_tracks(
-    followed: Sequence[Track], detections: Sequence[Detection], when: When, enrolled: Side | None
+    followed: Sequence[Track], detections: Sequence[Detection], when: When, enrolment: Enrolment | None
 ) -> tuple[list[Track], list[Detection]]:
     """Every track with its hand, the nearest pairs first; and the hands that belong to none.
 
@@ -137,7 +145,7 @@ def continue_tracks(
         if place not in found and number not in found.values():
             found[place] = number
     continued = [
-        _advanced(track, detections[found[place]], when, enrolled)
+        _advanced(track, detections[found[place]], when, enrolment)
         if place in found
         else replace(track, hand=None, lost=track.lost + 1)
         for place, track in enumerate(followed)
@@ -164,13 +172,14 @@ def _mean_px(shifts_px: FloatArray) -> float:
     return float(np.add.reduce(np.sqrt(np.vecdot(shifts_px, shifts_px)))) / len(shifts_px)
 
 
-def _advanced(track: Track, detected: Detection, when: When, enrolled: Side | None) -> Track:
+def _advanced(track: Track, detected: Detection, when: When, enrolment: Enrolment | None) -> Track:
     """The track with its hand of one more frame; judged anew where that hand can't have come of those before.
 
     A hand that may not have come of those before counts for two frames, then as none for as long as a press survives
     without one: what slipped back by then is the hand of before, and nothing was pressed or released meanwhile.
     """
     hand, signs = detected
+    enrolled = enrolment.side if enrolment is not None else None
     unsure = track.side not in {None, hand.side} and hand.side is enrolled and hand.presence < SURE_ENROLLED
     tells = signs and not unsure
     followed = replace(
@@ -184,7 +193,7 @@ def _advanced(track: Track, detected: Detection, when: When, enrolled: Side | No
         moved=max(track.moved, _mean_px(hand.image_px - track.first_px) / max(hand.reference_px, 1.0)),
     )
     jump = jump_between(track.trusted, hand, when.elapsed_ns, track.lost)
-    if jump is not None and jump.code is not Jump.UNSEEN:
+    if enrolment is not None and jump is not None and jump.code is not Jump.UNSEEN:
         if track.doubtful < DOUBTFUL_FRAMES:
             return replace(followed, doubtful=track.doubtful + 1)
         if track.lost < GAP_FRAMES:

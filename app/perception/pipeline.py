@@ -15,7 +15,6 @@ from app.system.paths import Home
 from hal.cameras.camera import Camera, Frame, IntrinsicsSource
 from hal.cameras.factory import open_camera
 from kgdfa.button import RADIUS_SHARE, ButtonMode, ButtonPlace
-from kgdfa.commanding import Enrolment
 from kgdfa.depth import LEAST_M, DepthRange
 from kgdfa.distance import DistanceChoice, PublishedRange, RangeFinder
 from kgdfa.gesture import RuleSet
@@ -26,6 +25,7 @@ from kgdfa.press_zone import PressZone, press_zone
 from kgdfa.published import PublishedRules
 from kgdfa.robust import RobustRules
 from kgdfa.robust_distance import RobustRange
+from kgdfa.track import Enrolment
 from logs import records
 from logs.reason import Reason, reason, reason_of
 from profiles.palm import ReferenceSegment, ReferenceSource, reference_segment

@@ -6,7 +6,6 @@ from dataclasses import replace
 import numpy as np
 
 from kgdfa.button import ButtonPlace
-from kgdfa.commanding import Enrolment
 from kgdfa.draw import draw
 from kgdfa.gesture import Gesture, HandRefusal
 from kgdfa.hand import Hand, Side
@@ -14,6 +13,7 @@ from kgdfa.pipeline import UNRECOGNISED_FRAMES, Pipeline, PipelineInput, Report
 from kgdfa.preprocess import Image
 from kgdfa.published import PublishedRules
 from kgdfa.robust_distance import RobustRange
+from kgdfa.track import Enrolment
 from tests.kgdfa.hands import STATES, drawn_hand
 
 BLACK = np.zeros((720, 1280, 3), np.uint8)

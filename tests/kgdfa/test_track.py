@@ -11,11 +11,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from kgdfa.button import GAP_FRAMES
-from kgdfa.commanding import EQUAL_CLAIM, STILL_NS, Enrolment, Tracks, update_tracks
+from kgdfa.commanding import EQUAL_CLAIM, STILL_NS, Tracks, update_tracks
 from kgdfa.continuity import DOUBTFUL_FRAMES, Jump
 from kgdfa.gesture import HandRefusal
 from kgdfa.hand import Hand, Side
-from kgdfa.track import CONTRARY_FRAMES, LOST_FRAMES, OVERLAP_REFERENCES, SURE_ENROLLED, arm_rad
+from kgdfa.track import CONTRARY_FRAMES, LOST_FRAMES, OVERLAP_REFERENCES, SURE_ENROLLED, Enrolment, arm_rad
 from tests.kgdfa.hands import drawn_hand
 
 HERE = drawn_hand("ooooo")
@@ -262,6 +262,15 @@ def test_a_hand_that_leaps_is_doubted_then_judged_anew_without_its_votes(slipped
     tracks = rest_of(tracks, slipped)
     assert (tracks.known, tracks.number, refusal(tracks)) == (False, 2, HandRefusal.JUMPED)
     assert after([(slipped,)] * 3, RIGHT, tracks).known
+
+
+@pytest.mark.parametrize("leapt", [moved(HERE, 150), mirrored(HERE)], ids=["place", "shape"])
+def test_without_an_enrolment_no_hand_is_doubted(leapt: Hand) -> None:
+    tracks = after([(HERE,)] * 3)
+    for _ in range(DOUBTFUL_FRAMES + GAP_FRAMES + 1):
+        tracks = after([(leapt,)], None, tracks)
+        assert commanding(tracks) is leapt
+        assert (tracks.known, tracks.number) == (True, 1)
 
 
 @pytest.mark.parametrize("frames", range(1, DOUBTFUL_FRAMES + GAP_FRAMES + 1))

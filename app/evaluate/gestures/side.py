@@ -25,13 +25,13 @@ from app.text.catalogue import tr
 from hal.cameras.digital_hand.render import person_of
 from hal.cameras.playback import decode_image
 from kgdfa.augmentation import AUGMENTATIONS, Augmentation, augment
-from kgdfa.commanding import ARM_LIMIT_RAD, Enrolment, Tracks, update_tracks
+from kgdfa.commanding import ARM_LIMIT_RAD, Tracks, update_tracks
 from kgdfa.gesture import RuleSet, Vote, update_vote
 from kgdfa.hand import Hand, Side
 from kgdfa.keypoints import HandDetector
 from kgdfa.preprocess import Image, as_bgr8
 from kgdfa.robust import RobustRules
-from kgdfa.track import arm_rad
+from kgdfa.track import Enrolment, arm_rad
 
 HELD_FRAMES = 8
 PLAIN, MIRRORED = Augmentation(), Augmentation(mirrored=True)

@@ -40,11 +40,11 @@ from app.text.catalogue import tr
 from hal.cameras.digital_hand.driver import DigitalHandCamera
 from hal.cameras.digital_hand.movement import SETTLED
 from hal.cameras.digital_hand.render import Scene, person_of, posed, render
-from kgdfa.commanding import Enrolment
 from kgdfa.gesture import Gesture
 from kgdfa.keypoints import ALONE_FRAMES, HandDetector
 from kgdfa.pipeline import PipelineInput, Report
 from kgdfa.preprocess import Image
+from kgdfa.track import Enrolment
 from logs.reading.formats import read_json_lines
 
 COST_FRAMES = 30

@@ -32,12 +32,12 @@ from hal.cameras.camera import Intrinsics
 from hal.cameras.digital_hand.depth import DepthCamera
 from hal.cameras.digital_hand.render import Person, Scene, lens_for, person_of, posed, true_depth
 from kgdfa.button import ButtonState
-from kgdfa.commanding import Enrolment
 from kgdfa.distance import DistanceChoice, DistanceSource
 from kgdfa.hand import FloatArray, Hand
 from kgdfa.keypoints import HandDetector
 from kgdfa.pipeline import PipelineInput
 from kgdfa.preprocess import Image
+from kgdfa.track import Enrolment
 from logs.reading.formats import read_json
 
 CLIP_FRAMES = 90
