@@ -37,6 +37,8 @@ from app.system.config import load_config
 from app.system.errors import AppError
 from app.system.hand_model import find_model
 from app.system.paths import Home, find_home
+from logs.read import read, session_paths
+from logs.records import Pause, Record
 
 sys.path.insert(0, str(Path(__file__).parent.parent))  # run as a script, `tools` is a folder of the tree
 
@@ -49,6 +51,7 @@ from tools.bench_memory import growth_per_sample
 Result = TypeVar("Result")
 BARE_RATIO = 1.3  # at most so many times the bare loop's
 LEAST_FPS = 28.0
+PAUSE_S = 0.1
 ESCAPE = b"\x1b"
 KEYS = {
     OperatorKind.CONFIRM_PATIENT: b"cy",
@@ -186,15 +189,18 @@ def main() -> None:
         session.send(OperatorKind.ACT, Action.WALK_END)
         snapshot = session.until(lambda s: s.action is None, "the end of the walk")
         fps = session.perception_fps()
+        pauses = pauses_of(Home(Path(folder)))
         if isinstance(session, ConsoleSession):
             growth = session.growth_mb_per_h()
             Console().print(f"{session.keys} keys were typed; the console's memory grows by {growth:.2f} MB an hour.")
             costs_ms["console_growth_mb_per_h"] = growth
             session_mb = session.memory_mb
     show(snapshot, fps, held, costs_ms, bare)
+    show_pauses(pauses)
     if asked.json:
         figures = figures_of(snapshot, fps) | costs_ms | {f"bare_{name}": value for name, value in bare.items()}
         figures["console_mb"] = session_mb  # a sample every MEMORY_PERIOD_S
+        figures["pauses_by_cause"] = pauses
         asked.json.write_text(json.dumps(figures, indent=1) + "\n", encoding="utf-8")
 
 
@@ -212,6 +218,16 @@ def measure_costs(session: WatchedSession, work: Callable[[], Result]) -> tuple[
         before_s, before_count = before[name]
         costs_ms[names[name]] = 1000 * (spent_s - before_s) / max(1, count - before_count)
     return result, costs_ms
+
+
+def pauses_of(home: Home) -> dict[str, list[float]]:
+    """How long each recorded pause of the session's trail took, in seconds, by cause; the longest first."""
+    found: dict[str, list[float]] = {}
+    for path in session_paths(home.logs):
+        for record in read(path):
+            if isinstance(record, Record) and isinstance(record.body, Pause):
+                found.setdefault(record.body.cause, []).append(record.body.duration_s)
+    return {cause: sorted(durations, reverse=True) for cause, durations in found.items()}
 
 
 def _spent(session: WatchedSession) -> dict[str, tuple[float, int]]:
@@ -254,12 +270,20 @@ def show(
     table.add_row("SCHED_FIFO / locked / core / cores awake", got, "")
     table.add_row("steps walked", str(snapshot.steps), "")
     table.add_row("what ended a walk", ", ".join(f"{name} {times}" for name, times in held.items()) or "nothing", "")
-    pauses = snapshot.pauses
-    table.add_row("pauses", f"{pauses.count}, together {pauses.total_s:.3f} s", "")
+    table.add_row("pauses", f"{snapshot.pauses.count}, together {snapshot.pauses.total_s:.3f} s", "")
     for name, cost_ms in costs_ms.items():
         table.add_row(name, f"{cost_ms:.3f}", "")
     if fps:
         table.add_row("perception fps", f"{fps:.1f}", f"≥ {LEAST_FPS:g} {'yes' if fps >= LEAST_FPS else 'NO'}")
+    Console().print(table)
+
+
+def show_pauses(pauses: dict[str, list[float]]) -> None:
+    """Each cause's longest beside its bound."""
+    table = Table("pauses by cause", "count", "longest s", f"≤ {PAUSE_S:g} s")
+    for cause, durations_s in pauses.items():
+        longest_s = durations_s[0]
+        table.add_row(cause, str(len(durations_s)), f"{longest_s:.3f}", "yes" if longest_s <= PAUSE_S else "NO")
     Console().print(table)
 
 
