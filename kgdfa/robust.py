@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from enum import Enum
 from importlib import resources
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import IO, Any, NamedTuple
 
 import numpy as np
 
@@ -89,12 +89,12 @@ class RobustModel:
         return shares
 
 
-def save_model(model: RobustModel, path: Path) -> None:
+def save_model(model: RobustModel, to: Path | IO[bytes]) -> None:
     """Write it as a compressed npz of single-precision arrays."""
     arrays = {name: getattr(model, name) for name in RobustModel.__slots__ if name not in ("classes", "tie")}
     stored: dict[str, Any] = {name: np.asarray(array, dtype=np.float32) for name, array in arrays.items()}
     stored |= {"classes": np.array(model.classes), "tie": np.array(model.tie)}
-    np.savez_compressed(path, **stored)
+    np.savez_compressed(to, **stored)
 
 
 def load_model(path: Path | None = None) -> RobustModel:

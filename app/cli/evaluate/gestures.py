@@ -62,6 +62,13 @@ def gestures(
         int, typer.Option(help="With --cross-validate: which examples and noise are drawn.", min=0, max=MAX_SEED)
     ] = 0,
     keypoints: Keypoints = None,
+    keep: Annotated[
+        Path | None,
+        typer.Option(
+            callback=check_output_folder,
+            help="With --cross-validate: keep each fit in this folder, and use those that are there.",
+        ),
+    ] = None,
     beside: Annotated[
         Path | None,
         typer.Option(
@@ -90,12 +97,13 @@ def gestures(
     """Table 3: how well both rule sets recognise gestures, and refuse what is none."""
     from app.evaluate.digital import MEASURE_SEEDS, digital_scenes
     from app.evaluate.gestures import images, report
+    from app.evaluate.gestures.cross_validation import KINDS_LEFT_OUT
     from app.evaluate.gestures.measures import measure
 
     require_extra("evaluate", "sklearn")
     if (directory is None) == (not digital):
         raise AppError(EvaluateFault.FOLDER_OR_DIGITAL)
-    if (beside is not None or beside_keypoints is not None) and not cross_validate:
+    if (beside or beside_keypoints or keep) and not cross_validate:
         raise AppError(EvaluateFault.WITH_ALONE)
     step, views = find_preparation(prepare), 1 if single_look else None
     if directory is None:
@@ -105,10 +113,10 @@ def gestures(
     if cross_validate:
         fitted = fitted_beside(beside, beside_keypoints, home) if beside else []
         fitted += fitted_digital(home, beside_keypoints, keypoints)
-        classified = _cross_validated(detected, fitted, seed, views)
+        classified = _cross_validated(detected, fitted, seed, views, keep)
     else:
         classified = images.classify_as_shipped(detected, views=views)
-    kinds = classified.pop(images.KINDS_LEFT_OUT, None)
+    kinds = classified.pop(KINDS_LEFT_OUT, None)
     figures = {name: measure(some) for name, some in classified.items()}
     for name, one in figures.items():
         show(*report.shown(name, one, len(detected)))
@@ -133,9 +141,9 @@ def gestures(
 
 
 def _cross_validated(
-    detected: list[DetectedImage], fitted_on: list[DetectedImage], seed: int, views: int | None
+    detected: list[DetectedImage], fitted_on: list[DetectedImage], seed: int, views: int | None, keep: Path | None
 ) -> dict[str, list[Classified]]:
-    from app.evaluate.gestures.images import classify_cross_validated
+    from app.evaluate.gestures.cross_validation import classify_cross_validated
 
     with status_line() as status:
         return classify_cross_validated(
@@ -144,6 +152,7 @@ def _cross_validated(
             lambda source: status(tr("evaluate.progress.fold", source=source)),
             views=views,
             seed=seed,
+            keep=keep,
         )
 
 

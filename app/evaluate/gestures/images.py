@@ -1,17 +1,14 @@
-"""Hands in labelled images: detected in every view, kept in a file, classified by both rule sets.
-
-The robust rules are taken as shipped, or fitted anew for every source of images left out.
-"""
+"""Hands in labelled images: detected in every view, kept in a file, classified by both rule sets as they ship."""
 
 from __future__ import annotations
 
 import os
 import threading
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, closing
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import Any, Protocol
 
 import cv2
 import msgspec
@@ -33,11 +30,6 @@ from kgdfa.robust import RobustRules
 from logs.reading.arrays import check_finite, read_arrays
 from logs.reading.errors import cause_of
 from logs.reason import Reason, reason, reason_of
-
-if TYPE_CHECKING:
-    from app.evaluate.gestures.folds import Fold
-
-SINGLE_LOOK = f"{RobustRules.name}, single look"
 
 
 class ImageDetector:
@@ -209,55 +201,3 @@ def classify_as_shipped(detected: Sequence[DetectedImage], *, views: int | None 
     """Both rule sets as the program runs them."""
     classifiers: tuple[ImageClassifier, ...] = (PublishedClassifier(), RobustClassifier(views=views))
     return {classifier.name: classify_all(detected, classifier) for classifier in classifiers}
-
-
-KINDS_LEFT_OUT = f"{RobustRules.name}, kinds left out"
-
-
-def classify_cross_validated(
-    detected: Sequence[DetectedImage],
-    beside: Sequence[DetectedImage],
-    progress: Callable[[str], None],
-    *,
-    views: int | None = None,
-    seed: int = 0,
-) -> dict[str, list[Classified]]:
-    """Both rule sets; the robust one is fitted anew for each fold, on the other images and all those beside.
-
-    Unless `views` says otherwise it is measured with all views, and with one as "robust, single look". Undefined hands
-    are classified once more, by fits that never saw their kind. Another seed draws other examples and noise: what
-    figures differ by from seed to seed is chance.
-    """
-    from app.evaluate.gestures.fit import fit
-    from app.evaluate.gestures.folds import folds, kind_folds, view_set
-    from app.evaluate.gestures.simulated import simulate
-
-    every, simulated = view_set([*detected, *beside]), simulate(beside, seed=seed)
-    measured = np.arange(len(every.images)) < len(detected)
-
-    def rules(fold: Fold) -> RobustRules:
-        progress(fold.name)
-        return RobustRules(fit(every, fold.fit, simulated, seed=seed))
-
-    looks = {RobustRules.name: views} | ({SINGLE_LOOK: 1} if views is None else {})
-    robust = _left_out(detected, folds(every, measured), looks, rules)
-    kinds = _left_out(detected, kind_folds(every, measured), {KINDS_LEFT_OUT: views}, rules)
-    published = PublishedClassifier()
-    return {published.name: classify_all(detected, published)} | robust | {k: some for k, some in kinds.items() if some}
-
-
-def _left_out(
-    detected: Sequence[DetectedImage],
-    folds: Iterable[Fold],
-    looks: dict[str, int | None],
-    rules_of: Callable[[Fold], RobustRules],
-) -> dict[str, list[Classified]]:
-    """By name of so many looks, what each fold measures, in the order of the images."""
-    robust: dict[str, dict[int, Classified]] = {name: {} for name in looks}
-    for fold in folds:
-        rules = rules_of(fold)
-        for name, some in looks.items():
-            classifier = RobustClassifier(rules, views=some)
-            measured = map(int, np.flatnonzero(fold.measure))
-            robust[name] |= {number: classify_image(detected[number], classifier) for number in measured}
-    return {name: [by_number[number] for number in sorted(by_number)] for name, by_number in robust.items()}
