@@ -128,7 +128,7 @@ def _timed_pipeline(detector: HandDetector, focal_px: float, place: ButtonPlace,
         ),
         "prepare": watch.timed("preprocessing", AsNeeded()),
     }
-    return Pipeline(place=place, **parts)
+    return Pipeline(place=place, follow=detector.follow, **parts)
 
 
 def measure_speed(
@@ -263,7 +263,12 @@ def _run(directory: Path | None, count: int, model: Path, together: Barrier) -> 
     with live_detector(model) as detector:
         finder = RobustRange(focal_px=focal_px, reference_m=REFERENCE_M)
         pipeline = Pipeline(
-            detector=detector, rules=RobustRules(), range_finder=finder, place=place, prepare=AsNeeded()
+            detector=detector,
+            rules=RobustRules(),
+            range_finder=finder,
+            place=place,
+            prepare=AsNeeded(),
+            follow=detector.follow,
         )
         start_s = 0.0
         for number, image in enumerate([*images[:WARM_UP], *images]):
