@@ -78,7 +78,7 @@ class DepthFinder(Protocol):
 Prepare = Callable[[NDArray[np.uint8]], Image]
 Follow = Callable[[Hand | None, bool, Shows | None], None]
 
-UNRECOGNISED_FRAMES = 30  # of a hand without a gesture, after which one is sought: about a second
+UNRECOGNISED_FRAMES = 15  # of a hand without a gesture, after which one is sought: about half a second
 
 
 class Pipeline:

@@ -40,6 +40,8 @@ LOOK_FRAMES = 6  # from one untracked detection to the next, at least: as many a
 # palm lengths, before the tracker is made to forget. Of a digital fist that its tracker takes for an open hand, 0.18
 # and more in 95 % of frames; of hands that are tracked rightly 0.05 to 0.16.
 SLIPPED = 0.16
+# A look that failed so long ago tells nothing of the hand in view: the next one is in the light that is tracked in.
+RETRY_FRAMES = 30
 MOST_GROWTH = 1.35  # from frame to frame: a push of 0.3 s from 36 cm, 30 frames per second, makes it grow by 1.3
 NEAR_FRAMES = 3  # in which a hand just lost is sought at the size that it had: as many as end a press
 BRIGHTER = 0.5  # gamma of a near view: of 300 near hands 229 are found instead of 178 (docs: gestures, near views)
@@ -72,6 +74,13 @@ REDETECTION_VIEWS = (
 # 57 % are found plainly and 89 % turned, brighter and surrounded with black, as MediaPipe's own crops are (docs:
 # gestures, near views).
 NEAR_VIEWS = tuple(View(turn_deg=turn_deg, gamma=BRIGHTER, black=True) for turn_deg in (25, 0, -25))
+
+
+def in_other_light(view: View) -> View:
+    """The view brighter and surrounded with black, or as it is if it was so."""
+    if view.black:
+        return replace(view, gamma=1.0, black=False)
+    return replace(view, gamma=BRIGHTER, black=True)
 
 
 @dataclass(frozen=True, slots=True)
@@ -195,12 +204,13 @@ class Redetector:
         """
         self._track = track
         self._order = order
-        self._look = look
+        self._detect_anew = look
         self._forget = forget
         self.sought: Shows | None = None  # what the hand followed shows no more, or has not shown for long
         self._search = RedetectionState()
         self._growth: PalmGrowth | None = None  # of the hand followed, or lost a moment ago
         self._since_look = LOOK_FRAMES
+        self._look_failed = False  # the last look, in the light that is tracked in
 
     def detect(self, image_bgr: Image, captured_ns: int) -> tuple[Hand, ...]:
         """The hands in the next frame, where its image has them; () when there is none."""
@@ -216,8 +226,8 @@ class Redetector:
             narrowed = growth.narrowed and near
             # Near, a gesture is kept for half a second, and the frames that a detection costs are those of a push.
             if self._since_look >= LOOK_FRAMES and (narrowed or (self.sought is not None and not near)):
+                hands = self._broad_again(image_bgr, hands) if narrowed else self._look(image_bgr, captured_ns, hands)
                 self._since_look = 0
-                hands = self._look_again(image_bgr, captured_ns, hands, narrowed=narrowed)
                 growth = PalmGrowth.of(hands[0], self._growth)
             self._growth = growth
         elif self._search.missing >= NEAR_FRAMES:
@@ -234,25 +244,38 @@ class Redetector:
             hands = self._detect_in_view(image_bgr, captured_ns)
         return hands
 
-    def _look_again(
-        self, image_bgr: Image, captured_ns: int, hands: tuple[Hand, ...], *, narrowed: bool
-    ) -> tuple[Hand, ...]:
-        """The hands, the first as an untracked detection has it where the tracker has narrowed or lost its shape.
+    def _broad_again(self, image_bgr: Image, hands: tuple[Hand, ...]) -> tuple[Hand, ...]:
+        """The hands, the first as an untracked detection has it, if its palm has not narrowed there."""
+        assert self._growth is not None
+        growth = replace(self._growth, growth=1.0, shown=SOUGHT_PALM)
+        found = self._untracked(image_bgr, growth.fitted(self._search.view, image_bgr.shape[0]), hands[0])
+        return tuple(one for one in found if not PalmGrowth.of(one, self._growth).narrowed) or hands
+
+    def _look(self, image_bgr: Image, captured_ns: int, hands: tuple[Hand, ...]) -> tuple[Hand, ...]:
+        """The hands, the first as an untracked detection has it, if that shows what is sought in another shape.
 
         A tracker that follows a shape that is not the hand's keeps to it: it places the next crop by its own keypoints.
+        MediaPipe takes some fists for open hands in one light and not in the other, so after a look in vain the next
+        one is in the other light; where that has shown it, the hand is tracked in it from then on.
         """
-        hand = hands[0]
-        growth = self._growth or PalmGrowth.of(hand, None)
-        if narrowed:
-            growth = replace(growth, growth=1.0, shown=SOUGHT_PALM)
-        shown, transform = render_view(image_bgr, growth.fitted(self._search.view, image_bgr.shape[0]))
-        found = [one for one in (to_image(one, transform) for one in self._look(shown)) if same_place(one, hand)][:1]
-        if narrowed:
-            return tuple(one for one in found if not PalmGrowth.of(one, self._growth).narrowed) or hands
-        if self.sought is None or not any(difference(one, hand) > SLIPPED and self.sought(one) for one in found):
+        assert self.sought is not None
+        failed = self._look_failed and self._since_look <= RETRY_FRAMES
+        view = in_other_light(self._search.view) if failed else self._search.view
+        growth = self._growth or PalmGrowth.of(hands[0], None)
+        found = self._untracked(image_bgr, growth.fitted(view, image_bgr.shape[0]), hands[0])
+        if not any(difference(one, hands[0]) > SLIPPED and self.sought(one) for one in found):
+            self._look_failed = not failed
             return hands
+        self._look_failed = False
+        self._search = replace(self._search, view=view)
         self._forget(captured_ns)
         return (*found, *hands[1:])
+
+    def _untracked(self, image_bgr: Image, view: View, hand: Hand) -> tuple[Hand, ...]:
+        """The same hand as it is detected in this view if none is tracked, () where it is not found."""
+        shown, transform = render_view(image_bgr, view)
+        found = (to_image(one, transform) for one in self._detect_anew(shown))
+        return tuple(one for one in found if same_place(one, hand))[:1]
 
     def _detect_in_view(self, image_bgr: Image, captured_ns: int) -> tuple[Hand, ...]:
         view = self._search.view

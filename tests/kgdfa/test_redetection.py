@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
 
@@ -21,6 +22,7 @@ from kgdfa.redetection import (
     NEAR_VIEWS,
     PATIENCE_FRAMES,
     REDETECTION_VIEWS,
+    RETRY_FRAMES,
     SOUGHT_PALM,
     RedetectionState,
     Redetector,
@@ -337,3 +339,53 @@ def test_a_near_hand_that_is_doubted_is_left_to_the_tracker() -> None:
     for frame in range(2 * LOOK_FRAMES):
         redetector.detect(NEAR, frame)
     assert not looked
+
+
+GREY: Image = np.full((360, 640, 3), 64, np.uint8)
+DOUBTED = (True, *[False] * (LOOK_FRAMES - 1))
+
+
+def light_of(image: Image) -> str:
+    """Whether GREY is shown brighter."""
+    return "b" if image[image.shape[0] // 2, image.shape[1] // 2, 0] > 64 else "p"
+
+
+def looks_in_light(shows_in: str, doubted: Sequence[bool]) -> tuple[str, str]:
+    """In which light each untracked detection and each frame was: "b" for brighter, "p" as it is.
+
+    In each look the hand shows what is sought in the light that `shows_in` has for it; the tracker never has it.
+    """
+    looks, frames = list[str](), list[str]()
+
+    def observed(hand: Hand, shown: Image) -> tuple[Hand, ...]:
+        return (replace(hand, image_px=hand.image_px * shown.shape[0] / GREY.shape[0]),)
+
+    def track(shown: Image, _captured_ns: int) -> tuple[Hand, ...]:
+        frames.append(light_of(shown))
+        return observed(palm(20), shown)
+
+    def look(shown: Image) -> tuple[Hand, ...]:
+        looks.append(light_of(shown))
+        return observed(with_fingertips(40.0 if looks[-1] == shows_in[len(looks) - 1] else 10.0), shown)
+
+    redetector = Redetector(track, look=look)
+    for frame, doubt in enumerate(doubted):
+        redetector.sought = (lambda _: True) if doubt else None
+        redetector.detect(GREY, frame)
+    return "".join(looks), "".join(frames)
+
+
+def test_looks_in_vain_take_turns_in_either_light() -> None:
+    looks, frames = looks_in_light("----", DOUBTED * 4)
+    assert looks == "pbpb"
+    assert frames == "p" * 4 * LOOK_FRAMES
+
+
+def test_the_light_that_shows_what_is_sought_is_tracked_in_until_the_other_shows_it() -> None:
+    looks, frames = looks_in_light("bbpp", DOUBTED * 4)
+    assert looks == "pbbp"
+    assert frames == "p" * (LOOK_FRAMES + 1) + "b" * 2 * LOOK_FRAMES + "p" * (LOOK_FRAMES - 1)
+
+
+def test_a_look_long_after_one_in_vain_is_in_the_light_that_is_tracked_in() -> None:
+    assert looks_in_light("--", (True, *[False] * RETRY_FRAMES, True))[0] == "pp"
