@@ -19,11 +19,14 @@ from kgdfa.redetection import (
     FULL_VIEW,
     LARGEST_PALM,
     LOOK_FRAMES,
+    MOST_GROWTH,
+    MOST_QUICKER,
     NEAR_VIEWS,
     PATIENCE_FRAMES,
     REDETECTION_VIEWS,
     RETRY_FRAMES,
     SOUGHT_PALM,
+    PalmGrowth,
     RedetectionState,
     Redetector,
     View,
@@ -389,3 +392,40 @@ def test_the_light_that_shows_what_is_sought_is_tracked_in_until_the_other_shows
 
 def test_a_look_long_after_one_in_vain_is_in_the_light_that_is_tracked_in() -> None:
     assert looks_in_light("--", (True, *[False] * RETRY_FRAMES, True))[0] == "pp"
+
+
+@pytest.mark.parametrize(
+    ("sizes", "expected"),
+    [
+        ((1.0,), 1.0),
+        ((1.0, 1.0, 1.0), 1.0),
+        ((1.0, 1.02), 1.02),
+        ((1.0, 1.1), 1.1 * 1.1),
+        ((1.0, 1.16), 1.16 * MOST_QUICKER),
+        ((1.0, 1.1, 1.1 * 1.2), 1.2),
+        ((1.0, 1.2, 1.2 * 1.1), 1.1),
+        ((1.0, 0.9), 0.9),
+        ((1.0, 2.0), MOST_GROWTH),
+        ((1.0, 0.5), 1 / MOST_GROWTH),
+    ],
+    ids=[
+        "just come",
+        "still",
+        "too little to count",
+        "begins to come",
+        "comes quickly",
+        "as expected",
+        "slows down",
+        "withdraws",
+        "leaps near",
+        "leaps away",
+    ],
+)
+def test_a_hand_that_comes_quicker_and_quicker_is_expected_to_go_on_so(
+    sizes: tuple[float, ...], expected: float
+) -> None:
+    growth = None
+    for size in sizes:
+        growth = PalmGrowth.of(replace(palm(20), image_px=palm(20).image_px * size), growth)
+    assert growth is not None
+    assert growth.growth == pytest.approx(expected)
