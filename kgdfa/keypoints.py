@@ -37,7 +37,7 @@ ALONE_FRAMES = 10  # with one hand in view until the tracker of one takes over a
 
 
 class HandDetector:
-    """Finds hands in images. Closed by `close`, `with`, or at the latest when the interpreter ends."""
+    """Finds hands in images. Close it, or use `with`: as the interpreter ends, MediaPipe can't any more."""
 
     def __init__(
         self,
