@@ -43,7 +43,7 @@ from app.session.host import ProcessStatus, SessionHost
 from app.system.config import Config, SessionSetup
 from app.system.operators import Permission, needs_sign_in
 from app.system.paths import Home
-from app.system.scheduling import set_scheduling
+from app.system.scheduling import autogroup_nice, set_scheduling
 from app.text.catalogue import knows, languages, tr, use_language
 from logs.reason import reason
 from logs.records import ProcessEnd, SignOut
@@ -370,7 +370,8 @@ def run_console(home: Home, config: Config, *, straight: bool = False, read_only
     set_scheduling("console")
     left = False
     try:
-        app.run()
+        with autogroup_nice("console"):
+            app.run()
         left = not app.return_code
     finally:
         if left:

@@ -9,8 +9,8 @@ import resource
 import struct
 import threading
 import time
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
@@ -91,6 +91,27 @@ def set_autogroup_nice(name: str, autogroup: Path = _AUTOGROUP) -> bool:
     except OSError:
         return False
     return True
+
+
+@contextmanager
+def autogroup_nice(name: str, autogroup: Path = _AUTOGROUP) -> Iterator[bool]:
+    """The same while the body runs, for a group that other programs share; whether that was allowed."""
+    before = _nice_of(autogroup)
+    allowed = before is not None and set_autogroup_nice(name, autogroup)
+    try:
+        yield allowed
+    finally:
+        if allowed:
+            with suppress(OSError):  # the terminal and its group may be gone
+                autogroup.write_text(f"{before}\n", encoding="ascii")
+
+
+def _nice_of(autogroup: Path) -> int | None:
+    """Of "/autogroup-7 nice 0"; None where the kernel has no such groups."""
+    try:
+        return int(autogroup.read_text(encoding="ascii").split()[-1])
+    except (OSError, ValueError, IndexError):
+        return None
 
 
 def request_low_wake_latency(wake_latency: Path = WAKE_LATENCY) -> bool:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from app.system.scheduling import SCHEDULING, control_core, request_low_wake_latency, set_autogroup_nice
+from app.system.scheduling import SCHEDULING, autogroup_nice, control_core, request_low_wake_latency, set_autogroup_nice
 
 ASK = "import os; from app.system import scheduling; {}; print(*sorted(os.sched_getaffinity(0)))"
 
@@ -76,7 +76,19 @@ def test_a_session_weighs_more_than_another_terminal_where_that_is_allowed() -> 
 
 
 def test_a_kernel_without_groups_refuses(tmp_path: Path) -> None:
-    assert not set_autogroup_nice("session", tmp_path / "missing" / "autogroup")
+    missing = tmp_path / "missing" / "autogroup"
+    assert not set_autogroup_nice("session", missing)
+    with autogroup_nice("console", missing) as allowed:
+        assert not allowed
+
+
+def test_a_terminals_group_weighs_as_before_once_the_console_has_ended(tmp_path: Path) -> None:
+    group = tmp_path / "autogroup"
+    group.write_text("/autogroup-7 nice 3\n")
+    with autogroup_nice("console", group) as allowed:
+        assert allowed
+        assert group.read_text() == f"{SCHEDULING['console'].nice}\n"
+    assert group.read_text() == "3\n"
 
 
 @pytest.mark.parametrize("name", list(SCHEDULING))
