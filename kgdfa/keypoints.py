@@ -12,6 +12,7 @@ import os
 import sys
 import weakref
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -27,7 +28,7 @@ from mediapipe.tasks.python.vision import HandLandmarker, HandLandmarkerOptions,
 from kgdfa.errors import KgdfaError, KgdfaFault
 from kgdfa.hand import FloatArray, Hand, Side, same_place
 from kgdfa.preprocess import Image, as_bgr8
-from kgdfa.redetection import Redetector, Shows
+from kgdfa.redetection import Detection, Redetector, Shows
 
 # MediaPipe 1.x names the person's own hand on an unmirrored image, as ours are (0.10 had them the other way round).
 _SIDES = {"Left": Side.LEFT, "Right": Side.RIGHT}
@@ -57,7 +58,7 @@ class HandDetector:
         """
         self._still = still
         self._searcher = (
-            Redetector(self._observed, self._ordered, self._look, self._forget) if search and not still else None
+            Redetector(self._observed, self._ordered, self._begin_look, self._forget) if search and not still else None
         )
         self._last_ms = -1
         self._previous: tuple[Hand, ...] = ()
@@ -69,8 +70,9 @@ class HandDetector:
         self._two_hands = _load(model, RunningMode.VIDEO, 2, 0.5, 0.5) if watch_rivals else None
         # What has tracked nothing detects at half the cost of a tracker that must forget first.
         self._untracked = _load(model, RunningMode.IMAGE, 1, 0.5, 0.5) if self._searcher else None
+        self._beside = ThreadPoolExecutor(1, "untracked detection")  # its thread begins with the first detection
         loaded = [one for one in (self._landmarker, self._two_hands, self._untracked) if one is not None]
-        self._free = weakref.finalize(self, _close_all, loaded)
+        self._free = weakref.finalize(self, _close_all, loaded, self._beside)
 
     def follow(self, hand: Hand | None, unknown: bool, sought: Shows | None) -> None:
         """Which of the hands just found commands, to be the next ones' first; unknown: another one may be enrolled.
@@ -132,11 +134,12 @@ class HandDetector:
         result = self.infer(image, captured_ns) if one else self._track(self._two_hands, image, captured_ns)
         return _hands(result, image)
 
-    def _look(self, image: Image) -> tuple[Hand, ...]:
-        """The hand as if none were tracked; () while two are."""
+    def _begin_look(self, image: Image) -> Detection:
+        """Begin to detect the hand as if none were tracked, beside the tracker; () while two are."""
         if self._untracked is None or self._alone_frames < ALONE_FRAMES:
-            return ()
-        return _hands(self._untracked.detect(_as_mediapipe(image)), image)
+            return lambda: ()
+        result = self._beside.submit(self._untracked.detect, _as_mediapipe(image)).result
+        return lambda: _hands(result(), image)
 
     def _forget(self, captured_ns: int) -> None:
         """The tracker of one hand detects anew in the next frame: it loses what it follows in an empty one."""
@@ -169,7 +172,8 @@ def live_detector(model: Path) -> HandDetector:
     return HandDetector(model, watch_rivals=True, search=True)
 
 
-def _close_all(landmarkers: list[Any]) -> None:
+def _close_all(landmarkers: list[Any], beside: ThreadPoolExecutor) -> None:
+    beside.shutdown()
     for landmarker in landmarkers:
         landmarker.close()
 

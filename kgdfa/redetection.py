@@ -42,13 +42,20 @@ LOOK_FRAMES = 6  # from one untracked detection to the next, at least: as many a
 SLIPPED = 0.16
 # A look that failed so long ago tells nothing of the hand in view: the next one is in the light that is tracked in.
 RETRY_FRAMES = 30
+# From the beginning of a look to the frame that takes its result: an untracked detection takes about as long as two
+# tracked ones, and runs beside them. Always as many, so that the same frames give the same hands on every machine.
+LOOK_LAG_FRAMES = 2
 MOST_GROWTH = 1.35  # from frame to frame: a push of 0.3 s from 36 cm, 30 frames per second, makes it grow by 1.3
 # A push that begins grows by more from frame to frame; it is expected to go on so, by at most this share more.
 MOST_QUICKER = 1.15
 NEAR_FRAMES = 3  # in which a hand just lost is sought at the size that it had: as many as end a press
 BRIGHTER = 0.5  # gamma of a near view: of 300 near hands 229 are found instead of 178 (docs: gestures, near views)
 SHRUNK = 2  # a view has half the image's pixels each way: more cost time, and the landmark model sees 224
+# A palm from this length on is shown so even plainly: of 299 such frames the keypoints then lie 0.005 palm lengths from
+# those of the whole image (median), and a frame takes 0.3 ms less.
+SHRUNK_PALM_PX = 150
 Shows = Callable[[Hand], bool]  # whether a hand shows the gesture that is sought, or any
+Detection = Callable[[], tuple[Hand, ...]]  # one that has begun: waits for its hands
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -164,9 +171,8 @@ class PalmGrowth:
     @classmethod
     def of(cls, hand: Hand, before: PalmGrowth | None) -> PalmGrowth:
         """Its growth since the frame before; none is known of a hand that has just come."""
-        points = hand.image_px.tolist()
-        middle = [sum(axis) / len(points) for axis in zip(*points, strict=True)]
-        spread_px = max(math.sqrt(sum(math.dist(point, middle) ** 2 for point in points) / len(points)), 1.0)
+        off_px = hand.image_px - np.add.reduce(hand.image_px) / len(hand.image_px)
+        spread_px = max(math.sqrt(float(np.vdot(off_px, off_px)) / len(off_px)), 1.0)
         breadth = hand.reference_px / spread_px
         if before is None:
             return cls(hand.palm_px, spread_px, breadth)
@@ -193,6 +199,20 @@ def difference(hand: Hand, other: Hand) -> float:
     return float(np.sqrt(np.mean(apart_px**2))) / other.palm_px
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Look:
+    """An untracked detection under way, of the hand as the tracker had it in the same frame."""
+
+    view: View
+    tracked: Hand
+    sought: Shows
+    detection: Detection
+
+    def shows_another_shape(self) -> bool:
+        """Whether the hand shows what is sought there, in a shape that the tracker did not have."""
+        return any(difference(one, self.tracked) > SLIPPED and self.sought(one) for one in self.detection())
+
+
 class Redetector:
     """Gives each frame to a tracker: a near hand smaller, and other views when it has lost the hand."""
 
@@ -200,21 +220,23 @@ class Redetector:
         self,
         track: Callable[[Image, int], tuple[Hand, ...]],
         order: Callable[[tuple[Hand, ...]], tuple[Hand, ...]] = lambda hands: hands,
-        look: Callable[[Image], tuple[Hand, ...]] = lambda _: (),
+        begin_look: Callable[[Image], Detection] = lambda _: lambda: (),
         forget: Callable[[int], None] = lambda _: None,
     ) -> None:
-        """order: puts the hand that is to be kept in view in front of the others. look: as if none were tracked.
+        """order: puts the hand that is to be kept in view in front of the others.
 
-        forget: makes the tracker detect anew in the next frame; it is given the time of this one.
+        begin_look: begins a detection as if no hand were tracked. forget: makes the tracker detect anew in the next
+        frame; it is given the time of this one.
         """
         self._track = track
         self._order = order
-        self._detect_anew = look
+        self._begin_look = begin_look
         self._forget = forget
         self.sought: Shows | None = None  # what the hand followed shows no more, or has not shown for long
         self._search = RedetectionState()
         self._growth: PalmGrowth | None = None  # of the hand followed, or lost a moment ago
         self._since_look = LOOK_FRAMES
+        self._look: Look | None = None  # under way
         self._look_failed = False  # the last look, in the light that is tracked in
 
     def detect(self, image_bgr: Image, captured_ns: int) -> tuple[Hand, ...]:
@@ -225,18 +247,34 @@ class Redetector:
             hands = self._redetect(image_bgr, captured_ns, followed)
         self._search = next_state(self._search, found=bool(hands))
         if hands:
-            growth = PalmGrowth.of(hands[0], self._growth)
-            self._since_look += 1
-            near = growth.is_near(image_bgr.shape[0])
-            narrowed = growth.narrowed and near
-            # Near, a gesture is kept for half a second, and the frames that a detection costs are those of a push.
-            if self._since_look >= LOOK_FRAMES and (narrowed or (self.sought is not None and not near)):
-                hands = self._broad_again(image_bgr, hands) if narrowed else self._look(image_bgr, captured_ns, hands)
-                self._since_look = 0
-                growth = PalmGrowth.of(hands[0], self._growth)
-            self._growth = growth
-        elif self._search.missing >= NEAR_FRAMES:
+            return self._checked(image_bgr, captured_ns, hands)
+        self._look = None
+        if self._search.missing >= NEAR_FRAMES:
             self._growth = None
+        return hands
+
+    def _checked(self, image_bgr: Image, captured_ns: int, hands: tuple[Hand, ...]) -> tuple[Hand, ...]:
+        """The hands, after a look at the first where its keypoints are doubted.
+
+        Near, a gesture is kept for half a second, and the frames that forgetting costs are those of a push.
+        """
+        growth = PalmGrowth.of(hands[0], self._growth)
+        near = growth.is_near(image_bgr.shape[0])
+        self._since_look += 1
+        if self._look is not None and (near or self._since_look == LOOK_LAG_FRAMES):
+            if not near and self._look.shows_another_shape():
+                self._look_failed = False
+                self._search = replace(self._search, view=self._look.view)
+                self._forget(captured_ns)
+            self._look = None
+        if self._since_look >= LOOK_FRAMES and near and growth.narrowed:
+            hands = self._broad_again(image_bgr, hands)
+            growth = PalmGrowth.of(hands[0], self._growth)
+            self._since_look = 0
+        elif self._since_look >= LOOK_FRAMES and not near and self.sought is not None:
+            self._look = self._begun_look(image_bgr, hands[0], growth, self.sought)
+            self._since_look = 0
+        self._growth = growth
         return hands
 
     def _redetect(self, image_bgr: Image, captured_ns: int, followed: bool) -> tuple[Hand, ...]:
@@ -253,39 +291,48 @@ class Redetector:
         """The hands, the first as an untracked detection has it, if its palm has not narrowed there."""
         assert self._growth is not None
         growth = replace(self._growth, growth=1.0, shown=SOUGHT_PALM)
-        found = self._untracked(image_bgr, growth.fitted(self._search.view, image_bgr.shape[0]), hands[0])
+        found = self._untracked(image_bgr, growth.fitted(self._search.view, image_bgr.shape[0]), hands[0])()
         return tuple(one for one in found if not PalmGrowth.of(one, self._growth).narrowed) or hands
 
-    def _look(self, image_bgr: Image, captured_ns: int, hands: tuple[Hand, ...]) -> tuple[Hand, ...]:
-        """The hands, the first as an untracked detection has it, if that shows what is sought in another shape.
+    def _begun_look(self, image_bgr: Image, hand: Hand, growth: PalmGrowth, sought: Shows) -> Look:
+        """An untracked detection of the hand, which may show what is sought in another shape.
 
         A tracker that follows a shape that is not the hand's keeps to it: it places the next crop by its own keypoints.
         MediaPipe takes some fists for open hands in one light and not in the other, so after a look in vain the next
         one is in the other light; where that has shown it, the hand is tracked in it from then on.
         """
-        assert self.sought is not None
         failed = self._look_failed and self._since_look <= RETRY_FRAMES
+        self._look_failed = not failed  # until it has shown it
         view = in_other_light(self._search.view) if failed else self._search.view
-        growth = self._growth or PalmGrowth.of(hands[0], None)
-        found = self._untracked(image_bgr, growth.fitted(view, image_bgr.shape[0]), hands[0])
-        if not any(difference(one, hands[0]) > SLIPPED and self.sought(one) for one in found):
-            self._look_failed = not failed
-            return hands
-        self._look_failed = False
-        self._search = replace(self._search, view=view)
-        self._forget(captured_ns)
-        return (*found, *hands[1:])
+        detection = self._untracked(image_bgr, growth.fitted(view, image_bgr.shape[0]), hand)
+        return Look(view=view, tracked=hand, sought=sought, detection=detection)
 
-    def _untracked(self, image_bgr: Image, view: View, hand: Hand) -> tuple[Hand, ...]:
-        """The same hand as it is detected in this view if none is tracked, () where it is not found."""
+    def _untracked(self, image_bgr: Image, view: View, hand: Hand) -> Detection:
+        """Begin to detect the same hand in this view as if none were tracked; () where it is not found."""
         shown, transform = render_view(image_bgr, view)
-        found = (to_image(one, transform) for one in self._detect_anew(shown))
-        return tuple(one for one in found if same_place(one, hand))[:1]
+        detection = self._begin_look(shown)
+
+        def found() -> tuple[Hand, ...]:
+            return tuple(one for one in (to_image(each, transform) for each in detection()) if same_place(one, hand))[
+                :1
+            ]
+
+        return found
 
     def _detect_in_view(self, image_bgr: Image, captured_ns: int) -> tuple[Hand, ...]:
         view = self._search.view
         if self._growth is not None:
             view = self._growth.fitted(view, image_bgr.shape[0])
+            if view == FULL_VIEW and self._growth.palm_px >= SHRUNK_PALM_PX:
+                return self._order(self._shrunk(image_bgr, captured_ns))
         shown, transform = render_view(image_bgr, view)
         hands = self._track(shown, captured_ns)
         return self._order(hands if shown is image_bgr else tuple(to_image(hand, transform) for hand in hands))
+
+    def _shrunk(self, image_bgr: Image, captured_ns: int) -> tuple[Hand, ...]:
+        """The hands of the image as it is, in half its pixels each way."""
+        height, width = image_bgr.shape[:2]
+        size = (width // SHRUNK, height // SHRUNK)
+        shown = np.asarray(cv2.resize(image_bgr, size, interpolation=cv2.INTER_AREA), np.uint8)
+        larger = np.array([width, height]) / size
+        return tuple(replace(hand, image_px=larger * hand.image_px) for hand in self._track(shown, captured_ns))

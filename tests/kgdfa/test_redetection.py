@@ -19,6 +19,7 @@ from kgdfa.redetection import (
     FULL_VIEW,
     LARGEST_PALM,
     LOOK_FRAMES,
+    LOOK_LAG_FRAMES,
     MOST_GROWTH,
     MOST_QUICKER,
     NEAR_VIEWS,
@@ -26,6 +27,7 @@ from kgdfa.redetection import (
     REDETECTION_VIEWS,
     RETRY_FRAMES,
     SOUGHT_PALM,
+    Detection,
     PalmGrowth,
     RedetectionState,
     Redetector,
@@ -241,6 +243,25 @@ def test_a_hand_that_is_not_near_is_shown_as_it_is() -> None:
     assert all(image.shape == picture.shape and (image == picture).all() for image in observed)
 
 
+@pytest.mark.parametrize(("palm_px", "heights"), [(150.0, [720, 360, 360]), (149.0, [720, 720, 720])])
+def test_a_long_palm_is_shown_in_half_the_pixels_and_stays_where_it_is(palm_px: float, heights: list[int]) -> None:
+    image_px = np.column_stack([np.full(21, 640.0), np.linspace(300.0, 300.0 + palm_px, 21)])
+    image_px[9] = image_px[20]  # at the knuckle of the middle finger the palm has its whole length
+    observed: list[int] = []
+
+    def track(shown: Image, _captured_ns: int) -> tuple[Hand, ...]:
+        observed.append(shown.shape[0])
+        return (
+            Hand(image_px=image_px * shown.shape[0] / 720, world_m=np.zeros((21, 3)), presence=0.9, side=Side.LEFT),
+        )
+
+    redetector = Redetector(track)
+    for frame in range(3):
+        (hand,) = redetector.detect(np.zeros((720, 1280, 3), np.uint8), frame)
+        assert hand.image_px == pytest.approx(image_px)
+    assert observed == heights
+
+
 def palm(breadth_px: float, *, at_px: float = 100.0) -> Hand:
     """Keypoints on a line, but for 5-17, which is so broad."""
     image_px = np.column_stack([np.full(21, at_px), np.linspace(40.0, 160.0, 21)])
@@ -280,13 +301,13 @@ def followed_px(tracked_px: tuple[float, ...], anew: tuple[Hand, ...], image: Im
     """The breadth that the last frame reports, and how often the palm was detected anew."""
     tracked, looked = iter(tracked_px), list[Image]()
 
-    def look(shown: Image) -> tuple[Hand, ...]:
+    def begin_look(shown: Image) -> Detection:
         looked.append(shown)
         view = View(scale=SOUGHT_PALM * image.shape[0] / palm(tracked_px[0]).palm_px)
         onto_view = np.asarray(cv2.invertAffineTransform(render_view(image, view)[1]), dtype=np.float64)
-        return tuple(to_image(hand, onto_view) for hand in anew)
+        return lambda: tuple(to_image(hand, onto_view) for hand in anew)
 
-    searcher = Redetector(lambda _, __: (palm(next(tracked)),), look=look)
+    searcher = Redetector(lambda _, __: (palm(next(tracked)),), begin_look=begin_look)
     reported = [searcher.detect(image, frame) for frame in range(len(tracked_px))]
     return reported[-1][0].reference_px, len(looked)
 
@@ -298,46 +319,60 @@ def with_fingertips(off_px: float) -> Hand:
     return replace(palm(20), image_px=image_px)
 
 
+SURE, LATER = (False,) * LOOK_LAG_FRAMES, (False,) * (LOOK_FRAMES - 1)
+
+
 @pytest.mark.parametrize(
-    ("doubted", "anew", "shows", "reported", "forgotten"),
+    ("doubted", "anew", "shows", "forgotten"),
     [
-        ((False, True), (with_fingertips(40.0),), True, with_fingertips(40.0), [1]),
-        ((False, True), (with_fingertips(10.0),), True, palm(20), []),
-        ((False, True), (palm(20, at_px=400.0),), True, palm(20), []),
-        ((False, True), (), True, palm(20), []),
-        ((False, False), (with_fingertips(40.0),), True, palm(20), []),
-        (
-            (True, *[False] * (LOOK_FRAMES - 1), True),
-            (with_fingertips(40.0),),
-            True,
-            with_fingertips(40.0),
-            [0, LOOK_FRAMES],
-        ),
-        ((True, True), (with_fingertips(40.0),), True, palm(20), [0]),
-        ((False, True), (with_fingertips(40.0),), False, palm(20), []),
+        ((False, True, *SURE), with_fingertips(40.0), True, [1 + LOOK_LAG_FRAMES]),
+        ((True, *LATER, True, *SURE), with_fingertips(40.0), True, [LOOK_LAG_FRAMES, LOOK_FRAMES + LOOK_LAG_FRAMES]),
+        ((True, True, *SURE), with_fingertips(40.0), True, [LOOK_LAG_FRAMES]),
+        ((False, True, *SURE), with_fingertips(10.0), True, []),
+        ((False, True, *SURE), palm(20, at_px=400.0), True, []),
+        ((False, True, *SURE), None, True, []),
+        ((False, False, *SURE), with_fingertips(40.0), True, []),
+        ((False, True, *SURE), with_fingertips(40.0), False, []),
     ],
-    ids=["slipped", "as tracked", "another place", "not found", "not doubted", "later", "at once", "another gesture"],
+    ids=["slipped", "later", "at once", "as tracked", "another place", "not found", "not doubted", "another gesture"],
 )
 def test_a_tracker_that_follows_a_shape_the_hand_has_not_is_made_to_forget(
-    doubted: tuple[bool, ...], anew: tuple[Hand, ...], shows: bool, reported: Hand, forgotten: list[int]
+    doubted: tuple[bool, ...], anew: Hand | None, shows: bool, forgotten: list[int]
 ) -> None:
     forgets: list[int] = []
-    redetector = Redetector(lambda _, __: (palm(20),), look=lambda _: anew, forget=forgets.append)
+    redetector = Redetector(
+        lambda _, __: (palm(20),), begin_look=lambda _: lambda: (anew,) if anew else (), forget=forgets.append
+    )
     for frame, doubt in enumerate(doubted):
         redetector.sought = (lambda _: shows) if doubt else None
-        hands = redetector.detect(PICTURE, frame)
-    assert (hands[0].image_px == reported.image_px).all()
+        assert (redetector.detect(PICTURE, frame)[0].image_px == palm(20).image_px).all()
     assert forgets == forgotten
+
+
+@pytest.mark.parametrize("then", [(palm(20), NEAR), (None, PICTURE)], ids=["near", "lost"])
+def test_a_look_at_a_hand_that_has_come_near_or_is_lost_is_left_unused(then: tuple[Hand | None, Image]) -> None:
+    frames = [(palm(20), PICTURE), (palm(20), PICTURE), then, (palm(20), PICTURE), (palm(20), PICTURE)]
+    forgets: list[int] = []
+    hands = iter([hand for hand, picture in frames for _ in range(1 if hand else 3)])
+    redetector = Redetector(
+        lambda _, __: tuple(hand for hand in (next(hands),) if hand),
+        begin_look=lambda _: lambda: (with_fingertips(40.0),),
+        forget=forgets.append,
+    )
+    for frame, (_, picture) in enumerate(frames):
+        redetector.sought = (lambda _: True) if frame == 1 else None
+        redetector.detect(picture, frame)
+    assert not forgets
 
 
 def test_a_near_hand_that_is_doubted_is_left_to_the_tracker() -> None:
     looked: list[Image] = []
 
-    def look(shown: Image) -> tuple[Hand, ...]:
+    def begin_look(shown: Image) -> Detection:
         looked.append(shown)
-        return ()
+        return lambda: ()
 
-    redetector = Redetector(lambda _, __: (palm(20),), look=look)
+    redetector = Redetector(lambda _, __: (palm(20),), begin_look=begin_look)
     redetector.sought = lambda _: True
     for frame in range(2 * LOOK_FRAMES):
         redetector.detect(NEAR, frame)
@@ -367,11 +402,12 @@ def looks_in_light(shows_in: str, doubted: Sequence[bool]) -> tuple[str, str]:
         frames.append(light_of(shown))
         return observed(palm(20), shown)
 
-    def look(shown: Image) -> tuple[Hand, ...]:
+    def begin_look(shown: Image) -> Detection:
         looks.append(light_of(shown))
-        return observed(with_fingertips(40.0 if looks[-1] == shows_in[len(looks) - 1] else 10.0), shown)
+        seen = observed(with_fingertips(40.0 if looks[-1] == shows_in[len(looks) - 1] else 10.0), shown)
+        return lambda: seen
 
-    redetector = Redetector(track, look=look)
+    redetector = Redetector(track, begin_look=begin_look)
     for frame, doubt in enumerate(doubted):
         redetector.sought = (lambda _: True) if doubt else None
         redetector.detect(GREY, frame)
@@ -387,7 +423,8 @@ def test_looks_in_vain_take_turns_in_either_light() -> None:
 def test_the_light_that_shows_what_is_sought_is_tracked_in_until_the_other_shows_it() -> None:
     looks, frames = looks_in_light("bbpp", DOUBTED * 4)
     assert looks == "pbbp"
-    assert frames == "p" * (LOOK_FRAMES + 1) + "b" * 2 * LOOK_FRAMES + "p" * (LOOK_FRAMES - 1)
+    before = LOOK_FRAMES + LOOK_LAG_FRAMES + 1
+    assert frames == "p" * before + "b" * 2 * LOOK_FRAMES + "p" * (2 * LOOK_FRAMES - before)
 
 
 def test_a_look_long_after_one_in_vain_is_in_the_light_that_is_tracked_in() -> None:
