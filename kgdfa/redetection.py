@@ -7,9 +7,8 @@ A frame in which a near palm narrows as no hand can is detected untracked as wel
 tracker looked beside the hand. That costs the next frame, so it is done for near hands only, and not for the frames
 after it.
 
-MediaPipe's palm detector misses some hands in plain sight, near ones and folded ones above all, and finds most of
-them in the same image made smaller, turned by 25° or made brighter (docs: gestures). A frame has time for one view
-only, so a search shows another one in each frame. What finds a hand is kept until it is lost.
+A frame has time for one view only (`views`), so a search shows another one in each frame. What finds a hand is kept
+until it is lost.
 """
 
 from __future__ import annotations
@@ -17,14 +16,14 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cache
 
 import cv2
 import numpy as np
 
 from kgdfa.augmentation import to_image
-from kgdfa.hand import FloatArray, Hand, same_place
+from kgdfa.hand import Hand, same_place
 from kgdfa.preprocess import Image
+from kgdfa.views import FULL_VIEW, REDETECTION_VIEWS, SHRUNK, View, in_other_light, next_near, render_view
 
 PATIENCE_FRAMES = 2  # without a hand before the search begins, plainly: the plain image finds most that come
 # Of the image's height. A longer palm is shown smaller, at this size: an adult's nearer than 27 cm to the usual lens.
@@ -49,47 +48,11 @@ MOST_GROWTH = 1.35  # from frame to frame: a push of 0.3 s from 36 cm, 30 frames
 # A push that begins grows by more from frame to frame; it is expected to go on so, by at most this share more.
 MOST_QUICKER = 1.15
 NEAR_FRAMES = 3  # in which a hand just lost is sought at the size that it had: as many as end a press
-BRIGHTER = 0.5  # gamma of a near view: of 300 near hands 229 are found instead of 178 (docs: gestures, near views)
-SHRUNK = 2  # a view has half the image's pixels each way: more cost time, and the landmark model sees 224
 # A palm from this length on is shown so even plainly: of 299 such frames the keypoints then lie 0.005 palm lengths from
 # those of the whole image (median), and a frame takes 0.3 ms less.
 SHRUNK_PALM_PX = 150
 Shows = Callable[[Hand], bool]  # whether a hand shows the gesture that is sought, or any
 Detection = Callable[[], tuple[Hand, ...]]  # one that has begun: waits for its hands
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class View:
-    """How an image is shown, in half its pixels each way: scaled and turned about its middle.
-
-    gamma: exponent of each pixel's share of white. black: what surrounds the image, instead of its edge pixels.
-    """
-
-    scale: float = 1.0
-    turn_deg: float = 0.0
-    gamma: float = 1.0
-    black: bool = False
-
-
-FULL_VIEW = View()
-REDETECTION_VIEWS = (
-    FULL_VIEW,
-    View(scale=0.8),
-    View(scale=0.8, turn_deg=25),
-    View(scale=0.8, turn_deg=-25),
-    View(scale=0.6),
-)
-# A near hand just lost is shown plainly first, and then in these, in turn. Of untracked digital hands at 14.5 to 19 cm
-# 57 % are found plainly and 89 % turned, brighter and surrounded with black, as MediaPipe's own crops are (docs:
-# gestures, near views).
-NEAR_VIEWS = tuple(View(turn_deg=turn_deg, gamma=BRIGHTER, black=True) for turn_deg in (25, 0, -25))
-
-
-def in_other_light(view: View) -> View:
-    """The view brighter and surrounded with black, or as it is if it was so."""
-    if view.black:
-        return replace(view, gamma=1.0, black=False)
-    return replace(view, gamma=BRIGHTER, black=True)
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,50 +71,6 @@ def next_state(search: RedetectionState, *, found: bool) -> RedetectionState:
     if missing < PATIENCE_FRAMES:
         return replace(search, missing=missing)
     return RedetectionState(REDETECTION_VIEWS[(missing - PATIENCE_FRAMES) % len(REDETECTION_VIEWS)], missing)
-
-
-def render_view(image_bgr: Image, view: View) -> tuple[Image, FloatArray]:
-    """The image as the view shows it, and the (2, 3) affine map from the image's pixels to the view's."""
-    if view == FULL_VIEW:
-        return image_bgr, np.eye(3)[:2]
-    height, width = image_bgr.shape[:2]
-    size = (max(1, width // SHRUNK), max(1, height // SHRUNK))
-    border = cv2.BORDER_CONSTANT if view.black else cv2.BORDER_REPLICATE
-    placed = _turned(image_bgr, view, size, border) if view.turn_deg else _smaller(image_bgr, view.scale, size, border)
-    shown, transform = placed
-    return (shown if view.gamma == 1.0 else np.asarray(cv2.LUT(shown, _brightened(view.gamma)), np.uint8)), transform
-
-
-@cache
-def _brightened(gamma: float) -> Image:
-    return np.asarray(np.rint(255 * (np.arange(256) / 255) ** gamma), dtype=np.uint8)
-
-
-def _turned(image_bgr: Image, view: View, size: tuple[int, int], border: int) -> tuple[Image, FloatArray]:
-    height, width = image_bgr.shape[:2]
-    transform: FloatArray = cv2.getRotationMatrix2D((width / 2, height / 2), view.turn_deg, view.scale) / SHRUNK
-    shown = cv2.warpAffine(image_bgr, transform, size, borderMode=border)
-    return np.asarray(shown, dtype=np.uint8), transform
-
-
-def _smaller(image_bgr: Image, scale: float, size: tuple[int, int], border: int) -> tuple[Image, FloatArray]:
-    """In the middle of the view; without a turn this is several times as fast as warping."""
-    height, width = image_bgr.shape[:2]
-    wide, high = (max(1, round(scale * side)) for side in size)
-    left, top = (size[0] - wide) // 2, (size[1] - high) // 2
-    small = cv2.resize(image_bgr, (wide, high), interpolation=cv2.INTER_LINEAR)
-    right, bottom = size[0] - wide - left, size[1] - high - top
-    shown = cv2.copyMakeBorder(small, top, bottom, left, right, border)
-    x, y = wide / width, high / height
-    # Pixels are named by their middle, half a pixel from their edge.
-    transform = np.array([[x, 0, left + (x - 1) / 2], [0, y, top + (y - 1) / 2]])
-    return np.asarray(shown, dtype=np.uint8), transform
-
-
-def _next_near(view: View) -> View:
-    """The one after this in NEAR_VIEWS, in its size."""
-    place = next((place for place, near in enumerate(NEAR_VIEWS) if replace(near, scale=view.scale) == view), -1)
-    return replace(NEAR_VIEWS[(place + 1) % len(NEAR_VIEWS)], scale=view.scale)
 
 
 @dataclass(frozen=True, slots=True)
@@ -283,7 +202,7 @@ class Redetector:
         self._growth = replace(self._growth, growth=1.0, shown=SOUGHT_PALM)
         hands = self._detect_in_view(image_bgr, captured_ns) if followed else ()
         if not hands:
-            self._search = replace(self._search, view=_next_near(self._search.view))
+            self._search = replace(self._search, view=next_near(self._search.view))
             hands = self._detect_in_view(image_bgr, captured_ns)
         return hands
 

@@ -25,7 +25,8 @@ from hal.cameras.playback import decode_image
 from kgdfa.augmentation import StillDetector, to_image
 from kgdfa.hand import FloatArray, Hand, Keypoint
 from kgdfa.preprocess import Image, as_bgr8
-from kgdfa.redetection import BRIGHTER, FULL_VIEW, NEAR_VIEWS, REDETECTION_VIEWS, SOUGHT_PALM, View, render_view
+from kgdfa.redetection import SOUGHT_PALM
+from kgdfa.views import BRIGHTER, FULL_VIEW, NEAR_VIEWS, REDETECTION_VIEWS, View, render_view
 
 EDGE_ON = 0.6  # a palm seen edge on is taken to be this share of its length wide
 RIGHT_SEGMENTS = 0.35  # keypoints off by more than this on average, in reference segments, are not of that hand

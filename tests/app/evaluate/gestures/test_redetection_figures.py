@@ -19,7 +19,8 @@ from app.evaluate.gestures.redetection import (
 from app.evaluate.readings import GESTURE_NAMES, LabelledImage
 from kgdfa.hand import Hand, Side
 from kgdfa.preprocess import Image
-from kgdfa.redetection import FULL_VIEW, NEAR_VIEWS, REDETECTION_VIEWS, SOUGHT_PALM
+from kgdfa.redetection import SOUGHT_PALM
+from kgdfa.views import FULL_VIEW, NEAR_VIEWS, REDETECTION_VIEWS
 from tests.kgdfa.hands import drawn_points
 
 
