@@ -10,7 +10,7 @@ import msgspec
 from textual.screen import Screen
 
 from app.console.guided_tests import GuidedTests
-from app.console.live import Clock, Host, HostFactory, LiveSession, gc_freeze, preload_modules
+from app.console.live import Clock, HostFactory, LiveSession, gc_freeze, preload_modules
 from app.console.operator import SignedInApp
 from app.console.patient_fields import fits
 from app.console.screens.after import AfterScreen
@@ -24,7 +24,7 @@ from app.console.screens.vocabulary import VocabularyScreen
 from app.console.session_index import SessionRecords, TrainingRecords
 from app.console.state import SessionState
 from app.console.stop import StopSwitch
-from app.ipc.messages import OperatorKind
+from app.ipc.messages import OperatorKind, PerceptionCommand
 from app.link.questions import require_joints
 from app.outcomes.guided import GuidedStop
 from app.session.host import make_setup
@@ -185,13 +185,14 @@ class SessionFlow(SignedInApp):
             raise AppError(ConsoleFault.NO_SESSION)
         return self.live
 
-    def live_host(self) -> Host:
-        """The session's host. Raises AppError without a session."""
-        return self.live_session().host
+    def tell_perception(self, command: PerceptionCommand) -> None:
+        """To the session's camera; to none once the session has ended: what its screens asked for may come later."""
+        if self.live is not None:
+            self.live.host.send_to_perception(command)
 
     def live_setup(self) -> SessionSetup:
-        """What the session was started with."""
-        return self.live_host().setup
+        """What the session was started with. Raises AppError without one."""
+        return self.live_session().host.setup
 
     @property
     def has_digital_hand(self) -> bool:

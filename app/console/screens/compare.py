@@ -108,7 +108,7 @@ class CompareScreen(HandKeys):
     @on(Picture.Resized, "#picture")
     def _ask_for_size(self, event: Picture.Resized) -> None:
         """The session's picture as large as it is shown here."""
-        self.console_app.live_host().send_to_perception(event.wanted)
+        self.console_app.tell_perception(event.wanted)
 
     def on_input_submitted(self, event: Input.Submitted) -> None:
         """A second camera's name, or the ruler's centimetres."""

@@ -104,14 +104,16 @@ class SessionScreen(HandKeys):
 
     def on_picture_resized(self, event: Picture.Resized) -> None:
         """Ask perception for a picture of just the size that can be shown."""
-        self.console_app.live_host().send_to_perception(event.wanted)
+        self.console_app.tell_perception(event.wanted)
 
     def on_events_panel_clicked(self) -> None:
         self.action_acknowledge()
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
-        """An observer may look, not act."""
-        return super().check_action(action, parameters) and not (self.console_app.read_only and action in _ACTS)
+        """An observer may look, not act; with a session that has ended nobody does."""
+        if self.console_app.live is None or (self.console_app.read_only and action in _ACTS):
+            return False
+        return super().check_action(action, parameters)
 
     def action_confirm_patient(self) -> None:
         """The patient before the camera is the one of the profile."""
@@ -203,7 +205,8 @@ class SessionScreen(HandKeys):
         await self.console_app.end_session_asking()
 
     def _send(self, kind: OperatorKind, action: Action | None = None) -> None:
-        self.console_app.live_host().send(kind, action)
+        if self.console_app.live is not None:
+            self.console_app.live.host.send(kind, action)
 
     def _confirmed(self, yes: bool | None) -> None:
         if yes:
@@ -238,7 +241,7 @@ class SessionScreen(HandKeys):
         app = self.console_app
         path = pictures_path(app.home.logs, app.live_setup().session)
         app.trail.emit(Recording(on=consent, consent=consent, path=path.name))
-        app.live_host().send_to_perception(PerceptionCommand(record_pictures=consent))
+        app.tell_perception(PerceptionCommand(record_pictures=consent))
         if not consent:
             self.run_worker(self._tell_deleted(path))
 

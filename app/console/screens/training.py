@@ -131,7 +131,7 @@ class TrainingScreen(HandKeys):
 
     def on_picture_resized(self, event: Picture.Resized) -> None:
         """Ask for a picture of just this size."""
-        self.console_app.live_host().send_to_perception(event.wanted)
+        self.console_app.tell_perception(event.wanted)
 
     def action_skip(self) -> None:
         """On to the next gesture, after the last one to another round."""

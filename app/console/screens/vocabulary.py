@@ -148,7 +148,7 @@ class VocabularyScreen(HandKeys):
 
     def on_picture_resized(self, event: Picture.Resized) -> None:
         """Ask for an image of just this size."""
-        self.console_app.live_host().send_to_perception(event.wanted)
+        self.console_app.tell_perception(event.wanted)
 
     def action_leave_out(self) -> None:
         """The patient can't make this gesture: it is not tried any more."""

@@ -8,6 +8,7 @@ import msgspec
 import pytest
 from textual.widgets import Input, Select
 
+from app.console import keys
 from app.console.session_index import SessionRecords
 from app.console.widgets.status import EFFECT_MARKS
 from app.ipc.messages import OperatorKind
@@ -269,3 +270,29 @@ async def _confirm_and_arm(open_console: Console) -> None:
     await open_console.press("y")
     await open_console.press("a")
     await open_console.until(lambda: open_console.host.armed and open_console.host.confirmed)
+
+
+@pytest.mark.parametrize("opening", [(), ("v",)], ids=["session", "compare"])
+async def test_keys_and_sizes_that_come_after_the_session_has_ended_do_nothing(
+    console: Opener, opening: tuple[str, ...]
+) -> None:
+    """Its processes take seconds to end, and its screen is there until then."""
+    async with console() as open_console:
+        await open_console.press(*opening)
+        sent = list(open_console.host.sent)
+        open_console.app.close_live()
+        for size in ((120, 36), (200, 50), (80, 24)):
+            await open_console.pilot.resize_terminal(*size)
+            await open_console.press(*(binding.key.partition(",")[0] for binding in (*keys.SESSION, *keys.HAND)))
+        assert open_console.app.is_running
+        assert open_console.host.sent == sent
+
+
+async def test_a_size_that_comes_after_training_has_ended_does_nothing(console: Opener) -> None:
+    async with console(profile=None) as open_console:
+        await open_console.press("t")
+        await open_console.until(lambda: open_console.app.live_state() is not None)
+        open_console.app.close_live()
+        for size in ((120, 36), (200, 50), (80, 24)):
+            await open_console.pilot.resize_terminal(*size)
+        assert open_console.app.is_running
