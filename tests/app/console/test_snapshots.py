@@ -83,8 +83,9 @@ async def test_screen(snapshot: SnapshotAssertion, tmp_path: Path, name: str) ->
             await pilot.press(*keys)
             if name == "after":
                 await wait_until(pilot, lambda: isinstance(app.screen, AfterScreen) and note_has_focus(app))
+            await settled(app, pilot)  # what has the focus is scrolled into sight by then
             app.screen.set_focus(None)
-            for part in app.screen.query(VerticalScroll):  # to have the focus scrolls, if the layout was not done yet
+            for part in app.screen.query(VerticalScroll):
                 part.scroll_home(animate=False, immediate=True)
             found = await in_all_sizes_and_themes(app, pilot)
             for size, look in found.items():
