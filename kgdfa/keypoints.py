@@ -57,22 +57,34 @@ class HandDetector:
         views of the image (video only; see `redetection`).
         """
         self._still = still
-        self._searcher = (
-            Redetector(self._observed, self._ordered, self._begin_look, self._forget) if search and not still else None
-        )
+        self._search = search and not still
         self._last_ms = -1
-        self._previous: tuple[Hand, ...] = ()
-        self._unknown = False  # whether the hand in view is the enrolled one
-        self._frames = 0
-        self._alone_frames = ALONE_FRAMES
+        self._begin()
         mode = RunningMode.IMAGE if still else RunningMode.VIDEO
         self._landmarker = _load(model, mode, max_hands, min_detection, min_presence)
         self._two_hands = _load(model, RunningMode.VIDEO, 2, 0.5, 0.5) if watch_rivals else None
         # What has tracked nothing detects at half the cost of a tracker that must forget first.
-        self._untracked = _load(model, RunningMode.IMAGE, 1, 0.5, 0.5) if self._searcher else None
+        self._untracked = _load(model, RunningMode.IMAGE, 1, 0.5, 0.5) if self._search else None
         self._beside = ThreadPoolExecutor(1, "untracked detection")  # its thread begins with the first detection
         loaded = [one for one in (self._landmarker, self._two_hands, self._untracked) if one is not None]
         self._free = weakref.finalize(self, _close_all, loaded, self._beside)
+
+    def _begin(self) -> None:
+        """No hand has been seen yet."""
+        self._searcher = (
+            Redetector(self._observed, self._ordered, self._begin_look, self._forget) if self._search else None
+        )
+        self._previous: tuple[Hand, ...] = ()
+        self._unknown = False  # whether the hand in view is the enrolled one
+        self._frames = 0
+        self._alone_frames = ALONE_FRAMES
+
+    def reset(self, captured_ns: int) -> None:
+        """Forget every hand: the next frame is detected as the first one of a new detector would be."""
+        self._begin()
+        for tracker in () if self._still else (self._landmarker, self._two_hands):
+            if tracker is not None:
+                self._track(tracker, BLANK, captured_ns)
 
     def follow(self, hand: Hand | None, unknown: bool, sought: Shows | None) -> None:
         """Which of the hands just found commands, to be the next ones' first; unknown: another one may be enrolled.

@@ -27,7 +27,6 @@ from hal.cameras.digital_hand.skeleton import POSES, HandPlace, find_pose
 from kgdfa.hand import FloatArray, Hand, Keypoint, Side
 from kgdfa.keypoints import HandDetector, live_detector
 from kgdfa.preprocess import Image, Prepare, as_bgr8
-from kgdfa.redetection import PATIENCE_FRAMES
 
 SOURCE = "digital hand"
 MAX_TILT_RAD = np.radians(30.0)
@@ -40,8 +39,6 @@ PALM = (Keypoint.INDEX_MCP, Keypoint.PINKY_MCP)  # keypoint 21 lies between them
 HEIGHT_M = 0.015  # keypoint 21 below the image's centre: fingers and wrist then have equal room
 _KINDS = {"naturally open": "natural_open", "thumb up": "good", "O": "o_shape"}  # as labels.csv calls them
 GAP_NS = 1_000_000_000
-BLANK_FRAMES = 2
-BLANK: Image = np.zeros((72, 128, 3), np.uint8)
 LabelledScene = tuple[LabelledImage, Scene, int]  # with the seed of the image's noise
 EDGE_SHARE = 0.46  # of the image's width from its middle: keypoint 21 is in the image still, half of the hand is not
 FLIP, OPEN_CLOSE, EDGE, BACKGROUND = CHANGES = ("flip", "open and close", "edge", "background jump")
@@ -111,10 +108,10 @@ def detect_digital(
             shown = prepare(image_of_scene(scene, seed))
             hands: tuple[Hand, ...] = ()
             found_frames = 0
-            black = np.zeros_like(shown)  # ends the last hand's track and its re-detection
-            for image in (*[black] * PATIENCE_FRAMES, *[shown] * MAX_FRAMES):
+            detector.reset(now_ns)
+            for _ in range(MAX_FRAMES):
                 now_ns += FRAME_NS
-                hands = detector.detect(image, now_ns)
+                hands = detector.detect(shown, now_ns)
                 found_frames += bool(hands)
                 if found_frames == HELD_FRAMES:
                     break
@@ -260,10 +257,9 @@ class PoolDetector:
     now_ns: int = GAP_NS
 
     def reset(self) -> None:
-        """Blank frames after a pause: the next hand is detected anew, whatever was tracked before."""
+        """A pause, and nothing is remembered: results do not depend on what the detector saw before."""
         self.now_ns += GAP_NS
-        for _ in range(BLANK_FRAMES):
-            self.detect(BLANK)
+        self.inner.reset(self.now_ns)
 
     def detect(self, image_bgr: Image) -> tuple[Hand, ...]:
         """The hands in the next frame, captured at `now_ns`."""

@@ -15,10 +15,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import cv2
-import numpy as np
 from rich.table import Table
 
-from app.evaluate.digital import BLANK_FRAMES, GAP_NS, MEASURE_SEEDS, image_of_scene, scene_of, side_of
+from app.evaluate.digital import GAP_NS, MEASURE_SEEDS, image_of_scene, scene_of, side_of
 from app.evaluate.harness import FRAME_NS, Step, percent, table
 from app.evaluate.readings import GESTURE_NAMES, DetectedImage, LabelledImage
 from app.text.catalogue import tr
@@ -84,8 +83,7 @@ class SideMeasure:
         """The side in every frame of a voted gesture; [] where none is voted."""
         tracks, vote, sides = Tracks(), Vote(), []
         self._now_ns += GAP_NS
-        for _ in range(BLANK_FRAMES):
-            self._detect(np.zeros((72, 128, 3), np.uint8))
+        self._detector.reset(self._now_ns)
         for _ in range(HELD_FRAMES):
             verdicts = [(hand, self._rules.classify(hand)) for hand in self._detect(image)]
             signing = [verdict.gesture is not None for _, verdict in verdicts]

@@ -21,7 +21,7 @@ import msgspec
 from msgspec import Struct
 from rich.table import Table
 
-from app.evaluate.digital import BLANK, PoolDetector, iterate_pool, side_of
+from app.evaluate.digital import PoolDetector, iterate_pool, side_of
 from app.evaluate.harness import FRAME_NS, Step, table, writing
 from app.evaluate.loop.response import APPROACH_M, THRESHOLD_M
 from app.evaluate.trigger.foreign_clips import (
@@ -41,7 +41,7 @@ from hal.cameras.digital_hand.driver import DigitalHandCamera
 from hal.cameras.digital_hand.movement import SETTLED
 from hal.cameras.digital_hand.render import Scene, person_of, posed, render
 from kgdfa.gesture import Gesture
-from kgdfa.keypoints import ALONE_FRAMES, HandDetector
+from kgdfa.keypoints import HandDetector
 from kgdfa.pipeline import PipelineInput, Report
 from kgdfa.preprocess import Image
 from kgdfa.track import Enrolment
@@ -113,10 +113,7 @@ class Stage:
 
     def __init__(self, detector: PoolDetector, own_seed: int) -> None:
         self._detector = detector
-        for _ in range(ALONE_FRAMES):  # whatever was seen before, one hand is tracked
-            detector.detect(BLANK)
         inner = detector.inner
-        inner.follow(None, False, None)
         self.own = DigitalHandCamera(seed=own_seed, person=person_of(own_seed), clock_ns=lambda: 0)
         self.own.command(move_m=(0.0, 0.0, -APPROACH_M), at_ns=0)
         person = self.own.person

@@ -26,6 +26,9 @@ class Always:
     def detect(self, _image: Any, _captured_ns: int = 0) -> tuple[Hand, ...]:
         return (self._hand,)
 
+    def reset(self, _captured_ns: int) -> None:
+        """It remembers nothing."""
+
 
 @pytest.mark.parametrize("side", [*Side])
 def test_frames_count_from_the_vote_on(side: Side) -> None:
