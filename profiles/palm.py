@@ -140,10 +140,12 @@ def calibrate(
     distance_m: float,
     measured_m: Sequence[float],
     provisional_reference_m: float,
+    offset_m: float = 0.0,
     at: datetime,
 ) -> Calibrated:
     """Solve f·H from distances measured with a provisional segment while the palm was `distance_m` away.
 
+    offset_m: what the distances hold that is not proportional to the segment (`kgdfa.distance.HALF_PALM_M`).
     Raises ProfileError when there are too few samples, they scatter too much, or the distance is out of range.
     """
     _check_samples(distance_m, measured_m)
@@ -151,7 +153,7 @@ def calibrate(
     residual = _MAD_TO_SD * statistics.median(abs(one - middle_m) for one in measured_m) / middle_m
     if residual > MAX_RESIDUAL:
         raise ProfileError(ProfileFault.SCATTER, residual=residual, most=MAX_RESIDUAL)
-    reference_m = provisional_reference_m * distance_m / middle_m
+    reference_m = provisional_reference_m * (distance_m - offset_m) / (middle_m - offset_m)
     calibration = Calibration(
         camera=camera,
         focal_anchor_px_m=focal_px * reference_m,

@@ -9,6 +9,7 @@ from enum import Enum
 
 from app.system.errors import AppError
 from hal.cameras.camera import Camera, Frame, Intrinsics
+from kgdfa.distance import HALF_PALM_M
 from kgdfa.pipeline import Detector
 from kgdfa.robust_distance import RobustRange
 from profiles.palm import Calibrated, calibrate, reference_segment
@@ -83,6 +84,7 @@ class PalmSampler:
             distance_m=distance_m,
             measured_m=self.samples_m,
             provisional_reference_m=self.provisional_reference_m,
+            offset_m=HALF_PALM_M,
             at=at,
         )
 

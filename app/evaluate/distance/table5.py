@@ -26,7 +26,7 @@ from hal.cameras.camera import Intrinsics
 from hal.cameras.digital_hand.depth import DepthCamera
 from hal.cameras.digital_hand.render import Person, lens_for, person_of
 from kgdfa.depth import DepthRange
-from kgdfa.distance import Distance, PublishedRange, RangeFinder
+from kgdfa.distance import HALF_PALM_M, Distance, PublishedRange, RangeFinder
 from kgdfa.hand import FloatArray
 from kgdfa.robust_distance import RobustRange
 from profiles.palm import REFERENCE_OF_PALM, calibrate
@@ -204,7 +204,7 @@ def _calibrated(detector: PoolDetector, subject: Subject) -> Subject:
     made = calibrate(
         patient, camera="digital hand", focal_px=lens.fx_px, width_px=lens.width_px, distance_m=CALIBRATED_AT_M,
         measured_m=[one.shown_m for one in measured if one], provisional_reference_m=provisional_m,
-        at=datetime(2026, 1, 1, tzinfo=UTC),
+        offset_m=HALF_PALM_M, at=datetime(2026, 1, 1, tzinfo=UTC),
     )  # fmt: skip
     return replace(subject, reference_m=made.reference_m)
 

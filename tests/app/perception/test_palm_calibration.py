@@ -10,7 +10,7 @@ from app.system.errors import AppError
 from hal.cameras.camera import Frame, Intrinsics, IntrinsicsSource
 from kgdfa.hand import Hand, Side
 from kgdfa.preprocess import Image
-from kgdfa.robust_distance import RIGID, SHAPE
+from kgdfa.robust_distance import RIGID, SHAPE, RobustRange
 from profiles.errors import ProfileError
 from profiles.schema import Profile, Sex
 
@@ -26,12 +26,14 @@ def patient() -> Profile:
     return Profile(identifier="P-0042", sex=Sex.MALE, stature_m=1.756, mass_kg=81.5)
 
 
-def palm(yaw_rad: float = 0.0, lens: Intrinsics = LENS) -> Hand:
-    """A flat palm at the true distance, exactly seen."""
+def palm(
+    yaw_rad: float = 0.0, lens: Intrinsics = LENS, *, reference_m: float = TRUE_REFERENCE_M, distance_m: float = TRUE_M
+) -> Hand:
+    """A flat palm, exactly seen."""
     flat = np.zeros((21, 3))
-    flat[list(RIGID), :2] = SHAPE * TRUE_REFERENCE_M
+    flat[list(RIGID), :2] = SHAPE * reference_m
     flat = flat * (np.cos(yaw_rad), 1, 1)
-    image_px = flat[:, :2] / TRUE_M * lens.fx_px + (lens.cx_px, lens.cy_px)
+    image_px = flat[:, :2] / distance_m * lens.fx_px + (lens.cx_px, lens.cy_px)
     return Hand(image_px=image_px, world_m=flat, presence=1, side=Side.RIGHT)
 
 
@@ -71,6 +73,19 @@ def test_a_palm_held_still_is_calibrated(patient: Profile) -> None:
     assert made.reference_m == pytest.approx(TRUE_REFERENCE_M, rel=0.02)
     assert made.calibration.width_px == 1280
     assert not made.doubt
+
+
+@pytest.mark.parametrize("reference_m", [0.050, 0.065, 0.080])
+@pytest.mark.parametrize("distance_m", [0.15, 0.30, 0.80])
+def test_after_a_calibration_the_palm_reads_right_where_it_was_held(
+    patient: Profile, reference_m: float, distance_m: float
+) -> None:
+    held = palm(reference_m=reference_m, distance_m=distance_m)
+    made = sample_palm(patient, Frames(500), Shown(held), lambda *_: None).solve("grey", distance_m, AT)
+    finder = RobustRange(focal_px=LENS.fx_px, reference_m=made.reference_m, centre_px=(LENS.cx_px, LENS.cy_px))
+    read = finder.measure(held, 1)
+    assert read is not None
+    assert read.shown_m == pytest.approx(distance_m, rel=1e-6)
 
 
 @pytest.mark.parametrize(
