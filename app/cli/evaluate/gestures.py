@@ -120,6 +120,8 @@ def gestures(
     figures = {name: measure(some) for name, some in classified.items()}
     for name, one in figures.items():
         show(*report.shown(name, one, len(detected)))
+    corrected = report.corrected_figures(classified)
+    show(*report.corrected_shown(corrected, classified))
     kinds_left_out = measure(kinds) if kinds else None
     if kinds_left_out is not None:
         show(*report.kinds_shown(kinds_left_out))
@@ -131,7 +133,7 @@ def gestures(
     if unreadable:
         show(tr("evaluate.gestures.unreadable", count=len(unreadable)))
         show(*(f"  {one.image.path}: {render(one.error)}" for one in unreadable if one.error))
-    made = report.as_json(figures, detected, cross_validated=cross_validate, views=views)
+    made = report.as_json(figures, corrected, detected, cross_validated=cross_validate, views=views)
     write_json(made | report.kinds_json(kinds_left_out), json_file)
     if png is not None:
         report.plot_confusion(figures, png)

@@ -180,7 +180,7 @@ def _synthetic(views: ViewSet, owners: NDArray[np.int64], seed: int) -> tuple[Fl
     synthesizer = HandSynthesizer(
         np.array([hand.world_m for hand in hands]),
         np.array([hand.side is Side.RIGHT for hand in hands]),
-        [views.images[owner].image.label for owner in owners],
+        views.labels[owners].tolist(),
         seed,
     )
     return synthesizer.make(SYNTHETIC_SHARE)

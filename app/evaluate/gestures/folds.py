@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.evaluate.digital import SOURCE as DIGITAL
+from app.evaluate.gestures.corrections import shown_label
 from app.evaluate.readings import GESTURE_NAMES, NO_HAND, DetectedImage
 from kgdfa.features import features
 from kgdfa.hand import FloatArray
@@ -38,8 +39,8 @@ class ViewSet:
 
     @property
     def labels(self) -> NDArray[np.str_]:
-        """(images,) labels."""
-        return np.array([one.image.label for one in self.images])
+        """(images,) labels of what they show."""
+        return np.array([shown_label(one.image) for one in self.images])
 
     @property
     def sources(self) -> NDArray[np.str_]:

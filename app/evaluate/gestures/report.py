@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 from rich.table import Table
 
-from app.evaluate.gestures.measures import CLASSES, Classified, Figures, SequenceFigures
+from app.evaluate.gestures.corrections import corrected
+from app.evaluate.gestures.measures import CLASSES, Classified, Figures, SequenceFigures, measure
 from app.evaluate.harness import EvaluateFault, figure, in_english, percent, table, writing
 from app.evaluate.readings import DetectedImage
 from app.text.catalogue import render, tr
@@ -68,6 +69,32 @@ def shown(name: str, figures: Figures, images: int) -> Iterator[Table | str]:
     yield _confusion(name, figures)
 
 
+def corrected_figures(classified: Mapping[str, Sequence[Classified]]) -> dict[str, Figures]:
+    """Of every rule set with the labels that the images contradict corrected; {} where there is none."""
+    return {
+        name: measure([replace(one, image=corrected(one.image)) for one in some])
+        for name, some in classified.items()
+        if _corrections(some)
+    }
+
+
+def _corrections(classified: Sequence[Classified]) -> int:
+    return sum(corrected(one.image) != one.image for one in classified)
+
+
+def corrected_shown(figures: Mapping[str, Figures], classified: Mapping[str, Sequence[Classified]]) -> Iterator[str]:
+    """A line a rule set, with these labels corrected."""
+    for name, one in figures.items():
+        yield tr(
+            "evaluate.gestures.corrected",
+            rules=name,
+            count=_corrections(classified[name]),
+            f1=one.macro_f1,
+            map=one.map,
+            wrong=percent(one.wrong_gesture, 2),
+        )
+
+
 def kinds_shown(figures: Figures) -> Iterator[Table | str]:
     """Undefined hands of kinds that the fit never saw."""
     kinds = [(kind, percent(share), count) for kind, (share, count) in figures.per_kind.items()]
@@ -108,9 +135,17 @@ def sequence_table(where: Path, figures: Mapping[str, SequenceFigures]) -> Table
 
 
 def as_json(
-    figures: Mapping[str, Figures], detected: Sequence[DetectedImage], *, cross_validated: bool, views: int | None
+    figures: Mapping[str, Figures],
+    right: Mapping[str, Figures],
+    detected: Sequence[DetectedImage],
+    *,
+    cross_validated: bool,
+    views: int | None,
 ) -> dict[str, Any]:
-    """The machine-readable report; shares in [0, 1]. views: how many of an image were used, None for all."""
+    """The machine-readable report; shares in [0, 1]. views: how many of an image were used, None for all.
+
+    right: the figures with labels corrected, where some are.
+    """
     return {
         "images": len(detected),
         "cross_validated": cross_validated,
@@ -119,6 +154,7 @@ def as_json(
             {"path": one.image.path, "error": msgspec.to_builtins(one.error)} for one in detected if one.error
         ],
         "rules": {name: _figures_json(one) for name, one in figures.items()},
+        "labels_corrected": {name: _figures_json(one) for name, one in right.items()},
     }
 
 

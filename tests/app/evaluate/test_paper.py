@@ -117,7 +117,7 @@ def figures() -> dict[int, Any]:
         for cm in PAPER_TABLE_5
     ]
     return {
-        3: gestures_json({"published": rules, "robust": rules}, [], cross_validated=False, views=None),
+        3: gestures_json({"published": rules, "robust": rules}, {}, [], cross_validated=False, views=None),
         4: msgspec.to_builtins(speed),
         5: Table5(hands=1, focal_px=650.0, rows=rows, tilts=(), walk={"robust": walk}).as_json(),
         6: {"changes": 20, "table_6": changes},

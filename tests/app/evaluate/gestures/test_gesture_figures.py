@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -9,11 +10,14 @@ import pytest
 
 from app.cli.evaluate.gestures import fitted_beside
 from app.cli.tree import command
+from app.evaluate.gestures.corrections import shown_label
 from app.evaluate.gestures.images import PublishedClassifier, classify_all, load_hands, save_hands
 from app.evaluate.gestures.measures import CLASSES, Classified, measure
 from app.evaluate.gestures.report import (
     PAPER_TABLE_3,
     as_json,
+    corrected_figures,
+    corrected_shown,
     kinds_json,
     kinds_shown,
     plot_confusion,
@@ -78,7 +82,7 @@ def test_the_report_has_the_shape_that_is_promised() -> None:
     detected = [DetectedImage(image=one.image, hands=()) for one in some] + [
         DetectedImage(image=LabelledImage(path="x.jpg", label="1"), hands=(), error=UNREADABLE)
     ]
-    report = as_json({"published": measure(some)}, detected, cross_validated=True, views=1)
+    report = as_json({"published": measure(some)}, {}, detected, cross_validated=True, views=1)
     assert (report["images"], report["cross_validated"], report["views"]) == (13, True, 1)
     rules = report["rules"]["published"]
     assert rules["macro_f1"] == rules["map"] == 1.0
@@ -87,6 +91,24 @@ def test_the_report_has_the_shape_that_is_promised() -> None:
     assert report["unreadable"] == [
         {"path": "x.jpg", "error": {"code": "EvaluateFault.IMAGE_UNREADABLE", "values": {"file": "x.jpg"}}}
     ]
+
+
+def test_figures_are_told_as_labelled_and_once_more_with_wrong_labels_corrected() -> None:
+    exchanged = replace(classified("4", "5"), image=LabelledImage(path="images/massey_4_0031.jpeg", label="4"))
+    some = [exchanged, classified("5", "5")]
+    assert measure(some).wrong_gesture == 0.5
+    assert corrected_figures({"robust": some})["robust"].wrong_gesture == 0
+    assert corrected_figures({"robust": some[1:]}) == {}
+    (summary,) = corrected_shown(corrected_figures({"robust": some}), {"robust": some})
+    assert "with 1 labels corrected" in summary
+    assert "macro-F1 1.0000" in summary
+
+
+def test_a_list_of_labels_that_is_right_is_left_as_it_is() -> None:
+    right = LabelledImage(path="images/massey_4_0031.jpeg", label="5")
+    assert shown_label(right) == "5"
+    assert shown_label(replace(right, label="4")) == "5"
+    assert shown_label(LabelledImage(path="images/massey_4_0030.jpeg", label="4")) == "4"
 
 
 def test_kinds_that_the_fit_never_saw_are_shown_one_by_one() -> None:
