@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from app.evaluate.digital import SOURCE as DIGITAL
 from app.evaluate.gestures.folds import ViewSet, inner_folds
 from app.evaluate.gestures.simulated import SimulatedHands
 from app.evaluate.gestures.synthetic import HandSynthesizer
@@ -81,8 +82,9 @@ def _inner_chances(
     simulated: SimulatedHands,
     progress: Callable[[str], None],
     seed: int,
-) -> tuple[NDArray[np.str_], FloatArray, FloatArray]:
-    """Labels, chances and weights of these images and digital hands, each classified without its source.
+) -> tuple[NDArray[np.str_], FloatArray, FloatArray, NDArray[np.bool_]]:
+    """Labels, chances and weights of these images and digital hands, each classified without its source, and which
+    are photos.
 
     Of those that one source alone shows a third is classified, and weighs three times. What the rules refuse whatever
     the perceptrons say has no chance.
@@ -98,7 +100,7 @@ def _inner_chances(
     pairs = list(zip(views.labels, views.sources, strict=True))
     given, counted = (Counter(pairs[k] for k in np.flatnonzero(some)) for some in (among, classified))
     weights = np.array([given[pairs[k]] / counted[pairs[k]] for k in np.flatnonzero(classified)])
-    return views.labels[classified], chances[classified], weights
+    return views.labels[classified], chances[classified], weights, views.sources[classified] != DIGITAL
 
 
 def _lacking(views: ViewSet, chances: FloatArray) -> list[int]:

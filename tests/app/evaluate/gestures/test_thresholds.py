@@ -65,6 +65,11 @@ def test_undefined_hands_count_as_a_little_surer_than_they_were_judged() -> None
     assert 0.69 < choose_thresholds(labels, chances)[ONE] <= 0.75
 
 
+def test_digital_hands_count_as_sure_as_they_were_judged() -> None:
+    labels, chances = hands(("1", ONE, 0.75, 50), ("none:ok", ONE, 0.6, 5))
+    assert 0.6 < choose_thresholds(labels, chances, photos=labels == "1")[ONE] <= 0.63
+
+
 def test_hands_caught_halfway_raise_a_threshold_only_where_more_than_their_share_pass() -> None:
     few = (("1", ONE, 0.8, 300), (BETWEEN_LABEL, ONE, 0.7, 10), (BETWEEN_LABEL, FIVE, 0.1, 90))
     many = (("1", ONE, 0.8, 300), (BETWEEN_LABEL, ONE, 0.7, 60), (BETWEEN_LABEL, FIVE, 0.1, 40))
