@@ -13,7 +13,7 @@ from kgdfa.button import ButtonMode, ButtonPlace, ButtonState
 from kgdfa.commanding import Tracks, update_tracks
 from kgdfa.depth import ChosenDistance, DepthFault, choose_distance
 from kgdfa.distance import Distance, DistanceChoice, DistanceSource, RangeFinder
-from kgdfa.gesture import VOTE_FRAMES, Explanation, Gesture, RuleSet, Verdict
+from kgdfa.gesture import VOTE_FRAMES, Explanation, Gesture, HandRefusal, RuleSet, Verdict, Vote
 from kgdfa.hand import Hand, is_cut_off
 from kgdfa.preprocess import Image, as_bgr8
 from kgdfa.recognition import FrameReading, Recognition, recognise
@@ -79,6 +79,13 @@ Prepare = Callable[[NDArray[np.uint8]], Image]
 Follow = Callable[[Hand | None, bool, Shows | None], None]
 
 UNRECOGNISED_FRAMES = 15  # of a hand without a gesture, after which one is sought: about half a second
+
+
+def _contest(vote: Vote, now_ns: int) -> Explanation | None:
+    """Which gestures are read in turn."""
+    if not vote.contested(now_ns):
+        return None
+    return Explanation(HandRefusal.CONTESTED, {"gesture": vote.read, "other": vote.read_before})
 
 
 class Pipeline:
@@ -156,7 +163,7 @@ class Pipeline:
             monocular=monocular,
             depth_fault=self._chosen.fault or fault,
             button=self._recognition.button,
-            refusal=self._tracks.refusal,
+            refusal=self._tracks.refusal or _contest(vote, now_ns),
             vote_ns=vote.decided_ns,
             reading=reading,
         )

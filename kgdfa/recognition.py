@@ -58,5 +58,12 @@ def _update_vote(vote: Vote, button: ButtonState, reading: FrameReading, place: 
         return vote
     gesture = None if cut else reading.gesture
     pressing = is_near(button, place) or cut
-    approaching = mode is ButtonMode.ROBUST and is_approaching(button, place)
-    return update_vote(vote, gesture, reading.captured_ns, pressing=pressing, approaching=approaching)
+    robust = mode is ButtonMode.ROBUST
+    return update_vote(
+        vote,
+        gesture,
+        reading.captured_ns,
+        pressing=pressing,
+        approaching=robust and is_approaching(button, place),
+        contestable=robust,
+    )

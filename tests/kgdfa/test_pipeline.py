@@ -67,6 +67,17 @@ def test_flips_blur_and_two_lost_frames_do_not_end_a_gesture() -> None:
     assert {report.gesture for report in reports[2:]} == {Gesture.TWO}
 
 
+def test_a_hand_read_as_two_gestures_in_turn_commands_neither_and_is_told_so() -> None:
+    turns = [shown(gesture) for gesture in (Gesture.THREE, Gesture.TWO) * 2 for _ in range(4)]
+    reports = run([(hand,) for hand in turns])
+    assert reports[6].gesture is Gesture.TWO
+    refusal = reports[-1].refusal
+    assert reports[-1].gesture is None
+    assert refusal is not None
+    assert refusal.code is HandRefusal.CONTESTED
+    assert refusal.values == {"gesture": Gesture.TWO, "other": Gesture.THREE}
+
+
 def at_edge(gesture: Gesture, off_px: float) -> tuple[Hand]:
     """A hand moved to the left; from about 330 px on its thumb is out of the image."""
     return (drawn_hand(STATES[gesture], at_px=(-off_px, 0.0)),)
