@@ -156,6 +156,7 @@ class Vote(Struct, frozen=True, kw_only=True):
 
     gesture: Gesture | None = None
     recognised_ns: int = 0
+    replaced: bool = False  # `gesture` took another one's place, without a frame between in which none was in force
     candidate: Gesture | None = None
     candidate_ns: tuple[int, ...] = ()  # captures of frames in a row for `candidate`, the newest PRESS_CHANGE_FRAMES
     unsupported_ns: tuple[int, ...] = ()  # captures of frames in a row that don't support `gesture`
@@ -201,7 +202,14 @@ def update_vote(
         return _end(counted, counted.changes_ns)
     needed = PRESS_CHANGE_FRAMES if pressing else VOTE_FRAMES
     if current is not None and count >= needed and current is not vote.gesture and not contested:
-        return replace(counted, gesture=current, recognised_ns=captured_ns, unsupported_ns=(), decided_ns=candidate_ns)
+        return replace(
+            counted,
+            gesture=current,
+            recognised_ns=captured_ns,
+            replaced=vote.gesture is not None,
+            unsupported_ns=(),
+            decided_ns=candidate_ns,
+        )
     return _keep_or_end(counted, captured_ns, PRESS_END_FRAMES if steady else END_FRAMES)
 
 
@@ -217,7 +225,7 @@ def _keep_or_end(vote: Vote, captured_ns: int, end_frames: int) -> Vote:
 def _end(vote: Vote, decided_ns: tuple[int, ...]) -> Vote:
     if vote.gesture is None:
         return vote
-    return replace(vote, gesture=None, recognised_ns=0, unsupported_ns=(), decided_ns=decided_ns)
+    return replace(vote, gesture=None, recognised_ns=0, replaced=False, unsupported_ns=(), decided_ns=decided_ns)
 
 
 def _with_change(vote: Vote, captured_ns: int) -> Vote:

@@ -43,6 +43,7 @@ def recognise(before: Recognition, reading: FrameReading, place: ButtonPlace, mo
         captured_ns=reading.captured_ns,
         gesture=vote.gesture,
         recognised_ns=vote.recognised_ns,
+        replaced=vote.replaced,
         distance_m=reading.distance_m,
         beside_px=reading.beside_px,
         source=reading.source,

@@ -15,6 +15,7 @@ from kgdfa.button import (
     HYSTERESIS,
     SHORTEST_PRESS_NS,
     STALE_NS,
+    STOOD_NS,
     ButtonInput,
     ButtonMode,
     ButtonPlace,
@@ -165,6 +166,25 @@ def test_a_gesture_made_meanwhile_is_not_what_the_push_began_with() -> None:
     state = run([Seen(FAR), Seen(BETWEEN, Gesture.SIX), Seen(NEAR, Gesture.SIX), Seen(NEAR, Gesture.SIX)])
     assert not state.pressed
     assert state.hint is PressHint.KEEP_GESTURE
+
+
+@pytest.mark.parametrize(("replaced", "stood_ns", "presses"), [
+    (True, STOOD_NS - 1, False), (True, STOOD_NS, True), (False, 0, True),
+])  # fmt: skip
+def test_a_gesture_that_just_took_anothers_place_does_not_press(replaced: bool, stood_ns: int, presses: bool) -> None:
+    outside = run([Seen(FAR)] * 10)
+    captured_ns = outside.last_captured_ns + FRAME_NS
+    pushed = ButtonInput(
+        captured_ns=captured_ns,
+        gesture=Gesture.FIVE,
+        recognised_ns=captured_ns - stood_ns,
+        replaced=replaced,
+        distance_m=NEAR,
+        beside_px=0.0,
+    )
+    state = advance(outside, pushed, PLACE, ButtonMode.ROBUST)
+    assert state.pressed == presses
+    assert (state.hint is PressHint.KEEP_GESTURE) == (not presses)
 
 
 def test_a_hand_that_comes_faster_than_a_hand_can_is_no_push_and_reported() -> None:

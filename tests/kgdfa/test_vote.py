@@ -71,6 +71,12 @@ def test_a_gesture_that_comes_nearer_ends_as_late_as_in_a_press_and_gives_way_as
     assert vote.gesture is TWO
 
 
+def test_a_gesture_replaces_another_only_without_a_pause_between() -> None:
+    assert not votes([ONE] * VOTE_FRAMES)[-1].replaced
+    assert votes([*[ONE] * VOTE_FRAMES, *[TWO] * VOTE_FRAMES])[-1].replaced
+    assert not votes([*[ONE] * VOTE_FRAMES, *[None] * END_FRAMES, *[TWO] * VOTE_FRAMES])[-1].replaced
+
+
 FRAME_NS = 33_333_333
 
 
