@@ -159,7 +159,8 @@ def test_the_setup_of_the_button_is_kept() -> None:
     )
 
 
-SESSION = recorded(timed((*PUSH, *[NOBODY] * 5, *CANCELLED, *PUSH)))
+CHANGED = [seen(0.4)] * 3  # a gesture that takes another's place has to stand
+SESSION = recorded(timed((*PUSH, *[NOBODY] * 5, *CANCELLED, *CHANGED, *PUSH)))
 
 
 def test_a_session_of_pushes_is_replayed_whole() -> None:
