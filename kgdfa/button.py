@@ -35,9 +35,9 @@ STALE_NS = 250_000_000  # frames further apart than this don't tell what happene
 # hovers about the threshold crosses it more slowly; a push of 0.8 s from 7 cm outside is three times as fast.
 APPROACH_NS = 170_000_000
 APPROACH_SHARE = 0.15
-# A gesture that took another one's place must have stood for so long before it presses: keypoints that slipped just
-# before a push had a 3 command 2, and nobody changes a hand and pushes it within a fifth of a second.
-STOOD_NS = 200_000_000
+# A gesture that took another one's place must have been in force for so long before it presses: keypoints that slipped
+# just before a push had a 3 command 2, and nobody changes a hand and pushes it within a fifth of a second.
+SETTLING_NS = 200_000_000
 
 
 class PressCancel(Enum):
@@ -271,7 +271,7 @@ def _no_press(state: ButtonState, observed: ButtonInput, compared: ButtonCompari
         return PressHint.APPROACH_FIRST
     if observed.gesture is None:
         return PressHint.GESTURE_FIRST
-    settling = observed.replaced and observed.captured_ns - observed.recognised_ns < STOOD_NS
+    settling = observed.replaced and observed.captured_ns - observed.recognised_ns < SETTLING_NS
     if observed.gesture is not state.far_gesture or settling:
         return PressHint.KEEP_GESTURE
     return None if compared.beside_px == 0.0 else PressHint.OVER_BUTTON

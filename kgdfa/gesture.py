@@ -98,7 +98,7 @@ class HandRefusal(Enum):
     TWO_HANDS = "two hands"  # share: of the larger one's size, limit
     OVERLAP = "overlap"  # apart: reference segments between the palms, limit
     JUMPED = "jumped"  # jump: what can't be, value, limit
-    CONTESTED = "contested"  # gesture, other: read in turn
+    ALTERNATING = "alternating"  # gesture, other: read in turn
 
 
 @dataclass(frozen=True, slots=True)
@@ -146,8 +146,8 @@ PRESS_END_FRAMES = 15
 END_FRAMES = 5  # a held gesture ends at the fifth frame in a row that doesn't support it
 # Two gestures read in turn are a hand whose keypoints slip to and fro: MediaPipe folded and stretched one digital
 # hand's ring finger, and 6 of 12 pushes of its 3 commanded 2. Nobody goes to and fro three times in so short a time.
-CONTESTED_CHANGES = 3
-CONTESTED_NS = 2_000_000_000
+ALTERNATIONS = 3
+ALTERNATING_NS = 2_000_000_000
 CHANGE_FRAMES = 2  # in a row that show another gesture: one alone is a slip, and makes no vote
 
 
@@ -163,17 +163,17 @@ class Vote(Struct, frozen=True, kw_only=True):
     decided_ns: tuple[int, ...] = ()  # captures of the frames that made `gesture`, or ended it
     read: Gesture | None = None  # by the newest CHANGE_FRAMES in a row
     read_before: Gesture | None = None
-    changes_ns: tuple[int, ...] = ()  # captures at which these two took turns, the newest CONTESTED_CHANGES
+    changes_ns: tuple[int, ...] = ()  # captures at which these two took turns, the newest ALTERNATIONS
 
     @property
     def count(self) -> int:
         """Frames in a row for `candidate`, capped at PRESS_CHANGE_FRAMES."""
         return len(self.candidate_ns)
 
-    def contested(self, captured_ns: int) -> bool:
+    def alternates(self, captured_ns: int) -> bool:
         """Whether two gestures were read in turn until now."""
         changes_ns = self.changes_ns
-        return len(changes_ns) == CONTESTED_CHANGES and captured_ns - changes_ns[0] <= CONTESTED_NS
+        return len(changes_ns) == ALTERNATIONS and captured_ns - changes_ns[0] <= ALTERNATING_NS
 
 
 def update_vote(
@@ -183,25 +183,25 @@ def update_vote(
     *,
     pressing: bool = False,
     approaching: bool = False,
-    contestable: bool = False,
+    refuse_alternating: bool = False,
 ) -> Vote:
     """The vote after one more frame with that verdict; None: none, or no hand.
 
     pressing: the virtual button is down, or about to be. approaching: the hand comes nearer; another gesture then
-    counts as quickly as ever, but nothing recognised ends the one in force as late as in a press. contestable: of two
-    gestures read in turn neither is in force; a press, or an approach, under way is judged by its own rules.
+    counts as quickly as ever, but nothing recognised ends the one in force as late as in a press. refuse_alternating:
+    of two gestures read in turn neither is in force; a press, or an approach, under way is judged by its own rules.
     """
     count = 0 if current is None else vote.count + 1 if current is vote.candidate else 1
     candidate_ns = (*vote.candidate_ns, captured_ns)[-min(count, PRESS_CHANGE_FRAMES) :] if count else ()
     counted = replace(vote, candidate=current, candidate_ns=candidate_ns)
-    steady = pressing or approaching
-    if contestable and not steady:
+    pushing = pressing or approaching
+    if refuse_alternating and not pushing:
         counted = _with_change(counted, captured_ns)
-    contested = contestable and counted.contested(captured_ns)
-    if contested and not steady:
+    alternating = refuse_alternating and counted.alternates(captured_ns)
+    if alternating and not pushing:
         return _end(counted, counted.changes_ns)
     needed = PRESS_CHANGE_FRAMES if pressing else VOTE_FRAMES
-    if current is not None and count >= needed and current is not vote.gesture and not contested:
+    if current is not None and count >= needed and current is not vote.gesture and not alternating:
         return replace(
             counted,
             gesture=current,
@@ -210,7 +210,7 @@ def update_vote(
             unsupported_ns=(),
             decided_ns=candidate_ns,
         )
-    return _keep_or_end(counted, captured_ns, PRESS_END_FRAMES if steady else END_FRAMES)
+    return _keep_or_end(counted, captured_ns, PRESS_END_FRAMES if pushing else END_FRAMES)
 
 
 def _keep_or_end(vote: Vote, captured_ns: int, end_frames: int) -> Vote:
@@ -233,5 +233,5 @@ def _with_change(vote: Vote, captured_ns: int) -> Vote:
     if vote.candidate is None or vote.count != CHANGE_FRAMES or vote.candidate is vote.read:
         return vote
     again = vote.changes_ns if vote.candidate is vote.read_before else ()
-    changes_ns = (*again, captured_ns)[-CONTESTED_CHANGES:] if vote.read is not None else ()
+    changes_ns = (*again, captured_ns)[-ALTERNATIONS:] if vote.read is not None else ()
     return replace(vote, read=vote.candidate, read_before=vote.read, changes_ns=changes_ns)

@@ -81,11 +81,11 @@ Follow = Callable[[Hand | None, bool, Shows | None], None]
 UNRECOGNISED_FRAMES = 15  # of a hand without a gesture, after which one is sought: about half a second
 
 
-def _contest(vote: Vote, now_ns: int) -> Explanation | None:
+def _alternating(vote: Vote, now_ns: int) -> Explanation | None:
     """Which gestures are read in turn."""
-    if not vote.contested(now_ns):
+    if not vote.alternates(now_ns):
         return None
-    return Explanation(HandRefusal.CONTESTED, {"gesture": vote.read, "other": vote.read_before})
+    return Explanation(HandRefusal.ALTERNATING, {"gesture": vote.read, "other": vote.read_before})
 
 
 class Pipeline:
@@ -163,7 +163,7 @@ class Pipeline:
             monocular=monocular,
             depth_fault=self._chosen.fault or fault,
             button=self._recognition.button,
-            refusal=self._tracks.refusal or _contest(vote, now_ns),
+            refusal=self._tracks.refusal or _alternating(vote, now_ns),
             vote_ns=vote.decided_ns,
             reading=reading,
         )

@@ -66,5 +66,5 @@ def _update_vote(vote: Vote, button: ButtonState, reading: FrameReading, place: 
         reading.captured_ns,
         pressing=pressing,
         approaching=robust and is_approaching(button, place),
-        contestable=robust,
+        refuse_alternating=robust,
     )

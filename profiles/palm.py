@@ -140,7 +140,7 @@ def calibrate(
     distance_m: float,
     measured_m: Sequence[float],
     provisional_reference_m: float,
-    offset_m: float = 0.0,
+    offset_m: float,
     at: datetime,
 ) -> Calibrated:
     """Solve f·H from distances measured with a provisional segment while the palm was `distance_m` away.

@@ -13,9 +13,9 @@ from kgdfa.button import (
     APPROACH_M_S,
     GAP_FRAMES,
     HYSTERESIS,
+    SETTLING_NS,
     SHORTEST_PRESS_NS,
     STALE_NS,
-    STOOD_NS,
     ButtonInput,
     ButtonMode,
     ButtonPlace,
@@ -168,16 +168,18 @@ def test_a_gesture_made_meanwhile_is_not_what_the_push_began_with() -> None:
     assert state.hint is PressHint.KEEP_GESTURE
 
 
-@pytest.mark.parametrize(("replaced", "stood_ns", "presses"), [
-    (True, STOOD_NS - 1, False), (True, STOOD_NS, True), (False, 0, True),
+@pytest.mark.parametrize(("replaced", "in_force_ns", "presses"), [
+    (True, SETTLING_NS - 1, False), (True, SETTLING_NS, True), (False, 0, True),
 ])  # fmt: skip
-def test_a_gesture_that_just_took_anothers_place_does_not_press(replaced: bool, stood_ns: int, presses: bool) -> None:
+def test_a_gesture_that_just_took_anothers_place_does_not_press(
+    replaced: bool, in_force_ns: int, presses: bool
+) -> None:
     outside = run([Seen(FAR)] * 10)
     captured_ns = outside.last_captured_ns + FRAME_NS
     pushed = ButtonInput(
         captured_ns=captured_ns,
         gesture=Gesture.FIVE,
-        recognised_ns=captured_ns - stood_ns,
+        recognised_ns=captured_ns - in_force_ns,
         replaced=replaced,
         distance_m=NEAR,
         beside_px=0.0,

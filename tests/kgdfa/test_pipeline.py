@@ -74,7 +74,7 @@ def test_a_hand_read_as_two_gestures_in_turn_commands_neither_and_is_told_so() -
     refusal = reports[-1].refusal
     assert reports[-1].gesture is None
     assert refusal is not None
-    assert refusal.code is HandRefusal.CONTESTED
+    assert refusal.code is HandRefusal.ALTERNATING
     assert refusal.values == {"gesture": Gesture.TWO, "other": Gesture.THREE}
 
 

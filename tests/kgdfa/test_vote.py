@@ -3,7 +3,7 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kgdfa.gesture import CONTESTED_NS, END_FRAMES, PRESS_END_FRAMES, VOTE_FRAMES, Gesture, Vote, update_vote
+from kgdfa.gesture import ALTERNATING_NS, END_FRAMES, PRESS_END_FRAMES, VOTE_FRAMES, Gesture, Vote, update_vote
 
 ONE, TWO = Gesture.ONE, Gesture.TWO
 spoken = st.lists(st.sampled_from([None, Gesture.ONE, Gesture.TWO, Gesture.FIVE]), max_size=60)
@@ -80,11 +80,11 @@ def test_a_gesture_replaces_another_only_without_a_pause_between() -> None:
 FRAME_NS = 33_333_333
 
 
-def read(gestures: list[Gesture | None], *, pressing: bool = False) -> list[Vote]:
-    """As before a camera, where gestures read in turn are contested."""
+def read(gestures: list[Gesture | None]) -> list[Vote]:
+    """As before a camera, where gestures read in turn are refused."""
     vote, out = Vote(), []
     for number, gesture in enumerate(gestures):
-        vote = update_vote(vote, gesture, number * FRAME_NS, pressing=pressing, contestable=True)
+        vote = update_vote(vote, gesture, number * FRAME_NS, refuse_alternating=True)
         out.append(vote)
     return out
 
@@ -97,35 +97,35 @@ def test_of_two_gestures_read_in_turn_neither_is_in_force(runs: list[list[Gestur
     assert {last.read, last.read_before} == {ONE, TWO}
 
 
-def test_a_contested_gesture_is_in_force_again_once_it_was_read_alone_for_two_seconds() -> None:
+def test_an_alternating_gesture_is_in_force_again_once_it_was_read_alone_for_two_seconds() -> None:
     flicker: list[Gesture | None] = [*[ONE] * 3, *[TWO] * 3] * 3
-    frames = read([*flicker, *[ONE] * (CONTESTED_NS // FRAME_NS + VOTE_FRAMES)])
+    frames = read([*flicker, *[ONE] * (ALTERNATING_NS // FRAME_NS + VOTE_FRAMES)])
     assert frames[len(flicker) + VOTE_FRAMES].gesture is None
     assert frames[-1].gesture is ONE
 
 
 @given(st.permutations([*Gesture]), st.integers(VOTE_FRAMES, 12))
-def test_gestures_one_after_the_other_are_never_contested(shown: list[Gesture], frames: int) -> None:
+def test_gestures_one_after_the_other_never_alternate(shown: list[Gesture], frames: int) -> None:
     for number, vote in enumerate(read([gesture for gesture in shown for _ in range(frames)])):
-        assert not vote.contested(number * FRAME_NS)
+        assert not vote.alternates(number * FRAME_NS)
 
 
 @given(spoken)
-def test_single_frames_of_another_gesture_contest_nothing(odd: list[Gesture | None]) -> None:
+def test_single_frames_of_another_gesture_change_nothing(odd: list[Gesture | None]) -> None:
     held = [gesture for one in odd for gesture in (ONE, ONE, one)]
     assert all(vote.gesture is ONE for vote in read([*[ONE] * VOTE_FRAMES, *held])[VOTE_FRAMES:])
 
 
-def test_a_press_under_way_is_not_contested() -> None:
+def test_gestures_that_alternate_in_a_press_leave_it_its_gesture() -> None:
     vote = read([ONE] * VOTE_FRAMES)[-1]
     for number, gesture in enumerate([*[TWO] * 2, *[ONE] * 2] * 5, start=VOTE_FRAMES):
-        vote = update_vote(vote, gesture, number * FRAME_NS, pressing=True, contestable=True)
+        vote = update_vote(vote, gesture, number * FRAME_NS, pressing=True, refuse_alternating=True)
         assert vote.gesture is ONE
 
 
-def test_what_was_contested_before_an_approach_takes_no_gesture_in_it() -> None:
+def test_what_alternated_before_an_approach_takes_no_gesture_in_it() -> None:
     flicker: list[Gesture | None] = [*[ONE] * 3, *[TWO] * 3] * 3
     vote = read(flicker)[-1]
     for number in range(len(flicker), len(flicker) + 10):
-        vote = update_vote(vote, TWO, number * FRAME_NS, approaching=True, contestable=True)
+        vote = update_vote(vote, TWO, number * FRAME_NS, approaching=True, refuse_alternating=True)
         assert vote.gesture is None

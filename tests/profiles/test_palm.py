@@ -41,6 +41,7 @@ def calibrated(
         distance_m=true_m,
         measured_m=measured_m,
         provisional_reference_m=reference_segment(patient).length_m,
+        offset_m=0.0,
         at=AT,
     )
 

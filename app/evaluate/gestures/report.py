@@ -136,7 +136,7 @@ def sequence_table(where: Path, figures: Mapping[str, SequenceFigures]) -> Table
 
 def as_json(
     figures: Mapping[str, Figures],
-    right: Mapping[str, Figures],
+    labels_corrected: Mapping[str, Figures],
     detected: Sequence[DetectedImage],
     *,
     cross_validated: bool,
@@ -144,7 +144,7 @@ def as_json(
 ) -> dict[str, Any]:
     """The machine-readable report; shares in [0, 1]. views: how many of an image were used, None for all.
 
-    right: the figures with labels corrected, where some are.
+    labels_corrected: the same figures with the labels that the images contradict corrected; {} where none is.
     """
     return {
         "images": len(detected),
@@ -154,7 +154,7 @@ def as_json(
             {"path": one.image.path, "error": msgspec.to_builtins(one.error)} for one in detected if one.error
         ],
         "rules": {name: _figures_json(one) for name, one in figures.items()},
-        "labels_corrected": {name: _figures_json(one) for name, one in right.items()},
+        "labels_corrected": {name: _figures_json(one) for name, one in labels_corrected.items()},
     }
 
 

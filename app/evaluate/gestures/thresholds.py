@@ -12,7 +12,7 @@ from kgdfa.hand import FloatArray
 # Thresholds: accepting what is none moves a leg nobody asked to move, so that comes first: the price of such an error,
 # one for every kind of undefined hand, rises until few enough are accepted; within that, F1 is as high as can be.
 CANDIDATES = np.arange(0.40, 0.951, 0.02)  # a lead over the next class is required as well
-MOST_ACCEPTED = 0.010  # of all undefined hands but those halfway; of sources left out a quarter of that are accepted
+MOST_ACCEPTED = 0.010  # of all undefined hands but those halfway; of sources left out a third of that are accepted
 # Of each of the paper's five. Of the hands that are naturally open, digital ones for the most part, the straightest are
 # nearly a 5: at 2 % of them a quarter of the fives of new people was refused.
 MOST_ACCEPTED_LOOK_ALIKES = {
@@ -29,7 +29,7 @@ MOST_ACCEPTED_HALFWAY = 0.40
 # what they confuse at a lower threshold says little; which undefined hands they accept there always counts.
 AS_GOOD = 0.01
 # Log-odds: undefined hands of people and cameras never seen may look that much more like a gesture than those in
-# photos; digital people are drawn as the ones that will be seen are, and need none.
+# photos. Digital people are drawn from one distribution, those that fit and those that measure, and need none.
 MARGIN = 0.4
 FIRST_PRICE = 0.1  # of a per cent of undefined hands accepted, in per cent of macro-F1
 FIRST_HALFWAY = FIRST_PRICE / 10  # and of those halfway once too many are accepted; until then they are free
