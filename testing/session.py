@@ -106,10 +106,10 @@ class WatchedSession(ABC):
                 return self.snapshot
         raise TimeoutError(f"{what or 'what was waited for'} did not come; {self.snapshot}")
 
-    def stand(self, unless: Callable[[ControlSnapshot], bool] = lambda _: False) -> ControlSnapshot:
-        """Confirm, and bring the legs to standing by the therapist's keys, again after each hold, unless this is so."""
+    def stand(self) -> ControlSnapshot:
+        """Confirm, and bring the legs to standing by the therapist's keys, again after each hold."""
         self.send(OperatorKind.CONFIRM_PATIENT)
-        return self.until(lambda now: self._towards_standing(now) or unless(now), "standing")
+        return self.until(self._towards_standing, "standing")
 
     def walk(self, steps: int = 2) -> ControlSnapshot:
         """Stand, and walk at least so many steps at one go, again after each hold."""

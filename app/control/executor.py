@@ -176,12 +176,16 @@ def _cancel(tick: Tick, running: RunningAction, outcome: Outcome, why: Reason) -
 
 
 def _stiffen(tick: Tick, running: RunningAction) -> None:
-    """Hold damped joints where they are, and plan anew from there: they may have sunk since the first plan."""
-    measured_rad, gait = tick.inputs.feedback.position_rad, tick.state.gait
+    """Hold damped joints where they are, and plan anew from there: they may have sunk since the first plan.
+
+    A joint that leans on its end stop is measured a little beyond what the guard lets pass.
+    """
+    limits, gait = tick.settings.limits, tick.state.gait
+    held_rad = np.clip(tick.inputs.feedback.position_rad, limits.low_rad, limits.high_rad)
     number = tick.state.plan_number + 1
-    tick.plan_requests.append(plan_request(number, running.report.action, gait.phase, gait.state, measured_rad))
+    tick.plan_requests.append(plan_request(number, running.report.action, gait.phase, gait.state, held_rad))
     tick.update(
-        motion=follower.start_stiffening(measured_rad, tick.settings.gains),
+        motion=follower.start_stiffening(held_rad, tick.settings.gains),
         plan_number=number,
         running=replace(running, stage=Stage.STIFFENING, requested_ns=tick.now_ns, awaited_plans=frozenset({number})),
     )

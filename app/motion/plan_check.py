@@ -27,6 +27,7 @@ from hal.joints.protocol import TICK_HZ, Joint
 from logs.reason import Reason, reason
 
 LEAST_CLEARANCE_M = 0.02
+ROUNDING_RAD = 1e-9  # of angles computed to lie on a limit
 NOT_SWINGING_M = 1.0  # clearance reported for a movement without a swing
 
 
@@ -58,9 +59,9 @@ def _faults(patient: Patient, path: Path, speed: Array, torque: Array, clearance
     lowest, highest = path.joints_rad.min(axis=0), path.joints_rad.max(axis=0)
     for joint in Joint:
         low, high = float(patient.low_rad[joint]), float(patient.high_rad[joint])
-        if highest[joint] > high:
+        if highest[joint] > high + ROUNDING_RAD:
             yield reason(PlanFault.BEYOND_FLEXION, joint=joint, angle_rad=float(highest[joint]), limit_rad=high)
-        if lowest[joint] < low:
+        if lowest[joint] < low - ROUNDING_RAD:
             yield reason(PlanFault.BEYOND_EXTENSION, joint=joint, angle_rad=float(lowest[joint]), limit_rad=low)
         fastest = float(patient.speed_rad_s[joint])
         if speed[joint] > fastest:

@@ -35,6 +35,7 @@ from app.motion.walking import (
     walk_start,
 )
 from app.system.errors import AppError
+from hal.joints.guard import ENGAGE_RAD
 from hal.joints.protocol import TICK_HZ, JointArray
 from hal.joints.scene import LEVEL_FLOOR, Scene
 from logs.reason import reason, reason_of
@@ -153,7 +154,7 @@ def path_of(action: Action, phase: Phase, patient: Patient) -> Path:
 
 
 def _planned(request: PlanRequest, patient: Patient) -> Plan:
-    start = np.array(request.start_rad)
+    start = _within_range(np.array(request.start_rad), patient)
     if request.action is A.INITIALISE:
         recipe = Recipe(build=_transfer(rising=True), to_state=S.STANDING)
         path = _recovery(patient, start)
@@ -201,6 +202,13 @@ def _refused(request: PlanRequest, check: PlanCheck) -> Plan:
         torque_nm=np.zeros_like(start),
         check=check,
     )
+
+
+def _within_range(measured_rad: JointArray, patient: Patient) -> JointArray:
+    """A joint that leans on its end stop starts from the range of plans; the follower fades the difference."""
+    within = np.clip(measured_rad, patient.low_rad, patient.high_rad)
+    near: JointArray = np.where(np.abs(within - measured_rad) <= ENGAGE_RAD, within, measured_rad)
+    return near
 
 
 def _fading(time_s: Array, difference_rad: Array) -> Array:

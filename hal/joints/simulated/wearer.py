@@ -1,7 +1,8 @@
 """The simulated wearer: MuJoCo stepped a tick at a time, with harness, balance, passive ankles and the scene.
 
-What the model does not derive, it states: the harness carries a constant share of the weight and arrests a fall, the
-wearer's arms hold the trunk at the lean that the commanded knees call for, and the ankles are orthoses with springs.
+What the model does not derive, it states: the harness carries a constant share of the weight, arrests a fall and lifts
+a wearer whose drives gave no torque for some seconds to where a session starts, the wearer's arms hold the trunk at the
+lean that the commanded knees call for, and the ankles are orthoses with springs.
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ from hal.joints.body import (
 from hal.joints.device import Exoskeleton
 from hal.joints.protocol import JointArray
 from hal.joints.scene import Block, BlockKind, Scene, Surroundings, next_surroundings
+from hal.joints.simulated.harness import Reel
 from hal.joints.simulated.mjcf import CHAIRS, OBSTACLES, STEPS, TIMESTEP_S, model_xml
 
 BALANCE_NM_RAD = 8000.0  # arms on crutches or rails, against the trunk's pitch
@@ -32,11 +34,7 @@ HOLD_N_M = 3000.0  # arms on crutches or rails, against the trunk's place over t
 HOLD_N_S_M = 500.0
 HOLD_MOST_N = 200.0
 SHIFT_S = 0.08  # time constant with which the arms' idea of the standing foot follows a change of contact
-REEL_SPEED_M_S = 0.6  # a harness that pays out faster than this locks, as a fall-arrest reel does
-REEL_N_M = 30_000.0
-REEL_N_S_M = 4000.0
 SLUMP_M = 0.01  # a wearer put on the floor without power sinks so far into the harness
-REEL_SLACK_S = 0.3  # without load for this long it runs free again
 BLOCK_WIDTH_M = 0.6
 DEEP_M = 2.0  # blocks reach this far down, so that nothing passes under them
 # Without power the wearer sinks into the harness and swings, 10 s at most; so slow for so long is rest.
@@ -116,11 +114,11 @@ class Wearer:
         self._ankle_bodies = [model.body(f"{side}_foot").id for side in ("left", "right")]
         self._floor = int(model.body("floor").mocapid[0])
         self._pelvis = model.geom("pelvis").id
+        self._chairs = {model.geom(f"chair{number}").id for number in range(CHAIRS)}
         self._obstacles = {model.geom(f"obstacle{number}").id for number in range(OBSTACLES)}
         self.weight_n = float(model.body_subtreemass[model.body("trunk").id]) * 9.81
         self._supported_n = body.body_weight_support * self.weight_n
-        self._reel_m: float | None = None
-        self._slack_s = 0.0
+        self._reel = Reel()
         self._pose = ReferencePose(body, np.zeros(4), np.zeros(4))
         self._on_left = 0.5  # how much of the standing is the left foot's
         self._forces = [0.0] * model.nv
@@ -141,7 +139,7 @@ class Wearer:
         mujoco.mj_forward(self._model, data)
         ankles = np.array([data.xpos[number][2] for number in self._ankle_bodies])
         data.qpos[1] = self.body.ankle_height_m - ankles.min()
-        self._reel_m, self._slack_s = float(data.qpos[1]) - SLUMP_M, 0.0
+        self._reel.lock(float(data.qpos[1]) - SLUMP_M)
         self._surround(Surroundings())
         mujoco.mj_forward(self._model, data)
 
@@ -185,7 +183,9 @@ class Wearer:
             forces[at] = torque
         for at, angle in zip(self._ankles_at, self._qpos.take(self._ankle_q).tolist(), strict=True):
             forces[at] = _ankle_spring(angle)
-        self.harness_n = self._supported_n + self._reel(qpos[1], qvel[1])
+        if self._reel.lifts(unpowered=not any(torque_nm)) and not self._sits():
+            self._reel.wind(qpos[1], self._start_m())
+        self.harness_n = self._supported_n + self._reel.force_n(qpos[1], qvel[1])
         self.balance_nm = BALANCE_NM_RAD * (self._pose.lean_rad - qpos[2]) - BALANCE_NM_S_RAD * qvel[2]
         self.hold_n = 0.0 if pose is None else self._hold(pose, qpos[0], qvel[0])
         forces[:3] = self.hold_n, self.harness_n, self.balance_nm
@@ -245,18 +245,19 @@ class Wearer:
         held: float = min(max(force, -HOLD_MOST_N), HOLD_MOST_N)
         return held
 
-    def _reel(self, height: float, speed: float) -> float:
-        """The force of a harness that locks when it pays out too fast, newtons."""
-        if self._reel_m is None:
-            if speed > -REEL_SPEED_M_S:
-                return 0.0
-            self._reel_m, self._slack_s = height, 0.0
-        force = max(0.0, REEL_N_M * (self._reel_m - height) - REEL_N_S_M * speed)
-        force = force if height < self._reel_m else 0.0
-        self._slack_s = self._slack_s + TIMESTEP_S if force <= 0 else 0.0
-        if self._slack_s > REEL_SLACK_S:
-            self._reel_m = None
-        return force
+    def _start_m(self) -> float:
+        """The harness's height at a session's start, over the lower foot."""
+        body = self.body
+        return min(map(self._sole_m, self._feet)) + body.ankle_height_m + body.thigh_m + body.shank_m - SLUMP_M
+
+    def _sole_m(self, foot: int) -> float:
+        """Height of a foot's lowest place."""
+        radius, half = self._model.geom_size[foot][:2]
+        return float(self._data.geom_xpos[foot][2] - half * abs(self._data.geom_xmat[foot][8]) - radius)
+
+    def _sits(self) -> bool:
+        pairs = self._data.contact.geom.tolist()
+        return any(self._pelvis in pair and self._chairs.intersection(pair) for pair in pairs)
 
     def _put(self, name: str, block: Block) -> None:
         geom = self._model.geom(name).id

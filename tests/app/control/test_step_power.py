@@ -17,6 +17,16 @@ from tests.app.control.moments import HOLD_TICKS, A, K, S, moving, now, resting,
 from tests.app.control.rig import TICK_NS
 
 
+def test_a_knee_that_leans_on_its_end_stop_is_gripped_within_the_guards_range() -> None:
+    rig = resting(S.UNPOWERED)
+    low_rad = rig.settings.limits.low_rad
+    rig.joints.position_rad = np.array([0.05, low_rad[1] - np.radians(0.05), 0.05, 0.1])
+    rig.release(Gesture.ZERO)
+    state = rig.run_until(lambda m: m.running is not None and m.running.stage is Stage.STIFFENING)
+    assert state.motion.command.position_rad[1] == low_rad[1]
+    assert rig.run_until(lambda m: m.running is None).gait.state is S.STANDING
+
+
 def test_gesture_0_plans_enables_grips_and_only_then_moves() -> None:
     rig = resting(S.UNPOWERED)
     rig.release(Gesture.ZERO)

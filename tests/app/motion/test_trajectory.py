@@ -19,6 +19,7 @@ from app.motion.rehearsal import STARTS, WALK_PHASES
 from app.motion.trajectory import FAR_RAD, RECIPES, nominal_pose, plan
 from app.text.catalogue import render
 from hal.joints.device import load_exoskeleton
+from hal.joints.guard import ENGAGE_RAD
 from hal.joints.protocol import TICK_HZ
 from logs.reason import Reason, key_of
 from profiles.schema import GaitParameters, Profile, Sex
@@ -141,6 +142,22 @@ def test_initialise_goes_slowly_from_any_pose_to_standing_or_reports_why_not(
     assert np.allclose(made.position_rad[0], start)
     assert np.abs(made.position_rad[-1] - nominal_pose(GaitState.STANDING, patient())).max() < np.radians(1)
     assert made.duration_s >= 3.0
+
+
+@pytest.mark.parametrize("beyond_deg", [0.0, 0.05])
+def test_a_knee_that_leans_on_its_end_stop_is_led_from_there(beyond_deg: float) -> None:
+    low_rad = np.radians([joint.min_deg for joint in DEVICE.joints])[1]
+    start = np.array([0.0, low_rad - np.radians(beyond_deg), 0.1, 0.2])
+    made = ask(patient(), Action.INITIALISE, start=start, state=GaitState.UNPOWERED)
+    assert made.check.ok, made.check.reason
+    assert np.abs(made.position_rad[0] - start).max() <= ENGAGE_RAD
+    assert made.position_rad[:, 1].min() >= low_rad
+
+
+def test_a_knee_far_beyond_its_range_is_refused() -> None:
+    made = ask(patient(), Action.INITIALISE, start=np.radians([0.0, -9.0, 0.0, 10.0]), state=GaitState.UNPOWERED)
+    assert made.check.reason is not None
+    assert made.check.reason.code == key_of(PlanFault.BEYOND_EXTENSION)
 
 
 def test_initialise_rises_from_the_chair() -> None:

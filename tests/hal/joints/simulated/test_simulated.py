@@ -59,6 +59,17 @@ def test_without_power_the_harness_catches_the_wearer(joints: SimulatedJoints) -
     assert before - 0.08 < joints.ground_truth().hip_z_m <= before
 
 
+def test_a_wearer_who_sank_is_lifted_without_power_and_not_while_the_drives_damp(joints: SimulatedJoints) -> None:
+    upright_m, damped = joints.ground_truth().hip_z_m, hold(stiffness=0.0, torque=0.0)
+    ticks = run(joints, 3000, damped)
+    assert joints.ground_truth().hip_z_m < upright_m - 0.1
+    joints.close(ticks * TICK_NS)
+    run(joints, 5000, damped, ticks)
+    assert joints.ground_truth().hip_z_m == pytest.approx(upright_m, abs=0.03)
+    assert np.abs(joints.wearer.joints_rad).max() < np.radians(30)
+    assert joints.contact_n() != (0.0, 0.0), "on the floor, not above it"
+
+
 def test_no_drive_gives_more_than_it_has(joints: SimulatedJoints) -> None:
     joints.write(hold(torque=5000.0), 2 * TICK_NS)
     limits = [joint.max_torque_nm for joint in load_exoskeleton().joints]
