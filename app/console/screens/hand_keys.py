@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
+import time
+
+from textual.timer import Timer
+
 from app.console import keys
 from app.console.screens.base import ConsoleScreen
 from app.ipc.messages import HandCommand, HandPose
 from kgdfa.gesture import Gesture
+
+SHOWN_S = 0.7  # a new shape is shown for so long before it is pushed: taken in 0.2 s, voted, and the button's 0.2 s
 
 
 class HandKeys(ConsoleScreen):
@@ -14,6 +20,8 @@ class HandKeys(ConsoleScreen):
     def __init__(self) -> None:
         super().__init__()
         self._pressing = False
+        self._shown_s = 0.0  # when the shape was shown that the hand has now
+        self._waiting: Timer | None = None  # a push until the shape has been shown
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:  # noqa: ARG002
         """Hand keys need a digital hand, and somebody who may do more than look."""
@@ -22,7 +30,10 @@ class HandKeys(ConsoleScreen):
         return self.console_app.has_digital_hand and not self.console_app.read_only
 
     def action_hand_sign(self, sign: str) -> None:
-        """The digital hand shows a gesture, rests, or leaves."""
+        """The digital hand shows a gesture, rests, or leaves; a push that waits is for the shape before."""
+        self._shown_s = time.monotonic()
+        if self._waiting is not None:
+            self._waiting.stop()
         if sign == "rest":
             self._move(HandCommand(pose=HandPose.REST))
         elif sign == "none":
@@ -31,8 +42,14 @@ class HandKeys(ConsoleScreen):
             self._move(HandCommand(gesture=Gesture(sign)))
 
     def action_hand_click(self) -> None:
-        """Push to the camera and draw back."""
-        self._move(HandCommand(click_s=keys.CLICK_S))
+        """Push to the camera and draw back, once the shape has been shown, as a person does."""
+        if self._waiting is not None:
+            self._waiting.stop()
+        push, left_s = HandCommand(click_s=keys.CLICK_S), self._shown_s + SHOWN_S - time.monotonic()
+        if left_s > 0:
+            self._waiting = self.set_timer(left_s, lambda: self._move(push))
+        else:
+            self._move(push)
 
     def action_hand_press(self) -> None:
         """Push and stay, or draw back."""

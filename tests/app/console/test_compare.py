@@ -139,6 +139,7 @@ async def test_two_digital_hands_are_one_hand(console: Opener) -> None:
         assert (begun.gesture, begun.press) == (Gesture.FOUR, True)
         assert (begun.move_x_m, begun.move_y_m, begun.move_z_m) == (0.0, -0.02, 0.04)
         await open_console.press("5", "enter")
+        await open_console.until(lambda: open_console.host.hands[-1].click_s)
         assert FakeLooker.made[0].commands[1:] == open_console.host.hands[-2:]
         assert open_console.host.hands[-2].gesture is Gesture.FIVE
 

@@ -47,3 +47,21 @@ async def test_each_gesture_has_its_key_on_the_digital_hand(console: Opener) -> 
             await open_console.press(gesture.value[0])
             assert open_console.host.hands[-1].gesture is gesture
         assert len(open_console.host.hands) == len(Gesture)
+
+
+async def test_a_push_waits_until_its_gesture_has_been_shown(console: Opener) -> None:
+    """A gesture and Enter at once: a hand that pushed while it still changes would be refused."""
+    async with console() as open_console:
+        await open_console.press("5", "enter")
+        assert [hand.gesture for hand in open_console.host.hands] == [Gesture.FIVE]
+        await open_console.until(lambda: open_console.host.hands[-1].click_s)
+        await open_console.press("enter")
+        assert [hand.click_s is not None for hand in open_console.host.hands] == [False, True, True]
+
+
+async def test_a_push_that_waits_for_one_gesture_is_not_made_with_the_next(console: Opener) -> None:
+    async with console() as open_console:
+        await open_console.press("5", "enter", "2")
+        await open_console.press("enter")
+        await open_console.until(lambda: open_console.host.hands[-1].click_s)
+        assert [hand.gesture for hand in open_console.host.hands] == [Gesture.FIVE, Gesture.TWO, None]
