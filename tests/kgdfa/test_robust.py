@@ -11,7 +11,7 @@ from hypothesis.extra.numpy import arrays
 
 from hal.cameras.digital_hand.raycast import project_px
 from hal.cameras.digital_hand.render import keypoints_m, lens_for, posed
-from hal.cameras.digital_hand.skeleton import ACROSS_THUMB, GESTURES, LOOK_ALIKES, PINCH_THUMB, POSES, Pose
+from hal.cameras.digital_hand.skeleton import ACROSS_THUMB, GESTURES, LOOK_ALIKES, OPEN_THUMB, PINCH_THUMB, POSES, Pose
 from kgdfa.errors import KgdfaError, KgdfaFault
 from kgdfa.features import FEATURES
 from kgdfa.gesture import Decision, Explanation, Finger, Gesture
@@ -49,6 +49,7 @@ def test_similar_hands_are_refused_with_a_reason(pose: str) -> None:
     assert isinstance(verdict.explanation.values["measure"], Explanation)
 
 
+BELOW = {Condition.THUMB_NOT_OPEN, Condition.FINGER_NOT_OPEN, Condition.FINGER_NOT_STRAIGHT}
 ZERO, SIX, SEVEN = POSES["0"], POSES["6"], POSES["7"]
 
 
@@ -83,12 +84,42 @@ def certain_of(gesture: Gesture) -> RobustModel:
             Condition.FINGER_NOT_FOLDED,
             {"finger": Finger.RING},
         ),
+        (
+            replace(POSES["1"], name="changed 1", index=POSES["9"].index),
+            Condition.FINGER_NOT_STRAIGHT,
+            {"finger": Finger.FORE},
+        ),
+        (
+            replace(POSES["2"], name="changed 2", thumb=OPEN_THUMB),
+            Condition.THUMB_NOT_FOLDED,
+            {"finger": Finger.THUMB, "other": Finger.PINKY},
+        ),
+        (
+            replace(SIX, name="changed 6", pinky=ZERO.pinky),
+            Condition.FINGER_NOT_OPEN,
+            {"finger": Finger.PINKY},
+        ),
+        (
+            replace(POSES["8"], name="changed 8", thumb=ZERO.thumb),
+            Condition.THUMB_NOT_OPEN,
+            {"finger": Finger.THUMB, "other": Finger.MIDDLE},
+        ),
+        (
+            replace(POSES["9"], name="changed 9", index=ZERO.index),
+            Condition.FINGER_NOT_OPEN,
+            {"finger": Finger.FORE},
+        ),
     ],
     ids=[
         "0 with the thumb up",
         "6 with a half-open thumb",
         "7 with the thumb away from the fingers",
         "7 with all five tips together",
+        "1 with a hook",
+        "2 with an open thumb",
+        "6 without the little finger",
+        "8 with the thumb over the fingers",
+        "9 with a folded forefinger",
     ],
 )
 def test_a_gesture_lacks_what_it_needs_whatever_the_model_decides(
@@ -107,7 +138,7 @@ def test_a_gesture_lacks_what_it_needs_whatever_the_model_decides(
     value, limit = missing.values["value"], missing.values["limit"]
     assert isinstance(value, float)
     assert isinstance(limit, float)
-    assert (value < limit) is (condition is Condition.THUMB_NOT_OPEN)
+    assert (value < limit) is (condition in BELOW)
 
 
 def test_a_thumb_that_is_far_from_the_ring_finger_but_bent_is_folded() -> None:
