@@ -27,11 +27,9 @@ from app.ipc.messages import (
     TriggerReport,
 )
 from app.link.beats import LOST_NS
-from app.link.clock import ClockEstimate
-from app.link.faults import LinkFault, LinkNotice
+from app.link.clock import ClockEstimate, localized
 from app.link.order import Inbox
-from app.link.times import localized
-from app.link.wire import SessionRequest, StopMark, mark_of
+from app.link.wire import LinkFault, LinkNotice, SessionRequest, StopMark, mark_of
 from app.session.host import SessionHost, make_setup
 from app.session.shared import held_session
 from app.system.config import Config, SessionSetup
@@ -68,7 +66,7 @@ class ServedSession:
         self._operator = OrderedSender(address(links, streams.OPERATOR.name))
         self._reports = Publisher(address(links, streams.TRIGGER.name))
         self._health = Publisher(address(links, streams.LINK.name))
-        self._snapshots = LatestReceiver(address(links, streams.SNAPSHOT.name), ControlSnapshot)
+        self.snapshots = LatestReceiver(address(links, streams.SNAPSHOT.name), ControlSnapshot)
         self._guardian = LatestReceiver(address(links, streams.GUARDIAN.name), GuardianHealth)
         self._audit = LatestReceiver(address(links, streams.AUDIT_HEALTH.name), AuditHealth)
         self._sink = AuditSink(links, "link", host.setup.operator)
@@ -108,11 +106,6 @@ class ServedSession:
         """The session's."""
         return self._host.setup.session
 
-    @property
-    def snapshots(self) -> LatestReceiver[ControlSnapshot]:
-        """To be waited for."""
-        return self._snapshots
-
     def record(self, body: Body) -> None:
         """Into this host's trail."""
         self._sink.emit(body)
@@ -123,7 +116,7 @@ class ServedSession:
 
     def poll(self) -> None:
         """Take what the session's processes published."""
-        self.snapshot = self._snapshots.receive() or self.snapshot
+        self.snapshot = self.snapshots.receive() or self.snapshot
         self.guardian = self._guardian.receive() or self.guardian
         self.audit = self._audit.receive() or self.audit
         if self._started and not self.ended:
@@ -193,7 +186,7 @@ class ServedSession:
 
     def close_links(self) -> None:
         """After the end."""
-        for link in (self._operator, self._reports, self._health, self._snapshots, self._guardian, self._audit):
+        for link in (self._operator, self._reports, self._health, self.snapshots, self._guardian, self._audit):
             link.close()
         self._sink.close(0.0)
 

@@ -17,19 +17,20 @@ from app.audit.other_trail import PERIOD_NS, other_trail
 from app.ipc.messages import AuditHealth, LinkHealth
 from app.ipc.streams import LINK, NS_PER_MS, SNAPSHOT
 from app.link.beats import Beats, health_of
-from app.link.faults import LinkFault, LinkNotice
+from app.link.clock import localized
 from app.link.keys import peers_of
 from app.link.order import Flight
 from app.link.packets import PacketSeal, new_packet_key
 from app.link.pairing import PairingDesk
 from app.link.port import JointsPort
-from app.link.questions import PairBegin, PairConfirm, Who, check_version, encode, here, question_in
+from app.link.questions import Answer, PairBegin, Question, Who, check_version, encode, here, question_in
 from app.link.served import ServedSession
-from app.link.times import localized
 from app.link.wire import (
     VERSION,
     FromLaptop,
     Hello,
+    LinkFault,
+    LinkNotice,
     Packet,
     Refused,
     SessionRequest,
@@ -106,8 +107,10 @@ class JointsServer:
         while not self._done():
             self._port.wait(WAIT_MS)
             now_ns = time.monotonic_ns()
-            self._take_frames()
-            self._take_packets()
+            for identity, user, content in self._port.frames():
+                self._take_frame(identity, user, content)
+            for datagram, where in self._port.packets():
+                self._take_packet(datagram, where, time.monotonic_ns())
             self._foreign += self._port.foreign_peers()
             self._serve(now_ns)
 
@@ -163,10 +166,6 @@ class JointsServer:
         self._wait_for_snapshots(None)
 
     # --- frames ---------------------------------------------------------------------------------------------------
-
-    def _take_frames(self) -> None:
-        for identity, user, content in self._port.frames():
-            self._take_frame(identity, user, content)
 
     def _take_frame(self, identity: bytes, user: str, content: bytes) -> None:
         try:
@@ -262,10 +261,6 @@ class JointsServer:
 
     # --- packets --------------------------------------------------------------------------------------------------
 
-    def _take_packets(self) -> None:
-        for datagram, where in self._port.packets():
-            self._take_packet(datagram, where, time.monotonic_ns())
-
     def _take_packet(self, datagram: bytes, where: tuple[str, int], now_ns: int) -> None:
         laptop = self._laptop
         packet = laptop.seal.open(datagram) if laptop is not None else None
@@ -302,13 +297,14 @@ class JointsServer:
         packet = laptop.beats.next(now_ns, time.time_ns())
         self._port.send_packet(laptop.seal.seal(msgspec.structs.replace(packet, stops=session.stops)), laptop.where)
 
-    def _answer(self, question: Who | PairBegin | PairConfirm, where: tuple[str, int], now_ns: int) -> None:
+    def _answer(self, question: Question, where: tuple[str, int], now_ns: int) -> None:
         if isinstance(question, Who):
-            self._port.send_packet(encode(here(question, now_ns, time.monotonic_ns())), where)
+            answer: Answer = here(question, now_ns, time.monotonic_ns())
         elif isinstance(question, PairBegin):
-            self._port.send_packet(encode(self._desk.begin(question, time.time())), where)
+            answer = self._desk.begin(question, time.time())
         else:
-            self._port.send_packet(encode(self._desk.confirm(question, time.time())), where)
+            answer = self._desk.confirm(question, time.time())
+        self._port.send_packet(encode(answer), where)
 
     # --------------------------------------------------------------------------------------------------------------
 
@@ -331,9 +327,7 @@ def serve_joints(home: Home, config: Config, port: int, watch: Callable[[str], N
     if config.joints.host:
         raise AppError(LinkFault.HOST_HAS_HOST, host=config.joints.host)
     workers = ThreadPoolExecutor(1)
-    workers.submit(
-        int
-    ).result()  # its thread is there before what follows, which the session's processes must not inherit
+    workers.submit(int).result()  # its thread is there before what the session's processes must not inherit
     set_scheduling("link")
     avoid_control_core(config.control_core)
     server = JointsServer(home, config, port, workers)
