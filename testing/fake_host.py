@@ -21,11 +21,12 @@ from app.ipc.messages import (
     OperatorKind,
     PerceptionCommand,
     Preview,
+    ProcessStatus,
     RealTime,
     TriggerReport,
 )
 from app.ipc.states import ACTION_OF, Action, Effect, Event, GaitState, Source
-from app.session.host import Latest, ProcessStatus
+from app.session.host import Latest
 from app.system.config import SessionSetup
 from app.system.vocabulary import by_key_only, vocabulary_of
 from kgdfa.distance import DistanceSource

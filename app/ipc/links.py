@@ -29,8 +29,7 @@ M = TypeVar("M", bound=msgspec.Struct)
 
 _POLLIN = int(zmq.POLLIN)
 _ORDERED_QUEUE = 20_000  # messages; an audit burst of a second at ten thousand a second fits twice
-
-
+_END_LINGER_MS = 500
 PEERS_PERIOD_S = 0.5  # foreign peers are told at most so often: a flood is one number
 _EVENTS_A_CALL = 64  # about 0.2 ms: a tick has 2
 _monitors = count()
@@ -213,20 +212,19 @@ class LatestReceiver(_Link, Generic[M]):
 
 
 class OrderedSender(_Link):
-    """Sends everything, in order, to one receiver; connects, or binds when it is the fixed end."""
+    """Sends everything, in order, to one receiver; connects."""
 
     def __init__(
         self,
         at: Address,
         *,
-        bind: bool = False,
         enc_hook: Callable[[Any], Any] | None = None,
         queue: int = _ORDERED_QUEUE,
     ) -> None:
         """enc_hook: msgspec's, for types that it does not know. queue: so many messages may wait."""
         super().__init__(zmq.PUSH, at)
         self._socket.setsockopt(zmq.SNDHWM, queue)
-        self._open(bind=bind)
+        self._open(bind=False)
         self._encode = msgspec.msgpack.Encoder(enc_hook=enc_hook).encode
 
     def send(self, message: msgspec.Struct) -> bool:
@@ -239,21 +237,20 @@ class OrderedSender(_Link):
 
 
 class OrderedReceiver(_Link, Generic[M]):
-    """Receives everything, in order; binds, or connects when the sender is the fixed end."""
+    """Receives everything, in order; binds."""
 
     def __init__(
         self,
         at: Address,
         kind: type[M] | UnionType,
         *,
-        bind: bool = True,
         dec_hook: Callable[[type, Any], Any] | None = None,
         queue: int = _ORDERED_QUEUE,
     ) -> None:
         """dec_hook: msgspec's, for types that it does not know. queue: so many messages may wait."""
         super().__init__(zmq.PULL, at)
         self._socket.setsockopt(zmq.RCVHWM, queue)
-        self._open(bind=bind)
+        self._open(bind=True)
         self._decoder: msgspec.msgpack.Decoder[M] = msgspec.msgpack.Decoder(kind, dec_hook=dec_hook)
 
     def receive(self, timeout_s: float = 0.0) -> M | None:
@@ -274,6 +271,6 @@ def start_links() -> None:
     zmq.Context.instance().socket(zmq.PAIR).close()
 
 
-def end_links(linger_s: float = 0.5) -> None:
+def end_links() -> None:
     """Close what is left and let queued messages leave: a process that ends without it takes its last words along."""
-    zmq.Context.instance().destroy(linger=int(linger_s * 1000))
+    zmq.Context.instance().destroy(linger=_END_LINGER_MS)

@@ -35,7 +35,6 @@ from app.session.shared import held_session
 from app.system.config import Config, SessionSetup
 from app.system.errors import AppError
 from app.system.paths import Home
-from hal.joints.device import EMULATED_INTERFACES
 from logs.reading.errors import CodedError
 from logs.reason import Reason, reason, reason_of
 from logs.records import Body, Note
@@ -257,7 +256,5 @@ def check_request(config: Config, request: SessionRequest) -> None:
     """Raises AppError: a name that is none, or joints that move somebody without an operator who has signed in."""
     if _NAME.fullmatch(request.session) is None:
         raise AppError(LinkFault.NAME_INVALID)
-    joints = config.joints
-    simulated = joints.kind == "simulated" or joints.interface in EMULATED_INTERFACES
-    if not (simulated or request.signed_in):
+    if not (config.joints.emulated or request.signed_in):
         raise AppError(LinkFault.SIGN_IN_NEEDED)

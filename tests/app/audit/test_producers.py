@@ -26,7 +26,7 @@ from app.console.state import newly_ended
 from app.control.loop import drives_record, limits_record
 from app.demo.drives import emulated_drives
 from app.ipc.links import new_link_directory
-from app.ipc.messages import OperatorKind
+from app.ipc.messages import OperatorKind, ProcessStatus
 from app.ipc.states import Action, GaitState
 from app.perception.comparison import Comparison, comparison_record
 from app.perception.frames import FrameBatch, button_record
@@ -35,7 +35,6 @@ from app.perception.pipeline import camera_records, make_camera
 from app.perception.reporting import MeasuredRate, records_between
 from app.recording.schemas import CONTACT, TOPICS, FootContact
 from app.recording.writer import RecordingWriter, file_record
-from app.session.host import ProcessStatus
 from app.system.config import CameraConfig, Config, JointsConfig, SessionSetup
 from app.system.operators import Role, add_operator, load_store, save_store
 from app.system.paths import Home, pictures_path
