@@ -58,10 +58,9 @@ class PreflightFault(Enum):
 
 def preflight_key(patient: Patient, device: Exoskeleton, action: Action) -> str:
     """Hexadecimal name of everything that a rehearsal depends on."""
-    body = {name: getattr(patient.body, name) for name in patient.body.__dataclass_fields__}
     ranges = (patient.hip_max_rad, patient.knee_max_rad)
-    content = msgspec.json.encode((version("rleex"), action, body, patient.gait, ranges, device), order="sorted")
-    return hashlib.sha256(content).hexdigest()
+    content = (version("rleex"), action, patient.body, patient.gait, ranges, device)
+    return hashlib.sha256(msgspec.json.encode(content, order="sorted")).hexdigest()
 
 
 def preflight_passed(home: Home, patient: Patient, device: Exoskeleton, action: Action) -> PreflightResult:

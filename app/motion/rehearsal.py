@@ -5,7 +5,6 @@ Pure but for MuJoCo's stepping: no clock, no files. Pre-flight, `rleex simulate`
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from math import pi
 
@@ -68,13 +67,10 @@ class Rehearsal:
     starts: tuple[int, ...]  # ticks at which a plan began
 
 
-def rehearse(
-    patient: Patient, device: Exoskeleton, action: Action, watch: Callable[[], None] = lambda: None
-) -> Rehearsal:
-    """Carry out one action (walking: seven steps) in simulation from its state's pose; `watch` is called as it goes."""
+def rehearse(patient: Patient, device: Exoskeleton, action: Action) -> Rehearsal:
+    """Carry out one action (walking: seven steps) in simulation from its state's pose."""
     running = RehearsalRun(patient, device, action)
-    refusal = running.run(watch)
-    return running.evaluated(refusal)
+    return running.evaluated(running.run())
 
 
 class RehearsalRun:
@@ -99,16 +95,14 @@ class RehearsalRun:
         self.final_rad: NDArray[np.float64] | None = None
         self.advance_m = 0.0
 
-    def run(self, watch: Callable[[], None]) -> Reason | None:
+    def run(self) -> Reason | None:
         """Why it could not be carried out; None: it was."""
         if refused := self.prepare():
             return refused
-        watch()
         for number, (part, phase) in enumerate(SEQUENCES.get(self.action, ((self.action, P.WHOLE),))):
             made = self.plan_next(number, part, phase)
             if refused := made.check.reason or self.follow(made):
                 return refused
-            watch()
         self.motion = follower.hold(self.motion)
         return next(filter(None, (self.tick() for _ in range(SETTLE_TICKS))), None)
 

@@ -18,6 +18,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
 from functools import cache
+from types import SimpleNamespace
 from typing import Any
 
 from msgspec import Struct
@@ -163,15 +164,6 @@ def _row_of(gait: Gait) -> Row:
 # --- the library's machine, made from the table -------------------------------------------------------------------
 
 
-class _Model(Struct, kw_only=True):
-    """The library's model of one trigger: a `Gait` that it may change."""
-
-    state: GaitState
-    running: Action | None
-    phase: Phase
-    closing: bool
-
-
 def _where(**wanted: object) -> Callable[[EventData], bool]:
     """A condition on fields of the gait."""
     return lambda event: all(getattr(event.model, name) == value for name, value in wanted.items())
@@ -260,9 +252,9 @@ _MACHINE = Machine(
 
 def _fire(gait: Gait, trigger: str) -> Gait | None:
     """The gait after the trigger, or None where no row answers to it."""
-    model = _Model(state=gait.state, running=gait.running, phase=gait.phase, closing=gait.closing)
+    model = SimpleNamespace(**asdict(gait))
     try:
         fired = _MACHINE.events[trigger].trigger(model)
     except MachineError:
         return None
-    return Gait(**asdict(model)) if fired else None
+    return Gait(**vars(model)) if fired else None
