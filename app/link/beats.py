@@ -8,10 +8,12 @@ from __future__ import annotations
 from collections import deque
 from dataclasses import dataclass, field
 
+from app.audit.other_trail import PERIOD_NS, other_trail
 from app.ipc.messages import AuditHealth, LinkHealth
 from app.ipc.streams import NS_PER_MS
 from app.link.clock import ClockEstimate, RoundTrip, update
 from app.link.wire import Packet
+from logs.records import OtherTrail
 
 BEAT_NS = 20 * NS_PER_MS  # a packet of the link's own socket in each direction; STOP travels on every one
 WINDOW_BEATS = 250  # five seconds: loss is told to 0.4 %
@@ -72,6 +74,7 @@ class Beats:
     _sent_ns: int = 0
     _their_sent_ns: int = 0
     _their_wall_ns: int | None = None
+    _trail_ns: int = 0
 
     def due(self, now_ns: int) -> bool:
         """Whether it is time for the next packet."""
@@ -111,6 +114,13 @@ class Beats:
     def lost(self, now_ns: int) -> bool:
         """Whether nothing has come for so long that the legs are held."""
         return not self.newest_ns or now_ns - self.newest_ns > LOST_NS
+
+    def other_trail(self, audit: AuditHealth | None, now_ns: int) -> OtherTrail | None:
+        """The record of the other computer's trail, once in PERIOD_NS; audit: the health that it sent."""
+        if audit is None or self.clock is None or now_ns - self._trail_ns < PERIOD_NS:
+            return None
+        self._trail_ns, clock = now_ns, self.clock.at(now_ns)
+        return other_trail(audit, clock.offset_ns, clock.uncertainty_ns)
 
     def _set_clock(self, trip: RoundTrip) -> None:
         new = update(self.clock, trip)

@@ -14,7 +14,6 @@ from contextlib import closing
 import zmq
 from msgspec.structs import replace
 
-from app.audit.other_trail import PERIOD_NS, other_trail
 from app.audit.sink import AuditSink
 from app.ipc import streams
 from app.ipc.links import LatestReceiver, OrderedReceiver, Publisher, address
@@ -87,7 +86,7 @@ class LinkClient:
         self._foreign = 0
         self._ending_ns = 0
         self._ended = False
-        self._frame_ns = self._health_ns = self._trail_ns = 0
+        self._frame_ns = self._health_ns = 0
         self._began_ns = time.monotonic_ns()
         self._remote = self._open_remote()
 
@@ -191,13 +190,7 @@ class LinkClient:
         self._health.send(
             replace(health, fault=self._fault, processes=processes, stop_lease=stop.lease, stop_sequence=stop.sequence)
         )
-        self._record_other_trail(audit, now_ns)
-
-    def _record_other_trail(self, audit: AuditHealth | None, now_ns: int) -> None:
-        if audit is None or self._beats.clock is None or now_ns - self._trail_ns < PERIOD_NS:
-            return
-        self._trail_ns, clock = now_ns, self._beats.clock.at(now_ns)
-        record = other_trail(audit, clock.offset_ns, clock.uncertainty_ns)
+        record = self._beats.other_trail(audit, now_ns)
         if record is not None:
             self._sink.emit(record)
 

@@ -20,7 +20,6 @@ from app.ipc.messages import (
     AuditHealth,
     ControlSnapshot,
     GuardianHealth,
-    LinkHealth,
     OperatorCommand,
     OperatorKind,
     ProcessStatus,
@@ -64,7 +63,7 @@ class ServedSession:
         links = host.setup.links
         self._operator = OrderedSender(address(links, streams.OPERATOR.name))
         self._reports = Publisher(address(links, streams.TRIGGER.name))
-        self._health = Publisher(address(links, streams.LINK.name))
+        self.health = Publisher(address(links, streams.LINK.name))  # the link's quality, to control
         self.snapshots = LatestReceiver(address(links, streams.SNAPSHOT.name), ControlSnapshot)
         self._guardian = LatestReceiver(address(links, streams.GUARDIAN.name), GuardianHealth)
         self._audit = LatestReceiver(address(links, streams.AUDIT_HEALTH.name), AuditHealth)
@@ -127,10 +126,6 @@ class ServedSession:
                 self._lease = self.snapshot.lease
             self._acknowledge(self.snapshot)
 
-    def publish(self, health: LinkHealth) -> None:
-        """The link's quality, to control."""
-        self._health.send(health)
-
     def hand_report(self, report: TriggerReport, clock: ClockEstimate) -> None:
         """Perception's newest."""
         self._reports.send(localized(report, clock))
@@ -185,7 +180,7 @@ class ServedSession:
 
     def close_links(self) -> None:
         """After the end."""
-        for link in (self._operator, self._reports, self._health, self.snapshots, self._guardian, self._audit):
+        for link in (self._operator, self._reports, self.health, self.snapshots, self._guardian, self._audit):
             link.close()
         self._sink.close(0.0)
 

@@ -13,7 +13,6 @@ from concurrent.futures import Executor, ThreadPoolExecutor
 
 import msgspec
 
-from app.audit.other_trail import PERIOD_NS, other_trail
 from app.ipc.messages import AuditHealth, LinkHealth
 from app.ipc.streams import LINK, NS_PER_MS, SNAPSHOT
 from app.link.beats import Beats, health_of
@@ -73,10 +72,6 @@ class Laptop:
         self.lacks_snapshot_ns = 0
         self.audit: AuditHealth | None = None  # of its trail
 
-    def reconnected(self, identity: bytes) -> None:
-        """Another connection of the same laptop: frames are counted anew, packets go on."""
-        self.identity, self.flight = identity, Flight()
-
 
 class JointsServer:
     """Owns the port and the session."""
@@ -94,8 +89,8 @@ class JointsServer:
         self._foreign = 0
         self._connections = 0
         self._must_end = False
-        self._health_ns = self._trail_ns = 0
-        self._wait_for_snapshots(None)
+        self._health_ns = 0
+        self._wait_for_snapshots()
 
     def end(self) -> None:
         """Bring the legs to rest and end."""
@@ -140,15 +135,8 @@ class JointsServer:
             self._send_packet(session, laptop, now_ns)
         if now_ns - self._health_ns >= LINK.period_ns:
             self._health_ns = now_ns
-            session.publish(self._link_health(now_ns))
-        self._record_other_trail(session, now_ns)
-
-    def _record_other_trail(self, session: ServedSession, now_ns: int) -> None:
-        laptop = self._laptop
-        if laptop is None or laptop.audit is None or laptop.beats.clock is None or now_ns - self._trail_ns < PERIOD_NS:
-            return
-        self._trail_ns, clock = now_ns, laptop.beats.clock.at(now_ns)
-        record = other_trail(laptop.audit, clock.offset_ns, clock.uncertainty_ns)
+            session.health.send(self._link_health(now_ns))
+        record = None if laptop is None else laptop.beats.other_trail(laptop.audit, now_ns)
         if record is not None:
             session.record(record)
 
@@ -163,7 +151,7 @@ class JointsServer:
         session.close_links()
         self._session = self._laptop = None
         self._ended_ns = 0
-        self._wait_for_snapshots(None)
+        self._wait_for_snapshots()
 
     # --- frames ---------------------------------------------------------------------------------------------------
 
@@ -211,13 +199,13 @@ class JointsServer:
         if laptop is not None and laptop.user != user:
             raise AppError(LinkFault.ANOTHER_LAPTOP, session=request.session)
         if laptop is not None:
-            laptop.reconnected(identity)
+            laptop.identity, laptop.flight = identity, Flight()  # frames are counted anew, packets go on
             return
         if session is None:
             if (self._home.logs / f"{request.session}.jsonl").exists():
                 raise AppError(LinkFault.SESSION_OVER, session=request.session)
             session = self._session = ServedSession.begun(self._home, self._config, request, self._workers)
-            self._wait_for_snapshots(session)
+            self._wait_for_snapshots()
         self._connections += 1
         self._laptop = Laptop(identity, user, self._connections)
         session.note(LinkNotice.LAPTOP_CAME, laptop=self._name_of(user))
@@ -317,8 +305,8 @@ class JointsServer:
     def _name_of(self, user: str) -> str:
         return next((peer.name for peer in peers_of(self._home) if peer.public == user), "?")
 
-    def _wait_for_snapshots(self, session: ServedSession | None) -> None:
-        session = session or self._session
+    def _wait_for_snapshots(self) -> None:
+        session = self._session
         self._port.wait_as_well_for(None if session is None else session.snapshots.socket)
 
 

@@ -112,10 +112,6 @@ class Operator(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     failures: int = 0  # wrong PINs since the last right one
     wait_until_s: float = 0.0  # wall clock, so that a restart shortens no wait
 
-    def may(self, permission: Permission) -> bool:
-        """Whether the role allows it."""
-        return permission in PERMISSIONS[self.role]
-
 
 class OperatorStore(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Everybody, and the attempts under names that don't exist."""
@@ -190,7 +186,8 @@ def needs_sign_in(config: Config) -> bool:
 
 def may_take_over(operator: Operator, owner: str) -> bool:
     """Whether they may take over the session that `owner` operates: the same person, or any therapist."""
-    return operator.may(Permission.OPERATE) and (operator.name == owner or operator.role is Role.THERAPIST)
+    may_operate = Permission.OPERATE in PERMISSIONS[operator.role]
+    return may_operate and (operator.name == owner or operator.role is Role.THERAPIST)
 
 
 def add_operator(store: OperatorStore, name: str, role: Role, pin: str) -> OperatorStore:

@@ -58,7 +58,7 @@ from logs.writer import SessionWriter
 from profiles.palm import Calibrated, reference_segment
 from profiles.schema import DEMO_PATIENT, Calibration
 from testing.fake_host import walk_steps
-from testing.session import real_session
+from testing.session import RealSession
 from tests.app.console.conftest import Console, Opener
 from tests.app.console.conftest import console as console  # noqa: PLC0414 - the fixture
 from tests.app.console.conftest import home as home  # noqa: PLC0414 - the fixture
@@ -107,7 +107,7 @@ def of_a_real_session(root: Path) -> list[Body]:
     leave_torn(place)
     with ExitStack() as drives:
         config = drives.enter_context(emulated_drives(JointsConfig(kind="can"), wearer=False))
-        with real_session(root, config) as session:
+        with RealSession(root, config) as session:
             session.send(OperatorKind.CONFIRM_PATIENT)
             session.until(lambda now: now.patient_confirmed and bool(now.allowed), "readiness")
             session.send(OperatorKind.ARM)
@@ -140,7 +140,7 @@ def of_a_recording(path: Path) -> Body:
 
 def of_pictures(root: Path) -> list[Body]:
     """A session whose patient agrees to pictures and withdraws it: perception, trail and recording as processes."""
-    with real_session(root, perception=True, recording=True) as session:
+    with RealSession(root, perception=True, recording=True) as session:
         session.until(lambda _: session.report is not None and session.report.hand, "a hand")
         session.record_pictures(consent=True)
         session.until(lambda _: session.report is not None and session.report.pictures_recorded, "perception's word")
