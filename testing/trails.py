@@ -34,12 +34,7 @@ COURSE = (
     ("love", "sit down", "standing", "sitting"),
     ("rock", "stand up", "sitting", "standing"),
 )
-REASONS = (
-    "The hand left the picture",
-    "No such action from sitting",
-    "The gesture changed while pressed",
-    "Not armed",
-)
+REASONS = ("The hand left the picture", "No such action from sitting", "The gesture changed while pressed", "Not armed")
 
 
 class _Clock:

@@ -21,12 +21,7 @@ from hal.joints.factory import make_joints
 from hal.joints.guard import limits_of
 from hal.joints.protocol import Joints
 
-POSED_STATES = (
-    GaitState.STANDING,
-    GaitState.SITTING,
-    GaitState.RIGHT_FORWARD,
-    GaitState.LEFT_FORWARD,
-)
+POSED_STATES = (GaitState.STANDING, GaitState.SITTING, GaitState.RIGHT_FORWARD, GaitState.LEFT_FORWARD)
 
 
 def device_of(setup: SessionSetup) -> Exoskeleton:

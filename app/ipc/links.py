@@ -210,11 +210,7 @@ class OrderedSender(_Link):
     """Sends everything, in order, to one receiver; connects."""
 
     def __init__(
-        self,
-        at: Address,
-        *,
-        enc_hook: Callable[[Any], Any] | None = None,
-        queue: int = _ORDERED_QUEUE,
+        self, at: Address, *, enc_hook: Callable[[Any], Any] | None = None, queue: int = _ORDERED_QUEUE
     ) -> None:
         """enc_hook: msgspec's, for types that it does not know. queue: so many messages may wait."""
         super().__init__(zmq.PUSH, at)

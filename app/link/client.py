@@ -17,14 +17,7 @@ from msgspec.structs import replace
 from app.audit.sink import AuditSink
 from app.ipc import streams
 from app.ipc.links import LatestReceiver, OrderedReceiver, Publisher, address
-from app.ipc.messages import (
-    STOP_KINDS,
-    AuditHealth,
-    ControlSnapshot,
-    OperatorCommand,
-    OperatorKind,
-    TriggerReport,
-)
+from app.ipc.messages import STOP_KINDS, AuditHealth, ControlSnapshot, OperatorCommand, OperatorKind, TriggerReport
 from app.ipc.states import Event
 from app.ipc.streams import NS_PER_MS
 from app.link.beats import Beats, health_of

@@ -42,13 +42,7 @@ _NAME = re.compile(r"[0-9]{8}T[0-9]{6}Z-[0-9a-f]{4}")
 STOPS_KEPT = 32
 # Sent so long ago they are not carried out any more. A stop, and what takes away, always is.
 NEVER_STALE = frozenset(
-    {
-        *STOP_KINDS,
-        OperatorKind.DISARM,
-        OperatorKind.SHUT_DOWN,
-        OperatorKind.TAKE_OVER,
-        OperatorKind.HEARTBEAT,
-    }
+    {*STOP_KINDS, OperatorKind.DISARM, OperatorKind.SHUT_DOWN, OperatorKind.TAKE_OVER, OperatorKind.HEARTBEAT}
 )
 
 

@@ -106,12 +106,7 @@ def path_of_joints(body: Body, time: Array, joints_rad: Array, lean_rad: Array) 
     hip = np.array([0.0, body.ankle_height_m]) - ankles[LEFT]
     still = np.zeros(len(time), dtype=bool)
     feet = [
-        Foot(
-            ankle_m=hip + ankle,
-            pitch_rad=np.zeros(len(time)),
-            share=np.full(len(time), 0.5),
-            mid_swing=still,
-        )
+        Foot(ankle_m=hip + ankle, pitch_rad=np.zeros(len(time)), share=np.full(len(time), 0.5), mid_swing=still)
         for ankle in ankles
     ]
     return Path(

@@ -145,11 +145,7 @@ class Patient:
 def body_of(profile: Profile) -> Body:
     """The wearer's body; measured lengths win over those estimated from stature."""
     body = average_body(profile.stature_m, profile.mass_kg, profile.gait.body_weight_support)
-    return replace(
-        body,
-        thigh_m=profile.thigh_length_m or body.thigh_m,
-        shank_m=profile.shank_length_m or body.shank_m,
-    )
+    return replace(body, thigh_m=profile.thigh_length_m or body.thigh_m, shank_m=profile.shank_length_m or body.shank_m)
 
 
 def patient_of(profile: Profile, device: Exoskeleton) -> Patient:

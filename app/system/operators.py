@@ -80,13 +80,7 @@ class OperatorFault(Enum):
 # STOP stands in no table: everybody may always stop.
 PERMISSIONS: dict[Role, frozenset[Permission]] = {
     Role.THERAPIST: frozenset(
-        {
-            Permission.OPERATE,
-            Permission.EDIT_PATIENTS,
-            Permission.CALIBRATE,
-            Permission.WRITE_NOTES,
-            Permission.REVIEW,
-        }
+        {Permission.OPERATE, Permission.EDIT_PATIENTS, Permission.CALIBRATE, Permission.WRITE_NOTES, Permission.REVIEW}
     ),
     Role.ENGINEER: frozenset(
         {

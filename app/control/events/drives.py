@@ -163,13 +163,7 @@ POSE = (
         compares=worst_range,
     ),
     # A swinging leg is slow for a moment at each turning point: the event settles.
-    Row(
-        E.LEGS_MOVING,
-        F.REFUSE,
-        lambda d: not d.powered and _FASTEST(d),
-        compares=_FASTEST.compared,
-        settles=True,
-    ),
+    Row(E.LEGS_MOVING, F.REFUSE, lambda d: not d.powered and _FASTEST(d), compares=_FASTEST.compared, settles=True),
     Row(
         E.FAR_FROM_POSE,
         F.REFUSE,
