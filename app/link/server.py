@@ -10,6 +10,7 @@ import signal
 import time
 from collections.abc import Callable
 from concurrent.futures import Executor, ThreadPoolExecutor
+from contextlib import closing
 
 import msgspec
 
@@ -314,15 +315,11 @@ def serve_joints(home: Home, config: Config, port: int, watch: Callable[[str], N
     """Serve until SIGTERM or Ctrl-C. Raises AppError."""
     if config.joints.host:
         raise AppError(LinkFault.HOST_HAS_HOST, host=config.joints.host)
-    workers = ThreadPoolExecutor(1)
-    workers.submit(int).result()  # its thread is there before what the session's processes must not inherit
-    set_scheduling("link")
-    avoid_control_core(config.control_core)
-    server = JointsServer(home, config, port, workers)
-    for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
-        signal.signal(number, lambda *_: server.end())
-    try:
-        server.run(watch)
-    finally:
-        server.close()
-        workers.shutdown()
+    with ThreadPoolExecutor(1) as workers:
+        workers.submit(int).result()  # its thread is there before what the session's processes must not inherit
+        set_scheduling("link")
+        avoid_control_core(config.control_core)
+        with closing(JointsServer(home, config, port, workers)) as server:
+            for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
+                signal.signal(number, lambda *_: server.end())
+            server.run(watch)

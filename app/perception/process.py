@@ -10,6 +10,7 @@ import os
 import signal
 import time
 from collections import deque
+from contextlib import closing
 
 from app.audit.sink import AuditSink
 from app.ipc import streams as processes
@@ -52,12 +53,9 @@ def run_perception(setup: SessionSetup) -> None:
     # Both before any thread starts: they inherit it.
     set_scheduling("perception")
     avoid_control_core(setup.config.control_core)
-    perception = Perception(setup)
-    signal.signal(signal.SIGTERM, lambda *_: perception.end())
-    try:
+    with closing(Perception(setup)) as perception:
+        signal.signal(signal.SIGTERM, lambda *_: perception.end())
         perception.run()
-    finally:
-        perception.close()
 
 
 class Perception:
