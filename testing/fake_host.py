@@ -75,7 +75,6 @@ class FakeHost:
     closed: bool = False
     left: bool = False
     beats: int = 0
-    silenced: bool = False
     state: GaitState = GaitState.UNPOWERED
     effect: Effect = Effect.NOTE
     armed: bool = False
@@ -127,7 +126,7 @@ class FakeHost:
         self.beats += 1
 
     def silence(self) -> None:
-        self.silenced = True
+        """STOP can't be given any more: nobody asks."""
 
     def move_hand(self, command: HandCommand) -> None:
         self.hands.append(command)

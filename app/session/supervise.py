@@ -94,10 +94,10 @@ class SessionProcesses:
     def close(self) -> None:
         """Bring the legs to rest and every process to its end."""
         for name in ("link", "control", "perception", "planner", "guardian", "bus-log", "recording"):
-            self._end(name)
+            end_child(name, self._children.get(name))
         self._sink.close()
         shutil.rmtree(self._setup.links.path, ignore_errors=True)  # all that audit receives is connected
-        self._end("audit")
+        end_child("audit", self._children.get("audit"))
         self._reports.close()
         self._statuses.close()
 
@@ -151,14 +151,11 @@ class SessionProcesses:
             child.join(1.0)
             self._spawn("perception")
 
-    def _end(self, name: str) -> None:
-        child = self._children.get(name)
-        if child is not None:
-            end_child(name, child)
 
-
-def end_child(name: str, child: BaseProcess) -> None:
-    """Ask it to end, and kill it when it takes too long."""
+def end_child(name: str, child: BaseProcess | None) -> None:
+    """Ask it to end, if it was started, and kill it when it takes too long."""
+    if child is None:
+        return
     child.terminate()
     patience_s = END_PATIENCE_S[name]
     child.join(patience_s)
