@@ -9,7 +9,6 @@ import pytest
 
 from app.control.gait import machine as gait_machine
 from app.control.gait.machine import Change, Gait, Ignored, Latched, Refused, Started, changed
-from app.control.gait.table import TABLE, mermaid
 from app.ipc.states import ACTION_OF, Action, GaitState, RequestRefusal
 from app.motion.plan import Phase
 from app.text.catalogue import render
@@ -178,13 +177,3 @@ def test_an_answer_depends_on_nothing_but_the_question() -> None:
     first = gait_machine.ask(Gait(state=S.STANDING), Action.WALK)
     gait_machine.ask(Gait(state=S.SITTING), Action.STAND_UP)
     assert gait_machine.ask(Gait(state=S.STANDING), Action.WALK) == first
-
-
-def test_the_diagram_shows_every_row() -> None:
-    diagram = mermaid()
-    for row in TABLE:
-        assert f"    {row.source.name} --> {(row.through or row.to).name}: " in diagram
-    assert diagram.startswith("stateDiagram-v2\n")
-    assert "LEFT_FORWARD --> STANDING: gesture 6, latched" in diagram
-    assert "STANDING --> LEFT_FORWARD: gesture 5" in diagram
-    assert "RIGHT_HIGH_STEP --> STANDING: completed" in diagram
