@@ -55,7 +55,7 @@ class Foot:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Path:
-    """An movement sampled: (n,) times, (n, 2) hip, (n, 4) joints in the order of hal's Joint, (n,) lean."""
+    """A movement sampled: (n,) times, (n, 2) hip, (n, 4) joints in the order of hal's Joint, (n,) lean."""
 
     time_s: Array
     hip_m: Array
@@ -73,7 +73,7 @@ def ticks(duration_s: float, step: int = 1) -> Array:
 
 
 def sample(body: Body, movement: CartesianMotion, step: int = 1) -> Path:
-    """The path that an movement makes, every `step` ticks; joints are NaN where a leg does not reach."""
+    """The path that a movement makes, every `step` ticks; joints are NaN where a leg does not reach."""
     time = ticks(movement.duration_s, step)
     hip = np.stack([movement.hip_x_m(time), movement.hip_z_m(time)], axis=-1)
     ankles = [ankle_path(body, movement, side, time) for side in (LEFT, RIGHT)]

@@ -121,9 +121,9 @@ class SessionHost:
         entry: Callable[[str, SessionSetup], None] = run_process,
         without: frozenset[str] = frozenset(),
     ) -> None:
-        """setup: with a `host_pid` it is a running session's. entry: what each process runs with its name and the
+        """setup: with a `host_pid` it is a running session's. without: processes that are not to be started.
 
-        setup; importable, for it is spawned. without: processes that are not to be started.
+        entry: what each process runs with its name and the setup; importable, for it is spawned.
         """
         self.setup = setup
         self._entry = f"{entry.__module__}:{entry.__qualname__}"
