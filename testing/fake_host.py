@@ -1,4 +1,4 @@
-"""A host we own: no processes, a control that answers commands well enough to test screens with."""
+"""A host we own: no processes, a control that answers commands well enough to test screens with; and their text."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import shutil
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import msgspec
 
@@ -21,17 +21,22 @@ from app.ipc.messages import (
     OperatorKind,
     PerceptionCommand,
     Preview,
+    ProcessStatus,
     RealTime,
     TriggerReport,
 )
 from app.ipc.states import ACTION_OF, Action, Effect, Event, GaitState, Source
-from app.session.host import Latest, ProcessStatus
+from app.session.host import Latest
 from app.system.config import SessionSetup
 from app.system.vocabulary import by_key_only, vocabulary_of
 from kgdfa.distance import DistanceSource
 from kgdfa.gesture import Decision, Gesture
 from kgdfa.press_zone import PressZone
 from logs.reason import Reason, Value, reason
+
+if TYPE_CHECKING:
+    from textual.app import App
+    from textual.strip import Strip
 
 ALLOWED_STANDING = (
     Action.STEP_RIGHT_FIRST,
@@ -70,7 +75,6 @@ class FakeHost:
     closed: bool = False
     left: bool = False
     beats: int = 0
-    silenced: bool = False
     state: GaitState = GaitState.UNPOWERED
     effect: Effect = Effect.NOTE
     armed: bool = False
@@ -122,7 +126,7 @@ class FakeHost:
         self.beats += 1
 
     def silence(self) -> None:
-        self.silenced = True
+        """STOP can't be given any more: nobody asks."""
 
     def move_hand(self, command: HandCommand) -> None:
         self.hands.append(command)
@@ -234,3 +238,16 @@ def walk_steps(host: FakeHost, steps: int, step_m: float = 0.3, **fields: Any) -
         first_motion_ns=before[0].first_motion_ns if before else host.clock(),
     )
     host.walked = {"steps": steps, "distance_walked_m": steps * step_m, "reports": (walk,), **fields}
+
+
+def strips(app: App[None]) -> list[Strip]:
+    """The cells of the screen with their styles, line by line.
+
+    The one look at Textual's compositor: its public way is a picture in SVG, which takes 0.1 s to make.
+    """
+    return app.screen._compositor.render_strips()
+
+
+def screen_text(app: App[None]) -> str:
+    """The cells of the screen, line by line."""
+    return "\n".join(strip.text for strip in strips(app))

@@ -14,8 +14,8 @@ import signal
 import threading
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Callable
+from contextlib import suppress
 from enum import Enum
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -191,7 +191,7 @@ def run_console(setup: SessionSetup, commands: Connection, perception: bool, gro
 
 
 class RealSession(WatchedSession):
-    """Its operator commands go through a pipe."""
+    """Its operator commands go through a pipe. As a context it is ended whatever happens."""
 
     def __init__(
         self,
@@ -228,6 +228,12 @@ class RealSession(WatchedSession):
         assert self._commands.poll(TIMEOUT_S), "the console did not start"
         self.pids: dict[str, int] = {**self._commands.recv(), "console": self._console.pid or 0}
         super().__init__(self.setup.links)
+
+    def __enter__(self) -> RealSession:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.end()
 
     def send(self, kind: OperatorKind, action: Action | None = None) -> None:
         """Send an operator command."""
@@ -294,37 +300,6 @@ class RealSession(WatchedSession):
         self.close_links()
         self._commands.close()
         shutil.rmtree(self.setup.links, ignore_errors=True)
-
-
-@contextmanager
-def real_session(
-    home: Path,
-    joints: JointsConfig | None = None,
-    *,
-    perception: bool = False,
-    group: Path | None = None,
-    unattended_s: float = 120.0,
-    recording: bool = False,
-    encrypt: bool = False,
-    patient: Profile = DEMO_PATIENT,
-    inputs: tuple[InputDevice, ...] = (),
-) -> Iterator[RealSession]:
-    """A session that is ended whatever happens."""
-    session = RealSession(
-        home,
-        joints,
-        perception=perception,
-        group=group,
-        unattended_s=unattended_s,
-        recording=recording,
-        encrypt=encrypt,
-        patient=patient,
-        inputs=inputs,
-    )
-    try:
-        yield session
-    finally:
-        session.end()
 
 
 class Sniffer:

@@ -15,6 +15,8 @@ from itertools import chain
 from pathlib import Path
 from typing import Any
 
+from msgspec.structs import replace
+
 from logs import records as r
 from logs.disk import Disk
 from logs.journal import Moment
@@ -32,12 +34,7 @@ COURSE = (
     ("love", "sit down", "standing", "sitting"),
     ("rock", "stand up", "sitting", "standing"),
 )
-REASONS = (
-    "The hand left the picture",
-    "No such action from sitting",
-    "The gesture changed while pressed",
-    "Not armed",
-)
+REASONS = ("The hand left the picture", "No such action from sitting", "The gesture changed while pressed", "Not armed")
 
 
 class _Clock:
@@ -184,15 +181,7 @@ def write_sample(
     at_end = (("console", body) for body in of_console)
     for count, (process, body) in enumerate(chain(bodies(minutes, clock, rng, per_second), at_end)):
         now = clock.moment()
-        writer.take(
-            r.Entry(
-                process=process,
-                operator=now.operator,
-                wall_ns=now.wall_ns,
-                monotonic_ns=now.monotonic_ns,
-                body=body,
-            )
-        )
+        writer.take(replace(now.entry(body), process=process))
         if count % 1000 == 0:
             writer.settle(now.monotonic_ns)
     writer.end("ended by the console", clock.moment())

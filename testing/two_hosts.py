@@ -25,11 +25,11 @@ UNATTENDED_S = 60.0
 class TwoHosts(WatchedSession):
     """The laptop's end; its console is this process. Control's snapshots come over the link."""
 
-    def __init__(self, home: Path, host: str, joints_pid: int, *, perception: bool = False, model: str = "") -> None:
+    def __init__(self, home: Path, host: str, joints_pid: int) -> None:
         """joints_pid: of `rleex joints`."""
-        config = Config(joints=JointsConfig(host=host), model=model, unattended_s=UNATTENDED_S)
+        config = Config(joints=JointsConfig(host=host), unattended_s=UNATTENDED_S)
         self.setup = make_setup(Home(home), config, DEMO_PATIENT, demonstration(Home(home), config.joints, "bench"))
-        self.console = SessionHost(self.setup, without=frozenset() if perception else frozenset({"perception"}))
+        self.console = SessionHost(self.setup, without=frozenset({"perception"}))
         self.latest: Latest | None = None
         self.link: LinkHealth | None = None
         self.joints_pid = joints_pid
@@ -85,9 +85,7 @@ class TwoHosts(WatchedSession):
 
 
 @contextmanager
-def two_hosts(
-    laptop: Path, joints: Path, port: int, *, host: str, prefix: Sequence[str] = (), perception: bool = False
-) -> Iterator[TwoHosts]:
+def two_hosts(laptop: Path, joints: Path, port: int, *, host: str, prefix: Sequence[str] = ()) -> Iterator[TwoHosts]:
     """A session over the link while the body runs; both homes exist, the joints' one has its configuration.
 
     port: of `rleex joints`. host: the laptop's way to it. prefix: a command that runs it, as into another namespace.
@@ -95,7 +93,7 @@ def two_hosts(
     with joints_process(Home(joints), port, prefix=prefix) as process:
         wait_for(host, lambda: process.poll() is None)
         pair_both(Home(laptop), Home(joints), host)
-        session = TwoHosts(laptop, host, process.pid, perception=perception)
+        session = TwoHosts(laptop, host, process.pid)
         try:
             session.console.start()
             session.until(lambda now: bool(now.allowed or now.why_not), "control's snapshot over the link")

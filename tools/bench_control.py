@@ -43,7 +43,7 @@ from logs.records import Pause, Record
 sys.path.insert(0, str(Path(__file__).parent.parent))  # run as a script, `tools` is a folder of the tree
 
 from app.demo.load import busy_processes
-from testing.session import TIMEOUT_S, RealSession, WatchedSession, real_session
+from testing.session import TIMEOUT_S, RealSession, WatchedSession
 from tools.bench_console import Terminal
 from tools.bench_host import bare_loop
 from tools.bench_memory import growth_per_sample
@@ -243,7 +243,7 @@ def begun(asked: argparse.Namespace, home: Path) -> contextlib.AbstractContextMa
     """The session to be measured."""
     if asked.console:
         return console_session(home)
-    return real_session(home, perception=not asked.no_perception)
+    return RealSession(home, perception=not asked.no_perception)
 
 
 def arguments() -> argparse.Namespace:

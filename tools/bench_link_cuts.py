@@ -13,7 +13,7 @@ from app.ipc.messages import ControlSnapshot, OperatorKind
 from app.ipc.states import Action, Effect, Event, Outcome
 from app.ipc.streams import OPERATOR
 from app.link.beats import LOST_NS
-from testing.tunnel import Air
+from testing.network import Air
 from testing.two_hosts import TwoHosts
 from tools.bench_stop import MIDDLE, SITUATIONS, InterlockError, Situation, go, reach, stand
 

@@ -35,7 +35,7 @@ from app.ipc.streams import AUDIT, OPERATOR
 from app.system.paths import Home
 from logs.read import records, session_paths
 from logs.records import Command, EventCleared, EventRaised
-from testing.session import real_session
+from testing.session import RealSession
 
 SIZES = {"heartbeat": 50, "snapshot": 2_000, "plan": 60_000, "preview 160 x 90": 43_200}
 MESSAGES = 2_000
@@ -77,7 +77,7 @@ def main(
 
 def flood_session(senders: int, seconds: float) -> None:
     """A standing session, flooded at the operator's link and the audit's."""
-    with tempfile.TemporaryDirectory(prefix="bench-") as folder, real_session(Path(folder)) as running:
+    with tempfile.TemporaryDirectory(prefix="bench-") as folder, RealSession(Path(folder)) as running:
         before = running.stand()
         where = [address(running.setup.links, stream.name).where for stream in (OPERATOR, AUDIT)]
         with flood(where, senders) as counts:
@@ -182,8 +182,8 @@ def cost_us(at: Address, size: int, *, keyed: bool) -> float:
 def ends(at: Address, *, keyed: bool) -> tuple[zmq.Socket[bytes], zmq.Socket[bytes]]:
     """A sender and a receiver; with the key, those of the product."""
     if keyed:
-        receiver = OrderedReceiver(at, Heartbeat)._socket
-        return OrderedSender(at)._socket, receiver
+        receiver = OrderedReceiver(at, Heartbeat).socket
+        return OrderedSender(at).socket, receiver
     context: zmq.Context[zmq.Socket[bytes]] = zmq.Context.instance()
     pull, push = context.socket(zmq.PULL), context.socket(zmq.PUSH)
     pull.bind(at.where)

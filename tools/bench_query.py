@@ -19,8 +19,7 @@ from logs.query import ask
 from logs.site_query import SITE_QUESTIONS, connect_sites
 from logs.sites import Site, find_sites
 from logs.spark import ask_spark, spark_session
-from testing.site_rows import same, write_sites
-from testing.spark_cluster import spark_cluster
+from testing.engines import same, spark_cluster, write_sites
 
 REPEATS = 3
 LIMIT_S = 600.0

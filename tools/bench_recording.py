@@ -33,7 +33,7 @@ from app.recording.read import proof_of, survey
 from app.system.paths import pictures_path, recording_path
 from profiles.schema import DEMO_PATIENT, DistanceUsed
 from testing.recordings import contradictions
-from testing.session import RealSession, real_session
+from testing.session import RealSession
 
 MOST_P99 = 1.1  # with by without
 LEAST_FPS = 0.97
@@ -83,7 +83,7 @@ def run(home: Path, seconds: float, what: What, *, recording: bool) -> Run:
     source = DistanceUsed.BOTH if what.depth else DistanceUsed.MONOCULAR
     patient = msgspec.structs.replace(DEMO_PATIENT, distance_source=source)
     encrypt = recording and what.encrypt
-    with real_session(home, perception=True, patient=patient, recording=recording, encrypt=encrypt) as session:
+    with RealSession(home, perception=True, patient=patient, recording=recording, encrypt=encrypt) as session:
         session.until(lambda _: session.report is not None and session.report.detector_ready, "perception")
         if recording and what.pictures:
             session.record_pictures(consent=True)

@@ -39,7 +39,7 @@ from hal.joints.guard import limits_of
 from logs.read import records, session_paths
 from logs.records import EventRaised, GuardRefusal
 from profiles.schema import DEMO_PATIENT
-from testing.session import RealSession, real_session
+from testing.session import RealSession
 from tools.bench_stop import FIRST_STEP, InterlockError, act, reach, stand
 
 Item = TypeVar("Item")
@@ -165,7 +165,7 @@ def trials(series: str, times: int) -> Iterator[Trial]:
 def real_series(home: Path, series: str, times: int, only: str, cells: Cells) -> dict[str, int]:
     """Trials with real processes; what the trail says of all their ticks: guard refusals and joint faults."""
     wanted = [trial for trial in trials(series, times) if only in trial[1].value]
-    with real_session(home, unattended_s=600.0) as session, suppress(KeyboardInterrupt):
+    with RealSession(home, unattended_s=600.0) as session, suppress(KeyboardInterrupt):
         session.stand()
         set_scheduling("heartbeat")  # to let go on in time
         for name, action, moment, stop_s in shown(wanted, series):

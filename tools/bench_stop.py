@@ -34,7 +34,7 @@ from hal.joints.device import load_exoskeleton
 sys.path.insert(0, str(Path(__file__).parent.parent))  # run as a script, `tools` is a folder of the tree
 
 from app.demo.load import busy_processes
-from testing.session import Sniffer, WatchedSession, real_session
+from testing.session import RealSession, Sniffer, WatchedSession
 
 MIDDLE = 0.3  # of a movement: STOP is pressed beyond it
 LIMITS_MS = {"stop_p99": 25.0, "console_killed_to_pause": 250.0, "control_killed_to_damping": 50.0}
@@ -187,7 +187,7 @@ def torque_off(session: WatchedSession) -> None:
 
 def console_killed(home: Path) -> float:
     """From the console's death to the pause that becomes a hold after a second, ms."""
-    with real_session(home) as session:
+    with RealSession(home) as session:
         session.walk()
         killed_ns = session.kill("console")
         session.until(lambda s: _console_lost_ns(s) > 0, "its event")
@@ -208,7 +208,7 @@ def control_killed(home: Path) -> float:
     with emulated_drives(JointsConfig(kind="can"), wearer=False) as joints:
         sniffer = Sniffer(joints.interface, joints.channel)
         try:
-            with real_session(home, joints) as session:
+            with RealSession(home, joints) as session:
                 session.send(OperatorKind.CONFIRM_PATIENT)
                 session.until(lambda s: s.patient_confirmed and bool(s.allowed), "readiness")
                 session.send(OperatorKind.ACT, Action.INITIALISE)
@@ -231,7 +231,7 @@ def main() -> None:
     load = busy_processes(len(os.sched_getaffinity(0))) if asked.saturate else contextlib.nullcontext()
     with tempfile.TemporaryDirectory() as folder, load:
         home = Path(folder)
-        with real_session(home, perception=not asked.no_perception) as session:
+        with RealSession(home, perception=not asked.no_perception) as session:
             found = stops(session, asked.presses)
         console_ms = [console_killed(home) for _ in range(asked.kills)]
         control_ms = [control_killed(home) for _ in range(asked.kills)]

@@ -25,7 +25,7 @@ sys.path.insert(0, str(Path(__file__).parent.parent))  # run as a script, `tools
 
 from app.link.wire import PORT
 from app.system.paths import Home
-from testing.tunnel import JOINTS, Air, enter_namespace, two_namespaces
+from testing.network import JOINTS, Air, enter_namespace, two_namespaces
 from testing.two_hosts import TwoHosts, two_hosts
 from tools.bench_link_cuts import measure_cuts
 

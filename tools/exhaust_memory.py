@@ -22,7 +22,7 @@ import psutil
 import typer
 
 from app.ipc.states import Effect, GaitState
-from testing.session import TIMEOUT_S, RealSession, real_session
+from testing.session import TIMEOUT_S, RealSession
 
 ROOTS = (Path("/sys/fs/cgroup/memory"), Path("/sys/fs/cgroup"))  # versions 1 and 2 of the kernel's control groups
 LIMITS = ("memory.limit_in_bytes", "memory.max")
@@ -47,7 +47,7 @@ def main() -> None:
     if psutil.swap_memory().total:
         sys.exit("pages would go to the swap: switch it off first (swapoff -a).")
     with tempfile.TemporaryDirectory(prefix="memory-") as folder, memory_group() as group:
-        with real_session(Path(folder), group=group) as session:
+        with RealSession(Path(folder), group=group) as session:
             held = exhaust(session, group)
             for name, pid in session.pids.items():
                 print(f"{name:<11}{'lives' if psutil.pid_exists(pid) and running(pid) else 'was killed'}")

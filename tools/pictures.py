@@ -26,7 +26,7 @@ from app.system.hand_model import set_up_model
 from app.system.paths import Home, find_home
 from kgdfa.gesture import Gesture
 from profiles.schema import DEMO_PATIENT
-from testing.screen import screen_text
+from testing.fake_host import screen_text
 
 FOLDER = Path(__file__).parent.parent / "docs" / "pictures"
 SMALL, MIDDLE, LARGE = (80, 24), (120, 36), (200, 50)

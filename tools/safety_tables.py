@@ -11,8 +11,8 @@ from pathlib import Path
 
 from app.control.events.row import Latch, Row
 from app.control.events.table import TABLE
-from app.control.gait.table import mermaid
-from app.ipc.states import Event, Source
+from app.control.gait import table as gait_table
+from app.ipc.states import GESTURE_OF, Action, Event, Source
 from app.text.catalogue import key_of, load
 
 DOCUMENT = Path(__file__).parent.parent / "docs" / "safety.md"
@@ -26,7 +26,26 @@ _PART = "<!-- {0} -->\n{1}<!-- end of {0} -->"
 
 def parts() -> dict[str, str]:
     """The generated parts by name."""
-    return {"gait diagram": f"```mermaid\n{mermaid()}```\n", "events": events_table()}
+    return {"gait diagram": f"```mermaid\n{gait_diagram()}```\n", "events": events_table()}
+
+
+def gait_diagram() -> str:
+    """The gait machine's table as a Mermaid state diagram."""
+    lines = ["stateDiagram-v2", "    [*] --> UNPOWERED"]
+    for row in gait_table.TABLE:
+        gesture = f"gesture {GESTURE_OF[row.action].value}" if not row.chained else _chain_label(row)
+        if row.through is None:
+            lines.append(f"    {row.source.name} --> {row.to.name}: {gesture}")
+        else:
+            lines.append(f"    {row.source.name} --> {row.through.name}: {gesture}")
+            lines.append(f"    {row.through.name} --> {row.to.name}: completed")
+    lines.append("    note right of BETWEEN: entered from every state by a stop in mid-movement")
+    lines.append("    note right of UNPOWERED: entered from every state when the drives lose power")
+    return "\n".join(lines) + "\n"
+
+
+def _chain_label(row: gait_table.Row) -> str:
+    return "gesture 6, latched" if row.action is Action.WALK_END else "next step of the walk"
 
 
 def events_table() -> str:

@@ -28,7 +28,7 @@ from app.console.screens.session import SessionScreen
 from app.system.config import Config, JointsConfig, SessionSetup
 from app.system.paths import Home
 from profiles.schema import DEMO_PATIENT
-from testing.screen import screen_text, strips
+from testing.fake_host import screen_text, strips
 from tools.contact_sheets import cells_image, save, sheet
 from tools.sheet_scenes import NOW_NS, SCENES, Scene, StillHost, furnish
 

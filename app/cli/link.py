@@ -50,9 +50,9 @@ def _pair_laptop(place: Home, host: str, code: str) -> None:
 
 def _show_code(place: Home, port: int) -> None:
     from app.link import pairing
-    from app.link.faults import LinkFault
     from app.link.keys import peers_of
     from app.link.questions import find
+    from app.link.wire import LinkFault
 
     try:
         find(f"127.0.0.1:{port}", limit_s=1.0)

@@ -39,7 +39,8 @@ from app.console.state import ProcessFault, newly_ended
 from app.console.terminal import TerminalDriver, TerminalEvents, with_stop
 from app.console.themes import THEME_NAMES, THEMES
 from app.console.widgets.picture import Picture
-from app.session.host import ProcessStatus, SessionHost
+from app.ipc.messages import ProcessStatus
+from app.session.host import SessionHost
 from app.system.config import Config, SessionSetup
 from app.system.operators import Permission, needs_sign_in
 from app.system.paths import Home

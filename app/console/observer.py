@@ -19,10 +19,11 @@ from app.ipc.messages import (
     OperatorKind,
     PerceptionCommand,
     Preview,
+    ProcessStatus,
     TriggerReport,
 )
 from app.ipc.states import Action
-from app.session.host import Latest, ProcessStatus
+from app.session.host import Latest
 from app.session.shared import shared
 from app.system.config import Config, SessionSetup
 from app.system.paths import Home

@@ -7,10 +7,18 @@ from enum import Enum, auto
 
 import msgspec
 
-from app.ipc.messages import ActiveEvent, AuditHealth, ControlSnapshot, LinkHealth, Preview, TriggerReport
+from app.ipc.messages import (
+    ActiveEvent,
+    AuditHealth,
+    ControlSnapshot,
+    LinkHealth,
+    Preview,
+    ProcessStatus,
+    TriggerReport,
+)
 from app.ipc.states import Effect
 from app.ipc.streams import SNAPSHOT, TRIGGER
-from app.session.host import Latest, ProcessStatus
+from app.session.host import Latest
 from app.system.config import SessionSetup
 from app.system.vocabulary import VocabularyStatus
 from app.voice.signals import VoiceState

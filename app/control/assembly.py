@@ -20,14 +20,8 @@ from hal.joints.device import Exoskeleton
 from hal.joints.factory import make_joints
 from hal.joints.guard import limits_of
 from hal.joints.protocol import Joints
-from hal.joints.scene import Scene
 
-POSED_STATES = (
-    GaitState.STANDING,
-    GaitState.SITTING,
-    GaitState.RIGHT_FORWARD,
-    GaitState.LEFT_FORWARD,
-)
+POSED_STATES = (GaitState.STANDING, GaitState.SITTING, GaitState.RIGHT_FORWARD, GaitState.LEFT_FORWARD)
 
 
 def device_of(setup: SessionSetup) -> Exoskeleton:
@@ -67,7 +61,9 @@ def joints_of(setup: SessionSetup) -> Joints:
 
 def drives_of(setup: SessionSetup, settings: Settings) -> Drives:
     """The door to the joints, not open yet."""
-    return Drives(joints_of(setup), settings.limits, settings.gains, scenes_of(setup))  # only simulated feet are staged
+    patient = patient_of(setup.profile, device_of(setup))
+    scenes = {action: scene_of(action, patient) for action in Action}  # only simulated feet are staged
+    return Drives(joints_of(setup), settings.limits, settings.gains, scenes)
 
 
 def cleared_of(setup: SessionSetup) -> frozenset[Action] | None:
@@ -76,9 +72,3 @@ def cleared_of(setup: SessionSetup) -> frozenset[Action] | None:
         return None
     device = device_of(setup)
     return cleared_actions(Home(setup.home), patient_of(setup.profile, device), device)
-
-
-def scenes_of(setup: SessionSetup) -> dict[Action, Scene]:
-    """What simulated feet find around them as each action starts: stairs, obstacle, chair."""
-    patient = patient_of(setup.profile, device_of(setup))
-    return {action: scene_of(action, patient) for action in Action}

@@ -79,7 +79,7 @@ class Drives:
         previous = self.written if self.powered else None
         self.refusal = self._guard.check(command, previous, feedback.position_rad)
         if self.refusal is not None:
-            command = without_speed(previous or follower.NEUTRAL)
+            command = replace(previous or follower.NEUTRAL, velocity_rad_s=np.zeros(4))
         self._joints.write(command, now_ns)
         self.written, self.written_ns = command, time.monotonic_ns()
 
@@ -142,11 +142,6 @@ class Drives:
             self.write(motion.command, self.read(now_ns), now_ns)
             beat(True)
             time.sleep(1 / TICK_HZ)
-
-
-def without_speed(command: JointCommand) -> JointCommand:
-    """The same command without its speed."""
-    return replace(command, velocity_rad_s=np.zeros(4))
 
 
 _UNKNOWN = np.full(4, np.nan)

@@ -10,14 +10,7 @@ from app.control.gait import machine as gait_machine
 from app.control.gait.machine import Change, Gait
 from app.control.inputs import ActionRequest, DriveOrder
 from app.control.requests import refuse
-from app.control.running_action import (
-    RunningAction,
-    Stage,
-    end_record,
-    ended,
-    plan_record,
-    plan_request,
-)
+from app.control.running_action import RunningAction, Stage, end_record, ended, plan_record, plan_request
 from app.control.state import Tick
 from app.ipc.states import Action, Effect, GaitState, Outcome, RequestRefusal
 from app.ipc.streams import NS_PER_MS, PLAN_REPLY
@@ -143,10 +136,7 @@ def _refuse(tick: Tick, running: RunningAction, why: Reason, event: RaisedEvent 
     """Refuse an action that was already granted."""
     report = running.report
     request = ActionRequest(
-        action=report.action,
-        source=report.source,
-        recognised_ns=report.recognised_ns,
-        released_ns=report.released_ns,
+        action=report.action, source=report.source, recognised_ns=report.recognised_ns, released_ns=report.released_ns
     )
     refuse(tick, request, why, report.number, event=event)
     _cancel(tick, running, Outcome.REFUSED, why)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
 from typing import TypeVar
 
 import msgspec
@@ -25,12 +24,12 @@ _M = TypeVar("_M", bound=msgspec.Struct)
 
 SLOW_STREAM_TICKS = 5  # slow streams and plans are polled at 100 Hz: 10 ms of their limits' margin
 LAST_HEARTBEAT_S = 0.1  # the guardian must learn that control has ended in good order
+PLANS_A_TICK = 4
 COMMANDS_A_TICK = 32  # a flood of commands must not make a tick late
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Received:
-    """What has arrived since the tick before."""
+class Received(msgspec.Struct, frozen=True, kw_only=True):
+    """What has arrived since the tick before: fields of `Inputs`."""
 
     report: TriggerReport | None
     commands: tuple[OperatorCommand, ...]
@@ -38,7 +37,7 @@ class Received:
     audit: AuditHealth | None
     guardian: GuardianHealth | None
     link: LinkHealth | None
-    rejected: int
+    rejected_messages: int
     foreign_peers: int
 
 
@@ -79,7 +78,7 @@ class ControlLinks:
         """Everything new. planning: a plan is awaited, plans are polled in every tick."""
         slow = tick % SLOW_STREAM_TICKS == 0
         commands = tuple(_up_to(COMMANDS_A_TICK, self._operator))
-        plans = self._take_plans() if planning or slow else ()
+        plans = tuple(_up_to(PLANS_A_TICK, self._plans)) if planning or slow else ()
         audit = self._audit.receive() if slow else None
         guardian = self._guardian.receive() if slow else None
         link = self._link.receive() if slow and self._link is not None else None
@@ -90,7 +89,7 @@ class ControlLinks:
             audit=audit,
             guardian=guardian,
             link=link,
-            rejected=self._newly_rejected(),
+            rejected_messages=self._newly_rejected(),
             foreign_peers=self._new_foreign_peers(audit, guardian, link) if slow else 0,
         )
 
@@ -112,9 +111,6 @@ class ControlLinks:
         for link in self._links[:-1]:
             link.close()
         self._heartbeats.close(linger_s=LAST_HEARTBEAT_S)
-
-    def _take_plans(self) -> tuple[Plan, ...]:
-        return tuple(_up_to(4, self._plans))
 
     def _new_foreign_peers(
         self, audit: AuditHealth | None, guardian: GuardianHealth | None, other_host: LinkHealth | None

@@ -141,8 +141,7 @@ def refuse(
     compared: Compared | None = None,
 ) -> None:
     """Show and record why a request is not granted; event: the one in force that refuses it, else what was compared."""
-    state = tick.state
-    tick.state = replace(state, refusal=why, refusal_count=state.refusal_count + 1)
+    tick.show_refusal(why)
     _record_refusal(tick, request, why, number, event=event, compared=compared)
 
 
@@ -275,7 +274,7 @@ def _arm(tick: Tick, _: OperatorCommand) -> None:
     poor = exceeded_figure(link_figures(tick.state.streams.link))
     if poor is not None:  # refused with the figure, not armed and then refused gesture by gesture
         why = reason(RequestRefusal.LINK_POOR, **link_values(poor))
-        tick.update(refusal=why, refusal_count=tick.state.refusal_count + 1)
+        tick.show_refusal(why)
         tick.audit.append(records.Note(text=why))
         return
     tick.update(armed_ns=tick.now_ns)
@@ -310,10 +309,7 @@ def _torque_off(tick: Tick, _: OperatorCommand) -> None:
     elif tick.state.motion.mode is Mode.DISABLED:
         tick.drives = DriveOrder.DISABLE
     else:
-        tick.update(
-            refusal=reason(RequestRefusal.TORQUE_OFF_NEEDS_DAMPING),
-            refusal_count=tick.state.refusal_count + 1,
-        )
+        tick.show_refusal(reason(RequestRefusal.TORQUE_OFF_NEEDS_DAMPING))
 
 
 def _take_over(tick: Tick, command: OperatorCommand) -> None:

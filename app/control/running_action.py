@@ -14,7 +14,7 @@ from msgspec.structs import asdict, replace
 from app.control.inputs import ActionRequest
 from app.ipc.messages import ActionReport
 from app.ipc.states import GESTURE_OF, Action, GaitState, Outcome, Source
-from app.motion.plan import Phase, Plan, PlanRequest
+from app.motion.plan import Phase, Plan, PlanRequest, quad
 from hal.joints.protocol import JointArray, JointCommand
 from logs import records
 from logs.reason import Reason
@@ -149,15 +149,8 @@ def end_record(report: ActionReport, steps: int, distance_m: float) -> records.A
 
 def plan_request(number: int, action: Action, phase: Phase, state: GaitState, start_rad: JointArray) -> PlanRequest:
     """A request to the planner for one movement."""
-    pose = (float(start_rad[0]), float(start_rad[1]), float(start_rad[2]), float(start_rad[3]))
-    return PlanRequest(number=number, action=action, phase=phase, from_state=state, start_rad=pose)
+    return PlanRequest(number=number, action=action, phase=phase, from_state=state, start_rad=quad(start_rad))
 
 
 def _same(one: JointCommand, other: JointCommand) -> bool:
-    return (
-        np.array_equal(one.position_rad, other.position_rad)
-        and np.array_equal(one.velocity_rad_s, other.velocity_rad_s)
-        and np.array_equal(one.stiffness_nm_rad, other.stiffness_nm_rad)
-        and np.array_equal(one.damping_nm_s_rad, other.damping_nm_s_rad)
-        and np.array_equal(one.torque_nm, other.torque_nm)
-    )
+    return all(map(np.array_equal, one.fields, other.fields))

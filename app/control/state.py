@@ -101,6 +101,10 @@ class Tick:
         """Change fields of the state."""
         self.state = replace(self.state, **changes)
 
+    def show_refusal(self, why: Reason) -> None:
+        """Show why something is not done."""
+        self.update(refusal=why, refusal_count=self.state.refusal_count + 1)
+
     def update_reports(self, *reports: ActionReport) -> None:
         """Show these reports in place of older ones of the same number."""
         numbers = {report.number for report in reports}

@@ -101,11 +101,7 @@ def _measure_last_tick(tick: Tick) -> None:
         state = replace(state, stop_records=())
     if state.running is not None:
         running = measure(
-            state.running,
-            state.motion.command,
-            inputs.feedback.position_rad,
-            inputs.written_ns,
-            inputs.now_ns,
+            state.running, state.motion.command, inputs.feedback.position_rad, inputs.written_ns, inputs.now_ns
         )
         state = replace(state, running=running)
     tick.state = state

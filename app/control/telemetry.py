@@ -6,20 +6,15 @@ from dataclasses import dataclass, field
 from math import isfinite
 
 import numpy as np
+from msgspec import Struct
+from msgspec.structs import asdict
 from numpy.typing import NDArray
 
 from app.control.events.table import ROW, RaisedEvent, blocker
 from app.control.gait import machine as gait_machine
 from app.control.inputs import Inputs
 from app.control.state import ControlState
-from app.ipc.messages import (
-    ActiveEvent,
-    ControlSnapshot,
-    JointSnapshot,
-    Lateness,
-    RealTime,
-    StopInputSnapshot,
-)
+from app.ipc.messages import ActiveEvent, ControlSnapshot, JointSnapshot, Lateness, RealTime, StopInputSnapshot
 from app.ipc.states import Action, RequestRefusal, Source
 from app.ipc.streams import NS_PER_MS
 from hal.joints.protocol import Joint, JointArray, JointFeedback
@@ -27,9 +22,8 @@ from logs.reason import Quad, Reason, reason
 from logs.records import JointStatistics
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class LoopStatus:
-    """What only the loop knows."""
+class LoopStatus(Struct, frozen=True, kw_only=True):
+    """What only the loop knows: fields of the snapshot."""
 
     incarnation: int
     sequence: int
@@ -45,8 +39,6 @@ def snapshot(state: ControlState, inputs: Inputs, status: LoopStatus) -> Control
     allowed, why_not = _allowed(state)
     open_reports = tuple(one for one in (running.report, running.ending) if one is not None) if running else ()
     return ControlSnapshot(
-        incarnation=status.incarnation,
-        sequence=status.sequence,
         at_ns=inputs.now_ns,
         state=gait.state,
         effect=state.effect,
@@ -57,7 +49,6 @@ def snapshot(state: ControlState, inputs: Inputs, status: LoopStatus) -> Control
         progress=state.motion.progress,
         pending=Action.WALK_END if gait.closing else None,
         allowed=allowed,
-        by_key_only=status.by_key_only,
         why_not=why_not,
         joints=_joints(state, inputs),
         events=tuple(_event(one) for one in state.events),
@@ -77,10 +68,8 @@ def snapshot(state: ControlState, inputs: Inputs, status: LoopStatus) -> Control
         pauses=state.pauses,
         steps=state.steps,
         distance_walked_m=state.distance_walked_m,
-        lateness=status.lateness,
-        real_time=status.real_time,
         report_age_ms=(inputs.now_ns - (report.captured_ns if report else state.streams.report_ns)) / NS_PER_MS,
-        simulated=status.simulated,
+        **asdict(status),
     )
 
 

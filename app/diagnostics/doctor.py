@@ -12,7 +12,7 @@ from enum import Enum
 from pathlib import Path
 
 from app.diagnostics.findings import Finding, bad, good, note
-from app.link.faults import LinkFault
+from app.link.wire import LinkFault
 from app.system.config import Config, load_config
 from app.system.errors import AppError
 from app.system.hand_model import find_model

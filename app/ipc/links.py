@@ -29,8 +29,7 @@ M = TypeVar("M", bound=msgspec.Struct)
 
 _POLLIN = int(zmq.POLLIN)
 _ORDERED_QUEUE = 20_000  # messages; an audit burst of a second at ten thousand a second fits twice
-
-
+_END_LINGER_MS = 500
 PEERS_PERIOD_S = 0.5  # foreign peers are told at most so often: a flood is one number
 _EVENTS_A_CALL = 64  # about 0.2 ms: a tick has 2
 _monitors = count()
@@ -61,49 +60,44 @@ class _Link:
         self.where = at.where
         self._at = at
         self._context: zmq.Context[zmq.Socket[bytes]] = zmq.Context.instance()
-        self._socket = self._context.socket(kind)
-        self._socket.setsockopt(zmq.LINGER, 0)
+        self.socket = self._context.socket(kind)  # may be waited for beside others, in a poller
+        self.socket.setsockopt(zmq.LINGER, 0)
         self._monitor: HandshakeMonitor | None = None
         self.rejected = 0  # messages that did not validate
 
     def foreign_peers(self) -> int:
         """How many peers without the session's key were turned away, told once in PEERS_PERIOD_S; 0 in between."""
         if self._monitor is None:
-            self._monitor = HandshakeMonitor(self._socket, bound=self._bound)
+            self._monitor = HandshakeMonitor(self.socket, bound=self._bound)
         peers = self._monitor.count(time.monotonic())
         if peers:
             _log.warning("foreign peers", extra={"link": self.where, "peers": peers})
             if not self._bound:  # ZeroMQ gives up a server without the key for good: the true one may come back
-                self._socket.disconnect(self.where)
-                self._socket.connect(self.where)
+                self.socket.disconnect(self.where)
+                self.socket.connect(self.where)
         return peers
-
-    @property
-    def socket(self) -> zmq.Socket[bytes]:
-        """To be waited for beside others, in a poller."""
-        return self._socket
 
     def close(self, linger_s: float = 0.0) -> None:
         """Release the socket, giving queued messages up to `linger_s` to leave; harmless when done twice."""
         if self._monitor is not None:
             self._monitor.close()
             self._monitor = None
-        self._socket.close(linger=int(linger_s * 1000))
+        self.socket.close(linger=int(linger_s * 1000))
 
     def _open(self, *, bind: bool) -> None:
         """Bind or connect, after the socket's other options."""
         self._bound = bind
         if bind:
-            self._socket.setsockopt(zmq.CURVE_SERVER, 1)
-            self._socket.setsockopt(zmq.CURVE_SECRETKEY, self._at.links.secret)
-            self._socket.bind(self.where)
+            self.socket.setsockopt(zmq.CURVE_SERVER, 1)
+            self.socket.setsockopt(zmq.CURVE_SECRETKEY, self._at.links.secret)
+            self.socket.bind(self.where)
             return
         public, secret = zmq.curve_keypair()  # of this connection alone; the server's key decides
-        self._socket.setsockopt(zmq.CURVE_SERVERKEY, self._at.links.public)
-        self._socket.setsockopt(zmq.CURVE_PUBLICKEY, public)
-        self._socket.setsockopt(zmq.CURVE_SECRETKEY, secret)
-        self._socket.setsockopt(zmq.RECONNECT_IVL, 20)
-        self._socket.connect(self.where)
+        self.socket.setsockopt(zmq.CURVE_SERVERKEY, self._at.links.public)
+        self.socket.setsockopt(zmq.CURVE_PUBLICKEY, public)
+        self.socket.setsockopt(zmq.CURVE_SECRETKEY, secret)
+        self.socket.setsockopt(zmq.RECONNECT_IVL, 20)
+        self.socket.connect(self.where)
 
     def _reject(self) -> None:
         self.rejected += 1
@@ -112,8 +106,8 @@ class _Link:
     def _has_come(self, timeout_s: float) -> bool:
         """Asked before receiving: on a link that is empty most of the time, the exception would cost more."""
         if timeout_s > 0:
-            return bool(self._socket.poll(int(timeout_s * 1000)))
-        return bool(int(self._socket.getsockopt(zmq.EVENTS)) & _POLLIN)
+            return bool(self.socket.poll(int(timeout_s * 1000)))
+        return bool(int(self.socket.getsockopt(zmq.EVENTS)) & _POLLIN)
 
 
 class HandshakeMonitor:
@@ -180,13 +174,13 @@ class Publisher(_Link):
 
     def __init__(self, at: Address) -> None:
         super().__init__(zmq.PUB, at)
-        self._socket.setsockopt(zmq.CONFLATE, 1)  # else a full queue would drop the newest and keep the old
+        self.socket.setsockopt(zmq.CONFLATE, 1)  # else a full queue would drop the newest and keep the old
         self._open(bind=True)
         self._encode = msgspec.msgpack.Encoder().encode
 
     def send(self, message: msgspec.Struct) -> None:
         """Never blocks; a slow listener misses older messages."""
-        self._socket.send(self._encode(message), zmq.NOBLOCK)
+        self.socket.send(self._encode(message), zmq.NOBLOCK)
 
 
 class LatestReceiver(_Link, Generic[M]):
@@ -194,8 +188,8 @@ class LatestReceiver(_Link, Generic[M]):
 
     def __init__(self, at: Address, kind: type[M] | UnionType) -> None:
         super().__init__(zmq.SUB, at)
-        self._socket.setsockopt(zmq.CONFLATE, 1)
-        self._socket.setsockopt(zmq.SUBSCRIBE, b"")
+        self.socket.setsockopt(zmq.CONFLATE, 1)
+        self.socket.setsockopt(zmq.SUBSCRIBE, b"")
         self._open(bind=False)
         self._decoder: msgspec.msgpack.Decoder[M] = msgspec.msgpack.Decoder(kind)
 
@@ -204,7 +198,7 @@ class LatestReceiver(_Link, Generic[M]):
         if not self._has_come(timeout_s):
             return None
         try:
-            return self._decoder.decode(self._socket.recv(zmq.NOBLOCK))
+            return self._decoder.decode(self.socket.recv(zmq.NOBLOCK))
         except zmq.Again:
             return None
         except msgspec.MsgspecError:
@@ -213,54 +207,48 @@ class LatestReceiver(_Link, Generic[M]):
 
 
 class OrderedSender(_Link):
-    """Sends everything, in order, to one receiver; connects, or binds when it is the fixed end."""
+    """Sends everything, in order, to one receiver; connects."""
 
     def __init__(
-        self,
-        at: Address,
-        *,
-        bind: bool = False,
-        enc_hook: Callable[[Any], Any] | None = None,
-        queue: int = _ORDERED_QUEUE,
+        self, at: Address, *, enc_hook: Callable[[Any], Any] | None = None, queue: int = _ORDERED_QUEUE
     ) -> None:
         """enc_hook: msgspec's, for types that it does not know. queue: so many messages may wait."""
         super().__init__(zmq.PUSH, at)
-        self._socket.setsockopt(zmq.SNDHWM, queue)
-        self._open(bind=bind)
+        self.socket.setsockopt(zmq.SNDHWM, queue)
+        self._open(bind=False)
         self._encode = msgspec.msgpack.Encoder(enc_hook=enc_hook).encode
 
     def send(self, message: msgspec.Struct) -> bool:
         """Queue it; False when the queue is full, and then the caller must act on it."""
         try:
-            self._socket.send(self._encode(message), zmq.NOBLOCK)
+            self.socket.send(self._encode(message), zmq.NOBLOCK)
         except zmq.Again:
             return False
         return True
 
 
 class OrderedReceiver(_Link, Generic[M]):
-    """Receives everything, in order; binds, or connects when the sender is the fixed end."""
+    """Receives everything, in order; binds."""
 
     def __init__(
         self,
         at: Address,
         kind: type[M] | UnionType,
         *,
-        bind: bool = True,
         dec_hook: Callable[[type, Any], Any] | None = None,
         queue: int = _ORDERED_QUEUE,
     ) -> None:
         """dec_hook: msgspec's, for types that it does not know. queue: so many messages may wait."""
         super().__init__(zmq.PULL, at)
-        self._socket.setsockopt(zmq.RCVHWM, queue)
-        self._open(bind=bind)
+        self.socket.setsockopt(zmq.RCVHWM, queue)
+        self._open(bind=True)
         self._decoder: msgspec.msgpack.Decoder[M] = msgspec.msgpack.Decoder(kind, dec_hook=dec_hook)
 
     def receive(self, timeout_s: float = 0.0) -> M | None:
         """The next message, or None. A malformed one is counted in `rejected` and skipped."""
         while self._has_come(timeout_s):
             try:
-                return self._decoder.decode(self._socket.recv(zmq.NOBLOCK))
+                return self._decoder.decode(self.socket.recv(zmq.NOBLOCK))
             except zmq.Again:
                 return None
             except msgspec.MsgspecError:
@@ -274,6 +262,6 @@ def start_links() -> None:
     zmq.Context.instance().socket(zmq.PAIR).close()
 
 
-def end_links(linger_s: float = 0.5) -> None:
+def end_links() -> None:
     """Close what is left and let queued messages leave: a process that ends without it takes its last words along."""
-    zmq.Context.instance().destroy(linger=int(linger_s * 1000))
+    zmq.Context.instance().destroy(linger=_END_LINGER_MS)

@@ -38,9 +38,9 @@ class LinkAges(Struct, frozen=True, kw_only=True):
 
 
 class TickBatch(Struct, frozen=True, kw_only=True, tag="ticks"):
-    """Control, some ticks in a row: at_ns int64 (n,), values float64 (n, 8, 4), see QUANTITIES; what was read, and
+    """Control, some ticks in a row: at_ns int64 (n,), values float64 (n, 8, 4), see QUANTITIES.
 
-    the command that the step made of it in the same tick.
+    What was read, and the command that the step made of it in the same tick.
     """
 
     first_tick: int

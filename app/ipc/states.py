@@ -55,14 +55,7 @@ ACTION_OF: dict[Gesture, Action] = {
 GESTURE_OF: dict[Action, Gesture] = {action: gesture for gesture, action in ACTION_OF.items()}
 # Stairs and obstacles are counted as actions: their steps are a crossing's, not a gait's.
 LEVEL_WALKING = frozenset(
-    {
-        Action.STEP_RIGHT_FIRST,
-        Action.STEP_LEFT,
-        Action.STEP_RIGHT,
-        Action.STEP_END,
-        Action.WALK,
-        Action.WALK_END,
-    }
+    {Action.STEP_RIGHT_FIRST, Action.STEP_LEFT, Action.STEP_RIGHT, Action.STEP_END, Action.WALK, Action.WALK_END}
 )
 
 

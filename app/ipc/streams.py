@@ -59,21 +59,3 @@ PLAN_REQUEST = Stream(name="plan-request", sender="control", rate_hz=0, stale_ms
 PLAN_REPLY = Stream(name="plan-reply", sender="planner", rate_hz=0, stale_ms=500)
 RECORDING = Stream(name="recording", sender="control, perception", rate_hz=0, stale_ms=0)
 PICTURES = Stream(name="pictures", sender="perception", rate_hz=0, stale_ms=0)
-
-STREAMS = (
-    TRIGGER,
-    PREVIEW,
-    SNAPSHOT,
-    OPERATOR,
-    SESSION,
-    TO_PERCEPTION,
-    HEARTBEAT,
-    GUARDIAN,
-    AUDIT,
-    AUDIT_HEALTH,
-    LINK,
-    PLAN_REQUEST,
-    PLAN_REPLY,
-    RECORDING,
-    PICTURES,
-)

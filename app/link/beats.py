@@ -1,17 +1,62 @@
-"""One end of the packets: the other clock, the link's quality, and what the other end heard; time is an argument."""
+"""One end of the packets: the other clock, the link's quality, and what the other end heard; time is an argument.
+
+Quality comes from counters and round trips: figures for people, and what the limits for arming are compared with.
+"""
 
 from __future__ import annotations
 
+from collections import deque
 from dataclasses import dataclass, field
 
+from app.audit.other_trail import PERIOD_NS, other_trail
 from app.ipc.messages import AuditHealth, LinkHealth
 from app.ipc.streams import NS_PER_MS
 from app.link.clock import ClockEstimate, RoundTrip, update
-from app.link.quality import BEAT_NS, LinkQuality
 from app.link.wire import Packet
+from logs.records import OtherTrail
 
+BEAT_NS = 20 * NS_PER_MS  # a packet of the link's own socket in each direction; STOP travels on every one
+WINDOW_BEATS = 250  # five seconds: loss is told to 0.4 %
+_ROUND_TRIPS = 100  # two seconds
 LOST_NS = 1_230_000_000  # a console's silence until it pauses the legs, and the longest pause: then they are held
 WALL_STEP_NS = 500_000_000  # as control's own event of a clock's step
+
+
+@dataclass(slots=True)
+class LinkQuality:
+    """What arrives of packets that are numbered one by one and sent every BEAT_NS."""
+
+    jitter_ns: float = 0.0  # RFC 3550, §6.4.1: the mean change of the delay from packet to packet
+    _delays_ns: deque[int] = field(default_factory=lambda: deque(maxlen=_ROUND_TRIPS))
+    _arrived: deque[int] = field(default_factory=lambda: deque(maxlen=WINDOW_BEATS))
+    _newest_ns: int = 0
+
+    def add(self, number: int, now_ns: int) -> None:
+        """One packet came; older ones than the newest do not."""
+        self._arrived.append(number)
+        self._newest_ns = now_ns
+
+    def add_delay(self, delay_ns: int) -> None:
+        """One round trip, without the wait at the other end."""
+        if self._delays_ns:
+            self.jitter_ns += (abs(delay_ns - self._delays_ns[-1]) - self.jitter_ns) / 16
+        self._delays_ns.append(delay_ns)
+
+    @property
+    def round_trip_ns(self) -> int:
+        """The median of the last two seconds; 0 before the first."""
+        return sorted(self._delays_ns)[len(self._delays_ns) // 2] if self._delays_ns else 0
+
+    def loss(self, now_ns: int) -> float:
+        """The share of the last five seconds' packets that did not come, those that are overdue among them; 0 to 1."""
+        if not self._arrived:
+            return 1.0
+        newest = self._arrived[-1]
+        overdue = max(0, (now_ns - self._newest_ns) // BEAT_NS - 1)
+        first = max(self._arrived[0], newest + overdue - WINDOW_BEATS + 1)
+        sent = newest + overdue - first + 1
+        came = sum(number >= first for number in self._arrived)
+        return max(0.0, 1.0 - came / max(1, sent))
 
 
 @dataclass(slots=True)
@@ -29,6 +74,7 @@ class Beats:
     _sent_ns: int = 0
     _their_sent_ns: int = 0
     _their_wall_ns: int | None = None
+    _trail_ns: int = 0
 
     def due(self, now_ns: int) -> bool:
         """Whether it is time for the next packet."""
@@ -68,6 +114,13 @@ class Beats:
     def lost(self, now_ns: int) -> bool:
         """Whether nothing has come for so long that the legs are held."""
         return not self.newest_ns or now_ns - self.newest_ns > LOST_NS
+
+    def other_trail(self, audit: AuditHealth | None, now_ns: int) -> OtherTrail | None:
+        """The record of the other computer's trail, once in PERIOD_NS; audit: the health that it sent."""
+        if audit is None or self.clock is None or now_ns - self._trail_ns < PERIOD_NS:
+            return None
+        self._trail_ns, clock = now_ns, self.clock.at(now_ns)
+        return other_trail(audit, clock.offset_ns, clock.uncertainty_ns)
 
     def _set_clock(self, trip: RoundTrip) -> None:
         new = update(self.clock, trip)

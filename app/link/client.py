@@ -9,37 +9,23 @@ from __future__ import annotations
 import os
 import signal
 import time
+from contextlib import closing
 
 import zmq
 from msgspec.structs import replace
 
-from app.audit.other_trail import PERIOD_NS, other_trail
 from app.audit.sink import AuditSink
 from app.ipc import streams
 from app.ipc.links import LatestReceiver, OrderedReceiver, Publisher, address
-from app.ipc.messages import (
-    STOP_KINDS,
-    AuditHealth,
-    ControlSnapshot,
-    OperatorCommand,
-    OperatorKind,
-    TriggerReport,
-)
+from app.ipc.messages import STOP_KINDS, AuditHealth, ControlSnapshot, OperatorCommand, OperatorKind, TriggerReport
 from app.ipc.states import Event
 from app.ipc.streams import NS_PER_MS
 from app.link.beats import Beats, health_of
-from app.link.faults import LinkFault, LinkNotice
+from app.link.clock import localized
 from app.link.order import Outbox
 from app.link.packets import PacketSeal
 from app.link.remote import Remote
-from app.link.times import localized
-from app.link.wire import (
-    StopMark,
-    ToJoints,
-    ToLaptop,
-    Welcome,
-    mark_of,
-)
+from app.link.wire import LinkFault, LinkNotice, Refused, StopMark, ToJoints, ToLaptop, Welcome, mark_of
 from app.system.config import SessionSetup
 from app.system.diagnostics_log import get_logger
 from app.system.scheduling import gc_freeze, set_scheduling
@@ -60,13 +46,10 @@ COMMANDS_A_ROUND = 64
 def run_link(setup: SessionSetup) -> None:
     """Run until the session ends here or there."""
     set_scheduling("link")  # first: ZeroMQ's threads inherit it
-    link = LinkClient(setup)
-    signal.signal(signal.SIGTERM, lambda *_: link.end())
-    gc_freeze()
-    try:
+    with closing(LinkClient(setup)) as link:
+        signal.signal(signal.SIGTERM, lambda *_: link.end())
+        gc_freeze()
         link.run()
-    finally:
-        link.close()
 
 
 class LinkClient:
@@ -96,7 +79,7 @@ class LinkClient:
         self._foreign = 0
         self._ending_ns = 0
         self._ended = False
-        self._frame_ns = self._health_ns = self._trail_ns = 0
+        self._frame_ns = self._health_ns = 0
         self._began_ns = time.monotonic_ns()
         self._remote = self._open_remote()
 
@@ -112,7 +95,7 @@ class LinkClient:
             now_ns = time.monotonic_ns()
             self._take_local()
             if self._remote is not None:
-                self._remote.take(self, now_ns)
+                self._take_remote(self._remote, now_ns)
                 self._send(self._remote, now_ns)
             self._publish(now_ns)
 
@@ -126,13 +109,15 @@ class LinkClient:
             link.close()
 
     def _open_remote(self) -> Remote | None:
-        host = self._setup.config.joints.host
         try:
-            return Remote(self._setup)
+            remote = Remote(self._setup)
         except CodedError as error:
             self._fail(reason_of(error))
-            _log.warning("link not opened", extra={"host": host, "why": str(error)})
+            _log.warning("link not opened", extra={"host": self._setup.config.joints.host, "why": str(error)})
             return None
+        for link in (self._operator, self._reports):
+            remote.poller.register(link.socket, zmq.POLLIN)
+        return remote
 
     def _fail(self, why: Reason | None) -> None:
         if why is not None and why != self._fault:
@@ -150,13 +135,8 @@ class LinkClient:
     def _wait(self) -> None:
         if self._remote is None:
             time.sleep(WAIT_MS / 1000)
-            return
-        poller = self._remote.poller
-        if not self._remote.waits_for_local:
-            self._remote.waits_for_local = True
-            poller.register(self._operator.socket, zmq.POLLIN)
-            poller.register(self._reports.socket, zmq.POLLIN)
-        poller.poll(WAIT_MS)
+        else:
+            self._remote.poller.poll(WAIT_MS)
 
     # --- the session's own links ----------------------------------------------------------------------------------
 
@@ -203,30 +183,31 @@ class LinkClient:
         self._health.send(
             replace(health, fault=self._fault, processes=processes, stop_lease=stop.lease, stop_sequence=stop.sequence)
         )
-        self._record_other_trail(audit, now_ns)
-
-    def _record_other_trail(self, audit: AuditHealth | None, now_ns: int) -> None:
-        if audit is None or self._beats.clock is None or now_ns - self._trail_ns < PERIOD_NS:
-            return
-        self._trail_ns, clock = now_ns, self._beats.clock.at(now_ns)
-        record = other_trail(audit, clock.offset_ns, clock.uncertainty_ns)
+        record = self._beats.other_trail(audit, now_ns)
         if record is not None:
             self._sink.emit(record)
 
     # --- the other computer ---------------------------------------------------------------------------------------
 
-    def welcomed(self, welcome: Welcome) -> None:
+    def _take_remote(self, remote: Remote, now_ns: int) -> None:
+        for message in remote.frames(now_ns):
+            if isinstance(message, Welcome):
+                self._welcomed(message)
+            elif isinstance(message, Refused):
+                self._fail(message.reason)
+            else:
+                self._take_frame(message, now_ns)
+        for datagram in remote.packets():
+            self._take_packet(remote, datagram, time.monotonic_ns())
+
+    def _welcomed(self, welcome: Welcome) -> None:
         """The session is there; the packets' key is the session's, also after a new connection."""
         if self._seal is None or self._seal.key != welcome.packet_key:
             self._seal = PacketSeal(connection=welcome.connection, key=welcome.packet_key, at_joints=False)
             self._beats = Beats()
         self._fail(None)
 
-    def refused(self, why: Reason) -> None:
-        """It is not to be had."""
-        self._fail(why)
-
-    def take_frame(self, frame: ToLaptop, now_ns: int) -> None:
+    def _take_frame(self, frame: ToLaptop, now_ns: int) -> None:
         """What control and the others there say."""
         clock = self._beats.clock
         self._outbox.acknowledge(frame.commands)
@@ -242,7 +223,7 @@ class LinkClient:
         if frame.snapshot is not None and (newest is None or _is_newer(frame.snapshot, newest)):
             self._snapshots.send(localized(frame.snapshot, clock))
 
-    def take_packet(self, datagram: bytes, now_ns: int) -> None:
+    def _take_packet(self, remote: Remote, datagram: bytes, now_ns: int) -> None:
         """A packet, or what is none."""
         packet = None if self._seal is None else self._seal.open(datagram)
         if packet is None:
@@ -250,8 +231,7 @@ class LinkClient:
             return
         steps, before_ns = self._beats.steps, self._beats.newest_ns
         if self._beats.take(packet, now_ns):
-            if self._remote is not None:
-                self._remote.expect_soon()
+            remote.expect_soon()
             self._note(LinkNotice.LINK_RETURNED, silent_s=(now_ns - before_ns) / 1e9)
         if self._beats.steps > steps:
             self._note(LinkNotice.CLOCK_STEPPED, step_s=self._beats.step_ns / 1e9)

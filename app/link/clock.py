@@ -4,12 +4,29 @@ As NTP does it (RFC 5905, §8): of a packet that was sent at t1, received at t2,
 t4, the other clock is ahead by at most t2 − t1 and by at least t3 − t4, whatever way the delay is shared. Where NTP
 takes the middle of the quickest round trip, all bounds are kept here: their intersection holds the truth as long as
 both clocks run, each widened by what two quartz clocks drift meanwhile. A bound that contradicts it is a step.
+
+Raw clocks of two hosts are never compared: moments that cross the link are told by the clock of who receives them.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any, TypeVar
 
+import msgspec
+from msgspec.structs import replace
+
+from app.ipc.messages import (
+    ActionReport,
+    ActiveEvent,
+    AuditHealth,
+    ControlSnapshot,
+    GuardianHealth,
+    OperatorCommand,
+    PauseSummary,
+    SessionStatus,
+    TriggerReport,
+)
 from logs.records.session import DRIFT_PPM
 
 
@@ -91,3 +108,36 @@ def update(before: ClockEstimate | None, trip: RoundTrip) -> ClockUpdate:
 
 def _drift_ns(elapsed_ns: int) -> int:
     return -(-abs(elapsed_ns) * DRIFT_PPM // 1_000_000)
+
+
+M = TypeVar("M", bound=msgspec.Struct)
+
+# One row a message: its fields that hold moments, and those that hold messages which do.
+MOMENTS: dict[type[msgspec.Struct], tuple[str, ...]] = {
+    TriggerReport: ("captured_ns", "sent_ns", "recognised_ns", "released_recognised_ns", "released_ns"),
+    OperatorCommand: ("sent_ns",),
+    ControlSnapshot: ("at_ns", "stop_received_ns", "stop_command_ns"),
+    ActiveEvent: ("since_ns",),
+    ActionReport: ("recognised_ns", "released_ns", "accepted_ns", "first_command_ns", "first_motion_ns", "ended_ns"),
+    PauseSummary: ("ended_ns",),
+    AuditHealth: ("at_ns",),
+    GuardianHealth: ("at_ns",),
+    SessionStatus: ("at_ns",),
+}
+PARTS: dict[type[msgspec.Struct], tuple[str, ...]] = {ControlSnapshot: ("events", "reports", "pauses")}
+
+
+def localized(message: M, clock: ClockEstimate) -> M:
+    """The message with its moments by our clock.
+
+    A moment is shifted by the most that the other clock may be ahead: it may look older than it is, by twice the
+    uncertainty, and never younger.
+    """
+    kind = type(message)
+    changes: dict[str, Any] = {name: clock.local_ns(getattr(message, name)) for name in MOMENTS[kind]}
+    for name in PARTS.get(kind, ()):
+        part = getattr(message, name)
+        changes[name] = (
+            tuple(localized(one, clock) for one in part) if isinstance(part, tuple) else localized(part, clock)
+        )
+    return replace(message, **changes)

@@ -10,7 +10,7 @@ import msgspec
 import zmq
 from msgspec import Struct
 
-from app.link.faults import LinkFault
+from app.link.wire import LinkFault
 from app.system.errors import AppError
 from app.system.paths import Home
 from logs.disk import Disk
@@ -55,7 +55,7 @@ def own_key(home: Home) -> KeyPair:
     path = home.link_keys / _KEY
     if not path.exists():
         public, secret = zmq.curve_keypair()
-        _write(path, KeyPair(public=public.decode(), secret=secret.decode()))
+        write_private(path, KeyPair(public=public.decode(), secret=secret.decode()))
     return _read(path, KeyPair)
 
 
@@ -75,7 +75,7 @@ def add_peer(home: Home, peer: Peer) -> None:
     others = tuple(
         one for one in peers_of(home) if one.public != peer.public and (not peer.host or one.host != peer.host)
     )
-    _write(home.link_keys / _PEERS, _Peers(peers=(*others, peer)))
+    write_private(home.link_keys / _PEERS, _Peers(peers=(*others, peer)))
 
 
 def forget_peer(home: Home, name: str) -> Peer:
@@ -84,11 +84,12 @@ def forget_peer(home: Home, name: str) -> Peer:
     gone = next((one for one in known if name in {one.name, one.host}), None)
     if gone is None:
         raise AppError(LinkFault.NO_SUCH_PEER, name=name)
-    _write(home.link_keys / _PEERS, _Peers(peers=tuple(one for one in known if one is not gone)))
+    write_private(home.link_keys / _PEERS, _Peers(peers=tuple(one for one in known if one is not gone)))
     return gone
 
 
-def _write(path: Path, value: Struct) -> None:
+def write_private(path: Path, value: Struct) -> None:
+    """Put a value in the place of an older one, 0600 in a folder of 0700. Raises OSError."""
     path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
     replace_file(path, msgspec.json.encode(value), Disk())
 

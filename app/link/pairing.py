@@ -7,6 +7,7 @@ five minutes. Each side then knows the other's CURVE key.
 from __future__ import annotations
 
 import secrets
+from contextlib import closing
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -17,13 +18,11 @@ from cryptography.hazmat.primitives.ciphers.aead import ChaCha20Poly1305
 from msgspec import Struct
 from spake2 import SPAKE2_A, SPAKE2_B, SPAKEError
 
-from app.link.faults import LinkFault
-from app.link.keys import Peer, add_peer, own_key, own_name
+from app.link.keys import Peer, add_peer, own_key, own_name, write_private
 from app.link.questions import Asking, PairAnswer, PairBegin, PairConfirm, PairDone, PairRefused
+from app.link.wire import LinkFault
 from app.system.errors import AppError
 from app.system.paths import Home
-from logs.disk import Disk
-from logs.keys import replace_file
 from logs.reading.errors import InputError
 from logs.reading.formats import read_json
 
@@ -69,9 +68,7 @@ def offer_path(home: Home) -> Path:
 
 def write_offer(home: Home, offer: Offer) -> None:
     """Show it to the process that answers."""
-    path = offer_path(home)
-    path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
-    replace_file(path, msgspec.json.encode(offer), Disk())
+    write_private(offer_path(home), offer)
 
 
 def read_offer(home: Home, now_s: float) -> Offer | None:
@@ -142,19 +139,16 @@ def pair(home: Home, host: str, code: str, now_s: float) -> Peer:
     """The laptop's side, to its end. Raises AppError: nobody answers, no code is shown, a wrong or used-up one."""
     side = SPAKE2_A(normalized(code).encode(), idA=_LAPTOP, idB=_JOINTS)
     exchange = secrets.token_bytes(16)
-    asking = Asking(host)
     try:
-        answer = asking.ask(PairBegin(exchange=exchange, message=side.start()))
-        if not isinstance(answer, PairAnswer):
-            raise _refusal(host, answer)
-        key = side.finish(answer.message)
-        us = _Identity(name=own_name(), public=own_key(home).public)
-        confirm = PairConfirm(exchange=exchange, sealed=_sealed(key, _FROM_LAPTOP, us, exchange))
-        done = asking.ask(confirm)
+        with closing(Asking(host)) as asking:
+            answer = asking.ask(PairBegin(exchange=exchange, message=side.start()))
+            if not isinstance(answer, PairAnswer):
+                raise _refusal(host, answer)
+            key = side.finish(answer.message)
+            us = _Identity(name=own_name(), public=own_key(home).public)
+            done = asking.ask(PairConfirm(exchange=exchange, sealed=_sealed(key, _FROM_LAPTOP, us, exchange)))
     except SPAKEError as error:
         raise AppError(LinkFault.CODE_WRONG, left=0) from error
-    finally:
-        asking.close()
     joints = _opened(key, _FROM_JOINTS, done.sealed, exchange) if isinstance(done, PairDone) else None
     if joints is None:
         raise _refusal(host, done)

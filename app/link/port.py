@@ -10,9 +10,9 @@ import zmq
 from zmq.auth.thread import ThreadAuthenticator
 
 from app.ipc.links import HandshakeMonitor
-from app.link.faults import LinkFault
 from app.link.keys import own_key, peers_of
 from app.link.packets import MAX_BYTES
+from app.link.wire import LinkFault
 from app.system.errors import AppError
 from app.system.paths import Home
 from logs.reading.errors import CodedError

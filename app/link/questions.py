@@ -2,24 +2,44 @@
 
 from __future__ import annotations
 
+import re
 import socket
 import time
+from contextlib import closing
 
 import msgspec
 from msgspec import Struct
 
-from app.link.address import resolve
-from app.link.clock import ClockUpdate, RoundTrip, update
-from app.link.faults import LinkFault
+from app.link.clock import RoundTrip, update
 from app.link.keys import joints_at
 from app.link.packets import MAX_BYTES
-from app.link.wire import VERSION, program
+from app.link.wire import PORT, VERSION, LinkFault, program
 from app.system.errors import AppError
 from app.system.paths import Home
 
 PLAIN = 2  # the first byte
 ANSWER_S = 2.0
 REPEAT_S = 0.2  # a packet may be lost
+_FORM = re.compile(r"(?P<host>[A-Za-z0-9]([A-Za-z0-9.-]{0,251}[A-Za-z0-9])?)(:(?P<port>[0-9]{1,5}))?")
+
+
+def split_address(text: str) -> tuple[str, int]:
+    """Host and port of `exo.local:7447`; without a port the usual one. Raises AppError."""
+    match = _FORM.fullmatch(text)
+    port = int(match["port"] or PORT) if match else 0
+    if match is None or not 0 < port < 65536:
+        raise AppError(LinkFault.BAD_ADDRESS, address=text)
+    return match["host"], port
+
+
+def resolve(text: str) -> tuple[str, int]:
+    """The same with the host's IPv4 address. Raises AppError."""
+    host, port = split_address(text)
+    try:
+        found = socket.getaddrinfo(host, port, socket.AF_INET, socket.SOCK_DGRAM)
+    except OSError as error:
+        raise AppError(LinkFault.UNKNOWN_HOST, host=host, detail=error.strerror or str(error)) from error
+    return str(found[0][4][0]), port
 
 
 class Who(Struct, frozen=True, kw_only=True, tag="who"):
@@ -168,22 +188,18 @@ class Found(Struct, frozen=True, kw_only=True):
 
 def find(host: str, limit_s: float = ANSWER_S) -> Found:
     """Ask who answers. Raises AppError when nobody does."""
-    asking = Asking(host)
-    try:
-        asked = Who(link=VERSION, program=program(), asked_ns=time.monotonic_ns())
-        answer = asking.ask(asked, limit_s)
-    finally:
-        asking.close()
+    with closing(Asking(host)) as asking:
+        answer = asking.ask(Who(link=VERSION, program=program(), asked_ns=time.monotonic_ns()), limit_s)
     assert isinstance(answer, Here)
     trip = RoundTrip(answer.asked_ns, answer.received_ns, answer.answered_ns, time.monotonic_ns())
-    clock: ClockUpdate = update(None, trip)
+    clock = update(None, trip).estimate
     return Found(
         host=host,
         link=answer.link,
         program=answer.program,
         round_trip_ns=trip.delay_ns,
-        offset_ns=clock.estimate.offset_ns,
-        uncertainty_ns=clock.estimate.uncertainty_ns,
+        offset_ns=clock.offset_ns,
+        uncertainty_ns=clock.uncertainty_ns,
     )
 
 

@@ -3,50 +3,28 @@
 from __future__ import annotations
 
 import socket
-import time
-from typing import Protocol
+from collections.abc import Iterator
+from contextlib import suppress
 
 import msgspec
 import zmq
 
 from app.ipc.streams import NS_PER_MS
-from app.link.address import resolve
-from app.link.faults import LinkFault
 from app.link.keys import joints_at, own_key
 from app.link.order import Flight
 from app.link.packets import MAX_BYTES
-from app.link.questions import check_version
-from app.link.wire import VERSION, FromJoints, Hello, Refused, SessionRequest, ToLaptop, Welcome, program
+from app.link.questions import check_version, resolve
+from app.link.wire import VERSION, FromJoints, Hello, LinkFault, Refused, SessionRequest, ToLaptop, Welcome, program
 from app.system.authority import DEMONSTRATION
 from app.system.config import SessionSetup
 from app.system.errors import AppError
 from app.system.paths import Home
-from logs.reason import Reason, reason_of
+from logs.reason import reason_of
 
 # Nothing acknowledged for so long: a new connection, since TCP itself would wait longer. Doubled with each attempt:
 # over a poor link a handshake takes seconds.
 RETRY_NS, RETRY_AT_MOST_NS = 1_000 * NS_PER_MS, 8_000 * NS_PER_MS
 CONNECTED_FRAMES = 20  # acknowledged, a connection is as good as before
-
-
-class FrameTaker(Protocol):
-    """Who acts on what comes."""
-
-    def welcomed(self, welcome: Welcome) -> None:
-        """The session is there."""
-        ...
-
-    def refused(self, why: Reason) -> None:
-        """It is not to be had."""
-        ...
-
-    def take_frame(self, frame: ToLaptop, now_ns: int) -> None:
-        """What control and the others there say."""
-        ...
-
-    def take_packet(self, datagram: bytes, now_ns: int) -> None:
-        """A packet, or what is none."""
-        ...
 
 
 class Remote:
@@ -75,10 +53,9 @@ class Remote:
         self._packets.connect(self._where)
         self.poller = zmq.Poller()
         self.poller.register(self._packets, zmq.POLLIN)
-        self.waits_for_local = False
         self.flight = Flight()
         self.commands_sent = 0
-        self._welcome = self._refused = False
+        self._welcome = False
         self._connected_ns = 0
         self._patience_ns = RETRY_NS
         self._decode = msgspec.msgpack.Decoder(FromJoints)
@@ -123,20 +100,23 @@ class Remote:
         self._welcome, self._connected_ns = False, now_ns
         self.send(Hello(link=VERSION, program=program(), request=self._request))
 
-    def take(self, taker: FrameTaker, now_ns: int) -> None:
-        """Everything that came."""
+    def frames(self, now_ns: int) -> Iterator[Welcome | Refused | ToLaptop]:
+        """What came; a greeting of another version is a refusal."""
         while self._frames is not None:
             try:
                 content = self._frames.recv(zmq.NOBLOCK)
             except zmq.Again:
-                break
-            self._take_frame(taker, content, now_ns)
+                return
+            with suppress(msgspec.MsgspecError):
+                yield self._taken(self._decode.decode(content), now_ns)
+
+    def packets(self) -> Iterator[bytes]:
+        """What came, whatever it is."""
         while True:
             try:
-                datagram = self._packets.recv(MAX_BYTES + 1)
+                yield self._packets.recv(MAX_BYTES + 1)
             except (BlockingIOError, ConnectionError):
-                break
-            taker.take_packet(datagram, time.monotonic_ns())
+                return
 
     def send(self, message: msgspec.Struct) -> None:
         """Queue a frame; a full queue drops it, and the connection is made anew when nothing is acknowledged."""
@@ -165,23 +145,15 @@ class Remote:
             self._frames.close(linger=linger_ms)
             self._frames = None
 
-    def _take_frame(self, taker: FrameTaker, content: bytes, now_ns: int) -> None:
-        try:
-            message = self._decode.decode(content)
-        except msgspec.MsgspecError:
-            return
+    def _taken(self, message: Welcome | Refused | ToLaptop, now_ns: int) -> Welcome | Refused | ToLaptop:
         if isinstance(message, Welcome):
             try:
                 check_version(self.host, message.link, message.program)
             except AppError as error:
-                taker.refused(reason_of(error))
-                return
+                return Refused(reason=reason_of(error))
             self._welcome = True
-            taker.welcomed(message)
-        elif isinstance(message, Refused):
-            taker.refused(message.reason)
-        else:
+        elif isinstance(message, ToLaptop):
             self.flight.receive(message.number, message.acknowledged, now_ns)
             if self.flight.acknowledged > CONNECTED_FRAMES:
                 self._patience_ns = RETRY_NS
-            taker.take_frame(message, now_ns)
+        return message

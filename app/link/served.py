@@ -20,24 +20,20 @@ from app.ipc.messages import (
     AuditHealth,
     ControlSnapshot,
     GuardianHealth,
-    LinkHealth,
     OperatorCommand,
     OperatorKind,
     ProcessStatus,
     TriggerReport,
 )
 from app.link.beats import LOST_NS
-from app.link.clock import ClockEstimate
-from app.link.faults import LinkFault, LinkNotice
+from app.link.clock import ClockEstimate, localized
 from app.link.order import Inbox
-from app.link.times import localized
-from app.link.wire import SessionRequest, StopMark, mark_of
+from app.link.wire import LinkFault, LinkNotice, SessionRequest, StopMark, mark_of
 from app.session.host import SessionHost, make_setup
 from app.session.shared import held_session
 from app.system.config import Config, SessionSetup
 from app.system.errors import AppError
 from app.system.paths import Home
-from hal.joints.device import EMULATED_INTERFACES
 from logs.reading.errors import CodedError
 from logs.reason import Reason, reason, reason_of
 from logs.records import Body, Note
@@ -46,13 +42,7 @@ _NAME = re.compile(r"[0-9]{8}T[0-9]{6}Z-[0-9a-f]{4}")
 STOPS_KEPT = 32
 # Sent so long ago they are not carried out any more. A stop, and what takes away, always is.
 NEVER_STALE = frozenset(
-    {
-        *STOP_KINDS,
-        OperatorKind.DISARM,
-        OperatorKind.SHUT_DOWN,
-        OperatorKind.TAKE_OVER,
-        OperatorKind.HEARTBEAT,
-    }
+    {*STOP_KINDS, OperatorKind.DISARM, OperatorKind.SHUT_DOWN, OperatorKind.TAKE_OVER, OperatorKind.HEARTBEAT}
 )
 
 
@@ -67,8 +57,8 @@ class ServedSession:
         links = host.setup.links
         self._operator = OrderedSender(address(links, streams.OPERATOR.name))
         self._reports = Publisher(address(links, streams.TRIGGER.name))
-        self._health = Publisher(address(links, streams.LINK.name))
-        self._snapshots = LatestReceiver(address(links, streams.SNAPSHOT.name), ControlSnapshot)
+        self.health = Publisher(address(links, streams.LINK.name))  # the link's quality, to control
+        self.snapshots = LatestReceiver(address(links, streams.SNAPSHOT.name), ControlSnapshot)
         self._guardian = LatestReceiver(address(links, streams.GUARDIAN.name), GuardianHealth)
         self._audit = LatestReceiver(address(links, streams.AUDIT_HEALTH.name), AuditHealth)
         self._sink = AuditSink(links, "link", host.setup.operator)
@@ -108,11 +98,6 @@ class ServedSession:
         """The session's."""
         return self._host.setup.session
 
-    @property
-    def snapshots(self) -> LatestReceiver[ControlSnapshot]:
-        """To be waited for."""
-        return self._snapshots
-
     def record(self, body: Body) -> None:
         """Into this host's trail."""
         self._sink.emit(body)
@@ -123,7 +108,7 @@ class ServedSession:
 
     def poll(self) -> None:
         """Take what the session's processes published."""
-        self.snapshot = self._snapshots.receive() or self.snapshot
+        self.snapshot = self.snapshots.receive() or self.snapshot
         self.guardian = self._guardian.receive() or self.guardian
         self.audit = self._audit.receive() or self.audit
         if self._started and not self.ended:
@@ -134,10 +119,6 @@ class ServedSession:
             if not self._lease:
                 self._lease = self.snapshot.lease
             self._acknowledge(self.snapshot)
-
-    def publish(self, health: LinkHealth) -> None:
-        """The link's quality, to control."""
-        self._health.send(health)
 
     def hand_report(self, report: TriggerReport, clock: ClockEstimate) -> None:
         """Perception's newest."""
@@ -193,7 +174,7 @@ class ServedSession:
 
     def close_links(self) -> None:
         """After the end."""
-        for link in (self._operator, self._reports, self._health, self._snapshots, self._guardian, self._audit):
+        for link in (self._operator, self._reports, self.health, self.snapshots, self._guardian, self._audit):
             link.close()
         self._sink.close(0.0)
 
@@ -264,7 +245,5 @@ def check_request(config: Config, request: SessionRequest) -> None:
     """Raises AppError: a name that is none, or joints that move somebody without an operator who has signed in."""
     if _NAME.fullmatch(request.session) is None:
         raise AppError(LinkFault.NAME_INVALID)
-    joints = config.joints
-    simulated = joints.kind == "simulated" or joints.interface in EMULATED_INTERFACES
-    if not (simulated or request.signed_in):
+    if not (config.joints.emulated or request.signed_in):
         raise AppError(LinkFault.SIGN_IN_NEEDED)

@@ -10,26 +10,27 @@ import signal
 import time
 from collections.abc import Callable
 from concurrent.futures import Executor, ThreadPoolExecutor
+from contextlib import closing
 
 import msgspec
 
-from app.audit.other_trail import PERIOD_NS, other_trail
 from app.ipc.messages import AuditHealth, LinkHealth
 from app.ipc.streams import LINK, NS_PER_MS, SNAPSHOT
 from app.link.beats import Beats, health_of
-from app.link.faults import LinkFault, LinkNotice
+from app.link.clock import localized
 from app.link.keys import peers_of
 from app.link.order import Flight
 from app.link.packets import PacketSeal, new_packet_key
 from app.link.pairing import PairingDesk
 from app.link.port import JointsPort
-from app.link.questions import PairBegin, PairConfirm, Who, check_version, encode, here, question_in
+from app.link.questions import Answer, PairBegin, Question, Who, check_version, encode, here, question_in
 from app.link.served import ServedSession
-from app.link.times import localized
 from app.link.wire import (
     VERSION,
     FromLaptop,
     Hello,
+    LinkFault,
+    LinkNotice,
     Packet,
     Refused,
     SessionRequest,
@@ -72,10 +73,6 @@ class Laptop:
         self.lacks_snapshot_ns = 0
         self.audit: AuditHealth | None = None  # of its trail
 
-    def reconnected(self, identity: bytes) -> None:
-        """Another connection of the same laptop: frames are counted anew, packets go on."""
-        self.identity, self.flight = identity, Flight()
-
 
 class JointsServer:
     """Owns the port and the session."""
@@ -93,8 +90,8 @@ class JointsServer:
         self._foreign = 0
         self._connections = 0
         self._must_end = False
-        self._health_ns = self._trail_ns = 0
-        self._wait_for_snapshots(None)
+        self._health_ns = 0
+        self._wait_for_snapshots()
 
     def end(self) -> None:
         """Bring the legs to rest and end."""
@@ -106,8 +103,10 @@ class JointsServer:
         while not self._done():
             self._port.wait(WAIT_MS)
             now_ns = time.monotonic_ns()
-            self._take_frames()
-            self._take_packets()
+            for identity, user, content in self._port.frames():
+                self._take_frame(identity, user, content)
+            for datagram, where in self._port.packets():
+                self._take_packet(datagram, where, time.monotonic_ns())
             self._foreign += self._port.foreign_peers()
             self._serve(now_ns)
 
@@ -137,15 +136,8 @@ class JointsServer:
             self._send_packet(session, laptop, now_ns)
         if now_ns - self._health_ns >= LINK.period_ns:
             self._health_ns = now_ns
-            session.publish(self._link_health(now_ns))
-        self._record_other_trail(session, now_ns)
-
-    def _record_other_trail(self, session: ServedSession, now_ns: int) -> None:
-        laptop = self._laptop
-        if laptop is None or laptop.audit is None or laptop.beats.clock is None or now_ns - self._trail_ns < PERIOD_NS:
-            return
-        self._trail_ns, clock = now_ns, laptop.beats.clock.at(now_ns)
-        record = other_trail(laptop.audit, clock.offset_ns, clock.uncertainty_ns)
+            session.health.send(self._link_health(now_ns))
+        record = None if laptop is None else laptop.beats.other_trail(laptop.audit, now_ns)
         if record is not None:
             session.record(record)
 
@@ -160,13 +152,9 @@ class JointsServer:
         session.close_links()
         self._session = self._laptop = None
         self._ended_ns = 0
-        self._wait_for_snapshots(None)
+        self._wait_for_snapshots()
 
     # --- frames ---------------------------------------------------------------------------------------------------
-
-    def _take_frames(self) -> None:
-        for identity, user, content in self._port.frames():
-            self._take_frame(identity, user, content)
 
     def _take_frame(self, identity: bytes, user: str, content: bytes) -> None:
         try:
@@ -212,13 +200,13 @@ class JointsServer:
         if laptop is not None and laptop.user != user:
             raise AppError(LinkFault.ANOTHER_LAPTOP, session=request.session)
         if laptop is not None:
-            laptop.reconnected(identity)
+            laptop.identity, laptop.flight = identity, Flight()  # frames are counted anew, packets go on
             return
         if session is None:
             if (self._home.logs / f"{request.session}.jsonl").exists():
                 raise AppError(LinkFault.SESSION_OVER, session=request.session)
             session = self._session = ServedSession.begun(self._home, self._config, request, self._workers)
-            self._wait_for_snapshots(session)
+            self._wait_for_snapshots()
         self._connections += 1
         self._laptop = Laptop(identity, user, self._connections)
         session.note(LinkNotice.LAPTOP_CAME, laptop=self._name_of(user))
@@ -262,10 +250,6 @@ class JointsServer:
 
     # --- packets --------------------------------------------------------------------------------------------------
 
-    def _take_packets(self) -> None:
-        for datagram, where in self._port.packets():
-            self._take_packet(datagram, where, time.monotonic_ns())
-
     def _take_packet(self, datagram: bytes, where: tuple[str, int], now_ns: int) -> None:
         laptop = self._laptop
         packet = laptop.seal.open(datagram) if laptop is not None else None
@@ -302,13 +286,14 @@ class JointsServer:
         packet = laptop.beats.next(now_ns, time.time_ns())
         self._port.send_packet(laptop.seal.seal(msgspec.structs.replace(packet, stops=session.stops)), laptop.where)
 
-    def _answer(self, question: Who | PairBegin | PairConfirm, where: tuple[str, int], now_ns: int) -> None:
+    def _answer(self, question: Question, where: tuple[str, int], now_ns: int) -> None:
         if isinstance(question, Who):
-            self._port.send_packet(encode(here(question, now_ns, time.monotonic_ns())), where)
+            answer: Answer = here(question, now_ns, time.monotonic_ns())
         elif isinstance(question, PairBegin):
-            self._port.send_packet(encode(self._desk.begin(question, time.time())), where)
+            answer = self._desk.begin(question, time.time())
         else:
-            self._port.send_packet(encode(self._desk.confirm(question, time.time())), where)
+            answer = self._desk.confirm(question, time.time())
+        self._port.send_packet(encode(answer), where)
 
     # --------------------------------------------------------------------------------------------------------------
 
@@ -321,8 +306,8 @@ class JointsServer:
     def _name_of(self, user: str) -> str:
         return next((peer.name for peer in peers_of(self._home) if peer.public == user), "?")
 
-    def _wait_for_snapshots(self, session: ServedSession | None) -> None:
-        session = session or self._session
+    def _wait_for_snapshots(self) -> None:
+        session = self._session
         self._port.wait_as_well_for(None if session is None else session.snapshots.socket)
 
 
@@ -330,17 +315,11 @@ def serve_joints(home: Home, config: Config, port: int, watch: Callable[[str], N
     """Serve until SIGTERM or Ctrl-C. Raises AppError."""
     if config.joints.host:
         raise AppError(LinkFault.HOST_HAS_HOST, host=config.joints.host)
-    workers = ThreadPoolExecutor(1)
-    workers.submit(
-        int
-    ).result()  # its thread is there before what follows, which the session's processes must not inherit
-    set_scheduling("link")
-    avoid_control_core(config.control_core)
-    server = JointsServer(home, config, port, workers)
-    for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
-        signal.signal(number, lambda *_: server.end())
-    try:
-        server.run(watch)
-    finally:
-        server.close()
-        workers.shutdown()
+    with ThreadPoolExecutor(1) as workers:
+        workers.submit(int).result()  # its thread is there before what the session's processes must not inherit
+        set_scheduling("link")
+        avoid_control_core(config.control_core)
+        with closing(JointsServer(home, config, port, workers)) as server:
+            for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
+                signal.signal(number, lambda *_: server.end())
+            server.run(watch)

@@ -1,4 +1,4 @@
-"""What crosses the link: frames over TCP (ZeroMQ, CURVE), and sealed packets over UDP, both on one port.
+"""What crosses the link, frames over TCP (ZeroMQ, CURVE) and sealed packets over UDP on one port; and its faults.
 
 Frames carry what must arrive, in order, once, and what only the newest is wanted of; packets carry STOP, heartbeats
 and the clocks' moments, every 20 ms, in each direction.
@@ -6,6 +6,7 @@ and the clocks' moments, every 20 ms, in each direction.
 
 from __future__ import annotations
 
+from enum import Enum, auto
 from importlib.metadata import version
 
 from msgspec import Struct
@@ -26,6 +27,45 @@ VERSION = 2  # of the messages here and of those that they carry; another one is
 PORT = 7447
 FRAMES_IN_FLIGHT = 6  # more would be a backlog after a cut: what is newer replaces what could not be sent
 COMMANDS_A_FRAME = 16
+
+
+class LinkFault(Enum):
+    """What the link refuses or misses."""
+
+    BAD_ADDRESS = auto()  # address
+    UNKNOWN_HOST = auto()  # host, detail
+    NOBODY_ANSWERS = auto()  # host, limit_s
+    NOT_PAIRED = auto()  # host
+    NOT_ADMITTED = auto()  # host
+    OLDER_HERE = auto()  # host, here, there
+    OLDER_THERE = auto()  # host, here, there
+    ANOTHER_LAPTOP = auto()  # session
+    SESSION_RUNS = auto()  # session
+    SESSION_OVER = auto()  # session
+    NAME_INVALID = auto()
+    SIGN_IN_NEEDED = auto()
+    NOT_STARTED = auto()  # detail
+    PORT_TAKEN = auto()  # port, detail
+    HOST_HAS_HOST = auto()  # host
+    CODE_WRONG = auto()  # left
+    CODE_USED_UP = auto()
+    CODE_MALFORMED = auto()
+    NO_CODE = auto()  # host
+    NO_SERVICE = auto()  # home
+    NO_SUCH_PEER = auto()  # name
+    KEYS_DAMAGED = auto()  # path
+
+
+class LinkNotice(Enum):
+    """What the link's process notes in the trail."""
+
+    LAPTOP_CAME = auto()  # laptop
+    LINK_RETURNED = auto()  # silent_s
+    COMMAND_STALE = auto()  # command, age_s
+    COMMANDS_LOST = auto()
+    PEER_REFUSED = auto()  # laptop, why
+    CLOCK_STEPPED = auto()  # step_s
+    OTHER_CLOCK_STEPPED = auto()  # step_s
 
 
 def program() -> str:

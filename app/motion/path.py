@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 
@@ -13,11 +14,19 @@ from hal.joints.body import ANKLE_REST_RAD, Body, trunk_lean
 from hal.joints.protocol import TICK_HZ
 from hal.joints.scene import LEVEL_FLOOR, Scene
 
+T = TypeVar("T")
+
 LEFT, RIGHT = 0, 1
+SOLE_SHARES = (0.0, 0.25, 0.5, 0.75, 1.0)  # points of a sole from heel to toe
 MID_SWING = (0.2, 0.8)  # shares of the travel forward between which a foot must keep its clearance
 COARSE = 10  # ticks between the samples on which a lift is sought
 LIFT_PRECISION_M = 0.001
 LIFT_ROUNDS = 8
+
+
+def by_side(side: int, own: T, other: T) -> tuple[T, T]:
+    """Left and right: `own` belongs to this side."""
+    return (own, other) if side == LEFT else (other, own)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -41,13 +50,12 @@ class Foot:
     ankle_m: Array  # (n, 2)
     pitch_rad: Array  # (n,), toe up; of the passive foot: flat, rolling, or square to the shank in the air
     share: Array  # (n,), of the weight on the feet
-    airborne: Mask  # (n,)
     mid_swing: Mask  # (n,)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Path:
-    """An movement sampled: (n,) times, (n, 2) hip, (n, 4) joints in the order of hal's Joint, (n,) lean."""
+    """A movement sampled: (n,) times, (n, 2) hip, (n, 4) joints in the order of hal's Joint, (n,) lean."""
 
     time_s: Array
     hip_m: Array
@@ -65,7 +73,7 @@ def ticks(duration_s: float, step: int = 1) -> Array:
 
 
 def sample(body: Body, movement: CartesianMotion, step: int = 1) -> Path:
-    """The path that an movement makes, every `step` ticks; joints are NaN where a leg does not reach."""
+    """The path that a movement makes, every `step` ticks; joints are NaN where a leg does not reach."""
     time = ticks(movement.duration_s, step)
     hip = np.stack([movement.hip_x_m(time), movement.hip_z_m(time)], axis=-1)
     ankles = [ankle_path(body, movement, side, time) for side in (LEFT, RIGHT)]
@@ -98,13 +106,7 @@ def path_of_joints(body: Body, time: Array, joints_rad: Array, lean_rad: Array) 
     hip = np.array([0.0, body.ankle_height_m]) - ankles[LEFT]
     still = np.zeros(len(time), dtype=bool)
     feet = [
-        Foot(
-            ankle_m=hip + ankle,
-            pitch_rad=np.zeros(len(time)),
-            share=np.full(len(time), 0.5),
-            airborne=still,
-            mid_swing=still,
-        )
+        Foot(ankle_m=hip + ankle, pitch_rad=np.zeros(len(time)), share=np.full(len(time), 0.5), mid_swing=still)
         for ankle in ankles
     ]
     return Path(
@@ -141,13 +143,7 @@ def lifted(body: Body, movement: CartesianMotion, clearance_m: float) -> Cartesi
 
 def reaching(body: Body, movement: CartesianMotion, longest_m: float) -> CartesianMotion:
     """The movement with the hip as much lower in between as the legs need to reach their feet."""
-    time = ticks(movement.duration_s, COARSE)
-    hip_x, hip_z = movement.hip_x_m(time), movement.hip_z_m(time)
-    lack = 0.0
-    for side in (LEFT, RIGHT):
-        foot = ankle_path(body, movement, side, time)
-        reach = np.sqrt(np.maximum(longest_m**2 - (foot[:, 0] - hip_x) ** 2, 0.0))
-        lack = max(lack, float((hip_z - foot[:, 1] - reach).max()))
+    lack = missing_reach(body, movement, longest_m, ticks(movement.duration_s, COARSE))
     if lack <= 0:
         return movement
     total = movement.duration_s
@@ -159,14 +155,29 @@ def reaching(body: Body, movement: CartesianMotion, longest_m: float) -> Cartesi
     return replace(movement, hip_z_m=lower)
 
 
+def missing_reach(body: Body, movement: CartesianMotion, longest_m: float, time: Array) -> float:
+    """By how much the hip is too high at most for legs of that length to reach their feet, metres; 0: they do."""
+    hip_x, hip_z = movement.hip_x_m(time), movement.hip_z_m(time)
+    lack = 0.0
+    for side in (LEFT, RIGHT):
+        foot = ankle_path(body, movement, side, time)
+        reach = np.sqrt(np.maximum(longest_m**2 - (foot[:, 0] - hip_x) ** 2, 0.0))
+        lack = max(lack, float((hip_z - foot[:, 1] - reach).max()))
+    return lack
+
+
 def clearances(body: Body, path: Path, side: int) -> Array:
     """Distance of one foot from everything below and around it, (n,) metres, negative inside."""
     foot = path.feet[side]
     heel, toe = kinematics.sole(body, foot.pitch_rad)
-    points = np.stack([foot.ankle_m + heel + share * (toe - heel) for share in (0.0, 0.25, 0.5, 0.75, 1.0)])
-    distance = points[..., 1] - path.scene.floor_m
-    for block in path.scene.blocks:
-        distance = np.minimum(distance, outside(points, block.from_x_m, block.to_x_m, block.top_m))
+    return distances(np.stack([foot.ankle_m + heel + share * (toe - heel) for share in SOLE_SHARES]), path.scene)
+
+
+def distances(points_m: Array, scene: Scene) -> Array:
+    """Least distance of points (k, n, 2) from everything in a scene, (n,) metres, negative inside."""
+    distance = points_m[..., 1] - scene.floor_m
+    for block in scene.blocks:
+        distance = np.minimum(distance, _outside(points_m, block.from_x_m, block.to_x_m, block.top_m))
     nearest: Array = distance.min(axis=0)
     return nearest
 
@@ -191,7 +202,6 @@ def ankle_path(body: Body, movement: CartesianMotion, side: int, time: Array) ->
 
 
 def _foot(swings: tuple[Swing, ...], time: Array, ankle: Array, shank: Array, share: Array) -> Foot:
-    airborne = np.zeros(len(time), dtype=bool)
     mid = np.zeros(len(time), dtype=bool)
     pitch = np.zeros(len(time))
     for swing in swings:
@@ -199,12 +209,11 @@ def _foot(swings: tuple[Swing, ...], time: Array, ankle: Array, shank: Array, sh
         gone = progress(swing, time)
         rolled = np.where(time <= swing.off_s, -heel_rise(swing, time), landing_pitch(swing, time))
         pitch += np.where(in_air, shank + ANKLE_REST_RAD, rolled)
-        airborne |= in_air
         mid |= in_air & (gone > MID_SWING[0]) & (gone < MID_SWING[1])
-    return Foot(ankle_m=ankle, pitch_rad=pitch, share=share, airborne=airborne, mid_swing=mid)
+    return Foot(ankle_m=ankle, pitch_rad=pitch, share=share, mid_swing=mid)
 
 
-def outside(points: Array, from_x: float, to_x: float, top: float) -> Array:
+def _outside(points: Array, from_x: float, to_x: float, top: float) -> Array:
     """Signed distance of points (..., 2) from a block that stands on the floor."""
     across = np.maximum(from_x - points[..., 0], points[..., 0] - to_x)
     above = points[..., 1] - top

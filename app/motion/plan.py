@@ -12,17 +12,16 @@ from math import radians
 
 import numpy as np
 from msgspec import Struct
-from numpy.typing import NDArray
 
 from app.ipc.messages import Quad
 from app.ipc.states import Action, GaitState
+from app.motion.kinematics import Array
 from hal.joints.body import Body, average_body
 from hal.joints.device import Exoskeleton
-from hal.joints.protocol import TICK_HZ
+from hal.joints.protocol import TICK_HZ, JointArray
 from logs.reason import Reason
 from profiles.schema import GaitParameters, Profile
 
-Array = NDArray[np.float64]
 ROW_BYTES = 4 * 8  # four joints, float64
 
 
@@ -125,8 +124,6 @@ PLAN_RANGE_MARGIN_RAD = radians(1.0)  # the plan keeps this far inside the range
 PLAN_SPEED_SHARE = 0.8  # of the device's joint speed that a plan may use
 PLAN_TORQUE_SHARE = 0.9  # of the device's joint torque that the estimate may reach
 
-FourJoints = NDArray[np.float64]  # (4,), in the order of hal.joints.protocol.Joint
-
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Patient:
@@ -137,10 +134,10 @@ class Patient:
     body: Body
     gait: GaitParameters
     device_kg: float
-    low_rad: FourJoints
-    high_rad: FourJoints
-    speed_rad_s: FourJoints  # what a plan may use
-    torque_nm: FourJoints  # what a plan's estimate may reach
+    low_rad: JointArray
+    high_rad: JointArray
+    speed_rad_s: JointArray  # what a plan may use
+    torque_nm: JointArray  # what a plan's estimate may reach
     hip_max_rad: float | None = None  # the patient's own ranges, where narrower than the device's
     knee_max_rad: float | None = None
 
@@ -148,11 +145,7 @@ class Patient:
 def body_of(profile: Profile) -> Body:
     """The wearer's body; measured lengths win over those estimated from stature."""
     body = average_body(profile.stature_m, profile.mass_kg, profile.gait.body_weight_support)
-    return replace(
-        body,
-        thigh_m=profile.thigh_length_m or body.thigh_m,
-        shank_m=profile.shank_length_m or body.shank_m,
-    )
+    return replace(body, thigh_m=profile.thigh_length_m or body.thigh_m, shank_m=profile.shank_length_m or body.shank_m)
 
 
 def patient_of(profile: Profile, device: Exoskeleton) -> Patient:

@@ -58,29 +58,26 @@ class PreflightFault(Enum):
 
 def preflight_key(patient: Patient, device: Exoskeleton, action: Action) -> str:
     """Hexadecimal name of everything that a rehearsal depends on."""
-    body = {name: getattr(patient.body, name) for name in patient.body.__dataclass_fields__}
     ranges = (patient.hip_max_rad, patient.knee_max_rad)
-    content = msgspec.json.encode((version("rleex"), action, body, patient.gait, ranges, device), order="sorted")
-    return hashlib.sha256(content).hexdigest()
+    content = (version("rleex"), action, patient.body, patient.gait, ranges, device)
+    return hashlib.sha256(msgspec.json.encode(content, order="sorted")).hexdigest()
 
 
 def preflight_passed(home: Home, patient: Patient, device: Exoskeleton, action: Action) -> PreflightResult:
     """What is on record for an action with exactly these parameters."""
-    record = _record(home, patient, device, action)
+    return PreflightResult(action=action, reason=_why_not(_record(home, patient, device, action), action))
+
+
+def _why_not(record: Path, action: Action) -> Reason | None:
     try:
         verdict = read_json(record, RehearsalVerdict)
     except FileNotFoundError:
-        return PreflightResult(action=action, reason=reason(PreflightFault.MISSING, action=action))
+        return reason(PreflightFault.MISSING, action=action)
     except OSError as error:
-        return PreflightResult(
-            action=action, reason=reason(PreflightFault.UNREADABLE, action=action, detail=cause_of(error))
-        )
+        return reason(PreflightFault.UNREADABLE, action=action, detail=cause_of(error))
     if verdict.action is not action:
-        return PreflightResult(action=action, reason=reason(PreflightFault.OTHER_ACTION, action=action))
-    if not verdict.passed:
-        why = reason(PreflightFault.FAILED, action=action, reasons=verdict.reasons)
-        return PreflightResult(action=action, reason=why)
-    return PreflightResult(action=action)
+        return reason(PreflightFault.OTHER_ACTION, action=action)
+    return None if verdict.passed else reason(PreflightFault.FAILED, action=action, reasons=verdict.reasons)
 
 
 def cleared_actions(home: Home, patient: Patient, device: Exoskeleton) -> frozenset[Action]:

@@ -5,17 +5,16 @@ Pure but for MuJoCo's stepping: no clock, no files. Pre-flight, `rleex simulate`
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from math import pi
 
 import numpy as np
 from msgspec import structs
-from numpy.typing import NDArray
 
 from app.ipc.states import Action, GaitState
 from app.motion import follower
 from app.motion.follower import Gains, Mode, Motion, gains_of
+from app.motion.kinematics import Array
 from app.motion.plan import Patient, Phase, Plan, PlanFault, PlanRequest, quad
 from app.motion.rehearsal_checks import (
     RehearsalFault,
@@ -59,22 +58,19 @@ class Rehearsal:
     """Everything that happened; ticks (n, 4), truths every TRUTH_TICKS of them."""
 
     verdict: RehearsalVerdict
-    target_rad: NDArray[np.float64]
-    angle_rad: NDArray[np.float64]
-    speed_rad_s: NDArray[np.float64]
-    torque_nm: NDArray[np.float64]
+    target_rad: Array
+    angle_rad: Array
+    speed_rad_s: Array
+    torque_nm: Array
     truths: tuple[GroundTruth, ...]
     scene: Scene
     starts: tuple[int, ...]  # ticks at which a plan began
 
 
-def rehearse(
-    patient: Patient, device: Exoskeleton, action: Action, watch: Callable[[], None] = lambda: None
-) -> Rehearsal:
-    """Carry out one action (walking: seven steps) in simulation from its state's pose; `watch` is called as it goes."""
+def rehearse(patient: Patient, device: Exoskeleton, action: Action) -> Rehearsal:
+    """Carry out one action (walking: seven steps) in simulation from its state's pose."""
     running = RehearsalRun(patient, device, action)
-    refusal = running.run(watch)
-    return running.evaluated(refusal)
+    return running.evaluated(running.run())
 
 
 class RehearsalRun:
@@ -91,24 +87,22 @@ class RehearsalRun:
         self.motion = Motion()
         self.previous: JointCommand | None = None
         self.now_ns = TICK_NS
-        self.rows: list[tuple[NDArray[np.float64], ...]] = []
+        self.rows: list[tuple[Array, ...]] = []
         self.truths: list[GroundTruth] = []
         self.starts: list[int] = []
         self.moving = np.zeros(0, dtype=bool)
         self.moving_ticks = 0
-        self.final_rad: NDArray[np.float64] | None = None
+        self.final_rad: Array | None = None
         self.advance_m = 0.0
 
-    def run(self, watch: Callable[[], None]) -> Reason | None:
+    def run(self) -> Reason | None:
         """Why it could not be carried out; None: it was."""
         if refused := self.prepare():
             return refused
-        watch()
         for number, (part, phase) in enumerate(SEQUENCES.get(self.action, ((self.action, P.WHOLE),))):
             made = self.plan_next(number, part, phase)
             if refused := made.check.reason or self.follow(made):
                 return refused
-            watch()
         self.motion = follower.hold(self.motion)
         return next(filter(None, (self.tick() for _ in range(SETTLE_TICKS))), None)
 
@@ -124,7 +118,7 @@ class RehearsalRun:
         self.joints.enable(self.now_ns)
         return self._stiffen()
 
-    def start_pose(self) -> NDArray[np.float64]:
+    def start_pose(self) -> Array:
         """Where the action starts, (4,) radians; not finite where the chair does not fit."""
         return CROUCH_RAD if self.action is A.INITIALISE else nominal_pose(self.state, self.patient)
 
@@ -193,12 +187,27 @@ class RehearsalRun:
 
     def evaluated(self, refusal: Reason | None) -> Rehearsal:
         """Figures and verdict."""
-        if not self.rows or not self.starts:
-            self.rows = self.rows or [(np.zeros(4),) * 4]
+        rows = self.rows or [(np.zeros(4),) * 4]
+        target, angle, speed, torque = (np.array(column) for column in zip(*rows, strict=True))
+        return Rehearsal(
+            verdict=self._verdict(refusal, target, angle, speed, torque),
+            target_rad=target,
+            angle_rad=angle,
+            speed_rad_s=speed,
+            torque_nm=torque,
+            truths=tuple(self.truths),
+            scene=self.scene,
+            starts=tuple(self.starts),
+        )
+
+    def _verdict(
+        self, refusal: Reason | None, target: Array, angle: Array, speed: Array, torque: Array
+    ) -> RehearsalVerdict:
+        if not self.starts:
             assert refusal is not None
-            return self._as(RehearsalVerdict(action=self.action, passed=False, reasons=(refusal,)))
-        target, angle, speed, torque = (np.array(column) for column in zip(*self.rows, strict=True))
-        first = self.starts[0]
+            return RehearsalVerdict(action=self.action, passed=False, reasons=(refusal,))
+        first, body = self.starts[0], self.patient.body
+        truths = self.truths[first // TRUTH_TICKS :] or self.truths[-1:]  # from the first plan on
         span = slice(first, first + self.moving_ticks)
         error = angle[span] - target[span]
         verdict = RehearsalVerdict(
@@ -211,39 +220,20 @@ class RehearsalRun:
             peak_speed_deg_s=quad(np.degrees(np.abs(speed[first:]).max(axis=0))),
             speed_limit_deg_s=quad(np.array([joint.max_speed_deg_s for joint in self.device.joints])),
             tracking_rms_deg=quad(np.degrees(np.sqrt((error**2).mean(axis=0)))),
-            clearance_m=least_clearance(self.patient.body, self._moving_truths(), self.scene),
-            slide_m=most_slide(self.patient.body, self._moving_truths()),
-            penetration_m=max(truth.deepest_m for truth in self._moving_truths()),
-            contact_peak_n=max(float(truth.contact_n.max()) for truth in self._moving_truths()),
-            stride_m=stride_m(self._moving_truths()) if self.action in SEQUENCES else self.advance_m,
+            clearance_m=least_clearance(body, truths, self.scene),
+            slide_m=most_slide(body, truths),
+            penetration_m=max(truth.deepest_m for truth in truths),
+            contact_peak_n=max(float(truth.contact_n.max()) for truth in truths),
+            stride_m=stride_m(truths) if self.action in SEQUENCES else self.advance_m,
             energy_j=float(np.clip(torque[span] * speed[span], 0, None).sum() / TICK_HZ),
             temperature_c=float(self.joints.read(self.now_ns).temperature_c.max()),
-            balance_peak_nm=max(abs(truth.balance_nm) for truth in self._moving_truths()),
-            hold_peak_n=max(abs(truth.hold_n) for truth in self._moving_truths()),
+            balance_peak_nm=max(abs(truth.balance_nm) for truth in truths),
+            hold_peak_n=max(abs(truth.hold_n) for truth in truths),
         )
-        reasons = (refusal,) if refusal else tuple(faults_of(verdict, self._end_error_rad(), struck=self._struck()))
-        return self._as(structs.replace(verdict, passed=not reasons, reasons=reasons))
-
-    def _moving_truths(self) -> list[GroundTruth]:
-        """Truths from the first plan on."""
-        return self.truths[self.starts[0] // TRUTH_TICKS :] or self.truths[-1:]
-
-    def _struck(self) -> bool:
-        return any(truth.struck for truth in self._moving_truths())
+        struck = any(truth.struck for truth in truths)
+        reasons = (refusal,) if refusal else tuple(faults_of(verdict, self._end_error_rad(), struck=struck))
+        return structs.replace(verdict, passed=not reasons, reasons=reasons)
 
     def _end_error_rad(self) -> float:
         """How far the farthest joint is from where the last plan ends."""
         return pi if self.final_rad is None else float(np.abs(self.joints.wearer.joints_rad - self.final_rad).max())
-
-    def _as(self, verdict: RehearsalVerdict) -> Rehearsal:
-        target, angle, speed, torque = (np.array(column) for column in zip(*self.rows, strict=True))
-        return Rehearsal(
-            verdict=verdict,
-            target_rad=target,
-            angle_rad=angle,
-            speed_rad_s=speed,
-            torque_nm=torque,
-            truths=tuple(self.truths),
-            scene=self.scene,
-            starts=tuple(self.starts),
-        )

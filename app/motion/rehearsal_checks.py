@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from app.ipc.messages import Quad
 from app.ipc.states import Action
 from app.motion import kinematics
-from app.motion.path import MID_SWING, outside
-from app.motion.plan import Array
+from app.motion.kinematics import Array
+from app.motion.path import MID_SWING, SOLE_SHARES, distances
 from app.motion.plan_check import LEAST_CLEARANCE_M
 from hal.joints.body import Body
 from hal.joints.scene import Scene
@@ -112,11 +112,7 @@ def least_clearance(body: Body, truths: list[GroundTruth], scene: Scene) -> floa
     least = None
     for side in (0, 1):
         heel, toe = _sole(body, truths, side)
-        points = np.stack([heel + share * (toe - heel) for share in (0.0, 0.25, 0.5, 0.75, 1.0)]) - origin
-        gap = points[..., 1] - scene.floor_m
-        for block in scene.blocks:
-            gap = np.minimum(gap, outside(points, block.from_x_m, block.to_x_m, block.top_m))
-        gap = gap.min(axis=0)
+        gap = distances(np.stack([heel + share * (toe - heel) for share in SOLE_SHARES]) - origin, scene)
         for first, last in _runs(np.array([truth.contact_n[side] for truth in truths]) < AIRBORNE_N):
             travel = ankles[first : last + 1, side, 0]
             if abs(travel[-1] - travel[0]) < LEAST_SWING_M:

@@ -9,7 +9,7 @@ import numpy as np
 
 from app.motion import kinematics
 from app.motion.kinematics import Array, Swing, SwingShape, cruise, smoothstep
-from app.motion.path import LEFT, RIGHT, CartesianMotion, Path, lifted, path_of_joints, sample, ticks
+from app.motion.path import LEFT, RIGHT, CartesianMotion, Path, by_side, lifted, path_of_joints, sample, ticks
 from app.motion.plan import Patient, PlanFault
 from app.motion.walking import SOFT_KNEE_RAD, standing_hip_m, standing_segments
 from app.system.errors import AppError
@@ -161,14 +161,12 @@ def _bring_feet_together(patient: Patient, start_rad: Array, duration: float) ->
         even = 0.5 * smoothstep(time, swing.land_s, duration)
         return 1 - even if stay == RIGHT else even
 
-    feet = {stay: (0.0, 0.0), 1 - stay: swing.start_m}
-    swings: dict[int, tuple[Swing, ...]] = {stay: (), 1 - stay: (swing,)}
     return CartesianMotion(
         duration_s=duration,
         hip_x_m=lambda time: hip_x * (1 - smoothstep(time, 0.0, duration)),
         hip_z_m=lambda time: low + (stand - low) * smoothstep(time, 0.0, duration),
-        feet_m=(feet[LEFT], feet[RIGHT]),
-        swings=(swings[LEFT], swings[RIGHT]),
+        feet_m=by_side(stay, (0.0, 0.0), swing.start_m),
+        swings=by_side(stay, (), (swing,)),
         right_share=right_share,
         scene=Scene(floor_m=min(0.0, swing.start_m[1])),
     )

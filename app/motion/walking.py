@@ -21,7 +21,7 @@ from app.motion.kinematics import (
     ramp,
     smoothstep,
 )
-from app.motion.path import LEFT, RIGHT, CartesianMotion, ankle_path, lifted
+from app.motion.path import LEFT, CartesianMotion, by_side, lifted, missing_reach
 from app.motion.plan import Patient
 from hal.joints.body import Body
 
@@ -79,15 +79,12 @@ def step_movement(patient: Patient, step: SingleStep, step_time_s: float) -> Car
         lifted = 0.5 * (smoothstep(time, 0.0, off) - smoothstep(time, land, step_time_s))
         return 0.5 + lifted if step.swing_side == LEFT else 0.5 - lifted
 
-    other = 1 - step.swing_side
-    feet = {step.swing_side: (step.swing_from_m, 0.0), other: (step.stand_at_m, 0.0)}
-    swings: dict[int, tuple[Swing, ...]] = {step.swing_side: (swing,), other: ()}
     return CartesianMotion(
         duration_s=step_time_s,
         hip_x_m=lambda time: step.hip_to_m * smoothstep(time, 0.0, step_time_s),
         hip_z_m=lambda time: _step_height(patient.body, step, time, step_time_s),
-        feet_m=(feet[LEFT], feet[RIGHT]),
-        swings=(swings[LEFT], swings[RIGHT]),
+        feet_m=by_side(step.swing_side, (step.swing_from_m, 0.0), (step.stand_at_m, 0.0)),
+        swings=by_side(step.swing_side, (swing,), ()),
         right_share=right_share,
     )
 
@@ -171,14 +168,12 @@ def walk_on(patient: Patient, side: int, step_time_s: float, sink_m: float | Non
 
     rear_swing = _walk_swing(step_time_s, 0.0, (front - length, front + length))
     just_landed = _landed_swing(step_time_s, (front - 2 * length, front))
-    swings = {side: (rear_swing,), 1 - side: (just_landed,)}
-    feet = {side: (front - length, 0.0), 1 - side: (front - 2 * length, 0.0)}
     return CartesianMotion(
         duration_s=step_time_s,
         hip_x_m=lambda time: length / step_time_s * time,
         hip_z_m=lambda time: _walking_height(patient, time / step_time_s, sink),
-        feet_m=(feet[LEFT], feet[RIGHT]),
-        swings=(swings[LEFT], swings[RIGHT]),
+        feet_m=by_side(side, (front - length, 0.0), (front - 2 * length, 0.0)),
+        swings=by_side(side, (rear_swing,), (just_landed,)),
         right_share=share,
     )
 
@@ -202,14 +197,13 @@ def walk_close(patient: Patient, side: int, step_time_s: float) -> CartesianMoti
         return over if side == LEFT else 1 - over
 
     rear_swing = _walk_swing(step_time_s, 0.0, (front - length, front), shape=CLOSING)
-    swings = {side: (rear_swing,), 1 - side: (_landed_swing(step_time_s, (front - 2 * length, front)),)}
-    feet = {side: (front - length, 0.0), 1 - side: (front - 2 * length, 0.0)}
+    just_landed = _landed_swing(step_time_s, (front - 2 * length, front))
     return CartesianMotion(
         duration_s=duration,
         hip_x_m=hip_x,
         hip_z_m=hip_z,
-        feet_m=(feet[LEFT], feet[RIGHT]),
-        swings=(swings[LEFT], swings[RIGHT]),
+        feet_m=by_side(side, (front - length, 0.0), (front - 2 * length, 0.0)),
+        swings=by_side(side, (rear_swing,), (just_landed,)),
         right_share=share,
     )
 
@@ -249,16 +243,9 @@ def _walking_height(patient: Patient, steps: Array, sink_m: float) -> Array:
 @lru_cache(maxsize=64)
 def _walking_sink(patient: Patient) -> float:
     """How much lower than vaulting the hip must go so that every leg reaches, metres."""
-    length = patient.gait.step_length_m
-    steps = np.linspace(0.0, 1.0, 101)
     vaulting = lifted(patient.body, walk_on(patient, LEFT, 1.0, sink_m=0.0), patient.gait.swing_clearance_m)
-    longest = leg_length(patient.body, LONGEST_KNEE_RAD)
-    lack = 0.0
-    for side in (LEFT, RIGHT):
-        foot = ankle_path(patient.body, vaulting, side, steps)
-        reach = np.sqrt(np.maximum(longest**2 - (foot[:, 0] - length * steps) ** 2, 0.0))
-        lack = max(lack, float((vaulting.hip_z_m(steps) - foot[:, 1] - reach).max()))
-    return lack
+    longest_m = leg_length(patient.body, LONGEST_KNEE_RAD)
+    return missing_reach(patient.body, vaulting, longest_m, np.linspace(0.0, 1.0, 101))
 
 
 def _vault(body: Body, along_m: Array) -> Array:

@@ -8,7 +8,7 @@ from __future__ import annotations
 import os
 import re
 import time
-from contextlib import suppress
+from contextlib import closing, suppress
 from dataclasses import dataclass
 from enum import Enum, auto
 from multiprocessing import get_context
@@ -204,17 +204,16 @@ class _Look:
 
     def run(self) -> None:
         """Until the pipe breaks."""
-        try:
-            while self._handle_commands():
+        with closing(self._camera):
+            while True:
+                self._handle_commands()
                 frame = self._camera.read(time.monotonic(), FRAME_TIMEOUT_S)
                 if frame is not None:
                     self._take(frame)
                 elif self._camera.fault:
                     time.sleep(FRAME_TIMEOUT_S)
-        finally:
-            self._camera.close()
 
-    def _handle_commands(self) -> bool:
+    def _handle_commands(self) -> None:
         from app.perception.camera import move_hand
         from hal.cameras.camera import CommandedHand
 
@@ -228,7 +227,6 @@ class _Look:
                 first = not self._next_push_s
                 self._next_push_s = (now_s // PUSH_EVERY_S + 1) * PUSH_EVERY_S
                 camera.command(gesture="5" if first else None, click_s=None if first else PUSH_S)
-        return True
 
     def _take(self, frame: Frame) -> None:
         from app.perception.pipeline import make_pipeline

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import threading
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Generic, TypeVar
+from typing import TYPE_CHECKING
 
 from app.perception.camera import PerceptionNote
 from app.perception.reporting import MeasuredRate, Scale
@@ -201,18 +201,15 @@ def camera_records(
     )
 
 
-T = TypeVar("T")
-
-
-class Loading(Generic[T]):
-    """Something built in a thread from `begin` on. Its error, if any, is raised by `ready`.
+class Loading:
+    """The detector, built in a thread from `begin` on. Its error, if any, is raised by `ready`.
 
     Loading delays the first frame by half a second even beside it (one interpreter), so it begins after that frame.
     """
 
-    def __init__(self, build: Callable[[], T]) -> None:
+    def __init__(self, build: Callable[[], HandDetector]) -> None:
         self._build = build
-        self._value: T | None = None
+        self._value: HandDetector | None = None
         self._error: Exception | None = None
         self._thread: threading.Thread | None = None
 
@@ -222,8 +219,8 @@ class Loading(Generic[T]):
             self._thread = threading.Thread(target=self._run, name="detector-loader", daemon=True)
             self._thread.start()
 
-    def ready(self) -> T | None:
-        """The built thing, or None while it is being built. Raises what building raised."""
+    def ready(self) -> HandDetector | None:
+        """The detector, or None while it is being built. Raises what building raised."""
         if self._error is not None:
             raise self._error
         return self._value

@@ -10,11 +10,12 @@ import os
 import signal
 import time
 from collections import deque
+from contextlib import closing
 
 from app.audit.sink import AuditSink
 from app.ipc import streams as processes
 from app.ipc.links import OrderedReceiver, Publisher, address
-from app.ipc.messages import HandCommand, PerceptionCommand
+from app.ipc.messages import HandCommand, PerceptionCommand, TriggerReport
 from app.ipc.states import Event
 from app.perception import pipeline as assembly
 from app.perception.camera import CameraSupervisor, ImageCheck, PerceptionNote, move_hand
@@ -23,13 +24,12 @@ from app.perception.pictures import PictureRecorder
 from app.perception.pipeline import Loading
 from app.perception.reporting import (
     FPS_WINDOW,
-    Context,
     MeasuredRate,
     PreviewPacer,
     Scale,
     frames_per_second,
     hand_frame,
-    to_message,
+    with_report,
 )
 from app.recording.schemas import HAND_TOPICS
 from app.recording.sink import RecordingSink
@@ -53,12 +53,9 @@ def run_perception(setup: SessionSetup) -> None:
     # Both before any thread starts: they inherit it.
     set_scheduling("perception")
     avoid_control_core(setup.config.control_core)
-    perception = Perception(setup)
-    signal.signal(signal.SIGTERM, lambda *_: perception.end())
-    try:
+    with closing(Perception(setup)) as perception:
+        signal.signal(signal.SIGTERM, lambda *_: perception.end())
         perception.run()
-    finally:
-        perception.close()
 
 
 class Perception:
@@ -201,10 +198,13 @@ class Perception:
 
     def _send_report(self, report: Report | None, captured_ns: int) -> None:
         self._sequence += 1
-        context = Context(
+        without_hand = TriggerReport(
             incarnation=self._incarnation,
             sequence=self._sequence,
+            captured_ns=captured_ns,
             sent_ns=time.monotonic_ns(),
+            hand=False,
+            gesture=None,
             camera=self._camera.camera.name,
             threshold_m=self._setup.profile.press_threshold_m,
             fps=frames_per_second(list(self._captures)),
@@ -215,7 +215,7 @@ class Perception:
             focal_assumed=self._scale is not None and assembly.rests_on_assumption(self._scale),
             press_zone=self._zone,
         )
-        message = to_message(report, context, captured_ns)
+        message = with_report(without_hand, report)
         self._reports.send(message)
         if self._recording is not None:
             self._recording.send(hand_frame(message, report, self._recording.lost))

@@ -16,36 +16,15 @@ from app.ipc.recording import HandFrame
 from kgdfa.button import ButtonState
 from kgdfa.gesture import Decision, Gesture
 from kgdfa.pipeline import Report
-from kgdfa.press_zone import PressZone
-from logs.reason import Reason, reason, reason_of
+from logs.reason import reason, reason_of
 from logs.records import Body, Cancel, GestureOnset, Hint, Press, Release
 
 FPS_WINDOW = 30  # frames
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Context:
-    """What the message carries beside the hand."""
-
-    incarnation: int
-    sequence: int
-    sent_ns: int
-    camera: str
-    threshold_m: float
-    fps: float
-    camera_fault: Reason | None = None
-    hint: Reason | None = None
-    detector_ready: bool = True
-    pictures_recorded: bool = False
-    focal_assumed: bool = False
-    press_zone: PressZone | None = None
-
-
-def to_message(report: Report | None, context: Context, captured_ns: int) -> TriggerReport:
-    """The trigger report of one frame; without a pipeline report, "no hand" with the reason why."""
-    if report is None:
-        return _without_hand(context, captured_ns)
-    return _with_button(_with_hand(_without_hand(context, report.captured_ns), report), report)
+def with_report(message: TriggerReport, report: Report | None) -> TriggerReport:
+    """The message of one frame; without a pipeline report it stays "no hand" with the reason why."""
+    return message if report is None else _with_button(_with_hand(message, report), report)
 
 
 def hand_frame(message: TriggerReport, report: Report | None, lost: int) -> HandFrame:
@@ -61,30 +40,11 @@ def hand_frame(message: TriggerReport, report: Report | None, lost: int) -> Hand
     )
 
 
-def _without_hand(context: Context, captured_ns: int) -> TriggerReport:
-    return TriggerReport(
-        incarnation=context.incarnation,
-        sequence=context.sequence,
-        captured_ns=captured_ns,
-        sent_ns=context.sent_ns,
-        hand=False,
-        gesture=None,
-        threshold_m=context.threshold_m,
-        fps=context.fps,
-        camera=context.camera,
-        camera_fault=context.camera_fault,
-        hint=context.hint,
-        detector_ready=context.detector_ready,
-        pictures_recorded=context.pictures_recorded,
-        focal_assumed=context.focal_assumed,
-        press_zone=context.press_zone,
-    )
-
-
 def _with_hand(message: TriggerReport, report: Report) -> TriggerReport:
     verdict, distance, depth = report.verdict, report.distance, report.depth_distance
     return msgspec.structs.replace(
         message,
+        captured_ns=report.captured_ns,
         hand=report.hand is not None,
         hand_refusal=reason_of(report.refusal) if report.refusal else None,
         gesture=report.gesture,
@@ -258,9 +218,7 @@ class PreviewPacer:
         self._next_ns = max(self._next_ns + period_ns, now_ns + period_ns // 2)
         return True
 
-    def message(
-        self, image_bgr: Image, captured_ns: int, draw: Callable[[Image, float], None] | None = None
-    ) -> Preview:
+    def message(self, image_bgr: Image, captured_ns: int, draw: Draw | None = None) -> Preview:
         """The image as it goes to the console; draw: draws onto it, given its scale.
 
         It is sampled at twice the preview's width, drawn on, and averaged, which keeps lines fine. To draw at the

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from app.ipc.states import ACTION_OF
-from app.motion.stance import LEFT, RIGHT, Point, sole_point, surface_m
+from app.motion.wearer import LEFT, RIGHT, Point, sole_point, surface_m
 from app.playback import pen
 from app.playback.moment import Moment, Points
 from app.playback.pen import Box, Image

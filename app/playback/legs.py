@@ -6,8 +6,7 @@ from math import isfinite
 
 from app.ipc.messages import ControlSnapshot, Quad
 from app.ipc.states import ACTION_OF, Action, GaitState
-from app.motion.stance import Pose
-from app.motion.wearer import Footing, Wearer
+from app.motion.wearer import Footing, Pose, Wearer
 from app.playback.moment import Moment, snapshot_at
 from app.playback.session import Playback, moment_ns
 from logs.records import Command

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from app.ipc.messages import TriggerReport
-from app.motion.stance import Pose
+from app.motion.wearer import Pose
 from app.playback.moment import Moment
 from app.recording.index import JointSamples
 from hal.joints.body import Body

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+from contextlib import closing
 from enum import Enum
 from pathlib import Path
 
@@ -34,44 +35,24 @@ def log_path(home: Home, session: str) -> Path:
 def run_bus_log(setup: SessionSetup) -> None:
     """Record until asked to end or orphaned. A bus that can't be opened is noted in the audit trail."""
     sink = AuditSink(setup.links, "bus log", setup.operator)
-    ending = _Ending(setup.host_pid)
-    signal.signal(signal.SIGTERM, ending.ask)
+    asked: list[int] = []  # signals to end that came
+    signal.signal(signal.SIGTERM, lambda number, _: asked.append(number))
     signal.signal(signal.SIGHUP, signal.SIG_IGN)
     set_scheduling("bus log")
     sink.emit(ProcessStart(pid=os.getpid()))
     try:
-        _record(setup, ending)
+        _record(setup, asked)
     except HardwareError as error:
         sink.emit(Note(text=reason(BusLogNotice.NOT_RECORDED, cause=reason_of(error))))
-    sink.emit(
-        ProcessEnd(
-            pid=os.getpid(), reason=reason(BusLogNotice.ASKED_TO_END if ending.asked else BusLogNotice.CONSOLE_GONE)
-        )
-    )
+    cause = BusLogNotice.ASKED_TO_END if asked else BusLogNotice.CONSOLE_GONE
+    sink.emit(ProcessEnd(pid=os.getpid(), reason=reason(cause)))
     sink.close()
 
 
-def _record(setup: SessionSetup, ending: _Ending) -> None:
+def _record(setup: SessionSetup, asked: list[int]) -> None:
     chosen, home = setup.config.joints, Home(setup.home)
     device = load_device(chosen)
     home.logs.mkdir(parents=True, exist_ok=True, mode=0o700)
-    recorder = BusRecorder(with_bus(device, chosen.interface, chosen.channel), log_path(home, setup.session))
-    try:
-        recorder.run(ending)
-    finally:
-        recorder.close()
-
-
-class _Ending:
-    """Whether to end: asked to, or orphaned."""
-
-    def __init__(self, host_pid: int) -> None:
-        self._host_pid = host_pid
-        self.asked = False
-
-    def ask(self, _number: int, _frame: object) -> None:
-        """The signal's handler."""
-        self.asked = True
-
-    def __call__(self) -> bool:
-        return self.asked or os.getppid() != self._host_pid
+    buses = with_bus(device, chosen.interface, chosen.channel)
+    with closing(BusRecorder(buses, log_path(home, setup.session))) as recorder:
+        recorder.run(lambda: bool(asked) or os.getppid() != setup.host_pid)

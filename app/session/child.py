@@ -9,9 +9,8 @@ from __future__ import annotations
 
 import os
 import signal
-from collections.abc import Callable
 from dataclasses import dataclass
-from importlib import import_module
+from pkgutil import resolve_name
 
 from app.ipc.links import end_links
 from app.system.config import SessionSetup
@@ -31,7 +30,6 @@ ENTRY_POINTS = {
     "perception": "app.perception.process:run_perception",
 }
 
-
 _log = get_logger("process")
 
 
@@ -45,7 +43,7 @@ def run_process(name: str, setup: SessionSetup) -> None:
     _redirect_output(home, f"{setup.session}-{name}")
     _log.info("process started")
     try:
-        _entry_point(ENTRY_POINTS[name])(setup)
+        resolve_name(ENTRY_POINTS[name])(setup)
         end_links()
     except Exception:  # noqa: BLE001 - the last line of a process; its traceback goes to the log
         _log.exception("process ended by an exception")
@@ -53,12 +51,6 @@ def run_process(name: str, setup: SessionSetup) -> None:
         os._exit(1)
     _log.info("process ended")
     stop_log()
-
-
-def _entry_point(path: str) -> Callable[[SessionSetup], None]:
-    module, function = path.split(":")
-    entry: Callable[[SessionSetup], None] = getattr(import_module(module), function)
-    return entry
 
 
 def _redirect_output(home: Home, name: str) -> None:

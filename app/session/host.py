@@ -14,7 +14,7 @@ import tempfile
 import threading
 import time
 from collections.abc import Callable
-from contextlib import suppress
+from contextlib import closing, suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from enum import Enum, auto
@@ -41,8 +41,7 @@ from app.ipc.messages import (
 )
 from app.ipc.states import Action
 from app.session.child import run_process
-from app.session.peer import Peer
-from app.session.shared import Launch, current_lease, encode, take_lease
+from app.session.shared import Launch, Peer, current_lease, encode, take_lease
 from app.system.authority import Authority, AuthorityFault
 from app.system.config import Config, SessionSetup
 from app.system.errors import AppError
@@ -51,8 +50,6 @@ from app.system.operators import Permission, needs_sign_in
 from app.system.paths import Home
 from app.system.scheduling import call_with_scheduling, set_scheduling
 from profiles.schema import Profile
-
-__all__ = ["Latest", "ProcessStatus", "SessionHost", "make_setup"]
 
 M = TypeVar("M", bound=msgspec.Struct)
 
@@ -124,9 +121,9 @@ class SessionHost:
         entry: Callable[[str, SessionSetup], None] = run_process,
         without: frozenset[str] = frozenset(),
     ) -> None:
-        """setup: with a `host_pid` it is a running session's. entry: what each process runs with its name and the
+        """setup: with a `host_pid` it is a running session's. without: processes that are not to be started.
 
-        setup; importable, for it is spawned. without: processes that are not to be started.
+        entry: what each process runs with its name and the setup; importable, for it is spawned.
         """
         self.setup = setup
         self._entry = f"{entry.__module__}:{entry.__qualname__}"
@@ -201,16 +198,9 @@ class SessionHost:
         self._closed = True
         self._ending.set()
         with self._lock:
-            for link in (
-                self._operator,
-                self._perception,
-                self._snapshots,
-                self._reports,
-                self._previews,
-                self._audit,
-                self._statuses,
-                self._link,
-            ):
+            sent = (self._operator, self._perception)
+            received = (self._snapshots, self._reports, self._previews, self._audit, self._statuses, self._link)
+            for link in (*sent, *received):
                 if link is not None:
                     link.close()
         if self._host is not None:
@@ -343,7 +333,5 @@ def _start_order(config: Config) -> tuple[str, ...]:
 
 
 def _with_liveness(process: ProcessStatus) -> ProcessStatus:
-    peer = Peer(process.pid)
-    alive = process.alive and peer.alive
-    peer.close()
-    return msgspec.structs.replace(process, alive=alive)
+    with closing(Peer(process.pid)) as peer:
+        return msgspec.structs.replace(process, alive=process.alive and peer.alive)

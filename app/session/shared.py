@@ -1,4 +1,4 @@
-"""What a running session leaves for other terminals: where it is, how it was started, and who commands it.
+"""What a running session leaves for other terminals: where it is, how it was started, who commands it, and who lives.
 
 The session's file lies in its home, readable by its user alone, while the session runs. The lease lies beside the
 session's sockets: the console that takes the next number commands, and control hears no other.
@@ -8,6 +8,9 @@ from __future__ import annotations
 
 import fcntl
 import os
+import select
+import signal
+from contextlib import closing, suppress
 from pathlib import Path
 from typing import TypeVar
 
@@ -15,7 +18,6 @@ import msgspec
 from msgspec import Struct
 
 from app.ipc.streams import LinkDirectory
-from app.session.peer import Peer
 from app.system.config import SessionSetup
 from app.system.errors import AppError, ConsoleFault
 from app.system.paths import Home
@@ -40,6 +42,51 @@ class Lease(Struct, frozen=True, kw_only=True):
 
     number: int
     pid: int
+
+
+class Peer:
+    """Another process, child or not, by a descriptor that stays its own when the kernel gives its number away."""
+
+    def __init__(self, pid: int) -> None:
+        """One that has ended already is simply not alive."""
+        self.pid = pid
+        self._handle: int | None = None
+        with suppress(OSError, ValueError):
+            self._handle = os.pidfd_open(pid)
+
+    @property
+    def alive(self) -> bool:
+        """Whether it has not ended yet; a zombie has."""
+        return not self.wait(0.0)
+
+    def wait(self, limit_s: float) -> bool:
+        """Wait for its end; False when it did not come within the limit."""
+        if self._handle is None:
+            return True
+        poller = select.poll()
+        poller.register(self._handle, select.POLLIN)
+        return bool(poller.poll(limit_s * 1000))
+
+    def signal(self, number: signal.Signals) -> None:
+        """Send a signal; harmless when it has ended."""
+        with suppress(OSError):
+            if self._handle is not None:
+                signal.pidfd_send_signal(self._handle, number)
+
+    def end(self, limit_s: float) -> None:
+        """Ask it to end, and kill it when it has not within the limit; take its exit status if it is a child."""
+        self.signal(signal.SIGTERM)
+        if not self.wait(limit_s):
+            self.signal(signal.SIGKILL)
+            self.wait(1.0)
+        with suppress(ChildProcessError):
+            os.waitpid(self.pid, os.WNOHANG)
+
+    def close(self) -> None:
+        """Release the descriptor; harmless when done twice."""
+        handle, self._handle = self._handle, None
+        if handle is not None:
+            os.close(handle)
 
 
 def share(setup: SessionSetup) -> None:
@@ -76,11 +123,8 @@ def held_session(home: Home) -> SessionSetup | None:
         setup = shared(home)
     except AppError:
         return None
-    host = Peer(setup.host_pid)
-    try:
+    with closing(Peer(setup.host_pid)) as host:
         return setup if host.alive else None
-    finally:
-        host.close()
 
 
 def take_lease(links: LinkDirectory) -> Lease:

@@ -13,10 +13,9 @@ import shutil
 import signal
 import sys
 import time
-from collections.abc import Callable
 from enum import Enum, auto
-from importlib import import_module
 from multiprocessing.process import BaseProcess
+from pkgutil import resolve_name
 from types import FrameType
 
 from msgspec.structs import replace
@@ -26,9 +25,7 @@ from app.ipc import streams
 from app.ipc.links import LatestReceiver, Publisher, address, end_links
 from app.ipc.messages import ProcessStatus, SessionStatus, TriggerReport
 from app.session.child import Supervisor
-from app.session.peer import Peer
-from app.session.shared import Launch, Lease, current_lease, decode, share, unshare
-from app.system.config import SessionSetup
+from app.session.shared import Launch, Lease, Peer, current_lease, decode, share, unshare
 from app.system.diagnostics_log import get_logger, start_log, stop_log
 from app.system.legs_lock import claim_legs
 from app.system.paths import Home
@@ -66,7 +63,7 @@ class SessionProcesses:
     def __init__(self, launch: Launch) -> None:
         self._setup = launch.setup
         self._order = launch.order
-        self._entry = _entry_of(launch.entry)
+        self._entry = resolve_name(launch.entry)
         self._children: dict[str, BaseProcess] = {}
         self._supervisor = Supervisor()
         self._ending = False
@@ -97,10 +94,10 @@ class SessionProcesses:
     def close(self) -> None:
         """Bring the legs to rest and every process to its end."""
         for name in ("link", "control", "perception", "planner", "guardian", "bus-log", "recording"):
-            self._end(name)
+            end_child(name, self._children.get(name))
         self._sink.close()
         shutil.rmtree(self._setup.links.path, ignore_errors=True)  # all that audit receives is connected
-        self._end("audit")
+        end_child("audit", self._children.get("audit"))
         self._reports.close()
         self._statuses.close()
 
@@ -154,14 +151,11 @@ class SessionProcesses:
             child.join(1.0)
             self._spawn("perception")
 
-    def _end(self, name: str) -> None:
-        child = self._children.get(name)
-        if child is not None:
-            end_child(name, child)
 
-
-def end_child(name: str, child: BaseProcess) -> None:
-    """Ask it to end, and kill it when it takes too long."""
+def end_child(name: str, child: BaseProcess | None) -> None:
+    """Ask it to end, if it was started, and kill it when it takes too long."""
+    if child is None:
+        return
     child.terminate()
     patience_s = END_PATIENCE_S[name]
     child.join(patience_s)
@@ -169,12 +163,6 @@ def end_child(name: str, child: BaseProcess) -> None:
         _log.warning("process killed", child=name, patience_s=patience_s)
         child.kill()
         child.join(1.0)
-
-
-def _entry_of(path: str) -> Callable[[str, SessionSetup], None]:
-    module, name = path.split(":")
-    entry: Callable[[str, SessionSetup], None] = getattr(import_module(module), name)
-    return entry
 
 
 def supervise(launch: Launch) -> None:

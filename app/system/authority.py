@@ -27,7 +27,6 @@ from app.system.operators import (
     try_pin,
 )
 from app.system.paths import Home
-from hal.joints.device import EMULATED_INTERFACES
 from logs.reason import Reason
 from logs.records import Change
 from profiles.store import Change as ProfileChange
@@ -184,14 +183,7 @@ def demonstration(home: Home, joints: JointsConfig, name: str = "demo") -> Autho
 
     Joints of another computer: that one refuses to move others for whom nobody has signed in.
     """
-    if joints.kind != "simulated" and joints.interface not in EMULATED_INTERFACES:
+    if not joints.emulated:
         raise AppError(AuthorityFault.SIGN_IN_NEEDED)
-    permissions = frozenset({Permission.OPERATE})
-    return Authority(
-        home=home,
-        name=name,
-        role=None,
-        permissions=permissions,
-        proof=Proof.NONE,
-        origin=_BY_SIGNING_IN,
-    )
+    operate = frozenset({Permission.OPERATE})
+    return Authority(home=home, name=name, role=None, permissions=operate, proof=Proof.NONE, origin=_BY_SIGNING_IN)

@@ -62,6 +62,11 @@ class JointsConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
     channel: str = ""
     host: Annotated[str, Meta(pattern=HOST_FORM, max_length=260)] = ""  # of the exoskeleton's own computer; empty: here
 
+    @property
+    def emulated(self) -> bool:
+        """Whether no real drive can move: simulated joints, or a bus that none can hang on."""
+        return self.kind == "simulated" or self.interface in EMULATED_INTERFACES
+
 
 class ButtonConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """The virtual button on the image, as shares of width and height."""
@@ -111,8 +116,7 @@ class Config(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     checkpoint_copy: str = ""  # a second place for signed checkpoints
 
     def __post_init__(self) -> None:
-        emulated = self.joints.kind == "simulated" or self.joints.interface in EMULATED_INTERFACES
-        check_inputs(self.inputs, emulated=emulated)
+        check_inputs(self.inputs, emulated=self.joints.emulated)
 
 
 def load_config(path: Path) -> Config:

@@ -120,7 +120,7 @@ class Token(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     signature: str = ""  # the console's
 
 
-def issue_token(by: Authority, permissions: frozenset[Permission], hours: float, now_s: float | None = None) -> bytes:
+def issue_token(by: Authority, permissions: frozenset[Permission], hours: float) -> bytes:
     """A token for a script of the one who is signed in by PIN. Raises AppError."""
     if by.proof is not Proof.PIN:
         raise AppError(OperatorFault.PIN_NEEDED)
@@ -131,7 +131,7 @@ def issue_token(by: Authority, permissions: frozenset[Permission], hours: float,
     operator = load_store(by.home.keys).find(by.name)
     if operator is None:
         raise AppError(OperatorFault.UNKNOWN, name=by.name)
-    expires_s = (time.time() if now_s is None else now_s) + min(hours, LONGEST_HOURS) * 3600
+    expires_s = time.time() + min(hours, LONGEST_HOURS) * 3600
     names = tuple(sorted(permissions, key=lambda one: one.value))
     from logs.keys import load_or_make_key  # brings cryptography
 

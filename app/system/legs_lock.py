@@ -9,7 +9,7 @@ from __future__ import annotations
 import fcntl
 import os
 from collections.abc import Iterable
-from contextlib import suppress
+from contextlib import closing, suppress
 from pathlib import Path
 
 from app.system.config import SessionSetup, load_device
@@ -76,9 +76,8 @@ def share_legs(setup: SessionSetup) -> LegsLock:
 
 def check_legs_free(home: Home) -> None:
     """Raises AppError while control or guardian of an earlier session of this home live."""
-    lock = LegsLock([home.legs_lock])
-    lock.take_alone()
-    lock.close()
+    with closing(LegsLock([home.legs_lock])) as lock:
+        lock.take_alone()
 
 
 def lock_paths(setup: SessionSetup) -> tuple[Path, ...]:

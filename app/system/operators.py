@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING
 
 import msgspec
 from msgspec import Struct
+from msgspec.structs import replace
 
 from app.system.config import Config
 from app.system.errors import AppError
@@ -79,13 +80,7 @@ class OperatorFault(Enum):
 # STOP stands in no table: everybody may always stop.
 PERMISSIONS: dict[Role, frozenset[Permission]] = {
     Role.THERAPIST: frozenset(
-        {
-            Permission.OPERATE,
-            Permission.EDIT_PATIENTS,
-            Permission.CALIBRATE,
-            Permission.WRITE_NOTES,
-            Permission.REVIEW,
-        }
+        {Permission.OPERATE, Permission.EDIT_PATIENTS, Permission.CALIBRATE, Permission.WRITE_NOTES, Permission.REVIEW}
     ),
     Role.ENGINEER: frozenset(
         {
@@ -110,10 +105,6 @@ class Operator(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     enabled: bool = True
     failures: int = 0  # wrong PINs since the last right one
     wait_until_s: float = 0.0  # wall clock, so that a restart shortens no wait
-
-    def may(self, permission: Permission) -> bool:
-        """Whether the role allows it."""
-        return permission in PERMISSIONS[self.role]
 
 
 class OperatorStore(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -171,8 +162,8 @@ def sign_in(store: OperatorStore, name: str, pin: str, now_s: float) -> SignInRe
         return SignInResult(store=store, operator=None, fault=fault, failures=failures, wait_s=wait_s)
     matches = _matches(operator.pin_hash if operator else _STRANGER_HASH, pin)
     if operator is not None and operator.enabled and matches:
-        fresh = msgspec.structs.replace(operator, failures=0, wait_until_s=0.0)
-        store = msgspec.structs.replace(store, stranger_failures=0, stranger_wait_until_s=0.0)
+        fresh = replace(operator, failures=0, wait_until_s=0.0)
+        store = replace(store, stranger_failures=0, stranger_wait_until_s=0.0)
         return SignInResult(store=_with(store, fresh), operator=fresh)
     return _failed(store, operator, failures + 1, now_s)
 
@@ -189,7 +180,8 @@ def needs_sign_in(config: Config) -> bool:
 
 def may_take_over(operator: Operator, owner: str) -> bool:
     """Whether they may take over the session that `owner` operates: the same person, or any therapist."""
-    return operator.may(Permission.OPERATE) and (operator.name == owner or operator.role is Role.THERAPIST)
+    may_operate = Permission.OPERATE in PERMISSIONS[operator.role]
+    return may_operate and (operator.name == owner or operator.role is Role.THERAPIST)
 
 
 def add_operator(store: OperatorStore, name: str, role: Role, pin: str) -> OperatorStore:
@@ -200,7 +192,7 @@ def add_operator(store: OperatorStore, name: str, role: Role, pin: str) -> Opera
     if not store.operators and role is not Role.ENGINEER:
         raise AppError(OperatorFault.FIRST_NOT_ENGINEER)
     added = Operator(name=name, role=role, pin_hash=_hasher().hash(_checked_pin(pin)))
-    return msgspec.structs.replace(store, operators=(*store.operators, added))
+    return replace(store, operators=(*store.operators, added))
 
 
 def disable_operator(store: OperatorStore, name: str) -> OperatorStore:
@@ -208,17 +200,14 @@ def disable_operator(store: OperatorStore, name: str) -> OperatorStore:
     operator = _existing(store, name)
     if _is_last_engineer(store, operator):
         raise AppError(OperatorFault.LAST_ENGINEER, name=operator.name)
-    return _with(store, msgspec.structs.replace(operator, enabled=False))
+    return _with(store, replace(operator, enabled=False))
 
 
 def change_pin(store: OperatorStore, name: str, pin: str) -> OperatorStore:
     """A store with another PIN for an operator, who is enabled by it. Raises AppError."""
     operator = _existing(store, name)
     pin_hash = _hasher().hash(_checked_pin(pin))
-    return _with(
-        store,
-        msgspec.structs.replace(operator, pin_hash=pin_hash, enabled=True, failures=0, wait_until_s=0.0),
-    )
+    return _with(store, replace(operator, pin_hash=pin_hash, enabled=True, failures=0, wait_until_s=0.0))
 
 
 def try_pin(folder: Path, name: str, pin: str, now_s: float) -> SignInResult:
@@ -260,16 +249,13 @@ def load_store(folder: Path) -> OperatorStore:
 
 def save_store(folder: Path, store: OperatorStore) -> None:
     """Replace the kept operators at once, readable by the owner alone. Raises AppError; the old ones then stay."""
+    from logs.disk import Disk
+    from logs.keys import replace_file  # brings cryptography
+
     path = folder / STORE_FILE
-    partial = path.with_suffix(".partial")
     try:
         folder.mkdir(parents=True, exist_ok=True, mode=0o700)
-        handle = os.open(partial, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC, 0o600)
-        with os.fdopen(handle, "wb") as file:
-            file.write(msgspec.json.encode(store))
-            file.flush()
-            os.fsync(file.fileno())
-        partial.replace(path)
+        replace_file(path, msgspec.json.encode(store), Disk())
     except OSError as error:
         raise AppError(OperatorFault.STORE_NOT_SAVED, path=path, detail=error.strerror) from error
 
@@ -283,9 +269,9 @@ def _failed(store: OperatorStore, operator: Operator | None, failures: int, now_
     wait_s = wait_after(failures)
     until_s = now_s + wait_s if wait_s else 0.0
     if operator is None:
-        changed = msgspec.structs.replace(store, stranger_failures=failures, stranger_wait_until_s=until_s)
+        changed = replace(store, stranger_failures=failures, stranger_wait_until_s=until_s)
     else:
-        changed = _with(store, msgspec.structs.replace(operator, failures=failures, wait_until_s=until_s))
+        changed = _with(store, replace(operator, failures=failures, wait_until_s=until_s))
     return SignInResult(
         store=changed, operator=None, fault=OperatorFault.WRONG_NAME_OR_PIN, failures=failures, wait_s=wait_s
     )
@@ -302,7 +288,7 @@ def _matches(pin_hash: str, pin: str) -> bool:
 
 def _with(store: OperatorStore, changed: Operator) -> OperatorStore:
     operators = tuple(changed if _key(each.name) == _key(changed.name) else each for each in store.operators)
-    return msgspec.structs.replace(store, operators=operators)
+    return replace(store, operators=operators)
 
 
 def _existing(store: OperatorStore, name: str) -> Operator:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from functools import cache
 from hashlib import sha256
 from importlib.metadata import version
@@ -25,11 +25,7 @@ def program_identity() -> dict[str, str]:
 def _hash(folders: Iterable[str]) -> str:
     """Of the files' names and contents, in order."""
     digest = sha256()
-    for path in sorted(_files(folders)):
+    paths = (path for folder in folders for path in (ROOT / folder).rglob("*") if path.suffix in _SUFFIXES)
+    for path in sorted(paths):
         digest.update(f"{path.relative_to(ROOT).as_posix()}\0{sha256(path.read_bytes()).hexdigest()}\n".encode())
     return digest.hexdigest()
-
-
-def _files(folders: Iterable[str]) -> Iterator[Path]:
-    for folder in folders:
-        yield from (path for path in (ROOT / folder).rglob("*") if path.suffix in _SUFFIXES)

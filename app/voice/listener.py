@@ -22,10 +22,7 @@ from hal.microphone.protocol import BLOCK_SAMPLES, RATE_HZ, Microphone, make_mic
 
 RETRY_S = 2.0  # a microphone that is missing is looked for again
 NICENESS = 5  # after everything of the session
-_OF_FAULT = {
-    MicrophoneFault.EXTRA_MISSING: Signal.NO_EXTRA,
-    MicrophoneFault.NO_PORTAUDIO: Signal.NO_PORTAUDIO,
-}
+_OF_FAULT = {MicrophoneFault.EXTRA_MISSING: Signal.NO_EXTRA, MicrophoneFault.NO_PORTAUDIO: Signal.NO_PORTAUDIO}
 
 
 class Spotter(Protocol):

@@ -53,12 +53,11 @@ class KeywordSpotter:
         self._decoder.process_raw(samples, False, False)
         if self._decoder.hyp() is None:
             return False
-        self._decoder.end_utt()
-        self._decoder.start_utt()
+        self.begin()
         return True
 
     def begin(self) -> None:
-        """Forget what came before: another recording begins."""
+        """Forget what came before: the word was found, or another recording begins."""
         self._decoder.end_utt()
         self._decoder.start_utt()
 

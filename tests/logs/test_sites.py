@@ -15,7 +15,7 @@ from logs.reason import key_of
 from logs.site_query import SITE_QUESTIONS, connect_sites
 from logs.sites import SiteState, check_site, find_sites
 from logs.verify import Evidence
-from testing.site_rows import write_sites
+from testing.engines import write_sites
 from testing.trails import write_sample
 
 

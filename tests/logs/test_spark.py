@@ -15,7 +15,7 @@ from logs.errors import AuditError, AuditFault
 from logs.query import ask, export
 from logs.site_query import SITE_QUESTIONS, connect_sites
 from logs.sites import Site, find_sites
-from testing.site_rows import same, write_sites
+from testing.engines import same, spark_cluster, write_sites
 from testing.trails import write_sample
 
 pytestmark = [
@@ -32,7 +32,6 @@ ROWS = 60_000
 def session(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
     """A session on a master and two workers, each a process."""
     from logs.spark import spark_session
-    from testing.spark_cluster import spark_cluster
 
     with spark_cluster(tmp_path_factory.mktemp("cluster")) as master, spark_session(master) as session:
         yield session

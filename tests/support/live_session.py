@@ -17,7 +17,7 @@ from app.control.telemetry import LoopStatus, snapshot
 from app.ipc.messages import ControlSnapshot, Lateness, OperatorKind, RealTime, TriggerReport
 from app.ipc.states import Action, GaitState
 from app.perception.frames import DecisionRecorder, button_record
-from app.perception.reporting import Context, to_message
+from app.perception.reporting import with_report
 from hal.minimum_jerk import minimum_jerk
 from kgdfa.button import ButtonMode, ButtonPlace
 from kgdfa.distance import DistanceChoice
@@ -102,10 +102,18 @@ class Live12:
         for body in self.recorder.take(report):
             self.entries.append(("perception", captured_ns, body))
         count = len(self.reports) + 1
-        context = Context(
-            incarnation=1, sequence=count, sent_ns=captured_ns, camera="c", threshold_m=PLACE.threshold_m, fps=30.0
+        without_hand = TriggerReport(
+            incarnation=1,
+            sequence=count,
+            captured_ns=captured_ns,
+            sent_ns=captured_ns,
+            hand=False,
+            gesture=None,
+            camera="c",
+            threshold_m=PLACE.threshold_m,
+            fps=30.0,
         )
-        message = to_message(report, context, captured_ns)
+        message = with_report(without_hand, report)
         self.reports[captured_ns] = (report, message)
         self.rig.spoil["report"] = message
         self.ticks(FRAME_TICKS)

@@ -1,6 +1,6 @@
 """The wearer from the side, drawn from the measured joints: legs, trunk, floor, and what stands around. Pure.
 
-Metres, x forward, z up from the floor under the feet where the action began (app/motion/stance.py).
+Metres, x forward, z up from the floor under the feet where the action began (app/motion/wearer.py).
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from app.console.widgets.canvas import Canvas
 from app.console.widgets.panel import Lines, cells
-from app.motion.stance import HIPS, LEFT, RIGHT, Point, Pose, sole_point, surface_m
+from app.motion.wearer import HIPS, LEFT, RIGHT, Point, Pose, sole_point, surface_m
 from hal.joints.device import Joint
 from hal.joints.scene import LEVEL_FLOOR, BlockKind, Scene
 

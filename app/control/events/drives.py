@@ -73,20 +73,27 @@ def _following(d: Diagnostics) -> dict[str, Value]:
     return {"angle_rad": d.joints.following_rad}
 
 
-def _warmest(d: Diagnostics) -> Compared | None:
-    return _worst(d, "temperature_c", lambda f: f.temperature_c, lambda s: s.warn_c)
+def _worst(
+    quantity: str, values: Callable[[JointFeedback], JointArray], limits: Callable[[Settings], JointArray]
+) -> Callable[[Diagnostics], Compared | None]:
+    """The joint that is farthest above its limit; joints without a measurement are left out."""
+
+    def compared(d: Diagnostics) -> Compared | None:
+        if d.joints.feedback is None or d.joints.settings is None:
+            return None
+        value, limit = values(d.joints.feedback), limits(d.joints.settings)
+        if np.isnan(value).all():
+            return None
+        joint = Joint(int(np.nanargmax(value - limit)))
+        return Compared(quantity, float(value[joint]), float(limit[joint]), joint)
+
+    return compared
 
 
-def _hottest(d: Diagnostics) -> Compared | None:
-    return _worst(d, "temperature_c", lambda f: f.temperature_c, lambda s: s.limit_c)
-
-
-def _worst_speed(d: Diagnostics) -> Compared | None:
-    return _worst(d, "speed_rad_s", lambda f: np.abs(f.velocity_rad_s), lambda s: SPEED_MARGIN * s.limits.speed_rad_s)
-
-
-def _worst_torque(d: Diagnostics) -> Compared | None:
-    return _worst(d, "torque_nm", lambda f: np.abs(f.torque_nm), lambda s: TORQUE_MARGIN * s.limits.torque_nm)
+_warmest = _worst("temperature_c", lambda f: f.temperature_c, lambda s: s.warn_c)
+_hottest = _worst("temperature_c", lambda f: f.temperature_c, lambda s: s.limit_c)
+_worst_speed = _worst("speed_rad_s", lambda f: np.abs(f.velocity_rad_s), lambda s: SPEED_MARGIN * s.limits.speed_rad_s)
+_worst_torque = _worst("torque_nm", lambda f: np.abs(f.torque_nm), lambda s: TORQUE_MARGIN * s.limits.torque_nm)
 
 
 def worst_range(d: Diagnostics) -> Compared | None:
@@ -99,22 +106,6 @@ def worst_range(d: Diagnostics) -> Compared | None:
     below = low_rad[joint] - angle_rad[joint] > angle_rad[joint] - high_rad[joint]
     end_rad = low_rad if below else high_rad
     return Compared("angle_rad", float(angle_rad[joint]), float(end_rad[joint]), joint)
-
-
-def _worst(
-    d: Diagnostics,
-    quantity: str,
-    values: Callable[[JointFeedback], JointArray],
-    limits: Callable[[Settings], JointArray],
-) -> Compared | None:
-    """The joint that is farthest above its limit; joints without a measurement are left out."""
-    if d.joints.feedback is None or d.joints.settings is None:
-        return None
-    value, limit = values(d.joints.feedback), limits(d.joints.settings)
-    if np.isnan(value).all():
-        return None
-    joint = Joint(int(np.nanargmax(value - limit)))
-    return Compared(quantity, float(value[joint]), float(limit[joint]), joint)
 
 
 def _guard_compared(d: Diagnostics) -> Compared | None:
@@ -141,19 +132,8 @@ DRIVES = (
     ),
     Row(E.OVER_TEMPERATURE_WARNING, F.NOTE, lambda d: d.joints.warm, detail=_temperature, compares=_warmest),
     Row(E.OVER_TEMPERATURE, F.HOLD, lambda d: d.joints.hot, P, _temperature, compares=_hottest),
-    Row(
-        E.FOLLOWING_WARNING,
-        F.NOTE,
-        _following_above(FOLLOWING_WARN_RAD),
-        detail=_following,
-    ),
-    Row(
-        E.FOLLOWING_LIMIT,
-        F.HOLD,
-        _following_above(FOLLOWING_LIMIT_RAD),
-        P,
-        _following,
-    ),
+    Row(E.FOLLOWING_WARNING, F.NOTE, _following_above(FOLLOWING_WARN_RAD), detail=_following),
+    Row(E.FOLLOWING_LIMIT, F.HOLD, _following_above(FOLLOWING_LIMIT_RAD), P, _following),
     Row(E.OUT_OF_RANGE, F.HOLD, lambda d: d.powered and d.joints.beyond_range, P, compares=worst_range),
     Row(E.OVER_SPEED, F.DAMP, lambda d: d.powered and d.joints.beyond_speed, P, compares=_worst_speed),
     Row(E.OVER_TORQUE, F.DAMP, lambda d: d.powered and d.joints.beyond_torque, P, compares=_worst_torque),
@@ -170,13 +150,11 @@ DRIVES = (
     Row(E.UNEXPECTED_MOTION, F.DAMP, Above("drift_rad_s", lambda d: d.joints.drift_rad_s, DRIFT_RAD_S), P),
 )
 
-
 POSE_LIMIT_RAD = 0.21  # 12°
 STILL_RAD_S = 0.5
 
 _FASTEST = Above("speed_rad_s", lambda d: d.joints.fastest_rad_s, STILL_RAD_S)
 
-E, F = Event, Effect
 POSE = (
     Row(
         E.NOT_HOMED,
@@ -185,18 +163,12 @@ POSE = (
         compares=worst_range,
     ),
     # A swinging leg is slow for a moment at each turning point: the event settles.
-    Row(
-        E.LEGS_MOVING,
-        F.REFUSE,
-        lambda d: not d.powered and _FASTEST(d),
-        compares=_FASTEST.compared,
-        settles=True,
-    ),
+    Row(E.LEGS_MOVING, F.REFUSE, lambda d: not d.powered and _FASTEST(d), compares=_FASTEST.compared, settles=True),
     Row(
         E.FAR_FROM_POSE,
         F.REFUSE,
         Above("pose_error_rad", lambda d: d.joints.pose_error_rad, POSE_LIMIT_RAD),
-        Latch.POWERED,
+        P,
         lambda d: {"angle_rad": d.joints.pose_error_rad},
         displaces=True,
     ),

@@ -18,6 +18,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
 from functools import cache
+from types import SimpleNamespace
 from typing import Any
 
 from msgspec import Struct
@@ -91,34 +92,6 @@ def allowed(gait: Gait) -> tuple[Action, ...]:
     return tuple(action for action in Action if _fire(gait, action.name) is not None)
 
 
-def close_walk(gait: Gait) -> Gait:
-    """End a walk with its running step without a request; anything but a walk stays as it is."""
-    return _fire(gait, Action.WALK_END.name) or gait
-
-
-def complete(gait: Gait) -> Gait:
-    """The running movement has reached its end; in a walk the next step begins. Raises ValueError at rest."""
-    after = _fire(gait, "complete")
-    if after is None:
-        raise ValueError(f"nothing runs that could be completed: {gait}")
-    return after
-
-
-def abandon(gait: Gait) -> Gait:
-    """The movement was cancelled before its first tick: the legs rest in its source state."""
-    return _fire(gait, "abandon") or gait
-
-
-def interrupt(gait: Gait) -> Gait:
-    """The legs stopped in mid-movement, or are not in the pose of their state."""
-    return _fire(gait, "interrupt") or gait
-
-
-def power_off(gait: Gait) -> Gait:
-    """The drives have no power any more; a running movement is over."""
-    return _fire(gait, "power_off") or gait
-
-
 class Change(Enum):
     """What changes a gait, as the trail names it."""
 
@@ -130,23 +103,29 @@ class Change(Enum):
     WALK_CLOSED = "walk-closed"
 
 
-_CHANGES: dict[Change, Callable[[Gait], Gait]] = {
-    Change.COMPLETED: complete,
-    Change.ABANDONED: abandon,
-    Change.INTERRUPTED: interrupt,
-    Change.POWER_LOST: power_off,
-    Change.WALK_CLOSED: close_walk,
+_TRIGGERS = {
+    Change.COMPLETED: "complete",  # in a walk the next step begins
+    Change.ABANDONED: "abandon",  # cancelled before the first tick: the legs rest in the source state
+    Change.INTERRUPTED: "interrupt",  # stopped in mid-movement, or not in the pose of the state
+    Change.POWER_LOST: "power_off",
+    Change.WALK_CLOSED: Action.WALK_END.name,  # with its running step, without a request
 }
 
 
 def changed(gait: Gait, change: Change, action: Action | None = None) -> Gait:
-    """The gait after a change; action: the granted one, with REQUESTED. Raises ValueError for what can't be."""
-    if change is not Change.REQUESTED:
-        return _CHANGES[change](gait)
-    after = None if action is None else _fire(gait, action.name)
-    if after is None:
-        raise ValueError(f"no row grants {action} in {gait}")
-    return after
+    """The gait after a change, itself where nothing runs that the change would end; action: the granted one.
+
+    Raises ValueError for a request that no row grants, and for a completion at rest.
+    """
+    if change is Change.REQUESTED:
+        after = None if action is None else _fire(gait, action.name)
+        if after is None:
+            raise ValueError(f"no row grants {action} in {gait}")
+        return after
+    after = _fire(gait, _TRIGGERS[change])
+    if after is None and change is Change.COMPLETED:
+        raise ValueError(f"nothing runs that could be completed: {gait}")
+    return after or gait
 
 
 def following_phases(gait: Gait) -> tuple[Phase, ...]:
@@ -183,15 +162,6 @@ def _row_of(gait: Gait) -> Row:
 
 
 # --- the library's machine, made from the table -------------------------------------------------------------------
-
-
-class _Model(Struct, kw_only=True):
-    """The library's model of one trigger: a `Gait` that it may change."""
-
-    state: GaitState
-    running: Action | None
-    phase: Phase
-    closing: bool
 
 
 def _where(**wanted: object) -> Callable[[EventData], bool]:
@@ -282,9 +252,9 @@ _MACHINE = Machine(
 
 def _fire(gait: Gait, trigger: str) -> Gait | None:
     """The gait after the trigger, or None where no row answers to it."""
-    model = _Model(state=gait.state, running=gait.running, phase=gait.phase, closing=gait.closing)
+    model = SimpleNamespace(**asdict(gait))
     try:
         fired = _MACHINE.events[trigger].trigger(model)
     except MachineError:
         return None
-    return Gait(**asdict(model)) if fired else None
+    return Gait(**vars(model)) if fired else None

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from app.ipc.states import GESTURE_OF, Action, GaitState
+from app.ipc.states import Action, GaitState
 from app.motion.plan import Phase
 
 
@@ -39,22 +39,3 @@ TABLE = (
     Row(action=A.STAIR_DOWN, source=S.STANDING, through=S.RIGHT_LOW_STEP, to=S.STANDING),
     Row(action=A.OBSTACLE, source=S.STANDING, through=S.RIGHT_OBSTACLE, to=S.STANDING),
 )
-
-
-def mermaid() -> str:
-    """The table as a Mermaid state diagram."""
-    lines = ["stateDiagram-v2", "    [*] --> UNPOWERED"]
-    for row in TABLE:
-        gesture = f"gesture {GESTURE_OF[row.action].value}" if not row.chained else _chain_label(row)
-        if row.through is None:
-            lines.append(f"    {row.source.name} --> {row.to.name}: {gesture}")
-        else:
-            lines.append(f"    {row.source.name} --> {row.through.name}: {gesture}")
-            lines.append(f"    {row.through.name} --> {row.to.name}: completed")
-    lines.append("    note right of BETWEEN: entered from every state by a stop in mid-movement")
-    lines.append("    note right of UNPOWERED: entered from every state when the drives lose power")
-    return "\n".join(lines) + "\n"
-
-
-def _chain_label(row: Row) -> str:
-    return "gesture 6, latched" if row.action is Action.WALK_END else "next step of the walk"

@@ -26,7 +26,7 @@ from app.console.state import newly_ended
 from app.control.loop import drives_record, limits_record
 from app.demo.drives import emulated_drives
 from app.ipc.links import new_link_directory
-from app.ipc.messages import OperatorKind
+from app.ipc.messages import OperatorKind, ProcessStatus
 from app.ipc.states import Action, GaitState
 from app.perception.comparison import Comparison, comparison_record
 from app.perception.frames import FrameBatch, button_record
@@ -35,7 +35,6 @@ from app.perception.pipeline import camera_records, make_camera
 from app.perception.reporting import MeasuredRate, records_between
 from app.recording.schemas import CONTACT, TOPICS, FootContact
 from app.recording.writer import RecordingWriter, file_record
-from app.session.host import ProcessStatus
 from app.system.config import CameraConfig, Config, JointsConfig, SessionSetup
 from app.system.operators import Role, add_operator, load_store, save_store
 from app.system.paths import Home, pictures_path
@@ -59,7 +58,7 @@ from logs.writer import SessionWriter
 from profiles.palm import Calibrated, reference_segment
 from profiles.schema import DEMO_PATIENT, Calibration
 from testing.fake_host import walk_steps
-from testing.session import real_session
+from testing.session import RealSession
 from tests.app.console.conftest import Console, Opener
 from tests.app.console.conftest import console as console  # noqa: PLC0414 - the fixture
 from tests.app.console.conftest import home as home  # noqa: PLC0414 - the fixture
@@ -108,7 +107,7 @@ def of_a_real_session(root: Path) -> list[Body]:
     leave_torn(place)
     with ExitStack() as drives:
         config = drives.enter_context(emulated_drives(JointsConfig(kind="can"), wearer=False))
-        with real_session(root, config) as session:
+        with RealSession(root, config) as session:
             session.send(OperatorKind.CONFIRM_PATIENT)
             session.until(lambda now: now.patient_confirmed and bool(now.allowed), "readiness")
             session.send(OperatorKind.ARM)
@@ -141,7 +140,7 @@ def of_a_recording(path: Path) -> Body:
 
 def of_pictures(root: Path) -> list[Body]:
     """A session whose patient agrees to pictures and withdraws it: perception, trail and recording as processes."""
-    with real_session(root, perception=True, recording=True) as session:
+    with RealSession(root, perception=True, recording=True) as session:
         session.until(lambda _: session.report is not None and session.report.hand, "a hand")
         session.record_pictures(consent=True)
         session.until(lambda _: session.report is not None and session.report.pictures_recorded, "perception's word")

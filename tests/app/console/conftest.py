@@ -18,8 +18,7 @@ from app.system.config import Config, SessionSetup
 from app.system.paths import Home
 from app.text.catalogue import use_language
 from profiles.schema import DEMO_PATIENT, Profile
-from testing.fake_host import FakeHost
-from testing.screen import screen_text
+from testing.fake_host import FakeHost, screen_text
 
 Opener = Callable[..., AbstractAsyncContextManager["Console"]]
 LIMIT_S = 120.0  # a busy machine is slow, not wrong

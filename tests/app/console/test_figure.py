@@ -14,8 +14,8 @@ from app.console.widgets.figure import GHOST, LIVE, View, draw
 from app.console.widgets.panel import cells
 from app.ipc.states import Action
 from app.motion.plan import Phase, patient_of, quad
-from app.motion.stance import LEFT, RIGHT, Pose, Stance, pose_of
 from app.motion.trajectory import path_of, scene_of
+from app.motion.wearer import LEFT, RIGHT, Pose, Stance, pose_of
 from hal.joints.body import trunk_lean_of
 from hal.joints.device import load_exoskeleton
 from profiles.schema import DEMO_PATIENT

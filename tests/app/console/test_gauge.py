@@ -8,7 +8,7 @@ from msgspec.structs import replace
 
 from app.console.widgets.gesture import _figure, gauge
 from app.ipc.messages import TriggerReport
-from app.perception.reporting import Context, to_message
+from app.perception.reporting import with_report
 from hal.minimum_jerk import minimum_jerk
 from kgdfa.button import ButtonPlace
 from kgdfa.gesture import Gesture
@@ -36,8 +36,18 @@ def pushed(focal_px: float, reference_m: float, threshold_m: float) -> list[Fram
         shown.hands = (hand_at(Gesture.FIVE, drawn_m),)
         now_ns = count * FRAME_NS
         report = pipeline.process(PipelineInput(image_bgr=BLACK, captured_ns=now_ns))
-        context = Context(incarnation=1, sequence=count, sent_ns=now_ns, camera="c", threshold_m=threshold_m, fps=30.0)
-        found.append((report, to_message(report, context, now_ns)))
+        without_hand = TriggerReport(
+            incarnation=1,
+            sequence=count,
+            captured_ns=now_ns,
+            sent_ns=now_ns,
+            hand=False,
+            gesture=None,
+            camera="c",
+            threshold_m=threshold_m,
+            fps=30.0,
+        )
+        found.append((report, with_report(without_hand, report)))
     return found
 
 

@@ -13,7 +13,7 @@ from app.console.widgets.health import Health, health_lines, health_of
 from app.console.widgets.status import event_lines
 from app.ipc.messages import LinkHealth, ProcessStatus
 from app.ipc.streams import LinkDirectory
-from app.link.faults import LinkFault
+from app.link.wire import LinkFault
 from app.session.host import Latest
 from app.system.config import Config, SessionSetup
 from hal.joints.device import load_exoskeleton

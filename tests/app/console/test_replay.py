@@ -28,7 +28,7 @@ from logs.explain.hops import explain
 from logs.explain.text import lines
 from logs.read import records
 from logs.records import Record
-from testing.screen import screen_text
+from testing.fake_host import screen_text
 from tests.support.recorded_session import lived
 
 SIZES = ((80, 24), (120, 36), (200, 50))

@@ -23,7 +23,7 @@ from logs.keys import by_fingerprint, known_keys
 from logs.read import NOT_A_RECORD
 from logs.records import EventRaised, Note, Record
 from logs.verify import Evidence, exit_status, verify
-from testing.screen import screen_text
+from testing.fake_host import screen_text
 from testing.trails import write_sample
 
 

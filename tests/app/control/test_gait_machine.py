@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+from functools import partial
 from itertools import product
 
 import pytest
 
 from app.control.gait import machine as gait_machine
-from app.control.gait.machine import Gait, Ignored, Latched, Refused, Started
-from app.control.gait.table import TABLE, mermaid
+from app.control.gait.machine import Change, Gait, Ignored, Latched, Refused, Started, changed
 from app.ipc.states import ACTION_OF, Action, GaitState, RequestRefusal
 from app.motion.plan import Phase
 from app.text.catalogue import render
@@ -37,6 +37,11 @@ WALKING = (
     Gait(state=S.LEFT_FORWARD, running=Action.WALK, phase=Phase.WALK_RIGHT),
     Gait(state=S.RIGHT_FORWARD, running=Action.WALK, phase=Phase.WALK_LEFT),
 )
+complete = partial(changed, change=Change.COMPLETED)
+abandon = partial(changed, change=Change.ABANDONED)
+interrupt = partial(changed, change=Change.INTERRUPTED)
+power_off = partial(changed, change=Change.POWER_LOST)
+close_walk = partial(changed, change=Change.WALK_CLOSED)
 
 
 def running_gaits() -> list[Gait]:
@@ -46,8 +51,8 @@ def running_gaits() -> list[Gait]:
         for state, action in product(GaitState, Action)
         if isinstance(answer := gait_machine.ask(Gait(state=state), action), Started)
     ]
-    closing = [gait_machine.close_walk(gait) for gait in WALKING]
-    ends = [gait_machine.complete(gait) for gait in closing]
+    closing = [close_walk(gait) for gait in WALKING]
+    ends = [complete(gait) for gait in closing]
     return [*by_wish, *WALKING[1:], *closing, *ends]
 
 
@@ -61,7 +66,7 @@ def test_at_rest_exactly_the_papers_transitions_are_granted(state: GaitState, ge
     assert isinstance(answer, Started)
     assert answer.gait.running is ACTION_OF[gesture]
     assert answer.gait.state is THROUGH.get(gesture, state)
-    assert gait_machine.complete(answer.gait).state is PAPER[state, gesture]
+    assert complete(answer.gait).state is PAPER[state, gesture]
 
 
 @pytest.mark.parametrize("gait", running_gaits())
@@ -70,7 +75,7 @@ def test_while_something_runs_only_the_end_of_a_walk_is_latched(gait: Gait, acti
     answer = gait_machine.ask(gait, action)
     if action is Action.WALK_END and gait.walking and not gait.closing:
         assert isinstance(answer, Latched)
-        assert answer.gait == gait_machine.close_walk(gait)
+        assert answer.gait == close_walk(gait)
         assert answer.gait.closing
         assert (answer.gait.state, answer.gait.phase) == (gait.state, gait.phase)
     else:
@@ -82,7 +87,7 @@ def test_while_something_runs_only_the_end_of_a_walk_is_latched(gait: Gait, acti
 def test_a_walk_continues_left_and_right_until_it_is_asked_to_stop() -> None:
     gait, states = WALKING[0], []
     for _ in range(5):
-        gait = gait_machine.complete(gait)
+        gait = complete(gait)
         states.append(gait.state)
         assert gait.walking
     assert states == [S.LEFT_FORWARD, S.RIGHT_FORWARD, S.LEFT_FORWARD, S.RIGHT_FORWARD, S.LEFT_FORWARD]
@@ -91,10 +96,10 @@ def test_a_walk_continues_left_and_right_until_it_is_asked_to_stop() -> None:
 @pytest.mark.parametrize("gait", WALKING)
 def test_the_latched_end_is_carried_out_after_the_running_step(gait: Gait) -> None:
     onward, close = gait_machine.following_phases(gait)
-    assert gait_machine.complete(gait).phase is onward
-    last = gait_machine.complete(gait_machine.close_walk(gait))
+    assert complete(gait).phase is onward
+    last = complete(close_walk(gait))
     assert (last.running, last.phase, last.closing) == (Action.WALK_END, close, False)
-    assert gait_machine.complete(last) == Gait(state=S.STANDING)
+    assert complete(last) == Gait(state=S.STANDING)
 
 
 @pytest.mark.parametrize("gait", WALKING)
@@ -109,18 +114,18 @@ def test_the_following_steps_belong_to_their_actions(gait: Gait) -> None:
 
 def test_outside_of_a_walk_nothing_follows() -> None:
     assert gait_machine.following_phases(Gait(state=S.STANDING)) == ()
-    assert gait_machine.following_phases(gait_machine.complete(gait_machine.close_walk(WALKING[0]))) == ()
+    assert gait_machine.following_phases(complete(close_walk(WALKING[0]))) == ()
 
 
 @pytest.mark.parametrize("gait", [*running_gaits(), *(Gait(state=state) for state in GaitState)])
 def test_a_stop_and_a_loss_of_power_are_possible_from_everywhere(gait: Gait) -> None:
-    assert gait_machine.interrupt(gait) == Gait(state=S.BETWEEN)
-    assert gait_machine.power_off(gait) == Gait(state=S.UNPOWERED)
+    assert interrupt(gait) == Gait(state=S.BETWEEN)
+    assert power_off(gait) == Gait(state=S.UNPOWERED)
 
 
 @pytest.mark.parametrize("gait", running_gaits())
 def test_what_was_given_up_before_it_moved_leaves_the_legs_where_it_began(gait: Gait) -> None:
-    rests = gait_machine.abandon(gait)
+    rests = abandon(gait)
     assert rests.running is None
     assert not rests.closing
     assert rests.state is (S.STANDING if gait.state in THROUGH.values() else gait.state)
@@ -130,9 +135,9 @@ def test_what_was_given_up_before_it_moved_leaves_the_legs_where_it_began(gait: 
 def test_at_rest_there_is_nothing_to_complete_close_or_give_up(state: GaitState) -> None:
     gait = Gait(state=state)
     with pytest.raises(ValueError, match="nothing runs"):
-        gait_machine.complete(gait)
-    assert gait_machine.abandon(gait) == gait
-    assert gait_machine.close_walk(gait) == gait
+        complete(gait)
+    assert abandon(gait) == gait
+    assert close_walk(gait) == gait
 
 
 @pytest.mark.parametrize("gait", [*running_gaits(), *(Gait(state=state) for state in GaitState)])
@@ -172,13 +177,3 @@ def test_an_answer_depends_on_nothing_but_the_question() -> None:
     first = gait_machine.ask(Gait(state=S.STANDING), Action.WALK)
     gait_machine.ask(Gait(state=S.SITTING), Action.STAND_UP)
     assert gait_machine.ask(Gait(state=S.STANDING), Action.WALK) == first
-
-
-def test_the_diagram_shows_every_row() -> None:
-    diagram = mermaid()
-    for row in TABLE:
-        assert f"    {row.source.name} --> {(row.through or row.to).name}: " in diagram
-    assert diagram.startswith("stateDiagram-v2\n")
-    assert "LEFT_FORWARD --> STANDING: gesture 6, latched" in diagram
-    assert "STANDING --> LEFT_FORWARD: gesture 5" in diagram
-    assert "RIGHT_HIGH_STEP --> STANDING: completed" in diagram

@@ -9,7 +9,7 @@ from app.control.diagnostics import SPEED_MARGIN, TORQUE_MARGIN
 from app.control.drives import Drives
 from app.control.events.drives import FOLLOWING_LIMIT_RAD, POSE_LIMIT_RAD
 from app.control.gait import machine as gait_machine
-from app.control.gait.machine import Gait, Started
+from app.control.gait.machine import Change, Gait, Started, changed
 from app.control.inputs import DriveOrder
 from app.ipc.states import Action, GaitState
 from app.motion import follower
@@ -106,7 +106,7 @@ class Legs:
         self.motion = follower.hold(self.motion)
         self.rest()
         if self.gait.phase is not Phase.WALK_START:
-            self.gait = gait_machine.complete(self.gait)
+            self.gait = changed(self.gait, Change.COMPLETED)
             away = np.abs(self.joints.wearer.joints_rad - nominal_pose(self.gait.state, PATIENT))
             assert away.max() < POSE_LIMIT_RAD
 
@@ -117,7 +117,7 @@ class Legs:
         while not self.motion.halted:
             self.tick(hold=True)
         self.motion = follower.hold(self.motion)
-        self.gait = gait_machine.interrupt(self.gait)
+        self.gait = changed(self.gait, Change.INTERRUPTED)
         self.rest()
 
 

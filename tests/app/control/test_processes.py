@@ -34,7 +34,7 @@ from hal.inputs.device import InputDevice, InputRole
 from hal.joints.device import load_exoskeleton
 from logs.read import records, session_paths
 from logs.records import ActionEnd, Command, EventRaised, ProcessEnd, SessionEnd, StopInput
-from testing.session import RealSession, Sniffer, real_session
+from testing.session import RealSession, Sniffer
 
 pytestmark = pytest.mark.serial
 
@@ -46,7 +46,7 @@ EXIT = bytes.fromhex("FFFFFFFFFFFFFFFD")
 @pytest.fixture
 def session(tmp_path: Path) -> Iterator[RealSession]:
     """With simulated joints."""
-    with real_session(tmp_path) as one:
+    with RealSession(tmp_path) as one:
         yield one
 
 
@@ -56,7 +56,7 @@ def on_the_bus(tmp_path: Path) -> Iterator[tuple[RealSession, Sniffer]]:
     with emulated_drives(JointsConfig(kind="can"), wearer=False) as joints:
         sniffer = Sniffer(joints.interface, joints.channel)
         try:
-            with real_session(tmp_path, joints) as one:
+            with RealSession(tmp_path, joints) as one:
                 yield one, sniffer
         finally:
             sniffer.close()
@@ -155,7 +155,7 @@ def test_a_process_without_the_key_moves_nothing_and_is_recorded(session: RealSe
 
 
 def test_without_a_console_the_legs_are_held_and_everybody_ends_when_nobody_comes(tmp_path: Path) -> None:
-    with real_session(tmp_path, unattended_s=2.0) as session:
+    with RealSession(tmp_path, unattended_s=2.0) as session:
         session.walk(steps=1)
         killed_ns = session.kill("console")
         session.until(lambda s: s.effect >= Effect.HOLD, "hold")
@@ -298,7 +298,7 @@ def test_a_control_that_was_frozen_comes_back_damped_and_may_continue_when_it_is
 
 def test_a_simulated_stop_button_is_pressed_from_another_terminal(tmp_path: Path) -> None:
     pendant = InputDevice(name="pendant", role=InputRole.WEARER, kind="simulated")
-    with real_session(tmp_path, inputs=(pendant,)) as session:
+    with RealSession(tmp_path, inputs=(pendant,)) as session:
 
         def press(how: str) -> None:
             command().main(["press-input", "pendant", how, "--home", str(tmp_path)], standalone_mode=False)

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import pytest
 
-from app.control.gait.machine import Gait, Latched, Started, ask, complete, interrupt
+from app.control.gait.machine import Change, Gait, Latched, Started, ask, changed
 from app.demo.attempt import Attempt
 from app.demo.scenario import ALL_TWELVE, INTERRUPTIONS, Step, run_scenario
 from app.ipc.states import ACTION_OF, GaitState
@@ -34,11 +34,11 @@ class Walker:
         what = self.fate(self.made, step)
         self.made += 1
         if what == "held":
-            self.gait = interrupt(answer.gait)
+            self.gait = changed(answer.gait, Change.INTERRUPTED)
         elif what == "":
-            self.gait = complete(answer.gait)
+            self.gait = changed(answer.gait, Change.COMPLETED)
             while self.gait.running is not None and not step.steps:
-                self.gait = complete(self.gait)
+                self.gait = changed(self.gait, Change.COMPLETED)
         return Attempt(
             gesture=step.gesture,
             recognised=what != "misread",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from app.control.gait.machine import Gait, Latched, Started, ask, complete
+from app.control.gait.machine import Change, Gait, Latched, Started, ask, changed
 from app.demo.scenario import ALL_TWELVE
 from app.ipc.states import ACTION_OF, Action, GaitState
 
@@ -17,7 +17,7 @@ def test_the_gait_machine_grants_the_whole_course() -> None:
         assert step.start in (gait.state, GaitState.LEFT_FORWARD)
         answer = ask(gait, ACTION_OF[step.gesture])
         assert isinstance(answer, Started | Latched), step
-        gait = complete(answer.gait)
+        gait = changed(answer.gait, Change.COMPLETED)
         while gait.running is not None and not step.steps:
-            gait = complete(gait)
+            gait = changed(gait, Change.COMPLETED)
         assert gait.state is step.end, step

@@ -86,7 +86,7 @@ def test_malformed_messages_are_counted_and_skipped(tmp_path: Path, garbage: byt
     receiver = OrderedReceiver(where, Heartbeat)
     raw = OrderedSender(where)
     try:
-        raw._socket.send(garbage)
+        raw.socket.send(garbage)
         raw.send(beat(7))
         message = receiver.receive(2.0)
         assert message is None or message.at_ns == 7

@@ -6,9 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from app.link.beats import LOST_NS, Beats
+from app.link.beats import BEAT_NS, LOST_NS, Beats
 from app.link.packets import MAX_BYTES, PacketSeal, new_packet_key
-from app.link.quality import BEAT_NS
 from app.link.wire import Packet, StopMark
 
 KEY = new_packet_key()

@@ -13,11 +13,10 @@ from pathlib import Path
 import pytest
 
 from app.link import pairing
-from app.link.faults import LinkFault
 from app.link.keys import Peer, add_peer, forget_peer, joints_at, own_key, peers_of
 from app.link.pairing import Offer, PairingDesk, pair, write_offer
 from app.link.questions import Answer, PairBegin, PairConfirm, Who, check_version, encode, find, here, question_in
-from app.link.wire import VERSION
+from app.link.wire import VERSION, LinkFault
 from app.system.errors import AppError
 from app.system.paths import Home
 from app.text.catalogue import render

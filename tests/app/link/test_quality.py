@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from app.link.quality import BEAT_NS, LinkQuality
+from app.link.beats import BEAT_NS, LinkQuality
 
 MS = 1_000_000
 

@@ -8,8 +8,7 @@ from msgspec.structs import fields
 
 from app.ipc.messages import ActionReport, ActiveEvent, ControlSnapshot, OperatorCommand, OperatorKind, TriggerReport
 from app.ipc.states import Action, Effect, Event, GaitState, Source
-from app.link.clock import ClockEstimate
-from app.link.times import MOMENTS, PARTS, localized
+from app.link.clock import MOMENTS, PARTS, ClockEstimate, localized
 from testing.fake_host import JOINT
 
 AHEAD = ClockEstimate(0, 900, 1_100)

@@ -25,7 +25,7 @@ from logs.keys import by_fingerprint, known_keys
 from logs.read import records
 from logs.records import EventRaised, Note, Stop
 from logs.verify import Evidence, exit_status, verify
-from testing.relay import Relay
+from testing.network import Relay
 from testing.two_hosts import TwoHosts, two_hosts
 
 pytestmark = [pytest.mark.serial, pytest.mark.xdist_group("two-hosts")]  # one session, test after test

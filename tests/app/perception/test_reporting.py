@@ -9,9 +9,11 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from msgspec import structs
 
+from app.ipc.messages import TriggerReport
 from app.perception.pipeline import rests_on_assumption
-from app.perception.reporting import Context, MeasuredRate, Scale, frames_per_second, records_between, to_message
+from app.perception.reporting import MeasuredRate, Scale, frames_per_second, records_between, with_report
 from app.text.catalogue import render
 from kgdfa.button import (
     ButtonComparison,
@@ -93,17 +95,19 @@ def push(*moves: tuple[float, Gesture | None, Box | None]) -> tuple[list[Report]
     return reports, bodies
 
 
-AROUND = Context(incarnation=1, sequence=2, sent_ns=9, camera="c", threshold_m=0.2, fps=30.0)
+WITHOUT_HAND = TriggerReport(
+    incarnation=1, sequence=2, captured_ns=3, sent_ns=9, hand=False, gesture=None, camera="c", threshold_m=0.2, fps=30.0
+)
 
 
 def test_no_report_is_reported_as_no_hand_with_its_reason() -> None:
-    message = to_message(None, replace(AROUND, camera_fault=reason_of(OSError("unplugged"))), captured_ns=3)
+    message = with_report(structs.replace(WITHOUT_HAND, camera_fault=reason_of(OSError("unplugged"))), None)
     assert (message.hand, message.gesture, message.pressed, message.release_count) == (False, None, False, 0)
     assert (message.camera_fault, message.captured_ns) == (reason_of(OSError("unplugged")), 3)
 
 
 def test_message_carries_the_safe_distance_beside_the_shown_one() -> None:
-    message = to_message(REPORT, AROUND, captured_ns=5)
+    message = with_report(WITHOUT_HAND, REPORT)
     assert (message.distance_m, message.safe_distance_m, message.distance_sd_m) == (0.3, 0.31, 0.01)
     assert (message.gesture, message.recognised_ns, message.votes) == (Gesture.ONE, 4, 3)
 
@@ -186,7 +190,7 @@ def test_a_refused_hand_is_told_and_recorded_once() -> None:
         HandRefusal.OTHER_SIDE, {"side": Side.LEFT, "enrolled": Side.RIGHT, "log_odds": -6.0, "limit": 4.0}
     )
     refused = replace(REPORT, hand=None, verdict=None, gesture=None, distance=None, refusal=why)
-    assert to_message(refused, AROUND, 1).hand_refusal == reason_of(why)
+    assert with_report(WITHOUT_HAND, refused).hand_refusal == reason_of(why)
     (hint,) = [body for body in records_between(REPORT, refused, SCALE) if isinstance(body, Hint)]
     assert isinstance(hint.reason, Reason)
     assert (hint.reason.code, hint.reason.values["log_odds"]) == ("HandRefusal.OTHER_SIDE", -6.0)
@@ -219,9 +223,9 @@ def test_rate_of_too_few_frames_is_zero() -> None:
 
 def test_the_message_reports_where_a_press_works_with_a_hand_and_without() -> None:
     zone = PressZone(followed_from_m=0.13, whole_from_m=0.18, visible_to_m=1.6, threshold_m=0.2, rest_beyond_m=0.24)
-    around = replace(AROUND, press_zone=zone)
-    assert to_message(REPORT, around, captured_ns=5).press_zone == zone
-    assert to_message(None, around, captured_ns=5).press_zone == zone
+    around = structs.replace(WITHOUT_HAND, press_zone=zone)
+    assert with_report(around, REPORT).press_zone == zone
+    assert with_report(around, None).press_zone == zone
 
 
 @pytest.mark.parametrize(
@@ -231,4 +235,4 @@ def test_the_message_reports_where_a_press_works_with_a_hand_and_without() -> No
 def test_distances_that_rest_on_an_assumed_focal_length_are_marked(focal: str, anchor: str, rests: bool) -> None:
     scale = replace(SCALE, focal_source=focal, anchor_method=anchor)
     assert rests_on_assumption(scale) is rests
-    assert to_message(REPORT, replace(AROUND, focal_assumed=rests), captured_ns=5).focal_assumed is rests
+    assert with_report(structs.replace(WITHOUT_HAND, focal_assumed=rests), REPORT).focal_assumed is rests

@@ -15,7 +15,7 @@ from app.system.paths import Home, pictures_path, recording_path
 from logs.read import records
 from logs.records import RecordingFile, RecordingSent
 from testing.recordings import contradictions, joints_are_controls
-from testing.session import real_session
+from testing.session import RealSession
 
 pytestmark = [pytest.mark.serial, pytest.mark.xdist_group("perception")]
 
@@ -24,7 +24,7 @@ pytestmark = [pytest.mark.serial, pytest.mark.xdist_group("perception")]
 def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A session that stands up, with perception and pictures."""
     root = tmp_path_factory.mktemp("real")
-    with real_session(root, perception=True, recording=True) as session:
+    with RealSession(root, perception=True, recording=True) as session:
         session.until(lambda _: session.report is not None and session.report.detector_ready, "perception")
         session.record_pictures(consent=True)
         session.stand()

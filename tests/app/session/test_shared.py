@@ -14,8 +14,7 @@ import pytest
 from app.ipc.links import new_link_directory
 from app.ipc.streams import LinkDirectory
 from app.session.host import make_setup
-from app.session.peer import Peer
-from app.session.shared import current_lease, held_session, share, take_lease, unshare
+from app.session.shared import Peer, current_lease, held_session, share, take_lease, unshare
 from app.system.config import Config
 from app.system.paths import Home
 from profiles.schema import DEMO_PATIENT
