@@ -6,9 +6,10 @@ import errno
 import math
 import os
 import tempfile
+from collections.abc import Mapping
 from enum import Enum, auto
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 from typer import CallbackParam
@@ -47,6 +48,28 @@ class CliFault(Enum):
 def print_text(key: str, **values: object) -> None:
     """Print a text of the catalogues."""
     typer.echo(tr(key, **values))
+
+
+def sql_of(sql: str, ask: str, questions: Mapping[str, str]) -> str:
+    """The SQL that is given, or that of a ready question. Raises AppError unless it is one of them."""
+    if bool(sql) == bool(ask) or (ask and ask not in questions):
+        ready = "; ".join(f"{name}: {tr(f'question.{name}')}" for name in questions)
+        raise AppError(CliFault.NO_QUESTION, ready=ready)
+    return sql or questions[ask]
+
+
+def print_answer(answer: Any, *, json: bool) -> None:
+    """An answer's rows, a line each as JSON, or as a table."""
+    from rich.console import Console
+
+    from app.text.recorded import render_recorded
+    from logs.query import as_json, as_table
+
+    if json:
+        for line in as_json(answer):
+            typer.echo(line)
+    else:
+        Console(highlight=False, markup=False).print(as_table(answer, render_recorded))
 
 
 def check_output(path: Path | None) -> Path | None:
@@ -91,6 +114,7 @@ def check_terminal() -> None:
 
 
 MAX_SEED = 2**32 - 1
+PORT = 7447  # app.link.wire.PORT, without its imports
 
 
 def check_finite(parameter: CallbackParam, value: float | None) -> float | None:
