@@ -42,7 +42,7 @@ from logs.records import Pause, Record
 
 sys.path.insert(0, str(Path(__file__).parent.parent))  # run as a script, `tools` is a folder of the tree
 
-from app.demo.load import busy_processes
+from app.demo.drives import busy_processes
 from testing.session import TIMEOUT_S, RealSession, WatchedSession, real_session
 from tools.bench_console import Terminal
 from tools.bench_host import bare_loop

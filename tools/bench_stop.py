@@ -33,7 +33,7 @@ from hal.joints.device import load_exoskeleton
 
 sys.path.insert(0, str(Path(__file__).parent.parent))  # run as a script, `tools` is a folder of the tree
 
-from app.demo.load import busy_processes
+from app.demo.drives import busy_processes
 from testing.session import Sniffer, WatchedSession, real_session
 
 MIDDLE = 0.3  # of a movement: STOP is pressed beyond it

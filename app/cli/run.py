@@ -126,8 +126,7 @@ def demo(
     from tempfile import TemporaryDirectory
 
     from app.cli.progress import spinner, wide_console
-    from app.demo.drives import joints_for
-    from app.demo.load import busy_processes
+    from app.demo.drives import busy_processes, joints_for
     from app.demo.scenario import ALL_TWELVE
     from app.demo.session import demo_config, demo_patient, print_result, run_session
     from app.demo.two_hosts import second_computer

@@ -1,9 +1,12 @@
-"""Which joints the demo commands: simulated ones, or emulated drives on a CAN bus in a process of their own."""
+"""What runs beside the demo in processes of its own: drives emulated on a CAN bus, and load."""
 
 from __future__ import annotations
 
 import multiprocessing
+import os
 import random
+import subprocess
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from enum import Enum
@@ -92,3 +95,25 @@ def emulated_drives(
         if process.is_alive():
             process.terminate()
             process.join(5.0)
+
+
+# Ends by itself once its parent is gone, however that ended. The parent's own niceness is not inherited.
+_BUSY = """
+import os, sys
+os.setpriority(os.PRIO_PROCESS, 0, 0)
+while os.getppid() == int(sys.argv[1]):
+    for _ in range(1_000_000):
+        pass
+"""
+
+
+@contextmanager
+def busy_processes(count: int) -> Iterator[tuple[int, ...]]:
+    """Keep that many processes busy while the body runs; their PIDs."""
+    started = [subprocess.Popen([sys.executable, "-c", _BUSY, str(os.getpid())]) for _ in range(count)]
+    try:
+        yield tuple(process.pid for process in started)
+    finally:
+        for process in started:
+            process.kill()
+            process.wait()

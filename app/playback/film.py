@@ -17,10 +17,9 @@ import cv2
 
 from app.playback import frame
 from app.playback.frame import HEIGHT_PX, WIDTH_PX
-from app.playback.legs import Legs
 from app.playback.moment import joints_over, moment, reports_between
 from app.playback.session import Playback, ReplayFault, moment_ns
-from app.playback.view import WINDOW_S, Figure, View, Whole
+from app.playback.view import WINDOW_S, Figure, Legs, View, Whole
 from app.system.errors import AppError
 from logs import records as r
 from logs.reading.errors import cause_of

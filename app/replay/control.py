@@ -14,8 +14,7 @@ from app.control.requests import Untimely, answer_to, outside_vocabulary, untime
 from app.ipc.states import ACTION_OF, Action, Effect, Event, GaitState, Source
 from app.motion.plan import Phase
 from app.replay.difference import Difference, difference, differences
-from app.replay.events import event_differences
-from app.replay.plans import plan_differences
+from app.replay.events import event_differences, plan_differences
 from app.replay.stops import StopReplay
 from kgdfa.gesture import Gesture
 from logs import records as r

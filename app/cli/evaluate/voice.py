@@ -33,7 +33,7 @@ def voice(
     """How often "stop" and 停 stop, and what else does, on recordings; without a folder on synthetic speech."""
     require_extra("voice", "pocketsphinx")
     from app.evaluate.voice import recordings as made
-    from app.evaluate.voice.measure import as_json, measure, tables
+    from app.evaluate.voice.recordings import as_json, measure, tables
     from app.evaluate.voice.speech import require_speech
     from app.voice.spotter import KeywordSpotter
 

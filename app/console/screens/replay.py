@@ -15,9 +15,9 @@ from app.console.widgets.panel import Panel
 from app.console.widgets.replay import replay_status, time_bar
 from app.console.widgets.replay_view import ReplayView
 from app.playback.film import FPS
-from app.playback.legs import Legs
 from app.playback.moment import Moment, moment
 from app.playback.session import Playback, moment_ns
+from app.playback.view import Legs
 from logs.records import Record
 
 DRAWN_S = 1 / 12

@@ -17,7 +17,7 @@ from app.console.widgets.halfblock import fit, to_strips
 from app.console.widgets.panel import Line, Lines, cells, fitted, plain
 from app.console.widgets.push import Push
 from app.ipc.messages import TriggerReport
-from app.playback.figures import decoded
+from app.playback.panels import decoded
 from app.playback.session import Playback, moment_ns
 from app.playback.view import WINDOW_S, clock
 from app.text.catalogue import tr

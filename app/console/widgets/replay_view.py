@@ -23,10 +23,9 @@ from app.console.widgets.status import event_lines
 from app.console.widgets.wearer import goal_of
 from app.ipc.streams import LinkDirectory
 from app.playback.film import WINDOW_NS
-from app.playback.legs import Legs, coming
 from app.playback.moment import Moment, joints_over, reports_between
 from app.playback.session import Playback, moment_ns
-from app.playback.view import clock
+from app.playback.view import Legs, clock, coming
 from app.system.config import Config, SessionSetup
 from app.text.catalogue import tr
 from app.text.recorded import render_recorded

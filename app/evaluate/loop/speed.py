@@ -26,8 +26,7 @@ import cv2
 from rich.table import Table
 
 from app.evaluate.harness import FRAME_NS, EvaluateFault, Step, percent, table
-from app.evaluate.loop.networks import NetworkSize, bundle_sizes
-from app.evaluate.loop.onnx_detector import OnnxDetector
+from app.evaluate.loop.networks import NetworkSize, OnnxDetector, bundle_sizes
 from app.evaluate.readings import images_of, read_frames
 from app.perception.reporting import PreviewPacer
 from app.system.errors import AppError
