@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import os
 import threading
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, closing
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import cv2
 import msgspec
@@ -147,41 +147,20 @@ def _stored_images(file: dict[str, NDArray[Any]]) -> list[DetectedImage]:
     ]
 
 
-class ImageClassifier(Protocol):
-    """Classifies one image from the hands that its views gave, at least one, the plain view's first."""
-
-    name: str
-
-    def classify(self, hands: Sequence[Hand]) -> tuple[Verdict, FloatArray]:
-        """The verdict, and the confidence in each gesture, (12,)."""
-        ...
+# From the hands that an image's views gave, at least one, the plain view's first: the verdict, and the confidence in
+# each gesture, (12,).
+ImageClassifier = Callable[[Sequence[Hand]], tuple[Verdict, FloatArray]]
 
 
-class PublishedClassifier:
+def published_classifier() -> ImageClassifier:
     """The paper's rules on the plain view alone: they give no confidence that could be averaged."""
-
-    name = PublishedRules.name
-
-    def __init__(self) -> None:
-        self._rules = PublishedRules()
-
-    def classify(self, hands: Sequence[Hand]) -> tuple[Verdict, FloatArray]:
-        """Table 2 on the first hand."""
-        return self._rules.classify(hands[0]), self._rules.predict_proba(hands[0])
+    rules = PublishedRules()
+    return lambda hands: (rules.classify(hands[0]), rules.predict_proba(hands[0]))
 
 
-class RobustClassifier:
+def robust_classifier(rules: RobustRules, *, views: int | None = None) -> ImageClassifier:
     """The robust rules with test-time augmentation: the mean confidence over the first `views` (all, if None)."""
-
-    name = RobustRules.name
-
-    def __init__(self, rules: RobustRules | None = None, *, views: int | None = None) -> None:
-        self._rules = rules or RobustRules()
-        self._views = views
-
-    def classify(self, hands: Sequence[Hand]) -> tuple[Verdict, FloatArray]:
-        """The mean over the views."""
-        return self._rules.classify_augmented(hands[: self._views])
+    return lambda hands: rules.classify_augmented(hands[:views])
 
 
 def classify_all(detected: Sequence[DetectedImage], classifier: ImageClassifier) -> list[Classified]:
@@ -193,11 +172,13 @@ def classify_image(one: DetectedImage, classifier: ImageClassifier) -> Classifie
     """One image classified."""
     if not one.hands:
         return Classified(image=one.image, detected=False, verdict=None, scores=np.zeros(len(GESTURE_NAMES)))
-    verdict, scores = classifier.classify(one.hands)
+    verdict, scores = classifier(one.hands)
     return Classified(image=one.image, detected=True, verdict=verdict, scores=scores)
 
 
 def classify_as_shipped(detected: Sequence[DetectedImage], *, views: int | None = None) -> dict[str, list[Classified]]:
     """Both rule sets as the program runs them."""
-    classifiers: tuple[ImageClassifier, ...] = (PublishedClassifier(), RobustClassifier(views=views))
-    return {classifier.name: classify_all(detected, classifier) for classifier in classifiers}
+    return {
+        PublishedRules.name: classify_all(detected, published_classifier()),
+        RobustRules.name: classify_all(detected, robust_classifier(RobustRules(), views=views)),
+    }

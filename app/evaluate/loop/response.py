@@ -18,14 +18,13 @@ import numpy as np
 from app.demo.attempt import Attempt
 from app.demo.scenario import ALL_TWELVE, Step
 from app.demo.session import SessionResult, demo_config, demo_patient, run_session
-from app.evaluate.harness import EvaluateFault, writing
+from app.evaluate.harness import EvaluateFault, keep_line, kept_lines
 from app.evaluate.loop.table7 import ResponseResult
 from app.ipc.states import ACTION_OF, Action
 from app.system.config import Config
 from app.system.errors import AppError
 from app.system.paths import Home
 from app.system.program import PROGRAM, program_identity
-from logs.reading.formats import read_json_lines
 from logs.reason import Reason, reason
 from profiles.schema import Profile
 
@@ -157,7 +156,7 @@ def evaluate_response(
             sessions.append(
                 KeptSession(seed=seed, click_s=click_s, rounds=done, program=program_identity()[PROGRAM], result=made)
             )
-            _keep(sessions[-1], keep)
+            keep_line(sessions[-1], keep)
             fruitless = 0 if done else fruitless + 1
             if rounds.interrupted:
                 return _result(sessions, interrupted=True)
@@ -175,18 +174,10 @@ def _result(
 
 
 def _kept(keep: Path | None, seeds: Sequence[int], click_s: tuple[float, float]) -> tuple[KeptSession, ...]:
-    if keep is None or not keep.exists():
-        return ()
-    kept = read_json_lines(keep, KeptSession)
+    kept = kept_lines(keep, KeptSession)
     if any(one.seed not in seeds or one.click_s != click_s for one in kept):
         raise AppError(EvaluateFault.PROGRESS_OF_OTHERS, file=keep)
     return kept
-
-
-def _keep(session: KeptSession, path: Path | None) -> None:
-    if path is not None:
-        with writing(path), path.open("ab") as file:
-            file.write(msgspec.json.encode(session) + b"\n")
 
 
 def shared(attempts: int, seeds: Sequence[int]) -> Iterator[tuple[int, int]]:
