@@ -9,7 +9,6 @@ from __future__ import annotations
 import random
 import re
 import shutil
-import sys
 import tempfile
 import time
 from collections import Counter
@@ -20,8 +19,6 @@ from typing import Annotated
 import typer
 from rich.console import Console
 from rich.table import Table
-
-sys.path.insert(0, str(Path(__file__).parent.parent))  # run as a script, `tools` is a folder of the tree
 
 from logs.keys import by_fingerprint, known_keys, read_anchors
 from logs.line import GENESIS, seal, unseal
