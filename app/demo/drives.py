@@ -18,8 +18,7 @@ from app.motion.plan import body_of
 from app.system.config import Config, JointsConfig, load_device
 from app.system.errors import AppError
 from hal.joints.emulator.emulator import run_emulator
-from hal.joints.emulator.firmware import ScheduledFault
-from profiles.schema import DEMO_PATIENT, Profile
+from profiles.schema import DEMO_PATIENT
 
 
 class DemoFault(Enum):
@@ -56,14 +55,8 @@ def private_channel() -> str:
 
 
 @contextmanager
-def emulated_drives(
-    base: JointsConfig,
-    profile: Profile = DEMO_PATIENT,
-    *,
-    wearer: bool = True,
-    schedule: tuple[ScheduledFault, ...] = (),
-) -> Iterator[JointsConfig]:
-    """The configuration that reaches the emulated drives; with a `wearer` the simulated body hangs on them.
+def emulated_drives(base: JointsConfig, *, wearer: bool = True) -> Iterator[JointsConfig]:
+    """The configuration that reaches the emulated drives; with a `wearer` the demo patient's body hangs on them.
 
     Raises AppError when the emulator does not start.
     """
@@ -75,9 +68,8 @@ def emulated_drives(
         target=run_emulator,
         args=(device, INTERFACE, channel),
         kwargs={
-            "body": body_of(profile) if wearer else None,
+            "body": body_of(DEMO_PATIENT) if wearer else None,
             "motors": Path(base.motors) if base.motors else None,
-            "schedule": schedule,
             "ready": ready,
             "stop": stop,
         },

@@ -83,7 +83,7 @@ class Legs:
         snapshot = moment.snapshot
         if snapshot is None or (snapshot.action is None and snapshot.state is not GaitState.BETWEEN):
             return
-        began = self._playback.newest_command(moment.at_ns)
+        began = self._playback.commands.newest(moment.at_ns)
         begin_ns = max(moment_ns(began) if began is not None else 0, moment.at_ns - FARTHEST_NS)
         before = snapshot_at(self._playback, begin_ns)
         if before is not None and began is not None and isinstance(began.body, Command):

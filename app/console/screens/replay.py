@@ -136,7 +136,8 @@ class ReplayScreen(ConsoleScreen):
 
     def action_jump(self, direction: int) -> None:
         """To what happens next, or happened before."""
-        found = self._playback.next_after(self.at_ns) if direction > 0 else self._playback.last_before(self.at_ns)
+        landmarks = self._playback.landmarks
+        found = landmarks.next_after(self.at_ns) if direction > 0 else landmarks.newest(self.at_ns - 1)
         if found is not None:
             self.go_to(moment_ns(found))
 

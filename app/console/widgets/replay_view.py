@@ -121,7 +121,7 @@ class ReplayView(Container):
 
     def _draw(self, now: Moment) -> None:
         playback, at_ns = self._playback, now.at_ns
-        landmarks = playback.landmarks_between(at_ns - LANDMARKS_NS, at_ns)
+        landmarks = playback.landmarks.between(at_ns - LANDMARKS_NS, at_ns)
         state = SessionState(
             setup=self._setup,
             started_ns=playback.begin_ns,
@@ -168,7 +168,7 @@ class ReplayView(Container):
 
     def _explain(self, at_ns: int) -> None:
         """Why the newest record came about, as `rleex audit explain` says it."""
-        record = self._playback.newest(at_ns)
+        record = self._playback.landmarks.newest(at_ns)
         number = record.sequence if record is not None else -1
         if number == self._why[0]:
             return
