@@ -17,7 +17,7 @@ from rich.text import Text
 from app.cli.common import HomeOption, check_output, print_answer, print_text, sql_of
 from app.system.errors import AppError
 from app.system.paths import find_home
-from app.text.catalogue import tr
+from app.text.catalogue import language, render, tr
 from app.text.recorded import render_recorded
 from logs.disk import is_being_written
 from logs.errors import AuditError, AuditFault
@@ -189,13 +189,12 @@ def report(
     home: HomeOption = None,
 ) -> None:
     """Write one self-contained page about a session, for reading and for printing."""
-    from app.text import catalogue
     from logs.report.page import report as make
 
     path = find_session(find_home(home).logs, session)
     evidence = evidence_of([path], key, None, home)
     lines, notes = _outcomes(path)
-    page = make(path, evidence, render_recorded, catalogue.language(), outcomes=lines, outcome_notes=notes)
+    page = make(path, evidence, render_recorded, language(), outcomes=lines, outcome_notes=notes)
     _write(output, page.encode())
     print_text("cli.audit.report", path=output, session=path.stem)
 
@@ -296,7 +295,6 @@ def _outcomes(path: Path) -> tuple[list[tuple[str, str, str]], list[str]]:
     """The measures with their smallest changes, and notes on them; or why there are none: the page goes on without."""
     from app.outcomes.session import find_outcomes
     from app.outcomes.table import changes_of, lines_of, remarks, sources
-    from app.text.catalogue import render
 
     try:
         found = find_outcomes(path.parent, str(path))

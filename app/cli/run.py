@@ -12,7 +12,19 @@ from typing import Annotated
 
 import typer
 
-from app.cli.common import MAX_SEED, PORT, HomeOption, check_finite, check_output, check_terminal, print_text
+from app.cli.common import (
+    MAX_SEED,
+    PORT,
+    HomeOption,
+    check_finite,
+    check_output,
+    check_terminal,
+    print_text,
+    spinner,
+    wide_console,
+)
+from app.system.config import load_config, with_choices
+from app.system.paths import Home, find_home, hold_home
 from profiles.schema import DistanceUsed
 
 cli = typer.Typer()
@@ -44,9 +56,7 @@ def run(
     ] = False,
 ) -> None:
     """Open the therapist's console."""
-    from app.system.config import load_config, with_choices
     from app.system.diagnostics_log import set_verbose, start_log
-    from app.system.paths import find_home, hold_home
 
     place = find_home(home)
     if verbose:
@@ -125,16 +135,13 @@ def demo(
     import json
     from tempfile import TemporaryDirectory
 
-    from app.cli.progress import spinner, wide_console
     from app.demo.drives import busy_processes, joints_for
     from app.demo.scenario import ALL_TWELVE
     from app.demo.session import demo_config, demo_patient, print_result, run_session
     from app.demo.two_hosts import second_computer
-    from app.system.config import load_config
     from app.system.diagnostics_log import set_verbose, start_log
     from app.system.hand_model import set_up_model
     from app.system.legs_lock import check_legs_free
-    from app.system.paths import Home, find_home, hold_home
     from app.system.scheduling import set_scheduling
     from profiles.schema import DEMO_PATIENT
     from profiles.store import ProfileStore
@@ -204,9 +211,6 @@ def joints(
     verbose: Annotated[bool, typer.Option("--verbose", help="Log more for engineers.")] = False,
 ) -> None:
     """Run on the exoskeleton's computer: control, guardian, planner and drives for a paired laptop's console."""
-    from app.system.config import load_config
-    from app.system.paths import find_home, hold_home
-
     place = find_home(home)
     if print_service:
         from app.link.service import service_file

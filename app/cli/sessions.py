@@ -9,10 +9,22 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from app.cli.common import HomeOption, check_finite, check_output, check_output_folder, print_answer, print_text, sql_of
+from app.cli.common import (
+    HomeOption,
+    Json,
+    bar,
+    check_finite,
+    check_output,
+    check_output_folder,
+    print_answer,
+    print_text,
+    sql_of,
+    wide_console,
+)
+from app.system.paths import Home, find_home
+from app.text.catalogue import render
 
 if TYPE_CHECKING:
-    from app.system.paths import Home
     from logs.sites import Site
 
 cli = typer.Typer()
@@ -49,8 +61,6 @@ def export(
     home: HomeOption = None,
 ) -> None:
     """Hand recordings and outcomes on, units and axes in each file."""
-    from app.system.paths import find_home
-
     where = find_home(home)
     key = _key(where) if deidentify else None
     for session in sessions:
@@ -117,11 +127,9 @@ def replay(
     home: HomeOption = None,
 ) -> None:
     """Make a film of a recording: hand, legs, joints, distance, gait and events on one time axis."""
-    from app.cli.progress import bar, wide_console
     from app.playback.film import film, stretch_of
     from app.playback.session import Playback
     from app.recording.read import find_recording
-    from app.system.paths import find_home
 
     with closing(Playback(find_recording(find_home(home).logs, file))) as playback:
         target = film_file or check_output(Path(f"{playback.name}.mp4"))
@@ -155,8 +163,6 @@ def query(
 ) -> None:
     """Query the sessions of several sites. A site that is missing or tampered is refused by name."""
     from app.cli.audit import evidence_of
-    from app.system.paths import find_home
-    from app.text.catalogue import render
     from logs.site_query import SITE_QUESTIONS
     from logs.sites import check_site, find_sites
 
@@ -184,17 +190,14 @@ def _answer(sites: list[Site], sql: str, spark: str) -> Any:
 def outcomes(
     sessions: Annotated[list[str] | None, SESSIONS] = None,
     patient: Annotated[str, typer.Option(help="Only this patient; without sessions, all that the patient has.")] = "",
-    json: Annotated[Path | None, typer.Option(callback=check_output, help="Write the figures here as well.")] = None,
+    json: Json = None,
     home: HomeOption = None,
 ) -> None:
     """Steps, distance, speed, cadence, symmetry, up-time, ranges of motion and dose of one patient's sessions."""
     from msgspec import json as text
 
-    from app.cli.progress import wide_console
     from app.outcomes.history import outcomes_of, outcomes_of_patient
     from app.outcomes.table import outcomes_table, remarks, sources
-    from app.system.paths import find_home
-    from app.text.catalogue import render
 
     where = find_home(home)
     if patient and not sessions:

@@ -8,10 +8,9 @@ from typing import TYPE_CHECKING, Annotated
 import msgspec
 import typer
 
-from app.cli.common import MAX_SEED, HomeOption, check_output, check_output_folder
+from app.cli.common import MAX_SEED, HomeOption, Json, check_output, check_output_folder
 from app.cli.evaluate.common import (
     Directory,
-    Json,
     Keypoints,
     hand_model,
     open_detector,

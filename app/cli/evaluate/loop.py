@@ -8,17 +8,15 @@ from typing import Annotated
 import msgspec
 import typer
 
-from app.cli.common import HomeOption, check_output, check_output_folder
+from app.cli.common import HomeOption, Json, check_output, check_output_folder, spinner, wide_console
 from app.cli.evaluate.common import (
     Click,
-    Json,
     Seeds,
     hand_model,
     progress,
     show,
     status_line,
 )
-from app.cli.progress import spinner, wide_console
 from app.demo.scenario import ALL_TWELVE
 from app.evaluate.harness import click_range, require_extra, seed_numbers, write_json, writing
 from app.system.config import load_config, load_device
