@@ -43,12 +43,7 @@ BACK_TO_STANDING = Step(gesture=Gesture.ZERO, start=GaitState.BETWEEN, end=GaitS
 
 
 class Runner(Protocol):
-    """What signs and presses, and can bring held legs back: `app.demo.runner.ScenarioRunner`."""
-
-    @property
-    def standing(self) -> bool:
-        """Whether the legs stand, ready for the next action."""
-        ...
+    """What signs and presses: `app.demo.runner.ScenarioRunner`."""
 
     def run(self, step: Step) -> Attempt:
         """One attempt."""
@@ -58,12 +53,21 @@ class Runner(Protocol):
         """The hand rests."""
         ...
 
+
+class RecoveringRunner(Runner, Protocol):
+    """One that can bring held legs back."""
+
+    @property
+    def standing(self) -> bool:
+        """Whether the legs stand, ready for the next action."""
+        ...
+
     def recover(self) -> bool:
         """Check and acknowledge; whether the legs may be brought back."""
         ...
 
 
-def run_scenario(runner: Runner, scenario: Sequence[Step]) -> list[Attempt]:
+def run_scenario(runner: RecoveringRunner, scenario: Sequence[Step]) -> list[Attempt]:
     """Every step in order, the hand at rest in between.
 
     Where an interlock interrupted, the legs are brought back and the scenario goes on from where the wearer last stood;
@@ -92,7 +96,7 @@ def resume_at(scenario: Sequence[Step], interrupted: int) -> int:
     return max((number for number in standing if number <= interrupted), default=standing[0])
 
 
-def _back(runner: Runner, attempts: list[Attempt]) -> bool:
+def _back(runner: RecoveringRunner, attempts: list[Attempt]) -> bool:
     """Bring interrupted legs back to standing, as an attempt of its own; whether they stand."""
     while sum(attempt.interrupted for attempt in attempts) <= INTERRUPTIONS and runner.recover():
         if runner.standing:

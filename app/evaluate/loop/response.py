@@ -16,7 +16,7 @@ import msgspec
 import numpy as np
 
 from app.demo.attempt import Attempt
-from app.demo.scenario import ALL_TWELVE, Step
+from app.demo.scenario import ALL_TWELVE, Runner, Step
 from app.demo.session import SessionResult, demo_config, demo_patient, run_session
 from app.evaluate.harness import EvaluateFault, keep_line, kept_lines
 from app.evaluate.loop.table7 import ResponseResult
@@ -39,22 +39,14 @@ FRUITLESS_SESSIONS = 3  # one after the other without a round: then something is
 Watch = Callable[[str], None]
 
 
-class Runner(Protocol):
-    """What signs and presses: `app.demo.runner.ScenarioRunner`. click_s: of the next push, there and back."""
+class RoundRunner(Runner, Protocol):
+    """One that can begin another round. click_s: of the next push, there and back."""
 
     click_s: float
 
     @property
     def allowed(self) -> tuple[Action, ...]:
         """What the legs may do now."""
-        ...
-
-    def run(self, leg: Step) -> Attempt:
-        """One attempt."""
-        ...
-
-    def relax(self) -> None:
-        """The hand rests."""
         ...
 
     def power_off(self) -> bool:
@@ -74,7 +66,7 @@ class Rounds:
     draw: np.random.Generator = field(default_factory=np.random.default_rng)
     interrupted: bool = field(default=False)
 
-    def run_attempts(self, runner: Runner, scenario: Sequence[Step]) -> list[Attempt]:
+    def run_attempts(self, runner: RoundRunner, scenario: Sequence[Step]) -> list[Attempt]:
         """Rounds of the scenario until none is left, one can't go on, or the operator interrupts."""
         attempts: list[Attempt] = []
         try:
@@ -89,7 +81,7 @@ class Rounds:
             self.interrupted = True
         return attempts
 
-    def _round(self, runner: Runner, scenario: Sequence[Step]) -> Iterator[Attempt]:
+    def _round(self, runner: RoundRunner, scenario: Sequence[Step]) -> Iterator[Attempt]:
         """Every attempt of one round; ends early where a transition can't be made."""
         for leg in scenario:
             for _ in range(ATTEMPTS):
