@@ -61,11 +61,9 @@ def write_config(home: Home, config: Config) -> None:
     joints = config.joints
     chosen = {"kind": joints.kind, "device": joints.device, "motors": joints.motors}
     chosen |= {"interface": joints.interface, "channel": joints.channel}
-    document = tomlkit.document()
-    document["unattended_s"] = config.unattended_s
-    document["joints"] = {name: value for name, value in chosen.items() if value}
+    named = {"unattended_s": config.unattended_s, "joints": {name: value for name, value in chosen.items() if value}}
     home.root.mkdir(parents=True, exist_ok=True)
-    home.config.write_text(tomlkit.dumps(document), encoding="utf-8")
+    home.config.write_text(tomlkit.dumps(named), encoding="utf-8")
 
 
 def free_port() -> int:

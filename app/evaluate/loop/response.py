@@ -15,8 +15,7 @@ from typing import Protocol
 import msgspec
 import numpy as np
 
-from app.demo.attempt import Attempt
-from app.demo.scenario import ALL_TWELVE, Runner, Step
+from app.demo.scenario import ALL_TWELVE, Attempt, Runner, Step
 from app.demo.session import SessionResult, demo_config, demo_patient, run_session
 from app.evaluate.harness import EvaluateFault, keep_line, kept_lines
 from app.evaluate.loop.table7 import ResponseResult

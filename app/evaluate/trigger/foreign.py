@@ -241,10 +241,7 @@ def evaluate_foreign(
 def collected(wanted: Iterable[Clip], made: Mapping[str, ClipOutcome], *, interrupted: bool = False) -> ForeignResult:
     """The figures of those clips that were made."""
     result = ForeignResult(kinds={kind.value: KindResult() for kind in ForeignKind}, interrupted=interrupted)
-    for clip in wanted:
-        outcome = made.get(clip.name)
-        if outcome is None:
-            continue
+    for clip, outcome in ((clip, made[clip.name]) for clip in wanted if clip.name in made):
         if clip.kind is not None:
             into = result.kinds[clip.kind.value]
             into.clips += 1
