@@ -118,7 +118,7 @@ def _table_3(name: str, figures: Figures) -> Table:
 
 
 def _confusion(name: str, figures: Figures) -> Table:
-    """GroundTruth by row."""
+    """The labels by row."""
     made = table("gestures.confusion", "empty", rules=name)
     for heading in CLASSES:
         made.add_column(heading, justify="right")
