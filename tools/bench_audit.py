@@ -154,18 +154,15 @@ def _real_time() -> Iterator[None]:
 
 def _lateness(seconds: float, each_second: Callable[[], object] = lambda: None) -> float:
     """99th percentile of how late the ticks of a 500 Hz loop begin, seconds."""
+    late = []
     with _real_time():
-        return _measured_lateness(seconds, each_second)
-
-
-def _measured_lateness(seconds: float, each_second: Callable[[], object]) -> float:
-    late, due = [], time.monotonic() + TICK_S
-    for tick in range(int(seconds / TICK_S)):
-        time.sleep(max(due - time.monotonic(), 0))
-        late.append(time.monotonic() - due)
-        due += TICK_S
-        if tick % 500 == 0:
-            each_second()
+        due = time.monotonic() + TICK_S
+        for tick in range(int(seconds / TICK_S)):
+            time.sleep(max(due - time.monotonic(), 0))
+            late.append(time.monotonic() - due)
+            due += TICK_S
+            if tick % 500 == 0:
+                each_second()
     late.sort()
     return late[int(0.99 * len(late))]
 

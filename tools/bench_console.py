@@ -22,12 +22,7 @@ import psutil
 from rich.console import Console
 from rich.table import Table
 
-sys.path.insert(0, str(Path(__file__).parent.parent))  # run as a script, `tools` is a folder of the tree
-
-from app.system.config import load_config
-from app.system.hand_model import set_up_model
-from app.system.paths import find_home
-from tools.pty_program import PtyProgram
+from tools.pty_program import PtyProgram, configure
 
 PRESSES = 40
 # A key that opens a dialog, text that only the dialog shows; Escape closes it.
@@ -136,10 +131,8 @@ def main() -> None:
     parser.add_argument("--rows", type=int, default=24)
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()
-    real = find_home()
-    model = set_up_model(real, load_config(real.config))
     with tempfile.TemporaryDirectory() as folder:
-        (Path(folder) / "config.toml").write_text(f'model = "{model}"\n')
+        configure(Path(folder))
         measure(Path(folder), 1.0)  # warm the caches
         found = measure(Path(folder), options.seconds, options.minutes, columns=options.columns, rows=options.rows)
     table = Table("figure", "measured", "bound")

@@ -11,7 +11,6 @@ import argparse
 import contextlib
 import json
 import os
-import sys
 import tempfile
 import threading
 import time
@@ -29,24 +28,20 @@ from rich.progress import track
 from rich.table import Table
 
 from app.console.keys import GESTURE_KEYS
+from app.demo.drives import busy_processes
 from app.ipc.messages import ControlSnapshot, OperatorKind
 from app.ipc.states import ACTION_OF, Action
 from app.ipc.streams import LinkDirectory
 from app.session.shared import shared
-from app.system.config import load_config
 from app.system.errors import AppError
-from app.system.hand_model import find_model
-from app.system.paths import Home, find_home
+from app.system.paths import Home
 from logs.read import read, session_paths
 from logs.records import Pause, Record
-
-sys.path.insert(0, str(Path(__file__).parent.parent))  # run as a script, `tools` is a folder of the tree
-
-from app.demo.load import busy_processes
 from testing.session import TIMEOUT_S, RealSession, WatchedSession
 from tools.bench_console import Terminal
 from tools.bench_host import bare_loop
 from tools.bench_memory import growth_per_sample
+from tools.pty_program import configure
 
 Result = TypeVar("Result")
 BARE_RATIO = 1.3  # at most so many times the bare loop's
@@ -128,8 +123,7 @@ class ConsoleSession(WatchedSession):
 @contextmanager
 def console_session(home: Path) -> Iterator[ConsoleSession]:
     """A console with its session, both ended whatever happens."""
-    model = find_model(find_home(), load_config(find_home().config))
-    (home / "config.toml").write_text(f'model = "{model}"\n', encoding="utf-8")
+    configure(home)
     with tempfile.TemporaryDirectory(prefix="bench-") as sockets:
         terminal = Terminal(home, 80, 24, os.environ | {"TMPDIR": sockets})
         try:

@@ -11,7 +11,6 @@ from __future__ import annotations
 import multiprocessing
 import os
 import socket
-import sys
 import tempfile
 import time
 from collections.abc import Iterator
@@ -25,8 +24,6 @@ import typer
 import zmq
 from rich.console import Console
 from rich.table import Table
-
-sys.path.insert(0, str(Path(__file__).parent.parent))  # run as a script, `tools` is a folder of the tree
 
 from app.ipc.links import Address, OrderedReceiver, OrderedSender, address, new_link_directory
 from app.ipc.messages import Heartbeat, OperatorCommand, OperatorKind

@@ -27,8 +27,6 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-sys.path.insert(0, str(Path(__file__).parent.parent))  # run as a script, `tools` is a folder of the tree
-
 from app.recording.read import proof_of, survey
 from app.system.paths import pictures_path, recording_path
 from profiles.schema import DEMO_PATIENT, DistanceUsed

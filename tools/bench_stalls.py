@@ -11,7 +11,6 @@ import argparse
 import json
 import os
 import signal
-import sys
 import tempfile
 import time
 from collections import defaultdict
@@ -24,8 +23,6 @@ from typing import TypeVar
 from rich.console import Console
 from rich.progress import track
 from rich.table import Table
-
-sys.path.insert(0, str(Path(__file__).parent.parent))  # run as a script, `tools` is a folder of the tree
 
 from app.control.events.programs import CONTROL_LATE_MS, CONTROL_STALLED_MS
 from app.ipc.messages import ControlSnapshot, OperatorKind

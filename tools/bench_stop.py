@@ -12,7 +12,6 @@ import contextlib
 import json
 import os
 import signal
-import sys
 import tempfile
 import time
 from collections.abc import Callable
@@ -24,16 +23,12 @@ from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
-from app.demo.drives import emulated_drives
+from app.demo.drives import busy_processes, emulated_drives
 from app.ipc.messages import ControlSnapshot, OperatorKind
 from app.ipc.states import Action, Effect, Event, GaitState
 from app.system.config import JointsConfig
 from app.text.catalogue import render
 from hal.joints.device import load_exoskeleton
-
-sys.path.insert(0, str(Path(__file__).parent.parent))  # run as a script, `tools` is a folder of the tree
-
-from app.demo.load import busy_processes
 from testing.session import RealSession, Sniffer, WatchedSession
 
 MIDDLE = 0.3  # of a movement: STOP is pressed beyond it

@@ -21,17 +21,14 @@ from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
-sys.path.insert(0, str(Path(__file__).parent.parent))  # run as a script, `tools` is a folder of the tree
-
 from app.ipc.messages import ControlSnapshot, OperatorKind
 from app.ipc.states import Action, Effect, GaitState
-from app.system.config import load_config
-from app.system.hand_model import find_model
-from app.system.paths import Home, find_home
+from app.system.paths import Home
 from testing.session import WatchedSession
 from tools.bench_console import Terminal
 from tools.bench_control import ConsoleSession, links_of
 from tools.bench_stop import MIDDLE, SITUATIONS, InterlockError, Situation, go, reach, stand
+from tools.pty_program import configure
 
 GONE_S = 2.0  # docs/safety.md: the console is gone within it
 POWER_ON = Situation(during=Action.INITIALISE)
@@ -167,8 +164,7 @@ def main() -> None:
     rows: list[dict[str, object]] = []
     with tempfile.TemporaryDirectory() as folder, tempfile.TemporaryDirectory(prefix="bench-") as sockets:
         home = Path(folder)
-        model = find_model(find_home(), load_config(find_home().config))
-        (home / "config.toml").write_text(f'model = "{model}"\n', encoding="utf-8")
+        configure(home)
         session = Terminals(home, dict(os.environ) | {"TMPDIR": sockets})
         try:
             session.until(lambda _: True, "control's first message")

@@ -32,12 +32,7 @@ import psutil
 from rich.console import Console
 from rich.table import Table
 
-sys.path.insert(0, str(Path(__file__).parent.parent))  # run as a script, `tools` is a folder of the tree
-
-from app.system.config import load_config
-from app.system.hand_model import set_up_model
-from app.system.paths import find_home
-from tools.pty_program import PtyProgram
+from tools.pty_program import PtyProgram, configure
 
 COLUMNS, ROWS = 120, 36
 ESCAPE = b"\x1b"
@@ -157,11 +152,9 @@ def install(name: str, folder: Path) -> None:
 
 def furnish(home: Path) -> None:
     """Two homes: one begins with the list of patients, one with the demo patient's session."""
-    real = find_home()
-    model = set_up_model(real, load_config(real.config))
     for name, more in (("rest", '[joints]\nkind = "can"\n'), ("live", "")):
         (home / name).mkdir()
-        (home / name / "config.toml").write_text(f'model = "{model}"\n{more}')
+        configure(home / name, more)
 
 
 Round = dict[str, dict[str, float]]  # program → its figures

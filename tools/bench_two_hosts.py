@@ -21,8 +21,6 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).parent.parent))  # run as a script, `tools` is a folder of the tree
-
 from app.link.wire import PORT
 from app.system.paths import Home
 from testing.network import JOINTS, Air, enter_namespace, two_namespaces

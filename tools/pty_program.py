@@ -12,9 +12,21 @@ import subprocess
 import termios
 import time
 from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from app.system.config import load_config
+from app.system.hand_model import set_up_model
+from app.system.paths import find_home
 
 LIMIT_S = 60.0
 _ESCAPES = re.compile(rb"\x1b\[[0-9;?]*[ -/]*[@-~]|\x1b[()][0-9A-B]|\x1b[=>]")
+
+
+def configure(home: Path, more: str = "") -> None:
+    """The configuration of a home: this machine's hand model, fetched first if it must be, and more in TOML."""
+    real = find_home()
+    model = set_up_model(real, load_config(real.config))
+    (home / "config.toml").write_text(f'model = "{model}"\n{more}', encoding="utf-8")
 
 
 class PtyProgram:

@@ -20,8 +20,6 @@ from rich.progress import track
 from textual.pilot import Pilot
 from textual.strip import Strip
 
-sys.path.insert(0, str(Path(__file__).parent.parent))  # run as a script, `tools` is a folder of the tree
-
 from app.console.app import ConsoleApp
 from app.console.screens.review import ReviewScreen
 from app.console.screens.session import SessionScreen

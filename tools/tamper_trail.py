@@ -9,7 +9,6 @@ from __future__ import annotations
 import random
 import re
 import shutil
-import sys
 import tempfile
 import time
 from collections import Counter
@@ -20,8 +19,6 @@ from typing import Annotated
 import typer
 from rich.console import Console
 from rich.table import Table
-
-sys.path.insert(0, str(Path(__file__).parent.parent))  # run as a script, `tools` is a folder of the tree
 
 from logs.keys import by_fingerprint, known_keys, read_anchors
 from logs.line import GENESIS, seal, unseal
@@ -98,13 +95,9 @@ def append_noise(files: Files, dice: random.Random) -> None:
         file.write(dice.choice((b"\n", b"{}\n", bytes(100), dice.randbytes(50), b"[" * 50_000)))
 
 
-def renumber(files: Files, dice: random.Random) -> None:
-    _renumber(files, dice)
-
-
 def renumber_and_seal(files: Files, dice: random.Random) -> None:
     """The hashes made anew behind it, as far as lines are records; without the key's signature."""
-    path = _renumber(files, dice)
+    path = renumber(files, dice)
     out, previous = [], GENESIS
     for line in path.read_bytes().splitlines(keepends=True):
         parts = unseal(line)
@@ -117,7 +110,7 @@ def renumber_and_seal(files: Files, dice: random.Random) -> None:
     path.write_bytes(b"".join(out))
 
 
-def _renumber(files: Files, dice: random.Random) -> Path:
+def renumber(files: Files, dice: random.Random) -> Path:
     path, lines = _lines(files, dice)
     places = [(number, found.span()) for number, line in enumerate(lines) for found in NUMBER.finditer(line)]
     number, (start, end) = dice.choice(places)

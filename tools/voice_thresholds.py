@@ -10,8 +10,7 @@ from __future__ import annotations
 
 import argparse
 
-from app.evaluate.voice.measure import GroupResult, measure
-from app.evaluate.voice.recordings import Recording, synthetic
+from app.evaluate.voice.recordings import GroupResult, Recording, measure, synthetic
 from app.evaluate.voice.speech import PHRASES, Voices
 from app.voice.spotter import KeywordSpotter
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import msgspec
 import typer
@@ -14,10 +14,10 @@ from rich.progress import BarColumn, DownloadColumn, Progress, TimeRemainingColu
 from rich.table import Table
 from rich.text import Text
 
-from app.cli.common import CliFault, HomeOption, check_output, print_text
+from app.cli.common import HomeOption, check_output, print_answer, print_text, sql_of
 from app.system.errors import AppError
 from app.system.paths import find_home
-from app.text.catalogue import tr
+from app.text.catalogue import language, render, tr
 from app.text.recorded import render_recorded
 from logs.disk import is_being_written
 from logs.errors import AuditError, AuditFault
@@ -156,9 +156,7 @@ def explain(
 
     explanation = explain_file(find_session(find_home(home).logs, session), number)
     if json:
-        import json as text
-
-        typer.echo(text.dumps(to_values(explanation), ensure_ascii=True, sort_keys=True))
+        _print_json(to_values(explanation))
         return
     for line in lines(explanation, render_recorded):
         typer.echo(line)
@@ -175,9 +173,7 @@ def replay(
 
     again = run(records(find_session(find_home(home).logs, session)))
     if json:
-        import json as text
-
-        typer.echo(text.dumps(msgspec.to_builtins(again.to_values()), ensure_ascii=True, sort_keys=True))
+        _print_json(msgspec.to_builtins(again.to_values()))
     else:
         _print_replayed(again)
     raise typer.Exit(1 if again.differences else 0)
@@ -193,13 +189,12 @@ def report(
     home: HomeOption = None,
 ) -> None:
     """Write one self-contained page about a session, for reading and for printing."""
-    from app.text import catalogue
     from logs.report.page import report as make
 
     path = find_session(find_home(home).logs, session)
     evidence = evidence_of([path], key, None, home)
     lines, notes = _outcomes(path)
-    page = make(path, evidence, render_recorded, catalogue.language(), outcomes=lines, outcome_notes=notes)
+    page = make(path, evidence, render_recorded, language(), outcomes=lines, outcome_notes=notes)
     _write(output, page.encode())
     print_text("cli.audit.report", path=output, session=path.stem)
 
@@ -213,18 +208,11 @@ def query(
     home: HomeOption = None,
 ) -> None:
     """Query many sessions, of one site or several, at once."""
-    from logs.query import QUESTIONS, as_json, as_table, connect_locked
+    from logs.query import QUESTIONS, connect_locked
     from logs.query import ask as ask_sql
 
-    if bool(sql) == bool(ask) or (ask and ask not in QUESTIONS):
-        ready = "; ".join(f"{name}: {tr(f'question.{name}')}" for name in QUESTIONS)
-        raise AppError(CliFault.NO_QUESTION, ready=ready)
-    answer = ask_sql(connect_locked(at or [find_home(home).logs]), sql or QUESTIONS[ask])
-    if json:
-        for line in as_json(answer):
-            typer.echo(line)
-    else:
-        Console(highlight=False, markup=False).print(as_table(answer, render_recorded))
+    wanted = sql_of(sql, ask, QUESTIONS)
+    print_answer(ask_sql(connect_locked(at or [find_home(home).logs]), wanted), json=json)
 
 
 @cli.command()
@@ -261,6 +249,12 @@ def list_sessions(home: HomeOption = None) -> None:
         numbers = (f"{one.duration_s / 60:.1f}", one.records, one.actions, one.stops)
         table.add_row(*(sanitize_terminal(text) for text in texts), *(str(number) for number in numbers))
     Console(highlight=False, markup=False).print(table)
+
+
+def _print_json(values: Any) -> None:
+    from json import dumps
+
+    typer.echo(dumps(values, ensure_ascii=True, sort_keys=True))
 
 
 def _print_replayed(again: Replayed) -> None:
@@ -301,7 +295,6 @@ def _outcomes(path: Path) -> tuple[list[tuple[str, str, str]], list[str]]:
     """The measures with their smallest changes, and notes on them; or why there are none: the page goes on without."""
     from app.outcomes.session import find_outcomes
     from app.outcomes.table import changes_of, lines_of, remarks, sources
-    from app.text.catalogue import render
 
     try:
         found = find_outcomes(path.parent, str(path))

@@ -205,8 +205,11 @@ def _live_images(camera: Camera) -> Generator[ImageArray, None, None]:
 
 def _open(source: str, home: Home) -> Camera:
     """A source as people name it, with the configuration's settings."""
-    settings: CameraConfig = load_config(home.config).camera
-    kind, device = kind_of(source)
+    return open_as(load_config(home.config).camera, *kind_of(source), home.cameras)
+
+
+def open_as(settings: CameraConfig, kind: str, device: str, store: Path | None = None) -> Camera:
+    """A camera with these settings, of which focal length and mirroring are those of their own kind."""
     return open_camera(
         kind,
         device=device,
@@ -216,7 +219,7 @@ def _open(source: str, home: Home) -> Camera:
         focal_px=settings.focal_px if settings.kind == kind else None,
         mirrored=settings.mirrored and settings.kind == kind,
         seed=settings.seed,
-        store=home.cameras,
+        store=store,
     )
 
 

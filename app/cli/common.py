@@ -1,14 +1,17 @@
-"""What the commands share: the option of the data directory, refusals, and text in the language in use."""
+"""What the commands share: options, refusals, text in the language in use, and progress. Rich waits inside."""
 
 from __future__ import annotations
 
 import errno
+import itertools
 import math
 import os
 import tempfile
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from enum import Enum, auto
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from typer import CallbackParam
@@ -16,6 +19,9 @@ from typer import CallbackParam
 from app.system.errors import AppError
 from app.text.catalogue import tr
 from logs.reading.errors import InputError, InputFault, cause_of
+
+if TYPE_CHECKING:
+    from rich.console import Console
 
 
 def check_home(path: Path | None) -> Path | None:
@@ -47,6 +53,28 @@ class CliFault(Enum):
 def print_text(key: str, **values: object) -> None:
     """Print a text of the catalogues."""
     typer.echo(tr(key, **values))
+
+
+def sql_of(sql: str, ask: str, questions: Mapping[str, str]) -> str:
+    """The SQL that is given, or that of a ready question. Raises AppError unless it is one of them."""
+    if bool(sql) == bool(ask) or (ask and ask not in questions):
+        ready = "; ".join(f"{name}: {tr(f'question.{name}')}" for name in questions)
+        raise AppError(CliFault.NO_QUESTION, ready=ready)
+    return sql or questions[ask]
+
+
+def print_answer(answer: Any, *, json: bool) -> None:
+    """An answer's rows, a line each as JSON, or as a table."""
+    from rich.console import Console
+
+    from app.text.recorded import render_recorded
+    from logs.query import as_json, as_table
+
+    if json:
+        for line in as_json(answer):
+            typer.echo(line)
+    else:
+        Console(highlight=False, markup=False).print(as_table(answer, render_recorded))
 
 
 def check_output(path: Path | None) -> Path | None:
@@ -91,6 +119,7 @@ def check_terminal() -> None:
 
 
 MAX_SEED = 2**32 - 1
+PORT = 7447  # app.link.wire.PORT, without its imports
 
 
 def check_finite(parameter: CallbackParam, value: float | None) -> float | None:
@@ -98,3 +127,37 @@ def check_finite(parameter: CallbackParam, value: float | None) -> float | None:
     if value is not None and not math.isfinite(value):
         raise AppError(CliFault.NOT_FINITE, option=f"--{parameter.name}", value=value)
     return value
+
+
+Json = Annotated[Path | None, typer.Option("--json", callback=check_output, help="Write the figures here as well.")]
+
+
+def wide_console() -> Console:
+    """The terminal as it is; a pipe or a file gets lines wide enough for a table."""
+    from rich.console import Console
+
+    return Console() if Console().is_terminal else Console(width=160)
+
+
+@contextmanager
+def spinner(console: Console, total: int) -> Iterator[Callable[[str], None]]:
+    """A bar that advances with every message given to the yielded function (the first opens it)."""
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+    columns = (BarColumn(), TextColumn("{task.completed:.0f}/{task.total:.0f} {task.description}"), TimeElapsedColumn())
+    with Progress(*columns, console=console, transient=True) as progress:
+        task = progress.add_task("", total=total)
+        messages = itertools.count(-1)
+        yield lambda what: progress.update(task, description=what, completed=max(next(messages), 0))
+
+
+@contextmanager
+def bar(console: Console, what: str, total: int) -> Iterator[Callable[..., None]]:
+    """A bar for `total` things of a kind; the yielded function advances it by one, or by the number given."""
+    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+    counted = TextColumn("{task.completed:.0f}/{task.total:.0f}")
+    columns = (TextColumn("{task.description}"), BarColumn(), counted, TimeRemainingColumn())
+    with Progress(*columns, console=console, transient=True) as progress:
+        task = progress.add_task(what, total=total)
+        yield lambda count=1: progress.advance(task, count)

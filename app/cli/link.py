@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from app.cli.common import HomeOption, print_text
+from app.cli.common import PORT, HomeOption, print_text
 from app.cli.permission import sign_in
 from app.system.errors import AppError
 from app.system.operators import Permission
@@ -16,7 +16,6 @@ from app.text.catalogue import tr
 from logs.sanitize import sanitize_terminal
 
 cli = typer.Typer(no_args_is_help=True)
-PORT = 7447
 POLL_S = 0.2
 
 

@@ -15,7 +15,7 @@ from rich.text import Text
 
 from app.cli.common import CliFault, HomeOption, check_finite, check_output, print_text
 from app.cli.permission import sign_in
-from app.system.config import load_config
+from app.system.config import load_config, load_device
 from app.system.errors import AppError
 from app.system.hand_model import set_up_model
 from app.system.operators import Permission
@@ -39,11 +39,9 @@ Patient = Annotated[str, typer.Argument(help="The patient's pseudonym, such as P
 
 def _store(home: Path | None) -> ProfileStore:
     from app.motion.preflight import refuse_unfit
-    from hal.joints.device import DEFAULT_DEVICE, load_exoskeleton
 
     place = find_home(home)
-    described = load_config(place.config).joints.device
-    device = load_exoskeleton(Path(described) if described else DEFAULT_DEVICE)
+    device = load_device(load_config(place.config).joints)
     return ProfileStore(place.profiles, checks=(refuse_unfit(device),))
 
 
@@ -164,22 +162,12 @@ def calibrate(
 @contextmanager
 def _watching(home: Path | None) -> Iterator[tuple[Camera, HandDetector]]:
     """The configured camera, open, and a hand detector."""
-    from hal.cameras.factory import open_camera
+    from app.cli.camera import open_as
     from kgdfa.keypoints import HandDetector
 
     place = find_home(home)
     config = load_config(place.config)
-    chosen = config.camera
-    camera = open_camera(
-        chosen.kind,
-        device=chosen.device,
-        width_px=chosen.width_px,
-        height_px=chosen.height_px,
-        rate_hz=chosen.rate_hz,
-        focal_px=chosen.focal_px,
-        mirrored=chosen.mirrored,
-        seed=chosen.seed,
-    )
+    camera = open_as(config.camera, config.camera.kind, config.camera.device)
     with HandDetector(set_up_model(place, config)) as detector:
         camera.open()
         try:

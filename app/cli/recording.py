@@ -7,8 +7,12 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from app.cli.common import HomeOption, check_output, print_text
+from app.cli.common import HomeOption, check_output, print_text, wide_console
 from app.cli.permission import sign_in
+from app.system.errors import AppError
+from app.system.operators import Permission
+from app.system.paths import find_home, pictures_path
+from app.text.catalogue import tr
 
 if TYPE_CHECKING:
     from app.recording.read import HashCheck, Recording
@@ -29,15 +33,10 @@ def info(
     """Topics, counts, losses, and the hash against the trail."""
     from msgspec import json as text
 
-    from app.cli.progress import wide_console
     from app.recording.encryption import key_of
-    from app.recording.read import proof_of, survey
-    from app.recording.sent import check_sent
 
     path = _found(file, home)
-    found = survey(path)
-    proof, recorded = proof_of(path)
-    sent = check_sent(found, recorded)
+    found, proof, recorded, sent = _surveyed(path)
     wide_console().print(_table(found, recorded, sent))
     _print_state(found, proof)
     key = key_of(path)
@@ -61,13 +60,9 @@ def info(
 @cli.command()
 def verify(file: FileArgument = "last", home: HomeOption = None) -> None:
     """Prove that it is whole and the one that its trail names. Exit status: 0 sound, 1 not, 2 unreadable."""
-    from app.recording.read import HashCheck, proof_of, survey
-    from app.recording.sent import check_sent
+    from app.recording.read import HashCheck
 
-    path = _found(file, home)
-    found = survey(path)
-    proof, recorded = proof_of(path)
-    sent = check_sent(found, recorded)
+    found, proof, recorded, sent = _surveyed(_found(file, home))
     _print_state(found, proof)
     _print_sent(sent)
     counted = recorded is None or recorded.messages == dict(found.counts)
@@ -83,8 +78,6 @@ def verify(file: FileArgument = "last", home: HomeOption = None) -> None:
 def delete_pictures(file: FileArgument, home: HomeOption = None) -> None:
     """Delete the camera's pictures of a session, for a patient who withdrew the consent; it is put on record."""
     from app.recording.read import session_of
-    from app.system.operators import Permission
-    from app.system.paths import pictures_path
 
     by = sign_in(home, Permission.EDIT_PATIENTS)
     recording = _found(file, home)
@@ -98,9 +91,6 @@ def expire(home: HomeOption = None) -> None:
 
     from app.recording.read import RecordingReadFault, expired
     from app.system.config import load_config
-    from app.system.errors import AppError
-    from app.system.operators import Permission
-    from app.system.paths import find_home
 
     by = sign_in(home, Permission.EDIT_PATIENTS)
     where = find_home(home)
@@ -117,8 +107,6 @@ def _delete(path: Path, by: Authority) -> None:
     """A file of a recording, on record; first the record, so that no file goes without one."""
     from app.recording.read import RecordingReadFault
     from app.system.authority import Subject
-    from app.system.errors import AppError
-    from app.system.operators import Permission
     from logs.reading.errors import cause_of
 
     try:
@@ -142,15 +130,21 @@ def schema() -> None:
 
 def _found(file: str, home: Path | None) -> Path:
     from app.recording.read import find_recording
-    from app.system.paths import find_home
 
     return find_recording(find_home(home).logs, file)
 
 
+def _surveyed(path: Path) -> tuple[Recording, HashCheck, RecordingFile | None, SentCheck]:
+    """What it holds, its hash against the trail, what the trail says of it, and what was sent to it."""
+    from app.recording.read import proof_of, survey
+    from app.recording.sent import check_sent
+
+    found, (proof, recorded) = survey(path), proof_of(path)
+    return found, proof, recorded, check_sent(found, recorded)
+
+
 def _table(found: Recording, recorded: RecordingFile | None, sent: SentCheck) -> object:
     from rich.table import Table
-
-    from app.text.catalogue import tr
 
     table = Table(title=found.path.name)
     for heading in ("topic", "schema", "messages", "rate", "sent", "lost"):

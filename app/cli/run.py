@@ -1,4 +1,6 @@
-"""rleex run, rleex demo: the therapist's console, and all actions without a terminal, by the digital hand."""
+"""rleex run, rleex demo, rleex joints: the therapist's console; all actions without a terminal, by the digital hand;
+the exoskeleton's own computer, headless, for a therapist's laptop that is paired with it.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +12,19 @@ from typing import Annotated
 
 import typer
 
-from app.cli.common import MAX_SEED, HomeOption, check_finite, check_output, check_terminal
+from app.cli.common import (
+    MAX_SEED,
+    PORT,
+    HomeOption,
+    check_finite,
+    check_output,
+    check_terminal,
+    print_text,
+    spinner,
+    wide_console,
+)
+from app.system.config import load_config, with_choices
+from app.system.paths import Home, find_home, hold_home
 from profiles.schema import DistanceUsed
 
 cli = typer.Typer()
@@ -42,9 +56,7 @@ def run(
     ] = False,
 ) -> None:
     """Open the therapist's console."""
-    from app.system.config import load_config, with_choices
     from app.system.diagnostics_log import set_verbose, start_log
-    from app.system.paths import find_home, hold_home
 
     place = find_home(home)
     if verbose:
@@ -123,17 +135,13 @@ def demo(
     import json
     from tempfile import TemporaryDirectory
 
-    from app.cli.progress import spinner, wide_console
-    from app.demo.drives import joints_for
-    from app.demo.load import busy_processes
+    from app.demo.drives import busy_processes, joints_for
     from app.demo.scenario import ALL_TWELVE
     from app.demo.session import demo_config, demo_patient, print_result, run_session
     from app.demo.two_hosts import second_computer
-    from app.system.config import load_config
     from app.system.diagnostics_log import set_verbose, start_log
     from app.system.hand_model import set_up_model
     from app.system.legs_lock import check_legs_free
-    from app.system.paths import Home, find_home, hold_home
     from app.system.scheduling import set_scheduling
     from profiles.schema import DEMO_PATIENT
     from profiles.store import ProfileStore
@@ -178,7 +186,6 @@ def demo(
 
 def _print_recorded(logs: Path, session: str) -> None:
     """Each file of a session's recording, and what a full or slow disk cost it."""
-    from app.cli.common import print_text
     from app.text.recorded import render_recorded
     from logs.read import records
     from logs.reason import Reason
@@ -192,3 +199,30 @@ def _print_recorded(logs: Path, session: str) -> None:
         if one.lost or one.fault:
             why = render_recorded(one.fault) if isinstance(one.fault, Reason) else one.fault or ""
             print_text("recording.lost_messages", messages=sum(one.lost.values()), file=one.file, why=why)
+
+
+@cli.command()
+def joints(
+    home: HomeOption = None,
+    port: Annotated[int, typer.Option(min=1, max=65535, help="TCP and UDP port.")] = PORT,
+    print_service: Annotated[
+        bool, typer.Option("--print-service", help="Print a systemd service file for this command and end.")
+    ] = False,
+    verbose: Annotated[bool, typer.Option("--verbose", help="Log more for engineers.")] = False,
+) -> None:
+    """Run on the exoskeleton's computer: control, guardian, planner and drives for a paired laptop's console."""
+    place = find_home(home)
+    if print_service:
+        from app.link.service import service_file
+
+        typer.echo(service_file(place, port), nl=False)
+        return
+    from app.link.server import serve_joints
+    from app.system.diagnostics_log import set_verbose, start_log
+
+    if verbose:
+        set_verbose()
+    config = load_config(place.config)
+    with hold_home(place):
+        start_log(place, "joints")
+        serve_joints(place, config, port, lambda _: print_text("cli.joints.ready", port=port, home=place.root))

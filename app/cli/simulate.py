@@ -15,9 +15,8 @@ import typer
 from rich.console import Console
 from rich.live import Live
 
-from app.cli.common import HomeOption, check_finite, check_output
+from app.cli.common import HomeOption, Json, bar, check_finite, check_output, wide_console
 from app.cli.permission import sign_in
-from app.cli.progress import bar, wide_console
 from app.ipc.states import Action
 from app.system.config import load_config, load_device
 from app.system.operators import Permission
@@ -49,9 +48,7 @@ def simulate(
         Path | None, typer.Option("--plot", callback=check_output, help="Write angles, torques and paths as PNG.")
     ] = None,
     video: Annotated[Path | None, typer.Option(callback=check_output, help="Write a stick-figure film, MP4.")] = None,
-    json_file: Annotated[
-        Path | None, typer.Option("--json", callback=check_output, help="Write the figures here as well.")
-    ] = None,
+    json_file: Json = None,
     preflight: Annotated[bool, typer.Option(help="Keep the verdicts as this patient's pre-flight.")] = False,
     home: HomeOption = None,
 ) -> None:
@@ -89,6 +86,22 @@ class _Wanted:
     plot_file: Path | None
     video: Path | None
     preflight: Home | None  # where the verdict is kept
+
+    def keep(self, console: Console, shown: Rehearsal, patient: Patient, device: Exoskeleton, *, many: bool) -> None:
+        """Pre-flight, plot, film and correlation with the norm, as far as they are wanted."""
+        from app.evaluate.loop.rehearsal import correlation, film, plot
+        from app.motion.preflight import keep_verdict
+
+        action = shown.verdict.action
+        if self.preflight is not None:
+            keep_verdict(self.preflight, patient, device, action, shown.verdict)
+        if self.plot_file is not None:
+            plot(shown, named(self.plot_file, action.name, many=many), self.norm)
+        if self.video is not None:
+            film(shown, patient.body, named(self.video, action.name, many=many))
+        if self.norm is not None and len(shown.starts) > 4:
+            values = correlation(shown, self.norm)
+            console.print(tr("evaluate.rehearsal.correlation", action=action.value, **values), markup=False)
 
 
 def _at_the_corners(console: Console, device: Exoskeleton) -> list[tuple[Profile, RehearsalVerdict]]:
@@ -130,34 +143,9 @@ def _rehearsed(
     with bar(console, wearer.identifier, len(actions)) as step:
         for one in actions:
             shown = rehearse(patient, device, one)
-            _keep(console, shown, patient, device, one, wanted, many=len(actions) > 1)
+            wanted.keep(console, shown, patient, device, many=len(actions) > 1)
             step()
             yield shown.verdict
-
-
-def _keep(
-    console: Console,
-    shown: Rehearsal,
-    patient: Patient,
-    device: Exoskeleton,
-    action: Action,
-    wanted: _Wanted,
-    *,
-    many: bool,
-) -> None:
-    """Pre-flight, plot, film and correlation with the norm, as far as they are wanted."""
-    from app.evaluate.loop.rehearsal import correlation, film, plot
-    from app.motion.preflight import keep_verdict
-
-    if wanted.preflight is not None:
-        keep_verdict(wanted.preflight, patient, device, action, shown.verdict)
-    if wanted.plot_file is not None:
-        plot(shown, named(wanted.plot_file, action.name, many=many), wanted.norm)
-    if wanted.video is not None:
-        film(shown, patient.body, named(wanted.video, action.name, many=many))
-    if wanted.norm is not None and len(shown.starts) > 4:
-        values = correlation(shown, wanted.norm)
-        console.print(tr("evaluate.rehearsal.correlation", action=action.value, **values), markup=False)
 
 
 def named(file: Path, action: str, *, many: bool) -> Path:

@@ -1,9 +1,12 @@
-"""Which joints the demo commands: simulated ones, or emulated drives on a CAN bus in a process of their own."""
+"""What runs beside the demo in processes of its own: drives emulated on a CAN bus, and load."""
 
 from __future__ import annotations
 
 import multiprocessing
+import os
 import random
+import subprocess
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from enum import Enum
@@ -15,8 +18,7 @@ from app.motion.plan import body_of
 from app.system.config import Config, JointsConfig, load_device
 from app.system.errors import AppError
 from hal.joints.emulator.emulator import run_emulator
-from hal.joints.emulator.firmware import ScheduledFault
-from profiles.schema import DEMO_PATIENT, Profile
+from profiles.schema import DEMO_PATIENT
 
 
 class DemoFault(Enum):
@@ -53,14 +55,8 @@ def private_channel() -> str:
 
 
 @contextmanager
-def emulated_drives(
-    base: JointsConfig,
-    profile: Profile = DEMO_PATIENT,
-    *,
-    wearer: bool = True,
-    schedule: tuple[ScheduledFault, ...] = (),
-) -> Iterator[JointsConfig]:
-    """The configuration that reaches the emulated drives; with a `wearer` the simulated body hangs on them.
+def emulated_drives(base: JointsConfig, *, wearer: bool = True) -> Iterator[JointsConfig]:
+    """The configuration that reaches the emulated drives; with a `wearer` the demo patient's body hangs on them.
 
     Raises AppError when the emulator does not start.
     """
@@ -72,9 +68,8 @@ def emulated_drives(
         target=run_emulator,
         args=(device, INTERFACE, channel),
         kwargs={
-            "body": body_of(profile) if wearer else None,
+            "body": body_of(DEMO_PATIENT) if wearer else None,
             "motors": Path(base.motors) if base.motors else None,
-            "schedule": schedule,
             "ready": ready,
             "stop": stop,
         },
@@ -92,3 +87,25 @@ def emulated_drives(
         if process.is_alive():
             process.terminate()
             process.join(5.0)
+
+
+# Ends by itself once its parent is gone, however that ended. The parent's own niceness is not inherited.
+_BUSY = """
+import os, sys
+os.setpriority(os.PRIO_PROCESS, 0, 0)
+while os.getppid() == int(sys.argv[1]):
+    for _ in range(1_000_000):
+        pass
+"""
+
+
+@contextmanager
+def busy_processes(count: int) -> Iterator[tuple[int, ...]]:
+    """Keep that many processes busy while the body runs; their PIDs."""
+    started = [subprocess.Popen([sys.executable, "-c", _BUSY, str(os.getpid())]) for _ in range(count)]
+    try:
+        yield tuple(process.pid for process in started)
+    finally:
+        for process in started:
+            process.kill()
+            process.wait()

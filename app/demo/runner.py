@@ -9,9 +9,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from app.demo.attempt import Attempt, AttemptFault, moment_of_command
 from app.demo.client import ACCEPTANCE_S, SessionClient
-from app.demo.scenario import Step
+from app.demo.scenario import Attempt, AttemptFault, Step, moment_of_command
 from app.ipc.messages import HandCommand, HandPose, OperatorKind
 from app.ipc.states import ACTION_OF, Action, Effect, GaitState, Outcome
 from app.session.host import SessionHost

@@ -11,9 +11,8 @@ from rich.console import Console
 from rich.table import Table
 
 from app.audit.sink import AuditSink
-from app.demo.attempt import Attempt, spread
 from app.demo.runner import ScenarioRunner
-from app.demo.scenario import Step, run_scenario
+from app.demo.scenario import Attempt, Step, run_scenario, spread
 from app.ipc.messages import Lateness, PauseSummary, PerceptionCommand
 from app.ipc.states import ACTION_OF, Action
 from app.session.host import SessionHost, make_setup

@@ -10,7 +10,6 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
-from pathlib import Path
 
 import tomlkit
 from msgspec.structs import replace
@@ -30,14 +29,11 @@ _PROGRAM = "import ctypes; ctypes.CDLL(None).prctl(1, 15); from app.cli import m
 
 
 @contextmanager
-def joints_process(
-    home: Home, port: int, *, prefix: Sequence[str] = (), diagnostics: Path | None = None
-) -> Iterator[subprocess.Popen[bytes]]:
+def joints_process(home: Home, port: int, *, prefix: Sequence[str] = ()) -> Iterator[subprocess.Popen[bytes]]:
     """`rleex joints` of that home while the body runs; prefix: a command that runs it, as into another namespace."""
     command = [*prefix, sys.executable, "-c", _PROGRAM, "joints", "--home", str(home.root), "--port", str(port)]
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
-    output = (diagnostics or home.root) / "joints.txt"
-    with output.open("ab") as file:
+    with (home.root / "joints.txt").open("ab") as file:
         process = subprocess.Popen(
             command, env=environment, stdin=subprocess.DEVNULL, stdout=file, stderr=file, process_group=0
         )
@@ -65,11 +61,9 @@ def write_config(home: Home, config: Config) -> None:
     joints = config.joints
     chosen = {"kind": joints.kind, "device": joints.device, "motors": joints.motors}
     chosen |= {"interface": joints.interface, "channel": joints.channel}
-    document = tomlkit.document()
-    document["unattended_s"] = config.unattended_s
-    document["joints"] = {name: value for name, value in chosen.items() if value}
+    named = {"unattended_s": config.unattended_s, "joints": {name: value for name, value in chosen.items() if value}}
     home.root.mkdir(parents=True, exist_ok=True)
-    home.config.write_text(tomlkit.dumps(document), encoding="utf-8")
+    home.config.write_text(tomlkit.dumps(named), encoding="utf-8")
 
 
 def free_port() -> int:
@@ -93,9 +87,9 @@ def second_computer(laptop: Home, joints: Home, config: Config) -> Iterator[Conf
             forget_peer(laptop, host)
 
 
-def wait_for(host: str, alive: Callable[[], bool], limit_s: float = START_S) -> None:
+def wait_for(host: str, alive: Callable[[], bool]) -> None:
     """Until it answers. Raises AppError."""
-    deadline = time.monotonic() + limit_s
+    deadline = time.monotonic() + START_S
     while True:
         try:
             find(host, 1.0)

@@ -65,17 +65,18 @@ def digital_scenes(per_pose: int, first_seed: int) -> Iterator[LabelledScene]:
 
 def scene_of(pose: str, person: int, seed: int) -> Scene:
     """One person showing one pose: tilted by up to 30° about any axis, 20 to 60 cm away, in the image's middle."""
-    draw = np.random.default_rng(seed)
+    return tilted_scene(pose, person, np.random.default_rng(seed), MAX_TILT_RAD)
+
+
+def tilted_scene(
+    pose: str, person: int, draw: np.random.Generator, most_tilt_rad: float, angles_deg: FloatArray | None = None
+) -> Scene:
+    """As `scene_of`, tilted by up to so much; with joint angles (5, 6) of its own, it is turned as that pose is."""
     axis = draw.normal(size=3)
-    turn = axis / np.linalg.norm(axis) * draw.uniform(0, MAX_TILT_RAD)
+    x, y, z = (axis / np.linalg.norm(axis) * draw.uniform(0, most_tilt_rad)).tolist()
     distance_m = float(draw.uniform(NEAR_M, FAR_M))
-    scene = posed(
-        pose,
-        person=person_of(person),
-        position_m=(0.0, 0.0, distance_m),
-        turn_rad=(float(turn[0]), float(turn[1]), float(turn[2])),
-    )
-    return centred(scene, distance_m)
+    scene = posed(pose, person=person_of(person), position_m=(0.0, 0.0, distance_m), turn_rad=(x, y, z))
+    return centred(scene if angles_deg is None else replace(scene, angles_deg=angles_deg), distance_m)
 
 
 def centred(scene: Scene, distance_m: float) -> Scene:
@@ -173,12 +174,8 @@ def walk(gesture: str, *, person: Person, lens: Intrinsics, seed: int, frames: i
     """A second of random movement through three places and poses: 14 to 70 cm, tilts to 55°, all over the image."""
     draw = np.random.default_rng([seed, 0x77616C6B])
     poses = [_pose(draw, lens) for _ in range(3)]
-    for frame in range(frames):
-        along = 2 * frame / max(1, frames - 1)
-        first = min(1, int(along))
-        share = smooth(along - first)
-        now = poses[first] * (1 - share) + poses[first + 1] * share
-        x, y, z, pitch, yaw, roll = (float(value) for value in now)
+    for now in smooth_path(poses, frames):
+        x, y, z, pitch, yaw, roll = now.tolist()
         yield Moment(scene=posed(gesture, person=person, lens=lens, position_m=(x, y, z), turn_rad=(pitch, yaw, roll)))
 
 
@@ -188,6 +185,16 @@ def _pose(draw: np.random.Generator, lens: Intrinsics) -> FloatArray:
     pitch, yaw = tilted(math.radians(draw.uniform(0, 55)), draw.uniform(0, 2 * math.pi))
     x, y = draw.uniform(-reach, reach)
     return np.array([x, y + HEIGHT_M, z, pitch, yaw, draw.uniform(-0.4, 0.4)])
+
+
+def smooth_path(poses: Sequence[FloatArray], frames: int) -> Iterator[FloatArray]:
+    """So many places from the first pose through all of them to the last, at rest in each."""
+    legs = len(poses) - 1
+    for frame in range(frames):
+        along = legs * frame / max(1, frames - 1)
+        first = min(legs - 1, int(along))
+        share = smooth(along - first)
+        yield poses[first] * (1 - share) + poses[first + 1] * share
 
 
 def smooth(share: float) -> float:

@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from enum import Enum, auto
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import msgspec
 import numpy as np
@@ -20,10 +20,12 @@ from app.ipc.streams import TRIGGER
 from app.system.errors import AppError
 from app.text.catalogue import language, tr, use_language
 from logs.reading.errors import cause_of
+from logs.reading.formats import read_json_lines
 
 FRAME_NS = TRIGGER.period_ns  # 30 frames per second: the camera's rate, where a recording names none
 MOST_SEEDS = 1000  # in one range
 CLICK_RANGE_S = (0.2, 3.0)  # to press and withdraw
+Kept = TypeVar("Kept")
 Step = Callable[[], None]  # called after each piece of work, for a progress bar
 
 
@@ -141,6 +143,18 @@ def write_whole(path: Path, content: bytes) -> None:
             partial.replace(path)
         finally:
             partial.unlink(missing_ok=True)
+
+
+def kept_lines(path: Path | None, kind: type[Kept]) -> tuple[Kept, ...]:
+    """What an earlier run kept there, a line each. Raises InputError and OSError for a file that can't be used."""
+    return () if path is None or not path.exists() else read_json_lines(path, kind)
+
+
+def keep_line(content: Any, path: Path | None) -> None:
+    """Add a line, where a file was named. Raises AppError when it can't be written."""
+    if path is not None:
+        with writing(path), path.open("ab") as file:
+            file.write(msgspec.json.encode(content) + b"\n")
 
 
 @contextmanager

@@ -17,10 +17,9 @@ import cv2
 
 from app.playback import frame
 from app.playback.frame import HEIGHT_PX, WIDTH_PX
-from app.playback.legs import Legs
 from app.playback.moment import joints_over, moment, reports_between
 from app.playback.session import Playback, ReplayFault, moment_ns
-from app.playback.view import WINDOW_S, Figure, View, Whole
+from app.playback.view import WINDOW_S, Figure, Legs, View, Whole
 from app.system.errors import AppError
 from logs import records as r
 from logs.reading.errors import cause_of
@@ -122,7 +121,7 @@ def view_at(playback: Playback, legs: Legs, at_ns: int) -> View:
     now = moment(playback, at_ns)
     pose = legs.at(now)
     measured, commanded = joints_over(playback, at_ns - WINDOW_NS, at_ns)
-    landmarks = playback.landmarks_between(at_ns - round(LANDMARKS_S * 1e9), at_ns)
+    landmarks = playback.landmarks.between(at_ns - round(LANDMARKS_S * 1e9), at_ns)
     pushes = [one for one in landmarks if isinstance(one.body, PUSHES) and moment_ns(one) > at_ns - WINDOW_NS]
     return View(
         moment=now,
@@ -145,7 +144,7 @@ def whole_of(playback: Playback, speed: float) -> Whole:
         clock_offset_ns=playback.index.recording.clock_offset_ns,
         marks=tuple(
             (playback.seconds(moment_ns(one)), WEIGHT.get(type(one.body), ""))
-            for one in playback.landmarks_between(playback.begin_ns - 1, playback.end_ns)
+            for one in playback.landmarks.between(playback.begin_ns - 1, playback.end_ns)
         ),
         speed=speed,
     )

@@ -9,9 +9,8 @@ import numpy as np
 
 from app.ipc.states import Effect
 from app.playback import pen
-from app.playback.figures import draw_hand, draw_legs
+from app.playback.panels import draw_hand, draw_joints, draw_legs, draw_push
 from app.playback.pen import Box, Image
-from app.playback.traces import draw_joints, draw_push
 from app.playback.view import WINDOW_S, View, Whole, clock
 from app.text.catalogue import render, tr
 from app.text.recorded import render_recorded

@@ -116,7 +116,7 @@ def snapshot_at(playback: Playback, at_ns: int) -> ControlSnapshot | None:
         steps=gait.steps,
         distance_walked_m=gait.distance_walked_m,
     )
-    for one in playback.changes_between(found.at_ns, at_ns):
+    for one in playback.changes.between(found.at_ns, at_ns):
         snapshot = _after(snapshot, one)
     return snapshot
 

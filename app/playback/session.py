@@ -63,9 +63,9 @@ class Playback:
         self.pictures = _pictures_beside(path)
         self.begin_ns, self.end_ns = self.index.begin_ns, self.index.end_ns
         self.records = self._read_trail()
-        self._landmarks = _InTime(one for one in self.records if is_landmark(one.body))
-        self._changes = _InTime(one for one in self.records if isinstance(one.body, CHANGES))
-        self._commands = _InTime(one for one in self.records if isinstance(one.body, r.Command))
+        self.landmarks = InTime(one for one in self.records if is_landmark(one.body))
+        self.changes = InTime(one for one in self.records if isinstance(one.body, CHANGES))
+        self.commands = InTime(one for one in self.records if isinstance(one.body, r.Command))
         self._raised = _by_event(self.records, r.EventRaised)
         self._cleared = _by_event(self.records, r.EventCleared)
 
@@ -86,30 +86,6 @@ class Playback:
     def at(self, seconds: float) -> int:
         """The moment so many seconds after the beginning, within the recording."""
         return min(max(self.begin_ns + round(seconds * 1e9), self.begin_ns), self.end_ns)
-
-    def landmarks_between(self, after_ns: int, until_ns: int) -> list[Record]:
-        """What happened after a moment up to another, in its order."""
-        return self._landmarks.between(after_ns, until_ns)
-
-    def changes_between(self, after_ns: int, until_ns: int) -> list[Record]:
-        """Commands and changes of gait and effect after a moment up to another."""
-        return self._changes.between(after_ns, until_ns)
-
-    def newest(self, at_ns: int) -> Record | None:
-        """What happened last."""
-        return self._landmarks.newest(at_ns)
-
-    def next_after(self, at_ns: int) -> Record | None:
-        """What happens next."""
-        return self._landmarks.next_after(at_ns)
-
-    def last_before(self, at_ns: int) -> Record | None:
-        """What happened before this moment."""
-        return self._landmarks.newest(at_ns - 1)
-
-    def newest_command(self, at_ns: int) -> Record | None:
-        """The newest action that was accepted."""
-        return self._commands.newest(at_ns)
 
     def raised(self, event: str, at_ns: int) -> Record | None:
         """The newest record that raised this event."""
@@ -183,7 +159,7 @@ def _pictures_beside(path: Path) -> RecordingIndex | None:
         raise
 
 
-class _InTime:
+class InTime:
     """Records in the order of their moments."""
 
     def __init__(self, found: Iterable[Record]) -> None:
@@ -191,23 +167,26 @@ class _InTime:
         self._times = [moment_ns(one) for one in self._records]
 
     def between(self, after_ns: int, until_ns: int) -> list[Record]:
+        """Those after a moment up to another."""
         return self._records[bisect_right(self._times, after_ns) : bisect_right(self._times, until_ns)]
 
     def newest(self, at_ns: int) -> Record | None:
+        """The last one up to this moment."""
         place = bisect_right(self._times, at_ns) - 1
         return self._records[place] if place >= 0 else None
 
     def next_after(self, at_ns: int) -> Record | None:
+        """The first one after this moment."""
         place = bisect_right(self._times, at_ns)
         return self._records[place] if place < len(self._records) else None
 
 
-def _by_event(found: list[Record], kind: type[r.EventRaised] | type[r.EventCleared]) -> dict[str, _InTime]:
+def _by_event(found: list[Record], kind: type[r.EventRaised] | type[r.EventCleared]) -> dict[str, InTime]:
     named: dict[str, list[Record]] = {}
     for one in found:
         if isinstance(one.body, kind):
             named.setdefault(one.body.event, []).append(one)
-    return {event: _InTime(records_of) for event, records_of in named.items()}
+    return {event: InTime(records_of) for event, records_of in named.items()}
 
 
 def moment_ns(record: Record) -> int:

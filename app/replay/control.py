@@ -14,8 +14,7 @@ from app.control.requests import Untimely, answer_to, outside_vocabulary, untime
 from app.ipc.states import ACTION_OF, Action, Effect, Event, GaitState, Source
 from app.motion.plan import Phase
 from app.replay.difference import Difference, difference, differences
-from app.replay.events import event_differences
-from app.replay.plans import plan_differences
+from app.replay.events import event_differences, plan_differences
 from app.replay.stops import StopReplay
 from kgdfa.gesture import Gesture
 from logs import records as r
@@ -168,13 +167,10 @@ class ControlReplay:
 
     # --- gait -----------------------------------------------------------------------------------------------------
 
-    def _after(self, change: Change, action: str | None) -> Gait:
-        return changed(self._gait, change, None if action is None else Action(action))
-
     def _gait_changed(self, record: Record, body: r.GaitChanged) -> Iterator[Difference]:
         before = self._gait
         try:
-            after = self._after(Change(body.change), body.action)
+            after = changed(self._gait, Change(body.change), None if body.action is None else Action(body.action))
         except ValueError:
             yield difference(record, "change", body.change, None)
             after = before
@@ -253,16 +249,7 @@ def _gait_record(change: Change, action: str | None, gait: Gait) -> r.GaitChange
 
 
 def _by_event(body: r.Refusal, event: r.EventRaised) -> r.Refusal:
-    return replace(
-        body,
-        reason=event.text,
-        event=event.event,
-        raised_ns=event.raised_ns,
-        quantity=event.quantity,
-        value=event.value,
-        limit=event.limit,
-        joint=event.joint,
-    )
+    return replace(body, reason=event.text, **{name: getattr(event, name) for name in _NO_EVENT})
 
 
 _HANDLERS: dict[type, Callable[[ControlReplay, Record, Any], Iterator[Difference]]] = {

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import typer
 
-from app.cli.evaluate import gestures, loop, outcomes, trigger, voice
+from app.cli.evaluate import gestures, loop, trigger, voice
 
 cli = typer.Typer(no_args_is_help=True)
-for subject in (gestures, loop, outcomes, trigger, voice):
+for subject in (gestures, loop, trigger, voice):
     cli.add_typer(subject.cli)

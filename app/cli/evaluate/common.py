@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from app.cli.common import check_finite, check_output
-from app.cli.progress import bar, wide_console
+from app.cli.common import bar, check_finite, check_output, wide_console
 from app.system.config import load_config
 from app.system.hand_model import set_up_model
 from app.system.paths import find_home
@@ -24,7 +23,6 @@ if TYPE_CHECKING:
     from kgdfa.keypoints import HandDetector
 
 
-Json = Annotated[Path | None, typer.Option("--json", callback=check_output, help="Write the figures here as well.")]
 Plot = Annotated[Path | None, typer.Option("--plot", callback=check_output, help="Write a plot of it (PNG) here.")]
 Workers = Annotated[int, typer.Option(help="Processes that detect hands at the same time.", min=1, max=64)]
 Focal = Annotated[

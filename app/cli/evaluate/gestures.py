@@ -8,10 +8,9 @@ from typing import TYPE_CHECKING, Annotated
 import msgspec
 import typer
 
-from app.cli.common import MAX_SEED, HomeOption, check_output, check_output_folder
+from app.cli.common import MAX_SEED, HomeOption, Json, check_output, check_output_folder
 from app.cli.evaluate.common import (
     Directory,
-    Json,
     Keypoints,
     hand_model,
     open_detector,
@@ -33,6 +32,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from app.evaluate.digital import LabelledScene
+    from app.evaluate.gestures.joint_space import Errors
     from app.evaluate.gestures.measures import Classified
 
 
@@ -170,12 +170,9 @@ def joints(
 
     The keypoints are simulated: the digital hand's own, with errors that MediaPipe made on rendered hands like it.
     """
-    from app.evaluate.digital import MEASURE_SEEDS
-    from app.evaluate.gestures import joint_ranges, joint_space
-    from app.evaluate.gestures.synthetic import near_scenes
+    from app.evaluate.gestures import joint_ranges
 
-    scenes, rules = [*near_scenes(people, MEASURE_SEEDS + seed * people)], RobustRules()
-    errors = joint_space.errors_of((scene for _, scene, _ in scenes), detected_scenes(scenes, home, as_bgr8))
+    rules, errors = RobustRules(), _errors_of(people, seed * people, home)
     with progress("simulating", hands + joint_ranges.STEPS) as step:
         figures = joint_ranges.measure_joint_space(rules, errors, hands, step, seed=seed)
         ranges = joint_ranges.joint_ranges(rules, errors, step)
@@ -195,18 +192,24 @@ def enrolment(
 
     The keypoints are simulated as in `joints`. Each patient then shows every gesture and an idle hand once more.
     """
-    from app.evaluate.digital import MEASURE_SEEDS
     from app.evaluate.gestures import enrolment as patients
-    from app.evaluate.gestures import joint_space
-    from app.evaluate.gestures.synthetic import near_scenes
     from hal.cameras.digital_hand.limits import HandLimit
 
-    scenes = [*near_scenes(rendered, MEASURE_SEEDS)]
-    errors = joint_space.errors_of((scene for _, scene, _ in scenes), detected_scenes(scenes, home, as_bgr8))
+    errors = _errors_of(rendered, 0, home)
     with progress("simulating", people * len(HandLimit)) as step:
         found = patients.measure_enrolment(RobustRules(), errors, people, seed, step)
     show(patients.enrolment_table(found))
     write_json([msgspec.to_builtins(one) for one in found], json_file)
+
+
+def _errors_of(people: int, first: int, home: Path | None) -> Errors:
+    """What MediaPipe is off by on so many rendered people, from this one on."""
+    from app.evaluate.digital import MEASURE_SEEDS
+    from app.evaluate.gestures.joint_space import errors_of
+    from app.evaluate.gestures.synthetic import near_scenes
+
+    scenes = [*near_scenes(people, MEASURE_SEEDS + first)]
+    return errors_of((scene for _, scene, _ in scenes), detected_scenes(scenes, home))
 
 
 @cli.command()
@@ -345,7 +348,7 @@ def fitted_digital(home: Path | None, *keypoints: Path | None) -> list[DetectedI
     scenes = [*digital_scenes(FIT_DIGITAL, FIT_SEEDS), *near_scenes()]
     files = [file.with_stem(file.stem + "-digital") for file in keypoints if file]
     file = next((file for file in files if file.exists()), files[0] if files else None)
-    return _kept(file, [labelled for labelled, _, _ in scenes], lambda: detected_scenes(scenes, home, as_bgr8))
+    return _kept(file, [labelled for labelled, _, _ in scenes], lambda: detected_scenes(scenes, home))
 
 
 def _kept(
@@ -362,7 +365,7 @@ def _kept(
     return detected
 
 
-def detected_scenes(scenes: list[LabelledScene], home: Path | None, prepare: Prepare) -> list[DetectedImage]:
+def detected_scenes(scenes: list[LabelledScene], home: Path | None, prepare: Prepare = as_bgr8) -> list[DetectedImage]:
     from app.evaluate.digital import detect_digital
 
     with progress("digital", len(scenes)) as step:

@@ -1,4 +1,4 @@
-"""rleex evaluate: speed of the pipeline, response of the whole system, and all of the paper's tables."""
+"""rleex evaluate: speed of the pipeline, response of the whole system, all of the paper's tables, outcome measures."""
 
 from __future__ import annotations
 
@@ -8,20 +8,18 @@ from typing import Annotated
 import msgspec
 import typer
 
-from app.cli.common import HomeOption, check_output, check_output_folder
+from app.cli.common import HomeOption, Json, check_output, check_output_folder, spinner, wide_console
 from app.cli.evaluate.common import (
     Click,
-    Json,
     Seeds,
     hand_model,
     progress,
     show,
     status_line,
 )
-from app.cli.progress import spinner, wide_console
 from app.demo.scenario import ALL_TWELVE
 from app.evaluate.harness import click_range, require_extra, seed_numbers, write_json, writing
-from app.system.config import load_config
+from app.system.config import load_config, load_device
 from app.system.hand_model import set_up_model
 from app.system.paths import find_home, hold_home
 from app.text.catalogue import tr
@@ -132,3 +130,19 @@ def paper(
         show(tr("evaluate.paper.interrupted", page=write_page(out)))
         raise typer.Exit(130) from None
     show(tr("evaluate.paper.written", page=write_page(out)))
+
+
+@cli.command()
+def outcomes(json_file: Json = None, home: HomeOption = None) -> None:
+    """Outcome measures of simulated patients beside MuJoCo's feet and clock; exit status 1 beyond 1 %."""
+    from app.evaluate.outcomes.compare import CASES, LIMIT, compare, errors_table
+
+    device = load_device(load_config(find_home(home).config).joints)
+    with progress("walks", len(CASES)) as step:
+        found = compare(CASES, device, step)
+    show(errors_table(found))
+    worst = max(abs(error) for one in found for error in one.errors.values())
+    show(tr("evaluate.outcomes.worst", worst=worst, limit=LIMIT))
+    write_json([one.as_json() for one in found], json_file)
+    if not all(one.passed for one in found):
+        raise typer.Exit(1)

@@ -8,11 +8,10 @@ from typing import Annotated
 import msgspec
 import typer
 
-from app.cli.common import MAX_SEED, HomeOption, check_finite, check_output
+from app.cli.common import MAX_SEED, HomeOption, Json, check_finite, check_output
 from app.cli.evaluate.common import (
     Click,
     Focal,
-    Json,
     Plot,
     Seeds,
     Workers,

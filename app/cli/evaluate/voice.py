@@ -7,8 +7,8 @@ from typing import Annotated
 
 import typer
 
-from app.cli.common import MAX_SEED, check_output_folder
-from app.cli.evaluate.common import Json, progress, show
+from app.cli.common import MAX_SEED, Json, check_output_folder
+from app.cli.evaluate.common import progress, show
 from app.evaluate.harness import require_extra, write_json
 from app.evaluate.voice.speech import Voices
 from app.text.catalogue import tr
@@ -33,7 +33,7 @@ def voice(
     """How often "stop" and 停 stop, and what else does, on recordings; without a folder on synthetic speech."""
     require_extra("voice", "pocketsphinx")
     from app.evaluate.voice import recordings as made
-    from app.evaluate.voice.measure import as_json, measure, tables
+    from app.evaluate.voice.recordings import as_json, measure, tables
     from app.evaluate.voice.speech import require_speech
     from app.voice.spotter import KeywordSpotter
 

@@ -15,9 +15,9 @@ from app.console.widgets.panel import Panel
 from app.console.widgets.replay import replay_status, time_bar
 from app.console.widgets.replay_view import ReplayView
 from app.playback.film import FPS
-from app.playback.legs import Legs
 from app.playback.moment import Moment, moment
 from app.playback.session import Playback, moment_ns
+from app.playback.view import Legs
 from logs.records import Record
 
 DRAWN_S = 1 / 12
@@ -136,7 +136,8 @@ class ReplayScreen(ConsoleScreen):
 
     def action_jump(self, direction: int) -> None:
         """To what happens next, or happened before."""
-        found = self._playback.next_after(self.at_ns) if direction > 0 else self._playback.last_before(self.at_ns)
+        landmarks = self._playback.landmarks
+        found = landmarks.next_after(self.at_ns) if direction > 0 else landmarks.newest(self.at_ns - 1)
         if found is not None:
             self.go_to(moment_ns(found))
 

@@ -17,7 +17,7 @@ from app.console.widgets.halfblock import fit, to_strips
 from app.console.widgets.panel import Line, Lines, cells, fitted, plain
 from app.console.widgets.push import Push
 from app.ipc.messages import TriggerReport
-from app.playback.figures import decoded
+from app.playback.panels import decoded
 from app.playback.session import Playback, moment_ns
 from app.playback.view import WINDOW_S, clock
 from app.text.catalogue import tr
@@ -104,7 +104,7 @@ def time_bar(playback: Playback, at_ns: int, width: int) -> Line:
     cells_of: list[tuple[str, str]] = [("─", "$foreground-muted")] * width
     rank = {mark: number for number, mark in enumerate(("", "action", "caution", "grave"))}
     best = [-1] * width
-    for one in playback.landmarks_between(playback.begin_ns - 1, playback.end_ns):
+    for one in playback.landmarks.between(playback.begin_ns - 1, playback.end_ns):
         place = _place(playback, moment_ns(one), width)
         weight = WEIGHT.get(type(one.body), "")
         if rank.get(weight, 0) > best[place]:
@@ -122,7 +122,7 @@ def replay_status(playback: Playback, at_ns: int, speed: float, *, playing: bool
     """Playing or not, how fast, when, and of which session; what is needed most is kept longest."""
     mark = (f" {'▶' if playing else '■'} ×{speed:g} ", "bold reverse $primary")
     now = (f" {clock(playback.seconds(at_ns))} / {clock(playback.duration_s, 0)} ", "bold")
-    record = playback.newest(at_ns)
+    record = playback.landmarks.newest(at_ns)
     number = (f" #{record.sequence} " if record is not None else "", "$accent")
     title = (f" {tr('replay.title')} ", "bold reverse $accent")
     line = fitted([title, mark, now, number, (f" {playback.name} ", "$foreground-muted")], width)

@@ -23,10 +23,9 @@ from app.console.widgets.status import event_lines
 from app.console.widgets.wearer import goal_of
 from app.ipc.streams import LinkDirectory
 from app.playback.film import WINDOW_NS
-from app.playback.legs import Legs, coming
 from app.playback.moment import Moment, joints_over, reports_between
 from app.playback.session import Playback, moment_ns
-from app.playback.view import clock
+from app.playback.view import Legs, clock, coming
 from app.system.config import Config, SessionSetup
 from app.text.catalogue import tr
 from app.text.recorded import render_recorded
@@ -122,7 +121,7 @@ class ReplayView(Container):
 
     def _draw(self, now: Moment) -> None:
         playback, at_ns = self._playback, now.at_ns
-        landmarks = playback.landmarks_between(at_ns - LANDMARKS_NS, at_ns)
+        landmarks = playback.landmarks.between(at_ns - LANDMARKS_NS, at_ns)
         state = SessionState(
             setup=self._setup,
             started_ns=playback.begin_ns,
@@ -169,7 +168,7 @@ class ReplayView(Container):
 
     def _explain(self, at_ns: int) -> None:
         """Why the newest record came about, as `rleex audit explain` says it."""
-        record = self._playback.newest(at_ns)
+        record = self._playback.landmarks.newest(at_ns)
         number = record.sequence if record is not None else -1
         if number == self._why[0]:
             return

@@ -142,14 +142,6 @@ class Subject:
         )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Tilt:
-    """A subject turned towards one of TILT_DIRECTIONS."""
-
-    subject: Subject
-    direction: int
-
-
 def steps(hands: int, walks: int) -> int:
     """How many pieces of work `evaluate_table_5` has."""
     return hands * (2 + TILT_DIRECTIONS) + walks
@@ -160,16 +152,14 @@ def evaluate_table_5(pool: ProcessPoolExecutor, *, hands: int, walks: int, focal
     lens = lens_for(focal_px=focal_px)
     subjects = map_pool(pool, _calibrated, [_ruler(lens, FIRST_HAND + number) for number in range(hands)], step)
     facing = map_pool(pool, _facing, subjects, step)
-    turned = [_Tilt(subject=one, direction=number) for number in range(TILT_DIRECTIONS) for one in subjects]
+    turned = [(one, number) for number in range(TILT_DIRECTIONS) for one in subjects]
     tilts = map_pool(pool, _tilt_errors, turned, step)
     walked = map_pool(pool, _walk, [_ruler(lens, FIRST_WALK + number) for number in range(walks)], step)
     return Table5(
         hands=hands,
         focal_px=focal_px,
         rows=tuple(_row(cm, [one[cm] for one in facing]) for cm in DISTANCES_CM),
-        tilts=tuple(
-            _tilt_row(number, tilts[number * hands : (number + 1) * hands]) for number in range(TILT_DIRECTIONS)
-        ),
+        tilts=tuple(_tilt_row(at, tilts[at * hands : (at + 1) * hands]) for at in range(TILT_DIRECTIONS)),
         walk=_walk_figures(walked),
     )
 
@@ -245,9 +235,13 @@ def _facing(detector: PoolDetector, subject: Subject) -> dict[int, _Held]:
     return found
 
 
-def _tilt_errors(detector: PoolDetector, tilt: _Tilt) -> tuple[FloatArray, FloatArray]:
-    """Shown and safe errors of the robust finder over the distances, the hand detected anew at each."""
-    subject, turn = tilt.subject, tilted(TILT_RAD, tilt.direction * 2 * math.pi / TILT_DIRECTIONS)
+def _tilt_errors(detector: PoolDetector, turned: tuple[Subject, int]) -> tuple[FloatArray, FloatArray]:
+    """Shown and safe errors of the robust finder over the distances, the hand detected anew at each.
+
+    turned: a subject, and towards which of TILT_DIRECTIONS.
+    """
+    subject, direction = turned
+    turn = tilted(TILT_RAD, direction * 2 * math.pi / TILT_DIRECTIONS)
     shown, safe = [], []
     for cm in TILT_DISTANCES_CM:
         detector.reset()
@@ -259,26 +253,21 @@ def _tilt_errors(detector: PoolDetector, tilt: _Tilt) -> tuple[FloatArray, Float
     return np.concatenate(shown), np.concatenate(safe)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Walked:
-    """One random walk: true distances, and a list a finder."""
-
-    true_m: list[float]
-    rows: list[list[Distance | None]]
+_Walked = tuple[list[float], list[list[Distance | None]]]  # true distances, m, and a list a finder
 
 
 def _walk(detector: PoolDetector, subject: Subject) -> _Walked:
     """A walk with one of the gestures, the palm known by ruler: the safety property."""
     gesture = GESTURE_NAMES[(subject.seed - FIRST_WALK) % 12]
     moments = list(walk(gesture, person=subject.person, lens=subject.lens, seed=subject.seed, frames=WALK_FRAMES))
-    return _Walked(true_m=[moment.true_m for moment in moments], rows=_measure(detector, subject.finders(), moments))
+    return [moment.true_m for moment in moments], _measure(detector, subject.finders(), moments)
 
 
 def _walk_figures(walked: list[_Walked]) -> dict[str, DistanceFigures]:
-    true_m = np.array([one for walk_ in walked for one in walk_.true_m])
+    true_m = np.concatenate([distances for distances, _ in walked])
     found = {}
     for number, name in enumerate(MODES):
-        row = [one for walk_ in walked for one in walk_.rows[number]]
+        row = [one for _, rows in walked for one in rows[number]]
         found[name] = figures(true_m, values(row, "shown_m"), values(row, "safe_m"))
     return found
 

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from rich.table import Table
 
 from app.evaluate.digital import digital_scenes, image_of_scene
-from app.evaluate.gestures.images import RobustClassifier, classify_image
+from app.evaluate.gestures.images import classify_image, robust_classifier
 from app.evaluate.gestures.measures import NONE, Classified
 from app.evaluate.harness import Step, mean, percent, table
 from app.evaluate.readings import NO_HAND, DetectedImage, LabelledImage
@@ -26,6 +26,7 @@ from app.text.catalogue import tr
 from hal.cameras.playback import decode_image
 from kgdfa.augmentation import AUGMENTATIONS, Augmentation, StillDetector, detect_augmented
 from kgdfa.preprocess import PREPARATIONS, Image, as_bgr8
+from kgdfa.robust import RobustRules
 
 DARK_SHARE, DARK_SD = 0.12, 4.0  # of the light that is left, and the sensor's noise in what is left, grey levels
 NOISE_SD = 28.0  # grey levels, as at the highest gain of a webcam
@@ -111,7 +112,7 @@ def measure_preparations(
     images: Iterator[tuple[LabelledImage, Image, Augmentation]], detector: StillDetector, step: Step = lambda: None
 ) -> list[PreparationFigures]:
     """Every degradation with every preparation; `step` is called after each image."""
-    classifier = RobustClassifier()
+    classifier = robust_classifier(RobustRules())
     classified: dict[tuple[str, str], list[Classified]] = {
         (bad, good): [] for bad in DEGRADATIONS for good in PREPARATIONS
     }

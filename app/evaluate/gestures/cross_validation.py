@@ -16,12 +16,13 @@ import numpy as np
 
 from app.evaluate.gestures import fit, folds, synthetic, thresholds
 from app.evaluate.gestures.folds import Fold, ViewSet
-from app.evaluate.gestures.images import PublishedClassifier, RobustClassifier, classify_all, classify_image
+from app.evaluate.gestures.images import classify_all, classify_image, published_classifier, robust_classifier
 from app.evaluate.gestures.measures import Classified
 from app.evaluate.gestures.simulated import SimulatedHands, simulate
 from app.evaluate.harness import write_whole, writing
 from app.evaluate.readings import DetectedImage
 from kgdfa import robust
+from kgdfa.published import PublishedRules
 from kgdfa.robust import RobustModel, RobustRules, load_model, save_model
 
 SINGLE_LOOK = f"{RobustRules.name}, single look"
@@ -93,8 +94,8 @@ def classify_cross_validated(
     looks = {RobustRules.name: views} | ({SINGLE_LOOK: 1} if views is None else {})
     found = _left_out(detected, folds.folds(every, measured), looks, rules)
     kinds = _left_out(detected, folds.kind_folds(every, measured), {KINDS_LEFT_OUT: views}, rules)
-    published = PublishedClassifier()
-    return {published.name: classify_all(detected, published)} | found | {k: some for k, some in kinds.items() if some}
+    published = {PublishedRules.name: classify_all(detected, published_classifier())}
+    return published | found | {k: some for k, some in kinds.items() if some}
 
 
 def _left_out(
@@ -108,7 +109,7 @@ def _left_out(
     for fold in folds_of:
         rules = rules_of(fold)
         for name, some in looks.items():
-            classifier = RobustClassifier(rules, views=some)
+            classifier = robust_classifier(rules, views=some)
             measured = map(int, np.flatnonzero(fold.measure))
             found[name] |= {number: classify_image(detected[number], classifier) for number in measured}
     return {name: [by_number[number] for number in sorted(by_number)] for name, by_number in found.items()}

@@ -56,17 +56,13 @@ class DigitalPatient:
     def show(self, gesture: Gesture | None, frames: int, random: Generator) -> Iterator[Gesture | None]:
         """What the rules make of each frame; None: an idle hand, resting and moving."""
         start, stray = random.uniform(0, 2 * np.pi), random.normal(0, STRAY_DEG, (5, 6))
-        turn, rate_hz = random.normal(0, TURN_RAD, 3), random.uniform(*TREMOR_HZ)
+        (x, y, z), rate_hz = random.normal(0, TURN_RAD, 3).tolist(), random.uniform(*TREMOR_HZ)
         distance_m = float(random.uniform(NEAR_M, FAR_M))
         for number in range(frames):
             angles = limited(self.limit, _pose(gesture, number / max(1, frames - 1)) + stray)
             angles = angles + tremor_deg(self.limit, number / RATE_HZ, rate_hz, start)
-            scene = posed(
-                gesture.value if gesture else "5",
-                person=person_of(self.person),
-                position_m=(0.0, 0.0, distance_m),
-                turn_rad=(float(turn[0]), float(turn[1]), float(turn[2])),
-            )
+            named = gesture.value if gesture else "5"
+            scene = posed(named, person=person_of(self.person), position_m=(0.0, 0.0, distance_m), turn_rad=(x, y, z))
             hand = self.errors.observe(centred(replace(scene, angles_deg=angles), distance_m), random)
             yield self.rules.classify(hand).gesture if hand is not None else None
 

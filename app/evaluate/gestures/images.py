@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import os
 import threading
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import ExitStack, closing
+from contextlib import ExitStack
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import cv2
 import msgspec
@@ -32,53 +32,38 @@ from logs.reading.errors import cause_of
 from logs.reason import Reason, reason, reason_of
 
 
-class ImageDetector:
-    """Detects hands in image files; each thread that asks gets detectors of its own."""
-
-    def __init__(self, directory: Path, model: Path, prepare: Prepare = as_bgr8) -> None:
-        self._directory = directory
-        self._prepare = prepare
-        self._model = model
-        self._own = threading.local()
-        self._closing = ExitStack()  # MediaPipe's detectors can't be left to the interpreter's end
-
-    def close(self) -> None:
-        """Close every thread's detectors; no thread may be detecting."""
-        self._closing.close()
-
-    def detect(self, labelled: LabelledImage) -> DetectedImage:
-        """Every view of one image; a file that can't be read is an error to be counted, not an exception."""
-        image = decode_image(self._directory / labelled.path, cv2.IMREAD_UNCHANGED)
-        if image is None:
-            unreadable = reason(EvaluateFault.IMAGE_UNREADABLE, file=labelled.path)
-            return DetectedImage(image=labelled, hands=(), error=unreadable)
-        plain, sensitive = self._detectors()
-        try:
-            return DetectedImage(image=labelled, hands=detect_photo(plain, sensitive, self._prepare(image)))
-        except KgdfaError as error:
-            return DetectedImage(image=labelled, hands=(), error=reason_of(error))
-
-    def _detectors(self) -> tuple[StillDetector, StillDetector]:
-        from kgdfa.keypoints import HandDetector
-
-        if not hasattr(self._own, "pair"):
-            low = FALLBACK_THRESHOLD
-            sensitive = HandDetector(self._model, still=True, max_hands=2, min_detection=low, min_presence=low)
-            plain = HandDetector(self._model, still=True, max_hands=2)
-            self._own.pair = (plain, sensitive)
-            self._closing.callback(plain.close)
-            self._closing.callback(sensitive.close)
-        pair: tuple[StillDetector, StillDetector] = self._own.pair
-        return pair
-
-
 def detect_images(
     images: Sequence[LabelledImage], directory: Path, model: Path, step: Step, prepare: Prepare = as_bgr8
 ) -> list[DetectedImage]:
-    """The hands of every image, in order; `step` is called after each."""
-    detector, detected = ImageDetector(directory, model, prepare), []
-    with closing(detector), ThreadPoolExecutor(os.cpu_count()) as pool:
-        for one in pool.map(detector.detect, images):
+    """The hands in every view of every image, in order; `step` is called after each. Each thread has its detectors."""
+    from kgdfa.keypoints import HandDetector
+
+    own, closing = threading.local(), ExitStack()  # MediaPipe's detectors can't be left to the interpreter's end
+
+    def detectors() -> tuple[StillDetector, StillDetector]:
+        if not hasattr(own, "pair"):
+            low = FALLBACK_THRESHOLD
+            plain = HandDetector(model, still=True, max_hands=2)
+            sensitive = HandDetector(model, still=True, max_hands=2, min_detection=low, min_presence=low)
+            own.pair = closing.enter_context(plain), closing.enter_context(sensitive)
+        pair: tuple[StillDetector, StillDetector] = own.pair
+        return pair
+
+    def detect(labelled: LabelledImage) -> DetectedImage:
+        """A file that can't be read is an error to be counted, not an exception."""
+        image = decode_image(directory / labelled.path, cv2.IMREAD_UNCHANGED)
+        if image is None:
+            unreadable = reason(EvaluateFault.IMAGE_UNREADABLE, file=labelled.path)
+            return DetectedImage(image=labelled, hands=(), error=unreadable)
+        plain, sensitive = detectors()
+        try:
+            return DetectedImage(image=labelled, hands=detect_photo(plain, sensitive, prepare(image)))
+        except KgdfaError as error:
+            return DetectedImage(image=labelled, hands=(), error=reason_of(error))
+
+    detected = []
+    with closing, ThreadPoolExecutor(os.cpu_count()) as pool:
+        for one in pool.map(detect, images):
             detected.append(one)
             step()
     return detected
@@ -147,41 +132,20 @@ def _stored_images(file: dict[str, NDArray[Any]]) -> list[DetectedImage]:
     ]
 
 
-class ImageClassifier(Protocol):
-    """Classifies one image from the hands that its views gave, at least one, the plain view's first."""
-
-    name: str
-
-    def classify(self, hands: Sequence[Hand]) -> tuple[Verdict, FloatArray]:
-        """The verdict, and the confidence in each gesture, (12,)."""
-        ...
+# From the hands that an image's views gave, at least one, the plain view's first: the verdict, and the confidence in
+# each gesture, (12,).
+ImageClassifier = Callable[[Sequence[Hand]], tuple[Verdict, FloatArray]]
 
 
-class PublishedClassifier:
+def published_classifier() -> ImageClassifier:
     """The paper's rules on the plain view alone: they give no confidence that could be averaged."""
-
-    name = PublishedRules.name
-
-    def __init__(self) -> None:
-        self._rules = PublishedRules()
-
-    def classify(self, hands: Sequence[Hand]) -> tuple[Verdict, FloatArray]:
-        """Table 2 on the first hand."""
-        return self._rules.classify(hands[0]), self._rules.predict_proba(hands[0])
+    rules = PublishedRules()
+    return lambda hands: (rules.classify(hands[0]), rules.predict_proba(hands[0]))
 
 
-class RobustClassifier:
+def robust_classifier(rules: RobustRules, *, views: int | None = None) -> ImageClassifier:
     """The robust rules with test-time augmentation: the mean confidence over the first `views` (all, if None)."""
-
-    name = RobustRules.name
-
-    def __init__(self, rules: RobustRules | None = None, *, views: int | None = None) -> None:
-        self._rules = rules or RobustRules()
-        self._views = views
-
-    def classify(self, hands: Sequence[Hand]) -> tuple[Verdict, FloatArray]:
-        """The mean over the views."""
-        return self._rules.classify_augmented(hands[: self._views])
+    return lambda hands: rules.classify_augmented(hands[:views])
 
 
 def classify_all(detected: Sequence[DetectedImage], classifier: ImageClassifier) -> list[Classified]:
@@ -193,11 +157,13 @@ def classify_image(one: DetectedImage, classifier: ImageClassifier) -> Classifie
     """One image classified."""
     if not one.hands:
         return Classified(image=one.image, detected=False, verdict=None, scores=np.zeros(len(GESTURE_NAMES)))
-    verdict, scores = classifier.classify(one.hands)
+    verdict, scores = classifier(one.hands)
     return Classified(image=one.image, detected=True, verdict=verdict, scores=scores)
 
 
 def classify_as_shipped(detected: Sequence[DetectedImage], *, views: int | None = None) -> dict[str, list[Classified]]:
     """Both rule sets as the program runs them."""
-    classifiers: tuple[ImageClassifier, ...] = (PublishedClassifier(), RobustClassifier(views=views))
-    return {classifier.name: classify_all(detected, classifier) for classifier in classifiers}
+    return {
+        PublishedRules.name: classify_all(detected, published_classifier()),
+        RobustRules.name: classify_all(detected, robust_classifier(RobustRules(), views=views)),
+    }

@@ -9,15 +9,15 @@ between them could be either, and gets no label.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.random import Generator
 
-from app.evaluate.digital import FAR_M, NEAR_M, centred
+from app.evaluate.digital import tilted_scene
 from app.evaluate.noise import residual, with_noise
 from app.evaluate.readings import DetectedImage
-from hal.cameras.digital_hand.render import Scene, person_of, posed
+from hal.cameras.digital_hand.render import Scene
 from hal.cameras.digital_hand.skeleton import POSES, HandShape, joints_m
 from kgdfa.gesture import FINGER_STATES, Finger, FingerState, Gesture
 from kgdfa.hand import TIPS, FloatArray, Hand, Keypoint
@@ -80,10 +80,9 @@ def any_hand(random: Generator) -> FloatArray:
     return angles
 
 
-def hand_about(random: Generator, pose: str | None = None) -> FloatArray:
-    """Joint angles about a pose (any, if None), some of its fingers drawn anew from the whole space."""
-    name = pose or _POSES[random.integers(len(_POSES))]
-    angles = POSES[name].angles_deg + random.normal(0, STRAY_DEG, (5, 6))
+def hand_about(random: Generator, pose: str) -> FloatArray:
+    """Joint angles about a pose, some of its fingers drawn anew from the whole space."""
+    angles = POSES[pose].angles_deg + random.normal(0, STRAY_DEG, (5, 6))
     wrong = random.choice(5, random.choice(len(_WRONG_FINGERS), p=_WRONG_FINGERS), replace=False)
     for finger in wrong:
         angles[finger] = _any_thumb(random) if finger == 0 else _any_finger(random)
@@ -106,16 +105,7 @@ def _any_thumb(random: Generator) -> FloatArray:
 
 def scene_about(angles_deg: FloatArray, person: int, random: Generator, turned_like: str = "5") -> Scene:
     """A person's hand with these angles, turned as people turn that pose and by up to 40° more, 20 to 60 cm away."""
-    axis = random.normal(size=3)
-    turn = axis / np.linalg.norm(axis) * random.uniform(0, MOST_TILT_RAD)
-    distance_m = float(random.uniform(NEAR_M, FAR_M))
-    scene = posed(
-        turned_like,
-        person=person_of(person),
-        position_m=(0.0, 0.0, distance_m),
-        turn_rad=(float(turn[0]), float(turn[1]), float(turn[2])),
-    )
-    return centred(replace(scene, angles_deg=angles_deg), distance_m)
+    return tilted_scene(turned_like, person, random, MOST_TILT_RAD, angles_deg)
 
 
 def label_by_joints(angles_deg: FloatArray) -> str | None:

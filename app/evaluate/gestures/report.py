@@ -58,8 +58,7 @@ def shown(name: str, figures: Figures, images: int) -> Iterator[Table | str]:
         wrong=percent(figures.wrong_gesture, 2),
         images=images,
     )
-    kinds = [(kind, percent(share), count) for kind, (share, count) in figures.per_kind.items()]
-    yield table("gestures.undefined", "kind accepted n", kinds, left=0, rules=name)
+    yield table("gestures.undefined", "kind accepted n", _kinds(figures), left=0, rules=name)
     sources = [
         (source, row.n, *map(percent, (row.detected, row.right, row.accepted_undefined)))
         for source, row in figures.per_source.items()
@@ -97,9 +96,12 @@ def corrected_shown(figures: Mapping[str, Figures], classified: Mapping[str, Seq
 
 def kinds_shown(figures: Figures) -> Iterator[Table | str]:
     """Undefined hands of kinds that the fit never saw."""
-    kinds = [(kind, percent(share), count) for kind, (share, count) in figures.per_kind.items()]
-    yield table("gestures.kinds_left_out", "kind accepted n", kinds, left=0)
+    yield table("gestures.kinds_left_out", "kind accepted n", _kinds(figures), left=0)
     yield tr("evaluate.gestures.kinds_summary", accepted=percent(figures.accepted_undefined, 2))
+
+
+def _kinds(figures: Figures) -> list[tuple[str, str, int]]:
+    return [(kind, percent(share), count) for kind, (share, count) in figures.per_kind.items()]
 
 
 def kinds_json(figures: Figures | None) -> dict[str, Any]:
@@ -116,7 +118,7 @@ def _table_3(name: str, figures: Figures) -> Table:
 
 
 def _confusion(name: str, figures: Figures) -> Table:
-    """GroundTruth by row."""
+    """The labels by row."""
     made = table("gestures.confusion", "empty", rules=name)
     for heading in CLASSES:
         made.add_column(heading, justify="right")

@@ -47,9 +47,8 @@ class SideFigures:
     sources: dict[str, Counter[str]] = field(default_factory=dict)  # source and group → sides of the plain look
     images: int = 0
     without: int = 0  # images without a voted gesture
-    arms_rad: list[float] = field(
-        default_factory=list
-    )  # of the plain looks at gestures in stored keypoints, from upright
+    # Of the plain looks at gestures in stored keypoints, from upright.
+    arms_rad: list[float] = field(default_factory=list)
     interrupted: bool = False
 
     @property
@@ -121,9 +120,8 @@ def measure_looks(detected: Iterable[DetectedImage]) -> SideFigures:
     rules, figures = RobustRules(), SideFigures()
     for one in detected:
         if one.hands and one.image.gesture is not None:
-            mirrored = (
-                one.hands[MIRRORED_LOOK] if len(one.hands) == len(AUGMENTATIONS) else None
-            )  # else: which is which?
+            # Of fewer looks nobody knows which is which.
+            mirrored = one.hands[MIRRORED_LOOK] if len(one.hands) == len(AUGMENTATIONS) else None
             looks = ([hand.side] if hand and rules.classify(hand).gesture else [] for hand in (one.hands[0], mirrored))
             _add_pair(figures, one.image, *looks)
             angle = arm_rad(one.hands[0])

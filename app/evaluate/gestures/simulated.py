@@ -11,7 +11,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.random import Generator
 from numpy.typing import NDArray
 
 from app.evaluate.gestures.joint_space import (
@@ -66,12 +65,8 @@ def _hands(errors: Errors, count: int, seed: int) -> Iterator[tuple[FloatArray, 
     random = np.random.default_rng(FIRST_PERSON + seed)
     for person in range(FIRST_PERSON, FIRST_PERSON + count):
         pose = str(random.choice(_NAMES))
-        angles_deg = _angles(pose, random)
+        angles_deg = hand_about(random, pose) if random.random() < ABOUT_A_POSE else any_hand(random)
         label = label_by_joints(angles_deg)
         hand = errors.observe(scene_about(angles_deg, person, random, turned_like=pose), random)
         if hand is not None and label is not None:
             yield features(hand.image_px, hand.world_m), label
-
-
-def _angles(pose: str, random: Generator) -> FloatArray:
-    return hand_about(random, pose) if random.random() < ABOUT_A_POSE else any_hand(random)

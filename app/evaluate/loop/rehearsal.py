@@ -151,16 +151,12 @@ def profile_named(home: Home, name: str) -> Profile:
     """A patient of this home by identifier, the demo patient, or a profile file. Raises ProfileError."""
     from profiles.files import decode
     from profiles.files import read_text as read_profile
-    from profiles.schema import DEMO_PATIENT
     from profiles.store import ProfileStore
 
     if name.endswith(".toml"):
         path = Path(name)
         return decode(read_profile(path), str(path))
-    store = ProfileStore(home.profiles)
-    if name == DEMO_PATIENT.identifier and not (home.profiles / f"{name}.toml").exists():
-        return DEMO_PATIENT
-    return store.load(name)
+    return ProfileStore(home.profiles).load(name)
 
 
 def plot(rehearsal: Rehearsal, file: Path, norm: Norm | None = None) -> None:

@@ -15,17 +15,15 @@ from typing import Protocol
 import msgspec
 import numpy as np
 
-from app.demo.attempt import Attempt
-from app.demo.scenario import ALL_TWELVE, Step
+from app.demo.scenario import ALL_TWELVE, Attempt, Runner, Step
 from app.demo.session import SessionResult, demo_config, demo_patient, run_session
-from app.evaluate.harness import EvaluateFault, writing
+from app.evaluate.harness import EvaluateFault, keep_line, kept_lines
 from app.evaluate.loop.table7 import ResponseResult
 from app.ipc.states import ACTION_OF, Action
 from app.system.config import Config
 from app.system.errors import AppError
 from app.system.paths import Home
 from app.system.program import PROGRAM, program_identity
-from logs.reading.formats import read_json_lines
 from logs.reason import Reason, reason
 from profiles.schema import Profile
 
@@ -40,22 +38,14 @@ FRUITLESS_SESSIONS = 3  # one after the other without a round: then something is
 Watch = Callable[[str], None]
 
 
-class Runner(Protocol):
-    """What signs and presses: `app.demo.runner.ScenarioRunner`. click_s: of the next push, there and back."""
+class RoundRunner(Runner, Protocol):
+    """One that can begin another round. click_s: of the next push, there and back."""
 
     click_s: float
 
     @property
     def allowed(self) -> tuple[Action, ...]:
         """What the legs may do now."""
-        ...
-
-    def run(self, leg: Step) -> Attempt:
-        """One attempt."""
-        ...
-
-    def relax(self) -> None:
-        """The hand rests."""
         ...
 
     def power_off(self) -> bool:
@@ -75,7 +65,7 @@ class Rounds:
     draw: np.random.Generator = field(default_factory=np.random.default_rng)
     interrupted: bool = field(default=False)
 
-    def run_attempts(self, runner: Runner, scenario: Sequence[Step]) -> list[Attempt]:
+    def run_attempts(self, runner: RoundRunner, scenario: Sequence[Step]) -> list[Attempt]:
         """Rounds of the scenario until none is left, one can't go on, or the operator interrupts."""
         attempts: list[Attempt] = []
         try:
@@ -90,7 +80,7 @@ class Rounds:
             self.interrupted = True
         return attempts
 
-    def _round(self, runner: Runner, scenario: Sequence[Step]) -> Iterator[Attempt]:
+    def _round(self, runner: RoundRunner, scenario: Sequence[Step]) -> Iterator[Attempt]:
         """Every attempt of one round; ends early where a transition can't be made."""
         for leg in scenario:
             for _ in range(ATTEMPTS):
@@ -157,7 +147,7 @@ def evaluate_response(
             sessions.append(
                 KeptSession(seed=seed, click_s=click_s, rounds=done, program=program_identity()[PROGRAM], result=made)
             )
-            _keep(sessions[-1], keep)
+            keep_line(sessions[-1], keep)
             fruitless = 0 if done else fruitless + 1
             if rounds.interrupted:
                 return _result(sessions, interrupted=True)
@@ -175,18 +165,10 @@ def _result(
 
 
 def _kept(keep: Path | None, seeds: Sequence[int], click_s: tuple[float, float]) -> tuple[KeptSession, ...]:
-    if keep is None or not keep.exists():
-        return ()
-    kept = read_json_lines(keep, KeptSession)
+    kept = kept_lines(keep, KeptSession)
     if any(one.seed not in seeds or one.click_s != click_s for one in kept):
         raise AppError(EvaluateFault.PROGRESS_OF_OTHERS, file=keep)
     return kept
-
-
-def _keep(session: KeptSession, path: Path | None) -> None:
-    if path is not None:
-        with writing(path), path.open("ab") as file:
-            file.write(msgspec.json.encode(session) + b"\n")
 
 
 def shared(attempts: int, seeds: Sequence[int]) -> Iterator[tuple[int, int]]:

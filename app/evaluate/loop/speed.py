@@ -26,8 +26,7 @@ import cv2
 from rich.table import Table
 
 from app.evaluate.harness import FRAME_NS, EvaluateFault, Step, percent, table
-from app.evaluate.loop.networks import NetworkSize, bundle_sizes
-from app.evaluate.loop.onnx_detector import OnnxDetector
+from app.evaluate.loop.networks import NetworkSize, OnnxDetector, bundle_sizes
 from app.evaluate.readings import images_of, read_frames
 from app.perception.reporting import PreviewPacer
 from app.system.errors import AppError
@@ -48,7 +47,6 @@ WHOLE, BARE = "whole", "bare"
 WARM_UP = 15  # frames before the clock runs
 START_S = 300.0  # within which every worker must have read its frames and loaded its model
 REFERENCE_M, THRESHOLD_M = 0.065, 0.20  # of a usual palm, and the paper's: neither costs time
-
 
 # The paper's Table 4: mAP@0.5 in %, frames per second on its laptop; KGDFA has 43.12 M parameters.
 PAPER_TABLE_4 = {
@@ -260,16 +258,10 @@ def _run(directory: Path | None, count: int, model: Path, together: Barrier) -> 
     images, focal_px = frames_for_speed(directory, count)
     height, width = images[0].shape[:2]
     place = ButtonPlace.in_the_middle(width, height, THRESHOLD_M)
+    finder = RobustRange(focal_px=focal_px, reference_m=REFERENCE_M)
+    parts: dict[str, Any] = {"rules": RobustRules(), "range_finder": finder, "prepare": AsNeeded()}
     with live_detector(model) as detector:
-        finder = RobustRange(focal_px=focal_px, reference_m=REFERENCE_M)
-        pipeline = Pipeline(
-            detector=detector,
-            rules=RobustRules(),
-            range_finder=finder,
-            place=place,
-            prepare=AsNeeded(),
-            follow=detector.follow,
-        )
+        pipeline = Pipeline(detector=detector, place=place, follow=detector.follow, **parts)
         start_s = 0.0
         for number, image in enumerate([*images[:WARM_UP], *images]):
             if number == min(WARM_UP, len(images)):

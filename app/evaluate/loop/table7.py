@@ -11,7 +11,7 @@ from typing import Any
 import msgspec
 from rich.table import Table
 
-from app.demo.attempt import Attempt, Spread, spread, success
+from app.demo.scenario import Attempt, Spread, spread, success
 from app.demo.session import SessionResult
 from app.evaluate.harness import table
 from app.text.catalogue import render, tr

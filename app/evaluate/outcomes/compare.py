@@ -36,7 +36,7 @@ IN_POINTS = ("step_length_asymmetry_percent", "step_time_asymmetry_percent")
 RANGE = "range_of_motion"  # of the joint that is worst
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class Case:
     """One simulated patient on one walk."""
 
@@ -70,46 +70,21 @@ class Compared:
         }
 
 
-def _patient(
-    stature_m: float,
-    mass_kg: float,
-    gait: GaitParameters,
-    thigh_length_m: float | None = None,
-    shank_length_m: float | None = None,
-) -> Profile:
-    return Profile(
-        identifier="simulated",
-        sex=Sex.FEMALE,
-        stature_m=stature_m,
-        mass_kg=mass_kg,
-        gait=gait,
-        thigh_length_m=thigh_length_m,
-        shank_length_m=shank_length_m,
-    )
+def _patient(stature_m: float, mass_kg: float, **more: Any) -> Profile:
+    return Profile(identifier="simulated", sex=Sex.FEMALE, stature_m=stature_m, mass_kg=mass_kg, **more)
 
 
-_USUAL = GaitParameters()
+_SHORT_LEFT = Walk(steps=7, length_m=(0.22, 0.34), time_s=(2.6, 2.0))
+_LONG_LEFT = Walk(steps=7, length_m=(0.30, 0.20), time_s=(2.2, 2.6))
 CASES = (
-    Case(name="1.70 m", profile=_patient(1.70, 65.0, _USUAL), walk=Walk(strides=4)),
-    Case(name="1.50 m", profile=_patient(1.50, 48.0, GaitParameters(step_length_m=0.22)), walk=Walk(strides=4)),
-    Case(name="1.90 m", profile=_patient(1.90, 95.0, GaitParameters(step_length_m=0.36)), walk=Walk(strides=3)),
-    Case(
-        name="long thighs",
-        profile=_patient(1.75, 70.0, _USUAL, thigh_length_m=0.46, shank_length_m=0.40),
-        walk=Walk(strides=3),
-    ),
-    Case(name="slow", profile=_patient(1.65, 60.0, GaitParameters(step_time_s=3.0)), walk=Walk(strides=2)),
-    Case(name="sits, rises, walks", profile=_patient(1.70, 65.0, _USUAL), walk=Walk(strides=2, sits=True)),
-    Case(
-        name="short left steps",
-        profile=_patient(1.70, 65.0, _USUAL),
-        walk=Walk(steps=7, length_m=(0.22, 0.34), time_s=(2.6, 2.0)),
-    ),
-    Case(
-        name="long left steps",
-        profile=_patient(1.60, 58.0, _USUAL),
-        walk=Walk(steps=7, length_m=(0.30, 0.20), time_s=(2.2, 2.6)),
-    ),
+    Case("1.70 m", _patient(1.70, 65.0), Walk(strides=4)),
+    Case("1.50 m", _patient(1.50, 48.0, gait=GaitParameters(step_length_m=0.22)), Walk(strides=4)),
+    Case("1.90 m", _patient(1.90, 95.0, gait=GaitParameters(step_length_m=0.36)), Walk(strides=3)),
+    Case("long thighs", _patient(1.75, 70.0, thigh_length_m=0.46, shank_length_m=0.40), Walk(strides=3)),
+    Case("slow", _patient(1.65, 60.0, gait=GaitParameters(step_time_s=3.0)), Walk(strides=2)),
+    Case("sits, rises, walks", _patient(1.70, 65.0), Walk(strides=2, sits=True)),
+    Case("short left steps", _patient(1.70, 65.0), _SHORT_LEFT),
+    Case("long left steps", _patient(1.60, 58.0), _LONG_LEFT),
 )
 
 

@@ -83,7 +83,7 @@ def make(job: Job, out: Path, options: Sequence[str] = (), program: Sequence[str
     if _made(job, figures, kept):
         return
     figures.unlink(missing_ok=True)
-    keep = ("--keep", str(kept_file(out, job.table))) if job.kept else ()
+    keep = ("--keep", str(out / f"table-{job.table}.kept.jsonl")) if job.kept else ()
     began_s = time.monotonic()
     status = subprocess.run([*program, *job.arguments, *keep, "--json", str(figures), *options], check=False).returncode
     if status == INTERRUPTED:
@@ -132,11 +132,6 @@ def _processor() -> str:
 def figures_file(out: Path, table: int) -> Path:
     """Where a table's figures are."""
     return out / f"table-{table}.json"
-
-
-def kept_file(out: Path, table: int) -> Path:
-    """Where what was made of it is kept until it is whole, and after."""
-    return out / f"table-{table}.kept.jsonl"
 
 
 def run_file(out: Path, table: int) -> Path:

@@ -17,12 +17,11 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-import msgspec
 from msgspec import Struct
 from rich.table import Table
 
 from app.evaluate.digital import PoolDetector, iterate_pool, side_of
-from app.evaluate.harness import FRAME_NS, Step, table, writing
+from app.evaluate.harness import FRAME_NS, Step, keep_line, kept_lines, table
 from app.evaluate.loop.response import APPROACH_M, THRESHOLD_M
 from app.evaluate.trigger.foreign_clips import (
     BESIDE_M,
@@ -45,7 +44,6 @@ from kgdfa.keypoints import HandDetector
 from kgdfa.pipeline import PipelineInput, Report
 from kgdfa.preprocess import Image
 from kgdfa.track import Enrolment
-from logs.reading.formats import read_json_lines
 
 COST_FRAMES = 30
 TRACKERS = (("tracker_of_one", 1), ("tracker_of_two", 2))
@@ -226,7 +224,7 @@ def evaluate_foreign(
 
     Raises AppError, InputError and OSError for a file that can't be used.
     """
-    done = _kept(keep)
+    done = {outcome.name: outcome for outcome in kept_lines(keep, ClipOutcome)}
     made = {clip.name: done[clip.name] for clip in wanted if clip.name in done}
     for _ in made:
         step()
@@ -234,27 +232,16 @@ def evaluate_foreign(
     try:
         for outcome in iterate_pool(pool, run_clip, [clip for clip in wanted if clip.name not in made], step):
             made[outcome.name] = outcome
-            if keep is not None:
-                with writing(keep), keep.open("ab") as file:
-                    file.write(msgspec.json.encode(outcome) + b"\n")
+            keep_line(outcome, keep)
     except KeyboardInterrupt:
         interrupted = True
     return collected(wanted, made, interrupted=interrupted)
 
 
-def _kept(keep: Path | None) -> dict[str, ClipOutcome]:
-    if keep is None or not keep.exists():
-        return {}
-    return {outcome.name: outcome for outcome in read_json_lines(keep, ClipOutcome)}
-
-
 def collected(wanted: Iterable[Clip], made: Mapping[str, ClipOutcome], *, interrupted: bool = False) -> ForeignResult:
     """The figures of those clips that were made."""
     result = ForeignResult(kinds={kind.value: KindResult() for kind in ForeignKind}, interrupted=interrupted)
-    for clip in wanted:
-        outcome = made.get(clip.name)
-        if outcome is None:
-            continue
+    for clip, outcome in ((clip, made[clip.name]) for clip in wanted if clip.name in made):
         if clip.kind is not None:
             into = result.kinds[clip.kind.value]
             into.clips += 1

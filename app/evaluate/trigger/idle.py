@@ -22,7 +22,7 @@ import numpy as np
 from msgspec import Struct, structs
 from rich.table import Table
 
-from app.evaluate.digital import HEIGHT_M, side_of, smooth, take, tilted, walk
+from app.evaluate.digital import HEIGHT_M, side_of, smooth_path, take, tilted, walk
 from app.evaluate.harness import FRAME_NS, EvaluateFault, Step, table, write_whole
 from app.evaluate.noise import residual, with_noise
 from app.evaluate.readings import GESTURE_NAMES
@@ -232,9 +232,7 @@ def _noisy(scene: Scene, noise: NoiseClip, index: int) -> Hand | None:
 
 def _enrolment(mode: str, person: Person) -> Enrolment | None:
     """As a session enrols the patient's hand; the paper's rule knows nobody."""
-    if mode == "published":
-        return None
-    return Enrolment(side=side_of(person))
+    return None if mode == "published" else Enrolment(side=side_of(person))
 
 
 Move = Callable[[np.random.Generator, Scene, float], Iterator[Scene]]  # with the threshold
@@ -242,8 +240,7 @@ Move = Callable[[np.random.Generator, Scene, float], Iterator[Scene]]  # with th
 
 def _wander(draw: np.random.Generator, scene: Scene, threshold_m: float) -> Iterator[Scene]:
     """Anywhere beyond the threshold, with any tilt up to 55°."""
-    poses = [_place(draw, scene.lens, threshold_m + CLEAR_M) for _ in range(4)]
-    yield from _along(scene, poses)
+    yield from _along(scene, [_place(draw, scene.lens, threshold_m + CLEAR_M) for _ in range(4)])
 
 
 def _wave(draw: np.random.Generator, scene: Scene, threshold_m: float) -> Iterator[Scene]:
@@ -267,8 +264,7 @@ def _pass(draw: np.random.Generator, scene: Scene, threshold_m: float) -> Iterat
     z = draw.uniform(0.12, threshold_m)
     reach = 0.6 * z * scene.lens.width_px / scene.lens.fx_px
     start, end = (-reach, reach) if draw.random() < 0.5 else (reach, -reach)
-    poses = [np.array([x, HEIGHT_M, z, 0.0, 0.0, 0.0]) for x in (start, end, start)]
-    yield from _along(scene, poses)
+    yield from _along(scene, [np.array([x, HEIGHT_M, z, 0.0, 0.0, 0.0]) for x in (start, end, start)])
 
 
 def _reach_without_gesture(draw: np.random.Generator, scene: Scene, threshold_m: float) -> Iterator[Scene]:
@@ -287,12 +283,7 @@ def _gesture(draw: np.random.Generator, noise: NoiseClip, move: Move) -> str:
 
 
 def _along(scene: Scene, poses: list[FloatArray]) -> Iterator[Scene]:
-    legs = len(poses) - 1
-    for frame in range(CLIP_FRAMES):
-        along = legs * frame / (CLIP_FRAMES - 1)
-        first = min(legs - 1, int(along))
-        share = smooth(along - first)
-        yield _put(scene, poses[first] * (1 - share) + poses[first + 1] * share)
+    return (_put(scene, now) for now in smooth_path(poses, CLIP_FRAMES))
 
 
 def _place(draw: np.random.Generator, lens: Intrinsics, nearest_m: float) -> FloatArray:
@@ -306,13 +297,9 @@ def _place(draw: np.random.Generator, lens: Intrinsics, nearest_m: float) -> Flo
 def _put(scene: Scene, now: FloatArray) -> Scene:
     """The scene's hand at (x, y, z), its natural turn plus (pitch, yaw, roll)."""
     assert scene.place is not None
-    turn = np.asarray(scene.place.turn_rad) + now[3:]
-    place = replace(
-        scene.place,
-        position_m=(float(now[0]), float(now[1]), float(now[2])),
-        turn_rad=(float(turn[0]), float(turn[1]), float(turn[2])),
-    )
-    return replace(scene, place=place)
+    x, y, z = now[:3].tolist()
+    pitch, yaw, roll = (scene.place.turn_rad + now[3:]).tolist()
+    return replace(scene, place=replace(scene.place, position_m=(x, y, z), turn_rad=(pitch, yaw, roll)))
 
 
 def idle_table(result: IdleResult) -> Table:

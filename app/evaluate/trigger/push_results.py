@@ -11,7 +11,7 @@ from typing import Any
 import msgspec
 from rich.table import Table
 
-from app.demo.attempt import spread
+from app.demo.scenario import spread
 from app.evaluate.harness import percent, table
 from app.text.catalogue import render, tr
 from kgdfa.button import PressCancel, PressHint

@@ -1,23 +1,27 @@
-"""Recordings with and without the word: read from a folder, or made of synthetic speech and noise."""
+"""Recordings with and without the word: read from a folder or synthetic; how often it stops, and what else does."""
 
 from __future__ import annotations
 
 import csv
 import io
 import wave
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from msgspec import Struct, structs
+from rich.table import Table
 
-from app.evaluate.harness import EvaluateFault, write_whole
+from app.evaluate.harness import EvaluateFault, Step, percent, table, write_whole
 from app.evaluate.readings import Row, read_table
-from app.evaluate.voice.noise import Generator, levelled, mixed, noises
-from app.evaluate.voice.speech import PHRASES, Phrase, Voices, speak, voices
+from app.evaluate.voice.speech import PHRASES, Generator, Phrase, Voices, levelled, mixed, noises, speak, voices
 from app.system.errors import AppError
+from app.voice.listener import Spotter
+from app.voice.spotter import KeywordSpotter
 from hal.errors import HardwareError
-from hal.microphone.protocol import RATE_HZ, SAMPLE_BYTES, RecordedMicrophone
+from hal.microphone.protocol import BLOCK_SAMPLES, RATE_HZ, SAMPLE_BYTES, RecordedMicrophone
 from kgdfa.hand import FloatArray
 
 LIST = "recordings.csv"
@@ -25,6 +29,7 @@ COLUMNS = ("path", "stop", "group")
 SNRS_DB = (20, 10, 5, 0)
 MARGIN = RATE_HZ // 2  # of silence, or noise, before and after a word
 MINUTE = 60 * RATE_HZ
+SILENCE = bytes(RATE_HZ // 2 * SAMPLE_BYTES)  # after each recording, so that its last word ends
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,3 +126,64 @@ def keep(recordings: Iterator[Recording], folder: Path) -> Iterator[Recording]:
 def pcm(sound: FloatArray) -> bytes:
     """16-bit samples; louder ones are cut."""
     return (np.clip(sound, -1, 1) * 32767).astype("<i2").tobytes()
+
+
+class GroupResult(Struct, kw_only=True):
+    """Recordings of one group."""
+
+    group: str
+    stop: bool
+    recordings: int = 0
+    stopped: int = 0  # recordings with at least one stop
+    stops: int = 0
+    seconds: float = 0.0
+
+    @property
+    def share(self) -> float:
+        """Of recordings that stopped: the recall where the word is in them."""
+        return self.stopped / max(self.recordings, 1)
+
+    @property
+    def per_hour(self) -> float:
+        """Stops an hour of sound."""
+        return self.stops * 3600 / max(self.seconds, 1e-9)
+
+
+def measure(recordings: Iterable[Recording], spotter: KeywordSpotter, step: Step = lambda: None) -> list[GroupResult]:
+    """Groups in the order of their first recording."""
+    found: dict[tuple[str, bool], GroupResult] = {}
+    for one in recordings:
+        result = found.setdefault((one.group, one.stop), GroupResult(group=one.group, stop=one.stop))
+        spotter.begin()
+        stops = count_stops(one.samples + SILENCE, spotter)
+        result.recordings += 1
+        result.stopped += stops > 0
+        result.stops += stops
+        result.seconds += len(one.samples) / SAMPLE_BYTES / RATE_HZ
+        step()
+    return list(found.values())
+
+
+def count_stops(samples: bytes, spotter: Spotter) -> int:
+    """In blocks, as from the microphone."""
+    block = BLOCK_SAMPLES * SAMPLE_BYTES
+    return sum(spotter.detect(samples[at : at + block]) for at in range(0, len(samples), block))
+
+
+def tables(results: list[GroupResult]) -> tuple[Table, Table]:
+    """With the word, and without it."""
+    spoken = [(one.group, one.recordings, percent(one.share)) for one in results if one.stop]
+    others = [
+        (one.group, one.recordings, f"{one.seconds / 3600:.2f}", one.stopped, one.stops, f"{one.per_hour:.1f}")
+        for one in results
+        if not one.stop
+    ]
+    return (
+        table("voice.word", "group recordings recall", spoken),
+        table("voice.other", "group recordings hours stopped stops per_hour", others),
+    )
+
+
+def as_json(results: list[GroupResult]) -> list[dict[str, Any]]:
+    """The figures."""
+    return [structs.asdict(one) | {"share": one.share, "per_hour": one.per_hour} for one in results]

@@ -17,7 +17,7 @@ import pytest
 import typer
 
 from app.cli import permission as permissions
-from app.cli.permission import CHANGES, READS, TOKEN_VARIABLE
+from app.cli.permission import TOKEN_VARIABLE
 from app.cli.tree import tree
 from app.system import operators
 from app.system.authority import Authority, AuthorityFault, Proof, unsigned
@@ -44,6 +44,68 @@ pytestmark = pytest.mark.usefixtures("cheap_pins")
 PIN = "483920"
 ROOT = Path(__file__).parents[3]
 REFUSED = (AuthorityFault.SIGN_IN_NEEDED, AuthorityFault.NO_OPERATORS)
+
+# Command → the permission it asks for, and the arguments without which it only reads.
+CHANGES: dict[str, tuple[Permission, tuple[str, ...]]] = {
+    "camera calibrate": (Permission.CALIBRATE, ()),
+    "can doctor": (Permission.CONFIGURE, ()),  # asks the drives, unless it only listens
+    "can scan": (Permission.CONFIGURE, ()),  # disables drives that are enabled
+    "can zero": (Permission.CONFIGURE, ()),
+    "configure": (Permission.CONFIGURE, ()),
+    "emulate-drives": (Permission.CONFIGURE, ()),  # answers in the drives' place
+    "link forget": (Permission.CONFIGURE, ()),
+    "link pair": (Permission.CONFIGURE, ()),
+    "model": (Permission.CONFIGURE, ("--again",)),
+    "operator add": (Permission.MANAGE_OPERATORS, ()),
+    "operator disable": (Permission.MANAGE_OPERATORS, ()),
+    "operator pin": (Permission.MANAGE_OPERATORS, ()),
+    "operator token": (Permission.EDIT_PATIENTS, ()),  # of those it is given
+    "profile archive": (Permission.EDIT_PATIENTS, ()),
+    "profile calibrate": (Permission.CALIBRATE, ()),
+    "profile import": (Permission.EDIT_PATIENTS, ()),
+    "profile new": (Permission.EDIT_PATIENTS, ()),
+    "profile set": (Permission.EDIT_PATIENTS, ()),
+    "recording delete-pictures": (Permission.EDIT_PATIENTS, ()),
+    "recording expire": (Permission.EDIT_PATIENTS, ()),
+    "simulate": (Permission.OPERATE, ("--preflight",)),
+}
+# Writes nothing but what its options name, and a demonstration's own session. `run` asks in the console itself.
+READS = frozenset(
+    {
+        *(
+            f"audit {name}"
+            for name in (
+                "explain",
+                "export",
+                "key",
+                "list",
+                "merge",
+                "query",
+                "replay",
+                "report",
+                "schema",
+                "show",
+                "verify",
+            )
+        ),
+        *(f"camera {name}" for name in ("compare", "list", "show")),
+        *(f"can {name}" for name in ("decode", "monitor", "record")),
+        *(f"profile {name}" for name in ("export", "history", "list", "show")),
+        *(f"recording {name}" for name in ("info", "schema", "verify")),
+        "demo",  # simulated joints, or emulated drives on a bus of its own
+        "doctor",
+        "export",
+        "query",
+        "joints",  # its sessions are begun by an operator who signs in at the laptop
+        "replay",
+        "link list",
+        "locate",
+        "operator list",
+        "outcomes",
+        "press-input",  # a simulated button, which stops; nothing moves by letting it go
+        "run",
+    }
+)  # and every `evaluate`
 
 
 def _commands(group: Any, path: str = "") -> Iterator[tuple[str, Any]]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from app.demo.attempt import Attempt
+from app.demo.scenario import Attempt
 from app.demo.session import SessionResult
 from app.ipc.messages import Lateness
 

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from app.demo.attempt import Attempt, spread, success
+from app.demo.scenario import Attempt, spread, success
 from app.ipc.messages import ActionReport
 from app.ipc.states import Action, GaitState, Source
 from kgdfa.gesture import Gesture

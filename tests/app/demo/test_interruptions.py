@@ -8,8 +8,7 @@ from dataclasses import replace
 import pytest
 
 from app.control.gait.machine import Change, Gait, Latched, Started, ask, changed
-from app.demo.attempt import Attempt
-from app.demo.scenario import ALL_TWELVE, INTERRUPTIONS, Step, run_scenario
+from app.demo.scenario import ALL_TWELVE, INTERRUPTIONS, Attempt, Step, run_scenario
 from app.ipc.states import ACTION_OF, GaitState
 from logs.reason import reason_of
 from tests.app.demo.sessions import session_of

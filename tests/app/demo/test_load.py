@@ -9,12 +9,12 @@ from pathlib import Path
 import psutil
 import pytest
 
-from app.demo.load import busy_processes
+from app.demo.drives import busy_processes
 
 LIMIT_S = 30.0
 ORPHANING = """
 import time
-from app.demo.load import busy_processes
+from app.demo.drives import busy_processes
 with busy_processes(2) as pids:
     print(*pids, flush=True)
     time.sleep(1000)

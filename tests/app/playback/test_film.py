@@ -14,8 +14,8 @@ from app.cli import cli
 from app.playback import frame, pen
 from app.playback.film import LEAD_S, FilmFault, Stretch, film, stretch_of, view_at, whole_of
 from app.playback.frame import HEIGHT_PX, WIDTH_PX
-from app.playback.legs import Legs
 from app.playback.session import Playback, ReplayFault, moment_ns
+from app.playback.view import Legs
 from app.recording.read import RecordingReadFault
 from app.recording.schemas import TOPICS
 from app.recording.writer import RecordingWriter

@@ -138,12 +138,12 @@ def test_the_hand_is_perceptions(session: Lived, playback: Playback) -> None:
 
 def test_jumps_visit_every_told_moment_and_come_back(playback: Playback) -> None:
     at_ns, visited = playback.begin_ns - 1, []
-    while (record := playback.next_after(at_ns)) is not None:
+    while (record := playback.landmarks.next_after(at_ns)) is not None:
         at_ns = moment_ns(record)
         visited.append(at_ns)
-    assert visited == sorted({moment_ns(one) for one in playback.landmarks_between(0, playback.end_ns)})
+    assert visited == sorted({moment_ns(one) for one in playback.landmarks.between(0, playback.end_ns)})
     back, at_ns = [], playback.end_ns + 1
-    while (record := playback.last_before(at_ns)) is not None:
+    while (record := playback.landmarks.newest(at_ns - 1)) is not None:
         at_ns = moment_ns(record)
         back.append(at_ns)
     assert back == visited[::-1]

@@ -16,9 +16,9 @@ from app.console.widgets.replay import draw_picture
 from app.ipc.recording import Picture
 from app.playback import frame
 from app.playback.film import view_at, whole_of
-from app.playback.legs import Legs
 from app.playback.moment import PICTURE_WITHIN_NS, moment
 from app.playback.session import Playback
+from app.playback.view import Legs
 from app.recording import schemas
 from app.recording.pictures import PicturesFile
 from app.recording.read import Recording as ReadRecording

@@ -11,7 +11,7 @@ import pytest
 from app.cli.evaluate.gestures import fitted_beside
 from app.cli.tree import command
 from app.evaluate.gestures.corrections import shown_label
-from app.evaluate.gestures.images import PublishedClassifier, classify_all, load_hands, save_hands
+from app.evaluate.gestures.images import classify_all, load_hands, published_classifier, save_hands
 from app.evaluate.gestures.measures import CLASSES, Classified, measure
 from app.evaluate.gestures.report import (
     PAPER_TABLE_3,
@@ -190,10 +190,10 @@ def test_misclassified_images_are_drawn_and_the_matrix_is_plotted(tmp_path: Path
     detected = drawn_images()
     for one in detected:
         cv2.imwrite(str(tmp_path / one.image.path), np.full((700, 800, 3), 90, np.uint8))
-    verdicts = classify_all(detected, PublishedClassifier())
+    verdicts = classify_all(detected, published_classifier())
     assert write_errors(verdicts, detected, tmp_path, tmp_path / "errors") == 0
     mislabelled = [DetectedImage(image=LabelledImage(path="1.png", label="2"), hands=detected[1].hands)]
-    wrong = classify_all(mislabelled, PublishedClassifier())
+    wrong = classify_all(mislabelled, published_classifier())
     assert write_errors(wrong, mislabelled, tmp_path, tmp_path / "errors") == 1
     drawn = cv2.imread(str(tmp_path / "errors" / "2_as_1_1.png"))
     assert drawn is not None

@@ -11,8 +11,7 @@ import pytest
 from onnx import TensorProto, helper, numpy_helper
 
 from app.evaluate.harness import EvaluateFault
-from app.evaluate.loop.networks import NetworkSize, onnx_size
-from app.evaluate.loop.onnx_detector import OnnxDetector
+from app.evaluate.loop.networks import NetworkSize, OnnxDetector, onnx_size
 from app.evaluate.loop.speed import open_detectors
 from app.system.errors import AppError
 

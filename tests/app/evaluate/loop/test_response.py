@@ -8,8 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from app.demo.attempt import Attempt
-from app.demo.scenario import ALL_TWELVE, Step
+from app.demo.scenario import ALL_TWELVE, Attempt, Step
 from app.demo.session import SessionResult
 from app.evaluate.harness import EvaluateFault
 from app.evaluate.loop.response import ATTEMPTS, Rounds, Watch, evaluate_response, shared, wearer

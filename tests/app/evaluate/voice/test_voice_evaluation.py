@@ -11,10 +11,8 @@ from typer.testing import CliRunner
 from app.cli import cli
 from app.evaluate.harness import EvaluateFault
 from app.evaluate.voice import recordings, speech
-from app.evaluate.voice.measure import measure
-from app.evaluate.voice.noise import gait, levelled, mixed, music, rms
-from app.evaluate.voice.recordings import Recording, keep, pcm, read_recordings, synthetic, synthetic_count
-from app.evaluate.voice.speech import PHRASES, Voices, resampled, voices
+from app.evaluate.voice.recordings import Recording, keep, measure, pcm, read_recordings, synthetic, synthetic_count
+from app.evaluate.voice.speech import PHRASES, Voices, gait, levelled, mixed, music, resampled, rms, voices
 from app.system.errors import AppError
 from hal.microphone.protocol import RATE_HZ
 
@@ -94,7 +92,7 @@ def test_synthetic_recordings_are_all_there_and_the_same_for_a_seed(monkeypatch:
         return levelled(np.sin(np.arange(400) * (1 + len(text) + pitch + speed) / 100))
 
     monkeypatch.setattr(recordings, "speak", tone)
-    monkeypatch.setattr("app.evaluate.voice.noise.speak", tone)
+    monkeypatch.setattr("app.evaluate.voice.speech.speak", tone)
     monkeypatch.setattr(recordings, "MINUTE", 1600)
     monkeypatch.setattr(recordings, "MARGIN", 400)
     few = {language: (phrases[0], phrases[-1]) for language, phrases in PHRASES.items()}
