@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -161,19 +161,16 @@ def calibrate(
 
 @contextmanager
 def _watching(home: Path | None) -> Iterator[tuple[Camera, HandDetector]]:
-    """The configured camera, open, and a hand detector."""
+    """The configured camera, open, with its measured intrinsics, and a hand detector."""
     from app.cli.camera import open_as
     from kgdfa.keypoints import HandDetector
 
     place = find_home(home)
     config = load_config(place.config)
-    camera = open_as(config.camera, config.camera.kind, config.camera.device)
-    with HandDetector(set_up_model(place, config)) as detector:
+    with closing(open_as(config.camera, config.camera.kind, config.camera.device, place.cameras)) as camera:
         camera.open()
-        try:
+        with HandDetector(set_up_model(place, config)) as detector:
             yield camera, detector
-        finally:
-            camera.close()
 
 
 @cli.command()

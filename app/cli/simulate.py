@@ -23,7 +23,7 @@ from app.system.operators import Permission
 from app.system.paths import Home, find_home
 from app.text.catalogue import tr
 from hal.joints.device import DEFAULT_DEVICE, Exoskeleton, load_exoskeleton
-from profiles.schema import DEMO_PATIENT, Profile
+from profiles.schema import Profile
 from profiles.store import ProfileStore
 
 if TYPE_CHECKING:
@@ -202,8 +202,6 @@ def _run_shown(described: Exoskeleton, run: Callable[..., None], seconds: float)
 def _body(patient: str, home: Path | None) -> Body:
     from app.motion.plan import body_of
 
-    if patient == DEMO_PATIENT.identifier:
-        return body_of(DEMO_PATIENT)
     return body_of(ProfileStore(find_home(home).profiles).load(patient))
 
 

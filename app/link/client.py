@@ -113,7 +113,7 @@ class LinkClient:
             remote = Remote(self._setup)
         except CodedError as error:
             self._fail(reason_of(error))
-            _log.warning("link not opened", extra={"host": self._setup.config.joints.host, "why": str(error)})
+            _log.warning("link not opened", host=self._setup.config.joints.host, why=str(error))
             return None
         for link in (self._operator, self._reports):
             remote.poller.register(link.socket, zmq.POLLIN)

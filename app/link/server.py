@@ -184,7 +184,7 @@ class JointsServer:
             check_version("laptop", hello.link, hello.program)
             self._admit(identity, user, hello.request)
         except CodedError as error:
-            _log.warning("laptop refused", extra={"why": str(error)})
+            _log.warning("laptop refused", why=str(error))
             if self._session is not None:
                 self._session.note(LinkNotice.PEER_REFUSED, why=reason_of(error))
             self._send(identity, Refused(reason=reason_of(error)))

@@ -15,7 +15,7 @@ from rich.table import Table
 
 from app.evaluate.gestures.corrections import corrected
 from app.evaluate.gestures.measures import CLASSES, Classified, Figures, SequenceFigures, measure
-from app.evaluate.harness import EvaluateFault, figure, in_english, percent, table, writing
+from app.evaluate.harness import EvaluateFault, figure, in_english, percent, table, write_whole, writing
 from app.evaluate.readings import DetectedImage
 from app.text.catalogue import render, tr
 from hal.cameras.playback import decode_image
@@ -208,7 +208,8 @@ def write_errors(
         if image is not None:
             name = f"{one.image.label.replace(':', '-')}_as_{one.predicted}_{Path(one.image.path).stem}.png"
             with in_english():
-                cv2.imwrite(str(errors / name.replace("/", "-")), _explained(image, one, found))
+                _, encoded = cv2.imencode(".png", _explained(image, one, found))
+            write_whole(errors / name.replace("/", "-"), encoded.tobytes())
     return len(wrong)
 
 
