@@ -23,8 +23,7 @@ from hal.errors import HardwareError
 from hal.inputs.device import InputDevice
 from hal.inputs.protocol import Contact, StopInput
 from hal.inputs.reader import InputReader, make_input
-from hal.microphone.device import VoiceConfig
-from hal.microphone.protocol import Microphone, make_microphone
+from hal.microphone.protocol import make_microphone
 from logs.reason import Reason, reason, reason_of
 
 DISK_NEEDED_GB = 2.0  # a day of sessions on CAN, the bus logs included
@@ -357,15 +356,13 @@ def check_stop_buttons(
             yield bad(T.STOP_BUTTON, why, reason(R.CONNECT_BUTTON, name=one.name))
 
 
-def check_voice(
-    config: Config, make: Callable[[VoiceConfig, Callable[[], object]], Microphone] = make_microphone
-) -> Iterator[Finding]:
+def check_voice(config: Config) -> Iterator[Finding]:
     """Whether a microphone is there and gives sound; a session is fit without it."""
     voice = config.voice
     if not voice.on:
         yield note(T.VOICE, reason(F.VOICE_OFF))
         return
-    microphone, device = make(voice, lambda: None), voice.device or "default"
+    microphone, device = make_microphone(voice, lambda: None), voice.device or "default"
     try:
         require_spotter()
         microphone.open()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import lru_cache
 
 import cv2
@@ -154,16 +154,6 @@ def _add_hand(rendered: Rendered, joints: FloatArray, owner: Person, scene: Scen
     _grain(image, grid, scene.person.noise_sd, noise_seed)
     if surface is not None:
         _sink(surface, hand_m, grid)
-
-
-def scaled(person: Person, **changes: float) -> Person:
-    """The same person under another lamp: lamp, ambient, noise_sd."""
-    light = replace(
-        person.light,
-        lamp=changes.get("lamp", person.light.lamp),
-        ambient=changes.get("ambient", person.light.ambient),
-    )
-    return replace(person, light=light, noise_sd=changes.get("noise_sd", person.noise_sd))
 
 
 def _lay(image: ImageArray, painted: Painted, grid: Grid) -> None:

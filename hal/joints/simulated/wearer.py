@@ -61,7 +61,6 @@ class GroundTruth:
     ankle_rad: NDArray[np.float64]
     ankle_m: NDArray[np.float64]  # (2, 2): foot, x and z
     contact_n: NDArray[np.float64]  # vertical force of floor, steps or obstacle on each foot
-    seat_n: float
     harness_n: float
     balance_nm: float  # of the wearer's arms, on the trunk's lean
     hold_n: float  # of the wearer's arms, forward
@@ -212,7 +211,7 @@ class Wearer:
     def ground_truth(self) -> GroundTruth:
         """Everything that can be known now; too slow for every tick of a real-time loop."""
         data = self._data
-        feet, seat, deepest, struck = self._contacts()
+        feet, deepest, struck = self._contacts()
         return GroundTruth(
             time_s=float(data.time),
             hip_x_m=float(data.qpos[0]),
@@ -222,7 +221,6 @@ class Wearer:
             ankle_rad=data.qpos[self._ankle_q].copy(),
             ankle_m=np.array([data.xpos[number][[0, 2]] for number in self._ankle_bodies]),
             contact_n=feet,
-            seat_n=seat,
             harness_n=self.harness_n,
             balance_nm=self.balance_nm,
             hold_n=self.hold_n,
@@ -268,9 +266,9 @@ class Wearer:
         mocap = self._model.body(name).mocapid[0]
         self._data.mocap_pos[mocap] = (middle, 0.0, block.top_m - DEEP_M / 2)
 
-    def _contacts(self) -> tuple[NDArray[np.float64], float, float, bool]:
+    def _contacts(self) -> tuple[NDArray[np.float64], float, bool]:
         data = self._data
-        feet, seat, deepest, struck = np.zeros(2), 0.0, 0.0, False
+        feet, deepest, struck = np.zeros(2), 0.0, False
         force = np.zeros(6)
         for number in range(data.ncon):
             contact = data.contact[number]
@@ -283,6 +281,5 @@ class Wearer:
             for side, foot in enumerate(self._feet):
                 if foot in pair:
                     feet[side] += up
-            seat += up if self._pelvis in pair else 0.0
             struck = struck or bool(self._obstacles.intersection(pair))
-        return feet, seat, deepest, struck
+        return feet, deepest, struck
