@@ -35,8 +35,7 @@ def query(
 ) -> None:
     """Query the sessions of several sites. A site that is missing or tampered is refused by name."""
     from logs.query import as_json, as_table
-    from logs.site_query import SITE_QUESTIONS
-    from logs.sites import check_site, find_sites
+    from logs.sites import SITE_QUESTIONS, check_site, find_sites
 
     if bool(sql) == bool(ask) or (ask and ask not in SITE_QUESTIONS):
         ready = "; ".join(f"{name}: {tr(f'question.{name}')}" for name in SITE_QUESTIONS)
@@ -56,7 +55,7 @@ def query(
 def _answer(sites: list[Site], sql: str, spark: str) -> Any:
     from logs.query import LIMIT_S
     from logs.query import ask as ask_duckdb
-    from logs.site_query import connect_sites
+    from logs.sites import connect_sites
 
     if not spark:
         return ask_duckdb(connect_sites(sites), sql)

@@ -11,8 +11,7 @@ from app.cli.common import HomeOption, check_output, print_text
 from app.cli.permission import sign_in
 
 if TYPE_CHECKING:
-    from app.recording.read import HashCheck, Recording
-    from app.recording.sent import SentCheck
+    from app.recording.read import HashCheck, Recording, SentCheck
     from app.system.authority import Authority
     from logs.records import RecordingFile
 
@@ -31,8 +30,7 @@ def info(
 
     from app.cli.progress import wide_console
     from app.recording.encryption import key_of
-    from app.recording.read import proof_of, survey
-    from app.recording.sent import check_sent
+    from app.recording.read import check_sent, proof_of, survey
 
     path = _found(file, home)
     found = survey(path)
@@ -61,8 +59,7 @@ def info(
 @cli.command()
 def verify(file: FileArgument = "last", home: HomeOption = None) -> None:
     """Prove that it is whole and the one that its trail names. Exit status: 0 sound, 1 not, 2 unreadable."""
-    from app.recording.read import HashCheck, proof_of, survey
-    from app.recording.sent import check_sent
+    from app.recording.read import HashCheck, check_sent, proof_of, survey
 
     path = _found(file, home)
     found = survey(path)

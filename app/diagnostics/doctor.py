@@ -20,8 +20,7 @@ from app.system.paths import Home
 from app.system.scheduling import WAKE_LATENCY
 from app.voice.spotter import require_spotter
 from hal.errors import HardwareError
-from hal.inputs.device import InputDevice
-from hal.inputs.protocol import Contact, StopInput
+from hal.inputs.device import Contact, InputDevice, StopInput
 from hal.inputs.reader import InputReader, make_input
 from hal.microphone.protocol import make_microphone
 from logs.reason import Reason, reason, reason_of

@@ -13,8 +13,7 @@ import time
 import zmq
 from msgspec.structs import replace
 
-from app.audit.other_trail import PERIOD_NS, other_trail
-from app.audit.sink import AuditSink
+from app.audit.sink import PERIOD_NS, AuditSink, other_trail
 from app.ipc import streams
 from app.ipc.links import LatestReceiver, OrderedReceiver, Publisher, address
 from app.ipc.messages import (

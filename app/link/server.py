@@ -13,7 +13,7 @@ from concurrent.futures import Executor, ThreadPoolExecutor
 
 import msgspec
 
-from app.audit.other_trail import PERIOD_NS, other_trail
+from app.audit.sink import PERIOD_NS, other_trail
 from app.ipc.messages import AuditHealth, LinkHealth
 from app.ipc.streams import LINK, NS_PER_MS, SNAPSHOT
 from app.link.beats import Beats, health_of

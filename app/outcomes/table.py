@@ -7,10 +7,9 @@ from collections.abc import Iterator, Sequence
 from rich.table import Table
 
 from app.outcomes.change import SMALLEST_CHANGES
-from app.outcomes.dose import Dose
 from app.outcomes.guided import GuidedTest, last_completed
 from app.outcomes.measures import Measures
-from app.outcomes.session import COMPLETED, OutcomeSource, SessionOutcomes
+from app.outcomes.session import COMPLETED, Dose, OutcomeSource, SessionOutcomes
 from app.text.catalogue import tr
 from app.text.recorded import render_recorded, result_text
 from hal.joints.device import Joint

@@ -1,18 +1,31 @@
-"""What every microphone keeps, and the fake that reads a file."""
+"""The microphone as `[voice]` of the configuration describes it, what each keeps, and the fake that reads a file."""
 
 from __future__ import annotations
 
 import wave
 from collections.abc import Callable
 from pathlib import Path
-from typing import Protocol
+from typing import Literal, Protocol
+
+from msgspec import Struct
 
 from hal.errors import HardwareError, MicrophoneFault
-from hal.microphone.device import VoiceConfig
 
 RATE_HZ = 16_000  # what the acoustic model was trained with
 BLOCK_SAMPLES = 1600  # 0.1 s
 SAMPLE_BYTES = 2
+
+
+class VoiceConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Whether "stop" and 停 from a microphone stop, and which microphone."""
+
+    on: bool = False
+    kind: Literal["microphone", "recording"] = "microphone"
+    device: str = ""  # microphone: part of its name, or its number; empty: the system's. recording: path of a WAV file
+
+    def __post_init__(self) -> None:
+        if self.on and self.kind == "recording" and not self.device:
+            raise ValueError("the voice of kind recording needs its device: the path of a WAV file")
 
 
 class Microphone(Protocol):

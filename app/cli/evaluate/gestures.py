@@ -199,7 +199,7 @@ def enrolment(
     from app.evaluate.gestures import enrolment as patients
     from app.evaluate.gestures import joint_space
     from app.evaluate.gestures.synthetic import near_scenes
-    from hal.cameras.digital_hand.limits import HandLimit
+    from hal.cameras.digital_hand.movement import HandLimit
 
     scenes = [*near_scenes(rendered, MEASURE_SEEDS)]
     errors = joint_space.errors_of((scene for _, scene, _ in scenes), detected_scenes(scenes, home, as_bgr8))

@@ -15,8 +15,7 @@ from textual.widgets import Static
 from app.console.screens.base import Dialog
 from app.console.widgets.panel import Lines, Panel
 from app.console.widgets.progress import progress_lines
-from app.outcomes.history import Refused, trails_of
-from app.outcomes.kept import KeptOutcomes
+from app.outcomes.history import KeptOutcomes, Refused, trails_of
 from app.outcomes.series import series_of
 from app.outcomes.session import SessionOutcomes
 from app.outcomes.table import remarks, sources

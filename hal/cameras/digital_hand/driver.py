@@ -10,7 +10,7 @@ from functools import partial
 from hal.cameras.camera import Frame, Intrinsics, LatestFrame
 from hal.cameras.digital_hand import movement as hand_motion
 from hal.cameras.digital_hand.depth import DepthCamera
-from hal.cameras.digital_hand.limits import HandLimit, limited, tremor_deg
+from hal.cameras.digital_hand.movement import HandLimit, limited, tremor_deg
 from hal.cameras.digital_hand.raycast import project_px
 from hal.cameras.digital_hand.render import Person, Scene, keypoints_m, lens_for, person_of, render
 from hal.cameras.digital_hand.skeleton import FloatArray

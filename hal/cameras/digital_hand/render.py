@@ -10,9 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hal.cameras.camera import DepthArray, ImageArray, Intrinsics, IntrinsicsSource
-from hal.cameras.digital_hand.palm import palm_lines
 from hal.cameras.digital_hand.raycast import Grid, capsules_of, cast, grid_over
-from hal.cameras.digital_hand.shading import Light, Painted, paint, room_bgr
+from hal.cameras.digital_hand.shading import Light, Painted, paint, palm_lines, room_bgr
 from hal.cameras.digital_hand.skeleton import FloatArray, HandPlace, HandShape, find_pose, joints_m, placed_m
 from hal.cameras.intrinsics import pinhole
 
