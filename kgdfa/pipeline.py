@@ -15,7 +15,7 @@ from kgdfa.depth import ChosenDistance, DepthFault, choose_distance
 from kgdfa.distance import Distance, DistanceChoice, DistanceSource, RangeFinder
 from kgdfa.gesture import VOTE_FRAMES, Explanation, Gesture, HandRefusal, RuleSet, Verdict, Vote
 from kgdfa.hand import Hand, is_cut_off
-from kgdfa.preprocess import Image, as_bgr8
+from kgdfa.preprocess import Image, Prepare, as_bgr8
 from kgdfa.recognition import FrameReading, Recognition, recognise
 from kgdfa.redetection import Shows
 from kgdfa.track import Enrolment
@@ -75,7 +75,6 @@ class DepthFinder(Protocol):
         ...
 
 
-Prepare = Callable[[NDArray[np.uint8]], Image]
 Follow = Callable[[Hand | None, bool, Shows | None], None]
 
 UNRECOGNISED_FRAMES = 15  # of a hand without a gesture, after which one is sought: about half a second

@@ -23,7 +23,8 @@ from app.text.catalogue import tr
 from hal.errors import CanFault, DeviceFault, HardwareError
 from hal.joints.can.bus import open_bus, with_bus
 from hal.joints.can.candump import BusRecorder, Decoder, LogSummary, messages_of, open_log
-from hal.joints.can.scan import BusMonitor, drives_of
+from hal.joints.can.drive import drives_of
+from hal.joints.can.scan import BusMonitor
 from hal.joints.can.scan import scan as scan_bus
 from hal.joints.device import DEFAULT_DEVICE, Exoskeleton, Joint, load_exoskeleton
 

@@ -41,39 +41,22 @@ class Series:
 def series_of(found: Sequence[SessionOutcomes]) -> tuple[Series, ...]:
     """Every measure that at least one session has."""
     made = [
-        Series(
-            name=tr(f"outcomes.{key}"),
-            form=form,
-            values=tuple(getattr(one.measures, field) for one in found),
-            smallest=SMALLEST_CHANGES.get(field),
-        )
+        _series(tr(f"outcomes.{key}"), form, [getattr(one.measures, field) for one in found], field)
         for key, field, form in ROWS
     ]
     made += [
-        Series(
-            name=tr("outcomes.range", joint=joint), form=".1f", values=tuple(_range_deg(one, joint) for one in found)
-        )
-        for joint in Joint
+        _series(tr("outcomes.range", joint=joint), ".1f", [_range_deg(one, joint) for one in found]) for joint in Joint
     ]
     made += [
-        Series(
-            name=tr(f"outcomes.{key}"),
-            form=form,
-            values=tuple(_tested(one, test, field) for one in found),
-            smallest=SMALLEST_CHANGES.get(key),
-        )
+        _series(tr(f"outcomes.{key}"), form, [_tested(one, test, field) for one in found], key)
         for key, test, field, form in TESTS
     ]
-    made += [
-        Series(
-            name=tr(f"outcomes.{name}"),
-            form="d",
-            values=tuple(getattr(one, name) for one in found),
-            smallest=SMALLEST_CHANGES.get(name),
-        )
-        for name in RATINGS
-    ]
+    made += [_series(tr(f"outcomes.{name}"), "d", [getattr(one, name) for one in found], name) for name in RATINGS]
     return tuple(series for series in made if series.known)
+
+
+def _series(name: str, form: str, values: Sequence[float | None], changes: str = "") -> Series:
+    return Series(name=name, form=form, values=tuple(values), smallest=SMALLEST_CHANGES.get(changes))
 
 
 def _range_deg(one: SessionOutcomes, joint: Joint) -> float | None:

@@ -16,11 +16,10 @@ import numpy as np
 from hal.errors import CanFault, DeviceFault, DrivesFault, HardwareError
 from hal.joints.can import lifecycle
 from hal.joints.can.bus import LOAD_LIMIT, BusPort, bus_load, frame_bits, open_bus
-from hal.joints.can.drive import Drive, Router
+from hal.joints.can.drive import Drive, Router, drives_of
 from hal.joints.codecs import damiao
 from hal.joints.codecs.wire import NEUTRAL, Frame, SetPoint
 from hal.joints.device import Exoskeleton
-from hal.joints.motors import load_motors
 from hal.joints.protocol import BusFault, DriveFault, DriveState, Joint, JointCommand, JointFeedback
 
 _ENDING = BusFault.BUS_OFF | BusFault.INTERFACE_GONE  # of the bus; with these the drives are out of reach
@@ -33,11 +32,8 @@ class SocketCanJoints:
 
     def __init__(self, device: Exoskeleton, *, motors: Path | None = None) -> None:
         """Raises HardwareError when the motor table or the bus can't carry this device."""
-        table = load_motors(motors)
         self.device = device
-        self.drives = tuple(
-            Drive(joint, device.joints[joint], table.find(device.joints[joint].motor)) for joint in Joint
-        )
+        self.drives = drives_of(device, motors)
         for drive in self.drives:
             _check_bus(drive, device)
             lifecycle.check_wire_range(drive)

@@ -14,13 +14,12 @@ import can
 from hal.errors import CanFault, HardwareError
 from hal.joints.can.bus import BusPort, frame_of, message_of, open_bus
 from hal.joints.can.candump import Decoded, Decoder, FrameKind
-from hal.joints.can.drive import Drive
+from hal.joints.can.drive import drives_of
 from hal.joints.codecs import cybergear, damiao
 from hal.joints.codecs.cubemars import upload_replier
 from hal.joints.codecs.mit import special_frame
 from hal.joints.codecs.wire import Frame, Order
 from hal.joints.device import Exoskeleton
-from hal.joints.motors import load_motors
 from hal.joints.protocol import BusFault, Joint
 
 LISTEN_S = 0.3
@@ -216,9 +215,3 @@ class BusMonitor:
     def _note(self, decoded: Decoded) -> None:
         self.newest[decoded.joint, decoded.kind] = decoded
         self.counts[decoded.joint, decoded.kind] += 1
-
-
-def drives_of(device: Exoskeleton, motors: Path | None = None) -> tuple[Drive, ...]:
-    """The device's four drives. Raises HardwareError for an unknown motor."""
-    table = load_motors(motors)
-    return tuple(Drive(joint, device.joints[joint], table.find(device.joints[joint].motor)) for joint in Joint)

@@ -17,8 +17,9 @@ from hal.errors import CanFault, DrivesFault
 from hal.joints.can import lifecycle
 from hal.joints.can.bus import open_bus
 from hal.joints.can.candump import BusRecorder, Decoder, FrameKind, LogSummary, messages_of, open_log
+from hal.joints.can.drive import drives_of
 from hal.joints.can.driver import SocketCanJoints
-from hal.joints.can.scan import BusMonitor, drives_of, listen, scan
+from hal.joints.can.scan import BusMonitor, listen, scan
 from hal.joints.codecs.wire import Order
 from hal.joints.emulator.firmware import Fault
 from hal.joints.protocol import DriveFault, Joint

@@ -144,7 +144,7 @@ def test_damiao_registers_are_reported_and_written() -> None:
     write = Frame(damiao.REGISTER_ID, bytes((5, 0, damiao.WRITE, damiao.Register.TIMEOUT, 0x90, 0x01, 0, 0)))
     (reported,) = bench.drive.receive(write, 0)
     assert damiao.register_reply(reported._replace(data=reported.data)) == (5, damiao.Register.TIMEOUT, 400.0)
-    (status,) = bench.drive.receive(damiao.refresh(5), 0)
+    (status,) = bench.drive.receive(Frame(damiao.REGISTER_ID, bytes((5, 0, damiao.REFRESH, 0, 0, 0, 0, 0))), 0)
     assert status.data[0] == 0x05
 
 
