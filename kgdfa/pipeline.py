@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from kgdfa.button import ButtonMode, ButtonPlace, ButtonState
 from kgdfa.commanding import Tracks, update_tracks
-from kgdfa.depth import ChosenDistance, DepthFault, choose_distance
+from kgdfa.depth import ChosenDistance, DepthFault, DepthRange, choose_distance
 from kgdfa.distance import Distance, DistanceChoice, DistanceSource, RangeFinder
 from kgdfa.gesture import VOTE_FRAMES, Explanation, Gesture, HandRefusal, RuleSet, Verdict, Vote
 from kgdfa.hand import Hand, is_cut_off
@@ -61,20 +61,6 @@ class Detector(Protocol):
         ...
 
 
-class DepthFinder(Protocol):
-    """Measures distance on a depth map. fault: why there was none."""
-
-    fault: DepthFault | None
-
-    def measure(self, depth_m: NDArray[np.float32], hand: Hand, captured_ns: int) -> Distance | None:
-        """The distance now, or None where the map has none."""
-        ...
-
-    def reset(self) -> None:
-        """Forget the past: another hand, or a gap."""
-        ...
-
-
 Follow = Callable[[Hand | None, bool, Shows | None], None]
 
 UNRECOGNISED_FRAMES = 15  # of a hand without a gesture, after which one is sought: about half a second
@@ -99,7 +85,7 @@ class Pipeline:
         place: ButtonPlace,
         mode: ButtonMode = ButtonMode.ROBUST,
         prepare: Prepare | None = None,
-        depth_finder: DepthFinder | None = None,
+        depth_finder: DepthRange | None = None,
         choice: DistanceChoice = DistanceChoice.MONOCULAR,
         enrolment: Enrolment | None = None,
         follow: Follow = lambda _hand, _unknown, _sought: None,

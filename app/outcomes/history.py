@@ -52,11 +52,10 @@ def outcomes_of(folder: Path, names: Sequence[str], patient: str = "") -> list[S
 def outcomes_of_patient(home: Home, patient: str) -> tuple[list[SessionOutcomes], list[Refused]]:
     """All that this patient has, oldest first; and why sessions are left out. Raises AppError where none is left."""
     trails, refused = trails_of(home.logs, patient)
-    kept = KeptOutcomes(home.outcomes)
     found: list[SessionOutcomes] = []
     for trail in trails:
         try:
-            found.append(kept.of(trail))
+            found.append(kept_outcomes(home.outcomes, trail))
         except (AppError, AuditError) as error:
             refused.append(error)
     if not found:
@@ -85,37 +84,35 @@ class _Kept(Struct, frozen=True, kw_only=True):
     outcomes: SessionOutcomes
 
 
-class KeptOutcomes:
-    """Outcomes of the sessions of a home, a file each in `<folder>`; without the folder they are measured each time."""
+def kept_outcomes(folder: Path, trail: Path) -> SessionOutcomes:
+    """A session's, kept in a file of this folder if trail and recording are still the same; else measured, and kept.
 
-    def __init__(self, folder: Path) -> None:
-        self._folder = folder
+    Raises AppError, AuditError.
+    """
+    made_of = tuple(
+        (status.st_size, status.st_mtime_ns)
+        for path in (trail, recording_path(trail.parent, trail.stem))
+        if path.exists() and (status := path.stat())
+    )
+    path = folder / f"{trail.stem}.json"
+    kept = _read(path)
+    if kept is not None and (kept.definitions, kept.made_of) == (DEFINITIONS, made_of):
+        return kept.outcomes
+    found = find_outcomes(trail.parent, str(trail))
+    _write(path, _Kept(definitions=DEFINITIONS, made_of=made_of, outcomes=found))
+    return found
 
-    def of(self, trail: Path) -> SessionOutcomes:
-        """Kept ones, if trail and recording are still the same. Raises AppError, AuditError."""
-        made_of = tuple(
-            (status.st_size, status.st_mtime_ns)
-            for path in (trail, recording_path(trail.parent, trail.stem))
-            if path.exists() and (status := path.stat())
-        )
-        path = self._folder / f"{trail.stem}.json"
-        kept = _read(path)
-        if kept is not None and (kept.definitions, kept.made_of) == (DEFINITIONS, made_of):
-            return kept.outcomes
-        found = find_outcomes(trail.parent, str(trail))
-        self._write(path, _Kept(definitions=DEFINITIONS, made_of=made_of, outcomes=found))
-        return found
 
-    def _write(self, path: Path, kept: _Kept) -> None:
-        """A full disk keeps nothing; the next time it is measured again."""
-        new = path.with_name(f".{path.name}.new")
-        try:
-            self._folder.mkdir(parents=True, exist_ok=True, mode=0o700)
-            new.write_bytes(msgspec.json.encode(kept))
-            new.replace(path)
-        except OSError:
-            with suppress(OSError):
-                new.unlink(missing_ok=True)
+def _write(path: Path, kept: _Kept) -> None:
+    """A full disk keeps nothing; the next time it is measured again."""
+    new = path.with_name(f".{path.name}.new")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
+        new.write_bytes(msgspec.json.encode(kept))
+        new.replace(path)
+    except OSError:
+        with suppress(OSError):
+            new.unlink(missing_ok=True)
 
 
 def _read(path: Path) -> _Kept | None:

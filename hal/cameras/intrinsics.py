@@ -127,18 +127,16 @@ def load(store: Path, camera: str) -> Intrinsics | None:
         return Intrinsics(
             width_px=int(entry["width_px"]),
             height_px=int(entry["height_px"]),
-            fx_px=_positive(entry["fx_px"]),
-            fy_px=_positive(entry["fy_px"]),
-            cx_px=_positive(entry["cx_px"]),
-            cy_px=_positive(entry["cy_px"]),
             source=IntrinsicsSource.MEASURED,
-            k1=_coefficient(entry.get("k1", 0.0)),  # files of before know no distortion
-            k2=_coefficient(entry.get("k2", 0.0)),
+            **{name: _between(entry[name], 0, 100_000, "length in pixels") for name in _LENGTHS},
+            **{name: _between(entry.get(name, 0.0), -10, 10, "lens distortion") for name in _DISTORTION},
         )
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         raise HardwareError(CameraFault.INTRINSICS_UNREADABLE, path=store, detail=cause_of(error)) from error
 
 
+_LENGTHS = ("fx_px", "fy_px", "cx_px", "cy_px")
+_DISTORTION = ("k1", "k2")  # files of before have none
 Permit = Callable[[dict[str, tuple[Any, Any]]], object]  # field → before, after; raises when it may not be changed
 
 
@@ -163,17 +161,10 @@ def save(store: Path, camera: str, intrinsics: Intrinsics, residual_px: float, p
         raise HardwareError(CameraFault.INTRINSICS_UNWRITABLE, path=store, detail=cause_of(error)) from error
 
 
-def _positive(value: Any) -> float:
+def _between(value: Any, low: float, high: float, what: str) -> float:
     number = float(value)
-    if not 0 < number < 100_000:
-        raise ValueError(f"{number:g} is no length in pixels")
-    return number
-
-
-def _coefficient(value: Any) -> float:
-    number = float(value)
-    if not -10 < number < 10:
-        raise ValueError(f"{number:g} is no lens distortion")
+    if not low < number < high:
+        raise ValueError(f"{number:g} is no {what}")
     return number
 
 

@@ -68,7 +68,8 @@ class Track:
         past = tuple(run for run in self.runs if run.start_ns < start_ns)
         origin = Track(self.initial, past).at(start_ns)
         run = Run(start_ns, start_ns + int(duration_s * 1e9), origin, target)
-        return self._pruned((*past, run), start_ns)
+        old = [one for one in past if one.end_ns < start_ns - KEEP_NS]
+        return Track(old[-1].target if old else self.initial, (*past[len(old) :], run))
 
     def goal(self) -> FloatArray:
         """Where it ends."""
@@ -77,12 +78,6 @@ class Track:
     def moving(self, now_ns: int) -> bool:
         """Whether a run is under way."""
         return any(run.start_ns <= now_ns < run.end_ns for run in self.runs)
-
-    def _pruned(self, runs: tuple[Run, ...], now_ns: int) -> Track:
-        old = [run for run in runs if run.end_ns < now_ns - KEEP_NS]
-        if not old:
-            return Track(self.initial, runs)
-        return Track(old[-1].target, runs[len(old) :])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -112,13 +112,7 @@ class Grid:
         return cells
 
 
-@dataclass(frozen=True, slots=True)
-class _Cone:
-    a: FloatArray
-    b: FloatArray
-    radius_a: float
-    radius_b: float
-    round_start: bool
+_Cone = tuple[FloatArray, FloatArray, float, float, bool]  # of `Capsules`
 
 
 def grid_over(capsules: Capsules, lens: Intrinsics, cells_per_m: float, distance_m: float) -> Grid | None:
@@ -139,13 +133,13 @@ def cast(capsules: Capsules, grid: Grid, lens: Intrinsics) -> Float32Array:
     weight = np.zeros((grid.rows, grid.columns), np.float32)
     reference = np.float32(np.min(np.minimum(capsules.a[:, 2], capsules.b[:, 2])))
     softness = np.float32(SOFTNESS_M)
-    cones = map(
-        _Cone,
+    cones = zip(
         capsules.a,
         capsules.b,
         capsules.radius_a.tolist(),
         capsules.radius_b.tolist(),
         capsules.round_start.tolist(),
+        strict=True,
     )
     with np.errstate(divide="ignore", invalid="ignore"):  # rays that miss end as infinities
         for cone, (left, right, top, bottom) in zip(cones, _windows(capsules, x[0], y[:, 0]), strict=True):
@@ -190,7 +184,7 @@ def _meet(cone: _Cone, x: Float32Array, y: Float32Array) -> Float32Array:
     m0 = |ba|² and the radius shrinking from a to b; that is a quadratic in depth. Beyond the slant's ends the
     surface is one of the two spheres.
     """
-    a, b, radius_a, radius_b = cone.a, cone.b, cone.radius_a, cone.radius_b
+    a, b, radius_a, radius_b, round_start = cone
     axis = b - a
     shrink = radius_a - radius_b
     slant = np.float32(axis @ axis - shrink * shrink)
@@ -212,7 +206,7 @@ def _meet(cone: _Cone, x: Float32Array, y: Float32Array) -> Float32Array:
     height = along + depth * ray_axis
     on_slant = (height > 0) & (height < slant)
     balls = _meet_ball(b, radius_b, x, y)
-    if cone.round_start:
+    if round_start:
         balls = np.minimum(balls, _meet_ball(a, radius_a, x, y))
     met: Float32Array = np.where(on_slant, depth, balls)
     return met
