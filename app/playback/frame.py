@@ -15,7 +15,7 @@ from app.playback.traces import draw_joints, draw_push
 from app.playback.view import WINDOW_S, View, Whole, clock
 from app.text.catalogue import render, tr
 from app.text.recorded import render_recorded
-from logs.sanitize import sanitize_terminal
+from logs.reason import sanitize_terminal
 from logs.show import WEIGHT, record_text
 
 WIDTH_PX, HEIGHT_PX = 1280, 720

@@ -79,18 +79,8 @@ def check_possible(lens: Intrinsics, width_px: int, height_px: int, *, camera: s
     focal = lens.fx_px, lens.fy_px
     if size == (width_px, height_px) and inside and all(map(_possible_focal, size, focal)):
         return
-    raise HardwareError(
-        fault,
-        camera=camera,
-        width_px=lens.width_px,
-        height_px=lens.height_px,
-        fx_px=lens.fx_px,
-        fy_px=lens.fy_px,
-        cx_px=lens.cx_px,
-        cy_px=lens.cy_px,
-        image_width_px=width_px,
-        image_height_px=height_px,
-    )
+    stated = {name: getattr(lens, name) for name in ("width_px", "height_px", *_LENGTHS)}
+    raise HardwareError(fault, camera=camera, **stated, image_width_px=width_px, image_height_px=height_px)
 
 
 def _possible_focal(pixels: int, focal_px: float) -> bool:

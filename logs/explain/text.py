@@ -11,8 +11,7 @@ import msgspec
 
 from logs.explain.checks import Check
 from logs.explain.hops import Explanation, Hop, Step
-from logs.reason import Reason, Render, key_of, text_of
-from logs.sanitize import sanitize_terminal
+from logs.reason import Reason, Render, key_of, sanitize_terminal, text_of
 from logs.show import kind_of, record_text
 
 

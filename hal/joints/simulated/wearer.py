@@ -61,7 +61,6 @@ class GroundTruth:
     ankle_rad: NDArray[np.float64]
     ankle_m: NDArray[np.float64]  # (2, 2): foot, x and z
     contact_n: NDArray[np.float64]  # vertical force of floor, steps or obstacle on each foot
-    harness_n: float
     balance_nm: float  # of the wearer's arms, on the trunk's lean
     hold_n: float  # of the wearer's arms, forward
     deepest_m: float  # how far anything has sunk into anything, positive
@@ -122,7 +121,7 @@ class Wearer:
         self._on_left = 0.5  # how much of the standing is the left foot's
         self._forces = [0.0] * model.nv
         self._view_memory()
-        self.harness_n = self.balance_nm = self.hold_n = 0.0
+        self.balance_nm = self.hold_n = 0.0
         self.place(np.zeros(4))
 
     def place(self, joints_rad: JointArray) -> None:
@@ -184,10 +183,10 @@ class Wearer:
             forces[at] = _ankle_spring(angle)
         if self._reel.lifts(unpowered=not any(torque_nm)) and not self._sits():
             self._reel.wind(qpos[1], self._start_m())
-        self.harness_n = self._supported_n + self._reel.force_n(qpos[1], qvel[1])
+        harness_n = self._supported_n + self._reel.force_n(qpos[1], qvel[1])
         self.balance_nm = BALANCE_NM_RAD * (self._pose.lean_rad - qpos[2]) - BALANCE_NM_S_RAD * qvel[2]
         self.hold_n = 0.0 if pose is None else self._hold(pose, qpos[0], qvel[0])
-        forces[:3] = self.hold_n, self.harness_n, self.balance_nm
+        forces[:3] = self.hold_n, harness_n, self.balance_nm
         self._data.qfrc_applied[:] = forces
         mujoco.mj_step(self._model, self._data)
 
@@ -221,7 +220,6 @@ class Wearer:
             ankle_rad=data.qpos[self._ankle_q].copy(),
             ankle_m=np.array([data.xpos[number][[0, 2]] for number in self._ankle_bodies]),
             contact_n=feet,
-            harness_n=self.harness_n,
             balance_nm=self.balance_nm,
             hold_n=self.hold_n,
             deepest_m=deepest,
