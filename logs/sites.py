@@ -76,7 +76,11 @@ def check_site(site: Site, evidence_of: Callable[[Path], Evidence]) -> Reason:
     """What is known of it. Raises AuditError where it is tampered, can't be read or is of a newer version."""
     for path in site.files:
         check_regular(path)
-    return _check_parquet(site) if site.is_parquet else _check_trails(site, evidence_of(site.path))
+    if not site.is_parquet:
+        return _check_trails(site, evidence_of(site.path))
+    for path in site.files:
+        _check_export(site, path)
+    return reason(SiteState.NOT_SIGNED, site=site.name, files=len(site.files))
 
 
 def _check_trails(site: Site, evidence: Evidence) -> Reason:
@@ -96,12 +100,6 @@ def _check_finding(site: Site, finding: Finding) -> None:
     newer = next((each for each in finding.remarks if each.code == "Remark.NEWER_SCHEMA"), None)
     if newer is not None:
         raise AuditError(AuditFault.SITE_NEWER, path=finding.file, schema=newer.values["schema"], known=SCHEMA)
-
-
-def _check_parquet(site: Site) -> Reason:
-    for path in site.files:
-        _check_export(site, path)
-    return reason(SiteState.NOT_SIGNED, site=site.name, files=len(site.files))
 
 
 def _check_export(site: Site, path: Path) -> None:

@@ -16,9 +16,8 @@ from app.console.screens.base import Dialog
 from app.console.widgets.panel import Lines, Panel
 from app.console.widgets.progress import progress_lines
 from app.outcomes.history import Refused, kept_outcomes, trails_of
-from app.outcomes.series import series_of
 from app.outcomes.session import SessionOutcomes
-from app.outcomes.table import remarks, sources
+from app.outcomes.table import remarks, series_of, sources
 from app.system.errors import AppError
 from app.system.paths import Home
 from app.text.catalogue import render, tr

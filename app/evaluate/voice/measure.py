@@ -12,7 +12,7 @@ from app.evaluate.harness import Step, percent, table
 from app.evaluate.voice.recordings import Recording
 from app.voice.listener import Spotter
 from app.voice.spotter import KeywordSpotter
-from hal.microphone.protocol import BLOCK_SAMPLES, RATE_HZ, SAMPLE_BYTES
+from hal.microphone import BLOCK_SAMPLES, RATE_HZ, SAMPLE_BYTES
 
 SILENCE = bytes(RATE_HZ // 2 * SAMPLE_BYTES)  # after each recording, so that its last word ends
 

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from app.evaluate.voice.speech import TALK, Voices, speak, voices
-from hal.microphone.protocol import RATE_HZ
+from hal.microphone import RATE_HZ
 from kgdfa.hand import FloatArray
 
 Generator = np.random.Generator

@@ -17,7 +17,7 @@ from app.evaluate.voice.noise import Generator, levelled, mixed, noises
 from app.evaluate.voice.speech import PHRASES, Phrase, Voices, speak, voices
 from app.system.errors import AppError
 from hal.errors import HardwareError
-from hal.microphone.protocol import RATE_HZ, SAMPLE_BYTES, RecordedMicrophone
+from hal.microphone import RATE_HZ, SAMPLE_BYTES, RecordedMicrophone
 from kgdfa.hand import FloatArray
 
 LIST = "recordings.csv"

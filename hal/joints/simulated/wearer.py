@@ -26,7 +26,7 @@ from hal.joints.device import Exoskeleton
 from hal.joints.protocol import JointArray
 from hal.joints.scene import Block, BlockKind, Scene, Surroundings, next_surroundings
 from hal.joints.simulated.harness import Reel
-from hal.joints.simulated.mjcf import CHAIRS, OBSTACLES, STEPS, TIMESTEP_S, model_xml
+from hal.joints.simulated.mjcf import BLOCKS, TIMESTEP_S, model_xml
 
 BALANCE_NM_RAD = 8000.0  # arms on crutches or rails, against the trunk's pitch
 BALANCE_NM_S_RAD = 600.0
@@ -42,11 +42,6 @@ SETTLED_RAD_S, SETTLED_S, SINKS_S = 0.05, 2.0, 15.0
 _HIDDEN = Block(kind=BlockKind.STEP, from_x_m=-0.01, to_x_m=0.01, top_m=-50.0)
 _JOINTS = ("left_hip", "left_knee", "right_hip", "right_knee")
 _ANKLES = ("left_ankle", "right_ankle")
-_KINDS = {
-    BlockKind.STEP: ("step", STEPS),
-    BlockKind.OBSTACLE: ("obstacle", OBSTACLES),
-    BlockKind.CHAIR: ("chair", CHAIRS),
-}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -112,8 +107,10 @@ class Wearer:
         self._ankle_bodies = [model.body(f"{side}_foot").id for side in ("left", "right")]
         self._floor = int(model.body("floor").mocapid[0])
         self._pelvis = model.geom("pelvis").id
-        self._chairs = {model.geom(f"chair{number}").id for number in range(CHAIRS)}
-        self._obstacles = {model.geom(f"obstacle{number}").id for number in range(OBSTACLES)}
+        self._chairs, self._obstacles = (
+            {model.geom(f"{kind.value}{number}").id for number in range(BLOCKS[kind][0])}
+            for kind in (BlockKind.CHAIR, BlockKind.OBSTACLE)
+        )
         self.weight_n = float(model.body_subtreemass[model.body("trunk").id]) * 9.81
         self._supported_n = body.body_weight_support * self.weight_n
         self._reel = Reel()
@@ -157,11 +154,11 @@ class Wearer:
     def _surround(self, around: Surroundings) -> None:
         self._around = around
         self._data.mocap_pos[self._floor] = (0.0, 0.0, around.floor_m)
-        for kind, (name, count) in _KINDS.items():
+        for kind, (count, _) in BLOCKS.items():
             blocks = [block for block in around.blocks if block.kind is kind]
             for number in range(count):
                 block = blocks[number] if number < len(blocks) else _HIDDEN
-                self._put(f"{name}{number}", block)
+                self._put(f"{kind.value}{number}", block)
 
     def _view_memory(self) -> None:
         """Views of the simulation's own memory: to ask for one anew costs a microsecond."""

@@ -16,7 +16,7 @@ from app.evaluate.voice.noise import gait, levelled, mixed, music, rms
 from app.evaluate.voice.recordings import Recording, keep, pcm, read_recordings, synthetic, synthetic_count
 from app.evaluate.voice.speech import PHRASES, Voices, resampled, voices
 from app.system.errors import AppError
-from hal.microphone.protocol import RATE_HZ
+from hal.microphone import RATE_HZ
 
 LOUD = 12_000
 
