@@ -131,7 +131,6 @@ class RuleSet(Protocol):
 
     def classify(self, hand: Hand) -> Verdict:
         """The verdict on one hand, from its keypoints alone."""
-        ...
 
 
 VOTE_FRAMES = 3  # paper, gait state machine: "across three consecutive frames"

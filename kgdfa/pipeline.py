@@ -58,7 +58,6 @@ class Detector(Protocol):
 
     def detect(self, image_bgr: Image, captured_ns: int) -> tuple[Hand, ...]:
         """The hands in one image; () when there is none."""
-        ...
 
 
 Follow = Callable[[Hand | None, bool, Shows | None], None]

@@ -177,8 +177,7 @@ class Board:
     def points_m(self) -> NDArray[np.float32]:
         """(columns * rows, 3) corners on the board, row by row."""
         grid = np.mgrid[0 : self.columns, 0 : self.rows].T.reshape(-1, 2) * self.square_m
-        points: NDArray[np.float32] = np.column_stack([grid, np.zeros(len(grid))]).astype(np.float32)
-        return points
+        return np.column_stack([grid, np.zeros(len(grid))]).astype(np.float32)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -45,8 +45,7 @@ class Run:
     def at(self, now_ns: int) -> FloatArray:
         """Minimum-jerk position, as hands reach."""
         share = min(1.0, (now_ns - self.start_ns) / max(1, self.end_ns - self.start_ns))
-        value: FloatArray = self.origin + minimum_jerk(share) * (self.target - self.origin)
-        return value
+        return self.origin + minimum_jerk(share) * (self.target - self.origin)
 
 
 @dataclass(frozen=True, slots=True)

@@ -82,8 +82,7 @@ NEAREST_M = 0.03  # a hand nearer than this touches the lens
 def project_px(points_m: FloatArray, lens: Intrinsics) -> FloatArray:
     """(n, 3) points in the camera's frame to (n, 2) pixels; they may lie outside the image."""
     z = np.maximum(points_m[:, 2:3], 1e-6)
-    pixels: FloatArray = points_m[:, :2] / z * (lens.fx_px, lens.fy_px) + (lens.cx_px, lens.cy_px)
-    return pixels
+    return points_m[:, :2] / z * (lens.fx_px, lens.fy_px) + (lens.cx_px, lens.cy_px)
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,8 +107,7 @@ class Grid:
     def cells(self, points_m: FloatArray, lens: Intrinsics) -> FloatArray:
         """(n, 2) column and row, with fractions, of (n, 3) points in the camera's frame; they may lie outside."""
         inside_px = project_px(points_m, lens) - (self.left, self.top)
-        cells: FloatArray = inside_px * (self.columns / self.width, self.rows / self.height)
-        return cells
+        return inside_px * (self.columns / self.width, self.rows / self.height)
 
 
 _Cone = tuple[FloatArray, FloatArray, float, float, bool]  # of `Capsules`
@@ -208,8 +206,7 @@ def _meet(cone: _Cone, x: Float32Array, y: Float32Array) -> Float32Array:
     balls = _meet_ball(b, radius_b, x, y)
     if round_start:
         balls = np.minimum(balls, _meet_ball(a, radius_a, x, y))
-    met: Float32Array = np.where(on_slant, depth, balls)
-    return met
+    return np.where(on_slant, depth, balls)
 
 
 def _meet_ball(centre: FloatArray, radius: float, x: Float32Array, y: Float32Array) -> Float32Array:
@@ -217,5 +214,4 @@ def _meet_ball(centre: FloatArray, radius: float, x: Float32Array, y: Float32Arr
     ray_centre = x * np.float32(centre[0]) + y * np.float32(centre[1]) + np.float32(centre[2])
     inside = ray_centre * ray_centre - ray_ray * np.float32(centre @ centre - radius * radius)
     depth = (ray_centre - np.sqrt(inside)) / ray_ray
-    met: Float32Array = np.where(inside >= 0, depth, NOTHING_M)
-    return met
+    return np.where(inside >= 0, depth, NOTHING_M)

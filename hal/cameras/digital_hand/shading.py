@@ -66,8 +66,7 @@ def _fill(depth_m: Float32Array, met: NDArray[np.bool_]) -> Float32Array:
     if not met.any():
         return np.zeros_like(depth_m)
     behind = np.float32(depth_m[met].max() + 0.005)
-    filled: Float32Array = np.where(met, depth_m, behind)
-    return filled
+    return np.where(met, depth_m, behind)
 
 
 def _lambert(depth_m: Float32Array, cell_m: float, light: Light) -> Float32Array:
@@ -115,8 +114,7 @@ def room_bgr(seed: int, light: Light, width_px: int, height_px: int) -> ImageArr
         _clothes(room, draw)
     blurred = cv2.GaussianBlur(room, (0, 0), float(draw.uniform(2.0, 7.0)) * width_px / 1280)
     brightness = (light.ambient + 0.6 * light.lamp) * np.asarray(light.tint_bgr)
-    lit: ImageArray = np.clip(blurred * brightness, 0, 255).astype(np.uint8)
-    return lit
+    return np.clip(blurred * brightness, 0, 255).astype(np.uint8)
 
 
 def _wall(draw: np.random.Generator, width_px: int, height_px: int) -> Room:

@@ -38,7 +38,6 @@ class Plant(Protocol):
 
     def motions(self) -> list[Motion]:
         """Where the four joints are now; plain numbers, because arrays of four cost more."""
-        ...
 
     def stage(self, scene: Scene) -> None: ...
 
