@@ -58,7 +58,6 @@ class StillDetector(Protocol):
 
     def detect(self, image_bgr: Image, captured_ns: int = 0) -> tuple[Hand, ...]:
         """The hands in it."""
-        ...
 
 
 def augment(image_bgr: Image, augmentation: Augmentation) -> tuple[Image, FloatArray]:

@@ -63,11 +63,9 @@ class RangeFinder(Protocol):
 
     def measure(self, hand: Hand, captured_ns: int) -> Distance | None:
         """The distance now, or None when this hand gives no measurement."""
-        ...
 
     def reset(self) -> None:
         """Forget the past: another hand, or a gap."""
-        ...
 
 
 def check_range_finder(focal_px: float, reference_m: float) -> None:

@@ -15,7 +15,7 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 if TYPE_CHECKING:
-    from kgdfa.hand import FloatArray, Hand
+    from kgdfa.hand import Hand
 
 
 class Gesture(Enum):
@@ -131,11 +131,6 @@ class RuleSet(Protocol):
 
     def classify(self, hand: Hand) -> Verdict:
         """The verdict on one hand, from its keypoints alone."""
-        ...
-
-    def predict_proba(self, hand: Hand) -> FloatArray:
-        """Confidence in each gesture, (12,) in the order of `Gesture`, each in [0, 1]."""
-        ...
 
 
 VOTE_FRAMES = 3  # paper, gait state machine: "across three consecutive frames"

@@ -65,10 +65,6 @@ class Box:
     right_px: float
     bottom_px: float
 
-    def contains(self, x_px: float, y_px: float) -> bool:
-        """Whether the point lies inside or on the edge."""
-        return self.left_px <= x_px <= self.right_px and self.top_px <= y_px <= self.bottom_px
-
 
 _PALM = np.array([Keypoint.WRIST, Keypoint.INDEX_MCP, Keypoint.MIDDLE_MCP, Keypoint.PINKY_MCP])
 

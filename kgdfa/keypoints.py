@@ -139,7 +139,8 @@ class HandDetector:
         if self._still:
             return self._observed(image, captured_ns)
         hands = (self._searcher.detect if self._searcher else self._observed)(image, captured_ns)
-        return tuple(_marked(hand, self._previous) for hand in hands)
+        first = self._previous[:1]  # tracked: found where the first one of the frame before was
+        return tuple(replace(hand, tracked=any(same_place(hand, other) for other in first)) for hand in hands)
 
     def _observed(self, image: Image, captured_ns: int) -> tuple[Hand, ...]:
         one = self._alone_frames >= ALONE_FRAMES
@@ -198,17 +199,14 @@ def _hands(result: Any, image: Image) -> tuple[Hand, ...]:
     height, width = image.shape[:2]
     found = zip(result.hand_landmarks, result.hand_world_landmarks, result.handedness, strict=True)
     return tuple(
-        _hand(_array(landmarks)[:, :2] * (width, height), _array(world), sides[0]) for landmarks, world, sides in found
+        Hand(
+            image_px=_array(landmarks)[:, :2] * (width, height),
+            world_m=_array(world),
+            presence=side.score,
+            side=_SIDES[side.category_name],
+        )
+        for landmarks, world, (side, *_) in found
     )
-
-
-def _hand(image_px: FloatArray, world_m: FloatArray, side: Any) -> Hand:
-    return Hand(image_px=image_px, world_m=world_m, presence=side.score, side=_SIDES[side.category_name])
-
-
-def _marked(hand: Hand, previous: tuple[Hand, ...]) -> Hand:
-    """The hand, marked as tracked where the first one of the frame before was in the same place."""
-    return replace(hand, tracked=any(same_place(hand, other) for other in previous[:1]))
 
 
 def _array(landmarks: Any) -> FloatArray:

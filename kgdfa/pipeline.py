@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 
 from kgdfa.button import ButtonMode, ButtonPlace, ButtonState
 from kgdfa.commanding import Tracks, update_tracks
-from kgdfa.depth import ChosenDistance, DepthFault, choose_distance
+from kgdfa.depth import ChosenDistance, DepthFault, DepthRange, choose_distance
 from kgdfa.distance import Distance, DistanceChoice, DistanceSource, RangeFinder
 from kgdfa.gesture import VOTE_FRAMES, Explanation, Gesture, HandRefusal, RuleSet, Verdict, Vote
 from kgdfa.hand import Hand, is_cut_off
-from kgdfa.preprocess import Image, as_bgr8
+from kgdfa.preprocess import Image, Prepare, as_bgr8
 from kgdfa.recognition import FrameReading, Recognition, recognise
 from kgdfa.redetection import Shows
 from kgdfa.track import Enrolment
@@ -58,24 +58,8 @@ class Detector(Protocol):
 
     def detect(self, image_bgr: Image, captured_ns: int) -> tuple[Hand, ...]:
         """The hands in one image; () when there is none."""
-        ...
 
 
-class DepthFinder(Protocol):
-    """Measures distance on a depth map. fault: why there was none."""
-
-    fault: DepthFault | None
-
-    def measure(self, depth_m: NDArray[np.float32], hand: Hand, captured_ns: int) -> Distance | None:
-        """The distance now, or None where the map has none."""
-        ...
-
-    def reset(self) -> None:
-        """Forget the past: another hand, or a gap."""
-        ...
-
-
-Prepare = Callable[[NDArray[np.uint8]], Image]
 Follow = Callable[[Hand | None, bool, Shows | None], None]
 
 UNRECOGNISED_FRAMES = 15  # of a hand without a gesture, after which one is sought: about half a second
@@ -100,7 +84,7 @@ class Pipeline:
         place: ButtonPlace,
         mode: ButtonMode = ButtonMode.ROBUST,
         prepare: Prepare | None = None,
-        depth_finder: DepthFinder | None = None,
+        depth_finder: DepthRange | None = None,
         choice: DistanceChoice = DistanceChoice.MONOCULAR,
         enrolment: Enrolment | None = None,
         follow: Follow = lambda _hand, _unknown, _sought: None,

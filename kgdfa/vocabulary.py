@@ -2,16 +2,20 @@
 
 Pure: one `Frame` in, the next state out. Frames are counted, not seconds. A gesture is reliable when the exact bounds
 of its counts keep both limits; one fault ends the enrolment, and then nothing of it is used.
+
+The bounds of a share are Clopper and Pearson's (Biometrika 26, 1934), each one-sided. They hold for independent frames.
+Frames in a row are not: who compares a bound with a limit leaves room for that.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
+from functools import cache
 
 from kgdfa.gesture import Explanation, Gesture
-from kgdfa.proportion import at_least, at_most
 
 LEAD_FRAMES = 40  # with a hand, before a part counts: two seconds at the console's rate to form the hand
 SHOWN_FRAMES = 60  # of each of a gesture's two showings
@@ -227,3 +231,45 @@ def _contradiction(showings: Sequence[Sample]) -> Explanation | None:
         return None
     shares = {"better": better.recognised / better.frames, "worse": worse.recognised / worse.frames}
     return Explanation(VocabularyFault.CONTRADICTORY, {"gesture": better.gesture, **shares})
+
+
+CONFIDENCE = 0.95
+_HALVINGS = 50  # of [0, 1]: to 1e-15
+
+
+@cache
+def at_least(hits: int, count: int) -> float:
+    """The share that is reached with 95 % confidence: under a smaller one so many hits would be rarer than 5 %."""
+    return 1.0 - at_most(count - hits, count)
+
+
+@cache
+def at_most(hits: int, count: int) -> float:
+    """The share that is not exceeded with 95 % confidence; 1 where nothing was counted.
+
+    Raises ValueError for counts that can't be.
+    """
+    if not 0 <= hits <= count:
+        raise ValueError(f"{hits} of {count}")
+    if hits == count:
+        return 1.0
+    low, high = 0.0, 1.0
+    for _ in range(_HALVINGS):
+        share = (low + high) / 2
+        low, high = (share, high) if _so_few(hits, count, share) > 1 - CONFIDENCE else (low, share)
+    return high
+
+
+def _so_few(hits: int, count: int, share: float) -> float:
+    """The chance of at most so many hits: the binomial distribution's sum."""
+    orders = math.lgamma(count + 1)
+    return math.fsum(
+        math.exp(
+            orders
+            - math.lgamma(hit + 1)
+            - math.lgamma(count - hit + 1)
+            + hit * math.log(share)
+            + (count - hit) * math.log1p(-share)
+        )
+        for hit in range(hits + 1)
+    )

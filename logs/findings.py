@@ -8,8 +8,7 @@ from pathlib import Path
 
 from rich.text import Text
 
-from logs.reason import Reason, Render, key_of, reason, text_of
-from logs.sanitize import sanitize_terminal
+from logs.reason import Reason, Render, key_of, reason, sanitize_terminal, text_of
 
 
 class Status(Enum):

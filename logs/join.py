@@ -12,9 +12,8 @@ from rich.text import Text
 
 from logs.findings import STYLE, Finding, Status
 from logs.mentions import Mention, TrailIndex, index_trail
-from logs.reason import Reason, Render, reason, text_of
+from logs.reason import Reason, Render, reason, sanitize_terminal, text_of
 from logs.records import OtherTrail
-from logs.sanitize import sanitize_terminal
 from logs.verify import is_session
 
 

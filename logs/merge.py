@@ -77,29 +77,22 @@ def _around(offset_ns: int, uncertainty_ns: int) -> tuple[int, int]:
     return offset_ns - uncertainty_ns, offset_ns + uncertainty_ns
 
 
-class Clocks:
-    """Places moments of the second clock on the first one."""
-
-    def __init__(self, bounds: Sequence[Bound]) -> None:
-        self._bounds = bounds
-        self._at_ns = [bound.at_ns for bound in bounds]
-
-    def place(self, other_ns: int) -> Placed:
-        """A moment of the second clock by the first one."""
-        behind = bisect_left(self._at_ns, other_ns)
-        near = [bound.widened(other_ns) for bound in self._bounds[max(0, behind - 1) : behind + 1]]
-        low_ns, high_ns = max(bound.low_ns for bound in near), min(bound.high_ns for bound in near)
-        if low_ns > high_ns:  # a clock was stepped in between: before it the one holds, after it the other
-            low_ns, high_ns = min(bound.low_ns for bound in near), max(bound.high_ns for bound in near)
-        middle_ns = (low_ns + high_ns) // 2
-        return Placed(other_ns - middle_ns, high_ns - middle_ns)
+def place_moment(bounds: Sequence[Bound], other_ns: int) -> Placed:
+    """A moment of the second clock by the first one; bounds: by the second one's time."""
+    behind = bisect_left(bounds, other_ns, key=lambda bound: bound.at_ns)
+    near = [bound.widened(other_ns) for bound in bounds[max(0, behind - 1) : behind + 1]]
+    low_ns, high_ns = max(bound.low_ns for bound in near), min(bound.high_ns for bound in near)
+    if low_ns > high_ns:  # a clock was stepped in between: before it the one holds, after it the other
+        low_ns, high_ns = min(bound.low_ns for bound in near), max(bound.high_ns for bound in near)
+    middle_ns = (low_ns + high_ns) // 2
+    return Placed(other_ns - middle_ns, high_ns - middle_ns)
 
 
 def merge(first: Path, second: Path) -> list[Merged]:
     """All records of both in order. Raises AuditError where they can't be read or don't belong together."""
-    clocks = Clocks(_joined_bounds(_indexed(first), _indexed(second)))
+    bounds = _joined_bounds(_indexed(first), _indexed(second))
     found = [Merged(Placed(record.monotonic_ns), 0, record) for record in _records(first)]
-    found += [Merged(clocks.place(record.monotonic_ns), 1, record) for record in _records(second)]
+    found += [Merged(place_moment(bounds, record.monotonic_ns), 1, record) for record in _records(second)]
     return sorted(found, key=lambda one: (one.placed.at_ns, one.trail, one.record.sequence))
 
 

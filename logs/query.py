@@ -23,8 +23,7 @@ from logs.line import MAX_LINE
 from logs.read import session_paths
 from logs.reading.errors import cause_of
 from logs.reading.regular import open_regular
-from logs.reason import Reason, Render
-from logs.sanitize import sanitize_terminal
+from logs.reason import Reason, Render, sanitize_terminal
 
 # Columns taken out of the body, by DuckDB's type; `body` holds all of it as JSON text.
 _TEXT = "kind action source gesture state from_state to_state outcome reason event effect text stream"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -153,7 +153,7 @@ def outline_of(path: Path, found: list[Record]) -> Outline:
     )
 
 
-def duration_s(found: list[Record]) -> float:
+def duration_s(found: Sequence[Record]) -> float:
     """From the earliest record to the latest, by the monotonic clock, which nobody can set."""
     moments = [record.monotonic_ns for record in found]
     return (max(moments) - min(moments)) / 1e9 if moments else 0.0

@@ -76,6 +76,27 @@ def text_of(cause: Reason | str | None, render: Render) -> str:
         return " ".join([cause.code, *(f"{name}={value}" for name, value in cause.values.items())])
 
 
+_MOST_SHOWN = 10_000  # characters of one text; a person reads no more, a terminal chokes on it
+
+
+def sanitize_terminal(text: str) -> str:
+    """The text with every character that is not visible escaped as its code, and cut when it is too long.
+
+    Not visible: control and format characters (bidirectional overrides among them), lone surrogates, private and
+    unassigned ones, every separator but the space.
+    """
+    if len(text) > _MOST_SHOWN:
+        text = f"{text[:_MOST_SHOWN]}… ({len(text)} characters)"
+    if text.isprintable():
+        return text
+    return "".join(character if character.isprintable() else _escaped(character) for character in text)
+
+
+def _escaped(character: str) -> str:
+    code = ord(character)
+    return f"\\x{code:02x}" if code < 0x100 else f"\\u{code:04x}" if code < 0x10000 else f"\\U{code:08x}"
+
+
 Measured = float | None  # null: not measured
 Quad = tuple[Measured, Measured, Measured, Measured]  # left hip, left knee, right hip, right knee
 Cause = Reason | str | None  # a code with values; text as schema 1 recorded it; null: none

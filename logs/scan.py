@@ -87,10 +87,8 @@ class Scan:
     explained_tears: int = 0  # torn tails that a later signed record explains
     closed: bool = False  # ends with a closing checkpoint
     proven: int = 0  # records covered by the newest good signature
-    signatures: int = 0
     unknown_keys: set[str] = field(default_factory=set)
     newer_schema: int = 0  # a schema that this program does not know
-    good_end: int = 0  # offset behind the last record that holds
 
 
 _decode = msgspec.json.Decoder(Head).decode
@@ -196,7 +194,6 @@ def _count(scan: Scan, head: Head, digest: str) -> None:
     scan.last_hash = digest
     scan.session = head.session
     scan.closed = head.body.closing and head.body.kind == "checkpoint"
-    scan.good_end = scan.size
     if head.schema > SCHEMA:
         scan.newer_schema = max(scan.newer_schema, head.schema)
 
@@ -229,6 +226,5 @@ def _badly_signed(scan: Scan, head: Head, payload: bytes, keys: Mapping[str, Pub
         return None
     if not key.verifies(head.body.signature, signed_message(payload)):
         return reason(Break.BAD_SIGNATURE, key=head.body.key[:8])
-    scan.signatures += 1
     scan.proven = scan.records + 1
     return None

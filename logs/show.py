@@ -12,9 +12,8 @@ from rich.text import Text
 
 from logs import records as r
 from logs.read import UnreadableLine
-from logs.reason import Reason, Render, text_of
+from logs.reason import Reason, Render, sanitize_terminal, text_of
 from logs.records import Body, PatientChosen, Record
-from logs.sanitize import sanitize_terminal
 
 # Event as recorded with schema 1 → the value of `Event` that stands for it now.
 EVENTS: dict[str, str] = {

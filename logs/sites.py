@@ -1,6 +1,8 @@
 """Sites: folders of sessions (trails, or the Parquet that `export` wrote), each checked before it is asked.
 
 A site that is missing, tampered or can't be read is refused by name: an answer without its rows would be a wrong one.
+The ready questions are those of `logs.query`, over one table `records` with the column `site`. The files are read while
+the question runs, so that more fits than memory holds; nothing but them can be opened.
 """
 
 from __future__ import annotations
@@ -15,7 +17,7 @@ import duckdb
 
 from logs.errors import AuditError, AuditFault
 from logs.findings import Finding, Status
-from logs.query import AS_EXPORTED, check_regular, first_line, open_limited, quoted
+from logs.query import AS_EXPORTED, QUESTIONS, check_regular, first_line, open_limited, quoted, source_sql
 from logs.read import session_paths
 from logs.reason import Reason, reason
 from logs.records import SCHEMA
@@ -74,7 +76,11 @@ def check_site(site: Site, evidence_of: Callable[[Path], Evidence]) -> Reason:
     """What is known of it. Raises AuditError where it is tampered, can't be read or is of a newer version."""
     for path in site.files:
         check_regular(path)
-    return _check_parquet(site) if site.is_parquet else _check_trails(site, evidence_of(site.path))
+    if not site.is_parquet:
+        return _check_trails(site, evidence_of(site.path))
+    for path in site.files:
+        _check_export(site, path)
+    return reason(SiteState.NOT_SIGNED, site=site.name, files=len(site.files))
 
 
 def _check_trails(site: Site, evidence: Evidence) -> Reason:
@@ -96,12 +102,6 @@ def _check_finding(site: Site, finding: Finding) -> None:
         raise AuditError(AuditFault.SITE_NEWER, path=finding.file, schema=newer.values["schema"], known=SCHEMA)
 
 
-def _check_parquet(site: Site) -> Reason:
-    for path in site.files:
-        _check_export(site, path)
-    return reason(SiteState.NOT_SIGNED, site=site.name, files=len(site.files))
-
-
 def _check_export(site: Site, path: Path) -> None:
     """Its columns, and the newest schema in it; from the file's statistics, not from its rows."""
     source = f"read_parquet([{quoted(str(path))}])"
@@ -116,3 +116,36 @@ def _check_export(site: Site, path: Path) -> None:
         raise AuditError(AuditFault.SITE_UNREADABLE, site=site.name, path=path, detail=first_line(error)) from error
     if newest is not None and newest > SCHEMA:
         raise AuditError(AuditFault.SITE_NEWER, path=path, schema=newest, known=SCHEMA)
+
+
+SITE_QUESTIONS: dict[str, str] = QUESTIONS | {
+    "sites": """
+        SELECT site, count(DISTINCT patient) AS patients, count(DISTINCT session) AS sessions, count(*) AS records,
+               sum(CASE WHEN kind = 'action-end' THEN 1 ELSE 0 END) AS actions,
+               sum(CASE WHEN kind = 'stop' THEN 1 ELSE 0 END) AS stops,
+               sum(CASE WHEN kind = 'action-end' THEN steps ELSE 0 END) AS steps
+        FROM records GROUP BY site ORDER BY site
+        """,
+}
+
+
+def connect_sites(sites: Sequence[Site]) -> duckdb.DuckDBPyConnection:
+    """A locked database over the sites' files. Raises AuditError when one can't be read."""
+    connection = open_limited()
+    allowed = ", ".join(quoted(str(file)) for site in sites for file in site.files)
+    try:
+        connection.execute(f"CREATE VIEW records AS {' UNION ALL BY NAME '.join(map(_rows_of, sites))}")
+        for lock in (
+            f"SET allowed_paths = [{allowed}]",
+            "SET enable_external_access = false",
+            "SET lock_configuration = true",
+        ):
+            connection.execute(lock)
+    except duckdb.Error as error:
+        raise AuditError(AuditFault.UNANSWERABLE, detail=first_line(error)) from error
+    return connection
+
+
+def _rows_of(site: Site) -> str:
+    source = source_sql([str(file) for file in site.files], is_parquet=site.is_parquet)
+    return f"SELECT {quoted(site.name)} AS site, * FROM ({source})"

@@ -101,16 +101,12 @@ def load_sites(session: Any, sites: Sequence[Site]) -> None:
 
     tables = []
     for site in sites:
-        table = _exported(session, site) if site.is_parquet else _trails(session, site)
+        table = session.read.parquet(*_addresses(site)) if site.is_parquet else _trails(session, site)
         tables.append(table.withColumn("site", functions.lit(site.name)))
     whole = tables[0]
     for table in tables[1:]:
         whole = whole.unionByName(table, allowMissingColumns=True)
     whole.createOrReplaceTempView("records")
-
-
-def _exported(session: Any, site: Site) -> Any:
-    return session.read.parquet(*_addresses(site))
 
 
 def _trails(session: Any, site: Site) -> Any:

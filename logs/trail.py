@@ -90,28 +90,23 @@ class Trail:
         self.path = path
         self.fault: Reason | None = None  # while the disk refuses
         self.settled_records = 0  # on the medium, of those queued here
+        self.waiting_records = 0  # queued and not yet on the medium
         self.newest_line = b""
         self._disk = disk
         self._exists = exists
         self._handle: int | None = None
         self._offset = offset  # everything before is on the medium
         self._waiting = bytearray()
-        self._waiting_records = 0
 
     def append(self, line: bytes) -> None:
         """Queue one line; `settle` makes it durable."""
         self.newest_line = line
         self._waiting += line
-        self._waiting_records += 1
+        self.waiting_records += 1
 
     def prepend_line_end(self) -> None:
         """Begin with an empty line, so that what follows a torn tail stands on a line of its own."""
         self._waiting += b"\n"
-
-    @property
-    def waiting_records(self) -> int:
-        """Queued and not yet on the medium."""
-        return self._waiting_records
 
     @property
     def is_full(self) -> bool:
@@ -131,7 +126,7 @@ class Trail:
             operation()
         except OSError as error:
             detail = error.strerror or str(error)
-            self.fault = reason(DiskFault.NOT_WRITTEN, path=self.path, detail=detail, waiting=self._waiting_records)
+            self.fault = reason(DiskFault.NOT_WRITTEN, path=self.path, detail=detail, waiting=self.waiting_records)
             return False
         self.fault = None
         return True
@@ -152,8 +147,8 @@ class Trail:
         self._disk.sync(handle)
         self._offset += len(data)
         self._waiting.clear()
-        self.settled_records += self._waiting_records
-        self._waiting_records = 0
+        self.settled_records += self.waiting_records
+        self.waiting_records = 0
 
     def _open(self) -> int:
         if self._handle is None:

@@ -6,62 +6,38 @@ from pathlib import Path
 
 from msgspec.structs import replace
 
+from logs import records as r
 from logs.disk import Disk
 from logs.journal import Moment
 from logs.keys import ConsoleKey
 from logs.manifest import Manifest
 from logs.mirror import CheckpointCopy
 from logs.reason import Cause, Reason
-from logs.records import (
-    Acknowledgement,
-    ActionEnd,
-    Arming,
-    Checkpoint,
-    ClockStep,
-    Command,
-    EffectChanged,
-    Entry,
-    EventCleared,
-    EventRaised,
-    LogRecovered,
-    Press,
-    RecordsLost,
-    Refusal,
-    Release,
-    SessionEnd,
-    SessionStart,
-    SignIn,
-    SignInFailed,
-    Stop,
-    StopInput,
-    TrailEnd,
-    Transition,
-)
+from logs.records import Entry, TrailEnd
 from logs.trail import Chain, Trail, open_logger
 
 # On the medium before anything else is taken from the queue; all others within BATCH_NS.
 AT_ONCE = (
-    SessionStart,
-    SessionEnd,
-    Command,
-    Transition,
-    EventRaised,
-    LogRecovered,
-    EventCleared,
-    EffectChanged,
-    Acknowledgement,
-    Stop,
-    StopInput,
-    Refusal,
-    Press,
-    Release,
-    ActionEnd,
-    Arming,
-    Cause,
-    SignIn,
-    SignInFailed,
-    RecordsLost,
-    Checkpoint,
+    r.SessionStart,
+    r.SessionEnd,
+    r.Command,
+    r.Transition,
+    r.EventRaised,
+    r.LogRecovered,
+    r.EventCleared,
+    r.EffectChanged,
+    r.Acknowledgement,
+    r.Stop,
+    r.StopInput,
+    r.Refusal,
+    r.Press,
+    r.Release,
+    r.ActionEnd,
+    r.Arming,
+    r.SignIn,
+    r.SignInFailed,
+    r.RecordsLost,
+    r.Checkpoint,
 )
 BATCH_NS = 50_000_000
 RETRY_NS = 100_000_000  # after the disk refused
@@ -119,7 +95,7 @@ class SessionWriter:
         """Whether nothing more should be handed over until the disk answers."""
         return self._trail.is_full
 
-    def begin(self, start: SessionStart, now: Moment) -> list[LogRecovered]:
+    def begin(self, start: r.SessionStart, now: Moment) -> list[r.LogRecovered]:
         """Create the file, enter it in the manifest, write the first record. Returns what was found of earlier crashes.
 
         Raises OSError when an earlier file can't even be read; a disk that can't be written becomes `fault`.
@@ -138,7 +114,7 @@ class SessionWriter:
         self._append(entry)
         due = self._chain.sequence - self._checkpoint_at >= CHECKPOINT_RECORDS
         late = entry.monotonic_ns - self._checkpoint_ns >= CHECKPOINT_NS
-        if due or late or isinstance(entry.body, Stop):
+        if due or late or isinstance(entry.body, r.Stop):
             self._checkpoint(_moment(entry))
 
     def settle_when_due(self, monotonic_ns: int) -> bool:
@@ -166,7 +142,7 @@ class SessionWriter:
 
     def end(self, cause: Cause, now: Moment) -> bool:
         """Write the last record and sign all; False when the disk refuses: call `finish` again then."""
-        self._append(now.entry(SessionEnd(reason=cause)))
+        self._append(now.entry(r.SessionEnd(reason=cause)))
         self._checkpoint(now, closing=True)
         return self.settle(now.monotonic_ns)
 
@@ -206,7 +182,7 @@ class SessionWriter:
 
     def _checkpoint(self, now: Moment, *, closing: bool = False) -> None:
         key = self._key.public.fingerprint
-        self._append(now.entry(Checkpoint(records=self._chain.sequence, closing=closing, key=key)))
+        self._append(now.entry(r.Checkpoint(records=self._chain.sequence, closing=closing, key=key)))
         self._unsent.append(self._trail.newest_line)
         self._checkpoint_at = self._chain.sequence
         self._checkpoint_ns = now.monotonic_ns
@@ -215,7 +191,7 @@ class SessionWriter:
         offset = entry.wall_ns - entry.monotonic_ns
         before, self._clock_offset_ns = self._clock_offset_ns, offset
         if before is not None and abs(offset - before) > CLOCK_STEP_NS:
-            self._append(_moment(entry).entry(ClockStep(step_s=(offset - before) / 1e9)))
+            self._append(_moment(entry).entry(r.ClockStep(step_s=(offset - before) / 1e9)))
 
 
 def _moment(entry: Entry) -> Moment:

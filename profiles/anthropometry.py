@@ -1,4 +1,4 @@
-"""Body measures from sex and stature: palm width by two named populations, limb lengths by ratio.
+"""Palm width from sex and stature, by two named populations.
 
 The GB 10000-88 percentiles were recalled, not read from the printed standard. A measured sample of 303 Chinese
 adults (men 81.4 and 81.8 mm, women 72.6 and 72.4 mm, left and right) and the Asian subset of ANSUR II (84.8 and
@@ -31,14 +31,6 @@ ANSUR2_REGRESSION: dict[Sex, tuple[float, float, float]] = {
 STATURE_BREADTH_CORRELATION = 0.47  # ANSUR II
 _Z95 = 1.645  # normal quantile of the 95th percentile
 
-# Drillis and Contini's ratios, as in Winter, Biomechanics and Motor Control of Human Movement.
-THIGH_OF_STATURE = 0.245
-SHANK_OF_STATURE = 0.246
-ANKLE_OF_STATURE = 0.039
-THIGH_OF_MASS = 0.100
-SHANK_OF_MASS = 0.0465
-FOOT_OF_MASS = 0.0145
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PalmEstimate:
@@ -54,28 +46,10 @@ class PalmEstimate:
         return self.sd_m / self.width_m
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class LimbLengths:
-    """Segment lengths of one leg."""
-
-    thigh_m: float
-    shank_m: float
-    ankle_height_m: float
-
-
 def estimate_palm(sex: Sex, stature_m: float, population: Population) -> PalmEstimate:
     """Palm width from sex and stature by a named population."""
     width_mm, sd_mm = _MODELS[population](sex, stature_m * 1000)
     return PalmEstimate(width_m=width_mm / 1000, sd_m=sd_mm / 1000, population=population)
-
-
-def limb_lengths(stature_m: float) -> LimbLengths:
-    """Thigh, shank and ankle height from stature."""
-    return LimbLengths(
-        thigh_m=THIGH_OF_STATURE * stature_m,
-        shank_m=SHANK_OF_STATURE * stature_m,
-        ankle_height_m=ANKLE_OF_STATURE * stature_m,
-    )
 
 
 def _gb10000_88(sex: Sex, stature_mm: float) -> tuple[float, float]:

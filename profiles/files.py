@@ -54,7 +54,7 @@ def encode(profile: Profile, existing: str = "") -> str:
     if not existing:
         document.add(tomlkit.comment(HEADING))
     wanted = to_file(profile)
-    _merge(document, {**{k: v for k, v in wanted.items() if not _is_table(v)}, **wanted})
+    _merge(document, {**{k: v for k, v in wanted.items() if not isinstance(v, (list, Mapping))}, **wanted})
     return tomlkit.dumps(document)
 
 
@@ -121,29 +121,12 @@ def _merge(target: MutableMapping[str, Any], wanted: Mapping[str, Any]) -> None:
         held = target.get(key)
         if isinstance(value, Mapping) and isinstance(held, MutableMapping):
             _merge(held, value)
-        elif isinstance(value, list):
-            if held != value:
-                _put_tables(target, key, value)
         elif held != value:
+            if isinstance(
+                value, list
+            ):  # tables belong behind every plain value, or they would swallow those after them
+                target.pop(key, None)
             target[key] = value
-
-
-def _put_tables(target: MutableMapping[str, Any], key: str, tables: list[Any]) -> None:
-    """An array of tables belongs behind every plain value, or it would swallow those after it."""
-    target.pop(key, None)
-    if tables:
-        target[key] = _table_array(tables)
-
-
-def _is_table(value: Any) -> bool:
-    return isinstance(value, (list, Mapping))
-
-
-def _table_array(tables: list[Mapping[str, Any]]) -> Any:
-    array = tomlkit.aot()
-    for table in tables:
-        array.append(tomlkit.item(dict(table)))
-    return array
 
 
 def _in_file_terms(message: str) -> str:

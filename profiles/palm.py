@@ -79,18 +79,11 @@ def reference_segment(
     calibration = calibration_for(profile, camera)
     if calibration is not None:
         return _calibrated(calibration, focal_px, width_px)
-    if profile.palm.measured_width_m is not None:
-        return ReferenceSegment(
-            length_m=REFERENCE_OF_PALM * profile.palm.measured_width_m,
-            sd_m=REFERENCE_OF_PALM * MEASURED_SD_M,
-            source=ReferenceSource.MEASURED,
-        )
-    estimate = palm_estimate(profile)
-    return ReferenceSegment(
-        length_m=REFERENCE_OF_PALM * estimate.width_m,
-        sd_m=REFERENCE_OF_PALM * estimate.sd_m,
-        source=ReferenceSource.ESTIMATED,
-    )
+    width_m, sd_m, source = profile.palm.measured_width_m, MEASURED_SD_M, ReferenceSource.MEASURED
+    if width_m is None:
+        estimate = palm_estimate(profile)
+        width_m, sd_m, source = estimate.width_m, estimate.sd_m, ReferenceSource.ESTIMATED
+    return ReferenceSegment(length_m=REFERENCE_OF_PALM * width_m, sd_m=REFERENCE_OF_PALM * sd_m, source=source)
 
 
 def palm_estimate(profile: Profile) -> PalmEstimate:

@@ -16,8 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from logs.query import ask
-from logs.site_query import SITE_QUESTIONS, connect_sites
-from logs.sites import Site, find_sites
+from logs.sites import SITE_QUESTIONS, Site, connect_sites, find_sites
 from logs.spark import ask_spark, spark_session
 from testing.engines import same, spark_cluster, write_sites
 

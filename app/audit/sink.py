@@ -1,13 +1,21 @@
-"""Every process's end of the audit queue: queue a record, never wait, never lose one unreported."""
+"""Every process's end of the audit queue: queue a record, never wait, never lose one unreported.
+
+Among the records: the other computer's newest one, so that neither trail can be rewritten alone.
+"""
 
 from __future__ import annotations
 
 import time
 
+from msgspec import structs
+
 from app.ipc.links import OrderedSender, address
+from app.ipc.messages import AuditHealth
 from app.ipc.streams import AUDIT, LinkDirectory
 from logs.reason import reason
-from logs.records import Body, Entry, Loss, RecordsLost
+from logs.records import Body, Entry, Loss, OtherTrail, RecordsLost
+
+PERIOD_NS = 1_000_000_000  # between two records of the other trail: as much can be rewritten at the end unseen
 
 
 class AuditSink:
@@ -47,3 +55,13 @@ class AuditSink:
             monotonic_ns=time.monotonic_ns(),
             body=body,
         )
+
+
+def other_trail(peer: AuditHealth, offset_ns: int, uncertainty_ns: int) -> OtherTrail | None:
+    """The record to write, every PERIOD_NS; None while nothing of the other trail is on its medium.
+
+    peer: the health that the other computer's audit process sent. offset_ns: its monotonic clock minus ours, now.
+    """
+    if peer.newest is None:
+        return None
+    return OtherTrail(**structs.asdict(peer.newest), offset_ns=offset_ns, uncertainty_ns=uncertainty_ns)

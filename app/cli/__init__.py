@@ -53,7 +53,7 @@ def main() -> None:
 def _refuse(error: Exception) -> NoReturn:
     """One line on stderr, with nothing in it that a terminal obeys."""
     from app.text.catalogue import render
-    from logs.sanitize import sanitize_terminal
+    from logs.reason import sanitize_terminal
 
     sys.stderr.write(f"rleex: {sanitize_terminal(' '.join(render(error).split()))}\n")
     raise SystemExit(2) from None

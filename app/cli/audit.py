@@ -26,7 +26,7 @@ from logs.join import Join, describe_join, join_findings, join_values
 from logs.keys import PUBLIC_FILE, by_fingerprint, known_keys, load_public_key, read_anchors
 from logs.read import find_session, outline, read, records, session_paths
 from logs.read import follow as follow_file
-from logs.sanitize import sanitize_terminal
+from logs.reason import sanitize_terminal
 from logs.show import Filter, RecordSelector, json_of, line_of
 from logs.verify import Evidence, Finding, exit_status
 from logs.verify import verify as assess

@@ -22,8 +22,9 @@ from app.system.operators import Permission
 from app.text.catalogue import tr
 from hal.errors import CanFault, DeviceFault, HardwareError
 from hal.joints.can.bus import open_bus, with_bus
-from hal.joints.can.candump import BusRecorder, Decoder, LogSummary, messages_of, open_log
-from hal.joints.can.scan import BusMonitor, drives_of
+from hal.joints.can.candump import BusRecorder, LogSummary, decode_frame, messages_of, open_log
+from hal.joints.can.drive import drives_of
+from hal.joints.can.scan import BusMonitor
 from hal.joints.can.scan import scan as scan_bus
 from hal.joints.device import DEFAULT_DEVICE, Exoskeleton, Joint, load_exoskeleton
 
@@ -133,12 +134,12 @@ def decode(
     summary: Annotated[bool, typer.Option("--summary", help="Only the summary.")] = False,
 ) -> None:
     """Decode a recorded bus into joint values, frame by frame, with a summary of gaps and faults."""
-    decoder = Decoder(drives_of(_device(device, "", ""), motors))
+    drives = drives_of(_device(device, "", ""), motors)
     wanted = _joint(joint) if joint else None
     totals = LogSummary()
     with open_log(file) as log:
         for message in messages_of(log, totals):
-            decoded = decoder.decode(message)
+            decoded = decode_frame(message, drives)
             totals.add(decoded)
             if not summary and (wanted is None or decoded.joint is wanted):
                 sys.stdout.write(f"{decoded_line(decoded)}\n")

@@ -13,7 +13,7 @@ from app.system.errors import AppError
 from app.system.operators import Permission
 from app.system.paths import Home, find_home
 from app.text.catalogue import tr
-from logs.sanitize import sanitize_terminal
+from logs.reason import sanitize_terminal
 
 cli = typer.Typer(no_args_is_help=True)
 POLL_S = 0.2

@@ -15,7 +15,7 @@ from app.system.hand_model import MODEL_NAME, set_up_model
 from app.system.operators import Permission
 from app.system.paths import find_home
 from app.text.catalogue import tr
-from logs.sanitize import sanitize_terminal
+from logs.reason import sanitize_terminal
 
 cli = typer.Typer()
 

@@ -21,7 +21,7 @@ from app.system.hand_model import set_up_model
 from app.system.operators import Permission
 from app.system.paths import find_home
 from app.text.catalogue import knows, render, tr
-from logs.sanitize import sanitize_terminal
+from logs.reason import sanitize_terminal
 from profiles.errors import ProfileError, ProfileFault
 from profiles.files import edit, encode, parse_assignments
 from profiles.palm import explain_estimate, palm_estimate, reference_segment, with_calibration

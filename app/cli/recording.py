@@ -15,8 +15,7 @@ from app.system.paths import find_home, pictures_path
 from app.text.catalogue import tr
 
 if TYPE_CHECKING:
-    from app.recording.read import HashCheck, Recording
-    from app.recording.sent import SentCheck
+    from app.recording.read import HashCheck, Recording, SentCheck
     from app.system.authority import Authority
     from logs.records import RecordingFile
 
@@ -136,8 +135,7 @@ def _found(file: str, home: Path | None) -> Path:
 
 def _surveyed(path: Path) -> tuple[Recording, HashCheck, RecordingFile | None, SentCheck]:
     """What it holds, its hash against the trail, what the trail says of it, and what was sent to it."""
-    from app.recording.read import proof_of, survey
-    from app.recording.sent import check_sent
+    from app.recording.read import check_sent, proof_of, survey
 
     found, (proof, recorded) = survey(path), proof_of(path)
     return found, proof, recorded, check_sent(found, recorded)

@@ -163,8 +163,7 @@ def query(
 ) -> None:
     """Query the sessions of several sites. A site that is missing or tampered is refused by name."""
     from app.cli.audit import evidence_of
-    from logs.site_query import SITE_QUESTIONS
-    from logs.sites import check_site, find_sites
+    from logs.sites import SITE_QUESTIONS, check_site, find_sites
 
     wanted = sql_of(sql, ask, SITE_QUESTIONS)
     found = find_sites(sites or [str(find_home(home).root)])
@@ -176,7 +175,7 @@ def query(
 
 def _answer(sites: list[Site], sql: str, spark: str) -> Any:
     from logs.query import LIMIT_S, ask
-    from logs.site_query import connect_sites
+    from logs.sites import connect_sites
 
     if not spark:
         return ask(connect_sites(sites), sql)

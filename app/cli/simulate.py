@@ -226,7 +226,7 @@ def press_input(
     """Press a simulated stop button of the running session."""
     from app.session.shared import shared
     from hal.errors import HardwareError, StopInputFault
-    from hal.inputs.protocol import Contact
+    from hal.inputs.device import Contact
     from hal.inputs.simulated import set_simulated
 
     down, up = (Contact.OPEN, 0.3), (Contact.CLOSED, 0.0)

@@ -16,7 +16,7 @@ from app.ipc.messages import AuditHealth, GuardianHealth, LinkHealth, OperatorCo
 from app.ipc.states import ACTION_OF, Action, GaitState, Source
 from app.motion.follower import Gains
 from app.motion.plan import Plan, PlanRequest
-from hal.inputs.protocol import InputReadings
+from hal.inputs.device import InputReadings
 from hal.joints.guard import Limits, Refusal
 from hal.joints.protocol import JointArray, JointCommand, JointFeedback, carries_power
 from kgdfa.gesture import Gesture

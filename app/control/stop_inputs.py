@@ -8,8 +8,7 @@ from msgspec import Struct
 
 from app.ipc.streams import NS_PER_MS
 from hal.errors import HardwareError
-from hal.inputs.device import InputRole
-from hal.inputs.protocol import Contact, InputReading, InputReadings
+from hal.inputs.device import Contact, InputReading, InputReadings, InputRole
 from logs import records
 from logs.reason import reason_of
 

@@ -201,13 +201,9 @@ def evaluate_drives(
             shared = reason(F.SHARED_ID, can_id=made.can_id, answers=drive.answers)
             yield bad(joint, shared, reason(R.GIVE_OWN_ID))
         else:
-            yield good(
-                joint, F.ANSWERS, can_id=made.can_id, protocol=protocol, detail=reason(drive.code, **drive.values)
-            )
+            yield good(joint, F.ANSWERS, can_id=made.can_id, protocol=protocol, detail=reason_of(drive))
     for drive in answered.values():
-        unknown = reason(
-            F.UNDESCRIBED, protocol=drive.protocol, can_id=drive.drive_id, detail=reason(drive.code, **drive.values)
-        )
+        unknown = reason(F.UNDESCRIBED, protocol=drive.protocol, can_id=drive.drive_id, detail=reason_of(drive))
         yield note(device.buses[number].channel, unknown, reason(R.CORRECT_EITHER_ID))
 
 

@@ -20,11 +20,9 @@ from app.system.paths import Home
 from app.system.scheduling import WAKE_LATENCY
 from app.voice.spotter import require_spotter
 from hal.errors import HardwareError
-from hal.inputs.device import InputDevice
-from hal.inputs.protocol import Contact, StopInput
+from hal.inputs.device import Contact, InputDevice, StopInput
 from hal.inputs.reader import InputReader, make_input
-from hal.microphone.device import VoiceConfig
-from hal.microphone.protocol import Microphone, make_microphone
+from hal.microphone import make_microphone
 from logs.reason import Reason, reason, reason_of
 
 DISK_NEEDED_GB = 2.0  # a day of sessions on CAN, the bus logs included
@@ -138,21 +136,17 @@ def examine(home: Home) -> Iterator[Finding]:
     except AppError as error:
         yield bad(T.SETTINGS, reason_of(error), reason(R.EDIT_SETTINGS, path=home.config))
         config = Config()
-    checks: tuple[Callable[[], Iterator[Finding]], ...] = (
-        lambda: check_model(home, config),
-        lambda: check_cameras(config),
-        lambda: check_realsense(config),
-        lambda: check_terminal(os.environ, is_terminal=sys.stdout.isatty()),
-        check_real_time,
-        lambda: check_disk(home),
-        check_clock,
-        lambda: check_joints(config),
-        lambda: check_stop_buttons(config),
-        lambda: check_voice(config),
-        lambda: check_link(home, config),
-    )
-    for check in checks:
-        yield from check()
+    yield from check_model(home, config)
+    yield from check_cameras(config)
+    yield from check_realsense(config)
+    yield from check_terminal(os.environ, is_terminal=sys.stdout.isatty())
+    yield from check_real_time()
+    yield from check_disk(home)
+    yield from check_clock()
+    yield from check_joints(config)
+    yield from check_stop_buttons(config)
+    yield from check_voice(config)
+    yield from check_link(home, config)
 
 
 def check_model(home: Home, config: Config) -> Iterator[Finding]:
@@ -357,15 +351,13 @@ def check_stop_buttons(
             yield bad(T.STOP_BUTTON, why, reason(R.CONNECT_BUTTON, name=one.name))
 
 
-def check_voice(
-    config: Config, make: Callable[[VoiceConfig, Callable[[], object]], Microphone] = make_microphone
-) -> Iterator[Finding]:
+def check_voice(config: Config) -> Iterator[Finding]:
     """Whether a microphone is there and gives sound; a session is fit without it."""
     voice = config.voice
     if not voice.on:
         yield note(T.VOICE, reason(F.VOICE_OFF))
         return
-    microphone, device = make(voice, lambda: None), voice.device or "default"
+    microphone, device = make_microphone(voice, lambda: None), voice.device or "default"
     try:
         require_spotter()
         microphone.open()

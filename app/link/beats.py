@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections import deque
 from dataclasses import dataclass, field
 
-from app.audit.other_trail import PERIOD_NS, other_trail
+from app.audit.sink import PERIOD_NS, other_trail
 from app.ipc.messages import AuditHealth, LinkHealth
 from app.ipc.streams import NS_PER_MS
 from app.link.clock import ClockEstimate, RoundTrip, update

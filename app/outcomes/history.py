@@ -1,19 +1,29 @@
-"""One patient's outcomes over sessions."""
+"""One patient's outcomes over sessions.
+
+What was measured is kept: a recording takes a thirtieth of its time to read, a page shows many of them.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from enum import Enum, auto
 from pathlib import Path
 
-from app.outcomes.kept import KeptOutcomes
+import msgspec
+from msgspec import Struct
+
 from app.outcomes.session import SessionOutcomes, find_outcomes, patient_of_trail
 from app.system.errors import AppError
-from app.system.paths import Home
+from app.system.paths import Home, recording_path
 from logs.errors import AuditError
 from logs.read import session_paths
+from logs.reading.errors import InputError
+from logs.reading.regular import read_bytes
 
 Refused = AppError | AuditError
+DEFINITIONS = 2  # raised with every change of what a measure means, so that what was kept is measured anew
+MOST_BYTES = 1 << 20
 
 
 class HistoryFault(Enum):
@@ -42,11 +52,10 @@ def outcomes_of(folder: Path, names: Sequence[str], patient: str = "") -> list[S
 def outcomes_of_patient(home: Home, patient: str) -> tuple[list[SessionOutcomes], list[Refused]]:
     """All that this patient has, oldest first; and why sessions are left out. Raises AppError where none is left."""
     trails, refused = trails_of(home.logs, patient)
-    kept = KeptOutcomes(home.outcomes)
     found: list[SessionOutcomes] = []
     for trail in trails:
         try:
-            found.append(kept.of(trail))
+            found.append(kept_outcomes(home.outcomes, trail))
         except (AppError, AuditError) as error:
             refused.append(error)
     if not found:
@@ -67,3 +76,47 @@ def trails_of(folder: Path, patient: str) -> tuple[list[Path], list[Refused]]:
         except AuditError as error:
             refused.append(error)
     return found, refused
+
+
+class _Kept(Struct, frozen=True, kw_only=True):
+    definitions: int
+    made_of: tuple[tuple[int, int], ...]  # trail, recording: bytes, nanoseconds of the last change
+    outcomes: SessionOutcomes
+
+
+def kept_outcomes(folder: Path, trail: Path) -> SessionOutcomes:
+    """A session's, kept in a file of this folder if trail and recording are still the same; else measured, and kept.
+
+    Raises AppError, AuditError.
+    """
+    made_of = tuple(
+        (status.st_size, status.st_mtime_ns)
+        for path in (trail, recording_path(trail.parent, trail.stem))
+        if path.exists() and (status := path.stat())
+    )
+    path = folder / f"{trail.stem}.json"
+    kept = _read(path)
+    if kept is not None and (kept.definitions, kept.made_of) == (DEFINITIONS, made_of):
+        return kept.outcomes
+    found = find_outcomes(trail.parent, str(trail))
+    _write(path, _Kept(definitions=DEFINITIONS, made_of=made_of, outcomes=found))
+    return found
+
+
+def _write(path: Path, kept: _Kept) -> None:
+    """A full disk keeps nothing; the next time it is measured again."""
+    new = path.with_name(f".{path.name}.new")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
+        new.write_bytes(msgspec.json.encode(kept))
+        new.replace(path)
+    except OSError:
+        with suppress(OSError):
+            new.unlink(missing_ok=True)
+
+
+def _read(path: Path) -> _Kept | None:
+    try:
+        return msgspec.json.decode(read_bytes(path, MOST_BYTES), type=_Kept)
+    except (OSError, InputError, msgspec.MsgspecError, UnicodeDecodeError, RecursionError):
+        return None

@@ -6,13 +6,13 @@ from collections import Counter
 from collections.abc import Iterable, Sequence
 from enum import Enum, auto
 from pathlib import Path
+from typing import Any
 
 import msgspec
 from msgspec import Struct
 
 from app.ipc.states import Outcome
 from app.motion.plan import body_of
-from app.outcomes.dose import Dose, dose_of, last_rating
 from app.outcomes.measures import Measures, measure
 from app.outcomes.recorded import WALKING_ACTIONS, RecordedLegs, history_of, read_legs
 from app.recording.read import session_of, trail_of
@@ -21,9 +21,9 @@ from app.system.paths import RECORDING_SUFFIX, recording_path
 from hal.joints.body import Body
 from hal.joints.protocol import TICK_S
 from logs.errors import AuditError
-from logs.read import find_session, read, records, understand
-from logs.records import ActionEnd, Discomfort, Exertion, GuidedTestResult, Pain, PatientChosen, Record
-from profiles.schema import Profile
+from logs.read import duration_s, find_session, read, records, understand
+from logs.records import ActionEnd, Discomfort, Exertion, GuidedTestResult, Pain, PatientChosen, Rating, Record
+from profiles.schema import DoseTargets, Profile
 
 COMPLETED = Outcome.COMPLETED.value
 
@@ -42,6 +42,15 @@ class OutcomeSource(Enum):
     RECORDING = "recording"
     CUT_RECORDING = "cut recording"  # up to where it can be read
     TRAIL = "trail"  # steps, walking time and actions only
+
+
+class Dose(Struct, frozen=True, kw_only=True):
+    """Done beside the target; None: not measured."""
+
+    steps: int
+    distance_m: float | None
+    duration_s: float  # of the session, standing and sitting too, as the session screen counts it
+    target: DoseTargets
 
 
 class SessionOutcomes(Struct, frozen=True, kw_only=True):
@@ -112,7 +121,7 @@ def of_trail(path: Path) -> SessionOutcomes:
         trail,
         chosen,
         source=OutcomeSource.TRAIL,
-        measured_s=_duration_s(trail),
+        measured_s=duration_s(trail),
         measures=Measures(steps=sum(walk.steps for walk in walks), walking_time_s=_time_in_s(walks)),
     )
 
@@ -141,17 +150,12 @@ def _outcomes(
         measured_s=measured_s,
         measures=measures,
         actions=_actions(trail),
-        dose=dose_of(chosen.parameters, measures, _duration_s(trail)),
+        dose=dose_of(chosen.parameters, measures, duration_s(trail)),
         discomfort=last_rating(trail, Discomfort),
         pain=last_rating(trail, Pain),
         exertion=last_rating(trail, Exertion),
         tests=tuple(record.body for record in trail if isinstance(record.body, GuidedTestResult)),
     )
-
-
-def _duration_s(trail: Sequence[Record]) -> float:
-    moments = [record.monotonic_ns for record in trail]
-    return (max(moments) - min(moments)) / 1e9
 
 
 def _body(path: Path, chosen: PatientChosen) -> Body:
@@ -190,3 +194,18 @@ def _time_in_s(walks: Sequence[ActionEnd]) -> float:
         total_ns += max(0, walk.ended_ns - max(walk.first_motion_ns, until_ns))
         until_ns = max(until_ns, walk.ended_ns)
     return total_ns / 1e9
+
+
+def dose_of(parameters: dict[str, Any], measures: Measures, duration_s: float) -> Dose | None:
+    """By the profile as it was in that session; None where it holds no targets."""
+    try:
+        target = msgspec.convert(parameters["dose"], DoseTargets)
+    except (KeyError, msgspec.ValidationError):
+        return None
+    return Dose(steps=measures.steps, distance_m=measures.distance_m, duration_s=duration_s, target=target)
+
+
+def last_rating(trail: Iterable[Record], kind: type[Rating]) -> int | None:
+    """The patient's last rating of this kind; None: not asked."""
+    ratings = [record.body.rating for record in trail if isinstance(record.body, kind)]
+    return ratings[-1] if ratings else None

@@ -98,8 +98,7 @@ def runs(true: Mask) -> list[tuple[int, int]]:
 def thigh_angles(joints_rad: Array) -> Array:
     """Angle of both thighs from hanging straight down, forward positive, (n, 2) radians, by the modelled lean."""
     lean = trunk_lean(joints_rad[:, 1], joints_rad[:, 3])
-    thighs: Array = joints_rad[:, 0::2] - lean[:, None]
-    return thighs
+    return joints_rad[:, 0::2] - lean[:, None]
 
 
 def _smoothed(joints_rad: Array) -> Array:
@@ -150,8 +149,7 @@ def _level_moments(apart: Array) -> NDArray[np.intp]:
     higher = np.sign(apart[:, 0]) * apart[:, 1]  # front foot above the rear one
     far = np.abs(apart[:, 0]) > LEAST_STEP_M
     crossed = (higher[:-1] > 0) & (higher[1:] <= 0) & far[:-1] & far[1:]
-    moments: NDArray[np.intp] = np.flatnonzero(crossed & (np.sign(apart[:-1, 0]) == np.sign(apart[1:, 0])))
-    return moments
+    return np.flatnonzero(crossed & (np.sign(apart[:-1, 0]) == np.sign(apart[1:, 0])))
 
 
 def _level_at(apart: Array, tick: int) -> float:
@@ -195,5 +193,4 @@ def _landing(from_other: Array, begin: int, end: int) -> int:
 def _slopes(values: Array) -> Array:
     """Per tick, of the line of least squares through each SLOPE_TICKS values, (n - SLOPE_TICKS + 1,)."""
     centred = np.arange(SLOPE_TICKS) - (SLOPE_TICKS - 1) / 2
-    slopes: Array = np.correlate(values, centred / (centred @ centred), "valid")
-    return slopes
+    return np.correlate(values, centred / (centred @ centred), "valid")

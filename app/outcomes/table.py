@@ -1,16 +1,16 @@
-"""Outcomes as text: one row a measure, one column a session."""
+"""Outcomes over sessions: as text, one row a measure and one column a session, and as series, which a plot shows."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 
 from rich.table import Table
 
-from app.outcomes.change import SMALLEST_CHANGES
-from app.outcomes.dose import Dose
+from app.outcomes.change import SMALLEST_CHANGES, SmallestChange
 from app.outcomes.guided import GuidedTest, last_completed
 from app.outcomes.measures import Measures
-from app.outcomes.session import COMPLETED, OutcomeSource, SessionOutcomes
+from app.outcomes.session import COMPLETED, Dose, OutcomeSource, SessionOutcomes
 from app.text.catalogue import tr
 from app.text.recorded import render_recorded, result_text
 from hal.joints.device import Joint
@@ -49,12 +49,10 @@ def lines_of(found: SessionOutcomes) -> Iterator[tuple[str, str]]:
     """Name with its unit, and value, of everything; the same names in the same order for each session."""
     yield from _measures(found.measures)
     for key, test, field, form in TESTS:
-        result = last_completed(found.tests, test)
-        yield tr(f"outcomes.{key}"), NONE if result is None else format(getattr(result, field), form)
+        yield tr(f"outcomes.{key}"), _shown(_tested(found, test, field), form)
     yield from _dose(found.dose)
     for name in RATINGS:
-        rating = getattr(found, name)
-        yield tr(f"outcomes.{name}"), NONE if rating is None else str(rating)
+        yield tr(f"outcomes.{name}"), _shown(getattr(found, name), "d")
 
 
 def outcomes_table(found: Sequence[SessionOutcomes]) -> Table:
@@ -112,12 +110,15 @@ def sources() -> Iterator[str]:
 
 def _measures(measures: Measures) -> Iterator[tuple[str, str]]:
     for key, field, form in ROWS:
-        value = getattr(measures, field)
-        yield tr(f"outcomes.{key}"), NONE if value is None else format(value, form)
+        yield tr(f"outcomes.{key}"), _shown(getattr(measures, field), form)
     for joint in Joint:
         found = measures.range_of_motion.get(joint.name.lower())
         name = tr("outcomes.range", joint=joint)
         yield name, NONE if found is None else f"{found.range_deg:.1f} ({found.low_deg:.1f} … {found.high_deg:.1f})"
+
+
+def _shown(value: float | None, form: str) -> str:
+    return NONE if value is None else format(value, form)
 
 
 def _dose(dose: Dose | None) -> Iterator[tuple[str, str]]:
@@ -135,3 +136,59 @@ def _dose(dose: Dose | None) -> Iterator[tuple[str, str]]:
 def _least(field: str) -> str:
     change = SMALLEST_CHANGES[field]
     return f"±{change.least:.0%}" if change.relative else f"±{change.least:g}"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Series:
+    """One measure, a value a session; None: not measured."""
+
+    name: str  # with its unit
+    form: str
+    values: tuple[float | None, ...]
+    smallest: SmallestChange | None = None
+
+    @property
+    def known(self) -> tuple[float, ...]:
+        """Those that were measured."""
+        return tuple(value for value in self.values if value is not None)
+
+    @property
+    def change(self) -> float | None:
+        """From the first to the newest; None with fewer than two."""
+        return self.known[-1] - self.known[0] if len(self.known) > 1 else None
+
+    @property
+    def least(self) -> float | None:
+        """The smallest change that means something, from the first value on, in the measure's unit."""
+        return self.smallest.of(self.known[0]) if self.smallest is not None and self.known else None
+
+
+def series_of(found: Sequence[SessionOutcomes]) -> tuple[Series, ...]:
+    """Every measure that at least one session has."""
+    made = [
+        _series(tr(f"outcomes.{key}"), form, [getattr(one.measures, field) for one in found], field)
+        for key, field, form in ROWS
+    ]
+    made += [
+        _series(tr("outcomes.range", joint=joint), ".1f", [_range_deg(one, joint) for one in found]) for joint in Joint
+    ]
+    made += [
+        _series(tr(f"outcomes.{key}"), form, [_tested(one, test, field) for one in found], key)
+        for key, test, field, form in TESTS
+    ]
+    made += [_series(tr(f"outcomes.{name}"), "d", [getattr(one, name) for one in found], name) for name in RATINGS]
+    return tuple(series for series in made if series.known)
+
+
+def _series(name: str, form: str, values: Sequence[float | None], changes: str = "") -> Series:
+    return Series(name=name, form=form, values=tuple(values), smallest=SMALLEST_CHANGES.get(changes))
+
+
+def _range_deg(one: SessionOutcomes, joint: Joint) -> float | None:
+    found = one.measures.range_of_motion.get(joint.name.lower())
+    return None if found is None else found.range_deg
+
+
+def _tested(one: SessionOutcomes, test: GuidedTest, field: str) -> float | None:
+    result = last_completed(one.tests, test)
+    return None if result is None else getattr(result, field)

@@ -14,7 +14,7 @@ from app.playback.pen import Box, Image
 from app.playback.view import WINDOW_S, View, Whole, clock
 from app.text.catalogue import render, tr
 from app.text.recorded import render_recorded
-from logs.sanitize import sanitize_terminal
+from logs.reason import sanitize_terminal
 from logs.show import WEIGHT, record_text
 
 WIDTH_PX, HEIGHT_PX = 1280, 720

@@ -24,6 +24,7 @@ from mcap.opcode import Opcode
 from mcap.reader import make_reader
 from mcap.records import Channel, Chunk
 from mcap.stream_reader import get_chunk_data_stream
+from msgspec import UNSET
 from numpy.typing import NDArray
 
 from app.recording.encryption import open_recording
@@ -110,11 +111,6 @@ class RecordingIndex:
         """The last one."""
         return self._ends[-1]
 
-    @property
-    def chunks(self) -> int:
-        """How many there are."""
-        return len(self._places)
-
     def newest(self, topic: str, at_ns: int, within_ns: int) -> Sample | None:
         """The newest message at or before a time, and after `at_ns - within_ns`."""
         best: tuple[int, _Unpacked, int, int] | None = None
@@ -199,7 +195,8 @@ class RecordingIndex:
             rows = []
             for _, begin, end in entries:
                 joints = _DECODE(unpacked.data[begin:end]).joints
-                rows.append([[_number(getattr(joint, name)) for joint in joints] for name in JOINT_FIELDS])
+                values = [[getattr(joint, name) for joint in joints] for name in JOINT_FIELDS]
+                rows.append([[np.nan if value is UNSET else value for value in row] for row in values])
             at_ns = np.array([entry[0] for entry in entries], dtype=np.int64)
             unpacked.joints[topic] = JointSamples(at_ns=at_ns, values=np.array(rows).reshape(-1, len(JOINT_FIELDS), 4))
         return unpacked.joints[topic]
@@ -247,7 +244,3 @@ class RecordingIndex:
                     found.append(_Place(begin_ns - offset_ns, end_ns - offset_ns, at))
             at += _RECORD.size + length
         return found
-
-
-def _number(value: object) -> float:
-    return value if isinstance(value, float) else float(value) if isinstance(value, int) else np.nan

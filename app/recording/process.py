@@ -82,7 +82,6 @@ class SessionRecording:
         """Raises OSError when the file or its key can't be made."""
         home = Home(setup.home)
         home.logs.mkdir(parents=True, exist_ok=True, mode=0o700)
-        self._setup = setup
         self._sink = sink
         self._offset_ns = time.time_ns() - time.monotonic_ns()
         key = load_or_make_secret(home.keys) if setup.config.recording.encrypt else None

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import struct
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from datetime import UTC, datetime, timedelta
 from enum import Enum, auto
@@ -27,7 +27,7 @@ from app.system.paths import PICTURES_SUFFIX, RECORDING_SUFFIX
 from logs.read import records
 from logs.reading.errors import cause_of
 from logs.reading.regular import open_regular
-from logs.records import RecordingFile
+from logs.records import ProcessStart, RecordingFile, RecordingSent
 
 MOST_RECORD = 64 << 20  # bytes
 STAMP = "%Y%m%dT%H%M%SZ"  # UTC, with which a session's name begins
@@ -245,3 +245,32 @@ def proof_of(path: Path) -> tuple[HashCheck, RecordingFile | None]:
     except OSError as error:
         raise AppError(RecordingReadFault.UNREADABLE, path=path, detail=cause_of(error)) from error
     return (HashCheck.SAME if digest.hexdigest() == named[-1].sha256 else HashCheck.OTHER), named[-1]
+
+
+SENDERS = ("control", "perception")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SentCheck:
+    """By topic; only topics whose messages their process counts."""
+
+    made: Mapping[str, int]
+    missing: Mapping[str, int]  # neither there nor counted as lost, or there more often than made: below 0
+    known: bool  # every process that was started said how many it made
+
+
+def check_sent(recording: Recording, recorded: RecordingFile | None) -> SentCheck:
+    """A recording that was read to its end, beside the trail's counts. Raises AuditError."""
+    trail = trail_of(recording.path)
+    made: Counter[str] = Counter()
+    open_processes: Counter[str] = Counter()
+    for record in records(trail) if trail.exists() else ():
+        if record.process in SENDERS and isinstance(record.body, ProcessStart):
+            open_processes[record.process] += 1
+        elif isinstance(record.body, RecordingSent):
+            open_processes[record.process] -= 1
+            made.update(record.body.messages)
+    lost = recorded.lost if recorded is not None else recording.lost
+    missing = {topic: count - recording.counts[topic] - lost.get(topic, 0) for topic, count in made.items()}
+    known = bool(made) and not any(open_processes.values())
+    return SentCheck(made=made, missing={topic: count for topic, count in missing.items() if count}, known=known)

@@ -230,10 +230,6 @@ _TIME = {
 }
 
 
-def _foxglove(title: str, properties: dict[str, Any]) -> dict[str, Any]:
-    return {"title": title, "type": "object", "properties": {"timestamp": _TIME, **properties}}
-
-
 _NUMBER, _TEXT = {"type": "number"}, {"type": "string"}
 _JOINT = {
     "title": "foxglove.JointState",
@@ -242,22 +238,24 @@ _JOINT = {
     "required": ["name"],
 }
 # Fields that Foxglove's readers know by these schemas' names (docs.foxglove.dev, Schemas).
+_PROPERTIES: dict[str, dict[str, Any]] = {
+    "foxglove.JointStates": {"joints": {"type": "array", "items": _JOINT}},
+    "foxglove.CompressedImage": {
+        "frame_id": _TEXT,
+        "data": {"type": "string", "contentEncoding": "base64"},
+        "format": _TEXT,
+    },
+    "foxglove.Log": {
+        "level": {"type": "integer", "minimum": 0, "maximum": 5},
+        "message": _TEXT,
+        "name": _TEXT,
+        "file": _TEXT,
+        "line": {"type": "integer"},
+    },
+}
 FOXGLOVE = {
-    "foxglove.JointStates": _foxglove("foxglove.JointStates", {"joints": {"type": "array", "items": _JOINT}}),
-    "foxglove.CompressedImage": _foxglove(
-        "foxglove.CompressedImage",
-        {"frame_id": _TEXT, "data": {"type": "string", "contentEncoding": "base64"}, "format": _TEXT},
-    ),
-    "foxglove.Log": _foxglove(
-        "foxglove.Log",
-        {
-            "level": {"type": "integer", "minimum": 0, "maximum": 5},
-            "message": _TEXT,
-            "name": _TEXT,
-            "file": _TEXT,
-            "line": {"type": "integer"},
-        },
-    ),
+    title: {"title": title, "type": "object", "properties": {"timestamp": _TIME, **properties}}
+    for title, properties in _PROPERTIES.items()
 }
 
 

@@ -55,99 +55,79 @@ class TickMessages:
 
 def _snapshot(batch: TickBatch) -> Iterator[Message]:
     now, ages = batch.snapshot, batch.ages
-    yield (
-        schemas.JOINT_HEALTH,
-        now.at_ns,
-        schemas.DriveHealth(
-            temperature_c=_four([joint.temperature_c for joint in now.joints]),
-            age_ms=_four([joint.age_ms for joint in now.joints]),
-            faults=tuple(
-                f"{name}: {fault.code}"
-                for name, joint in zip(_NAMES, now.joints, strict=True)
-                for fault in joint.faults
-            ),
+    health = schemas.DriveHealth(
+        temperature_c=_four([joint.temperature_c for joint in now.joints]),
+        age_ms=_four([joint.age_ms for joint in now.joints]),
+        faults=tuple(
+            f"{name}: {fault.code}" for name, joint in zip(_NAMES, now.joints, strict=True) for fault in joint.faults
         ),
     )
-    yield (
-        schemas.GAIT,
-        now.at_ns,
-        schemas.Gait(
-            state=now.state.value,
-            action=_value(now.action),
-            progress=now.progress,
-            effect=now.effect.name.lower(),
-            armed=now.armed,
-            powered=now.enabled,
-            steps=now.steps,
-            distance_walked_m=now.distance_walked_m,
-            events=tuple(one.event.value for one in now.events),
-            refusal=now.refusal,
-            refusal_count=now.refusal_count,
-            allowed=tuple(action.value for action in now.allowed),
-            pending=_value(now.pending),
-            why_not=now.why_not,
-        ),
+    yield schemas.JOINT_HEALTH, now.at_ns, health
+    gait = schemas.Gait(
+        state=now.state.value,
+        action=_value(now.action),
+        progress=now.progress,
+        effect=now.effect.name.lower(),
+        armed=now.armed,
+        powered=now.enabled,
+        steps=now.steps,
+        distance_walked_m=now.distance_walked_m,
+        events=tuple(one.event.value for one in now.events),
+        refusal=now.refusal,
+        refusal_count=now.refusal_count,
+        allowed=tuple(action.value for action in now.allowed),
+        pending=_value(now.pending),
+        why_not=now.why_not,
     )
-    yield (
-        schemas.LINKS,
-        now.at_ns,
-        schemas.LinkHealth(
-            report_age_ms=ages.report_ms,
-            console_age_ms=ages.console_ms,
-            audit_age_ms=ages.audit_ms,
-            guardian_age_ms=ages.guardian_ms,
-            audit_waiting=ages.audit_waiting,
-            missed_ticks=now.lateness.missed,
-            late_p99_ms=now.lateness.p99_ms,
-            late_max_ms=now.lateness.max_ms,
-        ),
+    yield schemas.GAIT, now.at_ns, gait
+    links = schemas.LinkHealth(
+        report_age_ms=ages.report_ms,
+        console_age_ms=ages.console_ms,
+        audit_age_ms=ages.audit_ms,
+        guardian_age_ms=ages.guardian_ms,
+        audit_waiting=ages.audit_waiting,
+        missed_ticks=now.lateness.missed,
+        late_p99_ms=now.lateness.p99_ms,
+        late_max_ms=now.lateness.max_ms,
     )
+    yield schemas.LINKS, now.at_ns, links
 
 
 def of_hand(frame: HandFrame) -> Iterator[Message]:
     """Keypoints, verdict and button of one frame."""
     report = frame.report
     number, at_ns = report.sequence, report.captured_ns
-    yield (
-        schemas.KEYPOINTS,
-        at_ns,
-        schemas.Keypoints(
-            frame=number,
-            image_px=tuple((x, y) for x, y in np.frombuffer(frame.image_px).reshape(-1, 2).tolist()),
-            world_m=tuple((x, y, z) for x, y, z in np.frombuffer(frame.world_m).reshape(-1, 3).tolist()),
-        ),
+    keypoints = schemas.Keypoints(
+        frame=number,
+        image_px=tuple((x, y) for x, y in np.frombuffer(frame.image_px).reshape(-1, 2).tolist()),
+        world_m=tuple((x, y, z) for x, y, z in np.frombuffer(frame.world_m).reshape(-1, 3).tolist()),
     )
-    yield (
-        schemas.VERDICT,
-        at_ns,
-        schemas.Verdict(
-            frame=number,
-            hand=report.hand,
-            gesture=_value(report.gesture),
-            raw_gesture=_value(report.raw_gesture),
-            confidence=report.confidence,
-            votes=report.votes,
-            explanation=report.explanation,
-            refusal=report.hand_refusal,
-        ),
+    yield schemas.KEYPOINTS, at_ns, keypoints
+    verdict = schemas.Verdict(
+        frame=number,
+        hand=report.hand,
+        gesture=_value(report.gesture),
+        raw_gesture=_value(report.raw_gesture),
+        confidence=report.confidence,
+        votes=report.votes,
+        explanation=report.explanation,
+        refusal=report.hand_refusal,
     )
-    yield (
-        schemas.BUTTON,
-        at_ns,
-        schemas.Button(
-            frame=number,
-            distance_m=report.distance_m,
-            sd_m=report.distance_sd_m,
-            safe_distance_m=report.safe_distance_m,
-            depth_distance_m=report.depth_distance_m,
-            threshold_m=report.threshold_m,
-            pressed=report.pressed,
-            release_count=report.release_count,
-            released_gesture=_value(report.released_gesture),
-            cancel_count=report.cancel_count,
-            fps=report.fps,
-        ),
+    yield schemas.VERDICT, at_ns, verdict
+    button = schemas.Button(
+        frame=number,
+        distance_m=report.distance_m,
+        sd_m=report.distance_sd_m,
+        safe_distance_m=report.safe_distance_m,
+        depth_distance_m=report.depth_distance_m,
+        threshold_m=report.threshold_m,
+        pressed=report.pressed,
+        release_count=report.release_count,
+        released_gesture=_value(report.released_gesture),
+        cancel_count=report.cancel_count,
+        fps=report.fps,
     )
+    yield schemas.BUTTON, at_ns, button
 
 
 def log_of(record: Record, line: bytes, clock_offset_ns: int) -> schemas.Log:

@@ -7,7 +7,7 @@ The file's clock is the session's monotonic clock plus one offset, kept in the f
 
 from __future__ import annotations
 
-import os
+import shutil
 from collections import Counter
 from collections.abc import Callable, Iterable
 from enum import Enum, auto
@@ -82,7 +82,7 @@ class RecordingWriter:
         disk: Disk | None = None,
         floor_bytes: int = FLOOR_BYTES,
         most_pending: int = MOST_PENDING,
-        free_bytes: Callable[[Path], int] | None = None,
+        free_bytes: Callable[[Path], int] = lambda folder: shutil.disk_usage(folder).free,
         key: bytes | None = None,
     ) -> None:
         """Raises OSError when the file exists or can't be made. clock_offset_ns: wall minus monotonic.
@@ -96,7 +96,7 @@ class RecordingWriter:
         self._disk = disk or Disk()
         self._floor_bytes = floor_bytes
         self._most_pending = most_pending
-        self._free_bytes = free_bytes or _free_bytes
+        self._free_bytes = free_bytes
         self._handle = self._disk.create(path)
         self._offset_ns = clock_offset_ns
         self._encode = msgspec.json.Encoder().encode
@@ -113,7 +113,7 @@ class RecordingWriter:
         self._mcap.add_metadata(CLOCK, {"wall_minus_monotonic_ns": str(clock_offset_ns)})
         self._channels = {topic.name: self._channel(topic) for topic in topics}
 
-    def add(self, topic: str, at_ns: int, message: Struct | bytes, sent_ns: int = 0) -> None:
+    def add(self, topic: str, at_ns: int, message: Struct | bytes) -> None:
         """One message at its monotonic time; refused, and counted, while the disk is behind or low."""
         if self.refuses:
             self.lost[topic] += 1
@@ -122,7 +122,7 @@ class RecordingWriter:
         self._mcap.add_message(
             self._channels[topic],
             log_time=at_ns + self._offset_ns,
-            publish_time=(sent_ns or at_ns) + self._offset_ns,
+            publish_time=at_ns + self._offset_ns,
             data=data,
             sequence=self.written[topic] & 0xFFFFFFFF,
         )
@@ -214,11 +214,6 @@ class RecordingWriter:
             self._disk.sync(self._handle)
         except OSError as error:
             self.fault = reason(RecordingFault.DISK, detail=error.strerror or str(error))
-
-
-def _free_bytes(folder: Path) -> int:
-    status = os.statvfs(folder)
-    return status.f_bavail * status.f_frsize
 
 
 def file_record(writer: RecordingWriter, *, whole: bool) -> RecordingFile:

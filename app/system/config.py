@@ -13,7 +13,7 @@ from app.ipc.streams import LinkDirectory
 from app.system.errors import AppError
 from hal.inputs.device import InputDevice, check_inputs
 from hal.joints.device import EMULATED_INTERFACES
-from hal.microphone.device import VoiceConfig
+from hal.microphone import VoiceConfig
 from logs.reading.errors import cause_of
 from logs.reading.formats import read_toml
 from profiles.schema import Profile

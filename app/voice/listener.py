@@ -17,8 +17,7 @@ import msgspec
 from app.voice.signals import Signal
 from app.voice.spotter import KeywordSpotter
 from hal.errors import HardwareError, MicrophoneFault
-from hal.microphone.device import VoiceConfig
-from hal.microphone.protocol import BLOCK_SAMPLES, RATE_HZ, Microphone, make_microphone
+from hal.microphone import BLOCK_SAMPLES, RATE_HZ, Microphone, VoiceConfig, make_microphone
 
 RETRY_S = 2.0  # a microphone that is missing is looked for again
 NICENESS = 5  # after everything of the session

@@ -14,7 +14,7 @@ from types import MappingProxyType
 from typing import Any
 
 from hal.errors import HardwareError, MicrophoneFault
-from hal.microphone.protocol import RATE_HZ
+from hal.microphone import RATE_HZ
 
 # Phones of the CMU dictionary. The first vowel of "stop" is long in America, short and round in Britain.
 PHONES: Mapping[str, tuple[str, ...]] = MappingProxyType(

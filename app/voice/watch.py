@@ -13,7 +13,7 @@ from contextlib import suppress
 import msgspec
 
 from app.voice.signals import ALIVE_TIMEOUT_S, STATE_OF, Signal, VoiceState
-from hal.microphone.device import VoiceConfig
+from hal.microphone import VoiceConfig
 
 RESTART_S = 5.0
 LISTENER: Sequence[str] = (sys.executable, "-m", "app.voice.listener")

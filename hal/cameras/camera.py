@@ -63,22 +63,18 @@ class Camera(Protocol):
     @property
     def name(self) -> str:
         """What the operator calls it."""
-        ...
 
     def open(self) -> None:
         """Start it. Raises HardwareError when it can't."""
-        ...
 
     def read(self, timeout_s: float) -> Frame | None:
         """The newest frame not yet given, or None when none came in time.
 
         Raises EndOfRecording after a recording's last frame, HardwareError when the device is lost.
         """
-        ...
 
     def close(self) -> None:
         """Stop it; does nothing when it isn't open."""
-        ...
 
 
 class EndOfRecording(Exception):  # noqa: N818 - not an error, the end of a finite source
@@ -99,7 +95,6 @@ class CommandedHand(Protocol):
         at_ns: int | None = None,
     ) -> None:
         """Move the hand from now (or at_ns) on; None changes nothing. Raises HardwareError."""
-        ...
 
 
 T = TypeVar("T")

@@ -47,7 +47,7 @@ def open_camera(kind: str, **settings: Any) -> Camera:
 
 def _digital_hand(wanted: CameraRequest) -> Camera:
     from hal.cameras.digital_hand.driver import PRESS_M, REST_M, THRESHOLD_M, DigitalHandCamera
-    from hal.cameras.digital_hand.limits import HandLimit
+    from hal.cameras.digital_hand.movement import HandLimit
     from hal.cameras.digital_hand.render import lens_for, person_of
 
     lens = lens_for(wanted.width_px, wanted.height_px, wanted.focal_px)

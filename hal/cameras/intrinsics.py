@@ -79,18 +79,8 @@ def check_possible(lens: Intrinsics, width_px: int, height_px: int, *, camera: s
     focal = lens.fx_px, lens.fy_px
     if size == (width_px, height_px) and inside and all(map(_possible_focal, size, focal)):
         return
-    raise HardwareError(
-        fault,
-        camera=camera,
-        width_px=lens.width_px,
-        height_px=lens.height_px,
-        fx_px=lens.fx_px,
-        fy_px=lens.fy_px,
-        cx_px=lens.cx_px,
-        cy_px=lens.cy_px,
-        image_width_px=width_px,
-        image_height_px=height_px,
-    )
+    stated = {name: getattr(lens, name) for name in ("width_px", "height_px", *_LENGTHS)}
+    raise HardwareError(fault, camera=camera, **stated, image_width_px=width_px, image_height_px=height_px)
 
 
 def _possible_focal(pixels: int, focal_px: float) -> bool:
@@ -127,18 +117,16 @@ def load(store: Path, camera: str) -> Intrinsics | None:
         return Intrinsics(
             width_px=int(entry["width_px"]),
             height_px=int(entry["height_px"]),
-            fx_px=_positive(entry["fx_px"]),
-            fy_px=_positive(entry["fy_px"]),
-            cx_px=_positive(entry["cx_px"]),
-            cy_px=_positive(entry["cy_px"]),
             source=IntrinsicsSource.MEASURED,
-            k1=_coefficient(entry.get("k1", 0.0)),  # files of before know no distortion
-            k2=_coefficient(entry.get("k2", 0.0)),
+            **{name: _between(entry[name], 0, 100_000, "length in pixels") for name in _LENGTHS},
+            **{name: _between(entry.get(name, 0.0), -10, 10, "lens distortion") for name in _DISTORTION},
         )
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         raise HardwareError(CameraFault.INTRINSICS_UNREADABLE, path=store, detail=cause_of(error)) from error
 
 
+_LENGTHS = ("fx_px", "fy_px", "cx_px", "cy_px")
+_DISTORTION = ("k1", "k2")  # files of before have none
 Permit = Callable[[dict[str, tuple[Any, Any]]], object]  # field → before, after; raises when it may not be changed
 
 
@@ -163,17 +151,10 @@ def save(store: Path, camera: str, intrinsics: Intrinsics, residual_px: float, p
         raise HardwareError(CameraFault.INTRINSICS_UNWRITABLE, path=store, detail=cause_of(error)) from error
 
 
-def _positive(value: Any) -> float:
+def _between(value: Any, low: float, high: float, what: str) -> float:
     number = float(value)
-    if not 0 < number < 100_000:
-        raise ValueError(f"{number:g} is no length in pixels")
-    return number
-
-
-def _coefficient(value: Any) -> float:
-    number = float(value)
-    if not -10 < number < 10:
-        raise ValueError(f"{number:g} is no lens distortion")
+    if not low < number < high:
+        raise ValueError(f"{number:g} is no {what}")
     return number
 
 
@@ -196,8 +177,7 @@ class Board:
     def points_m(self) -> NDArray[np.float32]:
         """(columns * rows, 3) corners on the board, row by row."""
         grid = np.mgrid[0 : self.columns, 0 : self.rows].T.reshape(-1, 2) * self.square_m
-        points: NDArray[np.float32] = np.column_stack([grid, np.zeros(len(grid))]).astype(np.float32)
-        return points
+        return np.column_stack([grid, np.zeros(len(grid))]).astype(np.float32)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -71,7 +71,7 @@ class PlaybackCamera:
     def open(self) -> None:
         """Start from the beginning. Raises HardwareError without one readable image."""
         self._pending = self._source()
-        self._fetch_next()
+        self._next = next(self._pending, None)
         if self._next is None:
             raise HardwareError(RecordingFault.EMPTY, path=self._path)
         height, width = self._next.image_bgr.shape[:2]
@@ -91,7 +91,7 @@ class PlaybackCamera:
             return None
         height, width = frame.image_bgr.shape[:2]
         check_size(self._intrinsics, width, height, self.name)
-        self._fetch_next()
+        self._next = next(self._pending, None)
         self._sequence += 1
         return Frame(
             image_bgr=np.asarray(cv2.flip(frame.image_bgr, 1), np.uint8) if self._mirrored else frame.image_bgr,
@@ -102,10 +102,6 @@ class PlaybackCamera:
 
     def close(self) -> None:
         self._pending = self._next = None
-
-    def _fetch_next(self) -> None:
-        assert self._pending is not None
-        self._next = next(self._pending, None)
 
 
 def video_source(path: Path) -> FrameSource:

@@ -78,22 +78,22 @@ class RealSenseCamera:
         rs = library()
         config = rs.config()
         path = Path(self._device).expanduser()
+        recorded = self._software is None and path.suffix.lower() in RECORDINGS
         try:
             if self._software is not None:
                 self._name = _info(rs, self._software, "name") or "RealSense"
                 self._begin(rs, SensorStreams(rs, self._software))
-            elif path.suffix.lower() in RECORDINGS:
-                self._prepare_recording(config, path)
-                self._begin(rs, PipelineStreams(rs, config, self._context))
             else:
-                self._prepare_live(rs, config)
+                if recorded:
+                    self._prepare_recording(config, path)
+                else:
+                    self._prepare_live(rs, config)
                 self._begin(rs, PipelineStreams(rs, config, self._context))
         except HardwareError:
             self.close()
             raise
         except RuntimeError as error:
             self.close()
-            recorded = self._software is None and path.suffix.lower() in RECORDINGS
             code = CameraFault.REALSENSE_RECORDING_DAMAGED if recorded else CameraFault.REALSENSE_NOT_STARTED
             detail = str(error).rpartition("Reason: ")[2]  # before it, librealsense repeats the whole path
             raise HardwareError(code, camera=self._name, detail=detail) from error
@@ -139,7 +139,8 @@ class RealSenseCamera:
         device = _find(rs, self._context, self._device)
         self._name = _info(rs, device, "name") or "RealSense"
         serial = _info(rs, device, "serial_number")
-        _check_port(_info(rs, device, "usb_type_descriptor"), self._name)
+        if (usb := _info(rs, device, "usb_type_descriptor")).startswith(("1", "2")):
+            raise HardwareError(CameraFault.USB_TOO_SLOW, camera=self._name, usb=usb)
         if serial:
             config.enable_device(serial)
             self._name = f"{self._name} {serial}"
@@ -183,7 +184,7 @@ class RealSenseCamera:
         return _FrameSet(_bgr(colour), depth_m, captured_ns)
 
     def _check_end(self) -> None:
-        if self._playback is not None and _stopped(self._playback):
+        if self._playback is not None and self._playback.current_status().name == "stopped":
             raise EndOfRecording
 
 
@@ -229,14 +230,10 @@ def clean_depth(raw: Any, unit_m: float) -> DepthArray:
     return depth
 
 
-def _devices(context: Any) -> list[Any]:
+def _find(rs: ModuleType, context: Any, serial: str) -> Any:
     # By index: `list` of librealsense's own sequence once went on without end in a process that had opened others.
     found = context.query_devices()
-    return [found[number] for number in range(found.size())]
-
-
-def _find(rs: ModuleType, context: Any, serial: str) -> Any:
-    devices = _devices(context)
+    devices = [found[number] for number in range(found.size())]
     for device in devices:
         if serial in ("", _info(rs, device, "serial_number")):
             return device
@@ -247,11 +244,6 @@ def _find(rs: ModuleType, context: Any, serial: str) -> Any:
 def _info(rs: ModuleType, device: Any, what: str) -> str:
     key = getattr(rs.camera_info, what)
     return str(device.get_info(key)) if device.supports(key) else ""
-
-
-def _check_port(usb: str, name: str) -> None:
-    if usb.startswith(("1", "2")):
-        raise HardwareError(CameraFault.USB_TOO_SLOW, camera=name, usb=usb)
 
 
 def _depth_mode(rs: ModuleType, device: Any) -> tuple[int, int]:
@@ -292,7 +284,3 @@ def _bgr(colour: Any) -> ImageArray:
         image = image.view(np.uint8).reshape(*image.shape[:2], 2)
     converted = cv2.cvtColor(image, _TO_BGR[layout]) if layout in _TO_BGR else image.copy()
     return np.asarray(converted, dtype=np.uint8)
-
-
-def _stopped(playback: Any) -> bool:
-    return bool(playback.current_status().name == "stopped")

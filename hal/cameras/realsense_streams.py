@@ -18,11 +18,9 @@ class Streams(Protocol):
 
     def wait(self, timeout_ms: int) -> Any | None:
         """The next frame set, None when none came in time. Raises RuntimeError, librealsense's, when lost."""
-        ...
 
     def stop(self) -> None:
         """End it. Raises RuntimeError, librealsense's, when it had not started."""
-        ...
 
 
 class PipelineStreams:

@@ -16,6 +16,7 @@ from hal.cameras.realsense import library
 
 SERIAL = "000000000001"
 DEPTH_UNIT_M = 0.001
+RATE_HZ = 30
 
 
 class SoftwareRealSense:
@@ -26,26 +27,21 @@ class SoftwareRealSense:
         lens: Intrinsics,
         *,
         depth_size: tuple[int, int] | None = None,
-        rate_hz: int = 30,
         stated: Intrinsics | None = None,
         stated_depth: Intrinsics | None = None,
     ) -> None:
         """depth_size: (width, height) of the depth stream, the colour's when None. stated: what the device says its
         lenses are, as a damaged calibration may, whatever its images are. Raises HardwareError: no library."""
         rs = self._rs = library()
-        self._period_ms = 1000 / rate_hz
+        self._period_ms = 1000 / RATE_HZ
         self._depth_size = depth_size or (lens.width_px, lens.height_px)
         self.device = rs.software_device()
         self.device.register_info(rs.camera_info.name, "Software D435I")
         self.device.register_info(rs.camera_info.serial_number, SERIAL)
         depth_lens = _resized(lens, *self._depth_size)
-        self._depth, self._depth_profile = self._add(
-            "Stereo Module", rs.stream.depth, depth_lens, stated=stated_depth, rate_hz=rate_hz
-        )
+        self._depth, self._depth_profile = self._add("Stereo Module", rs.stream.depth, depth_lens, stated=stated_depth)
         self._depth.add_read_only_option(rs.option.depth_units, DEPTH_UNIT_M)
-        self._colour, self._colour_profile = self._add(
-            "RGB Camera", rs.stream.color, lens, stated=stated, rate_hz=rate_hz
-        )
+        self._colour, self._colour_profile = self._add("RGB Camera", rs.stream.color, lens, stated=stated)
         self._depth_profile.register_extrinsics_to(self._colour_profile, _same_place(rs))
         self.device.create_matcher(rs.matchers.dlr_c)
 
@@ -61,14 +57,12 @@ class SoftwareRealSense:
         self._send(self._depth, self._depth_profile, raw_depth, number)
         self._send(self._colour, self._colour_profile, image_bgr, number)
 
-    def _add(
-        self, name: str, kind: Any, lens: Intrinsics, *, stated: Intrinsics | None, rate_hz: int
-    ) -> tuple[Any, Any]:
+    def _add(self, name: str, kind: Any, lens: Intrinsics, *, stated: Intrinsics | None) -> tuple[Any, Any]:
         rs, depth = self._rs, kind == self._rs.stream.depth
         layout = rs.format.z16 if depth else rs.format.bgr8
         stream = rs.video_stream()
         stream.type, stream.fmt, stream.index, stream.uid = kind, layout, 0, 1 if depth else 2
-        stream.width, stream.height, stream.fps, stream.bpp = lens.width_px, lens.height_px, rate_hz, 2 if depth else 3
+        stream.width, stream.height, stream.fps, stream.bpp = lens.width_px, lens.height_px, RATE_HZ, 2 if depth else 3
         stream.intrinsics = _rs_intrinsics(rs, stated or lens)
         sensor = self.device.add_sensor(name)
         return sensor, rs.video_stream_profile(sensor.add_video_stream(stream))

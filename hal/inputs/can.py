@@ -8,8 +8,7 @@ from collections.abc import Callable
 import can
 
 from hal.errors import HardwareError, StopInputFault
-from hal.inputs.device import InputDevice
-from hal.inputs.protocol import Contact, ContactReading
+from hal.inputs.device import Contact, ContactReading, InputDevice
 from hal.joints.can.bus import BusPort, open_bus
 from hal.joints.codecs.wire import Frame
 from hal.joints.device import BusDevice

@@ -6,8 +6,7 @@ from importlib import import_module
 from typing import Any
 
 from hal.errors import HardwareError, StopInputFault
-from hal.inputs.device import InputDevice
-from hal.inputs.protocol import Contact, ContactReading
+from hal.inputs.device import Contact, ContactReading, InputDevice
 
 
 class LinuxInput:

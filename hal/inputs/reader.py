@@ -7,8 +7,7 @@ import time
 from pathlib import Path
 
 from hal.errors import HardwareError
-from hal.inputs.device import InputDevice
-from hal.inputs.protocol import Contact, InputReading, InputReadings, StopInput
+from hal.inputs.device import Contact, InputDevice, InputReading, InputReadings, StopInput
 
 READ_S = 0.005
 FIRST_ANSWER_S = 0.2

@@ -5,8 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from hal.errors import HardwareError, StopInputFault
-from hal.inputs.device import InputDevice
-from hal.inputs.protocol import Contact, ContactReading
+from hal.inputs.device import Contact, ContactReading, InputDevice
 
 _CLOSED = b"closed"
 

@@ -98,8 +98,7 @@ def trunk_lean(left_knee_rad: NDArray[np.float64], right_knee_rad: NDArray[np.fl
     stay upright.
     """
     seated = _bent(left_knee_rad) * _bent(right_knee_rad)
-    lean: NDArray[np.float64] = LEAN_MOST_RAD * 4 * seated * (1 - seated)
-    return lean
+    return LEAN_MOST_RAD * 4 * seated * (1 - seated)
 
 
 def trunk_lean_of(left_knee_rad: float, right_knee_rad: float) -> float:

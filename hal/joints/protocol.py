@@ -119,20 +119,15 @@ class Joints(Protocol):
 
     def open(self, now_ns: int) -> None:
         """Probe: who answers, with which ranges. Raises HardwareError when they don't."""
-        ...
 
     def enable(self, now_ns: int) -> None:
         """Neutral command, enable, confirm by feedback. Raises HardwareError when a drive does not confirm."""
-        ...
 
     def write(self, command: JointCommand, now_ns: int) -> None:
         """Send one command to all four; never blocks, never raises for the bus: faults come with `read`."""
-        ...
 
     def read(self, now_ns: int) -> JointFeedback:
         """Drain what has arrived; never blocks, never raises for the bus."""
-        ...
 
     def close(self, now_ns: int) -> None:
         """Disable, confirm, release; does nothing when it isn't open."""
-        ...

@@ -163,8 +163,8 @@ class _Thread:
 
     def _answer_to(self, release: Record) -> Record | None:
         moment = release.body.captured_ns  # type: ignore[union-attr]
-        answered = self._first(r.Command, lambda body: body.released_ns == moment, after=None)
-        return answered or self._first(r.Refusal, lambda body: body.released_ns == moment, after=None)
+        answered = self._first(r.Command, lambda body: body.released_ns == moment)
+        return answered or self._first(r.Refusal, lambda body: body.released_ns == moment)
 
     def _button_up(self, answer: Record | None) -> Record | None:
         about, body = self._about, self._about.body
@@ -174,7 +174,7 @@ class _Thread:
             later = [one for one in (*self._of(r.Release), *self._of(r.Cancel)) if one.sequence > about.sequence]
             return min(later, key=lambda one: one.sequence, default=None)
         moment = getattr(answer.body, "released_ns", 0) if answer is not None else 0
-        return self._first(r.Release, lambda one: one.captured_ns == moment, after=None) if moment else None
+        return self._first(r.Release, lambda one: one.captured_ns == moment) if moment else None
 
     def _press(self, up: Record | None) -> Record | None:
         if isinstance(self._about.body, r.Press):
@@ -192,7 +192,7 @@ class _Thread:
         moment = getattr(of.body, "recognised_ns", 0) if of is not None else 0
         if not moment:
             return None
-        return self._first(r.GestureOnset, lambda body: moment in (body.recognised_ns, body.captured_ns), after=None)
+        return self._first(r.GestureOnset, lambda body: moment in (body.recognised_ns, body.captured_ns))
 
     def _closing(self, answer: Record, end: Record | None) -> Record | None:
         """Where a walk took up its end: that command has no joint command of its own."""
@@ -212,41 +212,37 @@ class _Thread:
     def _stop(self, record: Record, body: r.Stop) -> Iterator[Step]:
         yield _step(Hop.SENT, body.sent_ns, record)
         yield _step(Hop.RECEIVED, body.seen_ns, record)
-        raised = self._first(r.EventRaised, lambda one: one.raised_ns == body.seen_ns, after=None)
+        raised = self._first(r.EventRaised, lambda one: one.raised_ns == body.seen_ns)
         if raised is not None and body.seen_ns:
             yield _step(Hop.RAISED, body.seen_ns, raised)
         # Older trails hold the moment it was seen in both.
         yield _step(Hop.COMMANDED, body.command_ns if body.command_ns != body.seen_ns else 0, record)
-        end = self._first(r.ActionEnd, lambda one: one.ended_ns == body.seen_ns, after=None)
+        end = self._first(r.ActionEnd, lambda one: one.ended_ns == body.seen_ns)
         if end is not None and body.seen_ns:
             yield _step(Hop.ENDED, body.seen_ns, end)
 
     def _event(self, event: str) -> Iterator[Step]:
-        about = self._about
-        raised = self._newest(r.EventRaised, event)
+        until = self._about.sequence
+        raised = next((one for one in reversed(self._named(r.EventRaised, event)) if one.sequence <= until), None)
         if raised is not None and isinstance(raised.body, r.EventRaised):
             yield _step(Hop.RAISED, raised.body.raised_ns or raised.monotonic_ns, raised)
-            for one in self._of(r.Refusal):
+            for one in self._named(r.Refusal, event):
                 since_ns = getattr(one.body, "raised_ns", 0)
-                if since_ns and since_ns == raised.body.raised_ns and getattr(one.body, "event", "") == event:
+                if since_ns and since_ns == raised.body.raised_ns:
                     yield _step(Hop.REFUSED, getattr(one.body, "refused_ns", 0), one)
-        since = raised.sequence if raised is not None else about.sequence - 1
-        cleared = self._first(r.EventCleared, lambda body: body.event == event, after_sequence=since)
+        since = raised.sequence if raised is not None else until - 1
+        cleared = next((one for one in self._named(r.EventCleared, event) if one.sequence > since), None)
         if cleared is not None:
             yield _step(Hop.CLEARED, cleared.monotonic_ns, cleared)
 
-    def _newest(self, kind: type, event: str) -> Record | None:
-        until = self._about.sequence
-        named = (one for one in self._of(kind) if one.sequence <= until and getattr(one.body, "event", "") == event)
-        return next(reversed(list(named)), None)
+    def _named(self, kind: type, event: str) -> list[Record]:
+        return [one for one in self._of(kind) if getattr(one.body, "event", "") == event]
 
     def _of(self, kind: type) -> list[Record]:
         return [record for record in self._found if isinstance(record.body, kind)]
 
-    def _first(
-        self, kind: type[B], matches: Any, *, after: Record | None = None, after_sequence: int = -1
-    ) -> Record | None:
-        since = after.sequence if after is not None else after_sequence
+    def _first(self, kind: type[B], matches: Any, *, after: Record | None = None) -> Record | None:
+        since = after.sequence if after is not None else -1
         return next((one for one in self._of(kind) if one.sequence > since and matches(one.body)), None)
 
 

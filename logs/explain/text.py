@@ -11,8 +11,7 @@ import msgspec
 
 from logs.explain.checks import Check
 from logs.explain.hops import Explanation, Hop, Step
-from logs.reason import Reason, Render, key_of, text_of
-from logs.sanitize import sanitize_terminal
+from logs.reason import Reason, Render, key_of, sanitize_terminal, text_of
 from logs.show import kind_of, record_text
 
 
@@ -54,45 +53,13 @@ def lines(explanation: Explanation, render: Render) -> Iterator[str]:
 
 
 # Quantities with a wording; the guard's are shown as they are recorded.
-NAMED = frozenset(
-    {
-        "confidence",
-        "votes",
-        "safe_distance_m",
-        "held_ns",
-        "elapsed_ns",
-        "gap_frames",
-        "distance_m",
-        "previous_m",
-        "nearer_m",
-        "approached_m",
-        "beside_px",
-        "anchor_m",
-        "focal_px",
-        "duration_s",
-        "min_clearance_m",
-        "late_ms",
-        "following_rad",
-        "drift_rad_s",
-        "temperature_c",
-        "speed_rad_s",
-        "torque_nm",
-        "angle_rad",
-        "pose_error_rad",
-        "frame_age_ms",
-        "message_age_ms",
-        "reader_age_ms",
-        "answer_age_ms",
-        "waiting_records",
-        "slept_s",
-        "step_s",
-        "rejected_messages",
-        "foreign_peers",
-        "stop_presses",
-        "request_age_ms",
-        "before_arming_ms",
-    }
-)
+_WORDED = """
+    confidence votes safe_distance_m held_ns elapsed_ns gap_frames distance_m previous_m nearer_m approached_m
+    beside_px anchor_m focal_px duration_s min_clearance_m late_ms following_rad drift_rad_s temperature_c
+    speed_rad_s torque_nm angle_rad pose_error_rad frame_age_ms message_age_ms reader_age_ms answer_age_ms
+    waiting_records slept_s step_s rejected_messages foreign_peers stop_presses request_age_ms before_arming_ms
+"""
+NAMED = frozenset(_WORDED.split())
 
 
 def _text(check: Check, render: Render) -> str:

@@ -54,5 +54,4 @@ def _array(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> NDArray[Any]:
         if math.prod(shape) * kind.itemsize > member.file_size:
             raise ValueError("an array longer than its file")
     with archive.open(member) as file:
-        array: NDArray[Any] = npy.read_array(file, allow_pickle=False)
-        return array
+        return npy.read_array(file, allow_pickle=False)

@@ -59,14 +59,14 @@ def decode_json(data: bytes, kind: type[T]) -> T:
         raise InputError(InputFault.MALFORMED, detail=str(error)) from error
 
 
-def read_json(path: Path, kind: type[T], limit_bytes: int = 1 << 20) -> T:
+def read_json(path: Path, kind: type[T]) -> T:
     """A JSON file as a struct. Raises OSError, InputError."""
-    return decode_json(read_bytes(path, limit_bytes), kind)
+    return decode_json(read_bytes(path, 1 << 20), kind)
 
 
-def read_json_lines(path: Path, kind: type[T], limit_bytes: int = 64 << 20) -> tuple[T, ...]:
+def read_json_lines(path: Path, kind: type[T]) -> tuple[T, ...]:
     """A struct a line, empty lines left out. Raises OSError, InputError."""
-    lines = read_bytes(path, limit_bytes).split(b"\n")
+    lines = read_bytes(path, 64 << 20).split(b"\n")
     return tuple(decode_json(line, kind) for line in lines if line.strip())
 
 

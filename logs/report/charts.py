@@ -11,8 +11,8 @@ from collections.abc import Callable, Sequence
 from markupsafe import Markup, escape
 
 from logs.read import Outline
+from logs.reason import sanitize_terminal
 from logs.report.data import Band, JointTrace, ReportData, Spread
-from logs.sanitize import sanitize_terminal
 
 Wording = Callable[..., str]  # a key of the catalogues, with values, as text
 WIDTH = 960.0

@@ -8,32 +8,10 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import TypeVar
 
+from logs import records as r
 from logs.read import Outline
 from logs.reason import Render, text_of
-from logs.records import (
-    Acknowledgement,
-    ActionEnd,
-    Body,
-    Cancel,
-    EventCleared,
-    EventRaised,
-    GestureOnset,
-    HeartbeatLost,
-    JointStatistics,
-    Note,
-    Pause,
-    Press,
-    Rating,
-    RealTimePrivilege,
-    Record,
-    RecordsLost,
-    Refusal,
-    Release,
-    SessionStart,
-    Stop,
-    TickLateness,
-    Transition,
-)
+from logs.records import Body, Record
 from logs.show import UNKNOWN, record_text
 
 B = TypeVar("B", bound=Body)
@@ -84,20 +62,20 @@ class EventSum:
 
 def events_of(timed: Timed, render: Render) -> tuple[ReportEvent, ...]:
     """Every event of a session, in order."""
-    cleared = timed.of(EventCleared)
+    cleared = timed.of(r.EventCleared)
     answers = [
         (timed.at_s(record), record.operator, record.body)
         for record in timed.records
-        if isinstance(record.body, Acknowledgement) and record.body.accepted
+        if isinstance(record.body, r.Acknowledgement) and record.body.accepted
     ]
-    return tuple(_event(at_s, body, cleared, answers, render) for at_s, body in timed.of(EventRaised))
+    return tuple(_event(at_s, body, cleared, answers, render) for at_s, body in timed.of(r.EventRaised))
 
 
 def _event(
     at_s: float,
-    body: EventRaised,
-    cleared: list[tuple[float, EventCleared]],
-    answers: list[tuple[float, str, Acknowledgement]],
+    body: r.EventRaised,
+    cleared: list[tuple[float, r.EventCleared]],
+    answers: list[tuple[float, str, r.Acknowledgement]],
     render: Render,
 ) -> ReportEvent:
     cleared_at = next((when for when, other in cleared if when >= at_s and other.event == body.event), None)
@@ -174,7 +152,7 @@ class ReportData:
     """Everything on the page."""
 
     outline: Outline
-    start: SessionStart | None
+    start: r.SessionStart | None
     states: tuple[Band, ...]
     gestures: tuple[Band, ...]
     presses: tuple[Band, ...]
@@ -190,8 +168,8 @@ class ReportData:
     pauses: tuple[tuple[float, str], ...]  # when, what
     notes: tuple[tuple[float, str, str], ...]  # when, who, what
     actions: tuple[tuple[str, int, int], ...]  # name, attempts, completed
-    lateness: TickLateness | None
-    real_time: RealTimePrivilege | None
+    lateness: r.TickLateness | None
+    real_time: r.RealTimePrivilege | None
     lost_records: int
     heartbeats_lost: tuple[tuple[str, int], ...]
 
@@ -204,26 +182,26 @@ def data_of(outline: Outline, found: Sequence[Record], render: Render) -> Report
     effective = tuple(event for event in events if event.effect != NOTED)
     return ReportData(
         outline=outline,
-        start=_first(timed.of(SessionStart)),
+        start=_first(timed.of(r.SessionStart)),
         states=states,
         gestures=_gestures(timed, outline.duration_s),
         presses=_presses(timed, outline.duration_s),
         time_in_state=_time_in(states),
-        latencies=_latencies([end for _, end in timed.of(ActionEnd)]),
-        joints=tuple(_trace(timed.of(JointStatistics), joint) for joint in range(len(JOINTS))),
-        refusals=_counted(text_of(body.reason, render) for _, body in timed.of(Refusal)),
-        cancels=_counted(text_of(body.reason, render) for _, body in timed.of(Cancel)),
+        latencies=_latencies([end for _, end in timed.of(r.ActionEnd)]),
+        joints=tuple(_trace(timed.of(r.JointStatistics), joint) for joint in range(len(JOINTS))),
+        refusals=_counted(text_of(body.reason, render) for _, body in timed.of(r.Refusal)),
+        cancels=_counted(text_of(body.reason, render) for _, body in timed.of(r.Cancel)),
         events=effective,
         kinds_of_events=summed(effective),
         remarks=_counted(event.event for event in events if event.effect == NOTED),
-        stops_s=tuple(at_s for at_s, _ in timed.of(Stop)),
-        pauses=tuple((at_s, record_text(body, render)) for at_s, body in timed.of(Pause)),
+        stops_s=tuple(at_s for at_s, _ in timed.of(r.Stop)),
+        pauses=tuple((at_s, record_text(body, render)) for at_s, body in timed.of(r.Pause)),
         notes=_notes(timed, render),
-        actions=_actions([end for _, end in timed.of(ActionEnd)]),
-        lateness=_last(timed.of(TickLateness)),
-        real_time=_first(timed.of(RealTimePrivilege)),
-        lost_records=sum(body.count for _, body in timed.of(RecordsLost)),
-        heartbeats_lost=_counted(body.stream for _, body in timed.of(HeartbeatLost)),
+        actions=_actions([end for _, end in timed.of(r.ActionEnd)]),
+        lateness=_last(timed.of(r.TickLateness)),
+        real_time=_first(timed.of(r.RealTimePrivilege)),
+        lost_records=sum(body.count for _, body in timed.of(r.RecordsLost)),
+        heartbeats_lost=_counted(body.stream for _, body in timed.of(r.HeartbeatLost)),
     )
 
 
@@ -240,9 +218,9 @@ def _counted(texts: Iterable[str]) -> tuple[tuple[str, int], ...]:
 
 
 def _states(timed: Timed, end_s: float) -> tuple[Band, ...]:
-    changes = timed.of(Transition)
+    changes = timed.of(r.Transition)
     if not changes:
-        stayed = {body.state for _, body in timed.of(JointStatistics) if body.state}
+        stayed = {body.state for _, body in timed.of(r.JointStatistics) if body.state}
         return tuple(Band(begin_s=0.0, end_s=end_s, label=state) for state in stayed if len(stayed) == 1)
     starts = [0.0, *(at_s for at_s, _ in changes)]
     labels = [changes[0][1].from_state, *(body.to_state for _, body in changes)]
@@ -250,14 +228,14 @@ def _states(timed: Timed, end_s: float) -> tuple[Band, ...]:
 
 
 def _gestures(timed: Timed, end_s: float) -> tuple[Band, ...]:
-    onsets = timed.of(GestureOnset)
+    onsets = timed.of(r.GestureOnset)
     bands = _bands([at_s for at_s, _ in onsets], [body.gesture or "" for _, body in onsets], end_s)
     return tuple(band for band in bands if band.label)
 
 
 def _presses(timed: Timed, end_s: float) -> tuple[Band, ...]:
-    marks = [(at_s, body.gesture or UNKNOWN) for at_s, body in timed.of(Press)]
-    marks += [(at_s, "") for at_s, _ in timed.of(Release)] + [(at_s, "") for at_s, _ in timed.of(Cancel)]
+    marks = [(at_s, body.gesture or UNKNOWN) for at_s, body in timed.of(r.Press)]
+    marks += [(at_s, "") for at_s, _ in timed.of(r.Release)] + [(at_s, "") for at_s, _ in timed.of(r.Cancel)]
     marks.sort()
     bands = _bands([at_s for at_s, _ in marks], [label for _, label in marks], end_s)
     return tuple(band for band in bands if band.label)
@@ -278,7 +256,7 @@ def _time_in(bands: Iterable[Band]) -> tuple[tuple[str, float], ...]:
     return tuple(sorted(spent.items(), key=lambda item: -item[1]))
 
 
-def _latencies(ends: list[ActionEnd]) -> tuple[Spread, ...]:
+def _latencies(ends: list[r.ActionEnd]) -> tuple[Spread, ...]:
     """From the paper's moments: recognition, release, first changed command, first visible motion (0.5°)."""
     pairs = (
         ("report.release_to_command", "released_ns", "first_command_ns"),
@@ -291,12 +269,12 @@ def _latencies(ends: list[ActionEnd]) -> tuple[Spread, ...]:
     )
 
 
-def _between(end: ActionEnd, begin: str, until: str) -> float | None:
+def _between(end: r.ActionEnd, begin: str, until: str) -> float | None:
     first, last = getattr(end, begin), getattr(end, until)
     return (last - first) / 1e6 if first and last else None
 
 
-def _trace(found: list[tuple[float, JointStatistics]], joint: int) -> JointTrace:
+def _trace(found: list[tuple[float, r.JointStatistics]], joint: int) -> JointTrace:
     whole = [(at_s, body) for at_s, body in found if body.angle_mean_rad[joint] is not None]
     warm = [value for _, body in found if (value := body.temperature_c[joint]) is not None]
     return JointTrace(
@@ -315,17 +293,17 @@ def _degrees(value: float | None) -> float:
 
 
 def _notes(timed: Timed, render: Render) -> tuple[tuple[float, str, str], ...]:
-    def text(body: Note | Rating) -> str:
-        return text_of(body.text, render) if isinstance(body, Note) else record_text(body, render)
+    def text(body: r.Note | r.Rating) -> str:
+        return text_of(body.text, render) if isinstance(body, r.Note) else record_text(body, render)
 
     return tuple(
         (timed.at_s(record), record.operator, text(record.body))
         for record in timed.records
-        if isinstance(record.body, Note | Rating)
+        if isinstance(record.body, r.Note | r.Rating)
     )
 
 
-def _actions(ends: list[ActionEnd]) -> tuple[tuple[str, int, int], ...]:
+def _actions(ends: list[r.ActionEnd]) -> tuple[tuple[str, int, int], ...]:
     attempts = Counter(end.action for end in ends)
     completed = Counter(end.action for end in ends if end.outcome == "completed")
     return tuple((action, count, completed[action]) for action, count in attempts.most_common())

@@ -12,11 +12,10 @@ from markupsafe import Markup
 from logs.findings import summary
 from logs.journal import COMMENTS, parts_of
 from logs.read import Outline, outline, outline_of, records, session_paths
-from logs.reason import Reason, Render, reason, text_of
+from logs.reason import Reason, Render, reason, sanitize_terminal, text_of
 from logs.records import Comment, Record
 from logs.report import charts
 from logs.report.data import ReportData, data_of
-from logs.sanitize import sanitize_terminal
 from logs.verify import Evidence, verify
 
 FEW_EVENTS = 12  # beyond, a table sums them up

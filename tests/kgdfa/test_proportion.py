@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kgdfa.proportion import CONFIDENCE, at_least, at_most
+from kgdfa.vocabulary import CONFIDENCE, at_least, at_most
 
 COUNTS = st.integers(1, 400).flatmap(lambda count: st.tuples(st.integers(0, count), st.just(count)))
 

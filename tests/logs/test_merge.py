@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from logs.errors import AuditError, AuditFault
-from logs.merge import Bound, Clocks, Merged, merge
+from logs.merge import Bound, Merged, merge, place_moment
 from logs.reason import key_of
 from logs.records import Note
 from tests.support.two_trails import HOUR, MS, SECOND, Host, sign_again, two_hosts
@@ -70,16 +70,15 @@ def test_an_hour_apart_and_drifting_the_order_is_the_true_one(tmp_path: Path) ->
 
 
 def test_the_quicker_of_two_estimates_counts_and_a_step_is_not_hidden() -> None:
-    good = Clocks([Bound(0, -50 * MS, 50 * MS), Bound(10, -MS, 2 * MS)])
-    assert good.place(5).uncertainty_ns < 2 * MS
-    stepped = Clocks([Bound(0, -MS, MS), Bound(SECOND, 99 * MS, 101 * MS)])
-    placed = stepped.place(SECOND // 2)
+    good = [Bound(0, -50 * MS, 50 * MS), Bound(10, -MS, 2 * MS)]
+    assert place_moment(good, 5).uncertainty_ns < 2 * MS
+    stepped = [Bound(0, -MS, MS), Bound(SECOND, 99 * MS, 101 * MS)]
+    placed = place_moment(stepped, SECOND // 2)
     assert placed.uncertainty_ns >= 51 * MS, "before or after the step: both are possible"
 
 
 def test_far_from_any_estimate_a_place_is_less_certain() -> None:
-    clocks = Clocks([Bound(0, -MS, MS)])
-    assert clocks.place(1000 * SECOND).uncertainty_ns >= MS + 250 * MS
+    assert place_moment([Bound(0, -MS, MS)], 1000 * SECOND).uncertainty_ns >= MS + 250 * MS
 
 
 def test_trails_that_do_not_belong_together_are_refused(tmp_path: Path) -> None:

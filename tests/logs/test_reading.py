@@ -21,8 +21,8 @@ from logs.disk import Disk
 from logs.errors import AuditError, AuditFault
 from logs.keys import ConsoleKey, by_fingerprint
 from logs.read import UnreadableLine, find_session, outline, read, records, session_paths
+from logs.reason import sanitize_terminal
 from logs.report.page import report
-from logs.sanitize import sanitize_terminal
 from logs.show import Filter, RecordSelector, json_of, line_of, record_text
 from logs.verify import Evidence
 from testing.trails import write_sample

@@ -12,8 +12,7 @@ from logs.errors import AuditError, AuditFault
 from logs.keys import by_fingerprint, known_keys
 from logs.query import QUESTIONS, ask, connect, export
 from logs.reason import key_of
-from logs.site_query import SITE_QUESTIONS, connect_sites
-from logs.sites import SiteState, check_site, find_sites
+from logs.sites import SITE_QUESTIONS, SiteState, check_site, connect_sites, find_sites
 from logs.verify import Evidence
 from testing.engines import write_sites
 from testing.trails import write_sample

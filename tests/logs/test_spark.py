@@ -13,8 +13,7 @@ import pytest
 
 from logs.errors import AuditError, AuditFault
 from logs.query import ask, export
-from logs.site_query import SITE_QUESTIONS, connect_sites
-from logs.sites import Site, find_sites
+from logs.sites import SITE_QUESTIONS, Site, connect_sites, find_sites
 from testing.engines import same, spark_cluster, write_sites
 from testing.trails import write_sample
 

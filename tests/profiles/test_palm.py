@@ -12,7 +12,6 @@ from profiles.anthropometry import (
     GB_HAND_BREADTH_MM,
     GB_STATURE_MM,
     estimate_palm,
-    limb_lengths,
 )
 from profiles.errors import ProfileError, ProfileFault
 from profiles.palm import (
@@ -137,8 +136,3 @@ def test_an_implausible_palm_is_doubted_and_a_plausible_one_is_not(patient: Prof
 def test_estimates_report_their_error(patient: Profile) -> None:
     found = explain_estimate(palm_estimate(patient))
     assert "palm width 8.7 cm ± 4 mm by gb10000-88, distance ± 5 %" in render(found)
-
-
-def test_limb_lengths_are_ratios_of_stature() -> None:
-    limbs = limb_lengths(1.80)
-    assert (limbs.thigh_m, limbs.shank_m, limbs.ankle_height_m) == pytest.approx((0.441, 0.4428, 0.0702))

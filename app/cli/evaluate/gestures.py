@@ -193,7 +193,7 @@ def enrolment(
     The keypoints are simulated as in `joints`. Each patient then shows every gesture and an idle hand once more.
     """
     from app.evaluate.gestures import enrolment as patients
-    from hal.cameras.digital_hand.limits import HandLimit
+    from hal.cameras.digital_hand.movement import HandLimit
 
     errors = _errors_of(rendered, 0, home)
     with progress("simulating", people * len(HandLimit)) as step:

@@ -15,11 +15,9 @@ from textual.widgets import Static
 from app.console.screens.base import Dialog
 from app.console.widgets.panel import Lines, Panel
 from app.console.widgets.progress import progress_lines
-from app.outcomes.history import Refused, trails_of
-from app.outcomes.kept import KeptOutcomes
-from app.outcomes.series import series_of
+from app.outcomes.history import Refused, kept_outcomes, trails_of
 from app.outcomes.session import SessionOutcomes
-from app.outcomes.table import remarks, sources
+from app.outcomes.table import remarks, series_of, sources
 from app.system.errors import AppError
 from app.system.paths import Home
 from app.text.catalogue import render, tr
@@ -66,11 +64,10 @@ class OutcomesPage(Dialog[None]):
     async def _measure(self) -> None:
         with self.notify_errors():
             trails, refused = await asyncio.to_thread(trails_of, self._home.logs, self._patient)
-            kept = KeptOutcomes(self._home.outcomes)
             for number, trail in enumerate(trails, start=1):
                 self._tell(tr("outcomes.page.measures", number=number, total=len(trails)))
                 try:
-                    self._found.append(await asyncio.to_thread(kept.of, trail))
+                    self._found.append(await asyncio.to_thread(kept_outcomes, self._home.outcomes, trail))
                 except (AppError, AuditError) as error:
                     refused.append(error)
             self._refused = refused

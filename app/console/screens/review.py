@@ -26,8 +26,8 @@ from logs.errors import AuditError
 from logs.findings import Finding, verdict
 from logs.keys import by_fingerprint, known_keys, read_anchors
 from logs.read import find_session, session_paths
+from logs.reason import sanitize_terminal
 from logs.records import Comment, Record
-from logs.sanitize import sanitize_terminal
 from logs.show import line_of
 from logs.verify import Evidence, verify
 

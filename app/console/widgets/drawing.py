@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable
 
 from app.console.widgets.canvas import Canvas
-from profiles.anthropometry import limb_lengths
+from hal.joints.body import average_body
 from profiles.schema import Profile
 
 Point = tuple[float, float]
@@ -42,12 +42,12 @@ def draw_step(profile: Profile, columns: int, rows: int) -> str:
 
 
 def _leg(profile: Profile) -> float:
-    limbs = limb_lengths(profile.stature_m)
+    limbs = average_body(profile.stature_m, profile.mass_kg)
     return (profile.thigh_length_m or limbs.thigh_m) + (profile.shank_length_m or limbs.shank_m)
 
 
 def _legs(profile: Profile, line: Stroke) -> None:
-    limbs, step = limb_lengths(profile.stature_m), profile.gait.step_length_m
+    limbs, step = average_body(profile.stature_m, profile.mass_kg), profile.gait.step_length_m
     thigh, shank = profile.thigh_length_m or limbs.thigh_m, profile.shank_length_m or limbs.shank_m
     back, front = 0.08, 0.08 + step
     hip = ((back + front) / 2, math.sqrt(max(0.05, (0.99 * (thigh + shank)) ** 2 - (step / 2) ** 2)))

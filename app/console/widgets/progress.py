@@ -7,7 +7,7 @@ from itertools import pairwise
 
 from app.console.widgets.canvas import Canvas
 from app.console.widgets.panel import Line, Lines, cells, fitted, padded, plain
-from app.outcomes.series import Series
+from app.outcomes.table import Series
 from app.text.catalogue import tr
 
 ROWS = 2  # of a plot

@@ -22,8 +22,8 @@ from app.ipc.states import Effect, GaitState
 from app.text.catalogue import tr
 from app.text.recorded import render_recorded
 from hal.joints.protocol import Joint
+from logs.reason import sanitize_terminal
 from logs.records import Comment, Record
-from logs.sanitize import sanitize_terminal
 from logs.show import line_of
 
 LABEL_WIDTH = 9

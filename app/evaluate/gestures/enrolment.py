@@ -18,7 +18,7 @@ from app.evaluate.digital import centred
 from app.evaluate.gestures.joint_space import Errors
 from app.evaluate.harness import Step, mean, percent, table
 from app.text.catalogue import tr
-from hal.cameras.digital_hand.limits import TREMOR_HZ, HandLimit, limited, tremor_deg
+from hal.cameras.digital_hand.movement import TREMOR_HZ, HandLimit, limited, tremor_deg
 from hal.cameras.digital_hand.render import person_of, posed
 from hal.cameras.digital_hand.skeleton import POSES
 from kgdfa.gesture import Explanation, Gesture, RuleSet, Vote, update_vote

@@ -21,7 +21,7 @@ from app.system.errors import AppError
 from app.voice.listener import Spotter
 from app.voice.spotter import KeywordSpotter
 from hal.errors import HardwareError
-from hal.microphone.protocol import BLOCK_SAMPLES, RATE_HZ, SAMPLE_BYTES, RecordedMicrophone
+from hal.microphone import BLOCK_SAMPLES, RATE_HZ, SAMPLE_BYTES, RecordedMicrophone
 from kgdfa.hand import FloatArray
 
 LIST = "recordings.csv"

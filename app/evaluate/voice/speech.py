@@ -18,7 +18,7 @@ import numpy as np
 
 from app.evaluate.harness import EvaluateFault
 from app.system.errors import AppError
-from hal.microphone.protocol import RATE_HZ
+from hal.microphone import RATE_HZ
 from kgdfa.hand import FloatArray
 
 ESPEAK = "espeak-ng"

@@ -68,8 +68,7 @@ class DepthCamera:
             measured[_smeared(surface_m, draw)] = 0.0
         if self._holes and draw.random() < self._holes:
             measured = _missed(measured, int(draw.integers(3)), draw)
-        kept: DepthArray = measured.astype(np.float32, copy=False)
-        return kept
+        return measured.astype(np.float32, copy=False)
 
 
 def _noise(height: int, width: int, draw: np.random.Generator) -> NDArray[np.float32]:
@@ -95,8 +94,7 @@ def _shadows(surface_m: DepthArray) -> NDArray[np.bool_]:
     hidden[:, :-1] = appears[:, :-1] > leftmost[:, 1:]
     window = max(1, round(WINDOW_PX * width / DEPTH_WIDTH_PX / step))
     wide = cv2.morphologyEx(hidden, cv2.MORPH_OPEN, np.ones((1, window), np.uint8))
-    shadows: NDArray[np.bool_] = cv2.resize(wide, (width, height), interpolation=cv2.INTER_NEAREST) > 0
-    return shadows
+    return cv2.resize(wide, (width, height), interpolation=cv2.INTER_NEAREST) > 0
 
 
 def _blind_edges(measured: DepthArray, surface_m: DepthArray) -> None:
@@ -115,15 +113,13 @@ def _smeared(surface_m: DepthArray, draw: np.random.Generator) -> NDArray[np.boo
     drawn = draw.random(_patch_grid(height, width))
     reach_m = FLIP_M * (FLIP_LOST / np.maximum(drawn, np.finfo(float).tiny)) ** (1 / FLIP_POWER)
     reach_m[drawn >= PATCHES_LOST] = 0.0
-    lost: NDArray[np.bool_] = surface_m < cv2.resize(reach_m, (width, height), interpolation=cv2.INTER_NEAREST)
-    return lost
+    return surface_m < cv2.resize(reach_m, (width, height), interpolation=cv2.INTER_NEAREST)
 
 
 def _patches(height: int, width: int, draw: np.random.Generator) -> NDArray[np.bool_]:
     """About half of the map, in patches."""
     coarse = (draw.random(_patch_grid(height, width)) < 0.5).astype(np.uint8)
-    lost: NDArray[np.bool_] = cv2.resize(coarse, (width, height), interpolation=cv2.INTER_NEAREST) > 0
-    return lost
+    return cv2.resize(coarse, (width, height), interpolation=cv2.INTER_NEAREST) > 0
 
 
 def _patch_grid(height: int, width: int) -> tuple[int, int]:

@@ -10,7 +10,7 @@ from functools import partial
 from hal.cameras.camera import Frame, Intrinsics, LatestFrame
 from hal.cameras.digital_hand import movement as hand_motion
 from hal.cameras.digital_hand.depth import DepthCamera
-from hal.cameras.digital_hand.limits import HandLimit, limited, tremor_deg
+from hal.cameras.digital_hand.movement import HandLimit, limited, tremor_deg
 from hal.cameras.digital_hand.raycast import project_px
 from hal.cameras.digital_hand.render import Person, Scene, keypoints_m, lens_for, person_of, render
 from hal.cameras.digital_hand.skeleton import FloatArray
@@ -167,7 +167,8 @@ class DigitalHandCamera:
         rendered = render(self.scene(captured_ns), noise_seed, depth=self._depth is not None)
         depth_m = None
         if self._depth is not None and rendered.surface_m is not None:
-            depth_m = self._depth.measure(rendered.surface_m, noise_seed, self._turning(captured_ns))
+            flipping = not self._movement.settled(captured_ns)
+            depth_m = self._depth.measure(rendered.surface_m, noise_seed, flipping)
         return Frame(
             image_bgr=rendered.image_bgr,
             captured_ns=captured_ns,
@@ -188,6 +189,3 @@ class DigitalHandCamera:
             distance_m=None if scene.place is None else scene.place.position_m[2],
             tilt_rad=None if scene.place is None else scene.place.tilt_rad,
         )
-
-    def _turning(self, captured_ns: int) -> bool:
-        return not self._movement.settled(captured_ns)

@@ -1,12 +1,16 @@
 """How the digital hand moves: keyframed tracks with minimum-jerk runs between them. Pure; time is an argument.
 
 Commands only add to what was; so the pose of any past moment of the last minute stays known exactly.
+
+What a digital patient's hand can't do is nobody's measured hand: fingers that stay bent or can't be spread, a tremor of
+all joints are plain cases of what a therapist sees after a stroke, to try the enrolment of gestures on.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from enum import Enum
 
 import numpy as np
 
@@ -41,8 +45,7 @@ class Run:
     def at(self, now_ns: int) -> FloatArray:
         """Minimum-jerk position, as hands reach."""
         share = min(1.0, (now_ns - self.start_ns) / max(1, self.end_ns - self.start_ns))
-        value: FloatArray = self.origin + minimum_jerk(share) * (self.target - self.origin)
-        return value
+        return self.origin + minimum_jerk(share) * (self.target - self.origin)
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,7 +67,8 @@ class Track:
         past = tuple(run for run in self.runs if run.start_ns < start_ns)
         origin = Track(self.initial, past).at(start_ns)
         run = Run(start_ns, start_ns + int(duration_s * 1e9), origin, target)
-        return self._pruned((*past, run), start_ns)
+        old = [one for one in past if one.end_ns < start_ns - KEEP_NS]
+        return Track(old[-1].target if old else self.initial, (*past[len(old) :], run))
 
     def goal(self) -> FloatArray:
         """Where it ends."""
@@ -73,12 +77,6 @@ class Track:
     def moving(self, now_ns: int) -> bool:
         """Whether a run is under way."""
         return any(run.start_ns <= now_ns < run.end_ns for run in self.runs)
-
-    def _pruned(self, runs: tuple[Run, ...], now_ns: int) -> Track:
-        old = [run for run in runs if run.end_ns < now_ns - KEEP_NS]
-        if not old:
-            return Track(self.initial, runs)
-        return Track(old[-1].target, runs[len(old) :])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -214,3 +212,40 @@ def _centring(angles_deg: FloatArray, turn_deg: FloatArray, person: Person) -> F
     joints = placed_m(joints_m(person.shape, angles_deg), turned)
     middle: FloatArray = np.append((joints.min(axis=0) + joints.max(axis=0))[:2] / 2, joints[:, 2].mean())
     return -middle
+
+
+BENT_DEG = (45.0, 70.0, 40.0)  # least flexion at MCP, PIP, DIP of a finger that can't be extended
+TOGETHER_DEG = (-4.0, 0.0, 4.0, 9.0)  # abduction of fingers that lie beside each other
+OPEN_DEG = 45.0  # a finger whose joints are bent by less, together, is open
+THUMB_MOST_DEG = 20.0  # azimuth of a thumb that can't be spread
+TREMOR_DEG = 8.0  # of every joint
+TREMOR_HZ = (4.0, 8.0)
+MEAN_HZ = 6.0
+
+
+class HandLimit(Enum):
+    """What the hand can't do."""
+
+    NONE = "none"
+    TWO_FINGERS = "two-fingers"  # ring and little finger stay bent
+    NO_SPREAD = "no-spread"  # open fingers lie beside each other, the thumb beside the palm
+    TREMOR = "tremor"
+
+
+def limited(limit: HandLimit, angles_deg: FloatArray) -> FloatArray:
+    """(5, 6) joint angles as this hand can take them, without its tremor."""
+    possible = angles_deg.copy()
+    if limit is HandLimit.TWO_FINGERS:
+        possible[3:5, 1:4] = np.maximum(possible[3:5, 1:4], BENT_DEG)
+    elif limit is HandLimit.NO_SPREAD:
+        is_open = possible[1:5, 1:4].sum(axis=1) < OPEN_DEG
+        possible[1:5, 0] = np.where(is_open, TOGETHER_DEG, possible[1:5, 0])
+        possible[0, 0::2] = np.minimum(possible[0, 0::2], THUMB_MOST_DEG)
+    return possible
+
+
+def tremor_deg(limit: HandLimit, now_s: float, frequency_hz: float = MEAN_HZ, phase_rad: float = 0.0) -> float:
+    """How far every joint is from where it is held; 0 for a hand that does not shake."""
+    if limit is not HandLimit.TREMOR:
+        return 0.0
+    return TREMOR_DEG * math.sin(phase_rad + 2 * math.pi * frequency_hz * now_s)

@@ -82,8 +82,7 @@ NEAREST_M = 0.03  # a hand nearer than this touches the lens
 def project_px(points_m: FloatArray, lens: Intrinsics) -> FloatArray:
     """(n, 3) points in the camera's frame to (n, 2) pixels; they may lie outside the image."""
     z = np.maximum(points_m[:, 2:3], 1e-6)
-    pixels: FloatArray = points_m[:, :2] / z * (lens.fx_px, lens.fy_px) + (lens.cx_px, lens.cy_px)
-    return pixels
+    return points_m[:, :2] / z * (lens.fx_px, lens.fy_px) + (lens.cx_px, lens.cy_px)
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,17 +107,10 @@ class Grid:
     def cells(self, points_m: FloatArray, lens: Intrinsics) -> FloatArray:
         """(n, 2) column and row, with fractions, of (n, 3) points in the camera's frame; they may lie outside."""
         inside_px = project_px(points_m, lens) - (self.left, self.top)
-        cells: FloatArray = inside_px * (self.columns / self.width, self.rows / self.height)
-        return cells
+        return inside_px * (self.columns / self.width, self.rows / self.height)
 
 
-@dataclass(frozen=True, slots=True)
-class _Cone:
-    a: FloatArray
-    b: FloatArray
-    radius_a: float
-    radius_b: float
-    round_start: bool
+_Cone = tuple[FloatArray, FloatArray, float, float, bool]  # of `Capsules`
 
 
 def grid_over(capsules: Capsules, lens: Intrinsics, cells_per_m: float, distance_m: float) -> Grid | None:
@@ -139,13 +131,13 @@ def cast(capsules: Capsules, grid: Grid, lens: Intrinsics) -> Float32Array:
     weight = np.zeros((grid.rows, grid.columns), np.float32)
     reference = np.float32(np.min(np.minimum(capsules.a[:, 2], capsules.b[:, 2])))
     softness = np.float32(SOFTNESS_M)
-    cones = map(
-        _Cone,
+    cones = zip(
         capsules.a,
         capsules.b,
         capsules.radius_a.tolist(),
         capsules.radius_b.tolist(),
         capsules.round_start.tolist(),
+        strict=True,
     )
     with np.errstate(divide="ignore", invalid="ignore"):  # rays that miss end as infinities
         for cone, (left, right, top, bottom) in zip(cones, _windows(capsules, x[0], y[:, 0]), strict=True):
@@ -190,7 +182,7 @@ def _meet(cone: _Cone, x: Float32Array, y: Float32Array) -> Float32Array:
     m0 = |ba|² and the radius shrinking from a to b; that is a quadratic in depth. Beyond the slant's ends the
     surface is one of the two spheres.
     """
-    a, b, radius_a, radius_b = cone.a, cone.b, cone.radius_a, cone.radius_b
+    a, b, radius_a, radius_b, round_start = cone
     axis = b - a
     shrink = radius_a - radius_b
     slant = np.float32(axis @ axis - shrink * shrink)
@@ -212,10 +204,9 @@ def _meet(cone: _Cone, x: Float32Array, y: Float32Array) -> Float32Array:
     height = along + depth * ray_axis
     on_slant = (height > 0) & (height < slant)
     balls = _meet_ball(b, radius_b, x, y)
-    if cone.round_start:
+    if round_start:
         balls = np.minimum(balls, _meet_ball(a, radius_a, x, y))
-    met: Float32Array = np.where(on_slant, depth, balls)
-    return met
+    return np.where(on_slant, depth, balls)
 
 
 def _meet_ball(centre: FloatArray, radius: float, x: Float32Array, y: Float32Array) -> Float32Array:
@@ -223,5 +214,4 @@ def _meet_ball(centre: FloatArray, radius: float, x: Float32Array, y: Float32Arr
     ray_centre = x * np.float32(centre[0]) + y * np.float32(centre[1]) + np.float32(centre[2])
     inside = ray_centre * ray_centre - ray_ray * np.float32(centre @ centre - radius * radius)
     depth = (ray_centre - np.sqrt(inside)) / ray_ray
-    met: Float32Array = np.where(inside >= 0, depth, NOTHING_M)
-    return met
+    return np.where(inside >= 0, depth, NOTHING_M)

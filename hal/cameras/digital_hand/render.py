@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import lru_cache
 
 import cv2
@@ -10,9 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hal.cameras.camera import DepthArray, ImageArray, Intrinsics, IntrinsicsSource
-from hal.cameras.digital_hand.palm import palm_lines
 from hal.cameras.digital_hand.raycast import Grid, capsules_of, cast, grid_over
-from hal.cameras.digital_hand.shading import Light, Painted, paint, room_bgr
+from hal.cameras.digital_hand.shading import Light, Painted, paint, palm_lines, room_bgr
 from hal.cameras.digital_hand.skeleton import FloatArray, HandPlace, HandShape, find_pose, joints_m, placed_m
 from hal.cameras.intrinsics import pinhole
 
@@ -154,16 +153,6 @@ def _add_hand(rendered: Rendered, joints: FloatArray, owner: Person, scene: Scen
     _grain(image, grid, scene.person.noise_sd, noise_seed)
     if surface is not None:
         _sink(surface, hand_m, grid)
-
-
-def scaled(person: Person, **changes: float) -> Person:
-    """The same person under another lamp: lamp, ambient, noise_sd."""
-    light = replace(
-        person.light,
-        lamp=changes.get("lamp", person.light.lamp),
-        ambient=changes.get("ambient", person.light.ambient),
-    )
-    return replace(person, light=light, noise_sd=changes.get("noise_sd", person.noise_sd))
 
 
 def _lay(image: ImageArray, painted: Painted, grid: Grid) -> None:

@@ -101,8 +101,7 @@ def placed_m(joints: FloatArray, place: HandPlace) -> FloatArray:
 
 
 def _chain(directions: FloatArray, lengths: FloatArray) -> FloatArray:
-    chained: FloatArray = np.cumsum(directions * lengths[:, None], axis=0)
-    return chained
+    return np.cumsum(directions * lengths[:, None], axis=0)
 
 
 def _thumb_directions(row: FloatArray) -> FloatArray:

@@ -230,10 +230,6 @@ class BusPort:
         offset_ns = self._wall_ns() - self._clock()
         return [(frame, self._arrival(at_s, offset_ns, now_ns)) for frame, at_s in frames]
 
-    def receive_message(self, timeout_s: float) -> can.Message | None:
-        """The next message of whatever kind, waited for; for listeners that send nothing."""
-        return self._receive(timeout_s)
-
     def report(self, fault: BusFault, code: CanFault, **values: object) -> None:
         """Keep a fault for the next `take_faults`."""
         self._faults |= fault
@@ -260,7 +256,7 @@ class BusPort:
     def _take(self, timeout_s: float) -> list[tuple[Frame, float]] | None:
         """Data frames that came together, each with its stamp; others are reported. None: nothing came."""
         if self._local is None:
-            message = self._receive(timeout_s)
+            message = self.receive_message(timeout_s)
             return None if message is None else self._data_frames([(message, message.timestamp)])
         try:
             came = self._local.receive_frames(timeout_s)
@@ -283,7 +279,8 @@ class BusPort:
                 frames.append((frame_of(what), at_s))
         return frames
 
-    def _receive(self, timeout_s: float) -> can.Message | None:
+    def receive_message(self, timeout_s: float) -> can.Message | None:
+        """The next message of whatever kind, waited for; for listeners that send nothing."""
         try:
             return self._bus.recv(timeout_s)
         except _RECEIVE_ERRORS as error:

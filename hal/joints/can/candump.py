@@ -93,30 +93,24 @@ def open_log(path: Path) -> IO[str]:
         raise HardwareError(CanFault.LOG_UNREADABLE, path=path, detail=cause_of(error)) from error
 
 
-class Decoder:
-    """Frames as commands to and replies from a device's drives."""
-
-    def __init__(self, drives: tuple[Drive, ...]) -> None:
-        self._drives = drives
-
-    def decode(self, message: can.Message) -> Decoded:
-        """What a frame means, and for which joint."""
-        if message.is_error_frame:
-            return Decoded(message.timestamp, None, FrameKind.ERROR, meaning_of(message).code)
-        frame = frame_of(message)
-        for drive in self._drives:
-            asked = drive.codec.read_command(drive.device.can_id, frame)
-            if isinstance(asked, Order):
-                return Decoded(message.timestamp, drive.joint, FrameKind.ORDER, asked)
-            if asked is not None:
-                target = drive.transmission.to_joint(asked)
-                return Decoded(message.timestamp, drive.joint, FrameKind.COMMAND, target)
-        for drive in self._drives:
-            reply = drive.codec.read_reply(frame) if drive.codec.replier(frame) == drive.reply_number else None
-            if reply is not None:
-                return Decoded(message.timestamp, drive.joint, FrameKind.REPLY, _at_joint(drive, reply))
-        digits = f"{frame.arbitration_id:08X}" if frame.extended else f"{frame.arbitration_id:03X}"
-        return Decoded(message.timestamp, None, FrameKind.UNKNOWN, f"{digits}#{frame.data.hex().upper()}")
+def decode_frame(message: can.Message, drives: tuple[Drive, ...]) -> Decoded:
+    """What a frame means, as a command to or a reply from one of these drives, and for which joint."""
+    if message.is_error_frame:
+        return Decoded(message.timestamp, None, FrameKind.ERROR, meaning_of(message).code)
+    frame = frame_of(message)
+    for drive in drives:
+        asked = drive.codec.read_command(drive.device.can_id, frame)
+        if isinstance(asked, Order):
+            return Decoded(message.timestamp, drive.joint, FrameKind.ORDER, asked)
+        if asked is not None:
+            target = drive.transmission.to_joint(asked)
+            return Decoded(message.timestamp, drive.joint, FrameKind.COMMAND, target)
+    for drive in drives:
+        reply = drive.codec.read_reply(frame) if drive.codec.replier(frame) == drive.reply_number else None
+        if reply is not None:
+            return Decoded(message.timestamp, drive.joint, FrameKind.REPLY, _at_joint(drive, reply))
+    digits = f"{frame.arbitration_id:08X}" if frame.extended else f"{frame.arbitration_id:03X}"
+    return Decoded(message.timestamp, None, FrameKind.UNKNOWN, f"{digits}#{frame.data.hex().upper()}")
 
 
 def _at_joint(drive: Drive, reply: Reply) -> Reply:

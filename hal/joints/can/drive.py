@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import math
 from collections import Counter, deque
+from pathlib import Path
 
 from hal.errors import CanFault
 from hal.joints.can.bus import BusReport
 from hal.joints.can.reply_checks import RangeCheck, RequestTracker
 from hal.joints.codecs import codec_of, damiao
 from hal.joints.codecs.wire import NEUTRAL, Codec, Frame, Order, Reply, SetPoint, Transmission
-from hal.joints.device import JointDevice
-from hal.joints.motors import MotorModel, WireProtocol
+from hal.joints.device import Exoskeleton, JointDevice
+from hal.joints.motors import MotorModel, WireProtocol, load_motors
 from hal.joints.protocol import BusFault, DriveFault, Joint
 
 
@@ -50,15 +51,17 @@ class Drive:
         if self.latched is not DriveFault.NONE and self.model.protocol is WireProtocol.AK_V3:
             # this firmware has no enable: any stiff command would restart a drive that has faulted
             target = target._replace(stiffness_nm_rad=0.0, torque_nm=0.0)
-        return self._outgoing(self.codec.command(self.device.can_id, self.transmission.to_motor(target)), now_ns)
+        return self.ask(self.codec.command(self.device.can_id, self.transmission.to_motor(target)), now_ns)
 
     def order(self, order: Order, now_ns: int) -> list[Frame]:
         """The frames of an order."""
-        return [self._outgoing(frame, now_ns) for frame in self.codec.order(self.device.can_id, order)]
+        return [self.ask(frame, now_ns) for frame in self.codec.order(self.device.can_id, order)]
 
     def ask(self, frame: Frame, now_ns: int) -> Frame:
-        """A question of the drive's own protocol."""
-        return self._outgoing(frame, now_ns)
+        """A frame that the drive is to answer: a command, an order, or a question of its own protocol."""
+        self._recent.append(frame.data)
+        self.requests.send(now_ns)
+        return frame
 
     def is_echo(self, data: bytes) -> bool:
         """Whether these bytes are what was just sent (some interfaces give them back)."""
@@ -83,10 +86,11 @@ class Drive:
         if self.faults is not DriveFault.NONE:
             self.latched |= self.faults
 
-    def _outgoing(self, frame: Frame, now_ns: int) -> Frame:
-        self._recent.append(frame.data)
-        self.requests.send(now_ns)
-        return frame
+
+def drives_of(device: Exoskeleton, motors: Path | None = None) -> tuple[Drive, ...]:
+    """The device's four drives. Raises HardwareError for an unknown motor."""
+    table = load_motors(motors)
+    return tuple(Drive(joint, device.joints[joint], table.find(device.joints[joint].motor)) for joint in Joint)
 
 
 class Router:

@@ -16,11 +16,10 @@ import numpy as np
 from hal.errors import CanFault, DeviceFault, DrivesFault, HardwareError
 from hal.joints.can import lifecycle
 from hal.joints.can.bus import LOAD_LIMIT, BusPort, bus_load, frame_bits, open_bus
-from hal.joints.can.drive import Drive, Router
+from hal.joints.can.drive import Drive, Router, drives_of
 from hal.joints.codecs import damiao
 from hal.joints.codecs.wire import NEUTRAL, Frame, SetPoint
 from hal.joints.device import Exoskeleton
-from hal.joints.motors import load_motors
 from hal.joints.protocol import BusFault, DriveFault, DriveState, Joint, JointCommand, JointFeedback
 
 _ENDING = BusFault.BUS_OFF | BusFault.INTERFACE_GONE  # of the bus; with these the drives are out of reach
@@ -31,20 +30,10 @@ POLL_NS = 20_000_000  # how often drives without power are asked where they are:
 class SocketCanJoints:
     """The Joints Protocol on one or more CAN buses."""
 
-    def __init__(
-        self,
-        device: Exoskeleton,
-        *,
-        motors: Path | None = None,
-        clock: Callable[[], int] = time.monotonic_ns,
-    ) -> None:
+    def __init__(self, device: Exoskeleton, *, motors: Path | None = None) -> None:
         """Raises HardwareError when the motor table or the bus can't carry this device."""
-        table = load_motors(motors)
         self.device = device
-        self._clock = clock
-        self.drives = tuple(
-            Drive(joint, device.joints[joint], table.find(device.joints[joint].motor)) for joint in Joint
-        )
+        self.drives = drives_of(device, motors)
         for drive in self.drives:
             _check_bus(drive, device)
             lifecycle.check_wire_range(drive)
@@ -70,8 +59,7 @@ class SocketCanJoints:
             raise HardwareError(DrivesFault.ALREADY_OPEN)
         try:
             self._ports = [
-                BusPort(open_bus(bus), f"{bus.channel} ({bus.interface})", now_ns, clock=self._clock)
-                for bus in self.device.buses
+                BusPort(open_bus(bus), f"{bus.channel} ({bus.interface})", now_ns) for bus in self.device.buses
             ]
             self._routers = [Router(self._on_bus(number)) for number in range(len(self._ports))]
             lifecycle.probe(self)
@@ -89,7 +77,7 @@ class SocketCanJoints:
             raise HardwareError(DrivesFault.NOT_READY_TO_ENABLE, state=self._state)
         lifecycle.enable(self)
         self._state = DriveState.ENABLED
-        self._enabled_ns = max(now_ns, self._clock())
+        self._enabled_ns = max(now_ns, time.monotonic_ns())
 
     def write(self, command: JointCommand, now_ns: int) -> None:
         """Send one set-point a drive, at once; drives that are not enabled are only asked where they are."""
@@ -141,10 +129,10 @@ class SocketCanJoints:
 
     def listen(self, done: Callable[[], bool], timeout_s: float) -> bool:
         """Take in frames until `done`, at most for `timeout_s` (for the life cycle, never in a tick)."""
-        deadline_ns = self._clock() + int(timeout_s * 1e9)
+        deadline_ns = time.monotonic_ns() + int(timeout_s * 1e9)
         share_s = 0.002 if len(self._ports) > 1 else 0.01
         while not done():
-            late = self._clock() >= deadline_ns
+            late = time.monotonic_ns() >= deadline_ns
             for number, port in enumerate(self._ports):
                 wait_s = 0.0 if late else share_s
                 while (frames := port.wait_for_arrivals(wait_s)) is not None:
@@ -162,7 +150,7 @@ class SocketCanJoints:
         for register in wanted:
             router.expect_register(drive, register, reported)
             question = damiao.read_register(drive.device.can_id, register)
-            self.send(drive, [drive.ask(question, self._clock())])
+            self.send(drive, [drive.ask(question, time.monotonic_ns())])
             self.listen(lambda register=register: register in reported, 0.05)  # type: ignore[misc]
             if not reported:
                 break
@@ -172,10 +160,6 @@ class SocketCanJoints:
     def take_bus_fault(self) -> HardwareError | None:
         """What is wrong with the buses since the last call (for the life cycle)."""
         return self._bus_faults()[1]
-
-    def now_ns(self) -> int:
-        """The driver's clock (for the life cycle)."""
-        return self._clock()
 
     def _on_bus(self, number: int) -> list[Drive]:
         return [drive for drive in self.drives if drive.device.can_bus == number]

@@ -102,7 +102,7 @@ def disable(joints: SocketCanJoints) -> list[Drive]:
     """Damp, take the torque off, wait for each drive's reply; the drives that did not confirm."""
     for drive in joints.drives:
         damping = SetPoint(0.0, 0.0, 0.0, drive.device.damp_nm_s_rad, 0.0)
-        joints.send(drive, [drive.command(damping, joints.now_ns())])
+        joints.send(drive, [drive.command(damping, time.monotonic_ns())])
     joints.listen(lambda: False, 0.004)
     waiting = list(joints.drives)
     for _ in range(_ATTEMPTS):
@@ -112,15 +112,15 @@ def disable(joints: SocketCanJoints) -> list[Drive]:
 
 
 def _by_disabling(joints: SocketCanJoints, drive: Drive) -> None:
-    joints.send(drive, drive.order(Order.DISABLE, joints.now_ns()))
+    joints.send(drive, drive.order(Order.DISABLE, time.monotonic_ns()))
 
 
 def _by_enabling(joints: SocketCanJoints, drive: Drive) -> None:
-    joints.send(drive, drive.order(Order.ENABLE, joints.now_ns()))
+    joints.send(drive, drive.order(Order.ENABLE, time.monotonic_ns()))
 
 
 def _by_neutral_command(joints: SocketCanJoints, drive: Drive) -> None:
-    joints.send(drive, [drive.ask(drive.codec.command(drive.device.can_id, NEUTRAL), joints.now_ns())])
+    joints.send(drive, [drive.ask(drive.codec.command(drive.device.can_id, NEUTRAL), time.monotonic_ns())])
 
 
 def _by_neutral_entry(joints: SocketCanJoints, drive: Drive) -> None:
@@ -228,7 +228,7 @@ def set_zero(joints: SocketCanJoints, request: ZeroRequest, code: str, permit: C
     if abs(_watch_still(joints, drive) - request.angle_rad) > STILL_WITHIN_RAD:
         raise HardwareError(DrivesFault.ZERO_MOVED, **drive.identity)
     permit()
-    joints.send(drive, drive.order(Order.ZERO, joints.now_ns()))
+    joints.send(drive, drive.order(Order.ZERO, time.monotonic_ns()))
     return _verify(joints, drive)
 
 
@@ -242,7 +242,7 @@ def _poll(joints: SocketCanJoints, drive: Drive) -> float:
     """The joint's angle by a fresh answer. Raises HardwareError when it is silent."""
     before = drive.replies
     for _ in range(3):
-        joints.send(drive, drive.order(Order.DISABLE, joints.now_ns()))
+        joints.send(drive, drive.order(Order.DISABLE, time.monotonic_ns()))
         if joints.listen(lambda: drive.replies > before, 0.1):
             return drive.position_rad
     raise HardwareError(DrivesFault.ZERO_NO_REPLY, **drive.identity)

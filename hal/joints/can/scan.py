@@ -13,14 +13,13 @@ import can
 
 from hal.errors import CanFault, HardwareError
 from hal.joints.can.bus import BusPort, frame_of, message_of, open_bus
-from hal.joints.can.candump import Decoded, Decoder, FrameKind
-from hal.joints.can.drive import Drive
+from hal.joints.can.candump import Decoded, FrameKind, decode_frame
+from hal.joints.can.drive import drives_of
 from hal.joints.codecs import cybergear, damiao
 from hal.joints.codecs.cubemars import upload_replier
 from hal.joints.codecs.mit import special_frame
 from hal.joints.codecs.wire import Frame, Order
 from hal.joints.device import Exoskeleton
-from hal.joints.motors import load_motors
 from hal.joints.protocol import BusFault, Joint
 
 LISTEN_S = 0.3
@@ -183,8 +182,8 @@ class BusMonitor:
 
     def __init__(self, device: Exoskeleton, motors: Path | None = None) -> None:
         self.drives = drives_of(device, motors)
-        self._decoders = [
-            Decoder(tuple(drive for drive in self.drives if drive.device.can_bus == number))
+        self._drives_on = [
+            tuple(drive for drive in self.drives if drive.device.can_bus == number)
             for number in range(len(device.buses))
         ]
         self._ports = [BusPort(open_bus(bus), bus.channel, time.monotonic_ns()) for bus in device.buses]
@@ -197,12 +196,12 @@ class BusMonitor:
         """Take in what comes within this time."""
         end_s = time.monotonic() + wait_s
         while time.monotonic() < end_s:
-            for port, decoder in zip(self._ports, self._decoders, strict=True):
+            for port, drives in zip(self._ports, self._drives_on, strict=True):
                 message = port.receive_message(min(0.02, wait_s))
                 for _ in range(1000):
                     if message is None:
                         break
-                    self._note(decoder.decode(message))
+                    self._note(decode_frame(message, drives))
                     message = port.receive_message(0.0)
                 fault, detail = port.take_faults()
                 if fault is not BusFault.NONE:
@@ -216,9 +215,3 @@ class BusMonitor:
     def _note(self, decoded: Decoded) -> None:
         self.newest[decoded.joint, decoded.kind] = decoded
         self.counts[decoded.joint, decoded.kind] += 1
-
-
-def drives_of(device: Exoskeleton, motors: Path | None = None) -> tuple[Drive, ...]:
-    """The device's four drives. Raises HardwareError for an unknown motor."""
-    table = load_motors(motors)
-    return tuple(Drive(joint, device.joints[joint], table.find(device.joints[joint].motor)) for joint in Joint)

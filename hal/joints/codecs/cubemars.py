@@ -23,9 +23,8 @@ UPLOAD = 0x29
 _BODY = struct.Struct(">hhhbB")
 
 
-def upload_id(drive_id: int) -> int:
-    """The extended identifier of a drive's upload."""
-    return (UPLOAD << 8) | drive_id
+def _identifier(mode: int, drive_id: int) -> int:
+    return (mode << 8) | drive_id
 
 
 def upload_replier(frame: Frame) -> int | None:
@@ -71,7 +70,7 @@ def pack_upload(motor: MotorModel, state: Reply, error_code: int) -> Frame:
         raw_temperature(motor, state, -128, 127),
         error_code & 0xFF,
     )
-    return Frame(upload_id(state.drive_id), data, extended=True)
+    return Frame(_identifier(UPLOAD, state.drive_id), data, extended=True)
 
 
 class ServoCodec:
@@ -108,10 +107,6 @@ class ServoCodec:
 _CURRENT, _ORIGIN, _FORCE = 1, 5, 8
 _ZERO_AMPERE = b"\x00\x00\x00\x00"
 _TEMPORARY = b"\x00"  # origin until power-off; permanent ones belong to the maker's tool
-
-
-def _identifier(mode: int, drive_id: int) -> int:
-    return (mode << 8) | drive_id
 
 
 class AkV3Codec:

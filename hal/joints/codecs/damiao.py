@@ -15,7 +15,7 @@ from hal.joints.codecs.wire import Frame, Order, Reply, raw_temperature
 from hal.joints.protocol import DriveFault
 
 REGISTER_ID = 0x7FF
-READ, WRITE, STORE, REFRESH = 0x33, 0x55, 0xAA, 0xCC
+READ, WRITE, REFRESH = 0x33, 0x55, 0xCC
 _ENABLED = 1
 _HEALTHY = (0, _ENABLED)
 
@@ -47,11 +47,6 @@ class RegisterValue(NamedTuple):
 def read_register(drive_id: int, register: int) -> Frame:
     """Requests a register."""
     return Frame(REGISTER_ID, bytes((drive_id & 0xFF, drive_id >> 8, READ, register, 0, 0, 0, 0)))
-
-
-def refresh(drive_id: int) -> Frame:
-    """Requests a status reply without commanding anything."""
-    return Frame(REGISTER_ID, bytes((drive_id & 0xFF, drive_id >> 8, REFRESH, 0, 0, 0, 0, 0)))
 
 
 def register_reply(frame: Frame) -> RegisterValue | None:

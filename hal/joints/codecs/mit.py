@@ -74,7 +74,6 @@ class MitCodec:
     def __init__(self, motor: MotorModel) -> None:
         self._motor = motor
         self._scales = Scales.of(motor, MIT_BITS)
-        self._faults = motor.fault_of
 
     def command(self, drive_id: int, target: SetPoint) -> Frame:
         """The frame of a set-point."""
@@ -97,7 +96,7 @@ class MitCodec:
         if len(data) < 8 or self._motor.reply is not ReplyLayout.TEMPERATURE:
             return Reply(data[0], position, velocity, torque)
         temperature = data[6] - self._motor.temperature_offset_c
-        return Reply(data[0], position, velocity, torque, temperature, self._faults(data[7]))
+        return Reply(data[0], position, velocity, torque, temperature, self._motor.fault_of(data[7]))
 
     def read_command(self, drive_id: int, frame: Frame) -> SetPoint | Order | None:
         """What 8 bytes on the drive's own identifier ask."""

@@ -82,27 +82,21 @@ class Codec(Protocol):
 
     def command(self, drive_id: int, target: SetPoint, /) -> Frame:
         """The frame that commands `target`; values beyond the wire's range are clamped as the firmware does."""
-        ...
 
     def order(self, drive_id: int, order: Order, /) -> tuple[Frame, ...]:
         """The frames that carry out an order; empty where the protocol has none."""
-        ...
 
     def replier(self, frame: Frame, /) -> int | None:
         """Whose reply this frame claims to be, or None when it is no reply of this protocol."""
-        ...
 
     def read_reply(self, frame: Frame, /) -> Reply | None:
         """A reply decoded, or None when its length or layout is wrong."""
-        ...
 
     def read_command(self, drive_id: int, frame: Frame, /) -> SetPoint | Order | None:
         """The drive's end: what this frame asks of drive `drive_id`."""
-        ...
 
     def reply(self, state: Reply, reply_id: int, error_code: int, /) -> Frame:
         """The drive's end: the frame that reports `state` (its `faults` are ignored: the code counts)."""
-        ...
 
 
 # A decoded value lies this share of a quantum above its grid point, so that encoding it again by truncation gives

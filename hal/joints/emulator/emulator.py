@@ -21,8 +21,8 @@ import numpy as np
 from hal.joints.can.bus import CAN_ERR_ACK, CAN_ERR_BUSOFF, BusPort, open_bus, with_bus
 from hal.joints.codecs.wire import Frame, Transmission
 from hal.joints.device import Exoskeleton
-from hal.joints.emulator.firmware import DEFAULT_VALUE, EmulatedDrive, Fault, MotorState, ScheduledFault
-from hal.joints.emulator.plant import FreeLegs, Plant, make_plant
+from hal.joints.emulator.firmware import DEFAULT_VALUE, EmulatedDrive, Fault, ScheduledFault
+from hal.joints.emulator.plant import FreeLegs, Motion, Plant, WornExoskeleton
 from hal.joints.emulator.scenes import SceneReceiver
 from hal.joints.motors import load_motors
 from hal.joints.protocol import TICK_NS, Joint, JointCommand
@@ -53,7 +53,7 @@ class DriveEmulator:
         self._tick_ns = 0
         self._ticks = 0
         self._off = False
-        self.received = self.lost_ticks = self.send_failures = 0
+        self.received = self.lost_ticks = 0
 
     def open(self) -> None:
         """Join the buses. Raises HardwareError with the command that brings one up."""
@@ -160,7 +160,7 @@ class DriveEmulator:
 
     def _sense(self) -> None:
         for transmission, drive, at in zip(self._transmissions, self.drives, self._plant.motions(), strict=True):
-            drive.state = MotorState(
+            drive.state = Motion(
                 transmission.angle_to_motor(at.position_rad),
                 at.velocity_rad_s * transmission.ratio,
                 at.torque_nm / transmission.ratio,
@@ -168,13 +168,12 @@ class DriveEmulator:
             )
 
     def _send(self, number: int, frames: list[Frame]) -> None:
-        if frames and not self._ports[number].send(*frames):
-            self.send_failures += 1
+        if frames:
+            self._ports[number].send(*frames)
 
     def _send_errors(self, bits: int) -> None:
         for port in self._ports:
-            if not port.send_error(bits):
-                self.send_failures += 1
+            port.send_error(bits)
 
 
 _SCENE_POLLS = 4  # an action's plan takes longer than these few milliseconds
@@ -202,7 +201,7 @@ def run_emulator(
     joined. Raises HardwareError when a bus can't be opened.
     """
     device = with_bus(device, interface, channel)
-    plant = make_plant(device, body)
+    plant: Plant = FreeLegs(device) if body is None else WornExoskeleton(device, body)
     emulator = DriveEmulator(device, plant, motors)
     scenes = SceneReceiver(device)
     stop_condition = _StopCondition(stop, each_second, emulator)
@@ -230,8 +229,7 @@ class _StopCondition:
     def __init__(
         self, stop: Event | None, each_second: Callable[[DriveEmulator], None] | None, emulator: DriveEmulator
     ) -> None:
-        self._parent = os.getppid
-        self._parent_at_start = os.getppid()
+        self._parent = os.getppid()
         self._stop = stop
         self._each_second = each_second
         self._emulator = emulator
@@ -246,7 +244,7 @@ class _StopCondition:
     def __call__(self) -> bool:
         self.polls += 1
         if self.polls % 50 == 0:
-            self._ended = self._ended or self._parent() != self._parent_at_start
+            self._ended = self._ended or os.getppid() != self._parent
             self._ended = self._ended or (self._stop is not None and self._stop.is_set())
             if self._each_second is not None and time.monotonic() - self._second_s >= 1.0:
                 self._second_s = time.monotonic()

@@ -10,7 +10,6 @@ import struct
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
-from typing import NamedTuple
 
 import msgspec
 
@@ -18,6 +17,7 @@ from hal.errors import DeviceFault, HardwareError
 from hal.joints.codecs import codec_of, cybergear, damiao
 from hal.joints.codecs.wire import NEUTRAL, Codec, Frame, Order, Reply, SetPoint
 from hal.joints.device import JointDevice
+from hal.joints.emulator.plant import ROOM_C, Motion
 from hal.joints.motors import MotorModel, OnTimeout, Watchdog, WireProtocol
 from hal.joints.protocol import Joint
 
@@ -83,16 +83,7 @@ _SUPPLY_V = 24.0
 _PARAMETER = struct.Struct("<H2x4s")  # index, value
 
 
-class MotorState(NamedTuple):
-    """The motor's output as the plant has it."""
-
-    position_rad: float
-    velocity_rad_s: float
-    torque_nm: float
-    temperature_c: float
-
-
-AT_REST = MotorState(0.0, 0.0, 0.0, 25.0)
+AT_REST = Motion(0.0, 0.0, 0.0, ROOM_C)
 
 
 class EmulatedDrive:

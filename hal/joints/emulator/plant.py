@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 from hal.joints.codecs.wire import SetPoint
 from hal.joints.device import Exoskeleton, JointDevice
-from hal.joints.protocol import TICK_HZ, JointArray, JointCommand
+from hal.joints.protocol import TICK_HZ, JointCommand
 from hal.joints.scene import Scene
 
 if TYPE_CHECKING:
@@ -23,7 +23,7 @@ _LEG_INERTIA_KGM2 = (2.6, 0.35, 2.6, 0.35)
 
 
 class Motion(NamedTuple):
-    """A joint as it is now."""
+    """A joint, or a motor's output, as it is now."""
 
     position_rad: float
     velocity_rad_s: float
@@ -38,7 +38,6 @@ class Plant(Protocol):
 
     def motions(self) -> list[Motion]:
         """Where the four joints are now; plain numbers, because arrays of four cost more."""
-        ...
 
     def stage(self, scene: Scene) -> None: ...
 
@@ -46,8 +45,8 @@ class Plant(Protocol):
 class _Leg:
     """One joint's inertia; plain floats, because arrays of four cost ten times as much."""
 
-    def __init__(self, joint: JointDevice, leg_inertia_kgm2: float, start_rad: float) -> None:
-        self.position_rad, self.velocity_rad_s, self.torque_nm = start_rad, 0.0, 0.0
+    def __init__(self, joint: JointDevice, leg_inertia_kgm2: float) -> None:
+        self.position_rad, self.velocity_rad_s, self.torque_nm = 0.0, 0.0, 0.0
         self.temperature_c = ROOM_C
         self._joint = joint
         self._inertia = leg_inertia_kgm2 + joint.rotor_inertia_kgm2
@@ -81,9 +80,8 @@ class _Leg:
 class FreeLegs:
     """Four independent inertias with friction, end stops and a winding that warms up; no gravity, no floor."""
 
-    def __init__(self, device: Exoskeleton, start_rad: JointArray | None = None) -> None:
-        start = [0.0] * 4 if start_rad is None else start_rad.tolist()
-        self._legs = [_Leg(*row) for row in zip(device.joints, _LEG_INERTIA_KGM2, start, strict=True)]
+    def __init__(self, device: Exoskeleton) -> None:
+        self._legs = [_Leg(*row) for row in zip(device.joints, _LEG_INERTIA_KGM2, strict=True)]
 
     def write(self, command: JointCommand, now_ns: int) -> None:  # noqa: ARG002 (the Protocol's)
         for leg, row in zip(self._legs, command.rows(), strict=True):
@@ -125,8 +123,3 @@ class WornExoskeleton:
         angles, speeds = wearer.joints_rad.tolist(), wearer.speeds_rad_s.tolist()
         torques = self._joints.torque_nm.tolist()
         return list(map(Motion, angles, speeds, torques, self._temperature_c))
-
-
-def make_plant(device: Exoskeleton, body: Body | None = None) -> Plant:
-    """The simulated exoskeleton with this wearer, or free legs without one."""
-    return FreeLegs(device) if body is None else WornExoskeleton(device, body)

@@ -34,17 +34,15 @@ NOISE = np.array([[2e-4], [0.01], [0.2]])  # rad, rad/s, Nm; standard deviations
 class SimulatedJoints:
     """Implements hal.joints.protocol.Joints on a simulated wearer.
 
-    seed: of the sensors' noise; noisy False gives true values; quantised False leaves out the wire's quanta.
+    noisy False gives true values; quantised False leaves out the wire's quanta.
     """
 
-    def __init__(
-        self, device: Exoskeleton, body: Body, *, seed: int = 0, noisy: bool = True, quantised: bool = True
-    ) -> None:
+    def __init__(self, device: Exoskeleton, body: Body, *, noisy: bool = True, quantised: bool = True) -> None:
         self.wearer = Wearer(device, body)
         self._device = device
         self._thermal = thermal_model(device)
         self._temperatures = at_rest(ROOM_C)
-        self._random = np.random.default_rng(seed)
+        self._random = np.random.default_rng(0)
         self._noisy, self._quantised = noisy, quantised
         self._state = DriveState.UNCONFIGURED
         self._torque = [0.0] * 4

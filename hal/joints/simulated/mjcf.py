@@ -20,15 +20,17 @@ from hal.joints.body import (
     Body,
 )
 from hal.joints.device import Exoskeleton, JointDevice
+from hal.joints.scene import BlockKind
 
 TIMESTEP_S = 0.002
 SOLE_RADIUS_M = 0.015
 LIMB_RADIUS_M = 0.05
 ANKLE_DAMPING_NM_S_RAD = 1.5
-STEPS, OBSTACLES, CHAIRS = 2, 1, 1  # blocks kept ready of each kind
 
 # Who touches whom: bits of contype (bodies) and conaffinity (surroundings).
 GROUND, HURDLE, SEAT = 1, 2, 4
+# Blocks kept ready of each kind, and what they are to the body.
+BLOCKS = {BlockKind.STEP: (2, GROUND), BlockKind.OBSTACLE: (1, HURDLE), BlockKind.CHAIR: (1, SEAT)}
 
 HIPS_APART_M = 0.2  # for the eye only: nothing leaves the plane
 
@@ -101,10 +103,9 @@ def _inertial(mass_kg: float, z_m: float, gyration_m: float) -> str:
 
 
 def _blocks() -> str:
-    kinds = [("step", STEPS, GROUND), ("obstacle", OBSTACLES, HURDLE), ("chair", CHAIRS, SEAT)]
     return "\n    ".join(
-        f'<body name="{kind}{number}" mocap="true" pos="0 0 -50">'
-        f'<geom name="{kind}{number}" type="box" size="1 1 1" contype="0" conaffinity="{touched}"/></body>'
-        for kind, count, touched in kinds
+        f'<body name="{kind.value}{number}" mocap="true" pos="0 0 -50">'
+        f'<geom name="{kind.value}{number}" type="box" size="1 1 1" contype="0" conaffinity="{touched}"/></body>'
+        for kind, (count, touched) in BLOCKS.items()
         for number in range(count)
     )

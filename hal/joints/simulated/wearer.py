@@ -26,7 +26,7 @@ from hal.joints.device import Exoskeleton
 from hal.joints.protocol import JointArray
 from hal.joints.scene import Block, BlockKind, Scene, Surroundings, next_surroundings
 from hal.joints.simulated.harness import Reel
-from hal.joints.simulated.mjcf import CHAIRS, OBSTACLES, STEPS, TIMESTEP_S, model_xml
+from hal.joints.simulated.mjcf import BLOCKS, TIMESTEP_S, model_xml
 
 BALANCE_NM_RAD = 8000.0  # arms on crutches or rails, against the trunk's pitch
 BALANCE_NM_S_RAD = 600.0
@@ -42,11 +42,6 @@ SETTLED_RAD_S, SETTLED_S, SINKS_S = 0.05, 2.0, 15.0
 _HIDDEN = Block(kind=BlockKind.STEP, from_x_m=-0.01, to_x_m=0.01, top_m=-50.0)
 _JOINTS = ("left_hip", "left_knee", "right_hip", "right_knee")
 _ANKLES = ("left_ankle", "right_ankle")
-_KINDS = {
-    BlockKind.STEP: ("step", STEPS),
-    BlockKind.OBSTACLE: ("obstacle", OBSTACLES),
-    BlockKind.CHAIR: ("chair", CHAIRS),
-}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -61,8 +56,6 @@ class GroundTruth:
     ankle_rad: NDArray[np.float64]
     ankle_m: NDArray[np.float64]  # (2, 2): foot, x and z
     contact_n: NDArray[np.float64]  # vertical force of floor, steps or obstacle on each foot
-    seat_n: float
-    harness_n: float
     balance_nm: float  # of the wearer's arms, on the trunk's lean
     hold_n: float  # of the wearer's arms, forward
     deepest_m: float  # how far anything has sunk into anything, positive
@@ -114,8 +107,10 @@ class Wearer:
         self._ankle_bodies = [model.body(f"{side}_foot").id for side in ("left", "right")]
         self._floor = int(model.body("floor").mocapid[0])
         self._pelvis = model.geom("pelvis").id
-        self._chairs = {model.geom(f"chair{number}").id for number in range(CHAIRS)}
-        self._obstacles = {model.geom(f"obstacle{number}").id for number in range(OBSTACLES)}
+        self._chairs, self._obstacles = (
+            {model.geom(f"{kind.value}{number}").id for number in range(BLOCKS[kind][0])}
+            for kind in (BlockKind.CHAIR, BlockKind.OBSTACLE)
+        )
         self.weight_n = float(model.body_subtreemass[model.body("trunk").id]) * 9.81
         self._supported_n = body.body_weight_support * self.weight_n
         self._reel = Reel()
@@ -123,7 +118,7 @@ class Wearer:
         self._on_left = 0.5  # how much of the standing is the left foot's
         self._forces = [0.0] * model.nv
         self._view_memory()
-        self.harness_n = self.balance_nm = self.hold_n = 0.0
+        self.balance_nm = self.hold_n = 0.0
         self.place(np.zeros(4))
 
     def place(self, joints_rad: JointArray) -> None:
@@ -159,11 +154,11 @@ class Wearer:
     def _surround(self, around: Surroundings) -> None:
         self._around = around
         self._data.mocap_pos[self._floor] = (0.0, 0.0, around.floor_m)
-        for kind, (name, count) in _KINDS.items():
+        for kind, (count, _) in BLOCKS.items():
             blocks = [block for block in around.blocks if block.kind is kind]
             for number in range(count):
                 block = blocks[number] if number < len(blocks) else _HIDDEN
-                self._put(f"{name}{number}", block)
+                self._put(f"{kind.value}{number}", block)
 
     def _view_memory(self) -> None:
         """Views of the simulation's own memory: to ask for one anew costs a microsecond."""
@@ -185,10 +180,10 @@ class Wearer:
             forces[at] = _ankle_spring(angle)
         if self._reel.lifts(unpowered=not any(torque_nm)) and not self._sits():
             self._reel.wind(qpos[1], self._start_m())
-        self.harness_n = self._supported_n + self._reel.force_n(qpos[1], qvel[1])
+        harness_n = self._supported_n + self._reel.force_n(qpos[1], qvel[1])
         self.balance_nm = BALANCE_NM_RAD * (self._pose.lean_rad - qpos[2]) - BALANCE_NM_S_RAD * qvel[2]
         self.hold_n = 0.0 if pose is None else self._hold(pose, qpos[0], qvel[0])
-        forces[:3] = self.hold_n, self.harness_n, self.balance_nm
+        forces[:3] = self.hold_n, harness_n, self.balance_nm
         self._data.qfrc_applied[:] = forces
         mujoco.mj_step(self._model, self._data)
 
@@ -212,7 +207,7 @@ class Wearer:
     def ground_truth(self) -> GroundTruth:
         """Everything that can be known now; too slow for every tick of a real-time loop."""
         data = self._data
-        feet, seat, deepest, struck = self._contacts()
+        feet, deepest, struck = self._contacts()
         return GroundTruth(
             time_s=float(data.time),
             hip_x_m=float(data.qpos[0]),
@@ -222,8 +217,6 @@ class Wearer:
             ankle_rad=data.qpos[self._ankle_q].copy(),
             ankle_m=np.array([data.xpos[number][[0, 2]] for number in self._ankle_bodies]),
             contact_n=feet,
-            seat_n=seat,
-            harness_n=self.harness_n,
             balance_nm=self.balance_nm,
             hold_n=self.hold_n,
             deepest_m=deepest,
@@ -268,9 +261,9 @@ class Wearer:
         mocap = self._model.body(name).mocapid[0]
         self._data.mocap_pos[mocap] = (middle, 0.0, block.top_m - DEEP_M / 2)
 
-    def _contacts(self) -> tuple[NDArray[np.float64], float, float, bool]:
+    def _contacts(self) -> tuple[NDArray[np.float64], float, bool]:
         data = self._data
-        feet, seat, deepest, struck = np.zeros(2), 0.0, 0.0, False
+        feet, deepest, struck = np.zeros(2), 0.0, False
         force = np.zeros(6)
         for number in range(data.ncon):
             contact = data.contact[number]
@@ -283,6 +276,5 @@ class Wearer:
             for side, foot in enumerate(self._feet):
                 if foot in pair:
                     feet[side] += up
-            seat += up if self._pelvis in pair else 0.0
             struck = struck or bool(self._obstacles.intersection(pair))
-        return feet, seat, deepest, struck
+        return feet, deepest, struck

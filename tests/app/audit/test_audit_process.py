@@ -13,9 +13,8 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from app.audit.other_trail import other_trail
 from app.audit.process import run_audit
-from app.audit.sink import AuditSink
+from app.audit.sink import AuditSink, other_trail
 from app.ipc.links import LatestReceiver, address, new_link_directory
 from app.ipc.messages import AuditHealth
 from app.ipc.streams import AUDIT_HEALTH, LinkDirectory

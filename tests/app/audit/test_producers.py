@@ -14,7 +14,7 @@ from textual.widgets import Select
 from typer.testing import CliRunner
 
 from app.audit import process as audit_process
-from app.audit.other_trail import other_trail
+from app.audit.sink import other_trail
 from app.cli import cli
 from app.console.operator import ConsoleTrail
 from app.console.review_data import comments_on, comments_path, write_comment

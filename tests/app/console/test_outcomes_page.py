@@ -14,8 +14,8 @@ from app.console.widgets.progress import plot, progress_lines
 from app.evaluate.outcomes.walks import RecordedWalk, Walk
 from app.motion.plan import patient_of
 from app.outcomes.change import SMALLEST_CHANGES
-from app.outcomes.series import Series, series_of
 from app.outcomes.session import find_outcomes
+from app.outcomes.table import Series, series_of
 from app.system.paths import Home
 from hal.joints.device import DEFAULT_DEVICE, load_exoskeleton
 from profiles.schema import DEMO_PATIENT, GaitParameters, Profile

@@ -14,7 +14,7 @@ from app.console.widgets.status import status_line
 from app.ipc.messages import OperatorKind
 from app.text.catalogue import tr, use_language
 from app.voice.signals import Signal, VoiceState
-from hal.microphone.device import VoiceConfig
+from hal.microphone import VoiceConfig
 from testing.fake_host import FakeHost
 from tests.app.console.test_sizes import MOVING, READY, text_of
 

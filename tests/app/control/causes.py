@@ -12,8 +12,7 @@ from app.control.state import ControlState
 from app.ipc.messages import LinkHealth, OperatorKind
 from app.ipc.states import Action, Event, GaitState
 from hal.errors import HardwareError
-from hal.inputs.device import InputDevice, InputRole
-from hal.inputs.protocol import Contact, ContactReading
+from hal.inputs.device import Contact, ContactReading, InputDevice, InputRole
 from hal.inputs.reader import InputReader
 from hal.joints.guard import Quantity, Refusal
 from hal.joints.protocol import BusFault, DriveFault, DriveState, Joint, JointArray

@@ -16,7 +16,7 @@ from app.ipc.messages import AuditHealth, GuardianHealth, OperatorCommand, Opera
 from app.ipc.states import Action
 from app.motion.follower import gains_of
 from app.motion.plan import Plan, PlanCheck, PlanRequest
-from hal.inputs.protocol import InputReadings
+from hal.inputs.device import InputReadings
 from hal.inputs.reader import READ_S, InputReader
 from hal.joints.device import load_exoskeleton
 from hal.joints.guard import Guard, Refusal, limits_of

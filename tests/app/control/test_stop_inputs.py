@@ -10,8 +10,7 @@ from app.control.running_action import Stage
 from app.ipc.messages import OperatorKind
 from app.ipc.states import Action, Effect, Event, GaitState
 from app.motion.follower import Mode
-from hal.inputs.device import InputRole
-from hal.inputs.protocol import Contact
+from hal.inputs.device import Contact, InputRole
 from logs import records
 from tests.app.control.causes import Switch, lag, with_switch
 from tests.app.control.moments import HOLD_TICKS, RESTS, A, K, S, moving, now, records_of, resting, standing

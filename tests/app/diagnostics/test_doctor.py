@@ -17,8 +17,7 @@ from app.diagnostics.findings import Finding, Grade
 from app.system.config import CameraConfig, Config, JointsConfig
 from app.system.paths import Home
 from app.text.catalogue import knows, render
-from hal.inputs.device import InputDevice, InputRole
-from hal.inputs.protocol import Contact, ContactReading
+from hal.inputs.device import Contact, ContactReading, InputDevice, InputRole
 from logs.reason import key_of
 
 

@@ -8,8 +8,8 @@ import msgspec
 import pytest
 
 from app.outcomes.change import SMALLEST_CHANGES
-from app.outcomes.dose import dose_of, last_rating
 from app.outcomes.measures import Measures
+from app.outcomes.session import dose_of, last_rating
 from app.outcomes.table import RATINGS, TESTS
 from logs.records import SCHEMA, Discomfort, Exertion, Note, Pain, Rating, Record
 from profiles.schema import DoseTargets

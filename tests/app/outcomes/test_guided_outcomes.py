@@ -11,9 +11,8 @@ from typer.testing import CliRunner
 from app.cli import cli
 from app.outcomes.change import SMALLEST_CHANGES
 from app.outcomes.guided import GuidedStop, GuidedTest, last_completed
-from app.outcomes.series import series_of
 from app.outcomes.session import find_outcomes
-from app.outcomes.table import TESTS
+from app.outcomes.table import TESTS, series_of
 from logs.reason import reason
 from logs.records import GuidedTestResult
 from testing.trails import write_sample

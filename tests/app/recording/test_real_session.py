@@ -9,8 +9,7 @@ from typer.testing import CliRunner
 
 from app.cli import cli
 from app.recording import schemas
-from app.recording.read import HashCheck, Recording, proof_of, survey, trail_of
-from app.recording.sent import check_sent
+from app.recording.read import HashCheck, Recording, check_sent, proof_of, survey, trail_of
 from app.system.paths import Home, pictures_path, recording_path
 from logs.read import records
 from logs.records import RecordingFile, RecordingSent

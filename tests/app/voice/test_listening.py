@@ -15,7 +15,7 @@ from app.voice.signals import ALIVE_TIMEOUT_S, Signal, VoiceState
 from app.voice.spotter import KeywordSpotter
 from app.voice.watch import VoiceStop
 from hal.errors import HardwareError, MicrophoneFault
-from hal.microphone.device import VoiceConfig
+from hal.microphone import VoiceConfig
 
 ON = VoiceConfig(on=True)
 WORD, SOUND, SILENCE = b"\x01\x02", b"\x03\x04", b"\0\0"

@@ -7,7 +7,7 @@ import pytest
 
 from app.evaluate.gestures.joint_space import label_by_joints
 from hal.cameras.digital_hand.driver import DigitalHandCamera
-from hal.cameras.digital_hand.limits import TREMOR_DEG, HandLimit, limited, tremor_deg
+from hal.cameras.digital_hand.movement import TREMOR_DEG, HandLimit, limited, tremor_deg
 from hal.cameras.digital_hand.skeleton import POSES
 from kgdfa.gesture import Gesture
 

@@ -14,9 +14,8 @@ import can
 
 from hal.errors import HardwareError
 from hal.inputs.can import CanInput
-from hal.inputs.device import InputDevice, InputRole
+from hal.inputs.device import Contact, ContactReading, InputDevice, InputRole, StopInput
 from hal.inputs.linux import EvdevInput, GpioInput
-from hal.inputs.protocol import Contact, ContactReading, StopInput
 from hal.inputs.simulated import SimulatedInput, set_simulated
 
 MS = 1_000_000

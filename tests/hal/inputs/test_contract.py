@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from hal.errors import HardwareError
-from hal.inputs.protocol import Contact
+from hal.inputs.device import Contact
 from tests.hal.inputs.fakes import MS, FakeContact, FakeLine, FakeModule, FakePedal, SimulatedContact
 
 

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from hal.errors import CanFault, HardwareError, StopInputFault
-from hal.inputs.protocol import Contact
+from hal.inputs.device import Contact
 from tests.hal.inputs.fakes import MS, FakeLine, FakeModule, FakePedal
 
 

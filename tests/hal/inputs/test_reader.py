@@ -9,8 +9,7 @@ from typing import Any
 import pytest
 
 from hal.errors import HardwareError, StopInputFault
-from hal.inputs.device import InputDevice, InputRole
-from hal.inputs.protocol import Contact
+from hal.inputs.device import Contact, InputDevice, InputRole
 from hal.inputs.reader import RETRY_NS, InputReader
 from hal.inputs.simulated import SimulatedInput, set_simulated
 from hal.joints.device import BusDevice

@@ -88,7 +88,7 @@ class Ear:
     """Listens to the drives' own words."""
 
     def __init__(self, device: Exoskeleton) -> None:
-        from hal.joints.can.scan import drives_of
+        from hal.joints.can.drive import drives_of
 
         self._stations: tuple[Drive, ...] = drives_of(device)
         self._bus = open_bus(device.buses[0])

@@ -11,9 +11,7 @@ from typing import Any
 import pytest
 
 from hal.errors import HardwareError, MicrophoneFault
-from hal.microphone.device import VoiceConfig
-from hal.microphone.portaudio import PortAudioMicrophone
-from hal.microphone.protocol import BLOCK_SAMPLES, RATE_HZ, RecordedMicrophone, make_microphone
+from hal.microphone import BLOCK_SAMPLES, RATE_HZ, PortAudioMicrophone, RecordedMicrophone, VoiceConfig, make_microphone
 
 
 def write_wav(path: Path, samples: bytes, rate_hz: int = RATE_HZ, channels: int = 1) -> Path:

@@ -8,7 +8,7 @@ from app.evaluate.gestures.enrolment import (
     enrol_patient,
     enrolment_table,
 )
-from hal.cameras.digital_hand.limits import HandLimit
+from hal.cameras.digital_hand.movement import HandLimit
 from kgdfa.gesture import Gesture
 from kgdfa.robust import RobustRules
 from tests.app.evaluate.gestures.test_joint_space import NO_ERRORS

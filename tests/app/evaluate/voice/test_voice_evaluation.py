@@ -14,7 +14,7 @@ from app.evaluate.voice import recordings, speech
 from app.evaluate.voice.recordings import Recording, keep, measure, pcm, read_recordings, synthetic, synthetic_count
 from app.evaluate.voice.speech import PHRASES, Voices, gait, levelled, mixed, music, resampled, rms, voices
 from app.system.errors import AppError
-from hal.microphone.protocol import RATE_HZ
+from hal.microphone import RATE_HZ
 
 LOUD = 12_000
 

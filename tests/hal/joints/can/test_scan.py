@@ -16,9 +16,10 @@ from app.cli.drive_table import monitor_table
 from hal.errors import CanFault, DrivesFault
 from hal.joints.can import lifecycle
 from hal.joints.can.bus import open_bus
-from hal.joints.can.candump import BusRecorder, Decoder, FrameKind, LogSummary, messages_of, open_log
+from hal.joints.can.candump import BusRecorder, FrameKind, LogSummary, decode_frame, messages_of, open_log
+from hal.joints.can.drive import drives_of
 from hal.joints.can.driver import SocketCanJoints
-from hal.joints.can.scan import BusMonitor, drives_of, listen, scan
+from hal.joints.can.scan import BusMonitor, listen, scan
 from hal.joints.codecs.wire import Order
 from hal.joints.emulator.firmware import Fault
 from hal.joints.protocol import DriveFault, Joint
@@ -113,11 +114,11 @@ def recorded(make_rig: MakeRig, tmp_path: Path) -> Path:
 
 
 def read(path: Path) -> tuple[list[FrameKind], LogSummary]:
-    decoder, summary = Decoder(drives_of(with_motor("AK80-64/V2"))), LogSummary()
+    drives, summary = drives_of(with_motor("AK80-64/V2")), LogSummary()
     kinds = []
     with open_log(path) as file:
         for message in messages_of(file, summary):
-            decoded = decoder.decode(message)
+            decoded = decode_frame(message, drives)
             kinds.append(decoded.kind)
             summary.add(decoded)
     return kinds, summary
@@ -164,11 +165,11 @@ def test_a_log_that_is_not_there_is_reported() -> None:
 
 
 def test_strangers_and_error_frames_decode_to_themselves() -> None:
-    decoder = Decoder(drives_of(with_motor("AK80-64/V2")))
-    stranger = decoder.decode(can.Message(arbitration_id=0x18FEEE00, data=b"\xab\xcd"))
+    drives = drives_of(with_motor("AK80-64/V2"))
+    stranger = decode_frame(can.Message(arbitration_id=0x18FEEE00, data=b"\xab\xcd"), drives)
     assert (stranger.kind, stranger.content) == (FrameKind.UNKNOWN, "18FEEE00#ABCD")
     off = can.Message(is_error_frame=True, is_extended_id=False, arbitration_id=0x40, data=bytes(8))
-    assert decoder.decode(off).content is CanFault.CONTROLLER_OFF
+    assert decode_frame(off, drives).content is CanFault.CONTROLLER_OFF
 
 
 @pytest.fixture

@@ -13,7 +13,8 @@ import pytest
 from hal.joints.codecs import codec_of
 from hal.joints.codecs.wire import Frame, SetPoint
 from hal.joints.device import load_exoskeleton
-from hal.joints.emulator.firmware import EmulatedDrive, MotorState
+from hal.joints.emulator.firmware import EmulatedDrive
+from hal.joints.emulator.plant import Motion
 from hal.joints.motors import load_motors
 from hal.joints.protocol import DriveFault
 
@@ -91,7 +92,7 @@ def test_an_upload_reports_to_another_driver_what_it_reports_here() -> None:
     model = load_motors().find("AK80-9/servo")
     joint = msgspec.structs.replace(load_exoskeleton().left_knee, can_id=5, reply_id=0)
     emulated = EmulatedDrive(joint, model)
-    emulated.state = MotorState(position_rad=0.7, velocity_rad_s=1.2, torque_nm=3.0, temperature_c=31.0)
+    emulated.state = Motion(position_rad=0.7, velocity_rad_s=1.2, torque_nm=3.0, temperature_c=31.0)
     (upload,) = emulated.upload()
     assert text_of(upload) == "00002905#019100D9016E1F00"
     decoded = codec_of(model).read_reply(upload)

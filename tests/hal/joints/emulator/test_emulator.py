@@ -9,7 +9,8 @@ from hal.errors import DeviceFault
 from hal.joints.codecs import codec_of, cybergear, damiao
 from hal.joints.codecs.wire import NEUTRAL, Frame, Order, SetPoint
 from hal.joints.device import load_exoskeleton
-from hal.joints.emulator.firmware import EmulatedDrive, Fault, MotorState, read_schedule
+from hal.joints.emulator.firmware import EmulatedDrive, Fault, read_schedule
+from hal.joints.emulator.plant import Motion
 from hal.joints.motors import OnTimeout, Watchdog, load_motors
 from hal.joints.protocol import DriveFault, Joint
 from tests.support.errors import refused
@@ -85,7 +86,7 @@ def test_a_drive_replays_its_last_command_on_enabling() -> None:
 @pytest.mark.parametrize(("motor", "obeys"), [("AK80-64/V2", False), ("DM4310/default", True)])
 def test_setting_zero_in_motor_mode(motor: str, obeys: bool) -> None:
     bench = Bench(motor)
-    bench.drive.state = MotorState(0.7, 0.0, 0.0, 25.0)
+    bench.drive.state = Motion(0.7, 0.0, 0.0, 25.0)
     bench.order(Order.ENABLE)
     bench.order(Order.ZERO)
     assert (bench.drive.zero_rad == 0.7) is obeys
@@ -99,7 +100,7 @@ def test_setting_zero_in_motor_mode(motor: str, obeys: bool) -> None:
 
 def test_after_zeroing_commands_count_from_the_new_zero() -> None:
     bench = Bench("AK80-64/V2")
-    bench.drive.state = MotorState(0.7, 0.0, 0.0, 25.0)
+    bench.drive.state = Motion(0.7, 0.0, 0.0, 25.0)
     bench.order(Order.ZERO)
     bench.order(Order.ENABLE)
     bench.command(STIFF)
@@ -143,7 +144,7 @@ def test_damiao_registers_are_reported_and_written() -> None:
     write = Frame(damiao.REGISTER_ID, bytes((5, 0, damiao.WRITE, damiao.Register.TIMEOUT, 0x90, 0x01, 0, 0)))
     (reported,) = bench.drive.receive(write, 0)
     assert damiao.register_reply(reported._replace(data=reported.data)) == (5, damiao.Register.TIMEOUT, 400.0)
-    (status,) = bench.drive.receive(damiao.refresh(5), 0)
+    (status,) = bench.drive.receive(Frame(damiao.REGISTER_ID, bytes((5, 0, damiao.REFRESH, 0, 0, 0, 0, 0))), 0)
     assert status.data[0] == 0x05
 
 
@@ -179,7 +180,7 @@ def test_a_watchdog_set_over_the_bus_acts_after_its_time(motor: str, frame: Fram
 
 def test_a_cybergear_reports_its_position_as_a_parameter() -> None:
     bench = Bench("CyberGear/manual")
-    bench.drive.state = MotorState(1.25, 0.0, 0.0, 25.0)
+    bench.drive.state = Motion(1.25, 0.0, 0.0, 25.0)
     (reported,) = bench.drive.receive(Frame(0x1100FD05, bytes.fromhex("1970 0000 0000 0000"), extended=True), 0)
     assert reported.arbitration_id == 0x110005FD
     assert reported.data == bytes.fromhex("1970 0000 0000 A03F")
@@ -187,7 +188,7 @@ def test_a_cybergear_reports_its_position_as_a_parameter() -> None:
 
 def test_a_servo_drive_uploads_by_itself() -> None:
     bench = Bench("AK80-64/servo")
-    bench.drive.state = MotorState(1.0, 2.0, 3.0, 33.0)
+    bench.drive.state = Motion(1.0, 2.0, 3.0, 33.0)
     (frame,) = bench.drive.upload()
     reply = bench.codec.read_reply(frame)
     assert reply is not None
