@@ -78,12 +78,7 @@ def result_lines(result: VocabularyProof | Explanation) -> Lines:
     lines += [_counts_line(one, commands=one.gesture in result.vocabulary) for one in result.gestures]
     lines.append(
         plain(
-            tr(
-                "vocabulary.idle_result",
-                taken=result.idle_taken,
-                frames=result.idle_frames,
-                bound=result.idle_at_most,
-            )
+            tr("vocabulary.idle_result", taken=result.idle_taken, frames=result.idle_frames, bound=result.idle_at_most)
         )
     )
     lines.append(plain(tr("vocabulary.keep"), "bold $success"))
