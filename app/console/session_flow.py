@@ -15,7 +15,7 @@ from app.console.operator import SignedInApp
 from app.console.patient_fields import fits
 from app.console.screens.after import AfterScreen
 from app.console.screens.base import USER_ERRORS, Dialog
-from app.console.screens.dialogs import Question
+from app.console.screens.dialogs import ask
 from app.console.screens.patients import PatientsScreen
 from app.console.screens.session import SessionScreen
 from app.console.screens.signin import SignInDialog
@@ -125,12 +125,7 @@ class SessionFlow(SignedInApp):
         if not self.powered():
             await self.end_session()
             return
-
-        async def then(yes: bool | None) -> None:
-            if yes:
-                await self.end_session()
-
-        self.push_screen(Question(lambda: tr("end.title"), lambda: tr("end.text")), then)
+        ask(self, lambda: tr("end.title"), lambda: tr("end.text"), self.end_session)
 
     async def end_session(self) -> None:
         """Bring the legs to rest, then ask for note and rating while the trail is still open."""

@@ -12,7 +12,7 @@ from textual.containers import VerticalScroll
 from textual.widgets import Button, Input, Label, Select, Static
 
 from app.console.screens.base import ConsoleScreen
-from app.console.screens.dialogs import Question
+from app.console.screens.dialogs import ask
 from app.console.session_index import SessionRecord
 from app.console.state import SessionState
 from app.system.operators import Permission
@@ -106,13 +106,8 @@ class AfterScreen(ConsoleScreen):
         """As saving does; where that fails, without it, after asking."""
         if self._save():
             await self._close()
-            return
-
-        async def leave(yes: bool | None) -> None:
-            if yes:
-                await self._close()
-
-        self.app.push_screen(Question(lambda: tr("form.leave_title"), lambda: tr("form.leave_text")), leave)
+        else:
+            ask(self.app, lambda: tr("form.leave_title"), lambda: tr("form.leave_text"), self._close)
 
     def _save(self) -> bool:
         """Whether all is in the files."""

@@ -18,7 +18,7 @@ from textual.containers import Horizontal, Vertical
 from textual.widgets import Input, Label, Static
 
 from app.console.screens.base import ConsoleScreen
-from app.console.screens.dialogs import Question
+from app.console.screens.dialogs import ask
 from app.console.state import SessionState
 from app.console.widgets.panel import bar
 from app.console.widgets.picture import Picture
@@ -105,10 +105,9 @@ class CalibrationScreen(ConsoleScreen):
         if self._result is None:
             self._show(tr("calibration.nothing"))
         elif doubt := self._result.doubt:
-            question = Question(lambda: tr("calibration.keep_title"), lambda: render(doubt))
-            self.app.push_screen(question, self._keep_if)
+            ask(self.app, lambda: tr("calibration.keep_title"), lambda: render(doubt), self._keep)
         else:
-            self._keep_if(True)
+            self._keep()
 
     def action_back(self) -> None:
         """Leave; what was not kept is lost."""
@@ -139,9 +138,9 @@ class CalibrationScreen(ConsoleScreen):
                 self._result = message
                 self._show(_summary(message))
 
-    def _keep_if(self, yes: bool | None) -> None:
+    def _keep(self) -> None:
         result, app = self._result, self.console_app
-        if not yes or result is None:
+        if result is None:
             return
         with self.notify_errors():
             current = app.store.load(self._profile.identifier)

@@ -13,7 +13,7 @@ from textual.widgets import Input, Label, Select, Static
 
 from app.console.patient_fields import FIELDS, SECTIONS, Field, Kind, Parsed, parse, to_texts
 from app.console.screens.base import USER_ERRORS, ConsoleScreen
-from app.console.screens.dialogs import Question
+from app.console.screens.dialogs import ask
 from app.console.widgets.drawing import draw_step
 from app.text.catalogue import render, tr
 from profiles.anthropometry import estimate_palm
@@ -102,8 +102,8 @@ class PatientForm(ConsoleScreen):
         """Leave; ask first when something was typed."""
         if self._typed == self._saved:
             self.dismiss()
-            return
-        self.app.push_screen(Question(lambda: tr("form.leave_title"), lambda: tr("form.leave_text")), self._leave_if)
+        else:
+            ask(self.app, lambda: tr("form.leave_title"), lambda: tr("form.leave_text"), self.dismiss)
 
     def _row(self, field: Field) -> ComposeResult:
         with Horizontal(classes="row"):
@@ -164,7 +164,3 @@ class PatientForm(ConsoleScreen):
             store.create(profile, by=by, at=now)
         else:
             store.save(msgspec.structs.replace(profile, archived=self._base.archived), by=by, at=now)
-
-    def _leave_if(self, yes: bool | None) -> None:
-        if yes:
-            self.dismiss()

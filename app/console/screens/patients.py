@@ -17,8 +17,7 @@ from textual.widgets import DataTable, Input, Label, Static
 
 from app.console import keys
 from app.console.screens.base import ConsoleScreen
-from app.console.screens.dialogs import AskText, Question
-from app.console.screens.history import History
+from app.console.screens.dialogs import AskText, History, Question
 from app.console.screens.patient_form import PatientForm
 from app.console.screens.start import StartSession
 from app.console.session_index import SessionRecord
