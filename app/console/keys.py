@@ -12,7 +12,7 @@ from textual.screen import Screen
 
 from app.console.sounds import Sound
 from app.console.themes import THEME_NAMES
-from app.ipc.messages import HandCommand, OperatorKind
+from app.ipc.messages import OperatorKind
 from app.ipc.states import GESTURE_OF, Action
 from app.system.errors import AppError, ConsoleFault
 from app.text.catalogue import languages, tr
@@ -114,11 +114,6 @@ def _check_once(place: Iterable[Binding], keymap: Mapping[str, str]) -> None:
             if key in taken:
                 raise AppError(ConsoleFault.KEY_TAKEN, key=key, first=taken[key], second=binding.id)
             taken[key] = binding.id
-
-
-def hand_move(x: int, y: int, z: int) -> HandCommand:
-    """A step of the digital hand: right, down, away from the camera."""
-    return HandCommand(move_x_m=x * HAND_STEP_M, move_y_m=y * HAND_STEP_M, move_z_m=z * HAND_STEP_M)
 
 
 if TYPE_CHECKING:

@@ -10,7 +10,6 @@ from threading import Thread
 from typing import ClassVar
 
 import msgspec
-from textual import on
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Horizontal
@@ -104,11 +103,6 @@ class CompareScreen(HandKeys):
         self.query_one("#picture", Picture).show(state)
         if state.report is not None and state.report.sequence != self._sequence:
             self._take(state.report)
-
-    @on(Picture.Resized, "#picture")
-    def _ask_for_size(self, event: Picture.Resized) -> None:
-        """The session's picture as large as it is shown here."""
-        self.console_app.tell_perception(event.wanted)
 
     def on_input_submitted(self, event: Input.Submitted) -> None:
         """A second camera's name, or the ruler's centimetres."""

@@ -1,13 +1,15 @@
-"""The keys that move the digital hand: on the session's screen, in training, and where cameras are compared."""
+"""Screens that show a session's picture: its size, and the keys that move the digital hand."""
 
 from __future__ import annotations
 
 import time
 
+from textual import on
 from textual.timer import Timer
 
 from app.console import keys
 from app.console.screens.base import ConsoleScreen
+from app.console.widgets.picture import Picture
 from app.ipc.messages import HandCommand, HandPose
 from kgdfa.gesture import Gesture
 
@@ -28,6 +30,11 @@ class HandKeys(ConsoleScreen):
         if not action.startswith("hand_"):
             return True
         return self.console_app.has_digital_hand and not self.console_app.read_only
+
+    @on(Picture.Resized, "#picture")
+    def _ask_for_size(self, event: Picture.Resized) -> None:
+        """Ask perception for a picture of just the size that can be shown."""
+        self.console_app.tell_perception(event.wanted)
 
     def action_hand_sign(self, sign: str) -> None:
         """The digital hand shows a gesture, rests, or leaves; a push that waits is for the shape before."""
@@ -57,8 +64,9 @@ class HandKeys(ConsoleScreen):
         self._move(HandCommand(press=self._pressing))
 
     def action_hand_move(self, x: int, y: int, z: int) -> None:
-        """Move the digital hand a step."""
-        self._move(keys.hand_move(x, y, z))
+        """Move the digital hand a step: right, down, away from the camera."""
+        step_m = keys.HAND_STEP_M
+        self._move(HandCommand(move_x_m=x * step_m, move_y_m=y * step_m, move_z_m=z * step_m))
 
     def _move(self, command: HandCommand) -> None:
         self.console_app.live_session().move_hand(command)

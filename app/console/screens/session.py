@@ -101,10 +101,6 @@ class SessionScreen(HandKeys):
         for panel in self.query(StatePanel):
             panel.show(state)
 
-    def on_picture_resized(self, event: Picture.Resized) -> None:
-        """Ask perception for a picture of just the size that can be shown."""
-        self.console_app.tell_perception(event.wanted)
-
     def on_events_panel_clicked(self) -> None:
         self.action_acknowledge()
 

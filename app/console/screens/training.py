@@ -129,10 +129,6 @@ class TrainingScreen(HandKeys):
         self.query_one(DistancePanel).show(state)
         self._draw(state)
 
-    def on_picture_resized(self, event: Picture.Resized) -> None:
-        """Ask for a picture of just this size."""
-        self.console_app.tell_perception(event.wanted)
-
     def action_skip(self) -> None:
         """On to the next gesture, after the last one to another round."""
         self._lesson = self._lesson.skipped()

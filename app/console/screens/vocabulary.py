@@ -141,10 +141,6 @@ class VocabularyScreen(HandKeys):
         self.query_one("#enrolment", Panel).lines = lines
         self._draw(state)
 
-    def on_picture_resized(self, event: Picture.Resized) -> None:
-        """Ask for an image of just this size."""
-        self.console_app.tell_perception(event.wanted)
-
     def action_leave_out(self) -> None:
         """The patient can't make this gesture: it is not tried any more."""
         self._take(leave_out(self._enrolment))
