@@ -21,7 +21,7 @@ from app.console.screens.session import SessionScreen
 from app.console.screens.signin import SignInDialog
 from app.console.screens.training import TrainingScreen
 from app.console.screens.vocabulary import VocabularyScreen
-from app.console.session_index import SessionRecords, TrainingRecords
+from app.console.session_index import Records, SessionRecord, TrainingRecord
 from app.console.state import SessionState
 from app.console.stop import StopSwitch
 from app.ipc.messages import OperatorKind, PerceptionCommand
@@ -54,8 +54,8 @@ class SessionFlow(SignedInApp):
         self.live: LiveSession | None = None
         self.left_held = False  # this console ended without having taken the session over
         self.store = ProfileStore(home.profiles, (fits(config.joints),))
-        self.sessions = SessionRecords(home.root / "sessions")
-        self.trainings = TrainingRecords(home.root / "trainings")
+        self.sessions = Records(home.root / "sessions", SessionRecord)
+        self.trainings = Records(home.root / "trainings", TrainingRecord)
         self._make_host = make_host
         self._clock = clock
         self.large_letters = False

@@ -47,9 +47,9 @@ class PatientForm(ConsoleScreen):
         yield Label(tr("form.title_new") if self._new else tr("form.title", name=self._base.identifier), id="title")
         with Horizontal(id="form"):
             with VerticalScroll(id="fields", can_focus=False):
-                for section in SECTIONS:
-                    yield Label(tr(f"form.section.{section.name}"), classes="section")
-                    for field in section.fields:
+                for section, fields in SECTIONS.items():
+                    yield Label(tr(f"form.section.{section}"), classes="section")
+                    for field in fields:
                         yield from self._row(field)
             with Vertical(id="beside"):
                 yield Static(id="verdict", markup=False)

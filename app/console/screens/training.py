@@ -12,7 +12,7 @@ from textual.containers import Horizontal, Vertical
 from textual.widgets import Label
 
 from app.console import keys
-from app.console.lessons import LESSONS, Lesson, Score, advance, best_of, wrong_fingers
+from app.console.lessons import LESSONS, Lesson, Score, advance, wrong_fingers
 from app.console.screens.hand_keys import HandKeys
 from app.console.session_index import TrainingRecord
 from app.console.state import SessionState
@@ -106,7 +106,7 @@ class TrainingScreen(HandKeys):
 
     def on_mount(self) -> None:
         with self.notify_errors():
-            former = best_of(record.best for record in self.console_app.trainings.of(self._patient))
+            former = max((record.best for record in self.console_app.trainings.of(self._patient)), default=None)
             self._lesson = Lesson(score=Score(former=former))
 
     def on_unmount(self) -> None:

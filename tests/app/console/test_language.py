@@ -51,7 +51,7 @@ def test_every_row_of_the_tables_is_there(code: str) -> None:
     wanted += [f"bind.{binding.id}" for binding in keys.ALL]
     wanted += [f"check.{check.name}.{part}" for check in CHECKS for part in ("name", "remedy")]
     wanted += [f"field.{field.path}" for field in FIELDS]
-    wanted += [f"form.section.{section.name}" for section in SECTIONS]
+    wanted += [f"form.section.{section}" for section in SECTIONS]
     wanted += [key_of(one) for field in FIELDS if field.kind is Kind.CHOICE for one in _members(field.choices)]
     wanted += [f"training.{one.value}" for one in FingerState]
     asked_in_the_console = (Permission.OPERATE, Permission.EDIT_PATIENTS, Permission.CALIBRATE, Permission.REVIEW)
