@@ -97,23 +97,19 @@ def check_keymap(keymap: Mapping[str, str]) -> None:
             names = ", ".join(sorted(str(item) for item in known))
             raise AppError(ConsoleFault.UNKNOWN_KEY_NAME, name=name, known=names)
     for place in ((*EVERYWHERE, *SESSION, *HAND), (*EVERYWHERE, *PATIENTS)):
-        _check_once(place, keymap)
+        taken: dict[str, str] = {}
+        for binding in place:
+            assert binding.id is not None
+            for key in keys_of(binding.id, keymap):
+                if key in taken:
+                    raise AppError(ConsoleFault.KEY_TAKEN, key=key, first=taken[key], second=binding.id)
+                taken[key] = binding.id
 
 
 def keys_of(id: str, keymap: Mapping[str, str]) -> tuple[str, ...]:  # noqa: A002 - Textual's own name
     """The keys that do what `id` names."""
     default = next(binding.key for binding in ALL if binding.id == id)
     return tuple(key.strip() for key in keymap.get(id, default).split(","))
-
-
-def _check_once(place: Iterable[Binding], keymap: Mapping[str, str]) -> None:
-    taken: dict[str, str] = {}
-    for binding in place:
-        assert binding.id is not None
-        for key in keys_of(binding.id, keymap):
-            if key in taken:
-                raise AppError(ConsoleFault.KEY_TAKEN, key=key, first=taken[key], second=binding.id)
-            taken[key] = binding.id
 
 
 if TYPE_CHECKING:

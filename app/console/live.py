@@ -97,27 +97,25 @@ class LiveSession:
 
     def close(self) -> None:
         """Bring the legs to rest and end the processes: nothing is left for STOP to do once this has begun."""
-        if self.closed:
-            return
-        self.closed = True
-        self._connect(None)
-        self._end_voice()
-        self.host.close()
-        restore_gc()
+        if not self.closed:
+            self._end()
+            self.host.close()
+            restore_gc()
 
     def leave(self) -> None:
         """Leave the session, held, to the console that takes it over."""
         if not self.closed:
-            self.closed = True
-            self._connect(None)
-            self._end_voice()
+            self._end()
             self.host.silence()
             self.host.leave()
 
     def _stop_by_voice(self) -> None:
         self.host.send(OperatorKind.VOICE_STOP)
 
-    def _end_voice(self) -> None:
+    def _end(self) -> None:
+        """For this console: neither key nor voice stops any more."""
+        self.closed = True
+        self._connect(None)
         if self._voice is not None:
             self._voice.close()
 
@@ -162,7 +160,7 @@ class Host(Protocol):
         """Leave the session to itself."""
         ...
 
-    def send(self, kind: OperatorKind, action: Action | None = None, note: str = "") -> int:
+    def send(self, kind: OperatorKind, action: Action | None = None) -> int:
         """The operator's word to control; its sequence comes back in the snapshot."""
         ...
 

@@ -64,7 +64,7 @@ class ObserverHost:
         for link in (self._snapshots, self._reports, self._previews, self._audit):
             link.close()
 
-    def send(self, kind: OperatorKind, action: Action | None = None, note: str = "") -> int:  # noqa: ARG002
+    def send(self, kind: OperatorKind, action: Action | None = None) -> int:  # noqa: ARG002
         """An observer gives no orders."""
         return 0
 

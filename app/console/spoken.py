@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from app.console.guidance import next_step
 from app.console.state import SessionState
+from app.console.widgets.gait import commanded_by
 from app.console.widgets.gesture import why_nothing
 from app.ipc.messages import ActiveEvent, ControlSnapshot, TriggerReport
-from app.ipc.states import GESTURE_OF, Action, Effect, Outcome
+from app.ipc.states import Effect, Outcome
 from app.text.catalogue import render, tr
 
 # Said by lines of their own, or by none: they come and go with every push.
@@ -39,15 +40,11 @@ def _control(was: ControlSnapshot | None, state: SessionState) -> list[str]:
     if was is None or was.state is not now.state:
         lines.append(tr("plain.state", state=now.state))
     if now.action is None and now.armed and (was is None or (was.allowed, was.armed) != (now.allowed, now.armed)):
-        each = tuple(f"{_sign(action, now)} {tr(action)}" for action in now.allowed)
+        each = tuple(f"{commanded_by(action, now)} {tr(action)}" for action in now.allowed)
         lines.append(tr("plain.allowed", actions=each) if each else tr("plain.nothing_allowed"))
     if now.refusal is not None and was is not None and now.refusal_count > was.refusal_count:
         lines.append(tr("events.refused", reason=render(now.refusal)))
     return lines
-
-
-def _sign(action: Action, now: ControlSnapshot) -> str:
-    return tr("machine.by_key") if action in now.by_key_only else tr(GESTURE_OF[action])
 
 
 def _events(was: tuple[ActiveEvent, ...], now: ControlSnapshot) -> list[str]:

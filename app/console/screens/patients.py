@@ -137,8 +137,7 @@ class PatientsScreen(ConsoleScreen):
 
     def action_begin(self) -> None:
         """On with the patient under the cursor: hardware, then the session."""
-        profile = self._chosen()
-        if profile is not None:
+        if profile := self._chosen():
             self.app.push_screen(StartSession(profile))
 
     async def action_new(self) -> None:
@@ -147,14 +146,12 @@ class PatientsScreen(ConsoleScreen):
 
     async def action_edit(self) -> None:
         """Change the patient under the cursor."""
-        profile = self._chosen()
-        if profile is not None:
+        if profile := self._chosen():
             await self._edit(lambda: PatientForm(profile))
 
     async def action_duplicate(self) -> None:
         """A copy under another identifier."""
-        profile = self._chosen()
-        if profile is not None:
+        if profile := self._chosen():
             name = profile.identifier
             asked = (lambda: tr("patients.duplicate_title"), lambda: tr("patients.duplicate_text", name=name))
             await self._edit(lambda: AskText(*asked), self._duplicate)
@@ -170,8 +167,7 @@ class PatientsScreen(ConsoleScreen):
 
     def action_history(self) -> None:
         """What changed, when, by whom."""
-        profile = self._chosen()
-        if profile is not None:
+        if profile := self._chosen():
             with self.notify_errors():
                 changes = self.console_app.store.history(profile.identifier)
                 self.app.push_screen(History(profile.identifier, changes))
@@ -180,14 +176,12 @@ class PatientsScreen(ConsoleScreen):
         """What the sessions came to, over time."""
         from app.console.screens.outcomes import OutcomesPage  # MCAP: only for who asks for it
 
-        profile = self._chosen()
-        if profile is not None:
+        if profile := self._chosen():
             self.app.push_screen(OutcomesPage(self.console_app.home, profile.identifier))
 
     def action_export(self) -> None:
         """A copy as a file."""
-        profile = self._chosen()
-        if profile is not None:
+        if profile := self._chosen():
             name = profile.identifier
             asked = (lambda: tr("patients.export_title"), lambda: tr("patients.export_text", name=name))
             self.app.push_screen(AskText(*asked, f"{name}.toml"), self._export)
@@ -199,14 +193,12 @@ class PatientsScreen(ConsoleScreen):
 
     async def action_calibrate(self) -> None:
         """The patient's palm before the configured camera."""
-        profile = self._chosen()
-        if profile is not None:
+        if profile := self._chosen():
             await self.console_app.calibrate(profile)
 
     async def action_vocabulary(self) -> None:
         """Which gestures this patient can make."""
-        profile = self._chosen()
-        if profile is not None:
+        if profile := self._chosen():
             await self.console_app.begin_enrolment(profile)
 
     async def action_training(self) -> None:
@@ -274,16 +266,14 @@ class PatientsScreen(ConsoleScreen):
             about.update(describe(profile, changes, sessions, datetime.now(UTC)))
 
     def _duplicate(self, name: str | None) -> None:
-        profile = self._chosen()
-        if name and profile is not None:
+        if name and (profile := self._chosen()):
             copy = msgspec.structs.replace(profile, identifier=name, archived=False, calibrations=())
             with self.notify_errors():
                 self.console_app.store.create(copy, by=self.console_app.authority, at=datetime.now(UTC))
             self.reload()
 
     def _archive(self, yes: bool | None) -> None:
-        profile = self._chosen()
-        if yes and profile is not None:
+        if yes and (profile := self._chosen()):
             with self.notify_errors():
                 self.console_app.store.archive(
                     profile.identifier,
@@ -294,8 +284,7 @@ class PatientsScreen(ConsoleScreen):
             self.reload()
 
     def _export(self, typed: str | None) -> None:
-        profile = self._chosen()
-        if typed and profile is not None:
+        if typed and (profile := self._chosen()):
             with self.notify_errors():
                 path = Path(typed).expanduser()
                 self.console_app.store.export(profile.identifier, path)

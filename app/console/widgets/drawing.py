@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 from app.console.widgets.canvas import Canvas
 from profiles.anthropometry import limb_lengths
-from profiles.schema import Profile
+from profiles.schema import GaitParameters, Profile
 
 Point = tuple[float, float]
 Stroke = Callable[[Point, Point], None]
@@ -20,7 +20,9 @@ FOOT_M = 0.16
 def draw_step(profile: Profile, columns: int, rows: int) -> str:
     """The level step on the left; stair, obstacle and chair to scale on the right."""
     canvas = Canvas(columns, rows)
-    scale = min(canvas.width / VIEW_M, canvas.height / (1.12 * _leg(profile)))
+    limbs = limb_lengths(profile.stature_m)
+    thigh_m, shank_m = profile.thigh_length_m or limbs.thigh_m, profile.shank_length_m or limbs.shank_m
+    scale = min(canvas.width / VIEW_M, canvas.height / (1.12 * (thigh_m + shank_m)))
 
     def line(a: Point, b: Point) -> None:
         canvas.line(
@@ -32,7 +34,7 @@ def draw_step(profile: Profile, columns: int, rows: int) -> str:
 
     gait = profile.gait
     line((0.0, 0.0), (canvas.width / scale, 0.0))
-    _legs(profile, line)
+    _legs(line, gait, thigh_m, shank_m)
     x = 0.95
     _box(line, x, gait.stair_rise_m, gait.stair_tread_m)
     _box(line, x + gait.stair_tread_m, 2 * gait.stair_rise_m, gait.stair_tread_m)
@@ -41,14 +43,8 @@ def draw_step(profile: Profile, columns: int, rows: int) -> str:
     return canvas.plain()
 
 
-def _leg(profile: Profile) -> float:
-    limbs = limb_lengths(profile.stature_m)
-    return (profile.thigh_length_m or limbs.thigh_m) + (profile.shank_length_m or limbs.shank_m)
-
-
-def _legs(profile: Profile, line: Stroke) -> None:
-    limbs, step = limb_lengths(profile.stature_m), profile.gait.step_length_m
-    thigh, shank = profile.thigh_length_m or limbs.thigh_m, profile.shank_length_m or limbs.shank_m
+def _legs(line: Stroke, gait: GaitParameters, thigh: float, shank: float) -> None:
+    step = gait.step_length_m
     back, front = 0.08, 0.08 + step
     hip = ((back + front) / 2, math.sqrt(max(0.05, (0.99 * (thigh + shank)) ** 2 - (step / 2) ** 2)))
     for foot in (back, front):
@@ -59,7 +55,7 @@ def _legs(profile: Profile, line: Stroke) -> None:
     previous = (back, 0.0)
     for index in range(1, 17):
         share = index / 16
-        here = (back + step * share, profile.gait.swing_clearance_m * math.sin(math.pi * share))
+        here = (back + step * share, gait.swing_clearance_m * math.sin(math.pi * share))
         if index % 2:
             line(previous, here)
         previous = here

@@ -38,7 +38,7 @@ def sparkline(values: Iterable[float | None], most: float | None = None) -> str:
     """A bar for each value from 0 to `most` (None: the greatest of them); a dot where there is none."""
     found = list(values)
     top = most or max((value for value in found if value is not None), default=0.0) or 1.0
-    return "".join(NO_BAR if value is None else _bar(value / top) for value in found)
+    return "".join(NO_BAR if value is None else bar_of(value / top) for value in found)
 
 
 def trend_lines(sessions: Sequence[SessionRecord]) -> list[Line]:
@@ -93,5 +93,6 @@ def in_order(order: PatientOrder, last_at: dict[str, str]) -> list[str]:
     return sorted(names, key=lambda name: last_at[name], reverse=order is PatientOrder.RECENT)
 
 
-def _bar(share: float) -> str:
+def bar_of(share: float) -> str:
+    """The bar of this share; what is outside 0 to 1 as its nearest end."""
     return BARS[min(len(BARS) - 1, max(0, int(share * len(BARS))))]
