@@ -6,7 +6,7 @@ import asyncio
 import os
 import sys
 import time
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from contextlib import suppress
 from functools import cached_property
 from multiprocessing import resource_tracker
@@ -115,7 +115,7 @@ class ConsoleApp(SessionFlow):
             switch=lambda: self.switch,
             input_alive=self._input_alive,
             lost=self._ending.begin,
-            repaint=self._paint_anew,
+            repaint=lambda: self._call_in_loop(self.refresh),
             attached=self._use_terminal,
             pixels=self._found_pixels if self.config.picture == "auto" and asks(os.environ) else None,
         )
@@ -306,34 +306,28 @@ class ConsoleApp(SessionFlow):
     def _found_pixels(self, pixels: PixelTerminal) -> None:
         """From the input's thread, before the first paint or long after it."""
         self.pixels = pixels
-        loop = self._loop_of_console
-        if loop is not None:
-            loop.call_soon_threadsafe(self._fit_pictures)
+        self._call_in_loop(self._fit_pictures)
 
     def _fit_pictures(self) -> None:
         for picture in self.screen.query(Picture):
             picture.on_resize()
 
+    def _call_in_loop(self, call: Callable[[], object]) -> None:
+        """From any thread; nothing before there is a loop, or once it is closed."""
+        if self._loop_of_console is not None:
+            with suppress(RuntimeError):
+                self._loop_of_console.call_soon_threadsafe(call)
+
     def _input_alive(self) -> None:
-        live = self.live
-        if live is not None:
+        if (live := self.live) is not None:
             live.input_alive()
 
-    def _paint_anew(self) -> None:
-        loop = self._loop_of_console
-        if loop is not None:
-            with suppress(RuntimeError):  # closed meanwhile
-                loop.call_soon_threadsafe(self.refresh)
-
     def _lose_console(self) -> None:
-        live = self.live
-        if live is not None:
+        if (live := self.live) is not None:
             live.console_lost()
 
     def _ask_to_end(self) -> None:
-        loop = self._loop_of_console
-        if loop is not None:
-            loop.call_soon_threadsafe(lambda: loop.create_task(self._leave_now()))
+        self._call_in_loop(lambda: asyncio.create_task(self._leave_now()))
 
     def _restore_terminal(self) -> None:
         if self._terminal is not None:

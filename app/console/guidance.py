@@ -37,14 +37,6 @@ class Check:
     applies: Callable[[SessionState], bool] = lambda _: True
 
 
-@dataclass(frozen=True, slots=True)
-class Result:
-    """One line of the list."""
-
-    name: str
-    light: Light
-
-
 def _press_zone(state: SessionState) -> bool:
     report = state.report
     return report is None or report.press_zone is None or report.press_zone.fits(report.threshold_m)
@@ -80,9 +72,9 @@ CHECKS = (
 )
 
 
-def results(state: SessionState) -> tuple[Result, ...]:
-    """Every check as it stands now."""
-    return tuple(Result(check.name, _light(check, state)) for check in CHECKS if check.applies(state))
+def results(state: SessionState) -> dict[str, Light]:
+    """Every check as it stands now, by its name."""
+    return {check.name: _light(check, state) for check in CHECKS if check.applies(state)}
 
 
 def ready(state: SessionState) -> bool:

@@ -32,7 +32,6 @@ from app.text.catalogue import tr
 if TYPE_CHECKING:
     from textual_serve.server import Server
 
-Clock = Callable[[], int]
 SPOKEN_EVERY_S = 0.1  # nobody hears more often
 
 
@@ -113,7 +112,7 @@ def observe(home: Home, config: Config) -> None:
         app.close_live()
 
 
-def speak_session(home: Home, write: Callable[[str], object], clock: Clock = time.monotonic_ns) -> None:
+def speak_session(home: Home, write: Callable[[str], object]) -> None:
     """Write a line for each change of the running session of this home, until it ends.
 
     For screen readers and pipes: no terminal, no colours, nothing drawn. Raises AppError when no session runs.
@@ -124,11 +123,11 @@ def speak_session(home: Home, write: Callable[[str], object], clock: Clock = tim
     set_scheduling("observer")
     setup = shared(home)
     host = ObserverHost(setup)
-    now_ns = clock()
+    now_ns = time.monotonic_ns()
     before, state = None, SessionState(setup=setup, started_ns=now_ns, now_ns=now_ns)
     try:
         while True:
-            state = fold(state, host.poll(), clock())
+            state = fold(state, host.poll(), time.monotonic_ns())
             for line in changes(before, state):
                 write(line)
             if not all(process.alive for process in state.processes):

@@ -25,14 +25,6 @@ CAMERAS = ("digital-hand", "webcam", "realsense", "recording")
 JOINTS = ("simulated", "can")
 
 
-def choose(config: Config, camera: str, device: str, joints: str) -> Config:
-    """The configuration with these choices, validated like one from a file."""
-    built = msgspec.to_builtins(config)
-    built["camera"] |= {"kind": camera, "device": device}
-    built["joints"] |= {"kind": joints}
-    return msgspec.convert(built, type=Config)
-
-
 class StartSession(ConsoleScreen):
     """Everything is set as last time: Enter goes on."""
 
@@ -102,9 +94,9 @@ class StartSession(ConsoleScreen):
         await app.begin_session(self._profile, config)
 
     def _chosen(self) -> Config:
-        return choose(
-            self.console_app.config,
-            str(self.query_one("#camera", Select).value),
-            self.query_one("#device", Input).value.strip(),
-            str(self.query_one("#joints-kind", Select).value),
-        )
+        """The configuration with these choices, validated like one from a file."""
+        built = msgspec.to_builtins(self.console_app.config)
+        built["camera"]["kind"] = self.query_one("#camera", Select).value
+        built["camera"]["device"] = self.query_one("#device", Input).value.strip()
+        built["joints"]["kind"] = self.query_one("#joints-kind", Select).value
+        return msgspec.convert(built, type=Config)

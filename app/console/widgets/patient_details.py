@@ -7,7 +7,7 @@ from datetime import datetime
 from textual.content import Content
 
 from app.console.session_index import SessionRecord
-from app.console.widgets.panel import Line, plain
+from app.console.widgets.panel import Line, content_of, plain
 from app.console.widgets.patient_trend import ago, session_lines, trend_lines
 from app.system.vocabulary import VALID_FOR, VocabularyStatus
 from app.text.catalogue import knows, tr
@@ -32,7 +32,7 @@ def describe(
     lines += trend_lines(sessions)
     lines += _changed(changes, last)
     lines += _figures(profile, now)
-    return Content("\n").join(Content.assemble(*line) for line in lines)
+    return content_of(tuple(lines))
 
 
 def _figures(profile: Profile, now: datetime) -> list[Line]:
