@@ -34,7 +34,7 @@ from app.console.screens.help import HelpPage, page
 from app.console.screens.patients import PatientsScreen
 from app.console.screens.signin import LockScreen, SignInDialog
 from app.console.session_flow import SessionFlow
-from app.console.sounds import Sound, sounds_of, switched_on
+from app.console.spoken import Sound, sounds_of, switched_on
 from app.console.state import ProcessFault, newly_ended
 from app.console.terminal import TerminalDriver, TerminalEvents, with_stop
 from app.console.themes import THEME_NAMES, THEMES
@@ -254,12 +254,6 @@ class ConsoleApp(SessionFlow):
         """On or off, until the console ends; the configuration has what it begins with."""
         self.sounds ^= {sound}
         self.notify(tr("sound.on" if sound in self.sounds else "sound.off", sound=sound))
-
-    def open_review(self) -> None:
-        """Earlier sessions, by the reviewer's screen."""
-        from app.console.screens.review import ReviewScreen
-
-        self.push_screen(ReviewScreen(self.home))
 
     def _set_beat(self, period_s: float) -> None:
         if period_s != self._beat_s:

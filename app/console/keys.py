@@ -10,7 +10,7 @@ from textual.app import SystemCommand
 from textual.binding import Binding
 from textual.screen import Screen
 
-from app.console.sounds import Sound
+from app.console.spoken import Sound
 from app.console.themes import THEME_NAMES
 from app.ipc.messages import OperatorKind
 from app.ipc.states import GESTURE_OF, Action

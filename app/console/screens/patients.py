@@ -22,8 +22,7 @@ from app.console.screens.patient_form import PatientForm
 from app.console.screens.start import StartSession
 from app.console.session_index import SessionRecord
 from app.console.state import SessionState
-from app.console.widgets.patient_details import describe
-from app.console.widgets.patient_trend import PatientOrder, in_order, last_cells
+from app.console.widgets.patient_details import PatientOrder, describe, in_order, last_cells
 from app.system.errors import AppError
 from app.system.operators import Permission
 from app.text.catalogue import render, tr
@@ -207,7 +206,9 @@ class PatientsScreen(ConsoleScreen):
 
     def action_review(self) -> None:
         """Earlier sessions."""
-        self.console_app.open_review()
+        from app.console.screens.review import ReviewScreen
+
+        self.app.push_screen(ReviewScreen(self.console_app.home))
 
     def action_order(self) -> None:
         """Another order; the cursor goes to the first."""
@@ -275,12 +276,8 @@ class PatientsScreen(ConsoleScreen):
     def _archive(self, yes: bool | None) -> None:
         if yes and (profile := self._chosen()):
             with self.notify_errors():
-                self.console_app.store.archive(
-                    profile.identifier,
-                    by=self.console_app.authority,
-                    at=datetime.now(UTC),
-                    archived=not profile.archived,
-                )
+                app, archived = self.console_app, not profile.archived
+                app.store.archive(profile.identifier, by=app.authority, at=datetime.now(UTC), archived=archived)
             self.reload()
 
     def _export(self, typed: str | None) -> None:

@@ -92,10 +92,9 @@ def _why_not(snapshot: ControlSnapshot, width: int) -> Lines:
     """Why nothing is allowed, unless an event beside says the same."""
     if snapshot.allowed or snapshot.action is not None or not snapshot.why_not:
         return ()
-    known = any(event.reason == snapshot.why_not for event in snapshot.events)
-    return (
-        () if known else tuple(plain(f" {part}", "$warning") for part in wrapped(render(snapshot.why_not), width - 1))
-    )
+    if any(event.reason == snapshot.why_not for event in snapshot.events):
+        return ()
+    return tuple(plain(f" {part}", "$warning") for part in wrapped(render(snapshot.why_not), width - 1))
 
 
 def signpost(snapshot: ControlSnapshot, width: int, height: int) -> Lines:

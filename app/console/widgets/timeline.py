@@ -16,7 +16,7 @@ from textual.widget import Widget
 
 from app.console.review_data import Instant, ReviewedSession, Span, visible
 from app.console.widgets.panel import cells, padded
-from app.console.widgets.patient_trend import bar_of
+from app.console.widgets.patient_details import bar_of
 from app.ipc.states import Effect, GaitState
 from app.text.catalogue import tr
 from app.text.recorded import render_recorded

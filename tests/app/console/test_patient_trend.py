@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from app.console.session_index import Records, SessionRecord
-from app.console.widgets.patient_trend import (
+from app.console.widgets.patient_details import (
     BARS,
     NO_BAR,
     PatientOrder,
