@@ -59,16 +59,8 @@ class ConsoleApp(SessionFlow):
     CSS_PATH = "styles.tcss"
     TITLE = "rleex"
     BINDINGS: ClassVar[list[BindingType]] = list(keys.EVERYWHERE)
-    HORIZONTAL_BREAKPOINTS = [  # noqa: RUF012 - declared by Textual
-        (0, "-narrow"),
-        (72, "-normal"),
-        (130, "-wide"),
-    ]
-    VERTICAL_BREAKPOINTS = [  # noqa: RUF012 - declared by Textual
-        (0, "-tiny"),
-        (16, "-short"),
-        (38, "-tall"),
-    ]
+    HORIZONTAL_BREAKPOINTS = [(0, "-narrow"), (72, "-normal"), (130, "-wide")]  # noqa: RUF012 - declared by Textual
+    VERTICAL_BREAKPOINTS = [(0, "-tiny"), (16, "-short"), (38, "-tall")]  # noqa: RUF012 - declared by Textual
 
     def __init__(
         self,

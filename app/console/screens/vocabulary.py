@@ -74,15 +74,10 @@ def result_lines(result: VocabularyProof | Explanation) -> Lines:
     """What is proven with its bounds, or why nothing is."""
     if isinstance(result, Explanation):
         return (plain(f"✗ {render(reason_of(result))}", "bold $error"), plain(tr("vocabulary.old_stays")))
-    lines: list[Line] = [plain(tr("vocabulary.result"), "bold")]
-    lines += [_counts_line(one, commands=one.gesture in result.vocabulary) for one in result.gestures]
-    lines.append(
-        plain(
-            tr("vocabulary.idle_result", taken=result.idle_taken, frames=result.idle_frames, bound=result.idle_at_most)
-        )
-    )
-    lines.append(plain(tr("vocabulary.keep"), "bold $success"))
-    return tuple(lines)
+    counts = (_counts_line(one, commands=one.gesture in result.vocabulary) for one in result.gestures)
+    taken, frames, bound = result.idle_taken, result.idle_frames, result.idle_at_most
+    idle = plain(tr("vocabulary.idle_result", taken=taken, frames=frames, bound=bound))
+    return (plain(tr("vocabulary.result"), "bold"), *counts, idle, plain(tr("vocabulary.keep"), "bold $success"))
 
 
 def _counts_line(one: GestureCounts, *, commands: bool) -> Line:
