@@ -109,7 +109,7 @@ class PatientForm(ConsoleScreen):
         if self._typed == self._saved:
             self.dismiss()
         else:
-            ask(self.app, lambda: tr("form.leave_title"), lambda: tr("form.leave_text"), self.dismiss)
+            ask(self.app, lambda: tr("form.leave_title"), lambda: tr("form.leave_text"), self.action_dismiss)
 
     def _row(self, field: Field) -> ComposeResult:
         with Horizontal(classes="row"):
