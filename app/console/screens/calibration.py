@@ -51,7 +51,7 @@ class CalibrationScreen(ConsoleScreen):
     HELP_PAGE = "calibration"
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("ctrl+s", "keep", "bind.calibration.keep"),
-        Binding("escape", "back", "bind.start.back"),
+        Binding("escape", "dismiss", "bind.start.back"),  # what was not kept is lost
     ]
 
     def __init__(self, profile: Profile) -> None:
@@ -108,10 +108,6 @@ class CalibrationScreen(ConsoleScreen):
             ask(self.app, lambda: tr("calibration.keep_title"), lambda: render(doubt), self._keep)
         else:
             self._keep()
-
-    def action_back(self) -> None:
-        """Leave; what was not kept is lost."""
-        self.dismiss()
 
     def _begin(self, distance_m: float) -> None:
         self._end_child()

@@ -32,7 +32,7 @@ class StartSession(ConsoleScreen):
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("ctrl+s", "begin", "bind.start.begin"),
         Binding("f5", "preflight", "bind.checklist.preflight"),
-        Binding("escape", "back", "bind.start.back"),
+        Binding("escape", "dismiss", "bind.start.back"),
     ]
 
     def __init__(self, profile: Profile) -> None:
@@ -79,10 +79,6 @@ class StartSession(ConsoleScreen):
         """Rehearse every action for this patient, for who may move one."""
         app, config = self.console_app, self._chosen()
         await app.permitted(Permission.OPERATE, lambda: app.push_screen(Preflight(self._profile, config)), config)
-
-    def action_back(self) -> None:
-        """To the list."""
-        self.dismiss()
 
     async def _begin(self, config: Config) -> None:
         app, used = self.console_app, DistanceUsed(self.query_one("#distance-source", Select).value)
