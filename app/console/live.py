@@ -146,43 +146,33 @@ class Host(Protocol):
     @property
     def commands(self) -> bool:
         """Whether the session is this console's to end."""
-        ...
 
     def start(self) -> None:
         """Start the processes, or take running ones over; may take a second."""
-        ...
 
     def close(self) -> None:
         """Bring the legs to rest and the processes to their end; harmless when done twice."""
-        ...
 
     def leave(self) -> None:
         """Leave the session to itself."""
-        ...
 
     def send(self, kind: OperatorKind, action: Action | None = None) -> int:
         """The operator's word to control; its sequence comes back in the snapshot."""
-        ...
 
     def heartbeat(self) -> None:
         """STOP can be given."""
-        ...
 
     def silence(self) -> None:
         """STOP can't be given any more."""
-        ...
 
     def move_hand(self, command: HandCommand) -> None:
         """Move the digital hand."""
-        ...
 
     def send_to_perception(self, command: PerceptionCommand) -> None:
         """Change what the picture looks like."""
-        ...
 
     def poll(self) -> Latest:
         """The newest of each stream, without waiting."""
-        ...
 
 
 HostFactory = Callable[[SessionSetup], Host]
