@@ -167,6 +167,15 @@ class HandKeys(ConsoleScreen):
             return True
         return self.console_app.has_digital_hand and not self.console_app.read_only
 
+    def show_session(self, state: SessionState | None) -> None:
+        super().show_session(state)
+        if state is not None:
+            self.query_one("#picture", Picture).show(state)
+            self.follow(state)
+
+    def follow(self, state: SessionState) -> None:
+        """Draw the session's newest state, besides its picture."""
+
     @on(Picture.Resized, "#picture")
     def _ask_for_size(self, event: Picture.Resized) -> None:
         """Ask perception for a picture of just the size that can be shown."""

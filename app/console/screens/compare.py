@@ -95,12 +95,8 @@ class CompareScreen(HandKeys):
             Thread(target=_write_if_possible, args=(path, table), name="comparison", daemon=True).start()
             self._end_looker()
 
-    def show_session(self, state: SessionState | None) -> None:
-        super().show_session(state)
-        if state is None:
-            return
+    def follow(self, state: SessionState) -> None:
         self.query_one("#status", Panel).lines = (plain(tr("compare.text"), "$text-muted"),)
-        self.query_one("#picture", Picture).show(state)
         if state.report is not None and state.report.sequence != self._sequence:
             self._take(state.report)
 

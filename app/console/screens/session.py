@@ -77,10 +77,7 @@ class SessionScreen(HandKeys):
             setup = self.console_app.live_setup()
             self.wearer = await asyncio.to_thread(load_wearer, setup.profile, setup.config.joints)
 
-    def show_session(self, state: SessionState | None) -> None:
-        super().show_session(state)
-        if state is None:
-            return
+    def follow(self, state: SessionState) -> None:
         if state.snapshot is not None and not self._loading:
             self._loading = True
             self.run_worker(self._load_wearer(), exit_on_error=False)
@@ -90,7 +87,6 @@ class SessionScreen(HandKeys):
         guide = guidance_line(state, app.key_names, watching=app.read_only)
         self.query_one("#guide", Panel).lines = guide
         self._show_guided()
-        self.query_one(Picture).show(state)
         main = self.query_one("#main")
         main.set_class(held(state), "-held")
         main.set_class(app.large_letters, "-large")

@@ -118,13 +118,9 @@ class TrainingScreen(HandKeys):
             with self.notify_errors():
                 self.console_app.trainings.add(record)
 
-    def show_session(self, state: SessionState | None) -> None:
-        super().show_session(state)
-        if state is None:
-            return
+    def follow(self, state: SessionState) -> None:
         if state.report is not None and state.report_fresh:
             self._lesson = advance(self._lesson, state.report)
-        self.query_one(Picture).show(state)
         self.query_one(GesturePanel).show(state)
         self.query_one(DistancePanel).show(state)
         self._draw(state)

@@ -122,15 +122,11 @@ class VocabularyScreen(HandKeys):
                 yield Panel(id="enrolment")
         yield from self.compose_bottom()
 
-    def show_session(self, state: SessionState | None) -> None:
-        super().show_session(state)
-        if state is None:
-            return
+    def follow(self, state: SessionState) -> None:
         report = state.report
         if report is not None and state.report_fresh and report.captured_ns > self._captured_ns:
             self._captured_ns = report.captured_ns
             self._take(update_enrolment(self._enrolment, frame_of(report)))
-        self.query_one(Picture).show(state)
         self.query_one(GesturePanel).show(state)
         lines = result_lines(self._result) if self._result is not None else guide_lines(self._enrolment, report)
         self.query_one("#enrolment", Panel).lines = lines
