@@ -79,7 +79,7 @@ PATIENTS = (
     _key("patients.vocabulary", "g", "vocabulary", show=False),
     _key("patients.review", "r", "review"),
     _key("patients.order", "s", "order", show=False),
-    _key("patients.search", "slash", "app.focus('search')"),
+    _key("patients.search", "slash", "search"),
 )
 ALL = (*EVERYWHERE, *SESSION, *HAND, *PATIENTS)
 

@@ -40,9 +40,10 @@ class LiveSession:
         self.ending = False
         self.closed = False
         self._connect(lambda: host.send(OperatorKind.STOP))
+        self._voice: VoiceStop | None = None
         config = host.setup.config.voice
-        # An observer's commands nobody, and neither does its microphone.
-        self._voice = VoiceStop(config, self._stop_by_voice) if config.on and switch is not None else None
+        if config.on and switch is not None:  # an observer commands nobody, and neither does its microphone
+            self._voice = VoiceStop(config, lambda: host.send(OperatorKind.VOICE_STOP))
 
     @property
     def control_alive(self) -> bool:
@@ -108,9 +109,6 @@ class LiveSession:
             self._end()
             self.host.silence()
             self.host.leave()
-
-    def _stop_by_voice(self) -> None:
-        self.host.send(OperatorKind.VOICE_STOP)
 
     def _end(self) -> None:
         """For this console: neither key nor voice stops any more."""

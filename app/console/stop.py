@@ -100,10 +100,8 @@ class StopSwitch:
         """Whether this input was STOP; called in the terminal's input thread, before anything else sees it."""
         if isinstance(message, events.Key) and message.key in self.keys:
             return self.press_key()
-        if isinstance(message, events.MouseDown) and self.live and self._hit(message):
+        clicked = isinstance(message, events.MouseDown) and self.region.contains(message.screen_x, message.screen_y)
+        if clicked and self.live:
             self.stop()
             return True
         return False
-
-    def _hit(self, click: events.MouseDown) -> bool:
-        return self.region.contains(click.screen_x, click.screen_y)

@@ -46,8 +46,8 @@ class CompareScreen(HandKeys):
     AUTO_FOCUS = ""
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("escape,v", "back", "bind.cancel"),
-        Binding("2", "app.focus('second')", "bind.compare.second"),
-        Binding("r", "app.focus('ruler')", "bind.compare.ruler"),
+        Binding("2", "focus_field('#second')", "bind.compare.second"),
+        Binding("r", "focus_field('#ruler')", "bind.compare.ruler"),
         *(binding for binding in keys.HAND if binding.key not in _OWN),
     ]
 
@@ -107,6 +107,10 @@ class CompareScreen(HandKeys):
             self._set_ruler(event.value)
         else:
             self.run_worker(self._open(event.value.strip()))
+
+    def action_focus_field(self, field: str) -> None:
+        """Type into it."""
+        self.query_one(field).focus()
 
     def action_back(self) -> None:
         """To the session; what was compared is kept."""

@@ -217,6 +217,10 @@ class PatientsScreen(ConsoleScreen):
         self._fill()
         self.query_one(DataTable).move_cursor(row=0)
 
+    def action_search(self) -> None:
+        """To the search field."""
+        self.query_one("#search", Input).focus()
+
     async def _edit(self, make: Callable[[], Screen[T]], then: Callable[[T | None], None] | None = None) -> None:
         """Open what changes patients, for those who may."""
         app = self.console_app

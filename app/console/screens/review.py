@@ -128,7 +128,9 @@ class ReviewScreen(ConsoleScreen):
             self.query_one(Timeline).show(self.session)
             self._go_to(0)
             self.query_one("#verdict", Static).update(f"{sanitize_terminal(path.stem)}: {tr('reviewing.verifying')}")
-            (self._finding,) = await asyncio.to_thread(verify, [path], self._evidence())
+            keys = self._home.keys
+            evidence = Evidence(keys=by_fingerprint(known_keys(keys)), anchors=read_anchors(keys))
+            (self._finding,) = await asyncio.to_thread(verify, [path], evidence)
             self._show_verdict()
 
     def fill(self) -> None:
@@ -141,10 +143,6 @@ class ReviewScreen(ConsoleScreen):
     def _show_verdict(self) -> None:
         if self._finding is not None:
             self.query_one("#verdict", Static).update(verdict(self._finding, render_recorded))
-
-    def _evidence(self) -> Evidence:
-        keys = by_fingerprint(known_keys(self._home.keys))
-        return Evidence(keys=keys, anchors=read_anchors(self._home.keys))
 
     def action_close(self) -> None:
         """Leave."""

@@ -127,18 +127,15 @@ def _goal(snapshot: ControlSnapshot) -> GaitState:
 
 
 def _edge(action: Action, snapshot: ControlSnapshot, *, fingers: bool) -> str:
-    drawn = f" {_fingers(action, snapshot)}" if fingers else ""
+    drawn = f" {FINGERS[GESTURE_OF[action]]}" if fingers else ""
+    if action in snapshot.by_key_only:
+        drawn = " " * cells(drawn)
     return f"{commanded_by(action, snapshot):>4}{drawn} ▶ {tr(action)}"
 
 
 def commanded_by(action: Action, snapshot: ControlSnapshot) -> str:
     """What commands it: its gesture, or only a key."""
     return tr("machine.by_key") if action in snapshot.by_key_only else tr(GESTURE_OF[action])
-
-
-def _fingers(action: Action, snapshot: ControlSnapshot) -> str:
-    drawn = FINGERS[GESTURE_OF[action]]
-    return " " * cells(drawn) if action in snapshot.by_key_only else drawn
 
 
 def _columns(items: list[str], width: int) -> list[str]:
