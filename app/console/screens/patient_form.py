@@ -17,6 +17,7 @@ from app.console.patient_fields import FIELDS, SECTIONS, Field, Kind, Parsed, pa
 from app.console.screens.base import ConsoleScreen
 from app.console.screens.dialogs import ask
 from app.console.widgets.canvas import Canvas
+from app.console.widgets.panel import Lines, content_of
 from app.text.catalogue import render, tr
 from profiles.anthropometry import estimate_palm, limb_lengths
 from profiles.schema import GaitParameters, Profile, Sex
@@ -156,7 +157,7 @@ class PatientForm(ConsoleScreen):
         if profile.calibrations:
             lines.append(tr("form.calibrated", camera=profile.calibrations[-1].camera))
         self.query_one("#estimate", Static).update("\n".join(lines))
-        self.query_one("#drawing", Static).update(draw_step(profile, *self._drawing_size()))
+        self.query_one("#drawing", Static).update(content_of(draw_step(profile, *self._drawing_size())))
 
     def _drawing_size(self) -> tuple[int, int]:
         """Columns and rows for the drawing, whose parts need about four to one."""
@@ -172,7 +173,7 @@ class PatientForm(ConsoleScreen):
             store.save(msgspec.structs.replace(profile, archived=self._base.archived), by=by, at=now)
 
 
-def draw_step(profile: Profile, columns: int, rows: int) -> str:
+def draw_step(profile: Profile, columns: int, rows: int) -> Lines:
     """The level step on the left; stair, obstacle and chair to scale on the right."""
     canvas = Canvas(columns, rows)
     limbs = limb_lengths(profile.stature_m)
@@ -195,7 +196,7 @@ def draw_step(profile: Profile, columns: int, rows: int) -> str:
     _box(line, x + gait.stair_tread_m, 2 * gait.stair_rise_m, gait.stair_tread_m)
     x += 2 * gait.stair_tread_m + 0.12
     _box(line, x, gait.obstacle_height_m, gait.obstacle_depth_m)
-    return canvas.plain()
+    return canvas.lines()
 
 
 def _legs(line: Stroke, gait: GaitParameters, thigh: float, shank: float) -> None:

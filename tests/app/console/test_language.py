@@ -18,10 +18,10 @@ from app.ipc.states import Action, Effect, GaitState
 from app.system.errors import AppError
 from app.system.operators import Permission, Role
 from app.text.catalogue import key_of, tr, use_language
-from app.text.compile import entries
 from hal.joints.protocol import Joint
 from kgdfa.gesture import Finger, FingerState, Gesture
 from profiles.palm import ReferenceSource
+from tests.support.catalogues import entries
 
 CODES = ("en", "zh")  # complete; a language that is not falls back to English (test_third_language.py)
 
