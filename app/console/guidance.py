@@ -106,19 +106,7 @@ def guidance_line(state: SessionState, keys: dict[str, str], *, watching: bool =
 
 def next_step(state: SessionState) -> tuple[str, str]:
     """Name of the message, and its style: the first row that applies."""
-    for applies, name, style in _STEPS:
-        if applies(state, state.snapshot):
-            return name, style
-    return _hand_step(state)
-
-
-def _hand_step(state: SessionState) -> tuple[str, str]:
-    report = state.report
-    if report is not None and report.pressed:
-        return "withdraw", "bold $success"
-    if report is not None and report.gesture is not None:
-        return "push", "bold $primary"
-    return "sign", "$primary"
+    return next((name, style) for applies, name, style in _STEPS if applies(state, state.snapshot))
 
 
 def _down(state: SessionState) -> bool:
@@ -154,4 +142,7 @@ _STEPS: tuple[tuple[_Applies, str, str], ...] = (
     ),
     (lambda _, now: now is not None and now.action is not None, "moving", "bold $accent"),
     (lambda _, now: now is not None and now.state in _LEGS_UNTRUSTED, "initialise", "bold $accent"),
+    (lambda state, _: state.report is not None and state.report.pressed, "withdraw", "bold $success"),
+    (lambda state, _: state.report is not None and state.report.gesture is not None, "push", "bold $primary"),
+    (lambda *_: True, "sign", "$primary"),
 )

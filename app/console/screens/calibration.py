@@ -191,6 +191,7 @@ def _sample(pipe: Connection, setup: SessionSetup, distance_m: float) -> Calibra
     from app.perception import pipeline
     from app.perception.palm_calibration import WANTED_SAMPLES, PalmSampler, sample_palm
     from app.perception.reporting import PreviewPacer
+    from hal.cameras.camera import CommandedHand
 
     camera = pipeline.make_camera(setup)
     pacer = PreviewPacer(width_px=PREVIEW_PX, rate_hz=PREVIEW_HZ)
@@ -203,19 +204,12 @@ def _sample(pipe: Connection, setup: SessionSetup, distance_m: float) -> Calibra
     with pipeline.make_detector(setup) as detector:
         camera.open()
         try:
-            _show_palm(camera)
+            if isinstance(camera, CommandedHand):  # the digital hand opens by itself, without following hints
+                camera.command(gesture="5")
             sampler = sample_palm(setup.profile, camera, detector, show)
             return sampler.solve(camera.name, distance_m, datetime.now(UTC))
         finally:
             camera.close()
-
-
-def _show_palm(camera: object) -> None:
-    """The digital hand opens by itself, without following hints."""
-    from hal.cameras.camera import CommandedHand
-
-    if isinstance(camera, CommandedHand):
-        camera.command(gesture="5")
 
 
 def calibration_record(patient: str, result: Calibrated) -> CalibrationRecord:
