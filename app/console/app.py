@@ -44,7 +44,7 @@ from app.system.config import Config, SessionSetup
 from app.system.operators import Permission, needs_sign_in
 from app.system.paths import Home
 from app.system.scheduling import autogroup_nice, set_scheduling
-from app.text.catalogue import knows, languages, tr, use_language
+from app.text.catalogue import knows, language, languages, tr, use_language
 from logs.reason import reason
 from logs.records import ProcessEnd, SignOut
 from profiles.schema import Profile
@@ -85,7 +85,6 @@ class ConsoleApp(SessionFlow):
         self.sounds = switched_on(config.sounds)
         self._profile = profile
         self._held = held
-        self._language = config.language
         self._leaving = False
         self.pixels: PixelTerminal | None = None  # None: half blocks
         self._terminal: TerminalDriver | None = None  # None: no terminal's thread takes STOP
@@ -188,11 +187,10 @@ class ConsoleApp(SessionFlow):
     async def action_next_language(self) -> None:
         """The next language file; takes effect at once."""
         codes = list(languages())
-        await self.speak(codes[(codes.index(self._language) + 1) % len(codes)])
+        await self.speak(codes[(codes.index(language()) + 1) % len(codes)])
 
     async def speak(self, code: str) -> None:
         """Say everything in this language."""
-        self._language = code
         use_language(code)
         self.__dict__.pop("key_names", None)  # a cached property
         for screen in {*self.screen_stack, *self.kept.values()}:

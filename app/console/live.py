@@ -1,4 +1,4 @@
-"""The running session as the application holds it: host, folded state, STOP, garbage collection."""
+"""The running session as the application holds it: host, folded state, STOP, guided tests, garbage collection."""
 
 from __future__ import annotations
 
@@ -15,12 +15,16 @@ from app.console.state import SessionState, fold
 from app.console.stop import StopSwitch
 from app.ipc.messages import HandCommand, OperatorKind, PerceptionCommand
 from app.ipc.states import Action
+from app.outcomes.guided import GuidedRefusal, GuidedRun, GuidedStop, GuidedTest, advance, begin, refusal_of, result_of
+from app.outcomes.guided import stop as stopped
 from app.session.host import Latest
 from app.system.authority import Authority
 from app.system.config import SessionSetup
 from app.system.operators import Permission
 from app.system.vocabulary import status_now
 from app.voice.watch import VoiceStop
+from logs.reason import reason
+from logs.records import GuidedTestResult
 
 Clock = Callable[[], int]
 MOVERS = ("control", "link")  # what commands the legs, here or through the computer that has them
@@ -134,6 +138,45 @@ def both(before: HandCommand, command: HandCommand) -> HandCommand:
         move_y_m=before.move_y_m + command.move_y_m,
         move_z_m=before.move_z_m + command.move_z_m,
     )
+
+
+class GuidedTests:
+    """At most one runs, and each result goes into the trail once. Observes control; nothing here reaches it."""
+
+    def __init__(self, emit: Callable[[GuidedTestResult], object]) -> None:
+        self.run: GuidedRun | None = None  # the one that runs
+        self.results: list[GuidedTestResult] = []  # of this session, oldest first
+        self._emit = emit
+
+    def begin(self, test: GuidedTest, state: SessionState) -> GuidedRefusal | None:
+        """Begin a test, if none runs; or why it can't begin."""
+        refused = refusal_of(test, state.snapshot, fresh=state.snapshot_fresh)
+        if refused is None and self.run is None and state.snapshot is not None:
+            self.run = begin(test, state.snapshot, state.now_ns)
+        return refused
+
+    def update(self, state: SessionState) -> GuidedTestResult | None:
+        """Take the session's newest state; the result, if the test has just ended."""
+        if self.run is None:
+            return None
+        return self._settle(advance(self.run, state.snapshot, fresh=state.snapshot_fresh))
+
+    def stop(self, why: GuidedStop) -> GuidedTestResult | None:
+        """End the one that runs, not completed; None: none runs."""
+        return None if self.run is None else self._settle(stopped(self.run, reason(why)))
+
+    def clear(self) -> None:
+        """Another session begins."""
+        self.run, self.results = None, []
+
+    def _settle(self, run: GuidedRun) -> GuidedTestResult | None:
+        if not run.ended:
+            self.run = run
+            return None
+        self.run, result = None, result_of(run)
+        self.results.append(result)
+        self._emit(result)
+        return result
 
 
 class Host(Protocol):

@@ -9,8 +9,7 @@ from typing import Any, TypeVar
 import msgspec
 from textual.screen import Screen
 
-from app.console.guided_tests import GuidedTests
-from app.console.live import Clock, HostFactory, LiveSession, gc_freeze, preload_modules
+from app.console.live import Clock, GuidedTests, HostFactory, LiveSession, gc_freeze, preload_modules
 from app.console.operator import SignedInApp
 from app.console.patient_fields import fits
 from app.console.screens.after import AfterScreen
