@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 from app.console.widgets.canvas import Canvas
 from app.console.widgets.panel import Lines, cells
 from app.motion.stance import HIPS, LEFT, RIGHT, Point, Pose, sole_point, surface_m
+from app.text.catalogue import tr
 from hal.joints.device import Joint
 from hal.joints.scene import LEVEL_FLOOR, BlockKind, Scene
 
@@ -36,7 +37,6 @@ class View:
     scene: Scene = LEVEL_FLOOR
     torque: tuple[float, ...] = (0.0,) * 4  # shares of each joint's greatest
     alarm: tuple[bool, ...] = (False,) * 4  # joints that report a fault, or nothing
-    sides: tuple[str, str] = ("L", "R")
 
 
 def draw(view: View, columns: int, rows: int) -> Lines:
@@ -141,13 +141,14 @@ class _Drawing:
     def feet(self) -> None:
         """`L` and `R` under the feet: reversed where a foot carries."""
         pose, body = self._view.pose, self._view.body
+        names = (tr("figure.left"), tr("figure.right"))
         columns = [round(self._at((ankle[0] + body.toe_m / 2, 0.0))[0]) // 2 for ankle in pose.ankles]
         first, second = sorted((LEFT, RIGHT), key=lambda side: columns[side])
-        wide = cells(self._view.sides[first]) + 2
+        wide = cells(names[first]) + 2
         columns[second] = max(columns[second], columns[first] + wide)
         for side in (LEFT, RIGHT):
             style = "bold reverse $primary" if pose.carries[side] else "$foreground-muted"
-            self._canvas.text(columns[side], self._canvas.rows - 1, f" {self._view.sides[side]} ", style)
+            self._canvas.text(columns[side], self._canvas.rows - 1, f" {names[side]} ", style)
 
     def _at(self, point: Point) -> tuple[float, float]:
         return (point[0] - self._left_m) * self._scale, self._bottom - point[1] * self._scale

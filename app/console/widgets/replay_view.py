@@ -162,7 +162,6 @@ class ReplayView(Container):
             scene=self._legs.footing.scene,
             torque=tuple(abs(joint.torque_nm) / device.max_torque_nm for joint, device in pairs),
             alarm=tuple(bool(joint_fault(joint)) for joint in snapshot.joints),
-            sides=(tr("figure.left"), tr("figure.right")),
         )
         return draw(view, *self._room("figure"))
 
