@@ -18,7 +18,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from app.console.review_data import open_session
-from app.console.session_index import SessionRecords
+from app.console.session_index import Records, SessionRecord
 from app.evaluate.gestures.images import load_hands
 from app.evaluate.loop.rehearsal import read_norm
 from app.evaluate.readings import read_footage, read_frames, read_labels
@@ -66,7 +66,7 @@ READERS: dict[str, tuple[str, Callable[[Path], object]]] = {
     "anchor": ("history.json", lambda path: read_anchors(path.parent)),
     "journal's end": ("ends/changes.jsonl.json", lambda path: read_anchors(path.parent.parent)),
     "public key": ("console.pub", load_public_key),
-    "session index": ("x.jsonl", lambda path: SessionRecords(path.parent).of("x")),
+    "session index": ("x.jsonl", lambda path: Records(path.parent, SessionRecord).of("x")),
     "trail": ("trail.jsonl", records),
     "review": ("trail.jsonl", open_session),
     "query": ("trail.jsonl", lambda path: connect_locked([path])),

@@ -10,7 +10,7 @@ from typing import Literal
 
 import msgspec
 
-from app.console.session_index import SessionRecord, SessionRecords
+from app.console.session_index import Records, SessionRecord
 from app.evaluate.outcomes.walks import RecordedWalk, Walk
 from app.ipc.messages import ActionReport, ControlSnapshot, HandCommand, JointSnapshot, PerceptionCommand, TriggerReport
 from app.ipc.states import Action, Effect, Event, GaitState, Outcome, Source
@@ -205,7 +205,7 @@ def furnish(home: Home) -> None:
         parameters = {name: value for name, value in msgspec.to_builtins(profile).items() if name != "identifier"}
         trail = write_sample(home.root, minutes=3, seed=number, patient="demo", parameters=parameters)
         RecordedWalk(patient_of(profile, device), device, trail.with_suffix(".mcap")).perform(Walk(strides=2))
-    store, sessions = ProfileStore(home.profiles), SessionRecords(home.root / "sessions")
+    store, sessions = ProfileStore(home.profiles), Records(home.root / "sessions", SessionRecord)
     for identifier, stature_m, mass_kg, note in (
         ("P-017", 1.58, 61.0, "spastic left leg; pause after ten steps"),
         ("P-023", 1.81, 84.0, ""),

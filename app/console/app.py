@@ -6,7 +6,7 @@ import asyncio
 import os
 import sys
 import time
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from contextlib import suppress
 from functools import cached_property
 from multiprocessing import resource_tracker
@@ -34,7 +34,7 @@ from app.console.screens.help import HelpPage, page
 from app.console.screens.patients import PatientsScreen
 from app.console.screens.signin import LockScreen, SignInDialog
 from app.console.session_flow import SessionFlow
-from app.console.sounds import Sound, sounds_of, switched_on
+from app.console.spoken import Sound, sounds_of, switched_on
 from app.console.state import ProcessFault, newly_ended
 from app.console.terminal import TerminalDriver, TerminalEvents, with_stop
 from app.console.themes import THEME_NAMES, THEMES
@@ -45,7 +45,7 @@ from app.system.config import Config, SessionSetup
 from app.system.operators import Permission, needs_sign_in
 from app.system.paths import Home
 from app.system.scheduling import autogroup_nice, set_scheduling
-from app.text.catalogue import knows, languages, tr, use_language
+from app.text.catalogue import knows, language, languages, tr, use_language
 from logs.reason import reason
 from logs.records import ProcessEnd, SignOut
 from profiles.schema import Profile
@@ -60,16 +60,8 @@ class ConsoleApp(SessionFlow):
     CSS_PATH = "styles.tcss"
     TITLE = "rleex"
     BINDINGS: ClassVar[list[BindingType]] = list(keys.EVERYWHERE)
-    HORIZONTAL_BREAKPOINTS = [  # noqa: RUF012 - declared by Textual
-        (0, "-narrow"),
-        (72, "-normal"),
-        (130, "-wide"),
-    ]
-    VERTICAL_BREAKPOINTS = [  # noqa: RUF012 - declared by Textual
-        (0, "-tiny"),
-        (16, "-short"),
-        (38, "-tall"),
-    ]
+    HORIZONTAL_BREAKPOINTS = [(0, "-narrow"), (72, "-normal"), (130, "-wide")]  # noqa: RUF012 - declared by Textual
+    VERTICAL_BREAKPOINTS = [(0, "-tiny"), (16, "-short"), (38, "-tall")]  # noqa: RUF012 - declared by Textual
 
     def __init__(
         self,
@@ -94,7 +86,6 @@ class ConsoleApp(SessionFlow):
         self.sounds = switched_on(config.sounds)
         self._profile = profile
         self._held = held
-        self._language = config.language
         self._leaving = False
         self.pixels: PixelTerminal | None = None  # None: half blocks
         self._terminal: TerminalDriver | None = None  # None: no terminal's thread takes STOP
@@ -116,7 +107,7 @@ class ConsoleApp(SessionFlow):
             switch=lambda: self.switch,
             input_alive=self._input_alive,
             lost=self._ending.begin,
-            repaint=self._paint_anew,
+            repaint=lambda: self._call_in_loop(self.refresh),
             attached=self._use_terminal,
             pixels=self._found_pixels if self.config.picture == "auto" and asks(os.environ) else None,
         )
@@ -197,11 +188,10 @@ class ConsoleApp(SessionFlow):
     async def action_next_language(self) -> None:
         """The next language file; takes effect at once."""
         codes = list(languages())
-        await self.speak(codes[(codes.index(self._language) + 1) % len(codes)])
+        await self.speak(codes[(codes.index(language()) + 1) % len(codes)])
 
     async def speak(self, code: str) -> None:
         """Say everything in this language."""
-        self._language = code
         use_language(code)
         self.__dict__.pop("key_names", None)  # a cached property
         for screen in {*self.screen_stack, *self.kept.values()}:
@@ -256,12 +246,6 @@ class ConsoleApp(SessionFlow):
         self.sounds ^= {sound}
         self.notify(tr("sound.on" if sound in self.sounds else "sound.off", sound=sound))
 
-    def open_review(self) -> None:
-        """Earlier sessions, by the reviewer's screen."""
-        from app.console.screens.review import ReviewScreen
-
-        self.push_screen(ReviewScreen(self.home))
-
     def _set_beat(self, period_s: float) -> None:
         if period_s != self._beat_s:
             if self._beat is not None:
@@ -307,34 +291,28 @@ class ConsoleApp(SessionFlow):
     def _found_pixels(self, pixels: PixelTerminal) -> None:
         """From the input's thread, before the first paint or long after it."""
         self.pixels = pixels
-        loop = self._loop_of_console
-        if loop is not None:
-            loop.call_soon_threadsafe(self._fit_pictures)
+        self._call_in_loop(self._fit_pictures)
 
     def _fit_pictures(self) -> None:
         for picture in self.screen.query(Picture):
             picture.on_resize()
 
+    def _call_in_loop(self, call: Callable[[], object]) -> None:
+        """From any thread; nothing before there is a loop, or once it is closed."""
+        if self._loop_of_console is not None:
+            with suppress(RuntimeError):
+                self._loop_of_console.call_soon_threadsafe(call)
+
     def _input_alive(self) -> None:
-        live = self.live
-        if live is not None:
+        if (live := self.live) is not None:
             live.input_alive()
 
-    def _paint_anew(self) -> None:
-        loop = self._loop_of_console
-        if loop is not None:
-            with suppress(RuntimeError):  # closed meanwhile
-                loop.call_soon_threadsafe(self.refresh)
-
     def _lose_console(self) -> None:
-        live = self.live
-        if live is not None:
+        if (live := self.live) is not None:
             live.console_lost()
 
     def _ask_to_end(self) -> None:
-        loop = self._loop_of_console
-        if loop is not None:
-            loop.call_soon_threadsafe(lambda: loop.create_task(self._leave_now()))
+        self._call_in_loop(lambda: asyncio.create_task(self._leave_now()))
 
     def _restore_terminal(self) -> None:
         if self._terminal is not None:

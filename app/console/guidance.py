@@ -37,49 +37,9 @@ class Check:
     applies: Callable[[SessionState], bool] = lambda _: True
 
 
-@dataclass(frozen=True, slots=True)
-class Result:
-    """One line of the list."""
-
-    name: str
-    light: Light
-
-
-def _processes(state: SessionState) -> bool:
-    return len(state.all_processes) >= 5 and all(process.alive for process in state.all_processes)
-
-
-def _audit(state: SessionState) -> bool:
-    return state.audit is not None and not state.audit.fault
-
-
-def _joints(state: SessionState) -> bool:
-    return state.snapshot is not None and not any(map(joint_fault, state.snapshot.joints))
-
-
-def _camera(state: SessionState) -> bool:
-    return state.report_fresh and state.report is not None and not state.report.camera_fault
-
-
-def _clear(state: SessionState) -> bool:
-    return state.snapshot is not None and state.snapshot.effect < Effect.HOLD
-
-
-def _real_time(state: SessionState) -> bool:
-    return state.snapshot is not None and state.snapshot.real_time.fifo
-
-
 def _press_zone(state: SessionState) -> bool:
     report = state.report
     return report is None or report.press_zone is None or report.press_zone.fits(report.threshold_m)
-
-
-def _proven(state: SessionState) -> bool:
-    return state.vocabulary is VocabularyStatus.VALID
-
-
-def _confirmed(state: SessionState) -> bool:
-    return state.snapshot is not None and state.snapshot.patient_confirmed
 
 
 def _has_inputs(state: SessionState) -> bool:
@@ -92,24 +52,29 @@ def _pressed_once(state: SessionState) -> bool:
 
 
 CHECKS = (
-    Check("processes", _processes),
-    Check("audit", _audit),
+    Check("processes", lambda state: len(state.all_processes) >= 5 and all(one.alive for one in state.all_processes)),
+    Check("audit", lambda state: state.audit is not None and not state.audit.fault),
     Check("control", lambda state: state.snapshot_fresh),
-    Check("joints", _joints),
-    Check("camera", _camera),
-    Check("clear", _clear),
+    Check("joints", lambda state: state.snapshot is not None and not any(map(joint_fault, state.snapshot.joints))),
+    Check("camera", lambda state: state.report_fresh and state.report is not None and not state.report.camera_fault),
+    Check("clear", lambda state: state.snapshot is not None and state.snapshot.effect < Effect.HOLD),
     Check("press_zone", _press_zone, must=False),
-    Check("vocabulary", _proven, must=False, applies=lambda state: state.vocabulary is not VocabularyStatus.NOT_NEEDED),
-    Check("real_time", _real_time, must=False),
+    Check(
+        "vocabulary",
+        lambda state: state.vocabulary is VocabularyStatus.VALID,
+        must=False,
+        applies=lambda state: state.vocabulary is not VocabularyStatus.NOT_NEEDED,
+    ),
+    Check("real_time", lambda state: state.snapshot is not None and state.snapshot.real_time.fifo, must=False),
     Check("no_stop_input", _has_inputs, must=False, applies=lambda state: not _has_inputs(state)),
     Check("stop_inputs", _pressed_once, operator=True, applies=_has_inputs),
-    Check("patient", _confirmed, operator=True),
+    Check("patient", lambda state: state.snapshot is not None and state.snapshot.patient_confirmed, operator=True),
 )
 
 
-def results(state: SessionState) -> tuple[Result, ...]:
-    """Every check as it stands now."""
-    return tuple(Result(check.name, _light(check, state)) for check in CHECKS if check.applies(state))
+def results(state: SessionState) -> dict[str, Light]:
+    """Every check as it stands now, by its name."""
+    return {check.name: _light(check, state) for check in CHECKS if check.applies(state)}
 
 
 def ready(state: SessionState) -> bool:
@@ -141,19 +106,7 @@ def guidance_line(state: SessionState, keys: dict[str, str], *, watching: bool =
 
 def next_step(state: SessionState) -> tuple[str, str]:
     """Name of the message, and its style: the first row that applies."""
-    for applies, name, style in _STEPS:
-        if applies(state, state.snapshot):
-            return name, style
-    return _hand_step(state)
-
-
-def _hand_step(state: SessionState) -> tuple[str, str]:
-    report = state.report
-    if report is not None and report.pressed:
-        return "withdraw", "bold $success"
-    if report is not None and report.gesture is not None:
-        return "push", "bold $primary"
-    return "sign", "$primary"
+    return next((name, style) for applies, name, style in _STEPS if applies(state, state.snapshot))
 
 
 def _down(state: SessionState) -> bool:
@@ -169,10 +122,6 @@ def _ending(state: SessionState) -> bool:
     return any(event.event in _ENDINGS for event in state.events)
 
 
-def _pausing(_: SessionState, now: ControlSnapshot | None) -> bool:
-    return now is not None and now.effect is Effect.PAUSE and now.action is not None
-
-
 _Applies = Callable[[SessionState, ControlSnapshot | None], bool]
 _STEPS: tuple[tuple[_Applies, str, str], ...] = (
     (lambda state, _: bool(state.fault), "failed", "bold $error"),
@@ -186,7 +135,14 @@ _STEPS: tuple[tuple[_Applies, str, str], ...] = (
     (lambda _, now: now is not None and not now.patient_confirmed, "confirm", "bold $accent"),
     (lambda state, _: not ready(state), "checks", "bold $warning"),
     (lambda _, now: now is not None and not now.armed, "arm", "bold $accent"),
-    (_pausing, "paused", "bold $accent"),
+    (
+        lambda _, now: now is not None and now.effect is Effect.PAUSE and now.action is not None,
+        "paused",
+        "bold $accent",
+    ),
     (lambda _, now: now is not None and now.action is not None, "moving", "bold $accent"),
     (lambda _, now: now is not None and now.state in _LEGS_UNTRUSTED, "initialise", "bold $accent"),
+    (lambda state, _: state.report is not None and state.report.pressed, "withdraw", "bold $success"),
+    (lambda state, _: state.report is not None and state.report.gesture is not None, "push", "bold $primary"),
+    (lambda *_: True, "sign", "$primary"),
 )

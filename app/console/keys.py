@@ -10,9 +10,9 @@ from textual.app import SystemCommand
 from textual.binding import Binding
 from textual.screen import Screen
 
-from app.console.sounds import Sound
+from app.console.spoken import Sound
 from app.console.themes import THEME_NAMES
-from app.ipc.messages import HandCommand, OperatorKind
+from app.ipc.messages import OperatorKind
 from app.ipc.states import GESTURE_OF, Action
 from app.system.errors import AppError, ConsoleFault
 from app.text.catalogue import languages, tr
@@ -97,28 +97,19 @@ def check_keymap(keymap: Mapping[str, str]) -> None:
             names = ", ".join(sorted(str(item) for item in known))
             raise AppError(ConsoleFault.UNKNOWN_KEY_NAME, name=name, known=names)
     for place in ((*EVERYWHERE, *SESSION, *HAND), (*EVERYWHERE, *PATIENTS)):
-        _check_once(place, keymap)
+        taken: dict[str, str] = {}
+        for binding in place:
+            assert binding.id is not None
+            for key in keys_of(binding.id, keymap):
+                if key in taken:
+                    raise AppError(ConsoleFault.KEY_TAKEN, key=key, first=taken[key], second=binding.id)
+                taken[key] = binding.id
 
 
 def keys_of(id: str, keymap: Mapping[str, str]) -> tuple[str, ...]:  # noqa: A002 - Textual's own name
     """The keys that do what `id` names."""
     default = next(binding.key for binding in ALL if binding.id == id)
     return tuple(key.strip() for key in keymap.get(id, default).split(","))
-
-
-def _check_once(place: Iterable[Binding], keymap: Mapping[str, str]) -> None:
-    taken: dict[str, str] = {}
-    for binding in place:
-        assert binding.id is not None
-        for key in keys_of(binding.id, keymap):
-            if key in taken:
-                raise AppError(ConsoleFault.KEY_TAKEN, key=key, first=taken[key], second=binding.id)
-            taken[key] = binding.id
-
-
-def hand_move(x: int, y: int, z: int) -> HandCommand:
-    """A step of the digital hand: right, down, away from the camera."""
-    return HandCommand(move_x_m=x * HAND_STEP_M, move_y_m=y * HAND_STEP_M, move_z_m=z * HAND_STEP_M)
 
 
 if TYPE_CHECKING:

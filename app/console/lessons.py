@@ -6,7 +6,7 @@ who can't form a gesture can raise it with the others.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 from app.ipc.messages import TriggerReport
@@ -37,15 +37,6 @@ class Score:
         return replace(self, row=row, best=max(self.best, row))
 
 
-@dataclass(frozen=True, slots=True)
-class _Counts:
-    """What a report has counted, by the process that counts."""
-
-    incarnation: int
-    releases: int
-    cancels: int
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Lesson:
     """How far the learner is; `done` counts lessons of this round, each ends with a released push of its gesture."""
@@ -53,7 +44,7 @@ class Lesson:
     done: int = 0
     learnt: int = 0  # of all rounds, skipped ones left out
     score: Score = Score()
-    counts: _Counts | None = None
+    report: TriggerReport | None = None  # the newest
 
     @property
     def target(self) -> Gesture | None:
@@ -67,23 +58,18 @@ class Lesson:
 
 def advance(lesson: Lesson, report: TriggerReport) -> Lesson:
     """The lesson after a report: a new release of the wanted gesture completes it."""
-    before, now = lesson.counts, _Counts(report.incarnation, report.release_count, report.cancel_count)
-    if before is None or before.incarnation != now.incarnation or lesson.target is None:
-        return replace(lesson, counts=now)
-    released = now.releases > before.releases
+    before = lesson.report
+    if before is None or before.incarnation != report.incarnation or lesson.target is None:
+        return replace(lesson, report=report)
+    released = report.release_count > before.release_count
     learnt = released and report.released_gesture is lesson.target
-    slipped = (released and not learnt) or now.cancels > before.cancels
+    slipped = (released and not learnt) or report.cancel_count > before.cancel_count
     return Lesson(
         done=lesson.done + learnt,
         learnt=lesson.learnt + learnt,
         score=lesson.score.counted(learnt=learnt, slipped=slipped),
-        counts=now,
+        report=report,
     )
-
-
-def best_of(former: Iterable[int]) -> int | None:
-    """The best of earlier trainings."""
-    return max(former, default=None)
 
 
 def wrong_fingers(target: Gesture | None, report: TriggerReport | None) -> tuple[WrongFinger, ...]:

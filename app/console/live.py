@@ -1,4 +1,4 @@
-"""The running session as the application holds it: host, folded state, STOP, garbage collection."""
+"""The running session as the application holds it: host, folded state, STOP, guided tests, garbage collection."""
 
 from __future__ import annotations
 
@@ -15,12 +15,16 @@ from app.console.state import SessionState, fold
 from app.console.stop import StopSwitch
 from app.ipc.messages import HandCommand, OperatorKind, PerceptionCommand
 from app.ipc.states import Action
+from app.outcomes.guided import GuidedRefusal, GuidedRun, GuidedStop, GuidedTest, advance, begin, refusal_of, result_of
+from app.outcomes.guided import stop as stopped
 from app.session.host import Latest
 from app.system.authority import Authority
 from app.system.config import SessionSetup
 from app.system.operators import Permission
 from app.system.vocabulary import status_now
 from app.voice.watch import VoiceStop
+from logs.reason import reason
+from logs.records import GuidedTestResult
 
 Clock = Callable[[], int]
 MOVERS = ("control", "link")  # what commands the legs, here or through the computer that has them
@@ -40,9 +44,10 @@ class LiveSession:
         self.ending = False
         self.closed = False
         self._connect(lambda: host.send(OperatorKind.STOP))
+        self._voice: VoiceStop | None = None
         config = host.setup.config.voice
-        # An observer's commands nobody, and neither does its microphone.
-        self._voice = VoiceStop(config, self._stop_by_voice) if config.on and switch is not None else None
+        if config.on and switch is not None:  # an observer commands nobody, and neither does its microphone
+            self._voice = VoiceStop(config, lambda: host.send(OperatorKind.VOICE_STOP))
 
     @property
     def control_alive(self) -> bool:
@@ -97,27 +102,22 @@ class LiveSession:
 
     def close(self) -> None:
         """Bring the legs to rest and end the processes: nothing is left for STOP to do once this has begun."""
-        if self.closed:
-            return
-        self.closed = True
-        self._connect(None)
-        self._end_voice()
-        self.host.close()
-        restore_gc()
+        if not self.closed:
+            self._end()
+            self.host.close()
+            restore_gc()
 
     def leave(self) -> None:
         """Leave the session, held, to the console that takes it over."""
         if not self.closed:
-            self.closed = True
-            self._connect(None)
-            self._end_voice()
+            self._end()
             self.host.silence()
             self.host.leave()
 
-    def _stop_by_voice(self) -> None:
-        self.host.send(OperatorKind.VOICE_STOP)
-
-    def _end_voice(self) -> None:
+    def _end(self) -> None:
+        """For this console: neither key nor voice stops any more."""
+        self.closed = True
+        self._connect(None)
         if self._voice is not None:
             self._voice.close()
 
@@ -140,6 +140,45 @@ def both(before: HandCommand, command: HandCommand) -> HandCommand:
     )
 
 
+class GuidedTests:
+    """At most one runs, and each result goes into the trail once. Observes control; nothing here reaches it."""
+
+    def __init__(self, emit: Callable[[GuidedTestResult], object]) -> None:
+        self.run: GuidedRun | None = None  # the one that runs
+        self.results: list[GuidedTestResult] = []  # of this session, oldest first
+        self._emit = emit
+
+    def begin(self, test: GuidedTest, state: SessionState) -> GuidedRefusal | None:
+        """Begin a test, if none runs; or why it can't begin."""
+        refused = refusal_of(test, state.snapshot, fresh=state.snapshot_fresh)
+        if refused is None and self.run is None and state.snapshot is not None:
+            self.run = begin(test, state.snapshot, state.now_ns)
+        return refused
+
+    def update(self, state: SessionState) -> GuidedTestResult | None:
+        """Take the session's newest state; the result, if the test has just ended."""
+        if self.run is None:
+            return None
+        return self._settle(advance(self.run, state.snapshot, fresh=state.snapshot_fresh))
+
+    def stop(self, why: GuidedStop) -> GuidedTestResult | None:
+        """End the one that runs, not completed; None: none runs."""
+        return None if self.run is None else self._settle(stopped(self.run, reason(why)))
+
+    def clear(self) -> None:
+        """Another session begins."""
+        self.run, self.results = None, []
+
+    def _settle(self, run: GuidedRun) -> GuidedTestResult | None:
+        if not run.ended:
+            self.run = run
+            return None
+        self.run, result = None, result_of(run)
+        self.results.append(result)
+        self._emit(result)
+        return result
+
+
 class Host(Protocol):
     """Processes and links of one session. `send` may be called from any thread."""
 
@@ -148,43 +187,33 @@ class Host(Protocol):
     @property
     def commands(self) -> bool:
         """Whether the session is this console's to end."""
-        ...
 
     def start(self) -> None:
         """Start the processes, or take running ones over; may take a second."""
-        ...
 
     def close(self) -> None:
         """Bring the legs to rest and the processes to their end; harmless when done twice."""
-        ...
 
     def leave(self) -> None:
         """Leave the session to itself."""
-        ...
 
-    def send(self, kind: OperatorKind, action: Action | None = None, note: str = "") -> int:
+    def send(self, kind: OperatorKind, action: Action | None = None) -> int:
         """The operator's word to control; its sequence comes back in the snapshot."""
-        ...
 
     def heartbeat(self) -> None:
         """STOP can be given."""
-        ...
 
     def silence(self) -> None:
         """STOP can't be given any more."""
-        ...
 
     def move_hand(self, command: HandCommand) -> None:
         """Move the digital hand."""
-        ...
 
     def send_to_perception(self, command: PerceptionCommand) -> None:
         """Change what the picture looks like."""
-        ...
 
     def poll(self) -> Latest:
         """The newest of each stream, without waiting."""
-        ...
 
 
 HostFactory = Callable[[SessionSetup], Host]

@@ -33,7 +33,6 @@ from app.text.catalogue import tr
 if TYPE_CHECKING:
     from textual_serve.server import Server
 
-Clock = Callable[[], int]
 SPOKEN_EVERY_S = 0.1  # nobody hears more often
 
 
@@ -65,7 +64,7 @@ class ObserverHost:
         for link in (self._snapshots, self._reports, self._previews, self._audit):
             link.close()
 
-    def send(self, kind: OperatorKind, action: Action | None = None, note: str = "") -> int:  # noqa: ARG002
+    def send(self, kind: OperatorKind, action: Action | None = None) -> int:  # noqa: ARG002
         """An observer gives no orders."""
         return 0
 
@@ -114,7 +113,7 @@ def observe(home: Home, config: Config) -> None:
         app.close_live()
 
 
-def speak_session(home: Home, write: Callable[[str], object], clock: Clock = time.monotonic_ns) -> None:
+def speak_session(home: Home, write: Callable[[str], object]) -> None:
     """Write a line for each change of the running session of this home, until it ends.
 
     For screen readers and pipes: no terminal, no colours, nothing drawn. Raises AppError when no session runs.
@@ -125,11 +124,11 @@ def speak_session(home: Home, write: Callable[[str], object], clock: Clock = tim
     set_scheduling("observer")
     setup = shared(home)
     host = ObserverHost(setup)
-    now_ns = clock()
+    now_ns = time.monotonic_ns()
     before, state = None, SessionState(setup=setup, started_ns=now_ns, now_ns=now_ns)
     try:
         while True:
-            state = fold(state, host.poll(), clock())
+            state = fold(state, host.poll(), time.monotonic_ns())
             for line in changes(before, state):
                 write(line)
             if not all(process.alive for process in state.processes):

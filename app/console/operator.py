@@ -57,8 +57,7 @@ class SignedInApp(App[None]):
             await then()
         elif self.signed_in is not None:
             role = tr(self.signed_in.role) if self.signed_in.role else ""
-            may_not = tr(permission)
-            self.notify(tr("sign_in.may_not", role=role, what=may_not), severity="error", timeout=15)
+            self.notify(tr("sign_in.may_not", role=role, what=tr(permission)), severity="error", timeout=15)
         else:
             self.ask_who(lambda: self.permitted(permission, then, config))
 

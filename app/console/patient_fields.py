@@ -59,65 +59,46 @@ class Field:
         return unit_of(self.path)
 
 
-@dataclass(frozen=True, slots=True)
-class Section:
-    """Fields that belong together."""
-
-    name: str
-    fields: tuple[Field, ...]
-
-
-SECTIONS = (
-    Section(
-        "person",
-        (
-            Field("identifier", Kind.TEXT),
-            Field("sex", Kind.CHOICE, Sex),
-            Field("stature_m"),
-            Field("mass_kg"),
-            Field("hand", Kind.CHOICE, HandUsed),
-            Field("vocabulary", Kind.CODES, GestureUsed),
-            Field("note", Kind.TEXT),
-        ),
+# Fields that belong together.
+SECTIONS: dict[str, tuple[Field, ...]] = {
+    "person": (
+        Field("identifier", Kind.TEXT),
+        Field("sex", Kind.CHOICE, Sex),
+        Field("stature_m"),
+        Field("mass_kg"),
+        Field("hand", Kind.CHOICE, HandUsed),
+        Field("vocabulary", Kind.CODES, GestureUsed),
+        Field("note", Kind.TEXT),
     ),
-    Section(
-        "palm",
-        (
-            Field("palm.population", Kind.CHOICE, Population),
-            Field("palm.measured_width_m", Kind.OPTIONAL),
-            Field("press_threshold_m"),
-            Field("distance_source", Kind.CHOICE, DistanceUsed),
-        ),
+    "palm": (
+        Field("palm.population", Kind.CHOICE, Population),
+        Field("palm.measured_width_m", Kind.OPTIONAL),
+        Field("press_threshold_m"),
+        Field("distance_source", Kind.CHOICE, DistanceUsed),
     ),
-    Section(
-        "gait",
-        (
-            Field("gait.step_length_m"),
-            Field("gait.swing_clearance_m"),
-            Field("gait.step_time_s"),
-            Field("gait.stair_rise_m"),
-            Field("gait.stair_tread_m"),
-            Field("gait.obstacle_height_m"),
-            Field("gait.obstacle_depth_m"),
-            Field("gait.chair_height_m"),
-            Field("gait.transfer_time_s"),
-            Field("gait.body_weight_support"),
-            Field("gait.assist_left"),
-            Field("gait.assist_right"),
-        ),
+    "gait": (
+        Field("gait.step_length_m"),
+        Field("gait.swing_clearance_m"),
+        Field("gait.step_time_s"),
+        Field("gait.stair_rise_m"),
+        Field("gait.stair_tread_m"),
+        Field("gait.obstacle_height_m"),
+        Field("gait.obstacle_depth_m"),
+        Field("gait.chair_height_m"),
+        Field("gait.transfer_time_s"),
+        Field("gait.body_weight_support"),
+        Field("gait.assist_left"),
+        Field("gait.assist_right"),
     ),
-    Section("dose", (Field("dose.steps", Kind.WHOLE), Field("dose.distance_m"), Field("dose.duration_s"))),
-    Section(
-        "legs",
-        (
-            Field("thigh_length_m", Kind.OPTIONAL),
-            Field("shank_length_m", Kind.OPTIONAL),
-            Field("hip_max_rad", Kind.OPTIONAL),
-            Field("knee_max_rad", Kind.OPTIONAL),
-        ),
+    "dose": (Field("dose.steps", Kind.WHOLE), Field("dose.distance_m"), Field("dose.duration_s")),
+    "legs": (
+        Field("thigh_length_m", Kind.OPTIONAL),
+        Field("shank_length_m", Kind.OPTIONAL),
+        Field("hip_max_rad", Kind.OPTIONAL),
+        Field("knee_max_rad", Kind.OPTIONAL),
     ),
-)
-FIELDS = tuple(field for section in SECTIONS for field in section.fields)
+}
+FIELDS = tuple(field for fields in SECTIONS.values() for field in fields)
 
 # What people may type behind a number, as a factor to the unit that the field is shown in.
 _UNITS: dict[str, dict[str, float]] = {

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import time
 from bisect import bisect_left, bisect_right
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from functools import lru_cache, partial
 from pathlib import Path
@@ -74,7 +74,6 @@ class Instant:
     """Everything about one moment."""
 
     at_s: float
-    index: int  # of the newest record at that time
     record: Record | UnreadableLine
     state: str
     gesture: str
@@ -90,10 +89,12 @@ class ReviewedSession:
     def __init__(self, path: Path, lines: list[bytes]) -> None:
         self.path = path
         self._lines = lines
+        self.record: Callable[[int], Record | UnreadableLine] = lru_cache(maxsize=4096)(
+            lambda index: understand(lines[index], index + 1)
+        )
         self._times: list[float] = []
         self._joints: list[int] = []  # indices of joint statistics
         self._landmarks: list[int] = []
-        self._decoded = lru_cache(maxsize=4096)(self._decode)
         self.lanes = self._read()
 
     def __len__(self) -> int:
@@ -104,10 +105,6 @@ class ReviewedSession:
     def duration_s(self) -> float:
         """From the first record to the last."""
         return self._times[-1] if self._times else 0.0
-
-    def record(self, index: int) -> Record | UnreadableLine:
-        """One record."""
-        return self._decoded(index)
 
     def time(self, index: int) -> float:
         """When a record was made, seconds from the first; never before its predecessor in the file."""
@@ -144,7 +141,6 @@ class ReviewedSession:
         at_s = self._times[index]
         return Instant(
             at_s=at_s,
-            index=index,
             record=self.record(index),
             state=_label(self.lanes.state, at_s),
             gesture=_label(self.lanes.gesture, at_s),
@@ -153,9 +149,6 @@ class ReviewedSession:
             events=tuple(span.label for span in self.lanes.event if span.begin_s <= at_s <= span.end_s),
             joints=self.joints_at(at_s),
         )
-
-    def _decode(self, index: int) -> Record | UnreadableLine:
-        return understand(self._lines[index], index + 1)
 
     def _read(self) -> Lanes:
         builder = _LaneBuilder()
@@ -168,16 +161,11 @@ class ReviewedSession:
             self._times.append(newest_s)
             if _JOINTS in line:
                 self._joints.append(index)
-            else:
-                self._add(index, newest_s, builder)
+            elif isinstance(record := self.record(index), Record):
+                builder.add(record.body, newest_s)
+                if isinstance(record.body, LANDMARKS):
+                    self._landmarks.append(index)
         return builder.finish(newest_s)
-
-    def _add(self, index: int, at_s: float, builder: _LaneBuilder) -> None:
-        record = self.record(index)
-        if isinstance(record, Record):
-            builder.add(record.body, at_s)
-            if isinstance(record.body, LANDMARKS):
-                self._landmarks.append(index)
 
 
 class _LaneBuilder:

@@ -9,19 +9,18 @@ from typing import Any, TypeVar
 import msgspec
 from textual.screen import Screen
 
-from app.console.guided_tests import GuidedTests
-from app.console.live import Clock, HostFactory, LiveSession, gc_freeze, preload_modules
+from app.console.live import Clock, GuidedTests, HostFactory, LiveSession, gc_freeze, preload_modules
 from app.console.operator import SignedInApp
 from app.console.patient_fields import fits
 from app.console.screens.after import AfterScreen
 from app.console.screens.base import USER_ERRORS, Dialog
-from app.console.screens.dialogs import Question
+from app.console.screens.dialogs import ask
 from app.console.screens.patients import PatientsScreen
 from app.console.screens.session import SessionScreen
 from app.console.screens.signin import SignInDialog
 from app.console.screens.training import TrainingScreen
 from app.console.screens.vocabulary import VocabularyScreen
-from app.console.session_index import SessionRecords, TrainingRecords
+from app.console.session_index import Records, SessionRecord, TrainingRecord
 from app.console.state import SessionState
 from app.console.stop import StopSwitch
 from app.ipc.messages import OperatorKind, PerceptionCommand
@@ -54,8 +53,8 @@ class SessionFlow(SignedInApp):
         self.live: LiveSession | None = None
         self.left_held = False  # this console ended without having taken the session over
         self.store = ProfileStore(home.profiles, (fits(config.joints),))
-        self.sessions = SessionRecords(home.root / "sessions")
-        self.trainings = TrainingRecords(home.root / "trainings")
+        self.sessions = Records(home.root / "sessions", SessionRecord)
+        self.trainings = Records(home.root / "trainings", TrainingRecord)
         self._make_host = make_host
         self._clock = clock
         self.large_letters = False
@@ -125,12 +124,7 @@ class SessionFlow(SignedInApp):
         if not self.powered():
             await self.end_session()
             return
-
-        async def then(yes: bool | None) -> None:
-            if yes:
-                await self.end_session()
-
-        self.push_screen(Question(lambda: tr("end.title"), lambda: tr("end.text")), then)
+        ask(self, lambda: tr("end.title"), lambda: tr("end.text"), self.end_session)
 
     async def end_session(self) -> None:
         """Bring the legs to rest, then ask for note and rating while the trail is still open."""

@@ -53,13 +53,12 @@ class TrainingRecord(Struct, frozen=True, kw_only=True):
 R = TypeVar("R", SessionRecord, TrainingRecord)
 
 
-class _Records(Generic[R]):
+class Records(Generic[R]):
     """The records of a home that are of one kind, `<folder>/<patient>.jsonl`. Methods raise AppError."""
 
-    _kind: type[R]
-
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, kind: type[R]) -> None:
         self._folder = folder
+        self._kind: type[R] = kind
 
     def of(self, patient: str) -> tuple[R, ...]:
         """Oldest first."""
@@ -80,18 +79,6 @@ class _Records(Generic[R]):
                 _append(file, msgspec.json.encode(record) + b"\n")
         except OSError as error:
             raise AppError(SessionIndexFault.NOT_WRITTEN, path=path, detail=error.strerror) from error
-
-
-class SessionRecords(_Records[SessionRecord]):
-    """Of sessions."""
-
-    _kind = SessionRecord
-
-
-class TrainingRecords(_Records[TrainingRecord]):
-    """Of trainings."""
-
-    _kind = TrainingRecord
 
 
 def _append(file: FileIO, line: bytes) -> None:

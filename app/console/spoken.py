@@ -1,12 +1,17 @@
-"""A session in lines of text, one for each change: what a screen reader says and what a pipe takes. Pure."""
+"""A session for who does not look at it: a line of text for each change, and when the terminal's bell rings. Pure."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from enum import Enum
+
 from app.console.guidance import next_step
 from app.console.state import SessionState
+from app.console.widgets.gait import commanded_by
 from app.console.widgets.gesture import why_nothing
 from app.ipc.messages import ActiveEvent, ControlSnapshot, TriggerReport
-from app.ipc.states import GESTURE_OF, Action, Effect, Outcome
+from app.ipc.states import Effect, Outcome
+from app.system.config import SoundsConfig
 from app.text.catalogue import render, tr
 
 # Said by lines of their own, or by none: they come and go with every push.
@@ -14,7 +19,7 @@ _NOT_GUIDED = {"arm", "moving", "withdraw", "push", "sign"}
 
 
 def changes(before: SessionState | None, now: SessionState) -> tuple[str, ...]:
-    """What is to be said after `before`, a stop first; all that is so, where there was nothing before."""
+    """What a screen reader says after `before`, a stop first; all that is so, where there was nothing before."""
     was = before.snapshot if before is not None else None
     return (*_guidance(before, now), *_control(was, now), *_hand(before, now))
 
@@ -39,15 +44,11 @@ def _control(was: ControlSnapshot | None, state: SessionState) -> list[str]:
     if was is None or was.state is not now.state:
         lines.append(tr("plain.state", state=now.state))
     if now.action is None and now.armed and (was is None or (was.allowed, was.armed) != (now.allowed, now.armed)):
-        each = tuple(f"{_sign(action, now)} {tr(action)}" for action in now.allowed)
+        each = tuple(f"{commanded_by(action, now)} {tr(action)}" for action in now.allowed)
         lines.append(tr("plain.allowed", actions=each) if each else tr("plain.nothing_allowed"))
     if now.refusal is not None and was is not None and now.refusal_count > was.refusal_count:
         lines.append(tr("events.refused", reason=render(now.refusal)))
     return lines
-
-
-def _sign(action: Action, now: ControlSnapshot) -> str:
-    return tr("machine.by_key") if action in now.by_key_only else tr(GESTURE_OF[action])
 
 
 def _events(was: tuple[ActiveEvent, ...], now: ControlSnapshot) -> list[str]:
@@ -96,3 +97,44 @@ def _button(was: TriggerReport | None, now: TriggerReport) -> list[str]:
     if now.release_count > was.release_count and now.released_gesture is not None:
         return [tr("plain.released", gesture=now.released_gesture)]
     return [tr("plain.pressed")] if now.pressed and not was.pressed else []
+
+
+class Sound(Enum):
+    """What may be heard; the value is its switch in the configuration."""
+
+    PRESS = "press"
+    RELEASE = "release"
+    REFUSAL = "refusal"
+    STOP = "stop"
+
+
+def switched_on(config: SoundsConfig) -> frozenset[Sound]:
+    """The sounds that the configuration wants."""
+    return frozenset(sound for sound in Sound if getattr(config, sound.value))
+
+
+def sounds_of(before: SessionState | None, now: SessionState) -> frozenset[Sound]:
+    """What happened since `before`."""
+    return frozenset() if before is None else frozenset((*_hand_sounds(before, now), *_control_sounds(before, now)))
+
+
+def _hand_sounds(before: SessionState, state: SessionState) -> Iterator[Sound]:
+    was, now = before.report, state.report
+    if was is not None and now is not None and was.incarnation == now.incarnation:
+        if now.pressed and not was.pressed:
+            yield Sound.PRESS
+        if now.release_count > was.release_count:
+            yield Sound.RELEASE
+        if now.cancel_count > was.cancel_count:
+            yield Sound.REFUSAL
+
+
+def _control_sounds(before: SessionState, state: SessionState) -> Iterator[Sound]:
+    was, now = before.snapshot, state.snapshot
+    if was is not None and now is not None:
+        if now.refusal_count > was.refusal_count:
+            yield Sound.REFUSAL
+        if now.effect >= Effect.HOLD and now.effect > was.effect:
+            yield Sound.STOP
+    if before.snapshot_fresh and not state.snapshot_fresh:
+        yield Sound.STOP

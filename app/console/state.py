@@ -138,11 +138,7 @@ def note(before: PressNote, report: TriggerReport, now_ns: int) -> PressNote:
         return PressNote(incarnation=report.incarnation, cancel_count=report.cancel_count)
     if report.cancel_count > before.cancel_count:
         return replace(
-            before,
-            reason=report.cancel_reason,
-            cancelled=True,
-            since_ns=now_ns,
-            cancel_count=report.cancel_count,
+            before, reason=report.cancel_reason, cancelled=True, since_ns=now_ns, cancel_count=report.cancel_count
         )
     if report.press_hint and not report.pressed:
         return replace(before, reason=report.press_hint, cancelled=False, since_ns=now_ns)

@@ -58,7 +58,6 @@ class StopSwitch:
         self.keys: frozenset[str] = frozenset({"space"})
         self.region = Region()  # of the STOP bar on the screen
         self.sent_ns = 0
-        self.count = 0
 
     @property
     def live(self) -> bool:
@@ -70,7 +69,7 @@ class StopSwitch:
         with self._lock:
             self._send = send
             self._state = StopKeyState()
-            self.sent_ns = self.count = 0
+            self.sent_ns = 0
 
     def press_key(self) -> bool:
         """The STOP key has arrived; False when no session listens."""
@@ -96,16 +95,13 @@ class StopSwitch:
             return
         send()
         self.sent_ns = time.monotonic_ns()
-        self.count += 1
 
     def takes(self, message: Message) -> bool:
         """Whether this input was STOP; called in the terminal's input thread, before anything else sees it."""
         if isinstance(message, events.Key) and message.key in self.keys:
             return self.press_key()
-        if isinstance(message, events.MouseDown) and self.live and self._hit(message):
+        clicked = isinstance(message, events.MouseDown) and self.region.contains(message.screen_x, message.screen_y)
+        if clicked and self.live:
             self.stop()
             return True
         return False
-
-    def _hit(self, click: events.MouseDown) -> bool:
-        return self.region.contains(click.screen_x, click.screen_y)

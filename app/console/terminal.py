@@ -109,12 +109,12 @@ class TerminalOutput:
             self._queue.append(_Chunk(data.encode("utf-8", "replace"), now_s, droppable))
             self._changed.notify()
 
-    def close(self, limit_s: float = CLOSE_TIMEOUT_S) -> None:
-        """Write what is queued, for at most so long."""
+    def close(self) -> None:
+        """Write what is queued, for CLOSE_TIMEOUT_S at most."""
         with self._changed:
-            self._end_s = time.monotonic() + limit_s
+            self._end_s = time.monotonic() + CLOSE_TIMEOUT_S
             self._changed.notify()
-        self._thread.join(limit_s + 2 * POLL_MS / 1000)
+        self._thread.join(CLOSE_TIMEOUT_S + 2 * POLL_MS / 1000)
         if self._own and not self._thread.is_alive():
             os.close(self._fileno)
             self._own = False

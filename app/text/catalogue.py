@@ -130,9 +130,7 @@ def _missing(key: str, values: dict[str, object]) -> str:
 
 
 def _text(value: object) -> str:
-    if isinstance(value, Enum):
-        return tr(value)
-    if isinstance(value, Reason | BaseException) or isinstance(getattr(value, "code", None), Enum):
+    if isinstance(value, Enum | Reason | BaseException) or isinstance(getattr(value, "code", None), Enum):
         return render(value)
     if isinstance(value, tuple | list):
         return tr("list.separator").join(_text(each) for each in value)

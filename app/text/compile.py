@@ -27,17 +27,5 @@ def compile_catalogues(folder: Path = LOCALES) -> list[Path]:
     return written
 
 
-def entries(language: str, folder: Path = LOCALES) -> dict[str, tuple[str, ...]]:
-    """Every key of a language with its text, one for each plural form: for tests and tools."""
-    found: dict[str, tuple[str, ...]] = {}
-    for source in sorted((folder / language / "LC_MESSAGES").glob("*.po")):
-        with source.open("rb") as file:
-            for message in read_po(file, locale=language, domain=source.stem):
-                key = message.id if isinstance(message.id, str) else message.id[0]
-                if key:
-                    found[key] = (message.string,) if isinstance(message.string, str) else tuple(message.string or ())
-    return found
-
-
 if __name__ == "__main__":
     compile_catalogues()

@@ -26,8 +26,6 @@ _ENUMERATIONS: dict[str, type[Enum]] = {
     "state": GaitState,
     "to_state": GaitState,
 }
-
-
 # Fields of enumerations that are not loaded here, and the class in their members' keys.
 _CLASSES = {
     "by": "StopSource",
@@ -55,10 +53,8 @@ def result_text(result: GuidedTestResult) -> str:
 
 def _named(field: str, value: object) -> object:
     if field in _CLASSES:
-        keys = (
-            f"{_CLASSES[field]}.{str(value).upper().replace(' ', '_')}",
-            f"recorded.{value}",
-        )  # a demonstration: no role
+        member = f"{_CLASSES[field]}.{str(value).upper().replace(' ', '_')}"
+        keys = (member, f"recorded.{value}")  # a demonstration: no role
         return next((Reason(key) for key in keys if knows(key)), value)
     members = _ENUMERATIONS.get(field, ())
     named = next((each for each in members if value in (each.value, each.name.lower())), None)

@@ -7,7 +7,6 @@ from string import Formatter
 
 import pytest
 
-from app.text.compile import entries
 from hal import errors
 from hal.cameras.camera import IntrinsicsSource
 from hal.cameras.exposure import ImageFault
@@ -17,6 +16,7 @@ from hal.joints.codecs.wire import Order, WireQuantity
 from hal.joints.guard import Quantity
 from hal.joints.protocol import BusFault, DriveFault, DriveState, Joint
 from logs.reason import key_of
+from tests.support.catalogues import entries
 
 FAULTS = (errors.CameraFault, errors.RecordingFault, errors.DeviceFault, errors.DrivesFault, errors.CanFault)
 NAMES = (BusFault, DriveFault, DriveState, FrameKind, ImageFault, IntrinsicsSource, Joint, Order, Quantity, ScanReply)

@@ -13,7 +13,6 @@ from typer.testing import CliRunner
 from app.cli import cli
 from app.ipc.states import GESTURE_OF
 from app.text.catalogue import render, use_language
-from app.text.compile import entries
 from app.text.recorded import render_recorded
 from logs.disk import Disk
 from logs.errors import AuditError, AuditFault
@@ -25,6 +24,7 @@ from logs.records import ActionEnd, Body, Cancel, Command, Press, Record, Refusa
 from tests.app.control.moments import A, K, moving, now, standing
 from tests.app.perception.test_reporting import ONE, OVER, push
 from tests.support.audit_trails import write_session
+from tests.support.catalogues import entries
 
 SCHEMA1 = Path(__file__).parent / "data" / "schema1"
 

@@ -14,7 +14,6 @@ from rich.text import Text
 from typer.testing import CliRunner
 
 from app.cli import cli
-from app.text.compile import entries
 from app.text.recorded import render_recorded
 from logs import records as r
 from logs.disk import Disk
@@ -27,6 +26,7 @@ from logs.show import Filter, RecordSelector, json_of, line_of, record_text
 from logs.verify import Evidence
 from testing.trails import write_sample
 from tests.support.audit_trails import Trail, write_session
+from tests.support.catalogues import entries
 
 HOSTILE = "\x1b]0;owned\x07\x1b[2J\u202e\u0085\x9b31m<script>alert(1)</script>\"'&{{7*7}}[bold]x[/]\r\n\x00"
 

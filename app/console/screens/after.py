@@ -12,14 +12,14 @@ from textual.containers import VerticalScroll
 from textual.widgets import Button, Input, Label, Select, Static
 
 from app.console.screens.base import ConsoleScreen
-from app.console.screens.dialogs import Question
+from app.console.screens.dialogs import ask
 from app.console.session_index import SessionRecord
 from app.console.state import SessionState
 from app.system.operators import Permission
 from app.text.catalogue import tr
 from app.text.recorded import result_text
 from logs.records import Discomfort, Exertion, Note, Pain, Rating
-from profiles.schema import DoseTargets, Profile
+from profiles.schema import Profile
 from profiles.store import ChangeCause
 
 # What the patient is asked for: field of SessionRecord, record of the trail, ratings.
@@ -46,13 +46,6 @@ def summarise(state: SessionState, at: str) -> SessionRecord:
     )
 
 
-def next_targets(dose: DoseTargets, record: SessionRecord) -> DoseTargets:
-    """A tenth more where the target was reached, the same where it was not."""
-    steps = round(dose.steps * GROWTH) if record.steps >= dose.steps else dose.steps
-    metres = round(dose.distance_m * GROWTH, 1) if record.distance_m >= dose.distance_m else dose.distance_m
-    return DoseTargets(steps=steps, distance_m=metres, duration_s=dose.duration_s)
-
-
 def _wording(name: str, rating: int) -> str:
     return tr(f"borg.{rating}") if name == "exertion" else tr(f"rating.{rating}")
 
@@ -74,7 +67,8 @@ class AfterScreen(ConsoleScreen):
 
     def compose(self) -> ComposeResult:
         profile = self._state.setup.profile
-        targets = next_targets(profile.dose, self._record)
+        target = profile.dose.steps
+        steps = round(target * GROWTH) if self._record.steps >= target else target
         yield Label(tr("after.title", name=profile.identifier), id="title")
         with VerticalScroll(id="after"):
             yield Static(self._figures(profile), markup=False)
@@ -86,7 +80,7 @@ class AfterScreen(ConsoleScreen):
             yield Input(id="note", max_length=2000, compact=True)
             yield Label(tr("after.next"), classes="section")
             locked = not self.console_app.may(Permission.EDIT_PATIENTS)
-            yield Input(str(targets.steps), id="steps", type="integer", max_length=6, compact=True, disabled=locked)
+            yield Input(str(steps), id="steps", type="integer", max_length=6, compact=True, disabled=locked)
             yield Label(tr("after.report", session=self._state.setup.session), classes="hint")
             yield Button(tr("after.save"), id="save", variant="primary")
         yield from self.compose_bottom()
@@ -106,21 +100,15 @@ class AfterScreen(ConsoleScreen):
         """As saving does; where that fails, without it, after asking."""
         if self._save():
             await self._close()
-            return
-
-        async def leave(yes: bool | None) -> None:
-            if yes:
-                await self._close()
-
-        self.app.push_screen(Question(lambda: tr("form.leave_title"), lambda: tr("form.leave_text")), leave)
+        else:
+            ask(self.app, lambda: tr("form.leave_title"), lambda: tr("form.leave_text"), self._close)
 
     def _save(self) -> bool:
         """Whether all is in the files."""
         with self.notify_errors():
             if not self._added:
-                self.console_app.sessions.add(
-                    msgspec.structs.replace(self._record, note=self._note(), **self._ratings())
-                )
+                record = msgspec.structs.replace(self._record, note=self._note(), **self._ratings())
+                self.console_app.sessions.add(record)
                 self._added = True
             self._save_targets()
             self._saved = True
@@ -148,16 +136,13 @@ class AfterScreen(ConsoleScreen):
         return {name: rating for name, rating in chosen.items() if isinstance(rating, int)}
 
     def _save_targets(self) -> None:
-        typed = self.query_one("#steps", Input).value
-        profile = self._state.setup.profile
-        if self.query_one("#steps", Input).disabled or not typed.isdigit() or int(typed) == profile.dose.steps:
+        app, field, profile = self.console_app, self.query_one("#steps", Input), self._state.setup.profile
+        if field.disabled or not field.value.isdigit() or int(field.value) == profile.dose.steps:
             return
-        now = self.console_app.store.load(profile.identifier)
-        dose = msgspec.structs.replace(now.dose, steps=int(typed))
+        now = app.store.load(profile.identifier)
+        dose = msgspec.structs.replace(now.dose, steps=int(field.value))
         changed = msgspec.structs.replace(now, dose=dose)
-        self.console_app.store.save(
-            changed, by=self.console_app.authority, at=datetime.now(UTC), why=ChangeCause.TARGETS.key
-        )
+        app.store.save(changed, by=app.authority, at=datetime.now(UTC), why=ChangeCause.TARGETS.key)
 
     def _figures(self, profile: Profile) -> str:
         record, dose = self._record, profile.dose

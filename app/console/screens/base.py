@@ -1,7 +1,8 @@
-"""What every screen of the console has: translated footer, STOP bar, the same breakpoints."""
+"""What every screen has: translated footer, STOP bar, breakpoints; with a session's picture also the hand's keys."""
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -13,16 +14,21 @@ from textual.await_remove import AwaitRemove
 from textual.binding import ActiveBinding, BindingType
 from textual.geometry import Size
 from textual.screen import ModalScreen, Screen
+from textual.timer import Timer
 from textual.widget import Widget
 from textual.widgets import Input, Select
 
+from app.console import keys
 from app.console.state import SessionState
 from app.console.widgets.bars import KeyBar, StopBar
 from app.console.widgets.picture import Picture
+from app.ipc.messages import HandCommand, HandPose
 from app.text.catalogue import knows, render, tr
+from kgdfa.gesture import Gesture
 from logs.reading.errors import CodedError
 
 USER_ERRORS = (CodedError, OSError)
+SHOWN_S = 0.7  # a new shape is shown for so long before it is pushed: taken in 0.2 s, voted, and the button's 0.2 s
 
 if TYPE_CHECKING:
     from app.console.app import ConsoleApp
@@ -144,6 +150,71 @@ def _reached(breakpoints: list[tuple[int, str]] | None, cells: int) -> str:
 
 class ConsoleScreen(_Console[None]):
     """A screen of the console."""
+
+
+class HandKeys(ConsoleScreen):
+    """Shows a session's picture; turns keys into movements of the digital hand, which only its camera has."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._pressing = False
+        self._shown_s = 0.0  # when the shape was shown that the hand has now
+        self._waiting: Timer | None = None  # a push until the shape has been shown
+
+    def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:  # noqa: ARG002
+        """Hand keys need a digital hand, and somebody who may do more than look."""
+        if not action.startswith("hand_"):
+            return True
+        return self.console_app.has_digital_hand and not self.console_app.read_only
+
+    def show_session(self, state: SessionState | None) -> None:
+        super().show_session(state)
+        if state is not None:
+            self.query_one("#picture", Picture).show(state)
+            self.follow(state)
+
+    def follow(self, state: SessionState) -> None:
+        """Draw the session's newest state, besides its picture."""
+
+    @on(Picture.Resized, "#picture")
+    def _ask_for_size(self, event: Picture.Resized) -> None:
+        """Ask perception for a picture of just the size that can be shown."""
+        self.console_app.tell_perception(event.wanted)
+
+    def action_hand_sign(self, sign: str) -> None:
+        """The digital hand shows a gesture, rests, or leaves; a push that waits is for the shape before."""
+        self._shown_s = time.monotonic()
+        if self._waiting is not None:
+            self._waiting.stop()
+        if sign == "rest":
+            self._move(HandCommand(pose=HandPose.REST))
+        elif sign == "none":
+            self._move(HandCommand(pose=HandPose.AWAY))
+        else:
+            self._move(HandCommand(gesture=Gesture(sign)))
+
+    def action_hand_click(self) -> None:
+        """Push to the camera and draw back, once the shape has been shown, as a person does."""
+        if self._waiting is not None:
+            self._waiting.stop()
+        push, left_s = HandCommand(click_s=keys.CLICK_S), self._shown_s + SHOWN_S - time.monotonic()
+        if left_s > 0:
+            self._waiting = self.set_timer(left_s, lambda: self._move(push))
+        else:
+            self._move(push)
+
+    def action_hand_press(self) -> None:
+        """Push and stay, or draw back."""
+        self._pressing = not self._pressing
+        self._move(HandCommand(press=self._pressing))
+
+    def action_hand_move(self, x: int, y: int, z: int) -> None:
+        """Move the digital hand a step: right, down, away from the camera."""
+        step_m = keys.HAND_STEP_M
+        self._move(HandCommand(move_x_m=x * step_m, move_y_m=y * step_m, move_z_m=z * step_m))
+
+    def _move(self, command: HandCommand) -> None:
+        self.console_app.live_session().move_hand(command)
 
 
 class Dialog(_Console[T], ModalScreen[T]):

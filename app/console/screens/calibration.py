@@ -18,7 +18,7 @@ from textual.containers import Horizontal, Vertical
 from textual.widgets import Input, Label, Static
 
 from app.console.screens.base import ConsoleScreen
-from app.console.screens.dialogs import Question
+from app.console.screens.dialogs import ask
 from app.console.state import SessionState
 from app.console.widgets.panel import bar
 from app.console.widgets.picture import Picture
@@ -51,7 +51,7 @@ class CalibrationScreen(ConsoleScreen):
     HELP_PAGE = "calibration"
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("ctrl+s", "keep", "bind.calibration.keep"),
-        Binding("escape", "back", "bind.start.back"),
+        Binding("escape", "dismiss", "bind.start.back"),  # what was not kept is lost
     ]
 
     def __init__(self, profile: Profile) -> None:
@@ -105,14 +105,9 @@ class CalibrationScreen(ConsoleScreen):
         if self._result is None:
             self._show(tr("calibration.nothing"))
         elif doubt := self._result.doubt:
-            question = Question(lambda: tr("calibration.keep_title"), lambda: render(doubt))
-            self.app.push_screen(question, self._keep_if)
+            ask(self.app, lambda: tr("calibration.keep_title"), lambda: render(doubt), self._keep)
         else:
-            self._keep_if(True)
-
-    def action_back(self) -> None:
-        """Leave; what was not kept is lost."""
-        self.dismiss()
+            self._keep()
 
     def _begin(self, distance_m: float) -> None:
         self._end_child()
@@ -139,9 +134,9 @@ class CalibrationScreen(ConsoleScreen):
                 self._result = message
                 self._show(_summary(message))
 
-    def _keep_if(self, yes: bool | None) -> None:
+    def _keep(self) -> None:
         result, app = self._result, self.console_app
-        if not yes or result is None:
+        if result is None:
             return
         with self.notify_errors():
             current = app.store.load(self._profile.identifier)
@@ -196,6 +191,7 @@ def _sample(pipe: Connection, setup: SessionSetup, distance_m: float) -> Calibra
     from app.perception import pipeline
     from app.perception.palm_calibration import WANTED_SAMPLES, PalmSampler, sample_palm
     from app.perception.reporting import PreviewPacer
+    from hal.cameras.camera import CommandedHand
 
     camera = pipeline.make_camera(setup)
     pacer = PreviewPacer(width_px=PREVIEW_PX, rate_hz=PREVIEW_HZ)
@@ -208,19 +204,12 @@ def _sample(pipe: Connection, setup: SessionSetup, distance_m: float) -> Calibra
     with pipeline.make_detector(setup) as detector:
         camera.open()
         try:
-            _show_palm(camera)
+            if isinstance(camera, CommandedHand):  # the digital hand opens by itself, without following hints
+                camera.command(gesture="5")
             sampler = sample_palm(setup.profile, camera, detector, show)
             return sampler.solve(camera.name, distance_m, datetime.now(UTC))
         finally:
             camera.close()
-
-
-def _show_palm(camera: object) -> None:
-    """The digital hand opens by itself, without following hints."""
-    from hal.cameras.camera import CommandedHand
-
-    if isinstance(camera, CommandedHand):
-        camera.command(gesture="5")
 
 
 def calibration_record(patient: str, result: Calibrated) -> CalibrationRecord:

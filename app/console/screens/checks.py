@@ -20,7 +20,7 @@ from app.console.screens.base import Dialog
 from app.console.screens.dialogs import Lists
 from app.console.state import SessionState
 from app.console.widgets.gesture import zone_text
-from app.console.widgets.panel import Lines, bar
+from app.console.widgets.panel import Line, Lines, bar, plain
 from app.ipc.states import Action
 from app.system.config import Config
 from app.system.operators import Permission
@@ -42,11 +42,11 @@ _STYLES = {
 
 def check_lines(state: SessionState) -> Lines:
     """Two lines a check that is not green, one that is."""
-    lines: list[tuple[tuple[str, str], ...]] = []
-    for result in results(state):
-        lines.append(((f" {result.light.value} ", _STYLES[result.light]), (tr(f"check.{result.name}.name"), "bold")))
-        if result.light is not Light.GREEN:
-            lines.append(((f"   {tr(f'check.{result.name}.remedy')}", "$text-muted"),))
+    lines: list[Line] = []
+    for name, light in results(state).items():
+        lines.append(((f" {light.value} ", _STYLES[light]), (tr(f"check.{name}.name"), "bold")))
+        if light is not Light.GREEN:
+            lines.append(plain(f"   {tr(f'check.{name}.remedy')}", "$text-muted"))
     for one in () if state.snapshot is None else state.snapshot.stop_inputs:
         stands = "open" if one.open else "pressed_once" if one.pressed_once else "unpressed"
         style = "$success" if stands == "pressed_once" else "$warning"
@@ -56,9 +56,9 @@ def check_lines(state: SessionState) -> Lines:
         lines.append(((f"   {tr('voice.name')}: ", "$text-muted"), (tr(state.voice), style)))
     if state.report is not None and state.report.press_zone is not None:
         text = zone_text(state.report.press_zone, state.report.threshold_m)
-        lines.append(((f" {text}", "$text-muted"),))
+        lines.append(plain(f" {text}", "$text-muted"))
     if state.fault:
-        lines.append(((state.fault, "bold $error"),))
+        lines.append(plain(state.fault, "bold $error"))
     return tuple(lines)
 
 

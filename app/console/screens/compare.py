@@ -10,14 +10,13 @@ from threading import Thread
 from typing import ClassVar
 
 import msgspec
-from textual import on
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Horizontal
 from textual.widgets import Input, Label
 
 from app.console import keys
-from app.console.screens.hand_keys import HandKeys
+from app.console.screens.base import HandKeys
 from app.console.state import SessionState
 from app.console.widgets.comparison import camera_lines, own_depth_lines, sample_of, table_lines
 from app.console.widgets.panel import Panel, plain
@@ -96,19 +95,10 @@ class CompareScreen(HandKeys):
             Thread(target=_write_if_possible, args=(path, table), name="comparison", daemon=True).start()
             self._end_looker()
 
-    def show_session(self, state: SessionState | None) -> None:
-        super().show_session(state)
-        if state is None:
-            return
+    def follow(self, state: SessionState) -> None:
         self.query_one("#status", Panel).lines = (plain(tr("compare.text"), "$text-muted"),)
-        self.query_one("#picture", Picture).show(state)
         if state.report is not None and state.report.sequence != self._sequence:
             self._take(state.report)
-
-    @on(Picture.Resized, "#picture")
-    def _ask_for_size(self, event: Picture.Resized) -> None:
-        """The session's picture as large as it is shown here."""
-        self.console_app.tell_perception(event.wanted)
 
     def on_input_submitted(self, event: Input.Submitted) -> None:
         """A second camera's name, or the ruler's centimetres."""

@@ -1,12 +1,12 @@
-"""Small dialogs: a question with two answers, the therapist's twelve actions, a list, a line to type."""
+"""Small dialogs: a question with two answers, a choice by key, a list, a patient's history, a line to type."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import ClassVar
+from collections.abc import Callable, Mapping
+from typing import Any, ClassVar, Generic, TypeVar
 
 from textual import events
-from textual.app import ComposeResult
+from textual.app import App, ComposeResult
 from textual.binding import BindingType
 from textual.containers import Horizontal, Vertical, VerticalScroll
 from textual.content import Content
@@ -18,10 +18,15 @@ from app.console.screens.base import Dialog
 from app.console.state import SessionState
 from app.console.widgets.gesture import FINGERS
 from app.console.widgets.health import health_lines
-from app.console.widgets.panel import Lines, Panel, content_of
-from app.ipc.states import ACTION_OF, GESTURE_OF, Action
-from app.text.catalogue import tr
+from app.console.widgets.panel import Lines, Panel, content_of, plain
+from app.console.widgets.patient_details import field_name
+from app.ipc.states import ACTION_OF, Action
+from app.outcomes.guided import GuidedTest
+from app.text.catalogue import knows, tr
 from hal.joints.device import JointDevice
+from profiles.store import Change
+
+T = TypeVar("T")
 
 MAX_ANSWER = 4096  # a path
 Wording = Callable[[], str]  # in the language of now
@@ -30,10 +35,7 @@ Wording = Callable[[], str]  # in the language of now
 class Question(Dialog[bool]):
     """Asks; only `y` or its button says yes."""
 
-    BINDINGS: ClassVar[list[BindingType]] = [
-        ("y", "answer(True)", "bind.yes"),
-        ("n", "answer(False)", "bind.no"),
-    ]
+    BINDINGS: ClassVar[list[BindingType]] = [("y", "answer(True)", "bind.yes"), ("n", "answer(False)", "bind.no")]
 
     def __init__(self, title: Wording, text: Wording) -> None:
         super().__init__()
@@ -56,6 +58,11 @@ class Question(Dialog[bool]):
     def action_answer(self, yes: bool) -> None:
         """Answer by key."""
         self.dismiss(yes)
+
+
+def ask(app: App[None], title: Wording, text: Wording, then: Callable[[], Any]) -> None:
+    """Ask, and go on after a yes."""
+    app.push_screen(Question(title, text), lambda yes: then() if yes else None)
 
 
 class HealthPage(Dialog[None]):
@@ -84,19 +91,62 @@ class HealthPage(Dialog[None]):
                 panel.refresh(layout=True)
 
 
-class TherapistAct(Dialog[Action]):
+class Choice(Dialog[T], Generic[T]):
+    """One of several: by its key, or from the list."""
+
+    TEXTS: ClassVar[tuple[str, str]]  # keys of title and text
+    BY_KEY: ClassVar[Mapping[str, Any]]
+
+    def describe(self, key: str) -> Content:
+        """What this key chooses."""
+        raise NotImplementedError
+
+    def compose(self) -> ComposeResult:
+        title, text = self.TEXTS
+        with Vertical(classes="dialog") as box:
+            box.border_title = tr(title)
+            yield Static(tr(text), markup=False)
+            yield OptionList(*self.options())
+        yield from self.compose_bottom()
+
+    def options(self) -> list[Option]:
+        """The list, as it is now."""
+        return [Option(self.describe(key), id=key) for key in self.BY_KEY]
+
+    def on_screen_resume(self) -> None:
+        """Enter alone must choose nothing, least of all what was chosen last."""
+        self.query_one(OptionList).highlighted = None
+
+    def on_key(self, event: events.Key) -> None:
+        if event.key in self.BY_KEY:
+            event.stop()
+            self.dismiss(self.BY_KEY[event.key])
+
+    def on_option_list_option_selected(self, event: OptionList.OptionSelected) -> None:
+        self.dismiss(self.BY_KEY[str(event.option_id)])
+
+
+class GuidedTestChoice(Choice[GuidedTest]):
+    """Which guided test begins."""
+
+    HELP_PAGE = "session"
+    TEXTS = ("guided.title", "guided.text")
+    BY_KEY: ClassVar[Mapping[str, GuidedTest]] = {str(number): test for number, test in enumerate(GuidedTest, start=1)}
+
+    def describe(self, key: str) -> Content:
+        test = self.BY_KEY[key]
+        return Content.assemble((f" {key}  ", "bold"), (tr(test), "bold"), f"\n    {tr(f'guided.how.{test.name}')}")
+
+
+class TherapistAct(Choice[Action]):
     """The twelve actions by key; those that the machine allows now stand out."""
+
+    TEXTS = ("act.title", "act.text")
+    BY_KEY: ClassVar[Mapping[str, Action]] = {key: ACTION_OF[gesture] for key, gesture in GESTURE_KEYS.items()}
 
     def __init__(self, allowed: tuple[Action, ...]) -> None:
         super().__init__()
         self._allowed = allowed
-
-    def compose(self) -> ComposeResult:
-        with Vertical(classes="dialog") as box:
-            box.border_title = tr("act.title")
-            yield Static(tr("act.text"), markup=False)
-            yield OptionList(*self._options())
-        yield from self.compose_bottom()
 
     def show_session(self, state: SessionState | None) -> None:
         super().show_session(state)
@@ -106,30 +156,15 @@ class TherapistAct(Dialog[Action]):
             options = self.query_one(OptionList)
             at = options.highlighted
             options.clear_options()
-            options.add_options(self._options())
+            options.add_options(self.options())
             options.highlighted = at
 
-    def on_screen_resume(self) -> None:
-        """Enter alone must choose nothing, least of all what was chosen last."""
-        self.query_one(OptionList).highlighted = None
-
-    def on_key(self, event: events.Key) -> None:
-        if event.key in GESTURE_KEYS:
-            event.stop()
-            self.dismiss(ACTION_OF[GESTURE_KEYS[event.key]])
-
-    def on_option_list_option_selected(self, event: OptionList.OptionSelected) -> None:
-        self.dismiss(Action[str(event.option_id)])
-
-    def _options(self) -> list[Option]:
-        return [Option(self._describe(action), id=action.name) for action in Action]
-
-    def _describe(self, action: Action) -> Content:
-        gesture = GESTURE_OF[action]
+    def describe(self, key: str) -> Content:
+        action = self.BY_KEY[key]
         allowed = action in self._allowed
         return Content.assemble(
-            (f" {gesture.value[0]}  ", "bold"),
-            (f"{FINGERS[gesture]}  ", ""),
+            (f" {key}  ", "bold"),
+            (f"{FINGERS[GESTURE_KEYS[key]]}  ", ""),
             (tr(action), "bold $success" if allowed else "$text-muted"),
             ("" if allowed else f"  {tr('act.not_now')}", "$text-muted"),
         )
@@ -165,6 +200,47 @@ class Lists(Dialog[None]):
         if lines != self._lines:
             self._lines = lines
             self.query_one("#lines", Static).update(content_of(lines))
+
+
+class History(Lists):
+    """What changed in a profile, when and by whom, newest first."""
+
+    HELP_PAGE = "history"
+
+    def __init__(self, name: str, changes: tuple[Change, ...]) -> None:
+        super().__init__()
+        self._patient = name
+        self._lines = history_lines(changes)
+
+    def title_and_text(self) -> tuple[str, str]:
+        """The patient."""
+        return tr("history.title", name=self._patient), ""
+
+    def lines_of(self, state: SessionState | None) -> Lines:  # noqa: ARG002 - a history has no session
+        """Every change."""
+        return self._lines
+
+
+def history_lines(changes: tuple[Change, ...]) -> Lines:
+    """A head and a line a field for each change."""
+    lines: list[tuple[tuple[str, str], ...]] = []
+    for change in reversed(changes):
+        who = change.by or tr("history.nobody")
+        lines.append(
+            (
+                (f"{change.at[:16].replace('T', ' ')}  {who}", "bold $primary"),
+                (f"  {tr(change.why) if knows(change.why) else change.why}", "$text-muted"),
+            )
+        )
+        lines += [
+            ((f"  {field_name(field)}: ", ""), (f"{_shown(old)} → {_shown(new)}", "bold"))
+            for field, (old, new) in change.changes.items()
+        ]
+    return tuple(lines) or (plain(tr("history.none"), "$text-muted"),)
+
+
+def _shown(value: object) -> str:
+    return "–" if value is None else str(value)
 
 
 class AskText(Dialog[str]):

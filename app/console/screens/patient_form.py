@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
 from datetime import UTC, datetime
 from typing import ClassVar
 
@@ -12,16 +14,25 @@ from textual.containers import Horizontal, Vertical, VerticalScroll
 from textual.widgets import Input, Label, Select, Static
 
 from app.console.patient_fields import FIELDS, SECTIONS, Field, Kind, Parsed, parse, to_texts
-from app.console.screens.base import USER_ERRORS, ConsoleScreen
-from app.console.screens.dialogs import Question
-from app.console.widgets.drawing import draw_step
+from app.console.screens.base import ConsoleScreen
+from app.console.screens.dialogs import ask
+from app.console.widgets.canvas import Canvas
+from app.console.widgets.panel import Lines, content_of
 from app.text.catalogue import render, tr
+from hal.joints.body import average_body
 from profiles.anthropometry import estimate_palm
-from profiles.schema import Profile, Sex
+from profiles.schema import GaitParameters, Profile, Sex
 
 MAX_TYPED = 20_000  # a paste beyond it is refused by the field itself
 
 NEW_PATIENT = Profile(identifier="new", sex=Sex.FEMALE, stature_m=1.65, mass_kg=65.0)
+
+Point = tuple[float, float]
+Stroke = Callable[[Point, Point], None]
+
+# A step: points in metres, x forward, y up.
+VIEW_M = 2.0  # across
+FOOT_M = 0.16
 
 
 class PatientForm(ConsoleScreen):
@@ -47,9 +58,9 @@ class PatientForm(ConsoleScreen):
         yield Label(tr("form.title_new") if self._new else tr("form.title", name=self._base.identifier), id="title")
         with Horizontal(id="form"):
             with VerticalScroll(id="fields", can_focus=False):
-                for section in SECTIONS:
-                    yield Label(tr(f"form.section.{section.name}"), classes="section")
-                    for field in section.fields:
+                for section, fields in SECTIONS.items():
+                    yield Label(tr(f"form.section.{section}"), classes="section")
+                    for field in fields:
                         yield from self._row(field)
             with Vertical(id="beside"):
                 yield Static(id="verdict", markup=False)
@@ -83,12 +94,9 @@ class PatientForm(ConsoleScreen):
             self.query_one(f"#{first.id}").focus()
             self.notify(tr("form.not_saved"), severity="error")
             return
-        try:
+        with self.notify_errors():
             self._save(parsed.profile)
-        except USER_ERRORS as error:
-            self.notify(render(error), severity="error", timeout=15)
-            return
-        self.dismiss()
+            self.dismiss()
 
     async def action_calibrate(self) -> None:
         """The saved patient before the camera; what is typed and not yet saved would be lost under it."""
@@ -102,8 +110,8 @@ class PatientForm(ConsoleScreen):
         """Leave; ask first when something was typed."""
         if self._typed == self._saved:
             self.dismiss()
-            return
-        self.app.push_screen(Question(lambda: tr("form.leave_title"), lambda: tr("form.leave_text")), self._leave_if)
+        else:
+            ask(self.app, lambda: tr("form.leave_title"), lambda: tr("form.leave_text"), self.action_dismiss)
 
     def _row(self, field: Field) -> ComposeResult:
         with Horizontal(classes="row"):
@@ -150,7 +158,7 @@ class PatientForm(ConsoleScreen):
         if profile.calibrations:
             lines.append(tr("form.calibrated", camera=profile.calibrations[-1].camera))
         self.query_one("#estimate", Static).update("\n".join(lines))
-        self.query_one("#drawing", Static).update(draw_step(profile, *self._drawing_size()))
+        self.query_one("#drawing", Static).update(content_of(draw_step(profile, *self._drawing_size())))
 
     def _drawing_size(self) -> tuple[int, int]:
         """Columns and rows for the drawing, whose parts need about four to one."""
@@ -165,6 +173,61 @@ class PatientForm(ConsoleScreen):
         else:
             store.save(msgspec.structs.replace(profile, archived=self._base.archived), by=by, at=now)
 
-    def _leave_if(self, yes: bool | None) -> None:
-        if yes:
-            self.dismiss()
+
+def draw_step(profile: Profile, columns: int, rows: int) -> Lines:
+    """The level step on the left; stair, obstacle and chair to scale on the right."""
+    canvas = Canvas(columns, rows)
+    limbs = average_body(profile.stature_m, profile.mass_kg)
+    thigh_m, shank_m = profile.thigh_length_m or limbs.thigh_m, profile.shank_length_m or limbs.shank_m
+    scale = min(canvas.width / VIEW_M, canvas.height / (1.12 * (thigh_m + shank_m)))
+
+    def line(a: Point, b: Point) -> None:
+        canvas.line(
+            round(a[0] * scale),
+            canvas.height - 1 - round(a[1] * scale),
+            round(b[0] * scale),
+            canvas.height - 1 - round(b[1] * scale),
+        )
+
+    gait = profile.gait
+    line((0.0, 0.0), (canvas.width / scale, 0.0))
+    _legs(line, gait, thigh_m, shank_m)
+    x = 0.95
+    _box(line, x, gait.stair_rise_m, gait.stair_tread_m)
+    _box(line, x + gait.stair_tread_m, 2 * gait.stair_rise_m, gait.stair_tread_m)
+    x += 2 * gait.stair_tread_m + 0.12
+    _box(line, x, gait.obstacle_height_m, gait.obstacle_depth_m)
+    return canvas.lines()
+
+
+def _legs(line: Stroke, gait: GaitParameters, thigh: float, shank: float) -> None:
+    step = gait.step_length_m
+    back, front = 0.08, 0.08 + step
+    hip = ((back + front) / 2, math.sqrt(max(0.05, (0.99 * (thigh + shank)) ** 2 - (step / 2) ** 2)))
+    for foot in (back, front):
+        knee = _knee(hip, (foot, 0.0), thigh, shank)
+        line(hip, knee)
+        line(knee, (foot, 0.0))
+        line((foot, 0.01), (foot + FOOT_M * 0.6, 0.01))
+    previous = (back, 0.0)
+    for index in range(1, 17):
+        share = index / 16
+        here = (back + step * share, gait.swing_clearance_m * math.sin(math.pi * share))
+        if index % 2:
+            line(previous, here)
+        previous = here
+
+
+def _knee(hip: Point, ankle: Point, thigh: float, shank: float) -> Point:
+    dx, dy = ankle[0] - hip[0], ankle[1] - hip[1]
+    reach = min(math.hypot(dx, dy), 0.999 * (thigh + shank))
+    along = (thigh**2 - shank**2 + reach**2) / (2 * reach)
+    out = math.sqrt(max(0.0, thigh**2 - along**2))
+    ux, uy = dx / reach, dy / reach
+    return hip[0] + ux * along - uy * out, hip[1] + uy * along + ux * out
+
+
+def _box(line: Stroke, x: float, height: float, depth: float) -> None:
+    line((x, 0.0), (x, height))
+    line((x, height), (x + depth, height))
+    line((x + depth, height), (x + depth, 0.0))

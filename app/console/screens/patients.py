@@ -17,14 +17,12 @@ from textual.widgets import DataTable, Input, Label, Static
 
 from app.console import keys
 from app.console.screens.base import ConsoleScreen
-from app.console.screens.dialogs import AskText, Question
-from app.console.screens.history import History
+from app.console.screens.dialogs import AskText, History, Question
 from app.console.screens.patient_form import PatientForm
 from app.console.screens.start import StartSession
 from app.console.session_index import SessionRecord
 from app.console.state import SessionState
-from app.console.widgets.patient_details import describe
-from app.console.widgets.patient_trend import PatientOrder, in_order, last_cells
+from app.console.widgets.patient_details import PatientOrder, describe, in_order, last_cells
 from app.system.errors import AppError
 from app.system.operators import Permission
 from app.text.catalogue import render, tr
@@ -138,8 +136,7 @@ class PatientsScreen(ConsoleScreen):
 
     def action_begin(self) -> None:
         """On with the patient under the cursor: hardware, then the session."""
-        profile = self._chosen()
-        if profile is not None:
+        if profile := self._chosen():
             self.app.push_screen(StartSession(profile))
 
     async def action_new(self) -> None:
@@ -148,14 +145,12 @@ class PatientsScreen(ConsoleScreen):
 
     async def action_edit(self) -> None:
         """Change the patient under the cursor."""
-        profile = self._chosen()
-        if profile is not None:
+        if profile := self._chosen():
             await self._edit(lambda: PatientForm(profile))
 
     async def action_duplicate(self) -> None:
         """A copy under another identifier."""
-        profile = self._chosen()
-        if profile is not None:
+        if profile := self._chosen():
             name = profile.identifier
             asked = (lambda: tr("patients.duplicate_title"), lambda: tr("patients.duplicate_text", name=name))
             await self._edit(lambda: AskText(*asked), self._duplicate)
@@ -171,8 +166,7 @@ class PatientsScreen(ConsoleScreen):
 
     def action_history(self) -> None:
         """What changed, when, by whom."""
-        profile = self._chosen()
-        if profile is not None:
+        if profile := self._chosen():
             with self.notify_errors():
                 changes = self.console_app.store.history(profile.identifier)
                 self.app.push_screen(History(profile.identifier, changes))
@@ -181,14 +175,12 @@ class PatientsScreen(ConsoleScreen):
         """What the sessions came to, over time."""
         from app.console.screens.outcomes import OutcomesPage  # MCAP: only for who asks for it
 
-        profile = self._chosen()
-        if profile is not None:
+        if profile := self._chosen():
             self.app.push_screen(OutcomesPage(self.console_app.home, profile.identifier))
 
     def action_export(self) -> None:
         """A copy as a file."""
-        profile = self._chosen()
-        if profile is not None:
+        if profile := self._chosen():
             name = profile.identifier
             asked = (lambda: tr("patients.export_title"), lambda: tr("patients.export_text", name=name))
             self.app.push_screen(AskText(*asked, f"{name}.toml"), self._export)
@@ -200,14 +192,12 @@ class PatientsScreen(ConsoleScreen):
 
     async def action_calibrate(self) -> None:
         """The patient's palm before the configured camera."""
-        profile = self._chosen()
-        if profile is not None:
+        if profile := self._chosen():
             await self.console_app.calibrate(profile)
 
     async def action_vocabulary(self) -> None:
         """Which gestures this patient can make."""
-        profile = self._chosen()
-        if profile is not None:
+        if profile := self._chosen():
             await self.console_app.begin_enrolment(profile)
 
     async def action_training(self) -> None:
@@ -216,7 +206,9 @@ class PatientsScreen(ConsoleScreen):
 
     def action_review(self) -> None:
         """Earlier sessions."""
-        self.console_app.open_review()
+        from app.console.screens.review import ReviewScreen
+
+        self.app.push_screen(ReviewScreen(self.console_app.home))
 
     def action_order(self) -> None:
         """Another order; the cursor goes to the first."""
@@ -275,28 +267,21 @@ class PatientsScreen(ConsoleScreen):
             about.update(describe(profile, changes, sessions, datetime.now(UTC)))
 
     def _duplicate(self, name: str | None) -> None:
-        profile = self._chosen()
-        if name and profile is not None:
+        if name and (profile := self._chosen()):
             copy = msgspec.structs.replace(profile, identifier=name, archived=False, calibrations=())
             with self.notify_errors():
                 self.console_app.store.create(copy, by=self.console_app.authority, at=datetime.now(UTC))
             self.reload()
 
     def _archive(self, yes: bool | None) -> None:
-        profile = self._chosen()
-        if yes and profile is not None:
+        if yes and (profile := self._chosen()):
             with self.notify_errors():
-                self.console_app.store.archive(
-                    profile.identifier,
-                    by=self.console_app.authority,
-                    at=datetime.now(UTC),
-                    archived=not profile.archived,
-                )
+                app, archived = self.console_app, not profile.archived
+                app.store.archive(profile.identifier, by=app.authority, at=datetime.now(UTC), archived=archived)
             self.reload()
 
     def _export(self, typed: str | None) -> None:
-        profile = self._chosen()
-        if typed and profile is not None:
+        if typed and (profile := self._chosen()):
             with self.notify_errors():
                 path = Path(typed).expanduser()
                 self.console_app.store.export(profile.identifier, path)

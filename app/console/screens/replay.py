@@ -30,7 +30,7 @@ class ReplayScreen(ConsoleScreen):
 
     HELP_PAGE = "replay"
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("escape", "close", "replay.close", id="replay.close"),
+        Binding("escape", "dismiss", "replay.close", id="replay.close"),
         Binding("enter", "play", "replay.play", id="replay.play"),
         Binding("left", "step(-1)", "replay.left", id="replay.left"),
         Binding("right", "step(1)", "replay.right", id="replay.right"),
@@ -114,10 +114,6 @@ class ReplayScreen(ConsoleScreen):
         self.playing = False
         self.at_ns = min(max(at_ns, self._playback.begin_ns), self._playback.end_ns)
         self.show_moment()
-
-    def action_close(self) -> None:
-        """Back to the trail."""
-        self.dismiss(None)
 
     def action_play(self) -> None:
         """Play, or stay; at the end from the beginning."""

@@ -75,8 +75,8 @@ class ReviewScreen(ConsoleScreen):
         super().__init__()
         self._home = home
         self._name = session
-        self._session: ReviewedSession | None = None
-        self._index = 0
+        self.session: ReviewedSession | None = None  # on the screen
+        self.index = 0  # of the record at the cursor
         self._comments: dict[int, list[Comment]] = {}
         self._finding: Finding | None = None
 
@@ -96,16 +96,6 @@ class ReviewScreen(ConsoleScreen):
             self._ask()
         else:
             self._open_named(self._name)
-
-    @property
-    def is_open(self) -> bool:
-        """Whether a session is on the screen."""
-        return self._session is not None
-
-    @property
-    def index(self) -> int:
-        """The record at the cursor."""
-        return self._index
 
     def _ask(self) -> None:
         paths = session_paths(self._home.logs)
@@ -133,28 +123,26 @@ class ReviewScreen(ConsoleScreen):
         self.query_one("#verdict", Static).update(tr("reviewing.opens", session=sanitize_terminal(path.stem)))
         with self.notify_errors():
             self._finding = None
-            self._session = await asyncio.to_thread(open_session, path)
+            self.session = await asyncio.to_thread(open_session, path)
             self._comments = await asyncio.to_thread(comments_on, path)
-            self.query_one(Timeline).show(self._session)
+            self.query_one(Timeline).show(self.session)
             self._go_to(0)
             self.query_one("#verdict", Static).update(f"{sanitize_terminal(path.stem)}: {tr('reviewing.verifying')}")
-            (self._finding,) = await asyncio.to_thread(verify, [path], self._evidence())
+            keys = self._home.keys
+            evidence = Evidence(keys=by_fingerprint(known_keys(keys)), anchors=read_anchors(keys))
+            (self._finding,) = await asyncio.to_thread(verify, [path], evidence)
             self._show_verdict()
 
     def fill(self) -> None:
         """The session that is open, at the record that is shown."""
-        if self._session is not None:
-            self.query_one(Timeline).show(self._session)
-            self._go_to(self._index)
+        if self.session is not None:
+            self.query_one(Timeline).show(self.session)
+            self._go_to(self.index)
             self._show_verdict()
 
     def _show_verdict(self) -> None:
         if self._finding is not None:
             self.query_one("#verdict", Static).update(verdict(self._finding, render_recorded))
-
-    def _evidence(self) -> Evidence:
-        keys = by_fingerprint(known_keys(self._home.keys))
-        return Evidence(keys=keys, anchors=read_anchors(self._home.keys))
 
     def action_close(self) -> None:
         """Leave."""
@@ -162,28 +150,28 @@ class ReviewScreen(ConsoleScreen):
 
     def action_move(self, columns: int) -> None:
         """Move by columns of the timeline."""
-        if self._session is not None:
-            at_s = self._session.time(self._index) + columns * self.query_one(Timeline).column_s
-            index = self._session.index_at(at_s)
-            self._go_to(index if index != self._index else self._index + columns)
+        if self.session is not None:
+            at_s = self.session.time(self.index) + columns * self.query_one(Timeline).column_s
+            index = self.session.index_at(at_s)
+            self._go_to(index if index != self.index else self.index + columns)
 
     def action_step(self, records: int) -> None:
         """Move by records."""
-        self._go_to(self._index + records)
+        self._go_to(self.index + records)
 
     def action_jump(self, direction: int) -> None:
         """To the next event, STOP, refusal, cancel, acknowledgement or command, or the one before."""
-        if self._session is None:
+        if self.session is None:
             return
-        find = self._session.landmark_after if direction > 0 else self._session.landmark_before
-        index = find(self._index)
+        find = self.session.landmark_after if direction > 0 else self.session.landmark_before
+        index = find(self.index)
         if index is not None:
             self._go_to(index)
 
     def action_go(self, end: int) -> None:
         """To the first record (0) or the last (-1)."""
-        if self._session is not None:
-            self._go_to(0 if end == 0 else len(self._session) - 1)
+        if self.session is not None:
+            self._go_to(0 if end == 0 else len(self.session) - 1)
 
     def action_zoom(self, factor: float) -> None:
         """Show more or less time."""
@@ -191,24 +179,24 @@ class ReviewScreen(ConsoleScreen):
 
     async def action_comment(self) -> None:
         """Write a signed comment on the record at the cursor."""
-        if self._session is None or not isinstance(self._session.record(self._index), Record):
+        if self.session is None or not isinstance(self.session.record(self.index), Record):
             return
-        app, index = self.console_app, self._index
+        app, index = self.console_app, self.index
         await app.permitted(Permission.REVIEW, lambda: app.push_screen(WriteComment(index), self._commented))
 
     @work(exclusive=True)
     async def action_replay(self) -> None:
         """The recording at the record under the cursor, where there is one."""
-        if self._session is None:
+        if self.session is None:
             return
         from app.console.screens.replay import ReplayScreen, replay_of  # OpenCV and MCAP: only for who asks for it
         from app.system.paths import recording_path
 
-        path = recording_path(self._session.path.parent, self._session.path.stem)
+        path = recording_path(self.session.path.parent, self.session.path.stem)
         if not path.exists():
             self.notify(tr("replay.none"), severity="warning", timeout=15)
             return
-        record = self._session.record(self._index)
+        record = self.session.record(self.index)
         with self.notify_errors():
             self.notify(tr("reviewing.opens", session=sanitize_terminal(path.name)), timeout=2)
             found = await asyncio.to_thread(replay_of, path, record if isinstance(record, Record) else None)
@@ -216,44 +204,44 @@ class ReviewScreen(ConsoleScreen):
 
     @on(Timeline.Moved)
     def _moved(self, message: Timeline.Moved) -> None:
-        if self._session is not None:
-            self._go_to(self._session.index_at(message.at_s))
+        if self.session is not None:
+            self._go_to(self.session.index_at(message.at_s))
 
     @on(RecordList.Resized)
     def _fill_list(self) -> None:
         """Fill the list's new height."""
-        if self._session is not None:
-            self._go_to(self._index)
+        if self.session is not None:
+            self._go_to(self.index)
 
     async def _commented(self, text: str | None) -> None:
-        session = self._session
+        session = self.session
         if session is None or not text:
             return
-        record = session.record(self._index)
+        record = session.record(self.index)
         if not isinstance(record, Record):
             return
         with self.notify_errors():
             await asyncio.to_thread(write_comment, self.console_app.authority, session.path, record, text)
             self._comments = await asyncio.to_thread(comments_on, session.path)
-            self._go_to(self._index)
+            self._go_to(self.index)
 
     def _go_to(self, index: int) -> None:
-        if self._session is None:
+        if self.session is None:
             return
-        self._index = min(max(index, 0), len(self._session) - 1)
-        instant = self._session.instant(self._index)
+        self.index = min(max(index, 0), len(self.session) - 1)
+        instant = self.session.instant(self.index)
         self.query_one(Timeline).cursor_s = instant.at_s
-        self.query_one("#records", Static).update(self._list(self._session))
-        self.query_one("#instant", Static).update(about(instant, self._comments.get(self._index, [])))
+        self.query_one("#records", Static).update(self._list(self.session))
+        self.query_one("#instant", Static).update(about(instant, self._comments.get(self.index, [])))
 
     def _list(self, session: ReviewedSession) -> Text:
         height = max(self.query_one("#records", Static).size.height, 3)
         before = height // 2
         lines = []
-        for index in session.around(self._index, before, height - before - 1):
+        for index in session.around(self.index, before, height - before - 1):
             line = Text("✎" if index in self._comments else " ", "bold")
             line.append_text(line_of(session.record(index), render_recorded))
-            if index == self._index:
+            if index == self.index:
                 line.stylize("reverse")
             lines.append(line)
         return Text("\n").join(lines)

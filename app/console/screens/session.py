@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from functools import partial
 from pathlib import Path
 from typing import ClassVar
 
@@ -12,21 +13,19 @@ from textual.containers import Container, Vertical
 
 from app.console import keys
 from app.console.guidance import guidance_line
+from app.console.screens.base import HandKeys
 from app.console.screens.checks import Checklist
 from app.console.screens.compare import CompareScreen
-from app.console.screens.dialogs import HealthPage, Question, TherapistAct
-from app.console.screens.guided import GuidedTestChoice
-from app.console.screens.hand_keys import HandKeys
+from app.console.screens.dialogs import GuidedTestChoice, HealthPage, TherapistAct, ask
 from app.console.state import SessionState
 from app.console.widgets.gait import GaitPanel
 from app.console.widgets.gesture import DistancePanel, GesturePanel
-from app.console.widgets.guided import guided_line
 from app.console.widgets.hold import HoldPanel, held
 from app.console.widgets.large import LargePanel
 from app.console.widgets.panel import Panel, StatePanel
 from app.console.widgets.patient_details import identity
 from app.console.widgets.picture import Picture
-from app.console.widgets.status import DosePanel, EventsPanel, status_line
+from app.console.widgets.status import DosePanel, EventsPanel, guided_line, status_line
 from app.console.widgets.wearer import FigurePanel, JointsPanel
 from app.ipc.messages import OperatorKind, PerceptionCommand
 from app.ipc.states import Action, Effect
@@ -78,10 +77,7 @@ class SessionScreen(HandKeys):
             setup = self.console_app.live_setup()
             self.wearer = await asyncio.to_thread(load_wearer, setup.profile, setup.config.joints)
 
-    def show_session(self, state: SessionState | None) -> None:
-        super().show_session(state)
-        if state is None:
-            return
+    def follow(self, state: SessionState) -> None:
         if state.snapshot is not None and not self._loading:
             self._loading = True
             self.run_worker(self._load_wearer(), exit_on_error=False)
@@ -91,7 +87,6 @@ class SessionScreen(HandKeys):
         guide = guidance_line(state, app.key_names, watching=app.read_only)
         self.query_one("#guide", Panel).lines = guide
         self._show_guided()
-        self.query_one(Picture).show(state)
         main = self.query_one("#main")
         main.set_class(held(state), "-held")
         main.set_class(app.large_letters, "-large")
@@ -101,10 +96,6 @@ class SessionScreen(HandKeys):
         self.query_one(FigurePanel).wearer = self.query_one(JointsPanel).wearer = self.wearer
         for panel in self.query(StatePanel):
             panel.show(state)
-
-    def on_picture_resized(self, event: Picture.Resized) -> None:
-        """Ask perception for a picture of just the size that can be shown."""
-        self.console_app.tell_perception(event.wanted)
 
     def on_events_panel_clicked(self) -> None:
         self.action_acknowledge()
@@ -118,7 +109,8 @@ class SessionScreen(HandKeys):
     def action_confirm_patient(self) -> None:
         """The patient before the camera is the one of the profile."""
         profile = self.console_app.live_setup().profile
-        self.app.push_screen(Question(lambda: tr("confirm.title"), lambda: identity(profile)), self._confirmed)
+        confirm = partial(self._send, OperatorKind.CONFIRM_PATIENT)
+        ask(self.app, lambda: tr("confirm.title"), lambda: identity(profile), confirm)
 
     def action_toggle_armed(self) -> None:
         """Arm or disarm gestures."""
@@ -137,7 +129,7 @@ class SessionScreen(HandKeys):
         def text() -> str:
             return "\n".join([*(f"• {render(event.reason)}" for event in waiting), "", tr("acknowledge.text")])
 
-        self.app.push_screen(Question(lambda: tr("acknowledge.title"), text), self._acknowledged)
+        ask(self.app, lambda: tr("acknowledge.title"), text, partial(self._send, OperatorKind.ACKNOWLEDGE))
 
     def action_act(self) -> None:
         """One of the twelve actions, by the therapist's key."""
@@ -151,7 +143,8 @@ class SessionScreen(HandKeys):
         if state is None or state.effect is not Effect.DAMP:
             self.notify(tr("torque_off.only_damped"), severity="warning")
             return
-        self.app.push_screen(Question(lambda: tr("torque_off.title"), lambda: tr("torque_off.text")), self._torque_off)
+        torque_off = partial(self._send, OperatorKind.TORQUE_OFF)
+        ask(self.app, lambda: tr("torque_off.title"), lambda: tr("torque_off.text"), torque_off)
 
     def action_checks(self) -> None:
         """Show the checks."""
@@ -186,8 +179,8 @@ class SessionScreen(HandKeys):
             return
         recorded = state is not None and state.report is not None and state.report.pictures_recorded
         named = "withdraw" if recorded else "consent"
-        question = Question(lambda: tr(f"pictures.{named}.title"), lambda: tr(f"pictures.{named}.text"))
-        self.app.push_screen(question, lambda yes: self._agreed(not recorded) if yes else None)
+        agree = partial(self._agreed, not recorded)
+        ask(self.app, lambda: tr(f"pictures.{named}.title"), lambda: tr(f"pictures.{named}.text"), agree)
 
     def action_guided_test(self) -> None:
         """Begin a guided test, or stop the one that runs."""
@@ -197,8 +190,12 @@ class SessionScreen(HandKeys):
             app.push_kept("guided", GuidedTestChoice, self._guided_chosen)
         else:
             test = run.test
-            question = Question(lambda: tr("guided.stop.title"), lambda: tr("guided.stop.text", test=test))
-            self.app.push_screen(question, self._guided_stopped)
+            ask(
+                app,
+                lambda: tr("guided.stop.title"),
+                lambda: tr("guided.stop.text", test=test),
+                lambda: app.tell_result(app.guided.stop(GuidedStop.BY_KEY)),
+            )
 
     async def action_end_session(self) -> None:
         """End the session, after asking while drives are powered."""
@@ -207,18 +204,6 @@ class SessionScreen(HandKeys):
     def _send(self, kind: OperatorKind, action: Action | None = None) -> None:
         if self.console_app.live is not None:
             self.console_app.live.host.send(kind, action)
-
-    def _confirmed(self, yes: bool | None) -> None:
-        if yes:
-            self._send(OperatorKind.CONFIRM_PATIENT)
-
-    def _acknowledged(self, yes: bool | None) -> None:
-        if yes:
-            self._send(OperatorKind.ACKNOWLEDGE)
-
-    def _torque_off(self, yes: bool | None) -> None:
-        if yes:
-            self._send(OperatorKind.TORQUE_OFF)
 
     def _show_guided(self) -> None:
         app = self.console_app
@@ -231,10 +216,6 @@ class SessionScreen(HandKeys):
         refused = self.console_app.guided.begin(test, state) if test is not None and state is not None else None
         if refused is not None:
             self.notify(tr(refused), severity="warning")
-
-    def _guided_stopped(self, yes: bool | None) -> None:
-        if yes:
-            self.console_app.tell_result(self.console_app.guided.stop(GuidedStop.BY_KEY))
 
     def _agreed(self, consent: bool) -> None:
         """The trail first: by it the recording takes pictures, or deletes them."""

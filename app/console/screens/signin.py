@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import time
 from enum import Enum, auto
+from functools import partial
 from typing import ClassVar
 
 from textual.app import ComposeResult
@@ -74,7 +75,8 @@ class SignInDialog(Dialog[Authority]):
         name, pin = self.query_one("#name", Input).value, event.value
         event.input.value = ""
         try:
-            operator = await asyncio.to_thread(self._set_up if self._first else self._sign_in, name, pin)
+            sign_in = partial(enrol_first, self.console_app.home) if self._first else self._sign_in
+            operator = await asyncio.to_thread(sign_in, name, pin)
         except AppError as error:
             why = self.query_one("#reason", Static)
             why.update(f"✗ {render(error)}")
@@ -90,9 +92,6 @@ class SignInDialog(Dialog[Authority]):
     def action_cancel(self) -> None:
         if not self._unlock:
             self.dismiss(None)
-
-    def _set_up(self, name: str, pin: str) -> Authority:
-        return enrol_first(self.console_app.home, name, pin)
 
     def _sign_in(self, name: str, pin: str) -> Authority:
         attempt = try_pin(self.console_app.home.keys, name, pin, time.time())

@@ -25,14 +25,6 @@ CAMERAS = ("digital-hand", "webcam", "realsense", "recording")
 JOINTS = ("simulated", "can")
 
 
-def choose(config: Config, camera: str, device: str, joints: str) -> Config:
-    """The configuration with these choices, validated like one from a file."""
-    built = msgspec.to_builtins(config)
-    built["camera"] |= {"kind": camera, "device": device}
-    built["joints"] |= {"kind": joints}
-    return msgspec.convert(built, type=Config)
-
-
 class StartSession(ConsoleScreen):
     """Everything is set as last time: Enter goes on."""
 
@@ -40,7 +32,7 @@ class StartSession(ConsoleScreen):
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("ctrl+s", "begin", "bind.start.begin"),
         Binding("f5", "preflight", "bind.checklist.preflight"),
-        Binding("escape", "back", "bind.start.back"),
+        Binding("escape", "dismiss", "bind.start.back"),
     ]
 
     def __init__(self, profile: Profile) -> None:
@@ -88,10 +80,6 @@ class StartSession(ConsoleScreen):
         app, config = self.console_app, self._chosen()
         await app.permitted(Permission.OPERATE, lambda: app.push_screen(Preflight(self._profile, config)), config)
 
-    def action_back(self) -> None:
-        """To the list."""
-        self.dismiss()
-
     async def _begin(self, config: Config) -> None:
         app, used = self.console_app, DistanceUsed(self.query_one("#distance-source", Select).value)
         if used is not self._profile.distance_source:
@@ -102,9 +90,9 @@ class StartSession(ConsoleScreen):
         await app.begin_session(self._profile, config)
 
     def _chosen(self) -> Config:
-        return choose(
-            self.console_app.config,
-            str(self.query_one("#camera", Select).value),
-            self.query_one("#device", Input).value.strip(),
-            str(self.query_one("#joints-kind", Select).value),
-        )
+        """The configuration with these choices, validated like one from a file."""
+        built = msgspec.to_builtins(self.console_app.config)
+        built["camera"]["kind"] = self.query_one("#camera", Select).value
+        built["camera"]["device"] = self.query_one("#device", Input).value.strip()
+        built["joints"]["kind"] = self.query_one("#joints-kind", Select).value
+        return msgspec.convert(built, type=Config)

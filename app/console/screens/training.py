@@ -12,8 +12,8 @@ from textual.containers import Horizontal, Vertical
 from textual.widgets import Label
 
 from app.console import keys
-from app.console.lessons import LESSONS, Lesson, Score, advance, best_of, wrong_fingers
-from app.console.screens.hand_keys import HandKeys
+from app.console.lessons import LESSONS, Lesson, Score, advance, wrong_fingers
+from app.console.screens.base import HandKeys
 from app.console.session_index import TrainingRecord
 from app.console.state import SessionState
 from app.console.widgets.gesture import DistancePanel, GesturePanel
@@ -106,7 +106,7 @@ class TrainingScreen(HandKeys):
 
     def on_mount(self) -> None:
         with self.notify_errors():
-            former = best_of(record.best for record in self.console_app.trainings.of(self._patient))
+            former = max((record.best for record in self.console_app.trainings.of(self._patient)), default=None)
             self._lesson = Lesson(score=Score(former=former))
 
     def on_unmount(self) -> None:
@@ -118,20 +118,12 @@ class TrainingScreen(HandKeys):
             with self.notify_errors():
                 self.console_app.trainings.add(record)
 
-    def show_session(self, state: SessionState | None) -> None:
-        super().show_session(state)
-        if state is None:
-            return
+    def follow(self, state: SessionState) -> None:
         if state.report is not None and state.report_fresh:
             self._lesson = advance(self._lesson, state.report)
-        self.query_one(Picture).show(state)
         self.query_one(GesturePanel).show(state)
         self.query_one(DistancePanel).show(state)
         self._draw(state)
-
-    def on_picture_resized(self, event: Picture.Resized) -> None:
-        """Ask for a picture of just this size."""
-        self.console_app.tell_perception(event.wanted)
 
     def action_skip(self) -> None:
         """On to the next gesture, after the last one to another round."""

@@ -12,7 +12,7 @@ from textual.widgets import Label
 
 from app.console import keys
 from app.console.lessons import wrong_fingers
-from app.console.screens.hand_keys import HandKeys
+from app.console.screens.base import HandKeys
 from app.console.state import SessionState
 from app.console.widgets.gesture import GesturePanel
 from app.console.widgets.hand import draw_hand
@@ -74,20 +74,10 @@ def result_lines(result: VocabularyProof | Explanation) -> Lines:
     """What is proven with its bounds, or why nothing is."""
     if isinstance(result, Explanation):
         return (plain(f"✗ {render(reason_of(result))}", "bold $error"), plain(tr("vocabulary.old_stays")))
-    lines: list[Line] = [plain(tr("vocabulary.result"), "bold")]
-    lines += [_counts_line(one, commands=one.gesture in result.vocabulary) for one in result.gestures]
-    lines.append(
-        plain(
-            tr(
-                "vocabulary.idle_result",
-                taken=result.idle_taken,
-                frames=result.idle_frames,
-                bound=result.idle_at_most,
-            )
-        )
-    )
-    lines.append(plain(tr("vocabulary.keep"), "bold $success"))
-    return tuple(lines)
+    counts = (_counts_line(one, commands=one.gesture in result.vocabulary) for one in result.gestures)
+    taken, frames, bound = result.idle_taken, result.idle_frames, result.idle_at_most
+    idle = plain(tr("vocabulary.idle_result", taken=taken, frames=frames, bound=bound))
+    return (plain(tr("vocabulary.result"), "bold"), *counts, idle, plain(tr("vocabulary.keep"), "bold $success"))
 
 
 def _counts_line(one: GestureCounts, *, commands: bool) -> Line:
@@ -132,23 +122,15 @@ class VocabularyScreen(HandKeys):
                 yield Panel(id="enrolment")
         yield from self.compose_bottom()
 
-    def show_session(self, state: SessionState | None) -> None:
-        super().show_session(state)
-        if state is None:
-            return
+    def follow(self, state: SessionState) -> None:
         report = state.report
         if report is not None and state.report_fresh and report.captured_ns > self._captured_ns:
             self._captured_ns = report.captured_ns
             self._take(update_enrolment(self._enrolment, frame_of(report)))
-        self.query_one(Picture).show(state)
         self.query_one(GesturePanel).show(state)
         lines = result_lines(self._result) if self._result is not None else guide_lines(self._enrolment, report)
         self.query_one("#enrolment", Panel).lines = lines
         self._draw(state)
-
-    def on_picture_resized(self, event: Picture.Resized) -> None:
-        """Ask for an image of just this size."""
-        self.console_app.tell_perception(event.wanted)
 
     def action_leave_out(self) -> None:
         """The patient can't make this gesture: it is not tried any more."""

@@ -57,10 +57,6 @@ class Canvas:
         """The drawing, equal neighbours joined."""
         return tuple(self._line(row * self.columns) for row in range(self.rows))
 
-    def plain(self) -> str:
-        """Dots and text without their styles, a line of text a row."""
-        return "\n".join("".join(text for text, _ in line) for line in self.lines())
-
     def _line(self, begin: int) -> Line:
         parts: list[tuple[str, str]] = []
         run, style = "", ""

@@ -5,13 +5,14 @@ Metres, x forward, z up from the floor under the feet where the action began (ap
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from math import cos, isfinite, radians, sin
 from typing import TYPE_CHECKING
 
 from app.console.widgets.canvas import Canvas
 from app.console.widgets.panel import Lines, cells
 from app.motion.wearer import HIPS, LEFT, RIGHT, Point, Pose, sole_point, surface_m
+from app.text.catalogue import tr
 from hal.joints.device import Joint
 from hal.joints.scene import LEVEL_FLOOR, BlockKind, Scene
 
@@ -34,9 +35,8 @@ class View:
     pose: Pose
     ghost: Pose | None = None
     scene: Scene = LEVEL_FLOOR
-    torque: tuple[float, ...] = field(default=(0.0,) * 4)  # shares of each joint's greatest
-    alarm: tuple[bool, ...] = field(default=(False,) * 4)  # joints that report a fault, or nothing
-    sides: tuple[str, str] = ("L", "R")
+    torque: tuple[float, ...] = (0.0,) * 4  # shares of each joint's greatest
+    alarm: tuple[bool, ...] = (False,) * 4  # joints that report a fault, or nothing
 
 
 def draw(view: View, columns: int, rows: int) -> Lines:
@@ -75,7 +75,8 @@ class _Drawing:
         canvas, scene = self._canvas, self._view.scene
         canvas.pen = GROUND
         if any(block.kind is not BlockKind.CHAIR for block in scene.blocks):
-            tops = [round(self._at((0.0, self._ground_m(x)))[1]) for x in range(canvas.width)]
+            heights_m = (surface_m(scene, self._left_m + x / self._scale) for x in range(canvas.width))
+            tops = [round(self._at((0.0, height_m))[1]) for height_m in heights_m]
             for x, y in enumerate(tops):
                 canvas.line(x, y, x, tops[max(0, x - 1)])
         else:
@@ -129,7 +130,9 @@ class _Drawing:
             place = pose.hip if joint in HIPS else pose.knees[side]
             x, y = self._at(place)
             cell = (round(x) // 2, round(y) // 4)
-            level = (2.0, "!", "bold reverse $error") if self._view.alarm[joint] else _torque(share)
+            level = next(level for level in TORQUES if share >= level[0])
+            if self._view.alarm[joint]:
+                level = (2.0, "!", "bold reverse $error")
             if cell not in shown or level[0] > shown[cell][0]:  # the stronger of two in one place
                 shown[cell] = level
         for (column, row), (_, mark, style) in shown.items():
@@ -138,16 +141,14 @@ class _Drawing:
     def feet(self) -> None:
         """`L` and `R` under the feet: reversed where a foot carries."""
         pose, body = self._view.pose, self._view.body
+        names = (tr("figure.left"), tr("figure.right"))
         columns = [round(self._at((ankle[0] + body.toe_m / 2, 0.0))[0]) // 2 for ankle in pose.ankles]
         first, second = sorted((LEFT, RIGHT), key=lambda side: columns[side])
-        wide = cells(self._view.sides[first]) + 2
+        wide = cells(names[first]) + 2
         columns[second] = max(columns[second], columns[first] + wide)
         for side in (LEFT, RIGHT):
             style = "bold reverse $primary" if pose.carries[side] else "$foreground-muted"
-            self._canvas.text(columns[side], self._canvas.rows - 1, f" {self._view.sides[side]} ", style)
-
-    def _ground_m(self, x: int) -> float:
-        return surface_m(self._view.scene, self._left_m + x / self._scale)
+            self._canvas.text(columns[side], self._canvas.rows - 1, f" {names[side]} ", style)
 
     def _at(self, point: Point) -> tuple[float, float]:
         return (point[0] - self._left_m) * self._scale, self._bottom - point[1] * self._scale
@@ -158,7 +159,3 @@ class _Drawing:
             self._canvas.bold_line(x0, y0, x1, y1)
         else:
             self._canvas.line(x0, y0, x1, y1, every=every)
-
-
-def _torque(share: float) -> tuple[float, str, str]:
-    return next(level for level in TORQUES if share >= level[0])

@@ -92,10 +92,9 @@ def _why_not(snapshot: ControlSnapshot, width: int) -> Lines:
     """Why nothing is allowed, unless an event beside says the same."""
     if snapshot.allowed or snapshot.action is not None or not snapshot.why_not:
         return ()
-    known = any(event.reason == snapshot.why_not for event in snapshot.events)
-    return (
-        () if known else tuple(plain(f" {part}", "$warning") for part in wrapped(render(snapshot.why_not), width - 1))
-    )
+    if any(event.reason == snapshot.why_not for event in snapshot.events):
+        return ()
+    return tuple(plain(f" {part}", "$warning") for part in wrapped(render(snapshot.why_not), width - 1))
 
 
 def signpost(snapshot: ControlSnapshot, width: int, height: int) -> Lines:
@@ -128,18 +127,15 @@ def _goal(snapshot: ControlSnapshot) -> GaitState:
 
 
 def _edge(action: Action, snapshot: ControlSnapshot, *, fingers: bool) -> str:
-    drawn = f" {_fingers(action, snapshot)}" if fingers else ""
-    return f"{_sign(action, snapshot):>4}{drawn} ▶ {tr(action)}"
+    drawn = f" {FINGERS[GESTURE_OF[action]]}" if fingers else ""
+    if action in snapshot.by_key_only:
+        drawn = " " * cells(drawn)
+    return f"{commanded_by(action, snapshot):>4}{drawn} ▶ {tr(action)}"
 
 
-def _sign(action: Action, snapshot: ControlSnapshot) -> str:
+def commanded_by(action: Action, snapshot: ControlSnapshot) -> str:
     """What commands it: its gesture, or only a key."""
     return tr("machine.by_key") if action in snapshot.by_key_only else tr(GESTURE_OF[action])
-
-
-def _fingers(action: Action, snapshot: ControlSnapshot) -> str:
-    drawn = FINGERS[GESTURE_OF[action]]
-    return " " * cells(drawn) if action in snapshot.by_key_only else drawn
 
 
 def _columns(items: list[str], width: int) -> list[str]:
@@ -180,7 +176,7 @@ def gait_map(snapshot: ControlSnapshot, width: int) -> Lines:
             canvas.text(beyond, row, *_place(place, snapshot))
     for row, action, arrow in _BETWEEN_STEPS:
         style = edges.style(action)
-        canvas.text(beyond + 2, row, f"{'┃' if style != DARK else '│'}{arrow} {_sign(action, snapshot)}", style)
+        canvas.text(beyond + 2, row, f"{'┃' if style != DARK else '│'}{arrow} {commanded_by(action, snapshot)}", style)
     return canvas.lines()
 
 
@@ -203,7 +199,7 @@ class _Edges:
         """The way with its gesture, its fingers where it is open, its name where there is room."""
         style = self.style(action, source)
         stroke = {RUNNING: "═", LIT: "━"}.get(style, "─")
-        gesture = _sign(action, self._snapshot)
+        gesture = commanded_by(action, self._snapshot)
         drawn = "" if action in self._snapshot.by_key_only else f" {FINGERS[GESTURE_OF[action]]}"
         labels = (f"{gesture}{drawn} {tr(action)}", f"{gesture}{drawn}")
         label = next(

@@ -16,12 +16,7 @@ from kgdfa.press_zone import PressZone
 from logs.reason import reason
 
 # Fingers as strokes, thumb first: hand emoji are wide characters, which terminals measure differently.
-_STROKES = {
-    FingerState.FOLDED: "··",
-    FingerState.OPEN: "\\|",
-    FingerState.HOOKED: "??",
-    FingerState.PINCHED: ">|",
-}
+_STROKES = {FingerState.FOLDED: "··", FingerState.OPEN: "\\|", FingerState.HOOKED: "??", FingerState.PINCHED: ">|"}
 FINGERS = {
     gesture: "".join(_STROKES[state][finger != Finger.THUMB] for finger, state in zip(Finger, states, strict=True))
     for gesture, states in FINGER_STATES.items()

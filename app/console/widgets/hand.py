@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import lru_cache
 from itertools import pairwise
 
@@ -15,34 +14,15 @@ Point = tuple[float, float]
 
 
 # A hand of 60 by 72 units and four above it, y down; the wearer's right hand, palm to the camera.
-@dataclass(frozen=True, slots=True)
-class _Drawn:
-    """Knuckle and open tip."""
-
-    knuckle: Point
-    tip: Point
-
-
-_FINGERS = (
-    _Drawn((17, 52), (2, 34)),
-    _Drawn((20, 38), (14, 6)),
-    _Drawn((29, 36), (28, 2)),
-    _Drawn((38, 38), (42, 6)),
-    _Drawn((46, 42), (56, 16)),
+_FINGERS: tuple[tuple[Point, Point], ...] = (  # knuckle and open tip
+    ((17, 52), (2, 34)),
+    ((20, 38), (14, 6)),
+    ((29, 36), (28, 2)),
+    ((38, 38), (42, 6)),
+    ((46, 42), (56, 16)),
 )
-_PALM: tuple[Point, ...] = (
-    (22, 70),
-    (14, 56),
-    (20, 38),
-    (29, 36),
-    (38, 38),
-    (46, 42),
-    (42, 70),
-    (22, 70),
-)
+_PALM: tuple[Point, ...] = ((22, 70), (14, 56), (20, 38), (29, 36), (38, 38), (46, 42), (42, 70), (22, 70))
 _PINCH = (12.0, 20.0)
-
-
 _WIDE, _HIGH, _ABOVE = 60, 76, 4
 _PALM_MIDDLE = (31, 56)
 # Pens: a hand to copy, one that is right, a finger that is wrong, and what it does instead.
@@ -124,8 +104,8 @@ def _wrong_finger(sheet: _Sheet, finger: Finger, wanted: FingerState, does: Fing
     return min(tops, key=lambda point: point[1])
 
 
-def _points(finger: _Drawn, state: FingerState, *, thumb: bool) -> list[Point]:
-    (x, y), (tip_x, tip_y) = finger.knuckle, finger.tip
+def _points(finger: tuple[Point, Point], state: FingerState, *, thumb: bool) -> list[Point]:
+    (x, y), (tip_x, tip_y) = finger
     middle = (x + (tip_x - x) * 0.5, y + (tip_y - y) * 0.5)
     if state is FingerState.OPEN:
         return [(x, y), (tip_x, tip_y)]

@@ -81,12 +81,7 @@ def _hand(state: SessionState, width: int, rows: int) -> Lines:
         pressed = large(tr("button.pressed"), half - 1, tall) or (f"◉ {tr('button.pressed')}",)
         _put(canvas, half, pressed, "bold $success")
     elif report.safe_distance_m is not None:
-        _put(
-            canvas,
-            half,
-            large(f"{whole_cm(report.safe_distance_m, report.threshold_m)}", half - 1, tall),
-            "bold",
-        )
+        _put(canvas, half, large(f"{whole_cm(report.safe_distance_m, report.threshold_m)}", half - 1, tall), "bold")
         threshold = tr("distance.threshold", cm=f"{report.threshold_m * 100:.1f}".removesuffix(".0"))
         canvas.text(half, tall, threshold, _QUIET)
     return canvas.lines()

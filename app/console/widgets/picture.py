@@ -11,10 +11,9 @@ from textual.message import Message
 from textual.strip import Strip
 from textual.widget import Widget
 
-from app.console.pixels import KITTY_REMOVAL, PixelTerminal, placed
+from app.console.pixels import KITTY_REMOVAL, PixelPicture, PixelTerminal, placed
 from app.console.state import SessionState
 from app.console.terminal import TerminalDriver
-from app.console.widgets.pixel_picture import PixelPicture
 from app.ipc.messages import PerceptionCommand, Preview
 from app.text.catalogue import tr
 
@@ -66,10 +65,7 @@ class Picture(Widget):
         """Draw the newest preview, or why there is none."""
         if self._drawn and self._covered():
             self.clear_pixels()
-        message = self._message_for(state)
-        if message != self._message_text:
-            self._message_text = message
-            self.refresh()
+        self.show_text(self._message_for(state))
         preview = state.preview
         if preview is None or self.paused or preview.sequence == self._sequence or self.size.area == 0:
             return
@@ -82,17 +78,16 @@ class Picture(Widget):
         self._show(preview)
 
     def show_text(self, text: str) -> None:
-        """Why there is no newer picture, without a session."""
+        """Why there is no newer picture; empty: there is one."""
         if text != self._message_text:
             self._message_text = text
             self.refresh()
 
-    def toggle_pause(self) -> bool:
+    def toggle_pause(self) -> None:
         """Freeze or go on; the chain itself never pauses."""
         self.paused = not self.paused
         self.set_class(self.paused, "-paused")
         self._sequence = -1
-        return self.paused
 
     def render_lines(self, crop: Region) -> list[Strip]:
         """The picture as it is: Textual's own way looks at the style of each of its cells once more."""

@@ -27,11 +27,7 @@ class MarkKind(Enum):
     NOTHING = "✗"
 
 
-_STYLES = {
-    MarkKind.PRESSED: "bold $success",
-    MarkKind.RELEASED: "bold $success",
-    MarkKind.NOTHING: "bold $warning",
-}
+_STYLES = {MarkKind.PRESSED: "bold $success", MarkKind.RELEASED: "bold $success", MarkKind.NOTHING: "bold $warning"}
 
 
 @dataclass(frozen=True, slots=True)

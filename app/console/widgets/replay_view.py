@@ -31,7 +31,6 @@ from app.text.catalogue import tr
 from app.text.recorded import render_recorded
 from logs.explain.hops import explain
 from logs.explain.text import lines as explained
-from logs.records import Record
 
 ACROSS_COLUMNS = 130  # from here on there is room for three beside each other
 ROWS_FOR_ALL = 44  # with fewer, and not across, two pages take turns
@@ -162,7 +161,6 @@ class ReplayView(Container):
             scene=self._legs.footing.scene,
             torque=tuple(abs(joint.torque_nm) / device.max_torque_nm for joint, device in pairs),
             alarm=tuple(bool(joint_fault(joint)) for joint in snapshot.joints),
-            sides=(tr("figure.left"), tr("figure.right")),
         )
         return draw(view, *self._room("figure"))
 
@@ -172,14 +170,13 @@ class ReplayView(Container):
         number = record.sequence if record is not None else -1
         if number == self._why[0]:
             return
-        text = () if record is None else self._explanation(record)
+        text: tuple[str, ...] = ()
+        if record is not None:
+            when = clock(self._playback.seconds(moment_ns(record)))
+            text = (when, *explained(explain(self._playback.records, record.sequence), render_recorded))
         self._why = (number, text)
         self.query_one("#why-text", Static).update(Text("\n".join(text) or tr("replay.nothing_yet")))
         self.query_one("#why", VerticalScroll).scroll_home(animate=False)
-
-    def _explanation(self, record: Record) -> tuple[str, ...]:
-        when = clock(self._playback.seconds(moment_ns(record)))
-        return (when, *explained(explain(self._playback.records, record.sequence), render_recorded))
 
     def _room(self, panel: str) -> tuple[int, int]:
         size = self.query_one(f"#{panel}", DrawnPanel).content_size

@@ -1,4 +1,4 @@
-"""The status line on top, the session's dose, and the list of events."""
+"""The status line on top, the line of a guided test, the session's dose, and the list of events."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from app.console.widgets.health import health_dot
 from app.console.widgets.panel import Line, Lines, Part, StatePanel, bar, cells, fitted, padded, plain
 from app.ipc.messages import ActiveEvent, ControlSnapshot, PauseSummary
 from app.ipc.states import Effect
+from app.outcomes.guided import GuidedRun
 from app.text.catalogue import render, tr
 from app.voice.signals import VoiceState
 
@@ -94,6 +95,28 @@ def _arming(snapshot: ControlSnapshot, *, fresh: bool) -> Part:
     if snapshot.effect >= Effect.REFUSE or not fresh:
         return f" {tr('status.waits')} ", "reverse $warning"
     return f" {tr('status.armed')} ", "bold reverse $success"
+
+
+def guided_line(run: GuidedRun, key: str, width: int) -> Lines:
+    """The guided test that runs, what matters most first; a part that does not fit is left out whole."""
+    parts = [(f" {tr(run.test)} ", "bold reverse $accent")]
+    if run.began_ns:
+        parts.append((f" {_minutes(run.duration_s)} ", "bold"))
+        parts += [(f" {left} ", "bold $primary") for left in _left(run)]
+    else:
+        parts.append((f" {tr('guided.waits')} ", "bold $primary"))
+    parts.append((f" {run.distance_m:.1f} m ", ""))
+    parts.append((f" {tr('guided.steps', steps=run.steps)} ", ""))
+    parts.append((f" {tr('guided.key', key=key)} ", "$foreground-muted"))
+    return (fitted(parts, width),)
+
+
+def _left(run: GuidedRun) -> list[str]:
+    if run.remaining_m:
+        return [tr("guided.left_m", left_m=run.remaining_m)]
+    if run.procedure.until_seated:
+        return [tr("guided.sit")]
+    return [] if run.remaining_s is None else [tr("guided.left_s", left=_minutes(run.remaining_s))]
 
 
 def event_lines(state: SessionState) -> Lines:

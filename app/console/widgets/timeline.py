@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from enum import Enum
 
 from rich.segment import Segment
@@ -17,13 +16,13 @@ from textual.widget import Widget
 
 from app.console.review_data import Instant, ReviewedSession, Span, visible
 from app.console.widgets.panel import cells, padded
-from app.console.widgets.patient_trend import BARS
+from app.console.widgets.patient_details import bar_of
 from app.ipc.states import Effect, GaitState
 from app.text.catalogue import tr
 from app.text.recorded import render_recorded
 from hal.joints.protocol import Joint
 from logs.reason import sanitize_terminal
-from logs.records import Comment, Record
+from logs.records import Comment, JointStatistics, Record
 from logs.show import line_of
 
 LABEL_WIDTH = 9
@@ -128,17 +127,16 @@ class Timeline(Widget):
         if session is None or self.size.width <= LABEL_WIDTH:
             return
         lanes = session.lanes
-        draw: dict[str, Callable[[], list[tuple[str, Style]]]] = {
-            "time": self._times,
-            "state": lambda: self._bands(lanes.state, "primary"),
-            "gesture": lambda: self._bands(lanes.gesture, "secondary"),
-            "press": lambda: self._bands(lanes.press, "success"),
-            "knee_left": lambda: self._angles(session, Joint.LEFT_KNEE),
-            "knee_right": lambda: self._angles(session, Joint.RIGHT_KNEE),
-            "effect": lambda: self._bands(lanes.effect, "warning"),
-            "events": lambda: self._marks(lanes.event),
-        }
-        self._drawn = [draw[lane]() for lane in LANES]
+        self._drawn = [  # in the order of LANES
+            self._times(),
+            self._bands(lanes.state, "primary"),
+            self._bands(lanes.gesture, "secondary"),
+            self._bands(lanes.press, "success"),
+            self._angles(session, Joint.LEFT_KNEE),
+            self._angles(session, Joint.RIGHT_KNEE),
+            self._bands(lanes.effect, "warning"),
+            self._marks(lanes.event),
+        ]
         self.refresh()
 
     def _blank(self) -> list[tuple[str, Style]]:
@@ -174,8 +172,7 @@ class Timeline(Widget):
             statistics = session.joints_at(at_s) if at_s <= session.duration_s else None
             angle = statistics.angle_mean_rad[joint] if statistics else None
             if angle is not None and math.isfinite(angle):
-                share = min(max((angle - low) / (high - low), 0.0), 0.999)
-                row[column] = (BARS[int(share * len(BARS))], Style())
+                row[column] = (bar_of((angle - low) / (high - low)), Style())
         return row
 
     def _marks(self, spans: list[Span]) -> list[tuple[str, Style]]:
@@ -216,7 +213,7 @@ def about(instant: Instant, comments: list[Comment]) -> Text:
         text.append(f"{tr(f'reviewing.{name}')}: ", "dim")
         text.append(f"{as_text(value) or '–'}\n")
     if instant.joints is not None:
-        _add_joints(text, instant)
+        _add_joints(text, instant.joints)
     text.append("\n")
     text.append(_fields(instant))
     for comment in comments:
@@ -224,16 +221,15 @@ def about(instant: Instant, comments: list[Comment]) -> Text:
     return text
 
 
-def _add_joints(text: Text, instant: Instant) -> None:
-    assert instant.joints is not None
+def _add_joints(text: Text, joints: JointStatistics) -> None:
     titles = (tr(f"reviewing.{name}") for name in ("angle", "target", "torque", "temperature"))
     text.append(f"{'':<8}" + "".join(f"{title:>9}" for title in titles) + "\n", "dim")
     for joint in Joint:
         values = (
-            _number(instant.joints.angle_mean_rad[joint], math.degrees(1), "°"),
-            _number(instant.joints.target_mean_rad[joint], math.degrees(1), "°"),
-            _number(instant.joints.torque_mean_nm[joint], 1, " Nm"),
-            _number(instant.joints.temperature_c[joint], 1, " °C"),
+            _number(joints.angle_mean_rad[joint], math.degrees(1), "°"),
+            _number(joints.target_mean_rad[joint], math.degrees(1), "°"),
+            _number(joints.torque_mean_nm[joint], 1, " Nm"),
+            _number(joints.temperature_c[joint], 1, " °C"),
         )
         text.append(padded(tr(f"joints.{joint.name.lower()}"), 8) + "".join(f"{value:>9}" for value in values) + "\n")
 

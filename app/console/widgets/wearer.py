@@ -100,7 +100,6 @@ class FigurePanel(_WearerPanel):
             scene=scene,
             torque=torque,
             alarm=alarm,
-            sides=(tr("figure.left"), tr("figure.right")),
         )
         self.lines = draw(view, *self.content_size)
 

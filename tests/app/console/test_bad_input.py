@@ -8,7 +8,7 @@ import pytest
 from textual.widgets import Input, Label
 
 from app.console.patient_fields import FIELDS, Kind, parse, to_texts
-from app.console.session_index import SessionRecord, SessionRecords
+from app.console.session_index import Records, SessionRecord
 from app.system.errors import AppError
 from app.system.paths import Home
 from app.text.catalogue import render
@@ -86,7 +86,7 @@ async def test_a_note_that_cant_be_kept_stays_until_it_can(console: Opener, home
 
 
 def test_a_disk_that_takes_half_a_line_keeps_none_of_it(home: Home) -> None:
-    made = SessionRecords(home.root)
+    made = Records(home.root, SessionRecord)
     record = SessionRecord(
         session="S", patient="P-1", at="", operator="", steps=1, distance_m=0.1, duration_s=1.0, refusals=0
     )

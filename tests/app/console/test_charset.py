@@ -12,8 +12,8 @@ from rich.cells import cell_len
 
 from app.console.charset import Substitutes, substitutes_for
 from app.console.terminal import TerminalOutput
-from app.text.compile import entries
 from tests.app.console.test_sizes import PANELS, READY, text_of
+from tests.support.catalogues import entries
 
 ASCII = Substitutes(braille_only=False)
 

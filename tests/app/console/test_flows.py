@@ -9,7 +9,7 @@ import pytest
 from textual.widgets import Input, Select
 
 from app.console import keys
-from app.console.session_index import SessionRecords
+from app.console.session_index import Records, SessionRecord
 from app.console.widgets.status import EFFECT_MARKS
 from app.ipc.messages import OperatorKind
 from app.ipc.states import Action, Effect, Event, GaitState
@@ -73,7 +73,7 @@ async def test_a_session_ends_with_a_note_that_the_list_then_shows(console: Open
         await open_console.press("ctrl+s")
         await open_console.shows("walked well")
         await open_console.until(lambda: host.closed)
-        (record,) = SessionRecords(home.root / "sessions").of("demo")
+        (record,) = Records(home.root / "sessions", SessionRecord).of("demo")
         assert (record.note, record.discomfort, record.pain, record.exertion) == ("walked well", 3, None, 15)
 
 

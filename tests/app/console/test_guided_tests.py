@@ -9,9 +9,9 @@ from textual.css.query import NoMatches
 
 from app.console.operator import ConsoleTrail
 from app.console.screens.after import AfterScreen
-from app.console.screens.guided import GuidedTestChoice
-from app.console.widgets.guided import guided_line
+from app.console.screens.dialogs import GuidedTestChoice
 from app.console.widgets.panel import Panel, cells
+from app.console.widgets.status import guided_line
 from app.ipc.messages import ActionReport, OperatorKind
 from app.ipc.states import Action, GaitState, Outcome, Source
 from app.outcomes.guided import PROCEDURES, GuidedRefusal, GuidedRun, GuidedStop, GuidedTest

@@ -18,10 +18,10 @@ from app.ipc.states import Action, Effect, GaitState
 from app.system.errors import AppError
 from app.system.operators import Permission, Role
 from app.text.catalogue import key_of, tr, use_language
-from app.text.compile import entries
 from hal.joints.protocol import Joint
 from kgdfa.gesture import Finger, FingerState, Gesture
 from profiles.palm import ReferenceSource
+from tests.support.catalogues import entries
 
 CODES = ("en", "zh")  # complete; a language that is not falls back to English (test_third_language.py)
 
@@ -51,7 +51,7 @@ def test_every_row_of_the_tables_is_there(code: str) -> None:
     wanted += [f"bind.{binding.id}" for binding in keys.ALL]
     wanted += [f"check.{check.name}.{part}" for check in CHECKS for part in ("name", "remedy")]
     wanted += [f"field.{field.path}" for field in FIELDS]
-    wanted += [f"form.section.{section.name}" for section in SECTIONS]
+    wanted += [f"form.section.{section}" for section in SECTIONS]
     wanted += [key_of(one) for field in FIELDS if field.kind is Kind.CHOICE for one in _members(field.choices)]
     wanted += [f"training.{one.value}" for one in FingerState]
     asked_in_the_console = (Permission.OPERATE, Permission.EDIT_PATIENTS, Permission.CALIBRATE, Permission.REVIEW)

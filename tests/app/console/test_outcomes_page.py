@@ -7,10 +7,9 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from app.console.screens.outcomes import OutcomesPage
+from app.console.screens.outcomes import OutcomesPage, plot, progress_lines
 from app.console.screens.patients import PatientsScreen
 from app.console.widgets.panel import Panel
-from app.console.widgets.progress import plot, progress_lines
 from app.evaluate.outcomes.walks import RecordedWalk, Walk
 from app.motion.plan import patient_of
 from app.outcomes.change import SMALLEST_CHANGES

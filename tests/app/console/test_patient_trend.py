@@ -8,8 +8,8 @@ import msgspec
 from hypothesis import given
 from hypothesis import strategies as st
 
-from app.console.session_index import SessionRecord, SessionRecords
-from app.console.widgets.patient_trend import (
+from app.console.session_index import Records, SessionRecord
+from app.console.widgets.patient_details import (
     BARS,
     NO_BAR,
     PatientOrder,
@@ -85,7 +85,7 @@ def test_rows_that_were_never_asked_are_left_out() -> None:
 
 
 async def test_s_sorts_the_list_and_the_title_says_how(console: Opener, home: Home) -> None:
-    store, records = ProfileStore(home.profiles), SessionRecords(home.root / "sessions")
+    store, records = ProfileStore(home.profiles), Records(home.root / "sessions", SessionRecord)
     for name, days_ago in (("P-1", 1.0), ("P-2", 30.0)):
         made = msgspec.structs.replace(DEMO_PATIENT, identifier=name)
         store.create(made, by=Named(""), at=NOW)

@@ -14,10 +14,22 @@ from hypothesis import strategies as st
 from textual.events import Key
 
 from app.console.app import ConsoleApp
-from app.console.pixels import KITTY_REMOVAL, Answers, PixelTerminal, Protocol, asks, kitty_picture, placed, sixels
+from app.console.pixels import (
+    KITTY_REMOVAL,
+    PREVIEW_PX,
+    SIXEL_PX,
+    SIXEL_PX_A_SECOND,
+    Answers,
+    PixelPicture,
+    PixelTerminal,
+    Protocol,
+    asks,
+    kitty_picture,
+    placed,
+    sixels,
+)
 from app.console.terminal import parser_without
 from app.console.widgets.picture import Picture
-from app.console.widgets.pixel_picture import PREVIEW_PX, SIXEL_PX, SIXEL_PX_A_SECOND, PixelPicture
 from testing.fake_host import gradient
 from tests.app.console.conftest import Opener
 

@@ -16,10 +16,8 @@ from app.console.screens.base import ConsoleScreen, Dialog
 from app.console.screens.calibration import CalibrationScreen
 from app.console.screens.checks import Checklist, Preflight
 from app.console.screens.compare import CompareScreen
-from app.console.screens.dialogs import AskText, HealthPage, Question, TherapistAct
-from app.console.screens.guided import GuidedTestChoice
+from app.console.screens.dialogs import AskText, GuidedTestChoice, HealthPage, History, Question, TherapistAct
 from app.console.screens.help import HelpPage
-from app.console.screens.history import History
 from app.console.screens.outcomes import OutcomesPage
 from app.console.screens.patient_form import PatientForm
 from app.console.screens.patients import PatientsScreen

@@ -57,7 +57,7 @@ async def review(home: Home, size: tuple[int, int], language: str = "en") -> Asy
             await until(pilot, lambda: isinstance(app.screen, PatientsScreen))
             screen = ReviewScreen(home, "last")
             await app.push_screen(screen)
-            await until(pilot, lambda: screen.is_open)
+            await until(pilot, lambda: screen.session is not None)
             yield pilot
     finally:
         use_language("en")

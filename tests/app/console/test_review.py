@@ -133,7 +133,7 @@ async def test_without_a_name_it_asks_which(home: Home) -> None:
         await opened(app, pilot, screen)
         await until(pilot, lambda: isinstance(app.screen, ChooseSession))
         await pilot.press("enter")
-        await until(pilot, lambda: screen.is_open)
+        await until(pilot, lambda: screen.session is not None)
 
 
 async def test_a_changed_record_is_reported_on_top(home: Home) -> None:

@@ -8,7 +8,7 @@ import msgspec
 import pytest
 
 from app.console.app import ConsoleApp
-from app.console.sounds import Sound, sounds_of, switched_on
+from app.console.spoken import Sound, sounds_of, switched_on
 from app.console.state import SessionState
 from app.ipc.states import Effect
 from app.system.config import Config, SoundsConfig

@@ -56,7 +56,7 @@ def test_the_status_line_says_once_what_joints_they_are(state: SessionState, wid
 def test_the_checks_say_so_too_and_hold_nobody_up() -> None:
     use_language("en")
     assert "No stop button connected" in text_of(check_lines(READY))
-    assert "stop_inputs" not in {result.name for result in results(READY)}
+    assert "stop_inputs" not in results(READY)
 
 
 @pytest.mark.parametrize(

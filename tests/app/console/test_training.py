@@ -6,7 +6,7 @@ import pytest
 
 from app.console.lessons import LESSONS, Lesson, Score, advance, differences, wrong_fingers
 from app.console.screens.training import feedback, score_lines
-from app.console.session_index import TrainingRecord, TrainingRecords
+from app.console.session_index import Records, TrainingRecord
 from app.console.widgets.hand import draw_hand
 from app.console.widgets.panel import cells
 from app.ipc.messages import OperatorKind, TriggerReport
@@ -165,7 +165,7 @@ async def test_training_arms_and_moves_nothing(console: Opener) -> None:
 
 
 async def test_the_best_row_is_kept_for_the_patient(console: Opener, home: Home) -> None:
-    kept = TrainingRecords(home.root / "trainings")
+    kept = Records(home.root / "trainings", TrainingRecord)
     kept.add(TrainingRecord(patient="demo", at="2026-11-20T10:00:00+00:00", best=1, learnt=1))
     async with console(profile=None) as open_console:
         await open_console.press("t")

@@ -197,5 +197,5 @@ async def test_the_start_screen_and_the_checks_tell_whether_it_is_proven(
         await open_console.until(lambda: (state := app.live_state()) and state.snapshot)
         state = app.live_state()
         assert state is not None
-        lights = {one.name: one.light for one in results(state)}
+        lights = results(state)
         assert lights["vocabulary"] is (Light.AMBER if age else Light.GREEN)

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from app.text.compile import entries
+from tests.support.catalogues import entries
 
 ROOT = Path(__file__).parents[3]
 PRODUCT = ("app", "hal", "kgdfa", "logs", "profiles", "reading")
