@@ -9,7 +9,9 @@ import logging
 import os
 import queue
 import threading
+import time
 from collections.abc import Collection, Iterator, Mapping
+from contextlib import suppress
 from enum import Enum, auto
 from logging.handlers import SysLogHandler
 from pathlib import Path
@@ -55,10 +57,12 @@ class CheckpointCopy:
             self.fault = reason(MirrorFault.BEHIND, target=self._target)
 
     def close(self, patience_s: float = 2.0) -> None:
-        """Finish copying, for up to `patience_s`."""
+        """Finish copying, for up to `patience_s`; a mirror that hangs is left behind."""
         if self._thread is not None:
-            self._queue.put(None)
-            self._thread.join(patience_s)
+            until_s = time.monotonic() + patience_s
+            with suppress(queue.Full):
+                self._queue.put(None, timeout=patience_s)
+            self._thread.join(max(0.0, until_s - time.monotonic()))
             self._thread = None
 
     def _run(self) -> None:

@@ -169,7 +169,7 @@ def _wrong_history(path: Path, scan: Scan, listing: Listing) -> Reason | None:
     with open_regular(path) as file:
         try:
             body = msgspec.json.decode(file.readline(MAX_LINE), type=Record).body
-        except msgspec.MsgspecError:
+        except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError):
             return None  # of another version: only the chain is checked
     if not isinstance(body, SessionStart) or body.history_hash in ("", GENESIS):
         return None

@@ -212,7 +212,7 @@ class SessionFlow(SignedInApp):
                 await asyncio.to_thread(require_joints, self.home, config.joints.host)
             setup = make_setup(self.home, config, profile, self.signed_in, moves)
         except USER_ERRORS as error:
-            self.notify(render(error), severity="error", timeout=15)
+            self.notify(render(error), severity="error", timeout=15, markup=False)
             return
         await self._show(self._live_of(setup), screen)
 

@@ -24,8 +24,9 @@ from app.link.beats import Beats, health_of
 from app.link.clock import localized
 from app.link.order import Outbox
 from app.link.packets import PacketSeal
+from app.link.questions import why_silent
 from app.link.remote import Remote
-from app.link.wire import LinkFault, LinkNotice, Refused, StopMark, ToJoints, ToLaptop, Welcome, mark_of
+from app.link.wire import LinkNotice, Refused, StopMark, ToJoints, ToLaptop, Welcome, mark_of
 from app.system.config import SessionSetup
 from app.system.diagnostics_log import get_logger
 from app.system.scheduling import gc_freeze, set_scheduling
@@ -174,8 +175,7 @@ class LinkClient:
         self._health_ns = now_ns
         their = self._their
         if their is None and self._fault is None and now_ns - self._began_ns > SILENT_NS:
-            limit_s = SILENT_NS / 1e9
-            self._fail(reason(LinkFault.NOBODY_ANSWERS, host=self._setup.config.joints.host, limit_s=limit_s))
+            self._fail(why_silent(self._setup.config.joints.host, SILENT_NS / 1e9))
         audit = None if their is None else their.audit
         health = health_of(self._beats, self._setup.config.joints.host, now_ns, self._foreign, audit)
         processes = () if their is None else their.processes

@@ -16,6 +16,7 @@ from app.link.packets import MAX_BYTES
 from app.link.wire import PORT, VERSION, LinkFault, program
 from app.system.errors import AppError
 from app.system.paths import Home
+from logs.reason import Reason, reason
 
 PLAIN = 2  # the first byte
 ANSWER_S = 2.0
@@ -217,3 +218,12 @@ def check_version(host: str, link: int, theirs: str) -> None:
     if link != VERSION:
         fault = LinkFault.OLDER_THERE if link < VERSION else LinkFault.OLDER_HERE
         raise AppError(fault, host=host, here=f"{program()}/{VERSION}", there=f"{theirs}/{link}")
+
+
+def why_silent(host: str, silent_s: float) -> Reason:
+    """Why the link to a computer does not come up: it answers questions and does not admit us, or nobody answers."""
+    try:
+        find(host)
+    except AppError:
+        return reason(LinkFault.NOBODY_ANSWERS, host=host, limit_s=silent_s)
+    return reason(LinkFault.NOT_ADMITTED, host=host)

@@ -108,4 +108,4 @@ def coming(moment: Moment) -> Action | None:
     if snapshot is None or snapshot.action is not None:
         return snapshot.action if snapshot is not None else None
     action = ACTION_OF.get(report.gesture) if report is not None and report.gesture else None
-    return action if action in snapshot.allowed else None
+    return action if action in snapshot.allowed and action not in snapshot.by_key_only else None

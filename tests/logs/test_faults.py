@@ -13,7 +13,7 @@ from logs.disk import Disk
 from logs.findings import Remark
 from logs.journal import Found, append_signed
 from logs.keys import ConsoleKey, by_fingerprint, load_or_make_key, read_anchors
-from logs.mirror import CheckpointCopy
+from logs.mirror import SUFFIX, CheckpointCopy, MirrorFault
 from logs.reason import key_of, reason
 from logs.records import Note
 from logs.scan import scan_file
@@ -200,3 +200,12 @@ def test_a_key_is_whole_or_not_there(tmp_path: Path, fail_at: int) -> None:
     key = load_or_make_key(tmp_path)
     assert key.public.verifies(key.sign(b"x"), b"x")
     assert (tmp_path / "console.key").stat().st_mode & 0o777 == 0o600
+
+
+def test_a_mirror_that_hangs_is_left_behind(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / f"s.jsonl{SUFFIX}")  # opened for writing it waits for a reader that never comes
+    copy = CheckpointCopy(str(tmp_path))
+    while copy.fault is None:
+        copy.put("s.jsonl", b"{}\n")
+    assert copy.fault.code == key_of(MirrorFault.BEHIND)
+    copy.close(patience_s=0.1)

@@ -243,3 +243,14 @@ def test_a_home_rolled_back_is_missed_by_the_copy_of_checkpoints(three: Trail) -
     bad = [each for each in verify([three.folder], Evidence(keys=three.keys, copies=copies)) if each.reason]
     assert [(each.file.name, each.status) for each in bad] == [("s4.jsonl", Status.TAMPERED)]
     assert bad[0].reason == reason(Verdict.MISSING_BY_MIRROR)
+
+
+def test_a_first_record_that_is_no_text_is_judged_by_its_chain_alone(trail: Trail) -> None:
+    """A trail that anybody may have written: what can't be read must not end the verification."""
+    parts = unseal(lines_of(trail.session)[0])
+    assert parts is not None
+    assert b'"rleex":"0"' in parts[0]
+    sealed, _ = seal(parts[0].replace(b'"rleex":"0"', b'"rleex":"\xff"', 1))
+    trail.session.write_bytes(sealed)
+    (bad,) = the_bad(trail)
+    assert bad.status is Status.TAMPERED

@@ -179,6 +179,8 @@ class VocabularyScreen(HandKeys):
         self.query_one("#title", Label).update(tr("vocabulary.title", name=name, part=place, parts=len(PARTS)))
         hand = self.query_one("#hand", DrawnPanel)
         self.set_class(self._result is not None, "-result")
+        if target is None:
+            hand.lines = ()
         if target is None or not hand.content_size.area:
             return
         report = state.report if state.report_fresh else None

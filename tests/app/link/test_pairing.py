@@ -15,11 +15,23 @@ import pytest
 from app.link import pairing
 from app.link.keys import Peer, add_peer, forget_peer, joints_at, own_key, peers_of
 from app.link.pairing import Offer, PairingDesk, pair, write_offer
-from app.link.questions import Answer, PairBegin, PairConfirm, Who, check_version, encode, find, here, question_in
+from app.link.questions import (
+    Answer,
+    PairBegin,
+    PairConfirm,
+    Who,
+    check_version,
+    encode,
+    find,
+    here,
+    question_in,
+    why_silent,
+)
 from app.link.wire import VERSION, LinkFault
 from app.system.errors import AppError
 from app.system.paths import Home
 from app.text.catalogue import render
+from logs.reason import key_of
 
 CODE = "1234-5678"
 
@@ -166,6 +178,11 @@ def test_nobody_answers(tmp_path: Path) -> None:
     with pytest.raises(AppError) as refused:
         find("127.0.0.1:9", limit_s=0.3)
     assert refused.value.code is LinkFault.NOBODY_ANSWERS
+
+
+def test_a_computer_that_answers_and_does_not_admit_is_not_called_silent(joints: Joints) -> None:
+    assert why_silent(joints.host, 5.0).code == key_of(LinkFault.NOT_ADMITTED)
+    assert why_silent("127.0.0.1:9", 5.0).code == key_of(LinkFault.NOBODY_ANSWERS)
 
 
 @pytest.mark.parametrize("address", ["", "exo local", "exo:", "exo:0", "exo:70000", "exo:1:2", "-exo", "tcp://exo:1"])
