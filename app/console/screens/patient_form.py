@@ -19,7 +19,6 @@ from app.console.screens.dialogs import ask
 from app.console.widgets.canvas import Canvas
 from app.console.widgets.panel import Lines, content_of
 from app.text.catalogue import render, tr
-from hal.joints.body import average_body
 from profiles.anthropometry import estimate_palm
 from profiles.schema import GaitParameters, Profile, Sex
 
@@ -176,6 +175,8 @@ class PatientForm(ConsoleScreen):
 
 def draw_step(profile: Profile, columns: int, rows: int) -> Lines:
     """The level step on the left; stair, obstacle and chair to scale on the right."""
+    from hal.joints.body import average_body  # numpy: not before the first paint
+
     canvas = Canvas(columns, rows)
     limbs = average_body(profile.stature_m, profile.mass_kg)
     thigh_m, shank_m = profile.thigh_length_m or limbs.thigh_m, profile.shank_length_m or limbs.shank_m
