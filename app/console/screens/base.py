@@ -28,7 +28,7 @@ from kgdfa.gesture import Gesture
 from logs.reading.errors import CodedError
 
 USER_ERRORS = (CodedError, OSError)
-SHOWN_S = 0.7  # a new shape is shown for so long before it is pushed: taken in 0.2 s, voted, and the button's 0.2 s
+SHAPE_SHOWN_S = 1.0  # a new shape is shown for so long before it is pushed: votes take their time on a busy machine
 
 if TYPE_CHECKING:
     from app.console.app import ConsoleApp
@@ -197,7 +197,7 @@ class HandKeys(ConsoleScreen):
         """Push to the camera and draw back, once the shape has been shown, as a person does."""
         if self._waiting is not None:
             self._waiting.stop()
-        push, left_s = HandCommand(click_s=keys.CLICK_S), self._shown_s + SHOWN_S - time.monotonic()
+        push, left_s = HandCommand(click_s=keys.CLICK_S), self._shown_s + SHAPE_SHOWN_S - time.monotonic()
         if left_s > 0:
             self._waiting = self.set_timer(left_s, lambda: self._move(push))
         else:
