@@ -36,6 +36,7 @@ class Condition(Enum):
     FINGER_NOT_FOLDED = "finger not folded"  # finger; value, limit: off the palm's plane
     THUMB_NOT_OPEN = "thumb not open"  # finger, other; value, limit: its tip from the other's tip or joint
     FINGER_NOT_OPEN = "finger not open"  # finger; value, limit: its tip beyond the palm's hull
+    FINGER_NOT_HOOKED = "finger not hooked"  # finger; value, limit: its tip from its knuckle, on the image
     FINGER_NOT_STRAIGHT = "finger not straight"  # finger; value, limit: degrees, on the image
     TIP_BEYOND_PALM = "tip beyond palm"  # finger; value, limit: along the palm, from the knuckles
 
@@ -172,8 +173,8 @@ def _need(
 
 
 def _open_fingers(gesture: Gesture) -> tuple[Need, ...]:
-    """The tips of open and hooked fingers lie outside the palm's hull, as in Table 2."""
-    opened = fingers_in(gesture, FingerState.OPEN, FingerState.HOOKED)
+    """The tips of open fingers lie outside the palm's hull, as in Table 2."""
+    opened = fingers_in(gesture, FingerState.OPEN)
     return tuple(_need(Condition.FINGER_NOT_OPEN, Measure.TIP_BEYOND_OUTER_HULL, finger, low=0.10) for finger in opened)
 
 
@@ -183,7 +184,8 @@ def _open_fingers(gesture: Gesture) -> tuple[Need, ...]:
 # 7: closed tips as in Eq. 3, the thumb's from the forefinger's and the middle one's, mean of space and image, since
 # MediaPipe's depth alone parts closed tips, and a view along the fingers closes open ones; ring and little finger
 # folded, as in Table 2: their tips near the palm's plane, and the ring finger's on the palm, else all five may touch.
-# 1: a straight forefinger, else it is a 9; 2: a folded thumb; 8: a thumb away from the folded middle finger, else a 1.
+# 1: a straight forefinger, else it is a 9; 2: a folded thumb; 8: a thumb away from the folded middle finger, else a 1;
+# 9: a hook, else a fist: by its length, for the tip of one that trembles is often within the hull.
 _OWN_NEEDS: dict[Gesture, tuple[Need, ...]] = {
     Gesture.ZERO: (
         _need(
@@ -203,6 +205,7 @@ _OWN_NEEDS: dict[Gesture, tuple[Need, ...]] = {
         _need(Condition.FINGER_NOT_FOLDED, Measure.REACH_OFF, Finger.PINKY, high=0.55),
     ),
     Gesture.EIGHT: (_need(Condition.THUMB_NOT_OPEN, Measure.TIPS_APART, Finger.THUMB, Finger.MIDDLE, low=0.60),),
+    Gesture.NINE: (_need(Condition.FINGER_NOT_HOOKED, Measure.LENGTH, Finger.FORE, low=0.26),),
 }
 NEEDS = {gesture: (*_OWN_NEEDS.get(gesture, ()), *_open_fingers(gesture)) for gesture in Gesture}
 

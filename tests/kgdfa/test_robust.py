@@ -49,7 +49,12 @@ def test_similar_hands_are_refused_with_a_reason(pose: str) -> None:
     assert isinstance(verdict.explanation.values["measure"], Explanation)
 
 
-BELOW = {Condition.THUMB_NOT_OPEN, Condition.FINGER_NOT_OPEN, Condition.FINGER_NOT_STRAIGHT}
+BELOW = {
+    Condition.THUMB_NOT_OPEN,
+    Condition.FINGER_NOT_OPEN,
+    Condition.FINGER_NOT_HOOKED,
+    Condition.FINGER_NOT_STRAIGHT,
+}
 ZERO, SIX, SEVEN = POSES["0"], POSES["6"], POSES["7"]
 
 
@@ -105,8 +110,8 @@ def certain_of(gesture: Gesture) -> RobustModel:
             {"finger": Finger.THUMB, "other": Finger.MIDDLE},
         ),
         (
-            replace(POSES["9"], name="changed 9", index=ZERO.index),
-            Condition.FINGER_NOT_OPEN,
+            replace(POSES["9"], name="changed 9", index=ZERO.index, turn_deg=(-20, 0, 0)),
+            Condition.FINGER_NOT_HOOKED,
             {"finger": Finger.FORE},
         ),
     ],
