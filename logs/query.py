@@ -98,23 +98,23 @@ QUESTIONS: dict[str, str] = {
 
 
 def connect(paths: Sequence[Path], kind: str = "VIEW") -> duckdb.DuckDBPyConnection:
-    """A database with `records` over folders or files of trails, or Parquet files. kind: VIEW, or TABLE to hold them.
+    """A database with `records` over folders or files of trails, and Parquet files. kind: VIEW, or TABLE to hold them.
 
     Raises AuditError when there is nothing to read.
     """
-    for path in paths:
-        if path.suffix == ".parquet":
-            check_regular(path)
-    parquet = [str(path) for path in paths if path.suffix == ".parquet"]
-    files = parquet or [str(path) for path in _trails(paths)]
-    if not files:
+    parquet = [path for path in paths if path.suffix == ".parquet"]
+    for path in parquet:
+        check_regular(path)
+    kinds = {True: parquet, False: [*_trails([path for path in paths if path not in parquet])]}
+    sources = [source_sql([*map(str, files)], is_parquet=is_parquet) for is_parquet, files in kinds.items() if files]
+    if not sources:
         raise AuditError(AuditFault.NO_TRAILS, places=", ".join(map(str, paths)))
     connection = open_limited()
-    source = source_sql(files, is_parquet=bool(parquet))
     try:
-        connection.execute(f"CREATE {kind} records AS {source}")
+        together = " UNION ALL BY NAME ".join(f"SELECT * FROM ({source})" for source in sources)
+        connection.execute(f"CREATE {kind} records AS {together}")
     except duckdb.Error as error:
-        raise AuditError(AuditFault.TRAIL_UNREADABLE, path=files[0], detail=first_line(error)) from error
+        raise AuditError(AuditFault.TRAIL_UNREADABLE, path=paths[0], detail=first_line(error)) from error
     return connection
 
 

@@ -73,6 +73,14 @@ def test_parquet_gives_the_same_answers(logs: Path, tmp_path: Path) -> None:
         assert rows(ask(connect([parquet]), question)) == direct
 
 
+def test_trails_named_beside_parquet_count_as_well(logs: Path, tmp_path: Path) -> None:
+    parquet = tmp_path / "records.parquet"
+    export([logs], parquet, drop_operators=False)
+    counts = "SELECT session, count(*) AS n FROM records GROUP BY session ORDER BY session"
+    alone, both = rows(ask(connect([logs]), counts)), rows(ask(connect([parquet, logs]), counts))
+    assert both == [{"session": one["session"], "n": 2 * one["n"]} for one in alone]
+
+
 def test_operators_can_be_left_out_and_pseudonyms_stay(logs: Path, tmp_path: Path) -> None:
     parquet = tmp_path / "records.parquet"
     export([logs], parquet, drop_operators=True)
