@@ -84,10 +84,12 @@ def find_session(folder: Path, name: str) -> Path:
     if direct.is_file():
         return direct
     paths = session_paths(folder)
-    if name == "last" and paths:
+    if not paths:
+        raise AuditError(AuditFault.NO_TRAILS, places=folder)
+    if name == "last":
         return paths[-1]
     exact = [path for path in paths if path.stem == name]
-    found = exact or [path for path in paths if name != "last" and path.stem.startswith(name)]
+    found = exact or [path for path in paths if path.stem.startswith(name)]
     if len(found) == 1:
         return found[0]
     if not found:

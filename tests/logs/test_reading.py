@@ -184,6 +184,12 @@ def test_a_session_is_found_by_the_beginning_of_its_name(three: Trail) -> None:
     assert raised.value.code is AuditFault.NO_SESSION
 
 
+def test_where_no_session_was_recorded_none_is_missed_by_name(tmp_path: Path) -> None:
+    with pytest.raises(AuditError) as raised:
+        find_session(tmp_path, "last")
+    assert raised.value.code is AuditFault.NO_TRAILS
+
+
 def test_the_report_counts_what_the_trail_holds(tmp_path: Path) -> None:
     write_sample(tmp_path, minutes=3, seed=1)
     path = write_sample(tmp_path, minutes=5, seed=2)
