@@ -209,16 +209,15 @@ class History(Lists):
 
     def __init__(self, name: str, changes: tuple[Change, ...]) -> None:
         super().__init__()
-        self._patient = name
-        self._lines = history_lines(changes)
+        self._patient, self._changes = name, changes
 
     def title_and_text(self) -> tuple[str, str]:
         """The patient."""
         return tr("history.title", name=self._patient), ""
 
     def lines_of(self, state: SessionState | None) -> Lines:  # noqa: ARG002 - a history has no session
-        """Every change."""
-        return self._lines
+        """Every change, in the language there is now."""
+        return history_lines(self._changes)
 
 
 def history_lines(changes: tuple[Change, ...]) -> Lines:

@@ -296,3 +296,13 @@ async def test_a_size_that_comes_after_training_has_ended_does_nothing(console: 
         for size in ((120, 36), (200, 50), (80, 24)):
             await open_console.pilot.resize_terminal(*size)
         assert open_console.app.is_running
+
+
+async def test_a_patients_history_follows_the_language(console: Opener) -> None:
+    async with console(profile=None) as open_console:
+        await open_console.press("h")
+        await open_console.shows("No changes recorded.")
+        await open_console.press("f3")
+        await open_console.shows("没有更改记录。")
+        await open_console.press("f3")
+        await open_console.shows("No changes recorded.")
