@@ -16,6 +16,7 @@ from app.ipc.messages import (
     ActiveEvent,
     AuditHealth,
     ControlSnapshot,
+    GuardianHealth,
     HandCommand,
     JointSnapshot,
     OperatorKind,
@@ -29,6 +30,7 @@ from app.ipc.states import ACTION_OF, Action, Effect, Event, GaitState, Source
 from app.session.host import Latest
 from app.system.config import SessionSetup
 from app.system.vocabulary import by_key_only, vocabulary_of
+from hal.joints.protocol import Joint
 from kgdfa.distance import DistanceSource
 from kgdfa.gesture import Decision, Gesture
 from kgdfa.press_zone import PressZone
@@ -88,6 +90,7 @@ class FakeHost:
     walked: dict[str, Any] = field(default_factory=dict)  # fields of control's snapshot: steps, distance, reports
     silent: bool = False
     guardian_gone: bool = False
+    unanswered: tuple[Joint, ...] = ()  # whose drives do not answer the guardian
     rests_at_once: bool = True
     control_ended: bool = False
 
@@ -138,14 +141,23 @@ class FakeHost:
 
     def poll(self) -> Latest:
         now_ns = self.clock()
+        guardian = GuardianHealth(at_ns=now_ns, acted=bool(self.unanswered), unanswered=self.unanswered)
         if self.silent or not self.started:
-            return Latest(snapshot=None, report=None, preview=None, audit=None, processes=self._processes())
+            return Latest(
+                snapshot=None,
+                report=None,
+                preview=None,
+                audit=None,
+                processes=self._processes(),
+                guardian=guardian,
+            )
         return Latest(
             snapshot=self._snapshot(now_ns),
             report=self._report(now_ns),
             preview=self.picture,
             audit=AuditHealth(at_ns=now_ns, written=1, waiting=0),
             processes=self._processes(),
+            guardian=guardian,
         )
 
     def kinds(self) -> list[OperatorKind]:

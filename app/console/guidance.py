@@ -117,6 +117,11 @@ def _gone(state: SessionState, name: str) -> bool:
     return any(process.name == name and not process.alive for process in state.processes)
 
 
+def _unanswered(state: SessionState) -> bool:
+    """The guardian's frames have no effect on some drive, as far as anybody knows."""
+    return state.guardian is not None and bool(state.guardian.unanswered)
+
+
 def _ending(state: SessionState) -> bool:
     """Control's last word was that it ends: its silence after that is no fault."""
     return any(event.event in _ENDINGS for event in state.events)
@@ -129,6 +134,7 @@ _STEPS: tuple[tuple[_Applies, str, str], ...] = (
     (lambda _, now: now is None, "starting", "$text-muted"),
     (lambda state, _: _ending(state) and not _gone(state, "audit"), "ending", "bold $warning"),
     (lambda state, _: not state.snapshot_fresh and _gone(state, "guardian"), "nobody_stops", "bold $error"),
+    (lambda state, _: not state.snapshot_fresh and _unanswered(state), "drives_silent", "bold $error"),
     (lambda state, _: not state.snapshot_fresh, "control_silent", "bold $error"),
     (lambda _, now: now is not None and now.effect is Effect.DAMP, "damped", "bold $error"),
     (lambda _, now: now is not None and now.effect is Effect.HOLD, "held", "bold $error"),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import shlex
 import sys
 import time
@@ -10,21 +9,25 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import msgspec
+
 from app.ipc import streams as processes
 from app.ipc.links import LatestReceiver, address
 from app.ipc.messages import (
     AuditHealth,
     ControlSnapshot,
+    GuardianHealth,
     HandCommand,
     OperatorKind,
     PerceptionCommand,
     Preview,
     ProcessStatus,
+    SessionStatus,
     TriggerReport,
 )
 from app.ipc.states import Action
 from app.session.host import Latest
-from app.session.shared import shared
+from app.session.shared import Peer, shared
 from app.system.config import Config, SessionSetup
 from app.system.paths import Home
 from app.system.scheduling import set_scheduling
@@ -46,6 +49,13 @@ class ObserverHost:
         self._reports = LatestReceiver(address(links, processes.TRIGGER.name), TriggerReport)
         self._previews = LatestReceiver(address(links, processes.PREVIEW.name), Preview)
         self._audit = LatestReceiver(address(links, processes.AUDIT_HEALTH.name), AuditHealth)
+        self._guardian = LatestReceiver(address(links, processes.GUARDIAN.name), GuardianHealth)
+        self._statuses = LatestReceiver(address(links, processes.SESSION.name), SessionStatus)
+        self._processes = tuple(  # until the session's process says more
+            ProcessStatus(name=name, pid=0, alive=True, restarts=0, exit_code=None)
+            for name in ("audit", "guardian", "planner", "control", "perception")
+        )
+        self._session = Peer(setup.host_pid)
 
     @property
     def commands(self) -> bool:
@@ -61,7 +71,8 @@ class ObserverHost:
 
     def close(self) -> None:
         """The same."""
-        for link in (self._snapshots, self._reports, self._previews, self._audit):
+        health = (self._audit, self._guardian, self._statuses)
+        for link in (self._snapshots, self._reports, self._previews, *health, self._session):
             link.close()
 
     def send(self, kind: OperatorKind, action: Action | None = None) -> int:  # noqa: ARG002
@@ -82,16 +93,17 @@ class ObserverHost:
 
     def poll(self) -> Latest:
         """The newest of each stream."""
-        alive = self.setup.links.path.exists() and _alive(self.setup.host_pid)
+        status = self._statuses.receive()
+        self._processes = self._processes if status is None else status.processes
+        if not (self.setup.links.path.exists() and self._session.alive):
+            self._processes = tuple(msgspec.structs.replace(one, alive=False) for one in self._processes)
         return Latest(
             snapshot=self._snapshots.receive(),
             report=self._reports.receive(),
             preview=self._previews.receive(),
             audit=self._audit.receive(),
-            processes=tuple(
-                ProcessStatus(name=name, pid=0, alive=alive, restarts=0, exit_code=None)
-                for name in ("audit", "guardian", "planner", "control", "perception")
-            ),
+            guardian=self._guardian.receive(),
+            processes=self._processes,
         )
 
 
@@ -138,16 +150,6 @@ def speak_session(home: Home, write: Callable[[str], object]) -> None:
             time.sleep(SPOKEN_EVERY_S)
     finally:
         host.close()
-
-
-def _alive(pid: int) -> bool:
-    try:
-        os.kill(pid, 0)
-    except ProcessLookupError:
-        return False
-    except PermissionError:
-        return True
-    return True
 
 
 LOOPBACK = "127.0.0.1"

@@ -11,6 +11,7 @@ from app.ipc.messages import (
     ActiveEvent,
     AuditHealth,
     ControlSnapshot,
+    GuardianHealth,
     LinkHealth,
     Preview,
     ProcessStatus,
@@ -63,6 +64,7 @@ class SessionState:
     report: TriggerReport | None = None
     preview: Preview | None = None
     audit: AuditHealth | None = None
+    guardian: GuardianHealth | None = None
     processes: tuple[ProcessStatus, ...] = ()
     press_note: PressNote = NO_NOTE
     fault: str = ""  # why the session could not start
@@ -122,6 +124,7 @@ def fold(state: SessionState, latest: Latest, now_ns: int) -> SessionState:
         report=latest.report or state.report,
         preview=latest.preview or state.preview,
         audit=latest.audit or state.audit,
+        guardian=latest.guardian or state.guardian,
         processes=latest.processes,
         link=latest.link or state.link,
         stop_sent_ns=latest.stop_sent_ns,

@@ -64,8 +64,9 @@ class LinkClient:
         self._reports = LatestReceiver(address(links, streams.TRIGGER.name), TriggerReport)
         self._audits = LatestReceiver(address(links, streams.AUDIT_HEALTH.name), AuditHealth)
         self._snapshots = Publisher(address(links, streams.SNAPSHOT.name))
+        self._guardian = Publisher(address(links, streams.GUARDIAN.name))
         self._health = Publisher(address(links, streams.LINK.name))
-        self._links = (self._operator, self._reports, self._audits, self._snapshots, self._health)
+        self._links = (self._operator, self._reports, self._audits, self._snapshots, self._guardian, self._health)
         self._outbox = Outbox()
         self._beats = Beats()
         self._seal: PacketSeal | None = None
@@ -222,6 +223,8 @@ class LinkClient:
         self._their = replace(frame, audit=audit)
         if frame.snapshot is not None and (newest is None or _is_newer(frame.snapshot, newest)):
             self._snapshots.send(localized(frame.snapshot, clock))
+        if frame.guardian is not None:
+            self._guardian.send(localized(frame.guardian, clock))
 
     def _take_packet(self, remote: Remote, datagram: bytes, now_ns: int) -> None:
         """A packet, or what is none."""

@@ -24,6 +24,7 @@ from app.system.diagnostics_log import get_logger
 from app.system.legs_lock import share_legs
 from app.system.scheduling import avoid_control_core, gc_freeze, set_scheduling
 from hal.errors import HardwareError
+from hal.joints.protocol import Joint
 from logs.reason import reason, reason_of
 from logs.records import HeartbeatLost, Note, ProcessEnd, ProcessStart
 
@@ -38,6 +39,8 @@ ENDING_DAMP_NS = 500 * NS_PER_MS
 LATE_CHECK_NS = 12 * NS_PER_MS
 MISSED_CHECKS = 2
 OFF_NS = 300 * NS_PER_MS
+BACKLOG_NS = 100 * NS_PER_MS  # until then replies to control may be read, which waited in the socket
+ANSWER_NS = 200 * NS_PER_MS
 RETRY_NS = 1_000 * NS_PER_MS
 
 
@@ -55,6 +58,7 @@ class GuardianNotice(Enum):
     DAMPS = "damps"
     CANNOT_REACH = "cannot reach"
     BUS_NOT_OPENED = "bus not opened"
+    NOT_ANSWERED = "not answered"  # action, joints
     ENDED = "ended"
 
 
@@ -136,6 +140,8 @@ class Guardian:
         self._stop = _safe_stop_of(setup)
         self._state = GuardianState()
         self._fault = None if self._stop is None else reason(GuardianNotice.BUS_NOT_OPENED)
+        self._silent = frozenset(Joint)  # whose drives have not answered the present action
+        self._reported: tuple[GuardianAction, tuple[Joint, ...]] = (GuardianAction.MONITOR, ())  # silent in it
         self._ending = False
         self._health_ns = 0
         self._foreign_peers = 0
@@ -148,6 +154,7 @@ class Guardian:
         before = self._state.action
         self._state = check_heartbeat(self._state, self._heartbeats.receive(), now_ns, ending=self._ended())
         self._act()
+        self._listen(before, now_ns)
         if before is GuardianAction.MONITOR and self._state.action is GuardianAction.DAMP:
             self._record_loss(now_ns)
         if now_ns - self._health_ns >= streams.GUARDIAN.period_ns:
@@ -155,7 +162,13 @@ class Guardian:
             acted = self._state.action is not GuardianAction.MONITOR
             self._foreign_peers += self._heartbeats.foreign_peers() + self._health.foreign_peers()
             self._health.send(
-                GuardianHealth(at_ns=now_ns, acted=acted, fault=self._fault, foreign_peers=self._foreign_peers)
+                GuardianHealth(
+                    at_ns=now_ns,
+                    acted=acted,
+                    fault=self._fault,
+                    unanswered=self._reported[1],
+                    foreign_peers=self._foreign_peers,
+                )
             )
 
     def end(self) -> None:
@@ -194,6 +207,24 @@ class Guardian:
             self._stop.damp()
         elif self._state.action is GuardianAction.SWITCH_OFF:
             self._stop.exit()
+
+    def _listen(self, before: GuardianAction, now_ns: int) -> None:
+        """Which drives answer what the guardian commands: a frame that was sent has not taken effect by that."""
+        action, since_ns = self._state.action, now_ns - self._state.since_ns
+        if self._stop is None or action is GuardianAction.MONITOR:
+            self._reported = (action, ())
+            return
+        if action is not before:
+            self._silent = frozenset(Joint)
+        answered = self._stop.answered()
+        if since_ns > BACKLOG_NS:
+            self._silent -= answered
+        silent = tuple(sorted(self._silent))
+        if since_ns > ANSWER_NS and (action, silent) != self._reported:
+            self._reported = (action, silent)
+            if silent:
+                self._sink.emit(Note(text=reason(GuardianNotice.NOT_ANSWERED, action=action, joints=silent)))
+                _log.error("drives silent", action=action.value, joints=[joint.name for joint in silent])
 
     def _open(self, now_ns: int) -> None:
         """Open the bus, again while it fails: the guardian may be up before the bus is."""

@@ -29,6 +29,7 @@ from app.ipc.messages import (
     STOP_KINDS,
     AuditHealth,
     ControlSnapshot,
+    GuardianHealth,
     HandCommand,
     LinkHealth,
     OperatorCommand,
@@ -77,6 +78,7 @@ class Latest:
     preview: Preview | None
     audit: AuditHealth | None
     processes: tuple[ProcessStatus, ...]
+    guardian: GuardianHealth | None = None
     link: LinkHealth | None = None
     stop_sent_ns: int = 0  # of the oldest STOP of this console that control has not acknowledged; 0: none waits
 
@@ -146,6 +148,7 @@ class SessionHost:
         self._reports = self._subscribe(streams.TRIGGER.name, TriggerReport)
         self._previews = self._subscribe(streams.PREVIEW.name, Preview)
         self._audit = self._subscribe(streams.AUDIT_HEALTH.name, AuditHealth)
+        self._guardian = self._subscribe(streams.GUARDIAN.name, GuardianHealth)
         self._statuses = self._subscribe(streams.SESSION.name, SessionStatus)
         remote = setup.config.joints.host and not setup.linked
         self._link = self._subscribe(streams.LINK.name, LinkHealth) if remote else None
@@ -199,8 +202,8 @@ class SessionHost:
         self._ending.set()
         with self._lock:
             sent = (self._operator, self._perception)
-            received = (self._snapshots, self._reports, self._previews, self._audit, self._statuses, self._link)
-            for link in (*sent, *received):
+            health = (self._audit, self._guardian, self._statuses, self._link)
+            for link in (*sent, self._snapshots, self._reports, self._previews, *health):
                 if link is not None:
                     link.close()
         if self._host is not None:
@@ -255,6 +258,7 @@ class SessionHost:
             preview=self._previews.receive(),
             audit=self._audit.receive(),
             processes=self.processes(),
+            guardian=self._guardian.receive(),
             link=link,
             stop_sent_ns=self._unacknowledged(snapshot, link),
         )

@@ -6,15 +6,17 @@ wearer. So everything is packed when the socket is opened, and sending needs not
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import can
 
 from hal.joints.can.bus import frame_of, message_of, open_bus
 from hal.joints.codecs import codec_of
-from hal.joints.codecs.wire import Order, SetPoint, Transmission
+from hal.joints.codecs.wire import Frame, Order, SetPoint, Transmission
 from hal.joints.device import Exoskeleton, JointDevice
 from hal.joints.motors import MotorModel, load_motors
+from hal.joints.protocol import Joint
 
 
 class SafeStop:
@@ -28,7 +30,10 @@ class SafeStop:
         self._damp = [(joint.can_bus, [_damping(joint, model)]) for joint, model in pairs]
         self._exit = [(joint.can_bus, _off(joint, model)) for joint, model in pairs]
         self._buses: list[can.BusABC] = []
-        self._repliers = [(joint.can_bus, codec_of(model), joint.can_id) for joint, model in pairs]
+        self._repliers = {
+            joint: (part.can_bus, codec_of(model), part.can_id)
+            for joint, (part, model) in zip(Joint, pairs, strict=True)
+        }
 
     def open(self) -> None:
         """Open the bus sockets. Raises HardwareError with the command that brings the bus up."""
@@ -42,34 +47,26 @@ class SafeStop:
         """Take the torque off."""
         return self._send(self._exit)
 
-    def answered(self) -> tuple[bool, ...]:
-        """Which drives have replied since the last call: the proof that the frames took effect."""
-        replied: set[tuple[int, int]] = set()
+    def answered(self) -> frozenset[Joint]:
+        """Whose drives have replied, by what has come since the last call: at most 256 frames a bus are read.
+
+        While nobody calls it the sockets fill with replies to control, so the first calls tell of the past.
+        """
+        joints: set[Joint] = set()
         for number, bus in enumerate(self._buses):
-            replied.update((number, drive) for drive in self._receive(bus, number))
-        return tuple((bus, drive) in replied for bus, _, drive in self._repliers)
+            for frame in _received(bus):
+                joints.update(
+                    joint
+                    for joint, (on, codec, drive) in self._repliers.items()
+                    if on == number and codec.replier(frame) == drive
+                )
+        return frozenset(joints)
 
     def close(self) -> None:
         """Release the sockets; may be called twice."""
         for bus in self._buses:
             bus.shutdown()
         self._buses = []
-
-    def _receive(self, bus: can.BusABC, number: int) -> list[int]:
-        replied = []
-        for _ in range(256):
-            try:
-                message = bus.recv(0)
-            except (can.CanError, OSError):
-                break
-            if message is None:
-                break
-            replied += [
-                drive
-                for on, codec, drive in self._repliers
-                if on == number and codec.replier(frame_of(message)) == drive
-            ]
-        return replied
 
     def _send(self, frames: list[tuple[int, list[can.Message]]]) -> bool:
         left = bool(self._buses)
@@ -80,6 +77,17 @@ class SafeStop:
                 except (can.CanError, OSError, IndexError):
                     left = False
         return left
+
+
+def _received(bus: can.BusABC) -> Iterator[Frame]:
+    for _ in range(256):
+        try:
+            message = bus.recv(0)
+        except (can.CanError, OSError):
+            return
+        if message is None:
+            return
+        yield frame_of(message)
 
 
 def _damping(joint: JointDevice, model: MotorModel) -> can.Message:

@@ -16,6 +16,7 @@ from app.ipc.states import Action, Effect, Event, GaitState
 from app.system.paths import Home
 from app.text.catalogue import tr
 from hal.errors import CameraFault
+from hal.joints.protocol import Joint
 from logs.reason import reason
 from profiles.schema import DEMO_PATIENT, DistanceUsed
 from profiles.store import ChangeCause, ProfileStore
@@ -139,6 +140,10 @@ async def test_an_unresponsive_control_is_reported(console: Opener) -> None:
         await open_console.shows("Last state received")
         await open_console.shows("No data from control")
         assert "power on and stand" not in open_console.text()
+        open_console.host.unanswered = (Joint.LEFT_KNEE,)
+        await open_console.shows("Drives do not answer: support the patient, press the emergency stop")
+        open_console.host.unanswered = ()
+        await open_console.shows("the guardian damps the legs")
         open_console.host.guardian_gone = True
         await open_console.shows("press the emergency stop")
 

@@ -15,12 +15,21 @@ from aiohttp.test_utils import TestClient, TestServer
 from app.console.observer import PORT, ObserverHost, browser_server
 from app.ipc import streams as processes
 from app.ipc.links import OrderedReceiver, Publisher, address, new_link_directory
-from app.ipc.messages import HandCommand, OperatorCommand, OperatorKind, TriggerReport
+from app.ipc.messages import (
+    GuardianHealth,
+    HandCommand,
+    OperatorCommand,
+    OperatorKind,
+    ProcessStatus,
+    SessionStatus,
+    TriggerReport,
+)
 from app.session.host import make_setup
 from app.session.shared import share, shared, unshare
 from app.system.config import Config, SessionSetup
 from app.system.errors import AppError
 from app.system.paths import Home
+from hal.joints.protocol import Joint
 from profiles.schema import DEMO_PATIENT
 from tests.app.console.conftest import Opener
 from tests.support.authors import signed_in
@@ -73,10 +82,30 @@ def test_an_observer_receives_and_reports_nothing(setup: SessionSetup) -> None:
             link.close()
 
 
+def test_an_observer_is_told_which_process_has_died_and_whose_drives_are_silent(setup: SessionSetup) -> None:
+    dead = ProcessStatus(name="guardian", pid=7, alive=False, restarts=0, exit_code=-9)
+    status = SessionStatus(at_ns=1, processes=(dead,))
+    health = GuardianHealth(at_ns=1, acted=True, unanswered=(Joint.LEFT_KNEE,))
+    session, guardian = (Publisher(address(setup.links, one.name)) for one in (processes.SESSION, processes.GUARDIAN))
+    observer = ObserverHost(msgspec.structs.replace(setup, host_pid=os.getpid()))
+    seen: dict[str, object] = {}
+    try:
+        limit = time.monotonic() + LIMIT_S
+        while seen != {"processes": (dead,), "guardian": health}:
+            session.send(status)
+            guardian.send(health)
+            latest = observer.poll()
+            seen = {"processes": latest.processes, "guardian": latest.guardian or seen.get("guardian")}
+            assert time.monotonic() < limit
+    finally:
+        for link in (session, guardian, observer):
+            link.close()
+
+
 def test_an_ended_session_is_over_for_its_observer(setup: SessionSetup) -> None:
     observer = ObserverHost(msgspec.structs.replace(setup, host_pid=os.getpid()))
     try:
-        assert all(process.alive for process in observer.poll().processes)
+        assert [process.alive for process in observer.poll().processes] == [True] * 5
         shutil.rmtree(setup.links)
         assert not any(process.alive for process in observer.poll().processes)
     finally:

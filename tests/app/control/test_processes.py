@@ -5,6 +5,7 @@ No limit here is a measurement; `tools/bench_stop.py` measures.
 
 from __future__ import annotations
 
+import multiprocessing
 import signal
 import stat
 import subprocess
@@ -32,8 +33,10 @@ from app.system.paths import Home
 from hal.errors import HardwareError, StopInputFault
 from hal.inputs.device import InputDevice, InputRole
 from hal.joints.device import load_exoskeleton
+from hal.joints.protocol import Joint
 from logs.read import records, session_paths
-from logs.records import ActionEnd, Command, EventRaised, ProcessEnd, SessionEnd, StopInput
+from logs.reason import Reason
+from logs.records import ActionEnd, Command, EventRaised, Note, ProcessEnd, SessionEnd, StopInput
 from testing.session import RealSession, Sniffer
 
 pytestmark = pytest.mark.serial
@@ -273,6 +276,27 @@ def test_when_control_is_killed_the_guardian_damps_the_drives_and_switches_them_
     assert all(gains(data)[1] > 0 for _, _, data in damped)
     first_exit_ns = min(at for at, _, data in sniffer.frames if data == EXIT and at > killed_ns)
     assert damped[0][0] < first_exit_ns, "damped first, then off"
+
+
+def test_drives_that_do_not_answer_the_guardian_are_named(on_the_bus: tuple[RealSession, Sniffer]) -> None:
+    session, _ = on_the_bus
+    power(session)
+    session.kill("guardian", signal.SIGSTOP)  # until the drives are gone: it may not hear them once
+    session.kill("control")
+    (drives,) = [one for one in multiprocessing.active_children() if one.name == "emulated drives"]
+    drives.kill()
+    drives.join()
+    session.kill("guardian", signal.SIGCONT)
+    session.until(lambda _: session.guardian is not None and session.guardian.unanswered == tuple(Joint), "four joints")
+    session.finish()
+    session.until_ended("session", *EVERYBODY)
+    (path,) = session_paths(Home(session.setup.home).logs)
+    notes = [record.body for record in records(path) if isinstance(record.body, Note)]
+    told = [note.text for note in notes if isinstance(note.text, Reason) and note.text.code.endswith(".NOT_ANSWERED")]
+    joints = tuple(Reason(f"Joint.{joint.name}") for joint in Joint)
+    assert [(one.values["joints"], one.values["action"]) for one in told] == [
+        (joints, Reason(f"GuardianAction.{action}")) for action in ("DAMP", "SWITCH_OFF")
+    ]
 
 
 def test_a_control_that_was_frozen_comes_back_damped_and_may_continue_when_it_is_acknowledged(

@@ -20,7 +20,7 @@ from hal.joints.device import Exoskeleton, load_exoskeleton
 from hal.joints.emulator.emulator import run_emulator
 from hal.joints.emulator.scenes import EmulatedCanJoints, SceneReceiver
 from hal.joints.factory import make_joints
-from hal.joints.protocol import JointCommand
+from hal.joints.protocol import Joint, JointCommand
 from hal.joints.scene import Block, BlockKind, Scene
 from tests.support.errors import refused
 
@@ -74,7 +74,7 @@ def test_the_guardian_saves_the_wearer_of_drives_whose_control_was_killed() -> N
         guardian.open()
         until(lambda: guardian.damp() and ear.torque_nm() < 5.0)
         assert guardian.exit()
-        until(lambda: all(guardian.answered()) or not guardian.exit())
+        until(lambda: guardian.answered() == set(Joint) or not guardian.exit())
     finally:
         control.kill()
         stop.set()
