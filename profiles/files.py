@@ -75,8 +75,9 @@ def read_text(path: Path, limit: int = MAX_TOML) -> str:
 
 
 def replace_files(contents: Mapping[Path, str]) -> None:
-    """Write every file whole and to the disk, then put all in place; on failure the old ones stand untouched.
+    """Write every file whole and to the disk, then rename them into place in their order.
 
+    The old ones stand untouched unless all new ones are on the disk.
     Raises ProfileError when the disk is full or the folder can't be written.
     """
     waiting: list[tuple[Path, Path]] = []

@@ -41,7 +41,7 @@ SEED = 1
 OPTIONS = ("-q", "-x", "--assert=plain", "-p", "no:cacheprovider", "-W", "ignore", "-o", "filterwarnings=")
 # The same for None and members of an Enum, and nothing else is asked so in these modules.
 SAME = {"core/ReplaceComparisonOperator_Is_Eq", "core/ReplaceComparisonOperator_IsNot_NotEq"}
-OURS = ("app", "hal", "kgdfa", "logs", "profiles", "reading", "testing", "tests")
+OURS = ("app", "hal", "kgdfa", "logs", "profiles", "testing", "tests")
 
 
 class Mutant(SourceFileLoader):

@@ -14,7 +14,7 @@ from rich.progress import Progress
 from rich.table import Table
 from rich.text import Text
 
-from app.cli.common import check_finite, check_output
+from app.cli.common import HomeOption, check_finite, check_output
 from app.cli.compare_cameras import compare_cameras, write_csv, write_plot
 from app.cli.permission import sign_in
 from app.perception.look import kind_of
@@ -40,7 +40,6 @@ cli = typer.Typer()
 FIRST_FRAME_S = 10.0
 KEPT_IMAGES = 20
 BETWEEN_IMAGES_S = 1.0  # time to move the board
-HomeOption = Annotated[Path | None, typer.Option(help="Data directory.")]
 
 
 @cli.command("list")

@@ -56,7 +56,6 @@ class EvaluateFault(Enum):
     CLICK = auto()  # click, low_s, high_s
     WORKER_TIMEOUT = auto()  # limit_s
     NORM_UNREADABLE = auto()  # file, detail
-    FILM_UNWRITABLE = auto()  # file
     ACTION_UNKNOWN = auto()  # name, names
     NO_ROUND = auto()  # seed, sessions, reason, session
     NO_HAND = auto()

@@ -20,6 +20,7 @@ import msgspec
 
 from app.ipc.messages import HandCommand, Preview
 from app.system.config import CameraConfig, SessionSetup
+from app.system.diagnostics_log import discard_output
 from app.system.errors import AppError
 from app.system.scheduling import pin_to_control_core
 from logs.reason import Reason, reason, reason_of
@@ -171,7 +172,7 @@ def look(pipe: Connection, setup: SessionSetup, niceness: int) -> None:
     os.nice(niceness)
     if niceness:  # only control is there, which goes before it; beside a camera that commands it costs that one frames
         pin_to_control_core(setup.config.control_core)
-    _silence()
+    discard_output()
     from app.perception.pipeline import make_camera, make_detector
     from hal.errors import HardwareError
     from kgdfa.errors import KgdfaError
@@ -287,10 +288,3 @@ def false_colours(depth_m: DepthArray) -> ImageArray:
     coloured = cv2.applyColorMap((255 * share).astype(np.uint8), cv2.COLORMAP_TURBO)
     coloured[~measured] = 0
     return np.asarray(coloured, np.uint8)
-
-
-def _silence() -> None:
-    """Libraries write to stderr, which is the terminal that shows the comparison."""
-    nowhere = os.open(os.devnull, os.O_WRONLY)
-    for stream in (1, 2):
-        os.dup2(nowhere, stream)

@@ -7,7 +7,7 @@ opened again before it takes its name.
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from enum import Enum, auto
@@ -18,6 +18,7 @@ import cv2
 from app.playback import frame
 from app.playback.frame import HEIGHT_PX, WIDTH_PX
 from app.playback.moment import joints_over, moment, reports_between
+from app.playback.pen import Image
 from app.playback.session import Playback, ReplayFault, moment_ns
 from app.playback.view import WINDOW_S, Figure, Legs, View, Whole
 from app.system.errors import AppError
@@ -92,21 +93,43 @@ def film(
 ) -> int:
     """Write it; how many frames. Nothing is left of a film that ends early. Raises AppError."""
     whole = whole_of(playback, stretch.speed)
+
+    def images() -> Iterator[Image]:
+        for view in views(playback, stretch):
+            yield frame.draw(view, whole)
+            step()
+
+    size_px = WIDTH_PX, HEIGHT_PX
+    write_film(target, images(), frames=stretch.frames, fps=FPS, size_px=size_px, free_bytes=free_bytes)
+    return stretch.frames
+
+
+def write_film(
+    target: Path,
+    images: Iterable[Image],
+    *,
+    frames: int,
+    fps: int,
+    size_px: tuple[int, int],
+    free_bytes: Callable[[Path], int] = free_space,
+) -> None:
+    """Write so many images, BGR, of this width and height, as MP4. Nothing is left of a film that ends early.
+
+    Raises AppError.
+    """
     with _partial(target) as partial:
-        writer = cv2.VideoWriter(str(partial), cv2.VideoWriter.fourcc(*"mp4v"), FPS, (WIDTH_PX, HEIGHT_PX))
+        writer = cv2.VideoWriter(str(partial), cv2.VideoWriter.fourcc(*"mp4v"), fps, size_px)
         if not writer.isOpened():
             raise AppError(FilmFault.NO_FORMAT, path=target)
         try:
-            for number, view in enumerate(views(playback, stretch)):
-                if number % FPS == 0:
+            for number, image in enumerate(images):
+                if number % fps == 0:
                     _check_room(target, free_bytes(target.absolute().parent))
-                writer.write(frame.draw(view, whole))
-                step()
+                writer.write(image)
         finally:
             writer.release()
-        _check_whole(partial, target, stretch.frames)
+        _check_whole(partial, target, frames)
         partial.replace(target)
-    return stretch.frames
 
 
 def views(playback: Playback, stretch: Stretch) -> Iterator[View]:

@@ -119,3 +119,10 @@ class _JsonFormatter(logging.Formatter):
 
 
 atexit.register(stop_log)
+
+
+def discard_output() -> None:
+    """Of a process on the console's terminal: libraries write there, those in C++ past Python's streams."""
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    for stream in (1, 2):
+        os.dup2(nowhere, stream)

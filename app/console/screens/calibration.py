@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import multiprocessing
-import os
 import shutil
 import time
 from datetime import UTC, datetime
@@ -25,6 +24,7 @@ from app.console.widgets.picture import Picture
 from app.ipc.messages import Preview
 from app.session.host import make_setup
 from app.system.config import SessionSetup
+from app.system.diagnostics_log import discard_output
 from app.system.operators import Permission
 from app.text.catalogue import render, tr
 from hal.errors import HardwareError
@@ -177,7 +177,7 @@ class Progress(NamedTuple):
 
 def calibrate_palm(pipe: Connection, setup: SessionSetup, distance_m: float) -> None:
     """Open the configured camera, sample the palm, solve; ends with a `Calibrated` or the reason of a fault."""
-    _silence()
+    discard_output()
     from app.system.errors import AppError
     from profiles.errors import ProfileError
 
@@ -222,10 +222,3 @@ def calibration_record(patient: str, result: Calibrated) -> CalibrationRecord:
         residual_m=found.residual * result.reference_m,
         text=reason(ChangeCause.CALIBRATED, patient=patient, camera=found.camera),
     )
-
-
-def _silence() -> None:
-    """Libraries write to stderr, which is the console's terminal."""
-    nowhere = os.open(os.devnull, os.O_WRONLY)
-    for stream in (1, 2):
-        os.dup2(nowhere, stream)

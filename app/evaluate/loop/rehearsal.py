@@ -22,6 +22,7 @@ from app.motion import kinematics
 from app.motion.plan import patient_of
 from app.motion.rehearsal import TRUTH_TICKS, Rehearsal, rehearse
 from app.motion.rehearsal_checks import RehearsalVerdict
+from app.playback.film import write_film
 from app.system.errors import AppError
 from app.system.paths import Home
 from app.text.catalogue import render, tr
@@ -188,13 +189,9 @@ def plot(rehearsal: Rehearsal, file: Path, norm: Norm | None = None) -> None:
 
 def film(rehearsal: Rehearsal, body: Body, file: Path) -> None:
     """The wearer as a stick figure, in real time, MP4. Raises AppError when it can't be written."""
-    writer = cv2.VideoWriter(str(file), cv2.VideoWriter.fourcc(*"mp4v"), FILM_FPS, (WIDTH_PX, HEIGHT_PX))
-    if not writer.isOpened():
-        raise AppError(EvaluateFault.FILM_UNWRITABLE, file=file)
-    first = rehearsal.truths[0]
-    for truth in rehearsal.truths[:: TICK_HZ // TRUTH_TICKS // FILM_FPS]:
-        writer.write(_frame(rehearsal, body, first, truth))
-    writer.release()
+    first, shown = rehearsal.truths[0], rehearsal.truths[:: TICK_HZ // TRUTH_TICKS // FILM_FPS]
+    images = (_frame(rehearsal, body, first, truth) for truth in shown)
+    write_film(file, images, frames=len(shown), fps=FILM_FPS, size_px=(WIDTH_PX, HEIGHT_PX))
 
 
 def _band(axes: Any, rehearsal: Rehearsal, norm: Norm) -> None:
