@@ -89,6 +89,7 @@ class FakeHost:
     message: TriggerReport | None = None  # that perception sends; None: as the other fields have it
     walked: dict[str, Any] = field(default_factory=dict)  # fields of control's snapshot: steps, distance, reports
     silent: bool = False
+    looking: bool = True  # perception has started
     guardian_gone: bool = False
     unanswered: tuple[Joint, ...] = ()  # whose drives do not answer the guardian
     rests_at_once: bool = True
@@ -153,7 +154,7 @@ class FakeHost:
             )
         return Latest(
             snapshot=self._snapshot(now_ns),
-            report=self._report(now_ns),
+            report=self._report(now_ns) if self.looking else None,
             preview=self.picture,
             audit=AuditHealth(at_ns=now_ns, written=1, waiting=0),
             processes=self._processes(),

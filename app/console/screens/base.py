@@ -14,7 +14,6 @@ from textual.await_remove import AwaitRemove
 from textual.binding import ActiveBinding, BindingType
 from textual.geometry import Size
 from textual.screen import ModalScreen, Screen
-from textual.timer import Timer
 from textual.widget import Widget
 from textual.widgets import Input, Select
 
@@ -158,8 +157,8 @@ class HandKeys(ConsoleScreen):
     def __init__(self) -> None:
         super().__init__()
         self._pressing = False
-        self._shown_s = 0.0  # when the shape was shown that the hand has now
-        self._waiting: Timer | None = None  # a push until the shape has been shown
+        self._shown_s = time.monotonic()  # since when the hand has had its shape before somebody who looks
+        self._push_waits = False  # until the shape has been shown
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:  # noqa: ARG002
         """Hand keys need a digital hand, and somebody who may do more than look."""
@@ -170,6 +169,10 @@ class HandKeys(ConsoleScreen):
     def show_session(self, state: SessionState | None) -> None:
         super().show_session(state)
         if state is not None:
+            if state.report is None:
+                self._shown_s = time.monotonic()  # perception is starting: nobody has seen the hand
+            elif self._push_waits:
+                self._push()
             self.query_one("#picture", Picture).show(state)
             self.follow(state)
 
@@ -184,8 +187,7 @@ class HandKeys(ConsoleScreen):
     def action_hand_sign(self, sign: str) -> None:
         """The digital hand shows a gesture, rests, or leaves; a push that waits is for the shape before."""
         self._shown_s = time.monotonic()
-        if self._waiting is not None:
-            self._waiting.stop()
+        self._push_waits = False
         if sign == "rest":
             self._move(HandCommand(pose=HandPose.REST))
         elif sign == "none":
@@ -195,13 +197,12 @@ class HandKeys(ConsoleScreen):
 
     def action_hand_click(self) -> None:
         """Push to the camera and draw back, once the shape has been shown, as a person does."""
-        if self._waiting is not None:
-            self._waiting.stop()
-        push, left_s = HandCommand(click_s=keys.CLICK_S), self._shown_s + SHAPE_SHOWN_S - time.monotonic()
-        if left_s > 0:
-            self._waiting = self.set_timer(left_s, lambda: self._move(push))
-        else:
-            self._move(push)
+        self._push()
+
+    def _push(self) -> None:
+        self._push_waits = time.monotonic() - self._shown_s < SHAPE_SHOWN_S
+        if not self._push_waits:
+            self._move(HandCommand(click_s=keys.CLICK_S))
 
     def action_hand_press(self) -> None:
         """Push and stay, or draw back."""

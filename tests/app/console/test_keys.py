@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from types import SimpleNamespace
+
 import pytest
 
 from app.console import keys
+from app.console.screens import base
+from app.console.screens.base import SHAPE_SHOWN_S
 from app.ipc.messages import OperatorKind
 from app.system.config import Config
 from app.system.errors import AppError
@@ -57,6 +62,25 @@ async def test_a_push_waits_until_its_gesture_has_been_shown(console: Opener) ->
         await open_console.until(lambda: open_console.host.hands[-1].click_s)
         await open_console.press("enter")
         assert [hand.click_s is not None for hand in open_console.host.hands] == [False, True, True]
+
+
+async def test_a_push_waits_until_perception_has_started(console: Opener, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Pushed before there is a picture, the hand is first seen in mid-push: a press that begins there is refused."""
+    async with console() as open_console:
+        open_console.host.looking = False
+        live, now_s = open_console.app.live_session(), [0.0]
+        live.state = replace(live.state, report=None)
+        monkeypatch.setattr(base, "time", SimpleNamespace(monotonic=lambda: now_s[0]))
+        await open_console.press("5")
+        now_s[0] = 10.0
+        pressed_ns = live.state.now_ns
+        await open_console.until(lambda: live.state.now_ns > pressed_ns + 300_000_000)  # some beats of the screen
+        await open_console.press("enter")
+        open_console.host.looking = True
+        await open_console.until(lambda: live.state.report)
+        assert [hand.gesture for hand in open_console.host.hands] == [Gesture.FIVE]
+        now_s[0] += SHAPE_SHOWN_S
+        await open_console.until(lambda: open_console.host.hands[-1].click_s)
 
 
 async def test_a_push_that_waits_for_one_gesture_is_not_made_with_the_next(console: Opener) -> None:
