@@ -148,6 +148,15 @@ async def test_an_unresponsive_control_is_reported(console: Opener) -> None:
         await open_console.shows("press the emergency stop")
 
 
+async def test_while_the_legs_move_the_way_to_stop_them_comes_before_what_is_missing(console: Opener) -> None:
+    async with console() as open_console:
+        open_console.host.confirmed = True
+        open_console.host.guardian_gone = True
+        await open_console.shows("Not ready")
+        open_console.host.walked = {"action": Action.WALK, "progress": 0.2}
+        await open_console.shows("Legs moving. Press SPACE to STOP")
+
+
 async def test_an_observer_may_watch_but_not_act(console: Opener) -> None:
     async with console(read_only=True) as open_console:
         await open_console.press("a", "c", "k", "t", "5", "enter")
