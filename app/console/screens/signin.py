@@ -131,5 +131,6 @@ class LockScreen(Dialog[bool]):
         """Go on."""
         self.dismiss(True)
 
-    def action_cancel(self) -> None:
+    def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:  # noqa: ARG002
         """Escape is too easily hit to unlock."""
+        return action != "cancel"

@@ -24,8 +24,8 @@ FINGERS = {
 VOTES_NEEDED = 3  # the paper's vote
 
 
-def gesture_lines(state: SessionState) -> Lines:
-    """Four lines; the last two are the reason."""
+def gesture_lines(state: SessionState, width: int) -> Lines:
+    """What is shown, its votes, and the reason, which may take more than one line of this width."""
     report = state.report
     if report is None:
         return (plain(tr("gesture.waiting"), "$foreground-muted"),)
@@ -37,7 +37,11 @@ def gesture_lines(state: SessionState) -> Lines:
     refused = reason(RequestRefusal.NOT_IN_VOCABULARY, gesture=report.gesture) if foreign else report.hand_refusal
     # Without a hand the headline has said why.
     why = refused or report.hint or (report.explanation if report.gesture is None and report.hand else None)
-    return (_headline(report, foreign=foreign), _votes(report), plain(render(why) if why else "", "$foreground-muted"))
+    return (
+        _headline(report, foreign=foreign),
+        _votes(report, width),
+        plain(render(why) if why else "", "$foreground-muted"),
+    )
 
 
 def _headline(report: TriggerReport, *, foreign: bool) -> tuple[tuple[str, str], ...]:
@@ -53,14 +57,17 @@ def _headline(report: TriggerReport, *, foreign: bool) -> tuple[tuple[str, str],
     return plain(tr("gesture.none") if report.hand else tr("gesture.no_hand"), "bold $foreground-muted")
 
 
-def _votes(report: TriggerReport) -> tuple[tuple[str, str], ...]:
+def _votes(report: TriggerReport, width: int) -> tuple[tuple[str, str], ...]:
     votes = min(report.votes, VOTES_NEEDED)
     raw = tr(report.raw_gesture) if report.raw_gesture else "–"
+    counted = tr("gesture.votes", raw=raw)
+    dots, confidence = " ●" * votes + " ○" * (VOTES_NEEDED - votes) + "  ", f" {report.confidence:4.0%}"
+    room = width - cells(counted + dots + confidence)  # what would not fit takes a line of the reason
     return (
-        (tr("gesture.votes", raw=raw), ""),
-        (" ●" * votes + " ○" * (VOTES_NEEDED - votes) + "  ", "$primary"),
-        (bar(report.confidence, 8), "$primary"),
-        (f" {report.confidence:4.0%}", ""),
+        (counted, ""),
+        (dots, "$primary"),
+        (bar(report.confidence, BAR_CELLS) if room >= BAR_CELLS else "", "$primary"),
+        (confidence, ""),
     )
 
 
@@ -69,9 +76,10 @@ class GesturePanel(StatePanel):
 
     def show(self, state: SessionState) -> None:
         """Draw the newest report."""
-        self.lines = gesture_lines(state)
+        self.lines = gesture_lines(state, self.content_size.width)
 
 
+BAR_CELLS = 8
 SCALE_M = 0.70  # the paper's farthest
 
 

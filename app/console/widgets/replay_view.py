@@ -132,7 +132,8 @@ class ReplayView(Container):
         hand = draw_picture(now.picture_jpeg, *self._room("skeleton")) if now.picture_jpeg else None
         self._lines("skeleton", hand or draw_skeleton(now.hand_m, *self._room("skeleton")))
         self._lines("figure", self._figure(now))
-        self.query_one("#gesture", Panel).lines = gesture_lines(state)
+        gesture = self.query_one("#gesture", Panel)
+        gesture.lines = gesture_lines(state, gesture.content_size.width)
         push = push_of(reports_between(playback, at_ns - WINDOW_NS, at_ns), landmarks)
         width, height = self._room("distance")
         self._lines("distance", distance_lines(state, max(width, 10), height, push))

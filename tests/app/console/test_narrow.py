@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import msgspec
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -9,6 +10,9 @@ from hypothesis import strategies as st
 from app.console.terminal import believed
 from app.console.widgets.picture import CELLS_A_SECOND, PICTURE_HZ, wanted
 from app.ipc.states import Effect, Event
+from kgdfa.continuity import Jump
+from kgdfa.gesture import HandRefusal
+from logs.reason import reason
 from testing.fake_host import event
 from tests.app.console.conftest import Opener
 
@@ -35,6 +39,18 @@ async def test_the_next_step_is_readable_to_its_end(console: Opener) -> None:
     async with console(size=NARROW) as open_console:
         await open_console.press("space")
         await open_console.shows("returns slowly.")
+
+
+@pytest.mark.parametrize("size", [(80, 24), (100, 30), (130, 40), (200, 50)])
+async def test_why_a_hand_shows_no_gesture_is_readable_to_its_end(console: Opener, size: tuple[int, int]) -> None:
+    why = reason(HandRefusal.JUMPED, jump=Jump.UNSEEN)
+    async with console(size=size) as open_console:
+        shown = open_console.app.live_state()
+        assert shown is not None
+        assert shown.report is not None
+        open_console.host.message = msgspec.structs.replace(shown.report, hand=True, explanation=why)
+        await open_console.shows("judging the hand anew")
+        await open_console.shows("for a moment")
 
 
 async def test_every_action_can_be_seen_to_choose_from(console: Opener) -> None:

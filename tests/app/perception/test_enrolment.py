@@ -71,7 +71,7 @@ def test_the_wrong_hand_is_told_in_both_languages(language: str, told: str) -> N
     use_language(language)
     try:
         state = SessionState(setup=setup_for(HandUsed.RIGHT), started_ns=0, now_ns=2, report=wrong_hand())
-        assert told in shown(gesture_lines(state))
+        assert told in shown(gesture_lines(state, 60))
         assert told in shown(feedback(Lesson(), wrong_hand()))
     finally:
         use_language("en")
@@ -98,10 +98,10 @@ def test_a_gesture_that_this_patient_does_not_use_is_told_before_it_is_pushed(la
     state = SessionState(setup=msgspec.structs.replace(setup, profile=profile), started_ns=0, now_ns=2, report=shows)
     use_language(language)
     try:
-        assert told in shown(gesture_lines(state))
-        assert tr(Action.STEP_LEFT) not in shown(gesture_lines(state))
+        assert told in shown(gesture_lines(state, 60))
+        assert tr(Action.STEP_LEFT) not in shown(gesture_lines(state, 60))
         one = replace(state, report=msgspec.structs.replace(shows, gesture=Gesture.ONE))
-        assert tr(Action.STEP_RIGHT_FIRST) in shown(gesture_lines(one))
-        assert told not in shown(gesture_lines(one))
+        assert tr(Action.STEP_RIGHT_FIRST) in shown(gesture_lines(one, 60))
+        assert told not in shown(gesture_lines(one, 60))
     finally:
         use_language("en")
