@@ -154,7 +154,7 @@ class FakeHost:
             )
         return Latest(
             snapshot=self._snapshot(now_ns),
-            report=self._report(now_ns) if self.looking else None,
+            report=self._report(now_ns),
             preview=self.picture,
             audit=AuditHealth(at_ns=now_ns, written=1, waiting=0),
             processes=self._processes(),
@@ -230,6 +230,7 @@ class FakeHost:
             pressed=self.pressed,
             fps=30.0,
             camera="digital hand",
+            detector_ready=self.looking,
             camera_fault=self.camera_fault,
             press_zone=self.press_zone,
         )

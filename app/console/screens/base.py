@@ -169,7 +169,7 @@ class HandKeys(ConsoleScreen):
     def show_session(self, state: SessionState | None) -> None:
         super().show_session(state)
         if state is not None:
-            if state.report is None:
+            if state.report is None or not state.report.detector_ready:
                 self._shown_s = time.monotonic()  # perception is starting: nobody has seen the hand
             elif self._push_waits:
                 self._push()

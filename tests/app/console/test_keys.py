@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
@@ -69,7 +68,7 @@ async def test_a_push_waits_until_perception_has_started(console: Opener, monkey
     async with console() as open_console:
         open_console.host.looking = False
         live, now_s = open_console.app.live_session(), [0.0]
-        live.state = replace(live.state, report=None)
+        await open_console.until(lambda: live.state.report and not live.state.report.detector_ready)
         monkeypatch.setattr(base, "time", SimpleNamespace(monotonic=lambda: now_s[0]))
         await open_console.press("5")
         now_s[0] = 10.0
@@ -77,7 +76,7 @@ async def test_a_push_waits_until_perception_has_started(console: Opener, monkey
         await open_console.until(lambda: live.state.now_ns > pressed_ns + 300_000_000)  # some beats of the screen
         await open_console.press("enter")
         open_console.host.looking = True
-        await open_console.until(lambda: live.state.report)
+        await open_console.until(lambda: live.state.report and live.state.report.detector_ready)
         assert [hand.gesture for hand in open_console.host.hands] == [Gesture.FIVE]
         now_s[0] += SHAPE_SHOWN_S
         await open_console.until(lambda: open_console.host.hands[-1].click_s)
