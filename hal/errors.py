@@ -20,6 +20,7 @@ class CameraFault(Enum):
     WEBCAM_BUSY = auto()
     NO_REALSENSE_LIBRARY = auto()
     REALSENSE_NOT_FOUND = auto()
+    REALSENSE_IS_ANOTHER = auto()
     REALSENSE_NOT_STARTED = auto()
     REALSENSE_RECORDING_DAMAGED = auto()
     REALSENSE_LOST = auto()

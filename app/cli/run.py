@@ -23,7 +23,7 @@ from app.cli.common import (
     spinner,
     wide_console,
 )
-from app.system.config import load_config, with_choices
+from app.system.config import CameraKind, JointsKind, load_config, with_choices
 from app.system.paths import Home, find_home, hold_home
 from profiles.schema import DistanceUsed
 
@@ -46,8 +46,8 @@ def no_collections() -> Iterator[None]:
 def run(
     home: HomeOption = None,
     patient: Annotated[str | None, typer.Option(help="Go straight to this patient.")] = None,
-    camera: Annotated[str | None, typer.Option(help="digital-hand, webcam, realsense or recording.")] = None,
-    joints: Annotated[str | None, typer.Option(help="simulated or can.")] = None,
+    camera: Annotated[CameraKind | None, typer.Option(help="Another camera than the configuration's.")] = None,
+    joints: Annotated[JointsKind | None, typer.Option(help="Other joints than the configuration's.")] = None,
     read_only: Annotated[bool, typer.Option("--read-only", help="Read only: change nothing.")] = False,
     verbose: Annotated[bool, typer.Option("--verbose", help="More in the logs for engineers.")] = False,
     serve: Annotated[bool, typer.Option("--serve", help="Watch in a browser on this machine, read-only.")] = False,
@@ -102,7 +102,7 @@ def demo(
     seed: Annotated[
         int, typer.Option(min=0, max=MAX_SEED, help="Which hand: tone, palm width, light, background.")
     ] = 1,
-    joints: Annotated[str, typer.Option(help="simulated, or can (emulated drives on a bus).")] = "simulated",
+    joints: Annotated[JointsKind, typer.Option(help="can: emulated drives on a bus.")] = "simulated",
     json_file: Annotated[
         Path | None, typer.Option("--json", callback=check_output, help="Write the result here as well.")
     ] = None,

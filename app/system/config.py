@@ -6,8 +6,8 @@ from enum import Enum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
-import msgspec
 from msgspec import Meta, Struct
+from msgspec.structs import replace
 
 from app.ipc.streams import LinkDirectory
 from app.system.errors import AppError
@@ -31,7 +31,8 @@ class ConfigFault(Enum):
     """What can be wrong with the configuration."""
 
     UNREADABLE = "unreadable"
-    NO_SUCH_CHOICE = "no such choice"
+    UNSUITABLE = "unsuitable"  # detail
+    NOT_CHANGED = "not changed"  # detail
 
 
 class CameraConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -129,20 +130,20 @@ def load_config(path: Path) -> Config:
         raise AppError(ConfigFault.UNREADABLE, path=path, detail=cause_of(error)) from error
 
 
-def with_choices(config: Config, *, camera: str | None, joints: str | None, patient: str | None) -> Config:
-    """The configuration with what the command line chose instead. Raises AppError naming the choices there are."""
-    built = msgspec.to_builtins(config)
-    for name, chosen in (("camera", camera), ("joints", joints)):
-        if chosen is not None:
-            built[name]["kind"] = chosen
-            if name == "joints":
-                built[name]["host"] = ""  # this computer's, whatever the file says
+def with_choices(
+    config: Config, *, camera: CameraKind | None, joints: JointsKind | None, patient: str | None
+) -> Config:
+    """The configuration with what the command line chose instead. Raises AppError where its inputs don't suit."""
+    if camera is not None:
+        config = replace(config, camera=replace(config.camera, kind=camera))
     if patient is not None:
-        built["patient"] = patient
+        config = replace(config, patient=patient)
+    if joints is None:
+        return config
     try:
-        return msgspec.convert(built, type=Config)
-    except msgspec.ValidationError as error:
-        raise AppError(ConfigFault.NO_SUCH_CHOICE, detail=error) from error
+        return replace(config, joints=replace(config.joints, kind=joints, host=""))  # this computer's joints
+    except ValueError as error:
+        raise AppError(ConfigFault.UNSUITABLE, detail=str(error)) from error
 
 
 class SessionSetup(Struct, frozen=True, kw_only=True):

@@ -47,7 +47,7 @@ def change_config(by: Authority, typed: Mapping[str, str]) -> dict[str, tuple[An
     try:
         after = _flat(msgspec.to_builtins(as_struct(parse_toml(text), Config)))
     except OSError as error:
-        raise AppError(ConfigFault.UNREADABLE, path=path, detail=cause_of(error)) from error
+        raise AppError(ConfigFault.NOT_CHANGED, detail=cause_of(error)) from error
     fields = dict.fromkeys((*before, *after))
     changes = {
         field: (before.get(field), after.get(field)) for field in fields if before.get(field) != after.get(field)
@@ -82,7 +82,7 @@ def _set(document: Any, field: str, typed: str, now: Any) -> None:
     for group in groups:
         table = table.setdefault(group, tomlkit.table())
         if not isinstance(table, dict):
-            raise AppError(ConfigFault.NO_SUCH_CHOICE, detail=field)
+            raise AppError(ConfigFault.NOT_CHANGED, detail=field)
     if typed == CLEARED:
         table.pop(name, None)
     else:

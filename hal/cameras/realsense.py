@@ -237,8 +237,10 @@ def _find(rs: ModuleType, context: Any, serial: str) -> Any:
     for device in devices:
         if serial in ("", _info(rs, device, "serial_number")):
             return device
-    known = ", ".join(_info(rs, device, "serial_number") for device in devices) or "–"
-    raise HardwareError(CameraFault.REALSENSE_NOT_FOUND, serial=serial or "–", known=known)
+    known = ", ".join(_info(rs, device, "serial_number") for device in devices)
+    if known:
+        raise HardwareError(CameraFault.REALSENSE_IS_ANOTHER, serial=serial, known=known)
+    raise HardwareError(CameraFault.REALSENSE_NOT_FOUND)
 
 
 def _info(rs: ModuleType, device: Any, what: str) -> str:

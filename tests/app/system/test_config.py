@@ -8,6 +8,7 @@ import pytest
 
 from app.system.config import Config, load_config, with_choices
 from app.system.errors import AppError
+from hal.inputs.device import InputDevice, InputRole
 
 
 def test_no_file_means_defaults(tmp_path: Path) -> None:
@@ -42,5 +43,9 @@ def test_a_wrong_field_is_named(tmp_path: Path, text: str, named: str) -> None:
 def test_command_line_choices_replace_only_what_they_name() -> None:
     chosen = with_choices(Config(), camera="webcam", joints=None, patient="p-1")
     assert (chosen.camera.kind, chosen.joints.kind, chosen.patient) == ("webcam", "simulated", "p-1")
-    with pytest.raises(AppError, match="camera"):
-        with_choices(Config(), camera="periscope", joints=None, patient=None)
+
+
+def test_joints_that_the_inputs_do_not_suit_are_refused() -> None:
+    pendant = InputDevice(name="pendant", role=InputRole.WEARER, kind="simulated")
+    with pytest.raises(AppError, match=r"UNSUITABLE .*pendant is simulated"):
+        with_choices(Config(inputs=(pendant,)), camera=None, joints="can", patient=None)

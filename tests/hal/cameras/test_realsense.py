@@ -7,6 +7,7 @@ import time
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,8 +16,8 @@ from hal.cameras.camera import Frame, Intrinsics, IntrinsicsSource
 from hal.cameras.digital_hand.depth import LEAST_M
 from hal.cameras.digital_hand.render import lens_for
 from hal.cameras.factory import open_camera
-from hal.cameras.realsense import RealSenseCamera, clean_depth
-from hal.cameras.software_realsense import SoftwareRealSense
+from hal.cameras.realsense import RealSenseCamera, _find, clean_depth, library
+from hal.cameras.software_realsense import SERIAL, SoftwareRealSense
 from hal.errors import CameraFault
 from kgdfa.depth import DepthFault, DepthRange, read_published, sample_palm
 from kgdfa.distance import HALF_PALM_M
@@ -68,6 +69,33 @@ def seen_hand(rest_m: float) -> Hand:
     pixels = a_hand(rest_m).ground_truth(PERIOD_NS).keypoints_px
     assert pixels is not None
     return Hand(image_px=pixels, world_m=np.zeros((21, 3)), presence=1.0, side=Side.RIGHT)
+
+
+class Connected:
+    """A context with these devices: librealsense's own does not list software devices."""
+
+    def __init__(self, *devices: Any) -> None:
+        self._devices = devices
+
+    def query_devices(self) -> Connected:
+        return self
+
+    def size(self) -> int:
+        return len(self._devices)
+
+    def __getitem__(self, number: int) -> Any:
+        return self._devices[number]
+
+
+def test_a_camera_that_is_not_connected_is_told_from_one_of_another_serial_number(
+    software: SoftwareRealSense,
+) -> None:
+    rs = library()
+    with refused(CameraFault.REALSENSE_NOT_FOUND):
+        _find(rs, Connected(), "123")
+    assert _find(rs, Connected(software.device), SERIAL) is software.device
+    with refused(CameraFault.REALSENSE_IS_ANOTHER, serial="123", known=SERIAL):
+        _find(rs, Connected(software.device), "123")
 
 
 def test_colour_and_depth_of_the_fed_hand_come_out_aligned(
