@@ -6,7 +6,6 @@ has come for a while.
 
 from __future__ import annotations
 
-import os
 import platform
 import shutil
 import signal
@@ -146,7 +145,7 @@ class _AuditLoop:
 
     def remove_links(self) -> None:
         """The sockets' directory, which a console that has died could not remove."""
-        if self._orphaned:
+        if self._setup.orphaned:
             shutil.rmtree(self._setup.links, ignore_errors=True)
 
     def _take_waiting(self) -> None:
@@ -185,11 +184,7 @@ class _AuditLoop:
         idle_s = (time.monotonic_ns() - self._received_ns) / 1e9
         if self._ending:
             return idle_s > IDLE_S
-        return self._orphaned and idle_s > ORPHAN_IDLE_S
-
-    @property
-    def _orphaned(self) -> bool:
-        return self._setup.host_pid != 0 and os.getppid() != self._setup.host_pid
+        return self._setup.orphaned and idle_s > ORPHAN_IDLE_S
 
     def _notice(self, notice: Notice, **values: object) -> None:
         self._record(EventRaised(event=notice.value, effect="note", text=reason(notice, **values)))

@@ -58,7 +58,6 @@ class Control:
     def __init__(self, setup: SessionSetup, real_time: RealTime) -> None:
         self._setup = setup
         self._cleared = cleared_of(setup)
-        self._host_pid = setup.host_pid
         self._real_time = real_time
         self._settings = settings_of(setup)
         self._by_key_only = by_key_only(self._settings.vocabulary)
@@ -134,7 +133,7 @@ class Control:
         if self._tick % CLEARED_TICKS == 0 and not self._drives.powered:
             self._cleared = cleared_of(self._setup)  # a pre-flight may have passed meanwhile; it reads files
         if self._tick % PARENT_TICKS == 0:
-            self._must_end = self._must_end or os.getppid() != self._host_pid
+            self._must_end = self._must_end or self._setup.orphaned
         return Inputs(
             now_ns=now_ns,
             wall_ns=time.time_ns(),

@@ -128,7 +128,7 @@ class LinkClient:
 
     def _done(self, now_ns: int) -> bool:
         unattended_ns = now_ns - max(self._heartbeat_ns, self._began_ns)
-        if os.getppid() != self._setup.host_pid or unattended_ns > self._setup.config.unattended_s * 1e9:
+        if self._setup.orphaned or unattended_ns > self._setup.config.unattended_s * 1e9:
             self.end()  # as control on one host
         nothing_there = self._remote is None or self._their is None
         late = self._ending_ns and now_ns - self._ending_ns > END_NS

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import os
-
 from app.ipc.links import OrderedReceiver, OrderedSender, address
 from app.ipc.states import GaitState
 from app.ipc.streams import PLAN_REPLY, PLAN_REQUEST
@@ -17,7 +15,6 @@ WAIT_S = 0.2  # between checks that the console still runs
 
 def run_planner(setup: SessionSetup) -> None:
     """Answer every request until the session ends."""
-    parent = os.getppid()
     device = load_device(setup.config.joints)
     patient = patient_of(setup.profile, device)
     requests = OrderedReceiver(address(setup.links, PLAN_REQUEST.name), PlanRequest)
@@ -25,7 +22,7 @@ def run_planner(setup: SessionSetup) -> None:
     warm_up(patient)
     gc_freeze()
     set_scheduling("planner")
-    while os.getppid() == parent:
+    while not setup.orphaned:
         request = requests.receive(WAIT_S)
         if request is not None:
             replies.send(plan(request, patient))

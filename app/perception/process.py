@@ -95,7 +95,7 @@ class Perception:
     def run(self) -> None:
         """Frame after frame."""
         self._sink.emit(ProcessStart(pid=os.getpid()))
-        while not self._ending and os.getppid() == self._setup.host_pid:
+        while not (self._ending or self._setup.orphaned):
             self._handle_commands()
             frame = self._camera.read(time.monotonic(), FRAME_TIMEOUT_S)
             if frame is not None or self._camera.fault:  # while there is no camera, there is time to load

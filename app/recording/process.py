@@ -48,7 +48,7 @@ def run_recording(setup: SessionSetup) -> None:
     )
     pictures: OrderedReceiver[Picture] = OrderedReceiver(address(setup.links, PICTURES.name), Picture, queue=BATCH)
     recorder = SessionRecording(setup, sink)
-    ending = _Ending(setup.host_pid)
+    ending = _Ending(setup)
     signal.signal(signal.SIGTERM, ending.ask)
     while not ending.is_due():
         if take_batch(receiver, recorder):
@@ -170,8 +170,8 @@ class TrailLines:
 class _Ending:
     """Whether to end: asked to, or orphaned, and nothing comes any more."""
 
-    def __init__(self, host_pid: int) -> None:
-        self._host_pid = host_pid
+    def __init__(self, setup: SessionSetup) -> None:
+        self._setup = setup
         self._asked = False
         self.received_s = time.monotonic()
 
@@ -181,4 +181,4 @@ class _Ending:
 
     def is_due(self) -> bool:
         idle_s = time.monotonic() - self.received_s
-        return (self._asked and idle_s > IDLE_S) or (os.getppid() != self._host_pid and idle_s > ORPHAN_IDLE_S)
+        return (self._asked and idle_s > IDLE_S) or (self._setup.orphaned and idle_s > ORPHAN_IDLE_S)

@@ -42,10 +42,11 @@ def run_bus_log(setup: SessionSetup) -> None:
     sink.emit(ProcessStart(pid=os.getpid()))
     try:
         _record(setup, asked)
+        cause = reason(BusLogNotice.ASKED_TO_END if asked else BusLogNotice.CONSOLE_GONE)
     except HardwareError as error:
-        sink.emit(Note(text=reason(BusLogNotice.NOT_RECORDED, cause=reason_of(error))))
-    cause = BusLogNotice.ASKED_TO_END if asked else BusLogNotice.CONSOLE_GONE
-    sink.emit(ProcessEnd(pid=os.getpid(), reason=reason(cause)))
+        cause = reason(BusLogNotice.NOT_RECORDED, cause=reason_of(error))
+        sink.emit(Note(text=cause))
+    sink.emit(ProcessEnd(pid=os.getpid(), reason=cause))
     sink.close()
 
 
@@ -55,4 +56,4 @@ def _record(setup: SessionSetup, asked: list[int]) -> None:
     home.logs.mkdir(parents=True, exist_ok=True, mode=0o700)
     buses = with_bus(device, chosen.interface, chosen.channel)
     with closing(BusRecorder(buses, log_path(home, setup.session))) as recorder:
-        recorder.run(lambda: bool(asked) or os.getppid() != setup.host_pid)
+        recorder.run(lambda: bool(asked) or setup.orphaned)

@@ -133,7 +133,7 @@ class Guardian:
     def __init__(self, setup: SessionSetup) -> None:
         set_scheduling("guardian")  # first: the threads of the links inherit both
         avoid_control_core(setup.config.control_core)  # it goes before control, and would make one tick of fifty late
-        self._host_pid = setup.host_pid
+        self._setup = setup
         self._sink = AuditSink(setup.links, "guardian", setup.operator)
         self._heartbeats = LatestReceiver(address(setup.links, streams.HEARTBEAT.name), Heartbeat)
         self._health = Publisher(address(setup.links, streams.GUARDIAN.name))
@@ -197,7 +197,7 @@ class Guardian:
         self._sink.close()
 
     def _ended(self) -> bool:
-        return self._ending or os.getppid() != self._host_pid
+        return self._ending or self._setup.orphaned
 
     def _act(self) -> None:
         """At every check: a drive that goes limp without commands needs its damping again and again."""

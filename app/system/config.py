@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from enum import Enum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -158,6 +159,11 @@ class SessionSetup(Struct, frozen=True, kw_only=True):
     role: str = "therapist"
     host_pid: int = 0  # the process that runs the session (app/session/supervise.py)
     linked: bool = False  # its console is on another computer (app/link)
+
+    @property
+    def orphaned(self) -> bool:
+        """Whether the process that asks has lost the one that runs the session, perhaps before its first look."""
+        return os.getppid() != self.host_pid
 
 
 def load_device(joints: JointsConfig) -> Exoskeleton:

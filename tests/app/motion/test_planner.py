@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import multiprocessing
+import os
 from pathlib import Path
 
 import pytest
@@ -20,11 +21,21 @@ pytestmark = pytest.mark.serial
 LIMIT_S = 60.0
 
 
-def test_requests_are_answered_in_order(tmp_path: Path) -> None:
-    links = new_link_directory(tmp_path)
-    setup = SessionSetup(
-        session="s", home=tmp_path, links=links, config=Config(), profile=DEMO_PATIENT, operator="tester"
+def setup_of(home: Path, host_pid: int) -> SessionSetup:
+    return SessionSetup(
+        session="s",
+        home=home,
+        links=new_link_directory(home),
+        config=Config(),
+        profile=DEMO_PATIENT,
+        operator="tester",
+        host_pid=host_pid,
     )
+
+
+def test_requests_are_answered_in_order(tmp_path: Path) -> None:
+    setup = setup_of(tmp_path, os.getpid())
+    links = setup.links
     replies = OrderedReceiver(address(links, PLAN_REPLY.name), Plan, dec_hook=decode_table)
     planner = multiprocessing.get_context("spawn").Process(target=run_planner, args=(setup,), daemon=True)
     planner.start()
@@ -48,3 +59,14 @@ def test_requests_are_answered_in_order(tmp_path: Path) -> None:
     plans = [answer for answer in answers if answer is not None]
     assert [plan.number for plan in plans] == [1, 2]
     assert all(plan.check.ok and plan.to_state is GaitState.STANDING for plan in plans)
+
+
+def test_it_ends_when_its_host_was_gone_before_its_first_look(tmp_path: Path) -> None:
+    setup = setup_of(tmp_path, os.getppid())  # whose child this process is, not the planner
+    planner = multiprocessing.get_context("spawn").Process(target=run_planner, args=(setup,), daemon=True)
+    planner.start()
+    try:
+        planner.join(LIMIT_S)
+        assert planner.exitcode == 0
+    finally:
+        planner.kill()
