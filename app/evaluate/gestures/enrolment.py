@@ -163,7 +163,7 @@ def measure_enrolment(
 
 def enrolment_table(found: Sequence[EnrolledPatient]) -> Table:
     """A row a kind of patient; in how many people's vocabulary each gesture is."""
-    made = table("enrolment", "patient proven refusals_first recognised_later unintended tried")
+    made = table("enrolment", "hand proven refusals_first recognised_later unintended tried")
     for gesture in Gesture:
         made.add_column(gesture.value, justify="right")
     for limit in HandLimit:

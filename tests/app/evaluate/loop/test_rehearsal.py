@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import resource
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,7 @@ from app.ipc.states import Action
 from app.motion.plan import PlanFault, patient_of
 from app.motion.preflight import cleared_actions
 from app.motion.rehearsal_checks import RehearsalFault, RehearsalVerdict, faults_of
+from app.playback.film import FilmFault
 from app.system.errors import AppError
 from app.system.paths import Home
 from app.text.catalogue import render
@@ -72,6 +74,7 @@ def test_an_action_is_rehearsed_drawn_filmed_and_kept(tmp_path: Path) -> None:
     result = CliRunner().invoke(cli, ["simulate", "sit-down", "--home", str(tmp_path), *options])
     assert result.exit_code == 0, result.output
     assert "passed" in result.output
+    assert "patient" in result.output
     (figures,) = json.loads(files[0].read_text(encoding="utf-8"))
     assert figures["passed"]
     assert 0 < max(figures["tracking_rms_deg"]) <= 2
@@ -81,6 +84,19 @@ def test_an_action_is_rehearsed_drawn_filmed_and_kept(tmp_path: Path) -> None:
     film.release()
     device = load_exoskeleton()
     assert cleared_actions(Home(tmp_path), patient_of(DEMO_PATIENT, device), device) == {Action.SIT_DOWN}
+
+
+def test_a_film_that_did_not_reach_the_disk_is_refused_and_nothing_is_left_of_it(tmp_path: Path) -> None:
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, hard))
+    try:
+        options = ["sit-down", "--home", str(tmp_path), "--video", str(tmp_path / "film.mp4")]
+        result = CliRunner().invoke(cli, ["simulate", *options])
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    assert isinstance(result.exception, AppError)
+    assert result.exception.code is FilmFault.NOT_WHOLE
+    assert not list(tmp_path.iterdir())
 
 
 def test_an_action_that_does_not_pass_is_reported_by_the_exit_status(tmp_path: Path) -> None:
