@@ -15,7 +15,7 @@ from logs.journal import Found, append_signed
 from logs.keys import ConsoleKey, by_fingerprint, load_or_make_key, read_anchors
 from logs.mirror import SUFFIX, CheckpointCopy, MirrorFault
 from logs.reason import key_of, reason
-from logs.records import Note
+from logs.records import Body, Cancel, HeartbeatLost, Note, Press, Release
 from logs.scan import scan_file
 from logs.trail import DiskFault
 from logs.verify import Evidence, Status, exit_status, verify
@@ -100,6 +100,30 @@ def test_while_the_disk_refuses_its_fault_is_reported_and_nothing_counts_as_writ
     detail = os.strerror(errno.ENOSPC)
     assert writer.fault == reason(DiskFault.NOT_WRITTEN, path=writer.path, detail=detail, waiting=writer.waiting)
     assert (writer.written, writer.waiting > 0) == (0, True)
+
+
+@pytest.mark.parametrize(
+    ("body", "waits_ms"),
+    [
+        (Press(gesture="1"), 0),
+        (Release(gesture="1"), 0),
+        (Cancel(reason="too short"), 0),
+        (HeartbeatLost(stream="heartbeat", age_ms=70.0), 0),
+        (Note(text="later"), 50),
+    ],
+)
+def test_how_a_press_ends_and_why_the_legs_gave_way_waits_for_nothing_else(
+    folder: Path, key: ConsoleKey, body: Body, waits_ms: int
+) -> None:
+    writer = SessionWriter(folder, "s", key, Disk(), CheckpointCopy(""))
+    writer.begin(START, moment(0))
+    begun = writer.written
+    taken = moment(1)
+    writer.take(taken.entry(body))
+    for after_ms in (0, 49, 50):
+        writer.settle_when_due(taken.monotonic_ns + after_ms * 1_000_000)
+        assert writer.written == begun + (after_ms >= waits_ms)
+    writer.close()
 
 
 @pytest.mark.parametrize("kept_share", [0.0, 0.3, 1.0])
