@@ -77,7 +77,8 @@ def read_text(path: Path, limit: int = MAX_TOML) -> str:
 def replace_files(contents: Mapping[Path, str]) -> None:
     """Write every file whole and to the disk, then rename them into place in their order.
 
-    The old ones stand untouched unless all new ones are on the disk.
+    The old ones stand untouched unless all new ones are on the disk. A rename that fails then leaves those before it
+    in place: a caller puts the record of a change before the changed file.
     Raises ProfileError when the disk is full or the folder can't be written.
     """
     waiting: list[tuple[Path, Path]] = []

@@ -219,15 +219,24 @@ def test_notes_are_bounded_and_harmless(patient: Profile, note: str) -> None:
     assert [wrong.field for wrong in violations(changed(patient, note=note))] == ["note"]
 
 
-@pytest.mark.parametrize("failing", [("fsync", 1), ("fsync", 2), ("replace", 1), ("replace", 2)])
+@pytest.mark.parametrize(
+    "failing",  # call, which one; mass and changes afterwards
+    [
+        ("fsync", 1, 81.5, 1),
+        ("fsync", 2, 81.5, 1),
+        ("replace", 1, 81.5, 1),
+        ("replace", 2, 81.5, 2),  # the history is in place, the profile is not
+        ("fsync", 3, 90.0, 2),  # of the folder
+    ],
+)
 def test_a_full_disk_loses_nothing(
     store: ProfileStore,
     patient: Profile,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
-    failing: tuple[str, int],
+    failing: tuple[str, int, float, int],
 ) -> None:
-    call, nth = failing
+    call, nth, *left = failing
     store.create(patient, by=Named("anna"), at=AT)
     calls = 0
     owner = os if call == "fsync" else Path
@@ -241,11 +250,11 @@ def test_a_full_disk_loses_nothing(
         return real(*arguments)
 
     monkeypatch.setattr(owner, call, full)
-    with pytest.raises(ProfileError, match="No space left on device"):
+    with pytest.raises(ProfileError, match="No space left on device") as caught:
         store.save(changed(patient, mass_kg=90.0), by=Named("anna"), at=AT)
     monkeypatch.undo()
-    assert store.load("P-0042").mass_kg == 81.5
-    assert len(store.history("P-0042")) in {1, 2}
+    assert caught.value.code is ProfileFault.NOT_SAVED
+    assert [store.load("P-0042").mass_kg, len(store.history("P-0042"))] == left
     assert not list((tmp_path / "profiles").rglob(".*.new"))
 
 
