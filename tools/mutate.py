@@ -243,4 +243,6 @@ def main(session: str, module: str, tests: str, first: str = "0", at_most: str =
 
 
 if __name__ == "__main__":
+    if not 3 <= len(sys.argv[1:]) <= 5:
+        raise SystemExit(__doc__)
     main(*sys.argv[1:])
