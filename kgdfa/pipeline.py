@@ -34,7 +34,7 @@ class PipelineInput:
 class Report:
     """The result of one frame. `gesture` is voted and smoothed; `verdict` is this frame's alone.
 
-    distance: by which the button decided; `monocular` and `depth_distance` are what each source measured.
+    distance: by which the button decided; `depth_distance`: what depth measured, whichever decides.
     """
 
     captured_ns: int
@@ -46,7 +46,6 @@ class Report:
     distance: Distance | None
     depth_distance: Distance | None
     button: ButtonState
-    monocular: Distance | None = None
     depth_fault: DepthFault | None = None  # why there is no depth_distance, or it does not decide
     refusal: Explanation | None = None  # why no hand in view commands
     vote_ns: tuple[int, ...] = ()  # captures of the frames that made `gesture`, or ended the one before
@@ -144,7 +143,6 @@ class Pipeline:
             votes=min(vote.count, VOTE_FRAMES),
             distance=distance,
             depth_distance=depth,
-            monocular=monocular,
             depth_fault=self._chosen.fault or fault,
             button=self._recognition.button,
             refusal=self._tracks.refusal or _alternating(vote, now_ns),

@@ -114,7 +114,6 @@ def _unreadable_line(line: bytes, number: int, why: str) -> UnreadableLine:
 class Outline:
     """What a list of sessions shows."""
 
-    path: Path
     patient: str
     operator: str
     began: str
@@ -131,15 +130,14 @@ class Outline:
 
 def outline(path: Path) -> Outline:
     """The outline of a session's file. Raises AuditError when it can't be read."""
-    return outline_of(path, records(path))
+    return outline_of(records(path))
 
 
-def outline_of(path: Path, found: list[Record]) -> Outline:
+def outline_of(found: list[Record]) -> Outline:
     """The same from records already read."""
     bodies = [record.body for record in found]
     ends = [body for body in bodies if isinstance(body, ActionEnd)]
     return Outline(
-        path=path,
         patient=next((body.patient for body in bodies if isinstance(body, PatientChosen)), ""),
         operator=next((record.operator for record in found if record.operator), ""),
         began=found[0].wall if found else "",

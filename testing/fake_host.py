@@ -109,7 +109,7 @@ class FakeHost:
         self.closed = True
         shutil.rmtree(self.setup.links, ignore_errors=True)
 
-    def send(self, kind: OperatorKind, action: Action | None = None, note: str = "") -> int:
+    def send(self, kind: OperatorKind, action: Action | None = None) -> int:
         self.sent.append((kind, action))
         match kind:
             case OperatorKind.STOP | OperatorKind.VOICE_STOP:
@@ -223,7 +223,6 @@ class FakeHost:
             explanation=reason(Decision.NO_HAND) if self.gesture is None else None,
             votes=3 if self.gesture else 0,
             distance_m=0.305,
-            monocular_m=0.305,
             distance_source=DistanceSource.MONOCULAR,
             safe_distance_m=0.325,
             distance_sd_m=0.004,

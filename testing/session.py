@@ -30,7 +30,7 @@ from app.ipc.states import Action, Effect, GaitState
 from app.motion.plan import patient_of
 from app.motion.preflight import run_preflight
 from app.session import host as hosting
-from app.session.shared import held_session
+from app.session.shared import held_session, shared
 from app.system.authority import demonstration
 from app.system.config import Config, JointsConfig, RecordingConfig, SessionSetup
 from app.system.paths import Home, find_home
@@ -174,7 +174,7 @@ def run_console(setup: SessionSetup, commands: Connection, perception: bool, gro
         (group / "cgroup.procs").write_text("0", encoding="ascii")  # its children are born there
     host = hosting.SessionHost(setup, without=frozenset() if perception else frozenset({"perception"}))
     host.start()
-    commands.send({"session": host.host_pid} | {one.name: one.pid for one in host.processes()})
+    commands.send({"session": shared(Home(setup.home)).host_pid} | {one.name: one.pid for one in host.processes()})
     while True:
         host.heartbeat()
         if not commands.poll(0.01):

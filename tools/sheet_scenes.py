@@ -63,7 +63,7 @@ class StillHost(FakeHost):
         """A push three seconds ago."""
         near = math.exp(-(((self._before_s() - 3.0) / 0.6) ** 2))
         distance_m = 0.36 - 0.19 * near
-        values = {"distance_m": distance_m, "monocular_m": distance_m, "safe_distance_m": distance_m + 0.02}
+        values = {"distance_m": distance_m, "safe_distance_m": distance_m + 0.02}
         sequence = self.now_ns // TICK_NS
         return msgspec.structs.replace(super()._report(now_ns), sequence=sequence, pressed=near > 0.9, **values)
 

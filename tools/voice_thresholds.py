@@ -2,7 +2,7 @@
 
     python tools/voice_thresholds.py [--minutes 3] [--every 4]
 
-The rule: the smallest threshold with at most MOST_PER_HOUR false stops in gait noise and talk. In music no threshold
+The rule: the smallest threshold with at most 20 false stops an hour in gait noise and talk. In music no threshold
 keeps to that for 停 and still finds it. The figures of the chosen ones are of other voices: `rleex evaluate voice`.
 """
 
@@ -14,7 +14,6 @@ from app.evaluate.voice.recordings import GroupResult, Recording, measure, synth
 from app.evaluate.voice.speech import PHRASES, Voices
 from app.voice.spotter import KeywordSpotter
 
-MOST_PER_HOUR = 20.0
 EXPONENTS = {"stop": (-12, -9, -6, -3), "ting": (0, 2, 4, 6)}
 LANGUAGE = {"stop": "en", "ting": "zh"}
 

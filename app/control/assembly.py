@@ -41,7 +41,6 @@ def settings_of(setup: SessionSetup) -> Settings:
         limit_c=np.array([joint.limit_c for joint in device.joints]),
         patient=profile.identifier,
         vocabulary=vocabulary_of(profile),
-        simulated=setup.config.joints.kind == "simulated",
         unattended_ns=int(setup.config.unattended_s * 1e9),
     )
 

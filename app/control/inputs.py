@@ -35,7 +35,6 @@ class Settings:
     limit_c: JointArray
     patient: str
     vocabulary: frozenset[Gesture] = frozenset(Gesture)  # the gestures that command
-    simulated: bool = True
     unattended_ns: int = 120_000_000_000  # without a console for so long, the session ends
 
 

@@ -190,7 +190,6 @@ class Control:
         return LoopStatus(
             incarnation=self._incarnation,
             sequence=self._tick,
-            simulated=self._settings.simulated,
             by_key_only=self._by_key_only,
             lateness=self._histogram.summary(),
             real_time=self._real_time,

@@ -82,7 +82,7 @@ def arbitrate(tick: Tick) -> None:
         state, event = tick.state, blocker(tick.state.events, request.source)
         answer = answer_to(state.gait, request.action, event.reason if event else None, settled=state.motion.settled)
         if isinstance(answer, Ignored):
-            _ignore(tick, request, answer.reason)
+            _record_refusal(tick, request, answer.reason)
         elif isinstance(answer, Refused):
             refuse(tick, request, answer.reason, event=event)
         elif isinstance(answer, Latched):
@@ -145,16 +145,11 @@ def refuse(
     _record_refusal(tick, request, why, number, event=event, compared=compared)
 
 
-def _ignore(tick: Tick, request: ActionRequest, why: Reason) -> None:
-    tick.update(ignored_count=tick.state.ignored_count + 1)
-    _record_refusal(tick, request, why, 0)
-
-
 def _record_refusal(
     tick: Tick,
     request: ActionRequest,
     why: Reason,
-    number: int,
+    number: int = 0,
     *,
     event: RaisedEvent | None = None,
     compared: Compared | None = None,

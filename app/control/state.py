@@ -68,7 +68,6 @@ class ControlState(Struct, frozen=True, kw_only=True):
     reports: tuple[ActionReport, ...] = ()
     refusal: Reason | None = None
     refusal_count: int = 0
-    ignored_count: int = 0
     steps: int = 0
     distance_walked_m: float = 0.0
 

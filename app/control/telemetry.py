@@ -27,7 +27,6 @@ class LoopStatus(Struct, frozen=True, kw_only=True):
 
     incarnation: int
     sequence: int
-    simulated: bool
     by_key_only: tuple[Action, ...] = ()
     lateness: Lateness
     real_time: RealTime
@@ -59,7 +58,6 @@ def snapshot(state: ControlState, inputs: Inputs, status: LoopStatus) -> Control
         reports=(*state.reports, *open_reports),
         refusal=state.refusal,
         refusal_count=state.refusal_count,
-        ignored_count=state.ignored_count,
         lease=state.lease,
         stop_received_ns=state.stop_received_ns,
         stop_command_ns=state.stop_command_ns,

@@ -57,8 +57,7 @@ class TriggerReport(Struct, frozen=True, kw_only=True, tag="trigger"):
     hint: Reason | None = None  # for the therapist: dark, blurred, too near
     detector_ready: bool = True  # False while the hand model is loading
     distance_source: DistanceSource | None = None  # what measured distance_m; None: nothing did
-    monocular_m: float | None = None  # what each source measured, whichever decides
-    depth_distance_m: float | None = None
+    depth_distance_m: float | None = None  # whichever source decides
     depth_fault: Reason | None = None  # why depth measured nothing, or does not decide
     pictures_recorded: bool = False  # with the patient's consent
     focal_assumed: bool = False  # distances rest on an assumed focal length, no calibration corrects it
@@ -133,7 +132,6 @@ class OperatorCommand(Struct, frozen=True, kw_only=True, tag="operator"):
     sent_ns: int
     operator: str = ""
     action: Action | None = None  # with ACT
-    note: str = ""
 
 
 class JointSnapshot(Struct, frozen=True, kw_only=True):
@@ -246,7 +244,6 @@ class ControlSnapshot(Struct, frozen=True, kw_only=True, tag="control"):
     reports: tuple[ActionReport, ...] = ()  # the newest few, oldest first
     refusal: Reason | None = None  # the newest
     refusal_count: int = 0
-    ignored_count: int = 0
     lease: int = 1  # of the console that control hears
     stop_received_ns: int = 0
     stop_command_ns: int = 0
@@ -258,7 +255,6 @@ class ControlSnapshot(Struct, frozen=True, kw_only=True, tag="control"):
     lateness: Lateness = Lateness()
     real_time: RealTime = RealTime()
     report_age_ms: float = 0.0
-    simulated: bool = True
 
 
 class Heartbeat(Struct, frozen=True, kw_only=True, tag="heartbeat"):

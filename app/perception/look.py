@@ -65,7 +65,6 @@ class CameraSample:
     frames: int
     lost: int
     latency_ms: float
-    hand: bool
     distance_m: float | None
     safe_m: float | None
     pressed: bool
@@ -260,7 +259,6 @@ class _Look:
             frames=self._frames,
             lost=self._lost,
             latency_ms=(time.monotonic_ns() - report.captured_ns) / 1e6,
-            hand=hand,
             distance_m=distance.shown_m if distance else None,
             safe_m=distance.safe_m if distance else None,
             pressed=button.pressed,

@@ -57,7 +57,6 @@ def _with_hand(message: TriggerReport, report: Report) -> TriggerReport:
         distance_sd_m=distance.sd_m if distance else 0.0,
         safe_distance_m=distance.safe_m if distance else None,
         distance_source=distance.source if distance else None,
-        monocular_m=report.monocular.shown_m if report.monocular else None,
         depth_distance_m=depth.shown_m if depth else None,
         depth_fault=reason(report.depth_fault) if report.depth_fault else None,
     )

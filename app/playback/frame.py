@@ -18,7 +18,6 @@ from logs.reason import sanitize_terminal
 from logs.show import WEIGHT, record_text
 
 WIDTH_PX, HEIGHT_PX = 1280, 720
-HEAD = Box(0, 0, WIDTH_PX, 44)
 HAND, LEGS, JOINTS = Box(12, 52, 400, 322), Box(420, 52, 440, 322), Box(868, 52, 400, 486)
 PUSH, GAIT = Box(12, 382, 400, 156), Box(420, 382, 440, 156)
 LANDMARKS, BAR = Box(12, 546, 1256, 142), Box(12, 696, 1256, 14)

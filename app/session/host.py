@@ -170,11 +170,6 @@ class SessionHost:
             time.sleep(0.01)
 
     @property
-    def host_pid(self) -> int:
-        """The session's own process; 0 before the start."""
-        return self._host.pid if self._host else 0
-
-    @property
     def commands(self) -> bool:
         """Whether the session is this one's to end: begun or taken over here, and by nobody since."""
         lease = current_lease(self.setup.links)
@@ -209,7 +204,7 @@ class SessionHost:
         if self._host is not None:
             self._host.close()
 
-    def send(self, kind: OperatorKind, action: Action | None = None, note: str = "") -> int:
+    def send(self, kind: OperatorKind, action: Action | None = None) -> int:
         """Send an operator command to control; returns its sequence, which control acknowledges."""
         with self._lock:
             self._sequence += 1
@@ -225,7 +220,6 @@ class SessionHost:
                         sent_ns=sent_ns,
                         operator=self.setup.operator,
                         action=action,
-                        note=note,
                     )
                 )
             return self._sequence

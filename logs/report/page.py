@@ -39,7 +39,7 @@ def report(
     """
     (finding,) = verify([path], evidence)
     found = records(path)
-    this = outline_of(path, found)
+    this = outline_of(found)
     data = data_of(this, found, render)
     earlier = _earlier(path, this)
 

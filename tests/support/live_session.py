@@ -128,9 +128,7 @@ class Live12:
             if len(self.rig.audit) > before:
                 now_ns = self.rig.now_ns
                 inputs = Inputs(now_ns=now_ns, wall_ns=0, boot_ns=0, feedback=self.rig.joints.feedback(now_ns))
-                status = LoopStatus(
-                    incarnation=1, sequence=1, simulated=True, lateness=Lateness(), real_time=RealTime()
-                )
+                status = LoopStatus(incarnation=1, sequence=1, lateness=Lateness(), real_time=RealTime())
                 self.snapshots.append(snapshot(state, inputs, status))
 
     def key(self, kind: OperatorKind, action: Action | None = None) -> None:

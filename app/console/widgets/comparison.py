@@ -25,7 +25,6 @@ def sample_of(report: TriggerReport, lost: int) -> CameraSample:
         frames=report.sequence,
         lost=lost,
         latency_ms=(report.sent_ns - report.captured_ns) / 1e6,
-        hand=report.hand or report.hand_refusal is not None,
         distance_m=report.distance_m,
         safe_m=report.safe_distance_m,
         pressed=report.pressed,

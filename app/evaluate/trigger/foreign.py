@@ -96,11 +96,6 @@ class ForeignResult:
     interrupted: bool = False
 
     @property
-    def frames(self) -> int:
-        """With a foreign hand that signs and pushes."""
-        return sum(kind.frames for kind in self.kinds.values())
-
-    @property
     def commands(self) -> int:
         """Of foreign hands; there must be none."""
         return sum(kind.commands for kind in self.kinds.values())

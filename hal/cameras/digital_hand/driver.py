@@ -38,7 +38,6 @@ class HandGroundTruth:
     keypoints_px: FloatArray | None
     keypoints_m: FloatArray | None
     distance_m: float | None
-    tilt_rad: float | None
 
 
 class DigitalHandCamera:
@@ -187,5 +186,4 @@ class DigitalHandCamera:
             keypoints_px=None if joints is None else project_px(joints, self.lens),
             keypoints_m=joints,
             distance_m=None if scene.place is None else scene.place.position_m[2],
-            tilt_rad=None if scene.place is None else scene.place.tilt_rad,
         )

@@ -318,7 +318,6 @@ def looked(frame: int, distance_m: float) -> CameraSample:
         frames=frame,
         lost=frame // 2,
         latency_ms=20.0,
-        hand=True,
         distance_m=distance_m,
         safe_m=distance_m,
         pressed=False,

@@ -51,7 +51,6 @@ class FakeLooker:
             frames=self.frames,
             lost=0,
             latency_ms=40.0,
-            hand=True,
             distance_m=0.31,
             safe_m=0.31,
             pressed=False,

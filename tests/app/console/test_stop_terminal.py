@@ -49,10 +49,10 @@ beat = ConsoleApp._tick
 """
 FAKE = """
 class Reporting(FakeHost):
-    def send(self, kind, action=None, note=""):
+    def send(self, kind, action=None):
         if kind is OperatorKind.STOP:
             report.write_text("stopped")
-        return super().send(kind, action, note)
+        return super().send(kind, action)
 
 def run():
     with hold_home(home):

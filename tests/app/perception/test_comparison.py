@@ -36,7 +36,6 @@ def sample(
         frames=frame,
         lost=lost,
         latency_ms=20.0,
-        hand=distance_m is not None,
         distance_m=distance_m,
         safe_m=distance_m,
         pressed=pressed,

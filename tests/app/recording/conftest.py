@@ -108,7 +108,7 @@ def record(home: Path, ticks: int = 513) -> Session:
     return made
 
 
-STATUS = LoopStatus(incarnation=1, sequence=1, simulated=True, lateness=Lateness(), real_time=RealTime())
+STATUS = LoopStatus(incarnation=1, sequence=1, lateness=Lateness(), real_time=RealTime())
 
 
 def received(receiver: OrderedReceiver[TickBatch | HandFrame]) -> TickBatch | HandFrame:
