@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import ast
+import re
+from collections import Counter
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 
 import pytest
 
+from app.text.compile import LOCALES
 from tests.support.catalogues import entries
 
 ROOT = Path(__file__).parents[3]
-PRODUCT = ("app", "hal", "kgdfa", "logs", "profiles", "reading")
+PRODUCT = ("app", "hal", "kgdfa", "logs", "profiles")
 TAKE_A_CODE = ("reason", "tr")  # functions whose first argument is an Enum's member, as that of each error
 TAKE_A_KEY = ("tr", "print_text", "t")
 
@@ -61,3 +64,13 @@ def _in_call(function: str, first: ast.expr, named: dict[str, str]) -> Iterator[
 def test_every_code_and_key_is_worded(language: str) -> None:
     assert len(wanted()) > 300
     assert sorted(wanted() - entries(language).keys()) == []
+
+
+@pytest.mark.parametrize("language", ["en", "zh"])
+def test_no_key_is_worded_twice(language: str) -> None:
+    """Of two wordings the reader keeps one without a word: a column was headed as another table's."""
+    files = sorted((LOCALES / language / "LC_MESSAGES").glob("*.po"))
+    keys = Counter(
+        key for file in files for key in re.findall(r'^msgid "(.+)"$', file.read_text("utf-8"), re.MULTILINE)
+    )
+    assert [key for key, count in keys.items() if count > 1] == []
