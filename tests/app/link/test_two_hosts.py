@@ -83,6 +83,7 @@ def test_legs_stand_and_the_link_tells_its_figures(bed: Bed) -> None:
     assert now.state is GaitState.STANDING
     link = bed.session.until_link("processes")
     assert link.connected
+    bed.session.until(lambda _: bed.session.latest is not None and bed.session.latest.guardian is not None, "guardian")
     assert {"audit", "guardian", "planner", "control"} <= {one.name for one in link.processes}
     assert link.uncertainty_ns is not None
     assert abs(link.offset_ns) <= link.uncertainty_ns, "both processes have the same clock"
