@@ -249,8 +249,7 @@ def test_a_closed_terminal_ends_control_in_good_order(session: RealSession) -> N
     session.stand()
     session.kill("control", signal.SIGHUP)
     session.until_ended("control")
-    assert session.heartbeat is not None
-    assert session.heartbeat.last
+    session.until(lambda _: session.heartbeat is not None and session.heartbeat.last, "control's last heartbeat")
     assert "DAMP" in [name for _, name in session.effects]
 
 
