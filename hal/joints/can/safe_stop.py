@@ -11,6 +11,7 @@ from pathlib import Path
 
 import can
 
+from hal.errors import HardwareError
 from hal.joints.can.bus import frame_of, message_of, open_bus
 from hal.joints.codecs import codec_of
 from hal.joints.codecs.wire import Frame, Order, SetPoint, Transmission
@@ -37,7 +38,12 @@ class SafeStop:
 
     def open(self) -> None:
         """Open the bus sockets. Raises HardwareError with the command that brings the bus up."""
-        self._buses = [open_bus(bus) for bus in self._device.buses]
+        try:
+            for bus in self._device.buses:
+                self._buses.append(open_bus(bus))
+        except HardwareError:
+            self.close()
+            raise
 
     def damp(self) -> bool:
         """Command pure damping; repeat it while control stays away, for drives that go limp on a timeout."""
