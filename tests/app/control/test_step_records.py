@@ -77,6 +77,7 @@ def test_an_event_that_is_over_reports_how_long_it_was_there() -> None:
     rig.run_until(lambda m: not m.events)
     cleared = every(rig, records.EventCleared)[-1]
     assert (cleared.event, cleared.effect) == (Event.CLOCK_JUMP.value, "note")
+    assert cleared.total is None, "the sum of what it compared means nothing"
     assert cleared.lasted_s == (rig.now_ns - raised_ns) / 1e9
     assert cleared.lasted_s == pytest.approx(LINGER_NS / 1e9, abs=0.01)
 

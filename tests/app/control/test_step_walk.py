@@ -94,7 +94,7 @@ def test_when_perception_goes_a_walk_of_the_wearer_ends_and_the_therapists_conti
 def test_when_the_trail_stops_any_walk_ends_normally() -> None:
     rig = moving(A.WALK)
     rig.auditing = False
-    rig.tick(250)
-    assert Event.AUDIT_TIMEOUT.value in rig.events()
+    rig.run_until(lambda _: Event.AUDIT_TIMEOUT.value in rig.events())
+    assert now(rig).gait.closing, "in the very tick that the event is raised"
     assert rig.settle().gait.state is S.STANDING
     assert now(rig).reports[-1].outcome is Outcome.COMPLETED
