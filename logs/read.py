@@ -148,8 +148,8 @@ def outline_of(found: list[Record]) -> Outline:
         refusals=sum(isinstance(body, Refusal) for body in bodies),
         events=sum(isinstance(body, EventRaised) for body in bodies),
         stops=sum(isinstance(body, Stop) for body in bodies),
-        steps=sum(end.steps for end in ends),
-        distance_m=sum(end.distance_m for end in ends),
+        steps=ends[-1].steps if ends else 0,
+        distance_m=ends[-1].distance_m if ends else 0.0,
     )
 
 

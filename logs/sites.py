@@ -119,12 +119,16 @@ def _check_export(site: Site, path: Path) -> None:
 
 
 SITE_QUESTIONS: dict[str, str] = QUESTIONS | {
+    # An action's end holds the steps of the session so far.
     "sites": """
+        WITH sessions AS (SELECT site, session, max(steps) AS steps FROM records WHERE kind = 'action-end'
+                          GROUP BY site, session),
+             walked AS (SELECT site, sum(steps) AS total FROM sessions GROUP BY site)
         SELECT site, count(DISTINCT patient) AS patients, count(DISTINCT session) AS sessions, count(*) AS records,
                sum(CASE WHEN kind = 'action-end' THEN 1 ELSE 0 END) AS actions,
                sum(CASE WHEN kind = 'stop' THEN 1 ELSE 0 END) AS stops,
-               sum(CASE WHEN kind = 'action-end' THEN steps ELSE 0 END) AS steps
-        FROM records GROUP BY site ORDER BY site
+               coalesce(max(total), 0) AS steps
+        FROM records LEFT JOIN walked USING (site) GROUP BY site ORDER BY site
         """,
 }
 

@@ -76,6 +76,7 @@ _CAMERA = r.Camera(
 
 def _action(number: int, clock: _Clock, rng: random.Random) -> Iterator[tuple[str, r.Body]]:
     gesture, action, begin, end = COURSE[number % len(COURSE)]
+    steps = sum("step" in COURSE[one % len(COURSE)][1] for one in range(1, number + 1))
     observed = clock.moment().monotonic_ns
     yield "perception", r.GestureOnset(gesture=gesture, confidence=rng.uniform(0.8, 1), votes=3, captured_ns=observed)
     clock.s += 0.3
@@ -109,8 +110,8 @@ def _action(number: int, clock: _Clock, rng: random.Random) -> Iterator[tuple[st
             first_motion_ns=first + 120_000_000,
             ended_ns=clock.moment().monotonic_ns,
             tracking_rms_rad=abs(rng.gauss(0.012, 0.003)),
-            steps=1 if "step" in action else 0,
-            distance_m=0.3 if "step" in action else 0.0,
+            steps=steps,
+            distance_m=0.3 * steps,
         ),
     )
 

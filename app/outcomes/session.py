@@ -111,18 +111,17 @@ def of_trail(path: Path) -> SessionOutcomes:
     chosen = _chosen(trail)
     if chosen is None:
         raise AppError(OutcomesFault.NO_PATIENT, path=path)
-    walks = [
-        record.body
-        for record in trail
-        if isinstance(record.body, ActionEnd) and record.body.action in WALKING_ACTIONS and record.body.first_motion_ns
-    ]
+    ends = [record.body for record in trail if isinstance(record.body, ActionEnd)]
+    before = [0, *(end.steps for end in ends)]  # an end holds the steps of the session so far
+    taken = [(end, end.steps - steps) for end, steps in zip(ends, before, strict=False)]
+    walks = [(end, steps) for end, steps in taken if end.action in WALKING_ACTIONS and end.first_motion_ns]
     return _outcomes(
         path.stem,
         trail,
         chosen,
         source=OutcomeSource.TRAIL,
         measured_s=duration_s(trail),
-        measures=Measures(steps=sum(walk.steps for walk in walks), walking_time_s=_time_in_s(walks)),
+        measures=Measures(steps=sum(steps for _, steps in walks), walking_time_s=_time_in_s([end for end, _ in walks])),
     )
 
 

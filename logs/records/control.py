@@ -94,7 +94,7 @@ class GaitChanged(Struct, frozen=True, kw_only=True, tag_field="kind", tag="gait
 
 
 class ActionEnd(Struct, frozen=True, kw_only=True, tag_field="kind", tag="action-end"):
-    """An action ended; moments that never came are 0."""
+    """An action ended; moments that never came are 0. steps, distance_m: walked in the session so far."""
 
     number: int
     action: str

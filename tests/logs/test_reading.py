@@ -198,6 +198,10 @@ def test_the_report_counts_what_the_trail_holds(tmp_path: Path) -> None:
     assert summary.actions == sum(isinstance(record.body, r.Command) for record in found)
     page = report(path, Evidence(), render_recorded)
     assert f"{summary.completed}/{summary.actions}" in page
+    steps = sum("step" in record.body.action for record in found if isinstance(record.body, r.ActionEnd))
+    assert steps > 3
+    assert f"<b>{steps}</b><span>steps</span>" in page
+    assert summary.distance_m == pytest.approx(0.3 * steps)
     assert f"<b>{summary.distance_m:.1f} m</b>" in page
     assert "This patient&#39;s sessions" in page or "This patient's sessions" in page
     assert page.count("<svg") == 1 + 4 + 1 + 1

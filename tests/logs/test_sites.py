@@ -11,7 +11,9 @@ import pytest
 from logs.errors import AuditError, AuditFault
 from logs.keys import by_fingerprint, known_keys
 from logs.query import QUESTIONS, ask, connect, export
+from logs.read import outline, records
 from logs.reason import key_of
+from logs.records import ActionEnd
 from logs.sites import SITE_QUESTIONS, SiteState, check_site, connect_sites, find_sites
 from logs.verify import Evidence
 from testing.engines import write_sites
@@ -54,6 +56,23 @@ def test_sites_together_are_the_sum_of_each(homes: tuple[Path, Path], tmp_path: 
     for row, home in zip(answer, homes, strict=True):
         (alone,) = ask(connect([home / "logs"]), "SELECT count(*) AS n FROM records").to_pylist()
         assert row["records"] == alone["n"]
+        assert row["steps"] == outline(next((home / "logs").glob("2*.jsonl"))).steps
+
+
+def test_steps_are_those_of_every_session_and_none_is_counted_again(tmp_path: Path) -> None:
+    """An action's end holds the steps of its session so far."""
+    trails = [write_sample(tmp_path, minutes=2, seed=seed) for seed in (1, 2)]
+    (row,) = rows([f"a={tmp_path}"], SITE_QUESTIONS["sites"])
+    walked = [
+        sum("step" in one.body.action for one in records(trail) if isinstance(one.body, ActionEnd)) for trail in trails
+    ]
+    assert row["steps"] == sum(walked) > 6
+
+
+def test_a_site_without_an_action_has_no_steps(tmp_path: Path) -> None:
+    write_sample(tmp_path, minutes=0)
+    (row,) = rows([f"a={tmp_path}"], SITE_QUESTIONS["sites"])
+    assert (row["actions"], row["steps"]) == (0, 0)
 
 
 @pytest.mark.parametrize("name", QUESTIONS)

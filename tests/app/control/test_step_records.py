@@ -227,6 +227,16 @@ def test_the_moments_of_an_action_are_in_order_and_true() -> None:
     assert (end.first_command_ns, end.outcome) == (first_ns, "completed")
 
 
+def test_an_actions_end_holds_the_sessions_steps_and_distance_so_far() -> None:
+    rig = standing()
+    before = now(rig).steps
+    for action in (A.STEP_RIGHT_FIRST, A.STEP_LEFT, A.STEP_RIGHT, A.STEP_END):
+        rig.act(action)
+    ends = every(rig, records.ActionEnd)[-4:]
+    assert [end.steps - before for end in ends] == [1, 2, 3, 4]
+    assert ends[-1].distance_m == now(rig).distance_walked_m
+
+
 def test_the_tracking_error_is_the_joints_root_mean_square() -> None:
     rig = standing()
     rig.joints.stuck = True

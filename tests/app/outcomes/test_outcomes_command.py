@@ -20,6 +20,8 @@ from app.recording.writer import LIBRARY, VERSION
 from app.system.errors import AppError
 from app.system.paths import Home
 from hal.joints.device import DEFAULT_DEVICE, load_exoskeleton
+from logs.read import records
+from logs.records import ActionEnd
 from profiles.schema import DEMO_PATIENT, GaitParameters
 from testing.trails import write_sample
 
@@ -165,6 +167,15 @@ def test_the_report_prints_them(home: Path, tmp_path: Path) -> None:
     assert "has no recording" in page.read_text()
     assert run("--language", "zh", "audit", "report", first, "--home", str(home), "-o", str(page))[0] == 0
     assert "行走距离" in page.read_text()
+
+
+def test_a_trail_alone_counts_each_step_once(tmp_path: Path) -> None:
+    """An action's end holds the steps of its session so far, stairs among them."""
+    trail = write_sample(tmp_path, minutes=2)
+    ends = [one.body for one in records(trail) if isinstance(one.body, ActionEnd)]
+    taken = sum(end.action.startswith("step") for end in ends)
+    assert taken > 6
+    assert find_outcomes(tmp_path / "logs", trail.stem).measures.steps == taken
 
 
 def test_a_session_without_walking_says_so(tmp_path: Path) -> None:
