@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -81,14 +81,17 @@ def _webcam(wanted: CameraRequest) -> Camera:
 
 
 def _recording(wanted: CameraRequest) -> Camera:
-    from hal.cameras.playback import PlaybackCamera, folder_source, video_source
+    from hal.cameras.playback import PlaybackCamera, RecordedFrame, folder_source, video_source
 
-    if not wanted.device:
-        raise HardwareError(RecordingFault.NOT_NAMED)
     path = Path(wanted.device).expanduser()
-    if not path.exists():
-        raise HardwareError(RecordingFault.NOT_FOUND, path=path)
-    source = folder_source(path, wanted.rate_hz) if path.is_dir() else video_source(path)
+
+    def source() -> Iterator[RecordedFrame]:  # looked for when it is opened, as a webcam is: a session tells why not
+        if not wanted.device:
+            raise HardwareError(RecordingFault.NOT_NAMED)
+        if not path.exists():
+            raise HardwareError(RecordingFault.NOT_FOUND, path=path)
+        return folder_source(path, wanted.rate_hz)() if path.is_dir() else video_source(path)()
+
     return PlaybackCamera(path, source, focal_px=wanted.focal_px, mirrored=wanted.mirrored, store=wanted.store)
 
 
