@@ -30,7 +30,6 @@ from app.ipc.states import ACTION_OF, Action, Effect, Event, GaitState, Source
 from app.session.host import Latest
 from app.system.config import SessionSetup
 from app.system.vocabulary import by_key_only, vocabulary_of
-from hal.joints.protocol import Joint
 from kgdfa.distance import DistanceSource
 from kgdfa.gesture import Decision, Gesture
 from kgdfa.press_zone import PressZone
@@ -91,7 +90,7 @@ class FakeHost:
     silent: bool = False
     looking: bool = True  # perception has started
     guardian_gone: bool = False
-    unanswered: tuple[Joint, ...] = ()  # whose drives do not answer the guardian
+    unanswered: tuple[str, ...] = ()  # whose drives do not answer the guardian
     rests_at_once: bool = True
     control_ended: bool = False
 

@@ -14,7 +14,6 @@ from msgspec import Struct
 
 from app.ipc.states import Action, Effect, Event, GaitState, Outcome, PauseCause, Source
 from hal.inputs.device import InputRole
-from hal.joints.protocol import Joint
 from kgdfa.distance import DistanceSource
 from kgdfa.gesture import Gesture
 from kgdfa.press_zone import PressZone
@@ -282,7 +281,7 @@ class GuardianHealth(Struct, frozen=True, kw_only=True, tag="guardian-health"):
     at_ns: int
     acted: bool = False
     fault: Reason | None = None  # why it can't reach the drives
-    unanswered: tuple[Joint, ...] = ()  # whose drives have not answered its damping, or its switching off
+    unanswered: tuple[str, ...] = ()  # joints whose drives have not answered its damping, or its switching off
     foreign_peers: int = 0  # without the session's key, turned away so far
 
 

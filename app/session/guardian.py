@@ -166,7 +166,7 @@ class Guardian:
                     at_ns=now_ns,
                     acted=acted,
                     fault=self._fault,
-                    unanswered=self._reported[1],
+                    unanswered=tuple(joint.name.lower() for joint in self._reported[1]),
                     foreign_peers=self._foreign_peers,
                 )
             )

@@ -16,7 +16,6 @@ from app.ipc.states import Action, Effect, Event, GaitState
 from app.system.paths import Home
 from app.text.catalogue import tr
 from hal.errors import CameraFault
-from hal.joints.protocol import Joint
 from logs.reason import reason
 from profiles.schema import DEMO_PATIENT, DistanceUsed
 from profiles.store import ChangeCause, ProfileStore
@@ -140,7 +139,7 @@ async def test_an_unresponsive_control_is_reported(console: Opener) -> None:
         await open_console.shows("Last state received")
         await open_console.shows("No data from control")
         assert "power on and stand" not in open_console.text()
-        open_console.host.unanswered = (Joint.LEFT_KNEE,)
+        open_console.host.unanswered = ("left_knee",)
         await open_console.shows("Drives do not answer: support the patient, press the emergency stop")
         open_console.host.unanswered = ()
         await open_console.shows("the guardian damps the legs")

@@ -29,7 +29,6 @@ from app.session.shared import share, shared, unshare
 from app.system.config import Config, SessionSetup
 from app.system.errors import AppError
 from app.system.paths import Home
-from hal.joints.protocol import Joint
 from profiles.schema import DEMO_PATIENT
 from tests.app.console.conftest import Opener
 from tests.support.authors import signed_in
@@ -85,7 +84,7 @@ def test_an_observer_receives_and_reports_nothing(setup: SessionSetup) -> None:
 def test_an_observer_is_told_which_process_has_died_and_whose_drives_are_silent(setup: SessionSetup) -> None:
     dead = ProcessStatus(name="guardian", pid=7, alive=False, restarts=0, exit_code=-9)
     status = SessionStatus(at_ns=1, processes=(dead,))
-    health = GuardianHealth(at_ns=1, acted=True, unanswered=(Joint.LEFT_KNEE,))
+    health = GuardianHealth(at_ns=1, acted=True, unanswered=("left_knee",))
     session, guardian = (Publisher(address(setup.links, one.name)) for one in (processes.SESSION, processes.GUARDIAN))
     observer = ObserverHost(msgspec.structs.replace(setup, host_pid=os.getpid()))
     seen: dict[str, object] = {}

@@ -286,7 +286,7 @@ def test_drives_that_do_not_answer_the_guardian_are_named(on_the_bus: tuple[Real
     drives.kill()
     drives.join()
     session.kill("guardian", signal.SIGCONT)
-    session.until(lambda _: session.guardian is not None and session.guardian.unanswered == tuple(Joint), "four joints")
+    session.until(lambda _: session.guardian is not None and len(session.guardian.unanswered) == 4, "four joints")
     session.finish()
     session.until_ended("session", *EVERYBODY)
     (path,) = session_paths(Home(session.setup.home).logs)
