@@ -123,8 +123,9 @@ class ReviewScreen(ConsoleScreen):
         self.query_one("#verdict", Static).update(tr("reviewing.opens", session=sanitize_terminal(path.stem)))
         with self.notify_errors():
             self._finding = None
-            self.session = await asyncio.to_thread(open_session, path)
+            session = await asyncio.to_thread(open_session, path)
             self._comments = await asyncio.to_thread(comments_on, path)
+            self.session = session  # last: a key that moved the cursor before it is set would be undone
             self.query_one(Timeline).show(self.session)
             self._go_to(0)
             self.query_one("#verdict", Static).update(f"{sanitize_terminal(path.stem)}: {tr('reviewing.verifying')}")

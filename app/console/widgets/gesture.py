@@ -89,14 +89,12 @@ def distance_lines(state: SessionState, width: int, height: int, push: Push) -> 
     if report is None or not fresh:
         return (plain("–", "$foreground-muted"), _button(None, state.press_note, width))
     figure = _fault(report, width) or (_figure(report, width),)
-    rows = height - 1 - len(figure)
-    if rows < TRACE_ROWS:
-        return (*figure, _gauge_line(report, width), _button(report, state.press_note, width), *_zone(report, width))
     zone = report.press_zone
     warning = _zone(report, width) if zone is not None and not zone.fits(report.threshold_m) else ()
-    if rows - len(warning) < TRACE_ROWS:
-        warning = ()
-    trace = draw_push(push, state.now_ns, report.threshold_m, width, rows - len(warning))
+    rows = height - 1 - len(figure) - len(warning)
+    if rows < TRACE_ROWS:
+        return (*figure, _gauge_line(report, width), _button(report, state.press_note, width), *_zone(report, width))
+    trace = draw_push(push, state.now_ns, report.threshold_m, width, rows)
     return (*figure, *trace, _button(report, NO_NOTE, width), *warning)  # why a push gave nothing stands in the trace
 
 
