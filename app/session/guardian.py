@@ -39,8 +39,8 @@ ENDING_DAMP_NS = 500 * NS_PER_MS
 LATE_CHECK_NS = 12 * NS_PER_MS
 MISSED_CHECKS = 2
 OFF_NS = 300 * NS_PER_MS
-BACKLOG_NS = 100 * NS_PER_MS  # until then replies to control may be read, which waited in the socket
-ANSWER_NS = 200 * NS_PER_MS
+BACKLOG_NS = 100 * NS_PER_MS  # 25 checks read 6,400 frames a bus: more replies to control than a socket keeps waiting
+ANSWER_NS = 200 * NS_PER_MS  # 25 more checks, each of which asks every drive again
 RETRY_NS = 1_000 * NS_PER_MS
 
 
@@ -141,7 +141,7 @@ class Guardian:
         self._state = GuardianState()
         self._fault = None if self._stop is None else reason(GuardianNotice.BUS_NOT_OPENED)
         self._silent = frozenset(Joint)  # whose drives have not answered the present action
-        self._reported: tuple[GuardianAction, tuple[Joint, ...]] = (GuardianAction.MONITOR, ())  # silent in it
+        self._unanswered = (GuardianAction.MONITOR, tuple[Joint, ...]())  # which action by whom, as it was recorded
         self._ending = False
         self._health_ns = 0
         self._foreign_peers = 0
@@ -166,7 +166,7 @@ class Guardian:
                     at_ns=now_ns,
                     acted=acted,
                     fault=self._fault,
-                    unanswered=tuple(joint.name.lower() for joint in self._reported[1]),
+                    unanswered=tuple(joint.name.lower() for joint in self._unanswered[1]),
                     foreign_peers=self._foreign_peers,
                 )
             )
@@ -212,7 +212,7 @@ class Guardian:
         """Which drives answer what the guardian commands: a frame that was sent has not taken effect by that."""
         action, since_ns = self._state.action, now_ns - self._state.since_ns
         if self._stop is None or action is GuardianAction.MONITOR:
-            self._reported = (action, ())
+            self._unanswered = (action, ())
             return
         if action is not before:
             self._silent = frozenset(Joint)
@@ -220,8 +220,8 @@ class Guardian:
         if since_ns > BACKLOG_NS:
             self._silent -= answered
         silent = tuple(sorted(self._silent))
-        if since_ns > ANSWER_NS and (action, silent) != self._reported:
-            self._reported = (action, silent)
+        if since_ns > ANSWER_NS and (action, silent) != self._unanswered:
+            self._unanswered = (action, silent)
             if silent:
                 self._sink.emit(Note(text=reason(GuardianNotice.NOT_ANSWERED, action=action, joints=silent)))
                 _log.error("drives silent", action=action.value, joints=[joint.name for joint in silent])

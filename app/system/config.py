@@ -34,6 +34,7 @@ class ConfigFault(Enum):
     UNREADABLE = "unreadable"
     UNSUITABLE = "unsuitable"  # detail
     NOT_CHANGED = "not changed"  # detail
+    NO_SUCH_FIELD = "no such field"  # field
 
 
 class CameraConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):

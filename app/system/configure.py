@@ -82,7 +82,7 @@ def _set(document: Any, field: str, typed: str, now: Any) -> None:
     for group in groups:
         table = table.setdefault(group, tomlkit.table())
         if not isinstance(table, dict):
-            raise AppError(ConfigFault.NOT_CHANGED, detail=field)
+            raise AppError(ConfigFault.NO_SUCH_FIELD, field=field)
     if typed == CLEARED:
         table.pop(name, None)
     else:

@@ -157,7 +157,7 @@ class HandKeys(ConsoleScreen):
     def __init__(self) -> None:
         super().__init__()
         self._pressing = False
-        self._shown_s = time.monotonic()  # since when the hand has had its shape before somebody who looks
+        self._shown_s = time.monotonic()  # since when a ready detector could see the hand's present shape
         self._push_waits = False  # until the shape has been shown
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:  # noqa: ARG002
@@ -170,7 +170,7 @@ class HandKeys(ConsoleScreen):
         super().show_session(state)
         if state is not None:
             if state.report is None or not state.report.detector_ready:
-                self._shown_s = time.monotonic()  # perception is starting: nobody has seen the hand
+                self._shown_s = time.monotonic()  # nothing has detected the hand yet
             elif self._push_waits:
                 self._push()
             self.query_one("#picture", Picture).show(state)

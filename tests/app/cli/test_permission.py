@@ -21,7 +21,7 @@ from app.cli.permission import TOKEN_VARIABLE
 from app.cli.tree import tree
 from app.system import operators
 from app.system.authority import Authority, AuthorityFault, Proof, unsigned
-from app.system.config import Config, JointsConfig, load_config
+from app.system.config import Config, ConfigFault, JointsConfig, load_config
 from app.system.enrolment import TokenFault, by_token, enrol, enrol_first, give_pin, issue_token
 from app.system.errors import AppError
 from app.system.operators import PERMISSIONS, Permission, Role
@@ -299,11 +299,17 @@ def test_the_configuration_is_changed_by_an_engineer_with_its_comments_kept(
         language="zh", camera=Config().camera.__class__(rate_hz=25.0), joints=JointsConfig(kind="can")
     )
     assert "language: en → zh" in capsys.readouterr().out
-    for wrong in ("camera.rate_hz=1e9", "nonsense=1", "camera=1"):
+    for wrong, code in {
+        "camera.rate_hz=1e9": ConfigFault.NOT_CHANGED,
+        "nonsense=1": ConfigFault.NOT_CHANGED,
+        "camera=1": ConfigFault.NOT_CHANGED,
+        "language.x=1": ConfigFault.NO_SUCH_FIELD,
+    }.items():
         signs_in(monkeypatch, "Ada")
         before = clinic.config.read_bytes()
-        with pytest.raises(AppError):
+        with pytest.raises(AppError) as refused:
             COMMANDS["configure"].main([wrong], standalone_mode=False)
+        assert refused.value.code is code
         assert clinic.config.read_bytes() == before
 
 

@@ -43,6 +43,7 @@ pytestmark = pytest.mark.serial
 
 EVERYBODY = ("control", "planner", "guardian", "audit")
 DEVICE = load_exoskeleton()
+ALL_JOINTS = tuple(joint.name.lower() for joint in Joint)
 EXIT = bytes.fromhex("FFFFFFFFFFFFFFFD")
 
 
@@ -286,7 +287,7 @@ def test_drives_that_do_not_answer_the_guardian_are_named(on_the_bus: tuple[Real
     drives.kill()
     drives.join()
     session.kill("guardian", signal.SIGCONT)
-    session.until(lambda _: session.guardian is not None and len(session.guardian.unanswered) == 4, "four joints")
+    session.until(lambda _: session.guardian is not None and session.guardian.unanswered == ALL_JOINTS, "four joints")
     session.finish()
     session.until_ended("session", *EVERYBODY)
     (path,) = session_paths(Home(session.setup.home).logs)
