@@ -206,7 +206,7 @@ def _begin(tick: Tick, request: ActionRequest, answer: Started) -> None:
 def _accept(tick: Tick, request: ActionRequest) -> ActionReport:
     number = tick.state.number + 1
     report = new_report(request, number, tick.state.gait.state, tick.now_ns)
-    tick.update(number=number)
+    tick.update(number=number, refusal=None)
     tick.audit.append(command_record(report, **_grounds(tick, request)))
     return report
 

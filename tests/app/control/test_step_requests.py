@@ -206,3 +206,14 @@ def test_without_a_preflight_an_action_is_refused_and_others_are_not() -> None:
     rig.send(K.ACT, A.WALK_END)
     rig.tick(2)
     assert now(rig).gait.closing, "ending a walk needs no pre-flight"
+
+
+def test_a_refusal_is_shown_until_the_next_request_is_granted() -> None:
+    rig = standing()
+    request(rig, A.STEP_LEFT, Source.THERAPIST)
+    rig.tick(3)
+    assert now(rig).refusal
+    request(rig, A.STEP_RIGHT_FIRST, Source.THERAPIST)
+    rig.tick(3)
+    assert now(rig).running is not None
+    assert now(rig).refusal is None
