@@ -10,7 +10,7 @@ from app.console.state import SessionState
 from app.console.widgets.curves import joint_fault
 from app.console.widgets.panel import Lines, plain
 from app.ipc.messages import ControlSnapshot
-from app.ipc.states import Effect, Event, GaitState
+from app.ipc.states import ACTION_OF, Effect, Event, GaitState
 from app.system.vocabulary import VocabularyStatus
 from app.text.catalogue import tr
 
@@ -93,7 +93,7 @@ def _light(check: Check, state: SessionState) -> Light:
 
 
 _LEGS_UNTRUSTED = (GaitState.UNPOWERED, GaitState.BETWEEN)
-_ENDINGS = {Event.SHUTTING_DOWN, Event.SHUTDOWN_DAMPING}
+ENDINGS = {Event.SHUTTING_DOWN, Event.SHUTDOWN_DAMPING}
 
 
 def guidance_line(state: SessionState, keys: dict[str, str], *, watching: bool = False) -> Lines:
@@ -113,6 +113,15 @@ def _down(state: SessionState) -> bool:
     return any(not process.alive and process.exit_code is not None for process in state.processes)
 
 
+_NOT_RESTARTED = {"audit", "guardian", "planner", "control", "link"}  # without any of them no action begins again
+
+
+def process_ended(state: SessionState) -> bool:
+    """Whether a process has ended for good that the session can't go on without."""
+    ended = (one for one in state.all_processes if not one.alive and one.exit_code is not None)
+    return any(one.name in _NOT_RESTARTED for one in ended)
+
+
 def _gone(state: SessionState, name: str) -> bool:
     return any(process.name == name and not process.alive for process in state.processes)
 
@@ -122,9 +131,17 @@ def _unanswered(state: SessionState) -> bool:
     return state.guardian is not None and bool(state.guardian.unanswered)
 
 
+def _may_command(state: SessionState, now: ControlSnapshot | None) -> bool:
+    """Whether the shown gesture's push would begin something now: no push is asked for that is refused."""
+    if now is None or state.report is None or state.report.gesture is None:
+        return False
+    action = ACTION_OF[state.report.gesture]
+    return action in now.allowed and action not in now.by_key_only
+
+
 def _ending(state: SessionState) -> bool:
     """Control's last word was that it ends: its silence after that is no fault."""
-    return any(event.event in _ENDINGS for event in state.events)
+    return any(event.event in ENDINGS for event in state.events)
 
 
 _Applies = Callable[[SessionState, ControlSnapshot | None], bool]
@@ -135,8 +152,14 @@ _STEPS: tuple[tuple[_Applies, str, str], ...] = (
     (lambda state, _: _ending(state) and not _gone(state, "audit"), "ending", "bold $warning"),
     (lambda state, _: not state.snapshot_fresh and _gone(state, "guardian"), "nobody_stops", "bold $error"),
     (lambda state, _: not state.snapshot_fresh and _unanswered(state), "drives_silent", "bold $error"),
+    (lambda state, _: not state.snapshot_fresh and _gone(state, "control"), "control_ended", "bold $error"),
     (lambda state, _: not state.snapshot_fresh, "control_silent", "bold $error"),
     (lambda _, now: now is not None and now.effect is Effect.DAMP, "damped", "bold $error"),
+    (
+        lambda state, now: now is not None and now.action is None and process_ended(state),
+        "process_ended",
+        "bold $error",
+    ),
     (lambda _, now: now is not None and now.effect is Effect.HOLD, "held", "bold $error"),
     (
         lambda _, now: now is not None and now.effect is Effect.PAUSE and now.action is not None,
@@ -149,6 +172,6 @@ _STEPS: tuple[tuple[_Applies, str, str], ...] = (
     (lambda _, now: now is not None and not now.armed, "arm", "bold $accent"),
     (lambda _, now: now is not None and now.state in _LEGS_UNTRUSTED, "initialise", "bold $accent"),
     (lambda state, _: state.report is not None and state.report.pressed, "withdraw", "bold $success"),
-    (lambda state, _: state.report is not None and state.report.gesture is not None, "push", "bold $primary"),
+    (_may_command, "push", "bold $primary"),
     (lambda *_: True, "sign", "$primary"),
 )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from app.console.guidance import ENDINGS, process_ended
 from app.console.state import SessionState
 from app.console.widgets.curves import joint_fault
 from app.console.widgets.panel import Lines, Panel, cells, plain, wrapped
@@ -29,11 +30,7 @@ def hold_lines(state: SessionState, keys: Mapping[str, str], width: int, height:
         return ()
     style = EFFECT_STYLES[Effect.HOLD]
     legs = wrapped(tr("hold.damped" if snapshot.effect is Effect.DAMP else "hold.held"), width - 2)
-    keys_of = "hold.watching" if watching else "hold.damped_key" if snapshot.effect is Effect.DAMP else "hold.held_key"
-    present = any(
-        event.present and event.effect >= Effect.HOLD and event.event not in _PRESSED for event in state.events
-    )
-    next_key = wrapped(tr("hold.wait" if present and not watching else keys_of, **keys), width - 2)
+    next_key = wrapped(tr(_next(state, snapshot, watching=watching), **keys), width - 2)
     below = [*((f"■ {legs[0]}", style), *((f"  {part}", style) for part in legs[1:]))]
     below += [(f"▶ {next_key[0]}", "bold $accent"), *((f"  {part}", "bold $accent") for part in next_key[1:])]
     room = height - len(below)
@@ -47,7 +44,21 @@ def hold_lines(state: SessionState, keys: Mapping[str, str], width: int, height:
     return tuple(plain(text, style) for text, style in lines[-height:])
 
 
-_PRESSED = (Event.STOP, Event.STOP_AGAIN)  # a key that was pressed is over, whatever the row says
+# A key that was pressed is over, whatever the row says; the guardian's damping ends with the joints' power.
+_BY_KEYS = (Event.STOP, Event.STOP_AGAIN, Event.GUARDIAN_ACTED)
+
+
+def _next(state: SessionState, snapshot: ControlSnapshot, *, watching: bool) -> str:
+    """Name of the text that says what comes next."""
+    if any(event.event in ENDINGS for event in state.events):
+        return "guide.ending"
+    if watching:
+        return "hold.watching"
+    if process_ended(state):
+        return "guide.process_ended"
+    if any(event.present and event.effect >= Effect.HOLD and event.event not in _BY_KEYS for event in state.events):
+        return "hold.wait"
+    return "hold.damped_key" if snapshot.effect is Effect.DAMP else "hold.held_key"
 
 
 def _sequence(state: SessionState, snapshot: ControlSnapshot, width: int) -> list[str]:

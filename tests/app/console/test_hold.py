@@ -9,21 +9,25 @@ from math import nan
 import msgspec
 import pytest
 
+from app.console.guidance import next_step
+from app.console.screens.checks import check_lines
 from app.console.state import SessionState
 from app.console.widgets.curves import Curves, draw_joints
 from app.console.widgets.health import Health, health_dot, health_lines, health_of
 from app.console.widgets.hold import held, hold_lines
 from app.console.widgets.wearer import FigurePanel
 from app.ipc.messages import Lateness, RealTime
-from app.ipc.states import Action
+from app.ipc.states import GESTURE_OF, Action, Effect, Event
 from app.motion.wearer import load_wearer
 from app.text.catalogue import tr
 from hal.errors import CameraFault
 from hal.joints.device import Joint
 from hal.joints.protocol import DriveFault
+from kgdfa.gesture import Gesture
 from logs.reason import reason
+from testing.fake_host import event
 from tests.app.console.conftest import Opener
-from tests.app.console.test_sizes import DEVICES, KEYS, READY, STOPPED, text_of
+from tests.app.console.test_sizes import DEVICES, KEYS, MOVING, READY, STOPPED, text_of
 
 
 def test_what_happened_stands_in_order_with_times_from_the_first_cause() -> None:
@@ -147,3 +151,60 @@ async def test_the_page_behind_the_dot(console: Opener) -> None:
         await opened.shows("control: running")
         await opened.press("i")
         await opened.until(lambda: "30 FPS" not in opened.text())
+
+
+def holding(cause: Event, effect: Effect) -> SessionState:
+    """Legs that this event holds."""
+    return changed(effect=effect, events=(event(cause, effect),))
+
+
+def test_the_key_that_ends_the_guardians_damping_is_told_while_it_is_in_force() -> None:
+    text = text_of(hold_lines(holding(Event.GUARDIAN_ACTED, Effect.DAMP), KEYS, 76, 20, watching=False))
+    assert tr("hold.damped_key", **KEYS) in text
+
+
+@pytest.mark.parametrize("watching", [True, False])
+def test_at_the_end_of_a_session_there_is_nothing_to_acknowledge(watching: bool) -> None:
+    ending = holding(Event.SHUTDOWN_DAMPING, Effect.DAMP)
+    text = text_of(hold_lines(ending, KEYS, 76, 20, watching=watching))
+    assert f"▶ {tr('guide.ending')}" in text
+
+
+def without(name: str, state: SessionState = READY) -> SessionState:
+    """A session whose process of this name was killed."""
+    ended = (msgspec.structs.replace(one, alive=False, exit_code=-9) for one in state.processes if one.name == name)
+    return replace(state, processes=(*ended, *(one for one in state.processes if one.name != name)))
+
+
+@pytest.mark.parametrize("name", ["audit", "guardian", "planner"])
+def test_what_a_process_that_stays_down_leaves_to_do_is_told(name: str) -> None:
+    assert next_step(without(name))[0] == "process_ended"
+    assert next_step(without(name, MOVING))[0] == "moving"
+    keys = KEYS | {"checks": "s", "end": "e"}
+    held_without = without(name, holding(Event.PAUSE_TOO_LONG, Effect.HOLD))
+    assert next_step(held_without)[0] == "process_ended"
+    assert tr("guide.process_ended", **keys) in text_of(hold_lines(held_without, keys, 76, 20, watching=False))
+    assert tr("health.ended", name=name, restarts=0) in text_of(check_lines(without(name)))
+
+
+def test_perception_is_restarted_and_the_session_goes_on() -> None:
+    assert next_step(without("perception"))[0] != "process_ended"
+
+
+def test_a_control_that_has_ended_is_told_from_one_that_does_not_answer() -> None:
+    assert READY.snapshot is not None
+    silent = replace(READY, now_ns=READY.snapshot.at_ns + 1_000_000_000)
+    assert next_step(silent)[0] == "control_silent"
+    assert next_step(without("control", silent))[0] == "control_ended"
+
+
+def test_a_push_is_asked_for_only_where_it_begins_something() -> None:
+    assert READY.report is not None
+    shown = {
+        gesture: replace(READY, report=msgspec.structs.replace(READY.report, gesture=gesture)) for gesture in Gesture
+    }
+    pushes = {gesture for gesture, state in shown.items() if next_step(state)[0] == "push"}
+    assert READY.snapshot is not None
+    assert pushes == {GESTURE_OF[action] for action in READY.snapshot.allowed}
+    by_key = msgspec.structs.replace(READY.snapshot, by_key_only=READY.snapshot.allowed)
+    assert all(next_step(replace(state, snapshot=by_key))[0] != "push" for state in shown.values())
