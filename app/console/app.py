@@ -152,7 +152,9 @@ class ConsoleApp(SessionFlow):
         yield from commands(self, screen)
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:  # noqa: ARG002
-        """Without a session the STOP key is an ordinary key."""
+        """Without a session the STOP key is an ordinary key; help has no help, its key closes it."""
+        if action == "help":
+            return not (self.screen_stack and isinstance(self.screen, HelpPage))
         return self.switch.live if action == "stop" else True
 
     def action_stop(self) -> None:

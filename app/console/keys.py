@@ -25,10 +25,10 @@ def _key(id: str, key: str, action: str, *, show: bool = True, priority: bool = 
 
 EVERYWHERE = (
     _key("stop", "space", "stop", priority=True, show=False),
-    _key("help", "f1", "help"),
+    _key("help", "f1", "help", priority=True),
     _key("leave", "ctrl+c", "leave", priority=True, show=False),
     _key("quit", "ctrl+q", "leave", priority=True, show=False),
-    _key("lock", "ctrl+l", "lock_console", show=False),
+    _key("lock", "ctrl+l", "lock_console", show=False, priority=True),
     _key("sign_out", "f4", "sign_out", show=False, priority=True),
     _key("theme", "f2", "next_theme", show=False, priority=True),
     _key("language", "f3", "next_language", show=False, priority=True),

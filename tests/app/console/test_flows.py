@@ -319,3 +319,26 @@ async def test_a_patients_history_follows_the_language(console: Opener) -> None:
         await open_console.shows("没有更改记录。")
         await open_console.press("f3")
         await open_console.shows("No changes recorded.")
+
+
+async def test_help_opens_over_a_dialog_and_its_key_closes_it(console: Opener) -> None:
+    async with console() as open_console:
+        await open_console.press("i")
+        await open_console.shows("Health of machine and links")
+        await open_console.press("f1")
+        await open_console.shows("The figures behind the dot")
+        await open_console.press("f1")
+        await open_console.until(lambda: "The figures behind the dot" not in open_console.text())
+        await open_console.shows("Health of machine and links")
+
+
+@pytest.mark.parametrize("opens", ["e", "s", "f1", "ctrl+p"])
+async def test_the_console_locks_over_whatever_is_open(console: Opener, opens: str) -> None:
+    async with console() as open_console:
+        await open_console.press(*(("t", "0") if opens == "e" else ()), opens)
+        before = open_console.app.screen
+        await open_console.until(lambda: open_console.app.screen is not open_console.app.screen_stack[0])
+        await open_console.press("ctrl+l")
+        await open_console.shows("Press Enter to go on. STOP works as ever.")
+        await open_console.press("ctrl+l", "enter")
+        await open_console.until(lambda: open_console.app.screen is before)
