@@ -342,3 +342,11 @@ async def test_the_console_locks_over_whatever_is_open(console: Opener, opens: s
         await open_console.shows("Press Enter to go on. STOP works as ever.")
         await open_console.press("ctrl+l", "enter")
         await open_console.until(lambda: open_console.app.screen is before)
+
+
+@pytest.mark.parametrize("size", [(60, 20), (80, 24), (130, 40)])
+async def test_a_message_leaves_the_next_step_in_sight(console: Opener, size: tuple[int, int]) -> None:
+    async with console(size=size) as open_console:
+        await open_console.press("o")
+        await open_console.shows("Only while the legs are damped")
+        await open_console.shows("Press c to confirm the patient.")
