@@ -162,13 +162,19 @@ class ConsoleApp(SessionFlow):
         self.switch.press_key()
 
     async def action_leave(self) -> None:
-        """Leave the program; with powered hardware joints only when asked twice."""
+        """Leave the program; with powered hardware joints, or something not saved, only when asked twice."""
         hardware = self.live is not None and needs_sign_in(self.live.host.setup.config)
-        if self._leaving or not (hardware and self.powered()):
+        carries = hardware and self.powered()
+        if self._leaving or not (carries or self._loses()):
             await self._end_now()
             return
         self._leaving = True
-        self.push_screen(Question(lambda: tr("leave.title"), lambda: tr("leave.text")), self._leave_if)
+        title, text = ("leave.title", "leave.text") if carries else ("form.leave_title", "form.leave_text")
+        self.push_screen(Question(lambda: tr(title), lambda: tr(text)), self._leave_if)
+
+    def _loses(self) -> bool:
+        """Whether a screen could not keep what it holds."""
+        return not all(screen.keep() for screen in self.screen_stack if isinstance(screen, ConsoleScreen))
 
     def action_help(self) -> None:
         """Help on the screen that is open."""

@@ -137,11 +137,9 @@ def parse(typed: dict[str, str], base: Profile) -> Parsed:
             errors[field.path] = value
         else:
             _put(built, field.path, value)
-    if errors:
-        return Parsed(None, errors)
-    profile = msgspec.convert(built, type=Profile)
-    wrong = {_path_of(one.field): reason_of(one) for one in reversed(violations(profile))}
-    return Parsed(None if wrong else profile, wrong)
+    profile = msgspec.convert(built, type=Profile)  # what can't be read has the value of `base` meanwhile
+    errors = {_path_of(one.field): reason_of(one) for one in reversed(violations(profile))} | errors
+    return Parsed(None if errors else profile, errors)
 
 
 def _value(field: Field, text: str) -> str | float | Reason | None:

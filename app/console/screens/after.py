@@ -80,7 +80,7 @@ class AfterScreen(ConsoleScreen):
             yield Input(id="note", max_length=2000, compact=True)
             yield Label(tr("after.next"), classes="section")
             locked = not self.console_app.may(Permission.EDIT_PATIENTS)
-            yield Input(str(steps), id="steps", type="integer", max_length=6, compact=True, disabled=locked)
+            yield Input(str(steps), id="steps", restrict="[0-9]*", max_length=6, compact=True, disabled=locked)
             yield Label(tr("after.report", session=self._state.setup.session), classes="hint")
             yield Button(tr("after.save"), id="save", variant="primary")
         yield from self.compose_bottom()
@@ -103,6 +103,11 @@ class AfterScreen(ConsoleScreen):
         else:
             ask(self.app, lambda: tr("form.leave_title"), lambda: tr("form.leave_text"), self._close)
 
+    def keep(self) -> bool:
+        if self._save():
+            self._tell_trail()
+        return self._saved
+
     def _save(self) -> bool:
         """Whether all is in the files."""
         with self.notify_errors():
@@ -115,9 +120,13 @@ class AfterScreen(ConsoleScreen):
         return self._saved
 
     async def _close(self) -> None:
-        """Note and ratings into the trail too, once; it may take seconds until its process has ended."""
-        if self._ending:
-            return
+        """To the list; it may take seconds until the trail's process has ended."""
+        if not self._ending:
+            self._tell_trail()
+            await self.console_app.close_session()
+
+    def _tell_trail(self) -> None:
+        """Note and ratings into the trail too."""
         self._ending = True
         if note := self._note():
             self.console_app.trail.emit(Note(text=note))
@@ -125,7 +134,6 @@ class AfterScreen(ConsoleScreen):
         for name, record, _ in RATINGS:
             if name in given:
                 self.console_app.trail.emit(record(rating=given[name]))
-        await self.console_app.close_session()
 
     def _note(self) -> str:
         return self.query_one("#note", Input).value.strip()

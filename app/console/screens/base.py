@@ -150,6 +150,10 @@ def _reached(breakpoints: list[tuple[int, str]] | None, cells: int) -> str:
 class ConsoleScreen(_Console[None]):
     """A screen of the console."""
 
+    def keep(self) -> bool:
+        """Keep what would be lost if the program ended now; False: it can't, or nobody knows whether it should."""
+        return True
+
 
 class HandKeys(ConsoleScreen):
     """Shows a session's picture; turns keys into movements of the digital hand, which only its camera has."""

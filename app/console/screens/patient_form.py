@@ -18,7 +18,9 @@ from app.console.screens.base import ConsoleScreen
 from app.console.screens.dialogs import ask
 from app.console.widgets.canvas import Canvas
 from app.console.widgets.panel import Lines, content_of
+from app.console.widgets.patient_details import field_name
 from app.text.catalogue import render, tr
+from logs.reason import Reason
 from profiles.anthropometry import estimate_palm
 from profiles.schema import GaitParameters, Profile, Sex
 
@@ -105,9 +107,12 @@ class PatientForm(ConsoleScreen):
         self.dismiss()
         await self.console_app.calibrate(self._base)
 
+    def keep(self) -> bool:
+        return self._typed == self._saved
+
     def action_leave_form(self) -> None:
         """Leave; ask first when something was typed."""
-        if self._typed == self._saved:
+        if self.keep():
             self.dismiss()
         else:
             ask(self.app, lambda: tr("form.leave_title"), lambda: tr("form.leave_text"), self.action_dismiss)
@@ -142,7 +147,7 @@ class PatientForm(ConsoleScreen):
             label = self.query_one(f"#{field.id}-error", Label)
             error = parsed.errors.get(field.path)
             label.display = error is not None
-            label.update("" if error is None else f"✗ {render(error)}")
+            label.update("" if error is None else f"✗ {render(in_words_of_the_form(error))}")
         verdict = tr("form.good") if parsed.profile else tr("form.wrong", count=len(parsed.errors))
         self.query_one("#verdict", Static).update(verdict)
         drawable = parse({**self._typed, "identifier": NEW_PATIENT.identifier, "note": ""}, self._base)
@@ -171,6 +176,13 @@ class PatientForm(ConsoleScreen):
             store.create(profile, by=by, at=now)
         else:
             store.save(msgspec.structs.replace(profile, archived=self._base.archived), by=by, at=now)
+
+
+def in_words_of_the_form(error: Reason) -> Reason:
+    """With the field's label in place of its name in the file."""
+    if "field" not in error.values:
+        return error
+    return msgspec.structs.replace(error, values={**error.values, "field": field_name(str(error.values["field"]))})
 
 
 def draw_step(profile: Profile, columns: int, rows: int) -> Lines:

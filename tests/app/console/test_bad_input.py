@@ -8,6 +8,7 @@ import pytest
 from textual.widgets import Input, Label
 
 from app.console.patient_fields import FIELDS, Kind, parse, to_texts
+from app.console.screens.patient_form import in_words_of_the_form
 from app.console.session_index import Records, SessionRecord
 from app.system.errors import AppError
 from app.system.paths import Home
@@ -41,7 +42,7 @@ async def test_whatever_is_typed_the_form_reports_what_is_wrong(console: Opener)
         def reported(typed: str) -> bool:
             """Each number's fault stands below its field, in words for just what is typed there."""
             errors = parse(to_texts(DEMO_PATIENT) | {field.path: typed for field in numbers}, DEMO_PATIENT).errors
-            wanted = {path: f"✗ {render(error)}" for path, error in errors.items()}
+            wanted = {path: f"✗ {render(in_words_of_the_form(error))}" for path, error in errors.items()}
             labels = {field.path: form.query_one(f"#{field.id}-error", Label) for field in numbers}
             return wanted == {path: label.content for path, label in labels.items() if label.display}
 
@@ -112,3 +113,49 @@ async def test_a_full_disk_loses_nothing_that_was_typed(console: Opener, home: H
         await open_console.press("ctrl+s")
         await open_console.tells("permissions")
         assert open_console.app.screen.query_one("#identifier", Input).value == "P-9"
+
+
+async def test_a_field_is_named_as_its_label_says(console: Opener) -> None:
+    async with console(profile=None, size=(120, 36)) as open_console:
+        await open_console.press("n")
+        await open_console.shows("New patient")
+        open_console.type("stature_m", "-5")
+        await open_console.shows("Stature (cm) is -5 cm: it must lie in 120 to 220 cm.")
+        await open_console.app.speak("zh")
+        await open_console.shows("✗ 身高 (cm)")
+
+
+async def test_leaving_the_program_with_an_unsaved_form_asks_first(console: Opener) -> None:
+    async with console(profile=None) as open_console:
+        await open_console.press("n")
+        await open_console.shows("New patient")
+        open_console.type("identifier", "P-1")
+        await open_console.shows("All values are in range")
+        await open_console.press("ctrl+c")
+        await open_console.shows("Leave without saving?")
+        await open_console.press("n")
+        await open_console.shows("New patient")
+        assert open_console.app.screen.query_one("#identifier", Input).value == "P-1"
+        await open_console.press("ctrl+q")
+        await open_console.shows("Leave without saving?")
+        await open_console.press("ctrl+q")
+        await open_console.until(lambda: open_console.app._exit)
+
+
+async def test_leaving_the_program_after_a_session_keeps_the_note(console: Opener) -> None:
+    async with console() as open_console:
+        await open_console.press("e")
+        await open_console.shows("After the session with demo")
+        open_console.type("note", "tired")
+        await open_console.press("ctrl+c")
+        await open_console.until(lambda: open_console.app._exit)
+        assert [record.note for record in open_console.app.sessions.of("demo")] == ["tired"]
+
+
+async def test_the_next_steps_take_digits_only(console: Opener) -> None:
+    async with console() as open_console:
+        await open_console.press("e")
+        await open_console.shows("After the session with demo")
+        open_console.app.screen.query_one("#steps", Input).focus()
+        await open_console.press("home", "minus", "plus", "a", "7")
+        assert open_console.app.screen.query_one("#steps", Input).value == "7100"
