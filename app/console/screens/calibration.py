@@ -69,12 +69,12 @@ class CalibrationScreen(ConsoleScreen):
             with Vertical(id="wanted"):
                 yield Static(tr("calibration.text"), markup=False)
                 start = DEFAULT_CM.get(self.console_app.config.camera.kind, "30")
-                yield Input(start, id="distance", max_length=8)
+                yield Input(start, id="measured", max_length=8)
                 yield Static(tr("calibration.begin"), id="progress", markup=False)
         yield from self.compose_bottom()
 
     def on_mount(self) -> None:
-        self.query_one("#distance").focus()
+        self.query_one("#measured").focus()
 
     def on_unmount(self) -> None:
         self._end_child()

@@ -102,10 +102,10 @@ class CompareScreen(HandKeys):
 
     def on_input_submitted(self, event: Input.Submitted) -> None:
         """A second camera's name, or the ruler's centimetres."""
+        if event.input.id == "ruler" and not self._set_ruler(event.value):
+            return  # it stays to be corrected; keys that followed would move the hand
         self.set_focus(None)
-        if event.input.id == "ruler":
-            self._set_ruler(event.value)
-        else:
+        if event.input.id == "second":
             self.run_worker(self._open(event.value.strip()))
 
     def action_focus_field(self, field: str) -> None:
@@ -163,15 +163,17 @@ class CompareScreen(HandKeys):
             self.query_one("#other", Picture).show_text(tr("picture.waiting"))
         self.query_one("#depth", Panel).border_title = self._source if looks else tr("compare.depth")
 
-    def _set_ruler(self, typed: str) -> None:
+    def _set_ruler(self, typed: str) -> bool:
+        """Whether it is a distance."""
         try:
             cm = float(typed.replace(",", ".")) if typed.strip() else 0.0
         except ValueError:
             cm = -1.0
-        if 0 <= cm <= LONGEST_CM:
-            self._comparison.ruler_m = cm / 100 if cm else None
-        else:
+        if not 0 <= cm <= LONGEST_CM:
             self.notify(tr("compare.no_ruler", longest=LONGEST_CM), severity="error", markup=False)
+            return False
+        self._comparison.ruler_m = cm / 100 if cm else None
+        return True
 
     def _receive(self) -> None:
         if self._looker is None:

@@ -21,7 +21,7 @@ from app.ipc.states import Effect, GaitState
 from app.text.catalogue import tr
 from app.text.recorded import render_recorded
 from hal.joints.protocol import Joint
-from logs.reason import sanitize_terminal
+from logs.reason import Reason, sanitize_terminal, text_of
 from logs.records import Comment, JointStatistics, Record
 from logs.show import line_of
 
@@ -245,7 +245,9 @@ def _fields(instant: Instant) -> Text:
         return line_of(record, render_recorded)
     text = Text(f"#{record.sequence} {record.process} {sanitize_terminal(record.operator)}\n", "bold")
     for name in record.body.__struct_fields__:
+        value = getattr(record.body, name)
+        shown = text_of(value, render_recorded) if isinstance(value, Reason) else str(value)
         text.append(f"{name}: ", "dim")
-        text.append(f"{sanitize_terminal(str(getattr(record.body, name)))}\n")
+        text.append(f"{sanitize_terminal(shown)}\n")
     text.append(f"hash {record.hash[:16]}…\n", "dim")
     return text

@@ -219,3 +219,17 @@ async def test_the_table_has_every_column_whole(console: Opener, size: tuple[int
         assert row.split()[0:4] == ["30.0", "second", "31.0", "+3.3%"]
         assert len(row.split()) == 10
         assert heading.rstrip().endswith("false" if size[0] == 80 else "false presses")
+
+
+async def test_a_ruler_that_is_no_distance_stays_to_be_corrected(console: Opener) -> None:
+    async with console() as open_console:
+        await open_console.press("v")
+        await open_console.until(lambda: isinstance(open_console.app.screen, CompareScreen))
+        ruler = open_console.app.screen.query_one("#ruler", Input)
+        await open_console.press("r", *"5-", "enter")
+        await open_console.tells("Type the distance")
+        assert ruler.has_focus
+        assert ruler.value == "5-"
+        await open_console.press("backspace", "enter")
+        await open_console.until(lambda: not ruler.has_focus)
+        assert open_console.host.hands == []

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
+import msgspec
 import pytest
 from textual.pilot import Pilot
 
@@ -15,12 +17,14 @@ from app.console.review_data import ReviewedSession, comments_on, comments_path,
 from app.console.screens.patients import PatientsScreen
 from app.console.screens.review import ChooseSession, ReviewScreen, WriteComment
 from app.console.widgets.timeline import LANES, Timeline, about
-from app.ipc.states import GaitState
+from app.ipc.states import Event, GaitState
 from app.system.config import Config
 from app.system.paths import Home
+from app.text.catalogue import render
 from logs.errors import AuditError, AuditFault
 from logs.keys import by_fingerprint, known_keys
 from logs.read import NOT_A_RECORD
+from logs.reason import reason
 from logs.records import EventRaised, Note, Record
 from logs.verify import Evidence, exit_status, verify
 from testing.fake_host import screen_text
@@ -170,3 +174,12 @@ async def test_recorded_states_are_told_in_the_language_in_use(home: Home, sessi
         assert "状态: 站立" in about(session.instant(session.index_at(standing.begin_s)), []).plain
         widths = {timeline.render_line(lane).cell_length for lane in range(len(LANES))}
         assert widths == {timeline.size.width}
+
+
+def test_a_records_reason_is_told_in_words(session: ReviewedSession) -> None:
+    instant = session.instant(0)
+    assert isinstance(instant.record, Record)
+    why = reason(Event.NOT_ARMED)
+    raised = msgspec.structs.replace(instant.record, body=EventRaised(event="not-armed", effect="refuse", text=why))
+    shown = about(replace(instant, record=raised), []).plain
+    assert f"text: {render(why)}" in shown
