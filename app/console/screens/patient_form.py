@@ -147,7 +147,7 @@ class PatientForm(ConsoleScreen):
             label = self.query_one(f"#{field.id}-error", Label)
             error = parsed.errors.get(field.path)
             label.display = error is not None
-            label.update("" if error is None else f"✗ {render(in_words_of_the_form(error))}")
+            label.update("" if error is None else f"✗ {render(labelled(error))}")
         verdict = tr("form.good") if parsed.profile else tr("form.wrong", count=len(parsed.errors))
         self.query_one("#verdict", Static).update(verdict)
         drawable = parse({**self._typed, "identifier": NEW_PATIENT.identifier, "note": ""}, self._base)
@@ -178,7 +178,7 @@ class PatientForm(ConsoleScreen):
             store.save(msgspec.structs.replace(profile, archived=self._base.archived), by=by, at=now)
 
 
-def in_words_of_the_form(error: Reason) -> Reason:
+def labelled(error: Reason) -> Reason:
     """With the field's label in place of its name in the file."""
     if "field" not in error.values:
         return error

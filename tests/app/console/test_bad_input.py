@@ -8,7 +8,7 @@ import pytest
 from textual.widgets import Input, Label
 
 from app.console.patient_fields import FIELDS, Kind, parse, to_texts
-from app.console.screens.patient_form import in_words_of_the_form
+from app.console.screens.patient_form import labelled
 from app.console.session_index import Records, SessionRecord
 from app.system.errors import AppError
 from app.system.paths import Home
@@ -42,7 +42,7 @@ async def test_whatever_is_typed_the_form_reports_what_is_wrong(console: Opener)
         def reported(typed: str) -> bool:
             """Each number's fault stands below its field, in words for just what is typed there."""
             errors = parse(to_texts(DEMO_PATIENT) | {field.path: typed for field in numbers}, DEMO_PATIENT).errors
-            wanted = {path: f"✗ {render(in_words_of_the_form(error))}" for path, error in errors.items()}
+            wanted = {path: f"✗ {render(labelled(error))}" for path, error in errors.items()}
             labels = {field.path: form.query_one(f"#{field.id}-error", Label) for field in numbers}
             return wanted == {path: label.content for path, label in labels.items() if label.display}
 
