@@ -46,6 +46,9 @@ def test_the_pictures_are_whole_and_those_that_the_trail_names(recorded: Path) -
     assert named is not None
     assert named.messages == found.counts
     assert found.counts[schemas.IMAGE] > 0
+    done = CliRunner().invoke(cli, ["recording", "verify", str(path)])
+    assert done.exit_code == 0, done.output
+    assert "pictures are not counted" in done.output
 
 
 def test_control_and_perception_say_what_they_made_and_verify_compares_it(recorded: Path) -> None:
