@@ -6,6 +6,7 @@ overview of the groups imports none of them.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Sequence
 from importlib import import_module
 from typing import Annotated
@@ -41,6 +42,7 @@ _GROUPS = {
     "profile": "Patient profiles.",
     "recording": "What a session's recording holds.",
 }
+_MARKUP = re.compile(r"\[(?=[a-z#/@])")  # what Rich would take for a style, and leave out
 
 
 def _version(wanted: bool) -> None:
@@ -70,12 +72,12 @@ def command(arguments: Sequence[str] | None = None) -> TyperCommand | TyperGroup
 
     built = typer.main.get_command(tree(arguments))
     assert isinstance(built, TyperCommand | TyperGroup)
-    if language() != "en":  # the keys are the English texts
-        _translate_help(built, load(language()).gettext)
+    translate: Callable[[str], str] = load(language()).gettext if language() != "en" else str  # the keys are English
+    _set_help(built, lambda text: _MARKUP.sub(r"\\[", translate(text)))
     return built
 
 
-def _translate_help(command: TyperCommand | TyperGroup, text: Callable[[str], str]) -> None:
+def _set_help(command: TyperCommand | TyperGroup, text: Callable[[str], str]) -> None:
     command.help = text(command.help) if command.help else None
     for parameter in command.params:
         if isinstance(parameter, TyperArgument | TyperOption) and parameter.help:
@@ -83,7 +85,7 @@ def _translate_help(command: TyperCommand | TyperGroup, text: Callable[[str], st
     if isinstance(command, TyperGroup):
         for part in command.commands.values():
             assert isinstance(part, TyperCommand | TyperGroup)
-            _translate_help(part, text)
+            _set_help(part, text)
 
 
 def tree(arguments: Sequence[str] | None = None) -> typer.Typer:

@@ -5,19 +5,29 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import pytest
+import rich.text
+import typer
 from typer.core import TyperCommand, TyperGroup
 
-from app.cli.tree import command
+from app.cli.tree import command, tree
 from app.text.catalogue import languages, use_language
 
 
-def helps(part: TyperCommand | TyperGroup) -> Iterator[str]:
+def helps(part: object) -> Iterator[str]:
     """The help of a command, of its parameters and of the commands in it."""
+    assert isinstance(part, TyperCommand | TyperGroup)
     yield part.help or ""
     yield from (getattr(parameter, "help", None) or "" for parameter in part.params)
     for inner in getattr(part, "commands", {}).values():
-        assert isinstance(inner, TyperCommand | TyperGroup)
         yield from helps(inner)
+
+
+def test_brackets_in_a_help_are_shown() -> None:
+    """Rich takes [inputs] for a style and leaves it out."""
+    english = [text for text in helps(typer.main.get_command(tree())) if "[" in text]
+    shown = [rich.text.Text.from_markup(text).plain for text in helps(command()) if "[" in text]
+    assert "Its name in [[inputs]] of config.toml." in shown
+    assert shown == english
 
 
 @pytest.mark.parametrize("language", sorted(languages().keys() - {"en"}))
