@@ -9,6 +9,7 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 DOCUMENTS = (ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md")))
+_TABLE_RULE = re.compile(r"\|[-:| ]+\|")
 _LINK = re.compile(r"\]\(([^)#:]+)(?:#[^)]*)?\)")
 _FOLDERS = "app|hal|kgdfa|logs|profiles|testing|tests|tools|docs"
 _FILE = re.compile(rf"`((?:{_FOLDERS})/[\w./-]*(?:\.(?:py|toml|po|md|svg)|/))`")
@@ -24,3 +25,11 @@ def test_every_relative_link_leads_somewhere(document: Path) -> None:
 def test_every_file_of_ours_that_is_named_exists(document: Path) -> None:
     named = _FILE.findall(document.read_text(encoding="utf-8"))
     assert [name for name in named if "*" not in name and not (ROOT / name).exists()] == []
+
+
+@pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: str(path.relative_to(ROOT)))
+def test_every_table_has_a_heading(document: Path) -> None:
+    """A blank line within one makes text of the rows below it."""
+    text = re.sub(r"^```.*?^```", "", document.read_text(encoding="utf-8"), flags=re.MULTILINE | re.DOTALL)
+    tables = re.findall(r"(?:^\|.*\n)+", text, flags=re.MULTILINE)
+    assert [table for table in tables if not _TABLE_RULE.fullmatch(([*table.splitlines(), ""])[1])] == []
