@@ -15,6 +15,7 @@ import typer
 from app.cli import main
 from app.cli.common import CliFault
 from app.cli.tree import tree
+from app.evaluate.harness import EvaluateFault, kept_lines
 from app.system.errors import AppError
 from app.system.paths import LockFault
 from app.text.catalogue import render
@@ -153,6 +154,51 @@ def test_a_number_that_is_none_is_refused(path: tuple[str, ...], name: str, valu
         call(path, name, value)
     if isinstance(caught.value, AppError):
         assert caught.value.code is CliFault.NOT_FINITE
+        (option,) = [one.opts[0] for one in COMMANDS[path].params if one.name == name]
+        assert caught.value.values["option"] == option
+
+
+@pytest.mark.parametrize(
+    ("arguments", "named"),
+    [
+        (("simulate", "corners", "--preflight"), "--preflight"),
+        (("simulate", "corners", "--plot", "x.png"), "--plot"),
+        (("simulate", "dropout", "--video", "x.mp4"), "--video"),
+        (("simulate", "dropout", "--gait", "."), "--gait"),
+        (("simulate", "fly"), "dropout"),
+        (("audit", "show", "--since", "yesterday"), "--since yesterday"),
+        (("audit", "show", "--until", "2026-11-21 09:30"), "--until 2026-11-21 09:30"),
+        (("audit", "verify", "--copies", "no"), "no: No such file or directory"),
+        (("configure", "language=xx"), "en, zh"),
+        (("emulate-drives", "--fault", "silent@-1"), "silent@-1"),
+        (("emulate-drives", "--fault", "silent@nan"), "silent@nan"),
+        (("emulate-drives", "--fault", "late=inf"), "late=inf"),
+        (("export", "x", "--to", "csv", "--output", "/proc/out"), "/proc/out can't be written"),
+        (("evaluate", "idle", "--progress", "file"), "file can't be read (JSON is malformed"),
+    ],
+    ids=lambda value: " ".join(value) if isinstance(value, tuple) else "",
+)
+def test_what_would_do_nothing_or_fail_later_is_refused_by_name(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    arguments: tuple[str, ...],
+    named: str,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("RLEEX_HOME", str(tmp_path / "home"))
+    Path("file").write_text("no JSON")
+    status, err = command_line([*arguments], monkeypatch, capsys)
+    assert (status, len(err.splitlines())) == (2, 1), err
+    assert named in err
+    assert sorted(one.name for one in tmp_path.iterdir()) == ["file"]
+
+
+def test_what_an_earlier_run_kept_is_refused_by_its_name(tmp_path: Path) -> None:
+    (tmp_path / "kept").write_text("no JSON")
+    with pytest.raises(AppError) as caught:
+        kept_lines(tmp_path / "kept", dict)
+    assert (caught.value.code, caught.value.values["file"]) == (EvaluateFault.FILE_UNREADABLE, tmp_path / "kept")
 
 
 @pytest.mark.parametrize(("path", "name"), SEEDS)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -13,8 +14,9 @@ from rich.console import Console
 from rich.progress import BarColumn, DownloadColumn, Progress, TimeRemainingColumn
 from rich.table import Table
 from rich.text import Text
+from typer import CallbackParam
 
-from app.cli.common import HomeOption, check_output, print_answer, print_text, sql_of
+from app.cli.common import CliFault, HomeOption, check_output, print_answer, print_text, sql_of
 from app.system.errors import AppError
 from app.system.paths import find_home
 from app.text.catalogue import language, render, tr
@@ -26,6 +28,7 @@ from logs.join import Join, describe_join, join_findings, join_values
 from logs.keys import PUBLIC_FILE, by_fingerprint, known_keys, load_public_key, read_anchors
 from logs.read import find_session, outline, read, records, session_paths
 from logs.read import follow as follow_file
+from logs.reading.errors import cause_of
 from logs.reason import sanitize_terminal
 from logs.show import Filter, RecordSelector, json_of, line_of
 from logs.verify import Evidence, Finding, exit_status
@@ -39,6 +42,25 @@ KeyOption = Annotated[
     list[Path] | None, typer.Option("--key", help="Public key that must have signed; may be repeated.")
 ]
 
+# ISO 8601, or its beginning, as records have it: text is compared.
+_MOMENT = re.compile(r"\d{4}(-\d\d(-\d\d(T\d\d(:\d\d(:\d\d(\.\d+)?)?)?Z?)?)?)?")
+
+
+def _moment(parameter: CallbackParam, value: str) -> str:
+    if value and not _MOMENT.fullmatch(value):
+        raise AppError(CliFault.NO_MOMENT, option=parameter.opts[0], value=value)
+    return value
+
+
+def _mirror(path: Path | None) -> Path | None:
+    """Refuse a mirror that can't be read: nothing would be compared with it. Raises AuditError."""
+    try:
+        if path is not None:
+            next(path.iterdir(), None)
+    except OSError as error:
+        raise AuditError(AuditFault.TRAIL_UNREADABLE, path=path, detail=cause_of(error)) from error
+    return path
+
 
 @cli.command()
 def verify(
@@ -46,7 +68,7 @@ def verify(
         list[Path] | None, typer.Argument(help="Trails, folders or names of sessions, or last; none: the home's.")
     ] = None,
     key: KeyOption = None,
-    copies: Annotated[Path | None, typer.Option(help="Mirror of the checkpoints.")] = None,
+    copies: Annotated[Path | None, typer.Option(callback=_mirror, help="Mirror of the checkpoints.")] = None,
     json: Annotated[Path | None, typer.Option(callback=check_output, help="Write the findings here, too.")] = None,
     home: HomeOption = None,
 ) -> None:
@@ -114,8 +136,8 @@ def key(
 @cli.command()
 def show(
     session: Annotated[str, typer.Argument(help="Path, name, beginning of a name, or last.")] = "last",
-    since: Annotated[str, typer.Option(help="From this UTC time on, e.g. 2026-11-21T09:30.")] = "",
-    until: Annotated[str, typer.Option(help="Up to this UTC time.")] = "",
+    since: Annotated[str, typer.Option(callback=_moment, help="From this UTC time on, e.g. 2026-11-21T09:30.")] = "",
+    until: Annotated[str, typer.Option(callback=_moment, help="Up to this UTC time.")] = "",
     patient: Annotated[str, typer.Option(help="Only this patient.")] = "",
     operator: Annotated[str, typer.Option(help="Only this operator.")] = "",
     state: Annotated[str, typer.Option(help="Only records of this gait state.")] = "",
@@ -139,8 +161,10 @@ def show(
         kinds=tuple(kind or ()),
     )
     folder = find_home(home).logs
-    for path in session_paths(folder) if everything else [find_session(folder, session)]:
-        _print_records(path, RecordSelector(wanted), follow=follow and not everything, as_json=json)
+    paths = session_paths(folder) if everything else [find_session(folder, session)]
+    follow = follow and not everything
+    if not sum(_print_records(path, RecordSelector(wanted), follow=follow, as_json=json) for path in paths):
+        typer.echo(tr("cli.audit.no_records"), err=True)
 
 
 @cli.command()
@@ -276,19 +300,23 @@ def _print_replayed(again: Replayed) -> None:
         print_text("cli.audit.nothing_replayed")
 
 
-def _print_records(path: Path, selector: RecordSelector, *, follow: bool, as_json: bool) -> None:
+def _print_records(path: Path, selector: RecordSelector, *, follow: bool, as_json: bool) -> int:
+    """How many were printed."""
+    count = 0
     console = Console(soft_wrap=True, highlight=False, markup=False, emoji=False)
     found = follow_file(path, lambda: not is_being_written(path)) if follow else read(path)
     try:
         for record in found:
             if not selector.passes(record):
                 continue
+            count += 1
             if as_json:
                 typer.echo(json_of(record))
             else:
                 console.print(line_of(record, render_recorded))
     except KeyboardInterrupt:
-        return
+        pass
+    return count
 
 
 def _outcomes(path: Path) -> tuple[list[tuple[str, str, str]], list[str]]:

@@ -46,6 +46,8 @@ class CliFault(Enum):
     NOT_KEPT = auto()  # doubt
     OUTPUT_UNWRITABLE = auto()  # path, detail
     NOT_FINITE = auto()  # option, value
+    NO_MOMENT = auto()  # option, value
+    OPTION_UNUSED = auto()  # option, command
     NO_TERMINAL = auto()
     SYSTEM = auto()  # detail
 
@@ -102,11 +104,13 @@ def check_output_folder(path: Path | None) -> Path | None:
     if path is None:
         return None
     first = next(one for one in (path, *path.absolute().parents) if one.exists())
-    if first.is_dir():
-        check_output(first / f".{os.getpid()}.try")
-    else:
-        raise AppError(CliFault.OUTPUT_UNWRITABLE, path=path, detail=os.strerror(errno.ENOTDIR))
-    return path
+    try:
+        if not first.is_dir():
+            raise NotADirectoryError(errno.ENOTDIR, os.strerror(errno.ENOTDIR))
+        with tempfile.TemporaryFile(dir=first):
+            return path
+    except OSError as error:
+        raise AppError(CliFault.OUTPUT_UNWRITABLE, path=path, detail=cause_of(error)) from error
 
 
 def check_terminal() -> None:
@@ -122,10 +126,17 @@ MAX_SEED = 2**32 - 1
 PORT = 7447  # app.link.wire.PORT, without its imports
 
 
+def refuse_options(command: str, options: Mapping[str, object]) -> None:
+    """Refuse options that are given and would do nothing. Raises AppError."""
+    for option, value in options.items():
+        if value:
+            raise AppError(CliFault.OPTION_UNUSED, option=option, command=command)
+
+
 def check_finite(parameter: CallbackParam, value: float | None) -> float | None:
     """An option's callback: refuse inf and nan, which pass every range. Raises AppError."""
     if value is not None and not math.isfinite(value):
-        raise AppError(CliFault.NOT_FINITE, option=f"--{parameter.name}", value=value)
+        raise AppError(CliFault.NOT_FINITE, option=parameter.opts[0], value=value)
     return value
 
 

@@ -14,7 +14,7 @@ from app.system.config import load_config
 from app.system.hand_model import MODEL_NAME, set_up_model
 from app.system.operators import Permission
 from app.system.paths import find_home
-from app.text.catalogue import tr
+from app.text.catalogue import tr, use_language
 from logs.reason import sanitize_terminal
 
 cli = typer.Typer()
@@ -51,10 +51,13 @@ def configure(
 ) -> None:
     """Change the configuration, in its own names and units; `none` takes a value away. An engineer signs in first."""
     from app.system.configure import change_config
-    from profiles.files import parse_assignments
+    from profiles.files import CLEARED, parse_assignments
 
     by = sign_in(home, Permission.CONFIGURE)
-    changed = change_config(by, parse_assignments(changes))
+    typed = parse_assignments(changes)
+    if typed.get("language", CLEARED) != CLEARED:
+        use_language(typed["language"])  # refuses one that does not exist
+    changed = change_config(by, typed)
     for field, (before, after) in changed.items():
         typer.echo(sanitize_terminal(f"{field}: {before} → {after}"))
     if not changed:

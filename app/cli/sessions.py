@@ -25,6 +25,7 @@ from app.system.paths import Home, find_home
 from app.text.catalogue import render
 
 if TYPE_CHECKING:
+    from app.outcomes.session import SessionOutcomes
     from logs.sites import Site
 
 cli = typer.Typer()
@@ -61,13 +62,20 @@ def export(
     home: HomeOption = None,
 ) -> None:
     """Hand recordings and outcomes on, units and axes in each file."""
+    from app.outcomes.session import find_outcomes
+    from app.recording.read import find_recording
+
     where = find_home(home)
-    key = _key(where) if deidentify else None
-    for session in sessions:
-        if to is Format.FHIR:
-            print_text("export.written", path=_write_outcomes(where, session, output, key))
-        else:
-            _write_recording(where, session, to, output, key)
+    if to is Format.FHIR:
+        outcomes = [find_outcomes(where.logs, session) for session in sessions]  # all, before the first is written
+        key = _key(where) if deidentify else None
+        for found in outcomes:
+            print_text("export.written", path=_write_outcomes(found, output, key))
+    else:
+        recordings = [find_recording(where.logs, session) for session in sessions]
+        key = _key(where) if deidentify else None
+        for path in recordings:
+            _write_recording(path, to, output, key)
 
 
 def _key(home: Home) -> bytes:
@@ -83,24 +91,20 @@ def _key(home: Home) -> bytes:
         raise AppError(ExportFault.UNWRITABLE, path=home.keys / KEY_FILE, detail=cause_of(error)) from error
 
 
-def _write_recording(home: Home, session: str, to: Format, output: Path, key: bytes | None) -> None:
+def _write_recording(path: Path, to: Format, output: Path, key: bytes | None) -> None:
     from app.recording.deidentify import deidentify_recording
     from app.recording.export import export, is_cut
-    from app.recording.read import find_recording
 
-    path = find_recording(home.logs, session)
     target = export(path, to.value, output, None if key is None else deidentify_recording(path, key))
     print_text("export.written", path=target)
     if is_cut(path):
         print_text("export.cut", path=path)
 
 
-def _write_outcomes(home: Home, session: str, output: Path, key: bytes | None) -> Path:
+def _write_outcomes(found: SessionOutcomes, output: Path, key: bytes | None) -> Path:
     from app.outcomes.fhir import export_bundle
-    from app.outcomes.session import find_outcomes
     from app.recording.deidentify import deidentify
 
-    found = find_outcomes(home.logs, session)
     return export_bundle(found, output, None if key is None else deidentify(found.patient, found.began, key))
 
 

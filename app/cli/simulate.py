@@ -15,7 +15,7 @@ import typer
 from rich.console import Console
 from rich.live import Live
 
-from app.cli.common import HomeOption, Json, bar, check_finite, check_output, wide_console
+from app.cli.common import HomeOption, Json, bar, check_finite, check_output, refuse_options, wide_console
 from app.cli.permission import sign_in
 from app.ipc.states import Action
 from app.system.config import load_config, load_device
@@ -56,6 +56,9 @@ def simulate(
     from app.evaluate.harness import write_json
     from app.evaluate.loop.rehearsal import profile_named, read_norm, verdict_table
 
+    if action in {"corners", "dropout"}:
+        unused = {"--gait": gait, "--video": video, "--preflight": preflight}
+        refuse_options(action, unused | ({"--plot": plot_file} if action == "corners" else {}))
     if preflight:
         sign_in(home, Permission.OPERATE)
     console = wide_console()

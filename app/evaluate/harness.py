@@ -145,8 +145,11 @@ def write_whole(path: Path, content: bytes) -> None:
 
 
 def kept_lines(path: Path | None, kind: type[Kept]) -> tuple[Kept, ...]:
-    """What an earlier run kept there, a line each. Raises InputError and OSError for a file that can't be used."""
-    return () if path is None or not path.exists() else read_json_lines(path, kind)
+    """What an earlier run kept there, a line each. Raises AppError for a file that can't be used."""
+    if path is None or not path.exists():
+        return ()
+    with reading(path):
+        return read_json_lines(path, kind)
 
 
 def keep_line(content: Any, path: Path | None) -> None:
@@ -154,6 +157,15 @@ def keep_line(content: Any, path: Path | None) -> None:
     if path is not None:
         with writing(path), path.open("ab") as file:
             file.write(msgspec.json.encode(content) + b"\n")
+
+
+@contextmanager
+def reading(path: Path) -> Iterator[None]:
+    """The same while reading what an earlier run kept."""
+    try:
+        yield
+    except OSError as error:
+        raise AppError(EvaluateFault.FILE_UNREADABLE, file=path, detail=cause_of(error)) from error
 
 
 @contextmanager

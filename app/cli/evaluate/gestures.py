@@ -91,7 +91,10 @@ def gestures(
     single_look: Annotated[
         bool, typer.Option("--single-look", help="Classify one view of an image, as in video.")
     ] = False,
-    prepare: Annotated[str, typer.Option(help="Preprocessing: none, denoise, sharpen or denoise+sharpen.")] = "none",
+    prepare: Annotated[
+        str,
+        typer.Option(help="Preprocessing: none, denoise, sharpen, denoise+sharpen, brighten, lighten or 'as needed'."),
+    ] = "none",
     home: HomeOption = None,
 ) -> None:
     """Table 3: how well both rule sets recognise gestures, and refuse what is none."""

@@ -217,7 +217,7 @@ def evaluate_foreign(
 ) -> ForeignResult:
     """Every clip, with the outcomes that `keep` holds already. An interrupt ends it with what there is.
 
-    Raises AppError, InputError and OSError for a file that can't be used.
+    Raises AppError for a file that can't be used.
     """
     done = {outcome.name: outcome for outcome in kept_lines(keep, ClipOutcome)}
     made = {clip.name: done[clip.name] for clip in wanted if clip.name in done}

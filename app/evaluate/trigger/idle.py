@@ -23,7 +23,7 @@ from msgspec import Struct, structs
 from rich.table import Table
 
 from app.evaluate.digital import HEIGHT_M, side_of, smooth_path, take, tilted, walk
-from app.evaluate.harness import FRAME_NS, EvaluateFault, Step, table, write_whole
+from app.evaluate.harness import FRAME_NS, EvaluateFault, Step, reading, table, write_whole
 from app.evaluate.noise import residual, with_noise
 from app.evaluate.readings import GESTURE_NAMES
 from app.evaluate.trigger.table6 import THRESHOLD_M, replay_pipeline
@@ -118,7 +118,8 @@ def kept_progress(path: Path | None, settings: IdleSettings) -> IdleResult:
     """What an earlier run kept there. Raises AppError when it is no progress, or that of other settings."""
     if path is None or not path.exists() or not path.stat().st_size:
         return IdleResult(settings=settings)
-    kept = read_json(path, IdleResult)
+    with reading(path):
+        kept = read_json(path, IdleResult)
     if kept.settings != settings:
         raise AppError(EvaluateFault.PROGRESS_OF_OTHERS, file=path)
     return kept

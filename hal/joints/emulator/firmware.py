@@ -6,6 +6,7 @@ Quirks follow the motor entry: it holds its last command for ever or goes limp a
 
 from __future__ import annotations
 
+import math
 import struct
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -68,13 +69,19 @@ def read_schedule(text: str) -> ScheduledFault:
         return ScheduledFault(
             fault=fault,
             joint=Joint[where.strip().upper()] if where else None,
-            after_s=float(seconds) if seconds else 0.0,
-            value=float(value) if value else DEFAULT_VALUE.get(fault, 0.0),
+            after_s=_number(seconds or "0"),
+            value=_number(value) if value else DEFAULT_VALUE.get(fault, 0.0),
         )
     except (KeyError, ValueError) as error:
         faults = ", ".join(fault.value for fault in Fault)
         joints = ", ".join(joint.name.lower() for joint in Joint)
         raise HardwareError(DeviceFault.BAD_FAULT_SCHEDULE, fault=text, joints=joints, known=faults) from error
+
+
+def _number(text: str) -> float:
+    if not 0.0 <= (number := float(text)) < math.inf:
+        raise ValueError(text)
+    return number
 
 
 CYBERGEAR_ID_REPLY = 0xFE

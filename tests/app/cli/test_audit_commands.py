@@ -55,6 +55,14 @@ def test_verify_ends_with_0_1_or_2(home: Path) -> None:
     assert audit("verify", "--home", str(home / "keys"))[0] == 2
 
 
+def test_show_says_when_nothing_passes_its_filters(home: Path) -> None:
+    assert audit("show", "s1", "--home", str(home), "--since", "2026-11-21T09:30Z") == (
+        0,
+        tr("cli.audit.no_records") + "\n",
+    )
+    assert tr("cli.audit.no_records") not in audit("show", "s1", "--home", str(home))[1]
+
+
 def test_verify_takes_a_session_by_name_as_all_others_do(home: Path) -> None:
     for named in ("last", "s1", "s"):
         status, said = audit("verify", named, "--home", str(home))

@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 
 from app.cli import cli
 from app.recording.export import COLUMNS, COORDINATES, ExportFault, export, read_samples, unit_of
-from app.recording.read import survey
+from app.recording.read import RecordingReadFault, survey
 from app.recording.schemas import TOPICS
 from app.recording.writer import RecordingWriter
 from app.system.errors import AppError
@@ -113,6 +113,14 @@ def test_the_command_and_what_it_refuses(recorded: Session, tmp_path: Path) -> N
     done = CliRunner().invoke(cli, ["export", str(recorded.path), "--to", "csv", "--output", str(tmp_path)])
     assert done.exit_code == 0, done.output
     assert (tmp_path / f"{recorded.setup.session}.csv").exists()
+    with pytest.raises(AppError) as caught:
+        CliRunner().invoke(
+            cli,
+            ["export", str(recorded.path), "nobody", "--to", "csv", "--output", str(tmp_path / "none")],
+            catch_exceptions=False,
+        )
+    assert caught.value.code is RecordingReadFault.NO_RECORDING
+    assert not (tmp_path / "none").exists(), "the first is not written when the second is not there"
     empty = tmp_path / "empty.mcap"
     assert RecordingWriter(empty, TOPICS, 0).finish()
     with pytest.raises(AppError) as caught:
