@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -305,7 +305,7 @@ def _print_records(path: Path, selector: RecordSelector, *, follow: bool, as_jso
     count = 0
     console = Console(soft_wrap=True, highlight=False, markup=False, emoji=False)
     found = follow_file(path, lambda: not is_being_written(path)) if follow else read(path)
-    try:
+    with suppress(KeyboardInterrupt):  # the end of following
         for record in found:
             if not selector.passes(record):
                 continue
@@ -314,8 +314,6 @@ def _print_records(path: Path, selector: RecordSelector, *, follow: bool, as_jso
                 typer.echo(json_of(record))
             else:
                 console.print(line_of(record, render_recorded))
-    except KeyboardInterrupt:
-        pass
     return count
 
 
