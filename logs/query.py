@@ -10,6 +10,7 @@ import json
 import threading
 from collections.abc import Iterator, Sequence
 from decimal import Decimal
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -197,6 +198,22 @@ def export(paths: Sequence[Path], output: Path, *, drop_operators: bool) -> int:
     except (duckdb.Error, OSError) as error:
         raise AuditError(AuditFault.UNWRITABLE, path=output, detail=first_line(error)) from error
     return int(count)
+
+
+def lines_of(paths: Sequence[Path]) -> dict[str, int]:
+    """How many lines each trail holds; of Parquet none are counted. Raises AuditError."""
+    counts: dict[str, int] = {}
+    for path in _trails([path for path in paths if path.suffix != ".parquet"]):
+        with open_regular(path) as file:
+            counts[str(path)] = sum(1 for line in iter(partial(file.readline, MAX_LINE), b"") if line.strip())
+    return counts
+
+
+def omitted_lines(connection: duckdb.DuckDBPyConnection, lines: dict[str, int]) -> dict[str, int]:
+    """Trail → its lines that are no records and stand in no row. lines: counted before the connection was made."""
+    rows = dict(connection.execute("SELECT file, count(*) FROM records GROUP BY file").fetchall())
+    missing = {path: count - rows.get(path, 0) for path, count in lines.items()}
+    return {path: count for path, count in missing.items() if count > 0}
 
 
 def as_table(answer: Any, render: Render) -> Table:

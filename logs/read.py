@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
+from itertools import islice
 from pathlib import Path
 
 import msgspec
@@ -18,6 +19,7 @@ from logs.records import ActionEnd, Command, EventRaised, PatientChosen, Record,
 from logs.verify import is_session
 
 _decode = msgspec.json.Decoder(Record).decode
+_BEGINNING = 200  # records; every process begins and the patient is chosen within the first dozens
 NOT_A_RECORD = "not-a-record"  # kinds of what is none
 NOT_UNDERSTOOD = "not-understood"
 
@@ -76,6 +78,13 @@ def follow(path: Path, is_over: Callable[[], bool], pause_s: float = 0.2) -> Ite
 def session_paths(folder: Path) -> list[Path]:
     """The sessions of a folder, oldest first."""
     return [path for path in sorted(folder.glob("*.jsonl")) if is_session(path) and path.is_file()]
+
+
+def patient_of(path: Path) -> str:
+    """The patient of a session, from the trail's beginning; empty: none is named there. Raises AuditError."""
+    beginning = islice(read(path), _BEGINNING)
+    bodies = (record.body for record in beginning if isinstance(record, Record))
+    return next((body.patient for body in bodies if isinstance(body, PatientChosen)), "")
 
 
 def find_session(folder: Path, name: str) -> Path:

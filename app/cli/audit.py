@@ -195,7 +195,11 @@ def replay(
     """Make a session's decisions again from their recorded inputs. Exit status: 0 the same, 1 one differs."""
     from app.replay.session import replay as run
 
-    again = run(records(find_session(find_home(home).logs, session)))
+    path = find_session(find_home(home).logs, session)
+    found = records(path)
+    if not found:
+        raise AuditError(AuditFault.TRAIL_EMPTY, path=path)
+    again = run(found)
     if json:
         _print_json(msgspec.to_builtins(again.to_values()))
     else:
@@ -232,11 +236,15 @@ def query(
     home: HomeOption = None,
 ) -> None:
     """Query many sessions, of one site or several, at once."""
-    from logs.query import QUESTIONS, connect_locked
+    from logs.query import QUESTIONS, connect_locked, lines_of, omitted_lines
     from logs.query import ask as ask_sql
 
     wanted = sql_of(sql, ask, QUESTIONS)
-    print_answer(ask_sql(connect_locked(at or [find_home(home).logs]), wanted), json=json)
+    places = at or [find_home(home).logs]
+    lines = lines_of(places)
+    records_table = connect_locked(places)
+    print_answer(ask_sql(records_table, wanted), json=json)
+    _tell_omitted(omitted_lines(records_table, lines))
 
 
 @cli.command()
@@ -247,10 +255,14 @@ def export(
     home: HomeOption = None,
 ) -> None:
     """Write all records as one Parquet table; patients' pseudonyms stay."""
+    from logs.query import connect, lines_of, omitted_lines
     from logs.query import export as write
 
-    rows = write(at or [find_home(home).logs], parquet, drop_operators=drop_operators)
+    places = at or [find_home(home).logs]
+    lines = lines_of(places)
+    rows = write(places, parquet, drop_operators=drop_operators)
     print_text("cli.audit.exported", path=parquet, records=rows)
+    _tell_omitted(omitted_lines(connect([parquet]), lines))
 
 
 @cli.command()
@@ -273,6 +285,11 @@ def list_sessions(home: HomeOption = None) -> None:
         numbers = (f"{one.duration_s / 60:.1f}", one.records, one.actions, one.stops)
         table.add_row(*(sanitize_terminal(text) for text in texts), *(str(number) for number in numbers))
     Console(highlight=False, markup=False).print(table)
+
+
+def _tell_omitted(omitted: dict[str, int]) -> None:
+    for path, count in omitted.items():
+        typer.echo(sanitize_terminal(tr("cli.audit.omitted", count=count, path=path)), err=True)
 
 
 def _print_json(values: Any) -> None:

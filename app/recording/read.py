@@ -30,6 +30,7 @@ from logs.reading.regular import open_regular
 from logs.records import ProcessStart, RecordingFile, RecordingSent
 
 MOST_RECORD = 64 << 20  # bytes
+TRAIL_SUFFIX = ".jsonl"
 STAMP = "%Y%m%dT%H%M%SZ"  # UTC, with which a session's name begins
 SESSION_NAME = re.compile(r"\d{8}T\d{6}Z-")
 # What the library makes of bytes that are no record; UnicodeDecodeError is a ValueError.
@@ -88,10 +89,12 @@ class Sample:
 
 
 def find_recording(folder: Path, named: str) -> Path:
-    """A recording by its path, or by its session's name, the name's beginning, or "last". Raises AppError."""
+    """A recording by its path or its trail's, its session's name, the name's beginning, or "last". Raises AppError."""
     given = Path(named)
     if given.suffix == RECORDING_SUFFIX:
         return given
+    if given.suffix == TRAIL_SUFFIX:
+        return given.with_suffix(RECORDING_SUFFIX)
     found = sorted(path for path in folder.glob(f"*{RECORDING_SUFFIX}") if not path.name.endswith(PICTURES_SUFFIX))
     matches = found[-1:] if named == "last" else [path for path in found if path.name.startswith(named)]
     if len(matches) != 1:
@@ -113,7 +116,7 @@ def session_of(path: Path) -> str:
 
 def trail_of(path: Path) -> Path:
     """The trail beside a recording."""
-    return path.with_name(f"{session_of(path)}.jsonl")
+    return path.with_name(f"{session_of(path)}{TRAIL_SUFFIX}")
 
 
 def messages(recording: Recording, *topics: str) -> Iterator[Sample]:

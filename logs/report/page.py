@@ -9,6 +9,7 @@ from typing import Any
 import jinja2
 from markupsafe import Markup
 
+from logs.errors import AuditError, AuditFault
 from logs.findings import summary
 from logs.journal import COMMENTS, parts_of
 from logs.read import Outline, outline, outline_of, records, session_paths
@@ -32,13 +33,15 @@ def report(
     outcomes: Sequence[tuple[str, str, str]] = (),
     outcome_notes: Sequence[str] = (),
 ) -> str:
-    """The page of a session, its text made by `render`. Raises AuditError when the file can't be read.
+    """The page of a session, its text made by `render`. Raises AuditError for a file that can't be read or holds none.
 
     outcomes: name, value and smallest change that means something, of what the session's legs were measured to have
     done. outcome_notes: what a reader must know of them, and where each change is from.
     """
     (finding,) = verify([path], evidence)
     found = records(path)
+    if not found:
+        raise AuditError(AuditFault.TRAIL_EMPTY, path=path)
     this = outline_of(found)
     data = data_of(this, found, render)
     earlier = _earlier(path, this)

@@ -14,7 +14,7 @@ from app.cli import cli, main
 from app.system.errors import AppError
 from app.text.catalogue import language, render, tr, use_language
 from logs.disk import Disk
-from logs.errors import AuditError
+from logs.errors import AuditError, AuditFault
 from logs.findings import Status
 from logs.keys import load_or_make_key, load_public_key
 from logs.mirror import SUFFIX, CheckpointCopy, MirrorFault
@@ -95,6 +95,28 @@ def test_sessions_are_listed_and_shown(home: Path) -> None:
     said = audit("show", "--home", str(home), "--kind", "stop")[1]
     assert said.count("\n") == 1
     assert "STOP in standing" in said
+
+
+def test_what_holds_no_record_has_neither_decisions_nor_a_report(home: Path) -> None:
+    junk = home / "junk.jsonl"
+    junk.write_text("no record\n")
+    for arguments in (["replay", str(junk)], ["report", str(junk), "-o", str(home / "report.html")]):
+        status, said = audit(*arguments)
+        assert status != 0
+        assert said.endswith(render(AuditError(AuditFault.TRAIL_EMPTY, path=junk)))
+    assert not (home / "report.html").exists()
+
+
+def test_lines_that_are_no_records_are_counted(home: Path) -> None:
+    trail = home / "logs" / "s1.jsonl"
+    parquet = str(home / "all.parquet")
+    ask = ("query", "SELECT count(*) FROM records", "--at", str(trail))
+    assert "no record" not in audit(*ask)[1] + audit("export", "--at", str(trail), "--parquet", parquet)[1]
+    with trail.open("a") as file:
+        file.write('torn {"body"\n{"kind": "none"}\n')
+    told = tr("cli.audit.omitted", count=2, path=trail)
+    assert told in audit(*ask)[1]
+    assert told in audit("export", "--at", str(trail), "--parquet", parquet)[1]
 
 
 def test_a_private_key_that_others_can_read_is_corrected_and_reported(home: Path) -> None:

@@ -73,5 +73,5 @@ def test_merge_refuses_what_does_not_belong_together(hosts: tuple[Host, Host], t
     assert "contradict each other" in audit("merge", *(str(host.path) for host in hosts))[1]
     empty = tmp_path / "empty.jsonl"
     empty.touch()
-    assert "holds no records" in audit("merge", str(hosts[0].path), str(empty))[1]
+    assert "holds no record of" in audit("merge", str(hosts[0].path), str(empty))[1]
     assert "nothing.jsonl" in audit("merge", str(hosts[0].path), str(tmp_path / "nothing.jsonl"))[1]

@@ -217,6 +217,7 @@ def home_with(tmp_path: Path) -> Home:
 def test_pictures_are_no_recording_of_their_own(tmp_path: Path) -> None:
     home = home_with(tmp_path)
     assert find_recording(home.logs, "s1") == recording_path(home.logs, "s1")
+    assert find_recording(home.logs, str(home.logs / "s1.jsonl")) == recording_path(home.logs, "s1")
     assert find_recording(home.logs, "last") == recording_path(home.logs, "s2")
 
 
