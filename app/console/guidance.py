@@ -9,7 +9,7 @@ from enum import Enum
 from app.console.state import SessionState
 from app.console.widgets.curves import joint_fault
 from app.console.widgets.panel import Lines, plain
-from app.ipc.messages import ControlSnapshot
+from app.ipc.messages import ControlSnapshot, ProcessStatus
 from app.ipc.states import ACTION_OF, Effect, Event, GaitState
 from app.system.vocabulary import VocabularyStatus
 from app.text.catalogue import tr
@@ -51,8 +51,26 @@ def _pressed_once(state: SessionState) -> bool:
     return bool(inputs) and all(one.pressed_once for one in inputs)
 
 
+RECORDERS = {"recording", "bus-log"}  # the legs go on without them
+
+
+def _recorders(state: SessionState) -> list[ProcessStatus]:
+    return [one for one in state.all_processes if one.name in RECORDERS]
+
+
+def _processes_run(state: SessionState) -> bool:
+    needed = [one for one in state.all_processes if one.name not in RECORDERS]
+    return len(needed) >= 5 and all(one.alive for one in needed)
+
+
 CHECKS = (
-    Check("processes", lambda state: len(state.all_processes) >= 5 and all(one.alive for one in state.all_processes)),
+    Check("processes", _processes_run),
+    Check(
+        "recorders",
+        lambda state: all(one.alive for one in _recorders(state)),
+        must=False,
+        applies=lambda state: bool(_recorders(state)),
+    ),
     Check("audit", lambda state: state.audit is not None and not state.audit.fault),
     Check("control", lambda state: state.snapshot_fresh),
     Check("joints", lambda state: state.snapshot is not None and not any(map(joint_fault, state.snapshot.joints))),

@@ -25,7 +25,7 @@ from app.text.recorded import render_recorded
 from logs.errors import AuditError
 from logs.findings import Finding, verdict
 from logs.keys import by_fingerprint, known_keys, read_anchors
-from logs.read import find_session, session_paths
+from logs.read import find_session, patient_of, session_paths
 from logs.reason import sanitize_terminal
 from logs.records import Comment, Record
 from logs.show import line_of
@@ -97,13 +97,14 @@ class ReviewScreen(ConsoleScreen):
         else:
             self._open_named(self._name)
 
-    def _ask(self) -> None:
-        paths = session_paths(self._home.logs)
-        if not paths:
+    @work(exclusive=True)
+    async def _ask(self) -> None:
+        found = await asyncio.to_thread(_sessions, self._home.logs)
+        if not found:
             self.notify(tr("reviewing.none"))
             self.call_later(self.action_close)
             return
-        self.app.push_screen(ChooseSession(paths), self._chosen)
+        self.app.push_screen(ChooseSession(found), self._chosen)
 
     def _chosen(self, path: Path | None) -> None:
         if path is None:
@@ -248,22 +249,34 @@ class ReviewScreen(ConsoleScreen):
         return Text("\n").join(lines)
 
 
+def _sessions(folder: Path) -> list[tuple[Path, str]]:
+    """Every session and its patient; without one where it can't be read, which opening it tells."""
+    found = []
+    for path in session_paths(folder):
+        try:
+            found.append((path, patient_of(path)))
+        except AuditError:
+            found.append((path, ""))
+    return found
+
+
 class ChooseSession(Dialog[Path]):
     """Which session to open, the newest on top."""
 
-    def __init__(self, paths: list[Path]) -> None:
+    def __init__(self, sessions: list[tuple[Path, str]]) -> None:
         super().__init__()
-        self._paths = list(reversed(paths))
+        self._sessions = list(reversed(sessions))  # path, patient
 
     def compose(self) -> ComposeResult:
         with Vertical(classes="dialog") as box:
             box.border_title = tr("reviewing.choose")
-            yield OptionList(*(Option(Text(sanitize_terminal(path.stem))) for path in self._paths))
+            texts = (f"{path.stem}  {patient}".strip() for path, patient in self._sessions)
+            yield OptionList(*(Option(Text(sanitize_terminal(text))) for text in texts))
         yield from self.compose_bottom()
 
     def on_option_list_option_selected(self, event: OptionList.OptionSelected) -> None:
         """Open it."""
-        self.dismiss(self._paths[event.option_index])
+        self.dismiss(self._sessions[event.option_index][0])
 
 
 class WriteComment(Dialog[str]):

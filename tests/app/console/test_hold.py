@@ -9,14 +9,14 @@ from math import nan
 import msgspec
 import pytest
 
-from app.console.guidance import next_step
+from app.console.guidance import Light, next_step, results
 from app.console.screens.checks import check_lines
 from app.console.state import SessionState
 from app.console.widgets.curves import Curves, draw_joints
 from app.console.widgets.health import Health, health_dot, health_lines, health_of
 from app.console.widgets.hold import held, hold_lines
 from app.console.widgets.wearer import FigurePanel
-from app.ipc.messages import Lateness, RealTime
+from app.ipc.messages import Lateness, ProcessStatus, RealTime
 from app.ipc.states import GESTURE_OF, Action, Effect, Event
 from app.motion.wearer import load_wearer
 from app.text.catalogue import tr
@@ -185,6 +185,19 @@ def test_what_a_process_that_stays_down_leaves_to_do_is_told(name: str) -> None:
     assert next_step(held_without)[0] == "process_ended"
     assert tr("guide.process_ended", **keys) in text_of(hold_lines(held_without, keys, 76, 20, watching=False))
     assert tr("health.ended", name=name, restarts=0) in text_of(check_lines(without(name)))
+
+
+@pytest.mark.parametrize("name", ["recording", "bus-log"])
+def test_the_next_step_stays_when_a_recorder_ends(name: str) -> None:
+    recorded = replace(
+        READY, processes=(*READY.processes, ProcessStatus(name=name, pid=9, alive=True, restarts=0, exit_code=None))
+    )
+    assert results(recorded)["recorders"] is Light.GREEN
+    ended = without(name, recorded)
+    assert next_step(ended) == next_step(READY)
+    assert (results(ended)["recorders"], results(ended)["processes"]) == (Light.AMBER, Light.GREEN)
+    assert tr("health.ended", name=name, restarts=0) in text_of(check_lines(ended))
+    assert "recorders" not in results(READY)
 
 
 def test_perception_is_restarted_and_the_session_goes_on() -> None:

@@ -23,7 +23,7 @@ from app.system.paths import Home
 from app.text.catalogue import render
 from logs.errors import AuditError, AuditFault
 from logs.keys import by_fingerprint, known_keys
-from logs.read import NOT_A_RECORD
+from logs.read import NOT_A_RECORD, outline, session_paths
 from logs.reason import reason
 from logs.records import EventRaised, Note, Record
 from logs.verify import Evidence, exit_status, verify
@@ -136,6 +136,8 @@ async def test_without_a_name_it_asks_which(home: Home) -> None:
         screen = ReviewScreen(home)
         await opened(app, pilot, screen)
         await until(pilot, lambda: isinstance(app.screen, ChooseSession))
+        (path,) = session_paths(home.logs)
+        assert f"{path.stem}  {outline(path).patient}" in screen_text(app)
         await pilot.press("enter")
         await until(pilot, lambda: screen.session is not None)
 
