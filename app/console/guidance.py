@@ -14,8 +14,6 @@ from app.ipc.states import ACTION_OF, Effect, Event, GaitState
 from app.system.vocabulary import VocabularyStatus
 from app.text.catalogue import tr
 
-_PATIENCE_S = 8.0  # starting the processes and loading the hand model
-
 
 class Light(Enum):
     """How a check stands: shape, and a colour that only repeats it."""
@@ -105,7 +103,7 @@ def _light(check: Check, state: SessionState) -> Light:
         return Light.GREEN
     if not check.must and state.snapshot is not None:
         return Light.AMBER
-    if check.operator or (state.elapsed_s < _PATIENCE_S and not state.fault):
+    if check.operator or state.starting:
         return Light.WAITING
     return Light.RED
 

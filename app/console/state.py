@@ -38,6 +38,7 @@ class PressNote:
 
 
 NO_NOTE = PressNote()
+PATIENCE_S = 8.0  # starting the processes and loading the hand model
 
 
 class ProcessFault(Enum):
@@ -113,6 +114,11 @@ class SessionState:
     def elapsed_s(self) -> float:
         """Since the session began."""
         return (self.now_ns - self.started_ns) / 1e9
+
+    @property
+    def starting(self) -> bool:
+        """Whether the processes start and the hand model loads, as far as patience goes."""
+        return self.elapsed_s < PATIENCE_S and not self.fault
 
 
 def fold(state: SessionState, latest: Latest, now_ns: int) -> SessionState:

@@ -34,11 +34,12 @@ def health_of(state: SessionState) -> Health:
         return Health.BAD if state.fault else Health.SLOW
     ended = any(not process.alive for process in state.all_processes)
     unwritten = state.audit is not None and state.audit.fault is not None
-    stale = not (state.snapshot_fresh and state.report_fresh)
-    if report is None or report.camera_fault or stale or ended or unwritten or any(map(joint_fault, snapshot.joints)):
+    blind = not state.starting if report is None else bool(report.camera_fault) or not state.report_fresh
+    if blind or not state.snapshot_fresh or ended or unwritten or any(map(joint_fault, snapshot.joints)):
         return Health.BAD
     late = snapshot.lateness.p99_ms > LATE_MS or snapshot.report_age_ms > SLOW_MS
-    return Health.SLOW if late or report.fps < LEAST_FPS or not snapshot.real_time.fifo else Health.GOOD
+    slow = report is None or late or report.fps < LEAST_FPS or not snapshot.real_time.fifo
+    return Health.SLOW if slow else Health.GOOD
 
 
 def health_dot(state: SessionState) -> Part:
