@@ -102,6 +102,7 @@ class StreamState(Struct, frozen=True, kw_only=True):
 
     report: TriggerReport | None = None
     report_ns: int
+    release_count: int = 0  # the highest of this perception
     recognised: bool = False  # the hand model has been loaded since the session's start
     console_ns: int
     audit: AuditHealth | None = None
@@ -148,6 +149,7 @@ def update_streams(streams: StreamState, inputs: Inputs, lease: int) -> StreamSt
     return StreamState(
         report=inputs.report or streams.report,
         report_ns=now_ns if inputs.report else streams.report_ns,
+        release_count=_release_count(streams, inputs.report),
         recognised=streams.recognised or (inputs.report is not None and inputs.report.detector_ready),
         console_ns=max(streams.console_ns, *(one.sent_ns for one in inputs.commands if one.lease == lease), 0),
         audit=inputs.audit or streams.audit,
@@ -177,7 +179,7 @@ def new_release(streams: StreamState, report: TriggerReport | None) -> ActionReq
 
     streams: as they were before this report. A count that grew acts once, in a perception that restarted from 0.
     """
-    if report is None or report.released_gesture is None or not _is_new(streams.report, report):
+    if report is None or report.released_gesture is None or not report.release_count > _counted(streams, report):
         return None
     return ActionRequest(
         action=ACTION_OF[report.released_gesture],
@@ -187,7 +189,12 @@ def new_release(streams: StreamState, report: TriggerReport | None) -> ActionReq
     )
 
 
-def _is_new(before: TriggerReport | None, report: TriggerReport) -> bool:
-    if before is None or before.incarnation != report.incarnation:
-        return report.release_count > 0
-    return report.release_count > before.release_count
+def _counted(streams: StreamState, report: TriggerReport) -> int:
+    """The releases that this perception had counted before."""
+    before = streams.report
+    return streams.release_count if before is not None and before.incarnation == report.incarnation else 0
+
+
+def _release_count(streams: StreamState, report: TriggerReport | None) -> int:
+    """A count that falls and grows again is not counted twice."""
+    return streams.release_count if report is None else max(_counted(streams, report), report.release_count)

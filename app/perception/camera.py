@@ -32,13 +32,14 @@ class PerceptionNote(Enum):
 class CameraSupervisor:
     """Frames from a camera that may be unplugged: closed when it fails, opened again with a growing pause.
 
-    fault: why no frames come, None while they do.
+    fault: why no frames come, None while they do. openings: how often it was opened.
     """
 
     camera: Camera
     on_fault: Callable[[Reason], None] = field(default=lambda _: None)
     fault: Reason | None = None
     ended: bool = False
+    openings: int = 0
     _open: bool = False
     _failures: int = 0
     _next_try_s: float = 0.0
@@ -76,6 +77,7 @@ class CameraSupervisor:
             self._lost(now_s, reason_of(error))
             return False
         self._open = True
+        self.openings += 1
         _log.info("camera opened", camera=self.camera.name)
         return True
 

@@ -225,6 +225,11 @@ class Loading:
             raise self._error
         return self._value
 
+    def close(self) -> None:
+        """Close what was built."""
+        if self._value is not None:
+            self._value.close()
+
     def _run(self) -> None:
         try:
             self._value = self._build()

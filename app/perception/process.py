@@ -29,13 +29,14 @@ from app.perception.reporting import (
     Scale,
     frames_per_second,
     hand_frame,
+    with_counts,
     with_report,
 )
 from app.recording.schemas import HAND_TOPICS
 from app.recording.sink import RecordingSink
 from app.system.config import SessionSetup
 from app.system.scheduling import avoid_control_core, gc_freeze, set_scheduling
-from hal.cameras.camera import Frame
+from hal.cameras.camera import Frame, Intrinsics
 from kgdfa.button import ButtonMode, ButtonPlace
 from kgdfa.draw import draw
 from kgdfa.pipeline import Pipeline, PipelineInput, Report
@@ -89,6 +90,9 @@ class Perception:
         self._scale: Scale | None = None
         self._rate = MeasuredRate()
         self._frame: Frame | None = None  # the newest: it carries the intrinsics
+        self._last: Report | None = None
+        self._lens: tuple[str, Intrinsics] | None = None  # the camera that the pipeline is built for
+        self._openings = 0
         self._last_captured_ns = 0
         self._ending = False
 
@@ -114,12 +118,8 @@ class Perception:
     def close(self) -> None:
         """Release everything; the camera first, since others wait for it."""
         self._camera.close()
-        detector = self._detector.ready()
-        if detector is not None:
-            detector.close()
-        self._record_rate()
-        for record in self._decisions.end() if self._decisions else ():
-            self._sink.emit(record)
+        self._detector.close()
+        self._end_decisions()
         if self._recording is not None:
             self._recording.close()
             self._sink.emit(RecordingSent(messages=dict.fromkeys(HAND_TOPICS, self._sequence)))  # one each a report
@@ -143,12 +143,19 @@ class Perception:
             text = reason(Event.FOREIGN_PEER, count=peers)
             self._sink.emit(EventRaised(event=Event.FOREIGN_PEER.value, effect="note", text=text))
 
+    def _end_decisions(self) -> None:
+        self._record_rate()
+        for record in self._decisions.end() if self._decisions else ():
+            self._sink.emit(record)
+
     def _take(self, frame: Frame) -> None:
+        self._check_camera(frame)
         self._last_captured_ns = frame.captured_ns
         self._captures.append(frame.captured_ns)
         report = self._process(frame)
         self._send_report(report, frame.captured_ns)
         if report is not None:
+            self._last = report
             self._ready = True  # from the next frame on: the first is late, since the pipeline is built in it
             assert self._decisions is not None  # made with the pipeline
             for record in self._decisions.take(report):
@@ -158,6 +165,22 @@ class Perception:
             self._pictures.take(frame)
         if self._pacer.due(time.monotonic_ns()):
             self._send_preview(frame, report)
+
+    def _check_camera(self, frame: Frame) -> None:
+        """Begin anew when the camera came back as another one, or with another lens or image size.
+
+        Distances by the old lens would be wrong by as much as the images are larger. The new incarnation says that
+        presses and releases are counted from 0 again.
+        """
+        lens = self._camera.camera.name, frame.intrinsics
+        if self._openings != self._camera.openings and self._lens not in (None, lens):
+            self._end_decisions()
+            self._pipeline = self._place = self._zone = self._scale = self._decisions = self._last = self._frame = None
+            self._rate, self._ready = MeasuredRate(), False
+            self._captures.clear()
+            self._incarnation = max(time.monotonic_ns() // 1_000_000, self._incarnation + 1)
+        if self._openings != self._camera.openings:
+            self._openings, self._lens = self._camera.openings, lens
 
     def _process(self, frame: Frame) -> Report | None:
         """The frame through the chain; None while the hand model is loading."""
@@ -215,7 +238,7 @@ class Perception:
             focal_assumed=self._scale is not None and assembly.rests_on_assumption(self._scale),
             press_zone=self._zone,
         )
-        message = with_report(without_hand, report)
+        message = with_report(without_hand, report) if report is not None else with_counts(without_hand, self._last)
         self._reports.send(message)
         if self._recording is not None:
             self._recording.send(hand_frame(message, report, self._recording.lost))

@@ -22,9 +22,16 @@ from logs.records import Body, Cancel, GestureOnset, Hint, Press, Release
 FPS_WINDOW = 30  # frames
 
 
-def with_report(message: TriggerReport, report: Report | None) -> TriggerReport:
-    """The message of one frame; without a pipeline report it stays "no hand" with the reason why."""
-    return message if report is None else _with_button(_with_hand(message, report), report)
+def with_report(message: TriggerReport, report: Report) -> TriggerReport:
+    """The message of one frame."""
+    return _with_button(_with_hand(message, report), report)
+
+
+def with_counts(message: TriggerReport, last: Report | None) -> TriggerReport:
+    """The message while no frame comes: no hand, and the counts of the last frame, since one that falls acts twice."""
+    if last is None:
+        return message
+    return msgspec.structs.replace(_with_button(message, last), pressed=False, press_hint=None)
 
 
 def hand_frame(message: TriggerReport, report: Report | None, lost: int) -> HandFrame:

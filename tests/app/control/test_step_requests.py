@@ -78,6 +78,21 @@ def test_a_release_acts_once_however_often_it_is_reported() -> None:
     assert not records_of(rig, records.Refusal)
 
 
+def test_a_count_that_falls_and_grows_again_commands_once_and_refuses_nothing() -> None:
+    rig = standing()
+    rig.release(Gesture.ONE)
+    rig.tick(20)
+    rig.settle()
+    for released in ({"release_count": 0, "released_gesture": None, "released_ns": 0}, {}):
+        rig.report = released
+        rig.tick(40)
+    assert len(records_of(rig, records.Command)) == 1
+    assert not records_of(rig, records.Refusal)
+    rig.release(Gesture.FOUR)
+    rig.tick(20)
+    assert len(records_of(rig, records.Command)) == 2
+
+
 @pytest.mark.parametrize(
     ("age_ms", "acts"), [(30, True), (160, True), (204, False), (900, False), (-40, True), (-90, False)]
 )

@@ -13,7 +13,14 @@ from msgspec import structs
 
 from app.ipc.messages import TriggerReport
 from app.perception.pipeline import rests_on_assumption
-from app.perception.reporting import MeasuredRate, Scale, frames_per_second, records_between, with_report
+from app.perception.reporting import (
+    MeasuredRate,
+    Scale,
+    frames_per_second,
+    records_between,
+    with_counts,
+    with_report,
+)
 from app.text.catalogue import render
 from kgdfa.button import (
     ButtonComparison,
@@ -101,9 +108,26 @@ WITHOUT_HAND = TriggerReport(
 
 
 def test_no_report_is_reported_as_no_hand_with_its_reason() -> None:
-    message = with_report(structs.replace(WITHOUT_HAND, camera_fault=reason_of(OSError("unplugged"))), None)
+    message = with_counts(structs.replace(WITHOUT_HAND, camera_fault=reason_of(OSError("unplugged"))), None)
     assert (message.hand, message.gesture, message.pressed, message.release_count) == (False, None, False, 0)
     assert (message.camera_fault, message.captured_ns) == (reason_of(OSError("unplugged")), 3)
+
+
+def test_without_a_frame_the_counts_stay() -> None:
+    pressed = ButtonState(
+        pressed=True,
+        release_count=2,
+        released_gesture=Gesture.ONE,
+        released_ns=7,
+        released_recognised_ns=6,
+        cancel_count=1,
+        hint=PressHint.KEEP_GESTURE,
+    )
+    last = replace(REPORT, button=pressed)
+    seen, without = with_report(WITHOUT_HAND, last), with_counts(WITHOUT_HAND, last)
+    counted = ("release_count", "released_gesture", "released_ns", "released_recognised_ns", "cancel_count")
+    assert [getattr(without, name) for name in counted] == [getattr(seen, name) for name in counted]
+    assert (seen.pressed, without.pressed, without.press_hint, without.hand) == (True, False, None, False)
 
 
 def test_message_carries_the_safe_distance_beside_the_shown_one() -> None:
@@ -225,7 +249,7 @@ def test_the_message_reports_where_a_press_works_with_a_hand_and_without() -> No
     zone = PressZone(followed_from_m=0.13, whole_from_m=0.18, visible_to_m=1.6, threshold_m=0.2, rest_beyond_m=0.24)
     around = structs.replace(WITHOUT_HAND, press_zone=zone)
     assert with_report(around, REPORT).press_zone == zone
-    assert with_report(around, None).press_zone == zone
+    assert with_counts(around, None).press_zone == zone
 
 
 @pytest.mark.parametrize(
