@@ -31,6 +31,7 @@ class AuditFault(Enum):
     NO_RECORD = auto()  # sequence, last
     AMBIGUOUS_SESSION = auto()  # name, matches, folder
     JOURNAL_UNREADABLE = auto()  # path, detail
+    NOT_UTF8 = auto()
     JOURNAL_NOT_WRITTEN = auto()  # cause
     ANCHOR_DAMAGED = auto()  # path, detail
     KEY_UNUSABLE = auto()  # path, detail

@@ -14,7 +14,10 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from enum import Enum, auto
+from hashlib import sha256
 from pathlib import Path
+
+import msgspec
 
 from logs.disk import Disk
 from logs.errors import AuditError, AuditFault
@@ -78,10 +81,14 @@ def parts_of(path: Path) -> list[Path]:
 
 
 def part_is_cut(path: Path, anchor: Anchor) -> bool:
-    """Whether a sound part lacks the anchored record."""
+    """Whether a sound part lacks the anchored record. A line that only names its hash is not that record."""
     with open_regular(path) as file:
         lines = iter(lambda: file.readline(MAX_LINE), b"")
-        return not any((parts := unseal(line)) and parts[1] == anchor.hash for line in lines)
+        return not any((parts := unseal(line)) and parts[1] == anchor.hash == _digest(parts[0]) for line in lines)
+
+
+def _digest(content: bytes) -> str:
+    return sha256(content).hexdigest()
 
 
 def current_part(path: Path, key: ConsoleKey) -> tuple[Path, Scan | None, list[LogRecovered]]:
@@ -141,6 +148,10 @@ def append_signed(
 ) -> None:
     """Append records to a journal and sign them; returns when they are on the disk. Raises AuditError if not."""
     disk = disk or Disk()
+    try:
+        msgspec.json.encode(bodies)
+    except UnicodeEncodeError as error:  # a command's argument that is no UTF-8
+        raise AuditError(AuditFault.NOT_UTF8) from error
     with _one_at_a_time(key.folder):
         try:
             path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)

@@ -70,11 +70,14 @@ QUESTIONS: dict[str, str] = {
         FROM records WHERE kind = 'action-end' GROUP BY session, patient ORDER BY session, patient
         """,
     "refusals": """
-        SELECT gesture, count(*) AS requests,
-               sum(CASE WHEN kind = 'refusal' THEN 1 ELSE 0 END) AS refused,
-               avg(CASE WHEN kind = 'refusal' THEN 1e0 ELSE 0e0 END) AS rate
-        FROM records WHERE kind IN ('command', 'refusal') AND gesture IS NOT NULL
-        GROUP BY gesture ORDER BY rate DESC, gesture
+        WITH sums AS (
+            SELECT gesture,
+                   sum(CASE WHEN kind = 'command' OR coalesce(number, 0) = 0 THEN 1 ELSE 0 END) AS requests,
+                   sum(CASE WHEN kind = 'refusal' THEN 1 ELSE 0 END) AS refused
+            FROM records WHERE kind IN ('command', 'refusal') AND gesture IS NOT NULL GROUP BY gesture
+        )
+        SELECT gesture, requests, refused, refused * 1e0 / requests AS rate
+        FROM sums ORDER BY rate DESC, gesture
         """,
     "response": """
         SELECT substr(wall, 1, 10) AS day, count(*) AS actions,
@@ -189,8 +192,15 @@ def export(paths: Sequence[Path], output: Path, *, drop_operators: bool) -> int:
     Pseudonyms of patients stay. Without operators, their names leave the column and every body that names one.
     """
     names = ", ".join(map(quoted, _NAMES))
-    named = f"kind IN ({names}) OR (kind = 'change' AND json_extract_string(body, '$.subject') = 'operator')"
-    cleared = f"REPLACE ('' AS operator, CASE WHEN {named} THEN '{{}}' ELSE body END AS body)"
+    # A takeover is a note that names the new operator.
+    named = (
+        f"kind IN ({names}) OR (kind = 'change' AND json_extract_string(body, '$.subject') = 'operator') "
+        f"OR (kind = 'note' AND json_extract_string(body, '$.text.values.operator') IS NOT NULL)"
+    )
+    cleared = (
+        f"REPLACE ('' AS operator, CASE WHEN {named} THEN NULL ELSE text END AS text, "
+        f"CASE WHEN {named} THEN '{{}}' ELSE body END AS body)"
+    )
     columns = f"* {cleared}" if drop_operators else "*"
     try:
         copy = f"COPY (SELECT {columns} FROM records) TO {quoted(str(output))} (FORMAT parquet)"

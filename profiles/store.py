@@ -121,6 +121,8 @@ class ProfileStore:
         """Keep a profile as it is now, and what changed. None: nothing did."""
         with self._locked():
             known = self._path(profile.identifier).exists() or profile.identifier == DEMO_PATIENT.identifier
+            if not known and self._taken(profile.identifier):
+                raise ProfileError(ProfileFault.PATIENT_EXISTS, identifier=profile.identifier)
             before = self.load(profile.identifier) if known else None
             return self._write(profile, before, by=by, at=at, why=why)
 

@@ -200,7 +200,7 @@ def _console_lost_ns(now: ControlSnapshot | None) -> int:
 def control_killed(home: Path) -> float:
     """From control's death to the last of the four drives' damping frames on the bus, ms."""
     drives = {joint.can_id for joint in load_exoskeleton().joints}
-    with emulated_drives(JointsConfig(kind="can"), wearer=False) as joints:
+    with emulated_drives(JointsConfig(kind="can"), wearer=None) as joints:
         sniffer = Sniffer(joints.interface, joints.channel)
         try:
             with RealSession(home, joints) as session:

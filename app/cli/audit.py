@@ -49,7 +49,7 @@ _MOMENT = re.compile(r"\d{4}(-\d\d(-\d\d(T\d\d(:\d\d(:\d\d(\.\d+)?)?)?Z?)?)?)?")
 def _moment(parameter: CallbackParam, value: str) -> str:
     if value and not _MOMENT.fullmatch(value):
         raise AppError(CliFault.NO_MOMENT, option=parameter.opts[0], value=value)
-    return value
+    return value.removesuffix("Z")  # behind every digit: a beginning with it would pass nothing of its minute
 
 
 def _mirror(path: Path | None) -> Path | None:
@@ -112,7 +112,7 @@ def merge(
     console = Console(soft_wrap=True, highlight=False, markup=False, emoji=False)
     for one in merged:
         if json:
-            typer.echo(msgspec.json.encode(merged_values(one, (first, second))).decode())
+            _print_json(msgspec.to_builtins(merged_values(one, (first, second))))
         else:
             console.print(merged_line(one, began_ns, render_recorded))
     if not json:
@@ -353,7 +353,8 @@ def evidence_of(paths: list[Path], given: list[Path] | None, copies: Path | None
     beside = _logs_folder(paths[0]).parent / "keys"
     folder = find_home(home).keys if home or not beside.is_dir() else beside
     keys = tuple(load_public_key(path) for path in given) if given else known_keys(folder)
-    anchors = read_anchors(folder) if folder == beside else {}  # they are for the trails of their own home only
+    is_own = folder.resolve() == beside.resolve()  # anchors are for the trails of their own home only
+    anchors = read_anchors(folder) if is_own else {}
     return Evidence(keys=by_fingerprint(keys), copies=copies, anchors=anchors)
 
 

@@ -152,7 +152,8 @@ def demo(
     if verbose:
         set_verbose()
     base = load_config(place.config)
-    with hold_home(place), joints_for(joints, base) as joints_config, ExitStack() as stack:
+    wearer = demo_patient(seed, distance, ProfileStore(place.profiles).load(patient) if patient else DEMO_PATIENT)
+    with hold_home(place), joints_for(joints, base, wearer) as joints_config, ExitStack() as stack:
         check_legs_free(place)
         start_log(place, "demo")
         set_scheduling("console")  # in whose place it is
@@ -162,7 +163,6 @@ def demo(
         if two_hosts:
             other = Home(Path(stack.enter_context(TemporaryDirectory(prefix="rleex-joints-"))))
             config = stack.enter_context(second_computer(place, other, config))
-        wearer = demo_patient(seed, distance, ProfileStore(place.profiles).load(patient) if patient else DEMO_PATIENT)
         with busy_processes(load), spinner(console, total=len(ALL_TWELVE)) as watch:
             result = run_session(
                 place,

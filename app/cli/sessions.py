@@ -172,7 +172,7 @@ def query(
     wanted = sql_of(sql, ask, SITE_QUESTIONS)
     found = find_sites(sites or [str(find_home(home).root)])
     for site in found:
-        known = check_site(site, lambda path: evidence_of([path], None, None, home))
+        known = check_site(site, lambda path: evidence_of([path], None, None, None if sites else home))
         typer.echo(render(known), err=True)
     print_answer(_answer(found, wanted, spark), json=json)
 

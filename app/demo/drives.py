@@ -18,7 +18,7 @@ from app.motion.plan import body_of
 from app.system.config import Config, JointsConfig, JointsKind, load_device
 from app.system.errors import AppError
 from hal.joints.emulator.emulator import run_emulator
-from profiles.schema import DEMO_PATIENT
+from profiles.schema import DEMO_PATIENT, Profile
 
 
 class DemoFault(Enum):
@@ -33,12 +33,12 @@ class DemoFault(Enum):
 
 
 @contextmanager
-def joints_for(kind: JointsKind, base: Config) -> Iterator[JointsConfig]:
-    """The joints' configuration; for `can` the drives are emulated while the body runs."""
+def joints_for(kind: JointsKind, base: Config, wearer: Profile) -> Iterator[JointsConfig]:
+    """The joints' configuration; for `can` the drives are emulated, with the wearer's body on them."""
     if kind == "simulated":
         yield JointsConfig(kind="simulated", device=base.joints.device)
         return
-    with emulated_drives(base.joints) as joints:
+    with emulated_drives(base.joints, wearer=wearer) as joints:
         yield joints
 
 
@@ -52,8 +52,8 @@ def private_channel() -> str:
 
 
 @contextmanager
-def emulated_drives(base: JointsConfig, *, wearer: bool = True) -> Iterator[JointsConfig]:
-    """The configuration that reaches the emulated drives; with a `wearer` the demo patient's body hangs on them.
+def emulated_drives(base: JointsConfig, *, wearer: Profile | None = DEMO_PATIENT) -> Iterator[JointsConfig]:
+    """The configuration that reaches the emulated drives, on which the wearer's body hangs; None: nobody's.
 
     Raises AppError when the emulator does not start.
     """
@@ -65,7 +65,7 @@ def emulated_drives(base: JointsConfig, *, wearer: bool = True) -> Iterator[Join
         target=run_emulator,
         args=(device, INTERFACE, channel),
         kwargs={
-            "body": body_of(DEMO_PATIENT) if wearer else None,
+            "body": body_of(wearer) if wearer is not None else None,
             "motors": Path(base.motors) if base.motors else None,
             "ready": ready,
             "stop": stop,

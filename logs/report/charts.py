@@ -129,7 +129,8 @@ def earlier(sessions: Sequence[Outline], t: Wording) -> Markup:
 
 def clock(at_s: float) -> str:
     """Minutes and seconds."""
-    return f"{int(at_s // 60)}:{at_s % 60:04.1f}"
+    minutes, seconds = divmod(round(at_s, 1), 60)
+    return f"{minutes:.0f}:{seconds:04.1f}"
 
 
 def _event_bands(data: ReportData) -> list[Band]:

@@ -103,12 +103,20 @@ def _cut(path: Path) -> None:
     path.write_bytes(b"".join(path.read_bytes().splitlines(keepends=True)[:2]))
 
 
+def _cut_and_named(path: Path) -> None:
+    """Cut; behind it a torn line that only names the hash of the record that was last."""
+    lines = path.read_bytes().splitlines(keepends=True)
+    forged = msgspec.json.encode({"body": {"x": 1}, "hash": msgspec.json.decode(lines[-1])["hash"]})
+    path.write_bytes(b"".join(lines[:2]) + forged + b"\n")
+
+
 def _damage(path: Path) -> None:
     path.write_bytes(path.read_bytes().replace(b"entry-1", b"ENTRY-1"))
 
 
 @pytest.mark.parametrize(
-    ("tamper", "found"), [(_cut, Found.CUT), (_damage, Found.DAMAGED), (Path.unlink, Found.MISSING)]
+    ("tamper", "found"),
+    [(_cut, Found.CUT), (_cut_and_named, Found.CUT), (_damage, Found.DAMAGED), (Path.unlink, Found.MISSING)],
 )
 @pytest.mark.parametrize("name", JOURNALS)
 def test_going_on_hides_nothing(journals: Trail, name: str, tamper: Callable[[Path], None], found: Found) -> None:

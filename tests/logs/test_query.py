@@ -6,14 +6,19 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from msgspec import structs
 
+from app.ipc.states import ConsoleChange, RequestRefusal
 from logs import records as r
+from logs.disk import Disk
 from logs.errors import AuditError, AuditFault
 from logs.journal import CHANGES, Moment, append_signed
 from logs.keys import load_or_make_key
 from logs.query import QUESTIONS, ask, connect, export
 from logs.read import records, session_paths
+from logs.reason import reason
 from testing.trails import write_sample
+from tests.support.audit_trails import write_session
 
 
 @pytest.fixture(scope="module")
@@ -46,9 +51,21 @@ def test_the_refusal_rate_is_that_of_the_records(logs: Path, bodies: list[r.Body
     connection = connect([logs])
     for row in rows(ask(connection, QUESTIONS["refusals"])):
         refused = sum(isinstance(b, r.Refusal) and b.gesture == row["gesture"] for b in bodies)
-        requests = refused + sum(isinstance(b, r.Command) and b.gesture == row["gesture"] for b in bodies)
+        later = sum(isinstance(b, r.Refusal) and b.gesture == row["gesture"] and b.number > 0 for b in bodies)
+        requests = refused - later + sum(isinstance(b, r.Command) and b.gesture == row["gesture"] for b in bodies)
         assert (row["refused"], row["requests"]) == (refused, requests)
         assert row["rate"] == pytest.approx(refused / requests)
+
+
+def test_a_request_that_was_granted_and_then_refused_counts_once(tmp_path: Path) -> None:
+    key = load_or_make_key(tmp_path / "keys")
+    granted = r.Command(number=1, action="walk", source="gesture", gesture="5", state="standing")
+    refused = r.Refusal(
+        number=1, action="walk", source="gesture", gesture="5", reason=reason(RequestRefusal.COMING_TO_REST)
+    )
+    write_session(tmp_path, "s1", key, Disk(), (granted, refused, structs.replace(granted, number=2)))
+    (row,) = rows(ask(connect([tmp_path / "s1.jsonl"]), QUESTIONS["refusals"]))
+    assert row == {"gesture": "5", "requests": 2, "refused": 1, "rate": 0.5}
 
 
 def test_response_and_faults_are_those_of_the_records(logs: Path, bodies: list[r.Body]) -> None:
@@ -101,6 +118,15 @@ def test_a_changed_operators_name_is_left_out_too(tmp_path: Path) -> None:
     assert b"Ann Berg" not in parquet.read_bytes()
     (row,) = rows(ask(connect([parquet]), "SELECT body->>'$.name' AS name FROM records WHERE body LIKE '%mass_kg%'"))
     assert row["name"] == "P-017"
+
+
+def test_the_name_of_who_took_over_is_left_out_too(tmp_path: Path) -> None:
+    key, parquet = load_or_make_key(tmp_path / "keys"), tmp_path / "records.parquet"
+    taken = r.Note(text=reason(ConsoleChange.TAKEN_OVER, operator="Ann Berg", lease=2))
+    write_session(tmp_path, "s1", key, Disk(), (taken, r.Note(text=reason(ConsoleChange.NOBODY_CAME))))
+    export([tmp_path / "s1.jsonl"], parquet, drop_operators=True)
+    assert b"Ann Berg" not in parquet.read_bytes()
+    assert b"NOBODY_CAME" in parquet.read_bytes()
 
 
 def test_torn_and_foreign_lines_become_no_rows(logs: Path, tmp_path: Path) -> None:

@@ -140,6 +140,18 @@ def test_an_identifier_is_taken_once_whatever_its_case(store: ProfileStore, pati
         store.create(changed(patient, identifier="demo"), by=Named("anna"), at=at)
 
 
+def test_an_imported_identifier_that_differs_in_case_only_is_refused(
+    store: ProfileStore, patient: Profile, at: datetime, tmp_path: Path
+) -> None:
+    store.create(patient, by=Named("anna"), at=at)
+    other = ProfileStore(tmp_path / "other")
+    other.create(changed(patient, identifier="p-0042"), by=Named("ben"), at=at)
+    other.export("p-0042", tmp_path / "out.toml")
+    with pytest.raises(ProfileError, match="PATIENT_EXISTS"):
+        store.import_file(tmp_path / "out.toml", by=Named("anna"), at=at)
+    assert [one.identifier for one in store.list().profiles] == ["P-0042", "demo"]
+
+
 @pytest.mark.parametrize("name", ["", "../etc", "a/b", "a.b", "ä", "-a", "a" * 41, "a b", "\x1b[2J"])
 def test_hostile_identifiers_never_become_paths(store: ProfileStore, patient: Profile, at: datetime, name: str) -> None:
     with pytest.raises(ProfileError, match="IDENTIFIER"):

@@ -106,7 +106,7 @@ def of_a_real_session(root: Path) -> list[Body]:
     place = Home(root)
     leave_torn(place)
     with ExitStack() as drives:
-        config = drives.enter_context(emulated_drives(JointsConfig(kind="can"), wearer=False))
+        config = drives.enter_context(emulated_drives(JointsConfig(kind="can"), wearer=None))
         with RealSession(root, config) as session:
             session.send(OperatorKind.CONFIRM_PATIENT)
             session.until(lambda now: now.patient_confirmed and bool(now.allowed), "readiness")

@@ -16,9 +16,10 @@ from app.text.catalogue import language, render, tr, use_language
 from logs.disk import Disk
 from logs.errors import AuditError, AuditFault
 from logs.findings import Status
+from logs.journal import CHANGES, append_signed
 from logs.keys import load_or_make_key, load_public_key
 from logs.mirror import SUFFIX, CheckpointCopy, MirrorFault
-from logs.read import follow
+from logs.read import follow, read
 from logs.reason import key_of
 from logs.records import Note, Record
 from logs.scan import Break
@@ -60,7 +61,10 @@ def test_show_says_when_nothing_passes_its_filters(home: Path) -> None:
         0,
         tr("cli.audit.no_records") + "\n",
     )
-    assert tr("cli.audit.no_records") not in audit("show", "s1", "--home", str(home))[1]
+    shown = audit("show", "s1", "--home", str(home))[1]
+    assert tr("cli.audit.no_records") not in shown
+    minute = next(read(home / "logs" / "s1.jsonl")).wall[:16]
+    assert audit("show", "s1", "--home", str(home), "--since", f"{minute}Z")[1] == shown
 
 
 def test_verify_takes_a_session_by_name_as_all_others_do(home: Path) -> None:
@@ -117,6 +121,26 @@ def test_lines_that_are_no_records_are_counted(home: Path) -> None:
     told = tr("cli.audit.omitted", count=2, path=trail)
     assert told in audit(*ask)[1]
     assert told in audit("export", "--at", str(trail), "--parquet", parquet)[1]
+
+
+def test_a_cut_journal_is_told_however_the_home_is_written(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    key = load_or_make_key(home / "keys")
+    for text in ("one", "two"):
+        append_signed(home / "logs" / CHANGES, "changes", [Note(text=text)], key, moment(0))
+    changes = home / "logs" / CHANGES
+    changes.write_bytes(b"".join(changes.read_bytes().splitlines(keepends=True)[:2]))
+    link = home.parent / "link"
+    link.symlink_to(home)
+    monkeypatch.chdir(home.parent)
+    for written in (str(home), home.name, f"./{home.name}", "link"):
+        assert audit("verify", "--home", written)[0] == 1, written
+
+
+def test_text_that_is_no_utf_8_is_refused_before_anything_is_written(home: Path) -> None:
+    key = load_or_make_key(home / "keys")
+    with pytest.raises(AuditError, match="NOT_UTF8"):
+        append_signed(home / "logs" / CHANGES, "changes", [Note(text="\udcff")], key, moment(0))
+    assert not (home / "logs" / CHANGES).exists()
 
 
 def test_a_private_key_that_others_can_read_is_corrected_and_reported(home: Path) -> None:

@@ -58,6 +58,11 @@ def test_merge_prints_one_timeline(hosts: tuple[Host, Host]) -> None:
     assert noted == sorted(noted)
     assert len(noted) == 60
     assert "uncertain by at most" in said
+    status, said = audit("merge", "--json", *paths)
+    assert (status, said.isascii()) == (0, True)
+    assert [json.loads(line)["at_ns"] for line in said.splitlines()] == sorted(
+        json.loads(line)["at_ns"] for line in said.splitlines()
+    )
     status, said = audit("merge", *paths, "--json")
     rows = [json.loads(line) for line in said.splitlines()]
     assert [row["at_ns"] for row in rows] == sorted(row["at_ns"] for row in rows)

@@ -57,7 +57,7 @@ def session(tmp_path: Path) -> Iterator[RealSession]:
 @pytest.fixture
 def on_the_bus(tmp_path: Path) -> Iterator[tuple[RealSession, Sniffer]]:
     """With emulated drives on a bus, and a witness on it."""
-    with emulated_drives(JointsConfig(kind="can"), wearer=False) as joints:
+    with emulated_drives(JointsConfig(kind="can"), wearer=None) as joints:
         sniffer = Sniffer(joints.interface, joints.channel)
         try:
             with RealSession(tmp_path, joints) as one:
