@@ -78,8 +78,8 @@ def use_configured_language(arguments: list[str]) -> None:
     from app.system.paths import find_home
     from app.text.catalogue import use_language
 
-    words = [word for argument in arguments for word in argument.split("=", 1)]
-    given = next((Path(after) for option, after in pairwise(words) if option == "--home"), None)
+    parts = [part for argument in arguments for part in argument.split("=", 1)]
+    given = next((Path(after) for option, after in pairwise(parts) if option == "--home"), None)
     with suppress(AppError):
         use_language(load_config(find_home(given).config).language)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,7 @@ from app.control.inputs import Settings
 from app.ipc.states import Action, GaitState
 from app.motion.follower import gains_of
 from app.motion.plan import body_of, patient_of
-from app.motion.preflight import cleared_actions
+from app.motion.preflight import cleared_by, preflight_records
 from app.motion.trajectory import nominal_pose, scene_of
 from app.system.config import SessionSetup, load_device
 from app.system.paths import Home
@@ -67,7 +68,16 @@ def drives_of(setup: SessionSetup, settings: Settings) -> Drives:
 
 def cleared_of(setup: SessionSetup) -> frozenset[Action] | None:
     """The actions whose pre-flight this patient has passed in this device; None where none is needed (simulated)."""
+    return clearance_of(setup)()
+
+
+def clearance_of(setup: SessionSetup) -> Callable[[], frozenset[Action] | None]:
+    """What answers `cleared_of` again and again, for the device as its file describes it now. Raises HardwareError.
+
+    It raises nothing, and a file that is edited during a session changes no limit that is in force, and so no answer.
+    """
     if setup.config.joints.kind == "simulated":
-        return None
+        return lambda: None
     device = device_of(setup)
-    return cleared_actions(Home(setup.home), patient_of(setup.profile, device), device)
+    kept = preflight_records(Home(setup.home), patient_of(setup.profile, device), device)
+    return lambda: cleared_by(kept)

@@ -143,10 +143,13 @@ def _refuse(tick: Tick, running: RunningAction, why: Reason, event: RaisedEvent 
 
 
 def _accept_next_step(tick: Tick, running: RunningAction, plan: Plan) -> None:
-    """Keep the plan of a step that may follow; a step that can't be planned ends the walk before it."""
+    """Keep the plan of a step that may follow; a step that can't be planned ends the walk before it.
+
+    So does a closing step: a walk that could not be ended goes no farther.
+    """
     if plan.check.ok:
         tick.update(running=replace(running, next_steps={**running.next_steps, plan.phase: plan}))
-    elif plan.action is Action.WALK:
+    else:
         tick.change_gait(Change.WALK_CLOSED)
 
 
@@ -193,6 +196,7 @@ def _move(tick: Tick, running: RunningAction) -> None:
 def _complete_movement(tick: Tick, running: RunningAction) -> None:
     assert running.plan is not None
     state = tick.state
+    phases = gait_machine.following_phases(state.gait)
     tick.state = replace(
         state,
         steps=state.steps + running.plan.steps,
@@ -203,13 +207,23 @@ def _complete_movement(tick: Tick, running: RunningAction) -> None:
         tick.update(motion=follower.hold(tick.state.motion))
         _end(tick, running, Outcome.COMPLETED, running.walk_ended_by)
         return
-    # It is there: `next_step_missing` holds the legs before it could be missing.
-    onward = running.next_steps[tick.state.gait.phase]
+    onward = running.next_steps.get(tick.state.gait.phase)
+    if onward is None:  # the walk was closed too late for `next_step_missing` to halt the legs before
+        _halt(tick, next((running.next_steps[phase] for phase in phases if phase in running.next_steps), None))
+        return
     tick.update(
         running=replace(running, plan=onward, next_steps={}),
         motion=follower.start_plan(tick.state.motion, onward),
     )
     _request_next_steps(tick)
+
+
+def _halt(tick: Tick, path: Plan | None) -> None:
+    """Hold at the end of a step that nothing may follow; the legs still move there and slow down along another step."""
+    motion = tick.state.motion
+    tick.update(motion=follower.hold(motion) if path is None else follower.start_plan(motion, path))
+    tick.change_gait(Change.INTERRUPTED)
+    stop_action(tick, reason(RequestRefusal.PLANNER_TIMEOUT))
 
 
 def _request_next_steps(tick: Tick) -> None:

@@ -12,7 +12,7 @@ import time
 from msgspec.structs import asdict, replace
 
 from app.audit.sink import AuditSink
-from app.control.assembly import cleared_of, drives_of, settings_of
+from app.control.assembly import clearance_of, drives_of, settings_of
 from app.control.inputs import DriveOrder, Inputs, Outputs, Settings
 from app.control.links import ControlLinks
 from app.control.recording import TickRecorder
@@ -57,7 +57,8 @@ class Control:
 
     def __init__(self, setup: SessionSetup, real_time: RealTime) -> None:
         self._setup = setup
-        self._cleared = cleared_of(setup)
+        self._clearance = clearance_of(setup)
+        self._cleared = self._clearance()
         self._real_time = real_time
         self._settings = settings_of(setup)
         self._by_key_only = by_key_only(self._settings.vocabulary)
@@ -131,7 +132,7 @@ class Control:
         running = self._state.running if self._state else None
         received = self._links.receive(self._tick, planning=running is not None and bool(running.awaited_plans))
         if self._tick % CLEARED_TICKS == 0 and not self._drives.powered:
-            self._cleared = cleared_of(self._setup)  # a pre-flight may have passed meanwhile; it reads files
+            self._cleared = self._clearance()  # a pre-flight may have passed meanwhile; it reads files
         if self._tick % PARENT_TICKS == 0:
             self._must_end = self._must_end or self._setup.orphaned
         return Inputs(

@@ -69,10 +69,15 @@ def handle_gesture(tick: Tick) -> None:
 
 
 def lacks_preflight(tick: Tick) -> bool:
-    """Whether an action requested in this tick has not passed the pre-flight it needs; ending a walk needs none."""
-    cleared = tick.inputs.cleared
-    return cleared is not None and any(
-        request.action not in cleared and request.action is not Action.WALK_END for request in tick.requests
+    """Whether an action requested at rest has not passed the pre-flight it needs; ending a walk needs none.
+
+    During a movement nothing could start: what is ignored there raises no event that would end a walk.
+    """
+    cleared, resting = tick.inputs.cleared, tick.state.gait.running is None
+    return (
+        cleared is not None
+        and resting
+        and any(request.action not in cleared and request.action is not Action.WALK_END for request in tick.requests)
     )
 
 
@@ -232,6 +237,7 @@ def _voice_stop(tick: Tick, command: OperatorCommand) -> None:
 
 
 def _record_stop(tick: Tick, command: OperatorCommand, by: StopSource, effect: Effect) -> None:
+    tick.stopped = True
     tick.update(
         stop_ns=command.sent_ns,
         stop_received_ns=tick.now_ns,
@@ -249,11 +255,15 @@ def _record_stop(tick: Tick, command: OperatorCommand, by: StopSource, effect: E
 
 
 def _acknowledge(tick: Tick, command: OperatorCommand) -> None:
-    """It covers what was in force when it was sent: a STOP on its heels stays."""
-    waiting = [one for one in tick.state.events if acknowledges(command.sent_ns, one)]
-    tick.acknowledged_ns = command.sent_ns
-    if tick.state.stop_ns < command.sent_ns:
-        tick.update(stop_presses=0, voice_stopped=False)
+    """It covers what was in force when it was sent: a STOP on its heels stays.
+
+    So does a STOP that came in the same tick, whose event has not been raised yet: nothing is acknowledged beside it.
+    """
+    waiting = [one for one in tick.state.events if not tick.stopped and acknowledges(command.sent_ns, one)]
+    if not tick.stopped:
+        tick.acknowledged_ns = command.sent_ns
+        if tick.state.stop_ns < command.sent_ns:
+            tick.update(stop_presses=0, voice_stopped=False)
     since_ns = min((one.since_ns for one in waiting), default=tick.now_ns)
     tick.audit.append(
         records.Acknowledgement(

@@ -86,6 +86,7 @@ class Tick:
     settings: Settings
     requests: list[ActionRequest] = field(default_factory=list)
     acknowledged_ns: int = 0
+    stopped: bool = False  # a STOP came in this tick
     drives: DriveOrder = DriveOrder.NONE
     plan_requests: list[PlanRequest] = field(default_factory=list)
     audit: list[Body] = field(default_factory=list)

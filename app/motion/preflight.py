@@ -7,7 +7,7 @@ name its file in the home. Whatever changes, a new rehearsal is due.
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from enum import Enum
 from importlib.metadata import version
 from pathlib import Path
@@ -82,7 +82,17 @@ def _why_not(record: Path, action: Action) -> Reason | None:
 
 def cleared_actions(home: Home, patient: Patient, device: Exoskeleton) -> frozenset[Action]:
     """The actions that have passed."""
-    return frozenset(action for action in Action if preflight_passed(home, patient, device, action).passed)
+    return cleared_by(preflight_records(home, patient, device))
+
+
+def preflight_records(home: Home, patient: Patient, device: Exoskeleton) -> dict[Action, Path]:
+    """Where the verdicts for exactly these parameters are kept, or will be."""
+    return {action: _record(home, patient, device, action) for action in Action}
+
+
+def cleared_by(kept: Mapping[Action, Path]) -> frozenset[Action]:
+    """The actions that have passed by what is kept now; a verdict that can't be read clears nothing."""
+    return frozenset(action for action, record in kept.items() if _why_not(record, action) is None)
 
 
 def run_preflight(

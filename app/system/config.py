@@ -12,6 +12,7 @@ from msgspec.structs import replace
 
 from app.ipc.streams import LinkDirectory
 from app.system.errors import AppError
+from hal.errors import HardwareError
 from hal.inputs.device import InputDevice, check_inputs
 from hal.joints.device import EMULATED_INTERFACES
 from hal.microphone import VoiceConfig
@@ -119,7 +120,23 @@ class Config(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     checkpoint_copy: str = ""  # a second place for signed checkpoints
 
     def __post_init__(self) -> None:
-        check_inputs(self.inputs, emulated=self.joints.emulated)
+        buses = _buses_of(self.joints) if any(one.kind == "can" for one in self.inputs) else frozenset()
+        check_inputs(self.inputs, emulated=self.joints.emulated, drive_buses=buses)
+
+
+def _buses_of(joints: JointsConfig) -> frozenset[tuple[str, str]]:
+    """Interface and channel of the drives' buses; none of simulated ones.
+
+    A device that can't be read is refused where it is needed.
+    """
+    if joints.kind == "simulated":
+        return frozenset()
+    try:
+        buses = load_device(joints).buses
+    except HardwareError:
+        return frozenset()
+    channels = [part.strip() for part in joints.channel.split(",")]
+    return frozenset((joints.interface or bus.interface, name or bus.channel) for bus in buses for name in channels)
 
 
 def load_config(path: Path) -> Config:

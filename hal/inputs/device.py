@@ -58,14 +58,25 @@ class InputDevice(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
 _NEEDS = {"simulated": (), "can": ("can_id",), "evdev": ("device", "key"), "gpiod": ("device", "line")}
 
 
-def check_inputs(devices: tuple[InputDevice, ...], *, emulated: bool) -> None:
-    """Raises ValueError for a name that is taken, and for a button that nobody can reach beside real drives."""
+def check_inputs(
+    devices: tuple[InputDevice, ...], *, emulated: bool, drive_buses: frozenset[tuple[str, str]] = frozenset()
+) -> None:
+    """Raises ValueError for a name that is taken, and for a button that nobody can reach beside real drives.
+
+    Nor may a module send on a bus of the drives: their replies are known by their data, which its frames may resemble.
+    drive_buses: interface and channel of each.
+    """
     names = [device.name for device in devices]
     for device in devices:
         if names.count(device.name) > 1:
             raise ValueError(f"two inputs are named {device.name}: give each its own name")
         if device.kind == "simulated" and not emulated:
             raise ValueError(f"the input {device.name} is simulated, so nobody could press it beside real drives")
+        if device.kind == "can" and (device.bus.interface, device.bus.channel) in drive_buses:
+            raise ValueError(
+                f"the input {device.name} is on {device.bus.channel} with the drives, where its frames could be taken "
+                "for a drive's reply: give its module a bus of its own"
+            )
 
 
 class Contact(Enum):

@@ -62,6 +62,8 @@ class Rig:
     plan_s: float = 0.4
     answer_ticks: int = 1
     refuse_plans: str = ""
+    refused: frozenset[Action] = frozenset(Action)  # whose plans `refuse_plans` concerns
+    unanswered: frozenset[Action] = frozenset()  # whose plans never come
     audit: list[Body] = field(default_factory=list)
     history: list[tuple[ControlState, Outputs]] = field(default_factory=list)
     spoil: dict[str, Any] = field(default_factory=dict)  # fields of the next tick's Inputs
@@ -203,11 +205,12 @@ class Rig:
     def _plans(self) -> tuple[Plan, ...]:
         due = [plan_request for ticks, plan_request in self._asked if ticks <= 1]
         self._asked = [(ticks - 1, plan_request) for ticks, plan_request in self._asked if ticks > 1]
+        due = [plan_request for plan_request in due if plan_request.action not in self.unanswered]
         return tuple(self._answer(plan_request) for plan_request in due) if self.planning else ()
 
     def _answer(self, plan_request: PlanRequest) -> Plan:
         plan = make_plan(plan_request, self.plan_s)
-        if not self.refuse_plans:
+        if not self.refuse_plans or plan_request.action not in self.refused:
             return plan
         return msgspec.structs.replace(plan, check=PlanCheck(reason=reason_of(OSError(self.refuse_plans))))
 

@@ -114,6 +114,17 @@ def test_a_step_that_pauses_is_held_by_a_takeover_and_led_back_to_standing() -> 
     assert rig.act(A.INITIALISE).gait.state is S.STANDING
 
 
+def test_an_acknowledgement_received_in_the_tick_of_a_takeover_does_not_undo_it() -> None:
+    rig = moving()
+    rig.lease, rig._sequence = 2, 0
+    rig.send(K.TAKE_OVER, age_ms=30)
+    rig.send(K.ACKNOWLEDGE, age_ms=10)
+    rig.tick()
+    assert now(rig).lease == 2
+    assert Event.STOP.value in rig.events()
+    assert now(rig).gait.state is S.BETWEEN
+
+
 def test_a_takeover_after_stop_is_no_second_stop() -> None:
     rig = standing()
     rig.send(K.STOP)

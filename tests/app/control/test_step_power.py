@@ -8,13 +8,13 @@ import pytest
 from app.control.events.table import LINGER_NS
 from app.control.inputs import DriveOrder
 from app.control.running_action import Stage
-from app.ipc.states import ACTION_OF, Action, Event, Outcome, RequestRefusal, Source
+from app.ipc.states import ACTION_OF, Action, Effect, Event, Outcome, RequestRefusal, Source
 from app.motion.follower import Mode
-from hal.joints.protocol import DriveState
+from hal.joints.protocol import DriveFault, DriveState
 from kgdfa.gesture import Gesture
 from logs.reason import reason, reason_of
 from tests.app.control.moments import HOLD_TICKS, A, K, S, moving, now, resting, standing
-from tests.app.control.rig import TICK_NS
+from tests.app.control.rig import TICK_NS, Rig
 
 
 def test_a_knee_that_leans_on_its_end_stop_is_gripped_within_the_guards_range() -> None:
@@ -160,6 +160,70 @@ def test_one_faulted_drive_leaves_the_others_holding() -> None:
     rig.tick(HOLD_TICKS + 5)
     assert now(rig).streams.powered
     assert rig.command.stiffness_nm_rad.min() > 0
+
+
+def test_a_drive_fault_that_goes_by_itself_leaves_no_way_on_but_through_torque_off() -> None:
+    """Its drive has left motor mode: gesture 0 would move the legs with one joint limp."""
+    rig = standing()
+    none = DriveFault.NONE
+    rig.joints.faults = (none, DriveFault.UNDER_VOLTAGE, none, none)
+    rig.joints.state = DriveState.FAULTED
+    rig.tick(5)
+    rig.joints.faults = (none,) * 4
+    rig.tick(5)
+    rig.send(K.ACKNOWLEDGE)
+    rig.tick(2)
+    assert Event.DRIVE_FAULT.value in rig.events()
+    for action in (A.INITIALISE, A.STEP_RIGHT_FIRST):
+        rig.send(K.ACT, action)
+        rig.tick(20)
+        assert now(rig).running is None
+    for _ in range(2):
+        rig.send(K.STOP)
+    rig.run_until(lambda m: m.motion.fully_damped)
+    rig.send(K.TORQUE_OFF)
+    rig.run_until(lambda _: rig.joints.state is DriveState.DISABLED)
+    rig.joints.state = DriveState.PROBED
+    rig.send(K.ACKNOWLEDGE)
+    rig.tick(2)
+    assert rig.events() == set()
+    rig.act(A.INITIALISE)
+    assert (now(rig).gait.state, rig.joints.state) == (S.STANDING, DriveState.ENABLED)
+
+
+def test_drives_that_never_answered_can_be_asked_again_by_torque_off() -> None:
+    """The console offers it while the effect is to damp, which STOP twice makes of drives without power, too."""
+    rig = Rig()
+    rig.joints.silent, rig.joints.measured_ns = True, 0
+    rig.send(K.CONFIRM_PATIENT)
+    rig.tick(2)
+    assert Event.JOINT_TIMEOUT.value in rig.events()
+    for _ in range(2):
+        rig.send(K.STOP)
+    rig.tick()
+    assert now(rig).effect is Effect.DAMP
+    rig.send(K.TORQUE_OFF)
+    rig.tick()
+    assert rig.outputs is not None
+    assert rig.outputs.drives is DriveOrder.DISABLE
+    rig.joints.silent = False
+    rig.send(K.ACKNOWLEDGE)
+    rig.tick(2)
+    rig.act(A.INITIALISE)
+    assert now(rig).gait.state is S.STANDING
+
+
+def test_a_drive_that_faults_while_it_wakes_stops_the_action_and_can_be_switched_off() -> None:
+    rig = resting(S.UNPOWERED)
+    rig.send(K.ACT, A.INITIALISE)
+    rig.run_until(lambda m: m.running is not None and m.running.stage is Stage.ENABLING)
+    rig.joints.state = DriveState.FAULTED
+    rig.tick(2)
+    assert now(rig).running is None
+    rig.send(K.TORQUE_OFF)
+    rig.tick(2)
+    assert rig.joints.state is DriveState.DISABLED
+    assert Event.DRIVE_FAULT.value not in rig.events()
 
 
 @pytest.mark.parametrize("asked", ["word", "signal"])

@@ -223,6 +223,22 @@ def test_without_a_preflight_an_action_is_refused_and_others_are_not() -> None:
     assert now(rig).gait.closing, "ending a walk needs no pre-flight"
 
 
+@pytest.mark.parametrize("source", Source)
+@pytest.mark.parametrize("action", Action)
+@pytest.mark.parametrize("running", [A.WALK, A.STAIR_UP])
+def test_during_a_movement_a_request_without_preflight_is_ignored_as_every_other(
+    running: Action, action: Action, source: Source
+) -> None:
+    rig = moving(running)
+    rig.cleared = frozenset({running})
+    request(rig, action, source)
+    rig.tick(18)
+    assert Event.NO_PREFLIGHT.value not in {one.event.value for one in now(rig).events}
+    assert now(rig).gait.running is running
+    assert now(rig).gait.closing is ((running, action) == (A.WALK, A.WALK_END))
+    assert now(rig).refusal_count == 0
+
+
 def test_a_refusal_is_shown_until_the_next_request_is_granted() -> None:
     rig = standing()
     request(rig, A.STEP_LEFT, Source.THERAPIST)

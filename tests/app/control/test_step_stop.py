@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from app.control.running_action import Stage
+from app.ipc.messages import OperatorKind
 from app.ipc.states import Action, Effect, Event, GaitState, Outcome, RequestRefusal
 from app.motion.follower import Mode
 from hal.joints.protocol import DriveState
@@ -111,6 +112,30 @@ def test_two_presses_in_one_tick_damp() -> None:
     assert now(rig).effect is Effect.DAMP
     rig.tick()
     assert [stop.effect for stop in records_of(rig, records.Stop) if isinstance(stop, records.Stop)] == ["hold", "damp"]
+
+
+@pytest.mark.parametrize(("kind", "event"), [(K.STOP, Event.STOP), (K.VOICE_STOP, Event.VOICE_STOP)])
+def test_an_acknowledgement_received_in_the_tick_of_a_stop_does_not_undo_it(kind: OperatorKind, event: Event) -> None:
+    rig = moving()
+    rig.send(kind, age_ms=30)
+    rig.send(K.ACKNOWLEDGE, age_ms=10)
+    rig.tick()
+    assert event.value in rig.events()
+    assert (now(rig).effect, now(rig).gait.state) == (Effect.HOLD, S.BETWEEN)
+    rig.tick(HOLD_TICKS)
+    rig.send(K.ACKNOWLEDGE)
+    rig.tick(2)
+    assert event.value not in rig.events(), "the next one counts"
+
+
+def test_a_second_press_with_an_acknowledgement_in_its_tick_damps() -> None:
+    rig = moving()
+    rig.send(K.STOP)
+    rig.tick(20)
+    rig.send(K.STOP, age_ms=30)
+    rig.send(K.ACKNOWLEDGE, age_ms=10)
+    rig.tick(3)
+    assert now(rig).effect is Effect.DAMP
 
 
 @pytest.mark.parametrize(("presses", "reached"), [(1, S.STANDING), (2, S.BETWEEN)])

@@ -12,6 +12,7 @@ from app.ipc.states import Event, Outcome, Source
 from app.motion.follower import Mode
 from app.motion.plan import Phase
 from kgdfa.gesture import Gesture
+from logs.reason import reason
 from tests.app.control.moments import A, K, S, moving, now, request, standing
 
 
@@ -62,6 +63,46 @@ def test_a_next_step_that_can_not_be_planned_ends_the_walk_before_it() -> None:
     assert Event.PAUSE_TOO_LONG.value in rig.events()
     assert now(rig).gait.state is S.BETWEEN
     assert now(rig).motion.mode is Mode.HOLDING
+
+
+def test_a_walk_whose_closing_step_can_not_be_planned_goes_no_farther() -> None:
+    rig = moving(A.WALK)
+    rig.refuse_plans, rig.refused = "too far", frozenset({A.WALK_END})
+    rig.run_until(lambda m: m.gait.phase is Phase.WALK_RIGHT)
+    rig.tick(3)
+    assert now(rig).gait.closing, "while there is a whole step to slow down on"
+    steps = now(rig).steps
+    rig.tick(800)
+    assert now(rig).steps == steps
+    assert Event.PAUSE_TOO_LONG.value in rig.events()
+    assert (now(rig).gait.state, now(rig).motion.mode) == (S.BETWEEN, Mode.HOLDING)
+
+
+@pytest.mark.parametrize("rows_left", [1, 2, 10, 25, 37, 42])
+@pytest.mark.parametrize("by_event", [False, True])
+def test_a_walk_closed_at_the_end_of_a_step_without_the_closing_plan_is_held(rows_left: int, by_event: bool) -> None:
+    rig = moving(A.WALK)
+    rig.unanswered = frozenset({A.WALK_END})
+    rig.run_until(lambda m: m.gait.phase is Phase.WALK_RIGHT and m.motion.rows_left == rows_left)
+    if by_event:
+        rig.audit_health["fault"] = reason(Event.AUDIT_WRITE_FAILED)
+        rig.spoil = {"audit": rig._audit()}
+    else:
+        rig.send(K.ACT, A.WALK_END)
+    before = rig.command
+    while now(rig).running is not None or not now(rig).motion.settled:
+        rig.tick()
+        assert rig._refusal is None
+        assert np.abs(rig.command.position_rad - before.position_rad).max() < 0.01
+        before = rig.command
+    assert (now(rig).gait.state, now(rig).motion.mode) == (S.BETWEEN, Mode.HOLDING)
+    assert {report.outcome for report in now(rig).reports[-1 if by_event else -2 :]} == {Outcome.STOPPED}
+    assert now(rig).reports[-1].reason is not None
+    rig.unanswered, rig.audit_health = frozenset(), {}
+    rig.tick(600)
+    rig.send(K.ACKNOWLEDGE)
+    rig.tick(2)
+    assert rig.act(A.INITIALISE).gait.state is S.STANDING
 
 
 def test_a_late_next_step_is_taken_as_long_as_it_comes_before_the_last_call() -> None:

@@ -40,6 +40,37 @@ def test_a_wrong_field_is_named(tmp_path: Path, text: str, named: str) -> None:
         load_config(path)
 
 
+PENDANT_ON_CAN = """
+[[inputs]]
+name = "pendant"
+role = "wearer"
+kind = "can"
+can_id = 0x181
+bus.channel = "{channel}"
+"""
+
+
+@pytest.mark.parametrize(
+    ("joints", "channel", "shared"),
+    [
+        ("kind = 'can'", "can0", True),
+        ("kind = 'can'", "can1", False),
+        ("kind = 'can'\nchannel = 'can1'", "can1", True),
+        ("kind = 'can'\nchannel = 'can1'", "can0", False),
+        ("kind = 'can'\ninterface = 'local'", "can0", False),
+        ("kind = 'simulated'", "can0", False),
+    ],
+)
+def test_a_stop_button_shares_no_bus_with_the_drives(tmp_path: Path, joints: str, channel: str, shared: bool) -> None:
+    path = tmp_path / "config.toml"
+    path.write_text(f"[joints]\n{joints}\n" + PENDANT_ON_CAN.format(channel=channel))
+    if shared:
+        with pytest.raises(AppError, match=f"pendant is on {channel} with the drives"):
+            load_config(path)
+    else:
+        assert load_config(path).inputs[0].bus.channel == channel
+
+
 def test_command_line_choices_replace_only_what_they_name() -> None:
     chosen = with_choices(Config(), camera="webcam", joints=None, patient="p-1")
     assert (chosen.camera.kind, chosen.joints.kind, chosen.patient) == ("webcam", "simulated", "p-1")
@@ -49,3 +80,6 @@ def test_joints_that_the_inputs_do_not_suit_are_refused() -> None:
     pendant = InputDevice(name="pendant", role=InputRole.WEARER, kind="simulated")
     with pytest.raises(AppError, match=r"UNSUITABLE .*pendant is simulated"):
         with_choices(Config(inputs=(pendant,)), camera=None, joints="can", patient=None)
+    on_can = InputDevice(name="pendant", role=InputRole.WEARER, kind="can", can_id=0x181)
+    with pytest.raises(AppError, match=r"UNSUITABLE .*bus of its own"):
+        with_choices(Config(inputs=(on_can,)), camera=None, joints="can", patient=None)

@@ -59,6 +59,17 @@ def test_debug_lines_come_with_verbose_only(tmp_path: Path) -> None:
     assert [line["number"] for line in lines(Home(tmp_path))] == [1]
 
 
+@pytest.mark.parametrize(("named", "shown"), [("debug", 2), ("Warning", 0), ("nonsense", 1), ("", 1)])
+def test_the_level_is_named_in_any_case_and_a_wrong_name_is_the_usual_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, named: str, shown: int
+) -> None:
+    monkeypatch.setenv(LEVEL_VARIABLE, named)
+    start_log(Home(tmp_path), "control")
+    get_logger("x").debug("detail")
+    get_logger("x").info("line")
+    assert len(lines(Home(tmp_path))) == shown
+
+
 def test_files_are_rotated(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(diagnostics_log, "MAX_BYTES", 2_000)
     start_log(Home(tmp_path), "control")
