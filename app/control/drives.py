@@ -51,6 +51,7 @@ class Drives:
         self._guard = Guard(limits)
         self._gains = gains
         self._scenes = scenes or {}
+        self._probe_next = False  # torque off was confirmed in the tick before
         self.powered = False
         self.error: Reason | None = None  # why the last order failed
         self.written: JointCommand | None = None  # what left last
@@ -94,16 +95,24 @@ class Drives:
         return self._joints.contact_n() if isinstance(self._joints, FeltJoints) else None
 
     def execute(self, order: DriveOrder, now_ns: int) -> bool:
-        """Execute an order; whether there was one (it waits for the drives' answers)."""
+        """Execute an order; whether the drives' answers were waited for.
+
+        In the tick after a torque off the drives are opened again: without power, too, their angles and faults count.
+        An absent driver is given another try by it. A session that ends has no such tick.
+        """
         self.error = None
-        if order is DriveOrder.NONE:
+        probe, self._probe_next = self._probe_next, False
+        if order is DriveOrder.NONE and not probe:
             return False
         try:
             if order is DriveOrder.ENABLE:
                 self._enable(now_ns)
-            else:
+            elif order is DriveOrder.DISABLE:
                 self._joints.close(now_ns)
                 self.powered = False  # confirmed: nothing is left to damp, nor to guard
+                self._probe_next = True
+            else:
+                self.open(now_ns)
         except HardwareError as error:
             self.error = reason_of(error)
         return True

@@ -69,6 +69,7 @@ class CanRemedy(Enum):
     GIVE_OWN_ID = "give each its own ID"
     CORRECT_EITHER_ID = "correct either ID"
     CORRECT_MOTOR = "correct the motor"
+    CORRECT_MOTOR_TABLE = "correct the motor table"
     CHECK_DRIVE = "check the drive"
 
 
@@ -123,7 +124,7 @@ def evaluate_link(link: dict[str, Any], bus: BusDevice) -> Iterator[Finding]:
         yield bad(subject, reason(F.NO_INTERFACE), run(remedy_command(bus)))
         return
     if not is_up(link):
-        yield bad(subject, reason(F.DOWN), run(remedy_command(bus)))
+        yield bad(subject, reason(F.DOWN), run(remedy_command(bus, exists=True)))
         return
     kind = link.get("linkinfo", {}).get("info_kind", "")
     if kind == "vcan":
@@ -158,7 +159,7 @@ def _evaluate_controller(data: dict[str, Any], bus: BusDevice) -> Iterator[Findi
 
 def _restart(bus: BusDevice) -> str:
     if bus.interface != "socketcan" or bus.channel.startswith("vcan"):
-        return remedy_command(bus)
+        return remedy_command(bus, exists=True)
     return (
         f"sudo ip link set {bus.channel} down && "
         f"sudo ip link set {bus.channel} up type can bitrate {bus.bitrate} restart-ms 0"
@@ -178,7 +179,11 @@ def _examine_traffic(
     if not ask:
         yield good(subject, F.QUIET)
         return
-    yield from evaluate_drives(device, number, scan(bus), motors)
+    found = scan(bus)
+    try:
+        yield from evaluate_drives(device, number, found, motors)
+    except HardwareError as error:
+        yield bad(subject, reason_of(error), reason(R.CORRECT_MOTOR_TABLE))
 
 
 def evaluate_drives(

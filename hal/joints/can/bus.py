@@ -117,7 +117,7 @@ def open_bus(bus: BusDevice) -> can.BusABC:
         return can.Bus(interface=bus.interface, channel=channel, bitrate=bus.bitrate, **options)
     except (can.CanError, OSError, ValueError, TypeError, ImportError) as error:
         values = {"bus": bus.channel, "interface": bus.interface, "detail": str(error)}
-        if command := remedy_command(bus):
+        if command := remedy_command(bus, exists=True):
             raise HardwareError(CanFault.NOT_OPENED_COMMAND, **values, command=command) from error
         raise HardwareError(CanFault.NOT_OPENED, **values) from error
 
@@ -128,15 +128,16 @@ def _check_link(bus: BusDevice) -> None:
     if bus.channel in ("", ".", "..") or "/" in bus.channel or not flags.exists():
         raise HardwareError(CanFault.NO_INTERFACE, bus=bus.channel, command=remedy_command(bus))
     if not int(flags.read_text(), 16) & IFF_UP:
-        raise HardwareError(CanFault.INTERFACE_DOWN, bus=bus.channel, command=remedy_command(bus))
+        raise HardwareError(CanFault.INTERFACE_DOWN, bus=bus.channel, command=remedy_command(bus, exists=True))
 
 
-def remedy_command(bus: BusDevice) -> str:
-    """The command that brings an interface up; empty where no command does."""
+def remedy_command(bus: BusDevice, *, exists: bool = False) -> str:
+    """The command that brings an interface up; empty where no command does. exists: the kernel has it already."""
     if bus.interface != "socketcan":
         return ""
     if bus.channel.startswith("vcan"):
-        return f"sudo modprobe vcan && sudo ip link add {bus.channel} type vcan && sudo ip link set {bus.channel} up"
+        up = f"sudo ip link set {bus.channel} up"
+        return up if exists else f"sudo modprobe vcan && sudo ip link add {bus.channel} type vcan && {up}"
     return f"sudo ip link set {bus.channel} up type can bitrate {bus.bitrate} restart-ms 0"
 
 

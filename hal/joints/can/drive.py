@@ -30,7 +30,7 @@ class Drive:
         self.measured_ns = 0
         self.faults = DriveFault.NONE
         self.enabled: bool | None = None
-        self.latched = DriveFault.NONE  # every fault since opening
+        self.latched = DriveFault.NONE  # every fault since enabling
         self.replies = 0
         self.requests = RequestTracker()
         self.range_check = RangeCheck()
@@ -118,7 +118,7 @@ class Router:
         commanded = self._commands.get((frame.arbitration_id, frame.extended))
         if commanded is not None and commanded.is_echo(frame.data):
             return None
-        drive = self._sender(frame)
+        drive = self.sender(frame)
         if drive is None or self._is_impostor(drive, commanded, frame):
             return self._unassigned(frame, commanded)
         return _take_in(drive, frame, measured_ns)
@@ -131,15 +131,8 @@ class Router:
         """Registers that were reported are awaited no more; a late reply about another one still is no status."""
         self._awaited = {key: reported for key, reported in self._awaited.items() if key[1] not in reported}
 
-    def _take_register(self, frame: Frame) -> bool:
-        value = damiao.register_reply(frame)
-        reported = self._awaited.get((value.drive_id, value.register)) if value is not None else None
-        if value is None or reported is None:
-            return False
-        reported[value.register] = value.value
-        return True
-
-    def _sender(self, frame: Frame) -> Drive | None:
+    def sender(self, frame: Frame) -> Drive | None:
+        """Whose reply a frame is."""
         if not frame.extended and frame.arbitration_id in self._by_reply_id:
             return self._by_reply_id[frame.arbitration_id]
         for codec, by_drive in self._by_drive.values():
@@ -147,6 +140,14 @@ class Router:
             if drive_id is not None and drive_id in by_drive:
                 return by_drive[drive_id]
         return None
+
+    def _take_register(self, frame: Frame) -> bool:
+        value = damiao.register_reply(frame)
+        reported = self._awaited.get((value.drive_id, value.register)) if value is not None else None
+        if value is None or reported is None:
+            return False
+        reported[value.register] = value.value
+        return True
 
     def _is_impostor(self, drive: Drive, commanded: Drive | None, frame: Frame) -> bool:
         """On a drive's command ID only that drive may answer, unless the host has the same ID (drive 0, host 0)."""

@@ -43,6 +43,7 @@ class SocketCanJoints:
         self._routers: list[Router] = []
         self._enabled_ns = 0
         self._polled_ns = 0
+        self._unconfirmed: list[Drive] = []  # were enabled, and have not confirmed that they are off
         self.questions: dict[Joint, lifecycle.Request] = {}  # what each drive answers without power
 
     @property
@@ -58,10 +59,7 @@ class SocketCanJoints:
         if self._ports:
             raise HardwareError(DrivesFault.ALREADY_OPEN)
         try:
-            self._ports = [
-                BusPort(open_bus(bus), f"{bus.channel} ({bus.interface})", now_ns) for bus in self.device.buses
-            ]
-            self._routers = [Router(self._on_bus(number)) for number in range(len(self._ports))]
+            self._open_ports(now_ns)
             lifecycle.probe(self)
         except HardwareError:
             self._release()
@@ -109,19 +107,26 @@ class SocketCanJoints:
             drive.requests.poll(now_ns)
         return self._feedback()
 
-    def close(self, now_ns: int) -> None:  # noqa: ARG002 (the Protocol's; confirming takes real time)
+    def close(self, now_ns: int) -> None:
         """Damp, disable, confirm, release.
 
-        Raises HardwareError, after releasing, when a drive that was enabled did not confirm that it is off.
+        Raises HardwareError, after releasing, when a drive that was enabled did not confirm that it is off; the next
+        call asks it again, over buses opened anew: an adapter may have been plugged in meanwhile.
         """
-        if not self._ports:
+        if not self._ports and not self._unconfirmed:
             return
         try:
-            unconfirmed = lifecycle.disable(self) if self._state in _POWERED else []
+            if not self._ports:
+                self._open_ports(now_ns)
+            if self._state in _POWERED:
+                self._unconfirmed = lifecycle.disable(self)
+            elif self._unconfirmed:  # those alone: damping would power a V3 drive that is off
+                self._unconfirmed = lifecycle.confirm_off(self, self._unconfirmed)
         finally:
             self._release()
-        if unconfirmed:
-            raise HardwareError(DrivesFault.NOT_CONFIRMED_OFF, joints=tuple(drive.joint for drive in unconfirmed))
+        if self._unconfirmed:
+            joints = tuple(drive.joint for drive in self._unconfirmed)
+            raise HardwareError(DrivesFault.NOT_CONFIRMED_OFF, joints=joints)
 
     def send(self, drive: Drive, frames: list[Frame]) -> None:
         """Frames to a drive's bus (for the life cycle)."""
@@ -163,6 +168,11 @@ class SocketCanJoints:
 
     def _on_bus(self, number: int) -> list[Drive]:
         return [drive for drive in self.drives if drive.device.can_bus == number]
+
+    def _open_ports(self, now_ns: int) -> None:
+        for bus in self.device.buses:  # one by one: `_release` closes those before one that fails
+            self._ports.append(BusPort(open_bus(bus), f"{bus.channel} ({bus.interface})", now_ns))
+        self._routers = [Router(self._on_bus(number)) for number in range(len(self._ports))]
 
     def _release(self) -> None:
         for port in self._ports:

@@ -14,7 +14,7 @@ from hal.joints.can.drive import Drive
 from hal.joints.codecs import damiao
 from hal.joints.codecs.wire import NEUTRAL, Order, SetPoint, WireQuantity
 from hal.joints.motors import WireProtocol
-from hal.joints.protocol import DriveState, Joint
+from hal.joints.protocol import DriveFault, DriveState, Joint
 
 if TYPE_CHECKING:
     from hal.joints.can.driver import SocketCanJoints
@@ -86,7 +86,7 @@ def enable(joints: SocketCanJoints) -> None:
         raise _faulted(faulted[0])
     _ask_once(joints, list(joints.drives), _by_neutral_command)
     silent = _unanswered(joints, _by_enabling)
-    silent += _unanswered(joints, _by_neutral_command)
+    silent += _unanswered_together(joints)
     not_on = [drive for drive in joints.drives if drive.enabled is False and drive not in silent]
     faulted = [drive for drive in joints.drives if drive.faults]
     if silent or not_on or faulted:
@@ -96,6 +96,8 @@ def enable(joints: SocketCanJoints) -> None:
         if faulted:
             raise _faulted(faulted[0])
         raise HardwareError(DrivesFault.STAYS_DISABLED, **not_on[0].identity)
+    for drive in joints.drives:  # of before: whoever still reports a fault has just been refused
+        drive.latched = DriveFault.NONE
 
 
 def disable(joints: SocketCanJoints) -> list[Drive]:
@@ -104,7 +106,11 @@ def disable(joints: SocketCanJoints) -> list[Drive]:
         damping = SetPoint(0.0, 0.0, 0.0, drive.device.damp_nm_s_rad, 0.0)
         joints.send(drive, [drive.command(damping, time.monotonic_ns())])
     joints.listen(lambda: False, 0.004)
-    waiting = list(joints.drives)
+    return confirm_off(joints, list(joints.drives))
+
+
+def confirm_off(joints: SocketCanJoints, waiting: list[Drive]) -> list[Drive]:
+    """Take the torque off these drives, wait for each one's reply; the drives that did not confirm."""
     for _ in range(_ATTEMPTS):
         waiting = _ask_once(joints, waiting, _by_disabling)
         waiting += [drive for drive in joints.drives if drive.enabled and drive not in waiting]
@@ -138,6 +144,19 @@ def _unanswered(joints: SocketCanJoints, ask: Request) -> list[Drive]:
     silent = list(joints.drives)
     for _ in range(_ATTEMPTS):
         silent = _ask_once(joints, silent, ask)
+    return silent
+
+
+def _unanswered_together(joints: SocketCanJoints) -> list[Drive]:
+    """The drives that do not answer a neutral command to all.
+
+    After a lost frame all are asked again: the wait for one makes the others' answers older than control allows.
+    """
+    silent = list(joints.drives)
+    for _ in range(_ATTEMPTS):
+        silent = _ask_once(joints, list(joints.drives), _by_neutral_command)
+        if not silent:
+            break
     return silent
 
 

@@ -1,4 +1,4 @@
-"""The guardian's own path to the drives: damping, then off. It shares nothing with the driver but the codecs.
+"""The guardian's own path to the drives: damping, then off. It shares only codecs and `Router` with the driver.
 
 Drives that hold their last command for ever go on pushing when control is gone; these two frames a drive protect the
 wearer. So everything is packed when the socket is opened, and sending needs nothing but the socket.
@@ -13,6 +13,7 @@ import can
 
 from hal.errors import HardwareError
 from hal.joints.can.bus import frame_of, message_of, open_bus
+from hal.joints.can.drive import Drive, Router
 from hal.joints.codecs import codec_of
 from hal.joints.codecs.wire import Frame, Order, SetPoint, Transmission
 from hal.joints.device import Exoskeleton, JointDevice
@@ -31,10 +32,10 @@ class SafeStop:
         self._damp = [(joint.can_bus, [_damping(joint, model)]) for joint, model in pairs]
         self._exit = [(joint.can_bus, _off(joint, model)) for joint, model in pairs]
         self._buses: list[can.BusABC] = []
-        self._repliers = {
-            joint: (part.can_bus, codec_of(model), part.can_id)
-            for joint, (part, model) in zip(Joint, pairs, strict=True)
-        }
+        drives = [Drive(joint, part, model) for joint, (part, model) in zip(Joint, pairs, strict=True)]
+        self._routers = [
+            Router([drive for drive in drives if drive.device.can_bus == number]) for number in range(len(device.buses))
+        ]
 
     def open(self) -> None:
         """Open the bus sockets. Raises HardwareError with the command that brings the bus up."""
@@ -59,13 +60,9 @@ class SafeStop:
         While nobody calls it the sockets fill with replies to control, so the first calls tell of the past.
         """
         joints: set[Joint] = set()
-        for number, bus in enumerate(self._buses):
-            for frame in _received(bus):
-                joints.update(
-                    joint
-                    for joint, (on, codec, drive) in self._repliers.items()
-                    if on == number and codec.replier(frame) == drive
-                )
+        for router, bus in zip(self._routers, self._buses, strict=False):  # unopened it has none
+            senders = (router.sender(frame) for frame in _received(bus))
+            joints.update(drive.joint for drive in senders if drive is not None)
         return frozenset(joints)
 
     def close(self) -> None:

@@ -1,19 +1,31 @@
-"""The door to the joints at the end of a session: what is confirmed to be off is neither damped nor guarded."""
+"""The door to the joints: what is off is asked where it is, and at the end neither damped nor guarded."""
 
 from __future__ import annotations
 
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+
 import numpy as np
+import pytest
 
 from app.control.drives import Drives
 from app.control.inputs import DriveOrder
 from app.motion import follower
 from app.motion.follower import gains_of
 from app.motion.plan import body_of
+from hal.errors import DrivesFault
+from hal.joints.can.driver import SocketCanJoints
 from hal.joints.device import load_exoskeleton
+from hal.joints.emulator.emulator import DriveEmulator
+from hal.joints.emulator.firmware import Fault
 from hal.joints.guard import limits_of
-from hal.joints.protocol import DriveState, JointCommand
+from hal.joints.protocol import DriveFault, DriveState, Joint, JointCommand, JointFeedback
 from hal.joints.simulated.driver import SimulatedJoints
+from logs.reason import key_of
 from profiles.schema import DEMO_PATIENT
+from testing.emulated_drives import emulating
+from tests.support.can_rig import until, with_motor
 
 DEVICE = load_exoskeleton()
 
@@ -63,3 +75,100 @@ def test_while_they_are_damped_the_guardian_is_informed_and_at_last_that_nothing
     before = joints.writes
     assert drives.close(beats.append) is None
     assert beats == [True] * (joints.writes - before) + [False]
+
+
+@dataclass
+class DrivesOnCan:
+    """The door to emulated drives on a bus, ticked as control's loop does."""
+
+    drives: Drives
+    emulator: DriveEmulator
+
+    def tick(self, order: DriveOrder = DriveOrder.NONE) -> JointFeedback:
+        """The feedback, read before the order."""
+        now_ns = time.monotonic_ns()
+        feedback = self.drives.read(now_ns)
+        self.drives.write(follower.NEUTRAL, feedback, now_ns)
+        self.drives.execute(order, now_ns)
+        return feedback
+
+    def state_after(self, order: DriveOrder) -> DriveState:
+        """The drives' state two ticks after an order."""
+        self.tick(order)
+        self.tick()
+        return self.tick().state
+
+
+@pytest.fixture
+def on_can() -> Iterator[DrivesOnCan]:
+    device = with_motor("AK80-64/V2")
+    with emulating(DriveEmulator(device)) as emulator:
+        drives = Drives(SocketCanJoints(device), limits_of(device), gains_of(device, 1.0, 1.0))
+        yield DrivesOnCan(drives, emulator)
+        emulator.inject(Fault.HEALED)
+        drives.close()
+
+
+def error_code(drives: Drives) -> str:
+    return "" if drives.error is None else drives.error.code
+
+
+def test_after_torque_off_the_drives_are_still_asked_where_they_are(on_can: DrivesOnCan) -> None:
+    """Old values would go on forbidding gesture 0, or permitting it."""
+    on_can.drives.open(time.monotonic_ns())
+    on_can.tick(DriveOrder.ENABLE)
+    on_can.emulator.inject(Fault.ERROR, Joint.LEFT_KNEE, 2)
+    until(lambda: on_can.tick().state is DriveState.FAULTED)
+    assert on_can.state_after(DriveOrder.DISABLE) is DriveState.PROBED
+    assert on_can.tick().faults[Joint.LEFT_KNEE] is DriveFault.OVER_CURRENT
+    on_can.emulator.inject(Fault.HEALED)
+    off_ns = time.monotonic_ns()
+    until(lambda: (on_can.tick().measured_ns > off_ns).all() and not any(on_can.tick().faults))
+    assert not on_can.drives.powered
+    assert not any(drive.motor_mode for drive in on_can.emulator.drives)
+    on_can.tick(DriveOrder.ENABLE)
+    assert on_can.tick().state is DriveState.ENABLED
+
+
+def test_drives_that_are_switched_off_at_the_end_are_not_opened_again(on_can: DrivesOnCan) -> None:
+    on_can.drives.open(time.monotonic_ns())
+    on_can.tick(DriveOrder.ENABLE)
+    on_can.tick(DriveOrder.DISABLE)
+    assert on_can.drives.close() is None
+    assert on_can.drives.read(time.monotonic_ns()).state is DriveState.DISABLED
+
+
+def test_torque_off_tries_again_to_open_drives_that_were_silent(on_can: DrivesOnCan) -> None:
+    on_can.emulator.inject(Fault.SILENT, Joint.LEFT_KNEE)
+    on_can.drives.open(time.monotonic_ns())
+    assert on_can.state_after(DriveOrder.DISABLE) is DriveState.UNCONFIGURED
+    on_can.tick(DriveOrder.DISABLE)
+    on_can.tick()
+    assert error_code(on_can.drives) == key_of(DrivesFault.NO_REPLY)
+    on_can.emulator.inject(Fault.HEALED)
+    assert on_can.state_after(DriveOrder.DISABLE) is DriveState.PROBED
+    assert error_code(on_can.drives) == ""
+    assert (on_can.tick().measured_ns > 0).all()
+
+
+def test_drives_that_fall_silent_with_torque_off_can_be_asked_again(on_can: DrivesOnCan) -> None:
+    on_can.drives.open(time.monotonic_ns())
+    on_can.tick(DriveOrder.ENABLE)
+    on_can.tick()
+    on_can.emulator.inject(Fault.SILENT, Joint.LEFT_KNEE)
+    assert on_can.state_after(DriveOrder.DISABLE) is DriveState.DISABLED
+    assert on_can.emulator.drives[Joint.LEFT_KNEE].motor_mode
+    on_can.emulator.inject(Fault.HEALED)
+    assert on_can.state_after(DriveOrder.DISABLE) is DriveState.PROBED
+    assert not any(drive.motor_mode for drive in on_can.emulator.drives)
+
+
+def test_a_session_ends_with_the_drives_that_did_not_confirm(on_can: DrivesOnCan) -> None:
+    on_can.drives.open(time.monotonic_ns())
+    on_can.tick(DriveOrder.ENABLE)
+    on_can.tick()
+    on_can.emulator.inject(Fault.SILENT, Joint.LEFT_KNEE)
+    on_can.tick(DriveOrder.DISABLE)
+    unconfirmed = on_can.drives.close()
+    assert unconfirmed is not None
+    assert unconfirmed.code == key_of(DrivesFault.NOT_CONFIRMED_OFF)

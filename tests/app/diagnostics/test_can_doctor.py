@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import msgspec
@@ -127,3 +128,22 @@ def test_a_missing_interface_is_reported_and_nothing_else_is_tried() -> None:
     device = with_bus(DEVICE, "socketcan", "can77")
     findings = list(examine(device, None))
     assert [finding.grade for finding in findings] == [Grade.BAD]
+
+
+@pytest.mark.parametrize("motor", ["AK80-64/V2", "nobody's"])
+def test_an_unknown_motor_and_an_unreadable_table_are_not_mended_by_the_interface(motor: str, tmp_path: Path) -> None:
+    device = with_bus(DEVICE, "virtual", f"motor of {motor}")
+    described = msgspec.structs.replace(device, left_hip=msgspec.structs.replace(DEVICE.left_hip, motor=motor))
+    table = tmp_path / "motors.toml"
+    table.write_text("" if motor == "nobody's" else "no table")
+    with emulating(DriveEmulator(device)):
+        finding = worst(list(examine(described, table)))
+    assert finding.remedy == reason(CanRemedy.CORRECT_MOTOR_TABLE)
+    assert "motor" in render(finding.remedy)
+
+
+def test_a_virtual_interface_that_is_down_is_only_brought_up() -> None:
+    (finding,) = evaluate_link({"flags": ["NOARP"]}, BusDevice(channel="vcan0"))
+    assert finding.remedy is not None
+    assert "ip link set vcan0 up" in render(finding.remedy)
+    assert "ip link add" not in render(finding.remedy)

@@ -7,6 +7,7 @@ import random
 import socket
 import time
 from collections.abc import Iterator
+from pathlib import Path
 
 import can
 import pytest
@@ -18,6 +19,7 @@ from hal.joints.can.bus import ERROR_FRAMES, BusPort, bus_load, fault_of, frame_
 from hal.joints.codecs.wire import Frame
 from hal.joints.device import BusDevice
 from hal.joints.protocol import BusFault
+from tests.support.errors import refused
 
 FRAME = Frame(1, b"\x01")
 
@@ -186,3 +188,14 @@ def test_the_length_of_frames_is_the_standards() -> None:
 
 def test_an_error_without_a_number_is_a_failed_send() -> None:
     assert fault_of(RuntimeError("?")) is BusFault.SEND_FAILED
+
+
+def test_an_interface_that_is_there_but_down_is_only_brought_up(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """To add it again fails, and what follows would not be run."""
+    (tmp_path / "vcan7").mkdir()
+    (tmp_path / "vcan7" / "flags").write_text("0x80\n")
+    monkeypatch.setattr("hal.joints.can.bus.Path", lambda _, *parts: tmp_path.joinpath(*parts))
+    with refused(CanFault.INTERFACE_DOWN, bus="vcan7", command="sudo ip link set vcan7 up"):
+        open_bus(BusDevice(channel="vcan7"))

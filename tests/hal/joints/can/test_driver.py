@@ -10,7 +10,7 @@ import pytest
 from hal.errors import CanFault, DrivesFault
 from hal.joints.can.bus import CAN_ERR_LOSTARB
 from hal.joints.can.driver import SocketCanJoints
-from hal.joints.codecs.wire import WireQuantity
+from hal.joints.codecs.wire import Frame, WireQuantity
 from hal.joints.device import Exoskeleton, load_exoskeleton
 from hal.joints.emulator.firmware import Fault
 from hal.joints.protocol import BusFault, DriveFault, DriveState, Joint, JointFeedback
@@ -19,6 +19,7 @@ from tests.support.errors import refused
 
 HOLD = command(0.1, stiffness=150.0)
 KNEE = Joint.LEFT_KNEE
+ENTER = b"\xff" * 7 + b"\xfc"  # motor mode
 
 
 @pytest.fixture
@@ -173,6 +174,18 @@ def test_a_faulted_v3_drive_gets_damping_only(make_rig: MakeRig) -> None:
     assert held.damping_nm_s_rad > 0
 
 
+def test_a_v3_drive_that_had_a_fault_before_it_was_enabled_is_stiff_afterwards(make_rig: MakeRig) -> None:
+    """Under-voltage before the supply comes on."""
+    rig = make_rig(with_motor("AK80-64/V3"))
+    rig.emulator.inject(Fault.ERROR, KNEE, 1)
+    rig.joints.open(rig.now_ns())
+    rig.until(lambda now: now.faults[KNEE], HOLD)
+    rig.emulator.inject(Fault.HEALED, KNEE)
+    rig.until(lambda now: not now.faults[KNEE], HOLD)
+    rig.joints.enable(rig.now_ns())
+    rig.until(lambda _: rig.emulator.drives[KNEE].effective(rig.now_ns()).stiffness_nm_rad > 100.0, HOLD)
+
+
 def test_ranges_that_differ_from_the_firmwares_are_found_in_motion(make_rig: MakeRig) -> None:
     rig = make_rig(with_motor("AK80-64/V2"))
     rig.emulator.inject(Fault.WRONG_RANGE, KNEE)
@@ -216,6 +229,30 @@ def test_a_drive_that_dies_before_enabling_leaves_none_enabled(make_rig: MakeRig
     assert not any(drive.motor_mode for drive in rig.emulator.drives)
 
 
+def test_a_lost_answer_leaves_no_joint_behind_the_others_when_enabling(
+    make_rig: MakeRig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """While one is asked again the others' answers would become older than control allows."""
+    rig = make_rig(with_motor("AK80-64/V2"))
+    rig.joints.open(rig.now_ns())
+    hip = rig.emulator.drives[Joint.LEFT_HIP]
+    commanded_ns: list[int] = []
+    receive = hip.receive
+
+    def lose_one(frame: Frame, now_ns: int) -> list[Frame]:
+        replies = receive(frame, now_ns)
+        if hip.motor_mode and frame.data != ENTER:
+            commanded_ns.append(now_ns)
+            return replies if len(commanded_ns) > 1 else []
+        return replies
+
+    monkeypatch.setattr(hip, "receive", lose_one)
+    rig.joints.enable(rig.now_ns())
+    assert len(commanded_ns) == 2
+    stamps_differ_ns = 1_000_000  # of wall clock and monotonic clock
+    assert (rig.joints.read(rig.now_ns()).measured_ns > commanded_ns[-1] - stamps_differ_ns).all()
+
+
 def test_a_fault_present_at_opening_forbids_enabling(make_rig: MakeRig) -> None:
     rig = make_rig(with_motor("AK80-64/V2"))
     rig.emulator.inject(Fault.ERROR, KNEE, 5)
@@ -229,6 +266,32 @@ def test_a_drive_that_does_not_confirm_its_end_is_reported_by_closing(rig: CanRi
     with refused(DrivesFault.NOT_CONFIRMED_OFF, joints=(KNEE,)):
         rig.joints.close(rig.now_ns())
     assert rig.joints.read(rig.now_ns()).state is DriveState.DISABLED
+
+
+def test_a_drive_that_did_not_confirm_its_end_is_asked_again_by_the_next_closing(rig: CanRig) -> None:
+    rig.emulator.inject(Fault.SILENT, KNEE)
+    for _ in range(2):
+        with refused(DrivesFault.NOT_CONFIRMED_OFF, joints=(KNEE,)):
+            rig.joints.close(rig.now_ns())
+    assert rig.emulator.drives[KNEE].motor_mode
+    rig.emulator.inject(Fault.HEALED, KNEE)
+    rig.joints.close(rig.now_ns())
+    assert not any(drive.motor_mode for drive in rig.emulator.drives)
+    rig.joints.close(rig.now_ns())
+
+
+def test_a_v3_drive_that_is_off_is_not_powered_when_another_one_is_asked_again(make_rig: MakeRig) -> None:
+    rig = make_rig(with_motor("AK80-64/V3"))
+    start(rig)
+    rig.emulator.inject(Fault.SILENT, KNEE)
+    with refused(DrivesFault.NOT_CONFIRMED_OFF, joints=(KNEE,)):
+        rig.joints.close(rig.now_ns())
+    device = rig.emulator.device
+    with another_sender(device) as bus:
+        with refused(DrivesFault.NOT_CONFIRMED_OFF, joints=(KNEE,)):
+            rig.joints.close(rig.now_ns())
+        sent = {message.arbitration_id for message in iter(lambda: bus.recv(0), None)}
+    assert sent == {(1 << 8) | device.left_knee.can_id}, "a current of 0 A, to the silent one alone"
 
 
 def test_closing_takes_the_torque_off(rig: CanRig) -> None:

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import time
 
+import msgspec
 import numpy as np
 import pytest
 
 from hal.errors import CanFault
 from hal.joints.can.safe_stop import SafeStop
-from hal.joints.device import load_exoskeleton
+from hal.joints.device import JointDevice, load_exoskeleton
 from hal.joints.emulator.firmware import Fault
 from hal.joints.protocol import Joint
-from tests.support.can_rig import CanRig, MakeRig, command, small_gear, until, with_motor
+from tests.support.can_rig import CanRig, MakeRig, command, each_joint, small_gear, until, with_motor
 from tests.support.errors import refused
 
 DEVICES = {
@@ -85,6 +86,31 @@ def test_an_unresponsive_drive_is_not_counted_as_answered(rig: CanRig) -> None:
 
     until(listen)
     assert received == set(Joint) - {Joint.LEFT_KNEE}
+    guardian.close()
+
+
+@pytest.mark.parametrize("ids", [(0x21, 0x22, 0x23, 0x24), (0x01, 0x11, 0x21, 0x31)], ids=["above 15", "alike"])
+def test_damiao_drives_are_told_apart_although_they_answer_with_four_bits(
+    make_rig: MakeRig, ids: tuple[int, ...]
+) -> None:
+    def change(number: int, joint: JointDevice) -> JointDevice:
+        return msgspec.structs.replace(joint, can_id=ids[number], reply_id=0x51 + number)
+
+    rig = make_rig(each_joint(with_motor("DM10010/default"), change))
+    rig.emulator.inject(Fault.SILENT, Joint.LEFT_KNEE)
+    guardian = SafeStop(rig.emulator.device)
+    guardian.open()
+    received: set[Joint] = set()
+
+    def others_answer() -> bool:
+        guardian.exit()
+        received.update(guardian.answered())
+        return received >= set(Joint) - {Joint.LEFT_KNEE}
+
+    until(others_answer)
+    assert Joint.LEFT_KNEE not in received
+    rig.emulator.inject(Fault.HEALED)
+    until(lambda: guardian.exit() and Joint.LEFT_KNEE in guardian.answered())
     guardian.close()
 
 
