@@ -317,8 +317,8 @@ def _release(state: ButtonState, observed: ButtonInput, gesture: Gesture | None)
 
 
 def _end(state: ButtonState, reason: PressCancel) -> ButtonState:
-    """No longer ready; a press under way is cancelled: no command, and the reason kept."""
-    state = replace(state, approach=())
+    """No longer ready, and no hint for a hand that may have left; a press is cancelled: no command, its reason kept."""
+    state = replace(state, approach=(), hint=None)
     if not state.pressed:
         return replace(state, ready=False)
     return replace(

@@ -100,9 +100,13 @@ def _to_syslog(file: str, line: bytes) -> None:
         handler.close()
 
 
-def copied(copy: Path) -> dict[int, str]:
-    """Sequence → hash of the copied checkpoints; a line torn by a crash is left out."""
-    return {head.sequence: digest for head, digest in _checkpoints(copy)}
+def copied(copy: Path, known: Collection[str]) -> dict[int, str]:
+    """Sequence → hash of the copied checkpoints by known keys, or by any when none is; a torn line is left out.
+
+    Two computers' trails of a session have one name, and may have one mirror.
+    """
+    found = ((head, digest) for head, digest in _checkpoints(copy) if not known or head.body.key in known)
+    return {head.sequence: digest for head, digest in found}
 
 
 def differing(path: Path, expected: Mapping[int, str]) -> int | None:

@@ -42,13 +42,15 @@ class Evidence:
     keys: Mapping[str, PublicKey] = field(default_factory=dict)  # by fingerprint
     copies: Path | None = None  # the mirror of the checkpoints
     anchors: Mapping[str, Anchor] = field(default_factory=dict)  # the console's, by the journal's file name
-    listings: dict[Path, Listing] = field(default_factory=dict)  # the manifests' entries by folder, once read
+    # The manifests' entries by folder, and how long the manifests were then.
+    listings: dict[Path, tuple[int, Listing]] = field(default_factory=dict)
 
     def listing(self, folder: Path) -> Listing:
-        """What a folder's manifests say: read once for a verification, not once for each file."""
-        if folder not in self.listings:
-            self.listings[folder] = read_listings(folder, self.keys)
-        return self.listings[folder]
+        """What a folder's manifests say: read once for a verification, not once for each file, unless they grew."""
+        size = sum(path.stat().st_size for path in manifest_paths(folder))
+        if folder not in self.listings or self.listings[folder][0] != size:
+            self.listings[folder] = size, read_listings(folder, self.keys)
+        return self.listings[folder][1]
 
 
 def exit_status(findings: Sequence[Finding]) -> int:
@@ -77,8 +79,8 @@ def assess(path: Path, scan: Scan, evidence: Evidence, *, running: bool) -> Find
 
 
 def _is_foreign(path: Path, scan: Scan, evidence: Evidence) -> bool:
-    """Not a record in it, and no manifest names it: binary, another encoding, another program's."""
-    if scan.records or not scan.is_torn or scan.fault_is_sealed:
+    """Not a record in it, and neither manifest nor anchor names it: binary, another encoding, another program's."""
+    if scan.records or not scan.is_torn or scan.fault_is_sealed or path.name in evidence.anchors:
         return False
     with open_regular(path) as file:
         if file.read(len(_RECORD_BEGINS)) == _RECORD_BEGINS:
@@ -248,10 +250,10 @@ def _no_manifest(folder: Path, files: list[Path], evidence: Evidence) -> list[Fi
 
 def _verify_one(path: Path, evidence: Evidence, progress: Progress | None) -> Finding:
     try:
-        running = is_being_written(path)
-        scan = scan_file(path, evidence.keys, progress)
-        finding = assess(path, scan, evidence, running=running)
-        return _with_copies(path, finding, evidence)
+        finding, at_rest = _scan_and_assess(path, evidence, progress)
+        if EXIT_STATUS[finding.status] and not at_rest:  # it went on, or was closed, before all else was read
+            finding, _ = _scan_and_assess(path, evidence, progress)
+        return finding
     except OSError as error:
         return Finding(
             file=path,
@@ -260,23 +262,36 @@ def _verify_one(path: Path, evidence: Evidence, progress: Progress | None) -> Fi
         )
 
 
+def _scan_and_assess(path: Path, evidence: Evidence, progress: Progress | None) -> tuple[Finding, bool]:
+    """The finding, and whether nobody wrote the file meanwhile."""
+    running = is_being_written(path)
+    copies = _copies_of(path, evidence)  # before the scan: what is copied later may be of records behind its end
+    scan = scan_file(path, evidence.keys, progress)
+    finding = assess(path, scan, evidence, running=running)
+    if evidence.copies is not None:
+        finding = _with_copies(finding, copies)
+    return finding, not running and path.stat().st_size == scan.size
+
+
 def is_session(path: Path) -> bool:
     """Whether a file of a folder of trails is a session, by its name."""
     return path.suffix == ".jsonl" and not is_journal(path)
 
 
-def _with_copies(path: Path, finding: Finding, evidence: Evidence) -> Finding:
-    if evidence.copies is None:
-        return finding
-    copy = evidence.copies / (path.name + SUFFIX)
-    if not copy.exists():
+def _copies_of(path: Path, evidence: Evidence) -> dict[int, str] | None:
+    """The mirror's copies of a file's checkpoints, hashes by sequence; None: it has none of them."""
+    copy = None if evidence.copies is None else evidence.copies / (path.name + SUFFIX)
+    return None if copy is None or not copy.exists() else copied(copy, evidence.keys) or None
+
+
+def _with_copies(finding: Finding, copies: Mapping[int, str] | None) -> Finding:
+    if copies is None:
         return replace(finding, remarks=(*finding.remarks, reason(Remark.NO_MIRROR)))
-    expected = copied(copy)
-    wrong = next((number for number in sorted(expected) if number >= finding.records), None)
+    wrong = next((number for number in sorted(copies) if number >= finding.records), None)
     if wrong is None:
-        wrong = differing(path, expected)
+        wrong = differing(finding.file, copies)
     if wrong is None:
-        remark = reason(Remark.MIRROR_AGREES, checkpoints=len(expected))
+        remark = reason(Remark.MIRROR_AGREES, checkpoints=len(copies))
         return replace(finding, remarks=(*finding.remarks, remark))
     why = reason(Verdict.CHECKPOINT_MISSING, checkpoint=wrong)
     return replace(finding, status=Status.TAMPERED, reason=why, sequence=wrong, line=wrong + 1)

@@ -38,6 +38,8 @@ class LiveSession:
         self._switch = switch
         self._clock = clock
         self.hand = HandCommand(press=False)  # what all commands together made of the digital hand
+        self._consent: bool | None = None  # to pictures; None: nobody has said
+        self._consented_incarnation = 0  # of perception, when it was sent; 0: none had reported yet
         now_ns = clock()
         vocabulary = status_now(host.setup.profile, host.setup.config)
         self.state = SessionState(setup=host.setup, started_ns=now_ns, now_ns=now_ns, vocabulary=vocabulary)
@@ -53,6 +55,11 @@ class LiveSession:
     def control_alive(self) -> bool:
         """Whether anything could still move."""
         return any(process.name in MOVERS and process.alive for process in self.state.processes)
+
+    @property
+    def pictures_agreed(self) -> bool:
+        """Whether the patient has agreed to pictures, asked here or before the session was taken over."""
+        return bool(self._consent)
 
     def start(self) -> None:
         """Start the processes; collections of garbage, which stop the heartbeat too, come rarely from now on."""
@@ -76,6 +83,7 @@ class LiveSession:
     def tick(self) -> SessionState:
         """Take what has arrived."""
         self.state = fold(self.state, self.host.poll(), self._clock())
+        self._keep_consent()
         if self._voice is not None:
             self.state = replace(self.state, voice=self._voice.state)
         return self.state
@@ -84,6 +92,12 @@ class LiveSession:
         """Move the digital hand."""
         self.hand = both(self.hand, command)
         self.host.move_hand(command)
+
+    def record_pictures(self, consent: bool) -> None:
+        """Tell perception whether pictures are agreed to; one that is restarted is told again."""
+        self._consent = consent
+        self._consented_incarnation = 0 if self.state.report is None else self.state.report.incarnation
+        self.host.send_to_perception(PerceptionCommand(record_pictures=consent))
 
     def input_alive(self) -> None:
         """STOP can be given: whoever takes it runs. From any thread."""
@@ -113,6 +127,15 @@ class LiveSession:
             self._end()
             self.host.silence()
             self.host.leave()
+
+    def _keep_consent(self) -> None:
+        report = self.state.report
+        if report is None:
+            return
+        if self._consent is None and report.pictures_recorded:  # given before this console took over
+            self._consent, self._consented_incarnation = True, report.incarnation
+        if self._consent and report.incarnation != self._consented_incarnation:
+            self.record_pictures(self._consent)
 
     def _end(self) -> None:
         """For this console: neither key nor voice stops any more."""

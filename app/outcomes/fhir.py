@@ -144,7 +144,8 @@ def _quantity(value: float, unit: str) -> dict[str, Any]:
 
 
 def _quantity_of(value: float, unit: str) -> dict[str, Any]:
-    return {"value": value, "unit": unit.strip("{}"), "system": UCUM, "code": unit}
+    readable = unit.replace("{", "").replace("}", "")  # UCUM's braces hold what is counted
+    return {"value": value, "unit": readable, "system": UCUM, "code": unit}
 
 
 def _unit(field: str) -> str:

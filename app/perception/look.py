@@ -203,15 +203,16 @@ class _Look:
         self._by_itself = True
 
     def run(self) -> None:
-        """Until the pipe breaks."""
+        """Until the pipe breaks, or the camera has ended: then why is sent last."""
         with closing(self._camera):
-            while True:
+            while not self._camera.ended:
                 self._handle_commands()
                 frame = self._camera.read(time.monotonic(), FRAME_TIMEOUT_S)
                 if frame is not None:
                     self._take(frame)
                 elif self._camera.fault:
                     time.sleep(FRAME_TIMEOUT_S)
+            self._pipe.send(self._camera.fault)
 
     def _handle_commands(self) -> None:
         from app.perception.camera import move_hand

@@ -40,6 +40,7 @@ class PicturesFile:
         self._consent = self._must_delete = False
         self._retry_ns = 0
         self._lost = 0  # on the way here
+        self._counted = 0  # of these by the process that sent the newest picture, since its start
         self._refused = 0  # here: the file could not be made, or the disk is behind
         self._fault: Reason | None = None
 
@@ -53,7 +54,8 @@ class PicturesFile:
         """One picture. waiting_bytes: of the rest of the recording, for the disk."""
         if not self._consent:
             return
-        self._lost = max(self._lost, picture.lost)
+        self._lost += picture.lost - (self._counted if picture.lost >= self._counted else 0)  # fell: a new process
+        self._counted = picture.lost
         writer = self._opened()
         if writer is None or waiting_bytes > MOST_BEHIND:
             self._refused += 1

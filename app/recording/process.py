@@ -91,6 +91,7 @@ class SessionRecording:
         self._ticks = TickMessages(self._offset_ns)
         self._trail = TrailLines(home.logs / f"{setup.session}.jsonl")
         self._lost_frames = 0
+        self._sequence = self._counted = 0  # of the newest frame, and the losses that its process had counted
         self._trail_ns = 0
 
     def take(self, message: TickBatch | HandFrame) -> None:
@@ -98,7 +99,7 @@ class SessionRecording:
         if isinstance(message, TickBatch):
             messages = self._ticks.of(message)
         else:
-            self._lost_frames = message.lost
+            self._count_lost(message)
             messages = of_hand(message)
         for topic, at_ns, what in messages:
             self.writer.add(topic, at_ns, what)
@@ -127,6 +128,12 @@ class SessionRecording:
         whole = writer.finish()
         self._sink.emit(file_record(writer, whole=whole))
         self.pictures.close()
+
+    def _count_lost(self, frame: HandFrame) -> None:
+        """A perception that was restarted numbers its frames and counts its losses from 0 again."""
+        restarted = frame.report.sequence <= self._sequence
+        self._lost_frames += frame.lost - (0 if restarted else self._counted)
+        self._sequence, self._counted = frame.report.sequence, frame.lost
 
     def _follow_trail(self) -> None:
         for number, line in self._trail.new():

@@ -64,13 +64,13 @@ class Recording:
     chunks: int = 0
     whole: bool = False  # up to its footer
     damage: str = ""  # why the rest can't be read; empty: the end, or cut between two chunks
-    first_ns: int = 0  # monotonic
+    first_ns: int | None = None  # monotonic; None: no message yet
     last_ns: int = 0
 
     @property
     def duration_s(self) -> float:
         """From the first message to the last."""
-        return (self.last_ns - self.first_ns) / 1e9
+        return 0.0 if self.first_ns is None else (self.last_ns - self.first_ns) / 1e9
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,7 +136,7 @@ def messages(recording: Recording, *topics: str) -> Iterator[Sample]:
             return
         at_ns = record.log_time - recording.clock_offset_ns
         recording.counts[topic] += 1
-        recording.first_ns = min(recording.first_ns or at_ns, at_ns)
+        recording.first_ns = at_ns if recording.first_ns is None else min(recording.first_ns, at_ns)
         recording.last_ns = max(recording.last_ns, at_ns)
         if not topics or topic in topics:
             yield Sample(topic, at_ns, record.data)

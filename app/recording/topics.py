@@ -94,9 +94,9 @@ def _snapshot(batch: TickBatch) -> Iterator[Message]:
 
 
 def of_hand(frame: HandFrame) -> Iterator[Message]:
-    """Keypoints, verdict and button of one frame."""
+    """Keypoints, verdict and button of one frame; before the camera's first image by when it was sent."""
     report = frame.report
-    number, at_ns = report.sequence, report.captured_ns
+    number, at_ns = report.sequence, report.captured_ns or report.sent_ns
     keypoints = schemas.Keypoints(
         frame=number,
         image_px=tuple((x, y) for x, y in np.frombuffer(frame.image_px).reshape(-1, 2).tolist()),

@@ -145,6 +145,21 @@ def test_what_was_no_push_from_outside_does_not_press_and_reports_why(frames: li
     assert run([Seen(FAR), Seen(NEAR), Seen(NEAR)], state=state).pressed
 
 
+@pytest.mark.parametrize("gap", [LOST, Seen(None)])
+def test_a_hint_does_not_outlive_the_hand_that_it_was_for(gap: Seen) -> None:
+    hinted = run([Seen(FAR), Seen(NEAR, box=BESIDE), *[gap] * GAP_FRAMES])
+    assert hinted.hint is PressHint.OVER_BUTTON
+    gone = step(hinted, gap)
+    assert gone.hint is None
+    assert step(gone, Seen(NEAR)).hint is PressHint.WITHDRAW_FIRST
+
+
+def test_a_hint_does_not_outlive_a_pause_of_the_camera() -> None:
+    hinted = run([Seen(FAR), Seen(NEAR, box=BESIDE)])
+    assert step(hinted, LOST, after_ns=STALE_NS + 1).hint is None
+    assert step(hinted, Seen(NEAR), after_ns=STALE_NS + 1).hint is PressHint.WITHDRAW_FIRST
+
+
 def test_the_hysteresis_holds_at_its_boundaries() -> None:
     assert not run([Seen(OUTSIDE_M), Seen(NEAR), Seen(NEAR)]).pressed
     assert not run([Seen(FAR), *[Seen(PLACE.threshold_m)] * 2]).pressed

@@ -70,6 +70,14 @@ def test_a_journal_cut_anywhere_is_told(journals: Trail, name: str) -> None:
         assert exit_status(verify([path], Evidence(keys=journals.keys, anchors=read_anchors(journals.key.folder)))) == 1
 
 
+@pytest.mark.parametrize("name", JOURNALS)
+def test_a_journal_overwritten_with_something_else_was_tampered_with(journals: Trail, name: str) -> None:
+    (journals.folder / name).write_bytes(b"garbage\n")
+    findings = judged(journals.folder, journals.key)
+    assert exit_status(findings) == 1
+    assert Status.TAMPERED in {finding.status for finding in findings if finding.file.name == name}
+
+
 @pytest.mark.parametrize(("language", "warned"), [("en", "would NOT be noticed"), ("zh", "将无法发现")])
 def test_a_copy_without_the_ends_says_that_it_can_not_tell_a_cut(
     journals: Trail, tmp_path: Path, language: str, warned: str

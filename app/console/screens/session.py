@@ -27,7 +27,7 @@ from app.console.widgets.patient_details import identity
 from app.console.widgets.picture import Picture
 from app.console.widgets.status import DosePanel, EventsPanel, guided_line, status_line
 from app.console.widgets.wearer import FigurePanel, JointsPanel
-from app.ipc.messages import OperatorKind, PerceptionCommand
+from app.ipc.messages import OperatorKind, TriggerReport
 from app.ipc.states import Action, Effect
 from app.motion.wearer import Wearer, load_wearer
 from app.outcomes.guided import GuidedStop, GuidedTest
@@ -50,6 +50,7 @@ class SessionScreen(HandKeys):
         super().__init__()
         self.wearer: Wearer | None = None  # until it is loaded there is no figure
         self._loading = False
+        self._incarnation: int | None = None  # of the perception that knows the picture's size
 
     def compose(self) -> ComposeResult:
         yield Panel(id="status")
@@ -81,6 +82,8 @@ class SessionScreen(HandKeys):
         if state.snapshot is not None and not self._loading:
             self._loading = True
             self.run_worker(self._load_wearer(), exit_on_error=False)
+        if state.report is not None:
+            self._keep_size(state.report)
         app = self.console_app
         status = self.query_one("#status", Panel)
         status.lines = status_line(state, status.size.width, app.key_names["health"])
@@ -173,13 +176,12 @@ class SessionScreen(HandKeys):
 
     def action_record_pictures(self) -> None:
         """Record the camera's pictures, with the patient's consent; or delete them, when it is withdrawn."""
-        state = self.console_app.live_state()
-        if not self.console_app.live_setup().config.recording.on:
+        live = self.console_app.live_session()
+        if not live.host.setup.config.recording.on:
             self.notify(tr("pictures.off"), severity="warning", timeout=15)
             return
-        recorded = state is not None and state.report is not None and state.report.pictures_recorded
-        named = "withdraw" if recorded else "consent"
-        agree = partial(self._agreed, not recorded)
+        named = "withdraw" if live.pictures_agreed else "consent"
+        agree = partial(self._agreed, not live.pictures_agreed)
         ask(self.app, lambda: tr(f"pictures.{named}.title"), lambda: tr(f"pictures.{named}.text"), agree)
 
     def action_guided_test(self) -> None:
@@ -205,6 +207,12 @@ class SessionScreen(HandKeys):
         if self.console_app.live is not None:
             self.console_app.live.host.send(kind, action)
 
+    def _keep_size(self, report: TriggerReport) -> None:
+        """Ask again for a picture of this size when perception was restarted."""
+        if self._incarnation not in (None, report.incarnation):
+            self.query_one(Picture).ask()
+        self._incarnation = report.incarnation
+
     def _show_guided(self) -> None:
         app = self.console_app
         panel, run = self.query_one("#guided", Panel), app.guided.run
@@ -222,7 +230,7 @@ class SessionScreen(HandKeys):
         app = self.console_app
         path = pictures_path(app.home.logs, app.live_setup().session)
         app.trail.emit(Recording(on=consent, consent=consent, path=path.name))
-        app.tell_perception(PerceptionCommand(record_pictures=consent))
+        app.live_session().record_pictures(consent)
         if not consent:
             self.run_worker(self._tell_deleted(path))
 

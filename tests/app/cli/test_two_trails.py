@@ -7,6 +7,9 @@ from pathlib import Path
 
 import pytest
 
+from app.text.catalogue import tr
+from logs.findings import Remark
+from logs.mirror import SUFFIX
 from logs.records import Note
 from tests.app.cli.test_audit_commands import audit
 from tests.support.two_trails import Host, sign_again, two_hosts
@@ -47,6 +50,19 @@ def test_one_trail_alone_proves_no_join_and_says_so(hosts: tuple[Host, Host], tm
     strange, _ = two_hosts(tmp_path / "strange", seconds=1)
     status, said = audit("verify", str(hosts[0].path), str(strange.path))
     assert status == 1, "both were to be proven together"
+
+
+def test_a_mirror_of_one_computer_says_nothing_of_the_others_trail(hosts: tuple[Host, Host], tmp_path: Path) -> None:
+    console, joints = hosts
+    mirror = tmp_path / "mirror"
+    mirror.mkdir()
+    signed = [line for line in console.path.read_bytes().splitlines(keepends=True) if b'"checkpoint"' in line]
+    for host in hosts:  # a session's trails have one name on both
+        (mirror / (host.path.name + SUFFIX)).write_bytes(b"".join(signed))
+    status, said = audit("verify", str(console.path), str(joints.path), "--copies", str(mirror))
+    assert status == 0, said
+    assert said.count("agree with the mirror") == 1
+    assert said.count(tr(Remark.NO_MIRROR)) == 1
 
 
 def test_merge_prints_one_timeline(hosts: tuple[Host, Host]) -> None:

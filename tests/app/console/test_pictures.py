@@ -35,12 +35,28 @@ def consents(trail: list[Body]) -> list[tuple[bool, bool, str]]:
     return [(one.on, one.consent, one.path) for one in trail if isinstance(one, Recording)]
 
 
-def perception_says(opened: Console, recorded: bool) -> None:
+def perception_says(opened: Console, recorded: bool, incarnation: int = 1) -> None:
     """In its reports from now on."""
     state = opened.app.live_state()
     assert state is not None
     assert state.report is not None
-    opened.host.message = replace(state.report, pictures_recorded=recorded)
+    opened.host.message = replace(state.report, pictures_recorded=recorded, incarnation=incarnation)
+
+
+def newest_incarnation(opened: Console) -> int:
+    """Of perception, as far as the console knows."""
+    state = opened.app.live_state()
+    assert state is not None
+    assert state.report is not None
+    return state.report.incarnation
+
+
+async def agree(opened: Console) -> None:
+    """The patient agrees."""
+    await opened.press("f")
+    await opened.shows(tr("pictures.consent.title"))
+    await opened.press("y")
+    await opened.until(lambda: asked(opened) == [True])
 
 
 async def test_with_a_yes_pictures_are_recorded_and_with_the_next_deleted(console: Opener, trail: list[Body]) -> None:
@@ -62,6 +78,49 @@ async def test_with_a_yes_pictures_are_recorded_and_with_the_next_deleted(consol
         await opened.tells(tr("pictures.deleted"))
         perception_says(opened, False)
         await opened.until(lambda: tr("status.pictures") not in opened.text())
+
+
+async def test_a_restarted_perception_is_told_of_the_consent_and_the_pictures_size(
+    console: Opener, trail: list[Body]
+) -> None:
+    async with console(config=RECORDED, size=(120, 36)) as opened:
+        await agree(opened)
+        perception_says(opened, True)
+        await opened.shows(f"● {tr('status.pictures')}")
+        commands = opened.host.perception_commands
+        size = [one for one in commands if one.preview_hz is not None][-1]
+        commands.clear()
+        perception_says(opened, False, incarnation=2)
+        await opened.until(lambda: asked(opened) and size in commands)
+        perception_says(opened, True, incarnation=2)
+        await opened.shows(f"● {tr('status.pictures')}")
+        assert asked(opened) == [True]
+        assert len(consents(trail)) == 1, "the consent is one"
+
+
+async def test_a_consent_can_be_withdrawn_while_perception_is_down(console: Opener, trail: list[Body]) -> None:
+    async with console(config=RECORDED, size=(120, 36)) as opened:
+        await agree(opened)  # perception ends before it has said that it records
+        await opened.press("f")
+        await opened.shows(tr("pictures.withdraw.title"))
+        await opened.press("y")
+        await opened.until(lambda: asked(opened) == [True, False])
+        assert [consent for _, consent, _ in consents(trail)] == [True, False]
+        perception_says(opened, False, incarnation=2)
+        await opened.until(lambda: newest_incarnation(opened) == 2)
+        assert asked(opened) == [True, False], "nothing is left to be told again"
+
+
+async def test_a_consent_given_before_this_console_took_over_holds_for_a_restarted_perception(
+    console: Opener, trail: list[Body]
+) -> None:
+    async with console(config=RECORDED, size=(120, 36)) as opened:
+        perception_says(opened, True)
+        await opened.shows(f"● {tr('status.pictures')}")
+        perception_says(opened, False, incarnation=2)
+        await opened.until(lambda: asked(opened) == [True])
+        await opened.press("f")
+        await opened.shows(tr("pictures.withdraw.title"))
 
 
 @pytest.mark.parametrize("answer", ["n", "escape"])

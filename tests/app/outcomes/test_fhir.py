@@ -25,6 +25,7 @@ from profiles.schema import DEMO_PATIENT, GaitParameters
 from testing.trails import write_sample
 
 DEVICE = load_exoskeleton(DEFAULT_DEVICE)
+READABLE = {"{steps}": "steps", "{steps}/min": "steps/min"}  # the others are written as UCUM has them
 UNITS = {
     "steps": "{steps}",
     "walking_time_s": "s",
@@ -79,6 +80,9 @@ def test_values_and_units_are_those_of_the_measures(home: Path, found: SessionOu
         code: getattr(found.measures, code) for code in UNITS
     }
     assert {code: one.code for code, one in values.items()} == UNITS
+    assert {code: one.unit for code, one in values.items()} == {
+        code: READABLE.get(unit, unit) for code, unit in UNITS.items()
+    }
     assert "wearer_torque_share" not in read  # what was not measured is left out
     for joint, motion in found.measures.range_of_motion.items():
         bounds = read[f"{joint}_range_of_motion"].valueRange

@@ -2,21 +2,29 @@
 
 from __future__ import annotations
 
+from multiprocessing import Pipe
 from pathlib import Path
+from threading import Thread
+from unittest.mock import sentinel
 
 import pytest
 from typer.testing import CliRunner
 
 from app.cli import cli
 from app.cli.compare_cameras import compare_cameras
+from app.ipc.streams import LinkDirectory
+from app.perception.look import _Look
+from app.system.config import Config, SessionSetup
 from app.system.errors import AppError
 from app.system.hand_model import ModelFault
 from app.system.paths import Home
-from hal.errors import CameraFault
+from hal.errors import CameraFault, RecordingFault
 from logs.reason import reason
 from profiles.schema import DEMO_PATIENT
+from tests.app.perception.test_camera_supervisor import Fragile
 
 pytestmark = pytest.mark.serial
+LIMIT_S = 30.0
 
 
 def test_a_comparison_sets_up_the_hand_model_first_as_a_session_does(tmp_path: Path) -> None:
@@ -36,3 +44,14 @@ def test_a_camera_that_can_t_be_opened_ends_the_comparison_with_its_reason(tmp_p
     fault = found.faults[0]
     assert fault is not None
     assert fault.code == reason(CameraFault.RATE_OUT_OF_RANGE).code
+
+
+def test_a_recording_that_ends_ends_the_looking_with_its_reason(tmp_path: Path) -> None:
+    links = LinkDirectory(path=tmp_path, public=b"", secret=b"")
+    setup = SessionSetup(session="s", home=tmp_path, links=links, config=Config(), profile=DEMO_PATIENT, operator="")
+    ours, theirs = Pipe()
+    looking = Thread(target=_Look(theirs, setup, Fragile(frames_left=0), sentinel.unused).run, daemon=True)
+    looking.start()
+    looking.join(LIMIT_S)
+    assert not looking.is_alive()
+    assert ours.recv() == reason(RecordingFault.ENDED)

@@ -173,6 +173,27 @@ def test_a_disk_that_is_behind_costs_pictures_first(file: PicturesFile, collecto
     assert record.lost == {schemas.IMAGE: 4}  # two of them on their way here
 
 
+def test_pictures_lost_before_perception_was_restarted_stay_counted(file: PicturesFile, collector: Collector) -> None:
+    file.follow(AGREED)
+    for lost in (1, 4, 0, 2):  # the third is a new process's first
+        file.take(pictures(1, lost=lost)[0], 0)
+    file.close()
+    (record,) = collector.bodies
+    assert isinstance(record, RecordingFile)
+    assert record.lost == {schemas.IMAGE: 4 + 2}
+
+
+def test_agreed_again_the_new_file_lacks_only_its_own_losses(file: PicturesFile, collector: Collector) -> None:
+    for consent, lost in ((AGREED, 3), (WITHDRAWN, 3), (AGREED, 5)):
+        file.follow(consent)
+        file.take(pictures(1, lost=lost)[0], 0)
+        file.settle(1_000_000_000)
+    file.close()
+    record = collector.bodies[-1]
+    assert isinstance(record, RecordingFile)
+    assert record.lost == {schemas.IMAGE: 2}
+
+
 def test_a_file_that_cannot_be_made_is_told_in_the_trail(file: PicturesFile, collector: Collector) -> None:
     file.path.write_bytes(b"somebody's")
     file.follow(AGREED)

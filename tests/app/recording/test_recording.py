@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 from mcap.reader import make_reader
+from msgspec.structs import replace
 
 from app.control.telemetry import snapshot
 from app.ipc.links import OrderedReceiver
@@ -17,7 +18,8 @@ from app.recording import schemas
 from app.recording.process import BATCH, SessionRecording, take_batch
 from app.recording.read import HashCheck, Recording, messages, proof_of, survey
 from app.recording.schemas import TOPICS, schema_of
-from app.recording.topics import TickMessages
+from app.recording.topics import TickMessages, of_hand
+from app.recording.writer import RecordingWriter
 from hal.joints.protocol import TICK_NS
 from logs.records import RecordingFile
 from tests.app.recording.conftest import STATUS, Collector, Session, WatchedRig, frame, setup_in
@@ -98,6 +100,35 @@ def test_ticks_that_never_came_are_counted() -> None:
         batch = TickBatch(first_tick=first_tick, lost_ticks=0, at_ns=times, values=values, ages=AGES, snapshot=shown)
         assert len([one for one in messages_of.of(batch) if one[0] == schemas.JOINT_STATE]) == 25
     assert messages_of.lost_ticks == 50
+
+
+def test_frames_before_the_cameras_first_image_are_at_their_own_time() -> None:
+    sent = frame(2, 5_000_000_000)
+    waiting = replace(sent, report=replace(sent.report, captured_ns=0))
+    assert [at_ns for _, at_ns, _ in of_hand(waiting)] == [5_000_000_000] * 3
+    seen = replace(sent, report=replace(sent.report, captured_ns=4_980_000_000))
+    assert [at_ns for _, at_ns, _ in of_hand(seen)] == [4_980_000_000] * 3
+
+
+def test_a_recording_that_begins_at_the_clocks_zero_lasts_from_there(tmp_path: Path) -> None:
+    writer = RecordingWriter(tmp_path / "s.mcap", TOPICS, 0)
+    for at_ns in (0, 5_000_000_000):
+        writer.add(schemas.CONTACT, at_ns, schemas.FootContact(left_n=1.0, right_n=2.0))
+    assert writer.finish()
+    assert survey(writer.path).duration_s == 5.0
+    assert Recording(path=writer.path).duration_s == 0.0
+
+
+def test_frames_lost_before_perception_was_restarted_stay_counted(tmp_path: Path) -> None:
+    recording = SessionRecording(setup_in(tmp_path), Collector())
+    # Sequence and losses of each frame; another camera begins an incarnation in the same process, which counts on.
+    for incarnation, sequence, lost in ((1, 1, 0), (1, 5, 3), (2, 6, 3), (3, 3, 2), (3, 4, 2)):
+        sent = frame(sequence, sequence * TICK_NS)
+        recording.take(replace(sent, lost=lost, report=replace(sent.report, incarnation=incarnation)))
+    recording.close()
+    assert {topic: recording.writer.lost[topic] for topic in schemas.HAND_TOPICS} == dict.fromkeys(
+        schemas.HAND_TOPICS, 3 + 2
+    )
 
 
 class Backlog(OrderedReceiver[TickBatch | HandFrame]):
