@@ -97,6 +97,8 @@ class _AuditLoop:
         self._operator = setup.operator
         self._ending = False
         self._received_ns = self.cycle_ns
+        self._polled_ns = self.cycle_ns  # when records were last asked for
+        self._wanted_ns = self.cycle_ns  # when the session was last seen to go on
         self._copy_fault: Reason | None = None
 
     def on_term(self, _number: int, _frame: FrameType | None) -> None:
@@ -134,6 +136,8 @@ class _AuditLoop:
     def end(self) -> bool:
         """The signed end; tries again for a while when the disk refuses."""
         cause = EndCause.BY_CONSOLE if self._ending else EndCause.CONSOLE_GONE
+        if self.writer.is_full:
+            self._record_untaken()
         self.writer.end(reason(cause), self._now())
         deadline = time.monotonic() + GIVE_UP_S
         while not self.writer.finish(self._now()):
@@ -148,6 +152,13 @@ class _AuditLoop:
         if self._setup.orphaned:
             shutil.rmtree(self._setup.links, ignore_errors=True)
 
+    def _record_untaken(self) -> None:
+        count = 0
+        while self._receiver.receive() is not None:
+            count += 1
+        if count:
+            self._record(RecordsLost(count=count, reason=reason(Loss.QUEUE_FULL)))
+
     def _take_waiting(self) -> None:
         entry = self._receiver.receive(WAIT_S)
         taken = 0
@@ -155,8 +166,9 @@ class _AuditLoop:
             self.writer.take(self._signed(entry))
             taken += 1
             entry = self._receiver.receive() if taken < BATCH else None
+        self._polled_ns = time.monotonic_ns()
         if taken:
-            self._received_ns = time.monotonic_ns()
+            self._received_ns = self._polled_ns
         self.foreign_peers += self._receiver.foreign_peers()
         self._record_rejected()
         self._record_copy_fault()
@@ -181,10 +193,14 @@ class _AuditLoop:
         self._copy_fault = fault
 
     def _must_end(self) -> bool:
-        idle_s = (time.monotonic_ns() - self._received_ns) / 1e9
-        if self._ending:
-            return idle_s > IDLE_S
-        return self._setup.orphaned and idle_s > ORPHAN_IDLE_S
+        now_ns = time.monotonic_ns()
+        if not (self._ending or self._setup.orphaned):
+            self._wanted_ns = now_ns
+            return False
+        if self.writer.is_full:
+            return now_ns - self._wanted_ns > GIVE_UP_S * 1e9
+        idle_s = (self._polled_ns - self._received_ns) / 1e9  # waiting for the disk is not idle: records queue up
+        return idle_s > (IDLE_S if self._ending else ORPHAN_IDLE_S)
 
     def _notice(self, notice: Notice, **values: object) -> None:
         self._record(EventRaised(event=notice.value, effect="note", text=reason(notice, **values)))

@@ -8,11 +8,15 @@ from __future__ import annotations
 from collections import deque
 from dataclasses import dataclass, field
 
+from msgspec.structs import replace
+
 from app.audit.sink import PERIOD_NS, other_trail
 from app.ipc.messages import AuditHealth, LinkHealth
-from app.ipc.streams import NS_PER_MS
+from app.ipc.states import Event
+from app.ipc.streams import AUDIT_HEALTH, NS_PER_MS
 from app.link.clock import ClockEstimate, RoundTrip, update
 from app.link.wire import Packet
+from logs.reason import reason
 from logs.records import OtherTrail
 
 BEAT_NS = 20 * NS_PER_MS  # a packet of the link's own socket in each direction; STOP travels on every one
@@ -132,6 +136,17 @@ class Beats:
         before, self._their_wall_ns = self._their_wall_ns, wall_ns
         if before is not None and abs(wall_ns - before) > WALL_STEP_NS:
             self.wall_step_ns = wall_ns - before
+
+
+def trail_health(audit: AuditHealth | None, came_ns: int, now_ns: int) -> AuditHealth | None:
+    """The health of this host's trail, for the other one: a fault when the audit process tells nothing any more.
+
+    came_ns: when the newest came; before the first, when it began to be awaited.
+    """
+    if now_ns - came_ns <= AUDIT_HEALTH.stale_ms * NS_PER_MS:
+        return audit
+    audit = audit or AuditHealth(at_ns=came_ns, written=0, waiting=0)
+    return replace(audit, fault=audit.fault or reason(Event.AUDIT_TIMEOUT))
 
 
 def health_of(beats: Beats, host: str, now_ns: int, foreign: int, audit: AuditHealth | None) -> LinkHealth:

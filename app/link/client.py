@@ -20,13 +20,13 @@ from app.ipc.links import LatestReceiver, OrderedReceiver, Publisher, address
 from app.ipc.messages import STOP_KINDS, AuditHealth, ControlSnapshot, OperatorCommand, OperatorKind, TriggerReport
 from app.ipc.states import Event
 from app.ipc.streams import NS_PER_MS
-from app.link.beats import Beats, health_of
+from app.link.beats import Beats, health_of, trail_health
 from app.link.clock import localized
-from app.link.order import Outbox
+from app.link.order import Outbox, WaitingStops
 from app.link.packets import PacketSeal
 from app.link.questions import why_silent
 from app.link.remote import Remote
-from app.link.wire import LinkNotice, Refused, StopMark, ToJoints, ToLaptop, Welcome, mark_of
+from app.link.wire import LinkNotice, Refused, ToJoints, ToLaptop, Welcome, mark_of
 from app.system.config import SessionSetup
 from app.system.diagnostics_log import get_logger
 from app.system.scheduling import gc_freeze, set_scheduling
@@ -40,7 +40,6 @@ WAIT_MS = 5
 SILENT_NS = 5_000 * NS_PER_MS  # then it is told that nobody answers; it goes on asking
 FRAME_NS = 50 * NS_PER_MS  # without anything new
 END_NS = 15_000 * NS_PER_MS  # the other computer holds, damps, disables and signs its trail
-STOPS_A_PACKET = 8
 COMMANDS_A_ROUND = 64
 
 
@@ -73,8 +72,7 @@ class LinkClient:
         self._report: TriggerReport | None = None  # not sent yet
         self._audit: AuditHealth | None = None
         self._their: ToLaptop | None = None
-        self._stops: dict[tuple[int, int], StopMark] = {}  # not acknowledged by control yet
-        self._acknowledged = StopMark(0, 0, 0)  # the newest STOP that control acts on
+        self._stops = WaitingStops()
         self._lease = 0
         self._heartbeat_ns = 0
         self._fault: Reason | None = None
@@ -82,7 +80,7 @@ class LinkClient:
         self._ending_ns = 0
         self._ended = False
         self._frame_ns = self._health_ns = 0
-        self._began_ns = time.monotonic_ns()
+        self._began_ns = self._audit_ns = time.monotonic_ns()
         self._remote = self._open_remote()
 
     def end(self) -> None:
@@ -149,7 +147,9 @@ class LinkClient:
                 break
             self._take_command(command)
         self._report = self._reports.receive() or self._report
-        self._audit = self._audits.receive() or self._audit
+        audit = self._audits.receive()
+        if audit is not None:
+            self._audit, self._audit_ns = audit, time.monotonic_ns()
         peers = sum(link.foreign_peers() for link in self._links)
         if peers:
             text = reason(Event.FOREIGN_PEER, count=peers)
@@ -158,13 +158,15 @@ class LinkClient:
     def _take_command(self, command: OperatorCommand) -> None:
         if command.kind is OperatorKind.TAKE_OVER:
             self._lease = max(self._lease, command.lease)
+            if self._remote is not None:
+                self._remote.commanded_by(command.operator)
         if command.kind is OperatorKind.HEARTBEAT:
             self._lease = self._lease or command.lease
             if command.lease == self._lease:
                 self._heartbeat_ns = command.sent_ns
             return
         if command.kind in STOP_KINDS:
-            self._stops[command.lease, command.sequence] = mark_of(command)
+            self._stops.add(mark_of(command))
             if self._remote is not None:
                 self._send_packet(self._remote, time.monotonic_ns())  # at once, not with the next one
         if not self._outbox.add(command):
@@ -180,7 +182,7 @@ class LinkClient:
         audit = None if their is None else their.audit
         health = health_of(self._beats, self._setup.config.joints.host, now_ns, self._foreign, audit)
         processes = () if their is None else their.processes
-        stop = self._acknowledged
+        stop = self._stops.acknowledged
         self._health.send(
             replace(health, fault=self._fault, processes=processes, stop_lease=stop.lease, stop_sequence=stop.sequence)
         )
@@ -241,9 +243,8 @@ class LinkClient:
         if self._beats.wall_step_ns:
             self._note(LinkNotice.OTHER_CLOCK_STEPPED, step_s=self._beats.wall_step_ns / 1e9)
             self._beats.wall_step_ns = 0
-        for stop in packet.stops:
-            if self._stops.pop((stop.lease, stop.sequence), None) is not None:
-                self._acknowledged, self._health_ns = stop, 0  # the console is told at once
+        if self._stops.acknowledge(packet.stops):
+            self._health_ns = 0  # the console is told at once
 
     def _note(self, notice: LinkNotice, **values: object) -> None:
         self._sink.emit(Note(text=reason(notice, **values)))
@@ -268,7 +269,7 @@ class LinkClient:
             report=self._report,
             first_command=self._outbox.first,
             commands=waiting,
-            audit=self._audit,
+            audit=trail_health(self._audit, self._audit_ns, now_ns),
             ends=bool(self._ending_ns),
         )
         self._report = None
@@ -280,7 +281,7 @@ class LinkClient:
             return
         packet = replace(
             self._beats.next(now_ns, time.time_ns()),
-            stops=tuple(self._stops.values())[-STOPS_A_PACKET:],
+            stops=self._stops.next,
             heartbeat_ns=self._heartbeat_ns,
             lease=self._lease,
         )

@@ -10,9 +10,10 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 from app.ipc.messages import OperatorCommand
-from app.link.wire import COMMANDS_A_FRAME, FRAMES_IN_FLIGHT
+from app.link.wire import COMMANDS_A_FRAME, FRAMES_IN_FLIGHT, StopMark
 
 MOST_WAITING = 256  # commands; hands press a few a second
+STOPS_A_PACKET = 8
 
 
 @dataclass(slots=True)
@@ -65,6 +66,35 @@ class Inbox:
                 self.count = number
                 new.append(command)
         return new
+
+
+@dataclass(slots=True)
+class WaitingStops:
+    """STOPs that control has not acknowledged yet, repeated on every packet."""
+
+    acknowledged: StopMark = field(default_factory=lambda: StopMark(0, 0, 0))  # the newest that control acts on
+    _waiting: list[StopMark] = field(default_factory=list)
+
+    def add(self, stop: StopMark) -> None:
+        """One more was given."""
+        self._waiting.append(stop)
+
+    def acknowledge(self, stops: Iterable[StopMark]) -> bool:
+        """Control acts on these; whether that is new.
+
+        Those given before them at the same console are done with: not all are named, and frames bring them as well.
+        """
+        new = False
+        for stop in stops:
+            left = [one for one in self._waiting if one.lease != stop.lease or one.sequence > stop.sequence]
+            if len(left) < len(self._waiting):
+                self._waiting, self.acknowledged, new = left, stop, True
+        return new
+
+    @property
+    def next(self) -> tuple[StopMark, ...]:
+        """What the next packet carries."""
+        return tuple(self._waiting[-STOPS_A_PACKET:])
 
 
 @dataclass(slots=True)

@@ -17,6 +17,7 @@ from cryptography.exceptions import InvalidTag
 from cryptography.hazmat.primitives.ciphers.aead import ChaCha20Poly1305
 from msgspec import Struct
 from spake2 import SPAKE2_A, SPAKE2_B, SPAKEError
+from spake2.ed25519_basic import NotOnCurve
 
 from app.link.keys import Peer, add_peer, own_key, own_name, write_private
 from app.link.questions import Asking, PairAnswer, PairBegin, PairConfirm, PairDone, PairRefused
@@ -31,6 +32,7 @@ LASTS_S = 300.0
 CONFIRM_S = 3.0  # an exchange ends within it
 EXCHANGES = 3  # a guess succeeds once in 33 million codes
 _LAPTOP, _JOINTS = b"rleex laptop", b"rleex joints"
+_MALFORMED = (SPAKEError, NotOnCurve, AssertionError, ValueError)  # whatever spake2 finds wrong with the other half
 _FROM_LAPTOP, _FROM_JOINTS = bytes(12), bytes(11) + b"\1"  # nonces: the key is used once in each direction
 
 
@@ -108,7 +110,7 @@ class PairingDesk:
         try:
             answer = PairAnswer(exchange=question.exchange, message=side.start())
             key = side.finish(question.message)
-        except (SPAKEError, AssertionError, ValueError):
+        except _MALFORMED:
             return PairRefused(exchange=question.exchange, left=offer.left - 1)
         self._newest = _Exchange(question, answer, key)
         return answer
@@ -139,22 +141,26 @@ def pair(home: Home, host: str, code: str, now_s: float) -> Peer:
     """The laptop's side, to its end. Raises AppError: nobody answers, no code is shown, a wrong or used-up one."""
     side = SPAKE2_A(normalized(code).encode(), idA=_LAPTOP, idB=_JOINTS)
     exchange = secrets.token_bytes(16)
-    try:
-        with closing(Asking(host)) as asking:
-            answer = asking.ask(PairBegin(exchange=exchange, message=side.start()))
-            if not isinstance(answer, PairAnswer):
-                raise _refusal(host, answer)
-            key = side.finish(answer.message)
-            us = _Identity(name=own_name(), public=own_key(home).public)
-            done = asking.ask(PairConfirm(exchange=exchange, sealed=_sealed(key, _FROM_LAPTOP, us, exchange)))
-    except SPAKEError as error:
-        raise AppError(LinkFault.CODE_WRONG, left=0) from error
+    with closing(Asking(host)) as asking:
+        answer = asking.ask(PairBegin(exchange=exchange, message=side.start()))
+        if not isinstance(answer, PairAnswer):
+            raise _refusal(host, answer)
+        key = _key(side, answer.message)
+        us = _Identity(name=own_name(), public=own_key(home).public)
+        done = asking.ask(PairConfirm(exchange=exchange, sealed=_sealed(key, _FROM_LAPTOP, us, exchange)))
     joints = _opened(key, _FROM_JOINTS, done.sealed, exchange) if isinstance(done, PairDone) else None
     if joints is None:
         raise _refusal(host, done)
     peer = Peer(name=joints.name, public=joints.public, paired_at=_stamp(now_s), host=host)
     add_peer(home, peer)
     return peer
+
+
+def _key(side: SPAKE2_A, message: bytes) -> bytes:
+    try:
+        return bytes(side.finish(message))
+    except _MALFORMED as error:
+        raise AppError(LinkFault.CODE_USED_UP) from error
 
 
 def _refusal(host: str, answer: object) -> AppError:

@@ -43,6 +43,17 @@ def resolve(text: str) -> tuple[str, int]:
     return str(found[0][4][0]), port
 
 
+def connected(host: str, where: tuple[str, int]) -> socket.socket:
+    """A socket for packets to that address. Raises AppError when this computer has no way there."""
+    found = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    try:
+        found.connect(where)
+    except OSError as error:
+        found.close()
+        raise AppError(LinkFault.UNKNOWN_HOST, host=host, detail=error.strerror or str(error)) from error
+    return found
+
+
 class Who(Struct, frozen=True, kw_only=True, tag="who"):
     """Who is there? `asked_ns` comes back."""
 
@@ -129,10 +140,9 @@ class Asking:
     """A socket to one computer that asks again until it is answered."""
 
     def __init__(self, host: str) -> None:
-        """Raises AppError when the address is none, or unknown."""
-        self.host, where = host, resolve(host)
-        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self._socket.connect(where)
+        """Raises AppError when the address is none, unknown, or not reached from here."""
+        self.host = host
+        self._socket = connected(host, resolve(host))
 
     def ask(self, question: Question, limit_s: float = ANSWER_S) -> Answer:
         """The answer. Raises AppError when none comes."""
@@ -173,7 +183,9 @@ def _answer_in(datagram: bytes) -> Answer | None:
 def _answers_it(question: Question, answer: Answer) -> bool:
     if isinstance(question, Who):
         return isinstance(answer, Here) and answer.asked_ns == question.asked_ns
-    return not isinstance(answer, Here) and answer.exchange == question.exchange
+    # A question that was repeated is answered twice: the second answer is none to the next question.
+    usual = PairAnswer if isinstance(question, PairBegin) else PairDone
+    return isinstance(answer, usual | PairRefused) and answer.exchange == question.exchange
 
 
 class Found(Struct, frozen=True, kw_only=True):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import socket
 from collections.abc import Iterator
 from contextlib import suppress
 
@@ -13,7 +12,7 @@ from app.ipc.streams import NS_PER_MS
 from app.link.keys import joints_at, own_key
 from app.link.order import Flight
 from app.link.packets import MAX_BYTES
-from app.link.questions import check_version, resolve
+from app.link.questions import check_version, connected, resolve
 from app.link.wire import VERSION, FromJoints, Hello, LinkFault, Refused, SessionRequest, ToLaptop, Welcome, program
 from app.system.authority import DEMONSTRATION
 from app.system.config import SessionSetup
@@ -31,7 +30,7 @@ class Remote:
     """The sockets to the other computer: frames, made anew when they stall, and packets."""
 
     def __init__(self, setup: SessionSetup) -> None:
-        """Raises AppError: not paired, an address that is none."""
+        """Raises AppError: not paired, an address that is none, no way there."""
         home, host = Home(setup.home), setup.config.joints.host
         peer = joints_at(home, host)
         if peer is None:
@@ -39,6 +38,9 @@ class Remote:
         self.host = host
         self._key, self._their_key = own_key(home), peer.public
         self._where = resolve(host)
+        self._packets = connected(host, self._where)
+        self._packets.setblocking(False)
+        self._operator = ""  # who took over at the laptop
         self._request = SessionRequest(
             session=setup.session,
             profile=setup.profile,
@@ -48,9 +50,6 @@ class Remote:
         )
         self._context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
         self._frames: zmq.Socket[bytes] | None = None
-        self._packets = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self._packets.setblocking(False)
-        self._packets.connect(self._where)
         self.poller = zmq.Poller()
         self.poller.register(self._packets, zmq.POLLIN)
         self.flight = Flight()
@@ -78,6 +77,10 @@ class Remote:
         """The way is open again: a connection that stalled meanwhile would go on late."""
         self._patience_ns = RETRY_NS
 
+    def commanded_by(self, operator: str) -> None:
+        """Another operator took over at the laptop: `rleex joints` that is started again is told the name."""
+        self._operator = operator
+
     def connect(self, now_ns: int) -> None:
         """A new connection, which greets; what was under way on the old one is repeated or newer now."""
         self._close_frames()
@@ -98,7 +101,7 @@ class Remote:
         if self._connected_ns:
             self._patience_ns = min(2 * self._patience_ns, RETRY_AT_MOST_NS)
         self._welcome, self._connected_ns = False, now_ns
-        self.send(Hello(link=VERSION, program=program(), request=self._request))
+        self.send(Hello(link=VERSION, program=program(), request=self._request, operator=self._operator))
 
     def frames(self, now_ns: int) -> Iterator[Welcome | Refused | ToLaptop]:
         """What came; a greeting of another version is a refusal."""
@@ -115,7 +118,7 @@ class Remote:
         while True:
             try:
                 yield self._packets.recv(MAX_BYTES + 1)
-            except (BlockingIOError, ConnectionError):
+            except OSError:  # nothing came, or somebody on the way said that the other computer can't be reached
                 return
 
     def send(self, message: msgspec.Struct) -> None:

@@ -7,6 +7,7 @@ and audit are the same as on one host and know nothing of it.
 from __future__ import annotations
 
 import re
+import time
 from collections.abc import Iterable
 from concurrent.futures import Executor
 
@@ -72,10 +73,13 @@ class ServedSession:
         self.stops: tuple[StopMark, ...] = ()  # acknowledged by control, newest last
         self._handed: dict[int, StopMark] = {}  # own sequence → as the laptop knows it
         self._lease = 0 if held else 1  # as control knows it; 0: not known yet
-        self._their_lease = 1  # the same console as the laptop numbers it
-        self._sequence = 0
+        self._their_lease = 0 if held else 1  # the same console as the laptop numbers it; 0: not known yet
+        self._their_operator = host.setup.operator
+        # An earlier process of this command counted from less: what control says of its STOPs is none of ours.
+        self._sequence = time.monotonic_ns() if held else 0
         self._heartbeat_ns = 0
         self._must_take_over = held
+        self._returned_ns = 0  # when the laptop came back last: what it was given before that is not carried out
         self._started = self._ending = False
         self._workers.submit(self._start)
 
@@ -97,6 +101,14 @@ class ServedSession:
     def name(self) -> str:
         """The session's."""
         return self._host.setup.session
+
+    def commanded_by(self, operator: str) -> None:
+        """Whose name the laptop's console has, of a session that is resumed."""
+        self._their_operator = operator or self._their_operator
+
+    def adopt_lease(self, lease: int) -> None:
+        """Of the laptop's packets: an earlier process of this command may have acknowledged a takeover there."""
+        self._their_lease = self._their_lease or lease
 
     def record(self, body: Body) -> None:
         """Into this host's trail."""
@@ -151,7 +163,8 @@ class ServedSession:
         """As another console does (`TAKE_OVER`)."""
         if self._must_take_over and self._lease:
             self._must_take_over = False
-            self._take_over(now_ns, self._host.setup.operator)
+            self._returned_ns = now_ns
+            self._take_over(now_ns, self._their_operator)
 
     def shown(self) -> ControlSnapshot | None:
         """Control's newest snapshot as the laptop's consoles number leases and STOPs."""
@@ -187,12 +200,15 @@ class ServedSession:
         if command.kind is OperatorKind.HEARTBEAT or self._is_known(command):
             return
         age_ns = now_ns - command.sent_ns
-        if command.kind not in NEVER_STALE and age_ns > LOST_NS:
+        stale = age_ns > LOST_NS or command.sent_ns < self._returned_ns
+        if command.kind not in NEVER_STALE and stale:
             self.note(LinkNotice.COMMAND_STALE, command=command.kind.value, age_s=age_ns / 1e9)
             return
-        if command.kind is OperatorKind.TAKE_OVER and command.lease > self._their_lease:
-            self._their_lease = command.lease
-            self._take_over(command.sent_ns, command.operator)
+        # As adopted, too: a packet with the new lease may have overtaken the command.
+        if command.kind is OperatorKind.TAKE_OVER and command.lease >= self._their_lease:
+            self._their_lease, self._their_operator = command.lease, command.operator
+            if self._lease:  # else the takeover of the resumed session is still due
+                self._take_over(command.sent_ns, command.operator)
         elif command.lease == self._their_lease or command.kind in STOP_KINDS:
             lease = self._lease if command.lease == self._their_lease else 0
             self._sequence += 1

@@ -23,7 +23,18 @@ from app.link.order import Flight
 from app.link.packets import PacketSeal, new_packet_key
 from app.link.pairing import PairingDesk
 from app.link.port import JointsPort
-from app.link.questions import Answer, PairBegin, Question, Who, check_version, encode, here, question_in
+from app.link.questions import (
+    Answer,
+    PairBegin,
+    PairConfirm,
+    PairRefused,
+    Question,
+    Who,
+    check_version,
+    encode,
+    here,
+    question_in,
+)
 from app.link.served import ServedSession
 from app.link.wire import (
     VERSION,
@@ -33,7 +44,6 @@ from app.link.wire import (
     LinkNotice,
     Packet,
     Refused,
-    SessionRequest,
     ToJoints,
     ToLaptop,
     Welcome,
@@ -45,7 +55,7 @@ from app.system.errors import AppError
 from app.system.paths import Home
 from app.system.scheduling import avoid_control_core, set_scheduling
 from logs.reading.errors import CodedError
-from logs.reason import reason_of
+from logs.reason import reason, reason_of
 
 _log = get_logger("link")
 
@@ -63,9 +73,10 @@ class _Version(msgspec.Struct, tag="hello"):
 class Laptop:
     """The connection that commands: its key, its frames, its packets."""
 
-    def __init__(self, identity: bytes, user: str, connection: int) -> None:
+    def __init__(self, identity: bytes, user: str, name: str, connection: int) -> None:
         self.identity = identity
         self.user = user
+        self.name = name  # as it is paired
         self.flight = Flight()
         self.seal = PacketSeal(connection=connection, key=new_packet_key(), at_joints=True)
         self.beats = Beats()
@@ -115,12 +126,9 @@ class JointsServer:
         self._port.close()
 
     def _done(self) -> bool:
-        if not self._must_end:
-            return False
-        if self._session is None:
-            return True
-        self._session.end()
-        return self._session.ended
+        if self._must_end and self._session is not None:
+            self._session.end()
+        return self._must_end and self._session is None  # the laptop has been told
 
     def _serve(self, now_ns: int) -> None:
         session, laptop = self._session, self._laptop
@@ -182,19 +190,22 @@ class JointsServer:
     def _greet(self, identity: bytes, user: str, hello: Hello) -> None:
         try:
             check_version("laptop", hello.link, hello.program)
-            self._admit(identity, user, hello.request)
-        except CodedError as error:
+            self._admit(identity, user, hello)
+        except (CodedError, OSError) as error:
+            why = (
+                reason_of(error) if isinstance(error, CodedError) else reason(LinkFault.NOT_STARTED, detail=str(error))
+            )
             _log.warning("laptop refused", why=str(error))
             if self._session is not None:
-                self._session.note(LinkNotice.PEER_REFUSED, why=reason_of(error))
-            self._send(identity, Refused(reason=reason_of(error)))
+                self._session.note(LinkNotice.PEER_REFUSED, why=why)
+            self._send(identity, Refused(reason=why))
             return
         assert self._laptop is not None
         seal = self._laptop.seal
         self._send(identity, Welcome(link=VERSION, program=program(), connection=seal.connection, packet_key=seal.key))
 
-    def _admit(self, identity: bytes, user: str, request: SessionRequest) -> None:
-        session, laptop = self._session, self._laptop
+    def _admit(self, identity: bytes, user: str, hello: Hello) -> None:
+        session, laptop, request = self._session, self._laptop, hello.request
         if session is not None and session.name != request.session:
             raise AppError(LinkFault.SESSION_RUNS, session=session.name)
         if laptop is not None and laptop.user != user:
@@ -202,14 +213,17 @@ class JointsServer:
         if laptop is not None:
             laptop.identity, laptop.flight = identity, Flight()  # frames are counted anew, packets go on
             return
+        name = self._name_of(user)
         if session is None:
             if (self._home.logs / f"{request.session}.jsonl").exists():
                 raise AppError(LinkFault.SESSION_OVER, session=request.session)
             session = self._session = ServedSession.begun(self._home, self._config, request, self._workers)
+            self._foreign = 0  # control counts anew with each session
             self._wait_for_snapshots()
+        session.commanded_by(hello.operator)
         self._connections += 1
-        self._laptop = Laptop(identity, user, self._connections)
-        session.note(LinkNotice.LAPTOP_CAME, laptop=self._name_of(user))
+        self._laptop = Laptop(identity, user, name, self._connections)
+        session.note(LinkNotice.LAPTOP_CAME, laptop=name)
 
     def _take(self, laptop: Laptop, frame: ToJoints) -> None:
         session, clock, now_ns = self._session, laptop.beats.clock, time.monotonic_ns()
@@ -267,6 +281,7 @@ class JointsServer:
         laptop.where = where
         if session is None:
             return
+        session.adopt_lease(packet.lease)
         if beats.steps > steps:
             session.note(LinkNotice.CLOCK_STEPPED, step_s=beats.step_ns / 1e9)
         if beats.wall_step_ns:
@@ -289,11 +304,18 @@ class JointsServer:
     def _answer(self, question: Question, where: tuple[str, int], now_ns: int) -> None:
         if isinstance(question, Who):
             answer: Answer = here(question, now_ns, time.monotonic_ns())
-        elif isinstance(question, PairBegin):
-            answer = self._desk.begin(question, time.time())
         else:
-            answer = self._desk.confirm(question, time.time())
+            answer = self._paired(question)
         self._port.send_packet(encode(answer), where)
+
+    def _paired(self, question: PairBegin | PairConfirm) -> Answer:
+        try:
+            if isinstance(question, PairBegin):
+                return self._desk.begin(question, time.time())
+            return self._desk.confirm(question, time.time())
+        except (CodedError, OSError) as error:  # keys or offer can't be read or kept: no reason to end a session
+            _log.warning("pairing failed", why=str(error))
+            return PairRefused(exchange=question.exchange, left=None)
 
     # --------------------------------------------------------------------------------------------------------------
 
@@ -301,7 +323,7 @@ class JointsServer:
         laptop = self._laptop
         if laptop is None:
             return LinkHealth(at_ns=now_ns, host="", connected=False, foreign_peers=self._foreign)
-        return health_of(laptop.beats, self._name_of(laptop.user), now_ns, self._foreign, laptop.audit)
+        return health_of(laptop.beats, laptop.name, now_ns, self._foreign, laptop.audit)
 
     def _name_of(self, user: str) -> str:
         return next((peer.name for peer in peers_of(self._home) if peer.public == user), "?")

@@ -89,6 +89,7 @@ class Hello(Struct, frozen=True, kw_only=True, tag="hello"):
     link: int
     program: str
     request: SessionRequest
+    operator: str = ""  # who commands after a takeover at the laptop; empty: who began the session
 
 
 class Welcome(Struct, frozen=True, kw_only=True, tag="welcome"):

@@ -201,8 +201,8 @@ class SessionHost:
             for link in (*sent, self._snapshots, self._reports, self._previews, *health):
                 if link is not None:
                     link.close()
-        if self._host is not None:
-            self._host.close()
+            if self._host is not None:
+                self._host.close()
 
     def send(self, kind: OperatorKind, action: Action | None = None) -> int:
         """Send an operator command to control; returns its sequence, which control acknowledges."""
@@ -258,13 +258,17 @@ class SessionHost:
         )
 
     def processes(self) -> tuple[ProcessStatus, ...]:
-        """Each process and whether it lives, as the session's process last said; without that one, as far as we see."""
-        status = self._statuses.receive()
-        if status is not None:
-            self._processes = status.processes
-        elif self._host is not None and not self._host_lives():
-            self._processes = tuple(_with_liveness(one) for one in self._processes)
-        return self._processes
+        """Each process and whether it lives, as the session's process last said; without that one, as far as we see.
+
+        May be called from another thread than the one that closes: it then stays as it was.
+        """
+        with self._lock:
+            status = None if self._closed else self._statuses.receive()
+            if status is not None:
+                self._processes = status.processes
+            elif self._host is not None and not self._closed and not self._host_lives():
+                self._processes = tuple(_with_liveness(one) for one in self._processes)
+            return self._processes
 
     def _unacknowledged(self, *messages: ControlSnapshot | LinkHealth | None) -> int:
         """When the oldest STOP was sent of which control has not said yet that it acts on it; 0: it acts on all."""

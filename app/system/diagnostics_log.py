@@ -84,7 +84,8 @@ def start_log(home: Home, process: str, **context: str) -> None:
     _Running.listener = QueueListener(records, file)
     _Running.listener.start()
     _ROOT.handlers = [_Handover(records)]
-    _ROOT.setLevel(os.environ.get(LEVEL_VARIABLE, "INFO"))
+    named = os.environ.get(LEVEL_VARIABLE, "").upper()
+    _ROOT.setLevel(logging.getLevelNamesMapping().get(named, logging.INFO))
 
 
 def stop_log() -> None:

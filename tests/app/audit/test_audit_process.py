@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import multiprocessing
 import os
+import resource
 import time
 from collections.abc import Callable, Iterator
 from functools import partial
@@ -13,7 +14,7 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from app.audit.process import run_audit
+from app.audit.process import IDLE_S, run_audit
 from app.audit.sink import AuditSink, other_trail
 from app.ipc.links import LatestReceiver, address, new_link_directory
 from app.ipc.messages import AuditHealth
@@ -25,6 +26,7 @@ from logs.keys import by_fingerprint, known_keys, read_anchors
 from logs.reason import Reason, key_of
 from logs.records import Command, Loss, Note, OtherTrail, Record, RecordsLost, SessionEnd, SessionStart
 from logs.scan import scan_file
+from logs.trail import MAX_WAITING_BYTES
 from logs.verify import Evidence, exit_status, verify
 from profiles.schema import DEMO_PATIENT
 
@@ -149,6 +151,31 @@ def test_records_still_queued_at_the_end_are_written(start: Callable[[str], Sess
     assert session.end() == 0
     written = bodies(session.home.logs / "s1.jsonl")
     assert sum(isinstance(body, Command) for body in written) == 2000
+
+
+def test_records_queued_while_the_disk_is_full_are_written_when_it_is_freed_after_the_end_was_asked_for(
+    start: Callable[[str], Session],
+) -> None:
+    session = start("s1")
+    session.wait_until(lambda health: health.written > 0 and health.waiting == 0)
+    pid, trail = session.process.pid, session.home.logs / "s1.jsonl"
+    assert pid is not None
+    _, most = resource.prlimit(pid, resource.RLIMIT_FSIZE)
+    resource.prlimit(pid, resource.RLIMIT_FSIZE, (trail.stat().st_size, most))
+    large = MAX_WAITING_BYTES // 1_000_000 + 1
+    for _ in range(large):
+        assert session.sink.emit(Note(text="x" * 1_000_000))
+    session.wait_until(lambda health: health.waiting >= large)
+    for number in range(100):
+        assert session.sink.emit(Note(text=str(number)))
+    session.process.terminate()
+    asked_ns = time.monotonic_ns()
+    session.wait_until(lambda health: health.at_ns - asked_ns > 2 * IDLE_S * 1e9)
+    resource.prlimit(pid, resource.RLIMIT_FSIZE, (most, most))
+    assert session.wait_for_end() == 0
+    texts = [body.text for body in bodies(trail) if isinstance(body, Note)]
+    assert texts[large:] == [str(number) for number in range(100)]
+    assert exit_status(verify([session.home.logs], evidence(session.home))) == 0
 
 
 def test_killed_at_any_moment_nothing_acknowledged_is_missing_and_the_next_session_starts(

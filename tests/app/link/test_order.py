@@ -6,8 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from app.ipc.messages import OperatorCommand, OperatorKind
-from app.link.order import MOST_WAITING, Flight, Inbox, Outbox
-from app.link.wire import FRAMES_IN_FLIGHT
+from app.link.order import MOST_WAITING, STOPS_A_PACKET, Flight, Inbox, Outbox, WaitingStops
+from app.link.wire import FRAMES_IN_FLIGHT, StopMark
 
 
 def command(number: int) -> OperatorCommand:
@@ -46,6 +46,20 @@ def test_a_full_queue_tells() -> None:
     outbox = Outbox()
     assert all(outbox.add(command(number)) for number in range(MOST_WAITING))
     assert not outbox.add(command(0))
+
+
+def test_an_acknowledged_stop_ends_the_repetition_of_those_before_it_at_that_console() -> None:
+    stops = WaitingStops()
+    marks = [StopMark(1, number, number) for number in range(1, 13)]
+    for mark in (*marks, StopMark(2, 1, 20)):
+        stops.add(mark)
+    assert [*stops.next] == [*marks[-STOPS_A_PACKET + 1 :], StopMark(2, 1, 20)]
+    assert stops.acknowledge(marks[2:11]), "the other computer names but the newest"
+    assert stops.acknowledged == marks[10]
+    assert [*stops.next] == [marks[11], StopMark(2, 1, 20)]
+    assert not stops.acknowledge(marks[2:11]), "it goes on naming them"
+    assert stops.acknowledge([StopMark(2, 1, 20)])
+    assert [*stops.next] == [marks[11]]
 
 
 def test_few_frames_are_under_way() -> None:

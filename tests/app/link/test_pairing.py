@@ -11,14 +11,17 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import pytest
+from msgspec.structs import replace
 
 from app.link import pairing
 from app.link.keys import Peer, add_peer, forget_peer, joints_at, own_key, peers_of
 from app.link.pairing import Offer, PairingDesk, pair, write_offer
 from app.link.questions import (
     Answer,
+    PairAnswer,
     PairBegin,
     PairConfirm,
+    PairRefused,
     Who,
     check_version,
     encode,
@@ -43,6 +46,8 @@ class Joints:
     home: Home
     host: str = ""
     begun: list[PairBegin] = field(default_factory=list)
+    malformed: bytes = b""  # instead of its half of an exchange
+    answers: int = 1  # to each packet, as when it was repeated
 
     def answer(self, datagram: bytes) -> bytes | None:
         question, now_ns = question_in(datagram), time.monotonic_ns()
@@ -53,6 +58,8 @@ class Joints:
         elif isinstance(question, PairBegin):
             self.begun.append(question)
             reply = desk.begin(question, time.time())
+            if self.malformed and isinstance(reply, PairAnswer):
+                reply = replace(reply, message=self.malformed)
         elif isinstance(question, PairConfirm):
             reply = desk.confirm(question, time.time())
         else:
@@ -81,8 +88,8 @@ def answering(joints: Joints) -> Iterator[Joints]:
                 except TimeoutError:
                     continue
                 reply = joints.answer(datagram)
-                if reply is not None:
-                    udp.sendto(reply, where)
+                for _ in range(joints.answers if reply is not None else 0):
+                    udp.sendto(reply or b"", where)
 
         thread = threading.Thread(target=serve)
         thread.start()
@@ -152,12 +159,31 @@ def test_what_is_no_code_is_refused_before_anything_is_sent(laptop: Home, joints
     assert joints.begun == []
 
 
+MALFORMED = [bytes(31) + b"\x01", bytes(31) + b"\x02", bytes(32), bytes(7)]  # not on the curve, no element, short
+
+
+@pytest.mark.parametrize("point", MALFORMED, ids=bytes.hex)
+def test_a_malformed_half_is_refused_on_both_sides(laptop: Home, joints: Joints, point: bytes) -> None:
+    joints.offer()
+    begun = PairBegin(exchange=bytes(16), message=b"A" + point)
+    assert PairingDesk(joints.home).begin(begun, time.time()) == PairRefused(exchange=bytes(16), left=2)
+    joints.malformed = b"B" + point
+    assert refusal(laptop, joints) == "CODE_USED_UP"
+
+
 def test_a_repeated_packet_costs_nothing(laptop: Home, joints: Joints) -> None:
     joints.offer()
     pair(laptop, joints.host, CODE, time.time())
     (begun,) = joints.begun
     again = joints.answer(encode(begun))
     assert again is not None
+
+
+def test_a_slow_way_on_which_questions_are_repeated_pairs(laptop: Home, joints: Joints) -> None:
+    joints.offer()
+    joints.answers = 2
+    pair(laptop, joints.host, CODE, time.time())
+    assert len(peers_of(joints.home)) == len(peers_of(laptop)) == 1
 
 
 def test_keys_are_readable_by_their_owner_alone(laptop: Home, joints: Joints) -> None:

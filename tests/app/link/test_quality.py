@@ -1,4 +1,4 @@
-"""Loss, jitter and round trips from counters."""
+"""Loss, jitter and round trips from counters; a trail that is told of no more."""
 
 from __future__ import annotations
 
@@ -6,7 +6,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from app.link.beats import BEAT_NS, LinkQuality
+from app.ipc.messages import AuditHealth
+from app.ipc.states import Event
+from app.ipc.streams import AUDIT_HEALTH
+from app.link.beats import BEAT_NS, LinkQuality, trail_health
+from logs.reason import key_of
 
 MS = 1_000_000
 
@@ -58,3 +62,15 @@ def test_jitter_is_the_mean_change() -> None:
     for number in range(400):
         quality.add_delay((10 + 6 * (number % 2)) * MS)
     assert quality.jitter_ns == pytest.approx(6 * MS, rel=0.01)
+
+
+def test_a_trail_of_which_nothing_is_told_any_more_has_a_fault() -> None:
+    health = AuditHealth(at_ns=5, written=7, waiting=1)
+    limit_ns = int(AUDIT_HEALTH.stale_ms * MS)
+    assert trail_health(None, 5, 5 + limit_ns) is None
+    assert trail_health(health, 5, 5 + limit_ns) == health
+    for known, written in ((health, 7), (None, 0)):
+        late = trail_health(known, 5, 6 + limit_ns)
+        assert late is not None
+        assert late.fault is not None
+        assert (late.fault.code, late.written) == (key_of(Event.AUDIT_TIMEOUT), written)

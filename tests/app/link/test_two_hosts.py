@@ -12,17 +12,21 @@ from pathlib import Path
 
 import pytest
 import zmq
+from msgspec.structs import replace
 
 from app.demo.two_hosts import free_port, joints_process
 from app.ipc.messages import ControlSnapshot, OperatorKind
-from app.ipc.states import Action, Effect, Event, GaitState, StopSource
+from app.ipc.states import Action, ConsoleChange, Effect, Event, GaitState, StopSource
 from app.link.beats import LOST_NS
 from app.link.keys import own_key, peers_of
+from app.session.host import SessionHost
+from app.session.shared import held_session
 from app.system.paths import Home
 from logs.findings import Status
 from logs.join import join_findings
 from logs.keys import by_fingerprint, known_keys
 from logs.read import records
+from logs.reason import key_of
 from logs.records import EventRaised, Note, Stop
 from logs.verify import Evidence, exit_status, verify
 from testing.network import Relay
@@ -51,6 +55,10 @@ class Bed:
     joints: Path
     port: int
     started_again: ExitStack  # `rleex joints`, after it died
+
+    def start_joints_again(self) -> None:
+        """`rleex joints`, as its service does."""
+        self.session.joints_pid = self.started_again.enter_context(joints_process(Home(self.joints), self.port)).pid
 
     def trail(self) -> list[object]:
         """What the trail of the joints' computer holds."""
@@ -181,11 +189,50 @@ def test_replayed_and_foreign_packets_move_nothing_and_are_counted(bed: Bed) -> 
 def test_joints_that_died_are_started_again_and_the_session_goes_on_as_a_takeover(bed: Bed) -> None:
     bed.session.walk(steps=1)
     os.kill(bed.session.joints_pid, signal.SIGKILL)
-    bed.started_again.enter_context(joints_process(Home(bed.joints), bed.port))
+    bed.start_joints_again()
     now = bed.session.until(lambda now: any(one.event is Event.STOP for one in now.events), "as a takeover")
     assert caused(now) is Effect.HOLD
     assert (now.armed, now.action) == (False, None)
     assert bed.session.stand().state is GaitState.STANDING
+
+
+def test_a_laptops_audit_process_that_is_silent_refuses_new_actions(bed: Bed) -> None:
+    bed.session.stand()
+    (audit,) = [one.pid for one in bed.session.console.processes() if one.name == "audit"]
+    os.kill(audit, signal.SIGSTOP)
+    try:
+        now = bed.session.until(lambda now: Event.AUDIT_WRITE_FAILED in present(now), "the event")
+        assert not now.allowed
+    finally:
+        os.kill(audit, signal.SIGCONT)
+    bed.session.until(lambda now: Event.AUDIT_WRITE_FAILED not in present(now), "its end")
+
+
+def test_joints_started_again_after_a_takeover_at_the_laptop_hear_the_new_console(bed: Bed) -> None:
+    held = held_session(Home(bed.laptop))
+    assert held is not None
+    bed.session.console.leave()
+    bed.session.console = SessionHost(replace(held, operator="tom"))
+    bed.session.console.start()
+    bed.session.until(lambda now: any(one.event is Event.STOP for one in now.events), "the takeover")
+    assert bed.session.stand().state is GaitState.STANDING
+    os.kill(bed.session.joints_pid, signal.SIGKILL)
+    bed.start_joints_again()
+    bed.session.until(lambda now: any(one.event is Event.STOP for one in now.events), "as a takeover")
+    assert bed.session.stand().state is GaitState.STANDING
+    bed.session.until(lambda _: len(takeovers(bed)) > 1, "the trail's records")
+    assert set(takeovers(bed)[-2:]) == {"tom"}
+
+
+def present(now: ControlSnapshot) -> set[Event]:
+    """The events whose condition holds."""
+    return {one.event for one in now.events if one.present}
+
+
+def takeovers(bed: Bed) -> list[object]:
+    """Who took over, in the trail of the joints' computer."""
+    texts = [one.text for one in bed.trail() if isinstance(one, Note) and not isinstance(one.text, str)]
+    return [text.values["operator"] for text in texts if text.code == key_of(ConsoleChange.TAKEN_OVER)]
 
 
 def was_stalled(bed: Bed, now: ControlSnapshot, since_ns: int) -> bool:

@@ -13,7 +13,7 @@ import pytest
 
 from app.ipc.links import new_link_directory
 from app.ipc.streams import LinkDirectory
-from app.session.host import make_setup
+from app.session.host import SessionHost, make_setup
 from app.session.shared import Peer, current_lease, held_session, share, take_lease, unshare
 from app.system.config import Config
 from app.system.paths import Home
@@ -58,3 +58,10 @@ def test_a_peer_is_seen_to_end_whoever_reaps_it() -> None:
         assert peer.wait(0.0)
         peer.close()
     assert not Peer(process.pid).alive
+
+
+def test_after_the_end_another_thread_still_reads_which_processes_there_were(tmp_path: Path) -> None:
+    host = SessionHost(make_setup(Home(tmp_path), Config(), DEMO_PATIENT, None))
+    host.close()
+    with ThreadPoolExecutor(1) as other:
+        assert other.submit(host.processes).result() == ()

@@ -1,0 +1,176 @@
+"""The joints' end of a session without its processes: who commands it after a takeover, a lost link, a new process."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import time
+from collections.abc import Callable, Iterator
+from concurrent.futures import Executor, Future
+from pathlib import Path
+from typing import Any
+
+import pytest
+from msgspec.structs import replace
+
+from app.ipc import streams
+from app.ipc.links import OrderedReceiver, Publisher, address
+from app.ipc.messages import ControlSnapshot, OperatorCommand, OperatorKind
+from app.ipc.states import Effect, GaitState
+from app.link.clock import ClockEstimate
+from app.link.served import ServedSession
+from app.session.host import make_setup
+from app.system.config import Config
+from app.system.paths import Home
+from profiles.schema import DEMO_PATIENT
+from testing.fake_host import JOINT
+
+K = OperatorKind
+SAME_CLOCK = ClockEstimate(0, 0, 0)
+LATER_NS = 10_000_000_000
+PATIENCE_S = 30.0
+
+
+class NoWorkers(Executor):
+    """Starts and ends no process."""
+
+    def submit(self, _call: Callable[..., Any], /, *_args: Any, **_kwargs: Any) -> Future[Any]:
+        return Future()
+
+
+class Served:
+    """A session that `rleex joints` serves, and the ends that control has of it."""
+
+    def __init__(self, home: Path, *, held: bool) -> None:
+        made = make_setup(Home(home), Config(), DEMO_PATIENT, None, permission=None)
+        setup = replace(made, operator="ann", linked=True, host_pid=os.getpid() if held else 0)
+        self.links = setup.links
+        self._operator = OrderedReceiver(address(self.links, streams.OPERATOR.name), OperatorCommand)
+        self._snapshots = Publisher(address(self.links, streams.SNAPSHOT.name))
+        self._count = 0
+        self.session = ServedSession(setup, NoWorkers(), held=held)
+
+    def say(self, *, lease: int = 1, stop_lease: int = 0, stop_sequence: int = 0) -> None:
+        """Control's snapshot, until the session has it."""
+        deadline = time.monotonic() + PATIENCE_S
+        self._count += 1
+        now = ControlSnapshot(
+            incarnation=1,
+            sequence=self._count,
+            at_ns=1,
+            state=GaitState.STANDING,
+            effect=Effect.NOTE,
+            armed=False,
+            patient_confirmed=True,
+            enabled=True,
+            joints=(JOINT, JOINT, JOINT, JOINT),
+            lease=lease,
+            stop_lease=stop_lease,
+            stop_sequence=stop_sequence,
+        )
+        while self.session.snapshot != now:
+            assert time.monotonic() < deadline, "the snapshot did not come"
+            self._snapshots.send(now)
+            self.session.snapshots.socket.poll(20)
+            self.session.poll()
+
+    def give(self, kind: OperatorKind, sequence: int, *, lease: int = 1, sent_ns: int, operator: str = "") -> None:
+        """A command of the laptop's console that arrives at once."""
+        command = OperatorCommand(sequence=sequence, lease=lease, kind=kind, sent_ns=sent_ns, operator=operator)
+        self.session.hand_commands([command], SAME_CLOCK, sent_ns)
+
+    def control_received(self, number: int) -> list[OperatorCommand]:
+        """The next so many commands, and no more of them."""
+        found = [self._operator.receive(PATIENCE_S) for _ in range(number)]
+        assert self._operator.receive() is None
+        return [one for one in found if one is not None]
+
+    def close(self) -> None:
+        self.session.leave()
+        self._operator.close()
+        self._snapshots.close()
+        shutil.rmtree(self.links.path)
+
+
+@pytest.fixture
+def served(tmp_path: Path) -> Iterator[Callable[[bool], Served]]:
+    begun: list[Served] = []
+
+    def begin(held: bool) -> Served:
+        begun.append(Served(tmp_path, held=held))
+        return begun[-1]
+
+    yield begin
+    for one in begun:
+        one.close()
+
+
+def test_resumed_it_hears_the_console_that_took_over_before(served: Callable[[bool], Served]) -> None:
+    there = served(True)
+    there.session.commanded_by("tom")
+    there.session.adopt_lease(2)
+    there.say(lease=5)
+    there.session.take_over_if_due(1_000)
+    there.give(K.ARM, 7, lease=2, sent_ns=2_000)
+    there.session.hand_heartbeat(3_000, 2, SAME_CLOCK)
+    taken, armed, heartbeat = there.control_received(3)
+    assert (taken.kind, taken.lease, taken.operator) == (K.TAKE_OVER, 6, "tom")
+    assert (armed.kind, armed.lease) == (K.ARM, 6)
+    assert (heartbeat.kind, heartbeat.lease) == (K.HEARTBEAT, 6)
+
+
+def test_resumed_it_lets_a_takeover_take_over_whose_lease_a_packet_told_before(
+    served: Callable[[bool], Served],
+) -> None:
+    there = served(True)
+    there.session.adopt_lease(2)
+    there.say(lease=1)
+    there.session.take_over_if_due(1_000)
+    there.give(K.TAKE_OVER, 1, lease=2, sent_ns=2_000, operator="tom")
+    assert [(one.kind, one.lease, one.operator) for one in there.control_received(2)] == [
+        (K.TAKE_OVER, 2, "ann"),
+        (K.TAKE_OVER, 3, "tom"),
+    ]
+
+
+def test_after_a_lost_link_it_takes_over_for_whoever_commands(served: Callable[[bool], Served]) -> None:
+    there = served(False)
+    there.give(K.TAKE_OVER, 1, lease=2, sent_ns=1_000, operator="tom")
+    there.session.hand_return(LATER_NS)
+    there.session.take_over_if_due(LATER_NS)
+    assert [(one.lease, one.operator) for one in there.control_received(2)] == [(2, "tom"), (3, "tom")]
+
+
+def test_what_was_given_while_the_link_was_lost_is_not_carried_out_but_for_stop(
+    served: Callable[[bool], Served],
+) -> None:
+    there = served(False)
+    there.session.hand_return(LATER_NS)
+    there.session.take_over_if_due(LATER_NS)
+    for number, kind in enumerate((K.ACKNOWLEDGE, K.ARM, K.STOP, K.DISARM), 1):
+        there.give(kind, number, sent_ns=LATER_NS - 100_000_000)  # younger than a link's silence that counts as lost
+    there.give(K.ARM, 5, sent_ns=LATER_NS + 1)
+    assert [one.kind for one in there.control_received(4)] == [K.TAKE_OVER, K.STOP, K.DISARM, K.ARM]
+
+
+def test_resumed_it_takes_no_earlier_stop_for_an_acknowledgement(served: Callable[[bool], Served]) -> None:
+    there = served(True)
+    there.session.adopt_lease(1)
+    there.say(lease=3, stop_lease=3, stop_sequence=57)  # of the process before
+    there.session.take_over_if_due(1_000)
+    there.give(K.STOP, 9, sent_ns=2_000)
+    taken, stop = there.control_received(2)
+    there.say(lease=3, stop_lease=3, stop_sequence=57)
+    assert not acknowledged(there)
+    there.say(lease=4, stop_lease=4, stop_sequence=taken.sequence)
+    assert not acknowledged(there)
+    there.say(lease=4, stop_lease=stop.lease, stop_sequence=stop.sequence)
+    assert acknowledged(there) == [(1, 9)]
+    shown = there.session.shown()
+    assert shown is not None
+    assert (shown.lease, shown.stop_lease, shown.stop_sequence) == (1, 1, 9)
+
+
+def acknowledged(there: Served) -> list[tuple[int, int]]:
+    """The STOPs that the laptop is told of."""
+    return [(one.lease, one.sequence) for one in there.session.stops]
