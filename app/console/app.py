@@ -25,7 +25,7 @@ from textual.timer import Timer
 from app.console import keys
 from app.console.ending import Ending
 from app.console.keys import commands
-from app.console.live import Clock, HostFactory, preload_modules
+from app.console.live import Clock, HostFactory, LiveSession, preload_modules
 from app.console.operator import Idle
 from app.console.pixels import PixelTerminal, asks
 from app.console.screens.base import ConsoleScreen, Dialog
@@ -35,7 +35,7 @@ from app.console.screens.patients import PatientsScreen
 from app.console.screens.signin import LockScreen, SignInDialog
 from app.console.session_flow import SessionFlow
 from app.console.spoken import Sound, sounds_of, switched_on
-from app.console.state import ProcessFault, newly_ended
+from app.console.state import ProcessFault, SessionState, newly_ended
 from app.console.terminal import TerminalDriver, TerminalEvents, with_stop
 from app.console.themes import THEME_NAMES, THEMES
 from app.console.widgets.picture import Picture
@@ -86,7 +86,7 @@ class ConsoleApp(SessionFlow):
         self.sounds = switched_on(config.sounds)
         self._profile = profile
         self._held = held
-        self._leaving = False
+        self._leave_question: Question | None = None
         self.pixels: PixelTerminal | None = None  # None: half blocks
         self._terminal: TerminalDriver | None = None  # None: no terminal's thread takes STOP
         self._loop_of_console: asyncio.AbstractEventLoop | None = None
@@ -163,18 +163,22 @@ class ConsoleApp(SessionFlow):
 
     async def action_leave(self) -> None:
         """Leave the program; with powered hardware joints, or something not saved, only when asked twice."""
+        if self._leave_question in self.screen_stack:
+            await self._leave_if(True)
+            return
         hardware = self.live is not None and needs_sign_in(self.live.host.setup.config)
         carries = hardware and self.powered()
-        if self._leaving or not (carries or self._loses()):
+        if not (carries or self._loses()):
             await self._end_now()
             return
-        self._leaving = True
         title, text = ("leave.title", "leave.text") if carries else ("form.leave_title", "form.leave_text")
-        self.push_screen(Question(lambda: tr(title), lambda: tr(text)), self._leave_if)
+        self._leave_question = Question(lambda: tr(title), lambda: tr(text))
+        self.push_screen(self._leave_question, self._leave_if)
 
     def _loses(self) -> bool:
-        """Whether a screen could not keep what it holds."""
-        return not all(screen.keep() for screen in self.screen_stack if isinstance(screen, ConsoleScreen))
+        """Whether a screen could not keep what it holds; every one of them tries."""
+        kept = [screen.keep() for screen in self.screen_stack if isinstance(screen, ConsoleScreen)]
+        return not all(kept)
 
     def action_help(self) -> None:
         """Help on the screen that is open."""
@@ -184,8 +188,8 @@ class ConsoleApp(SessionFlow):
             self.push_kept(str(text), lambda: HelpPage(text))
 
     def action_command_palette(self) -> None:
-        """As the base, asking in the language in use."""
-        if self.use_command_palette and not isinstance(self.screen, CommandPalette):
+        """As the base, asking in the language in use; it commands, so never where a PIN or the lock is in the way."""
+        if self.use_command_palette and not (isinstance(self.screen, CommandPalette) or self._barred()):
             self.push_screen(CommandPalette(placeholder=tr("palette.search"), id="--command-palette"))
 
     def action_next_theme(self) -> None:
@@ -209,13 +213,15 @@ class ConsoleApp(SessionFlow):
 
     def action_lock_console(self) -> None:
         """Lock now; STOP goes on working."""
-        if isinstance(self.screen, (LockScreen, SignInDialog)):
+        if self._barred():
             return
-        if self.signed_in is None:
-            self.push_screen(LockScreen())
-        else:
+        if self.signed_in is not None:
             self.trail.emit(SignOut(name=self.signed_in.name, reason="locked"))
-            self.push_screen(SignInDialog(unlock=self.signed_in.name))
+        self.show_lock()
+
+    def _barred(self) -> bool:
+        """Whether a lock or a sign-in stands, on top or below help or a question."""
+        return any(isinstance(screen, (LockScreen, SignInDialog)) for screen in self.screen_stack)
 
     async def action_sign_out(self) -> None:
         """Sign in, or make room for the next one; a session belongs to its own to the end."""
@@ -226,6 +232,7 @@ class ConsoleApp(SessionFlow):
         else:
             name, self.signed_in = self.signed_in.name, None
             self.trail.emit(SignOut(name=name, reason="signed out"))
+            self._lock = None  # it goes with its operator
             await self.show_patients()
             self.notify(tr("sign_out.done", name=name))
 
@@ -274,13 +281,21 @@ class ConsoleApp(SessionFlow):
                 self.bell()
             if not (live.ending or self.read_only):
                 self._record_ended(newly_ended(before, state.processes))
-        if self._idle.must_lock(time.monotonic(), moving=state is not None and state.moving):
+        # STOP is taken out of the input before `on_event`, and is a touch as every other key.
+        self._idle = self._idle.touched(max(self._idle.touched_s, self.switch.sent_ns / 1e9))
+        if self._idle.must_lock(time.monotonic(), moving=self._may_move(live, state)):
             self._idle = self._idle.touched(time.monotonic())
             self.action_lock_console()
         screen = self.screen_stack[-1] if self.screen_stack else None  # none left while the program ends
         if isinstance(screen, (ConsoleScreen, Dialog)) and screen.composed:
             with suppress(NoMatches):  # a screen that is just being taken down has lost its widgets
                 screen.show_session(state)
+
+    def _may_move(self, live: LiveSession | None, state: SessionState | None) -> bool:
+        """Whether legs may move that this console can stop; an observer stops none and watches a control that runs."""
+        if live is None or state is None:
+            return False
+        return state.moving and (live.control_alive if self.read_only else self.switch.live)
 
     def _record_ended(self, processes: tuple[ProcessStatus, ...]) -> None:
         """Into the trail: a process that crashed can't."""
@@ -289,8 +304,8 @@ class ConsoleApp(SessionFlow):
             self.trail.emit(ProcessEnd(pid=process.pid, ended=process.name, reason=cause))
 
     async def _leave_if(self, yes: bool | None) -> None:
-        self._leaving = False
         if yes:
+            self._loses()  # what can be kept is, though nobody asks about the rest again
             await self._end_now()
 
     def _use_terminal(self, terminal: TerminalDriver) -> None:

@@ -18,6 +18,7 @@ from app.ipc.messages import (
     ControlSnapshot,
     GuardianHealth,
     HandCommand,
+    LinkHealth,
     OperatorKind,
     PerceptionCommand,
     Preview,
@@ -51,6 +52,8 @@ class ObserverHost:
         self._audit = LatestReceiver(address(links, processes.AUDIT_HEALTH.name), AuditHealth)
         self._guardian = LatestReceiver(address(links, processes.GUARDIAN.name), GuardianHealth)
         self._statuses = LatestReceiver(address(links, processes.SESSION.name), SessionStatus)
+        remote = setup.config.joints.host and not setup.linked
+        self._link = LatestReceiver(address(links, processes.LINK.name), LinkHealth) if remote else None
         self._processes = tuple(  # until the session's process says more
             ProcessStatus(name=name, pid=0, alive=True, restarts=0, exit_code=None)
             for name in ("audit", "guardian", "planner", "control", "perception")
@@ -62,6 +65,11 @@ class ObserverHost:
         """An observer's never is."""
         return False
 
+    @property
+    def ended(self) -> bool:
+        """Whether the session is over; it goes on without some of its processes."""
+        return not (self.setup.links.path.exists() and self._session.alive)
+
     def start(self) -> None:
         """The session runs already."""
 
@@ -71,9 +79,10 @@ class ObserverHost:
 
     def close(self) -> None:
         """The same."""
-        health = (self._audit, self._guardian, self._statuses)
+        health = (self._audit, self._guardian, self._statuses, self._link)
         for link in (self._snapshots, self._reports, self._previews, *health, self._session):
-            link.close()
+            if link is not None:
+                link.close()
 
     def send(self, kind: OperatorKind, action: Action | None = None) -> int:  # noqa: ARG002
         """An observer gives no orders."""
@@ -95,7 +104,7 @@ class ObserverHost:
         """The newest of each stream."""
         status = self._statuses.receive()
         self._processes = self._processes if status is None else status.processes
-        if not (self.setup.links.path.exists() and self._session.alive):
+        if self.ended:
             self._processes = tuple(msgspec.structs.replace(one, alive=False) for one in self._processes)
         return Latest(
             snapshot=self._snapshots.receive(),
@@ -104,6 +113,7 @@ class ObserverHost:
             audit=self._audit.receive(),
             guardian=self._guardian.receive(),
             processes=self._processes,
+            link=None if self._link is None else self._link.receive(),
         )
 
 
@@ -139,15 +149,13 @@ def speak_session(home: Home, write: Callable[[str], object]) -> None:
     now_ns = time.monotonic_ns()
     before, state = None, SessionState(setup=setup, started_ns=now_ns, now_ns=now_ns)
     try:
-        while True:
+        while not host.ended:
             state = fold(state, host.poll(), time.monotonic_ns())
             for line in changes(before, state):
                 write(line)
-            if not all(process.alive for process in state.processes):
-                write(tr("plain.session_ended"))
-                return
             before = state
             time.sleep(SPOKEN_EVERY_S)
+        write(tr("plain.session_ended"))
     finally:
         host.close()
 

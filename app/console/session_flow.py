@@ -17,7 +17,7 @@ from app.console.screens.base import USER_ERRORS, Dialog
 from app.console.screens.dialogs import ask
 from app.console.screens.patients import PatientsScreen
 from app.console.screens.session import SessionScreen
-from app.console.screens.signin import SignInDialog
+from app.console.screens.signin import LockScreen, SignInDialog
 from app.console.screens.training import TrainingScreen
 from app.console.screens.vocabulary import VocabularyScreen
 from app.console.session_index import Records, SessionRecord, TrainingRecord
@@ -60,6 +60,17 @@ class SessionFlow(SignedInApp):
         self.large_letters = False
         self.guided = GuidedTests(self.trail.emit)
         self.kept: dict[str, Dialog[Any]] = {}
+        self._lock: Dialog[Any] | None = None  # the newest; it may have been opened since
+
+    @property
+    def locked(self) -> bool:
+        """Whether the lock stands, on top or below something else."""
+        return self._lock in self.screen_stack
+
+    def show_lock(self) -> None:
+        """Over whatever is open; who is signed in opens it by PIN."""
+        self._lock = LockScreen() if self.signed_in is None else SignInDialog(unlock=self.signed_in.name)
+        self.push_screen(self._lock)
 
     def push_kept(
         self, name: str, make: Callable[[], Dialog[T]], then: Callable[[T | None], None] | None = None
@@ -163,11 +174,16 @@ class SessionFlow(SignedInApp):
         self.trail.close()
 
     async def show_patients(self) -> None:
-        """The list, with nothing above it."""
+        """The list, with nothing above it but the lock, where that stood."""
+        locked, opened = self.locked, None
         while len(self.screen_stack) > 1 and not isinstance(self.screen, PatientsScreen):
-            await self.pop_screen()
+            self._drop_screen()
         if not isinstance(self.screen, PatientsScreen):
-            await self.push_screen(PatientsScreen())
+            opened = self.push_screen(PatientsScreen())
+        if locked:
+            self.show_lock()
+        if opened is not None:
+            await opened
 
     def live_state(self) -> SessionState | None:
         """The session's newest state; None without a session."""
@@ -199,9 +215,17 @@ class SessionFlow(SignedInApp):
             self.notify(result_text(result), timeout=20, markup=False)
 
     def powered(self) -> bool:
-        """Whether the drives carry the patient."""
-        state = self.live_state()
+        """Whether the drives carry the patient; once control has ended its last snapshot says nothing of them."""
+        state = self.live_state() if self.switch.live else None
         return state is not None and state.snapshot is not None and state.snapshot.enabled
+
+    def _drop_screen(self) -> None:
+        """The top one; not awaited.
+
+        No key may come between a lock that goes and the one that stands again, and a screen's own button would wait
+        for the end of its screen, which waits for the button.
+        """
+        self.pop_screen()
 
     async def _begin(self, profile: Profile, config: Config, screen: Screen[None]) -> None:
         if self.live is not None:
@@ -245,8 +269,12 @@ class SessionFlow(SignedInApp):
             await asyncio.sleep(0.05)
         if not live.control_alive:
             live.at_rest()
+        if self.live is not live:
+            return
+        locked = self.locked
         while isinstance(self.screen, Dialog):
-            await self.pop_screen()
-        if self.live is live:
-            self.clear_notifications()  # what the session said last would cover the summary
-            self.switch_screen(AfterScreen(live.state))
+            self._drop_screen()
+        self.clear_notifications()  # what the session said last would cover the summary
+        self.switch_screen(AfterScreen(live.state))
+        if locked:
+            self.show_lock()

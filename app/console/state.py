@@ -107,8 +107,10 @@ class SessionState:
 
     @property
     def moving(self) -> bool:
-        """Whether the legs move, or may move as far as the console can know."""
-        return self.snapshot is None or self.snapshot.action is not None or not self.snapshot_fresh
+        """Whether the legs move, or may as far as the console can know; a session that did not start moves none."""
+        if self.snapshot is None or not self.snapshot_fresh:
+            return not self.fault
+        return self.snapshot.action is not None
 
     @property
     def elapsed_s(self) -> float:

@@ -23,7 +23,8 @@ GOES_ON_NS = 1_000_000_000  # a next moment within so long follows from the one 
 
 def clock(seconds: float, digits: int = 2) -> str:
     """Minutes and seconds."""
-    return f"{int(seconds // 60)}:{seconds % 60:0{3 + digits if digits else 2}.{digits}f}"
+    minutes, rest = divmod(round(seconds, digits), 60)  # rounded first: 59.6 s are a minute
+    return f"{int(minutes)}:{rest:0{3 + digits if digits else 2}.{digits}f}"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -160,7 +160,6 @@ class HandKeys(ConsoleScreen):
 
     def __init__(self) -> None:
         super().__init__()
-        self._pressing = False
         self._shown_s = time.monotonic()  # since when a ready detector could see the hand's present shape
         self._push_waits = False  # until the shape has been shown
 
@@ -210,8 +209,7 @@ class HandKeys(ConsoleScreen):
 
     def action_hand_press(self) -> None:
         """Push and stay, or draw back."""
-        self._pressing = not self._pressing
-        self._move(HandCommand(press=self._pressing))
+        self._move(HandCommand(press=not self.console_app.live_session().hand.press))
 
     def action_hand_move(self, x: int, y: int, z: int) -> None:
         """Move the digital hand a step: right, down, away from the camera."""

@@ -17,7 +17,7 @@ from textual.containers import Horizontal, Vertical
 from textual.widgets import Input, Label, Static
 
 from app.console.screens.base import ConsoleScreen
-from app.console.screens.dialogs import ask
+from app.console.screens.dialogs import Wording, ask
 from app.console.state import SessionState
 from app.console.widgets.panel import bar
 from app.console.widgets.picture import Picture
@@ -60,6 +60,7 @@ class CalibrationScreen(ConsoleScreen):
         self._pipe: Connection | None = None
         self._child: BaseProcess | None = None
         self._result: Calibrated | None = None
+        self._progress: Wording = lambda: tr("calibration.begin")
 
     def compose(self) -> ComposeResult:
         yield Label(tr("calibration.title", name=self._profile.identifier), id="title")
@@ -70,11 +71,16 @@ class CalibrationScreen(ConsoleScreen):
                 yield Static(tr("calibration.text"), markup=False)
                 start = DEFAULT_CM.get(self.console_app.config.camera.kind, "30")
                 yield Input(start, id="measured", max_length=8)
-                yield Static(tr("calibration.begin"), id="progress", markup=False)
+                yield Static(id="progress", markup=False)
         yield from self.compose_bottom()
 
     def on_mount(self) -> None:
+        self.fill()
         self.query_one("#measured").focus()
+
+    def fill(self) -> None:
+        """How far it is, or what came of it."""
+        self._show(self._progress)
 
     def on_unmount(self) -> None:
         self._end_child()
@@ -86,7 +92,7 @@ class CalibrationScreen(ConsoleScreen):
         except ValueError:
             distance_cm = math.nan
         if not NEAREST_CM <= distance_cm <= FARTHEST_CM:
-            self._show(tr("calibration.distance", least_cm=NEAREST_CM, most_cm=FARTHEST_CM))
+            self._show(lambda: tr("calibration.distance", least_cm=NEAREST_CM, most_cm=FARTHEST_CM))
             return
         self._begin(distance_cm / 100)
 
@@ -98,12 +104,12 @@ class CalibrationScreen(ConsoleScreen):
         except EOFError:
             self._end_child()
             if self._result is None:
-                self._show(tr("calibration.died"))
+                self._show(lambda: tr("calibration.died"))
 
     def action_keep(self) -> None:
         """Into the profile; an implausible one only after a question."""
         if self._result is None:
-            self._show(tr("calibration.nothing"))
+            self._show(lambda: tr("calibration.nothing"))
         elif doubt := self._result.doubt:
             ask(self.app, lambda: tr("calibration.keep_title"), lambda: render(doubt), self._keep)
         else:
@@ -120,19 +126,20 @@ class CalibrationScreen(ConsoleScreen):
         self._child = context.Process(target=calibrate_palm, args=(theirs, setup, distance_m), daemon=True)
         self._child.start()
         theirs.close()
-        self._show(tr("calibration.starting"))
+        self._show(lambda: tr("calibration.starting"))
 
     def _receive(self, message: Progress | Preview | Calibrated | Reason) -> None:
         match message:
             case Preview():
                 self.query_one(Picture).show_preview(message)
             case Progress(samples=samples, wanted=wanted, hint=hint):
-                self._show(f"{bar(samples / wanted, BAR_CELLS)} {samples}/{wanted}\n{render(hint)}")
+                drawn = bar(samples / wanted, BAR_CELLS)
+                self._show(lambda: f"{drawn} {samples}/{wanted}\n{render(hint)}")
             case Reason():
-                self._show(f"✗ {render(message)}")
+                self._show(lambda: f"✗ {render(message)}")
             case _:
                 self._result = message
-                self._show(_summary(message))
+                self._show(lambda: _summary(message))
 
     def _keep(self) -> None:
         result, app = self._result, self.console_app
@@ -146,8 +153,9 @@ class CalibrationScreen(ConsoleScreen):
             self.notify(tr("calibration.kept", camera=result.calibration.camera))
             self.dismiss()
 
-    def _show(self, text: str) -> None:
-        self.query_one("#progress", Static).update(text)
+    def _show(self, progress: Wording) -> None:
+        self._progress = progress
+        self.query_one("#progress", Static).update(progress())
 
     def _end_child(self) -> None:
         if self._child is not None and self._pipe is not None:

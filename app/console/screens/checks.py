@@ -17,7 +17,7 @@ from textual.widgets import Static
 
 from app.console.guidance import Light, results
 from app.console.screens.base import Dialog
-from app.console.screens.dialogs import Lists
+from app.console.screens.dialogs import Lists, Wording
 from app.console.state import SessionState
 from app.console.widgets.gesture import zone_text
 from app.console.widgets.panel import Line, Lines, bar, plain
@@ -143,15 +143,17 @@ class Preflight(Dialog[bool]):
         self._actions = actions
         self._ended = False
         self._passed = False
+        self._progress: Wording = lambda: tr("preflight.starting")
 
     def compose(self) -> ComposeResult:
         with Vertical(classes="dialog") as box:
             box.border_title = tr("preflight.title", name=self._profile.identifier)
             yield Static(tr("preflight.text"), markup=False)
-            yield Static(tr("preflight.starting"), id="progress", markup=False)
+            yield Static(id="progress", markup=False)
         yield from self.compose_bottom()
 
     def on_mount(self) -> None:
+        self.fill()
         context = multiprocessing.get_context("spawn")
         self._receiver, sender = context.Pipe(duplex=False)
         home = self.console_app.home.root
@@ -159,6 +161,10 @@ class Preflight(Dialog[bool]):
         self._child = context.Process(target=rehearse_all, args=arguments, daemon=True)
         self._child.start()
         sender.close()
+
+    def fill(self) -> None:
+        """How far it is, or what came of it."""
+        self._show(self._progress)
 
     def on_unmount(self) -> None:
         self._child.kill()
@@ -171,7 +177,7 @@ class Preflight(Dialog[bool]):
             while not self._ended and self._receiver.poll():
                 self._take(self._receiver.recv())
         except EOFError:
-            self._end(tr("preflight.died"))
+            self._end(lambda: tr("preflight.died"))
 
     def action_cancel(self) -> None:
         self.dismiss(self._passed)
@@ -185,18 +191,19 @@ class Preflight(Dialog[bool]):
         if isinstance(progress, Action):
             index = self._actions.index(progress)
             drawn = bar(index / len(self._actions), BAR_CELLS)
-            self._show(f"{drawn} {index + 1}/{len(self._actions)}\n{tr(progress)} …")
+            self._show(lambda: f"{drawn} {index + 1}/{len(self._actions)}\n{tr(progress)} …")
         else:
             self._passed = not progress
-            self._end("\n".join(f"✗ {render(reason)}" for reason in progress) or tr("preflight.passed"))
+            self._end(lambda: "\n".join(f"✗ {render(reason)}" for reason in progress) or tr("preflight.passed"))
 
-    def _end(self, text: str) -> None:
+    def _end(self, result: Wording) -> None:
         self._ended = True
-        hint = tr("preflight.next_session") if self._passed and self.console_app.live is not None else ""
-        self._show("\n".join(part for part in (text, hint) if part))
+        hinted = self._passed and self.console_app.live is not None
+        self._show(lambda: f"{result()}\n{tr('preflight.next_session')}" if hinted else result())
 
-    def _show(self, text: str) -> None:
-        self.query_one("#progress", Static).update(text)
+    def _show(self, progress: Wording) -> None:
+        self._progress = progress
+        self.query_one("#progress", Static).update(progress())
 
 
 # What comes through the pipe: an action that begins; at the end the reasons why actions failed.

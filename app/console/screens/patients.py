@@ -268,7 +268,8 @@ class PatientsScreen(ConsoleScreen):
 
     def _duplicate(self, name: str | None) -> None:
         if name and (profile := self._chosen()):
-            copy = msgspec.structs.replace(profile, identifier=name, archived=False, calibrations=())
+            # Calibrations and evidence prove something of this person's hand.
+            copy = msgspec.structs.replace(profile, identifier=name, archived=False, calibrations=(), evidence=None)
             with self.notify_errors():
                 self.console_app.store.create(copy, by=self.console_app.authority, at=datetime.now(UTC))
             self.reload()

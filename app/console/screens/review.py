@@ -186,7 +186,7 @@ class ReviewScreen(ConsoleScreen):
         app, index = self.console_app, self.index
         await app.permitted(Permission.REVIEW, lambda: app.push_screen(WriteComment(index), self._commented))
 
-    @work(exclusive=True)
+    @work(exclusive=True, group="replay")  # the default group's would end with it: opening, verifying
     async def action_replay(self) -> None:
         """The recording at the record under the cursor, where there is one."""
         if self.session is None:
@@ -289,7 +289,7 @@ class WriteComment(Dialog[str]):
     def compose(self) -> ComposeResult:
         with Vertical(classes="dialog") as box:
             box.border_title = tr("reviewing.comment", number=self._number)
-            yield Input(max_length=4000)
+            yield Input(id="comment", max_length=4000)
         yield from self.compose_bottom()
 
     def on_input_submitted(self, event: Input.Submitted) -> None:

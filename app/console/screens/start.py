@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from datetime import UTC, datetime
-from typing import ClassVar
+from typing import ClassVar, cast
 
 import msgspec
 from textual.app import ComposeResult
@@ -14,7 +14,7 @@ from textual.widgets import Button, Input, Label, Select, Static
 from app.console.screens.base import ConsoleScreen
 from app.console.screens.checks import Preflight
 from app.console.widgets.patient_details import identity, vocabulary_text
-from app.system.config import Config
+from app.system.config import CameraKind, Config, JointsKind, with_choices
 from app.system.operators import Permission
 from app.system.vocabulary import status_now
 from app.text.catalogue import tr
@@ -72,13 +72,16 @@ class StartSession(ConsoleScreen):
 
     async def action_begin(self) -> None:
         """Start the processes with what is chosen; another source of the distance is kept in the profile."""
-        app, config = self.console_app, self._chosen()
-        await app.permitted(Permission.OPERATE, lambda: self._begin(config), config)
+        with self.notify_errors():
+            config = self._chosen()
+            await self.console_app.permitted(Permission.OPERATE, lambda: self._begin(config), config)
 
     async def action_preflight(self) -> None:
         """Rehearse every action for this patient, for who may move one."""
-        app, config = self.console_app, self._chosen()
-        await app.permitted(Permission.OPERATE, lambda: app.push_screen(Preflight(self._profile, config)), config)
+        app = self.console_app
+        with self.notify_errors():
+            config = self._chosen()
+            await app.permitted(Permission.OPERATE, lambda: app.push_screen(Preflight(self._profile, config)), config)
 
     async def _begin(self, config: Config) -> None:
         app, used = self.console_app, DistanceUsed(self.query_one("#distance-source", Select).value)
@@ -90,9 +93,11 @@ class StartSession(ConsoleScreen):
         await app.begin_session(self._profile, config)
 
     def _chosen(self) -> Config:
-        """The configuration with these choices, validated like one from a file."""
-        built = msgspec.to_builtins(self.console_app.config)
-        built["camera"]["kind"] = self.query_one("#camera", Select).value
-        built["camera"]["device"] = self.query_one("#device", Input).value.strip()
-        built["joints"]["kind"] = self.query_one("#joints-kind", Select).value
-        return msgspec.convert(built, type=Config)
+        """The configuration with these choices. Raises AppError where its inputs don't suit them."""
+        config = self.console_app.config
+        camera = cast("CameraKind", self.query_one("#camera", Select).value)
+        joints = cast("JointsKind", self.query_one("#joints-kind", Select).value)
+        device = self.query_one("#device", Input).value.strip()
+        here = None if config.joints.host else joints  # another computer's joints stay its own
+        config = with_choices(config, camera=camera, joints=here, patient=None)
+        return msgspec.structs.replace(config, camera=msgspec.structs.replace(config.camera, device=device))

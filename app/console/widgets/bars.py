@@ -40,9 +40,11 @@ class StopBar(Widget):
 
     def show(self, effect: Effect | None, waits_ms: float = 0.0) -> None:
         """Take the effect in force; None: no session. waits_ms: for so long a STOP has not been acknowledged."""
-        self.text = self._text_of(effect) if waits_ms <= 0 else tr("stop.sent", ms=f"{waits_ms:.0f}")
-        self.set_class(self._switch.live, "-live")
-        self.set_class(effect is not None and effect >= Effect.HOLD, "-held")
+        live = self._switch.live
+        self.text = tr("stop.sent", ms=f"{waits_ms:.0f}") if live and waits_ms > 0 else self._text_of(effect)
+        self.set_class(live, "-live")
+        held = effect is not None and effect >= Effect.HOLD
+        self.set_class(held and (live or self._watching), "-held")  # else it is what control said before it ended
 
     def render(self) -> Content:
         return Content(self.text)

@@ -152,6 +152,23 @@ async def test_leaving_the_program_after_a_session_keeps_the_note(console: Opene
         assert [record.note for record in open_console.app.sessions.of("demo")] == ["tired"]
 
 
+@pytest.mark.parametrize("leaves", ["ctrl+c", "ctrl+q", "y"])
+async def test_a_note_that_can_be_kept_after_all_is_kept_on_leaving(console: Opener, home: Home, leaves: str) -> None:
+    home.root.mkdir(parents=True, exist_ok=True)
+    in_the_way = home.root / "sessions"
+    in_the_way.write_text("a file where the folder should be")
+    async with console() as open_console:
+        await open_console.press("e")
+        await open_console.shows("After the session with demo")
+        open_console.type("note", "tired")
+        await open_console.press("ctrl+c")
+        await open_console.shows("Leave without saving?")
+        in_the_way.unlink()
+        await open_console.press(leaves)
+        await open_console.until(lambda: open_console.app._exit)
+        assert [record.note for record in open_console.app.sessions.of("demo")] == ["tired"]
+
+
 async def test_the_next_steps_take_digits_only(console: Opener) -> None:
     async with console() as open_console:
         await open_console.press("e")

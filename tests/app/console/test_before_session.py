@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import pytest
+from textual.widgets import Select
 
 from app.console.screens.calibration import CalibrationScreen
 from app.console.screens.checks import Preflight
 from app.console.screens.session import SessionScreen
+from app.console.screens.start import StartSession
 from app.ipc.states import Action
 from app.motion.plan import patient_of
 from app.motion.preflight import preflight_passed
 from app.system.config import Config, JointsConfig
 from app.system.hand_model import find_model
 from app.system.paths import Home, find_home
+from app.text.catalogue import language, tr
+from hal.inputs.device import InputDevice, InputRole
 from hal.joints.device import load_exoskeleton
 from kgdfa.press_zone import PressZone
 from profiles.schema import DEMO_PATIENT
@@ -27,6 +31,16 @@ async def _comes(console: Console, text: str) -> None:
     await wait_until(console.pilot, lambda: text in console.text(), PROCESS_LIMIT_S)
 
 
+async def _follows_the_language(console: Console, key: str) -> None:
+    """What stands there stays when the language changes, in that language, and back."""
+    first = language()
+    shown = ""
+    while shown != first:
+        await console.press("f3")
+        shown = language()
+        await console.shows(tr(key))
+
+
 async def test_a_palm_is_calibrated_before_the_camera_and_kept_with_its_history(console: Opener, home: Home) -> None:
     config = Config(model=str(find_model(find_home(), Config())))
     async with console(profile=None, config=config, size=(130, 40)) as open_console:
@@ -37,6 +51,7 @@ async def test_a_palm_is_calibrated_before_the_camera_and_kept_with_its_history(
         await open_console.shows("Nothing to keep yet")
         await open_console.press("enter")
         await _comes(open_console, "Samples scatter by")
+        await _follows_the_language(open_console, "calibration.keep")
         await open_console.press("ctrl+s")
         await open_console.until(lambda: not isinstance(open_console.app.screen, CalibrationScreen))
         if "Keep it anyway?" in open_console.text():
@@ -66,6 +81,7 @@ async def test_a_rehearsal_runs_beside_the_console_and_is_kept(console: Opener, 
         config = Config(joints=JointsConfig(kind="can"))
         open_console.app.push_screen(Preflight(DEMO_PATIENT, config, (Action.SIT_DOWN,)))
         await _comes(open_console, "All actions passed")
+        await _follows_the_language(open_console, "preflight.passed")
         await open_console.press("enter")
         await open_console.until(lambda: not isinstance(open_console.app.screen, Preflight))
         assert preflight_passed(home, patient, device, Action.SIT_DOWN).passed
@@ -93,6 +109,22 @@ async def test_the_checks_of_simulated_joints_have_nothing_to_rehearse(console: 
         await open_console.shows("Before arming")
         await open_console.press("p")
         assert not isinstance(open_console.app.screen, Preflight)
+
+
+@pytest.mark.parametrize("key", ["ctrl+s", "f5"])
+async def test_joints_that_an_input_does_not_suit_are_refused_in_a_sentence(console: Opener, key: str) -> None:
+    pedal = InputDevice(name="pedal", role=InputRole.WEARER, kind="simulated")
+    async with console(profile=None, config=Config(inputs=(pedal,))) as open_console:
+        await open_console.press("enter")
+        await open_console.shows("Begin (Enter)")
+        joints = open_console.app.screen.query_one("#joints-kind", Select)
+        joints.value = "can"
+        await open_console.press(key)
+        await open_console.tells("choose other joints or remove that input")
+        assert isinstance(open_console.app.screen, StartSession)
+        joints.value = "simulated"
+        await open_console.press("ctrl+s")
+        await open_console.until(lambda: isinstance(open_console.app.screen, SessionScreen))
 
 
 async def test_the_palette_finds_the_palms_calibration(console: Opener) -> None:

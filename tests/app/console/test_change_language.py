@@ -8,8 +8,9 @@ from msgspec.structs import replace
 from textual.widgets import DataTable, Input, Select, Static
 
 from app.console.app import ConsoleApp
+from app.console.screens.calibration import FARTHEST_CM, NEAREST_CM
 from app.console.screens.patients import PatientsScreen
-from app.console.screens.review import ReviewScreen
+from app.console.screens.review import ReviewScreen, WriteComment
 from app.system.config import Config
 from app.system.paths import Home
 from app.text.catalogue import tr
@@ -81,3 +82,30 @@ async def test_a_reviewed_session_stays_at_its_record(home: Home) -> None:
         await wait_until(pilot, lambda: str(screen.query_one("#records", Static).content).count("\n") > 5)
         assert "已验证的签名" in str(screen.query_one("#verdict", Static).content)
         assert "0:" in screen_text(app)  # the timeline's own scale
+
+
+async def test_a_comment_that_is_being_written_stays(home: Home) -> None:
+    write_sample(home.root, minutes=1)
+    app = ConsoleApp(home, Config())
+    async with app.run_test(size=(120, 36)) as pilot:
+        await wait_until(pilot, lambda: isinstance(app.screen, PatientsScreen))
+        await app.push_screen(ReviewScreen(home, "last"))
+        await wait_until(pilot, lambda: "checked signature" in screen_text(app))
+        await pilot.press("c", *"seen")
+        dialog = app.screen
+        assert isinstance(dialog, WriteComment)
+        await pilot.press("f3")
+        await wait_until(pilot, lambda: tr("reviewing.comment", number=0) in screen_text(app))
+        assert (dialog.query_one(Input).value, dialog.query_one(Input).has_focus) == ("seen", True)
+
+
+async def test_why_a_calibration_does_not_begin_stays(console: Opener) -> None:
+    async with console(profile=None) as opened:
+        await opened.shows("demo")
+        await opened.press("c")
+        await opened.shows("Enter begins")
+        opened.type("measured", "far")
+        await opened.press("enter")
+        await opened.shows("from 15 to 70")
+        await opened.press("f3")
+        await opened.shows(tr("calibration.distance", least_cm=NEAREST_CM, most_cm=FARTHEST_CM))

@@ -17,7 +17,14 @@ from app.system.paths import Home
 from app.text.catalogue import tr
 from hal.errors import CameraFault
 from logs.reason import reason
-from profiles.schema import DEMO_PATIENT, DistanceUsed
+from profiles.schema import (
+    DEMO_PATIENT,
+    Calibration,
+    DistanceUsed,
+    GestureEvidence,
+    GestureUsed,
+    VocabularyEvidence,
+)
 from profiles.store import ChangeCause, ProfileStore
 from testing.fake_host import event
 from tests.app.console.conftest import Console, Opener
@@ -236,6 +243,51 @@ async def test_a_terminal_made_tiny_and_large_again_shows_all(console: Opener) -
             await open_console.pilot.pause()
         await open_console.shows("Press c to confirm the patient")
         await open_console.shows("STOP")
+
+
+async def test_a_copy_of_a_patient_has_no_proof_of_the_others_hand(console: Opener, home: Home) -> None:
+    """Neither of gestures nor of a palm; what was chosen for the patient is copied."""
+    chosen = (GestureUsed.ZERO,)
+    zero = GestureEvidence(
+        gesture=GestureUsed.ZERO,
+        frames=90,
+        recognised=90,
+        mistaken=0,
+        recognised_at_least=0.96,
+        mistaken_at_most=0.04,
+    )
+    evidence = VocabularyEvidence(
+        proven_at=datetime.now(UTC).replace(microsecond=0),
+        model="",
+        vocabulary=chosen,
+        idle_frames=300,
+        idle_taken=0,
+        idle_at_most=0.01,
+        gestures=(zero,),
+    )
+    palm = Calibration(
+        camera="webcam",
+        focal_anchor_px_m=50.0,
+        focal_px=600.0,
+        distance_m=0.36,
+        residual=0.01,
+        calibrated_at="2026-05-20T08:00:00+00:00",
+    )
+    proven = msgspec.structs.replace(
+        DEMO_PATIENT, identifier="A-1", vocabulary=chosen, evidence=evidence, calibrations=(palm,)
+    )
+    store = ProfileStore(home.profiles)
+    store.create(proven, by=Named(""), at=datetime.now(UTC))
+    async with console(profile=None) as open_console:
+        await open_console.press("slash", *"a-1", "enter")
+        await open_console.until(lambda: "demo" not in open_console.text())
+        await open_console.press("d")
+        await open_console.shows("Identifier of the copy of A-1")
+        open_console.type("answer", "B-2")
+        await open_console.press("enter")
+        await open_console.until(lambda: "B-2" in [one.identifier for one in store.list().profiles])
+    without = {"identifier": "B-2", "evidence": None, "calibrations": ()}
+    assert store.load("B-2") == msgspec.structs.replace(proven, **without)
 
 
 async def test_archived_patients_leave_the_list_and_are_found_by_search(console: Opener, home: Home) -> None:

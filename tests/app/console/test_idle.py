@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
+import time
+
 import pytest
+from textual.command import CommandPalette
 
 from app.console.operator import Idle
+from app.console.screens.after import AfterScreen
+from app.console.screens.patients import PatientsScreen
 from app.console.screens.signin import LockScreen
 from app.ipc.messages import OperatorKind
+from app.ipc.states import Action
 from app.system.config import Config
-from tests.app.console.conftest import Opener
+from testing.fake_host import FakeHost
+from tests.app.console.conftest import Console, Opener
 
 
 @pytest.mark.parametrize(
@@ -36,3 +43,91 @@ async def test_an_idle_console_locks_stops_and_unlocks(console: Opener) -> None:
         await open_console.press("enter")
         # On a slow machine the time is over again by now, with a new lock.
         await open_console.until(lambda: locked not in open_console.app.screen_stack)
+
+
+@pytest.mark.parametrize("over", [(), ("f1",)], ids=["lock", "help over the lock"])
+async def test_a_locked_console_gives_no_orders_by_the_palette(console: Opener, over: tuple[str, ...]) -> None:
+    async with console() as open_console:
+        await open_console.press("ctrl+l")
+        await open_console.shows("Press Enter to go on")
+        await open_console.press(*over, "ctrl+p")
+        assert not any(isinstance(screen, CommandPalette) for screen in open_console.app.screen_stack)
+        await open_console.press(*"sitdown", "enter")
+        assert OperatorKind.ACT not in open_console.host.kinds()
+
+
+async def test_the_lock_outlasts_the_session(console: Opener) -> None:
+    async with console() as open_console:
+        app, host = open_console.app, open_console.host
+        host.rests_at_once = False
+        await open_console.press("e", "ctrl+l")
+        host.control_ended = True
+        await open_console.until(lambda: any(isinstance(screen, AfterScreen) for screen in app.screen_stack))
+        assert isinstance(app.screen, LockScreen)
+        await open_console.press("enter")
+        await open_console.shows("After the session")
+        await open_console.press("ctrl+l")
+        await app.close_session()  # as after saving, which takes seconds
+        assert isinstance(app.screen, LockScreen)
+        await open_console.press("enter")
+        await open_console.until(lambda: isinstance(app.screen, PatientsScreen))
+
+
+async def test_it_locks_after_a_session_too(console: Opener) -> None:
+    async with console() as open_console:
+        await open_console.press("e")
+        await open_console.shows("After the session")
+        open_console.host.silent = True
+        await open_console.until(lambda: (state := open_console.app.live_state()) and not state.snapshot_fresh)
+        _touched(open_console, ago_s=11.0)
+        await open_console.until(lambda: isinstance(open_console.app.screen, LockScreen))
+
+
+async def test_it_locks_over_a_session_that_could_not_start(console: Opener, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refused(_: FakeHost) -> None:
+        raise OSError("no processes")
+
+    monkeypatch.setattr(FakeHost, "start", refused)
+    async with console(profile=None) as open_console:
+        await open_console.shows("demo")
+        await open_console.press("enter")
+        await open_console.shows("Begin (Enter)")
+        await open_console.press("enter")
+        await open_console.until(lambda: (state := open_console.app.live_state()) and state.fault)
+        _touched(open_console, ago_s=11.0)
+        await open_console.until(lambda: isinstance(open_console.app.screen, LockScreen))
+
+
+async def test_who_stops_the_legs_sees_them_afterwards(console: Opener) -> None:
+    async with console() as open_console:
+        app, host = open_console.app, open_console.host
+        await _walk_unwatched(open_console)
+        await open_console.press("space")
+        await open_console.until(lambda: OperatorKind.STOP in host.kinds())
+        host.walked = {}
+        await open_console.until(lambda: (state := app.live_state()) and not state.moving)
+        assert not isinstance(app.screen, LockScreen)
+
+
+async def test_an_observers_console_locks_once_nothing_moves_any_more(console: Opener) -> None:
+    async with console(read_only=True) as open_console:
+        app, host = open_console.app, open_console.host
+        await _walk_unwatched(open_console)
+        assert not isinstance(app.screen, LockScreen)
+        host.control_ended = host.silent = True
+        await open_console.until(lambda: isinstance(app.screen, LockScreen))
+
+
+async def _walk_unwatched(open_console: Console) -> None:
+    """The legs move, and the last touch was before the time after which the console locks."""
+    app = open_console.app
+    open_console.host.walked = {"action": Action.WALK, "progress": 0.2}
+    await open_console.until(lambda: (state := app.live_state()) and state.moving)
+    _touched(open_console, ago_s=11.0)
+    since_ns = time.monotonic_ns()
+    await open_console.until(lambda: (state := app.live_state()) and state.now_ns > since_ns)
+
+
+def _touched(open_console: Console, *, ago_s: float) -> None:
+    """The last key or click was so long ago, in a console that locks after ten seconds."""
+    open_console.app._idle = Idle(touched_s=time.monotonic() - ago_s, limit_s=10.0)

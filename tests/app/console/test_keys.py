@@ -88,3 +88,16 @@ async def test_a_push_that_waits_for_one_gesture_is_not_made_with_the_next(conso
         await open_console.press("enter")
         await open_console.until(lambda: open_console.host.hands[-1].click_s)
         assert [hand.gesture for hand in open_console.host.hands] == [Gesture.FIVE, Gesture.TWO, None]
+
+
+@pytest.mark.parametrize(("key", "draws_back"), [("enter", True), ("minus", True), ("plus", True), ("up", False)])
+async def test_push_and_stay_begins_anew_once_something_else_has_drawn_the_hand_back(
+    console: Opener, key: str, draws_back: bool
+) -> None:
+    async with console() as open_console:
+        hands = open_console.host.hands
+        await open_console.press("p", key)
+        await open_console.until(lambda: len(hands) == 2)
+        await open_console.press("p", "p")
+        await open_console.until(lambda: len(hands) == 4)
+        assert [hand.press for hand in hands] == [True, None, draws_back, not draws_back]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import re
 import shutil
+import threading
 import time
 from pathlib import Path
 
@@ -12,12 +13,15 @@ import msgspec
 import pytest
 from aiohttp.test_utils import TestClient, TestServer
 
-from app.console.observer import PORT, ObserverHost, browser_server
+from app.console.guidance import Light, results
+from app.console.observer import PORT, ObserverHost, browser_server, speak_session
+from app.console.state import SessionState, fold
 from app.ipc import streams as processes
 from app.ipc.links import OrderedReceiver, Publisher, address, new_link_directory
 from app.ipc.messages import (
     GuardianHealth,
     HandCommand,
+    LinkHealth,
     OperatorCommand,
     OperatorKind,
     ProcessStatus,
@@ -26,9 +30,10 @@ from app.ipc.messages import (
 )
 from app.session.host import make_setup
 from app.session.shared import share, shared, unshare
-from app.system.config import Config, SessionSetup
+from app.system.config import Config, JointsConfig, SessionSetup
 from app.system.errors import AppError
 from app.system.paths import Home
+from app.text.catalogue import tr
 from profiles.schema import DEMO_PATIENT
 from tests.app.console.conftest import Opener
 from tests.support.authors import signed_in
@@ -99,6 +104,59 @@ def test_an_observer_is_told_which_process_has_died_and_whose_drives_are_silent(
     finally:
         for link in (session, guardian, observer):
             link.close()
+
+
+def running(*names: str) -> tuple[ProcessStatus, ...]:
+    """Processes that live."""
+    return tuple(ProcessStatus(name=name, pid=7, alive=True, restarts=0, exit_code=None) for name in names)
+
+
+def test_an_observer_of_two_computers_sees_the_processes_of_both(setup: SessionSetup) -> None:
+    config = Config(joints=JointsConfig(host="exo.local"))
+    setup = msgspec.structs.replace(setup, config=config, host_pid=os.getpid())
+    here, there = running("audit", "perception", "link"), running("guardian", "planner", "control")
+    status = SessionStatus(at_ns=1, processes=here)
+    health = LinkHealth(at_ns=1, host="exo.local:7447", connected=True, processes=there)
+    session, link = (Publisher(address(setup.links, one.name)) for one in (processes.SESSION, processes.LINK))
+    observer = ObserverHost(setup)
+    state = SessionState(setup=setup, started_ns=0, now_ns=0)
+    try:
+        limit = time.monotonic() + LIMIT_S
+        while (state.processes, state.link) != (here, health):
+            session.send(status)
+            link.send(health)
+            state = fold(state, observer.poll(), 0)
+            assert time.monotonic() < limit
+    finally:
+        for each in (session, link, observer):
+            each.close()
+    assert results(state)["processes"] is Light.GREEN
+
+
+@pytest.mark.parametrize("name", ["recording", "perception"])
+def test_who_listens_hears_a_session_that_goes_on_without_a_process_to_its_end(
+    home: Home, setup: SessionSetup, name: str
+) -> None:
+    """A recorder that ended, or a perception that is restarted."""
+    share(msgspec.structs.replace(setup, host_pid=os.getpid()))
+    ended = msgspec.structs.replace(*running(name), alive=False, exit_code=1)
+    told: list[str] = []
+    publisher = Publisher(address(setup.links, processes.SESSION.name))
+    listener = threading.Thread(target=speak_session, args=(home, told.append))
+    starting, down = tr("watch.starting"), tr("watch.process_down")
+    try:
+        listener.start()
+        limit = time.monotonic() + LIMIT_S
+        for status, line in ((running(name), starting), ((ended,), down), (running(name), starting)):
+            while told[-1:] != [line]:
+                publisher.send(SessionStatus(at_ns=1, processes=status))
+                listener.join(0.01)
+                assert time.monotonic() < limit, told
+    finally:
+        shutil.rmtree(setup.links)
+        listener.join(LIMIT_S)
+        publisher.close()
+    assert told == [starting, down, starting, tr("plain.session_ended")]
 
 
 def test_an_ended_session_is_over_for_its_observer(setup: SessionSetup) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import threading
 from collections.abc import Callable
 from dataclasses import replace
 from itertools import pairwise
@@ -14,6 +15,7 @@ from textual.pilot import Pilot
 
 from app.console.app import ConsoleApp
 from app.console.review_data import ReviewedSession, comments_on, comments_path, open_session
+from app.console.screens import review
 from app.console.screens.patients import PatientsScreen
 from app.console.screens.review import ChooseSession, ReviewScreen, WriteComment
 from app.console.widgets.timeline import LANES, Timeline, about
@@ -149,6 +151,29 @@ async def test_a_changed_record_is_reported_on_top(home: Home) -> None:
     async with app.run_test(size=(100, 30)) as pilot:
         await opened(app, pilot, ReviewScreen(home, "last"))
         await until(pilot, lambda: "TAMPERED" in screen_text(app))
+
+
+@pytest.mark.parametrize("slow", ["open_session", "verify"])
+async def test_asking_for_the_recording_stops_neither_opening_nor_verifying(
+    home: Home, monkeypatch: pytest.MonkeyPatch, slow: str
+) -> None:
+    begun, may_end = threading.Event(), threading.Event()
+    usual = getattr(review, slow)
+
+    def waits(*arguments: object) -> object:
+        begun.set()
+        assert may_end.wait(20)
+        return usual(*arguments)
+
+    monkeypatch.setattr(review, slow, waits)
+    app = ConsoleApp(home, Config())
+    async with app.run_test(size=(100, 30)) as pilot:
+        await opened(app, pilot, ReviewScreen(home, "last"))
+        await until(pilot, begun.is_set)
+        await pilot.press("r")
+        await until(pilot, lambda: not any(worker.name == "action_replay" for worker in app.workers))
+        may_end.set()
+        await until(pilot, lambda: "SOUND" in screen_text(app))
 
 
 async def test_no_session_is_reported_and_left(tmp_path: Path) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 
+from app.console.screens.after import AfterScreen
 from app.console.screens.patient_form import PatientForm
 from app.console.screens.patients import PatientsScreen
 from app.console.screens.session import SessionScreen
@@ -126,6 +127,74 @@ async def test_simulation_without_operators_signs_nobody_in(console: Opener) -> 
         await open_console.shows("demo")
         await open_console.press("f4")
         await open_console.tells("Nobody is signed in")
+
+
+async def test_no_palette_opens_where_a_pin_is_asked_for(console: Opener, home: Home) -> None:
+    save_store(home.keys, add_operator(load_store(home.keys), "Ada", Role.ENGINEER, PIN))
+    async with console(profile=None, config=Config(joints=JointsConfig(kind="can"))) as open_console:
+        await _choose_and_begin(open_console)
+        await open_console.until(lambda: isinstance(open_console.app.screen, SignInDialog))
+        await open_console.press("ctrl+p")
+        assert isinstance(open_console.app.screen, SignInDialog)
+        await _sign_in(open_console, "Ada", PIN)
+        await open_console.until(lambda: isinstance(open_console.app.screen, SessionScreen))
+        await open_console.press("ctrl+l", "ctrl+p")
+        assert isinstance(open_console.app.screen, SignInDialog)
+
+
+async def test_a_lock_outlasts_the_session_and_asks_for_the_same_pin(console: Opener, home: Home) -> None:
+    store = add_operator(load_store(home.keys), "Ada", Role.ENGINEER, PIN)
+    save_store(home.keys, add_operator(store, "Rex", Role.REVIEWER, PIN))
+    async with console(profile=None, config=Config(joints=JointsConfig(kind="can"))) as open_console:
+        app = open_console.app
+        await _begin_as(open_console, "Ada", PIN)
+        await open_console.until(lambda: (state := app.live_state()) and state.snapshot)
+        open_console.host.rests_at_once = False
+        await open_console.press("e", "ctrl+l")
+        open_console.host.control_ended = True
+        await open_console.until(lambda: any(isinstance(screen, AfterScreen) for screen in app.screen_stack))
+        assert isinstance(app.screen, SignInDialog)
+        await open_console.press("escape")
+        await _sign_in(open_console, "Rex", PIN)
+        await open_console.shows("Ada locked")
+        await _sign_in(open_console, "Ada", PIN)
+        await open_console.until(lambda: isinstance(app.screen, AfterScreen))
+        await open_console.press("ctrl+l")
+        await app.close_session()  # as after saving, which takes seconds
+        assert isinstance(app.screen, SignInDialog)
+        await _sign_in(open_console, "Ada", PIN)
+        await open_console.until(lambda: isinstance(app.screen, PatientsScreen))
+
+
+@pytest.mark.parametrize("asked_before", [False, True], ids=["", "asked while the legs came to rest"])
+async def test_ctrl_c_after_a_session_over_real_joints_keeps_the_note_or_asks(
+    console: Opener, home: Home, asked_before: bool
+) -> None:
+    """What control said last, that the joints are powered, does not count any more."""
+    save_store(home.keys, add_operator(load_store(home.keys), "Ada", Role.ENGINEER, PIN))
+    in_the_way = home.root / "sessions"
+    async with console(profile=None, config=Config(joints=JointsConfig(kind="can"))) as open_console:
+        app = open_console.app
+        await _begin_as(open_console, "Ada", PIN)
+        await open_console.until(lambda: (state := app.live_state()) and state.snapshot)
+        await open_console.press("t", "0")
+        await open_console.shows("standing")
+        open_console.host.rests_at_once = False
+        await open_console.press("e", "y")
+        if asked_before:
+            await open_console.press("ctrl+c")
+            await open_console.shows("Quit while the joints are powered?")
+        open_console.host.control_ended = True
+        await open_console.shows("After the session")
+        open_console.type("note", "tired")
+        in_the_way.write_text("a file where the folder should be")
+        await open_console.press("ctrl+c")
+        await open_console.shows("Leave without saving?")
+        await open_console.press("n")
+        in_the_way.unlink()
+        await open_console.press("ctrl+c")
+        await open_console.until(lambda: app._exit)
+        assert [record.note for record in app.sessions.of("demo")] == ["tired"]
 
 
 async def test_nobody_elses_pin_opens_a_locked_console_but_it_can_be_signed_out(console: Opener, home: Home) -> None:

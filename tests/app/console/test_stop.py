@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from app.console.stop import REPEAT_BEGINS_NS, REPEAT_GAP_NS, Press, StopKeyState, press
+from app.console.widgets.bars import StopBar
 from app.ipc.messages import OperatorKind
+from app.text.catalogue import tr
 from tests.app.console.conftest import Opener
 
 MS = 1_000_000
@@ -142,3 +145,22 @@ async def test_without_a_session_space_is_a_letter(console: Opener) -> None:
     async with console(profile=None) as open_console:
         await open_console.press("slash", "a", "space", "b")
         assert open_console.app.screen.query_one("#search").value == "a b"  # type: ignore[attr-defined]
+
+
+async def test_after_the_session_the_bar_says_that_nothing_can_move(
+    console: Opener, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Whatever control said last, and though a STOP at its end was never acknowledged."""
+    async with console() as open_console:
+        host = open_console.host
+        poll = host.poll
+        monkeypatch.setattr(host, "poll", lambda: replace(poll(), stop_sent_ns=1))
+        await open_console.press("space")
+        await open_console.shows("STOP SENT, NOT ACKNOWLEDGED")
+        await open_console.press("e")
+        await open_console.shows("After the session")
+        since_ns = time.monotonic_ns()
+        await open_console.until(lambda: (state := open_console.app.live_state()) and state.now_ns > since_ns)
+        bar = open_console.app.screen.query_one(StopBar)
+        assert bar.text == tr("stop.idle")
+        assert not bar.has_class("-held")
