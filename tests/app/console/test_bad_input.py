@@ -9,6 +9,7 @@ from textual.widgets import Input, Label
 
 from app.console.patient_fields import FIELDS, Kind, parse, to_texts
 from app.console.screens.patient_form import labelled
+from app.console.screens.patients import PatientsScreen
 from app.console.session_index import Records, SessionRecord
 from app.system.errors import AppError
 from app.system.paths import Home
@@ -167,6 +168,18 @@ async def test_a_note_that_can_be_kept_after_all_is_kept_on_leaving(console: Ope
         await open_console.press(leaves)
         await open_console.until(lambda: open_console.app._exit)
         assert [record.note for record in open_console.app.sessions.of("demo")] == ["tired"]
+
+
+async def test_a_note_is_saved_by_its_button_too(console: Opener) -> None:
+    async with console(size=(100, 60)) as open_console:
+        await open_console.press("e")
+        await open_console.shows("After the session with demo")
+        open_console.type("note", "tired")
+        await open_console.pilot.click("#save")
+        await open_console.until(lambda: isinstance(open_console.app.screen, PatientsScreen))
+        assert [record.note for record in open_console.app.sessions.of("demo")] == ["tired"]
+        await open_console.press("n")
+        await open_console.shows("New patient")
 
 
 async def test_the_next_steps_take_digits_only(console: Opener) -> None:

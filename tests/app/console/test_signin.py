@@ -154,6 +154,7 @@ async def test_a_lock_outlasts_the_session_and_asks_for_the_same_pin(console: Op
         open_console.host.control_ended = True
         await open_console.until(lambda: any(isinstance(screen, AfterScreen) for screen in app.screen_stack))
         assert isinstance(app.screen, SignInDialog)
+        await open_console.until(lambda: app.screen.query("#pin"))
         await open_console.press("escape")
         await _sign_in(open_console, "Rex", PIN)
         await open_console.shows("Ada locked")
@@ -162,6 +163,7 @@ async def test_a_lock_outlasts_the_session_and_asks_for_the_same_pin(console: Op
         await open_console.press("ctrl+l")
         await app.close_session()  # as after saving, which takes seconds
         assert isinstance(app.screen, SignInDialog)
+        await open_console.until(lambda: app.screen.query("#pin"))
         await _sign_in(open_console, "Ada", PIN)
         await open_console.until(lambda: isinstance(app.screen, PatientsScreen))
 
