@@ -168,17 +168,17 @@ class ConsoleApp(SessionFlow):
             return
         hardware = self.live is not None and needs_sign_in(self.live.host.setup.config)
         carries = hardware and self.powered()
-        if not (carries or self._loses()):
+        if not carries and self._keep_all():
             await self._end_now()
             return
         title, text = ("leave.title", "leave.text") if carries else ("form.leave_title", "form.leave_text")
         self._leave_question = Question(lambda: tr(title), lambda: tr(text))
         self.push_screen(self._leave_question, self._leave_if)
 
-    def _loses(self) -> bool:
-        """Whether a screen could not keep what it holds; every one of them tries."""
+    def _keep_all(self) -> bool:
+        """Whether every screen could keep what it holds; each of them tries."""
         kept = [screen.keep() for screen in self.screen_stack if isinstance(screen, ConsoleScreen)]
-        return not all(kept)
+        return all(kept)
 
     def action_help(self) -> None:
         """Help on the screen that is open."""
@@ -305,7 +305,7 @@ class ConsoleApp(SessionFlow):
 
     async def _leave_if(self, yes: bool | None) -> None:
         if yes:
-            self._loses()  # what can be kept is, though nobody asks about the rest again
+            self._keep_all()  # what can be kept is, though nobody asks about the rest again
             await self._end_now()
 
     def _use_terminal(self, terminal: TerminalDriver) -> None:
@@ -342,6 +342,7 @@ class ConsoleApp(SessionFlow):
             self._terminal.restore()
 
     async def _leave_now(self) -> None:
+        self._keep_all()  # what can be kept is; nobody is there to be asked about the rest
         await asyncio.to_thread(self.leave_live)
         self.exit()
 

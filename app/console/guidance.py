@@ -134,8 +134,7 @@ _NOT_RESTARTED = {"audit", "guardian", "planner", "control", "link"}  # without 
 
 def process_ended(state: SessionState) -> bool:
     """Whether a process has ended for good that the session can't go on without."""
-    ended = (one for one in state.all_processes if not one.alive and one.exit_code is not None)
-    return any(one.name in _NOT_RESTARTED for one in ended)
+    return any(one.name in _NOT_RESTARTED for one in state.ended_processes)
 
 
 def _gone(state: SessionState, name: str) -> bool:

@@ -52,8 +52,8 @@ class ObserverHost:
         self._audit = LatestReceiver(address(links, processes.AUDIT_HEALTH.name), AuditHealth)
         self._guardian = LatestReceiver(address(links, processes.GUARDIAN.name), GuardianHealth)
         self._statuses = LatestReceiver(address(links, processes.SESSION.name), SessionStatus)
-        remote = setup.config.joints.host and not setup.linked
-        self._link = LatestReceiver(address(links, processes.LINK.name), LinkHealth) if remote else None
+        link = address(links, processes.LINK.name)
+        self._link = LatestReceiver(link, LinkHealth) if setup.joints_elsewhere else None
         self._processes = tuple(  # until the session's process says more
             ProcessStatus(name=name, pid=0, alive=True, restarts=0, exit_code=None)
             for name in ("audit", "guardian", "planner", "control", "perception")

@@ -95,6 +95,11 @@ class SessionState:
         return (*self.processes, *(self.link.processes if self.link is not None else ()))
 
     @property
+    def ended_processes(self) -> tuple[ProcessStatus, ...]:
+        """Those that ran and have ended."""
+        return tuple(one for one in self.all_processes if not one.alive and one.exit_code is not None)
+
+    @property
     def effect(self) -> Effect | None:
         """The strongest effect in force; None before the first snapshot."""
         return None if self.snapshot is None else self.snapshot.effect

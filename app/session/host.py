@@ -150,8 +150,7 @@ class SessionHost:
         self._audit = self._subscribe(streams.AUDIT_HEALTH.name, AuditHealth)
         self._guardian = self._subscribe(streams.GUARDIAN.name, GuardianHealth)
         self._statuses = self._subscribe(streams.SESSION.name, SessionStatus)
-        remote = setup.config.joints.host and not setup.linked
-        self._link = self._subscribe(streams.LINK.name, LinkHealth) if remote else None
+        self._link = self._subscribe(streams.LINK.name, LinkHealth) if setup.joints_elsewhere else None
 
     def start(self) -> None:
         """Start every process, or take the running ones over; the streams show when each is ready.

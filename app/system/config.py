@@ -179,6 +179,11 @@ class SessionSetup(Struct, frozen=True, kw_only=True):
     linked: bool = False  # its console is on another computer (app/link)
 
     @property
+    def joints_elsewhere(self) -> bool:
+        """Whether another computer has the joints."""
+        return bool(self.config.joints.host) and not self.linked
+
+    @property
     def orphaned(self) -> bool:
         """Whether the process that asks has lost the one that runs the session, perhaps before its first look."""
         return os.getppid() != self.host_pid

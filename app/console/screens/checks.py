@@ -48,7 +48,10 @@ def check_lines(state: SessionState) -> Lines:
         if light is not Light.GREEN:
             lines.append(plain(f"   {tr(f'check.{name}.remedy')}", "$text-muted"))
         if name == "processes":
-            lines += _ended(state)
+            lines += [
+                plain(f"   {tr('health.ended', name=one.name, restarts=one.restarts)}", "$error")
+                for one in state.ended_processes
+            ]
     for one in () if state.snapshot is None else state.snapshot.stop_inputs:
         stands = "open" if one.open else "pressed_once" if one.pressed_once else "unpressed"
         style = "$success" if stands == "pressed_once" else "$warning"
@@ -62,12 +65,6 @@ def check_lines(state: SessionState) -> Lines:
     if state.fault:
         lines.append(plain(state.fault, "bold $error"))
     return tuple(lines)
-
-
-def _ended(state: SessionState) -> Lines:
-    """The processes that have ended, by name."""
-    ended = (one for one in state.all_processes if not one.alive and one.exit_code is not None)
-    return tuple(plain(f"   {tr('health.ended', name=one.name, restarts=one.restarts)}", "$error") for one in ended)
 
 
 class Checklist(Lists):

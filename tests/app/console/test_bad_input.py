@@ -170,6 +170,15 @@ async def test_a_note_that_can_be_kept_after_all_is_kept_on_leaving(console: Ope
         assert [record.note for record in open_console.app.sessions.of("demo")] == ["tired"]
 
 
+async def test_a_terminal_that_is_closed_after_a_session_keeps_the_note(console: Opener) -> None:
+    async with console() as open_console:
+        await open_console.press("e")
+        await open_console.shows("After the session with demo")
+        open_console.type("note", "tired")
+        await open_console.app._leave_now()
+        assert [record.note for record in open_console.app.sessions.of("demo")] == ["tired"]
+
+
 async def test_a_note_is_saved_by_its_button_too(console: Opener) -> None:
     async with console(size=(100, 60)) as open_console:
         await open_console.press("e")

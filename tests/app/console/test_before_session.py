@@ -68,7 +68,7 @@ async def test_a_calibration_distance_that_is_none_is_reported(console: Opener, 
         await open_console.press("c")
         await open_console.shows("Enter begins")
         assert open_console.app.screen.query_one("#measured").size.height == 1
-        open_console.app.screen.query_one("#measured").value = typed  # type: ignore[attr-defined]
+        open_console.type("measured", typed)
         await open_console.press("enter")
         await open_console.shows("from 15 to 70")
 
