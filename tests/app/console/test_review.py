@@ -139,7 +139,7 @@ async def test_without_a_name_it_asks_which(home: Home) -> None:
         await opened(app, pilot, screen)
         await until(pilot, lambda: isinstance(app.screen, ChooseSession))
         (path,) = session_paths(home.logs)
-        assert f"{path.stem}  {outline(path).patient}" in screen_text(app)
+        await until(pilot, lambda: f"{path.stem}  {outline(path).patient}" in screen_text(app))
         await pilot.press("enter")
         await until(pilot, lambda: screen.session is not None)
 
