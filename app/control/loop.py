@@ -115,7 +115,7 @@ class Control:
         if unconfirmed:
             self._sink.emit(records.Drives(state="unconfirmed", detail=unconfirmed))
         self._links.send_heartbeat(Heartbeat(at_ns=time.monotonic_ns(), enabled=False, last=True))
-        self._sink.emit(self._lateness_record())
+        self._sink.emit(lateness_record(self._histogram))
         if self._recorder is not None and self._state is not None and self._snapshot is not None:
             self._recorder.close(self._state.streams, self._snapshot)
             self._sink.emit(self._recorder.made)
@@ -176,7 +176,7 @@ class Control:
         if self._joint_statistics.full:
             bodies.append(self._joint_statistics.take(1.0, state.gait.state.value))
         if self._tick % LATENESS_TICKS == LATENESS_TICKS - 1:
-            bodies.append(self._lateness_record())
+            bodies.append(lateness_record(self._histogram))
         taken = [self._sink.emit(body) for body in bodies]
         self._audit_full = not all(taken)
 
@@ -196,9 +196,6 @@ class Control:
             real_time=self._real_time,
         )
 
-    def _lateness_record(self) -> records.TickLateness:
-        return records.TickLateness(**asdict(self._histogram.summary()))
-
 
 def limits_record(settings: Settings) -> records.JointLimits:
     """What the joints are compared with, for the audit trail."""
@@ -211,6 +208,11 @@ def limits_record(settings: Settings) -> records.JointLimits:
         warn_c=quad(settings.warn_c),
         limit_c=quad(settings.limit_c),
     )
+
+
+def lateness_record(histogram: Histogram) -> records.TickLateness:
+    """How late the ticks began so far, for the audit trail."""
+    return records.TickLateness(**asdict(histogram.summary()))
 
 
 def drives_record(feedback: JointFeedback) -> records.Drives:

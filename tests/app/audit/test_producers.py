@@ -23,7 +23,8 @@ from app.console.screens.calibration import calibration_record
 from app.console.screens.session import SessionScreen
 from app.console.screens.signin import SignInDialog
 from app.console.state import newly_ended
-from app.control.loop import drives_record, limits_record
+from app.control.loop import drives_record, lateness_record, limits_record
+from app.control.telemetry import Histogram
 from app.demo.drives import emulated_drives
 from app.ipc.links import new_link_directory
 from app.ipc.messages import OperatorKind, ProcessStatus
@@ -175,7 +176,10 @@ def of_control() -> list[Body]:
     rigs = [walked(), refused(), refused_by_an_event(), spoiled(), stopped(), paused(), stopped_by_a_button()]
     feedback = rigs[0].joints.feedback(rigs[0].now_ns + TICK_NS)
     faulty = replace(feedback, detail=HardwareError(DrivesFault.STAYS_DISABLED))
-    return [*(body for rig in rigs for body in rig.audit), drives_record(faulty), limits_record(SETTINGS)]
+    late = Histogram()
+    late.add(30_000_000, missed=15)
+    said = (drives_record(faulty), limits_record(SETTINGS), lateness_record(late))
+    return [*(body for rig in rigs for body in rig.audit), *said]
 
 
 def walked() -> Rig:
