@@ -96,6 +96,7 @@ async def test_a_camera_is_lost_and_found_and_a_perception_that_dies_comes_back(
         await console.bring(GaitState.STANDING)  # the therapist's keys still act
         console.signal("perception", MEND)
         await console.until(lambda: not console.report.camera_fault and console.report.hand)
+        await console.until(lambda: console.report.detector_ready)  # one that dies before still counts as starting
         await console.until(lambda: not console.in_force(Event.CAMERA_STALE))
 
         dead, first = console.pid("perception"), console.report.incarnation
