@@ -106,6 +106,7 @@ class JointDiagnostics(Struct, frozen=True, kw_only=True):
     answering: bool = True  # every joint has answered at least once
     age_ms: float = 0.0
     drives_lost: bool = False
+    neutral: bool = False  # with power or without, no joint is stiff or damped
     drive_faults: DriveFault = DriveFault.NONE
     drive_detail: HardwareError | None = None
     silent_joint: Joint | None = None
@@ -221,6 +222,7 @@ def _joints(inputs: Inputs, state: ControlState, settings: Settings) -> JointDia
         answering=oldest_ns > 0,
         age_ms=_age_ms(now_ns - streams.own_delay_ns, oldest_ns),
         drives_lost=motion.mode is not Mode.DISABLED and not streams.powered,
+        neutral=motion.mode is Mode.DISABLED,
         drive_faults=_union(feedback.faults),
         drive_detail=feedback.detail,
         silent_joint=_silent_joint(measured_ns, oldest_ns),

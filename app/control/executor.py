@@ -113,23 +113,20 @@ def _wait(tick: Tick, running: RunningAction) -> None:
 
 
 def _leave_planning(tick: Tick, running: RunningAction) -> None:
-    """With the first plan: power, then stiffness, then movement, as far as they are missing."""
-    if not tick.state.streams.powered:
-        _enable_drives(tick, running)
-    elif tick.state.motion.mode in {Mode.DAMPED, Mode.DISABLED}:
+    """With the first plan: power, then stiffness, then movement, as far as they are missing.
+
+    Neither power nor stiffness if an event forbids it by now: legs that rested at the request may have begun to sink.
+    """
+    powered, event = tick.state.streams.powered, blocker(tick.state.events, running.report.source)
+    if powered and tick.state.motion.mode not in {Mode.DAMPED, Mode.DISABLED}:
+        _move(tick, running)
+    elif event is not None:
+        _refuse(tick, running, event.reason, event)
+    elif powered:
         _stiffen(tick, running)
     else:
-        _move(tick, running)
-
-
-def _enable_drives(tick: Tick, running: RunningAction) -> None:
-    """Unless an event forbids it by now: legs that rested at the request may have begun to sink."""
-    event = blocker(tick.state.events, running.report.source)
-    if event is not None:
-        _refuse(tick, running, event.reason, event)
-        return
-    tick.drives = DriveOrder.ENABLE
-    tick.update(running=replace(running, stage=Stage.ENABLING, requested_ns=tick.now_ns))
+        tick.drives = DriveOrder.ENABLE
+        tick.update(running=replace(running, stage=Stage.ENABLING, requested_ns=tick.now_ns))
 
 
 def _refuse(tick: Tick, running: RunningAction, why: Reason, event: RaisedEvent | None = None) -> None:
@@ -212,7 +209,7 @@ def _complete_movement(tick: Tick, running: RunningAction) -> None:
         _halt(tick, next((running.next_steps[phase] for phase in phases if phase in running.next_steps), None))
         return
     tick.update(
-        running=replace(running, plan=onward, next_steps={}),
+        running=replace(running, plan=onward, next_steps={}, awaited_plans=frozenset()),
         motion=follower.start_plan(tick.state.motion, onward),
     )
     _request_next_steps(tick)

@@ -74,9 +74,8 @@ class ControlLinks:
         )
         self._peers_of_others = {"audit": 0, "guardian": 0, "link": 0}
 
-    def receive(self, tick: int, *, planning: bool) -> Received:
-        """Everything new. planning: a plan is awaited, plans are polled in every tick."""
-        slow = tick % SLOW_STREAM_TICKS == 0
+    def receive(self, *, slow: bool, planning: bool) -> Received:
+        """Everything new. slow: the slow streams too; planning: a plan is awaited, plans are polled in every tick."""
         commands = tuple(_up_to(COMMANDS_A_TICK, self._operator))
         plans = tuple(_up_to(PLANS_A_TICK, self._plans)) if planning or slow else ()
         audit = self._audit.receive() if slow else None

@@ -14,7 +14,7 @@ from msgspec.structs import asdict, replace
 from app.audit.sink import AuditSink
 from app.control.assembly import clearance_of, drives_of, settings_of
 from app.control.inputs import DriveOrder, Inputs, Outputs, Settings
-from app.control.links import ControlLinks
+from app.control.links import SLOW_STREAM_TICKS, ControlLinks
 from app.control.recording import TickRecorder
 from app.control.state import ControlState
 from app.control.step import initial_state, step
@@ -72,6 +72,7 @@ class Control:
         self._joint_statistics = JointStatisticsCollector(TICK_HZ)
         self._incarnation = time.monotonic_ns() // 1_000_000
         self._tick = 0
+        self._waited = False  # for the drives' answers, in the tick before
         self._must_end = False
         self._audit_full = False
         self._snapshot: ControlSnapshot | None = None
@@ -104,8 +105,9 @@ class Control:
                 self._record_tick(self._recorder, self._state, inputs, outputs)
             if outputs.drives is DriveOrder.DISABLE:
                 self._send_heartbeat(False)  # damped already; their answers may take longer than the guardian's limit
-            if self._drives.execute(outputs.drives, now_ns):
-                timer.next_ns = time.monotonic_ns() + TICK_NS  # the drives' answers were waited for
+            self._waited = self._drives.execute(outputs.drives, now_ns)
+            if self._waited:
+                timer.next_ns = time.monotonic_ns() + TICK_NS
             finished = outputs.finished
             self._tick += 1
 
@@ -130,7 +132,10 @@ class Control:
     def _read(self, now_ns: int, late_ns: int, missed: int) -> Inputs:
         feedback = self._drives.read(now_ns)
         running = self._state.running if self._state else None
-        received = self._links.receive(self._tick, planning=running is not None and bool(running.awaited_plans))
+        received = self._links.receive(
+            slow=self._waited or self._tick % SLOW_STREAM_TICKS == 0,  # after a wait nothing is as old as it looks
+            planning=running is not None and bool(running.awaited_plans),
+        )
         if self._tick % CLEARED_TICKS == 0 and not self._drives.powered:
             self._cleared = self._clearance()  # a pre-flight may have passed meanwhile; it reads files
         if self._tick % PARENT_TICKS == 0:

@@ -16,7 +16,7 @@ from app.control.inputs import ActionRequest, DriveOrder, new_release
 from app.control.running_action import RunningAction, command_record, new_report, plan_request
 from app.control.state import Tick
 from app.ipc.messages import STOP_KINDS, ActionReport, OperatorCommand, OperatorKind
-from app.ipc.states import GESTURE_OF, Action, ConsoleChange, Effect, RequestRefusal, Source, StopSource
+from app.ipc.states import GESTURE_OF, Action, ConsoleChange, Effect, Event, RequestRefusal, Source, StopSource
 from app.ipc.streams import NS_PER_MS, TRIGGER
 from app.motion.follower import Mode
 from kgdfa.gesture import Gesture
@@ -262,17 +262,30 @@ def _acknowledge(tick: Tick, command: OperatorCommand) -> None:
     waiting = [one for one in tick.state.events if not tick.stopped and acknowledges(command.sent_ns, one)]
     if not tick.stopped:
         tick.acknowledged_ns = command.sent_ns
-        if tick.state.stop_ns < command.sent_ns:
-            tick.update(stop_presses=0, voice_stopped=False)
+        _reset_stops(tick, {one.event for one in tick.state.events} - {one.event for one in waiting})
+    why = RequestRefusal.STOPPED_MEANWHILE if tick.stopped else RequestRefusal.NOTHING_TO_ACKNOWLEDGE
     since_ns = min((one.since_ns for one in waiting), default=tick.now_ns)
     tick.audit.append(
         records.Acknowledgement(
             events=tuple(one.event.value for one in waiting),
             waited_s=(tick.now_ns - since_ns) / 1e9,
             accepted=bool(waiting),
-            reason="" if waiting else "nothing to acknowledge",
+            reason="" if waiting else reason(why),
         )
     )
+
+
+def _reset_stops(tick: Tick, left: set[Event]) -> None:
+    """Count presses anew from an acknowledgement on; left: the events that it does not cover, whose STOPs still count.
+
+    Control sees a STOP later than it was sent: an acknowledgement sent in between does not cover its event.
+    """
+    if tick.state.stop_ns >= tick.acknowledged_ns:
+        return
+    if not left & {Event.STOP, Event.STOP_AGAIN}:
+        tick.update(stop_presses=0)
+    if Event.VOICE_STOP not in left:
+        tick.update(voice_stopped=False)
 
 
 def _arm(tick: Tick, _: OperatorCommand) -> None:

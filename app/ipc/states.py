@@ -166,6 +166,8 @@ class RequestRefusal(Enum):
     PLANNER_TIMEOUT = "planner-timeout"
     ENABLE_TIMEOUT = "enable-timeout"
     TORQUE_OFF = "torque-off"
+    NOTHING_TO_ACKNOWLEDGE = "nothing-to-acknowledge"
+    STOPPED_MEANWHILE = "stopped-meanwhile"
     LINK_POOR = "link-poor"  # quantity, value, limit
 
 

@@ -172,14 +172,14 @@ def rests_on_assumption(scale: Scale) -> bool:
 
 
 def camera_records(
-    setup: SessionSetup, camera: Camera, frame: Frame, rate: MeasuredRate | None = None
+    setup: SessionSetup, camera: str, frame: Frame, rate: MeasuredRate | None = None
 ) -> tuple[records.Camera, records.Calibration]:
-    """What the trail must hold of the camera and of the reference segment in use."""
-    observed, palm = frame.intrinsics, reference_for(setup, frame, camera.name)
+    """What the trail must hold of the camera of this name and of the reference segment in use."""
+    observed, palm = frame.intrinsics, reference_for(setup, frame, camera)
     rate = rate or MeasuredRate()
     return (
         records.Camera(
-            camera=camera.name,
+            camera=camera,
             camera_kind=setup.config.camera.kind,
             width_px=observed.width_px,
             height_px=observed.height_px,

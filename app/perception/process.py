@@ -200,7 +200,7 @@ class Perception:
             self._decisions = DecisionRecorder(self._scale)
             mode, choice = ButtonMode(self._setup.config.button.mode), assembly.choice_of(self._setup)
             setup = button_record(self._place, mode, choice)
-            for record in (*assembly.camera_records(self._setup, camera, frame), setup):
+            for record in (*assembly.camera_records(self._setup, camera.name, frame), setup):
                 self._sink.emit(record)
             gc_freeze()
         source = PipelineInput(image_bgr=frame.image_bgr, captured_ns=frame.captured_ns, depth_m=frame.depth_m)
@@ -215,8 +215,9 @@ class Perception:
             self._record_rate()
 
     def _record_rate(self) -> None:
-        if self._frame is not None:
-            record, _ = assembly.camera_records(self._setup, self._camera.camera, self._frame, self._rate)
+        """Of the camera that the rate was measured with: another one may be open by now."""
+        if self._frame is not None and self._lens is not None:
+            record, _ = assembly.camera_records(self._setup, self._lens[0], self._frame, self._rate)
             self._sink.emit(record)
 
     def _send_report(self, report: Report | None, captured_ns: int) -> None:

@@ -43,8 +43,9 @@ class StopReplay:
                 self._states[body.raised_ns] = body.event, gait.state.value
         elif isinstance(body, r.Acknowledgement):
             self._acknowledged.update(body.events)
-            if any(name in STOPS for name in body.events):
-                self._presses, self._voice_stopped = 0, False
+            left = raised.keys() - set(body.events)  # by an acknowledgement that does not cover them
+            self._presses = self._presses if left & set(KEY_STOPS) else 0
+            self._voice_stopped = self._voice_stopped and Event.VOICE_STOP.value in left
         elif isinstance(body, r.EffectChanged):
             stronger = Effect[body.to_effect.upper()] >= Effect.HOLD
             self._holds, self._ended = (record if stronger and gait.running else None), False

@@ -13,7 +13,7 @@ from app.control.diagnostics import RANGE_MARGIN_RAD, SPEED_MARGIN, TORQUE_MARGI
 from app.control.events.row import Above, Compared, Latch, Row
 from app.control.inputs import Settings
 from app.ipc.states import Effect, Event
-from hal.joints.protocol import BusFault, DriveFault, DriveState, Joint, JointArray, JointFeedback
+from hal.joints.protocol import BusFault, DriveFault, Joint, JointArray, JointFeedback
 from logs.reason import Value, reason, reason_of
 
 JOINT_TIMEOUT_MS = 15.0  # with a tick and its margin the effect comes within 20 ms
@@ -46,12 +46,6 @@ _ANSWER_AGE = Above("answer_age_ms", lambda d: d.joints.age_ms, JOINT_TIMEOUT_MS
 
 def _joint_timeout(d: Diagnostics) -> bool:
     return _ANSWER_AGE(d) if d.powered else not d.joints.answering
-
-
-def _drive_fault(d: Diagnostics) -> bool:
-    """Also one that has gone by itself: its drive gives no torque until all are switched off and enabled anew."""
-    faulted = d.joints.feedback is not None and d.joints.feedback.state is DriveState.FAULTED
-    return faulted or _any_of(d.joints.drive_faults, HELD_FAULTS)
 
 
 def _answer_age(d: Diagnostics) -> Compared | None:
@@ -126,7 +120,7 @@ def _following_above(limit_rad: float) -> Above:
 E, F, P = Event, Effect, Latch.POWERED
 DRIVES = (
     Row(E.JOINT_TIMEOUT, F.HOLD, _joint_timeout, P, _report, compares=_answer_age),
-    Row(E.DRIVE_FAULT, F.HOLD, _drive_fault, P, _report),
+    Row(E.DRIVE_FAULT, F.HOLD, lambda d: _any_of(d.joints.drive_faults, HELD_FAULTS), P, _report),
     Row(E.DRIVE_UNTRUSTED, F.DAMP, lambda d: _any_of(d.joints.drive_faults, DAMPED_FAULTS), P, _report),
     Row(E.DRIVES_POWER_LOST, F.HOLD, lambda d: d.joints.drives_lost, Latch.ALWAYS, _report),
     Row(
@@ -161,6 +155,12 @@ STILL_RAD_S = 0.5
 
 _FASTEST = Above("speed_rad_s", lambda d: d.joints.fastest_rad_s, STILL_RAD_S)
 
+
+def _legs_moving(d: Diagnostics) -> bool:
+    """Power alone holds no leg: a STOP while the drives woke leaves them neutral."""
+    return (not d.powered or d.joints.neutral) and _FASTEST(d)
+
+
 POSE = (
     Row(
         E.NOT_HOMED,
@@ -169,7 +169,7 @@ POSE = (
         compares=worst_range,
     ),
     # A swinging leg is slow for a moment at each turning point: the event settles.
-    Row(E.LEGS_MOVING, F.REFUSE, lambda d: not d.powered and _FASTEST(d), compares=_FASTEST.compared, settles=True),
+    Row(E.LEGS_MOVING, F.REFUSE, _legs_moving, compares=_FASTEST.compared, settles=True),
     Row(
         E.FAR_FROM_POSE,
         F.REFUSE,

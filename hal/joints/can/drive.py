@@ -30,7 +30,7 @@ class Drive:
         self.measured_ns = 0
         self.faults = DriveFault.NONE
         self.enabled: bool | None = None
-        self.latched = DriveFault.NONE  # every fault since enabling
+        self.latched = DriveFault.NONE  # every fault since enabling began
         self.replies = 0
         self.requests = RequestTracker()
         self.range_check = RangeCheck()

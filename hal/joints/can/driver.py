@@ -43,7 +43,7 @@ class SocketCanJoints:
         self._routers: list[Router] = []
         self._enabled_ns = 0
         self._polled_ns = 0
-        self._unconfirmed: list[Drive] = []  # were enabled, and have not confirmed that they are off
+        self.unconfirmed: list[Drive] = []  # were enabled, and have not confirmed that they are off
         self.questions: dict[Joint, lifecycle.Request] = {}  # what each drive answers without power
 
     @property
@@ -111,21 +111,24 @@ class SocketCanJoints:
         """Damp, disable, confirm, release.
 
         Raises HardwareError, after releasing, when a drive that was enabled did not confirm that it is off; the next
-        call asks it again, over buses opened anew: an adapter may have been plugged in meanwhile.
+        call asks it again, over buses opened anew: an adapter may have been plugged in meanwhile. Until it has
+        confirmed it counts as one that has never answered.
         """
-        if not self._ports and not self._unconfirmed:
+        if not self._ports and not self.unconfirmed:
             return
         try:
             if not self._ports:
                 self._open_ports(now_ns)
             if self._state in _POWERED:
-                self._unconfirmed = lifecycle.disable(self)
-            elif self._unconfirmed:  # those alone: damping would power a V3 drive that is off
-                self._unconfirmed = lifecycle.confirm_off(self, self._unconfirmed)
+                self.unconfirmed = lifecycle.disable(self)
+            elif self.unconfirmed:  # those alone: damping would power a V3 drive that is off
+                self.unconfirmed = lifecycle.confirm_off(self, self.unconfirmed)
         finally:
             self._release()
-        if self._unconfirmed:
-            joints = tuple(drive.joint for drive in self._unconfirmed)
+            for drive in self.unconfirmed:
+                drive.measured_ns = 0
+        if self.unconfirmed:
+            joints = tuple(drive.joint for drive in self.unconfirmed)
             raise HardwareError(DrivesFault.NOT_CONFIRMED_OFF, joints=joints)
 
     def send(self, drive: Drive, frames: list[Frame]) -> None:
@@ -220,9 +223,12 @@ class SocketCanJoints:
         return faults, detail
 
     def _drive_fault(self, drive: Drive) -> DriveFault:
-        if drive.enabled is False and drive.faults is DriveFault.NONE and self._state in _POWERED:
-            return DriveFault.UNEXPECTEDLY_DISABLED
-        return drive.faults
+        """With power, also a fault that has gone by itself: until it is enabled anew its drive may give no torque."""
+        if self._state not in _POWERED:
+            return drive.faults
+        if drive.enabled is False and drive.latched is DriveFault.NONE:
+            drive.latched = DriveFault.UNEXPECTEDLY_DISABLED
+        return drive.latched
 
 
 def _rows(command: JointCommand) -> list[SetPoint] | None:

@@ -83,21 +83,21 @@ def enable(joints: SocketCanJoints) -> None:
     """Neutral, enable, neutral, each confirmed by feedback. Raises HardwareError with all drives disabled."""
     faulted = [drive for drive in joints.drives if drive.faults]
     if faulted:
-        raise _faulted(faulted[0])
+        raise _faulted(faulted[0], faulted[0].faults)
+    for drive in joints.drives:  # of before: whoever still reports a fault has just been refused
+        drive.latched = DriveFault.NONE
     _ask_once(joints, list(joints.drives), _by_neutral_command)
     silent = _unanswered(joints, _by_enabling)
     silent += _unanswered_together(joints)
     not_on = [drive for drive in joints.drives if drive.enabled is False and drive not in silent]
-    faulted = [drive for drive in joints.drives if drive.faults]
+    faulted = [drive for drive in joints.drives if drive.latched]
     if silent or not_on or faulted:
-        disable(joints)
+        joints.unconfirmed = disable(joints)
         if silent:
             raise _no_reply(joints, silent)
         if faulted:
-            raise _faulted(faulted[0])
+            raise _faulted(faulted[0], faulted[0].latched)
         raise HardwareError(DrivesFault.STAYS_DISABLED, **not_on[0].identity)
-    for drive in joints.drives:  # of before: whoever still reports a fault has just been refused
-        drive.latched = DriveFault.NONE
 
 
 def disable(joints: SocketCanJoints) -> list[Drive]:
@@ -182,8 +182,8 @@ def _no_reply(joints: SocketCanJoints, silent: list[Drive]) -> HardwareError:
     return HardwareError(DrivesFault.NO_REPLY_BUS_FAULT, joints=names, can_ids=ids, detail=bus)
 
 
-def _faulted(drive: Drive) -> HardwareError:
-    return HardwareError(DrivesFault.FAULT_BEFORE_ENABLING, **drive.identity, faults=tuple(drive.faults))
+def _faulted(drive: Drive, faults: DriveFault) -> HardwareError:
+    return HardwareError(DrivesFault.FAULT_BEFORE_ENABLING, **drive.identity, faults=tuple(faults))
 
 
 def _check_ranges(joints: SocketCanJoints, drive: Drive) -> None:

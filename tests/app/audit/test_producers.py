@@ -287,7 +287,7 @@ def of_perception(root: Path) -> list[Body]:
     rate = MeasuredRate()
     for captured_ns in (1, 2):
         rate.add(captured_ns)
-    found += camera_records(setup, camera, frame, rate)
+    found += camera_records(setup, camera.name, frame, rate)
     calibration = Calibration(
         camera=camera.name,
         focal_anchor_px_m=36.0,

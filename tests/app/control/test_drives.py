@@ -11,6 +11,8 @@ import pytest
 
 from app.control.drives import Drives
 from app.control.inputs import DriveOrder
+from app.ipc.messages import OperatorKind
+from app.ipc.states import Action, Event, GaitState
 from app.motion import follower
 from app.motion.follower import gains_of
 from app.motion.plan import body_of
@@ -25,6 +27,7 @@ from hal.joints.simulated.driver import SimulatedJoints
 from logs.reason import key_of
 from profiles.schema import DEMO_PATIENT
 from testing.emulated_drives import emulating
+from tests.app.control.moments import resting
 from tests.support.can_rig import until, with_motor
 
 DEVICE = load_exoskeleton()
@@ -158,6 +161,14 @@ def test_drives_that_fall_silent_with_torque_off_can_be_asked_again(on_can: Driv
     on_can.emulator.inject(Fault.SILENT, Joint.LEFT_KNEE)
     assert on_can.state_after(DriveOrder.DISABLE) is DriveState.DISABLED
     assert on_can.emulator.drives[Joint.LEFT_KNEE].motor_mode
+    frozen = on_can.tick()
+    assert (frozen.measured_ns == 0).tolist() == [joint is Joint.LEFT_KNEE for joint in Joint]
+    rig = resting(GaitState.UNPOWERED)
+    rig.spoil = {"feedback": frozen}
+    rig.send(OperatorKind.ACT, Action.INITIALISE)
+    refusal = rig.tick().refusal
+    assert refusal is not None
+    assert refusal.code == key_of(Event.JOINT_TIMEOUT), "gesture 0 would plan from angles that nobody measures"
     on_can.emulator.inject(Fault.HEALED)
     assert on_can.state_after(DriveOrder.DISABLE) is DriveState.PROBED
     assert not any(drive.motor_mode for drive in on_can.emulator.drives)

@@ -10,7 +10,7 @@ from app.control.inputs import DriveOrder
 from app.control.running_action import Stage
 from app.ipc.states import ACTION_OF, Action, Effect, Event, Outcome, RequestRefusal, Source
 from app.motion.follower import Mode
-from hal.joints.protocol import DriveFault, DriveState
+from hal.joints.protocol import BusFault, DriveFault, DriveState
 from kgdfa.gesture import Gesture
 from logs.reason import reason, reason_of
 from tests.app.control.moments import HOLD_TICKS, A, K, S, moving, now, resting, standing
@@ -134,6 +134,31 @@ def test_a_stop_while_the_drives_wake_leaves_them_neutral() -> None:
     assert rig.joints.state is DriveState.DISABLED
 
 
+def test_legs_that_swing_after_a_stop_while_the_drives_woke_are_not_gripped() -> None:
+    rig = resting(S.UNPOWERED)
+    rig.send(K.ACT, A.INITIALISE)
+    rig.run_until(lambda m: m.running is not None and m.running.stage is Stage.ENABLING)
+    rig.send(K.STOP)
+    rig.tick()
+    rig.joints.velocity_rad_s = np.array([0.0, 1.5, 0.0, 0.0])
+    rig.send(K.ACKNOWLEDGE)
+    rig.tick()
+    rig.send(K.ACT, A.INITIALISE)
+    rig.tick(5)
+    assert (now(rig).running, now(rig).refusal) == (None, reason(Event.LEGS_MOVING))
+    rig.joints.velocity_rad_s = np.zeros(4)
+    rig.tick(LINGER_NS // TICK_NS + 2)
+    rig.answer_ticks = 10
+    rig.send(K.ACT, A.INITIALISE)
+    rig.tick(5)
+    assert now(rig).running is not None
+    rig.joints.velocity_rad_s = np.array([0.0, 1.5, 0.0, 0.0])
+    rig.tick(20)
+    assert (now(rig).running, now(rig).refusal) == (None, reason(Event.LEGS_MOVING)), "nor after the plan has come"
+    assert rig.joints.state is DriveState.ENABLED
+    assert rig.command.stiffness_nm_rad.max() == 0
+
+
 def test_drives_that_are_awake_already_are_gripped_without_being_woken_again() -> None:
     rig = resting(S.UNPOWERED)
     rig.joints.state = DriveState.ENABLED
@@ -162,15 +187,16 @@ def test_one_faulted_drive_leaves_the_others_holding() -> None:
     assert rig.command.stiffness_nm_rad.min() > 0
 
 
-def test_a_drive_fault_that_goes_by_itself_leaves_no_way_on_but_through_torque_off() -> None:
-    """Its drive has left motor mode: gesture 0 would move the legs with one joint limp."""
+def test_a_drive_fault_leaves_no_way_on_but_through_torque_off() -> None:
+    """Its drive has left motor mode: gesture 0 would move the legs with one joint limp.
+
+    Drivers report a fault until torque off, though it has gone by itself.
+    """
     rig = standing()
     none = DriveFault.NONE
     rig.joints.faults = (none, DriveFault.UNDER_VOLTAGE, none, none)
     rig.joints.state = DriveState.FAULTED
-    rig.tick(5)
-    rig.joints.faults = (none,) * 4
-    rig.tick(5)
+    rig.tick(10)
     rig.send(K.ACKNOWLEDGE)
     rig.tick(2)
     assert Event.DRIVE_FAULT.value in rig.events()
@@ -183,12 +209,28 @@ def test_a_drive_fault_that_goes_by_itself_leaves_no_way_on_but_through_torque_o
     rig.run_until(lambda m: m.motion.fully_damped)
     rig.send(K.TORQUE_OFF)
     rig.run_until(lambda _: rig.joints.state is DriveState.DISABLED)
-    rig.joints.state = DriveState.PROBED
+    rig.joints.state, rig.joints.faults = DriveState.PROBED, (none,) * 4
     rig.send(K.ACKNOWLEDGE)
     rig.tick(2)
     assert rig.events() == set()
     rig.act(A.INITIALISE)
     assert (now(rig).gait.state, rig.joints.state) == (S.STANDING, DriveState.ENABLED)
+
+
+def test_a_bus_that_failed_and_came_back_needs_an_acknowledgement_alone() -> None:
+    """STOP twice and torque off would let down a wearer whom the drives have held all along."""
+    rig = standing()
+    rig.joints.bus, rig.joints.state = BusFault.BUS_OFF, DriveState.FAULTED
+    rig.tick(5)
+    rig.joints.bus = BusFault.NONE
+    rig.tick(5)
+    assert rig.events() == {Event.BUS_FAULT.value}
+    rig.send(K.ACKNOWLEDGE)
+    rig.tick(2)
+    assert rig.events() == set()
+    rig.send(K.ACT, A.STEP_RIGHT_FIRST)
+    rig.tick()
+    assert now(rig).running is not None
 
 
 def test_drives_that_never_answered_can_be_asked_again_by_torque_off() -> None:
@@ -218,10 +260,13 @@ def test_a_drive_that_faults_while_it_wakes_stops_the_action_and_can_be_switched
     rig.send(K.ACT, A.INITIALISE)
     rig.run_until(lambda m: m.running is not None and m.running.stage is Stage.ENABLING)
     rig.joints.state = DriveState.FAULTED
+    rig.joints.faults = (DriveFault.UNDER_VOLTAGE, *rig.joints.faults[1:])
     rig.tick(2)
     assert now(rig).running is None
     rig.send(K.TORQUE_OFF)
-    rig.tick(2)
+    rig.tick()
+    rig.joints.faults = (DriveFault.NONE,) * 4
+    rig.tick()
     assert rig.joints.state is DriveState.DISABLED
     assert Event.DRIVE_FAULT.value not in rig.events()
 

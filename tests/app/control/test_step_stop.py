@@ -121,6 +121,9 @@ def test_an_acknowledgement_received_in_the_tick_of_a_stop_does_not_undo_it(kind
     rig.send(K.ACKNOWLEDGE, age_ms=10)
     rig.tick()
     assert event.value in rig.events()
+    (set_aside,) = records_of(rig, records.Acknowledgement)
+    assert isinstance(set_aside, records.Acknowledgement)
+    assert (set_aside.accepted, set_aside.reason) == (False, reason(RequestRefusal.STOPPED_MEANWHILE))
     assert (now(rig).effect, now(rig).gait.state) == (Effect.HOLD, S.BETWEEN)
     rig.tick(HOLD_TICKS)
     rig.send(K.ACKNOWLEDGE)
@@ -136,6 +139,27 @@ def test_a_second_press_with_an_acknowledgement_in_its_tick_damps() -> None:
     rig.send(K.ACKNOWLEDGE, age_ms=10)
     rig.tick(3)
     assert now(rig).effect is Effect.DAMP
+
+
+@pytest.mark.parametrize(("kind", "second"), [(K.STOP, Effect.DAMP), (K.VOICE_STOP, Effect.HOLD)])
+def test_a_press_counts_on_after_an_acknowledgement_that_was_sent_before_control_saw_it(
+    kind: OperatorKind, second: Effect
+) -> None:
+    rig = moving()
+    rig.send(kind, age_ms=60)
+    rig.tick()
+    rig.send(K.ACKNOWLEDGE, age_ms=30)
+    rig.tick()
+    (early,) = records_of(rig, records.Acknowledgement)
+    assert isinstance(early, records.Acknowledgement)
+    assert (early.accepted, early.reason) == (False, reason(RequestRefusal.NOTHING_TO_ACKNOWLEDGE))
+    assert (now(rig).stop_presses, now(rig).voice_stopped) == (int(kind is K.STOP), kind is K.VOICE_STOP)
+    rig.send(kind)
+    rig.tick(3)
+    assert now(rig).effect is second
+    rig.send(K.ACKNOWLEDGE)
+    rig.tick()
+    assert (now(rig).stop_presses, now(rig).voice_stopped) == (0, False)
 
 
 @pytest.mark.parametrize(("presses", "reached"), [(1, S.STANDING), (2, S.BETWEEN)])

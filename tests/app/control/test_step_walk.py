@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from itertools import pairwise
 
+import msgspec
 import numpy as np
 import pytest
 
 from app.control.running_action import Stage
 from app.ipc.states import Event, Outcome, Source
 from app.motion.follower import Mode
-from app.motion.plan import Phase
+from app.motion.plan import Phase, PlanCheck
 from kgdfa.gesture import Gesture
-from logs.reason import reason
+from logs.reason import reason, reason_of
+from tests.app.control.instant_planner import make_plan
 from tests.app.control.moments import A, K, S, moving, now, request, standing
 
 
@@ -103,6 +105,21 @@ def test_a_walk_closed_at_the_end_of_a_step_without_the_closing_plan_is_held(row
     rig.send(K.ACKNOWLEDGE)
     rig.tick(2)
     assert rig.act(A.INITIALISE).gait.state is S.STANDING
+
+
+def test_a_late_plan_of_the_step_before_closes_no_walk() -> None:
+    rig = moving(A.WALK)
+    rig.unanswered = frozenset({A.WALK_END})
+    rig.run_until(lambda m: m.gait.phase is Phase.WALK_RIGHT)
+    (overdue,) = [one for one in rig.history[-1][1].plan_requests if one.action is A.WALK_END]
+    rig.run_until(lambda m: m.gait.phase is Phase.WALK_LEFT)
+    rig.unanswered = frozenset()
+    rig.tick(5)
+    late = msgspec.structs.replace(make_plan(overdue), check=PlanCheck(reason=reason_of(OSError("too far"))))
+    rig.spoil = {"plans": (late,)}
+    rig.tick()
+    assert not now(rig).gait.closing
+    rig.run_until(lambda m: m.gait.phase is Phase.WALK_RIGHT)
 
 
 def test_a_late_next_step_is_taken_as_long_as_it_comes_before_the_last_call() -> None:

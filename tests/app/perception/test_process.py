@@ -112,12 +112,15 @@ def test_the_frame_in_which_the_pipeline_is_built_still_counts_as_loading(made: 
     assert sent[-2:] == [(1, False), (2, True)]
 
 
-@pytest.mark.parametrize(("width_px", "anew"), [(640, False), (1280, True)])
+@pytest.mark.parametrize(
+    ("width_px", "name", "anew"), [(640, "built in", False), (1280, "built in", True), (1280, "on a cable", True)]
+)
 def test_a_camera_that_comes_back_with_another_image_size_begins_anew(
-    made: Perception, monkeypatch: pytest.MonkeyPatch, width_px: int, anew: bool
+    made: Perception, monkeypatch: pytest.MonkeyPatch, width_px: int, name: str, anew: bool
 ) -> None:
     sent = list[TriggerReport]()
     camera = made._camera.camera
+    monkeypatch.setattr(type(camera), "name", property(lambda _: name if lost else "built in"))
     read, lost = camera.read, list[bool]()
 
     def resized(timeout_s: float) -> Frame | None:
@@ -145,9 +148,9 @@ def test_a_camera_that_comes_back_with_another_image_size_begins_anew(
     assert lost
     assert (sent[-1].incarnation > sent[0].incarnation) is anew
     assert [one.sequence for one in sent] == list(range(1, len(sent) + 1))
-    sizes = [one.width_px for one in Sink.records if isinstance(one, Camera)]
-    assert sizes[-1] == width_px
-    assert set(sizes) == {640, width_px}
+    cameras = [(one.camera, one.width_px) for one in Sink.records if isinstance(one, Camera)]
+    assert cameras[-1] == (name, width_px)
+    assert set(cameras) == {("built in", 640), (name, width_px)}
 
 
 def test_a_detector_that_can_not_be_built_still_ends_in_order(

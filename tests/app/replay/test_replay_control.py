@@ -105,6 +105,18 @@ def test_a_session_with_refusals_and_stops_is_replayed_whole(session: list[Body]
     assert len(reasons) >= 9
 
 
+def test_presses_after_an_acknowledgement_that_covers_nothing_are_counted_again_as_control_counted_them() -> None:
+    rig = begun()
+    rig.tick(40)
+    for kind, age_ms in ((K.STOP, 60), (K.ACKNOWLEDGE, 30), (K.VOICE_STOP, 0), (K.STOP, 0)):
+        rig.send(kind, age_ms=age_ms)
+        rig.tick()
+    rig.tick(5)
+    bodies = [limits_record(SETTINGS), *rig.audit]
+    assert [body.effect for body in bodies if isinstance(body, r.Stop)] == ["hold", "hold", "damp"]
+    assert replay(trail(bodies, "control")).differences == ()
+
+
 def test_whatever_a_refusal_recorded_is_decided_again(session: list[Body]) -> None:
     for place, body in enumerate(session):
         if not isinstance(body, r.Refusal) or body.number:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import can
 import msgspec
 import numpy as np
@@ -9,12 +11,13 @@ import pytest
 
 from hal.errors import CanFault, DrivesFault
 from hal.joints.can.bus import CAN_ERR_LOSTARB
+from hal.joints.can.drive import Drive
 from hal.joints.can.driver import SocketCanJoints
 from hal.joints.codecs.wire import Frame, WireQuantity
 from hal.joints.device import Exoskeleton, load_exoskeleton
-from hal.joints.emulator.firmware import Fault
+from hal.joints.emulator.firmware import EmulatedDrive, Fault
 from hal.joints.protocol import BusFault, DriveFault, DriveState, Joint, JointFeedback
-from tests.support.can_rig import LOOKS, CanRig, MakeRig, command, each_joint, on_test_bus, with_motor
+from tests.support.can_rig import LOOKS, CanRig, MakeRig, command, each_joint, on_test_bus, until, with_motor
 from tests.support.errors import refused
 
 HOLD = command(0.1, stiffness=150.0)
@@ -39,6 +42,33 @@ def start(rig: CanRig) -> None:
 def another_sender(device: Exoskeleton) -> can.BusABC:
     bus = device.buses[0]
     return can.Bus(interface=bus.interface, channel=bus.channel)
+
+
+def drive_of(rig: CanRig) -> Drive:
+    """The host's side of the knee."""
+    assert isinstance(rig.joints, SocketCanJoints)
+    return rig.joints.drives[KNEE]
+
+
+def fault_in_one_answer(
+    monkeypatch: pytest.MonkeyPatch, drive: EmulatedDrive, to: Callable[[Frame], bool] = lambda _: True
+) -> list[Frame]:
+    """The drive reports OVER_CURRENT in its next answer to such a frame, and no fault after it; what it receives."""
+    receive, received, failed = drive.receive, list[Frame](), list[Frame]()
+
+    def fail_once(frame: Frame, now_ns: int) -> list[Frame]:
+        if failed or not to(frame):
+            replies = receive(frame, now_ns)
+        else:
+            failed.append(frame)
+            drive.fail(2)
+            replies = receive(frame, now_ns)
+            drive.heal()
+        received.append(frame)
+        return replies
+
+    monkeypatch.setattr(drive, "receive", fail_once)
+    return received
 
 
 def has_bus(flag: BusFault) -> object:
@@ -95,6 +125,15 @@ def test_bus_off_is_reported_and_ends_in_the_faulted_state(rig: CanRig) -> None:
     assert feedback.detail.code is CanFault.CONTROLLER_OFF
 
 
+def test_after_a_bus_that_failed_and_came_back_the_drives_follow_and_report_no_fault(rig: CanRig) -> None:
+    rig.emulator.inject(Fault.BUS_OFF)
+    rig.until(lambda now: BusFault.BUS_OFF in now.bus, HOLD)
+    rig.emulator.inject(Fault.HEALED)
+    moved = command(0.3, stiffness=400.0)
+    feedback = rig.until(lambda now: np.abs(now.position_rad - 0.3).max() < 0.05 and not now.bus, moved)
+    assert (feedback.state, feedback.faults) == (DriveState.FAULTED, (DriveFault.NONE,) * 4)
+
+
 def test_an_error_frame_is_reported_and_leaves_the_drives_enabled(rig: CanRig) -> None:
     rig.emulator.inject(Fault.ERROR_FRAMES)
     feedback = rig.until(lambda now: BusFault.ERROR_FRAME in now.bus, HOLD)
@@ -140,14 +179,61 @@ def test_a_fault_never_heals_into_enabled(rig: CanRig) -> None:
     rig.emulator.inject(Fault.ERROR, KNEE, 1)
     rig.until(lambda now: now.state is DriveState.FAULTED, HOLD)
     rig.emulator.inject(Fault.HEALED, KNEE)
-    feedback = rig.until(lambda now: not now.faults[KNEE], HOLD)
-    assert feedback.state is DriveState.FAULTED
+    feedback = rig.until(lambda _: not drive_of(rig).faults, HOLD)
+    assert (feedback.state, feedback.faults[KNEE]) == (DriveState.FAULTED, DriveFault.OVER_TEMPERATURE)
     assert not rig.emulator.drives[KNEE].motor_mode
     with refused(DrivesFault.NOT_READY_TO_ENABLE, state=DriveState.FAULTED):
         rig.joints.enable(rig.now_ns())
     rig.joints.close(rig.now_ns())
     start(rig)
     assert rig.tick(HOLD).state is DriveState.ENABLED
+
+
+def test_a_fault_in_one_of_two_answers_to_a_read_is_reported(rig: CanRig, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its drive has left motor mode: the joint would be without torque while the drives count as enabled."""
+    received = fault_in_one_answer(monkeypatch, rig.emulator.drives[KNEE])
+    for _ in range(3):
+        rig.joints.write(HOLD, rig.now_ns())
+    until(lambda: len(received) >= 3)  # so two answers are on the bus
+    feedback = rig.joints.read(rig.now_ns())
+    assert not drive_of(rig).faults
+    assert (feedback.state, feedback.faults[KNEE]) == (DriveState.FAULTED, DriveFault.OVER_CURRENT)
+    assert feedback.detail is not None
+    assert feedback.detail.code is DrivesFault.FAULT_REPORTED
+
+
+def test_a_fault_in_the_answer_to_enabling_alone_leaves_none_enabled(
+    make_rig: MakeRig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rig = make_rig(with_motor("AK80-64/V2"))
+    rig.joints.open(rig.now_ns())
+    fault_in_one_answer(monkeypatch, rig.emulator.drives[KNEE], lambda frame: frame.data == ENTER)
+    with refused(DrivesFault.FAULT_BEFORE_ENABLING, joint=KNEE, faults=(DriveFault.OVER_CURRENT,)):
+        rig.joints.enable(rig.now_ns())
+    assert not any(drive.motor_mode for drive in rig.emulator.drives)
+    rig.joints.enable(rig.now_ns())
+    assert rig.tick(HOLD).state is DriveState.ENABLED
+
+
+def test_a_drive_that_falls_silent_while_it_is_enabled_is_reported_by_closing(
+    make_rig: MakeRig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rig = make_rig(with_motor("AK80-64/V2"))
+    rig.joints.open(rig.now_ns())
+    knee = rig.emulator.drives[KNEE]
+    receive = knee.receive
+
+    def answer_enabling_last(frame: Frame, now_ns: int) -> list[Frame]:
+        replies = receive(frame, now_ns)
+        knee.silent = knee.silent or frame.data == ENTER
+        return replies
+
+    monkeypatch.setattr(knee, "receive", answer_enabling_last)
+    with refused(DrivesFault.NO_REPLY, joints=(KNEE,)):
+        rig.joints.enable(rig.now_ns())
+    assert knee.motor_mode
+    with refused(DrivesFault.NOT_CONFIRMED_OFF, joints=(KNEE,)):
+        rig.joints.close(rig.now_ns())
 
 
 @pytest.mark.parametrize("motor", ["DM10010/default"])
@@ -167,7 +253,7 @@ def test_a_faulted_v3_drive_gets_damping_only(make_rig: MakeRig) -> None:
     rig.emulator.inject(Fault.ERROR, KNEE, 1)
     rig.until(lambda now: now.faults[KNEE], HOLD)
     rig.emulator.inject(Fault.HEALED, KNEE)
-    rig.until(lambda now: not now.faults[KNEE], HOLD)
+    rig.until(lambda _: not drive_of(rig).faults, HOLD)
     rig.tick(HOLD)
     held = rig.emulator.drives[KNEE].effective(rig.now_ns())
     assert held.stiffness_nm_rad == pytest.approx(0.0, abs=0.2)

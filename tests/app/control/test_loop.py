@@ -1,0 +1,129 @@
+"""The loop around the step: what it reads after it has waited for the drives."""
+
+from __future__ import annotations
+
+import os
+from contextlib import closing
+from pathlib import Path
+from typing import ClassVar
+
+import pytest
+
+from app.control import loop
+from app.control.drives import Drives
+from app.control.links import ControlLinks, Received
+from app.control.loop import Control
+from app.ipc.links import new_link_directory
+from app.ipc.messages import AuditHealth, GuardianHealth, OperatorCommand, OperatorKind, RealTime
+from app.ipc.streams import AUDIT_HEALTH, GUARDIAN
+from app.system.config import Config, JointsConfig, SessionSetup
+from hal.joints.protocol import DriveState, JointCommand, JointFeedback
+from logs.records import Body, HeartbeatLost
+from profiles.schema import DEMO_PATIENT
+from tests.app.control.ideal_joints import IdealJoints
+from tests.app.control.rig import SETTINGS, TICK_NS
+
+WAIT_NS = 500_000_000  # longer than the silence that any stream is allowed
+
+
+class Clock:
+    """The loop's timer: time goes by the tick, and by what the drives take."""
+
+    now_ns: ClassVar[int] = 0
+
+    def __init__(self, **_: int) -> None:
+        self.next_ns = 0
+
+    def wait(self) -> tuple[int, int, int]:
+        Clock.now_ns += TICK_NS
+        return Clock.now_ns, 0, 0
+
+
+class SlowDrives(IdealJoints):
+    """Drives that are waited for when torque goes off."""
+
+    def open(self, now_ns: int) -> None:
+        self.state = DriveState.PROBED
+
+    def enable(self, now_ns: int) -> None:
+        """Nobody asks."""
+
+    def write(self, command: JointCommand, now_ns: int) -> None:
+        self.take(command)
+
+    def read(self, now_ns: int) -> JointFeedback:
+        return self.feedback(now_ns)
+
+    def close(self, now_ns: int) -> None:
+        Clock.now_ns += WAIT_NS
+        self.state = DriveState.DISABLED
+
+
+class Links(ControlLinks):
+    """Audit and guardian have always just sent; the operator switches off in one tick and ends in a later one."""
+
+    def __init__(self, off_tick: int) -> None:
+        self._kinds = {off_tick: OperatorKind.TORQUE_OFF, off_tick + 10: OperatorKind.SHUT_DOWN}
+        self._tick = 0
+
+    def receive(self, *, slow: bool, planning: bool) -> Received:
+        self._tick += 1
+        kind = self._kinds.get(self._tick - 1, OperatorKind.HEARTBEAT)
+        return Received(
+            report=None,
+            commands=(OperatorCommand(sequence=self._tick, kind=kind, sent_ns=Clock.now_ns),),
+            plans=(),
+            audit=AuditHealth(at_ns=Clock.now_ns, written=1, waiting=0) if slow else None,
+            guardian=GuardianHealth(at_ns=Clock.now_ns) if slow else None,
+            link=None,
+            rejected_messages=0,
+            foreign_peers=0,
+        )
+
+    def send_plan_requests(self, plan_requests: object) -> None:
+        """Nobody plans."""
+
+    def send_heartbeat(self, heartbeat: object) -> None:
+        """Nobody guards."""
+
+    def send_snapshot(self, snapshot: object) -> None:
+        """Nobody looks."""
+
+    def close(self) -> None:
+        """Nothing is open."""
+
+
+@pytest.mark.parametrize("off_tick", range(20, 25))
+def test_a_wait_for_the_drives_loses_no_heartbeat_of_audit_or_guardian(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, off_tick: int
+) -> None:
+    """Their messages came meanwhile, in whichever tick the slow streams are read."""
+    (tmp_path / "links").mkdir(mode=0o700)
+    setup = SessionSetup(
+        session="s",
+        home=tmp_path,
+        links=new_link_directory(tmp_path / "links"),
+        config=Config(joints=JointsConfig(kind="can")),
+        profile=DEMO_PATIENT,
+        operator="",
+        host_pid=os.getppid(),
+    )
+    monkeypatch.setattr(loop, "PeriodicTimer", Clock)
+    monkeypatch.setattr(loop, "pin_to_control_core", lambda _: None)
+    monkeypatch.setattr(loop, "disable_gc", lambda: None)
+    monkeypatch.setattr(Clock, "now_ns", 1_000_000_000)
+    recorded = list[Body]()
+
+    def record(body: Body) -> bool:
+        recorded.append(body)
+        return True
+
+    with closing(Control(setup, RealTime())) as control:
+        control._links.close()
+        control._links = Links(off_tick)
+        control._drives = Drives(SlowDrives(), SETTINGS.limits, SETTINGS.gains)
+        monkeypatch.setattr(control._sink, "emit", record)
+        control.run()
+    assert Clock.now_ns > 1_000_000_000 + WAIT_NS
+    lost = {body.stream for body in recorded if isinstance(body, HeartbeatLost)}
+    assert not lost & {AUDIT_HEALTH.name, GUARDIAN.name}
