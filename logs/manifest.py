@@ -6,7 +6,7 @@ a new one begun, whose first entry records that.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Container, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -16,6 +16,7 @@ from logs.disk import Disk, is_being_written
 from logs.journal import MANIFEST, Found, Moment, current_part, found_torn, keep_end, open_part, parts_of
 from logs.keys import ConsoleKey, PublicKey, by_fingerprint
 from logs.line import GENESIS, MAX_LINE
+from logs.reading.errors import UNDECODABLE
 from logs.reading.regular import open_regular
 from logs.reason import Reason, reason
 from logs.records import LogClosed, LogOpened, LogRecovered, Record
@@ -34,6 +35,7 @@ class Listing:
     opened: set[str] = field(default_factory=set)
     ended: dict[str, LogClosed | LogRecovered] = field(default_factory=dict)
     hashes: list[str] = field(default_factory=list)  # of its entries, in order
+    signers: set[str] = field(default_factory=set)  # keys that its signatures name
 
     @property
     def unfinished(self) -> list[str]:
@@ -46,33 +48,35 @@ def manifest_paths(folder: Path) -> list[Path]:
     return parts_of(folder / MANIFEST)
 
 
-def read_listings(folder: Path, keys: Mapping[str, PublicKey]) -> Listing:
-    """The entries of the sound parts of all manifests of a folder."""
+def read_listings(folder: Path, keys: Mapping[str, PublicKey], trusted: Container[str] | None = None) -> Listing:
+    """The entries of the sound parts of all manifests of a folder; trusted: only those that name one of these keys."""
     listing = Listing()
     for path in manifest_paths(folder):
-        _read_into(listing, path, scan_file(path, keys).records)
+        scan = scan_file(path, keys)
+        listing.signers |= scan.signers
+        _read_into(listing, path, scan.records, trusted)
     return listing
 
 
-def _read_into(listing: Listing, path: Path, records: int) -> None:
+def _read_into(listing: Listing, path: Path, records: int, trusted: Container[str] | None) -> None:
     taken = 0
     with open_regular(path) as file:
         while taken < records and (line := file.readline(MAX_LINE)):
             try:
                 record = _decode(line)
-            except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError):
+            except UNDECODABLE:
                 continue  # a torn tail that a later entry explains
             taken += 1
-            _note(listing, record)
+            listing.hashes.append(record.hash)
+            if isinstance(record.body, _LogEntry) and (trusted is None or record.body.key in trusted):
+                _note(listing, record.body)
 
 
-def _note(listing: Listing, record: Record) -> None:
-    listing.hashes.append(record.hash)
-    match record.body:
-        case LogOpened(file=file):
-            listing.opened.add(file)
-        case LogClosed(file=file) | LogRecovered(file=file):
-            listing.ended[file] = record.body
+def _note(listing: Listing, entry: _LogEntry) -> None:
+    if isinstance(entry, LogOpened):
+        listing.opened.add(entry.file)
+    else:
+        listing.ended[entry.file] = entry
 
 
 class Manifest:

@@ -9,6 +9,7 @@ from pathlib import Path
 import msgspec
 
 from logs.line import MAX_LINE, unseal
+from logs.reading.errors import UNDECODABLE
 from logs.reading.regular import open_regular
 from logs.records import OtherTrail, Record
 from logs.scan import head_of
@@ -73,7 +74,7 @@ class TrailIndex:
     def _add_mention(self, line: bytes, sequence: int) -> None:
         try:
             record = _decode(line)
-        except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError):
+        except UNDECODABLE:
             return  # of a newer version: nothing that this one could check
         if isinstance(record.body, OtherTrail):
             self.mentions.append(Mention(at=sequence, monotonic_ns=record.monotonic_ns, of=record.body))

@@ -84,10 +84,19 @@ def _append(path: Path, line: bytes) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     handle = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND | os.O_CLOEXEC, 0o600)
     try:
-        os.write(handle, line)
+        if os.fstat(handle).st_size and _last_byte(path) != b"\n":
+            line = b"\n" + line  # a copy that was cut off stays on a line of its own
+        while line:
+            line = line[os.write(handle, line) :]
         os.fsync(handle)
     finally:
         os.close(handle)
+
+
+def _last_byte(path: Path) -> bytes:
+    with open_regular(path) as file:
+        file.seek(-1, os.SEEK_END)
+        return file.read(1)
 
 
 def _to_syslog(file: str, line: bytes) -> None:
@@ -100,13 +109,15 @@ def _to_syslog(file: str, line: bytes) -> None:
         handler.close()
 
 
-def copied(copy: Path, known: Collection[str]) -> dict[int, str]:
-    """Sequence → hash of the copied checkpoints by known keys, or by any when none is; a torn line is left out.
+def copied(copy: Path) -> dict[str, dict[int, str]]:
+    """Key → sequence → hash of the copied checkpoints; a torn line is left out.
 
     Two computers' trails of a session have one name, and may have one mirror.
     """
-    found = ((head, digest) for head, digest in _checkpoints(copy) if not known or head.body.key in known)
-    return {head.sequence: digest for head, digest in found}
+    found: dict[str, dict[int, str]] = {}
+    for head, digest in _checkpoints(copy):
+        found.setdefault(head.body.key, {})[head.sequence] = digest
+    return found
 
 
 def differing(path: Path, expected: Mapping[int, str]) -> int | None:
@@ -118,13 +129,11 @@ def differing(path: Path, expected: Mapping[int, str]) -> int | None:
     return None
 
 
-def copied_files(copies: Path | None, known: Collection[str]) -> list[str]:
-    """Files of which the mirror holds a checkpoint by a known key; other consoles may use it, too."""
+def copied_files(copies: Path | None, keys: Collection[str]) -> list[str]:
+    """Files of which the mirror holds a checkpoint by one of these keys; other consoles may use it, too."""
     found = copies.glob("*" + SUFFIX) if copies is not None else ()
     return [
-        copy.name.removesuffix(SUFFIX)
-        for copy in found
-        if any(head.body.key in known for head, _ in _checkpoints(copy))
+        copy.name.removesuffix(SUFFIX) for copy in found if any(head.body.key in keys for head, _ in _checkpoints(copy))
     ]
 
 

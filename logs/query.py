@@ -76,7 +76,7 @@ QUESTIONS: dict[str, str] = {
                    sum(CASE WHEN kind = 'refusal' THEN 1 ELSE 0 END) AS refused
             FROM records WHERE kind IN ('command', 'refusal') AND gesture IS NOT NULL GROUP BY gesture
         )
-        SELECT gesture, requests, refused, refused * 1e0 / requests AS rate
+        SELECT gesture, requests, refused, refused * 1e0 / nullif(requests, 0) AS rate
         FROM sums ORDER BY rate DESC, gesture
         """,
     "response": """
@@ -95,7 +95,7 @@ QUESTIONS: dict[str, str] = {
             SELECT event, effect, count(*) AS times
             FROM records WHERE kind = 'event-raised' AND effect IN ('hold', 'damp') GROUP BY event, effect
         )
-        SELECT event, effect, times, device_hours, times / device_hours AS per_hour
+        SELECT event, effect, times, device_hours, times / nullif(device_hours, 0) AS per_hour
         FROM faults CROSS JOIN total ORDER BY times DESC, event, effect
         """,
 }
@@ -197,11 +197,9 @@ def export(paths: Sequence[Path], output: Path, *, drop_operators: bool) -> int:
         f"kind IN ({names}) OR (kind = 'change' AND json_extract_string(body, '$.subject') = 'operator') "
         f"OR (kind = 'note' AND json_extract_string(body, '$.text.values.operator') IS NOT NULL)"
     )
-    cleared = (
-        f"REPLACE ('' AS operator, CASE WHEN {named} THEN NULL ELSE text END AS text, "
-        f"CASE WHEN {named} THEN '{{}}' ELSE body END AS body)"
-    )
-    columns = f"* {cleared}" if drop_operators else "*"
+    emptied = {name: "NULL" for name in BODY_COLUMNS if name != "kind"} | {"body": "'{}'"}
+    cleared = (f"CASE WHEN {named} THEN {empty} ELSE {name} END AS {name}" for name, empty in emptied.items())
+    columns = f"* REPLACE ('' AS operator, {', '.join(cleared)})" if drop_operators else "*"
     try:
         copy = f"COPY (SELECT {columns} FROM records) TO {quoted(str(output))} (FORMAT parquet)"
         (count,) = connect(paths).execute(copy).fetchone() or (0,)

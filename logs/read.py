@@ -13,7 +13,7 @@ import msgspec
 
 from logs.errors import AuditError, AuditFault
 from logs.line import MAX_LINE
-from logs.reading.errors import cause_of
+from logs.reading.errors import UNDECODABLE, cause_of
 from logs.reading.regular import open_regular
 from logs.records import ActionEnd, Command, EventRaised, PatientChosen, Record, Refusal, Stop
 from logs.verify import is_session
@@ -54,7 +54,7 @@ def understand(line: bytes, number: int) -> Record | UnreadableLine:
     """One line."""
     try:
         return _decode(line)
-    except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
+    except UNDECODABLE as error:
         return _unreadable_line(line, number, str(error))
 
 
@@ -109,7 +109,7 @@ def find_session(folder: Path, name: str) -> Path:
 def _unreadable_line(line: bytes, number: int, why: str) -> UnreadableLine:
     try:
         decoded = msgspec.json.decode(line)
-    except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError):
+    except UNDECODABLE:
         return UnreadableLine(line=number, kind=NOT_A_RECORD, wall="", text=line[:200].decode("utf-8", "replace"))
     if not isinstance(decoded, dict):
         return UnreadableLine(line=number, kind=NOT_A_RECORD, wall="", text=str(decoded)[:200])

@@ -15,6 +15,7 @@ from msgspec import Meta, Struct
 
 from logs.keys import PublicKey
 from logs.line import GENESIS, MAX_LINE, SEAL_LENGTH, SIGNED_KINDS, signed_message, unseal
+from logs.reading.errors import UNDECODABLE
 from logs.reading.regular import open_regular
 from logs.reason import Reason, reason
 from logs.records import SCHEMA
@@ -87,6 +88,7 @@ class Scan:
     explained_tears: int = 0  # torn tails that a later signed record explains
     closed: bool = False  # ends with a closing checkpoint
     proven: int = 0  # records covered by the newest good signature
+    signers: set[str] = field(default_factory=set)  # keys that its signatures name
     unknown_keys: set[str] = field(default_factory=set)
     newer_schema: int = 0  # a schema that this program does not know
 
@@ -167,7 +169,7 @@ def head_of(line: bytes) -> Head | None:
     """The head of a line; None when it is no record."""
     try:
         return _decode(line)
-    except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError):
+    except UNDECODABLE:
         return None
 
 
@@ -220,6 +222,7 @@ def _out_of_chain(scan: Scan, head: Head) -> Reason | None:
 def _badly_signed(scan: Scan, head: Head, payload: bytes, keys: Mapping[str, PublicKey]) -> Reason | None:
     if head.body.kind not in SIGNED_KINDS:
         return None
+    scan.signers.add(head.body.key)
     key = keys.get(head.body.key)
     if key is None:
         scan.unknown_keys.add(head.body.key)

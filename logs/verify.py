@@ -15,7 +15,7 @@ from logs.keys import Anchor, PublicKey
 from logs.line import GENESIS, MAX_LINE
 from logs.manifest import Listing, manifest_paths, read_listings
 from logs.mirror import SUFFIX, copied, copied_files, differing
-from logs.reading.errors import cause_of
+from logs.reading.errors import UNDECODABLE, cause_of
 from logs.reading.regular import open_regular
 from logs.reason import Reason, reason
 from logs.records import SCHEMA, LogClosed, LogRecovered, Record, SessionStart
@@ -49,7 +49,7 @@ class Evidence:
         """What a folder's manifests say: read once for a verification, not once for each file, unless they grew."""
         size = sum(path.stat().st_size for path in manifest_paths(folder))
         if folder not in self.listings or self.listings[folder][0] != size:
-            self.listings[folder] = size, read_listings(folder, self.keys)
+            self.listings[folder] = size, read_listings(folder, self.keys, self.keys or None)
         return self.listings[folder][1]
 
 
@@ -171,7 +171,7 @@ def _wrong_history(path: Path, scan: Scan, listing: Listing) -> Reason | None:
     with open_regular(path) as file:
         try:
             body = msgspec.json.decode(file.readline(MAX_LINE), type=Record).body
-        except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError):
+        except UNDECODABLE:
             return None  # of another version: only the chain is checked
     if not isinstance(body, SessionStart) or body.history_hash in ("", GENESIS):
         return None
@@ -222,9 +222,11 @@ def _verify_folder(folder: Path, evidence: Evidence, progress: Progress | None) 
     findings = [_verify_one(path, evidence, progress) for path in files]
     if not manifest_paths(folder):
         return findings + _no_manifest(folder, files, evidence)
-    named = dict.fromkeys(copied_files(evidence.copies, evidence.keys), Verdict.MISSING_BY_MIRROR)
+    listing = evidence.listing(folder)
+    own = listing.signers or evidence.keys  # the mirror may be another computer's, too
+    named = dict.fromkeys(copied_files(evidence.copies, own), Verdict.MISSING_BY_MIRROR)
     named |= dict.fromkeys(evidence.anchors, Verdict.MISSING_BY_ANCHOR)
-    named |= dict.fromkeys(evidence.listing(folder).opened, Verdict.MISSING_BY_MANIFEST)
+    named |= dict.fromkeys(listing.opened, Verdict.MISSING_BY_MANIFEST)
     return findings + [
         Finding(file=folder / name, status=Status.TAMPERED, reason=reason(witness))
         for name, witness in sorted(named.items())
@@ -269,7 +271,7 @@ def _scan_and_assess(path: Path, evidence: Evidence, progress: Progress | None) 
     scan = scan_file(path, evidence.keys, progress)
     finding = assess(path, scan, evidence, running=running)
     if evidence.copies is not None:
-        finding = _with_copies(finding, copies)
+        finding = _with_copies(finding, _own_copies(copies, scan, evidence))
     return finding, not running and path.stat().st_size == scan.size
 
 
@@ -278,14 +280,28 @@ def is_session(path: Path) -> bool:
     return path.suffix == ".jsonl" and not is_journal(path)
 
 
-def _copies_of(path: Path, evidence: Evidence) -> dict[int, str] | None:
-    """The mirror's copies of a file's checkpoints, hashes by sequence; None: it has none of them."""
+def _copies_of(path: Path, evidence: Evidence) -> dict[str, dict[int, str]]:
+    """The mirror's copies of the checkpoints of files of this name, hashes by key and sequence."""
     copy = None if evidence.copies is None else evidence.copies / (path.name + SUFFIX)
-    return None if copy is None or not copy.exists() else copied(copy, evidence.keys) or None
+    return {} if copy is None or not copy.exists() else copied(copy)
 
 
-def _with_copies(finding: Finding, copies: Mapping[int, str] | None) -> Finding:
-    if copies is None:
+def _own_copies(copies: Mapping[str, Mapping[int, str]], scan: Scan, evidence: Evidence) -> dict[int, str]:
+    """Those by the keys that sign in this file: another computer's trail may have its name.
+
+    By all known keys where it has no signature, and by any where no key is known: a file rewritten without signatures,
+    or with those of a new key, must not agree with the mirror.
+    """
+    own = scan.signers & copies.keys()
+    if not own and not evidence.keys:
+        own = {*copies}
+    elif not scan.signers:
+        own = copies.keys() & evidence.keys
+    return {sequence: digest for key in own for sequence, digest in copies[key].items()}
+
+
+def _with_copies(finding: Finding, copies: Mapping[int, str]) -> Finding:
+    if not copies:
         return replace(finding, remarks=(*finding.remarks, reason(Remark.NO_MIRROR)))
     wrong = next((number for number in sorted(copies) if number >= finding.records), None)
     if wrong is None:

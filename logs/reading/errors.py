@@ -5,6 +5,11 @@ from __future__ import annotations
 import errno
 from enum import Enum
 
+import msgspec
+
+# What msgspec raises for bytes from outside: also text that is no UTF-8, and nesting beyond the interpreter's limit.
+UNDECODABLE = (msgspec.MsgspecError, UnicodeDecodeError, RecursionError)
+
 
 class CodedError(Exception):
     """A refusal: a code and its values. `str()` is for engineers; users read the rendered code."""

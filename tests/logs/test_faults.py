@@ -13,14 +13,14 @@ from logs.disk import Disk
 from logs.findings import Remark
 from logs.journal import Found, append_signed
 from logs.keys import ConsoleKey, by_fingerprint, load_or_make_key, read_anchors
-from logs.mirror import SUFFIX, CheckpointCopy, MirrorFault
+from logs.mirror import SUFFIX, CheckpointCopy, MirrorFault, copied
 from logs.reason import key_of, reason
 from logs.records import Body, Cancel, HeartbeatLost, Note, Press, Release
 from logs.scan import scan_file
 from logs.trail import DiskFault
 from logs.verify import Evidence, Status, exit_status, verify
 from logs.writer import SessionWriter
-from tests.support.audit_trails import BODIES, START, Crash, FaultyDisk, moment, write_session
+from tests.support.audit_trails import BODIES, START, Crash, FaultyDisk, Trail, moment, write_session
 
 EVERY_OPERATION = 40  # more than the scenario has; test_the_scenario_is_covered holds it to that
 
@@ -224,6 +224,25 @@ def test_a_key_is_whole_or_not_there(tmp_path: Path, fail_at: int) -> None:
     key = load_or_make_key(tmp_path)
     assert key.public.verifies(key.sign(b"x"), b"x")
     assert (tmp_path / "console.key").stat().st_mode & 0o777 == 0o600
+
+
+def test_a_copy_that_was_cut_off_spoils_no_other(trail: Trail, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    write, full = os.write, iter([False, True])
+
+    def write_half(handle: int, data: bytes) -> int:
+        """The second call finds the disk full."""
+        if next(full, False):
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        return write(handle, data[: len(data) // 2 + 1])
+
+    with monkeypatch.context() as disk:
+        disk.setattr(os, "write", write_half)
+        copy = CheckpointCopy(str(tmp_path / "mirror"))
+        for line in trail.manifest.read_bytes().splitlines(keepends=True):
+            copy.put("s1.jsonl", line)
+        copy.close(patience_s=30.0)
+    (kept,) = copied(tmp_path / "mirror" / f"s1.jsonl{SUFFIX}").values()
+    assert [*kept] == [1], "the second one, in several writes, though the first was cut off"
 
 
 def test_a_mirror_that_hangs_is_left_behind(tmp_path: Path) -> None:

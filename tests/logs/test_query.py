@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Any
 
@@ -14,9 +15,9 @@ from logs.disk import Disk
 from logs.errors import AuditError, AuditFault
 from logs.journal import CHANGES, Moment, append_signed
 from logs.keys import load_or_make_key
-from logs.query import QUESTIONS, ask, connect, export
+from logs.query import QUESTIONS, as_json, ask, connect, export
 from logs.read import records, session_paths
-from logs.reason import reason
+from logs.reason import Reason, reason
 from testing.trails import write_sample
 from tests.support.audit_trails import write_session
 
@@ -66,6 +67,21 @@ def test_a_request_that_was_granted_and_then_refused_counts_once(tmp_path: Path)
     write_session(tmp_path, "s1", key, Disk(), (granted, refused, structs.replace(granted, number=2)))
     (row,) = rows(ask(connect([tmp_path / "s1.jsonl"]), QUESTIONS["refusals"]))
     assert row == {"gesture": "5", "requests": 2, "refused": 1, "rate": 0.5}
+
+
+def test_a_rate_over_nothing_is_none(tmp_path: Path) -> None:
+    """A trail that was cut may have the refusal without its request, or one record alone."""
+    key = load_or_make_key(tmp_path / "keys")
+    refused = r.Refusal(
+        number=1, action="walk", source="gesture", gesture="5", reason=reason(RequestRefusal.COMING_TO_REST)
+    )
+    lost = r.EventRaised(event="lost", effect="hold", text="Look.")
+    append_signed(tmp_path / "s1.jsonl", "s1", [refused, lost], key, Moment(wall_ns=1, monotonic_ns=1))
+    connection = connect([tmp_path / "s1.jsonl"])
+    (rates,) = as_json(ask(connection, QUESTIONS["refusals"]))
+    assert json.loads(rates) == {"gesture": "5", "requests": 0, "refused": 1, "rate": None}
+    (faults,) = rows(ask(connection, QUESTIONS["faults"]))
+    assert (faults["times"], faults["per_hour"]) == (1, None)
 
 
 def test_response_and_faults_are_those_of_the_records(logs: Path, bodies: list[r.Body]) -> None:
@@ -127,6 +143,19 @@ def test_the_name_of_who_took_over_is_left_out_too(tmp_path: Path) -> None:
     export([tmp_path / "s1.jsonl"], parquet, drop_operators=True)
     assert b"Ann Berg" not in parquet.read_bytes()
     assert b"NOBODY_CAME" in parquet.read_bytes()
+
+
+def test_the_name_of_whose_lock_it_is_is_left_out_of_the_reason_too(tmp_path: Path) -> None:
+    key, parquet = load_or_make_key(tmp_path / "keys"), tmp_path / "records.parquet"
+    failed = r.SignInFailed(
+        name="Tom Roth", reason=Reason("SignInFault.LOCKED_BY_ANOTHER", {"name": "Ann Berg"}), failures=0, wait_s=0.0
+    )
+    cancelled = r.Cancel(reason="too short")
+    write_session(tmp_path, "s1", key, Disk(), (failed, cancelled))
+    export([tmp_path / "s1.jsonl"], parquet, drop_operators=True)
+    assert not any(name in parquet.read_bytes() for name in (b"Ann Berg", b"Tom Roth"))
+    sql = "SELECT kind, reason FROM records WHERE kind IN ('cancel', 'sign-in-failed') ORDER BY kind"
+    assert [row["reason"] for row in rows(ask(connect([parquet]), sql))] == ["too short", None]
 
 
 def test_torn_and_foreign_lines_become_no_rows(logs: Path, tmp_path: Path) -> None:

@@ -12,13 +12,15 @@ import pytest
 
 from logs.disk import Disk
 from logs.findings import Remark, Verdict
+from logs.journal import found_torn, open_part
 from logs.keys import ConsoleKey, load_or_make_key, read_anchors
 from logs.line import GENESIS, canonical, seal, signed_message, unseal
 from logs.reason import key_of, reason
 from logs.records import Checkpoint, Note, Payload
 from logs.scan import Break, Scan, scan_stream
+from logs.trail import open_logger
 from logs.verify import Evidence, Finding, Status, exit_status, verify
-from tests.support.audit_trails import BODIES, Trail, write_session
+from tests.support.audit_trails import BODIES, Trail, moment, write_session
 
 
 def scan(data: bytes, trail: Trail) -> Scan:
@@ -168,6 +170,23 @@ def test_even_with_the_key_a_rewritten_session_disagrees_with_the_manifest(trail
     assert the_bad(trail)
 
 
+def test_an_end_recorded_with_somebody_elses_key_ends_nothing(trail: Trail, tmp_path: Path) -> None:
+    """The session alone is verified: its folder's manifest, which names that key, is not."""
+    kept = [line for line in lines_of(trail.session) if b'"kind":"checkpoint"' not in line]
+    trail.session.write_bytes(b"".join(kept))
+    trail.session.write_bytes(forged(trail.session, whitewash))
+    other = load_or_make_key(tmp_path / "other")
+    part, chain = open_part(trail.manifest, scan(trail.manifest.read_bytes(), trail), other, Disk())
+    found = found_torn(trail.session.name, scan(trail.session.read_bytes(), trail), other)
+    open_logger(part, chain, "manifest").record(moment(99).entry(found))
+    assert part.settle()
+    part.close()
+    (bad,) = assess(trail, trail.session)
+    assert bad.status is Status.TAMPERED
+    assert bad.reason is not None
+    assert bad.reason.code == key_of(Verdict.NOT_AS_CLOSED)
+
+
 def test_a_chain_without_its_checkpoints_is_refused(trail: Trail) -> None:
     kept = [line for line in lines_of(trail.session) if b'"kind":"checkpoint"' not in line]
     trail.session.write_bytes(b"".join(kept))
@@ -227,6 +246,42 @@ def test_the_copy_of_checkpoints_misses_what_was_cut(three: Trail) -> None:
     three.session.write_bytes(b"".join(lines_of(three.session)[:-1]))
     (bad,) = verify([three.session], Evidence(keys=three.keys, copies=copies))
     assert bad.reason == reason(Verdict.CHECKPOINT_MISSING, checkpoint=len(lines_of(three.session)))
+
+
+@pytest.mark.parametrize("keys_known", [True, False])
+def test_a_mirror_of_two_computers_is_compared_by_who_signed(trail: Trail, tmp_path: Path, keys_known: bool) -> None:
+    other = Trail(tmp_path / "joints", tmp_path / "joints" / trail.session.name, load_or_make_key(tmp_path / "other"))
+    other.folder.mkdir()
+    write_session(other.folder, "s1", other.key, Disk(), BODIES[:2])
+    only_there = write_session(other.folder, "s2", other.key, Disk())
+    copies = tmp_path / "copies"
+    copies.mkdir()
+    for path in (trail.session, other.session, only_there):
+        with (copies / f"{path.name}.checkpoints").open("ab") as copy:
+            copy.write(lines_of(path)[-1])
+    evidence = Evidence(keys=trail.keys | other.keys if keys_known else {}, copies=copies)
+    findings = verify([trail.folder, other.folder], evidence)
+    assert {finding.status for finding in findings} == {Status.SOUND}
+    assert sum(Remark.MIRROR_AGREES in codes(finding) for finding in findings) == 3
+    for one in (trail, other):
+        whole = lines_of(one.session)
+        one.session.write_bytes(b"".join(whole[:-1]))
+        alone = verify([one.session], replace(evidence, listings={}))
+        assert [finding.reason.code for finding in alone if finding.reason] == [key_of(Verdict.CHECKPOINT_MISSING)]
+        one.session.write_bytes(b"".join(whole))
+
+
+def test_a_trail_rewritten_with_a_new_key_disagrees_with_the_mirror_without_any_known_key(
+    trail: Trail, tmp_path: Path
+) -> None:
+    copies = tmp_path / "copies"
+    copies.mkdir()
+    (copies / f"{trail.session.name}.checkpoints").write_bytes(lines_of(trail.session)[-1])
+    trail.session.write_bytes(forged(trail.session, whitewash, load_or_make_key(tmp_path / "other")))
+    alone = trail.session.rename(tmp_path / trail.session.name)
+    (bad,) = verify([alone], Evidence(copies=copies))
+    assert bad.reason is not None
+    assert bad.reason.code == key_of(Verdict.CHECKPOINT_MISSING)
 
 
 def test_without_any_known_key_the_finding_reports_that_nothing_was_proven(trail: Trail) -> None:
