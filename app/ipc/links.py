@@ -22,6 +22,7 @@ import msgspec
 import zmq
 
 from app.ipc.streams import LinkDirectory
+from logs.reading.errors import UNDECODABLE
 
 _log = logging.getLogger("rleex.links")  # this room imports nothing of app: the engineers' log takes both kinds
 
@@ -201,7 +202,7 @@ class LatestReceiver(_Link, Generic[M]):
             return self._decoder.decode(self.socket.recv(zmq.NOBLOCK))
         except zmq.Again:
             return None
-        except msgspec.MsgspecError:
+        except UNDECODABLE:
             self._reject()
             return None
 
@@ -251,7 +252,7 @@ class OrderedReceiver(_Link, Generic[M]):
                 return self._decoder.decode(self.socket.recv(zmq.NOBLOCK))
             except zmq.Again:
                 return None
-            except msgspec.MsgspecError:
+            except UNDECODABLE:
                 self._reject()
                 timeout_s = 0.0
         return None

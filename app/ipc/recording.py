@@ -69,6 +69,7 @@ class Picture(Struct, frozen=True, kw_only=True, tag="picture"):
     image_jpeg: bytes
     depth_png: bytes = b""  # 16 bits, mm; 0: no measurement; empty: the camera has none
     lost: int = 0  # pictures that came to nothing since the start
+    incarnation: int = 0  # of the sender: a new one counts from 0
 
 
 Recorded = TickBatch | HandFrame

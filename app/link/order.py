@@ -82,11 +82,12 @@ class WaitingStops:
     def acknowledge(self, stops: Iterable[StopMark]) -> bool:
         """Control acts on these; whether that is new.
 
-        Those given before them at the same console are done with: not all are named, and frames bring them as well.
+        Those sent before them with the same lease are done with: not all are named, and frames bring them as well.
+        Sequences don't tell which: consoles that have not taken over yet share a lease.
         """
         new = False
         for stop in stops:
-            left = [one for one in self._waiting if one.lease != stop.lease or one.sequence > stop.sequence]
+            left = [one for one in self._waiting if one.lease != stop.lease or one.sent_ns > stop.sent_ns]
             if len(left) < len(self._waiting):
                 self._waiting, self.acknowledged, new = left, stop, True
         return new

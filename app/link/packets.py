@@ -14,6 +14,7 @@ from cryptography.exceptions import InvalidTag
 from cryptography.hazmat.primitives.ciphers.aead import ChaCha20Poly1305
 
 from app.link.wire import Packet
+from logs.reading.errors import UNDECODABLE
 
 SEALED = 1
 MAX_BYTES = 1200  # one Ethernet frame with room for tunnels
@@ -58,7 +59,7 @@ class PacketSeal:
         nonce = (_TO_JOINTS if self.at_joints else _TO_LAPTOP) + head[-8:]
         try:
             packet = self._decode.decode(self._cipher.decrypt(nonce, datagram[_HEAD.size :], head))
-        except (InvalidTag, msgspec.MsgspecError):
+        except (InvalidTag, *UNDECODABLE):
             return None
         if packet.number != number:
             return None

@@ -24,7 +24,7 @@ from app.link.questions import Asking, PairAnswer, PairBegin, PairConfirm, PairD
 from app.link.wire import LinkFault
 from app.system.errors import AppError
 from app.system.paths import Home
-from logs.reading.errors import InputError
+from logs.reading.errors import UNDECODABLE, InputError
 from logs.reading.formats import read_json
 
 CODE_DIGITS = 8
@@ -177,7 +177,7 @@ def _sealed(key: bytes, nonce: bytes, identity: _Identity, exchange: bytes) -> b
 def _opened(key: bytes, nonce: bytes, sealed: bytes, exchange: bytes) -> _Identity | None:
     try:
         return msgspec.msgpack.decode(ChaCha20Poly1305(key).decrypt(nonce, sealed, exchange), type=_Identity)
-    except (InvalidTag, msgspec.MsgspecError):
+    except (InvalidTag, *UNDECODABLE):
         return None
 
 

@@ -16,6 +16,7 @@ from app.link.packets import MAX_BYTES
 from app.link.wire import PORT, VERSION, LinkFault, program
 from app.system.errors import AppError
 from app.system.paths import Home
+from logs.reading.errors import UNDECODABLE
 from logs.reason import Reason, reason
 
 PLAIN = 2  # the first byte
@@ -127,7 +128,7 @@ def question_in(datagram: bytes) -> Question | None:
         return None
     try:
         return _questions.decode(datagram[1:])
-    except msgspec.MsgspecError:
+    except UNDECODABLE:
         return None
 
 
@@ -176,7 +177,7 @@ class Asking:
 def _answer_in(datagram: bytes) -> Answer | None:
     try:
         return _answers.decode(datagram[1:]) if datagram[:1] == bytes([PLAIN]) else None
-    except msgspec.MsgspecError:
+    except UNDECODABLE:
         return None
 
 

@@ -18,6 +18,7 @@ from app.system.authority import DEMONSTRATION
 from app.system.config import SessionSetup
 from app.system.errors import AppError
 from app.system.paths import Home
+from logs.reading.errors import UNDECODABLE
 from logs.reason import reason_of
 
 # Nothing acknowledged for so long: a new connection, since TCP itself would wait longer. Doubled with each attempt:
@@ -110,7 +111,7 @@ class Remote:
                 content = self._frames.recv(zmq.NOBLOCK)
             except zmq.Again:
                 return
-            with suppress(msgspec.MsgspecError):
+            with suppress(*UNDECODABLE):
                 yield self._taken(self._decode.decode(content), now_ns)
 
     def packets(self) -> Iterator[bytes]:

@@ -139,13 +139,13 @@ class ServedSession:
     def hand_commands(self, commands: Iterable[OperatorCommand], clock: ClockEstimate, now_ns: int) -> None:
         """The console's, in order."""
         for command in commands:
-            self._hand(localized(command, clock), now_ns)
+            self._hand(command, clock, now_ns)
 
     def hand_stops(self, stops: Iterable[StopMark], clock: ClockEstimate, now_ns: int) -> None:
         """STOPs that came by packet: each once, whether its frame came before or comes later."""
         for stop in stops:
             command = OperatorCommand(lease=stop.lease, sequence=stop.sequence, kind=stop.kind, sent_ns=stop.sent_ns)
-            self._hand(localized(command, clock), now_ns)
+            self._hand(command, clock, now_ns)
 
     def hand_heartbeat(self, heartbeat_ns: int, lease: int, clock: ClockEstimate) -> None:
         """STOP could be given at that moment; it has no sequence, so that it overtakes no command."""
@@ -196,9 +196,12 @@ class ServedSession:
         self.close_links()
         self._host.leave()
 
-    def _hand(self, command: OperatorCommand, now_ns: int) -> None:
-        if command.kind is OperatorKind.HEARTBEAT or self._is_known(command):
+    def _hand(self, given: OperatorCommand, clock: ClockEstimate, now_ns: int) -> None:
+        """given: by the laptop's clock, as a repeated STOP has it."""
+        mark = mark_of(given) if given.kind in STOP_KINDS else None
+        if given.kind is OperatorKind.HEARTBEAT or mark in self._handed.values():
             return
+        command = localized(given, clock)
         age_ns = now_ns - command.sent_ns
         stale = age_ns > LOST_NS or command.sent_ns < self._returned_ns
         if command.kind not in NEVER_STALE and stale:
@@ -212,14 +215,10 @@ class ServedSession:
         elif command.lease == self._their_lease or command.kind in STOP_KINDS:
             lease = self._lease if command.lease == self._their_lease else 0
             self._sequence += 1
-            if command.kind in STOP_KINDS:
-                self._handed[self._sequence] = mark_of(command)
+            if mark is not None:
+                self._handed[self._sequence] = mark
                 self._handed = dict(list(self._handed.items())[-STOPS_KEPT:])
             self._send(replace(command, lease=lease, sequence=self._sequence))
-
-    def _is_known(self, command: OperatorCommand) -> bool:
-        handed = ((mark.lease, mark.sequence) for mark in self._handed.values())
-        return command.kind in STOP_KINDS and (command.lease, command.sequence) in handed
 
     def _take_over(self, sent_ns: int, operator: str) -> None:
         self._lease += 1

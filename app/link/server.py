@@ -54,13 +54,14 @@ from app.system.diagnostics_log import get_logger
 from app.system.errors import AppError
 from app.system.paths import Home
 from app.system.scheduling import avoid_control_core, set_scheduling
-from logs.reading.errors import CodedError
+from logs.reading.errors import UNDECODABLE, CodedError
 from logs.reason import reason, reason_of
 
 _log = get_logger("link")
 
 WAIT_MS = 5
 END_SENT_NS = 5_000 * NS_PER_MS  # a laptop is told so long that its session is over
+LAST_SENT_NS = 1_000 * NS_PER_MS  # the same where this process ends, and the laptop does not confirm
 
 
 class _Version(msgspec.Struct, tag="hello"):
@@ -98,6 +99,7 @@ class JointsServer:
         self._laptop: Laptop | None = None
         self._session = ServedSession.resumed(home, workers)
         self._ended_ns = 0
+        self._ended_frame = 0  # the first frame behind this one says so
         self._foreign = 0
         self._connections = 0
         self._must_end = False
@@ -151,12 +153,12 @@ class JointsServer:
 
     def _tell_end(self, now_ns: int, session: ServedSession) -> None:
         laptop = self._laptop
-        self._ended_ns = self._ended_ns or now_ns
-        if laptop is not None and now_ns - self._ended_ns < END_SENT_NS and not self._must_end:
+        if not self._ended_ns:
+            self._ended_ns, self._ended_frame = now_ns, 0 if laptop is None else laptop.flight.sent
+        if laptop is not None and now_ns - self._ended_ns < (LAST_SENT_NS if self._must_end else END_SENT_NS):
             self._send_frame(session, laptop, now_ns)
-            return
-        if laptop is not None and self._must_end:
-            self._send_frame(session, laptop, now_ns)
+            if not self._must_end or laptop.flight.acknowledged <= self._ended_frame:
+                return
         session.close_links()
         self._session = self._laptop = None
         self._ended_ns = 0
@@ -167,7 +169,7 @@ class JointsServer:
     def _take_frame(self, identity: bytes, user: str, content: bytes) -> None:
         try:
             message = self._decode.decode(content)
-        except msgspec.MsgspecError:
+        except UNDECODABLE:
             self._refuse_other_version(identity, content)
             return
         if isinstance(message, Hello):
@@ -182,7 +184,7 @@ class JointsServer:
         try:
             greeting = msgspec.msgpack.decode(content, type=_Version)
             check_version("laptop", greeting.link, greeting.program)
-        except msgspec.MsgspecError:
+        except UNDECODABLE:
             return
         except AppError as error:
             self._send(identity, Refused(reason=reason_of(error)))

@@ -7,6 +7,7 @@ the queue is full, is lost and counted.
 from __future__ import annotations
 
 import threading
+import time
 from contextlib import suppress
 from queue import Full, Queue
 from typing import Any
@@ -37,6 +38,7 @@ class PictureRecorder:
         self._sink = RecordingSink(links, PICTURES, queue=QUEUE)
         self._waiting: Queue[Frame | None] = Queue(maxsize=1)
         self._lost = 0
+        self._incarnation = time.monotonic_ns() // 1_000_000
         self._next_ns = 0
         self._thread = threading.Thread(target=self._run, name="picture encoder", daemon=True)
         self._thread.start()
@@ -63,16 +65,17 @@ class PictureRecorder:
     def _run(self) -> None:
         set_scheduling("recording")
         while (frame := self._waiting.get()) is not None:
-            self._sink.send(encode(frame, self._lost + self._sink.lost))
+            self._sink.send(encode(frame, self._lost + self._sink.lost, self._incarnation))
 
 
-def encode(frame: Frame, lost: int = 0) -> Picture:
+def encode(frame: Frame, lost: int = 0, incarnation: int = 0) -> Picture:
     """A frame as it is recorded: JPEG, and depth as PNG, both at most WIDTH_PX wide."""
     return Picture(
         captured_ns=frame.captured_ns,
         image_jpeg=_encoded(".jpg", _smaller(frame.image_bgr, cv2.INTER_AREA), cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY),
         depth_png=b"" if frame.depth_m is None else _encoded(".png", _millimetres(frame.depth_m)),
         lost=lost,
+        incarnation=incarnation,
     )
 
 

@@ -40,7 +40,8 @@ class PicturesFile:
         self._consent = self._must_delete = False
         self._retry_ns = 0
         self._lost = 0  # on the way here
-        self._counted = 0  # of these by the process that sent the newest picture, since its start
+        self._incarnation = 0  # of perception, of the newest picture
+        self._counted = 0  # of the lost ones by that perception, since its start
         self._refused = 0  # here: the file could not be made, or the disk is behind
         self._fault: Reason | None = None
 
@@ -54,7 +55,9 @@ class PicturesFile:
         """One picture. waiting_bytes: of the rest of the recording, for the disk."""
         if not self._consent:
             return
-        self._lost += picture.lost - (self._counted if picture.lost >= self._counted else 0)  # fell: a new process
+        if picture.incarnation != self._incarnation:
+            self._incarnation, self._counted = picture.incarnation, 0
+        self._lost += picture.lost - self._counted
         self._counted = picture.lost
         writer = self._opened()
         if writer is None or waiting_bytes > MOST_BEHIND:

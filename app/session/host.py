@@ -137,7 +137,8 @@ class SessionHost:
         self._perception = OrderedSender(address(setup.links, streams.TO_PERCEPTION.name))
         self._lock = threading.Lock()
         self._lease = 0 if setup.host_pid else 1  # 0: has not taken over yet, and can but stop
-        self._sequence = 0
+        # Consoles that have not taken over yet share a lease: the acknowledged STOP of one is none of another.
+        self._sequence = time.monotonic_ns() if setup.host_pid else 0
         self._stops: dict[int, int] = {}  # sequence → when sent, of those that control has not acknowledged
         self._heartbeat_s = time.monotonic()
         self._silent = False

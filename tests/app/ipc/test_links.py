@@ -79,7 +79,16 @@ def test_full_queue_is_reported_to_the_sender(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "garbage", [b"", b"\xff\xfe", b"x" * 5000, msgspec.msgpack.encode(HandCommand()), msgspec.msgpack.encode({"a": 1})]
+    "garbage",
+    [
+        b"",
+        b"\xff\xfe",
+        b"x" * 5000,
+        b"\x81\xa1x" + b"\x91" * 1000 + b"\x01",
+        msgspec.msgpack.encode(HandCommand()),
+        msgspec.msgpack.encode({"a": 1}),
+    ],
+    ids=["empty", "bytes", "long", "nested too deeply", "another message", "another map"],
 )
 def test_malformed_messages_are_counted_and_skipped(tmp_path: Path, garbage: bytes) -> None:
     where = address(new_link_directory(tmp_path), "x")

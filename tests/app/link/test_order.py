@@ -62,6 +62,13 @@ def test_an_acknowledged_stop_ends_the_repetition_of_those_before_it_at_that_con
     assert [*stops.next] == [marks[11]]
 
 
+def test_an_acknowledged_stop_of_an_earlier_console_ends_no_repetition_of_a_later_one() -> None:
+    stops, earlier, later = WaitingStops(), StopMark(0, 5, 1_000), StopMark(0, 1, 2_000)
+    stops.add(later)
+    assert not stops.acknowledge([earlier])
+    assert [*stops.next] == [later]
+
+
 def test_few_frames_are_under_way() -> None:
     flight = Flight()
     for number in range(1, FRAMES_IN_FLIGHT + 1):

@@ -19,6 +19,7 @@ from app.ipc.messages import ControlSnapshot, OperatorCommand, OperatorKind
 from app.ipc.states import Effect, GaitState
 from app.link.clock import ClockEstimate
 from app.link.served import ServedSession
+from app.link.wire import StopMark
 from app.session.host import make_setup
 from app.system.config import Config
 from app.system.paths import Home
@@ -169,6 +170,24 @@ def test_resumed_it_takes_no_earlier_stop_for_an_acknowledgement(served: Callabl
     shown = there.session.shown()
     assert shown is not None
     assert (shown.lease, shown.stop_lease, shown.stop_sequence) == (1, 1, 9)
+
+
+def test_a_stop_of_a_later_console_is_not_that_of_an_earlier_one_with_its_number(
+    served: Callable[[bool], Served],
+) -> None:
+    """Neither has taken over yet: their lease is 0."""
+    there = served(False)
+    earlier, later = StopMark(0, 1, 1_000), StopMark(0, 1, 2_000)
+    there.give(K.STOP, 1, lease=0, sent_ns=1_000)
+    (first,) = there.control_received(1)
+    there.say(stop_lease=first.lease, stop_sequence=first.sequence)
+    there.give(K.STOP, 1, lease=0, sent_ns=2_000)
+    there.session.hand_stops([earlier, later], ClockEstimate(0, 300, 300), 3_000)  # again, by a better known clock
+    (second,) = there.control_received(1)
+    there.say(stop_lease=first.lease, stop_sequence=first.sequence)
+    assert [*there.session.stops] == [earlier]
+    there.say(stop_lease=second.lease, stop_sequence=second.sequence)
+    assert [*there.session.stops] == [earlier, later]
 
 
 def acknowledged(there: Served) -> list[tuple[int, int]]:

@@ -8,7 +8,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, Future
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -21,10 +21,10 @@ from app.ipc.messages import LinkHealth
 from app.link import served
 from app.link.keys import Peer, add_peer, own_key
 from app.link.pairing import Offer, new_code, pair, write_offer
-from app.link.questions import Answer, Asking, PairBegin, PairConfirm, PairRefused, find
+from app.link.questions import Answer, Asking, PairBegin, PairConfirm, PairRefused, Who, encode, find
 from app.link.remote import Remote
 from app.link.server import JointsServer
-from app.link.wire import LinkFault, Refused, Welcome
+from app.link.wire import VERSION, LinkFault, Refused, ToJoints, ToLaptop, Welcome
 from app.session.host import make_setup
 from app.system.config import Config, JointsConfig, SessionSetup
 from app.system.errors import AppError
@@ -118,17 +118,49 @@ def paired(joints: Joints, laptop: Home) -> SessionSetup:
 
 def greeted(setup: SessionSetup) -> Welcome | Refused:
     """What the laptop is answered."""
-    remote, deadline = Remote(setup), time.monotonic() + PATIENCE_S
-    remote.connect(time.monotonic_ns())
-    try:
-        while time.monotonic() < deadline:
-            remote.poller.poll(20)
-            for message in remote.frames(time.monotonic_ns()):
-                if isinstance(message, Welcome | Refused):
-                    return message
-    finally:
-        remote.close()
+    with closing(Remote(setup)) as remote:
+        remote.connect(time.monotonic_ns())
+        for message in messages(remote):
+            if isinstance(message, Welcome | Refused):
+                return message
     raise AssertionError("nobody answered the greeting")
+
+
+def messages(remote: Remote) -> Iterator[Welcome | Refused | ToLaptop]:
+    """What comes within PATIENCE_S."""
+    deadline = time.monotonic() + PATIENCE_S
+    while time.monotonic() < deadline:
+        remote.poller.poll(20)
+        yield from remote.frames(time.monotonic_ns())
+
+
+@pytest.mark.parametrize(
+    "datagram",
+    [
+        encode(Who(link=VERSION, program="AAAA", asked_ns=1)).replace(b"AAAA", b"\xff\xfe\xff\xfe"),
+        b"\x02\x82\xa4type\xa3who\xa1x" + b"\x91" * 1000 + b"\x01",
+    ],
+    ids=["no UTF-8", "nested too deeply"],
+)
+def test_a_packet_that_can_not_be_decoded_ends_nothing(joints: Joints, datagram: bytes) -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as foreign:
+        foreign.sendto(datagram, ("127.0.0.1", joints.port))
+    assert joints.lives()
+
+
+def test_a_laptop_is_told_that_the_session_is_over_when_the_command_ends(joints: Joints, tmp_path: Path) -> None:
+    with closing(Remote(paired(joints, Home(tmp_path / "laptop")))) as remote:
+        remote.connect(time.monotonic_ns())
+        ended = False
+        for message in messages(remote):
+            if isinstance(message, ToLaptop):
+                joints.server.end()  # just after a frame: the next one is not due yet
+                number = remote.flight.send(time.monotonic_ns())
+                remote.send(ToJoints(number=number, acknowledged=remote.flight.received))
+                ended = message.ended
+            if ended:
+                break
+    assert ended
 
 
 def test_a_malformed_half_of_a_pairing_is_refused_and_costs_one_exchange(joints: Joints) -> None:

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from mcap.reader import make_reader
 from msgspec import json
+from msgspec.structs import replace
 from typer.testing import CliRunner
 
 from app.cli import cli
@@ -50,12 +51,9 @@ def frame(number: int = 1, captured_ns: int = 1_000_000_000, depth: bool = True)
     )
 
 
-def pictures(count: int, lost: int = 0) -> list[Picture]:
-    made = encode(frame())
-    return [
-        Picture(captured_ns=number * 100_000_000, image_jpeg=made.image_jpeg, depth_png=made.depth_png, lost=lost)
-        for number in range(1, count + 1)
-    ]
+def pictures(count: int, lost: int = 0, incarnation: int = 1) -> list[Picture]:
+    made = encode(frame(), lost, incarnation)
+    return [replace(made, captured_ns=number * 100_000_000) for number in range(1, count + 1)]
 
 
 @pytest.fixture
@@ -175,12 +173,12 @@ def test_a_disk_that_is_behind_costs_pictures_first(file: PicturesFile, collecto
 
 def test_pictures_lost_before_perception_was_restarted_stay_counted(file: PicturesFile, collector: Collector) -> None:
     file.follow(AGREED)
-    for lost in (1, 4, 0, 2):  # the third is a new process's first
-        file.take(pictures(1, lost=lost)[0], 0)
+    for incarnation, lost in ((1, 1), (1, 3), (2, 5), (3, 0), (3, 2)):
+        file.take(pictures(1, lost, incarnation)[0], 0)
     file.close()
     (record,) = collector.bodies
     assert isinstance(record, RecordingFile)
-    assert record.lost == {schemas.IMAGE: 4 + 2}
+    assert record.lost == {schemas.IMAGE: 3 + 5 + 2}
 
 
 def test_agreed_again_the_new_file_lacks_only_its_own_losses(file: PicturesFile, collector: Collector) -> None:
@@ -219,6 +217,7 @@ def test_perception_sends_nothing_before_it_is_switched_on_and_ten_a_second_then
             recorder.take(frame(1, captured_ns + later_ns, depth=False))
         message = receiver.receive(10.0)
         assert message is not None
+        assert message.incarnation > 0
         got.append(message.captured_ns)
     recorder.close()
     assert receiver.receive(0.0) is None

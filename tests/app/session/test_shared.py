@@ -3,21 +3,28 @@
 from __future__ import annotations
 
 import os
+import shutil
 import subprocess
 import sys
+import time
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack, closing, contextmanager
 from pathlib import Path
 
 import msgspec
 import pytest
 
-from app.ipc.links import new_link_directory
-from app.ipc.streams import LinkDirectory
+from app.ipc.links import Publisher, address, new_link_directory
+from app.ipc.messages import ControlSnapshot, OperatorKind
+from app.ipc.states import Effect, GaitState
+from app.ipc.streams import SNAPSHOT, LinkDirectory
 from app.session.host import SessionHost, make_setup
 from app.session.shared import Peer, current_lease, held_session, share, take_lease, unshare
-from app.system.config import Config
+from app.system.config import Config, SessionSetup
 from app.system.paths import Home
 from profiles.schema import DEMO_PATIENT
+from testing.fake_host import JOINT
 
 
 @pytest.fixture
@@ -58,6 +65,53 @@ def test_a_peer_is_seen_to_end_whoever_reaps_it() -> None:
         assert peer.wait(0.0)
         peer.close()
     assert not Peer(process.pid).alive
+
+
+def test_the_acknowledged_stop_of_an_earlier_console_is_none_of_a_later_one(tmp_path: Path) -> None:
+    made = make_setup(Home(tmp_path), Config(), DEMO_PATIENT, None)
+    setup = msgspec.structs.replace(made, host_pid=os.getpid())  # neither has taken over yet
+    with closing(Publisher(address(setup.links, SNAPSHOT.name))) as control, ExitStack() as consoles:
+        earlier, later = (consoles.enter_context(console_of(setup)) for _ in range(2))
+        acted_on = earlier.send(OperatorKind.STOP)
+        later.send(OperatorKind.STOP)
+        assert waits_after(control, snapshot(acted_on), earlier) == 0
+        assert waits_after(control, snapshot(acted_on), later) > 0
+    shutil.rmtree(made.links.path)
+
+
+@contextmanager
+def console_of(setup: SessionSetup) -> Iterator[SessionHost]:
+    host = SessionHost(setup)
+    try:
+        yield host
+    finally:
+        host.leave()
+
+
+def snapshot(stop_sequence: int) -> ControlSnapshot:
+    return ControlSnapshot(
+        incarnation=1,
+        sequence=1,
+        at_ns=1,
+        state=GaitState.STANDING,
+        effect=Effect.HOLD,
+        armed=False,
+        patient_confirmed=True,
+        enabled=True,
+        joints=(JOINT, JOINT, JOINT, JOINT),
+        stop_sequence=stop_sequence,
+    )
+
+
+def waits_after(control: Publisher, now: ControlSnapshot, console: SessionHost) -> int:
+    """When its oldest STOP was sent that control has not acknowledged, once it has this snapshot."""
+    deadline = time.monotonic() + 30.0
+    while time.monotonic() < deadline:
+        control.send(now)
+        latest = console.poll()
+        if latest.snapshot == now:
+            return latest.stop_sent_ns
+    raise AssertionError("the snapshot did not come")
 
 
 def test_after_the_end_another_thread_still_reads_which_processes_there_were(tmp_path: Path) -> None:
