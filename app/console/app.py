@@ -29,7 +29,7 @@ from app.console.live import Clock, HostFactory, LiveSession, preload_modules
 from app.console.operator import Idle
 from app.console.pixels import PixelTerminal, asks
 from app.console.screens.base import ConsoleScreen, Dialog
-from app.console.screens.dialogs import Question
+from app.console.screens.dialogs import Question, ask
 from app.console.screens.help import HelpPage, page
 from app.console.screens.patients import PatientsScreen
 from app.console.screens.signin import LockScreen, SignInDialog
@@ -177,8 +177,14 @@ class ConsoleApp(SessionFlow):
 
     def _keep_all(self) -> bool:
         """Whether every screen could keep what it holds; each of them tries."""
-        kept = [screen.keep() for screen in self.screen_stack if isinstance(screen, ConsoleScreen)]
+        kept = [screen.keep() for screen in self.screen_stack if isinstance(screen, (ConsoleScreen, Dialog))]
         return all(kept)
+
+    def _discard_all(self) -> None:
+        """While the trail is still open."""
+        for screen in self.screen_stack:
+            if isinstance(screen, ConsoleScreen):
+                screen.discard()
 
     def action_help(self) -> None:
         """Help on the screen that is open."""
@@ -224,17 +230,27 @@ class ConsoleApp(SessionFlow):
         return any(isinstance(screen, (LockScreen, SignInDialog)) for screen in self.screen_stack)
 
     async def action_sign_out(self) -> None:
-        """Sign in, or make room for the next one; a session belongs to its own to the end."""
+        """Sign in, or make room for the next one; a session belongs to its own to the end.
+
+        What is not saved is asked about, over the lock too: whoever signs out there needs no PIN.
+        """
         if self.signed_in is None:
             await self._sign_in()
         elif self.live is not None:
             self.notify(tr("sign_out.session", name=self.signed_in.name), severity="warning")
-        else:
-            name, self.signed_in = self.signed_in.name, None
-            self.trail.emit(SignOut(name=name, reason="signed out"))
-            self._lock = None  # it goes with its operator
-            await self.show_patients()
-            self.notify(tr("sign_out.done", name=name))
+        elif self._keep_all():
+            await self._sign_out()
+        elif not isinstance(self.screen, Question):
+            ask(self, lambda: tr("form.leave_title"), lambda: tr("form.leave_text"), self._sign_out)
+
+    async def _sign_out(self) -> None:
+        if self.signed_in is None:
+            return
+        name, self.signed_in = self.signed_in.name, None
+        self.trail.emit(SignOut(name=name, reason="signed out"))
+        self._lock = None  # it goes with its operator
+        await self.show_patients()
+        self.notify(tr("sign_out.done", name=name))
 
     async def _sign_in(self) -> None:
         """By key, before anything asks for it: a reviewer moves nobody, and signs comments."""
@@ -343,10 +359,12 @@ class ConsoleApp(SessionFlow):
 
     async def _leave_now(self) -> None:
         self._keep_all()  # what can be kept is; nobody is there to be asked about the rest
+        self._discard_all()
         await asyncio.to_thread(self.leave_live)
         self.exit()
 
     async def _end_now(self) -> None:
+        self._discard_all()
         await asyncio.to_thread(self.close_live)
         self.exit()
 

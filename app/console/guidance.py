@@ -126,7 +126,8 @@ def next_step(state: SessionState) -> tuple[str, str]:
 
 
 def _down(state: SessionState) -> bool:
-    return any(not process.alive and process.exit_code is not None for process in state.processes)
+    ended = (one.name for one in state.processes if not one.alive and one.exit_code is not None)
+    return any(name not in RECORDERS for name in ended)
 
 
 _NOT_RESTARTED = {"audit", "guardian", "planner", "control", "link"}  # without any of them no action begins again
@@ -154,6 +155,16 @@ def _may_command(state: SessionState, now: ControlSnapshot | None) -> bool:
     return action in now.allowed and action not in now.by_key_only
 
 
+_FAULTS_OF_DRIVES = {Event.DRIVE_FAULT, Event.DRIVE_UNTRUSTED}
+
+
+def needs_torque_off(state: SessionState) -> bool:
+    """Whether something stays until the joints are switched off: a drive's fault, or its silence without power."""
+    powered = state.snapshot is not None and state.snapshot.enabled
+    lasting = _FAULTS_OF_DRIVES if powered else {*_FAULTS_OF_DRIVES, Event.JOINT_TIMEOUT}
+    return any(event.present and event.event in lasting for event in state.events)
+
+
 def _ending(state: SessionState) -> bool:
     """Control's last word was that it ends: its silence after that is no fault."""
     return any(event.event in ENDINGS for event in state.events)
@@ -173,6 +184,11 @@ _STEPS: tuple[tuple[_Applies, str, str], ...] = (
     (
         lambda state, now: now is not None and now.action is None and process_ended(state),
         "process_ended",
+        "bold $error",
+    ),
+    (
+        lambda state, now: now is not None and now.effect is Effect.HOLD and needs_torque_off(state),
+        "drive_held",
         "bold $error",
     ),
     (lambda _, now: now is not None and now.effect is Effect.HOLD, "held", "bold $error"),

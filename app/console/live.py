@@ -5,6 +5,7 @@ from __future__ import annotations
 import gc
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import replace
 from importlib import import_module
 from typing import Protocol
@@ -21,10 +22,12 @@ from app.session.host import Latest
 from app.system.authority import Authority
 from app.system.config import SessionSetup
 from app.system.operators import Permission
+from app.system.paths import Home
 from app.system.vocabulary import status_now
 from app.voice.watch import VoiceStop
+from logs.errors import AuditError
 from logs.reason import reason
-from logs.records import GuidedTestResult
+from logs.records import GuidedTestResult, Record, Recording
 
 Clock = Callable[[], int]
 MOVERS = ("control", "link")  # what commands the legs, here or through the computer that has them
@@ -65,7 +68,10 @@ class LiveSession:
         """Start the processes; collections of garbage, which stop the heartbeat too, come rarely from now on."""
         reduce_gc()
         gc.collect()  # it stops all threads for 0.2 s: now, before there is a control that awaits the heartbeat
+        taken_over = self.host.setup.host_pid
         self.host.start()
+        if taken_over and self._consent is None:
+            self._consent = recorded_consent(self.host.setup)
         if self._voice is not None:
             self._voice.start()
 
@@ -147,6 +153,18 @@ class LiveSession:
     def _connect(self, send: Callable[[], object] | None) -> None:
         if self._switch is not None:
             self._switch.connect(send)
+
+
+def recorded_consent(setup: SessionSetup) -> bool | None:
+    """To pictures, by the session's trail, as the recording decides; None: nobody has said, or it can't be read."""
+    from logs.read import read  # not before the first paint
+
+    consent = None
+    with suppress(AuditError):
+        for record in read(Home(setup.home).logs / f"{setup.session}.jsonl"):
+            if isinstance(record, Record) and isinstance(record.body, Recording):
+                consent = record.body.on and record.body.consent
+    return consent
 
 
 def both(before: HandCommand, command: HandCommand) -> HandCommand:

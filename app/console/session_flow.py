@@ -227,6 +227,11 @@ class SessionFlow(SignedInApp):
         """
         self.pop_screen()
 
+    def _drop_dialogs(self) -> None:
+        """Those on top, the lock among them."""
+        while isinstance(self.screen, Dialog):
+            self._drop_screen()
+
     async def _begin(self, profile: Profile, config: Config, screen: Screen[None]) -> None:
         if self.live is not None:
             return
@@ -247,8 +252,16 @@ class SessionFlow(SignedInApp):
         return live
 
     async def _show(self, live: LiveSession, screen: Screen[None]) -> None:
-        """Show a session, then start it or take it over: it stops all threads a moment, after the first paint."""
-        await self.push_screen(screen)
+        """Show a session, then start it or take it over: it stops all threads a moment, after the first paint.
+
+        What was opened while it was prepared goes; a lock below a session would neither lock it nor let another.
+        """
+        locked = self.locked
+        self._drop_dialogs()
+        opened = self.push_screen(screen)
+        if locked:
+            self.show_lock()
+        await opened
         self.call_after_refresh(lambda: self.run_worker(self._start(live)))
 
     async def _start(self, live: LiveSession) -> None:
@@ -272,8 +285,7 @@ class SessionFlow(SignedInApp):
         if self.live is not live:
             return
         locked = self.locked
-        while isinstance(self.screen, Dialog):
-            self._drop_screen()
+        self._drop_dialogs()
         self.clear_notifications()  # what the session said last would cover the summary
         self.switch_screen(AfterScreen(live.state))
         if locked:

@@ -104,7 +104,7 @@ class AfterScreen(ConsoleScreen):
             ask(self.app, lambda: tr("form.leave_title"), lambda: tr("form.leave_text"), self._close)
 
     def keep(self) -> bool:
-        if self._save():
+        if self._save() and not self._ending:
             self._tell_trail()
         return self._saved
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, ClassVar, Generic, TypeVar, cast
 
 from textual import events, on
 from textual.app import ComposeResult
+from textual.await_complete import AwaitComplete
 from textual.await_remove import AwaitRemove
 from textual.binding import ActiveBinding, BindingType
 from textual.geometry import Size
@@ -21,7 +22,7 @@ from app.console import keys
 from app.console.state import SessionState
 from app.console.widgets.bars import KeyBar, StopBar
 from app.console.widgets.picture import Picture
-from app.ipc.messages import HandCommand, HandPose
+from app.ipc.messages import HandCommand, HandPose, TriggerReport
 from app.text.catalogue import knows, render, tr
 from kgdfa.gesture import Gesture
 from logs.reading.errors import CodedError
@@ -91,6 +92,14 @@ class _Console(Screen[T], Generic[T]):
             widget.refresh()
         return super().remove()
 
+    def dismiss(self, result: T | None = None) -> AwaitComplete:
+        """Close it while it is on top; Textual closes whatever is: the screen below, or the lock above."""
+        return super().dismiss(result) if self.is_active else AwaitComplete()
+
+    def keep(self) -> bool:
+        """Keep what would be lost if the program ended now; False: it can't, or nobody knows whether it should."""
+        return True
+
     @property
     def console_app(self) -> ConsoleApp:
         """The application, by its own type."""
@@ -115,7 +124,7 @@ class _Console(Screen[T], Generic[T]):
     def show_session(self, state: SessionState | None) -> None:
         """Take the session's newest state, twenty times a second; None: no session."""
         for stop_bar in self.query(StopBar):
-            stop_bar.show(None if state is None else state.effect, 0.0 if state is None else state.stop_waits_ms)
+            stop_bar.show(state)
 
     @on(events.ScreenSuspend)
     def _clear_pixels(self) -> None:
@@ -150,9 +159,8 @@ def _reached(breakpoints: list[tuple[int, str]] | None, cells: int) -> str:
 class ConsoleScreen(_Console[None]):
     """A screen of the console."""
 
-    def keep(self) -> bool:
-        """Keep what would be lost if the program ended now; False: it can't, or nobody knows whether it should."""
-        return True
+    def discard(self) -> None:
+        """The program ends now: record what is given up, once."""
 
 
 class HandKeys(ConsoleScreen):
@@ -162,6 +170,7 @@ class HandKeys(ConsoleScreen):
         super().__init__()
         self._shown_s = time.monotonic()  # since when a ready detector could see the hand's present shape
         self._push_waits = False  # until the shape has been shown
+        self._incarnation: int | None = None  # of the perception that knows the picture's size
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:  # noqa: ARG002
         """Hand keys need a digital hand, and somebody who may do more than look."""
@@ -176,6 +185,8 @@ class HandKeys(ConsoleScreen):
                 self._shown_s = time.monotonic()  # nothing has detected the hand yet
             elif self._push_waits:
                 self._push()
+            if state.report is not None:
+                self._keep_size(state.report)
             self.query_one("#picture", Picture).show(state)
             self.follow(state)
 
@@ -186,6 +197,12 @@ class HandKeys(ConsoleScreen):
     def _ask_for_size(self, event: Picture.Resized) -> None:
         """Ask perception for a picture of just the size that can be shown."""
         self.console_app.tell_perception(event.wanted)
+
+    def _keep_size(self, report: TriggerReport) -> None:
+        """Ask again for a picture of this size when perception was restarted."""
+        if self._incarnation not in (None, report.incarnation):
+            self.query_one("#picture", Picture).ask()
+        self._incarnation = report.incarnation
 
     def action_hand_sign(self, sign: str) -> None:
         """The digital hand shows a gesture, rests, or leaves; a push that waits is for the shape before."""

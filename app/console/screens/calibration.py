@@ -96,6 +96,9 @@ class CalibrationScreen(ConsoleScreen):
             return
         self._begin(distance_cm / 100)
 
+    def keep(self) -> bool:
+        return self._result is None
+
     def show_session(self, state: SessionState | None) -> None:
         super().show_session(state)
         try:

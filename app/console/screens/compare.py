@@ -117,7 +117,7 @@ class CompareScreen(HandKeys):
         self.run_worker(self._leave())
 
     async def _leave(self) -> None:
-        if await self._end_comparison() and self.is_current:
+        if await self._end_comparison():
             self.dismiss()
 
     async def _open(self, source: str) -> None:

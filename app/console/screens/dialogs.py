@@ -258,5 +258,8 @@ class AskText(Dialog[str]):
             yield Input(self._start, id="answer", max_length=MAX_ANSWER)
         yield from self.compose_bottom()
 
+    def keep(self) -> bool:
+        return all(field.value == self._start for field in self.query(Input))
+
     def on_input_submitted(self, event: Input.Submitted) -> None:
         self.dismiss(event.value.strip())

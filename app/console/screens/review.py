@@ -79,6 +79,7 @@ class ReviewScreen(ConsoleScreen):
         self.index = 0  # of the record at the cursor
         self._comments: dict[int, list[Comment]] = {}
         self._finding: Finding | None = None
+        self._resumed = asyncio.Event()
 
     def compose(self) -> ComposeResult:
         yield Static("", id="verdict", markup=False)
@@ -97,9 +98,20 @@ class ReviewScreen(ConsoleScreen):
         else:
             self._open_named(self._name)
 
+    def on_screen_resume(self) -> None:
+        """Go on with what waits to be opened."""
+        self._resumed.set()
+
+    async def _on_top(self) -> None:
+        """Wait until nothing is above: what a thread has found must not open over the lock."""
+        while not self.is_active:
+            self._resumed.clear()
+            await self._resumed.wait()
+
     @work(exclusive=True)
     async def _ask(self) -> None:
         found = await asyncio.to_thread(_sessions, self._home.logs)
+        await self._on_top()
         if not found:
             self.notify(tr("reviewing.none"))
             self.call_later(self.action_close)
@@ -202,6 +214,7 @@ class ReviewScreen(ConsoleScreen):
         with self.notify_errors():
             self.notify(tr("reviewing.opens", session=sanitize_terminal(path.name)), timeout=2)
             found = await asyncio.to_thread(replay_of, path, record if isinstance(record, Record) else None)
+            await self._on_top()
             self.app.push_screen(ReplayScreen(*found))
 
     @on(Timeline.Moved)
@@ -291,6 +304,9 @@ class WriteComment(Dialog[str]):
             box.border_title = tr("reviewing.comment", number=self._number)
             yield Input(id="comment", max_length=4000)
         yield from self.compose_bottom()
+
+    def keep(self) -> bool:
+        return not any(field.value for field in self.query(Input))
 
     def on_input_submitted(self, event: Input.Submitted) -> None:
         """Keep it."""

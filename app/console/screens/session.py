@@ -27,7 +27,7 @@ from app.console.widgets.patient_details import identity
 from app.console.widgets.picture import Picture
 from app.console.widgets.status import DosePanel, EventsPanel, guided_line, status_line
 from app.console.widgets.wearer import FigurePanel, JointsPanel
-from app.ipc.messages import OperatorKind, TriggerReport
+from app.ipc.messages import OperatorKind
 from app.ipc.states import Action, Effect
 from app.motion.wearer import Wearer, load_wearer
 from app.outcomes.guided import GuidedStop, GuidedTest
@@ -50,7 +50,6 @@ class SessionScreen(HandKeys):
         super().__init__()
         self.wearer: Wearer | None = None  # until it is loaded there is no figure
         self._loading = False
-        self._incarnation: int | None = None  # of the perception that knows the picture's size
 
     def compose(self) -> ComposeResult:
         yield Panel(id="status")
@@ -82,8 +81,6 @@ class SessionScreen(HandKeys):
         if state.snapshot is not None and not self._loading:
             self._loading = True
             self.run_worker(self._load_wearer(), exit_on_error=False)
-        if state.report is not None:
-            self._keep_size(state.report)
         app = self.console_app
         status = self.query_one("#status", Panel)
         status.lines = status_line(state, status.size.width, app.key_names["health"])
@@ -206,12 +203,6 @@ class SessionScreen(HandKeys):
     def _send(self, kind: OperatorKind, action: Action | None = None) -> None:
         if self.console_app.live is not None:
             self.console_app.live.host.send(kind, action)
-
-    def _keep_size(self, report: TriggerReport) -> None:
-        """Ask again for a picture of this size when perception was restarted."""
-        if self._incarnation not in (None, report.incarnation):
-            self.query_one(Picture).ask()
-        self._incarnation = report.incarnation
 
     def _show_guided(self) -> None:
         app = self.console_app

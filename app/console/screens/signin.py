@@ -45,6 +45,7 @@ class SignInDialog(Dialog[Authority]):
         self._unlock = unlock
         self._held = held
         self._first = False
+        self._trying = False  # a PIN; another Enter meanwhile is no further attempt
 
     def compose(self) -> ComposeResult:
         reason = ""
@@ -67,13 +68,16 @@ class SignInDialog(Dialog[Authority]):
     def on_mount(self) -> None:
         self.query_one("#pin" if self._unlock or self._held else "#name").focus()
 
-    async def on_input_submitted(self, event: Input.Submitted) -> None:
+    def on_input_submitted(self, event: Input.Submitted) -> None:
         """Enter in the name goes on to the PIN; Enter in the PIN tries."""
         if event.input.id == "name":
             self.query_one("#pin").focus()
-            return
-        name, pin = self.query_one("#name", Input).value, event.value
-        event.input.value = ""
+        elif not self._trying:
+            self._trying = True
+            event.input.value = ""
+            self.run_worker(self._try(self.query_one("#name", Input).value, event.value))
+
+    async def _try(self, name: str, pin: str) -> None:
         try:
             sign_in = partial(enrol_first, self.console_app.home) if self._first else self._sign_in
             operator = await asyncio.to_thread(sign_in, name, pin)
@@ -81,6 +85,7 @@ class SignInDialog(Dialog[Authority]):
             why = self.query_one("#reason", Static)
             why.update(f"✗ {render(error)}")
             self.call_after_refresh(self.query_one(".dialog").scroll_end, animate=False)
+            self._trying = False
             return
         self.dismiss(operator)
 

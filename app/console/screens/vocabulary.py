@@ -110,6 +110,7 @@ class VocabularyScreen(HandKeys):
         self._enrolment = VocabularyEnrolment()
         self._captured_ns = 0
         self._result: VocabularyProof | Explanation | None = None
+        self._recorded = False  # kept or refused
 
     def compose(self) -> ComposeResult:
         yield Label("", id="title")
@@ -146,10 +147,16 @@ class VocabularyScreen(HandKeys):
 
     async def action_end_enrolment(self) -> None:
         """Back to the list; what was not kept is recorded as refused."""
-        self._take(abandon(self._enrolment))
-        if isinstance(self._result, VocabularyProof):
-            self._refuse(Explanation(VocabularyFault.ABANDONED))
+        self.discard()
         await self.console_app.close_session()
+
+    def keep(self) -> bool:
+        return self._recorded or not isinstance(self._result, VocabularyProof)
+
+    def discard(self) -> None:
+        self._take(abandon(self._enrolment))
+        if not self._recorded:
+            self._refuse(Explanation(VocabularyFault.ABANDONED))
 
     async def _keep(self, proof: VocabularyProof) -> None:
         app, now = self.console_app, datetime.now(UTC)
@@ -158,6 +165,7 @@ class VocabularyScreen(HandKeys):
             profile = with_evidence(app.store.load(self._profile.identifier), proof, model, now)
             app.store.save(profile, by=app.authority, at=now, why=ChangeCause.ENROLLED.key)
             app.trail.emit(enrolment_record(profile))
+            self._recorded = True
             self.notify(tr("vocabulary.kept"))
             await app.close_session()
 
@@ -171,6 +179,7 @@ class VocabularyScreen(HandKeys):
             self._refuse(self._result)
 
     def _refuse(self, why: Explanation) -> None:
+        self._recorded = True
         self.console_app.trail.emit(enrolment_record(self._profile, why))
 
     def _draw(self, state: SessionState) -> None:

@@ -10,6 +10,7 @@ from textual.reactive import reactive
 from textual.screen import Screen
 from textual.widget import Widget
 
+from app.console.state import SessionState
 from app.console.stop import StopSwitch
 from app.console.widgets.panel import cells
 from app.ipc.states import Effect
@@ -38,13 +39,15 @@ class StopBar(Widget):
         self._keys = keys
         self.set_reactive(StopBar.text, self._text_of(None))
 
-    def show(self, effect: Effect | None, waits_ms: float = 0.0) -> None:
-        """Take the effect in force; None: no session. waits_ms: for so long a STOP has not been acknowledged."""
+    def show(self, state: SessionState | None) -> None:
+        """Take the session's newest state; None: no session."""
         live = self._switch.live
+        effect, waits_ms = (None, 0.0) if state is None else (state.effect, state.stop_waits_ms)
         self.text = tr("stop.sent", ms=f"{waits_ms:.0f}") if live and waits_ms > 0 else self._text_of(effect)
         self.set_class(live, "-live")
         held = effect is not None and effect >= Effect.HOLD
-        self.set_class(held and (live or self._watching), "-held")  # else it is what control said before it ended
+        watched = self._watching and state is not None and state.snapshot_fresh
+        self.set_class(held and (live or watched), "-held")  # else it is what control said before it ended
 
     def render(self) -> Content:
         return Content(self.text)

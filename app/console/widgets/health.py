@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from enum import Enum
 
+from app.console.guidance import RECORDERS
 from app.console.state import SessionState
 from app.console.widgets.curves import joint_fault, joint_line
 from app.console.widgets.panel import Line, Lines, Part, fitted, plain, wrapped
@@ -32,14 +33,14 @@ def health_of(state: SessionState) -> Health:
     snapshot, report = state.snapshot, state.report
     if snapshot is None:
         return Health.BAD if state.fault else Health.SLOW
-    ended = any(not process.alive for process in state.all_processes)
+    ended = {process.name for process in state.all_processes if not process.alive}
     unwritten = state.audit is not None and state.audit.fault is not None
     blind = not state.starting if report is None else bool(report.camera_fault) or not state.report_fresh
-    if blind or not state.snapshot_fresh or ended or unwritten or any(map(joint_fault, snapshot.joints)):
+    if blind or not state.snapshot_fresh or ended - RECORDERS or unwritten or any(map(joint_fault, snapshot.joints)):
         return Health.BAD
     late = snapshot.lateness.p99_ms > LATE_MS or snapshot.report_age_ms > SLOW_MS
     slow = report is None or late or report.fps < LEAST_FPS or not snapshot.real_time.fifo
-    return Health.SLOW if slow else Health.GOOD
+    return Health.SLOW if slow or ended else Health.GOOD
 
 
 def health_dot(state: SessionState) -> Part:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from app.console.guidance import ENDINGS, process_ended
+from app.console.guidance import ENDINGS, needs_torque_off, process_ended
 from app.console.state import SessionState
 from app.console.widgets.curves import joint_fault
 from app.console.widgets.panel import Lines, Panel, cells, plain, wrapped
@@ -56,9 +56,12 @@ def _next(state: SessionState, snapshot: ControlSnapshot, *, watching: bool) -> 
         return "hold.watching"
     if process_ended(state):
         return "guide.process_ended"
+    damped = snapshot.effect is Effect.DAMP
+    if needs_torque_off(state):
+        return "hold.torque_off_key" if damped else "guide.drive_held"
     if any(event.present and event.effect >= Effect.HOLD and event.event not in _BY_KEYS for event in state.events):
         return "hold.wait"
-    return "hold.damped_key" if snapshot.effect is Effect.DAMP else "hold.held_key"
+    return "hold.damped_key" if damped else "hold.held_key"
 
 
 def _sequence(state: SessionState, snapshot: ControlSnapshot, width: int) -> list[str]:

@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
+import asyncio
+import threading
 from datetime import UTC, datetime
 
 import msgspec
 import pytest
-from textual.widgets import Input, Select
+from textual import events
+from textual.widgets import Button, Input, Select
 
 from app.console import keys
+from app.console.operator import ConsoleTrail
+from app.console.screens.dialogs import AskText, TherapistAct
+from app.console.screens.patients import PatientsScreen
+from app.console.screens.session import SessionScreen
 from app.console.session_index import Records, SessionRecord
 from app.console.widgets.status import EFFECT_MARKS
 from app.ipc.messages import OperatorKind
@@ -17,6 +24,7 @@ from app.system.paths import Home
 from app.text.catalogue import tr
 from hal.errors import CameraFault
 from logs.reason import reason
+from logs.records import Body, Note
 from profiles.schema import (
     DEMO_PATIENT,
     Calibration,
@@ -26,7 +34,7 @@ from profiles.schema import (
     VocabularyEvidence,
 )
 from profiles.store import ChangeCause, ProfileStore
-from testing.fake_host import event
+from testing.fake_host import FakeHost, event
 from tests.app.console.conftest import Console, Opener
 from tests.support.authors import Named
 
@@ -95,6 +103,37 @@ async def test_while_the_legs_come_to_rest_stop_still_works(console: Opener) -> 
         await open_console.shows("After the session")
         await open_console.press("space")
         assert host.kinds().count(OperatorKind.STOP) == 1
+
+
+@pytest.mark.parametrize("saves_first", [False, True], ids=["leave twice", "save and leave"])
+async def test_a_note_is_in_the_trail_once_however_the_console_is_left(
+    console: Opener, monkeypatch: pytest.MonkeyPatch, saves_first: bool
+) -> None:
+    noted, closing, may_end = list[Body](), threading.Event(), threading.Event()
+
+    def slow(_: FakeHost) -> None:
+        closing.set()
+        assert may_end.wait(20)
+
+    monkeypatch.setattr(FakeHost, "close", slow)
+    monkeypatch.setattr(ConsoleTrail, "emit", lambda _, body: noted.append(body))
+    async with console() as open_console:
+        app = open_console.app
+        await open_console.press("e")
+        await open_console.shows("After the session")
+        open_console.type("note", "tired")
+        if saves_first:
+            app.screen.query_one("#save", Button).press()
+        else:
+            app.post_message(events.Key("ctrl+c", None))
+        assert await asyncio.to_thread(closing.wait, 20)
+        app.post_message(events.Key("ctrl+c", None))
+        async with asyncio.timeout(20):
+            while saves_first and not app._exit:
+                await asyncio.sleep(0.01)
+        may_end.set()
+        await open_console.until(lambda: app._exit)
+    assert [body for body in noted if isinstance(body, Note)] == [Note(text="tired")]
 
 
 @pytest.mark.parametrize("key", ["ctrl+c", "ctrl+q"])
@@ -201,6 +240,38 @@ async def test_enter_alone_never_repeats_the_last_action(console: Opener) -> Non
             await open_console.until(lambda: "Therapist action" not in open_console.text())
             assert open_console.host.sent == acts
             open_console.host.sent.clear()
+
+
+async def test_a_key_that_comes_twice_chooses_once(console: Opener) -> None:
+    async with console() as open_console:
+        app, host = open_console.app, open_console.host
+        await open_console.press("t")
+        await open_console.until(lambda: isinstance(app.screen, TherapistAct) and app.screen.composed)
+        _press_twice(open_console, "0")
+        await open_console.until(lambda: host.sent)
+        await open_console.press("c")
+        await open_console.shows("Is this the patient?")
+        assert isinstance(app.screen_stack[-2], SessionScreen)
+        assert host.sent == [(OperatorKind.ACT, Action.INITIALISE)]
+
+
+async def test_a_line_that_is_given_twice_leaves_the_list(console: Opener, home: Home) -> None:
+    async with console(profile=None) as open_console:
+        app = open_console.app
+        await open_console.press("x")
+        await open_console.until(lambda: isinstance(app.screen, AskText) and app.screen.composed)
+        open_console.type("answer", str(home.root / "demo.toml"))
+        _press_twice(open_console, "enter")
+        await open_console.tells("demo.toml")
+        await open_console.press("h")
+        await open_console.shows("No changes recorded.")
+        assert isinstance(app.screen_stack[-2], PatientsScreen)
+
+
+def _press_twice(open_console: Console, key: str) -> None:
+    """As a terminal sends a key that is held: both are there before the first is handled."""
+    for _ in range(2):
+        open_console.app.post_message(events.Key(key, key if len(key) == 1 else None))
 
 
 async def test_a_dialog_kept_from_before_shows_the_new_language(console: Opener) -> None:

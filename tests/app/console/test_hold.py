@@ -164,6 +164,28 @@ def test_the_key_that_ends_the_guardians_damping_is_told_while_it_is_in_force() 
     assert tr("hold.damped_key", **KEYS) in text
 
 
+@pytest.mark.parametrize(
+    ("cause", "powered", "lasts"),
+    [
+        (Event.DRIVE_FAULT, True, True),
+        (Event.JOINT_TIMEOUT, False, True),
+        (Event.JOINT_TIMEOUT, True, False),
+        (Event.OVER_TEMPERATURE, True, False),
+    ],
+)
+def test_a_fault_that_stays_until_the_joints_are_off_names_the_way_there(
+    cause: Event, powered: bool, lasts: bool
+) -> None:
+    keys = KEYS | {"stop": "SPACE"}
+    for effect, text in ((Effect.HOLD, "guide.drive_held"), (Effect.DAMP, "hold.torque_off_key")):
+        raised = event(cause, Effect.HOLD, detail="", temperature_c=81.0)
+        state = changed(effect=effect, enabled=powered, events=(raised,))
+        shown = " ".join(text_of(hold_lines(state, keys, 76, 20, watching=False)).split())
+        assert (tr(text, **keys) in shown) is lasts
+        assert (tr("hold.wait", **keys) in shown) is not lasts
+        assert next_step(state)[0] == ("damped" if effect is Effect.DAMP else "drive_held" if lasts else "held")
+
+
 @pytest.mark.parametrize("watching", [True, False])
 def test_at_the_end_of_a_session_there_is_nothing_to_acknowledge(watching: bool) -> None:
     ending = holding(Event.SHUTDOWN_DAMPING, Effect.DAMP)
@@ -196,6 +218,8 @@ def test_the_next_step_stays_when_a_recorder_ends(name: str) -> None:
     assert results(recorded)["recorders"] is Light.GREEN
     ended = without(name, recorded)
     assert next_step(ended) == next_step(READY)
+    assert health_of(ended) is Health.SLOW
+    assert next_step(replace(ended, snapshot=None))[0] == "starting"
     assert (results(ended)["recorders"], results(ended)["processes"]) == (Light.AMBER, Light.GREEN)
     assert tr("health.ended", name=name, restarts=0) in text_of(check_lines(ended))
     assert "recorders" not in results(READY)

@@ -16,6 +16,7 @@ from aiohttp.test_utils import TestClient, TestServer
 from app.console.guidance import Light, results
 from app.console.observer import PORT, ObserverHost, browser_server, speak_session
 from app.console.state import SessionState, fold
+from app.console.widgets.bars import StopBar
 from app.ipc import streams as processes
 from app.ipc.links import OrderedReceiver, Publisher, address, new_link_directory
 from app.ipc.messages import (
@@ -28,6 +29,7 @@ from app.ipc.messages import (
     SessionStatus,
     TriggerReport,
 )
+from app.ipc.states import Effect
 from app.session.host import make_setup
 from app.session.shared import share, shared, unshare
 from app.system.config import Config, JointsConfig, SessionSetup
@@ -133,11 +135,9 @@ def test_an_observer_of_two_computers_sees_the_processes_of_both(setup: SessionS
     assert results(state)["processes"] is Light.GREEN
 
 
-@pytest.mark.parametrize("name", ["recording", "perception"])
-def test_who_listens_hears_a_session_that_goes_on_without_a_process_to_its_end(
-    home: Home, setup: SessionSetup, name: str
-) -> None:
-    """A recorder that ended, or a perception that is restarted."""
+def test_who_listens_hears_a_session_that_goes_on_without_a_process_to_its_end(home: Home, setup: SessionSetup) -> None:
+    """As a perception that is restarted."""
+    name = "perception"
     share(msgspec.structs.replace(setup, host_pid=os.getpid()))
     ended = msgspec.structs.replace(*running(name), alive=False, exit_code=1)
     told: list[str] = []
@@ -182,6 +182,18 @@ async def test_the_bar_reports_that_stop_is_elsewhere(console: Opener) -> None:
         open_console.host.sent.clear()
         await open_console.press("space")
         assert open_console.host.sent == []
+
+
+async def test_the_bar_does_not_show_what_an_ended_control_said_last(console: Opener) -> None:
+    async with console(read_only=True) as open_console:
+        app, host = open_console.app, open_console.host
+        bar = app.screen.query_one(StopBar)
+        host.effect = Effect.HOLD
+        await open_console.until(lambda: bar.has_class("-held"))
+        host.control_ended = host.silent = True
+        await open_console.until(lambda: not bar.has_class("-held"))
+        assert (state := app.live_state()) is not None
+        assert state.effect is Effect.HOLD
 
 
 async def test_the_page_in_a_browser_is_as_wide_as_a_phone_and_asks_for_nothing_elsewhere() -> None:

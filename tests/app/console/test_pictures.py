@@ -2,16 +2,22 @@
 
 from __future__ import annotations
 
+import os
+
 import pytest
 from msgspec.structs import replace
 
 from app.console.operator import ConsoleTrail
 from app.console.screens import session
+from app.console.screens.base import HandKeys
 from app.ipc.messages import PerceptionCommand
+from app.session.host import make_setup
 from app.system.config import Config, RecordingConfig
-from app.system.paths import pictures_path
+from app.system.paths import Home, pictures_path
 from app.text.catalogue import tr
 from logs.records import Body, Recording
+from profiles.schema import DEMO_PATIENT, Profile
+from testing.trails import write_sample
 from tests.app.console.conftest import Console, Opener
 
 RECORDED = Config(recording=RecordingConfig(on=True))
@@ -121,6 +127,41 @@ async def test_a_consent_given_before_this_console_took_over_holds_for_a_restart
         await opened.until(lambda: asked(opened) == [True])
         await opened.press("f")
         await opened.shows(tr("pictures.withdraw.title"))
+
+
+@pytest.mark.parametrize(("profile", "key"), [(None, "t"), (None, "g"), (DEMO_PATIENT, "v")])
+async def test_every_screen_asks_a_restarted_perception_for_its_pictures_size(
+    console: Opener, profile: Profile | None, key: str
+) -> None:
+    """Of training, enrolment and comparison."""
+    async with console(profile=profile, size=(120, 36)) as opened:
+        await opened.press(key)
+        await opened.until(lambda: isinstance(opened.app.screen, HandKeys) and opened.app.screen.composed)
+        await opened.until(lambda: (state := opened.app.live_state()) and state.report and state.preview)
+        await opened.pilot.pause()
+        commands = opened.host.perception_commands
+        size = [one for one in commands if one.preview_hz is not None][-1]
+        commands.clear()
+        perception_says(opened, False, incarnation=2)
+        await opened.until(lambda: commands)
+        assert commands == [size]
+
+
+@pytest.mark.parametrize(("consent", "asks"), [(True, "withdraw"), (False, "consent"), (None, "consent")])
+async def test_what_was_agreed_before_a_takeover_is_taken_from_the_trail(
+    console: Opener, home: Home, consent: bool | None, asks: str
+) -> None:
+    """Perception was restarted meanwhile, so that it records nothing."""
+    answers = {None: (), True: (True,), False: (True, False)}[consent]
+    trail = write_sample(home.root, 0.1, of_console=[Recording(on=one, consent=one, path="p") for one in answers])
+    setup = make_setup(home, RECORDED, DEMO_PATIENT, None)
+    held = replace(setup, session=trail.stem, host_pid=os.getpid())
+    async with console(config=RECORDED, held=held, size=(120, 36)) as opened:
+        await opened.until(lambda: (state := opened.app.live_state()) and state.report)
+        await opened.until(lambda: opened.app.trail._sink is not None)
+        await opened.press("f")
+        await opened.shows(tr(f"pictures.{asks}.title"))
+        await opened.until(lambda: asked(opened) == ([True] if consent else []))
 
 
 @pytest.mark.parametrize("answer", ["n", "escape"])

@@ -18,6 +18,7 @@ from app.console.review_data import ReviewedSession, comments_on, comments_path,
 from app.console.screens import review
 from app.console.screens.patients import PatientsScreen
 from app.console.screens.review import ChooseSession, ReviewScreen, WriteComment
+from app.console.screens.signin import LockScreen
 from app.console.widgets.timeline import LANES, Timeline, about
 from app.ipc.states import Event, GaitState
 from app.system.config import Config
@@ -140,6 +141,33 @@ async def test_without_a_name_it_asks_which(home: Home) -> None:
         await until(pilot, lambda: isinstance(app.screen, ChooseSession))
         (path,) = session_paths(home.logs)
         await until(pilot, lambda: f"{path.stem}  {outline(path).patient}" in screen_text(app))
+        await pilot.press("enter")
+        await until(pilot, lambda: screen.session is not None)
+
+
+async def test_what_is_found_while_locked_opens_after_the_lock(home: Home, monkeypatch: pytest.MonkeyPatch) -> None:
+    begun, may_end, usual = threading.Event(), threading.Event(), review._sessions
+
+    def waits(folder: Path) -> list[tuple[Path, str]]:
+        begun.set()
+        assert may_end.wait(20)
+        return usual(folder)
+
+    monkeypatch.setattr(review, "_sessions", waits)
+    app = ConsoleApp(home, Config())
+    async with app.run_test(size=(100, 30)) as pilot:
+        screen = ReviewScreen(home)
+        await opened(app, pilot, screen)
+        await until(pilot, begun.is_set)
+        await pilot.press("ctrl+l")
+        await until(pilot, lambda: isinstance(app.screen, LockScreen))
+        may_end.set()
+        await until(pilot, lambda: not screen._resumed.is_set())
+        await pilot.press("escape")
+        assert isinstance(app.screen, LockScreen)
+        await pilot.press("enter")
+        await until(pilot, lambda: isinstance(app.screen, ChooseSession))
+        await until(pilot, lambda: "P-017" in screen_text(app))
         await pilot.press("enter")
         await until(pilot, lambda: screen.session is not None)
 

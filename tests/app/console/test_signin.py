@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
+import asyncio
+import threading
+
 import pytest
+from textual import events
+from textual.widgets import Input
 
 from app.console.screens.after import AfterScreen
 from app.console.screens.patient_form import PatientForm
@@ -15,8 +20,9 @@ from app.system.operators import Role, add_operator, load_store, save_store
 from app.system.paths import Home
 from logs.journal import OPERATORS
 from logs.read import records
-from logs.records import SignIn
+from logs.records import SignIn, SignInFailed
 from tests.app.console.conftest import Console, Opener
+from tests.support.authors import signed_in
 
 pytestmark = pytest.mark.usefixtures("cheap_pins")
 PIN = "483920"
@@ -217,6 +223,86 @@ async def test_nobody_elses_pin_opens_a_locked_console_but_it_can_be_signed_out(
         await open_console.press("f4")
         await open_console.until(lambda: not isinstance(open_console.app.screen, SignInDialog))
         assert open_console.app.signed_in is None
+
+
+async def test_a_pin_that_is_entered_twice_signs_in_once(console: Opener, home: Home) -> None:
+    save_store(home.keys, add_operator(load_store(home.keys), "Ada", Role.ENGINEER, PIN))
+    async with console(profile=None, config=Config(joints=JointsConfig(kind="can"))) as open_console:
+        app = open_console.app
+        await open_console.shows("demo")
+        await open_console.press("f4")
+        await open_console.until(lambda: isinstance(app.screen, SignInDialog) and app.screen.composed)
+        open_console.type("name", "Ada")
+        open_console.type("pin", PIN)
+        app.screen.query_one("#pin").focus()
+        for _ in range(2):  # both are there before the first is handled
+            app.post_message(events.Key("enter", None))
+        await open_console.shows("Ada, engineer")
+        await open_console.press("h")
+        await open_console.shows("No changes recorded.")
+        assert isinstance(app.screen_stack[-2], PatientsScreen)
+    tried = [body for body in app.trail._waiting if isinstance(body, (SignIn, SignInFailed))]
+    assert tried == [SignIn(name="Ada", role="engineer", unlocked=False)]
+
+
+async def test_a_console_that_is_locked_while_a_session_is_prepared_stays_locked(
+    console: Opener, home: Home, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The other computer's answer may take two seconds."""
+    save_store(home.keys, add_operator(load_store(home.keys), "Ada", Role.ENGINEER, PIN))
+    asked, answered = threading.Event(), threading.Event()
+
+    def slow(*_: object) -> None:
+        asked.set()
+        assert answered.wait(20)
+
+    monkeypatch.setattr("app.console.session_flow.require_joints", slow)
+    async with console(profile=None, config=Config(joints=JointsConfig(host="exo.local"))) as open_console:
+        app = open_console.app
+        app.signed_in = signed_in(home)
+        await open_console.shows("demo")
+        await open_console.press("enter")
+        await open_console.shows("Begin (Enter)")
+        app.post_message(events.Key("enter", None))  # the pilot would wait for the answer
+        assert await asyncio.to_thread(asked.wait, 20)
+        app.post_message(events.Key("ctrl+l", None))
+        async with asyncio.timeout(20):
+            while not isinstance(app.screen, SignInDialog):
+                await asyncio.sleep(0.01)
+        answered.set()
+        await open_console.until(lambda: any(isinstance(screen, SessionScreen) for screen in app.screen_stack))
+        assert [type(screen) for screen in app.screen_stack[-2:]] == [SessionScreen, SignInDialog]
+        await open_console.until(lambda: app.screen.query("#pin"))
+        await _sign_in(open_console, "Ada", PIN)
+        await open_console.until(lambda: isinstance(app.screen, SessionScreen))
+        await open_console.press("ctrl+l")
+        assert isinstance(app.screen, SignInDialog), "the session can be locked again"
+
+
+@pytest.mark.parametrize("locked", [False, True])
+async def test_signing_out_asks_before_it_drops_what_was_typed(console: Opener, home: Home, locked: bool) -> None:
+    async with console(profile=None, config=Config(joints=JointsConfig(kind="can"))) as open_console:
+        app = open_console.app
+        await open_console.shows("demo")
+        app.signed_in = signed_in(home, Role.THERAPIST)
+        await open_console.press("n")
+        await open_console.until(lambda: isinstance(app.screen, PatientForm) and app.screen.composed)
+        form = app.screen
+        open_console.type("identifier", "P-7")
+        await open_console.until(lambda: not form.keep())  # type: ignore[attr-defined]
+        await open_console.press(*(("ctrl+l",) if locked else ()))
+        below = app.screen
+        await open_console.press("f4", "f4")
+        await open_console.shows("Leave without saving?")
+        await open_console.press("n")
+        await open_console.until(lambda: app.screen is below)
+        assert app.operator == "Ada"
+        assert form.query_one("#identifier", Input).value == "P-7"
+        await open_console.press("f4")
+        await open_console.shows("Leave without saving?")
+        await open_console.press("y")
+        await open_console.tells("Ada is signed out")
+        assert isinstance(app.screen, PatientsScreen)
 
 
 async def test_the_first_run_sets_up_its_engineer(console: Opener, home: Home) -> None:

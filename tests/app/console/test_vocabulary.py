@@ -20,7 +20,7 @@ from app.system.vocabulary import VALID_FOR, recognition_hash, with_evidence
 from kgdfa.gesture import Gesture, HandRefusal
 from kgdfa.vocabulary import MOST_FRAMES, OTHER_HAND_FRAMES, PARTS, VocabularyProof
 from logs.reason import Reason, reason
-from logs.records import Body, VocabularyEnrolled
+from logs.records import Body, Note, VocabularyEnrolled
 from profiles.files import encode
 from profiles.schema import DEMO_PATIENT, GestureUsed
 from profiles.store import ChangeCause
@@ -171,6 +171,35 @@ async def test_who_leaves_keeps_nothing_and_that_is_recorded(
     (record,) = (body for body in kept if isinstance(body, VocabularyEnrolled))
     assert isinstance(record.reason, Reason)
     assert record.reason.code == "VocabularyFault.ABANDONED"
+
+
+@pytest.mark.parametrize("whole", [False, True])
+async def test_who_leaves_the_program_keeps_nothing_and_that_is_recorded(
+    console: Opener, monkeypatch: pytest.MonkeyPatch, whole: bool
+) -> None:
+    """A result that is not kept is asked about; the record comes while the trail is open."""
+    async with console(profile=None) as open_console:
+        app, kept = open_console.app, list[Body]()
+        await opened(open_console, kept, monkeypatch)
+        show_frames(app, perfect, MOST_FRAMES * len(PARTS) if whole else 50)
+        close = app.trail.close
+
+        def closed() -> None:
+            kept.append(Note(text="closed"))
+            close()
+
+        monkeypatch.setattr(app.trail, "close", closed)
+        await open_console.press("ctrl+q")
+        if whole:
+            await open_console.shows("Leave without saving?")
+            assert not kept
+            await open_console.press("y")
+        await open_console.until(lambda: app._exit)
+    record, end = kept
+    assert isinstance(record, VocabularyEnrolled)
+    assert isinstance(record.reason, Reason)
+    assert record.reason.code == "VocabularyFault.ABANDONED"
+    assert isinstance(end, Note)
 
 
 @pytest.mark.parametrize("refusal", HandRefusal)
